@@ -1,0 +1,158 @@
+"""Who may know whom: what importing loads, and which imports the sources hold."""
+
+import ast
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGES = ("calib", "edgetree", "perceptree")
+TRAINING_STACK = {"torch", "torchvision", "timm", "pycocotools", "safetensors", "numba"}
+HEAVY = TRAINING_STACK | {"matplotlib", "onnx", "onnxruntime", "onnxscript", "perceptree", "PIL"}
+MAY_IMPORT = {
+    "calib": {"calib", "numpy", "cv2"},
+    "perceptree": TRAINING_STACK | {"perceptree", "calib", "numpy", "cv2", "typer"},
+}
+EDGETREE_AT_THE_DOOR = {"edgetree", "calib", "numpy", "cv2", "typer"}
+EDGETREE_TRAINING_SIDE = ("edgetree.export", "edgetree.demo")
+
+
+def loaded_by(statement: str, folder: Path = ROOT) -> set[str]:
+    """Top-level modules that a fresh interpreter holds after `statement`."""
+    code = f"{statement}\nimport json, sys\nprint(json.dumps(list(sys.modules)))"
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=True
+    )
+    return {name.partition(".")[0] for name in json.loads(done.stdout)}
+
+
+@pytest.mark.parametrize("statement", ["import edgetree", "import edgetree.cli"])
+def test_edgetree_loads_nothing_heavy(statement: str) -> None:
+    assert loaded_by(statement) & HEAVY == set()
+
+
+def test_calib_loads_numpy_and_opencv_only() -> None:
+    added = loaded_by("import calib") - loaded_by("pass") - set(sys.stdlib_module_names)
+    # OpenCV and numpy may bring private helper modules of their own; no other project may come.
+    assert {name for name in added if not name.startswith("_")} <= MAY_IMPORT["calib"]
+
+
+def test_the_loading_check_can_fail(tmp_path: Path) -> None:
+    (tmp_path / "matplotlib.py").write_text("")
+    (tmp_path / "careless.py").write_text("def lazily():\n    import onnx\nimport matplotlib\n")
+    assert loaded_by("import careless", tmp_path) & HEAVY == {"matplotlib"}
+
+
+class Import(NamedTuple):
+    """One import statement's target, absolute; `always` when it runs as the module loads."""
+
+    target: str
+    always: bool
+
+
+def imports_of(source: str, module: str, is_package: bool) -> Iterator[Import]:
+    """All imports in a module's source, relative ones resolved, type-checking ones left out."""
+    tree = ast.parse(source)
+    skipped: set[ast.AST] = set()
+    nested: set[ast.AST] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
+            skipped.update(child for part in node.body for child in ast.walk(part))
+        elif isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
+            nested.update(ast.walk(node))
+    for node in ast.walk(tree):
+        if node in skipped:
+            continue
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                yield Import(alias.name, node not in nested)
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level:
+                parts = module.split(".")
+                keep = len(parts) - node.level + (1 if is_package else 0)
+                base = ".".join([*parts[:keep], *([base] if base else [])])
+            for alias in node.names:
+                yield Import(f"{base}.{alias.name}", node not in nested)
+
+
+def all_imports() -> Iterator[tuple[str, Import]]:
+    """(importing module, import) for every file of the three packages."""
+    for package in PACKAGES:
+        for path in sorted((ROOT / package).rglob("*.py")):
+            module = ".".join(path.relative_to(ROOT).with_suffix("").parts)
+            is_package = path.name == "__init__.py"
+            module = module.removesuffix(".__init__")
+            for found in imports_of(path.read_text(encoding="utf-8"), module, is_package):
+                yield module, found
+
+
+def is_foreign(found: Import) -> bool:
+    return found.target.partition(".")[0] not in sys.stdlib_module_names
+
+
+@pytest.mark.parametrize("package", sorted(MAY_IMPORT))
+def test_a_package_imports_only_what_it_may_know(package: str) -> None:
+    strangers = {
+        (module, found.target)
+        for module, found in all_imports()
+        if module.partition(".")[0] == package
+        and is_foreign(found)
+        and found.target.partition(".")[0] not in MAY_IMPORT[package]
+    }
+    assert strangers == set()
+
+
+def test_edgetree_reaches_the_training_side_from_export_and_demo_only() -> None:
+    strangers = set()
+    for module, found in all_imports():
+        top = found.target.partition(".")[0]
+        if not module.startswith("edgetree") or not is_foreign(found):
+            continue
+        training_side = module.startswith(EDGETREE_TRAINING_SIDE)
+        lazily = HEAVY if training_side else {"onnxruntime"}
+        if top not in EDGETREE_AT_THE_DOOR | lazily or (found.always and top in HEAVY):
+            strangers.add((module, found.target))
+    assert strangers == set()
+
+
+def is_command_line(target: str) -> bool:
+    """Whether a dotted name is, or lies in, a package's command line."""
+    parts = target.split(".")
+    return parts[0] in PACKAGES and len(parts) > 1 and parts[1] in ("cli", "commands")
+
+
+def test_only_the_command_line_imports_the_command_line() -> None:
+    strangers = {
+        (module, found.target)
+        for module, found in all_imports()
+        if is_command_line(found.target)
+        and not is_command_line(module)
+        and module.rpartition(".")[2] != "__main__"
+    }
+    assert strangers == set()
+
+
+def test_the_source_check_can_fail() -> None:
+    source = (
+        "from typing import TYPE_CHECKING\n"
+        "from . import cli\n"
+        "from ..models import spec\n"
+        "if TYPE_CHECKING:\n    import onnx\n"
+        "def lazily():\n    import torch.nn\n"
+    )
+    found = set(imports_of(source, "perceptree.data.reader", is_package=False))
+    assert found == {
+        Import("typing.TYPE_CHECKING", True),
+        Import("perceptree.data.cli", True),
+        Import("perceptree.models.spec", True),
+        Import("torch.nn", False),
+    }
+    assert is_command_line("perceptree.cli.main")
+    assert is_command_line("edgetree.commands")
+    assert not is_command_line("edgetree.measure.commands")

@@ -1,0 +1,70 @@
+"""The set-up commands and the pinned requirements are what the README promises."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+README = (ROOT / "README.md").read_text("utf-8")
+REQUIREMENTS = ("runtime.txt", "dev.txt")
+
+
+def setup_commands() -> list[str]:
+    """README lines that make an environment, in their order."""
+    return [line for line in README.splitlines() if line.startswith("python3 -m venv ")]
+
+
+def pins(name: str) -> dict[str, str]:
+    """Package -> version of one requirements file."""
+    text = (ROOT / "requirements" / name).read_text("utf-8")
+    return dict(re.findall(r"^([a-z0-9._-]+)==([^ \\\n]+)", text, flags=re.MULTILINE))
+
+
+def test_the_readme_has_two_setup_commands() -> None:
+    first, second = setup_commands()
+    assert "requirements/runtime.txt" in first
+    assert first.endswith("edgetree demo")
+    assert "requirements/dev.txt" in second
+    assert second.endswith("pytest")
+
+
+def test_continuous_integration_runs_the_readmes_second_command() -> None:
+    script = (ROOT / ".ci" / "run").read_text("utf-8").splitlines()
+    commands = [line for line in script if line and not line.startswith("#")]
+    assert commands[-1] == setup_commands()[1]
+    assert [line.split()[0] for line in commands] == ["set", "cd", "python3"]
+
+
+def test_the_runtime_needs_no_training_stack() -> None:
+    heavy = {"torch", "torchvision", "timm", "numba", "onnx", "onnxscript", "pycocotools"}
+    assert pins("runtime.txt").keys() & heavy == set()
+    assert heavy <= pins("dev.txt").keys()
+
+
+def test_both_files_pin_the_same_versions() -> None:
+    runtime, dev = pins("runtime.txt"), pins("dev.txt")
+    assert {name: dev.get(name) for name in runtime} == runtime
+
+
+def test_what_the_project_declares_is_pinned() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    extras = project["optional-dependencies"]
+    declared = {
+        re.split(r"[\[<>=]", line)[0]
+        for line in [*project["dependencies"], *extras["cpu"], *extras["dev"]]
+    }
+    assert declared - {"edgetree"} <= pins("dev.txt").keys()
+    base = {re.split(r"[<>=]", line)[0] for line in [*project["dependencies"], *extras["cpu"]]}
+    assert base <= pins("runtime.txt").keys()
+
+
+@pytest.mark.parametrize("name", REQUIREMENTS)
+def test_every_requirement_is_hashed_and_no_index_is_named(name: str) -> None:
+    text = (ROOT / "requirements" / name).read_text("utf-8")
+    entries = re.split(r"\n(?=[a-z0-9])", text.strip())
+    assert len(entries) == len(pins(name)) > 10
+    assert [entry.split()[0] for entry in entries if "--hash=sha256:" not in entry] == []
+    assert "://" not in text
+    assert "--index-url" not in text
