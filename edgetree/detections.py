@@ -1,0 +1,102 @@
+"""What a model found in one image, in that image's pixels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edgetree.errors import InputError
+from edgetree.masks import paste_mask
+
+__all__ = ["KEYPOINT_NAMES", "MASK_SIZE", "TreeDetections"]
+
+KEYPOINT_NAMES: Final = (
+    "felling_cut",
+    "diameter_left",
+    "diameter_right",
+    "axis_middle",
+    "axis_top",
+)
+MASK_SIZE: Final = 28
+
+_Index: TypeAlias = slice | NDArray[np.bool_] | NDArray[np.integer]
+
+
+@dataclass(frozen=True, eq=False)
+class TreeDetections:
+    """N trees of one image. Coordinates are continuous: (0, 0) is the outer corner of the first
+    pixel, so pixel centres lie at +0.5.
+
+    Attributes:
+        boxes_px: (N, 4) float32, x0, y0, x1, y1.
+        scores: (N,) float32, probability of being a tree, in [0, 1].
+        keypoints_px: (N, 5, 3) float32, x, y, score, in the order of `KEYPOINT_NAMES`; None where
+            the model gives none. The score is the peak of the softmax over the heat map.
+        masks: (N, 28, 28) float32, probability on a grid over the box; None where the model gives
+            none. `mask` pastes one onto the image.
+        image_width: width of the image in pixels.
+        image_height: height of the image in pixels.
+
+    Raises:
+        InputError: an array has another shape than stated.
+    """
+
+    boxes_px: NDArray[np.float32]
+    scores: NDArray[np.float32]
+    keypoints_px: NDArray[np.float32] | None
+    masks: NDArray[np.float32] | None
+    image_width: int
+    image_height: int
+
+    def __post_init__(self) -> None:
+        count = len(self.scores)
+        if self.image_width < 1 or self.image_height < 1:
+            size = f"{self.image_width}x{self.image_height}"
+            raise InputError(f"image size is {size} px: expected at least 1x1 px")
+        self._keep_as_float32("boxes_px", (count, 4))
+        self._keep_as_float32("scores", (count,))
+        if self.keypoints_px is not None:
+            self._keep_as_float32("keypoints_px", (count, len(KEYPOINT_NAMES), 3))
+        if self.masks is not None:
+            self._keep_as_float32("masks", (count, MASK_SIZE, MASK_SIZE))
+
+    def _keep_as_float32(self, name: str, shape: tuple[int, ...]) -> None:
+        array = np.asarray(getattr(self, name), dtype=np.float32)
+        if array.shape != shape:
+            raise InputError(
+                f"{name} has shape {array.shape}: expected {shape} for {shape[0]} scores"
+            )
+        object.__setattr__(self, name, array)
+
+    def __len__(self) -> int:
+        return len(self.scores)
+
+    def select(self, index: _Index) -> TreeDetections:
+        """The trees that a slice, a bool array (N,) or an array of positions picks."""
+        return TreeDetections(
+            boxes_px=self.boxes_px[index],
+            scores=self.scores[index],
+            keypoints_px=None if self.keypoints_px is None else self.keypoints_px[index],
+            masks=None if self.masks is None else self.masks[index],
+            image_width=self.image_width,
+            image_height=self.image_height,
+        )
+
+    def above(self, score_threshold: float) -> TreeDetections:
+        """The trees whose score is at least `score_threshold`."""
+        return self.select(self.scores >= score_threshold)
+
+    def mask(self, index: int) -> NDArray[np.bool_]:
+        """The pixels of tree `index`, (image_height, image_width) bool, pasted now.
+
+        Raises:
+            InputError: the model gives no masks.
+        """
+        if self.masks is None:
+            raise InputError("these detections have no masks: the model was exported without")
+        return paste_mask(
+            self.masks[index], self.boxes_px[index], self.image_width, self.image_height
+        )

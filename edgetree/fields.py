@@ -1,0 +1,88 @@
+"""Frozen dataclasses from JSON values, checked field by field against their annotations."""
+
+from __future__ import annotations
+
+import dataclasses
+import types
+from collections.abc import Mapping
+from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
+
+from edgetree.errors import ModelFileError
+
+__all__ = ["build"]
+
+_T = TypeVar("_T")
+
+_JSON_KINDS: dict[Any, tuple[tuple[type, ...], str]] = {
+    str: ((str,), "text"),
+    int: ((int,), "a whole number"),
+    float: ((int, float), "a number"),
+    Mapping: ((dict,), "an object"),
+}
+
+
+def build(kind: type[_T], data: object, where: str) -> _T:
+    """Make a `kind`, a dataclass, from the JSON object `data`.
+
+    Lists become tuples and objects the dataclasses that the annotations name. Unknown fields are
+    passed over, so that a newer writer may add some.
+
+    Raises:
+        ModelFileError: a field is missing or of another kind; `where` says in what.
+    """
+    if not isinstance(data, dict):
+        raise ModelFileError(f"{where} is {_kind_of(data)}: expected an object")
+    hints = get_type_hints(kind)
+    values: dict[str, Any] = {}
+    for field in dataclasses.fields(kind):  # type: ignore[arg-type]
+        if field.name in data:
+            values[field.name] = _convert(hints[field.name], data[field.name], where, field.name)
+        elif field.default is dataclasses.MISSING:
+            raise ModelFileError(f"{where} has no field {field.name!r}: expected one")
+    return kind(**values)
+
+
+def _convert(hint: Any, value: object, where: str, name: str) -> Any:
+    """`value` as the annotation `hint` has it."""
+    here = f"{where}: {name}"
+    if dataclasses.is_dataclass(hint) and isinstance(hint, type):
+        return build(hint, value, here)
+    origin, arguments = get_origin(hint), get_args(hint)
+    if origin in (Union, types.UnionType):
+        return _convert_union(arguments, value, where, name)
+    if origin is tuple:
+        return _convert_tuple(arguments, value, where, name)
+    kinds, expected = _JSON_KINDS[origin or hint]
+    if not isinstance(value, kinds) or isinstance(value, bool):
+        raise ModelFileError(f"{here} is {_kind_of(value)}: expected {expected}")
+    return float(value) if isinstance(value, int) and hint is float else value
+
+
+def _convert_union(arguments: tuple[Any, ...], value: object, where: str, name: str) -> Any:
+    if value is None and types.NoneType in arguments:
+        return None
+    options = [argument for argument in arguments if argument is not types.NoneType]
+    for option in options[:-1]:
+        try:
+            return _convert(option, value, where, name)
+        except ModelFileError:
+            continue
+    return _convert(options[-1], value, where, name)
+
+
+def _convert_tuple(arguments: tuple[Any, ...], value: object, where: str, name: str) -> Any:
+    here = f"{where}: {name}"
+    if not isinstance(value, list):
+        raise ModelFileError(f"{here} is {_kind_of(value)}: expected a list")
+    if arguments[-1] is Ellipsis:
+        arguments = (arguments[0],) * len(value)
+    if len(arguments) != len(value):
+        raise ModelFileError(f"{here} has {len(value)} items: expected {len(arguments)}")
+    pairs = zip(arguments, value, strict=True)
+    return tuple(
+        _convert(hint, item, where, f"{name}[{index}]") for index, (hint, item) in enumerate(pairs)
+    )
+
+
+def _kind_of(value: object) -> str:
+    return f"{value!r}" if isinstance(value, str | int | float) else type(value).__name__
