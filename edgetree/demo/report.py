@@ -1,0 +1,194 @@
+"""The report: one HTML file that needs nothing else, no network, no script."""
+
+from __future__ import annotations
+
+import base64
+import platform
+from collections.abc import Sequence
+from html import escape
+from importlib import resources
+from typing import NamedTuple
+
+from edgetree.demo.plot import scatter_plot
+from edgetree.demo.result import DemoResult, ModelResult, Picture
+from edgetree.demo.tables import MODEL_LABELS, QUANTITY_STYLES, frame_table, model_table
+
+__all__ = ["NextCommand", "render_report"]
+
+
+class NextCommand(NamedTuple):
+    """Something to try after reading: why, and what to type."""
+
+    purpose: str
+    command: str
+
+
+def render_report(result: DemoResult, next_commands: Sequence[NextCommand]) -> str:
+    """The whole report as HTML text, pictures and style included."""
+    style = resources.files("edgetree.demo").joinpath("report.css").read_text("utf-8")
+    body = "".join(
+        (
+            _header(result),
+            _plain_words(result.models[0]),
+            _chain(result),
+            _agreement(result.models),
+            _frames(result),
+            f"<h2>The models</h2>{model_table(result.models)}",
+            _how_it_works(),
+            _next(next_commands),
+            _footer(result),
+        )
+    )
+    return (
+        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>edgetree: trees in metres</title><style>{style}</style></head>"
+        f"<body><main>{body}</main></body></html>\n"
+    )
+
+
+def _header(result: DemoResult) -> str:
+    model = result.models[0]
+    who = MODEL_LABELS[model.modality].lower()
+    tiles = [
+        (f"{model.found_trees} of {model.true_trees}", f"labelled trees found by the {who}"),
+        (_median_text(model, "diameter_m"), "median error of the stem diameter"),
+        (_median_text(model, "cut_height_m"), "median error of the felling cut's height"),
+        (f"{model.speed.fps:.0f} per second", "frames on this computer's processor"),
+    ]
+    return (
+        "<h1>Trees in metres</h1>"
+        f'<p class="lead">{len(model.frames)} forest frames, every tree measured '
+        "and held against the truth.</p>"
+        '<div class="tiles">'
+        + "".join(f'<div class="tile"><b>{v}</b><span>{t}</span></div>' for v, t in tiles)
+        + "</div>"
+    )
+
+
+def _median_text(model: ModelResult, quantity: str) -> str:
+    """The median error with its unit, or a dash."""
+    error_m = model.summary(quantity).median_abs_error_m
+    style = QUANTITY_STYLES[quantity]
+    return "–" if error_m is None else f"{style.text(error_m)} {style.unit}"
+
+
+def _plain_words(model: ModelResult) -> str:
+    """The summary for people who fell trees rather than train networks."""
+    diameter = model.summary("diameter_m")
+    missed = model.true_trees - model.found_trees
+    sentences = [
+        f"The camera looked at {len(model.frames)} places in a simulated forest. They hold "
+        f"{model.true_trees} labelled trees; the {MODEL_LABELS[model.modality].lower()} found "
+        f"{model.found_trees} and missed {missed}."
+    ]
+    if diameter.within_one_std is not None and diameter.within_two_std is not None:
+        sentences.append(
+            f"On half of the {diameter.measured} stems it measured, the diameter is within "
+            f"{_median_text(model, 'diameter_m')} of the truth, the height of the felling cut "
+            f"within {_median_text(model, 'cut_height_m')}, and the distance within "
+            f"{_median_text(model, 'distance_m')}."
+        )
+        sentences.append(
+            "Each value carries a ±, one standard deviation: how far off it expects to be. "
+            "An honest ± holds the truth for 68 stems in 100, and twice the ± for 95. Here it "
+            f"held the diameter for {diameter.within_one_std * 100:.0f} in 100, and twice the ± "
+            f"for {diameter.within_two_std * 100:.0f}."
+        )
+    sentences.append(
+        "Where something could not be measured, the table says why instead of guessing. "
+        "The model has seen only simulated forest: expect less of it among real trees until it "
+        "has been trained on them."
+    )
+    return "<h2>In plain words</h2>" + "".join(f"<p>{sentence}</p>" for sentence in sentences)
+
+
+def _chain(result: DemoResult) -> str:
+    """The steps from simulation to the model file, where the demonstration trained one."""
+    if not result.steps:
+        return ""
+    rows = "".join(
+        f"<tr><td>{escape(step.name)}</td><td>{escape(step.outcome)}</td>"
+        f"<td>{step.duration_s:.0f} s</td></tr>"
+        for step in result.steps
+    )
+    return (
+        "<h2>From nothing to this model</h2>"
+        '<div class="scroll"><table class="text"><thead><tr><th>step</th><th>outcome</th>'
+        f"<th>time</th></tr></thead><tbody>{rows}</tbody></table></div>"
+    )
+
+
+def _agreement(models: Sequence[ModelResult]) -> str:
+    plots = [scatter_plot(models, quantity) for quantity in QUANTITY_STYLES]
+    legend = " and ".join(
+        f'<span class="{"first" if index == 0 else "second"}">● '
+        f"{MODEL_LABELS[model.modality].lower()}</span>"
+        for index, model in enumerate(models)
+    )
+    return (
+        "<h2>Measured against true</h2>"
+        f'<p class="note">{legend}; bars are one standard deviation; the dashed line is the '
+        "truth.</p>"
+        '<div class="plots">'
+        + "".join(f'<div class="tile">{plot}</div>' for plot in plots if plot)
+        + "</div>"
+    )
+
+
+def _frames(result: DemoResult) -> str:
+    """Pictures and table of every frame."""
+    parts = [
+        "<h2>The frames</h2>",
+        '<p class="note">Drawn on: the box and the visible stem of each detection, its five '
+        "points (felling cut, left and right edge for the diameter, two on the axis), and the "
+        "metres. Trees are numbered from near to far in the tables.</p>",
+    ]
+    for index, frame in enumerate(result.models[0].frames):
+        figures = "".join(_figure(p) for p in result.pictures if p.frame == frame.frame)
+        parts.append(
+            f'<section class="card"><h3>{escape(frame.frame)}</h3><div class="pair">{figures}'
+            f"</div>{frame_table(result.models, index)}</section>"
+        )
+    return "".join(parts)
+
+
+def _figure(picture: Picture) -> str:
+    data = base64.b64encode(picture.jpeg).decode("ascii")
+    sight = {"depth": "the depth image, near is light", "rgb": "the colour image"}
+    caption = (
+        f"What the {MODEL_LABELS[picture.modality].lower()} found in {sight[picture.modality]}"
+    )
+    return (
+        f'<figure><img src="data:image/jpeg;base64,{data}" width="{picture.width_px}" '
+        f'height="{picture.height_px}" alt="{caption}: {escape(picture.frame)}">'
+        f"<figcaption>{caption}</figcaption></figure>"
+    )
+
+
+def _how_it_works() -> str:
+    return (
+        "<h2>How it was measured</h2>"
+        "<p>A detection counts as a tree of the truth when their boxes overlap by at least half "
+        "(intersection over union). Metres come from the depth image and the camera's "
+        "calibration: the stem is taken as round, its two edges as lines that touch it, so that "
+        "near and thick stems do not come out too thin; heights are taken along gravity from the "
+        "ground found around the stem, on a slope from the uphill side. Distance is from the "
+        "camera to the stem's axis at the cut. The time per frame runs from the camera's pixels "
+        "to boxes, masks and points.</p>"
+    )
+
+
+def _next(commands: Sequence[NextCommand]) -> str:
+    return "<h2>What to type next</h2>" + "".join(
+        f"<p>{escape(purpose)}</p><pre><code>{escape(command)}</code></pre>"
+        for purpose, command in commands
+    )
+
+
+def _footer(result: DemoResult) -> str:
+    return (
+        f'<footer class="note">Made by edgetree in {result.duration_s:.0f} s on '
+        f"{escape(platform.system())} {escape(platform.machine())}, Python "
+        f"{platform.python_version()}. Apache License 2.0.</footer>"
+    )
