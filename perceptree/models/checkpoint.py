@@ -1,0 +1,84 @@
+"""Checkpoints: weights, spec and training record in one safetensors file."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+
+from perceptree.errors import CheckpointError
+from perceptree.models.detector import TreeRCNN
+from perceptree.models.spec import ModelSpec, SpecError
+
+SCHEMA = "perceptree.checkpoint/1"
+METADATA_KEY = "perceptree"
+
+
+def save_checkpoint(path: str | Path, model: TreeRCNN, training: dict[str, Any]) -> None:
+    """Write weights, spec and ``training`` (JSON values), all or nothing."""
+    path = Path(path)
+    record = {"schema": SCHEMA, "spec": model.spec.to_dict(), "training": training}
+    tensors = {name: value.contiguous() for name, value in model.state_dict().items()}
+    beside = path.with_name(path.name + ".part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        save_file(tensors, beside, metadata={METADATA_KEY: json.dumps(record)})
+        os.replace(beside, path)
+    except OSError as error:
+        raise CheckpointError(f"{path}: cannot be written ({error.strerror or error})") from error
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def load_checkpoint(path: str | Path) -> tuple[TreeRCNN, dict[str, Any]]:
+    """Read a checkpoint -> the model in eval mode, and its metadata.
+
+    The metadata has ``schema``, ``spec`` and ``training``. Raises CheckpointError with one
+    line for anything that is not a checkpoint of this project.
+    """
+    path = Path(path)
+    record, tensors = _read(path)
+    try:
+        model = TreeRCNN(ModelSpec.from_dict(record["spec"]))
+    except SpecError as error:
+        raise CheckpointError(f"{path}: {error}") from error
+    _check_tensors(path, model.state_dict(), tensors)
+    model.load_state_dict(tensors)
+    return model.eval(), record
+
+
+def _read(path: Path) -> tuple[dict[str, Any], dict[str, torch.Tensor]]:
+    if not path.is_file():
+        raise CheckpointError(f"{path}: no such file, expected a .safetensors checkpoint")
+    try:
+        with safe_open(path, framework="pt") as file:
+            text = (file.metadata() or {}).get(METADATA_KEY)
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+        record = json.loads(text) if text else None
+    except (SafetensorError, OSError, ValueError) as error:
+        raise CheckpointError(f"{path}: not a readable safetensors file ({error})") from error
+    if not isinstance(record, dict) or record.get("schema") != SCHEMA:
+        raise CheckpointError(f"{path}: not a perceptree checkpoint, expected schema {SCHEMA}")
+    if not isinstance(record.get("spec"), dict):
+        raise CheckpointError(f"{path}: the checkpoint has no model spec")
+    return record, tensors
+
+
+def _check_tensors(
+    path: Path, expected: dict[str, torch.Tensor], found: dict[str, torch.Tensor]
+) -> None:
+    faults = [f"{name} is missing" for name in expected if name not in found]
+    faults += [f"{name} is surplus" for name in found if name not in expected]
+    faults += [
+        f"{name} has shape {tuple(found[name].shape)}, expected {tuple(value.shape)}"
+        for name, value in expected.items()
+        if name in found and found[name].shape != value.shape
+    ]
+    if faults:
+        more = f" and {len(faults) - 3} more" if len(faults) > 3 else ""
+        raise CheckpointError(f"{path}: {'; '.join(faults[:3])}{more}")

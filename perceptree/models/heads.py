@@ -1,0 +1,97 @@
+"""The heads that look at pooled regions: box, mask, keypoints."""
+
+from __future__ import annotations
+
+from torch import Tensor, nn
+from torch.nn import functional
+
+from perceptree.models.spec import CLASS_NAMES, KEYPOINT_NAMES
+
+BOX_CELLS = 7
+BOX_WEIGHTS = (10.0, 10.0, 5.0, 5.0)
+ROI_CELLS = 14
+
+
+class BoxHead(nn.Module):
+    """Two fully connected layers: is it a tree, and where exactly."""
+
+    def __init__(self, in_channels: int, width: int) -> None:
+        super().__init__()
+        self.hidden = nn.ModuleList(
+            (nn.Linear(in_channels * BOX_CELLS**2, width), nn.Linear(width, width))
+        )
+        self.score = nn.Linear(width, len(CLASS_NAMES) + 1)
+        self.shift = nn.Linear(width, 4 * len(CLASS_NAMES))
+        for layer in self.hidden:
+            nn.init.kaiming_uniform_(layer.weight, nonlinearity="relu")  # type: ignore[arg-type]
+        nn.init.normal_(self.score.weight, std=0.01)
+        nn.init.normal_(self.shift.weight, std=0.001)
+        for linear in (*self.hidden, self.score, self.shift):
+            nn.init.zeros_(linear.bias)  # type: ignore[arg-type]
+
+    def forward(self, regions: Tensor) -> tuple[Tensor, Tensor]:
+        """(R, C, 7, 7) -> logits (R, 2) as (tree, background) and offsets (R, 4), float32."""
+        x = regions.flatten(1)
+        for layer in self.hidden:
+            x = functional.relu(layer(x))
+        return self.score(x).float(), self.shift(x).float()
+
+
+class RegionTower(nn.Module):
+    """3x3 convolutions with relu, then a sub-pixel convolution that doubles the resolution.
+
+    The last layer computes the four sub-pixels of a cell as channels and interleaves them
+    (Shi et al. 2016): a transposed convolution of stride two in a form that every runtime
+    quantises. Its kernel is ``kernel`` cells wide.
+    """
+
+    def __init__(
+        self, in_channels: int, widths: tuple[int, ...], out_channels: int, kernel: int
+    ) -> None:
+        super().__init__()
+        inputs = (in_channels, *widths[:-1])
+        self.convs = nn.ModuleList(
+            nn.Conv2d(a, b, 3, padding=1) for a, b in zip(inputs, widths, strict=True)
+        )
+        self.up = nn.Conv2d(widths[-1], 4 * out_channels, kernel, padding=kernel // 2)
+        for layer in self.convs:
+            nn.init.kaiming_normal_(layer.weight, nonlinearity="relu")  # type: ignore[arg-type]
+            nn.init.zeros_(layer.bias)  # type: ignore[arg-type]
+        nn.init.kaiming_normal_(self.up.weight, nonlinearity="relu")
+        nn.init.zeros_(self.up.bias)  # type: ignore[arg-type]
+
+    def forward(self, regions: Tensor) -> Tensor:
+        """(R, C, 14, 14) -> (R, out_channels, 28, 28)."""
+        x = regions
+        for layer in self.convs:
+            x = functional.relu(layer(x))
+        return functional.pixel_shuffle(self.up(x), 2)
+
+
+class MaskHead(nn.Module):
+    """The visible pixels of the stem inside its box."""
+
+    def __init__(self, in_channels: int, widths: tuple[int, ...]) -> None:
+        super().__init__()
+        self.tower = RegionTower(in_channels, widths, widths[-1], kernel=1)
+        self.score = nn.Conv2d(widths[-1], len(CLASS_NAMES), 1)
+        nn.init.normal_(self.score.weight, std=0.01)
+        nn.init.zeros_(self.score.bias)  # type: ignore[arg-type]
+
+    def forward(self, regions: Tensor) -> Tensor:
+        """(R, C, 14, 14) -> logits (R, 28, 28) float32."""
+        return self.score(functional.relu(self.tower(regions)))[:, 0].float()
+
+
+class KeypointHead(nn.Module):
+    """One heat map per keypoint over the enlarged box."""
+
+    def __init__(self, in_channels: int, widths: tuple[int, ...]) -> None:
+        super().__init__()
+        self.tower = RegionTower(in_channels, widths, len(KEYPOINT_NAMES), kernel=3)
+        nn.init.normal_(self.tower.up.weight, std=0.001)
+
+    def forward(self, regions: Tensor) -> Tensor:
+        """(R, C, 14, 14) -> logits (R, 5, 56, 56) float32."""
+        maps = self.tower(regions).float()
+        return functional.interpolate(maps, scale_factor=2.0, mode="bilinear")

@@ -1,0 +1,59 @@
+"""The truth that one image is trained on, and its padded form for a batch."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+from perceptree.models.spec import KEYPOINT_NAMES
+
+
+@dataclasses.dataclass(frozen=True)
+class TreeTargets:
+    """The trees of one image, in the pixels of the network's input."""
+
+    boxes: Tensor
+    """(N, 4) float32, xyxy px."""
+    keypoints: Tensor
+    """(N, 5, 3) float32: x px, y px, flag (2 visible, 1 hidden, 0 unlabelled)."""
+    masks: Tensor
+    """(N, H, W) bool, the visible pixels."""
+
+    def __post_init__(self) -> None:
+        count = self.boxes.shape[0]
+        expected = {"boxes": (count, 4), "keypoints": (count, len(KEYPOINT_NAMES), 3)}
+        for name, shape in expected.items():
+            found = tuple(getattr(self, name).shape)
+            if found != shape:
+                raise ValueError(f"{name} have shape {found}, expected {shape}")
+        if self.masks.ndim != 3 or self.masks.shape[0] != count:
+            raise ValueError(
+                f"masks have shape {tuple(self.masks.shape)}, expected ({count}, H, W)"
+            )
+        if self.masks.dtype != torch.bool:
+            raise ValueError(f"masks are {self.masks.dtype}, expected bool")
+
+
+@dataclasses.dataclass(frozen=True)
+class PaddedBoxes:
+    """Boxes of a batch in one array."""
+
+    boxes: Tensor
+    """(B, N, 4) float32, zero past an image's last tree."""
+    valid: Tensor
+    """(B, N) bool."""
+
+
+def pad_boxes(targets: Sequence[TreeTargets], device: torch.device) -> PaddedBoxes:
+    """Stack the boxes of a batch; N is at least 1, so that reductions over trees are defined."""
+    most = max(1, *(len(t.boxes) for t in targets))
+    boxes = torch.zeros(len(targets), most, 4)
+    valid = torch.zeros(len(targets), most, dtype=torch.bool)
+    for row, target in enumerate(targets):
+        count = len(target.boxes)
+        boxes[row, :count] = target.boxes
+        valid[row, :count] = True
+    return PaddedBoxes(boxes.to(device), valid.to(device))
