@@ -76,7 +76,7 @@ class TreeComparison:
 
 @dataclass(frozen=True)
 class FrameComparison:
-    """One model on one frame: every true tree, nearest first, and how many detections are none."""
+    """One model on one frame: every true tree, and how many detections are none of them."""
 
     frame: str
     trees: tuple[TreeComparison, ...]
@@ -115,7 +115,7 @@ def compare_trees(
     """
     of_truth = {match.truth: match.detection for match in matches}
     trees = []
-    for index, truth in sorted(enumerate(truths), key=lambda item: item[1].distance_m):
+    for index, truth in enumerate(truths):
         detection = of_truth.get(index)
         if detection is None:
             trees.append(TreeComparison(truth, None, None))

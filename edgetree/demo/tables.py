@@ -30,7 +30,7 @@ class QuantityStyle(NamedTuple):
 QUANTITY_STYLES = {
     "distance_m": QuantityStyle("Distance", "m", 1.0, 2),
     "diameter_m": QuantityStyle("Diameter", "cm", 100.0, 1),
-    "cut_height_m": QuantityStyle("Felling cut above ground", "cm", 100.0, 1),
+    "cut_height_m": QuantityStyle("Cut height", "cm", 100.0, 1),
 }
 
 

@@ -1,0 +1,84 @@
+"""Metres beside the truth, per tree and summed up."""
+
+import json
+
+import pytest
+
+from edgetree.demo.comparison import TrueTree, compare_trees, summarise
+from edgetree.demo.matching import Match
+from edgetree.measure import Estimate, Failure, TreeMeasurement
+
+
+def truth(diameter_m: float, distance_m: float = 5.0) -> TrueTree:
+    return TrueTree((0.0, 0.0, 10.0, 10.0), diameter_m, 0.2, distance_m)
+
+
+def measured(diameter: Estimate | Failure) -> TreeMeasurement:
+    missing = Failure("no ground")
+    return TreeMeasurement(
+        diameter_m=diameter,
+        cut_height_m=missing,
+        inclination_deg=missing,
+        distance_m=Estimate(5.1, 0.05),
+        cut_point_m=missing,
+    )
+
+
+def test_each_true_tree_gets_the_measurement_of_its_own_detection() -> None:
+    truths = [truth(0.3), truth(0.4), truth(0.5)]
+    measurements = [measured(Estimate(0.11, 0.01)), measured(Estimate(0.41, 0.01))]
+    frame = compare_trees("one", truths, [Match(1, 1, 0.9)], [0.9, 0.8], measurements)
+    assert [tree.found for tree in frame.trees] == [False, True, False]
+    assert frame.trees[1].estimate("diameter_m") == Estimate(0.41, 0.01)
+    assert frame.trees[1].score == 0.8
+    assert frame.trees[0].estimate("diameter_m") is None
+    assert frame.unmatched_detections == 1
+
+
+def test_a_row_says_what_was_measured_or_why_not() -> None:
+    frame = compare_trees(
+        "one", [truth(0.3), truth(0.2)], [Match(0, 0, 0.9)], [0.9], [measured(Estimate(0.31, 0.02))]
+    )
+    found, missed = (json.loads(json.dumps(tree.to_dict())) for tree in frame.trees)
+    assert found["true_diameter_m"] == 0.3
+    assert found["diameter_m"] == 0.31
+    assert found["diameter_std_m"] == 0.02
+    assert found["cut_height_failure"] == "no ground"
+    assert "cut_height_m" not in found
+    assert missed == {
+        "found": False,
+        "score": None,
+        "true_diameter_m": 0.2,
+        "true_cut_height_m": 0.2,
+        "true_distance_m": 5.0,
+    }
+
+
+def test_medians_and_shares_are_over_all_measured_trees_of_all_frames() -> None:
+    frames = [
+        compare_trees(
+            "a", [truth(0.2)], [Match(0, 0, 1.0)], [0.9], [measured(Estimate(0.21, 0.02))]
+        ),
+        compare_trees(
+            "b",
+            [truth(0.4), truth(0.5), truth(0.6)],
+            [Match(0, 0, 1.0), Match(1, 1, 1.0)],
+            [0.9, 0.8],
+            [measured(Estimate(0.37, 0.02)), measured(Estimate(0.59, 0.02))],
+        ),
+    ]
+    summary = summarise(frames, "diameter_m")
+    assert summary.measured == 3
+    assert summary.median_abs_error_m == pytest.approx(0.03)
+    assert summary.median_relative_error == pytest.approx(0.03 / 0.4)
+    assert summary.within_one_std == pytest.approx(1 / 3)
+    assert summary.within_two_std == pytest.approx(2 / 3)
+
+
+def test_a_failed_estimate_is_no_zero() -> None:
+    failed = compare_trees(
+        "a", [truth(0.2)], [Match(0, 0, 1.0)], [0.9], [measured(Failure("no depth at the stem"))]
+    )
+    assert summarise([failed], "diameter_m") == (0, None, None, None, None)
+    assert summarise([failed], "distance_m").measured == 1
+    assert summarise([], "diameter_m").measured == 0

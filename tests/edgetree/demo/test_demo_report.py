@@ -1,0 +1,138 @@
+"""The report is one whole page that needs nothing else and says what was found."""
+
+import base64
+import json
+import re
+from html.parser import HTMLParser
+
+import cv2
+import numpy as np
+import pytest
+
+from edgetree.demo.comparison import TrueTree, compare_trees
+from edgetree.demo.matching import Match
+from edgetree.demo.report import NextCommand, render_report
+from edgetree.demo.result import DemoResult, ModelResult, Picture, Speed, Step
+from edgetree.measure import Estimate, Failure, TreeMeasurement
+
+VOID = {"meta", "img", "line", "path", "circle"}
+
+
+class Outline(HTMLParser):
+    """Collects tags and sources, and fails on a tag that is closed out of turn."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open_tags: list[str] = []
+        self.addresses: list[str] = []
+        self.tags: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.addresses += [
+            value or "" for name, value in attrs if name in ("src", "href", "action")
+        ]
+        if tag not in VOID:
+            self.open_tags.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag not in VOID:
+            assert self.open_tags.pop() == tag
+
+
+def model(modality: str, diameter: Estimate | Failure, name: str = "light") -> ModelResult:
+    failed = Failure("no ground <near> the stem")
+    measurement = TreeMeasurement(
+        diameter_m=diameter,
+        cut_height_m=failed,
+        inclination_deg=failed,
+        distance_m=Estimate(6.25, 0.125),
+        cut_point_m=failed,
+    )
+    truths = [TrueTree((0, 0, 9, 9), 0.314, 0.2, 6.5), TrueTree((20, 0, 29, 9), 0.2, 0.1, 8.0)]
+    frame = compare_trees("Frame 1", truths, [Match(0, 0, 0.9)], [0.9], [measurement])
+    return ModelResult(
+        modality, name, "float32", 640, 384, 7_300_000, Speed(20.0, 25.0, 2), (frame,)
+    )
+
+
+def picture(modality: str) -> Picture:
+    data = cv2.imencode(".jpg", np.zeros((8, 16, 3), np.uint8))[1].tobytes()
+    return Picture("Frame 1", modality, data, 16, 8)
+
+
+@pytest.fixture
+def result() -> DemoResult:
+    models = (
+        model("depth", Estimate(0.329, 0.0171)),
+        model("rgb", Failure("no depth at the stem")),
+    )
+    return DemoResult(models, (picture("rgb"), picture("depth")), duration_s=21.4)
+
+
+def words(html: str) -> str:
+    """The text a reader sees."""
+    text = re.sub(r"<style>.*?</style>", "", html, flags=re.DOTALL)
+    return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", text))
+
+
+def test_the_page_is_whole_and_needs_nothing_else(result: DemoResult) -> None:
+    html = render_report(result, [])
+    outline = Outline()
+    outline.feed(html)
+    outline.close()
+    assert outline.open_tags == []
+    assert len(outline.addresses) == 2
+    for address in outline.addresses:
+        head, data = address.split(",")
+        assert head == "data:image/jpeg;base64"
+        picture_bytes = np.frombuffer(base64.b64decode(data), np.uint8)
+        assert cv2.imdecode(picture_bytes, cv2.IMREAD_COLOR).shape == (8, 16, 3)
+    assert {"script", "link", "iframe"} & set(outline.tags) == set()
+    assert "@import" not in html
+    assert "url(" not in html
+
+
+def test_the_page_shows_truth_measurement_and_reason(result: DemoResult) -> None:
+    text = words(render_report(result, []))
+    assert "31.4 32.9 ± 1.7 no depth at the stem" in text
+    assert "6.50 6.25 ± 0.12" in text
+    assert "not found" in text
+    assert "1 of 2 labelled trees found by the depth model" in text
+    assert "1.5 cm median error of the stem diameter" in text
+    assert "50 per second" in text
+    assert "50.0 / 40.0" in text
+
+
+def test_foreign_text_cannot_break_the_page(result: DemoResult) -> None:
+    html = render_report(result, [NextCommand("a < b", "edgetree run <FRAME>")])
+    assert "no ground &lt;near&gt; the stem" in html
+    assert "edgetree run &lt;FRAME&gt;" in html
+
+
+def test_a_model_that_measures_nothing_still_gets_a_page() -> None:
+    nothing = DemoResult((model("rgb", Failure("no depth")),), (), 1.0)
+    text = words(render_report(nothing, []))
+    assert "– median error of the stem diameter" in text
+
+
+def test_the_chain_is_told_only_where_there_was_one(result: DemoResult) -> None:
+    steps = (Step("Train", "12 rounds", 301.0),)
+    trained = DemoResult(result.models, (), 5.0, steps, {"ap50_boxes": 0.61})
+    assert "Train 12 rounds 301 s" in words(render_report(trained, []))
+    assert "From nothing to this model" not in render_report(result, [])
+    assert trained.to_dict("r.html")["training"] == {"ap50_boxes": 0.61}
+    assert "training" not in result.to_dict("r.html")
+
+
+def test_the_json_gives_every_tree_and_the_speed(result: DemoResult) -> None:
+    data = json.loads(json.dumps(result.to_dict("out/report.html"), allow_nan=False))
+    assert data["report"] == "out/report.html"
+    depth = data["models"]["depth"]
+    assert depth["fps_p50"] == pytest.approx(50.0)
+    assert depth["fps_p90"] == pytest.approx(40.0)
+    assert depth["found_trees"] == 1
+    assert [row["true_diameter_m"] for row in depth["trees"]] == [0.314, 0.2]
+    assert depth["trees"][0]["diameter_m"] == 0.329
+    assert depth["errors"]["diameter_m"]["median_abs_error_m"] == pytest.approx(0.015)
+    assert data["models"]["rgb"]["trees"][0]["diameter_failure"] == "no depth at the stem"
