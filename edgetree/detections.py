@@ -31,7 +31,8 @@ class TreeDetections:
     pixel, so pixel centres lie at +0.5.
 
     Attributes:
-        boxes_px: (N, 4) float32, x0, y0, x1, y1.
+        boxes_px: (N, 4) float32, x0, y0, x1, y1. They are as the model gave them, since masks lie
+            on them, and may reach a little beyond the image.
         scores: (N,) float32, probability of being a tree, in [0, 1].
         keypoints_px: (N, 5, 3) float32, x, y, score, in the order of `KEYPOINT_NAMES`; None where
             the model gives none. The score is the peak of the softmax over the heat map.

@@ -1,0 +1,53 @@
+"""The command line `edgetree`."""
+
+from __future__ import annotations
+
+import os
+import sys
+
+import typer
+
+from edgetree.commands.bench import bench
+from edgetree.commands.run import run
+
+__all__ = ["app", "main"]
+
+app = typer.Typer(
+    name="edgetree",
+    help="Find trees in camera frames and measure them in metres.",
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+app.command()(run)
+app.command()(bench)
+
+_INTERRUPTED = 130
+
+
+def main() -> None:
+    """Run the command line and exit: 0 done, 1 a check failed, 2 wrong usage or bad input.
+
+    Errors that carry an `exit_code` are for the user: they become one line on stderr.
+    """
+    try:
+        code = typer.main.get_command(app).main(prog_name="edgetree", standalone_mode=False) or 0
+    except (KeyboardInterrupt, typer.Abort):
+        code = _INTERRUPTED
+    except BrokenPipeError:
+        # Who read along has had enough; leave nothing to flush at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = 0
+    except Exception as error:
+        code = getattr(error, "exit_code", None)
+        if code is None:
+            raise
+        print(f"edgetree: {_one_line(error)}", file=sys.stderr)  # noqa: T201
+    if code == _INTERRUPTED:
+        print("edgetree: interrupted", file=sys.stderr)  # noqa: T201
+    sys.exit(code)
+
+
+def _one_line(error: Exception) -> str:
+    """The message; typer's own errors about usage make theirs in a method."""
+    message = error.format_message() if hasattr(error, "format_message") else str(error)
+    return " ".join(message.split())

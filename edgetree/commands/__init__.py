@@ -1,0 +1,1 @@
+"""The sub-commands of `edgetree`, one module each; what is heavy is imported inside functions."""

@@ -1,0 +1,33 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, TypeAlias
+
+import typer
+
+if TYPE_CHECKING:
+    from edgetree.runtime import TreeDetector
+
+__all__ = ["Json", "Model", "Threads", "open_model"]
+
+Json: TypeAlias = Annotated[
+    bool, typer.Option("--json", help="Print one JSON object on stdout, and nothing else there.")
+]
+Model: TypeAlias = Annotated[
+    str, typer.Option(help="An exported .onnx file; or rgb or depth, for those in the package.")
+]
+Threads: TypeAlias = Annotated[
+    int | None, typer.Option(min=1, help="Threads of one inference; all cores if not given.")
+]
+
+
+def open_model(
+    model: str, threads: int | None, score_threshold: float
+) -> tuple[TreeDetector, Path]:
+    """The detector for the value of a `Model` option, and its file."""
+    from edgetree.runtime import MODALITIES, TreeDetector, default_model
+
+    path = default_model(model) if model in MODALITIES else Path(model)
+    return TreeDetector.load(path, threads=threads, score_threshold=score_threshold), path
