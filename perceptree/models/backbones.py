@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import timm
 from torch import Tensor, nn
 
@@ -18,14 +20,15 @@ class Backbone(nn.Module):
         super().__init__()
         if name not in BACKBONES:
             raise SpecError(f"unknown backbone {name!r}, expected one of: {', '.join(BACKBONES)}")
-        self.trunk = timm.create_model(
+        trunk: Any = timm.create_model(
             BACKBONES[name],
             pretrained=False,
             features_only=True,
             in_chans=in_channels,
             out_indices=tuple(level - 1 for level in levels),
         )
-        self.channels: tuple[int, ...] = tuple(self.trunk.feature_info.channels())
+        self.channels: tuple[int, ...] = tuple(trunk.feature_info.channels())
+        self.trunk = trunk
 
     def forward(self, images: Tensor) -> list[Tensor]:
         """(B, C, H, W) normalised -> one (B, channels[i], H/2**level, W/2**level) per level."""

@@ -22,7 +22,7 @@ from perceptree.models.heads import (
     MaskHead,
 )
 from perceptree.models.matching import RegionSample, match_anchors, sample_regions
-from perceptree.models.roi_align import pool_regions
+from perceptree.models.roi_align import pool_regions, pool_regions_by_matrix
 from perceptree.models.rpn import ProposalMaps, ProposalNetwork
 from perceptree.models.spec import KEYPOINT_NAMES, MASK_CELLS, ModelSpec
 from perceptree.models.targets import TreeTargets, pad_boxes
@@ -108,7 +108,10 @@ class TreeRCNN(nn.Module):
                 sample = sample_regions(proposals.boxes, proposals.valid, trees)
             result = losses.proposal_losses(proposal_maps, anchors, match, trees)
         regions = sample.boxes.flatten(0, 1)
-        logits, shifts = self.box_head(self._pool(maps, regions, sample.boxes, BOX_CELLS))
+        rows = torch.arange(len(targets), device=images.device)
+        owner = rows.repeat_interleave(sample.boxes.shape[1])
+        pooled = pool_regions_by_matrix(maps, regions, owner, self.spec.roi_levels, BOX_CELLS)
+        logits, shifts = self.box_head(pooled)
         truth = torch.gather(trees.boxes, 1, sample.tree[..., None].expand(-1, -1, 4))
         flags = sample.positive.flatten(), sample.used.flatten()
         result |= losses.box_losses(logits, shifts, regions, truth.flatten(0, 1), *flags)
@@ -123,13 +126,13 @@ class TreeRCNN(nn.Module):
         tree = sample.tree[image, row] + counts.cumsum(0)[image]
         result = {}
         if self.mask_head is not None:
-            pooled = pool_regions(maps, boxes, image, self.spec.roi_levels, ROI_CELLS)
+            pooled = pool_regions_by_matrix(maps, boxes, image, self.spec.roi_levels, ROI_CELLS)
             masks = losses.joined(targets, "masks", boxes.device)
             wanted = losses.mask_targets(boxes, masks, tree)
             result["mask"] = losses.mask_loss(self.mask_head(pooled), wanted)
         if self.keypoint_head is not None:
             wide = enlarge_boxes(boxes, self.spec.keypoint_box_scale)
-            pooled = pool_regions(maps, wide, image, self.spec.roi_levels, ROI_CELLS)
+            pooled = pool_regions_by_matrix(maps, wide, image, self.spec.roi_levels, ROI_CELLS)
             keypoints = losses.joined(targets, "keypoints", boxes.device)
             cells, inside = losses.keypoint_targets(wide, keypoints[tree])
             result["keypoint"] = losses.keypoint_loss(self.keypoint_head(pooled), cells, inside)

@@ -17,17 +17,16 @@ class BoxHead(nn.Module):
 
     def __init__(self, in_channels: int, width: int) -> None:
         super().__init__()
-        self.hidden = nn.ModuleList(
-            (nn.Linear(in_channels * BOX_CELLS**2, width), nn.Linear(width, width))
-        )
+        hidden = (nn.Linear(in_channels * BOX_CELLS**2, width), nn.Linear(width, width))
+        self.hidden = nn.ModuleList(hidden)
         self.score = nn.Linear(width, len(CLASS_NAMES) + 1)
         self.shift = nn.Linear(width, 4 * len(CLASS_NAMES))
-        for layer in self.hidden:
-            nn.init.kaiming_uniform_(layer.weight, nonlinearity="relu")  # type: ignore[arg-type]
+        for layer in hidden:
+            nn.init.kaiming_uniform_(layer.weight, nonlinearity="relu")
         nn.init.normal_(self.score.weight, std=0.01)
         nn.init.normal_(self.shift.weight, std=0.001)
-        for linear in (*self.hidden, self.score, self.shift):
-            nn.init.zeros_(linear.bias)  # type: ignore[arg-type]
+        for linear in (*hidden, self.score, self.shift):
+            nn.init.zeros_(linear.bias)
 
     def forward(self, regions: Tensor) -> tuple[Tensor, Tensor]:
         """(R, C, 7, 7) -> logits (R, 2) as (tree, background) and offsets (R, 4), float32."""
@@ -80,7 +79,8 @@ class MaskHead(nn.Module):
 
     def forward(self, regions: Tensor) -> Tensor:
         """(R, C, 14, 14) -> logits (R, 28, 28) float32."""
-        return self.score(functional.relu(self.tower(regions)))[:, 0].float()
+        logits: Tensor = self.score(functional.relu(self.tower(regions)))
+        return logits[:, 0].float()
 
 
 class KeypointHead(nn.Module):

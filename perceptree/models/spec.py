@@ -133,7 +133,10 @@ class ModelSpec:
         surplus = sorted(set(values) - known)
         if surplus:
             raise SpecError(f"unknown model spec fields: {', '.join(surplus)}")
-        plain = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
+        plain: dict[str, Any] = {
+            name: tuple(value) if isinstance(value, list) else value
+            for name, value in values.items()
+        }
         try:
             return cls(**plain)
         except TypeError as error:
