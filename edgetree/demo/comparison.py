@@ -11,13 +11,13 @@ import numpy as np
 
 from edgetree.demo.matching import Match
 from edgetree.measure import Estimate, Failure, TreeMeasurement
+from edgetree.samples import SampleTree
 
 __all__ = [
     "QUANTITIES",
     "FrameComparison",
     "QuantitySummary",
     "TreeComparison",
-    "TrueTree",
     "compare_trees",
     "summarise",
 ]
@@ -27,20 +27,11 @@ QUANTITIES: Final = ("diameter_m", "cut_height_m", "distance_m")
 JsonValue: TypeAlias = str | int | float | bool | None
 
 
-class TrueTree(NamedTuple):
-    """What is known of one tree of a frame. `box_px` is x0, y0, x1, y1."""
-
-    box_px: tuple[float, float, float, float]
-    diameter_m: float
-    cut_height_m: float
-    distance_m: float
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class TreeComparison:
     """One true tree and what was measured on the detection that found it, if one did."""
 
-    truth: TrueTree
+    truth: SampleTree
     score: float | None
     measurement: TreeMeasurement | None
 
@@ -99,7 +90,7 @@ class QuantitySummary(NamedTuple):
 
 def compare_trees(
     frame: str,
-    truths: Sequence[TrueTree],
+    truths: Sequence[SampleTree],
     matches: Iterable[Match],
     scores: Sequence[float],
     measurements: Sequence[TreeMeasurement],

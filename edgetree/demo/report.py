@@ -187,8 +187,10 @@ def _next(commands: Sequence[NextCommand]) -> str:
 
 
 def _footer(result: DemoResult) -> str:
+    memory = result.peak_memory_mib
+    within = "" if memory is None else f" and {memory:.0f} MiB of memory"
     return (
-        f'<footer class="note">Made by edgetree in {result.duration_s:.0f} s on '
+        f'<footer class="note">Made by edgetree in {result.duration_s:.0f} s{within} on '
         f"{escape(platform.system())} {escape(platform.machine())}, Python "
         f"{platform.python_version()}. Apache License 2.0.</footer>"
     )

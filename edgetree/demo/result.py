@@ -128,6 +128,7 @@ class DemoResult:
         models: at least one; the first is the one the summary speaks of. All saw the same frames.
         pictures: each frame as each model saw it.
         duration_s: of the whole demonstration.
+        peak_memory_mib: highest memory of the process; None where the system does not say.
         steps: the chain from simulation to this file, empty for the embedded models.
         figures: what the chain measured, JSON-ready, with units in the keys.
     """
@@ -135,6 +136,7 @@ class DemoResult:
     models: tuple[ModelResult, ...]
     pictures: tuple[Picture, ...]
     duration_s: float
+    peak_memory_mib: float | None = None
     steps: tuple[Step, ...] = ()
     figures: dict[str, JsonValue] = field(default_factory=dict)
 
@@ -144,6 +146,7 @@ class DemoResult:
             "schema": "edgetree.demo/1",
             "report": report,
             "duration_s": self.duration_s,
+            "peak_memory_mib": self.peak_memory_mib,
             "models": {model.modality: model.to_dict() for model in self.models},
             **({"training": self.figures} if self.steps else {}),
         }

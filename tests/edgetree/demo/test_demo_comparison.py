@@ -2,15 +2,26 @@
 
 import json
 
+import numpy as np
 import pytest
 
-from edgetree.demo.comparison import TrueTree, compare_trees, summarise
+from edgetree.demo.comparison import compare_trees, summarise
 from edgetree.demo.matching import Match
 from edgetree.measure import Estimate, Failure, TreeMeasurement
+from edgetree.samples import SampleTree
 
 
-def truth(diameter_m: float, distance_m: float = 5.0) -> TrueTree:
-    return TrueTree((0.0, 0.0, 10.0, 10.0), diameter_m, 0.2, distance_m)
+def truth(diameter_m: float) -> SampleTree:
+    return SampleTree(
+        box_px=np.array([0.0, 0.0, 10.0, 10.0], np.float32),
+        keypoints_px=np.zeros((5, 3), np.float32),
+        diameter_m=diameter_m,
+        cut_height_m=0.2,
+        distance_m=5.0,
+        inclination_deg=0.0,
+        visible_fraction=1.0,
+        species="fir",
+    )
 
 
 def measured(diameter: Estimate | Failure) -> TreeMeasurement:

@@ -9,11 +9,12 @@ import cv2
 import numpy as np
 import pytest
 
-from edgetree.demo.comparison import TrueTree, compare_trees
+from edgetree.demo.comparison import compare_trees
 from edgetree.demo.matching import Match
 from edgetree.demo.report import NextCommand, render_report
 from edgetree.demo.result import DemoResult, ModelResult, Picture, Speed, Step
 from edgetree.measure import Estimate, Failure, TreeMeasurement
+from edgetree.samples import SampleTree
 
 VOID = {"meta", "img", "line", "path", "circle"}
 
@@ -40,6 +41,13 @@ class Outline(HTMLParser):
             assert self.open_tags.pop() == tag
 
 
+def truth(diameter_m: float, cut_height_m: float, distance_m: float) -> SampleTree:
+    box_px, keypoints_px = np.zeros(4, np.float32), np.zeros((5, 3), np.float32)
+    return SampleTree(
+        box_px, keypoints_px, diameter_m, cut_height_m, distance_m, 0.0, 1.0, species="fir"
+    )
+
+
 def model(modality: str, diameter: Estimate | Failure, name: str = "light") -> ModelResult:
     failed = Failure("no ground <near> the stem")
     measurement = TreeMeasurement(
@@ -49,7 +57,7 @@ def model(modality: str, diameter: Estimate | Failure, name: str = "light") -> M
         distance_m=Estimate(6.25, 0.125),
         cut_point_m=failed,
     )
-    truths = [TrueTree((0, 0, 9, 9), 0.314, 0.2, 6.5), TrueTree((20, 0, 29, 9), 0.2, 0.1, 8.0)]
+    truths = [truth(0.314, 0.2, 6.5), truth(0.2, 0.1, 8.0)]
     frame = compare_trees("Frame 1", truths, [Match(0, 0, 0.9)], [0.9], [measurement])
     return ModelResult(
         modality, name, "float32", 640, 384, 7_300_000, Speed(20.0, 25.0, 2), (frame,)
@@ -118,7 +126,7 @@ def test_a_model_that_measures_nothing_still_gets_a_page() -> None:
 
 def test_the_chain_is_told_only_where_there_was_one(result: DemoResult) -> None:
     steps = (Step("Train", "12 rounds", 301.0),)
-    trained = DemoResult(result.models, (), 5.0, steps, {"ap50_boxes": 0.61})
+    trained = DemoResult(result.models, (), 5.0, None, steps, {"ap50_boxes": 0.61})
     assert "Train 12 rounds 301 s" in words(render_report(trained, []))
     assert "From nothing to this model" not in render_report(result, [])
     assert trained.to_dict("r.html")["training"] == {"ap50_boxes": 0.61}

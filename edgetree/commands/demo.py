@@ -1,0 +1,124 @@
+"""`edgetree demo`: everything once, on frames whose truth is known, with a report to look at."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from edgetree.commands.options import Json
+from edgetree.console import note, print_json
+
+if TYPE_CHECKING:
+    from edgetree.demo import DemoResult, NextCommand, Progress
+
+__all__ = ["demo"]
+
+_STEPS = 200
+
+
+def demo(
+    out: Annotated[
+        Path, typer.Option(help="Folder for the report; made if needed.")
+    ] = Path("edgetree-demo"),
+    train: Annotated[
+        bool,
+        typer.Option(
+            "--train",
+            help="Go the whole way, small: simulate, train, evaluate, export, prove parity, bench,"
+            " run, measure. Needs edgetree[cpu,train,export,sim] and up to 15 minutes.",
+        ),
+    ] = False,
+    as_json: Json = False,
+) -> None:
+    """Measure sample frames, compare with the truth, bench the model and write a report.
+
+    Prints the path of the report, one HTML file with everything in it.
+    """
+    from edgetree.demo import run_embedded, run_trained, write_report
+    from edgetree.outputs import output_folder
+
+    with output_folder(out):
+        with _progress() as on_progress:
+            result = run_trained(out, on_progress) if train else run_embedded(on_progress)
+        report = write_report(out, result, _next_commands(out, train))
+    for line in _summary(result):
+        note(line)
+    if as_json:
+        print_json(result.to_dict(str(report)))
+    else:
+        note("report:")
+        typer.echo(str(report))
+
+
+@contextmanager
+def _progress() -> Iterator[Progress]:
+    """A bar on stderr that says what is being done; without a terminal, one line per thing."""
+    said = ""
+    shown = 0
+
+    def tell(share: float, what: str) -> None:
+        nonlocal said
+        if what != said:
+            note(f"{share:4.0%}  {what}")
+            said = what
+
+    if not sys.stderr.isatty():
+        yield tell
+        return
+    with typer.progressbar(length=_STEPS, label="starting", file=sys.stderr) as bar:
+
+        def move(share: float, what: str) -> None:
+            nonlocal shown
+            bar.label = what
+            bar.update(max(round(share * _STEPS) - shown, 0))
+            shown = max(round(share * _STEPS), shown)
+
+        yield move
+        move(1.0, "done")
+
+
+def _summary(result: DemoResult) -> Iterator[str]:
+    """One line per model."""
+    for model in result.models:
+        error_m = model.summary("diameter_m").median_abs_error_m
+        metres = "no diameter" if error_m is None else f"diameters within {error_m * 100:.1f} cm"
+        yield (
+            f"{model.modality:5}  {model.found_trees} of {model.true_trees} trees found,"
+            f" {metres} (median), {model.speed.fps:.0f} frames per second"
+        )
+
+
+def _next_commands(out: Path, train: bool) -> list[NextCommand]:
+    """What to try next, for the report's last section."""
+    from edgetree.demo import NextCommand
+
+    model = f" --model {out / 'model.onnx'}" if train else ""
+    depth_model = model or " --model depth"
+    commands = [
+        NextCommand(
+            "Metres in your own frames, with a 16-bit depth image in millimetres beside each and"
+            " the camera's calibration:",
+            f"edgetree run FRAMES --depth DEPTHS --camera camera.json --out pictures{model}",
+        ),
+        NextCommand("How fast it is here:", f"edgetree bench{depth_model}"),
+    ]
+    if not train:
+        commands[:0] = [
+            NextCommand(
+                "Find the trees in a picture, a folder or a video of your own, and draw them:",
+                "edgetree run PICTURE --out pictures",
+            )
+        ]
+        commands.append(
+            NextCommand(
+                "From nothing to a model of your own: simulate, train, export, measure"
+                " (pip install '.[cpu,train,export,sim]' first):",
+                "edgetree demo --train",
+            )
+        )
+    return commands

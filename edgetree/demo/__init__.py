@@ -1,0 +1,15 @@
+"""`edgetree demo` as a library: the chain on frames of known truth, and its report."""
+
+from edgetree.demo.demonstrate import Progress, demonstrate, run_embedded, write_report
+from edgetree.demo.report import NextCommand, render_report
+from edgetree.demo.result import DemoResult
+
+__all__ = [
+    "DemoResult",
+    "NextCommand",
+    "Progress",
+    "demonstrate",
+    "render_report",
+    "run_embedded",
+    "write_report",
+]

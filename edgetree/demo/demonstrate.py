@@ -1,0 +1,106 @@
+"""The demonstration itself: models over frames of known truth, benched, and the report written."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Final, TypeAlias
+
+from edgetree.bench import bench_detector, peak_memory_mib
+from edgetree.demo.examine import examine, seen_by
+from edgetree.demo.report import NextCommand, render_report
+from edgetree.demo.result import DemoResult, ModelResult, Picture, Speed
+from edgetree.outputs import replacing
+from edgetree.runtime import TreeDetector, default_model
+from edgetree.samples import SampleFrame, sample_frames
+from edgetree.session import usable_cores
+
+__all__ = ["Progress", "demonstrate", "run_embedded", "write_report"]
+
+Progress: TypeAlias = Callable[[float, str], None]
+"""Called with the share of the work that is done, 0 to 1, and what is being done now."""
+
+_BENCH_S: Final = 5.0
+
+
+def run_embedded(on_progress: Progress) -> DemoResult:
+    """The embedded depth and colour models on the sample frames that come with the package."""
+    models = [default_model("depth"), default_model("rgb")]
+    return demonstrate(models, sample_frames(), on_progress)
+
+
+def demonstrate(
+    models: Sequence[Path], frames: Sequence[SampleFrame], on_progress: Progress
+) -> DemoResult:
+    """Detect, measure and compare every frame with every model, and bench each model.
+
+    Args:
+        models: model files, the one that the report speaks of first.
+        frames: frames with their truth.
+        on_progress: told of the progress.
+
+    Raises:
+        EdgetreeError: a model or a frame cannot be used.
+    """
+    start_s = time.perf_counter()
+    results: list[ModelResult] = []
+    pictures: list[Picture] = []
+    for index, model in enumerate(models):
+
+        def on_share(share: float, what: str, index: int = index) -> None:
+            on_progress((index + share) / len(models), what)
+
+        result, drawn = _run_model(model, frames, on_share)
+        results.append(result)
+        pictures = [*drawn, *pictures]
+    return DemoResult(
+        models=tuple(results),
+        pictures=tuple(pictures),
+        duration_s=time.perf_counter() - start_s,
+        peak_memory_mib=peak_memory_mib(),
+    )
+
+
+def _run_model(
+    model: Path, frames: Sequence[SampleFrame], on_progress: Progress
+) -> tuple[ModelResult, list[Picture]]:
+    threads = usable_cores()
+    detector = TreeDetector.load(model, threads=threads)
+    manifest = detector.manifest
+    comparisons, pictures = [], []
+    for number, frame in enumerate(frames):
+        on_progress(0.5 * number / len(frames), f"measuring {frame.name}, {manifest.modality}")
+        comparison, picture = examine(detector, frame)
+        comparisons.append(comparison)
+        pictures.append(picture)
+    images = [seen_by(detector, frame) for frame in frames]
+    bench = bench_detector(
+        detector,
+        images,
+        duration_s=_BENCH_S,
+        on_run=lambda share: on_progress(0.5 + 0.5 * share, f"benching {manifest.modality}"),
+    )
+    result = ModelResult(
+        modality=manifest.modality,
+        name=manifest.name,
+        precision=manifest.precision,
+        input_width_px=manifest.input.width,
+        input_height_px=manifest.input.height,
+        file_bytes=model.stat().st_size,
+        speed=Speed(bench.detect_p50_ms, bench.detect_p90_ms, threads),
+        frames=tuple(comparisons),
+    )
+    return result, pictures
+
+
+def write_report(folder: Path, result: DemoResult, next_commands: Sequence[NextCommand]) -> Path:
+    """Write `report.html` into a folder, all of it or nothing.
+
+    Raises:
+        InputError: it cannot be written there.
+    """
+    path = folder / "report.html"
+    with replacing(path) as temporary:
+        temporary.write_text(render_report(result, next_commands), encoding="utf-8")
+    return path
