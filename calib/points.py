@@ -58,7 +58,8 @@ def project_points(camera: PinholeCamera, points_m: ArrayLike) -> Float:
     z = points[..., 2]
     ahead = z > 0
     safe = np.where(ahead, z, 1.0)
-    x, y = points[..., 0] / safe, points[..., 1] / safe
+    x: Float = points[..., 0] / safe
+    y: Float = points[..., 1] / safe
     if camera.distortion:
         x, y = _distort(camera, x, y)
     centred = np.stack([x * camera.fx + camera.cx, y * camera.fy + camera.cy], -1)
