@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from edgetree.detections import KEYPOINT_NAMES, TreeDetections
+    from edgetree.draw import draw_trees
     from edgetree.errors import (
         CheckFailed,
         EdgetreeError,
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
         ModelFileError,
     )
     from edgetree.manifest import Manifest
+    from edgetree.runtime import TreeDetector, default_model
+    from edgetree.samples import SampleFrame, SampleTree, sample_frames
 
 __all__ = [
     "KEYPOINT_NAMES",
@@ -33,7 +36,13 @@ __all__ = [
     "Manifest",
     "MissingDependency",
     "ModelFileError",
+    "SampleFrame",
+    "SampleTree",
     "TreeDetections",
+    "TreeDetector",
+    "default_model",
+    "draw_trees",
+    "sample_frames",
 ]
 
 _MODULES = {
@@ -44,7 +53,13 @@ _MODULES = {
     "Manifest": "manifest",
     "MissingDependency": "errors",
     "ModelFileError": "errors",
+    "SampleFrame": "samples",
+    "SampleTree": "samples",
     "TreeDetections": "detections",
+    "TreeDetector": "runtime",
+    "default_model": "runtime",
+    "draw_trees": "draw",
+    "sample_frames": "samples",
 }
 
 

@@ -125,7 +125,7 @@ class TreeDetector:
         boxes = letterbox.to_source(outputs["boxes"][0, :count].reshape(-1, 2)).reshape(-1, 4)
         points = outputs["keypoints"][0, :count] if "keypoints" in outputs else None
         if points is not None:
-            xy = letterbox.to_source(points[..., :2].reshape(-1, 2)).reshape(count, -1, 2)
+            xy = letterbox.to_source(points[..., :2].reshape(-1, 2)).reshape(*points.shape[:2], 2)
             points = np.concatenate([xy, points[..., 2:]], axis=2)
         trees = TreeDetections(
             boxes_px=boxes,

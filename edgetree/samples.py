@@ -43,10 +43,16 @@ class SampleTree:
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> SampleTree:
         """Read the JSON object of one tree."""
-        arrays = {name: np.array(data[name], np.float32) for name in ("box_px", "keypoints_px")}
-        names = ("diameter_m", "cut_height_m", "distance_m", "inclination_deg", "visible_fraction")
-        numbers = {name: float(data[name]) for name in names}
-        return cls(**arrays, **numbers, species=str(data["species"]))
+        return cls(
+            box_px=np.array(data["box_px"], np.float32),
+            keypoints_px=np.array(data["keypoints_px"], np.float32),
+            diameter_m=float(data["diameter_m"]),
+            cut_height_m=float(data["cut_height_m"]),
+            distance_m=float(data["distance_m"]),
+            inclination_deg=float(data["inclination_deg"]),
+            visible_fraction=float(data["visible_fraction"]),
+            species=str(data["species"]),
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,9 +15,17 @@ from numpy.typing import NDArray
 import calib
 from edgetree.errors import InputError
 
-__all__ = ["IMAGE_SUFFIXES", "Frame", "FrameSource", "open_source", "read_image"]
+__all__ = [
+    "IMAGE_SUFFIXES",
+    "VIDEO_SUFFIXES",
+    "Frame",
+    "FrameSource",
+    "open_source",
+    "read_image",
+]
 
 IMAGE_SUFFIXES: Final = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
+VIDEO_SUFFIXES: Final = (".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".wmv")
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,10 +187,10 @@ class _VideoFrames:
         with closing(_Capture(self._path)) as capture:
             number = 0
             while True:
-                time_s = capture.video.get(cv2.CAP_PROP_POS_MSEC) / 1000
                 found, image = capture.video.read()
                 if not found:
                     return
+                time_s = capture.video.get(cv2.CAP_PROP_POS_MSEC) / 1000
                 name = f"{self._path.stem}_{number:06d}"
                 pixels = np.asarray(image, dtype=np.uint8)
                 yield Frame(name, self._path, pixels, time_s=round(time_s, 3))
@@ -194,10 +202,11 @@ class _Capture:
 
     def __init__(self, path: Path) -> None:
         self.video = cv2.VideoCapture(str(path))
-        if not self.video.isOpened():
+        # By name too, as OpenCV is glad to play a text file.
+        if path.suffix.lower() not in VIDEO_SUFFIXES or not self.video.isOpened():
             raise InputError(
                 f"source {path} cannot be read: expected an image, a folder of images,"
-                " or a video that OpenCV reads"
+                f" or a video ({', '.join(VIDEO_SUFFIXES)})"
             )
 
     def close(self) -> None:

@@ -12,6 +12,7 @@ from edgetree.commands.options import Json, Model, Threads
 from edgetree.console import note, print_json, progress
 
 if TYPE_CHECKING:
+    from edgetree.bench import BenchResult
     from edgetree.runtime import TreeDetector
 
 __all__ = ["bench"]
@@ -22,7 +23,9 @@ _MOST_FRAMES = 16
 def bench(
     source: Annotated[
         Path | None,
-        typer.Argument(help="Frames as for `run`; the package's samples if not given."),
+        typer.Argument(
+            metavar="SOURCE", help="Frames as for `run`; the package's samples if not given."
+        ),
     ] = None,
     model: Model = "rgb",
     duration_s: Annotated[
@@ -32,33 +35,12 @@ def bench(
     as_json: Json = False,
 ) -> None:
     """Measure a model's latency, frames per second and memory on real frames."""
-    from edgetree.bench import bench_detector
     from edgetree.commands.options import open_model
 
-    detector, path = open_model(model, threads, 0.5)
+    detector, path = open_model(model, threads)
     images = _images(source, detector)
-    with progress("benching", 100) as bar:
-        shown = 0
-
-        def move(gone: float) -> None:
-            nonlocal shown
-            bar.update(round(gone * 100) - shown)
-            shown = round(gone * 100)
-
-        result = bench_detector(detector, images, duration_s=duration_s, on_run=move)
-    manifest = detector.manifest
-    record: dict[str, Any] = {
-        "schema": "edgetree.bench/1",
-        "model": str(path),
-        "name": manifest.name,
-        "modality": manifest.modality,
-        "precision": manifest.precision,
-        "input_px": [manifest.input.width, manifest.input.height],
-        "parameters": manifest.parameters,
-        "file_bytes": path.stat().st_size,
-        "frames": len(images),
-        **result.to_dict(),
-    }
+    result = _measure(detector, images, duration_s)
+    record = _record(path, detector, len(images), result)
     if as_json:
         print_json(record)
         return
@@ -78,3 +60,35 @@ def _images(source: Path | None, detector: TreeDetector) -> list[Any]:
 
     frames = islice(open_source(source, depth_only=is_depth), _MOST_FRAMES)
     return [frame.depth_m if is_depth else frame.image for frame in frames]
+
+
+def _measure(detector: TreeDetector, images: list[Any], duration_s: float) -> BenchResult:
+    """The bench, with its progress in hundredths."""
+    from edgetree.bench import bench_detector
+
+    shown = 0
+    with progress("benching", 100) as bar:
+
+        def move(gone: float) -> None:
+            nonlocal shown
+            bar.update(round(gone * 100) - shown)
+            shown = round(gone * 100)
+
+        return bench_detector(detector, images, duration_s=duration_s, on_run=move)
+
+
+def _record(path: Path, detector: TreeDetector, frames: int, result: BenchResult) -> dict[str, Any]:
+    """The model and its figures as one JSON object."""
+    manifest = detector.manifest
+    return {
+        "schema": "edgetree.bench/1",
+        "model": str(path),
+        "name": manifest.name,
+        "modality": manifest.modality,
+        "precision": manifest.precision,
+        "input_px": [manifest.input.width, manifest.input.height],
+        "parameters": manifest.parameters,
+        "file_bytes": path.stat().st_size,
+        "frames": frames,
+        **result.to_dict(),
+    }

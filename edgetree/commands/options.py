@@ -24,10 +24,11 @@ Threads: TypeAlias = Annotated[
 
 
 def open_model(
-    model: str, threads: int | None, score_threshold: float
+    model: str, threads: int | None, score_threshold: float | None = None
 ) -> tuple[TreeDetector, Path]:
     """The detector for the value of a `Model` option, and its file."""
-    from edgetree.runtime import MODALITIES, TreeDetector, default_model
+    from edgetree.runtime import DISPLAY_THRESHOLD, MODALITIES, TreeDetector, default_model
 
     path = default_model(model) if model in MODALITIES else Path(model)
-    return TreeDetector.load(path, threads=threads, score_threshold=score_threshold), path
+    threshold = DISPLAY_THRESHOLD if score_threshold is None else score_threshold
+    return TreeDetector.load(path, threads=threads, score_threshold=threshold), path

@@ -5,8 +5,9 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TextIO
+from typing import TYPE_CHECKING, Annotated, Any, TextIO, TypeAlias
 
 import typer
 
@@ -14,36 +15,46 @@ from edgetree.commands.options import Json, Model, Threads
 from edgetree.console import note, print_json, track
 
 if TYPE_CHECKING:
+    from calib import PinholeCamera
     from edgetree.pipeline import FrameResult
     from edgetree.runtime import TreeDetector
+    from edgetree.sources import FrameSource
 
 __all__ = ["run"]
 
+_Source: TypeAlias = Annotated[
+    Path, typer.Argument(metavar="SOURCE", help="An image, a folder of images, or a video.")
+]
+_Depth: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        help="Depth image of an image, or folder with one of the same stem for each image:"
+        " 16-bit PNG, millimetres, 0 = no reading. With a depth model and without this,"
+        " SOURCE itself is taken for depth."
+    ),
+]
+_Camera: TypeAlias = Annotated[
+    Path | None, typer.Option(help="Camera file (calib.camera/1 JSON), for metres.")
+]
+_Out: TypeAlias = Annotated[
+    Path | None, typer.Option(help="Folder for drawn pictures; made if needed.")
+]
+_JsonLines: TypeAlias = Annotated[
+    Path | None, typer.Option(help="File for the JSON lines, in place of stdout.")
+]
+_ScoreThreshold: TypeAlias = Annotated[
+    float, typer.Option(min=0.0, max=1.0, help="Leave out trees with a lower score.")
+]
+
 
 def run(
-    source: Annotated[Path, typer.Argument(help="An image, a folder of images, or a video.")],
+    source: _Source,
     model: Model = "rgb",
-    depth: Annotated[
-        Path | None,
-        typer.Option(
-            help="Depth image of an image, or folder with one of the same stem for each image:"
-            " 16-bit PNG, millimetres, 0 = no reading. With a depth model and without this,"
-            " SOURCE itself is taken for depth."
-        ),
-    ] = None,
-    camera: Annotated[
-        Path | None,
-        typer.Option(help="Camera file (calib.camera/1 JSON), for metres."),
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option(help="Folder for drawn pictures; made if needed.")
-    ] = None,
-    jsonl: Annotated[
-        Path | None, typer.Option(help="File for the JSON lines, in place of stdout.")
-    ] = None,
-    score_threshold: Annotated[
-        float, typer.Option(min=0.0, max=1.0, help="Leave out trees with a lower score.")
-    ] = 0.5,
+    depth: _Depth = None,
+    camera: _Camera = None,
+    out: _Out = None,
+    jsonl: _JsonLines = None,
+    score_threshold: _ScoreThreshold = 0.5,
     threads: Threads = None,
     as_json: Json = False,
 ) -> None:
@@ -54,94 +65,101 @@ def run(
     """
     from calib import load_camera
     from edgetree.commands.options import open_model
-    from edgetree.outputs import output_folder
-    from edgetree.pipeline import process
-    from edgetree.records import frame_record
-    from edgetree.sinks import write_json_line, write_picture
     from edgetree.sources import open_source
 
     detector, model_path = open_model(model, threads, score_threshold)
     depth_only = depth is None and detector.manifest.modality == "depth"
     frames = open_source(source, depth, depth_only=depth_only)
     lens = None if camera is None else load_camera(camera)
-    summary = _Summary(source, out, jsonl)
-    records: list[dict[str, Any]] = []
-    with ExitStack() as stack:
-        pictures = None if out is None else stack.enter_context(output_folder(out))
-        stream = stack.enter_context(_line_stream(jsonl))
-        lines_on_screen = jsonl is None and not as_json and sys.stdout.isatty()
-        for frame in track(frames, "detecting", frames.count, shown=not lines_on_screen):
-            result = process(frame, detector, lens)
-            summary.add(result)
-            record = frame_record(result)
-            if as_json:
-                records.append(record)
-            if jsonl is not None or not as_json:
-                write_json_line(stream, record)
-            if pictures is not None:
-                write_picture(pictures, result)
+    work = _Work(source, model_path, out, jsonl, as_json)
+    work.do(detector, frames, lens)
     if as_json:
-        print_json(
-            {
-                "schema": "edgetree.run/1",
-                "source": str(source),
-                "model": _model_record(model_path, detector),
-                "frames": records,
-                "pictures": None if out is None else str(out),
-                "jsonl": None if jsonl is None else str(jsonl),
-            }
-        )
-    summary.print()
+        print_json(work.to_dict(detector))
+    for line in work.summary():
+        note(line)
 
 
-@contextmanager
-def _line_stream(jsonl: Path | None) -> Iterator[TextIO]:
-    """Where JSON lines go; a file appears when all of them are in it."""
-    if jsonl is None:
-        yield sys.stdout
-        return
-    from edgetree.outputs import replacing
+@dataclass
+class _Work:
+    """What was asked for, and what has come of it so far."""
 
-    with replacing(jsonl) as temporary, temporary.open("w", encoding="utf-8") as stream:
-        yield stream
+    source: Path
+    model_path: Path
+    out: Path | None
+    jsonl: Path | None
+    as_json: bool
+    trees: int = 0
+    times_ms: list[float] = field(default_factory=list)
+    records: list[dict[str, Any]] = field(default_factory=list)
+    metres_need: str | None = None
 
+    def do(self, detector: TreeDetector, frames: FrameSource, camera: PinholeCamera | None) -> None:
+        """Detect, measure and write frame by frame."""
+        from edgetree.outputs import output_folder
+        from edgetree.pipeline import process
+        from edgetree.records import frame_record
+        from edgetree.sinks import write_json_line, write_picture
 
-def _model_record(path: Path, detector: TreeDetector) -> dict[str, Any]:
-    manifest = detector.manifest
-    return {
-        "path": str(path),
-        "name": manifest.name,
-        "modality": manifest.modality,
-        "precision": manifest.precision,
-        "score_threshold": detector.score_threshold,
-    }
+        with ExitStack() as stack:
+            pictures = None if self.out is None else stack.enter_context(output_folder(self.out))
+            stream = stack.enter_context(self._line_stream())
+            on_screen = stream is sys.stdout and sys.stdout.isatty()
+            for frame in track(frames, "detecting", frames.count, shown=not on_screen):
+                result = process(frame, detector, camera)
+                record = frame_record(result)
+                self._count(result)
+                if self.as_json:
+                    self.records.append(record)
+                if stream is not None:
+                    write_json_line(stream, record)
+                if pictures is not None:
+                    write_picture(pictures, result)
 
+    @contextmanager
+    def _line_stream(self) -> Iterator[TextIO | None]:
+        """Where JSON lines go; a file appears when all of them are in it."""
+        if self.jsonl is None:
+            yield None if self.as_json else sys.stdout
+            return
+        from edgetree.outputs import replacing
 
-class _Summary:
-    """What was done, where it is, and what to type next."""
+        with replacing(self.jsonl) as temporary, temporary.open("w", encoding="utf-8") as stream:
+            yield stream
 
-    def __init__(self, source: Path, out: Path | None, jsonl: Path | None) -> None:
-        self._source, self._out, self._jsonl = source, out, jsonl
-        self._trees = 0
-        self._times_ms: list[float] = []
-        self._need: str | None = None
+    def _count(self, result: FrameResult) -> None:
+        self.trees += len(result.trees)
+        self.times_ms.append(result.detect_ms)
+        self.metres_need = result.metres_need
 
-    def add(self, result: FrameResult) -> None:
-        self._trees += len(result.trees)
-        self._times_ms.append(result.detect_ms)
-        self._need = result.metres_need
+    def to_dict(self, detector: TreeDetector) -> dict[str, Any]:
+        """The one object of --json."""
+        manifest = detector.manifest
+        return {
+            "schema": "edgetree.run/1",
+            "source": str(self.source),
+            "model": {
+                "path": str(self.model_path),
+                "name": manifest.name,
+                "modality": manifest.modality,
+                "precision": manifest.precision,
+            },
+            "score_threshold": detector.score_threshold,
+            "frames": self.records,
+            "pictures": None if self.out is None else str(self.out),
+            "jsonl": None if self.jsonl is None else str(self.jsonl),
+        }
 
-    def print(self) -> None:
-        frames = len(self._times_ms)
-        median_ms = sorted(self._times_ms)[frames // 2]
-        note(f"{self._trees} trees in {frames} frames, {median_ms:.0f} ms per frame")
-        if self._jsonl is not None:
-            note(f"JSON lines: {self._jsonl}")
-        if self._out is not None:
-            note(f"pictures:   {self._out}")
-        if self._need is not None:
-            note(f"metres {self._need}")
-        elif self._out is not None:
-            note(f"next: edgetree bench {self._source}")
-        if self._out is None:
-            note(f"next: edgetree run {self._source} --out pictures")
+    def summary(self) -> Iterator[str]:
+        """What was done, where it is, and what to type next."""
+        frames = len(self.times_ms)
+        median_ms = sorted(self.times_ms)[frames // 2]
+        yield f"{self.trees} trees in {frames} frame(s), {median_ms:.0f} ms each to detect"
+        if self.metres_need is not None:
+            yield f"metres {self.metres_need}"
+        if self.jsonl is not None:
+            yield f"JSON lines: {self.jsonl}"
+        if self.out is not None:
+            yield f"pictures: {self.out}"
+            yield f"next: edgetree bench {self.source}"
+        else:
+            yield f"next: edgetree run {self.source} --out pictures"

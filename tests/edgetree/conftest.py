@@ -1,19 +1,29 @@
-"""Manifests that the tests of this folder share."""
+"""Manifests and small model files that the tests of this folder share."""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
+from pathlib import Path
 
+import numpy as np
+import onnx
 import pytest
+from numpy.typing import NDArray
+from onnx import TensorProto, helper, numpy_helper
 
 from edgetree.detections import KEYPOINT_NAMES
 from edgetree.manifest import (
+    METADATA_KEY,
     Manifest,
     ResizeRule,
     Thresholds,
     standard_input,
     standard_outputs,
 )
+from edgetree.session import FakeSession
+
+ModelWriter = Callable[..., Path]
 
 
 @pytest.fixture
@@ -63,3 +73,50 @@ def depth_manifest(rgb_manifest: Manifest) -> Manifest:
         },
         training_data="none",
     )
+
+
+@pytest.fixture
+def write_model(tmp_path: Path, two_trees: dict[str, NDArray[np.float32]]) -> ModelWriter:
+    """Writes an ONNX file that finds `two_trees` in every image, with or without a manifest."""
+
+    def write(manifest: Manifest, name: str = "model.onnx", *, with_manifest: bool = True) -> Path:
+        fake = FakeSession.with_trees(manifest, **two_trees)
+        outputs = fake.run({})
+        nodes = [
+            helper.make_node("Constant", [], [key], value=numpy_helper.from_array(value, key))
+            for key, value in outputs.items()
+        ]
+        shape = ["batch", *manifest.input.image_shape]
+        graph = helper.make_graph(
+            nodes,
+            "test",
+            [helper.make_tensor_value_info(manifest.input.name, TensorProto.UINT8, shape)],
+            [
+                helper.make_tensor_value_info(
+                    key, helper.np_dtype_to_tensor_dtype(value.dtype), value.shape
+                )
+                for key, value in outputs.items()
+            ],
+        )
+        opset = helper.make_opsetid("", 18)
+        model = helper.make_model(graph, opset_imports=[opset], ir_version=10)
+        if with_manifest:
+            helper.set_model_props(model, {METADATA_KEY: manifest.to_json()})
+        path = tmp_path / name
+        onnx.save(model, path)
+        return path
+
+    return write
+
+
+@pytest.fixture
+def two_trees() -> dict[str, NDArray[np.float32]]:
+    """A clear and a doubtful tree, in pixels of a 640x384 input."""
+    keypoints = [
+        [[110, 300, 0.9], [100, 280, 0.8], [120, 280, 0.8], [110, 230, 0.7], [110, 180, 1]]
+    ]
+    return {
+        "boxes": np.array([[100, 50, 120, 310], [400, 100, 430, 300]], np.float32),
+        "scores": np.array([0.9, 0.3], np.float32),
+        "keypoints": np.array(keypoints * 2, np.float32),
+    }

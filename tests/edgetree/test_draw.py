@@ -1,0 +1,89 @@
+"""Drawings show each tree where it is, and leave the given picture alone."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edgetree.detections import TreeDetections
+from edgetree.draw import draw_trees, picture_of_depth
+
+
+def _trees(width: int = 640, height: int = 360) -> TreeDetections:
+    keypoints = [
+        [x, y, 0.5] for x, y in ((110, 300), (100, 280), (120, 280), (110, 230), (110, 180))
+    ]
+    return TreeDetections(
+        boxes_px=np.array([[95, 100, 125, 305]], np.float32),
+        scores=np.array([0.9], np.float32),
+        keypoints_px=np.array([keypoints], np.float32),
+        masks=np.ones((1, 28, 28), np.float32),
+        image_width=width,
+        image_height=height,
+    )
+
+
+def _changed(trees: TreeDetections, labels: list[list[str]]) -> NDArray[np.bool_]:
+    picture = np.full((trees.image_height, trees.image_width, 3), 50, np.uint8)
+    drawn = draw_trees(picture, trees, labels)
+    assert (picture == 50).all(), "the given picture was drawn on"
+    return np.asarray((drawn != picture).any(axis=2))
+
+
+def test_the_mask_the_keypoints_and_the_box_are_drawn() -> None:
+    changed = _changed(_trees(), [[]])
+    assert changed[_trees().mask(0)].all()
+    without_mask = dataclasses.replace(_trees(), masks=None)
+    changed = _changed(without_mask, [[]])
+    assert changed[100, 95]
+    assert changed[304, 124]
+    for x, y in ((110, 299), (100, 279), (120, 279), (110, 229), (110, 180)):
+        assert changed[y, x], f"nothing is drawn at the keypoint {x}, {y}"
+    assert not changed[:, 140:].any()
+
+
+def test_the_label_stands_beside_the_stem_and_inside_the_picture() -> None:
+    label = ["Ø 0.312 ±0.008 m", "cut 0.15 m  dist 4.2 m"]
+    bare, labelled = _changed(_trees(), [[]]), _changed(_trees(), [label])
+    plate = labelled & ~bare
+    assert plate.sum() > 2000
+    assert not (plate & _trees().mask(0)).any()
+
+
+def test_plates_of_close_trees_do_not_cover_each_other() -> None:
+    one = _trees()
+    shift = np.array([45, 0, 45, 0], np.float32)
+    point_shift = np.array([45, 0, 0], np.float32)
+    assert one.keypoints_px is not None
+    assert one.masks is not None
+    both = TreeDetections(
+        boxes_px=np.concatenate([one.boxes_px, one.boxes_px + shift]),
+        scores=np.array([0.9, 0.8], np.float32),
+        keypoints_px=np.concatenate([one.keypoints_px, one.keypoints_px + point_shift]),
+        masks=np.concatenate([one.masks, one.masks]),
+        image_width=one.image_width,
+        image_height=one.image_height,
+    )
+    label = ["Ø 0.312 ±0.008 m"]
+    bare = _changed(both, [[], []]).sum()
+    single = _changed(one, [label]).sum() - _changed(one, [[]]).sum()
+    two = _changed(both, [label, label]).sum() - bare
+    assert two > 1.9 * single
+
+
+def test_a_tree_at_the_edge_and_a_tiny_picture_are_drawn() -> None:
+    edge = dataclasses.replace(_trees(40, 30), boxes_px=np.array([[-20, -10, 60, 45]], np.float32))
+    assert _changed(edge, [["a label far longer than the picture is wide"]]).any()
+
+
+def test_depth_becomes_a_picture_with_holes_black() -> None:
+    depth_m = np.array([[0.0, 1.0, 19.0, 99.0]], np.float32)
+    picture = picture_of_depth(depth_m)
+    assert picture.shape == (1, 4, 3)
+    assert (picture[0, 0] == 0).all()
+    near, far = picture[0, 1].astype(int), picture[0, 2].astype(int)
+    assert near[2] > near[0], "near is red"
+    assert far[0] > 0
+    assert (near != far).any()
