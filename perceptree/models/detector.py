@@ -73,6 +73,8 @@ class TreeRCNN(nn.Module):
         self.register_buffer("mean", torch.tensor(spec.mean)[:, None, None], persistent=False)
         self.register_buffer("std", torch.tensor(spec.std)[:, None, None], persistent=False)
         self.register_buffer("matrix", refine_matrix(), persistent=False)
+        # The layout in which CPUs convolve fastest, above all at the finest maps.
+        self.to(memory_format=torch.channels_last)
 
     def normalise(self, images: Tensor) -> Tensor:
         """uint8 images -> (B, C, H, W) float32, mean taken off and divided by std."""
@@ -87,7 +89,8 @@ class TreeRCNN(nn.Module):
                 f"expected torch.uint8 of shape (B, {', '.join(map(str, expected))})"
             )
         x = images.permute(0, 3, 1, 2) if self.spec.modality == "rgb" else images[:, None]
-        return (x.float() - self.mean) / self.std
+        x = (x.float() - self.mean) / self.std
+        return x.contiguous(memory_format=torch.channels_last)
 
     def features(self, images: Tensor) -> tuple[dict[int, Tensor], ProposalMaps]:
         """uint8 images -> pyramid maps by level, and what the proposal network says."""
