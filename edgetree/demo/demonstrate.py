@@ -14,7 +14,6 @@ from edgetree.demo.result import DemoResult, ModelResult, Picture, Speed
 from edgetree.outputs import replacing
 from edgetree.runtime import TreeDetector, default_model
 from edgetree.samples import SampleFrame, sample_frames
-from edgetree.session import usable_cores
 
 __all__ = ["Progress", "demonstrate", "run_embedded", "write_report"]
 
@@ -65,8 +64,7 @@ def demonstrate(
 def _run_model(
     model: Path, frames: Sequence[SampleFrame], on_progress: Progress
 ) -> tuple[ModelResult, list[Picture]]:
-    threads = usable_cores()
-    detector = TreeDetector.load(model, threads=threads)
+    detector = TreeDetector.load(model)
     manifest = detector.manifest
     comparisons, pictures = [], []
     for number, frame in enumerate(frames):
@@ -88,7 +86,7 @@ def _run_model(
         input_width_px=manifest.input.width,
         input_height_px=manifest.input.height,
         file_bytes=model.stat().st_size,
-        speed=Speed(bench.detect_p50_ms, bench.detect_p90_ms, threads),
+        speed=Speed(bench.detect_p50_ms, bench.detect_p90_ms, detector.session.threads),
         frames=tuple(comparisons),
     )
     return result, pictures

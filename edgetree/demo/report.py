@@ -142,12 +142,15 @@ def _frames(result: DemoResult) -> str:
         "<h2>The frames</h2>",
         '<p class="note">Drawn on: the box and the visible stem of each detection, its five '
         "points (felling cut, left and right edge for the diameter, two on the axis), and the "
-        "metres. Trees are numbered from near to far in the tables.</p>",
+        "metres. Trees are numbered from near to far, in the pictures as in the tables; a "
+        "question mark stands beside a detection on no labelled tree. Click a picture to enlarge "
+        "it.</p>",
     ]
     for index, frame in enumerate(result.models[0].frames):
         figures = "".join(_figure(p) for p in result.pictures if p.frame == frame.frame)
         parts.append(
-            f'<section class="card"><h3>{escape(frame.frame)}</h3><div class="pair">{figures}'
+            f'<section class="card"><h3>Frame {index + 1}: {escape(frame.frame)}</h3>'
+            f'<div class="pair">{figures}'
             f"</div>{frame_table(result.models, index)}</section>"
         )
     return "".join(parts)
@@ -155,13 +158,17 @@ def _frames(result: DemoResult) -> str:
 
 def _figure(picture: Picture) -> str:
     data = base64.b64encode(picture.jpeg).decode("ascii")
-    sight = {"depth": "the depth image, near is light", "rgb": "the colour image"}
+    sight = {
+        "depth": "the depth image: near is warm, black has no reading",
+        "rgb": "the colour image",
+    }
     caption = (
         f"What the {MODEL_LABELS[picture.modality].lower()} found in {sight[picture.modality]}"
     )
     return (
-        f'<figure><img src="data:image/jpeg;base64,{data}" width="{picture.width_px}" '
-        f'height="{picture.height_px}" alt="{caption}: {escape(picture.frame)}">'
+        '<figure><label><input type="checkbox" aria-label="enlarge">'
+        f'<img src="data:image/jpeg;base64,{data}" width="{picture.width_px}" '
+        f'height="{picture.height_px}" alt="{caption}: {escape(picture.frame)}"></label>'
         f"<figcaption>{caption}</figcaption></figure>"
     )
 

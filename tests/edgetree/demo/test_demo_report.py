@@ -16,7 +16,7 @@ from edgetree.demo.result import DemoResult, ModelResult, Picture, Speed, Step
 from edgetree.measure import Estimate, Failure, TreeMeasurement
 from edgetree.samples import SampleTree
 
-VOID = {"meta", "img", "line", "path", "circle"}
+VOID = {"meta", "img", "input", "line", "path", "circle"}
 
 
 class Outline(HTMLParser):
