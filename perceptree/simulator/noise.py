@@ -1,0 +1,61 @@
+"""Noise fields and curves that the forest is made of."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float = NDArray[np.float32]
+
+
+def spectral_noise(
+    rng: np.random.Generator,
+    shape: tuple[int, int],
+    exponent: float,
+    stretch: tuple[float, float] = (1.0, 1.0),
+) -> Float:
+    """Periodic random field with power spectrum ``1 / f ** exponent``, zero mean, unit deviation.
+
+    Returns (H, W) float32. ``stretch`` scales the frequencies along rows and columns: a larger
+    value makes features longer across that axis.
+    """
+    height, width = shape
+    rows = np.fft.fftfreq(height)[:, None] * height * stretch[0]
+    columns = np.fft.rfftfreq(width)[None] * width * stretch[1]
+    frequency = np.hypot(rows, columns)
+    frequency[0, 0] = 1.0
+    spectrum = np.fft.rfft2(rng.standard_normal(shape)) * frequency ** (-exponent / 2)
+    spectrum[0, 0] = 0.0
+    field = np.fft.irfft2(spectrum, shape)
+    return np.asarray((field - field.mean()) / field.std(), np.float32)
+
+
+def smoothstep(low: float, high: float, x: Float) -> Float:
+    """0 below ``low``, 1 above ``high``, a smooth cubic between."""
+    t = np.clip((x - low) / (high - low), 0.0, 1.0)
+    return np.asarray(t * t * (3.0 - 2.0 * t), np.float32)
+
+
+def worley_cells(
+    rng: np.random.Generator, size_px: int, count: int, aspect: float, warp: Float
+) -> tuple[Float, NDArray[np.intp]]:
+    """Periodic cellular pattern: distance to the nearest cell border, and the cell's number.
+
+    Returns two (size_px, size_px) arrays. ``aspect`` < 1 makes cells taller than wide; ``warp``
+    (size_px, size_px) bends their borders.
+    """
+    rows, columns = np.mgrid[0:size_px, 0:size_px].astype(np.float32) / size_px
+    columns = (columns + 0.03 * warp) % 1.0
+    rows = (rows + 0.03 * np.roll(warp, 97, 0)) % 1.0
+    nearest = np.full((size_px, size_px), 9.0, np.float32)
+    second = nearest.copy()
+    cell = np.zeros((size_px, size_px), np.intp)
+    for index, (x, y) in enumerate(rng.random((count, 2)).astype(np.float32)):
+        dx = np.abs(columns - x)
+        dy = np.abs(rows - y)
+        distance = np.minimum(dx, 1 - dx) ** 2 + (np.minimum(dy, 1 - dy) * aspect) ** 2
+        closer = distance < nearest
+        second = np.where(closer, nearest, np.minimum(second, distance))
+        cell = np.where(closer, index, cell)
+        nearest = np.where(closer, distance, nearest)
+    return np.sqrt(second) - np.sqrt(nearest), cell
