@@ -9,6 +9,7 @@ import typer
 
 from edgetree.commands.bench import bench
 from edgetree.commands.run import run
+from edgetree.console import note
 
 __all__ = ["app", "main"]
 
@@ -36,17 +37,13 @@ def main() -> None:
         code = typer.main.get_command(app).main(prog_name="edgetree", standalone_mode=False) or 0
     except (KeyboardInterrupt, typer.Abort):
         code = _INTERRUPTED
-    except BrokenPipeError:
-        # Who read along has had enough; leave nothing to flush at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        code = 0
     except Exception as error:
         code = getattr(error, "exit_code", None)
         if code is None:
             raise
-        print(f"edgetree: {_one_line(error)}", file=sys.stderr)  # noqa: T201
+        note(f"edgetree: {_one_line(error)}")
     if code == _INTERRUPTED:
-        print("edgetree: interrupted", file=sys.stderr)  # noqa: T201
+        note("edgetree: interrupted")
     sys.exit(code)
 
 

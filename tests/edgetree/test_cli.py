@@ -1,0 +1,338 @@
+"""The command line as its users meet it: what it prints, writes and refuses."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple, NoReturn
+
+import cv2
+import numpy as np
+import pytest
+
+import calib
+import edgetree
+from edgetree import cli, pipeline
+from edgetree.errors import CheckFailed
+from edgetree.manifest import Manifest
+
+MAIN = "from edgetree.cli import main; main()"
+
+
+class Done(NamedTuple):
+    """How a command ended."""
+
+    code: int
+    out: str
+    err: str
+
+
+Cli = Callable[..., Done]
+
+
+@pytest.fixture
+def run_cli(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Cli:
+    """Runs `edgetree` with these arguments."""
+
+    def run(*arguments: object) -> Done:
+        monkeypatch.setattr(sys, "argv", ["edgetree", *map(str, arguments)])
+        capfd.readouterr()
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
+        out, err = capfd.readouterr()
+        assert isinstance(ended.value.code, int)
+        return Done(ended.value.code, out, err)
+
+    return run
+
+
+@pytest.fixture
+def model(rgb_manifest: Manifest, write_model: Callable[..., Path]) -> Path:
+    """A file that finds one clear tree in every colour image."""
+    return write_model(rgb_manifest)
+
+
+@pytest.fixture
+def images(tmp_path: Path) -> Path:
+    """A folder of two frames with depth of the same stems in `depth`, and a camera beside."""
+    rng = np.random.default_rng(0)
+    for folder in ("images", "depth"):
+        (tmp_path / folder).mkdir()
+    for stem in ("a", "b"):
+        pixels = rng.integers(0, 256, (360, 640, 3), np.uint8)
+        cv2.imwrite(str(tmp_path / "images" / f"{stem}.jpg"), pixels)
+        depth_m = np.full((360, 640), 4.0, np.float32)
+        calib.write_depth(tmp_path / "depth" / f"{stem}.png", depth_m)
+    camera = calib.PinholeCamera(640, 360, 400.0, 400.0, 319.5, 179.5)
+    calib.save_camera(tmp_path / "camera.json", camera)
+    return tmp_path / "images"
+
+
+def _lines(text: str) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in text.splitlines()]
+
+
+def test_run_prints_one_json_line_per_frame(run_cli: Cli, model: Path, images: Path) -> None:
+    done = run_cli("run", images, "--model", model)
+    assert done.code == 0, done.err
+    first, second = _lines(done.out)
+    assert [first["frame"], second["frame"]] == ["a", "b"]
+    assert (first["image_width_px"], first["image_height_px"]) == (640, 360)
+    (tree,) = first["trees"]
+    assert tree["box_px"] == [100.0, 50.0, 120.0, 310.0]
+    assert tree["keypoints_px"]["felling_cut"] == [110.0, 300.0, 0.9]
+    assert tree["score"] == 0.9
+    assert tree["mask_rle"]["size"] == [360, 640]
+    assert "2 trees in 2 frame(s)" in done.err
+
+
+def test_without_depth_each_tree_says_that_metres_need_it(
+    run_cli: Cli, model: Path, images: Path
+) -> None:
+    (line,) = _lines(run_cli("run", images / "a.jpg", "--model", model).out)
+    assert line["trees"][0]["metres"] is None
+    assert line["trees"][0]["metres_need"] == "need depth: pass --depth and --camera"
+    depth = images.parent / "depth" / "a.png"
+    (line,) = _lines(run_cli("run", images / "a.jpg", "--model", model, "--depth", depth).out)
+    assert line["trees"][0]["metres_need"] == "need the camera: pass --camera"
+
+
+def test_with_depth_and_camera_each_tree_has_metres(
+    run_cli: Cli, model: Path, images: Path
+) -> None:
+    folder = images.parent
+    extra = ("--depth", folder / "depth", "--camera", folder / "camera.json")
+    done = run_cli("run", images, "--model", model, "--out", folder / "out", *extra)
+    assert done.code == 0, done.err
+    tree = _lines(done.out)[0]["trees"][0]
+    assert "metres_need" not in tree
+    # The stem is 20 px wide at 4 m and f = 400 px: by tangents about 0.2 m.
+    assert tree["metres"]["diameter_m"] == pytest.approx(0.2, abs=0.02)
+    assert tree["metres"]["diameter_std_m"] > 0
+
+
+def test_a_depth_model_takes_depth_alone(
+    run_cli: Cli, depth_manifest: Manifest, write_model: Callable[..., Path], images: Path
+) -> None:
+    model, depth = write_model(depth_manifest, "depth.onnx"), images.parent / "depth"
+    alone = run_cli("run", depth, "--model", model, "--out", images.parent / "out")
+    assert alone.code == 0, alone.err
+    assert len(_lines(alone.out)) == 2
+    assert (images.parent / "out" / "a_trees.jpg").exists()
+    beside = run_cli("run", images, "--model", model, "--depth", depth)
+    trees = [line["trees"][0]["box_px"] for line in _lines(beside.out)]
+    assert trees == [line["trees"][0]["box_px"] for line in _lines(alone.out)]
+
+
+def test_json_prints_one_object(run_cli: Cli, model: Path, images: Path) -> None:
+    done = run_cli("run", images, "--model", model, "--json")
+    record = json.loads(done.out)
+    assert record["schema"] == "edgetree.run/1"
+    assert record["model"]["name"] == "test-rgb"
+    assert [frame["frame"] for frame in record["frames"]] == ["a", "b"]
+
+
+def test_lines_and_pictures_go_where_they_should(
+    run_cli: Cli, model: Path, images: Path, tmp_path: Path
+) -> None:
+    out, jsonl = tmp_path / "new" / "out", tmp_path / "trees.jsonl"
+    done = run_cli("run", images, "--model", model, "--out", out, "--jsonl", jsonl)
+    assert done.code == 0, done.err
+    assert done.out == ""
+    assert [line["frame"] for line in _lines(jsonl.read_text())] == ["a", "b"]
+    assert sorted(path.name for path in out.iterdir()) == ["a_trees.jpg", "b_trees.jpg"]
+    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
+    drawn, plain = cv2.imread(str(out / "a_trees.jpg")), cv2.imread(str(images / "a.jpg"))
+    assert drawn is not None
+    assert plain is not None
+    assert drawn.shape == plain.shape
+    assert np.abs(drawn[60:300, 100:120].astype(int) - plain[60:300, 100:120]).mean() > 20
+    assert f"pictures: {out}" in done.err
+
+
+def test_the_threshold_is_the_users(run_cli: Cli, model: Path, images: Path) -> None:
+    done = run_cli("run", images / "a.jpg", "--model", model, "--score-threshold", 0.2)
+    assert len(_lines(done.out)[0]["trees"]) == 2
+
+
+def _everything_under(folder: Path) -> list[Path]:
+    return sorted(folder.rglob("*"))
+
+
+BAD_INPUTS = {
+    "a missing image": ("run none.png --model model.onnx", r"none\.png is not there: expected"),
+    "an unreadable image": ("run bad.png --model model.onnx", r"bad\.png cannot be read.*expected"),
+    "a cut-off image": ("run cut.png --model model.onnx", r"cut\.png cannot be read.*expected"),
+    "depth of another size": (
+        "run images/a.jpg --model model.onnx --depth small.png",
+        r"small\.png is 64x36 px: expected 640x360 px, as image .*a\.jpg",
+    ),
+    "depth that is no depth": (
+        "run images/a.jpg --model model.onnx --depth images/b.jpg",
+        r"b\.jpg.*uint8.*expected.*uint16",
+    ),
+    "a folder without images": ("run empty --model model.onnx", "empty has no images: expected"),
+    "a broken image among good ones": (
+        "run mixed --model model.onnx --out out --jsonl lines.jsonl",
+        r"mixed.b\.png cannot be read.*expected",
+    ),
+    "a missing model": ("run images --model none.onnx", r"none\.onnx is not there: expected"),
+    "a model that is no ONNX": (
+        "run images --model camera.json",
+        r"camera\.json is not an ONNX model .*expected a file made by `edgetree export`",
+    ),
+    "a model without our manifest": (
+        "run images --model plain.onnx",
+        r"plain\.onnx: an ONNX model without a manifest.*expected a file made by `edgetree export`",
+    ),
+    "an output folder under a file": (
+        "run images --model model.onnx --out camera.json/out",
+        r"output folder camera\.json.out cannot be written \(.+\): expected a folder",
+    ),
+    "JSON lines under a file": (
+        "run images --model model.onnx --jsonl camera.json/x --out out",
+        r"camera\.json.x cannot be written \(.+\): expected a file",
+    ),
+    "a missing camera": (
+        "run images/a.jpg --model model.onnx --depth depth/a.png --camera none.json",
+        r"none\.json.*expected",
+    ),
+    "a camera of another size": (
+        "run images/a.jpg --model model.onnx --depth depth/a.png --camera other.json --out out",
+        r"the camera is for 1280x720 px: expected 640x360 px, as .*a\.jpg",
+    ),
+    "a threshold out of range": (
+        "run images --model model.onnx --score-threshold 7",
+        r"--score-threshold.*see `edgetree run --help`",
+    ),
+    "an unknown option": ("run images --fast", r"--fast.*see `edgetree run --help`"),
+    "no command": ("", r"Missing command.*see `edgetree --help`"),
+    "a bench of a missing model": ("bench --model none.onnx", r"none\.onnx is not there"),
+    "a bench of no images": ("bench empty --model model.onnx", "empty has no images"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_INPUTS)
+def test_bad_input_gives_one_line_and_leaves_nothing(
+    run_cli: Cli,
+    rgb_manifest: Manifest,
+    model: Path,
+    write_model: Callable[..., Path],
+    images: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    case: str,
+) -> None:
+    assert model.parent == tmp_path
+    write_model(rgb_manifest, "plain.onnx", with_manifest=False)
+    (tmp_path / "bad.png").write_text("no image")
+    pixels = np.random.default_rng(0).integers(0, 256, (360, 640, 3), np.uint8)
+    whole = cv2.imencode(".png", pixels)[1].tobytes()
+    (tmp_path / "cut.png").write_bytes(whole[: len(whole) // 2])
+    calib.write_depth(tmp_path / "small.png", np.ones((36, 64), np.float32))
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "mixed").mkdir()
+    (tmp_path / "mixed" / "a.png").write_bytes(whole)
+    (tmp_path / "mixed" / "b.png").write_text("no image")
+    other = calib.PinholeCamera(1280, 720, 800.0, 800.0, 639.5, 359.5)
+    calib.save_camera(tmp_path / "other.json", other)
+    monkeypatch.chdir(tmp_path)
+    before = _everything_under(tmp_path)
+
+    arguments, message = BAD_INPUTS[case]
+    done = run_cli(*arguments.split())
+
+    assert done.code == 2
+    assert done.out == ""
+    assert done.err.count("\n") == 1, done.err
+    assert done.err.startswith("edgetree: ")
+    assert re.search(message, done.err), done.err
+    assert _everything_under(tmp_path) == before
+
+
+def test_an_interrupt_is_one_line_and_leaves_nothing(
+    run_cli: Cli, model: Path, images: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object) -> NoReturn:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(pipeline, "process", interrupted)
+    jsonl, out = tmp_path / "trees.jsonl", tmp_path / "out"
+    done = run_cli("run", images, "--model", model, "--jsonl", jsonl, "--out", out)
+    assert done == (130, "", "edgetree: interrupted\n")
+    assert not jsonl.exists()
+    assert not out.exists()
+
+
+class _ForeignError(Exception):
+    exit_code = 2
+
+
+@pytest.mark.parametrize(
+    ("error", "code"), [(CheckFailed("off by 3 px"), 1), (_ForeignError("off by 3 px"), 2)]
+)
+def test_errors_for_the_user_become_one_line(
+    run_cli: Cli, images: Path, monkeypatch: pytest.MonkeyPatch, error: Exception, code: int
+) -> None:
+    def fail(*_: object, **__: object) -> NoReturn:
+        raise error
+
+    monkeypatch.setattr(edgetree.TreeDetector, "load", fail)
+    assert run_cli("run", images) == (code, "", "edgetree: off by 3 px\n")
+
+
+def test_a_fault_of_ours_keeps_its_traceback(images: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object, **__: object) -> NoReturn:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(edgetree.TreeDetector, "load", fail)
+    monkeypatch.setattr(sys, "argv", ["edgetree", "run", str(images)])
+    with pytest.raises(ZeroDivisionError):
+        cli.main()
+
+
+def test_a_reader_that_has_enough_sees_no_traceback(model: Path, images: Path) -> None:
+    for number in range(40):
+        (images / f"c{number}.jpg").write_bytes((images / "a.jpg").read_bytes())
+    command = [sys.executable, "-c", MAIN, "run", str(images), "--model", str(model)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.read(1)
+        process.stdout.close()
+        errors = process.stderr.read()
+    assert errors == b""
+
+
+def test_help_is_quick_and_loads_nothing_heavy() -> None:
+    times_s = []
+    for _ in range(3):
+        start = time.perf_counter()
+        subprocess.run([sys.executable, "-c", MAIN, "--help"], check=True, capture_output=True)
+        times_s.append(time.perf_counter() - start)
+    assert min(times_s) < 0.5
+    code = "import sys, edgetree.cli; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    heavy = {"numpy", "cv2", "onnxruntime", "torch", "perceptree", "calib", "rich"}
+    assert heavy & set(done.stdout.split()) == set()
+
+
+def test_bench_reports_this_machine(run_cli: Cli, model: Path, images: Path) -> None:
+    done = run_cli("bench", images, "--model", model, "--seconds", 0, "--threads", 1, "--json")
+    assert done.code == 0, done.err
+    record = json.loads(done.out)
+    assert record["input_px"] == [640, 384]
+    assert record["file_bytes"] == model.stat().st_size
+    assert record["parameters"] == 1234
+    assert (record["frames"], record["runs"], record["threads"]) == (2, 5, 1)
+    assert 0 < record["detect_p50_ms"] <= record["detect_p90_ms"]
+    assert record["fps"] == pytest.approx(1000 / record["detect_p50_ms"], rel=0.9)
+    assert record["trees_per_frame"] == 1.0
+    assert record["peak_memory_mib"] > 20
+    table = run_cli("bench", images, "--model", model, "--seconds", 0)
+    assert "detect_p50_ms" in table.out
