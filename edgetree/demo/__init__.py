@@ -1,8 +1,8 @@
 """`edgetree demo` as a library: the chain on frames of known truth, and its report."""
 
-from edgetree.demo.demonstrate import Progress, demonstrate, run_embedded, write_report
 from edgetree.demo.report import NextCommand, render_report
 from edgetree.demo.result import DemoResult
+from edgetree.demo.running import Progress, demonstrate, run_embedded, write_report
 
 __all__ = [
     "DemoResult",

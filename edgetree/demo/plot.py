@@ -30,7 +30,7 @@ def scatter_plot(models: Sequence[ModelResult], quantity: str) -> str:
     ticks = "".join(_tick(index * step, scale) for index in range(round(top / step) + 1))
     series = "".join(
         f'<g class="{"first" if index == 0 else "second"}">'
-        + "".join(_mark(*(v * style.per_metre for v in dot), scale=scale) for dot in model_dots)
+        + "".join(_mark(dot, scale * style.per_metre) for dot in model_dots)
         + "</g>"
         for index, model_dots in enumerate(dots)
     )
@@ -74,8 +74,9 @@ def _tick(value: float, scale: float) -> str:
     )
 
 
-def _mark(true: float, measured: float, std: float, scale: float) -> str:
+def _mark(dot: tuple[float, float, float], scale: float) -> str:
     """A dot with its bar; what lies beyond the axes is cut off at their ends."""
+    true, measured, std = dot
     x = _LEFT + true * scale
     low, middle, high = (
         _TOP + _SPAN - min(max(value * scale, 0.0), _SPAN)
