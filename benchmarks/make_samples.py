@@ -1,0 +1,72 @@
+"""Pick frames of a simulated dataset's test split as the sample frames of the package.
+
+perceptree synth --frames 60 --seed 901 --views 2 --out forest
+python benchmarks/make_samples.py forest edgetree/assets/samples
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+SAMPLES = 6
+TREE_FIELDS = (
+    "diameter_m",
+    "cut_height_m",
+    "distance_m",
+    "inclination_deg",
+    "visible_fraction",
+    "species",
+)
+
+
+def sample_tree(tree: dict[str, Any]) -> dict[str, Any]:
+    """One annotation as a sample's truth, keypoints and box corner-based."""
+    x, y, width, height = tree["bbox"]
+    points = [tree["keypoints"][start : start + 3] for start in range(0, 15, 3)]
+    return {
+        "box_px": [x, y, x + width, y + height],
+        "keypoints_px": [[u + 0.5, v + 0.5, flag] if flag else [0, 0, 0] for u, v, flag in points],
+        **{name: tree[name] for name in TREE_FIELDS},
+    }
+
+
+def choose(dataset: dict[str, Any]) -> list[tuple[dict[str, Any], list[dict[str, Any]]]]:
+    """Frames with three to seven trees, one per scene, in the dataset's order."""
+    chosen: dict[int, tuple[dict[str, Any], list[dict[str, Any]]]] = {}
+    for image in dataset["images"]:
+        trees = [tree for tree in dataset["annotations"] if tree["image_id"] == image["id"]]
+        if 3 <= len(trees) <= 7:
+            chosen.setdefault(image["scene"]["seed"], (image, trees))
+    return list(chosen.values())
+
+
+def main() -> None:
+    """Write the samples' pictures, depth and truth."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("dataset", type=Path)
+    parser.add_argument("out", type=Path)
+    arguments = parser.parse_args()
+    files = [arguments.dataset / f"{split}_RGB.json" for split in ("train", "val", "test")]
+    frames = [frame for file in files for frame in choose(json.loads(file.read_text()))][:SAMPLES]
+    if len(frames) < SAMPLES:
+        parser.error(f"{len(frames)} suitable scenes, expected {SAMPLES}")
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    for number, (image, trees) in enumerate(frames):
+        name = arguments.out / f"sample_{number}"
+        shutil.copyfile(arguments.dataset / image["file_name"], f"{name}.jpg")
+        shutil.copyfile(arguments.dataset / image["depth_file"], f"{name}_depth_mm.png")
+        truth = {
+            "camera": image["camera"],
+            "up_camera": image["up_camera"],
+            "scene": image["scene"],
+            "trees": [sample_tree(tree) for tree in trees],
+        }
+        Path(f"{name}.json").write_text(json.dumps(truth, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

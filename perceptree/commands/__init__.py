@@ -1,0 +1,1 @@
+"""The commands of the perceptree command line, one module each."""
