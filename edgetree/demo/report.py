@@ -159,7 +159,7 @@ def _frames(result: DemoResult) -> str:
 def _figure(picture: Picture) -> str:
     data = base64.b64encode(picture.jpeg).decode("ascii")
     sight = {
-        "depth": "the depth image: near is warm, black has no reading",
+        "depth": "the depth image (red is near)",
         "rgb": "the colour image",
     }
     caption = (

@@ -52,7 +52,7 @@ def frame_table(models: Sequence[ModelResult], frame: int) -> str:
         rows.append(f"<tr><td>{number}</td>{cells}</tr>")
     return (
         '<div class="scroll"><table><thead>'
-        f"<tr><th></th>{groups}</tr><tr><th>tree</th>{heads * len(QUANTITY_STYLES)}</tr>"
+        f'<tr><th rowspan="2">tree</th>{groups}</tr><tr>{heads * len(QUANTITY_STYLES)}</tr>'
         f"</thead><tbody>{''.join(rows)}</tbody></table></div>"
     )
 
