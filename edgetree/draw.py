@@ -49,7 +49,7 @@ def draw_trees(
         (H, W, 3) uint8 BGR. Lines and text grow with the picture's height.
     """
     canvas = picture.copy()
-    scale = max(picture.shape[0] / 720, 0.6)
+    scale = max(picture.shape[0] / 720, 0.75)
     far_first = np.argsort(trees.boxes_px[:, 3], kind="stable")
     for index in far_first:
         _draw_mask(canvas, trees, int(index), _colour(index))

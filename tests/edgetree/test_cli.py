@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, NoReturn
 import cv2
 import numpy as np
 import pytest
+import typer
 
 import calib
 import edgetree
@@ -267,6 +268,16 @@ def test_an_interrupt_is_one_line_and_leaves_nothing(
     assert done == (130, "", "edgetree: interrupted\n")
     assert not jsonl.exists()
     assert not out.exists()
+
+
+def test_an_interrupt_that_typer_reports_is_the_same(
+    run_cli: Cli, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def aborted(*_: object) -> NoReturn:
+        raise typer.Abort
+
+    monkeypatch.setattr(typer.main, "get_command", aborted)
+    assert run_cli("run", "x") == (130, "", "edgetree: interrupted\n")
 
 
 class _ForeignError(Exception):

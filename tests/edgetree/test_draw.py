@@ -52,25 +52,42 @@ def test_the_label_stands_beside_the_stem_and_inside_the_picture() -> None:
     assert not (plate & _trees().mask(0)).any()
 
 
-def test_plates_of_close_trees_do_not_cover_each_other() -> None:
+def _side_by_side(distance_px: float) -> TreeDetections:
     one = _trees()
-    shift = np.array([45, 0, 45, 0], np.float32)
-    point_shift = np.array([45, 0, 0], np.float32)
     assert one.keypoints_px is not None
-    assert one.masks is not None
-    both = TreeDetections(
-        boxes_px=np.concatenate([one.boxes_px, one.boxes_px + shift]),
+    box_shift = np.array([distance_px, 0, distance_px, 0], np.float32)
+    point_shift = np.array([distance_px, 0, 0], np.float32)
+    return TreeDetections(
+        boxes_px=np.concatenate([one.boxes_px, one.boxes_px + box_shift]),
         scores=np.array([0.9, 0.8], np.float32),
         keypoints_px=np.concatenate([one.keypoints_px, one.keypoints_px + point_shift]),
-        masks=np.concatenate([one.masks, one.masks]),
+        masks=np.ones((2, 28, 28), np.float32),
         image_width=one.image_width,
         image_height=one.image_height,
     )
+
+
+def _plates(trees: TreeDetections, labels: list[list[str]]) -> NDArray[np.bool_]:
+    """Pixels that differ with labels: the plates, and their thin leaders."""
+    picture = np.full((trees.image_height, trees.image_width, 3), 50, np.uint8)
+    bare = draw_trees(picture, trees, [[] for _ in labels])
+    return np.asarray((draw_trees(picture, trees, labels) != bare).any(axis=2))
+
+
+def test_plates_do_not_cover_each_other() -> None:
     label = ["Ø 0.312 ±0.008 m"]
-    bare = _changed(both, [[], []]).sum()
-    single = _changed(one, [label]).sum() - _changed(one, [[]]).sum()
-    two = _changed(both, [label, label]).sum() - bare
-    assert two > 1.9 * single
+    both = _side_by_side(0)
+    one = _plates(both, [label, []]).sum()
+    assert _plates(both, [label, label]).sum() > 1.9 * one
+
+
+def test_plates_do_not_cover_a_neighbours_stem() -> None:
+    label = ["Ø 0.312 ±0.008 m"]
+    both = _side_by_side(60)
+    plates = _plates(both, [label, label])
+    assert plates.sum() > 2000
+    for index in range(2):
+        assert (plates & both.mask(index)).sum() < 30
 
 
 def test_a_tree_at_the_edge_and_a_tiny_picture_are_drawn() -> None:

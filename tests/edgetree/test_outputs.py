@@ -15,7 +15,9 @@ def test_a_file_appears_when_it_is_whole(tmp_path: Path) -> None:
     with replacing(path) as temporary:
         temporary.write_text("whole")
         assert not path.exists()
+        written = temporary.stat().st_ino
     assert path.read_text() == "whole"
+    assert path.stat().st_ino == written, "renamed, not copied"
     assert list(tmp_path.iterdir()) == [path]
     (tmp_path / "plain").touch()
     assert path.stat().st_mode == (tmp_path / "plain").stat().st_mode
