@@ -65,9 +65,9 @@ def draw_trees(
 
 
 def picture_of_depth(depth_m: NDArray[np.float32], far_m: float = 20.0) -> Picture:
-    """Depth (H, W) in metres as colours, near ones warm; black where there is no reading."""
+    """Depth (H, W) in metres as muted colours, near ones bright; black where it has no reading."""
     nearness = np.clip(1.0 - depth_m / far_m, 0.0, 1.0)
-    colours = cv2.applyColorMap((nearness * 255).astype(np.uint8), cv2.COLORMAP_TURBO)
+    colours = cv2.applyColorMap((32 + nearness * 168).astype(np.uint8), cv2.COLORMAP_BONE)
     colours[depth_m <= 0.0] = 0
     return np.asarray(colours, dtype=np.uint8)
 

@@ -22,7 +22,8 @@ class SampleTree:
 
     Attributes:
         box_px: (4,) float32 x0, y0, x1, y1 around the visible lower stem.
-        keypoints_px: (5, 3) float32 x, y, flag (2 visible, 1 hidden, 0 outside the frame).
+        keypoints_px: (5, 3) float32 x, y, flag (2 visible, 1 hidden, 0 outside the
+            frame, and then x and y are 0).
         diameter_m: of the stem, on the section through the diameter keypoints.
         cut_height_m: of the felling cut above the ground on the uphill side.
         distance_m: range from the camera's centre to the stem's axis at the cut.

@@ -103,7 +103,7 @@ class _Work:
         with ExitStack() as stack:
             pictures = None if self.out is None else stack.enter_context(output_folder(self.out))
             stream = stack.enter_context(self._line_stream())
-            on_screen = stream is sys.stdout and sys.stdout.isatty()
+            on_screen = not (self.jsonl or self.as_json) and sys.stdout.isatty()
             for frame in track(frames, "detecting", frames.count, shown=not on_screen):
                 result = process(frame, detector, camera)
                 record = frame_record(result)

@@ -100,7 +100,6 @@ def test_depth_becomes_a_picture_with_holes_black() -> None:
     picture = picture_of_depth(depth_m)
     assert picture.shape == (1, 4, 3)
     assert (picture[0, 0] == 0).all()
-    near, far = picture[0, 1].astype(int), picture[0, 2].astype(int)
-    assert near[2] > near[0], "near is red"
-    assert far[0] > 0
-    assert (near != far).any()
+    near, far, beyond = (int(picture[0, column].sum()) for column in (1, 2, 3))
+    assert near > far > 0, "near is bright"
+    assert beyond > 0, "what is far has a reading"
