@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from statistics import median
-from typing import Final, NamedTuple, TypeAlias
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -23,8 +23,6 @@ __all__ = [
 ]
 
 QUANTITIES: Final = ("diameter_m", "cut_height_m", "distance_m")
-
-JsonValue: TypeAlias = str | int | float | bool | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,19 +48,11 @@ class TreeComparison:
         value = getattr(self.measurement, quantity, None)
         return value.reason if isinstance(value, Failure) else None
 
-    def to_dict(self) -> dict[str, JsonValue]:
-        """Flat and JSON-ready; `true_*` beside what was measured or `*_failure`, metres."""
-        row: dict[str, JsonValue] = {"found": self.found, "score": self.score}
-        for quantity in QUANTITIES:
-            row[f"true_{quantity}"] = getattr(self.truth, quantity)
-            estimate = self.estimate(quantity)
-            name = quantity.removesuffix("_m")
-            if estimate is not None:
-                row[quantity] = estimate.value
-                row[f"{name}_std_m"] = estimate.std
-            elif (reason := self.failure(quantity)) is not None:
-                row[f"{name}_failure"] = reason
-        return row
+    def to_dict(self) -> dict[str, Any]:
+        """Flat and JSON-ready: `true_*` in metres, and all that was measured, or why it was not."""
+        truth = {f"true_{quantity}": getattr(self.truth, quantity) for quantity in QUANTITIES}
+        measured = {} if self.measurement is None else self.measurement.to_dict()
+        return {"found": self.found, "score": self.score, **truth, **measured}
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 from edgetree.demo.comparison import (
     QUANTITIES,
     FrameComparison,
-    JsonValue,
     QuantitySummary,
     summarise,
 )
@@ -116,7 +115,7 @@ class ModelResult:
             "trees": self._rows(),
         }
 
-    def _rows(self) -> list[dict[str, JsonValue]]:
+    def _rows(self) -> list[dict[str, Any]]:
         return [{"frame": f.frame, **tree.to_dict()} for f in self.frames for tree in f.trees]
 
 
@@ -138,7 +137,7 @@ class DemoResult:
     duration_s: float
     peak_memory_mib: float | None = None
     steps: tuple[Step, ...] = ()
-    figures: dict[str, JsonValue] = field(default_factory=dict)
+    figures: dict[str, Any] = field(default_factory=dict)
 
     def to_dict(self, report: str) -> dict[str, Any]:
         """The one JSON object of `edgetree demo --json`; `report` is where the report lies."""
