@@ -1,0 +1,43 @@
+"""What the measurement assumes about sensor, model and forest."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+from edgetree.errors import InputError
+
+__all__ = ["MeasureSettings"]
+
+
+@dataclass(frozen=True)
+class MeasureSettings:
+    """Assumptions of `measure_trees`; all positive.
+
+    Attributes:
+        keypoint_std_px: error of each keypoint along x and y, in pixels of the image.
+        depth_noise_per_m: standard deviation of the depth in metres at 1 m; at z metres it is
+            z² times that, as with stereo.
+        depth_correlation_px: within this many pixels the depth's errors are the same error.
+        lean_std_deg: how far stems lean from the vertical, before looking.
+        max_range_m: depth beyond it is not used.
+        max_diameter_m: stems that seem thicker are refused.
+        max_slope_deg: ground that seems steeper is refused.
+
+    Raises:
+        InputError: a value is not a positive number.
+    """
+
+    keypoint_std_px: float = 1.0
+    depth_noise_per_m: float = 0.002
+    depth_correlation_px: float = 4.0
+    lean_std_deg: float = 6.0
+    max_range_m: float = 25.0
+    max_diameter_m: float = 2.5
+    max_slope_deg: float = 45.0
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not (math.isfinite(value) and value > 0):
+                raise InputError(f"{field.name} is {value}: expected a positive number")

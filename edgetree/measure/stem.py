@@ -1,0 +1,209 @@
+"""Where a stem stands: distance and tilt of its axis from the depth inside its edges."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edgetree.measure.estimates import Failure
+from edgetree.measure.section import AxisFrame, Section, tangent_section
+from edgetree.measure.settings import MeasureSettings
+
+__all__ = ["Readings", "Stem", "fit_stem"]
+
+Float = NDArray[np.floating[Any]]
+
+# Readings nearer to an edge than this share of the half width may be of the background.
+_USED_WIDTH = 0.75
+_LEAST_READINGS = 4
+# Stems bend and taper: a straight one of constant radius is off by this share of the squared
+# length (1/m), so that what is seen close to the section counts most.
+_BEND_PER_M = 0.02
+_DRAWS = 48
+_ROUNDS = 4
+_CUTOFF = 4.0
+# The assumed noise counts as much as this many independent readings.
+_NOISE_PRIOR = 8.0
+# Lines tilted by more than this many standard deviations are not tried.
+_STEEPEST = 6.0
+
+
+class Readings(NamedTuple):
+    """Depth on one stem: `rays` (N, 3) with z = 1, `depth_m` (N,), and `cell` (N,), the same
+    number where the sensor's errors are the same.
+    """
+
+    rays: Float
+    depth_m: Float
+    cell: NDArray[np.integer[Any]]
+
+
+@dataclass(frozen=True, eq=False)
+class Stem:
+    """A stem near its section.
+
+    Attributes:
+        section: its edges and axis.
+        distance_m: from the camera to the axis at the section, across the axis.
+        distance_std_m: its standard deviation.
+        tilt_std_rad: standard deviation of the axis' angle towards or away from the camera.
+        readings: how many independent readings it rests on.
+    """
+
+    section: Section
+    distance_m: float
+    distance_std_m: float
+    tilt_std_rad: float
+    readings: int
+
+    @property
+    def radius_m(self) -> float:
+        """Radius at the section."""
+        return self.distance_m * float(np.sin(self.section.half_angle_rad))
+
+    def axis_point(self, ray: Float) -> Float:
+        """(3,) point of the axis level with where a ray (3,) meets the front of the stem.
+
+        Only the ray's height counts: what it lies off the axis' plane is taken as error.
+        """
+        section = self.section
+        middle = section.centre - section.height * section.frame.along
+        slope = float(ray @ section.frame.along) / float(ray @ middle)
+        front = slope * section.front_share * section.frame.along
+        return np.asarray(self.distance_m * (middle + front))
+
+    def front_point(self, ray: Float) -> Float:
+        """(3,) point of the bark before `axis_point`."""
+        section = self.section
+        middle = section.centre - section.height * section.frame.along
+        return np.asarray(self.axis_point(ray) - self.radius_m * middle)
+
+
+class _Line(NamedTuple):
+    """1 / distance = at_section + slope * (height - the section's), and their covariance."""
+
+    at_section: float
+    slope: float
+    covariance: Float
+    cells: int
+
+
+def fit_stem(
+    readings: Readings,
+    edges: tuple[Float, Float],
+    frame: AxisFrame,
+    lean_std_rad: float,
+    settings: MeasureSettings,
+) -> Stem | Failure:
+    """Fit distance and tilt to the readings between the edges.
+
+    Every reading gives a distance by itself, since the section says how far behind the foremost
+    point it lies. Their inverse, in which the noise of stereo is the same at every distance, is
+    linear in the height along the axis, with a slope that is the axis' tilt.
+
+    Args:
+        readings: depth inside the stem's mask.
+        edges: rays (3,) that graze the stem left and right.
+        frame: the axis as the picture and the vertical give it.
+        lean_std_rad: how far the true axis may tilt from it, towards or away from the camera.
+        settings: noise of the depth.
+    """
+    tilt_rad = 0.0
+    line: _Line | None = None
+    section = tangent_section(frame, *edges)
+    for first in (True, False, False):
+        offset, share, height = section.look(readings.rays)
+        used = np.abs(offset) < max(_USED_WIDTH, _closest(offset))
+        if np.count_nonzero(used) < _LEAST_READINGS:
+            return Failure("no depth on the stem")
+        inverse = share[used] / readings.depth_m[used]
+        prior = (-tilt_rad, lean_std_rad)
+        line = _fit_line(
+            height[used] - section.height, inverse, share[used], readings.cell[used], prior,
+            settings.depth_noise_per_m, first,
+        )  # fmt: skip
+        if line is None:
+            return Failure("the depth on the stem does not agree with itself")
+        tilt_rad += float(np.arctan(-line.slope / line.at_section))
+        section = tangent_section(frame.tilted(float(np.tan(tilt_rad))), *edges)
+    assert line is not None
+    distance_m = 1 / line.at_section
+    std = np.sqrt(np.diag(line.covariance))
+    return Stem(
+        section, distance_m, float(std[0]) * distance_m**2, float(std[1]) * distance_m, line.cells
+    )
+
+
+def _closest(offset: Float) -> float:
+    """A little more than the smallest |offset|: a stem of one pixel's width has that pixel."""
+    return min(0.95, float(np.abs(offset).min(initial=1.0)) + 1e-6)
+
+
+def _fit_line(
+    height: Float,
+    inverse: Float,
+    share: Float,
+    cell: NDArray[np.integer[Any]],
+    tilt_prior: tuple[float, float],
+    noise_per_m: float,
+    search: bool,
+) -> _Line | None:
+    """Robust line through inverse distances, its slope held by a prior of the tilt.
+
+    Of many lines through two readings the one that most others support is taken first (only
+    where `search`: later rounds start level), then reweighted least squares with Tukey's weights.
+    Readings of one cell count as one.
+    """
+    scale = float(np.median(inverse))
+    expected = np.hypot(noise_per_m * float(np.median(share)), _BEND_PER_M * height**2)
+    prior = (-np.tan(tilt_prior[0]) * scale, np.tan(tilt_prior[1]) * scale)
+    line = np.array([scale, prior[0]])
+    if search:
+        line = _best_line(height, inverse, expected, prior)
+    prior_information = np.diag([0.0, 1 / prior[1] ** 2])
+    basis = np.stack([np.ones_like(height), height])
+    variance, information, kept = 1.0, prior_information, height > np.inf
+    for _ in range(_ROUNDS):
+        ratio = (inverse - line @ basis) / expected
+        tukey = np.clip(1 - (ratio / (_CUTOFF * np.sqrt(variance))) ** 2, 0, None) ** 2
+        kept = tukey > 0
+        if np.count_nonzero(kept) < _LEAST_READINGS:
+            return None
+        weight = tukey / _shared(cell, kept)
+        variance = (_NOISE_PRIOR + float(weight @ ratio**2)) / (_NOISE_PRIOR + float(weight.sum()))
+        weight = weight / (variance * expected**2)
+        information = (basis * weight) @ basis.T + prior_information
+        right = basis @ (weight * inverse) + prior_information @ np.array([0.0, prior[0]])
+        line = np.linalg.solve(information, right)
+    if line[0] <= 0:
+        return None
+    cells = len(np.unique(cell[kept]))
+    return _Line(float(line[0]), float(line[1]), np.linalg.inv(information), cells)
+
+
+def _shared(cell: NDArray[np.integer[Any]], kept: NDArray[np.bool_]) -> Float:
+    """(N,) how many of the kept readings lie in the cell of each reading, at least 1."""
+    counts = np.bincount(cell, weights=kept)
+    return np.asarray(np.maximum(counts[cell], 1.0))
+
+
+def _best_line(
+    height: Float, inverse: Float, expected: Float, prior: tuple[float, float]
+) -> Float:
+    """(2,) value and slope of the line through two readings that most others support."""
+    rng = np.random.default_rng(0)
+    first, second = rng.integers(len(height), size=(2, _DRAWS))
+    rise = height[second] - height[first]
+    far = np.abs(rise) > 1e-3
+    slopes = np.where(far, (inverse[second] - inverse[first]) / np.where(far, rise, 1.0), prior[0])
+    # Noise tilts short lines wildly; half of the lines therefore take the expected tilt.
+    slopes = np.clip(slopes, prior[0] - _STEEPEST * prior[1], prior[0] + _STEEPEST * prior[1])
+    slopes[::2] = prior[0]
+    values = inverse[first] - slopes * height[first]
+    ratio = (inverse - values[:, None] - slopes[:, None] * height) / expected
+    support = (np.abs(ratio) < _CUTOFF).sum(1)
+    best = int(np.argmax(support - ((slopes - prior[0]) / prior[1]) ** 2))
+    return np.array([values[best], slopes[best]])

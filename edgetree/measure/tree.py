@@ -1,0 +1,154 @@
+"""One tree in metres."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib import PinholeCamera, pixels_to_rays
+from edgetree.detections import KEYPOINT_NAMES
+from edgetree.measure.axis import fit_axis
+from edgetree.measure.estimates import Estimate, Failure, TreeMeasurement
+from edgetree.measure.frame import DepthFrame
+from edgetree.measure.ground import GROUND_REACH_M, BaseGround, fit_base_ground
+from edgetree.measure.section import AxisFrame
+from edgetree.measure.settings import MeasureSettings
+from edgetree.measure.stem import Stem, fit_stem
+
+__all__ = ["measure_tree"]
+
+Float = NDArray[np.floating[Any]]
+
+_CUT, _LEFT, _RIGHT, _MIDDLE, _TOP = range(len(KEYPOINT_NAMES))
+_CAMERA_UP = np.array([0.0, -1.0, 0.0])
+# Without a given vertical the camera's own up stands in, mounted or held this crookedly.
+_CAMERA_UP_STD_DEG = 15.0
+_GROUND_TILT_STD_RAD = 0.03
+_LEAST_WIDTH_PX = 1.0
+_LEAST_DIAMETER_M = 0.02
+_MOST_RELATIVE_STD = 0.5
+
+
+def measure_tree(
+    frame: DepthFrame, index: int, box_px: Float, keypoints: Float, up: Float | None
+) -> TreeMeasurement:
+    """Measure tree `index` of a frame.
+
+    Args:
+        frame: depth, camera, masks and settings.
+        index: the tree's place among the masks.
+        box_px: (4,) its box.
+        keypoints: (5, 3) float64 x px, y px, score.
+        up: (3,) unit vector of the vertical; None takes the ground's normal.
+    """
+    settings = frame.settings
+    given = np.isfinite(keypoints).all(1) & (keypoints[:, 2] > 0)
+    if not (given[_LEFT] and given[_RIGHT]):
+        return TreeMeasurement.failed("the diameter keypoints are not in the image")
+    width_px = float(np.linalg.norm(keypoints[_RIGHT, :2] - keypoints[_LEFT, :2]))
+    if width_px < _LEAST_WIDTH_PX:
+        return TreeMeasurement.failed(f"the diameter keypoints are {width_px:.1f} px apart")
+    rays = pixels_to_rays(frame.camera, np.where(given[:, None], keypoints[:, :2], 0.0))
+    edges = (rays[_LEFT], rays[_RIGHT])
+    keypoint_rad = settings.keypoint_std_px * _pixel_rad(frame.camera, sum(edges) / 2)
+    axis, roll_std_rad = _axis(rays, given, keypoint_rad, up, settings)
+    lean_std_rad = _lean_std_rad(up, settings)
+    stem = fit_stem(frame.stem_readings(index, box_px), edges, axis, lean_std_rad, settings)
+    if isinstance(stem, Failure):
+        return TreeMeasurement.failed(stem.reason)
+    diameter = _diameter(stem, keypoint_rad, settings)
+    if isinstance(diameter, Failure):
+        return TreeMeasurement.failed(diameter.reason)
+    cut_ray = rays[_CUT] if given[_CUT] else None
+    # Where the cut is not in the image, the ground is still looked for, below the section.
+    cut = stem.axis_point(edges[0] if cut_ray is None else cut_ray)
+    points = frame.ground_points(cut, GROUND_REACH_M)
+    ground = fit_base_ground(points, cut, up, settings)
+    inclination = _inclination(stem, roll_std_rad, up, ground)
+    if cut_ray is None:
+        missing = Failure("the felling cut is not in the image")
+        return TreeMeasurement(diameter, missing, inclination, missing, missing)
+    distance = _distance(stem, cut, keypoint_rad)
+    height = _cut_height(stem, cut, ground, distance)
+    return TreeMeasurement(diameter, height, inclination, distance, stem.front_point(cut_ray))
+
+
+def _pixel_rad(camera: PinholeCamera, ray: Float) -> float:
+    """The angle of one pixel around a ray (3,)."""
+    return float(1 / (camera.fx * np.linalg.norm(ray)))
+
+
+def _lean_std_rad(up: Float | None, settings: MeasureSettings) -> float:
+    """How far a stem may stand off the vertical that is known."""
+    crooked_deg = _CAMERA_UP_STD_DEG if up is None else 0.0
+    return float(np.radians(np.hypot(settings.lean_std_deg, crooked_deg)))
+
+
+def _axis(
+    rays: Float,
+    given: NDArray[np.bool_],
+    keypoint_rad: float,
+    up: Float | None,
+    settings: MeasureSettings,
+) -> tuple[AxisFrame, float]:
+    """The axis in the picture, from the section's middle and the axis keypoints there are."""
+    section = rays[[_LEFT, _RIGHT]]
+    middle = (section / np.linalg.norm(section, axis=1, keepdims=True)).sum(0)
+    points, stds = [middle], [keypoint_rad / np.sqrt(2)]
+    for index in (_MIDDLE, _TOP):
+        if given[index]:
+            points.append(rays[index])
+            stds.append(keypoint_rad)
+    vertical = _CAMERA_UP if up is None else up
+    return fit_axis(np.array(points), np.array(stds), vertical, _lean_std_rad(up, settings))
+
+
+def _diameter(stem: Stem, keypoint_rad: float, settings: MeasureSettings) -> Estimate | Failure:
+    """Twice the radius; the edges' errors count with the width's cotangent."""
+    value = 2 * stem.radius_m
+    half_angle = stem.section.half_angle_rad
+    from_edges = keypoint_rad / np.sqrt(2) / np.tan(half_angle)
+    std = value * float(np.hypot(stem.distance_std_m / stem.distance_m, from_edges))
+    if not _LEAST_DIAMETER_M <= value <= settings.max_diameter_m:
+        return Failure(f"a diameter of {value:.2f} m is not plausible")
+    if std > _MOST_RELATIVE_STD * value:
+        return Failure(f"the diameter is too uncertain: {value:.2f} m ± {std:.2f} m")
+    return Estimate(value, std)
+
+
+def _distance(stem: Stem, cut: Float, keypoint_rad: float) -> Estimate:
+    value = float(np.linalg.norm(cut))
+    along = float(cut @ stem.section.frame.along)
+    from_depth = stem.distance_std_m * value / stem.distance_m
+    return Estimate(value, float(np.hypot(from_depth, along / value * keypoint_rad * value)))
+
+
+def _cut_height(
+    stem: Stem, cut: Float, ground: BaseGround | Failure, distance: Estimate
+) -> Estimate | Failure:
+    if isinstance(ground, Failure):
+        return ground
+    along = stem.section.frame.along
+    rise = float(cut @ ground.up) / distance.value
+    return ground.cut_height_m(cut, along, stem.radius_m, abs(rise) * distance.std)
+
+
+def _inclination(
+    stem: Stem, roll_std_rad: float, up: Float | None, ground: BaseGround | Failure
+) -> Estimate | Failure:
+    """The axis against the vertical; its error along the direction of the lean."""
+    if up is None and isinstance(ground, Failure):
+        return Failure(f"no vertical: {ground.reason}")
+    vertical = up if isinstance(ground, Failure) else ground.up
+    assert vertical is not None
+    frame = stem.section.frame
+    roll, tilt = float(vertical @ frame.across), float(vertical @ frame.away)
+    value = float(np.degrees(np.arccos(np.clip(vertical @ frame.along, -1.0, 1.0))))
+    total = roll**2 + tilt**2
+    share = roll**2 / total if total > 0 else 0.5
+    variance = share * roll_std_rad**2 + (1 - share) * stem.tilt_std_rad**2
+    if up is None:
+        variance += _GROUND_TILT_STD_RAD**2
+    return Estimate(value, float(np.degrees(np.sqrt(variance))))
