@@ -22,9 +22,9 @@ _STEPS = 200
 
 
 def demo(
-    out: Annotated[
-        Path, typer.Option(help="Folder for the report; made if needed.")
-    ] = Path("edgetree-demo"),
+    out: Annotated[Path, typer.Option(help="Folder for the report; made if needed.")] = Path(
+        "edgetree-demo"
+    ),
     train: Annotated[
         bool,
         typer.Option(
@@ -39,7 +39,8 @@ def demo(
 
     Prints the path of the report, one HTML file with everything in it.
     """
-    from edgetree.demo import run_embedded, run_trained, write_report
+    from edgetree.demo import run_embedded, write_report
+    from edgetree.demo.training import run_trained
     from edgetree.outputs import output_folder
 
     with output_folder(out):

@@ -1,0 +1,182 @@
+"""The whole chain, small: simulate, train, evaluate, export with its parity check, demonstrate."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Final
+
+from edgetree.demo.held_out import held_out_frames
+from edgetree.demo.result import DemoResult, Step
+from edgetree.demo.running import Progress, demonstrate
+from edgetree.errors import MissingDependency
+
+__all__ = ["run_trained"]
+
+_NEEDED: Final = (
+    "torch",
+    "torchvision",
+    "timm",
+    "pycocotools",
+    "safetensors",
+    "numba",
+    "onnx",
+    "onnxscript",
+    "onnxruntime",
+)
+_FRAMES: Final = 360
+_FRAME_SIZE_PX: Final = (640, 360)
+_INPUT_SIZE_PX: Final = (512, 288)
+_TRAIN_MINUTES: Final = 8.0
+_SHOWN_FRAMES: Final = 6
+_SEED: Final = 7
+
+
+def run_trained(folder: Path, on_progress: Progress) -> DemoResult:
+    """Make a depth model from nothing and demonstrate it on scenes that it was not trained on.
+
+    Everything made stays in `folder`: `data`, `training` and `model.onnx`. What an interrupted
+    run left there is used.
+
+    Args:
+        folder: where to work; it exists.
+        on_progress: told of the progress.
+
+    Raises:
+        MissingDependency: an extra is not installed; the message says how to install it.
+        CheckFailed: the exported file does not detect what the trained model detects.
+    """
+    _require_extras()
+    start_s = time.perf_counter()
+    chain = _Chain(folder, on_progress)
+    chain.simulate()
+    checkpoint = chain.train()
+    chain.evaluate(checkpoint)
+    model = chain.export(checkpoint)
+    frames = held_out_frames(chain.data, "test", _SHOWN_FRAMES)
+    result = demonstrate([model], frames, chain.progress_within(0.96, 1.0))
+    return replace(
+        result,
+        steps=tuple(chain.steps),
+        figures=chain.figures,
+        duration_s=time.perf_counter() - start_s,
+    )
+
+
+def _require_extras() -> None:
+    missing = [name for name in _NEEDED if find_spec(name) is None]
+    if missing:
+        raise MissingDependency(
+            f"demo --train needs {', '.join(missing)}:"
+            " pip install 'edgetree[cpu,train,export,sim]', in a clone '.[cpu,train,export,sim]'"
+        )
+
+
+class _Chain:
+    """The steps in their order, each noted with its outcome and time."""
+
+    def __init__(self, folder: Path, on_progress: Progress) -> None:
+        self.data = folder / "data"
+        self.steps: list[Step] = []
+        self.figures: dict[str, Any] = {}
+        self._folder = folder
+        self._on_progress = on_progress
+
+    def progress_within(self, first: float, last: float) -> Progress:
+        """Progress of a part of the work that lasts from `first` to `last` of the whole."""
+
+        def tell(share: float, what: str) -> None:
+            self._on_progress(first + share * (last - first), what)
+
+        return tell
+
+    def simulate(self) -> None:
+        """Frames with exact labels; the scenes of the test split are never trained on."""
+        from perceptree.simulator import CameraSettings, SimulatorSettings, generate_dataset
+
+        start_s = time.perf_counter()
+        tell = self.progress_within(0.0, 0.25)
+        width, height = _FRAME_SIZE_PX
+        report = generate_dataset(
+            self.data,
+            _FRAMES,
+            SimulatorSettings(camera=CameraSettings(width=width, height=height)),
+            seed=_SEED,
+            progress=lambda done, total: tell(done / total, "simulating a forest"),
+        )
+        frames, trees = sum(report.frames.values()), sum(report.trees.values())
+        self.figures["frames"] = report.frames
+        self._note("simulate", f"{frames} frames, {trees} labelled trees", start_s)
+
+    def train(self) -> Path:
+        """A depth model from random weights; the best checkpoint on the val split."""
+        from perceptree.models import light_spec
+        from perceptree.training import TrainSettings, train
+
+        start_s = time.perf_counter()
+        tell = self.progress_within(0.25, 0.9)
+        width, height = _INPUT_SIZE_PX
+        report = train(
+            light_spec("depth", height=height, width=width),
+            TrainSettings(minutes=_TRAIN_MINUTES, evaluations=2),
+            self.data,
+            self._folder / "training",
+            lambda status: tell(status.done, "training from random weights"),
+        )
+        self.figures["steps"] = report.steps
+        self._note("train", f"{report.steps} steps from random weights", start_s)
+        return report.checkpoint
+
+    def evaluate(self, checkpoint: Path) -> None:
+        """COCO average precision on the test split, in percent."""
+        from perceptree.data import FrameStore, read_split
+        from perceptree.evaluation import evaluate, predict_with
+        from perceptree.models import load_checkpoint
+
+        start_s = time.perf_counter()
+        self.progress_within(0.9, 0.93)(0.0, "evaluating on scenes not trained on")
+        model, _ = load_checkpoint(checkpoint)
+        store = FrameStore(read_split(self.data, "test"), model.spec)
+        metrics = evaluate(predict_with(model), store)
+        self.figures["test"] = metrics.to_dict()
+        kinds = {
+            "boxes": metrics.box_ap50,
+            "masks": metrics.mask_ap50,
+            "keypoints": metrics.keypoint_ap50,
+        }
+        precision = ", ".join(f"{name} {value:.1f}" for name, value in kinds.items() if value)
+        self._note(
+            "evaluate",
+            f"AP50 on {metrics.frames} frames of scenes not trained on: {precision}",
+            start_s,
+        )
+
+    def export(self, checkpoint: Path) -> Path:
+        """One ONNX file, refused if it does not detect what the checkpoint detects."""
+        from edgetree.export import export_model
+
+        start_s = time.perf_counter()
+        tell = self.progress_within(0.93, 0.96)
+        report = export_model(
+            checkpoint,
+            self._folder / "model.onnx",
+            data=self.data,
+            say=lambda what: tell(0.0, f"exporting: {what}"),
+        )
+        parity = report.parity.figures()
+        self.figures["parity"] = parity
+        self._note(
+            "export, prove parity",
+            f"{report.path.name}, {report.file_bytes / 1e6:.1f} MB; against the checkpoint on"
+            f" {parity['frames']} frames boxes differ by at most {parity['box_px_max']:.2g} px and"
+            f" scores by {parity['score_max']:.2g}",
+            start_s,
+        )
+        return report.path
+
+    def _note(self, name: str, outcome: str, start_s: float) -> None:
+        duration_s = time.perf_counter() - start_s
+        self.steps.append(Step(name, outcome, duration_s))
+        self.figures[f"{name.partition(',')[0]}_s"] = round(duration_s, 1)
