@@ -55,6 +55,8 @@ class PinholeCamera:
         With scale s, cx becomes s (cx + 0.5) - 0.5. Raises CameraError where the aspect changes
         by more than 1 %: then the image was cropped and the intrinsics do not follow.
         """
+        if width < 1 or height < 1:
+            raise CameraError(f"image size is {width}x{height}: expected at least 1x1")
         sx, sy = width / self.width, height / self.height
         if abs(sx / sy - 1) > _ASPECT_TOLERANCE:
             raise CameraError(

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from calib.errors import CalibError
+
 Float = NDArray[np.floating[Any]]
 
 CAMERA_UP = (0.0, -1.0, 0.0)
@@ -15,6 +17,7 @@ _LEAST_POINTS = 12
 _TRIALS = 120
 _LEAST_INLIERS = 0.3
 _REFINEMENTS = 3
+_NARROWEST = 0.01
 
 
 @dataclass(frozen=True)
@@ -57,34 +60,45 @@ def fit_ground_plane(
     ``up`` (3,) is the direction away from gravity in the camera frame (default: the camera's own
     up); planes steeper than ``max_slope_deg`` against it are not ground. ``tolerance_m`` is how
     far a point may lie from the plane to support it. Deterministic. Returns a falsy
-    GroundPlaneFailure where there are too few points or no plane holds a third of them.
+    GroundPlaneFailure where there are too few points or no plane holds a third of them. Raises
+    CalibError where ``up`` is no direction.
     """
     points = np.asarray(points_m, np.float64).reshape(-1, 3)
     points = points[np.isfinite(points).all(1)]
     if len(points) < _LEAST_POINTS:
         return GroundPlaneFailure(f"{len(points)} ground points, expected at least {_LEAST_POINTS}")
-    vertical = np.asarray(CAMERA_UP if up is None else up, np.float64)
-    vertical = vertical / np.linalg.norm(vertical)
-    support = _best_support(points, vertical, np.cos(np.radians(max_slope_deg)), tolerance_m)
+    vertical = _direction(CAMERA_UP if up is None else up)
+    least_cosine = float(np.cos(np.radians(max_slope_deg)))
+    support = _best_support(points, vertical, least_cosine, tolerance_m)
     if support is None:
         return GroundPlaneFailure(f"no plane flatter than {max_slope_deg:g} degrees")
     normal, offset = np.zeros(3), 0.0
     for _ in range(_REFINEMENTS):
         centre = points[support].mean(0)
-        normal = np.linalg.svd(points[support] - centre, full_matrices=False)[2][2]
-        normal = normal * np.sign(normal @ vertical or 1.0)
+        spreads, normals = np.linalg.svd(points[support] - centre, full_matrices=False)[1:]
+        if spreads[1] < _NARROWEST * spreads[0]:
+            return GroundPlaneFailure("the ground points lie on one line")
+        normal = normals[2] * np.sign(normals[2] @ vertical or 1.0)
         offset = float(-normal @ centre)
-        closer = np.abs(points @ normal + offset) < tolerance_m
-        if closer.sum() < 3:
-            break
-        support = closer
-    fraction = float(support.mean())
-    if fraction < _LEAST_INLIERS:
-        return GroundPlaneFailure(
-            f"the best plane holds {fraction:.0%} of the points, expected {_LEAST_INLIERS:.0%}"
-        )
+        support = np.abs(points @ normal + offset) < tolerance_m
+        fraction = float(support.mean())
+        if fraction < _LEAST_INLIERS:
+            return GroundPlaneFailure(
+                f"the best plane holds {fraction:.0%} of the points, expected {_LEAST_INLIERS:.0%}"
+            )
+    if normal @ vertical < least_cosine:
+        return GroundPlaneFailure(f"no plane flatter than {max_slope_deg:g} degrees")
     spread = float(np.std(points[support] @ normal + offset))
-    return GroundPlane(normal, offset, spread, fraction, int(support.sum()))
+    return GroundPlane(normal, offset, spread, float(support.mean()), int(support.sum()))
+
+
+def _direction(up: ArrayLike) -> Float:
+    """``up`` at unit length."""
+    vertical = np.asarray(up, np.float64)
+    length = float(np.linalg.norm(vertical)) if vertical.shape == (3,) else 0.0
+    if not (np.isfinite(length) and length > 0):
+        raise CalibError(f"up is {vertical.tolist()}: expected a direction of three numbers")
+    return vertical / length
 
 
 def _best_support(

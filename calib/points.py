@@ -13,7 +13,10 @@ from calib.pixels import image_to_opencv, opencv_to_image
 
 Float = NDArray[np.floating[Any]]
 
-_UNDISTORT_STEPS = 20
+_UNDISTORT_STEPS = 10
+_LEAST_DETERMINANT = 0.05
+_LONGEST_STEP = 0.3
+_WIDEST = 5.0
 
 
 def _distort(camera: PinholeCamera, x: Float, y: Float) -> tuple[Float, Float]:
@@ -28,13 +31,28 @@ def _distort(camera: PinholeCamera, x: Float, y: Float) -> tuple[Float, Float]:
 
 
 def _undistort(camera: PinholeCamera, x: Float, y: Float) -> tuple[Float, Float]:
-    """Inverse of ``_distort`` by fixed-point iteration, as OpenCV does it."""
-    undistorted_x, undistorted_y = x, y
+    """Inverse of ``_distort`` by Newton's method, with bounded steps.
+
+    Far from the centre a model may fold back, so that no point reaches a pixel: such pixels get
+    a finite point near the fold.
+    """
+    k1, k2, p1, p2, k3 = (*camera.distortion, 0.0)[:5]
+    u, v = x, y
     for _ in range(_UNDISTORT_STEPS):
-        moved_x, moved_y = _distort(camera, undistorted_x, undistorted_y)
-        undistorted_x = undistorted_x + (x - moved_x)
-        undistorted_y = undistorted_y + (y - moved_y)
-    return undistorted_x, undistorted_y
+        moved_x, moved_y = _distort(camera, u, v)
+        squared = u * u + v * v
+        radial = 1 + squared * (k1 + squared * (k2 + squared * k3))
+        slope = 2 * (k1 + squared * (2 * k2 + squared * 3 * k3))
+        du_dx = radial + slope * u * u + 2 * p1 * v + 6 * p2 * u
+        dv_dy = radial + slope * v * v + 6 * p1 * v + 2 * p2 * u
+        mixed = slope * u * v + 2 * p1 * u + 2 * p2 * v
+        determinant = np.maximum(du_dx * dv_dy - mixed * mixed, _LEAST_DETERMINANT)
+        miss_x, miss_y = x - moved_x, y - moved_y
+        step_u = (dv_dy * miss_x - mixed * miss_y) / determinant
+        step_v = (du_dx * miss_y - mixed * miss_x) / determinant
+        u = np.clip(u + np.clip(step_u, -_LONGEST_STEP, _LONGEST_STEP), -_WIDEST, _WIDEST)
+        v = np.clip(v + np.clip(step_v, -_LONGEST_STEP, _LONGEST_STEP), -_WIDEST, _WIDEST)
+    return u, v
 
 
 def pixels_to_rays(camera: PinholeCamera, xy_px: ArrayLike) -> Float:

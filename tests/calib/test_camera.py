@@ -1,0 +1,104 @@
+"""Cameras refuse what no camera is, resize with their image and survive their file."""
+
+import json
+import math
+from dataclasses import FrozenInstanceError
+from pathlib import Path
+
+import pytest
+
+from calib import CameraError, InputFileError, PinholeCamera, load_camera, save_camera
+
+CAMERA = PinholeCamera(1280, 720, 700.0, 701.0, 641.5, 355.0, (-0.1, 0.02, 1e-3, -2e-3, 5e-3))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"width": 0}, "image size is 0x720: expected at least 1x1"),
+        ({"fx": -700.0}, "fx is -700.0: expected a positive number"),
+        ({"fy": math.nan}, "fy is nan: expected a positive number"),
+        ({"cx": 1e6}, "cx is 1000000.0: expected a point near the image, 1280 px"),
+        ({"cy": math.inf}, "cy is inf: expected a point near the image, 720 px"),
+        ({"distortion": [0.1, 0.2]}, "distortion has 2 terms: expected none, 4"),
+        ({"distortion": [0.1, math.nan, 0, 0]}, "expected finite numbers"),
+    ],
+)
+def test_impossible_cameras_are_refused(change: dict[str, object], message: str) -> None:
+    with pytest.raises(CameraError) as caught:
+        PinholeCamera.from_dict({**CAMERA.to_dict(), **change})
+    assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"fx": "700"}, "camera field fx is '700': expected a number"),
+        ({"cx": None}, "camera field cx is None: expected a number"),
+        ({"height": True}, "camera field height is True: expected a number"),
+        ({"width": 12.5}, "camera field width is 12.5: expected whole pixels"),
+        ({"distortion": "none"}, "camera field distortion is 'none': expected numbers"),
+        ({"distortion": ["a"] * 4}, "expected numbers"),
+    ],
+)
+def test_fields_of_another_type_are_named(change: dict[str, object], message: str) -> None:
+    with pytest.raises(CameraError) as caught:
+        PinholeCamera.from_dict({**CAMERA.to_dict(), **change})
+    assert message in str(caught.value)
+
+
+def test_a_camera_cannot_change() -> None:
+    with pytest.raises(FrozenInstanceError):
+        CAMERA.fx = 1.0  # type: ignore[misc]
+
+
+def test_resizing_keeps_the_corners_where_they_are() -> None:
+    half = CAMERA.scaled(640, 360)
+    assert (half.width, half.height) == (640, 360)
+    assert (half.fx, half.fy) == (350.0, 350.5)
+    assert half.cx == 0.5 * (641.5 + 0.5) - 0.5
+    assert half.cy == 0.5 * (355.0 + 0.5) - 0.5
+    assert half.distortion == CAMERA.distortion
+    assert half.scaled(1280, 720) == CAMERA
+
+
+@pytest.mark.parametrize("size", [(640, 480), (1280, 700), (0, 0), (10, 0)])
+def test_another_aspect_is_refused(size: tuple[int, int]) -> None:
+    with pytest.raises(CameraError, match="expected"):
+        CAMERA.scaled(*size)
+
+
+def test_a_camera_survives_its_file(tmp_path: Path) -> None:
+    path = tmp_path / "camera.json"
+    save_camera(path, CAMERA)
+    assert load_camera(path) == CAMERA
+    assert json.loads(path.read_text())["schema"] == "calib.camera/1"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{", "not JSON"),
+        ("[1]", "schema is 'list', expected 'calib.camera/1'"),
+        ('{"schema": "other/1"}', "schema is 'other/1', expected 'calib.camera/1'"),
+        ('{"schema": "calib.camera/1", "width": 3}', "camera field height is None"),
+    ],
+)
+def test_bad_camera_files_are_named(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "camera.json"
+    path.write_text(text)
+    with pytest.raises((InputFileError, CameraError)) as caught:
+        load_camera(path)
+    assert str(path) in str(caught.value)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_files_that_are_not_there_are_named(tmp_path: Path) -> None:
+    with pytest.raises(InputFileError, match=r"nothing\.json: no such file, expected a camera"):
+        load_camera(tmp_path / "nothing.json")
+    with pytest.raises(InputFileError, match="cannot be read"):
+        load_camera(tmp_path)
+    with pytest.raises(InputFileError, match="cannot be written"):
+        save_camera(tmp_path / "no folder" / "camera.json", CAMERA)

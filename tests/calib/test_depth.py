@@ -1,0 +1,105 @@
+"""Depth in metres, in the paper's 8 bits and in millimetres on disk."""
+
+import math
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from calib import (
+    DepthEncoding,
+    DepthError,
+    InputFileError,
+    decode_depth,
+    encode_depth,
+    read_depth,
+    write_depth,
+)
+
+
+def test_the_default_encoding_is_linear_to_20_metres() -> None:
+    depth_m = np.array([[0.0, 0.02, 5.0, 10.0, 20.0, 40.0]], np.float32)
+    grey = encode_depth(depth_m, DepthEncoding())
+    assert grey.dtype == np.uint8
+    assert grey.tolist() == [[255, 0, 64, 128, 255, 255]]
+
+
+def test_values_that_are_no_reading_are_encoded_as_such() -> None:
+    encoding = DepthEncoding(1.0, 9.0, 10, 200, 3)
+    depth_m = np.array([[0.0, -1.0, math.nan, math.inf, 0.5, 1.0, 9.0, 12.0]])
+    assert encode_depth(depth_m, encoding).tolist() == [[3, 3, 3, 3, 10, 10, 200, 200]]
+
+
+@pytest.mark.parametrize(
+    "encoding",
+    [DepthEncoding(), DepthEncoding(0.5, 12.0, 250, 5, 0), DepthEncoding(0, 8, 1, 255, 0)],
+)
+def test_decoding_is_within_half_a_grey(encoding: DepthEncoding) -> None:
+    step_m = (encoding.far_m - encoding.near_m) / abs(encoding.far_value - encoding.near_value)
+    depth_m = np.linspace(encoding.near_m + 0.01, encoding.far_m - step_m, 500)[None]
+    back = decode_depth(encode_depth(depth_m, encoding), encoding)
+    assert back.dtype == np.float32
+    assert np.abs(back - depth_m).max() <= step_m / 2 + 1e-5
+
+
+def test_far_and_unknown_decode_to_no_reading() -> None:
+    encoding = DepthEncoding(0.0, 20.0, 10, 200, 3)
+    grey = np.array([[3, 200, 255, 5, 105]], np.uint8)
+    assert decode_depth(grey, encoding).tolist() == [[0.0, 0.0, 0.0, 0.0, 10.0]]
+
+
+def test_an_encoding_survives_its_dict() -> None:
+    encoding = DepthEncoding(0.5, 12.0, 250, 5, 0)
+    assert DepthEncoding.from_dict(encoding.to_dict()) == encoding
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"near_m": 20.0}, "expected 0 <= near_m < far_m"),
+        ({"far_m": math.inf}, "expected 0 <= near_m < far_m"),
+        ({"far_value": 256}, "far_value is 256: expected 0 to 255"),
+        ({"far_value": 0}, "near_value and far_value are both 0: expected two"),
+        ({"near_m": "0"}, "depth encoding field near_m is '0': expected a number"),
+        ({"extra": 1}, "depth encoding has fields"),
+    ],
+)
+def test_impossible_encodings_are_refused(change: dict[str, object], message: str) -> None:
+    with pytest.raises(DepthError) as caught:
+        DepthEncoding.from_dict({**DepthEncoding().to_dict(), **change})
+    assert message in str(caught.value)
+
+
+def test_depth_survives_its_file_to_the_millimetre(tmp_path: Path) -> None:
+    path = tmp_path / "depth.png"
+    depth_m = np.array([[0.0, 1.2345, 65.535], [65.6, math.nan, -2.0]], np.float32)
+    write_depth(path, depth_m)
+    back = read_depth(path)
+    assert back.dtype == np.float32
+    expected = [[0.0, 1.234, 65.535], [0.0, 0.0, 0.0]]
+    np.testing.assert_allclose(back, expected, atol=6e-4)
+    stored = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    assert stored is not None
+    assert stored.dtype == np.uint16
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_other_images_are_named_with_what_they_are(tmp_path: Path) -> None:
+    path = tmp_path / "grey.png"
+    cv2.imwrite(str(path), np.zeros((4, 4), np.uint8))
+    with pytest.raises(DepthError, match=r"grey\.png: 1 channel\(s\) of uint8, expected one"):
+        read_depth(path)
+    cv2.imwrite(str(path), np.zeros((4, 4, 3), np.uint16))
+    with pytest.raises(DepthError, match=r"grey\.png: 3 channel\(s\) of uint16, expected one"):
+        read_depth(path)
+
+
+def test_files_that_cannot_be_used_are_named(tmp_path: Path) -> None:
+    with pytest.raises(InputFileError, match=r"nothing\.png: no such file"):
+        read_depth(tmp_path / "nothing.png")
+    (tmp_path / "text.png").write_text("no image")
+    with pytest.raises(InputFileError, match=r"text\.png: not a readable image"):
+        read_depth(tmp_path / "text.png")
+    with pytest.raises(InputFileError, match="cannot be written"):
+        write_depth(tmp_path / "no folder" / "d.png", np.ones((2, 2), np.float32))

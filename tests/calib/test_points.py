@@ -1,0 +1,106 @@
+"""Pixels, rays and points: both conventions of pixels, distortion, depth along z."""
+
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from calib import (
+    CameraError,
+    PinholeCamera,
+    depth_to_points,
+    image_to_opencv,
+    opencv_to_image,
+    pixels_to_points,
+    pixels_to_rays,
+    project_points,
+)
+
+Float = NDArray[np.floating[Any]]
+
+PLAIN = PinholeCamera(1280, 720, 700.0, 690.0, 640.0, 355.0)
+LENSES = [
+    (),
+    (-0.3, 0.1, 0.001, -0.002),
+    (-0.17, 0.026, 1e-4, -2e-4, 0.0),
+    (0.1, -0.2, 0.001, 0.001, 0.05),
+]
+
+
+def camera_with(distortion: tuple[float, ...]) -> PinholeCamera:
+    return PinholeCamera.from_dict({**PLAIN.to_dict(), "distortion": distortion})
+
+
+def grid_px(camera: PinholeCamera) -> Float:
+    x, y = np.meshgrid(np.linspace(0, camera.width, 21), np.linspace(0, camera.height, 13))
+    return np.stack([x, y], -1)
+
+
+def test_the_centre_of_the_first_pixel_has_both_names() -> None:
+    assert image_to_opencv([0.5, 0.5]).tolist() == [0.0, 0.0]
+    assert opencv_to_image([[0, 0], [3, 4]]).tolist() == [[0.5, 0.5], [3.5, 4.5]]
+
+
+def test_the_ray_of_the_principal_point_looks_ahead() -> None:
+    assert pixels_to_rays(PLAIN, [640.5, 355.5]).tolist() == [0.0, 0.0, 1.0]
+    assert pixels_to_rays(PLAIN, [640.5 + 70, 355.5 - 69]).tolist() == [0.1, -0.1, 1.0]
+
+
+@pytest.mark.parametrize("distortion", LENSES)
+def test_projection_is_opencvs_half_a_pixel_further(distortion: tuple[float, ...]) -> None:
+    camera = camera_with(distortion)
+    rng = np.random.default_rng(1)
+    points = rng.uniform([-3, -2, 3], [3, 2, 9], (50, 3))
+    matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
+    lens = np.array(distortion) if distortion else np.zeros(4)
+    expected = cv2.projectPoints(points, np.zeros(3), np.zeros(3), matrix, lens)[0][:, 0]
+    np.testing.assert_allclose(project_points(camera, points), expected + 0.5, atol=1e-9)
+
+
+@pytest.mark.parametrize("distortion", LENSES)
+def test_rays_project_back_onto_their_pixels(distortion: tuple[float, ...]) -> None:
+    camera = camera_with(distortion)
+    xy_px = grid_px(camera)
+    rays = pixels_to_rays(camera, xy_px)
+    assert rays.shape == (*xy_px.shape[:-1], 3)
+    np.testing.assert_allclose(project_points(camera, rays * 4.2), xy_px, atol=1e-6)
+
+
+def test_a_lens_that_folds_back_still_gives_finite_rays() -> None:
+    camera = camera_with((-0.35, 0.15, 0.0, 0.0, -0.03))
+    rays = pixels_to_rays(camera, grid_px(camera))
+    assert np.isfinite(rays).all()
+    middle = np.array([[500.0, 300.0], [800.0, 500.0]])
+    np.testing.assert_allclose(
+        project_points(camera, pixels_to_rays(camera, middle)), middle, atol=1e-6
+    )
+
+
+def test_depth_is_along_the_optical_axis() -> None:
+    point = pixels_to_points(PLAIN, [[640.5 + 350, 355.5]], [4.0])
+    np.testing.assert_allclose(point, [[2.0, 0.0, 4.0]])
+
+
+def test_points_behind_the_camera_are_nowhere() -> None:
+    px = project_points(PLAIN, [[0.1, 0.2, -1.0], [0.0, 0.0, 0.0], [0.0, 0.0, 2.0]])
+    assert np.isinf(px[:2]).all()
+    assert px[2].tolist() == [640.5, 355.5]
+
+
+def test_a_depth_map_becomes_points_of_its_pixels_centres() -> None:
+    camera = PinholeCamera(6, 4, 5.0, 5.0, 2.0, 1.0)
+    depth_m = np.full((4, 6), 2.0, np.float32)
+    depth_m[3, 5] = 0.0
+    points = depth_to_points(camera, depth_m)
+    assert points.shape == (4, 6, 3)
+    assert points[1, 2].tolist() == [0.0, 0.0, 2.0]
+    np.testing.assert_allclose(points[0, 5], [1.2, -0.4, 2.0])
+    assert points[3, 5].tolist() == [0.0, 0.0, 0.0]
+
+
+def test_a_depth_map_of_another_size_is_refused() -> None:
+    with pytest.raises(CameraError) as caught:
+        depth_to_points(PLAIN, np.zeros((4, 6), np.float32))
+    assert str(caught.value) == "the depth map is 6x4 px: expected the camera's 1280x720"
