@@ -8,7 +8,9 @@ import sys
 import typer
 
 from edgetree.commands.bench import bench
+from edgetree.commands.export import export
 from edgetree.commands.run import run
+from edgetree.commands.verify import verify
 from edgetree.console import note
 
 __all__ = ["app", "main"]
@@ -22,6 +24,8 @@ app = typer.Typer(
 )
 app.command()(run)
 app.command()(bench)
+app.command()(export)
+app.command()(verify)
 
 _INTERRUPTED = 130
 
