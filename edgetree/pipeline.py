@@ -38,9 +38,18 @@ class FrameResult:
 
 
 def process(
-    frame: Frame, detector: TreeDetector, camera: PinholeCamera | None = None
+    frame: Frame,
+    detector: TreeDetector,
+    camera: PinholeCamera | None = None,
+    up_camera: tuple[float, float, float] | None = None,
 ) -> FrameResult:
     """Detect the trees of a frame, and measure them if it has depth and the camera is known.
+
+    Args:
+        frame: what to look at.
+        detector: the model.
+        camera: what took the frame and its depth.
+        up_camera: direction away from gravity in the camera's frame, as `measure_trees` takes it.
 
     Raises:
         InputError: the model needs depth and the frame has none, or the reverse; or the camera
@@ -63,7 +72,8 @@ def process(
         return FrameResult(frame, trees, None, _missing(frame, camera), detect_ms)
     from edgetree.measure import measure_trees
 
-    return FrameResult(frame, trees, measure_trees(trees, frame.depth_m, camera), None, detect_ms)
+    measurements = measure_trees(trees, frame.depth_m, camera, up_camera=up_camera)
+    return FrameResult(frame, trees, measurements, None, detect_ms)
 
 
 def _missing(frame: Frame, camera: PinholeCamera | None) -> str:

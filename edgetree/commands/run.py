@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,10 +15,9 @@ from edgetree.commands.options import Json, Model, Threads
 from edgetree.console import note, print_json, track
 
 if TYPE_CHECKING:
-    from calib import PinholeCamera
     from edgetree.pipeline import FrameResult
     from edgetree.runtime import TreeDetector
-    from edgetree.sources import FrameSource
+    from edgetree.sources import Frame, FrameSource
 
 __all__ = ["run"]
 
@@ -36,6 +35,14 @@ _Depth: TypeAlias = Annotated[
 _Camera: TypeAlias = Annotated[
     Path | None, typer.Option(help="Camera file (calib.camera/1 JSON), for metres.")
 ]
+_Up: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        metavar="X,Y,Z",
+        help="Direction away from gravity in the camera's frame (x right, y down, z forward), as"
+        " an IMU gives it; 0,-1,0 for a level camera. Without, the ground's plane stands in.",
+    ),
+]
 _Out: TypeAlias = Annotated[
     Path | None, typer.Option(help="Folder for drawn pictures; made if needed.")
 ]
@@ -52,6 +59,7 @@ def run(
     model: Model = "rgb",
     depth: _Depth = None,
     camera: _Camera = None,
+    up: _Up = None,
     out: _Out = None,
     jsonl: _JsonLines = None,
     score_threshold: _ScoreThreshold = 0.5,
@@ -65,18 +73,30 @@ def run(
     """
     from calib import load_camera
     from edgetree.commands.options import open_model
+    from edgetree.pipeline import process
     from edgetree.sources import open_source
 
     detector, model_path = open_model(model, threads, score_threshold)
     depth_only = depth is None and detector.manifest.modality == "depth"
     frames = open_source(source, depth, depth_only=depth_only)
     lens = None if camera is None else load_camera(camera)
+    up_camera = None if up is None else _direction(up)
     work = _Work(source, model_path, out, jsonl, as_json)
-    work.do(detector, frames, lens)
+    work.do(frames, lambda frame: process(frame, detector, lens, up_camera))
     if as_json:
         print_json(work.to_dict(detector))
     for line in work.summary():
         note(line)
+
+
+def _direction(text: str) -> tuple[float, float, float]:
+    from edgetree.errors import InputError
+
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError as error:
+        raise InputError(f"--up is {text!r}: expected three numbers, such as 0,-1,0") from error
+    return x, y, z
 
 
 @dataclass
@@ -93,10 +113,9 @@ class _Work:
     records: list[dict[str, Any]] = field(default_factory=list)
     metres_need: str | None = None
 
-    def do(self, detector: TreeDetector, frames: FrameSource, camera: PinholeCamera | None) -> None:
+    def do(self, frames: FrameSource, examine: Callable[[Frame], FrameResult]) -> None:
         """Detect, measure and write frame by frame."""
         from edgetree.outputs import output_folder
-        from edgetree.pipeline import process
         from edgetree.records import frame_record
         from edgetree.sinks import write_json_line, write_picture
 
@@ -105,7 +124,7 @@ class _Work:
             stream = stack.enter_context(self._line_stream())
             on_screen = not (self.jsonl or self.as_json) and sys.stdout.isatty()
             for frame in track(frames, "detecting", frames.count, shown=not on_screen):
-                result = process(frame, detector, camera)
+                result = examine(frame)
                 record = frame_record(result)
                 self._count(result)
                 if self.as_json:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import signal
 import subprocess
 import sys
 import time
@@ -117,6 +118,19 @@ def test_with_depth_and_camera_each_tree_has_metres(
     assert tree["metres"]["diameter_std_m"] > 0
 
 
+def test_the_users_up_is_what_inclinations_refer_to(
+    run_cli: Cli, model: Path, images: Path
+) -> None:
+    folder = images.parent
+    files = ("--depth", folder / "depth" / "a.png", "--camera", folder / "camera.json")
+    inclinations_deg = []
+    for up in ("0,-1,0", "0.5,-0.866,0"):
+        done = run_cli("run", images / "a.jpg", "--model", model, *files, "--up", up)
+        metres = _lines(done.out)[0]["trees"][0]["metres"]
+        inclinations_deg.append(metres["inclination_deg"])
+    assert inclinations_deg == pytest.approx([0, 30], abs=1.0)
+
+
 def test_a_depth_model_takes_depth_alone(
     run_cli: Cli, depth_manifest: Manifest, write_model: Callable[..., Path], images: Path
 ) -> None:
@@ -207,6 +221,14 @@ BAD_INPUTS = {
         "run images/a.jpg --model model.onnx --depth depth/a.png --camera other.json --out out",
         r"the camera is for 1280x720 px: expected 640x360 px, as .*a\.jpg",
     ),
+    "an up that is no direction": (
+        "run images/a.jpg --model model.onnx --depth depth/a.png --camera camera.json --up 0,1",
+        r"--up is '0,1': expected three numbers",
+    ),
+    "an up of no length": (
+        "run images/a.jpg --model model.onnx --depth depth/a.png --camera camera.json --up 0,0,0",
+        r"up_camera is \[0.0, 0.0, 0.0\]: expected a direction",
+    ),
     "a threshold out of range": (
         "run images --model model.onnx --score-threshold 7",
         r"--score-threshold.*see `edgetree run --help`",
@@ -268,6 +290,30 @@ def test_an_interrupt_is_one_line_and_leaves_nothing(
     assert done == (130, "", "edgetree: interrupted\n")
     assert not jsonl.exists()
     assert not out.exists()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT to send")
+def test_a_real_interrupt_in_the_middle_leaves_nothing(
+    model: Path, images: Path, tmp_path: Path
+) -> None:
+    for number in range(200):
+        (images / f"c{number}.jpg").write_bytes((images / "a.jpg").read_bytes())
+    out, jsonl = tmp_path / "out", tmp_path / "trees.jsonl"
+    command = [sys.executable, "-c", MAIN, "run", images, "--model", model]
+    process = subprocess.Popen(
+        [*map(str, command), "--out", str(out), "--jsonl", str(jsonl)],
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    while process.poll() is None and not (out.is_dir() and list(out.glob("*.jpg"))):
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=30)
+    assert (process.returncode, errors) == (130, "edgetree: interrupted\n")
+    assert not jsonl.exists()
+    assert not list(tmp_path.glob(".*"))
+    pictures = [path for path in out.iterdir() if cv2.imread(str(path)) is not None]
+    assert sorted(pictures) == sorted(out.iterdir()), "only whole pictures are left"
 
 
 def test_an_interrupt_that_typer_reports_is_the_same(
