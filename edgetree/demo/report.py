@@ -159,7 +159,7 @@ def _frames(result: DemoResult) -> str:
 def _figure(picture: Picture) -> str:
     data = base64.b64encode(picture.jpeg).decode("ascii")
     sight = {
-        "depth": "the depth image (red is near)",
+        "depth": "the depth image (near is light)",
         "rgb": "the colour image",
     }
     caption = (

@@ -26,6 +26,13 @@ class QuantityStyle(NamedTuple):
         """The bare number in the unit."""
         return f"{value_m * self.per_metre:.{self.digits}f}"
 
+    def std_text(self, std_m: float) -> str:
+        """A standard deviation with its sign; one that rounds to nothing is not called zero."""
+        least = 10.0**-self.digits
+        if std_m * self.per_metre < least / 2:
+            return f"± &lt;{least:.{self.digits}f}"
+        return f"± {self.text(std_m)}"
+
 
 QUANTITY_STYLES = {
     "distance_m": QuantityStyle("Distance", "m", 1.0, 2),
@@ -69,8 +76,8 @@ def _quantity_cells(trees: Sequence[TreeComparison], quantity: str) -> str:
 def _measured_cell(tree: TreeComparison, quantity: str, style: QuantityStyle) -> str:
     estimate = tree.estimate(quantity)
     if estimate is not None:
-        value, std = style.text(estimate.value), style.text(estimate.std)
-        return f"<td>{value} <small>± {std}</small></td>"
+        value, std = style.text(estimate.value), style.std_text(estimate.std)
+        return f"<td>{value} <small>{std}</small></td>"
     reason = tree.failure(quantity) if tree.found else "not found"
     return f'<td class="why">{escape(reason or "")}</td>'
 

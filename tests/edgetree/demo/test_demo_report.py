@@ -112,6 +112,11 @@ def test_the_page_shows_truth_measurement_and_reason(result: DemoResult) -> None
     assert "50.0 / 40.0" in text
 
 
+def test_a_tiny_std_is_not_called_zero() -> None:
+    tiny = DemoResult((model("depth", Estimate(0.3141, 0.0001)),), (), 1.0)
+    assert "31.4 ± &lt;0.1" in words(render_report(tiny, []))
+
+
 def test_foreign_text_cannot_break_the_page(result: DemoResult) -> None:
     html = render_report(result, [NextCommand("a < b", "edgetree run <FRAME>")])
     assert "no ground &lt;near&gt; the stem" in html
