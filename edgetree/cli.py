@@ -9,8 +9,6 @@ import typer
 
 from edgetree.commands.bench import bench
 from edgetree.commands.demo import demo
-from edgetree.commands.demo import demo
-from edgetree.commands.export import export
 from edgetree.commands.run import run
 from edgetree.commands.verify import verify
 from edgetree.console import note
@@ -26,7 +24,6 @@ app = typer.Typer(
 )
 app.command()(demo)
 app.command()(demo)
-app.command()(run)
 app.command()(bench)
 app.command()(export)
 app.command()(verify)
