@@ -9,6 +9,7 @@ import typer
 
 from edgetree.commands.bench import bench
 from edgetree.commands.demo import demo
+from edgetree.commands.export import export
 from edgetree.commands.run import run
 from edgetree.commands.verify import verify
 from edgetree.console import note
@@ -23,7 +24,7 @@ app = typer.Typer(
     rich_markup_mode=None,  # plain help comes up three times as fast
 )
 app.command()(demo)
-app.command()(demo)
+app.command()(run)
 app.command()(bench)
 app.command()(export)
 app.command()(verify)
