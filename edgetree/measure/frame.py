@@ -18,8 +18,8 @@ __all__ = ["DepthFrame"]
 Float = NDArray[np.floating[Any]]
 Mask = NDArray[np.bool_]
 
-_MOST_READINGS = 1500
-_MOST_GROUND_PIXELS = 2500
+_MOST_READINGS = 800
+_MOST_GROUND_PIXELS = 1600
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +66,10 @@ class DepthFrame:
             inside &= self.masks[index][window]
         step = max(1, int(np.sqrt(np.count_nonzero(inside) / _MOST_READINGS)))
         rows, columns = np.nonzero(inside[::step, ::step])
-        return self._readings(rows * step + window[0].start, columns * step + window[1].start)
+        cell_px = self.settings.depth_correlation_px / step
+        across = int(inside.shape[1] / cell_px) + 1
+        cell = (rows / cell_px).astype(np.intp) * across + (columns / cell_px).astype(np.intp)
+        return Readings(*self._look(window, rows * step, columns * step), cell)
 
     def ground_points(self, axis_point: Float, reach_m: float) -> Float:
         """(N, 3) camera points outside the stems, around a point (3,) in the picture."""
@@ -77,12 +80,10 @@ class DepthFrame:
         window = self._window(np.array([x - reach_px, y - reach_px, x + reach_px, y + reach_px]))
         depth_m = self.depth_m[window]
         step = max(1, int(np.sqrt(depth_m.size / _MOST_GROUND_PIXELS)))
-        outside = (depth_m > 0) & ~self.stems[window]
-        rows, columns = np.nonzero(outside[::step, ::step])
-        readings = self._readings(
-            rows * step + window[0].start, columns * step + window[1].start
-        )
-        return np.asarray(readings.rays * readings.depth_m[:, None])
+        outside = (depth_m[::step, ::step] > 0) & ~self.stems[window][::step, ::step]
+        rows, columns = np.nonzero(outside)
+        rays, depths_m = self._look(window, rows * step, columns * step)
+        return np.asarray(rays * depths_m[:, None])
 
     def _window(self, box_px: Float) -> tuple[slice, slice]:
         """The pixels of the image that a box (4,) covers."""
@@ -91,10 +92,10 @@ class DepthFrame:
         y0, y1 = np.clip([np.floor(box_px[1]), np.ceil(box_px[3])], 0, height).astype(int)
         return slice(y0, max(y0, y1)), slice(x0, max(x0, x1))
 
-    def _readings(self, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> Readings:
-        rays = pixels_to_rays(self.camera, np.stack([columns, rows], -1) + 0.5)
-        depth_m = self.depth_m[rows, columns].astype(np.float64)
-        cell_px = self.settings.depth_correlation_px
-        across = int(self.camera.width / cell_px) + 1
-        cell = (rows // cell_px).astype(np.intp) * across + (columns // cell_px).astype(np.intp)
-        return Readings(rays, depth_m, np.unique(cell, return_inverse=True)[1])
+    def _look(
+        self, window: tuple[slice, slice], rows: NDArray[np.intp], columns: NDArray[np.intp]
+    ) -> tuple[Float, Float]:
+        """Rays (N, 3) and depth (N,) of pixels of a window."""
+        y, x = rows + window[0].start, columns + window[1].start
+        rays = pixels_to_rays(self.camera, np.stack([x, y], -1) + 0.5)
+        return rays, self.depth_m[y, x].astype(np.float64)

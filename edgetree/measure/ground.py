@@ -12,15 +12,17 @@ from calib import GroundPlane, GroundPlaneFailure, fit_ground_plane
 from edgetree.measure.estimates import Estimate, Failure
 from edgetree.measure.settings import MeasureSettings
 
-__all__ = ["GROUND_REACH_M", "BaseGround", "fit_base_ground"]
+__all__ = ["GROUND_REACHES_M", "BaseGround", "fit_base_ground"]
 
 Float = NDArray[np.floating[Any]]
 
-# Ground is looked for within this distance of the axis, and this far above the felling cut.
-GROUND_REACH_M = 1.5
+# Ground is looked for this far around the stem; only where that is hidden, further away, since
+# the ground is no plane and heights err with the distance.
+GROUND_REACHES_M = (0.6, 1.4)
+# How far above and below the felling cut ground may lie.
 _ABOVE_CUT_M = 0.3
 _BELOW_CUT_M = 1.5
-_MOST_POINTS = 600
+_MOST_POINTS = 400
 _TOLERANCE_M = 0.05
 # The plane is never known better: litter, moss and roots lie on it.
 _LITTER_STD_M = 0.02
@@ -64,13 +66,18 @@ class BaseGround:
 
 
 def fit_base_ground(
-    points: Float, axis_point: Float, up: Float | None, settings: MeasureSettings
+    points: Float,
+    axis_point: Float,
+    reach_m: float,
+    up: Float | None,
+    settings: MeasureSettings,
 ) -> BaseGround | Failure:
     """Fit the ground to (N, 3) camera points outside the stems, near a stem's axis at its cut.
 
     Args:
         points: camera points near the base in the picture.
         axis_point: (3,) on the axis at the felling cut.
+        reach_m: points within this distance of the axis are taken.
         up: (3,) the vertical; None takes the plane's normal for it.
         settings: the steepest slope that is ground.
     """
@@ -78,7 +85,7 @@ def fit_base_ground(
     offset = points - axis_point
     rise = offset @ vertical
     level = np.linalg.norm(offset - rise[:, None] * vertical, axis=1)
-    near = (level < GROUND_REACH_M) & (rise < _ABOVE_CUT_M) & (rise > -_BELOW_CUT_M)
+    near = (level < reach_m) & (rise < _ABOVE_CUT_M) & (rise > -_BELOW_CUT_M)
     chosen = points[near]
     chosen = chosen[:: max(1, len(chosen) // _MOST_POINTS)]
     plane = fit_ground_plane(chosen, vertical, settings.max_slope_deg, _TOLERANCE_M)

@@ -92,14 +92,15 @@ class Section:
             height: (N,) height along the axis of the axis point behind the ray, in the same share.
         """
         frame = self.frame
-        across, away = rays @ frame.across, rays @ frame.away
-        bearing = np.arctan2(across, away) - self.middle_rad
-        reach = np.hypot(across, away)
+        cos, sin = np.cos(self.middle_rad), np.sin(self.middle_rad)
+        ahead = rays @ (cos * frame.away + sin * frame.across)
+        aside = rays @ (cos * frame.across - sin * frame.away)
+        squared_reach = ahead**2 + aside**2
         edge = np.sin(self.half_angle_rad)
-        offset = np.sin(bearing) / edge
-        inside = (np.abs(offset) < 1) & (np.cos(bearing) > 0)
-        depth = np.cos(bearing) - edge * np.sqrt(np.where(inside, 1 - offset**2, 0))
-        share = np.where(inside, depth / reach, 0.0)
+        offset = aside / (edge * np.sqrt(squared_reach))
+        inside = (np.abs(offset) < 1) & (ahead > 0)
+        behind = edge * np.sqrt(np.where(inside, (1 - offset**2) * squared_reach, 0.0))
+        share = np.where(inside, (ahead - behind) / squared_reach, 0.0)
         return offset, share, (rays @ frame.along) * share
 
 

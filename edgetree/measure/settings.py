@@ -18,7 +18,10 @@ class MeasureSettings:
         keypoint_std_px: error of each keypoint along x and y, in pixels of the image.
         depth_noise_per_m: standard deviation of the depth in metres at 1 m; at z metres it is
             z² times that, as with stereo.
-        depth_correlation_px: within this many pixels the depth's errors are the same error.
+        depth_correlation_px: depth within squares of so many pixels has one error.
+        out_of_round_std: how far the diameter of a real stem differs with the side it is seen
+            from, as a share of it.
+        bend_std_deg: how far the axis of a real stem turns along it.
         lean_std_deg: how far stems lean from the vertical, before looking.
         max_range_m: depth beyond it is not used.
         max_diameter_m: stems that seem thicker are refused.
@@ -30,7 +33,9 @@ class MeasureSettings:
 
     keypoint_std_px: float = 1.0
     depth_noise_per_m: float = 0.002
-    depth_correlation_px: float = 4.0
+    depth_correlation_px: float = 6.0
+    out_of_round_std: float = 0.018
+    bend_std_deg: float = 0.5
     lean_std_deg: float = 6.0
     max_range_m: float = 25.0
     max_diameter_m: float = 2.5

@@ -12,7 +12,7 @@ from edgetree.detections import KEYPOINT_NAMES
 from edgetree.measure.axis import fit_axis
 from edgetree.measure.estimates import Estimate, Failure, TreeMeasurement
 from edgetree.measure.frame import DepthFrame
-from edgetree.measure.ground import GROUND_REACH_M, BaseGround, fit_base_ground
+from edgetree.measure.ground import GROUND_REACHES_M, BaseGround, fit_base_ground
 from edgetree.measure.section import AxisFrame
 from edgetree.measure.settings import MeasureSettings
 from edgetree.measure.stem import Stem, fit_stem
@@ -58,20 +58,20 @@ def measure_tree(
     stem = fit_stem(frame.stem_readings(index, box_px), edges, axis, lean_std_rad, settings)
     if isinstance(stem, Failure):
         return TreeMeasurement.failed(stem.reason)
-    diameter = _diameter(stem, keypoint_rad, settings)
-    if isinstance(diameter, Failure):
-        return TreeMeasurement.failed(diameter.reason)
+    if not _LEAST_DIAMETER_M <= 2 * stem.radius_m <= settings.max_diameter_m:
+        return TreeMeasurement.failed(f"a diameter of {2 * stem.radius_m:.2f} m is not plausible")
+    diameter_std_m = _diameter_std_m(stem, keypoint_rad, settings)
+    diameter = _diameter(stem, diameter_std_m)
     cut_ray = rays[_CUT] if given[_CUT] else None
     # Where the cut is not in the image, the ground is still looked for, below the section.
     cut = stem.axis_point(edges[0] if cut_ray is None else cut_ray)
-    points = frame.ground_points(cut, GROUND_REACH_M)
-    ground = fit_base_ground(points, cut, up, settings)
-    inclination = _inclination(stem, roll_std_rad, up, ground)
+    ground = _ground(frame, cut, stem.radius_m, up)
+    inclination = _inclination(stem, roll_std_rad, up, ground, settings)
     if cut_ray is None:
         missing = Failure("the felling cut is not in the image")
         return TreeMeasurement(diameter, missing, inclination, missing, missing)
-    distance = _distance(stem, cut, keypoint_rad)
-    height = _cut_height(stem, cut, ground, distance)
+    distance = _distance(stem, cut, keypoint_rad, diameter_std_m)
+    height = _cut_height(stem, cut, ground, distance, keypoint_rad)
     return TreeMeasurement(diameter, height, inclination, distance, stem.front_point(cut_ray))
 
 
@@ -105,38 +105,63 @@ def _axis(
     return fit_axis(np.array(points), np.array(stds), vertical, _lean_std_rad(up, settings))
 
 
-def _diameter(stem: Stem, keypoint_rad: float, settings: MeasureSettings) -> Estimate | Failure:
-    """Twice the radius; the edges' errors count with the width's cotangent."""
+def _ground(
+    frame: DepthFrame, cut: Float, radius_m: float, up: Float | None
+) -> BaseGround | Failure:
+    """The ground next to the stem, or where that does not show, further around it."""
+    ground: BaseGround | Failure = Failure("")
+    for reach_m in GROUND_REACHES_M:
+        points = frame.ground_points(cut, reach_m + radius_m)
+        ground = fit_base_ground(points, cut, reach_m + radius_m, up, frame.settings)
+        if ground:
+            break
+    return ground
+
+
+def _diameter_std_m(stem: Stem, keypoint_rad: float, settings: MeasureSettings) -> float:
+    """From distance, edges and shape; the edges' angles count with half the width's cotangent."""
+    shares = (
+        stem.distance_std_m / stem.distance_m,
+        keypoint_rad / np.sqrt(2) / np.tan(stem.section.half_angle_rad),
+        settings.out_of_round_std,
+    )
+    return 2 * stem.radius_m * float(np.linalg.norm(shares))
+
+
+def _diameter(stem: Stem, std_m: float) -> Estimate | Failure:
     value = 2 * stem.radius_m
-    half_angle = stem.section.half_angle_rad
-    from_edges = keypoint_rad / np.sqrt(2) / np.tan(half_angle)
-    std = value * float(np.hypot(stem.distance_std_m / stem.distance_m, from_edges))
-    if not _LEAST_DIAMETER_M <= value <= settings.max_diameter_m:
-        return Failure(f"a diameter of {value:.2f} m is not plausible")
-    if std > _MOST_RELATIVE_STD * value:
-        return Failure(f"the diameter is too uncertain: {value:.2f} m ± {std:.2f} m")
-    return Estimate(value, std)
+    if std_m > _MOST_RELATIVE_STD * value:
+        return Failure(f"the diameter is too uncertain: {value:.2f} m ± {std_m:.2f} m")
+    return Estimate(value, std_m)
 
 
-def _distance(stem: Stem, cut: Float, keypoint_rad: float) -> Estimate:
+def _distance(stem: Stem, cut: Float, keypoint_rad: float, diameter_std_m: float) -> Estimate:
+    """To the axis at the cut: what the depth gives is the bark, one radius before it."""
     value = float(np.linalg.norm(cut))
-    along = float(cut @ stem.section.frame.along)
+    along_m = float(cut @ stem.section.frame.along)
     from_depth = stem.distance_std_m * value / stem.distance_m
-    return Estimate(value, float(np.hypot(from_depth, along / value * keypoint_rad * value)))
+    parts = (from_depth, diameter_std_m / 2, along_m * keypoint_rad)
+    return Estimate(value, float(np.linalg.norm(parts)))
 
 
 def _cut_height(
-    stem: Stem, cut: Float, ground: BaseGround | Failure, distance: Estimate
+    stem: Stem, cut: Float, ground: BaseGround | Failure, distance: Estimate, keypoint_rad: float
 ) -> Estimate | Failure:
+    """Above the ground; errs with the distance where looked at from above, and with the cut."""
     if isinstance(ground, Failure):
         return ground
-    along = stem.section.frame.along
+    frame = stem.section.frame
     rise = float(cut @ ground.up) / distance.value
-    return ground.cut_height_m(cut, along, stem.radius_m, abs(rise) * distance.std)
+    cut_std_m = float(np.hypot(rise * distance.std, keypoint_rad * distance.value))
+    return ground.cut_height_m(cut, frame.along, stem.radius_m, cut_std_m)
 
 
 def _inclination(
-    stem: Stem, roll_std_rad: float, up: Float | None, ground: BaseGround | Failure
+    stem: Stem,
+    roll_std_rad: float,
+    up: Float | None,
+    ground: BaseGround | Failure,
+    settings: MeasureSettings,
 ) -> Estimate | Failure:
     """The axis against the vertical; its error along the direction of the lean."""
     if up is None and isinstance(ground, Failure):
@@ -149,6 +174,6 @@ def _inclination(
     total = roll**2 + tilt**2
     share = roll**2 / total if total > 0 else 0.5
     variance = share * roll_std_rad**2 + (1 - share) * stem.tilt_std_rad**2
-    if up is None:
-        variance += _GROUND_TILT_STD_RAD**2
-    return Estimate(value, float(np.degrees(np.sqrt(variance))))
+    variance += 0.0 if up is not None else _GROUND_TILT_STD_RAD**2
+    std_deg = float(np.hypot(np.degrees(np.sqrt(variance)), settings.bend_std_deg))
+    return Estimate(value, std_deg)
