@@ -58,12 +58,21 @@ def test_a_wall_is_no_ground_whatever_it_holds() -> None:
 def test_up_decides_what_is_steep_and_where_the_normal_points() -> None:
     points, normal = sloping_ground(300)
     sideways = np.array([1.0, 0.0, 0.0])
-    failure = fit_ground_plane(points, up=sideways)
+    failure = fit_ground_plane(points, up=10 * sideways)
     assert isinstance(failure, GroundPlaneFailure)
     assert failure.reason == "no plane flatter than 45 degrees"
     upside_down = fit_ground_plane(points, up=-10 * normal)
     assert isinstance(upside_down, GroundPlane)
     np.testing.assert_allclose(upside_down.normal, -normal, atol=1e-9)
+
+
+def test_noise_does_not_make_a_steep_bank_flat_enough() -> None:
+    rng = np.random.default_rng(8)
+    x, rise = rng.uniform(-0.5, 0.5, (2, 400))
+    bank = np.stack([x, 1.5 - rise, 5.0 + rise / np.tan(np.radians(47.0))], -1)
+    failure = fit_ground_plane(bank + rng.normal(0, 0.02, bank.shape))
+    assert isinstance(failure, GroundPlaneFailure)
+    assert failure.reason == "no plane flatter than 45 degrees"
 
 
 def test_the_same_points_give_the_same_plane() -> None:

@@ -12,7 +12,7 @@ from calib import CameraError, Letterbox
         ((1280, 720), (640, 360)),
         ((640, 384), (640, 384)),
         ((320, 100), (640, 200)),
-        ((720, 1280), (216, 384)),
+        ((333, 720), (178, 384)),
         ((1000, 333), (640, 213)),
         ((9000, 1), (640, 1)),
     ],
@@ -38,9 +38,9 @@ def test_an_image_of_the_models_size_stays_as_it_is() -> None:
 
 
 def test_shrinking_averages_areas() -> None:
-    stripes = np.tile(np.array([0, 200], np.uint8), (8, 8))
-    shrunk = Letterbox.fit(16, 8, 8, 4).apply(stripes, 0)
-    assert (shrunk == 100).all()
+    stripes = np.tile(np.array([0, 0, 0, 200], np.uint8), (8, 4))
+    shrunk = Letterbox.fit(16, 8, 4, 2).apply(stripes, 0)
+    assert (shrunk == 50).all()
 
 
 def test_growing_interpolates() -> None:
