@@ -1,0 +1,46 @@
+"""The command line ``perceptree``."""
+
+from __future__ import annotations
+
+import sys
+
+import typer
+
+from perceptree.commands.eval import evaluate
+from perceptree.commands.synth import synth
+from perceptree.commands.train import train
+
+app = typer.Typer(
+    name="perceptree",
+    help="Simulate forests, train tree detectors on them, and say how good they are.",
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+app.command()(synth)
+app.command()(train)
+app.command(name="eval")(evaluate)
+
+_INTERRUPTED = 130
+
+
+def main() -> None:
+    """Run the command line and exit: 0 done, 2 wrong usage or bad input, 130 interrupted.
+
+    Errors that carry an ``exit_code`` are for the user: they become one line on stderr.
+    """
+    try:
+        code = typer.main.get_command(app).main(prog_name="perceptree", standalone_mode=False) or 0
+    except (KeyboardInterrupt, typer.Abort):
+        typer.echo("perceptree: interrupted; the same command goes on from here", err=True)
+        code = _INTERRUPTED
+    except ModuleNotFoundError as error:
+        typer.echo(f'perceptree: {error}: install with pip install ".[train,sim]"', err=True)
+        code = 2
+    except Exception as error:
+        code = getattr(error, "exit_code", None)
+        if code is None:
+            raise
+        message = error.format_message() if hasattr(error, "format_message") else str(error)
+        typer.echo(f"perceptree: {' '.join(message.split())}", err=True)
+    sys.exit(code)

@@ -1,0 +1,18 @@
+"""Datasets: COCO files of tree frames, frames in memory, augmentation."""
+
+from perceptree.data.augment import AugmentSettings, augment, flip
+from perceptree.data.coco import SPLITS, FrameRecord, TreeRecord, read_split
+from perceptree.data.frames import FrameStore, Sample, read_frame
+
+__all__ = [
+    "SPLITS",
+    "AugmentSettings",
+    "FrameRecord",
+    "FrameStore",
+    "Sample",
+    "TreeRecord",
+    "augment",
+    "flip",
+    "read_frame",
+    "read_split",
+]

@@ -1,0 +1,49 @@
+"""How a detector is trained: one frozen, checked dataclass, stored in the checkpoint."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+from typing import Any
+
+from perceptree.data import AugmentSettings
+from perceptree.errors import SettingsError
+
+
+@dataclass(frozen=True)
+class TrainSettings:
+    """Training ends after ``steps`` or ``minutes`` of training time, one of the two.
+
+    The learning rate warms up over ``warmup_steps``, then falls along a cosine to
+    ``final_rate_share`` of its peak. Weights are averaged with ``ema_decay`` per step.
+    """
+
+    steps: int | None = None
+    minutes: float | None = None
+    batch: int = 8
+    learning_rate: float = 1.5e-3
+    final_rate_share: float = 0.01
+    weight_decay: float = 0.05
+    warmup_steps: int = 150
+    clip_norm: float = 10.0
+    ema_decay: float = 0.998
+    evaluations: int = 4
+    save_every_steps: int = 200
+    seed: int = 0
+    augment: AugmentSettings = field(default_factory=AugmentSettings)
+
+    def __post_init__(self) -> None:
+        if (self.steps is None) == (self.minutes is None):
+            raise SettingsError(
+                f"steps is {self.steps} and minutes {self.minutes}: expected exactly one of them"
+            )
+        for name in ("steps", "minutes", "batch", "learning_rate", "clip_norm", "evaluations"):
+            value = getattr(self, name)
+            if value is not None and value <= 0:
+                raise SettingsError(f"{name} is {value}: expected more than 0")
+        if not 0 <= self.ema_decay < 1:
+            raise SettingsError(f"ema_decay is {self.ema_decay}: expected at least 0, under 1")
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON-ready values."""
+        return dataclasses.asdict(self)

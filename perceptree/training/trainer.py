@@ -1,0 +1,242 @@
+"""The training loop: resumable to the same weights, ended by steps or by the clock."""
+
+from __future__ import annotations
+
+import copy
+import json
+import math
+import os
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from perceptree.data import FrameStore, Sample, augment, read_split
+from perceptree.errors import CheckpointError
+from perceptree.evaluation import Metrics, evaluate, predict_with
+from perceptree.models import ModelSpec, TreeRCNN, save_checkpoint
+from perceptree.training.settings import TrainSettings
+
+_SECONDS = 60.0
+
+
+@dataclass(frozen=True)
+class Status:
+    """Where a training stands: share done (0 to 1), steps, mean losses, seconds so far."""
+
+    done: float
+    step: int
+    losses: dict[str, float]
+    elapsed_s: float
+
+
+@dataclass(frozen=True)
+class TrainReport:
+    """What a training made: the best checkpoint, its metrics on val, steps and seconds."""
+
+    checkpoint: Path
+    metrics: Metrics
+    steps: int
+    elapsed_s: float
+
+
+Progress = Callable[[Status], None]
+
+
+class Trainer:
+    """One training run in a folder: ``state.pt`` to resume, ``best.safetensors``, ``log.jsonl``."""
+
+    def __init__(
+        self, spec: ModelSpec, settings: TrainSettings, data: Path, out: Path, progress: Progress
+    ) -> None:
+        self.spec, self.settings, self.out, self._progress = spec, settings, out, progress
+        self._data_name = data.name
+        self._train = FrameStore(read_split(data, "train"), spec)
+        self._val = FrameStore(read_split(data, "val"), spec)
+        torch.manual_seed(settings.seed)
+        self.model = TreeRCNN(spec).to(memory_format=torch.channels_last)
+        self.average = copy.deepcopy(self.model).eval().requires_grad_(False)
+        self._optimizer = torch.optim.AdamW(self._parameter_groups(), lr=settings.learning_rate)
+        self.step, self._elapsed_s, self._evaluated = 0, 0.0, 0
+        self._best: Metrics | None = None
+        self._sums: dict[str, float] = {}
+
+    def _parameter_groups(self) -> list[dict[str, Any]]:
+        decayed = [p for p in self.model.parameters() if p.ndim > 1]
+        plain = [p for p in self.model.parameters() if p.ndim <= 1]
+        return [
+            {"params": decayed, "weight_decay": self.settings.weight_decay},
+            {"params": plain, "weight_decay": 0.0},
+        ]
+
+    @property
+    def done(self) -> float:
+        """Share of the training that is over, 0 to 1."""
+        if self.settings.minutes is not None:
+            return min(1.0, self._elapsed_s / (self.settings.minutes * _SECONDS))
+        return min(1.0, self.step / (self.settings.steps or 1))
+
+    def run(self) -> TrainReport:
+        """Train to the end, evaluating on val on the way; interrupted, the state is saved."""
+        try:
+            while self.done < 1.0:
+                self._train_step()
+                if self.step % self.settings.save_every_steps == 0:
+                    self.save_state()
+                if int(self.done * self.settings.evaluations) > self._evaluated:
+                    self._evaluate()
+        except KeyboardInterrupt:
+            self.save_state()
+            raise
+        if self._best is None or self._evaluated < self.settings.evaluations:
+            self._evaluate()
+        assert self._best is not None
+        return TrainReport(self.checkpoint, self._best, self.step, self._elapsed_s)
+
+    @property
+    def checkpoint(self) -> Path:
+        """The best weights so far."""
+        return self.out / "best.safetensors"
+
+    def _train_step(self) -> None:
+        started = time.monotonic()
+        settings = self.settings
+        # Randomness follows from seed and step alone, so that a resumed run repeats it.
+        rng = np.random.default_rng([settings.seed, self.step])
+        torch.manual_seed(int(rng.integers(2**62)))
+        samples = [
+            augment(rng, self._train[index], self.spec, settings.augment)
+            for index in self._batch_indices()
+        ]
+        for group in self._optimizer.param_groups:
+            group["lr"] = self._learning_rate()
+        self.model.train()
+        losses = self._losses(samples)
+        self._optimizer.zero_grad(set_to_none=True)
+        sum(losses.values(), torch.zeros(())).backward()  # type: ignore[no-untyped-call]
+        torch.nn.utils.clip_grad_norm_(self.model.parameters(), settings.clip_norm)
+        self._optimizer.step()
+        self._update_average()
+        self.step += 1
+        self._elapsed_s += time.monotonic() - started
+        self._report(losses)
+
+    def _losses(self, samples: list[Sample]) -> dict[str, Tensor]:
+        images = torch.from_numpy(np.stack([sample.image for sample in samples]))
+        with torch.autocast("cpu", torch.bfloat16):
+            return self.model.losses(images, [sample.targets() for sample in samples])
+
+    def _batch_indices(self) -> list[int]:
+        """The next frames: every epoch is a permutation of its own."""
+        size, batch = len(self._train), self.settings.batch
+        numbers = range(self.step * batch, (self.step + 1) * batch)
+        orders = {
+            epoch: np.random.default_rng([self.settings.seed, 1, epoch]).permutation(size)
+            for epoch in {number // size for number in numbers}
+        }
+        return [int(orders[number // size][number % size]) for number in numbers]
+
+    def _learning_rate(self) -> float:
+        settings = self.settings
+        warm = min(1.0, (self.step + 1) / settings.warmup_steps)
+        cosine = 0.5 * (1 + math.cos(math.pi * self.done))
+        share = settings.final_rate_share + (1 - settings.final_rate_share) * cosine
+        return settings.learning_rate * warm * share
+
+    @torch.no_grad()
+    def _update_average(self) -> None:
+        decay = min(self.settings.ema_decay, (1 + self.step) / (10 + self.step))
+        current = self.model.state_dict()
+        for name, value in self.average.state_dict().items():
+            if value.dtype.is_floating_point:
+                value.lerp_(current[name], 1 - decay)
+            else:
+                value.copy_(current[name])
+
+    def _report(self, losses: dict[str, Tensor]) -> None:
+        for name, tensor in losses.items():
+            value = float(tensor.detach())
+            self._sums[name] = 0.98 * self._sums.get(name, value) + 0.02 * value
+        self._progress(Status(self.done, self.step, dict(self._sums), self._elapsed_s))
+
+    def _evaluate(self) -> None:
+        self._evaluated = max(self._evaluated + 1, int(self.done * self.settings.evaluations))
+        metrics = evaluate(predict_with(self.average), self._val, batch=4)
+        entry = {"step": self.step, "elapsed_s": self._elapsed_s, "losses": self._sums}
+        with (self.out / "log.jsonl").open("a", encoding="utf-8") as log:
+            log.write(json.dumps({**entry, "val": metrics.to_dict()}) + "\n")
+        if self._best is None or metrics.box_ap >= self._best.box_ap:
+            self._best = metrics
+            training = {
+                "settings": self.settings.to_dict(),
+                "data": self._data_name,
+                "frames": len(self._train),
+                "steps": self.step,
+                "val": metrics.to_dict(),
+            }
+            save_checkpoint(self.checkpoint, self.average, training)
+        self.save_state()
+
+    def save_state(self) -> None:
+        """Write everything that ``resume`` needs, all or nothing."""
+        state = {
+            "spec": json.dumps(self.spec.to_dict(), sort_keys=True),
+            "settings": json.dumps(self.settings.to_dict(), sort_keys=True),
+            "model": self.model.state_dict(),
+            "average": self.average.state_dict(),
+            "optimizer": self._optimizer.state_dict(),
+            "step": self.step,
+            "elapsed_s": self._elapsed_s,
+            "evaluated": self._evaluated,
+            "sums": self._sums,
+            "best": None if self._best is None else self._best.to_dict(),
+        }
+        beside = self.out / "state.pt.part"
+        torch.save(state, beside)
+        os.replace(beside, self.out / "state.pt")
+
+    def resume(self) -> None:
+        """Go on where ``state.pt`` left off; raises CheckpointError where it does not fit."""
+        path = self.out / "state.pt"
+        try:
+            state = torch.load(path, weights_only=True)
+        except (OSError, RuntimeError, ValueError, EOFError) as error:
+            raise CheckpointError(f"{path}: not a readable training state ({error})") from error
+        for name, own in (("spec", self.spec.to_dict()), ("settings", self.settings.to_dict())):
+            if state[name] != json.dumps(own, sort_keys=True):
+                raise CheckpointError(
+                    f"{path}: was made with another {name}, expected the same one to resume"
+                )
+        self.model.load_state_dict(state["model"])
+        self.average.load_state_dict(state["average"])
+        self._optimizer.load_state_dict(state["optimizer"])
+        self.step, self._elapsed_s = state["step"], state["elapsed_s"]
+        self._evaluated, self._sums = state["evaluated"], state["sums"]
+        self._best = None if state["best"] is None else Metrics(**state["best"])
+
+
+def train(
+    spec: ModelSpec,
+    settings: TrainSettings,
+    data: Path,
+    out: Path,
+    progress: Progress = lambda status: None,
+) -> TrainReport:
+    """Train ``spec`` from random weights on a dataset's train split into the folder ``out``.
+
+    A folder with ``state.pt`` of the same spec and settings is resumed. Raises DatasetError for
+    data that cannot be read, CheckpointError where ``out`` cannot be written or does not fit.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise CheckpointError(f"{out}: cannot be written ({error.strerror})") from error
+    trainer = Trainer(spec, settings, data, out, progress)
+    if (out / "state.pt").exists():
+        trainer.resume()
+    return trainer.run()
