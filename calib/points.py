@@ -37,7 +37,7 @@ def _undistort(camera: PinholeCamera, x: Float, y: Float) -> tuple[Float, Float]
     a finite point near the fold.
     """
     k1, k2, p1, p2, k3 = (*camera.distortion, 0.0)[:5]
-    u, v = x, y
+    u, v = np.clip(x, -_WIDEST, _WIDEST), np.clip(y, -_WIDEST, _WIDEST)
     for _ in range(_UNDISTORT_STEPS):
         moved_x, moved_y = _distort(camera, u, v)
         squared = u * u + v * v

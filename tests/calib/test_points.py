@@ -72,6 +72,7 @@ def test_a_lens_that_folds_back_still_gives_finite_rays() -> None:
     camera = camera_with((-0.35, 0.15, 0.0, 0.0, -0.03))
     rays = pixels_to_rays(camera, grid_px(camera))
     assert np.isfinite(rays).all()
+    assert np.isfinite(pixels_to_rays(camera, [[1e30, -1e30], [0.0, 1e30]])).all()
     middle = np.array([[500.0, 300.0], [800.0, 500.0]])
     np.testing.assert_allclose(
         project_points(camera, pixels_to_rays(camera, middle)), middle, atol=1e-6
