@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from calib import PinholeCamera, pixels_to_rays, project_points
 from edgetree.detections import TreeDetections
+from edgetree.measure.estimates import Failure
 from edgetree.measure.settings import MeasureSettings
 from edgetree.measure.stem import Readings
 
@@ -18,6 +19,7 @@ __all__ = ["DepthFrame"]
 Float = NDArray[np.floating[Any]]
 Mask = NDArray[np.bool_]
 
+_LEAST_SHARE = 0.05
 _MOST_READINGS = 800
 _MOST_GROUND_PIXELS = 1600
 
@@ -58,12 +60,16 @@ class DepthFrame:
                 stems |= mask
         return cls(camera, np.where(usable, depth_m, np.float32(0)), masks, stems, settings)
 
-    def stem_readings(self, index: int, box_px: Float) -> Readings:
+    def stem_readings(self, index: int, box_px: Float) -> Readings | Failure:
         """Depth in the mask of a tree, or in its box where there are no masks."""
         window = self._window(box_px)
         inside = self.depth_m[window] > 0
         if self.masks is not None:
-            inside &= self.masks[index][window]
+            mask = self.masks[index][window]
+            inside &= mask
+            # Of a stem without readings its mask still holds a few, of the ground and beside it.
+            if np.count_nonzero(inside) < _LEAST_SHARE * np.count_nonzero(mask):
+                return Failure("no depth on the stem")
         step = max(1, int(np.sqrt(np.count_nonzero(inside) / _MOST_READINGS)))
         rows, columns = np.nonzero(inside[::step, ::step])
         cell_px = self.settings.depth_correlation_px / step

@@ -118,7 +118,7 @@ def fit_stem(
     section = tangent_section(frame, *edges)
     for turn in range(_TURNS):
         offset, share, height = section.look(readings.rays)
-        used = np.abs(offset) < max(_USED_WIDTH, _closest(offset))
+        used = (share > 0) & (np.abs(offset) < max(_USED_WIDTH, _closest(offset)))
         if np.count_nonzero(used) < _LEAST_READINGS:
             return Failure("no depth on the stem")
         inverse = share[used] / readings.depth_m[used]

@@ -55,12 +55,16 @@ def measure_tree(
     keypoint_rad = settings.keypoint_std_px * _pixel_rad(frame.camera, sum(edges) / 2)
     axis, roll_std_rad = _axis(rays, given, keypoint_rad, up, settings)
     lean_std_rad = _lean_std_rad(up, settings)
-    stem = fit_stem(frame.stem_readings(index, box_px), edges, axis, lean_std_rad, settings)
+    readings = frame.stem_readings(index, box_px)
+    if isinstance(readings, Failure):
+        return TreeMeasurement.failed(readings.reason)
+    stem = fit_stem(readings, edges, axis, lean_std_rad, settings)
     if isinstance(stem, Failure):
         return TreeMeasurement.failed(stem.reason)
     if not _LEAST_DIAMETER_M <= 2 * stem.radius_m <= settings.max_diameter_m:
         return TreeMeasurement.failed(f"a diameter of {2 * stem.radius_m:.2f} m is not plausible")
-    diameter_std_m = _diameter_std_m(stem, keypoint_rad, settings)
+    edge_rad = settings.keypoint_std_px * _edge_pixel_rad(frame.camera, stem)
+    diameter_std_m = _diameter_std_m(stem, edge_rad, settings)
     diameter = _diameter(stem, diameter_std_m)
     cut_ray = rays[_CUT] if given[_CUT] else None
     # Where the cut is not in the image, the ground is still looked for, below the section.
@@ -78,6 +82,15 @@ def measure_tree(
 def _pixel_rad(camera: PinholeCamera, ray: Float) -> float:
     """The angle of one pixel around a ray (3,)."""
     return float(1 / (camera.fx * np.linalg.norm(ray)))
+
+
+def _edge_pixel_rad(camera: PinholeCamera, stem: Stem) -> float:
+    """How far one pixel turns an edge of the stem around the camera, across the axis."""
+    section = stem.section
+    ray = section.centre / section.centre[2]
+    across = section.frame.across
+    reach = float(np.hypot(ray @ across, ray @ section.frame.away))
+    return float(np.hypot(across[0] / camera.fx, across[1] / camera.fy)) / reach
 
 
 def _lean_std_rad(up: Float | None, settings: MeasureSettings) -> float:
@@ -118,11 +131,11 @@ def _ground(
     return ground
 
 
-def _diameter_std_m(stem: Stem, keypoint_rad: float, settings: MeasureSettings) -> float:
+def _diameter_std_m(stem: Stem, edge_rad: float, settings: MeasureSettings) -> float:
     """From distance, edges and shape; the edges' angles count with half the width's cotangent."""
     shares = (
         stem.distance_std_m / stem.distance_m,
-        keypoint_rad / np.sqrt(2) / np.tan(stem.section.half_angle_rad),
+        edge_rad / np.sqrt(2) / np.tan(stem.section.half_angle_rad),
         settings.out_of_round_std,
     )
     return 2 * stem.radius_m * float(np.linalg.norm(shares))

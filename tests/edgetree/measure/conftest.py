@@ -1,0 +1,188 @@
+"""Scenes of cylinders on planes, cast ray by ray, with exact keypoints, depth and truth.
+
+Nothing here comes from the simulator or from the code under test but the pinhole projection,
+which `tests/calib` holds against OpenCV.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+import pytest
+
+from calib import PinholeCamera, pixels_to_rays, project_points
+from edgetree import TreeDetections
+
+CAMERA = PinholeCamera(1280, 720, 700.0, 700.0, 639.5, 359.5)
+
+
+@dataclass(frozen=True)
+class Pole:
+    """A cylinder standing on the ground at a place right of and before the camera, metres."""
+
+    diameter_m: float = 0.3
+    right_m: float = 0.0
+    ahead_m: float = 5.0
+    lean_deg: float = 0.0
+    lean_towards_deg: float = 0.0
+    """Direction of the lean: 0 to the right of the picture, 90 away from the camera."""
+    cut_m: float = 0.25
+    section_m: float = 0.4
+    top_m: float = 3.0
+
+
+@dataclass
+class Scene:
+    """Poles before a camera at a height over a sloping ground.
+
+    `slope_deg` rises towards `uphill_deg`, counted like `lean_towards_deg`.
+    """
+
+    poles: list[Pole]
+    camera: PinholeCamera = CAMERA
+    camera_height_m: float = 1.8
+    pitch_deg: float = 8.0
+    roll_deg: float = 0.0
+    slope_deg: float = 0.0
+    uphill_deg: float = 90.0
+    depth_m: np.ndarray = field(init=False)
+    owner: np.ndarray = field(init=False)
+    """(H, W) which pole a pixel shows, from 1; 0 ground; -1 nothing."""
+
+    def __post_init__(self) -> None:
+        pitch, roll = np.radians([self.pitch_deg, self.roll_deg])
+        nod = np.array(
+            [[1, 0, 0], [0, np.cos(pitch), -np.sin(pitch)], [0, np.sin(pitch), np.cos(pitch)]]
+        )
+        turn = np.array(
+            [[np.cos(roll), -np.sin(roll), 0], [np.sin(roll), np.cos(roll), 0], [0, 0, 1]]
+        )
+        # Level axes (right, down, ahead) to the camera's.
+        self.to_camera = turn @ nod
+        self.up = self.to_camera @ np.array([0.0, -1.0, 0.0])
+        slope, uphill = np.radians([self.slope_deg, self.uphill_deg])
+        self.gradient = np.tan(slope) * np.array([np.cos(uphill), np.sin(uphill)])
+        self._cast()
+
+    def foot(self, pole: Pole) -> np.ndarray:
+        """(3,) camera point where the axis meets the ground."""
+        rise = self.gradient @ (pole.right_m, pole.ahead_m)
+        level = np.array([pole.right_m, self.camera_height_m - rise, pole.ahead_m])
+        return self.to_camera @ level
+
+    def along(self, pole: Pole) -> np.ndarray:
+        lean, towards = np.radians([pole.lean_deg, pole.lean_towards_deg])
+        sine = np.sin(lean)
+        level = np.array([sine * np.cos(towards), -np.cos(lean), sine * np.sin(towards)])
+        return self.to_camera @ level
+
+    def axis_point(self, pole: Pole, height_m: float) -> np.ndarray:
+        return self.foot(pole) + height_m * self.along(pole)
+
+    def front(self, pole: Pole, centre: np.ndarray) -> np.ndarray:
+        """(3,) unit vector from the axis to the camera, across the axis."""
+        along = self.along(pole)
+        towards = (centre @ along) * along - centre
+        return towards / np.linalg.norm(towards)
+
+    def edges(self, pole: Pole) -> np.ndarray:
+        """(2, 3) camera points where rays graze the section, left then right."""
+        radius = pole.diameter_m / 2
+        centre, along = self.axis_point(pole, pole.section_m), self.along(pole)
+        front = self.front(pole, centre)
+        cosine = radius / np.linalg.norm(centre - (centre @ along) * along)
+        side = np.cross(along, front)
+        points = centre + radius * np.stack(
+            [cosine * front + sign * np.sqrt(1 - cosine**2) * side for sign in (-1, 1)]
+        )
+        return points[np.argsort(project_points(self.camera, points)[:, 0])]
+
+    def cut_point(self, pole: Pole) -> np.ndarray:
+        centre = self.axis_point(pole, pole.cut_m)
+        return centre + pole.diameter_m / 2 * self.front(pole, centre)
+
+    def cut_height_m(self, pole: Pole) -> float:
+        """From the uphill side of the foot to the axis at the cut, along the vertical."""
+        uphill = pole.diameter_m / 2 * np.linalg.norm(self.gradient)
+        return pole.cut_m * np.cos(np.radians(pole.lean_deg)) - uphill
+
+    def keypoints(self, pole: Pole) -> np.ndarray:
+        """(5, 2) px."""
+        middle = (pole.cut_m + pole.top_m / 2) / 2
+        axis = [self.axis_point(pole, height) for height in (middle, pole.top_m / 2)]
+        points = np.stack([self.cut_point(pole), *self.edges(pole), *axis])
+        return project_points(self.camera, points)
+
+    def _cast(self) -> None:
+        camera = self.camera
+        rows, columns = np.mgrid[0 : camera.height, 0 : camera.width]
+        rays = pixels_to_rays(camera, np.stack([columns, rows], -1) + 0.5)
+        level = rays @ self.to_camera
+        # The ground: down = camera height - gradient . (right, ahead).
+        falling = level[..., 1] + level[..., [0, 2]] @ self.gradient
+        hit = falling > 1e-6
+        depth = np.where(hit, self.camera_height_m / np.where(hit, falling, 1.0), np.inf)
+        self.owner = np.where(hit, 0, -1)
+        for number, pole in enumerate(self.poles, start=1):
+            z = self._cast_pole(pole, rays)
+            nearer = z < depth
+            depth, self.owner = np.where(nearer, z, depth), np.where(nearer, number, self.owner)
+        self.depth_m = np.where(depth < 60, depth, 0).astype(np.float32)
+
+    def _cast_pole(self, pole: Pole, rays: np.ndarray) -> np.ndarray:
+        foot, along = self.foot(pole), self.along(pole)
+        flat = rays - (rays @ along)[..., None] * along
+        centre = foot - (foot @ along) * along
+        a, b = (flat**2).sum(-1), flat @ centre
+        root = b**2 - a * (centre @ centre - (pole.diameter_m / 2) ** 2)
+        z = np.where(root > 0, (b - np.sqrt(np.maximum(root, 0))) / a, np.inf)
+        height = np.where(np.isfinite(z), z, 0) * (rays @ along) - foot @ along
+        return np.where((height > -1) & (height < pole.top_m) & (z > 0), z, np.inf)
+
+    def detections(self, masks: list[np.ndarray] | None = None) -> TreeDetections:
+        """Exact keypoints; `masks` (H, W) bool replace what the picture shows of the poles."""
+        masks = masks or [self.owner == number + 1 for number in range(len(self.poles))]
+        boxes, grids = [], []
+        for mask in masks:
+            rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
+            box = [columns[0], rows[0], columns[-1] + 1, rows[-1] + 1]
+            crop = mask[box[1] : box[3], box[0] : box[2]].astype(np.float32)
+            boxes.append(box)
+            grids.append(cv2.resize(crop, (28, 28), interpolation=cv2.INTER_AREA))
+        keypoints = np.ones((len(masks), 5, 3))
+        for index, pole in enumerate(self.poles):
+            keypoints[index, :, :2] = self.keypoints(pole)
+        return TreeDetections(
+            boxes_px=np.array(boxes, np.float32),
+            scores=np.ones(len(masks), np.float32),
+            keypoints_px=keypoints.astype(np.float32),
+            masks=np.array(grids),
+            image_width=self.camera.width,
+            image_height=self.camera.height,
+        )
+
+    def noisy_depth_m(self, seed: int, noise_per_m: float = 0.002) -> np.ndarray:
+        """Depth as stereo gives it: an error that grows with z², the same within a few pixels."""
+        rng = np.random.default_rng(seed)
+        height, width = self.depth_m.shape
+        coarse = rng.standard_normal((height // 4 + 1, width // 4 + 1))
+        noise = np.kron(coarse, np.ones((4, 4)))[:height, :width]
+        return (self.depth_m + noise_per_m * self.depth_m**2 * noise).astype(np.float32)
+
+
+@pytest.fixture
+def pole() -> type[Pole]:
+    return Pole
+
+
+@pytest.fixture
+def scene() -> Callable[..., Scene]:
+    """Build a scene: `scene(pole(...), ..., slope_deg=10)`."""
+
+    def build(*poles: Pole, **options: object) -> Scene:
+        return Scene(list(poles), **options)  # type: ignore[arg-type]
+
+    return build

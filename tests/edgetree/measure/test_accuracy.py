@@ -1,0 +1,166 @@
+"""Metres of analytic cylinders: exact keypoints and depth, then noise and hidden parts."""
+
+import numpy as np
+import pytest
+
+from calib import PinholeCamera
+from edgetree.measure import MeasureSettings, measure_trees
+
+EXACT = MeasureSettings(keypoint_std_px=0.1)
+
+
+def measure_one(scene, depth_m=None, detections=None, up=True, settings=EXACT):
+    [tree] = measure_trees(
+        scene.detections() if detections is None else detections,
+        scene.depth_m if depth_m is None else depth_m,
+        scene.camera,
+        up_camera=scene.up if up else None,
+        settings=settings,
+    )
+    return tree
+
+
+@pytest.mark.parametrize("diameter_m", [0.08, 0.3, 0.8])
+@pytest.mark.parametrize(("right_m", "ahead_m"), [(0.0, 1.6), (1.0, 2.0), (-1.5, 4.0), (4.0, 9.0)])
+def test_upright_stems_anywhere_in_the_picture(scene, pole, diameter_m, right_m, ahead_m):
+    stand = scene(
+        pole(diameter_m, right_m, ahead_m), camera_height_m=1.2, pitch_deg=20.0, roll_deg=3.0
+    )
+    tree = measure_one(stand)
+    truth = np.linalg.norm(stand.axis_point(stand.poles[0], 0.25))
+    assert tree.diameter_m.value == pytest.approx(diameter_m, rel=0.005)
+    assert tree.distance_m.value == pytest.approx(truth, rel=0.003)
+    assert tree.cut_height_m.value == pytest.approx(0.25, abs=0.01)
+    assert tree.inclination_deg.value == pytest.approx(0.0, abs=0.3)
+    assert tree.cut_point_m == pytest.approx(stand.cut_point(stand.poles[0]), abs=0.012)
+
+
+@pytest.mark.parametrize("lean_deg", [10.0, 20.0, 30.0])
+@pytest.mark.parametrize("towards_deg", [0.0, 90.0, 180.0, 270.0, 315.0])
+def test_leaning_stems_are_measured_across_their_axis(scene, pole, lean_deg, towards_deg):
+    stand = scene(pole(0.35, -0.8, 4.0, lean_deg, towards_deg), slope_deg=8.0)
+    tree = measure_one(stand)
+    assert tree.diameter_m.value == pytest.approx(0.35, rel=0.005)
+    assert tree.inclination_deg.value == pytest.approx(lean_deg, abs=0.5)
+    assert tree.cut_height_m.value == pytest.approx(stand.cut_height_m(stand.poles[0]), abs=0.01)
+
+
+@pytest.mark.parametrize("slope_deg", [10.0, 20.0, 30.0])
+@pytest.mark.parametrize("uphill_deg", [0.0, 90.0, 200.0])
+def test_cut_heights_count_from_the_uphill_side(scene, pole, slope_deg, uphill_deg):
+    stand = scene(
+        pole(0.5, 0.4, 4.0, cut_m=0.4, section_m=0.6), slope_deg=slope_deg, uphill_deg=uphill_deg
+    )
+    tree = measure_one(stand)
+    expected = 0.4 - 0.25 * np.tan(np.radians(slope_deg))
+    assert tree.cut_height_m.value == pytest.approx(expected, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("right_m", "ahead_m", "least_bias"), [(0.0, 1.6, 0.07), (0.0, 3.0, 0.035), (4.0, 4.5, 0.08)]
+)
+def test_the_pixel_formula_is_worse(scene, pole, right_m, ahead_m, least_bias):
+    stand = scene(pole(0.3, right_m, ahead_m), camera_height_m=0.8, pitch_deg=0.0)
+    left, right = stand.detections().keypoints_px[0, 1:3, :2]
+    middle = (left + right) / 2
+    depth_m = stand.depth_m[int(middle[1]), int(middle[0])]
+    naive_m = depth_m * (right[0] - left[0]) / stand.camera.fx
+    assert abs(naive_m / 0.3 - 1) > least_bias
+    assert measure_one(stand).diameter_m.value == pytest.approx(0.3, rel=0.005)
+
+
+def test_lens_distortion_is_taken_out(scene, pole):
+    bent = PinholeCamera(1280, 720, 700.0, 690.0, 650.0, 350.0, (-0.12, 0.05, 0.001, -0.002, 0.0))
+    tree = measure_one(scene(pole(0.3, 2.0, 3.5), camera=bent))
+    assert tree.diameter_m.value == pytest.approx(0.3, rel=0.005)
+    assert tree.cut_height_m.value == pytest.approx(0.25, abs=0.01)
+
+
+def test_without_a_given_vertical_the_ground_is_level(scene, pole):
+    stand = scene(pole(0.3, 0.3, 4.0), pitch_deg=15.0, roll_deg=4.0)
+    tree = measure_one(stand, up=False)
+    assert tree.diameter_m.value == pytest.approx(0.3, rel=0.005)
+    assert tree.cut_height_m.value == pytest.approx(0.25, abs=0.01)
+    assert tree.inclination_deg.value == pytest.approx(0.0, abs=0.5)
+
+
+def test_without_masks_the_edges_bound_the_stem(scene, pole):
+    stand = scene(pole(0.3, 0.3, 4.0))
+    full = stand.detections()
+    bare = type(full)(full.boxes_px, full.scores, full.keypoints_px, None, 1280, 720)
+    assert measure_one(stand, detections=bare).diameter_m.value == pytest.approx(0.3, rel=0.005)
+
+
+def test_a_section_hidden_by_grass_is_measured_from_the_stem_above(scene, pole):
+    stand = scene(pole(0.3, 0.3, 4.0, 8.0, 270.0))
+    mask = stand.owner == 1
+    grass = np.zeros_like(mask)
+    hidden_to = int(stand.keypoints(pole(0.3, 0.3, 4.0, 8.0, 270.0, section_m=0.9))[1, 1])
+    grass[hidden_to:, 480:800] = True
+    depth_m = np.where(grass, np.minimum(stand.depth_m, 3.0), stand.depth_m)
+    ground_seen = np.where(grass & ~mask, stand.depth_m, depth_m)
+    tree = measure_one(stand, ground_seen, stand.detections([mask & ~grass]))
+    assert tree.diameter_m.value == pytest.approx(0.3, rel=0.01)
+    assert tree.cut_height_m.value == pytest.approx(0.25, abs=0.02)
+
+
+def test_twigs_and_background_inside_the_mask_do_not_count(scene, pole):
+    stand = scene(pole(0.3, -0.4, 5.0))
+    rng = np.random.default_rng(3)
+    mask = stand.owner == 1
+    depth_m = stand.depth_m.copy()
+    twigs = mask & (rng.random(mask.shape) < 0.25)
+    gaps = mask & (rng.random(mask.shape) < 0.15)
+    depth_m[twigs] -= rng.uniform(0.2, 1.5, mask.shape).astype(np.float32)[twigs]
+    depth_m[gaps] += 6.0
+    wide = np.roll(mask, 4, 1) | np.roll(mask, -4, 1)
+    tree = measure_one(stand, depth_m, stand.detections([wide]))
+    assert tree.diameter_m.value == pytest.approx(0.3, rel=0.01)
+    assert tree.distance_m.value == pytest.approx(
+        np.linalg.norm(stand.axis_point(stand.poles[0], 0.25)), rel=0.005
+    )
+
+
+@pytest.mark.parametrize("ahead_m", [2.5, 5.0, 8.0])
+def test_stated_errors_hold_under_noise(scene, pole, ahead_m):
+    stand = scene(pole(0.3, 0.5, ahead_m))
+    settings = MeasureSettings(keypoint_std_px=1.0, out_of_round_std=1e-6, bend_std_deg=1e-6)
+    distance_m = float(np.linalg.norm(stand.axis_point(stand.poles[0], 0.25)))
+    exact = stand.detections()
+    ratios = []
+    for seed in range(100):
+        keypoints = exact.keypoints_px.copy()
+        keypoints[..., :2] += np.random.default_rng(seed + 99).normal(0, 1.0, (1, 5, 2))
+        detections = type(exact)(
+            exact.boxes_px, exact.scores, keypoints, exact.masks, 1280, 720
+        )
+        tree = measure_one(stand, stand.noisy_depth_m(seed), detections, settings=settings)
+        pairs = [(tree.diameter_m, 0.3), (tree.distance_m, distance_m), (tree.cut_height_m, 0.25)]
+        ratios.append([(estimate.value - truth) / estimate.std for estimate, truth in pairs])
+    spread = np.sqrt(np.mean(np.square(ratios), axis=0))
+    assert np.all(spread[:2] > 0.7), spread
+    assert np.all(spread < 1.3), spread
+
+
+def test_more_noise_is_stated_as_more_error(scene, pole):
+    stand = scene(pole(0.3, 0.5, 6.0))
+    quiet = measure_one(stand, stand.noisy_depth_m(1, 0.001))
+    loud = measure_one(stand, stand.noisy_depth_m(1, 0.01))
+    assert loud.distance_m.std > 2 * quiet.distance_m.std
+    blurred = measure_one(stand, settings=MeasureSettings(keypoint_std_px=3.0))
+    assert blurred.diameter_m.std > 5 * measure_one(stand).diameter_m.std
+
+
+def test_trees_keep_their_order_and_do_not_mix(scene, pole):
+    stand = scene(pole(0.2, -1.0, 4.0), pole(0.5, 0.2, 6.0), pole(0.35, 1.4, 3.5))
+    trees = measure_trees(stand.detections(), stand.depth_m, stand.camera, up_camera=stand.up)
+    assert [t.diameter_m.value for t in trees] == pytest.approx([0.2, 0.5, 0.35], rel=0.005)
+    assert [t.cut_height_m.value for t in trees] == pytest.approx([0.25] * 3, abs=0.01)
+
+
+def test_swapped_edges_give_the_same_diameter(scene, pole):
+    stand = scene(pole(0.3, 0.5, 4.0))
+    trees = stand.detections()
+    keypoints = trees.keypoints_px[:, [0, 2, 1, 3, 4]]
+    swapped = type(trees)(trees.boxes_px, trees.scores, keypoints, trees.masks, 1280, 720)
+    assert measure_one(stand, detections=swapped).diameter_m == measure_one(stand).diameter_m
