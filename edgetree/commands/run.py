@@ -81,7 +81,7 @@ def run(
     frames = open_source(source, depth, depth_only=depth_only)
     lens = None if camera is None else load_camera(camera)
     up_camera = None if up is None else _direction(up)
-    work = _Work(source, model_path, out, jsonl, as_json)
+    work = _Work(source, model, model_path, out, jsonl, as_json)
     work.do(frames, lambda frame: process(frame, detector, lens, up_camera))
     if as_json:
         print_json(work.to_dict(detector))
@@ -104,6 +104,7 @@ class _Work:
     """What was asked for, and what has come of it so far."""
 
     source: Path
+    model: str
     model_path: Path
     out: Path | None
     jsonl: Path | None
@@ -179,6 +180,6 @@ class _Work:
             yield f"JSON lines: {self.jsonl}"
         if self.out is not None:
             yield f"pictures: {self.out}"
-            yield f"next: edgetree bench {self.source}"
+            yield f"next: edgetree bench {self.source} --model {self.model}"
         else:
-            yield f"next: edgetree run {self.source} --out pictures"
+            yield f"next: edgetree run {self.source} --model {self.model} --out pictures"

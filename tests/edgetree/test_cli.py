@@ -168,6 +168,8 @@ def test_lines_and_pictures_go_where_they_should(
     assert drawn.shape == plain.shape
     assert np.abs(drawn[60:300, 100:120].astype(int) - plain[60:300, 100:120]).mean() > 20
     assert f"pictures: {out}" in done.err
+    following = done.err.splitlines()[-1].removeprefix("next: edgetree ")
+    assert run_cli(*following.split(), "--seconds", 0).code == 0
 
 
 def test_the_threshold_is_the_users(run_cli: Cli, model: Path, images: Path) -> None:
