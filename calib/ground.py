@@ -75,10 +75,11 @@ def fit_ground_plane(
     normal, offset = np.zeros(3), 0.0
     for _ in range(_REFINEMENTS):
         centre = points[support].mean(0)
-        spreads, normals = np.linalg.svd(points[support] - centre, full_matrices=False)[1:]
-        if spreads[1] < _NARROWEST * spreads[0]:
+        offsets = points[support] - centre
+        squared_spreads, directions = np.linalg.eigh(offsets.T @ offsets)
+        if squared_spreads[1] < _NARROWEST**2 * squared_spreads[2]:
             return GroundPlaneFailure("the ground points lie on one line")
-        normal = normals[2] * np.sign(normals[2] @ vertical or 1.0)
+        normal = directions[:, 0] * np.sign(directions[:, 0] @ vertical or 1.0)
         offset = float(-normal @ centre)
         support = np.abs(points @ normal + offset) < tolerance_m
         fraction = float(support.mean())
