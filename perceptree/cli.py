@@ -32,7 +32,7 @@ def main() -> None:
     try:
         code = typer.main.get_command(app).main(prog_name="perceptree", standalone_mode=False) or 0
     except (KeyboardInterrupt, typer.Abort):
-        typer.echo("perceptree: interrupted; the same command goes on from here", err=True)
+        typer.echo("perceptree: interrupted; type the same command to go on", err=True)
         code = _INTERRUPTED
     except ModuleNotFoundError as error:
         typer.echo(f'perceptree: {error}: install with pip install ".[train,sim]"', err=True)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perceptree.data.frames import Sample
+from perceptree.errors import SettingsError
 from perceptree.models import KEYPOINT_FLIP_PAIRS, ModelSpec
 
 Float = NDArray[np.floating[Any]]
@@ -32,6 +33,16 @@ class AugmentSettings:
     depth_gain: float = 0.02
     depth_noise: float = 2.0
     holes: int = 6
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.flip_share <= 1:
+            raise SettingsError(f"flip_share is {self.flip_share}: expected 0 to 1")
+        if not 0 < self.scale[0] <= self.scale[1]:
+            raise SettingsError(f"scale is {self.scale}: expected 0 < least <= most")
+        for name in ("brightness", "contrast", "saturation", "tint", "noise", "depth_gain",
+                     "depth_noise", "holes"):  # fmt: skip
+            if getattr(self, name) < 0:
+                raise SettingsError(f"{name} is {getattr(self, name)}: expected at least 0")
 
 
 def augment(

@@ -68,6 +68,11 @@ class FrameStore:
             stored.image, stored.boxes, stored.keypoints, masks.reshape(shape).astype(bool)
         )
 
+    @property
+    def trees(self) -> int:
+        """How many trees are labelled, crowds left out."""
+        return sum(len(stored.boxes) for stored in self._stored)
+
     def letterbox(self, index: int) -> Letterbox:
         """How frame ``index`` was fitted into the model's input."""
         frame = self.frames[index]
@@ -75,6 +80,7 @@ class FrameStore:
 
     def _load(self, frame: FrameRecord) -> _Stored:
         box = Letterbox.fit(frame.width, frame.height, self.spec.width, self.spec.height)
+        self._check_encoding(frame)
         image = box.apply(read_frame(frame, self.spec.modality), self.spec.pad_value)
         trees = [tree for tree in frame.trees if not tree.crowd]
         scale = np.tile(box.scale, 2)
@@ -86,6 +92,14 @@ class FrameStore:
             grey = frame.mask(tree).astype(np.uint8) * np.uint8(255)
             masks[row] = box.apply(grey, 0) > 127
         return _Stored(image, boxes, keypoints, np.packbits(masks, axis=-1))
+
+    def _check_encoding(self, frame: FrameRecord) -> None:
+        """A model of depth sees the greys that its spec says, and no others."""
+        wanted, found = self.spec.depth_encoding, frame.extra.get("depth_encoding")
+        if wanted is not None and found is not None and found != wanted:
+            raise DatasetError(
+                f"{frame.depth8_path}: its depth_encoding is {found}, expected the model's {wanted}"
+            )
 
 
 def read_frame(frame: FrameRecord, modality: str) -> NDArray[np.uint8]:

@@ -15,6 +15,7 @@ from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
 from perceptree.data import FrameRecord, FrameStore
+from perceptree.errors import DatasetError
 from perceptree.evaluation.predictions import FramePrediction, Predict, predict_frames
 from perceptree.models import KEYPOINT_NAMES
 
@@ -27,7 +28,7 @@ _DISPLAY_SCORE = 0.5
 
 @dataclass(frozen=True)
 class Metrics:
-    """COCO AP and AP50 in percent (None without the branch), and what they were taken on.
+    """COCO AP and AP50 in percent, and what they were taken on; None without branch or labels.
 
     ``keypoint_error_px`` is the median distance of each keypoint from the truth, in source px,
     over trees matched at box IoU 0.5 with a score of at least 0.5.
@@ -54,7 +55,13 @@ def evaluate(
     batch: int = 1,
     progress: Callable[[int], None] = lambda frames: None,
 ) -> Metrics:
-    """Average precision of ``predict`` over all frames of ``store``, up to 20 trees a frame."""
+    """Average precision of ``predict`` over all frames of ``store``, up to 20 trees a frame.
+
+    ``progress`` gets the number of frames done since its last call. Raises DatasetError where
+    ``store`` has no labelled tree: then precision means nothing.
+    """
+    if store.trees == 0:
+        raise DatasetError(f"{len(store)} frames without a labelled tree: expected some trees")
     predictions = []
     for prediction in predict_frames(predict, store, batch):
         predictions.append(prediction)
@@ -66,7 +73,7 @@ def evaluate(
     }
     return Metrics(
         len(store.frames),
-        sum(len(frame.trees) for frame in store.frames),
+        store.trees,
         results["bbox"][0] or 0.0,
         results["bbox"][1] or 0.0,
         *results["segm"],
@@ -148,7 +155,8 @@ def _average_precision(
         evaluation.evaluate()
         evaluation.accumulate()
         evaluation.summarize()
-    return 100 * float(evaluation.stats[0]), 100 * float(evaluation.stats[1])
+    ap, ap50 = (100 * float(value) for value in evaluation.stats[:2])
+    return (None, None) if ap < 0 else (ap, ap50)  # -1 where no tree has such a label
 
 
 def _keypoint_errors(

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
 from perceptree.data import AugmentSettings
 from perceptree.errors import SettingsError
+
+_POSITIVE = (
+    "steps", "minutes", "batch", "learning_rate", "warmup_steps", "clip_norm", "evaluations",
+    "save_every_steps",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -37,12 +43,18 @@ class TrainSettings:
             raise SettingsError(
                 f"steps is {self.steps} and minutes {self.minutes}: expected exactly one of them"
             )
-        for name in ("steps", "minutes", "batch", "learning_rate", "clip_norm", "evaluations"):
+        for name in _POSITIVE:
             value = getattr(self, name)
-            if value is not None and value <= 0:
+            if value is not None and not (math.isfinite(value) and value > 0):
                 raise SettingsError(f"{name} is {value}: expected more than 0")
+        if not (math.isfinite(self.weight_decay) and self.weight_decay >= 0):
+            raise SettingsError(f"weight_decay is {self.weight_decay}: expected at least 0")
+        if not 0 <= self.final_rate_share <= 1:
+            raise SettingsError(f"final_rate_share is {self.final_rate_share}: expected 0 to 1")
         if not 0 <= self.ema_decay < 1:
             raise SettingsError(f"ema_decay is {self.ema_decay}: expected at least 0, under 1")
+        if self.seed < 0:
+            raise SettingsError(f"seed is {self.seed}: expected at least 0")
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-ready values."""

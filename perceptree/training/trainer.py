@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import json
 import math
-import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,12 +16,15 @@ import torch
 from torch import Tensor
 
 from perceptree.data import FrameStore, Sample, augment, read_split
-from perceptree.errors import CheckpointError
+from perceptree.errors import CheckpointError, DatasetError, SettingsError
 from perceptree.evaluation import Metrics, evaluate, predict_with
 from perceptree.models import ModelSpec, TreeRCNN, save_checkpoint
 from perceptree.training.settings import TrainSettings
+from perceptree.training.state import interrupt_afterwards, read_state, write_state
 
 _SECONDS = 60.0
+_LOG_EVERY_STEPS = 50
+STATE_NAME = "state.pt"
 
 
 @dataclass(frozen=True)
@@ -55,9 +57,12 @@ class Trainer:
         self, spec: ModelSpec, settings: TrainSettings, data: Path, out: Path, progress: Progress
     ) -> None:
         self.spec, self.settings, self.out, self._progress = spec, settings, out, progress
-        self._data_name = data.name
         self._train = FrameStore(read_split(data, "train"), spec)
         self._val = FrameStore(read_split(data, "val"), spec)
+        for split, store in (("train", self._train), ("val", self._val)):
+            if store.trees == 0:
+                raise DatasetError(f"{data}: the split {split} has no labelled tree, expected some")
+        self._data = {"name": data.name, "train": len(self._train), "val": len(self._val)}
         torch.manual_seed(settings.seed)
         self.model = TreeRCNN(spec).to(memory_format=torch.channels_last)
         self.average = copy.deepcopy(self.model).eval().requires_grad_(False)
@@ -85,7 +90,9 @@ class Trainer:
         """Train to the end, evaluating on val on the way; interrupted, the state is saved."""
         try:
             while self.done < 1.0:
-                self._train_step()
+                with interrupt_afterwards():
+                    self._train_step()
+                self._progress(Status(self.done, self.step, dict(self._sums), self._elapsed_s))
                 if self.step % self.settings.save_every_steps == 0:
                     self.save_state()
                 if int(self.done * self.settings.evaluations) > self._evaluated:
@@ -117,8 +124,14 @@ class Trainer:
             group["lr"] = self._learning_rate()
         self.model.train()
         losses = self._losses(samples)
+        total = sum(losses.values(), torch.zeros(()))
+        if not math.isfinite(total.item()):
+            raise SettingsError(
+                f"the loss is {total.item()} at step {self.step}: expected a finite one; "
+                f"try a learning rate under {settings.learning_rate:g}"
+            )
         self._optimizer.zero_grad(set_to_none=True)
-        sum(losses.values(), torch.zeros(())).backward()  # type: ignore[no-untyped-call]
+        total.backward()  # type: ignore[no-untyped-call]
         torch.nn.utils.clip_grad_norm_(self.model.parameters(), settings.clip_norm)
         self._optimizer.step()
         self._update_average()
@@ -162,31 +175,45 @@ class Trainer:
         for name, tensor in losses.items():
             value = float(tensor.detach())
             self._sums[name] = 0.98 * self._sums.get(name, value) + 0.02 * value
-        self._progress(Status(self.done, self.step, dict(self._sums), self._elapsed_s))
+        if self.step % _LOG_EVERY_STEPS == 0:
+            self._log({})
+
+    def _log(self, more: dict[str, Any]) -> None:
+        entry = {"step": self.step, "elapsed_s": round(self._elapsed_s, 2), "losses": self._sums}
+        path = self.out / "log.jsonl"
+        try:
+            with path.open("a", encoding="utf-8") as log:
+                log.write(json.dumps(entry | more) + "\n")
+        except OSError as error:
+            raise CheckpointError(f"{path}: cannot be written ({error.strerror})") from error
 
     def _evaluate(self) -> None:
-        self._evaluated = max(self._evaluated + 1, int(self.done * self.settings.evaluations))
         metrics = evaluate(predict_with(self.average), self._val, batch=4)
-        entry = {"step": self.step, "elapsed_s": self._elapsed_s, "losses": self._sums}
-        with (self.out / "log.jsonl").open("a", encoding="utf-8") as log:
-            log.write(json.dumps({**entry, "val": metrics.to_dict()}) + "\n")
+        self._log({"val": metrics.to_dict()})
         if self._best is None or metrics.box_ap >= self._best.box_ap:
             self._best = metrics
             training = {
                 "settings": self.settings.to_dict(),
-                "data": self._data_name,
+                "data": self._data["name"],
                 "frames": len(self._train),
                 "steps": self.step,
                 "val": metrics.to_dict(),
             }
             save_checkpoint(self.checkpoint, self.average, training)
+        self._evaluated = max(self._evaluated + 1, int(self.done * self.settings.evaluations))
         self.save_state()
 
+    @property
+    def _identity(self) -> dict[str, Any]:
+        return {
+            "model settings": self.spec.to_dict(),
+            "settings": self.settings.to_dict(),
+            "data": self._data,
+        }
+
     def save_state(self) -> None:
-        """Write everything that ``resume`` needs, all or nothing."""
+        """Write everything that :meth:`resume` needs, all or nothing."""
         state = {
-            "spec": json.dumps(self.spec.to_dict(), sort_keys=True),
-            "settings": json.dumps(self.settings.to_dict(), sort_keys=True),
             "model": self.model.state_dict(),
             "average": self.average.state_dict(),
             "optimizer": self._optimizer.state_dict(),
@@ -196,28 +223,21 @@ class Trainer:
             "sums": self._sums,
             "best": None if self._best is None else self._best.to_dict(),
         }
-        beside = self.out / "state.pt.part"
-        torch.save(state, beside)
-        os.replace(beside, self.out / "state.pt")
+        write_state(self._state_path, state, self._identity)
 
     def resume(self) -> None:
-        """Go on where ``state.pt`` left off; raises CheckpointError where it does not fit."""
-        path = self.out / "state.pt"
-        try:
-            state = torch.load(path, weights_only=True)
-        except (OSError, RuntimeError, ValueError, EOFError) as error:
-            raise CheckpointError(f"{path}: not a readable training state ({error})") from error
-        for name, own in (("spec", self.spec.to_dict()), ("settings", self.settings.to_dict())):
-            if state[name] != json.dumps(own, sort_keys=True):
-                raise CheckpointError(
-                    f"{path}: was made with another {name}, expected the same one to resume"
-                )
+        """Go on where the state left off; raises CheckpointError where it does not fit."""
+        state = read_state(self._state_path, self._identity)
         self.model.load_state_dict(state["model"])
         self.average.load_state_dict(state["average"])
         self._optimizer.load_state_dict(state["optimizer"])
         self.step, self._elapsed_s = state["step"], state["elapsed_s"]
         self._evaluated, self._sums = state["evaluated"], state["sums"]
         self._best = None if state["best"] is None else Metrics(**state["best"])
+
+    @property
+    def _state_path(self) -> Path:
+        return self.out / STATE_NAME
 
 
 def train(
@@ -229,14 +249,15 @@ def train(
 ) -> TrainReport:
     """Train ``spec`` from random weights on a dataset's train split into the folder ``out``.
 
-    A folder with ``state.pt`` of the same spec and settings is resumed. Raises DatasetError for
-    data that cannot be read, CheckpointError where ``out`` cannot be written or does not fit.
+    A folder with ``state.pt`` of the same spec, settings and data is resumed. Raises DatasetError
+    for data that cannot be read, CheckpointError where ``out`` cannot be written or does not fit,
+    SettingsError where the loss stops being finite.
     """
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise CheckpointError(f"{out}: cannot be written ({error.strerror})") from error
     trainer = Trainer(spec, settings, data, out, progress)
-    if (out / "state.pt").exists():
+    if (out / STATE_NAME).exists():
         trainer.resume()
     return trainer.run()
