@@ -368,13 +368,19 @@ def test_a_reader_that_has_enough_sees_no_traceback(model: Path, images: Path) -
     assert errors == b""
 
 
-def test_help_is_quick_and_loads_nothing_heavy() -> None:
+def test_help_takes_half_a_second_of_one_core_at_most() -> None:
+    # Processor time, as tests share their machine with others; the clock shows no more when idle.
+    resource = pytest.importorskip("resource", reason="this system counts no processor time")
     times_s = []
     for _ in range(3):
-        start = time.perf_counter()
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
         subprocess.run([sys.executable, "-c", MAIN, "--help"], check=True, capture_output=True)
-        times_s.append(time.perf_counter() - start)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        times_s.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
     assert min(times_s) < 0.5
+
+
+def test_help_loads_nothing_heavy() -> None:
     code = "import sys, edgetree.cli; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     heavy = {"numpy", "cv2", "onnxruntime", "torch", "perceptree", "calib", "rich"}
