@@ -33,9 +33,12 @@ class AxisFrame:
 
     def tilted(self, tangent: float) -> AxisFrame:
         """With the axis tilted away from the camera by an angle of this tangent."""
-        along = self.along + tangent * self.away
-        along = along / np.linalg.norm(along)
-        return AxisFrame(along, self.across, np.cross(self.across, along))
+        length = float(np.hypot(1.0, tangent))
+        return AxisFrame(
+            (self.along + tangent * self.away) / length,
+            self.across,
+            (self.away - tangent * self.along) / length,
+        )
 
 
 def axis_frame(normal: Float, up: Float) -> AxisFrame:

@@ -22,15 +22,17 @@ _LEAST_READINGS = 4
 # Stems bend and taper: a straight one of constant radius is off by this share of the squared
 # length (1/m), so that what is seen close to the section counts most.
 _BEND_PER_M = 0.02
+# The first line is sought among tilts up to so many standard deviations and these levels of the
+# sorted readings, by the support among at least so many readings.
+_STEEPEST = 6.0
+_SLOPES = 15
+_LEVELS = (0.15, 0.3, 0.5, 0.7, 0.85)
+_JUDGES = 120
 _TURNS = 3
-_DRAWS = 32
-_JUDGES = 200
 _ROUNDS = 3
 _CUTOFF = 4.0
 # The assumed noise counts as much as this many independent readings.
 _NOISE_PRIOR = 8.0
-# Lines tilted by more than this many standard deviations are not tried.
-_STEEPEST = 6.0
 
 
 class Readings(NamedTuple):
@@ -84,6 +86,16 @@ class Stem:
         return np.asarray(self.axis_point(ray) - self.radius_m * middle)
 
 
+class _Points(NamedTuple):
+    """Per reading (N,): `height` along the axis from the section, per metre of distance, and the
+    `inverse` of the distance to the axis in 1/m; `cell` as in `Readings`.
+    """
+
+    height: Float
+    inverse: Float
+    cell: NDArray[np.integer[Any]]
+
+
 class _Line(NamedTuple):
     """1 / distance = at_section + slope * (height - the section's), and their covariance."""
 
@@ -114,24 +126,25 @@ def fit_stem(
         settings: noise of the depth.
     """
     tilt_rad = 0.0
-    line: _Line | None = None
     section = tangent_section(frame, *edges)
+    line = _Line(0.0, 0.0, np.zeros((2, 2)), 0)
     for turn in range(_TURNS):
         offset, share, height = section.look(readings.rays)
         used = (share > 0) & (np.abs(offset) < max(_USED_WIDTH, _closest(offset)))
         if np.count_nonzero(used) < _LEAST_READINGS:
             return Failure("no depth on the stem")
-        inverse = share[used] / readings.depth_m[used]
-        prior = (-tilt_rad, lean_std_rad)
-        line = _fit_line(
-            height[used] - section.height, inverse, share[used], readings.cell[used], prior,
-            settings.depth_noise_per_m, turn == 0,
-        )  # fmt: skip
-        if line is None:
+        points = _Points(
+            height[used] - section.height, share[used] / readings.depth_m[used], readings.cell[used]
+        )
+        noise = settings.depth_noise_per_m * float(share[used].mean())
+        found = _fit_line(points, noise, (-tilt_rad, lean_std_rad), turn == 0)
+        if found is None:
             return Failure("the depth on the stem does not agree with itself")
+        line = found
         tilt_rad += float(np.arctan(-line.slope / line.at_section))
         section = tangent_section(frame.tilted(float(np.tan(tilt_rad))), *edges)
-    assert line is not None
+    if section.centre[2] <= 0:
+        return Failure("the diameter keypoints do not lie on the stem")
     distance_m = 1 / line.at_section
     std = np.sqrt(np.diag(line.covariance))
     return Stem(
@@ -145,45 +158,55 @@ def _closest(offset: Float) -> float:
 
 
 def _fit_line(
-    height: Float,
-    inverse: Float,
-    share: Float,
-    cell: NDArray[np.integer[Any]],
-    tilt_prior: tuple[float, float],
-    noise_per_m: float,
-    search: bool,
+    points: _Points, noise: float, tilt_prior: tuple[float, float], search: bool
 ) -> _Line | None:
     """Robust line through inverse distances, its slope held by a prior of the tilt.
 
     Of many lines through two readings the one that most others support is taken first (only
-    where `search`: later rounds start level), then reweighted least squares with Tukey's weights.
+    where `search`: later turns start level), then reweighted least squares with Tukey's weights.
     Readings of one cell count as one.
+
+    Args:
+        points: what the readings say.
+        noise: standard deviation of the inverse distances, 1/m.
+        tilt_prior: mean and standard deviation of the tilt, radians.
+        search: whether the line may be far from the median and the prior.
     """
+    height, inverse, cell = points
     scale = float(np.median(inverse))
-    expected = np.hypot(noise_per_m * float(np.median(share)), _BEND_PER_M * height**2)
-    prior = (-np.tan(tilt_prior[0]) * scale, np.tan(tilt_prior[1]) * scale)
-    line = np.array([scale, prior[0]])
+    expected = np.hypot(noise, _BEND_PER_M * height**2)
+    mean, std = (float(np.tan(angle)) * scale for angle in tilt_prior)
+    line: Float = np.array([scale, 0.0])
     if search:
-        line = _best_line(height, inverse, expected, prior)
-    prior_information = np.diag([0.0, 1 / prior[1] ** 2])
+        line = _best_line(points, expected, mean, std)
     basis = np.stack([np.ones_like(height), height])
-    variance, information, kept = 1.0, prior_information, height > np.inf
+    variance, kept = 1.0, np.zeros(len(height), np.bool_)
+    covariance: Float = np.zeros((2, 2))
     for _ in range(_ROUNDS):
         ratio = (inverse - line @ basis) / expected
-        tukey = np.clip(1 - (ratio / (_CUTOFF * np.sqrt(variance))) ** 2, 0, None) ** 2
+        tukey = np.maximum(1 - (ratio / (_CUTOFF * np.sqrt(variance))) ** 2, 0) ** 2
         kept = tukey > 0
         if np.count_nonzero(kept) < _LEAST_READINGS:
             return None
         weight = tukey / _shared(cell, kept)
         variance = (_NOISE_PRIOR + float(weight @ ratio**2)) / (_NOISE_PRIOR + float(weight.sum()))
         weight = weight / (variance * expected**2)
-        information = (basis * weight) @ basis.T + prior_information
-        right = basis @ (weight * inverse) + prior_information @ np.array([0.0, prior[0]])
-        line = np.linalg.solve(information, right)
+        information = (basis * weight) @ basis.T
+        information[1, 1] += 1 / std**2
+        right = basis @ (weight * inverse)
+        right[1] += mean / std**2
+        covariance = _inverse(information)
+        line = covariance @ right
     if line[0] <= 0:
         return None
     cells = int(np.count_nonzero(np.bincount(cell[kept])))
-    return _Line(float(line[0]), float(line[1]), np.linalg.inv(information), cells)
+    return _Line(float(line[0]), float(line[1]), covariance, cells)
+
+
+def _inverse(matrix: Float) -> Float:
+    """Of a symmetric (2, 2) matrix."""
+    (a, b), (_, c) = matrix
+    return np.asarray(np.array([[c, -b], [-b, a]]) / (a * c - b * b))
 
 
 def _shared(cell: NDArray[np.integer[Any]], kept: NDArray[np.bool_]) -> Float:
@@ -192,19 +215,16 @@ def _shared(cell: NDArray[np.integer[Any]], kept: NDArray[np.bool_]) -> Float:
     return np.asarray(np.maximum(counts[cell], 1.0))
 
 
-def _best_line(height: Float, inverse: Float, expected: Float, prior: tuple[float, float]) -> Float:
-    """(2,) value and slope of the line through two readings that most others support."""
-    rng = np.random.default_rng(0)
-    first, second = rng.integers(len(height), size=(2, _DRAWS))
-    rise = height[second] - height[first]
-    far = np.abs(rise) > 1e-3
-    slopes = np.where(far, (inverse[second] - inverse[first]) / np.where(far, rise, 1.0), prior[0])
-    # Noise tilts short lines wildly; half of the lines therefore take the expected tilt.
-    slopes = np.clip(slopes, prior[0] - _STEEPEST * prior[1], prior[0] + _STEEPEST * prior[1])
-    slopes[::2] = prior[0]
-    values = inverse[first] - slopes * height[first]
-    judges = slice(None, None, max(1, len(height) // _JUDGES))
-    error = inverse[judges] - values[:, None] - slopes[:, None] * height[judges]
-    support = (np.abs(error) < _CUTOFF * expected[judges]).sum(1)
-    best = int(np.argmax(support - ((slopes - prior[0]) / prior[1]) ** 2))
-    return np.array([values[best], slopes[best]])
+def _best_line(points: _Points, expected: Float, mean: float, std: float) -> Float:
+    """(2,) value and slope of the line that most readings support, of many slopes and values."""
+    some = slice(None, None, max(1, len(points.height) // _JUDGES))
+    height, inverse, allowed = points.height[some], points.inverse[some], _CUTOFF * expected[some]
+    offsets = np.linspace(-_STEEPEST, _STEEPEST, _SLOPES)
+    slopes = mean + offsets * std
+    levels = inverse - slopes[:, None] * height
+    ordered = np.sort(levels, axis=1)
+    # Whether few or most readings are of what hides the stem, one of these lies on the stem.
+    values = ordered[:, (np.array(_LEVELS) * len(height)).astype(int)]
+    support = (np.abs(levels[:, None] - values[..., None]) < allowed).sum(-1)
+    best = np.unravel_index(np.argmax(support - offsets[:, None] ** 2), support.shape)
+    return np.array([values[best], slopes[best[0]]])

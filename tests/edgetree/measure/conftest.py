@@ -169,16 +169,16 @@ class Scene:
         rng = np.random.default_rng(seed)
         height, width = self.depth_m.shape
         coarse = rng.standard_normal((height // 4 + 1, width // 4 + 1))
-        noise = np.kron(coarse, np.ones((4, 4)))[:height, :width]
+        noise = coarse.repeat(4, 0).repeat(4, 1)[:height, :width]
         return (self.depth_m + noise_per_m * self.depth_m**2 * noise).astype(np.float32)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def pole() -> type[Pole]:
     return Pole
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def scene() -> Callable[..., Scene]:
     """Build a scene: `scene(pole(...), ..., slope_deg=10)`."""
 

@@ -25,7 +25,7 @@ def changed(trees, keypoints=None, **options):
     return TreeDetections(**{**values, **options})
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def stand(scene, pole):
     return scene(pole(0.3, 0.5, 4.0))
 
@@ -132,7 +132,9 @@ def test_too_few_pixels_for_a_diameter_still_give_a_distance(scene, pole):
 
 
 def test_depth_of_another_size(stand):
-    with pytest.raises(InputError, match=r"depth map has shape \(360, 640\): expected \(720, 1280\)"):
+    with pytest.raises(
+        InputError, match=r"depth map has shape \(360, 640\): expected \(720, 1280\)"
+    ):
         measure(stand, depth_m=stand.depth_m[::2, ::2])
 
 
@@ -150,7 +152,7 @@ def test_a_vertical_that_is_no_direction(stand, up):
 
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
 def test_settings_are_positive_numbers(value):
-    with pytest.raises(InputError, match="keypoint_std_px is .*: expected a positive number"):
+    with pytest.raises(InputError, match=r"keypoint_std_px is .*: expected a positive number"):
         MeasureSettings(keypoint_std_px=value)
 
 
@@ -158,23 +160,22 @@ def test_rubbish_gives_finite_numbers_or_reasons(stand):
     rng = np.random.default_rng(5)
     exact = stand.detections()
     numbers: list[float] = []
-    for _ in range(200):
+    for _ in range(100):
         blur_px = 10 ** rng.uniform(-1, 3.5)
         keypoints = exact.keypoints_px.copy()
         keypoints[..., :2] += rng.normal(0, blur_px, (1, 5, 2))
         keypoints[rng.random((1, 5)) < 0.05] = rng.choice([0.0, np.nan])
         boxes = exact.boxes_px + rng.normal(0, blur_px, (1, 4))
         masks = np.where(rng.random((1, 28, 28)) < 0.3, rng.random((1, 28, 28)), exact.masks)
-        depth_m = stand.depth_m * rng.choice([0.01, 1, 1, 1, 1000])
-        holes = rng.random(depth_m.shape) < 0.3 * rng.random()
-        depth_m = np.where(holes, rng.uniform(0, 30), depth_m).astype(np.float32)
+        depth_m = stand.depth_m * np.float32(rng.choice([0.01, 1, 1, 1, 1000]))
+        depth_m[:: rng.integers(1, 9), :: rng.integers(1, 5)] = rng.uniform(0, 30)
         up = None if rng.random() < 0.5 else stand.up + rng.normal(0, rng.choice([0.1, 2]), 3)
         trees = changed(exact, keypoints, boxes_px=boxes, masks=masks)
         for tree in measure_trees(trees, depth_m, stand.camera, up_camera=up):
             for name, value in tree.to_dict().items():
                 if not name.endswith("_failure"):
                     numbers.extend(np.ravel(value).tolist())
-    assert len(numbers) > 500
+    assert len(numbers) > 300
     assert np.isfinite(numbers).all()
 
 
