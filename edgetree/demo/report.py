@@ -120,7 +120,10 @@ def _chain(result: DemoResult) -> str:
 
 
 def _agreement(models: Sequence[ModelResult]) -> str:
-    plots = [scatter_plot(models, quantity) for quantity in QUANTITY_STYLES]
+    """A picture per quantity, where anything was measured."""
+    plots = [plot for quantity in QUANTITY_STYLES if (plot := scatter_plot(models, quantity))]
+    if not plots:
+        return ""
     legend = " and ".join(
         f'<span class="{"first" if index == 0 else "second"}">● '
         f"{MODEL_LABELS[model.modality].lower()}</span>"
@@ -131,7 +134,7 @@ def _agreement(models: Sequence[ModelResult]) -> str:
         f'<p class="note">{legend}; bars are one standard deviation; the dashed line is the '
         "truth.</p>"
         '<div class="plots">'
-        + "".join(f'<div class="tile">{plot}</div>' for plot in plots if plot)
+        + "".join(f'<div class="tile">{plot}</div>' for plot in plots)
         + "</div>"
     )
 

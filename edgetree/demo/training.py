@@ -146,7 +146,9 @@ class _Chain:
             "masks": metrics.mask_ap50,
             "keypoints": metrics.keypoint_ap50,
         }
-        precision = ", ".join(f"{name} {value:.1f}" for name, value in kinds.items() if value)
+        precision = ", ".join(
+            f"{name} {value:.1f}" for name, value in kinds.items() if value is not None
+        )
         self._note(
             "evaluate",
             f"AP50 on {metrics.frames} frames of scenes not trained on: {precision}",
