@@ -58,8 +58,8 @@ def _header(result: DemoResult) -> str:
     ]
     return (
         "<h1>Trees in metres</h1>"
-        f'<p class="lead">{len(model.frames)} forest frames, every tree measured '
-        "and held against the truth.</p>"
+        f'<p class="lead">{len(model.frames)} forest frames, their trees '
+        "found, measured and held against the truth.</p>"
         '<div class="tiles">'
         + "".join(f'<div class="tile"><b>{v}</b><span>{t}</span></div>' for v, t in tiles)
         + "</div>"
