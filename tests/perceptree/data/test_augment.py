@@ -1,0 +1,119 @@
+"""Augmentation: pictures change, and labels go with them."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from perceptree.data import AugmentSettings, FrameStore, Sample, augment, flip, read_split
+from perceptree.errors import SettingsError
+from perceptree.models import light_spec
+
+STILL = AugmentSettings(
+    flip_share=0.0, scale=(1.0, 1.0), brightness=0.0, contrast=0.0, saturation=0.0, tint=0.0,
+    noise=0.0, depth_gain=0.0, depth_noise=0.0, holes=0,
+)  # fmt: skip
+
+
+def store_of(posts: Path, modality: Any) -> FrameStore:
+    return FrameStore(read_split(posts, "train"), light_spec(modality, 96, 160))
+
+
+def test_a_flip_mirrors_all_and_swaps_left_and_right(posts: Path) -> None:
+    sample = store_of(posts, "depth")[1]
+    mirrored = flip(sample)
+    assert (mirrored.image == sample.image[:, ::-1]).all()
+    for row in range(2):
+        x0, y0, x1, y1 = sample.boxes[row]
+        assert mirrored.boxes[row].tolist() == [160 - x1, y0, 160 - x0, y1]
+        assert (mirrored.masks[row] == sample.masks[row][:, ::-1]).all()
+        # The left point is still the left one: it was the right one before.
+        left, right = mirrored.keypoints[row, 1], mirrored.keypoints[row, 2]
+        assert left[0] < right[0]
+        assert left.tolist() == [160 - sample.keypoints[row, 2, 0], *sample.keypoints[row, 2, 1:]]
+        assert mirrored.keypoints[row, 4].tolist() == [0, 0, 0]
+    again = flip(mirrored)
+    assert (again.keypoints == sample.keypoints).all()
+    assert (again.boxes == sample.boxes).all()
+
+
+def test_the_stored_frame_stays_as_it_was(posts: Path) -> None:
+    store = store_of(posts, "rgb")
+    before = store[1]
+    kept = Sample(*(np.copy(getattr(before, name)) for name in vars(before)))
+    for seed in range(5):
+        augment(np.random.default_rng(seed), store[1], store.spec, AugmentSettings())
+    for name, value in vars(kept).items():
+        assert (getattr(store[1], name) == value).all()
+
+
+@pytest.mark.parametrize("scale", [0.6, 1.5])
+def test_scaling_and_shifting_keep_labels_on_the_picture(posts: Path, scale: float) -> None:
+    store = store_of(posts, "depth")
+    settings = replace(STILL, flip_share=0.5, scale=(scale, scale))
+    gaps_px: list[float] = []
+    for seed in range(40):
+        sample = augment(np.random.default_rng(seed), store[1], store.spec, settings)
+        post = sample.image < 108  # a post at 5 m is grey 64, what is behind it 153
+        labelled = sample.masks.any(0)
+        assert (labelled & ~post).mean() < 0.01
+        if len(sample.masks) == 2:  # a post that is nearly all cut away is not labelled
+            assert (post & ~labelled).mean() < 0.01
+        for box, mask, points in zip(sample.boxes, sample.masks, sample.keypoints, strict=True):
+            columns, rows = np.nonzero(mask.any(0))[0], np.nonzero(mask.any(1))[0]
+            assert box.tolist() == [columns[0], rows[0], columns[-1] + 1, rows[-1] + 1]
+            left, right = points[1], points[2]
+            if left[2] and right[2]:
+                gaps_px += [left[0] - box[0], right[0] - box[2]]
+            outside = (points[:, :2] < 0).any(1) | (points[:, :2] > (160, 96)).any(1)
+            assert not points[outside].any()
+    assert len(gaps_px) > 40
+    assert np.abs(gaps_px).max() < 1.5
+    # Whole pixels jitter; a shift of a fraction of one would stay.
+    assert abs(np.mean(gaps_px)) < 0.1
+
+
+def test_without_any_change_the_sample_is_the_same(posts: Path) -> None:
+    for modality in ("rgb", "depth"):
+        store = store_of(posts, modality)
+        sample = augment(np.random.default_rng(0), store[1], store.spec, STILL)
+        assert np.abs(sample.image.astype(int) - store[1].image).max() <= 1
+        assert (sample.masks == store[1].masks).all()
+        assert np.allclose(sample.keypoints, store[1].keypoints)
+
+
+def test_one_generator_gives_one_result_and_another_differs(posts: Path) -> None:
+    for modality in ("rgb", "depth"):
+        store = store_of(posts, modality)
+        first, second, other = (
+            augment(np.random.default_rng(seed), store[1], store.spec, AugmentSettings())
+            for seed in (3, 3, 4)
+        )
+        assert (first.image == second.image).all()
+        assert (first.keypoints == second.keypoints).all()
+        assert (first.image != other.image).any()
+
+
+def test_disturbed_depth_keeps_no_reading_apart_from_readings(posts: Path) -> None:
+    store = store_of(posts, "depth")
+    sample = store[1]
+    image = sample.image.copy()
+    image[20:40, 20:40] = 255
+    settings = replace(STILL, depth_gain=0.02, depth_noise=2.0)
+    holed = Sample(image, sample.boxes, sample.keypoints, sample.masks)
+    changed = augment(np.random.default_rng(1), holed, store.spec, settings).image
+    assert (changed[20:40, 20:40] == 255).all()
+    gap = np.abs(changed.astype(int) - image)[:90]
+    assert gap.max() > 0
+    assert np.percentile(gap, 99) < 12
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("flip_share", 1.5), ("scale", (1.2, 0.8)), ("scale", (0.0, 1.0)), ("noise", -1.0)],
+)
+def test_strengths_out_of_range_are_refused(name: str, value: Any) -> None:
+    with pytest.raises(SettingsError, match=rf"{name} is .*: expected"):
+        AugmentSettings(**{name: value})

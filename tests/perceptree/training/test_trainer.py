@@ -1,0 +1,207 @@
+"""Training: it learns, goes on exactly where it stopped, and refuses what does not fit."""
+
+import dataclasses
+import json
+import signal
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from perceptree.data import AugmentSettings, FrameStore, read_split
+from perceptree.errors import CheckpointError, DatasetError, SettingsError
+from perceptree.evaluation import evaluate, predict_with
+from perceptree.models import ModelSpec, light_spec, load_checkpoint
+from perceptree.training import Status, TrainSettings, train
+from perceptree.training.state import interrupt_afterwards
+
+Edit = Callable[[Path, str, Callable[[dict[str, Any]], None]], None]
+
+
+def small_spec(modality: Any = "depth") -> ModelSpec:
+    return dataclasses.replace(
+        light_spec(modality, 64, 128), fpn_width=16, box_head_width=16, mask_head_widths=(8,),
+        keypoint_head_widths=(8,),
+    )  # fmt: skip
+
+
+def settings(**changes: Any) -> TrainSettings:
+    values: dict[str, Any] = {
+        "steps": 4, "batch": 2, "warmup_steps": 2, "evaluations": 2, "save_every_steps": 3
+    }  # fmt: skip
+    if "minutes" in changes:
+        values["steps"] = None
+    return TrainSettings(**values | changes)
+
+
+def weights(path: Path) -> dict[str, torch.Tensor]:
+    return load_checkpoint(path)[0].state_dict()
+
+
+def interrupt_at(step: int) -> Callable[[Status], None]:
+    def progress(status: Status) -> None:
+        if status.step == step:
+            raise KeyboardInterrupt
+
+    return progress
+
+
+def test_resumed_equals_uninterrupted(posts: Path, tmp_path: Path) -> None:
+    plan = settings(steps=5, evaluations=1)
+    whole = train(small_spec(), plan, posts, tmp_path / "whole")
+    with pytest.raises(KeyboardInterrupt):
+        train(small_spec(), plan, posts, tmp_path / "parts", interrupt_at(2))
+    assert not (tmp_path / "parts/best.safetensors").exists()
+    with pytest.raises(KeyboardInterrupt):
+        train(small_spec(), plan, posts, tmp_path / "parts", interrupt_at(3))
+    parts = train(small_spec(), plan, posts, tmp_path / "parts")
+    assert parts.steps == whole.steps == 5
+    assert parts.metrics == whole.metrics
+    first, second = weights(whole.checkpoint), weights(parts.checkpoint)
+    assert [name for name in first if not torch.equal(first[name], second[name])] == []
+
+
+def test_a_finished_training_is_not_repeated(posts: Path, tmp_path: Path) -> None:
+    first = train(small_spec("rgb"), settings(), posts, tmp_path / "run")
+    steps: list[int] = []
+    again = train(
+        small_spec("rgb"), settings(), posts, tmp_path / "run", lambda s: steps.append(s.step)
+    )
+    assert steps == []
+    assert again == first
+
+
+def test_the_checkpoint_says_how_it_was_made(posts: Path, tmp_path: Path) -> None:
+    seen: list[Status] = []
+    report = train(small_spec(), settings(), posts, tmp_path / "run", seen.append)
+    model, record = load_checkpoint(report.checkpoint)
+    assert model.spec == small_spec()
+    training = record["training"]
+    assert training["settings"]["steps"] == 4
+    assert (training["data"], training["frames"]) == ("posts", 6)
+    assert training["val"] == report.metrics.to_dict()
+    assert [status.step for status in seen] == [1, 2, 3, 4]
+    assert seen[-1].done == 1.0
+    assert {"objectness", "score", "mask", "keypoint"} <= set(seen[-1].losses)
+    lines = [json.loads(line) for line in (tmp_path / "run/log.jsonl").read_text().splitlines()]
+    assert [line["step"] for line in lines if "val" in line] == [2, 4]
+    store = FrameStore(read_split(posts, "val"), model.spec)
+    assert evaluate(predict_with(model), store, batch=4) == report.metrics
+
+
+def test_a_budget_of_time_ends_the_training_and_counts_on(posts: Path, tmp_path: Path) -> None:
+    plan = settings(minutes=1.0 / 60, evaluations=1)
+    with pytest.raises(KeyboardInterrupt):
+        train(small_spec(), plan, posts, tmp_path / "run", interrupt_at(1))
+    seen: list[Status] = []
+    report = train(small_spec(), plan, posts, tmp_path / "run", seen.append)
+    assert report.steps >= 1
+    assert report.elapsed_s >= 1.0
+    assert all(status.step > 1 and status.elapsed_s > 0 for status in seen)
+
+
+def test_the_losses_fall(posts: Path, tmp_path: Path) -> None:
+    plan = settings(steps=25, learning_rate=3e-3, evaluations=1)
+    history: list[float] = []
+    train(
+        small_spec(), plan, posts, tmp_path / "run",
+        lambda status: history.append(sum(status.losses.values())),
+    )  # fmt: skip
+    # The losses told are running means of long memory.
+    assert history[-1] < 0.85 * history[0]
+
+
+@pytest.mark.slow
+def test_posts_are_learned(write_dataset: Callable[..., Path], tmp_path: Path) -> None:
+    plan = TrainSettings(
+        steps=150, batch=4, warmup_steps=10, learning_rate=3e-3, ema_decay=0.95, evaluations=1,
+        augment=AugmentSettings(scale=(0.9, 1.1), holes=0),
+    )  # fmt: skip
+    data = write_dataset(train=12, val=6)
+    report = train(light_spec("depth", 64, 128), plan, data, tmp_path / "run")
+    assert report.metrics.box_ap50 > 60
+
+
+def test_other_settings_data_or_files_are_refused(
+    posts: Path, tmp_path: Path, edit_split: Edit
+) -> None:
+    out = tmp_path / "run"
+    with pytest.raises(KeyboardInterrupt):
+        train(small_spec(), settings(), posts, out, interrupt_at(1))
+    with pytest.raises(CheckpointError, match=r"state\.pt: belongs to .* other settings; expected"):
+        train(small_spec(), settings(batch=3), posts, out)
+    with pytest.raises(CheckpointError, match="other model settings"):
+        train(small_spec("rgb"), settings(), posts, out)
+    edit_split(posts, "train", lambda content: content["images"].append(content["images"][0] | {
+        "id": 99}))  # fmt: skip
+    with pytest.raises(CheckpointError, match="other data"):
+        train(small_spec(), settings(), posts, out)
+    for content in (b"", b"nothing like it", b"PK\x03\x04"):
+        (out / "state.pt").write_bytes(content)
+        with pytest.raises(CheckpointError, match=r"state\.pt: not a") as caught:
+            train(small_spec(), settings(), posts, out)
+        assert "\n" not in str(caught.value)
+    torch.save({"weights": torch.zeros(2)}, out / "state.pt")
+    with pytest.raises(CheckpointError, match="not a training state of this project"):
+        train(small_spec(), settings(), posts, out)
+
+
+def test_a_folder_that_cannot_be_made_is_refused(posts: Path, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(CheckpointError, match=r"file/run: cannot be written"):
+        train(small_spec(), settings(), posts, tmp_path / "file/run")
+
+
+def test_a_split_without_trees_is_refused_at_the_start(
+    posts: Path, tmp_path: Path, edit_split: Edit
+) -> None:
+    edit_split(posts, "val", lambda content: content["annotations"].clear())
+    with pytest.raises(DatasetError, match="the split val has no labelled tree"):
+        train(small_spec(), settings(), posts, tmp_path / "run")
+
+
+def test_a_loss_that_is_not_finite_ends_the_training(posts: Path, tmp_path: Path) -> None:
+    plan = settings(steps=300, learning_rate=1e12, clip_norm=1e30, warmup_steps=1, evaluations=1)
+    with pytest.raises(SettingsError, match=r"the loss is (nan|inf) at step \d+: .*learning rate"):
+        train(small_spec(), plan, posts, tmp_path / "run")
+
+
+def _press(times: int, done: list[str]) -> None:
+    with interrupt_afterwards():
+        for _ in range(times):
+            signal.raise_signal(signal.SIGINT)
+        done.append("step")
+
+
+def test_an_interrupt_waits_for_the_end_of_a_step_and_a_second_one_does_not() -> None:
+    done: list[str] = []
+    handler = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt):
+        _press(1, done)
+    assert done == ["step"]
+    with pytest.raises(KeyboardInterrupt):
+        _press(2, done)
+    assert done == ["step"]
+    assert signal.getsignal(signal.SIGINT) is handler
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"steps": None}, "expected exactly one of them"),
+        ({"steps": 3, "minutes": 1.0}, "expected exactly one of them"),
+        ({"steps": 0}, "steps is 0: expected more than 0"),
+        ({"steps": 3, "learning_rate": np.nan}, "learning_rate is nan"),
+        ({"steps": 3, "warmup_steps": 0}, "warmup_steps is 0"),
+        ({"steps": 3, "save_every_steps": 0}, "save_every_steps is 0"),
+        ({"steps": 3, "ema_decay": 1.0}, "ema_decay is 1.0"),
+        ({"steps": 3, "weight_decay": -1.0}, "weight_decay is -1.0"),
+        ({"steps": 3, "seed": -1}, "seed is -1"),
+    ],
+)
+def test_settings_out_of_range_are_refused(changes: dict[str, Any], expected: str) -> None:
+    with pytest.raises(SettingsError, match=expected):
+        TrainSettings(**changes)
