@@ -125,6 +125,9 @@ class TreeRCNN(nn.Module):
     ) -> dict[str, Tensor]:
         image, row = sample.positive.nonzero(as_tuple=True)
         boxes = sample.boxes[image, row]
+        if not len(boxes):
+            heads = {"mask": self.mask_head, "keypoint": self.keypoint_head}
+            return {name: boxes.new_zeros(()) for name, head in heads.items() if head is not None}
         counts = torch.tensor([0] + [len(t.boxes) for t in targets[:-1]], device=boxes.device)
         tree = sample.tree[image, row] + counts.cumsum(0)[image]
         result = {}
