@@ -51,7 +51,7 @@ class DepthFrame:
         settings: MeasureSettings,
     ) -> DepthFrame:
         """Paste every mask once; readings that are not finite, or out of range, are none."""
-        usable = np.isfinite(depth_m) & (depth_m > 0) & (depth_m <= settings.max_range_m)
+        usable = (depth_m > 0) & (depth_m <= settings.max_range_m)
         stems = np.zeros(depth_m.shape, np.bool_)
         masks = None
         if trees.masks is not None:

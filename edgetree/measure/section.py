@@ -47,7 +47,7 @@ def axis_frame(normal: Float, up: Float) -> AxisFrame:
     """
     along = up - (up @ normal) * normal
     along = along / np.linalg.norm(along)
-    away = np.cross(normal, along)
+    away = np.cross(along, normal)
     if away[2] < 0:
         normal, away = -normal, -away
     return AxisFrame(along, normal, away)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calib import PinholeCamera
+from calib import PinholeCamera, project_points
 from edgetree.measure import MeasureSettings, measure_trees
 
 EXACT = MeasureSettings(keypoint_std_px=0.1)
@@ -92,16 +92,37 @@ def test_without_masks_the_edges_bound_the_stem(scene, pole):
 
 
 def test_a_section_hidden_by_grass_is_measured_from_the_stem_above(scene, pole):
-    stand = scene(pole(0.3, 0.3, 4.0, 8.0, 270.0))
-    mask = stand.owner == 1
-    grass = np.zeros_like(mask)
-    hidden_to = int(stand.keypoints(pole(0.3, 0.3, 4.0, 8.0, 270.0, section_m=0.9))[1, 1])
+    leaning = pole(0.3, 0.3, 4.0, 8.0, 270.0)
+    stand = scene(leaning)
+    stem = stand.owner == 1
+    grass = np.zeros_like(stem)
+    hidden_to = int(project_points(stand.camera, stand.axis_point(leaning, 2.0))[1])
     grass[hidden_to:, 480:800] = True
-    depth_m = np.where(grass, np.minimum(stand.depth_m, 3.0), stand.depth_m)
-    ground_seen = np.where(grass & ~mask, stand.depth_m, depth_m)
-    tree = measure_one(stand, ground_seen, stand.detections([mask & ~grass]))
-    assert tree.diameter_m.value == pytest.approx(0.3, rel=0.01)
+    depth_m = np.where(grass & stem, 3.0, stand.depth_m).astype(np.float32)
+    tree = measure_one(stand, depth_m, stand.detections([stem & ~grass]))
+    assert tree.diameter_m.value == pytest.approx(0.3, rel=0.015)
     assert tree.cut_height_m.value == pytest.approx(0.25, abs=0.02)
+    assert tree.distance_m.std > 2 * measure_one(stand).distance_m.std
+
+
+def test_what_crosses_before_a_stem_is_kept_out_by_its_mask(scene, pole):
+    stand = scene(pole(0.3, 0.3, 4.0))
+    stem = stand.owner == 1
+    heights = [stand.axis_point(stand.poles[0], height_m) for height_m in (2.8, 0.6)]
+    top, bottom = project_points(stand.camera, heights)[:, 1].astype(int)
+    crossing = np.zeros_like(stem)
+    crossing[top:bottom] = True
+    depth_m = np.where(crossing, np.minimum(stand.depth_m, 3.2), stand.depth_m)
+    tree = measure_one(stand, depth_m, stand.detections([stem & ~crossing]))
+    assert tree.diameter_m.value == pytest.approx(0.3, rel=0.01)
+
+
+def test_readings_on_the_stem_are_not_ground(scene, pole):
+    """Where the ground shows little, the stem would outvote it."""
+    stand = scene(pole(0.6, 0.0, 3.0))
+    shown = np.random.default_rng(0).random(stand.owner.shape) < 0.05
+    depth_m = np.where(shown | (stand.owner == 1), stand.depth_m, 0).astype(np.float32)
+    assert measure_one(stand, depth_m).cut_height_m.value == pytest.approx(0.25, abs=0.01)
 
 
 def test_twigs_and_background_inside_the_mask_do_not_count(scene, pole):
@@ -136,8 +157,8 @@ def test_stated_errors_hold_under_noise(scene, pole, ahead_m):
         pairs = [(tree.diameter_m, 0.3), (tree.distance_m, distance_m), (tree.cut_height_m, 0.25)]
         ratios.append([(estimate.value - truth) / estimate.std for estimate, truth in pairs])
     spread = np.sqrt(np.mean(np.square(ratios), axis=0))
-    assert np.all(spread[:2] > 0.7), spread
-    assert np.all(spread < 1.3), spread
+    assert np.all(spread[:2] > 0.8), spread
+    assert np.all(spread < 1.25), spread
 
 
 def test_more_noise_is_stated_as_more_error(scene, pole):
@@ -146,7 +167,10 @@ def test_more_noise_is_stated_as_more_error(scene, pole):
     loud = measure_one(stand, stand.noisy_depth_m(1, 0.01))
     assert loud.distance_m.std > 2 * quiet.distance_m.std
     blurred = measure_one(stand, settings=MeasureSettings(keypoint_std_px=3.0))
-    assert blurred.diameter_m.std > 5 * measure_one(stand).diameter_m.std
+    sharp = measure_one(stand)
+    assert blurred.diameter_m.std > 5 * sharp.diameter_m.std
+    assert blurred.cut_height_m.std > 1.3 * sharp.cut_height_m.std
+    assert blurred.inclination_deg.std > 1.3 * sharp.inclination_deg.std
 
 
 def test_trees_keep_their_order_and_do_not_mix(scene, pole):
