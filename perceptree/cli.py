@@ -32,7 +32,6 @@ def main() -> None:
     try:
         code = typer.main.get_command(app).main(prog_name="perceptree", standalone_mode=False) or 0
     except (KeyboardInterrupt, typer.Abort):
-        typer.echo("perceptree: interrupted; type the same command to go on", err=True)
         code = _INTERRUPTED
     except ModuleNotFoundError as error:
         typer.echo(f'perceptree: {error}: install with pip install ".[train,sim]"', err=True)
@@ -43,4 +42,6 @@ def main() -> None:
             raise
         message = error.format_message() if hasattr(error, "format_message") else str(error)
         typer.echo(f"perceptree: {' '.join(message.split())}", err=True)
+    if code == _INTERRUPTED:  # typer turns Ctrl-C within a command into this code
+        typer.echo("perceptree: interrupted; type the same command to go on", err=True)
     sys.exit(code)

@@ -17,7 +17,7 @@ import torch
 
 from perceptree.errors import CheckpointError
 
-_KEYS = ("model", "average", "optimizer", "step", "elapsed_s", "evaluated", "sums", "best")
+_KEYS = ("model", "average", "optimizer", "step", "elapsed_s", "evaluated", "means", "best")
 
 
 def write_state(path: Path, state: Mapping[str, Any], identity: Mapping[str, Any]) -> None:

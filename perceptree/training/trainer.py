@@ -24,6 +24,8 @@ from perceptree.training.state import interrupt_afterwards, read_state, write_st
 
 _SECONDS = 60.0
 _LOG_EVERY_STEPS = 50
+# Of the running means of the losses that are told.
+_NEWEST_SHARE = 0.02
 STATE_NAME = "state.pt"
 
 
@@ -69,7 +71,7 @@ class Trainer:
         self._optimizer = torch.optim.AdamW(self._parameter_groups(), lr=settings.learning_rate)
         self.step, self._elapsed_s, self._evaluated = 0, 0.0, 0
         self._best: Metrics | None = None
-        self._sums: dict[str, float] = {}
+        self._means: dict[str, float] = {}
 
     def _parameter_groups(self) -> list[dict[str, Any]]:
         decayed = [p for p in self.model.parameters() if p.ndim > 1]
@@ -92,7 +94,7 @@ class Trainer:
             while self.done < 1.0:
                 with interrupt_afterwards():
                     self._train_step()
-                self._progress(Status(self.done, self.step, dict(self._sums), self._elapsed_s))
+                self._progress(Status(self.done, self.step, dict(self._means), self._elapsed_s))
                 if self.step % self.settings.save_every_steps == 0:
                     self.save_state()
                 if int(self.done * self.settings.evaluations) > self._evaluated:
@@ -174,12 +176,13 @@ class Trainer:
     def _report(self, losses: dict[str, Tensor]) -> None:
         for name, tensor in losses.items():
             value = float(tensor.detach())
-            self._sums[name] = 0.98 * self._sums.get(name, value) + 0.02 * value
+            known = self._means.get(name, value)
+            self._means[name] = known + (value - known) * max(_NEWEST_SHARE, 1 / self.step)
         if self.step % _LOG_EVERY_STEPS == 0:
             self._log({})
 
     def _log(self, more: dict[str, Any]) -> None:
-        entry = {"step": self.step, "elapsed_s": round(self._elapsed_s, 2), "losses": self._sums}
+        entry = {"step": self.step, "elapsed_s": round(self._elapsed_s, 2), "losses": self._means}
         path = self.out / "log.jsonl"
         try:
             with path.open("a", encoding="utf-8") as log:
@@ -220,7 +223,7 @@ class Trainer:
             "step": self.step,
             "elapsed_s": self._elapsed_s,
             "evaluated": self._evaluated,
-            "sums": self._sums,
+            "means": self._means,
             "best": None if self._best is None else self._best.to_dict(),
         }
         write_state(self._state_path, state, self._identity)
@@ -232,7 +235,7 @@ class Trainer:
         self.average.load_state_dict(state["average"])
         self._optimizer.load_state_dict(state["optimizer"])
         self.step, self._elapsed_s = state["step"], state["elapsed_s"]
-        self._evaluated, self._sums = state["evaluated"], state["sums"]
+        self._evaluated, self._means = state["evaluated"], state["means"]
         self._best = None if state["best"] is None else Metrics(**state["best"])
 
     @property

@@ -1,0 +1,93 @@
+"""The command line: one JSON object, one line for a mistake, and the way on."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from perceptree.cli import main
+
+Result = tuple[int, str, str]
+Call = Callable[..., Result]
+
+
+@pytest.fixture
+def call(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Call:
+    """Runs ``perceptree ARGUMENTS``: exit code, stdout, stderr."""
+
+    def run(*arguments: object) -> Result:
+        monkeypatch.setattr(sys, "argv", ["perceptree", *map(str, arguments)])
+        with pytest.raises(SystemExit) as caught:
+            main()
+        assert isinstance(caught.value.code, int)
+        return caught.value.code, *capsys.readouterr()
+
+    return run
+
+
+def test_train_and_eval_print_one_object_and_agree(call: Call, posts: Path, tmp_path: Path) -> None:
+    size = ("--height", 64, "--width", 128)
+    out = tmp_path / "run"
+    code, printed, told = call("train", posts, "--out", out, *size, "--steps", 2, "--json")
+    assert (code, told) == (0, "")
+    report = json.loads(printed)
+    assert report["steps"] == 2
+    assert report["checkpoint"] == str(out / "best.safetensors")
+    code, printed, told = call("eval", report["checkpoint"], posts, "--split", "val", "--json")
+    assert (code, told) == (0, "")
+    assert json.loads(printed) == report["val"]
+    code, printed, _ = call("eval", report["checkpoint"], posts, "--split", "val")
+    assert code == 0
+    assert "3 frames, 4 trees" in printed
+    assert "AP50" in printed
+
+
+def test_an_interrupted_training_says_how_to_go_on(
+    call: Call, posts: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from perceptree.commands import train as command
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(command._Bar, "__call__", interrupt)
+    size = ("--height", 64, "--width", 128)
+    code, printed, told = call("train", posts, "--out", tmp_path / "run", *size, "--steps", 3)
+    assert (code, printed) == (130, "")
+    assert told == "perceptree: interrupted; type the same command to go on\n"
+    assert (tmp_path / "run/state.pt").is_file()
+
+
+MISTAKES = {
+    "no dataset": (("train", "{}/none", "--out", "{}/run"), "none/train_RGB.json: no such file"),
+    "modality": (("train", "{}", "--out", "{}/run", "--modality", "x"), "--modality is 'x'"),
+    "size": (("train", "{}", "--out", "{}/run", "--height", 50), "expected multiples of 32"),
+    "two ends": (
+        ("train", "{}", "--out", "{}/run", "--steps", 3, "--minutes", 1), "expected exactly one"
+    ),
+    "batch": (("train", "{}", "--out", "{}/run", "--batch", 0), "batch is 0"),
+    "no checkpoint": (("eval", "{}/no.safetensors", "{}"), "no.safetensors: no such file"),
+    "not a checkpoint": (
+        ("eval", "{}/train_RGB.json", "{}"), "train_RGB.json: not a readable safetensors file"
+    ),
+    "split": (("eval", "{}/x", "{}", "--split", "spring"), "--split is 'spring'"),
+    "option": (("train", "{}", "--speed", "9"), "--speed"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_is_one_line_and_exit_code_two(call: Call, posts: Path, mistake: str) -> None:
+    arguments, expected = MISTAKES[mistake]
+    code, printed, told = call(*(str(part).replace("{}", str(posts)) for part in arguments))
+    assert (code, printed) == (2, "")
+    assert told.startswith("perceptree: ")
+    assert told.count("\n") == 1
+    assert expected in told
+
+
+def test_the_help_is_there_before_torch_is() -> None:
+    code = "import sys, perceptree.cli\nassert 'torch' not in sys.modules, 'torch is loaded'"
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=Path(__file__).parents[2])
