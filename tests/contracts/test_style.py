@@ -1,4 +1,4 @@
-"""The linter and the strict type checker have nothing to say."""
+"""The linter, the formatter and the strict type checker have nothing to say."""
 
 import subprocess
 import sys
@@ -15,6 +15,11 @@ def run_tool(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 def test_ruff_is_clean() -> None:
     done = run_tool("ruff", "check", "--quiet", ".")
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_everything_is_formatted() -> None:
+    done = run_tool("ruff", "format", "--check", ".")
     assert done.returncode == 0, done.stdout + done.stderr
 
 
