@@ -69,8 +69,10 @@ def flip(sample: Sample) -> Sample:
     keypoints[..., 0] = np.where(labelled, width - keypoints[..., 0], keypoints[..., 0])
     for left, right in KEYPOINT_FLIP_PAIRS:
         keypoints[:, [left, right]] = keypoints[:, [right, left]]
-    image = np.ascontiguousarray(sample.image[:, ::-1])
-    return Sample(image, boxes, keypoints, np.ascontiguousarray(sample.masks[:, :, ::-1]))
+    masks = np.empty_like(sample.masks)
+    for row, mask in enumerate(sample.masks):
+        masks[row] = cv2.flip(mask.view(np.uint8), 1)
+    return Sample(np.asarray(cv2.flip(sample.image, 1), np.uint8), boxes, keypoints, masks)
 
 
 def _scale_and_shift(
