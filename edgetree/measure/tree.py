@@ -29,6 +29,9 @@ _GROUND_TILT_STD_RAD = 0.03
 _LEAST_WIDTH_PX = 1.0
 _LEAST_DIAMETER_M = 0.02
 _MOST_RELATIVE_STD = 0.5
+# The cut lies a little below the diameter's section, and not in the ground.
+_CUT_ABOVE_SECTION_M = (-0.5, 0.3)
+_MOST_CUT_IN_GROUND_M = 0.1
 
 
 def measure_tree(
@@ -44,7 +47,7 @@ def measure_tree(
         up: (3,) unit vector of the vertical; None takes the ground's normal.
     """
     settings = frame.settings
-    given = np.isfinite(keypoints).all(1) & (keypoints[:, 2] > 0)
+    given = _given(keypoints, frame.camera)
     if not (given[_LEFT] and given[_RIGHT]):
         return TreeMeasurement.failed("the diameter keypoints are not in the image")
     width_px = float(np.linalg.norm(keypoints[_RIGHT, :2] - keypoints[_LEFT, :2]))
@@ -76,7 +79,32 @@ def measure_tree(
         return TreeMeasurement(diameter, missing, inclination, missing, missing)
     distance = _distance(stem, cut, keypoint_rad, diameter_std_m)
     height = _cut_height(stem, cut, ground, distance, keypoint_rad)
+    misplaced = _misplaced(stem, cut, edges, height)
+    if misplaced is not None:
+        return TreeMeasurement(diameter, misplaced, inclination, misplaced, misplaced)
     return TreeMeasurement(diameter, height, inclination, distance, stem.front_point(cut_ray))
+
+
+def _given(keypoints: Float, camera: PinholeCamera) -> NDArray[np.bool_]:
+    """(5,) which keypoints say something: scored, and at most an image's size outside it."""
+    size = np.array([camera.width, camera.height])
+    with np.errstate(invalid="ignore"):
+        near = (np.abs(keypoints[:, :2] - size / 2) <= 1.5 * size).all(1)
+    return np.asarray(np.isfinite(keypoints).all(1) & (keypoints[:, 2] > 0) & near)
+
+
+def _misplaced(
+    stem: Stem, cut: Float, edges: tuple[Float, Float], height: Estimate | Failure
+) -> Failure | None:
+    """Why the keypoint of the felling cut cannot be where the tree is cut, if so."""
+    above_m = float((cut - stem.axis_point(edges[0] + edges[1])) @ stem.section.frame.along)
+    lowest_m, highest_m = _CUT_ABOVE_SECTION_M
+    if not lowest_m <= above_m <= highest_m:
+        side = "above" if above_m > 0 else "below"
+        return Failure(f"the felling cut is {abs(above_m):.2f} m {side} the diameter's section")
+    if isinstance(height, Estimate) and height.value < -_MOST_CUT_IN_GROUND_M - 2 * height.std:
+        return Failure(f"the felling cut is {-height.value:.2f} m below the ground")
+    return None
 
 
 def _pixel_rad(camera: PinholeCamera, ray: Float) -> float:

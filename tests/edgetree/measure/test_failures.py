@@ -199,3 +199,38 @@ def test_records_name_their_units():
 
 def test_an_estimate_of_zero_is_still_true():
     assert Estimate(0.0, 0.0)
+
+
+def moved(trees, index, dx_px, dy_px):
+    keypoints = trees.keypoints_px.copy()
+    keypoints[:, index, :2] += (dx_px, dy_px)
+    return changed(trees, keypoints)
+
+
+@pytest.mark.parametrize(
+    ("dy_px", "reason"),
+    [
+        (-120, "m above the diameter's section"),
+        (150, "m below the diameter's section"),
+    ],
+)
+def test_a_cut_that_is_none_is_refused(stand, dy_px, reason):
+    tree = measure(stand, moved(stand.detections(), 0, 0, dy_px))
+    for result in (tree.cut_height_m, tree.distance_m, tree.cut_point_m):
+        assert isinstance(result, Failure)
+        assert reason in result.reason
+    assert tree.diameter_m
+
+
+def test_a_cut_in_the_ground_is_refused(scene, pole):
+    stand = scene(pole(0.3, 0.5, 4.0, cut_m=0.1, section_m=0.2))
+    tree = measure(stand, moved(stand.detections(), 0, 0, 45))
+    for result in (tree.cut_height_m, tree.distance_m, tree.cut_point_m):
+        assert isinstance(result, Failure)
+        assert "m below the ground" in result.reason
+
+
+@pytest.mark.parametrize("far_px", [1e5, 1e30])
+def test_keypoints_absurdly_far_outside_count_as_missing(stand, far_px):
+    assert all_fail(measure(stand, moved(stand.detections(), 1, -far_px, 0)), "diameter keypoints")
+    assert measure(stand, moved(stand.detections(), 4, far_px, far_px)).diameter_m
