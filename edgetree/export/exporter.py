@@ -103,13 +103,15 @@ def export_model(
         rules = InputRules.of(model.spec)
         compared = find_frames(data, rules.modality, PARITY_FRAMES)
         manifest = _manifest(model, record, PRECISIONS[precision])
+        shown = None
+        if precision == "int8":
+            shown = _calibration_frames(calibration or data, compared, rules)
+            manifest = replace(manifest, calibration_sha256=frames_sha256(shown))
         say("tracing the graph")
         proto = trace(model, batch=1)
-        if precision == "int8":
-            frames = _calibration_frames(calibration or data, compared, rules)
-            say(f"quantising on {len(frames)} frames")
-            proto = quantise(proto, frames)
-            manifest = replace(manifest, calibration_sha256=frames_sha256(frames))
+        if shown is not None:
+            say(f"quantising on {len(shown)} frames")
+            proto = quantise(proto, shown)
         _strip(proto)
         with _session_of(_with_manifest(proto, manifest)) as session:
             parity = _prove(model, session, manifest, compared, data, say)

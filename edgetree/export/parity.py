@@ -94,8 +94,9 @@ class ParityReport:
 
     @property
     def matched(self) -> float:
-        """Fraction of them that was found."""
-        return sum(frame.matched for frame in self.frames) / max(self.trees, 1)
+        """Fraction of them that was found; 1 where there were none to find."""
+        found = sum(frame.matched for frame in self.frames)
+        return found / self.trees if self.trees else 1.0
 
     @property
     def ap_loss(self) -> float:

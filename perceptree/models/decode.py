@@ -38,7 +38,8 @@ def decode_keypoints(maps: Tensor, boxes: Tensor, matrix: Tensor) -> Tensor:
     column = best - row * size
     surface = matrix @ _patches(flat, row, column, size) @ matrix.T
     dy, dx, peak = _surface_peak(surface)
-    score = 1.0 / torch.exp(flat - peak[:, None]).sum(dim=1)
+    # A surface may rise far above its cells; the score stays finite then.
+    score = 1.0 / torch.exp(flat - peak[:, None]).sum(dim=1).clamp(min=1e-6)
     x = ((column + dx + 0.5) / size).reshape(regions, keypoints)
     y = ((row + dy + 0.5) / size).reshape(regions, keypoints)
     left, top, right, bottom = boxes[:, :, None].unbind(dim=1)

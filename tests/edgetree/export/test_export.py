@@ -1,0 +1,198 @@
+import dataclasses
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import onnx
+import pytest
+import torch
+from typer.testing import CliRunner
+
+from edgetree.cli import app
+from edgetree.errors import InputError
+from edgetree.export import ExportReport, ParityFailed, export_model, verify_model
+from edgetree.export.frames import InputRules, find_frames, read_frames
+from edgetree.export.graph import trace
+from edgetree.export.quantise import quantise
+from edgetree.runtime import TreeDetector
+from perceptree.models import load_checkpoint, save_checkpoint
+
+
+@pytest.fixture(scope="module")
+def exported(
+    rgb_checkpoint: Path, frame_folder: Path, tmp_path_factory: pytest.TempPathFactory
+) -> ExportReport:
+    out = tmp_path_factory.mktemp("out") / "rgb.onnx"
+    return export_model(rgb_checkpoint, out, data=frame_folder)
+
+
+def test_the_file_finds_what_the_checkpoint_finds(exported: ExportReport) -> None:
+    figures = exported.parity.figures()
+    assert figures["frames"] == 6 + 3
+    assert figures["trees_compared"] > 40
+    assert figures["matched_fraction"] == 1.0
+    assert figures["box_px_max"] < 0.05
+    assert figures["keypoint_score_max"] < 1e-3
+
+
+def test_the_manifest_tells_what_the_file_is(exported: ExportReport, rgb_checkpoint: Path) -> None:
+    manifest = TreeDetector.load(exported.path).manifest
+    assert manifest == exported.manifest
+    assert (manifest.modality, manifest.precision) == ("rgb", "float32")
+    assert (manifest.input.height, manifest.input.width) == (96, 160)
+    assert manifest.training_data == "random numbers"
+    assert len(manifest.weights_sha256) == 64
+    assert manifest.parity is not None
+    assert manifest.parity["matched_fraction"] == 1.0
+    model, _ = load_checkpoint(rgb_checkpoint)
+    assert manifest.parameters == sum(p.numel() for p in model.parameters())
+    assert manifest.mean == model.spec.mean
+
+
+def test_every_size_is_static_and_every_roi_align_attribute_written(
+    exported: ExportReport,
+) -> None:
+    proto = onnx.load(exported.path)
+    for value in (*proto.graph.input, *proto.graph.output):
+        sizes = [size.dim_value for size in value.type.tensor_type.shape.dim]
+        assert min(sizes) > 0, value.name
+    names = {"coordinate_transformation_mode", "mode", "output_height", "output_width"}
+    names |= {"sampling_ratio", "spatial_scale"}
+    pooling = [node for node in proto.graph.node if node.op_type == "RoiAlign"]
+    assert len(pooling) == 3
+    for node in pooling:
+        assert {attribute.name for attribute in node.attribute} == names
+
+
+def test_nothing_of_this_machine_is_in_the_file(exported: ExportReport) -> None:
+    content = exported.path.read_bytes()
+    assert b"site-packages" not in content
+    assert b".py:" not in content
+    assert b'.py"' not in content
+    assert str(Path(__file__).resolve().parents[3]).encode() not in content
+
+
+def test_a_depth_model_without_masks_has_no_such_output(
+    depth_checkpoint: Path, frame_folder: Path, tmp_path: Path
+) -> None:
+    report = export_model(depth_checkpoint, tmp_path / "depth.onnx", data=frame_folder)
+    assert report.manifest.output_names == ("boxes", "scores", "keypoints", "num_detections")
+    detector = TreeDetector.load(report.path, score_threshold=0.0)
+    trees = detector.detect(np.full((180, 320), 5.0, np.float32))
+    assert trees.masks is None
+
+
+def test_verify_passes_the_right_checkpoint_and_refuses_others(
+    exported: ExportReport, rgb_checkpoint: Path, frame_folder: Path, tmp_path: Path
+) -> None:
+    verify_model(exported.path, rgb_checkpoint, data=frame_folder)
+    model, _ = load_checkpoint(rgb_checkpoint)
+    with torch.no_grad():
+        model.box_head.shift.bias.add_(0.5)
+    save_checkpoint(tmp_path / "shifted.safetensors", model, {})
+    with pytest.raises(ParityFailed, match="box_px differs by"):
+        verify_model(exported.path, tmp_path / "shifted.safetensors", data=frame_folder)
+
+
+def test_swapped_colours_are_refused(
+    exported: ExportReport, rgb_checkpoint: Path, frame_folder: Path, tmp_path: Path
+) -> None:
+    model, _ = load_checkpoint(rgb_checkpoint)
+    model.spec = dataclasses.replace(model.spec)
+    stem = model.backbone.trunk.conv_stem.weight
+    with torch.no_grad():
+        stem.copy_(stem.flip(1).clone())
+    save_checkpoint(tmp_path / "swapped.safetensors", model, {})
+    with pytest.raises(ParityFailed):
+        verify_model(exported.path, tmp_path / "swapped.safetensors", data=frame_folder)
+
+
+def test_a_wrong_roi_align_attribute_is_refused(
+    exported: ExportReport, rgb_checkpoint: Path, frame_folder: Path, tmp_path: Path
+) -> None:
+    proto = onnx.load(exported.path)
+    for node in proto.graph.node:
+        for attribute in node.attribute:
+            if node.op_type == "RoiAlign" and attribute.name == "coordinate_transformation_mode":
+                attribute.s = b"output_half_pixel"
+    onnx.save(proto, tmp_path / "wrong.onnx")
+    with pytest.raises(ParityFailed):
+        verify_model(tmp_path / "wrong.onnx", rgb_checkpoint, data=frame_folder)
+
+
+def test_int8_that_loses_trees_is_not_written(
+    rgb_checkpoint: Path, frame_folder: Path, tmp_path: Path
+) -> None:
+    out, blank = tmp_path / "out", tmp_path / "blank"
+    out.mkdir()
+    blank.mkdir()
+    cv2.imwrite(str(blank / "0.png"), np.full((96, 160, 3), 114, np.uint8))
+    command = ["export", str(rgb_checkpoint), "--out", str(out / "m.onnx")]
+    command += ["--data", str(frame_folder), "--precision", "int8", "--calibration", str(blank)]
+    result = CliRunner().invoke(app, command)
+    assert isinstance(result.exception, ParityFailed)
+    assert result.exception.exit_code == 1
+    assert "trees matched, limit 95%" in str(result.exception)
+    assert "mask IoU" in result.output  # the table
+    assert list(out.iterdir()) == []
+
+
+def test_int8_needs_frames_beside_those_compared_on(
+    rgb_checkpoint: Path, frame_folder: Path, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match="has no frames beside those compared on"):
+        export_model(rgb_checkpoint, tmp_path / "m.onnx", data=frame_folder, precision="int8")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_int8_has_unsigned_activations_and_signed_weights_per_channel(
+    rgb_checkpoint: Path, frame_folder: Path
+) -> None:
+    model, _ = load_checkpoint(rgb_checkpoint)
+    frames = read_frames(find_frames(frame_folder, "rgb", 4), InputRules.of(model.spec))
+    plain = trace(model, batch=1)
+    size = len(plain.SerializeToString())
+    proto = quantise(plain, frames)
+    assert len(plain.SerializeToString()) == size
+    weights = {value.name: value for value in proto.graph.initializer}
+    zero = {"uint8": 0, "int8": 0, "int32": 0}
+    for node in proto.graph.node:
+        if node.op_type == "QuantizeLinear":
+            assert weights[node.input[2]].data_type == onnx.TensorProto.UINT8
+            zero["uint8"] += 1
+        elif node.op_type == "DequantizeLinear" and node.input[0] in weights:
+            kind = onnx.TensorProto.DataType.Name(weights[node.input[0]].data_type).lower()
+            zero[kind] += 1
+            assert len(weights[node.input[1]].dims) == 1
+    assert min(zero.values()) > 30
+
+
+def test_the_commands_prove_and_print(
+    rgb_checkpoint: Path, frame_folder: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "model.onnx"
+    base = ["--data", str(frame_folder), "--json"]
+    made = CliRunner().invoke(app, ["export", str(rgb_checkpoint), "--out", str(out), *base])
+    assert made.exit_code == 0, made.output
+    record = json.loads(made.stdout)
+    assert record["file_bytes"] == out.stat().st_size
+    checked = CliRunner().invoke(app, ["verify", str(out), str(rgb_checkpoint), *base])
+    assert checked.exit_code == 0, checked.output
+    assert json.loads(checked.stdout)["parity"]["matched_fraction"] == 1.0
+
+
+def test_bad_input_leaves_nothing_behind(
+    rgb_checkpoint: Path, frame_folder: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    with pytest.raises(InputError, match="precision is 'fp4': expected one of fp32, int8"):
+        export_model(rgb_checkpoint, out / "m.onnx", data=frame_folder, precision="fp4")
+    with pytest.raises(InputError, match="is no folder: expected one with rgb frames"):
+        export_model(rgb_checkpoint, out / "m.onnx", data=tmp_path / "none")
+    with pytest.raises(InputError, match="has no rgb frames"):
+        export_model(rgb_checkpoint, out / "m.onnx", data=out)
+    with pytest.raises(InputError, match="cannot be written"):
+        export_model(rgb_checkpoint, tmp_path / "none" / "m.onnx", data=frame_folder)
+    assert list(out.iterdir()) == []

@@ -1,0 +1,116 @@
+import numpy as np
+import pytest
+
+from edgetree.export.parity import (
+    Arrays,
+    ParityReport,
+    compare_frame,
+    compare_frames,
+    limits_of,
+)
+
+K = 4
+
+
+def outputs(boxes: list[list[float]], scores: list[float]) -> dict[str, np.ndarray]:
+    count = len(scores)
+    result = {
+        "boxes": np.zeros((1, K, 4), np.float32),
+        "scores": np.zeros((1, K), np.float32),
+        "keypoints": np.zeros((1, K, 5, 3), np.float32),
+        "masks": np.zeros((1, K, 28, 28), np.float32),
+        "num_detections": np.array([count]),
+    }
+    result["boxes"][0, :count] = np.reshape(boxes, (-1, 4))
+    result["scores"][0, :count] = scores
+    result["masks"][0, :count, :14] = 0.9
+    return result
+
+
+LEFT, RIGHT = [0.0, 0, 20, 100], [200.0, 0, 230, 100]
+IMAGE = {"frame": np.zeros((8, 8), np.uint8)}
+
+
+def faults(expected: Arrays, found: Arrays, precision: str = "float32") -> list[str]:
+    shown = compare_frames(lambda _: expected, lambda _: found, IMAGE, precision, 0.01)
+    return ParityReport(precision, shown, limits=limits_of(precision)).faults()
+
+
+def test_equal_detections_pass_in_any_order() -> None:
+    expected = outputs([LEFT, RIGHT], [0.9, 0.8999])
+    assert faults(expected, expected) == []
+    assert faults(expected, outputs([RIGHT, LEFT], [0.8999, 0.9])) == []
+    assert faults(outputs([], []), outputs([], [])) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "index", "change", "message"),
+    [
+        ("boxes", (0, 0, 2), 0.6, "frame: box_px differs by 0.6, limit 0.5"),
+        ("scores", (0, 0), -0.002, "score differs by 0.002"),
+        ("keypoints", (0, 1, 3, 1), 0.7, "keypoint_px differs by 0.7"),
+        ("keypoints", (0, 1, 3, 2), 0.01, "keypoint_score differs by 0.01"),
+        ("masks", (0, 0, slice(14, 16)), 0.9, "mask_iou is 0.875"),
+        ("boxes", (0, 1), 300.0, "matched"),
+    ],
+)
+def test_each_kind_of_difference_is_seen(
+    name: str, index: tuple[int, ...], change: float, message: str
+) -> None:
+    expected = outputs([LEFT, RIGHT], [0.9, 0.5])
+    found = {key: value.copy() for key, value in expected.items()}
+    found[name][index] += change
+    assert any(message in fault for fault in faults(expected, found))
+
+
+def test_a_tree_at_the_threshold_may_come_and_go() -> None:
+    expected = outputs([LEFT, RIGHT], [0.9, 0.0105])
+    assert faults(expected, outputs([LEFT], [0.9])) == []
+    assert faults(outputs([LEFT], [0.9]), expected) == []
+    assert faults(outputs([LEFT, RIGHT], [0.9, 0.02]), outputs([LEFT], [0.9])) != []
+
+
+def test_the_last_of_full_rows_may_be_another_of_its_score() -> None:
+    boxes = [[100.0 * i, 0, 100.0 * i + 20, 100] for i in range(5)]
+    expected = outputs(boxes[:4], [0.9, 0.8, 0.7, 0.3])
+    assert faults(expected, outputs([*boxes[:3], boxes[4]], [0.9, 0.8, 0.7, 0.3])) == []
+    assert faults(expected, outputs(boxes[1:5], [0.9, 0.8, 0.7, 0.3])) != []
+
+
+def test_int8_is_judged_on_confident_trees_both_ways() -> None:
+    expected = outputs([LEFT, RIGHT], [0.9, 0.3])
+    assert faults(expected, outputs([LEFT], [0.6]), "int8") == []
+    assert faults(expected, outputs([LEFT], [0.3]), "int8") != []
+    assert faults(expected, outputs([LEFT, RIGHT], [0.9, 0.8]), "int8") != []
+    moved = [LEFT[0] + 5, *LEFT[1:]]
+    assert faults(expected, outputs([moved], [0.9]), "int8") != []
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda o: o["scores"].__setitem__((0, 0), np.nan), "scores is not finite"),
+        (lambda o: o["num_detections"].__setitem__(0, 9), "num_detections is 9"),
+        (lambda o: o["boxes"].__setitem__((0, 3), 1.0), "rows past num_detections are not zero"),
+        (lambda o: o.pop("masks"), "masks is missing"),
+    ],
+)
+def test_nonsense_is_a_fault_even_on_a_blank_frame(change: object, message: str) -> None:
+    expected, found = outputs([LEFT], [0.9]), outputs([LEFT], [0.9])
+    change(found)  # type: ignore[operator]
+    shown = compare_frames(
+        lambda _: expected, lambda _: found, {"blank": IMAGE["frame"]}, "float32", 0.01
+    )
+    (fault,) = ParityReport("float32", shown, limits=limits_of("float32")).faults()
+    assert message in fault
+
+
+def test_lost_average_precision_is_a_fault() -> None:
+    report = ParityReport("int8", (), ap_model=60.0, ap_file=58.5, ap_limit=1.0)
+    assert report.faults() == ["all: box AP fell from 60.00 to 58.50, limit 1"]
+
+
+def test_pairs_are_counted_in_both_directions() -> None:
+    rows = {"boxes": np.array([LEFT], np.float32), "scores": np.array([0.9]), "rows": np.array(4)}
+    frame = compare_frame("f", rows, rows, "float32", 0.01)
+    assert (frame.trees, frame.matched) == (2, 2)
