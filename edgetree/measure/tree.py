@@ -55,7 +55,8 @@ def measure_tree(
         return TreeMeasurement.failed(f"the diameter keypoints are {width_px:.1f} px apart")
     rays = pixels_to_rays(frame.camera, np.where(given[:, None], keypoints[:, :2], 0.0))
     edges = (rays[_LEFT], rays[_RIGHT])
-    keypoint_rad = settings.keypoint_std_px * _pixel_rad(frame.camera, sum(edges) / 2)
+    pixel_rad = _pixel_rad(frame.camera, sum(edges) / 2)
+    keypoint_rad = settings.keypoint_std_px * pixel_rad
     axis, roll_std_rad = _axis(rays, given, keypoint_rad, up, settings)
     lean_std_rad = _lean_std_rad(up, settings)
     readings = frame.stem_readings(index, box_px)
@@ -77,8 +78,9 @@ def measure_tree(
     if cut_ray is None:
         missing = Failure("the felling cut is not in the image")
         return TreeMeasurement(diameter, missing, inclination, missing, missing)
-    distance = _distance(stem, cut, keypoint_rad, diameter_std_m)
-    height = _cut_height(stem, cut, ground, distance, keypoint_rad)
+    cut_rad = settings.cut_std_px * pixel_rad
+    distance = _distance(stem, cut, cut_rad, diameter_std_m)
+    height = _cut_height(stem, cut, ground, distance, cut_rad)
     misplaced = _misplaced(stem, cut, edges, height)
     if misplaced is not None:
         return TreeMeasurement(diameter, misplaced, inclination, misplaced, misplaced)
@@ -176,24 +178,24 @@ def _diameter(stem: Stem, std_m: float) -> Estimate | Failure:
     return Estimate(value, std_m)
 
 
-def _distance(stem: Stem, cut: Float, keypoint_rad: float, diameter_std_m: float) -> Estimate:
+def _distance(stem: Stem, cut: Float, cut_rad: float, diameter_std_m: float) -> Estimate:
     """To the axis at the cut: what the depth gives is the bark, one radius before it."""
     value = float(np.linalg.norm(cut))
     along_m = float(cut @ stem.section.frame.along)
     from_depth = stem.distance_std_m * value / stem.distance_m
-    parts = (from_depth, diameter_std_m / 2, along_m * keypoint_rad)
+    parts = (from_depth, diameter_std_m / 2, along_m * cut_rad)
     return Estimate(value, float(np.linalg.norm(parts)))
 
 
 def _cut_height(
-    stem: Stem, cut: Float, ground: BaseGround | Failure, distance: Estimate, keypoint_rad: float
+    stem: Stem, cut: Float, ground: BaseGround | Failure, distance: Estimate, cut_rad: float
 ) -> Estimate | Failure:
     """Above the ground; errs with the distance where looked at from above, and with the cut."""
     if isinstance(ground, Failure):
         return ground
     frame = stem.section.frame
     rise = float(cut @ ground.up) / distance.value
-    cut_std_m = float(np.hypot(rise * distance.std, keypoint_rad * distance.value))
+    cut_std_m = float(np.hypot(rise * distance.std, cut_rad * distance.value))
     return ground.cut_height_m(cut, frame.along, stem.radius_m, cut_std_m)
 
 
