@@ -130,7 +130,7 @@ def _error(model: ModelResult, quantity: str) -> str:
         return "–"
     style = QUANTITY_STYLES[quantity]
     relative = summary.median_relative_error
-    share = "" if relative is None else f" ({relative:.0%})"
+    share = "" if relative is None else f" ({relative:.{0 if relative >= 0.01 else 1}%})"
     return f"{style.text(summary.median_abs_error_m)} {style.unit}{share}"
 
 
