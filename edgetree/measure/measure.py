@@ -37,7 +37,7 @@ def measure_trees(
         camera: what took the depth, for this size of image.
         up_camera: (3,) direction away from gravity in the camera's frame, as an IMU gives it;
             without, heights and inclinations refer to the ground's plane.
-        settings: assumed errors and limits; those of the embedded models if None.
+        settings: assumed errors and limits.
 
     Returns:
         One measurement per detection, in their order. What cannot be measured says why.
@@ -45,7 +45,7 @@ def measure_trees(
     Raises:
         InputError: depth or camera are for another image size, or `up_camera` is no direction.
     """
-    settings = settings or MeasureSettings.for_width(camera.width)
+    settings = settings or MeasureSettings()
     _check_sizes(detections, depth_m, camera)
     up = None if up_camera is None else _direction(up_camera)
     if detections.keypoints_px is None:

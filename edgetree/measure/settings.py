@@ -10,16 +10,16 @@ from edgetree.errors import InputError
 __all__ = ["MeasureSettings"]
 
 
-_MEASURED_WIDTH_PX = 1280
-
-
 @dataclass(frozen=True)
 class MeasureSettings:
     """Assumptions of `measure_trees`; all positive.
 
     Attributes:
-        keypoint_std_px: error of a keypoint across the stem, in pixels of the image.
-        cut_std_px: error of the felling cut along the stem, in pixels of the image.
+        keypoint_std_px: least error of a keypoint, in pixels of the image.
+        keypoint_spread: error of a keypoint as a share of its box's extent where its score is 1;
+            it grows with the inverse root of the score, as the peak p of a normal heat map of
+            deviation s is 1 / (2 pi s²). The default is a 56-cell map over a box enlarged by
+            1.25, and holds for the embedded depth model on frames that it was not trained on.
         depth_noise_per_m: standard deviation of the depth in metres at 1 m; at z metres it is
             z² times that, as with stereo.
         depth_correlation_px: depth within squares of so many pixels has one error.
@@ -35,8 +35,8 @@ class MeasureSettings:
         InputError: a value is not a positive number.
     """
 
-    keypoint_std_px: float = 2.0
-    cut_std_px: float = 5.0
+    keypoint_std_px: float = 1.0
+    keypoint_spread: float = 0.009
     depth_noise_per_m: float = 0.002
     depth_correlation_px: float = 6.0
     out_of_round_std: float = 0.018
@@ -45,16 +45,6 @@ class MeasureSettings:
     max_range_m: float = 25.0
     max_diameter_m: float = 2.5
     max_slope_deg: float = 45.0
-
-    @classmethod
-    def for_width(cls, width_px: int) -> MeasureSettings:
-        """What the embedded depth model does to an image of a width.
-
-        Its keypoints' errors on simulated frames that it was not trained on are a share of the
-        image's width: it looks at every image at one size.
-        """
-        share = width_px / _MEASURED_WIDTH_PX
-        return cls(keypoint_std_px=2.0 * share, cut_std_px=5.0 * share)
 
     def __post_init__(self) -> None:
         for field in fields(self):

@@ -48,6 +48,8 @@ def measure_tree(
     """
     settings = frame.settings
     given = _given(keypoints, frame.camera)
+    std_px = _keypoint_std_px(box_px, keypoints, settings)
+    given[_CUT] &= _within(keypoints[_CUT], std_px[_CUT], frame.camera)
     if not (given[_LEFT] and given[_RIGHT]):
         return TreeMeasurement.failed("the diameter keypoints are not in the image")
     width_px = float(np.linalg.norm(keypoints[_RIGHT, :2] - keypoints[_LEFT, :2]))
@@ -56,8 +58,7 @@ def measure_tree(
     rays = pixels_to_rays(frame.camera, np.where(given[:, None], keypoints[:, :2], 0.0))
     edges = (rays[_LEFT], rays[_RIGHT])
     pixel_rad = _pixel_rad(frame.camera, sum(edges) / 2)
-    keypoint_rad = settings.keypoint_std_px * pixel_rad
-    axis, roll_std_rad = _axis(rays, given, keypoint_rad, up, settings)
+    axis, roll_std_rad = _axis(rays, given, std_px[:, 0] * pixel_rad, up, settings)
     lean_std_rad = _lean_std_rad(up, settings)
     readings = frame.stem_readings(index, box_px)
     if isinstance(readings, Failure):
@@ -67,7 +68,8 @@ def measure_tree(
         return TreeMeasurement.failed(stem.reason)
     if not _LEAST_DIAMETER_M <= 2 * stem.radius_m <= settings.max_diameter_m:
         return TreeMeasurement.failed(f"a diameter of {2 * stem.radius_m:.2f} m is not plausible")
-    edge_rad = settings.keypoint_std_px * _edge_pixel_rad(frame.camera, stem)
+    edges_px = float(np.hypot(std_px[_LEFT, 0], std_px[_RIGHT, 0])) / np.sqrt(2)
+    edge_rad = edges_px * _edge_pixel_rad(frame.camera, stem)
     diameter_std_m = _diameter_std_m(stem, edge_rad, settings)
     diameter = _diameter(stem, diameter_std_m)
     cut_ray = rays[_CUT] if given[_CUT] else None
@@ -78,7 +80,7 @@ def measure_tree(
     if cut_ray is None:
         missing = Failure("the felling cut is not in the image")
         return TreeMeasurement(diameter, missing, inclination, missing, missing)
-    cut_rad = settings.cut_std_px * pixel_rad
+    cut_rad = float(std_px[_CUT, 1]) * pixel_rad
     distance = _distance(stem, cut, cut_rad, diameter_std_m)
     height = _cut_height(stem, cut, ground, distance, cut_rad)
     misplaced = _misplaced(stem, cut, edges, height)
@@ -93,6 +95,24 @@ def _given(keypoints: Float, camera: PinholeCamera) -> NDArray[np.bool_]:
     with np.errstate(invalid="ignore"):
         near = (np.abs(keypoints[:, :2] - size / 2) <= 1.5 * size).all(1)
     return np.asarray(np.isfinite(keypoints).all(1) & (keypoints[:, 2] > 0) & near)
+
+
+def _keypoint_std_px(box_px: Float, keypoints: Float, settings: MeasureSettings) -> Float:
+    """(5, 2) errors across and along the stem: the flatter a heat map over the box, the larger.
+
+    Across, edges hold the heat map within the box's width; along, nothing does.
+    """
+    width, height = np.maximum(box_px[2:] - box_px[:2], 0.0)
+    extent = np.array([width, np.sqrt(width * height)])
+    score = np.clip(np.nan_to_num(keypoints[:, 2:]), 1e-4, 1.0)
+    spread = settings.keypoint_spread * extent / np.sqrt(score)
+    return np.asarray(np.hypot(settings.keypoint_std_px, spread))
+
+
+def _within(keypoint: Float, std_px: Float, camera: PinholeCamera) -> bool:
+    """Whether a keypoint lies inside the image for certain: at its border it may be beyond."""
+    size = np.array([camera.width, camera.height])
+    return bool((keypoint[:2] > std_px).all() and (keypoint[:2] < size - std_px).all())
 
 
 def _misplaced(
@@ -132,18 +152,18 @@ def _lean_std_rad(up: Float | None, settings: MeasureSettings) -> float:
 def _axis(
     rays: Float,
     given: NDArray[np.bool_],
-    keypoint_rad: float,
+    keypoint_rad: Float,
     up: Float | None,
     settings: MeasureSettings,
 ) -> tuple[AxisFrame, float]:
     """The axis in the picture, from the section's middle and the axis keypoints there are."""
     section = rays[[_LEFT, _RIGHT]]
     middle = (section / np.linalg.norm(section, axis=1, keepdims=True)).sum(0)
-    points, stds = [middle], [keypoint_rad / np.sqrt(2)]
+    points, stds = [middle], [float(np.hypot(*keypoint_rad[[_LEFT, _RIGHT]])) / 2]
     for index in (_MIDDLE, _TOP):
         if given[index]:
             points.append(rays[index])
-            stds.append(keypoint_rad)
+            stds.append(float(keypoint_rad[index]))
     vertical = _CAMERA_UP if up is None else up
     return fit_axis(np.array(points), np.array(stds), vertical, _lean_std_rad(up, settings))
 

@@ -6,7 +6,7 @@ import pytest
 from calib import PinholeCamera, project_points
 from edgetree.measure import MeasureSettings, measure_trees
 
-EXACT = MeasureSettings(keypoint_std_px=0.1, cut_std_px=0.1)
+EXACT = MeasureSettings(keypoint_std_px=0.1, keypoint_spread=1e-6)
 
 
 def measure_one(scene, depth_m=None, detections=None, up=True, settings=EXACT):
@@ -146,7 +146,7 @@ def test_twigs_and_background_inside_the_mask_do_not_count(scene, pole):
 def test_stated_errors_hold_under_noise(scene, pole, ahead_m):
     stand = scene(pole(0.3, 0.5, ahead_m))
     settings = MeasureSettings(
-        keypoint_std_px=1.0, cut_std_px=1.0, out_of_round_std=1e-6, bend_std_deg=1e-6
+        keypoint_std_px=1.0, keypoint_spread=1e-6, out_of_round_std=1e-6, bend_std_deg=1e-6
     )
     distance_m = float(np.linalg.norm(stand.axis_point(stand.poles[0], 0.25)))
     exact = stand.detections()
@@ -168,11 +168,25 @@ def test_more_noise_is_stated_as_more_error(scene, pole):
     quiet = measure_one(stand, stand.noisy_depth_m(1, 0.001))
     loud = measure_one(stand, stand.noisy_depth_m(1, 0.01))
     assert loud.distance_m.std > 2 * quiet.distance_m.std
-    blurred = measure_one(stand, settings=MeasureSettings(keypoint_std_px=3.0, cut_std_px=3.0))
+    blurred = measure_one(
+        stand, settings=MeasureSettings(keypoint_std_px=3.0, keypoint_spread=1e-6)
+    )
     sharp = measure_one(stand)
     assert blurred.diameter_m.std > 5 * sharp.diameter_m.std
     assert blurred.cut_height_m.std > 1.3 * sharp.cut_height_m.std
     assert blurred.inclination_deg.std > 1.3 * sharp.inclination_deg.std
+
+
+def test_flat_heat_maps_are_stated_as_more_error(scene, pole):
+    stand = scene(pole(0.3, 0.5, 4.0))
+    trees = stand.detections()
+    flat = trees.keypoints_px.copy()
+    flat[..., 2] = 0.04
+    unsure = type(trees)(trees.boxes_px, trees.scores, flat, trees.masks, 1280, 720)
+    sure, unsure = (measure_one(stand, detections=d, settings=None) for d in (trees, unsure))
+    assert unsure.diameter_m.value == pytest.approx(sure.diameter_m.value, rel=1e-6)
+    assert unsure.diameter_m.std > 2 * sure.diameter_m.std
+    assert unsure.cut_height_m.std > 1.5 * sure.cut_height_m.std
 
 
 def test_trees_keep_their_order_and_do_not_mix(scene, pole):

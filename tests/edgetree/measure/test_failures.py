@@ -124,7 +124,7 @@ def test_a_thickness_that_no_stem_has(stand):
 
 def test_too_few_pixels_for_a_diameter_still_give_a_distance(scene, pole):
     stand = scene(pole(0.05, 0.0, 8.0))
-    tree = measure(stand, settings=MeasureSettings(keypoint_std_px=4.0, cut_std_px=4.0))
+    tree = measure(stand, settings=MeasureSettings(keypoint_std_px=4.0, keypoint_spread=1e-6))
     assert tree.diameter_m.reason.startswith("the diameter is too uncertain: 0.05 m ± 0.07 m")
     assert tree.distance_m.value == pytest.approx(
         np.linalg.norm(stand.axis_point(stand.poles[0], 0.25)), rel=0.01
@@ -222,6 +222,15 @@ def test_a_cut_that_is_none_is_refused(stand, dy_px, reason):
     assert tree.diameter_m
 
 
+def test_a_cut_at_the_images_border_may_lie_beyond_it(stand):
+    dy_px = 719.5 - stand.detections().keypoints_px[0, 0, 1]
+    tree = measure(stand, moved(stand.detections(), 0, 0, dy_px))
+    for result in (tree.cut_height_m, tree.distance_m, tree.cut_point_m):
+        assert isinstance(result, Failure)
+        assert result.reason == "the felling cut is not in the image"
+    assert tree.diameter_m
+
+
 def test_a_cut_in_the_ground_is_refused(scene, pole):
     stand = scene(pole(0.3, 0.5, 4.0, cut_m=0.1, section_m=0.2))
     tree = measure(stand, moved(stand.detections(), 0, 0, 45))
@@ -234,10 +243,3 @@ def test_a_cut_in_the_ground_is_refused(scene, pole):
 def test_keypoints_absurdly_far_outside_count_as_missing(stand, far_px):
     assert all_fail(measure(stand, moved(stand.detections(), 1, -far_px, 0)), "diameter keypoints")
     assert measure(stand, moved(stand.detections(), 4, far_px, far_px)).diameter_m
-
-
-def test_assumed_errors_grow_with_the_image_that_the_model_looks_at():
-    small, large = MeasureSettings.for_width(640), MeasureSettings.for_width(1280)
-    assert large == MeasureSettings()
-    assert small.keypoint_std_px == pytest.approx(large.keypoint_std_px / 2)
-    assert small.cut_std_px == pytest.approx(large.cut_std_px / 2)
