@@ -29,7 +29,7 @@ _NEEDED: Final = (
 _FRAMES: Final = 300
 _FRAME_SIZE_PX: Final = (640, 360)
 _INPUT_SIZE_PX: Final = (512, 288)
-_TRAIN_MINUTES: Final = 7.0
+_TRAIN_MINUTES: Final = 5.0
 _SHOWN_FRAMES: Final = 6
 _SEED: Final = 7
 
