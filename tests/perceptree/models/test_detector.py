@@ -68,7 +68,7 @@ def train(model: TreeRCNN, steps: int, count: int = 4) -> list[dict[str, float]]
 def trained() -> TreeRCNN:
     torch.manual_seed(0)
     model = TreeRCNN(small_spec())
-    train(model, 70)
+    train(model, 80)
     return model.eval()
 
 
@@ -77,7 +77,7 @@ def test_a_few_frames_are_learned_from_random_weights(trained: TreeRCNN) -> None
     with torch.inference_mode():
         found = trained.detect(images)
     for number, target in enumerate(targets):
-        confident = int((found.scores[number] > 0.5).sum())
+        confident = int((found.scores[number] > 0.8).sum())
         assert confident == len(target.boxes)
         if not confident:
             continue
