@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from edgetree.export.quiet import quiet
+
 if TYPE_CHECKING:
     from perceptree.models import TreeRCNN
 
@@ -43,15 +45,16 @@ def trace(model: TreeRCNN, batch: int) -> Any:
 
     spec = model.spec
     shape = (spec.height, spec.width, 3)[: 3 if spec.modality == "rgb" else 2]
-    program = torch.onnx.export(
-        Exported().eval(),
-        (torch.zeros(batch, *shape, dtype=torch.uint8),),
-        dynamo=True,
-        input_names=["image"],
-        output_names=list(names),
-        opset_version=OPSET,
-        verbose=False,
-    )
+    with quiet():
+        program = torch.onnx.export(
+            Exported().eval(),
+            (torch.zeros(batch, *shape, dtype=torch.uint8),),
+            dynamo=True,
+            input_names=["image"],
+            output_names=list(names),
+            opset_version=OPSET,
+            verbose=False,
+        )
     if program is None:
         raise RuntimeError("torch.onnx.export gave no program")
     return program.model_proto

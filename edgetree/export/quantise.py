@@ -10,6 +10,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from edgetree.export.quiet import quiet
+
 __all__ = ["quantise"]
 
 _QUANTISED: Final = {"Conv", "Gemm", "Add", "Resize"}
@@ -60,19 +62,20 @@ def quantise(model: Any, frames: NDArray[np.uint8]) -> Any:
         # From a file, as quantize_static() moves a model's weights out of the one it is given.
         source, result = Path(folder) / "float32.onnx", Path(folder) / "int8.onnx"
         onnx.save(model, source)
-        quantize_static(
-            source,
-            result,
-            Reader(),
-            quant_format=QuantFormat.QDQ,
-            activation_type=QuantType.QUInt8,
-            weight_type=QuantType.QInt8,
-            per_channel=True,
-            calibrate_method=CalibrationMethod.MinMax,
-            op_types_to_quantize=sorted(_QUANTISED),
-            nodes_to_quantize=_nodes_to_quantise(model),
-            extra_options={"WeightSymmetric": True, "ActivationSymmetric": False},
-        )
+        with quiet():
+            quantize_static(
+                source,
+                result,
+                Reader(),
+                quant_format=QuantFormat.QDQ,
+                activation_type=QuantType.QUInt8,
+                weight_type=QuantType.QInt8,
+                per_channel=True,
+                calibrate_method=CalibrationMethod.MinMax,
+                op_types_to_quantize=sorted(_QUANTISED),
+                nodes_to_quantize=_nodes_to_quantise(model),
+                extra_options={"WeightSymmetric": True, "ActivationSymmetric": False},
+            )
         return onnx.load(result)
 
 

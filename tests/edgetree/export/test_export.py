@@ -177,6 +177,8 @@ def test_the_commands_prove_and_print(
     assert made.exit_code == 0, made.output
     record = json.loads(made.stdout)
     assert record["file_bytes"] == out.stat().st_size
+    assert "arning" not in made.stderr, "libraries' chatter"
+    assert "Attribute type" not in made.stderr
     checked = CliRunner().invoke(app, ["verify", str(out), str(rgb_checkpoint), *base])
     assert checked.exit_code == 0, checked.output
     assert json.loads(checked.stdout)["parity"]["matched_fraction"] == 1.0
