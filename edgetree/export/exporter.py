@@ -101,7 +101,7 @@ def export_model(
     with replacing(out) as beside:
         model, record = _load(checkpoint)
         rules = InputRules.of(model.spec)
-        compared = find_frames(data, rules.modality, PARITY_FRAMES)
+        compared = find_frames(data, rules.modality, PARITY_FRAMES, unseen=True)
         manifest = _manifest(model, record, PRECISIONS[precision])
         shown = None
         if precision == "int8":
@@ -130,7 +130,7 @@ def verify_model(file: Path, checkpoint: Path, *, data: Path, say: Say = _silent
     manifest = TreeDetector(session).manifest
     model, _ = _load(checkpoint)
     _check_same_model(file, manifest, model)
-    compared = find_frames(data, manifest.modality, PARITY_FRAMES)
+    compared = find_frames(data, manifest.modality, PARITY_FRAMES, unseen=True)
     parity = _prove(model, session, manifest, compared, data, say)
     return ExportReport(file, manifest, parity, file.stat().st_size)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -60,11 +61,12 @@ class InputRules:
         return fit.apply(image, self.pad_value)
 
 
-def find_frames(folder: Path, modality: str, most: int) -> list[Path]:
+def find_frames(folder: Path, modality: str, most: int, *, unseen: bool = False) -> list[Path]:
     """At most ``most`` frames of a folder, evenly spread over its sorted names.
 
     A folder of the data set's form is entered (``images`` or ``depth``); any other holds the
-    images themselves, for depth 16-bit PNGs in millimetres.
+    images themselves, for depth 16-bit PNGs in millimetres. ``unseen`` takes a data set's frames
+    from its test split, where it has one: no model was trained on them.
 
     Raises:
         InputError: no such folder, or no images in it.
@@ -75,10 +77,24 @@ def find_frames(folder: Path, modality: str, most: int) -> list[Path]:
     place = inner if inner.is_dir() else folder
     suffixes = IMAGE_SUFFIXES if modality == "rgb" else (".png",)
     paths = sorted(path for path in place.iterdir() if path.suffix.lower() in suffixes)
+    tested = _test_names(folder) if unseen else frozenset()
+    paths = [path for path in paths if path.stem in tested] or paths
     if not paths:
         raise InputError(f"folder {place} has no {modality} frames: expected {', '.join(suffixes)}")
     count = min(most, len(paths))
     return [paths[i * len(paths) // count] for i in range(count)]
+
+
+def _test_names(folder: Path) -> frozenset[str]:
+    """Stems of the frames in a data set's test split; none without one."""
+    path = folder / "test_RGB.json"
+    if not path.is_file():
+        return frozenset()
+    try:
+        images = json.loads(path.read_text(encoding="utf-8"))["images"]
+        return frozenset(Path(image["file_name"]).stem for image in images)
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path}: not a COCO file ({error!r}), expected images in it") from error
 
 
 def read_frames(paths: Sequence[Path], rules: InputRules) -> NDArray[np.uint8]:
