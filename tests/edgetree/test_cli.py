@@ -306,6 +306,8 @@ def test_a_real_interrupt_in_the_middle_leaves_nothing(
         [*map(str, command), "--out", str(out), "--jsonl", str(jsonl)],
         stderr=subprocess.PIPE,
         text=True,
+        # A runner in the background ignores the signal, and would have it ignored below.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     while process.poll() is None and not (out.is_dir() and list(out.glob("*.jpg"))):
         time.sleep(0.01)
