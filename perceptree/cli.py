@@ -7,6 +7,7 @@ import sys
 import typer
 
 from perceptree.commands.eval import evaluate
+from perceptree.commands.scene import scene
 from perceptree.commands.synth import synth
 from perceptree.commands.train import train
 
@@ -18,6 +19,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 app.command()(synth)
+app.command()(scene)
 app.command()(train)
 app.command(name="eval")(evaluate)
 

@@ -94,15 +94,16 @@ class _Chain:
 
     def simulate(self) -> None:
         """Frames with exact labels; the scenes of the test split are never trained on."""
-        from perceptree.simulator import CameraSettings, SimulatorSettings, generate_dataset
+        from perceptree.simulator import PRESETS, generate_dataset, ideal_camera
 
         start_s = time.perf_counter()
         tell = self.progress_within(0.0, 0.25)
         width, height = _FRAME_SIZE_PX
+        plain = PRESETS["plain"].settings
         report = generate_dataset(
             self.data,
             _FRAMES,
-            SimulatorSettings(camera=CameraSettings(width=width, height=height)),
+            replace(plain, camera=replace(plain.camera, intrinsics=ideal_camera(width, height))),
             seed=_SEED,
             progress=lambda done, total: tell(done / total, "simulating a forest"),
         )

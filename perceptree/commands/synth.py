@@ -5,45 +5,191 @@ from __future__ import annotations
 import dataclasses
 import json
 import sys
+import time
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from perceptree.errors import SettingsError
 
+if TYPE_CHECKING:
+    from perceptree.simulator import SimulatorSettings, SynthReport
+    from perceptree.simulator.settings.presets import Preset
+
+_LABEL = "simulating"
+
 
 def synth(
     out: Annotated[Path, typer.Option(help="Folder to write; one with the same settings resumes.")],
-    frames: Annotated[int, typer.Option(help="How many frames.")] = 400,
-    seed: Annotated[int, typer.Option(help="Decides every pixel, with the settings.")] = 0,
-    width: Annotated[int, typer.Option(help="Image width, px.")] = 1280,
-    height: Annotated[int, typer.Option(help="Image height, px.")] = 720,
-    views: Annotated[int, typer.Option(help="Frames drawn of each scene.")] = 5,
+    frames: Annotated[
+        int | None, typer.Option(help="How many frames; more than before extends a dataset. [400]")
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(help="Decides every pixel, with the settings. [0]")
+    ] = None,
+    preset: Annotated[
+        str | None,
+        typer.Option(help="Mix to start from, with its frames and seed: paper, plain, test."),
+    ] = None,
+    width: Annotated[int | None, typer.Option(help="Image width, px. [1280]")] = None,
+    height: Annotated[int | None, typer.Option(help="Image height, px. [720]")] = None,
+    camera: Annotated[
+        Path | None, typer.Option(help="Camera file with intrinsics and distortion.")
+    ] = None,
+    views: Annotated[int | None, typer.Option(help="Frames drawn of each scene. [8]")] = None,
+    reach: Annotated[
+        float | None, typer.Option(help="Label trees up to this distance, metres. [10]")
+    ] = None,
+    image_format: Annotated[
+        str | None, typer.Option(help="Colour images as jpg or png. [jpg]")
+    ] = None,
     workers: Annotated[int | None, typer.Option(help="Processes; all cores without.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Simulate forest frames: colour, depth, masks, boxes, keypoints and true metres."""
-    from perceptree.simulator import CameraSettings, SimulatorSettings, generate_dataset
+    from perceptree.simulator.dataset.frozen import FROZEN_PRESET
+    from perceptree.simulator.dataset.generate import generate_dataset
+    from perceptree.simulator.settings.files import FileSettings
 
-    if workers is not None and workers < 1:
-        raise SettingsError(f"--workers is {workers}: expected at least 1")
-    settings = SimulatorSettings(
-        camera=CameraSettings(width=width, height=height), views_per_scene=views
-    )
+    changes = (frames, seed, width, height, camera, views, reach, image_format)
+    if preset == FROZEN_PRESET and any(change is not None for change in changes):
+        raise SettingsError(
+            f"--preset {FROZEN_PRESET} is frozen: expected no option beside --out, --workers and"
+            " --json; the same mix with others is --preset paper"
+        )
+    start = chosen_preset(preset)
+    settings = start.settings if start else None
+    settings = changed_settings(settings, camera, (width, height), views, reach)
+    count = frames if frames is not None else start.frames if start else 400
+    chosen_seed = seed if seed is not None else start.seed if start else 0
+    files = start.files if start else FileSettings()
+    if image_format is not None:
+        files = FileSettings(image_format)
     shown = sys.stderr.isatty() and not as_json
     with typer.progressbar(
-        length=frames, label="simulating", file=sys.stderr, hidden=not shown
-    ) as bar:
+        length=count, label=_LABEL, file=sys.stderr, hidden=not shown, show_eta=False,
+        show_pos=True, item_show_func=lambda text: text,
+    ) as bar:  # fmt: skip
+        report = generate_dataset(out, count, settings, chosen_seed, workers, _Progress(bar), files)
+    _tell(report, as_json, frozen=preset == FROZEN_PRESET)
 
-        def progress(done: int, _: int) -> None:
-            bar.update(done - bar.pos)
 
-        report = generate_dataset(out, frames, settings, seed, workers, progress)
-    if as_json:
-        typer.echo(json.dumps({**dataclasses.asdict(report), "directory": str(report.directory)}))
-        return
-    for split, count in report.frames.items():
-        typer.echo(f"{split}: {count} frames, {report.trees[split]} trees")
-    typer.echo(f"{report.directory}")
-    typer.echo(f"next: perceptree train {report.directory} --out runs/depth --modality depth")
+def chosen_preset(name: str | None) -> Preset | None:
+    """The preset of a name; raises SettingsError for a name that none has."""
+    from perceptree.simulator.settings.presets import PRESETS
+
+    if name is not None and name not in PRESETS:
+        known = "; ".join(f"{p.name} ({p.description})" for p in PRESETS.values())
+        raise SettingsError(f"--preset is {name!r}: expected one of {known}")
+    return PRESETS[name] if name is not None else None
+
+
+def changed_settings(
+    settings: SimulatorSettings | None,
+    camera: Path | None = None,
+    size: tuple[int | None, int | None] = (None, None),
+    views: int | None = None,
+    reach: float | None = None,
+) -> SimulatorSettings:
+    """Settings, the default ones if None, with what the options say."""
+    import calib
+    from perceptree.simulator.settings import SimulatorSettings, ideal_camera
+
+    settings = settings or SimulatorSettings()
+    intrinsics = settings.camera.intrinsics
+    if camera is not None:
+        intrinsics = calib.load_camera(camera)
+    if size != (None, None):
+        width, height = size[0] or intrinsics.width, size[1] or intrinsics.height
+        intrinsics = intrinsics.scaled(width, height) if camera else ideal_camera(width, height)
+    labels = settings.labels
+    return dataclasses.replace(
+        settings,
+        camera=dataclasses.replace(settings.camera, intrinsics=intrinsics),
+        labels=labels if reach is None else dataclasses.replace(labels, reach_m=reach),
+        views_per_scene=settings.views_per_scene if views is None else views,
+    )
+
+
+class _Progress:
+    """Moves a bar, and writes the rate and the time left beside it.
+
+    Frames that were there before this run count as done, and not for the rate.
+    """
+
+    def __init__(self, bar: Any) -> None:
+        self._bar = bar
+        self._first: int | None = None
+        self._start_s = 0.0
+
+    def __call__(self, done: int, total: int) -> None:
+        if self._first is None:
+            self._first, self._start_s = done, time.monotonic()
+        drawn, taken_s = done - self._first, time.monotonic() - self._start_s
+        text = ""
+        if drawn and taken_s > 0:
+            left_s = (total - done) * taken_s / drawn
+            text = f"{60 * drawn / taken_s:.0f} frames/min, {_duration(left_s)} left"
+        self._bar.current_item = text
+        self._bar.update(done - self._bar.pos)
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+
+
+def _tell(report: SynthReport, as_json: bool, frozen: bool) -> None:
+    from perceptree.simulator.dataset.contact_sheet import DEPTH_SHEET_FILE, SHEET_FILE
+    from perceptree.simulator.dataset.pages import PAGE_FILE
+
+    values: dict[str, Any] = {**dataclasses.asdict(report), "directory": str(report.directory)}
+    lines = [
+        f"{split}: {count} frames, {report.trees[split]} trees"
+        for split, count in report.frames.items()
+        if count
+    ]
+    lines += [
+        f"{report.directory}",
+        f"look at {report.directory / SHEET_FILE}, {DEPTH_SHEET_FILE} beside it,"
+        f" and the figures in {report.directory / PAGE_FILE}",
+    ]
+    fails = False
+    if frozen:
+        values["frozen"], told, fails = _compare(report.directory)
+        lines += told
+    else:
+        lines.append(f"next: perceptree train {report.directory} --out runs/depth --modality depth")
+    typer.echo(json.dumps(values) if as_json else "\n".join(lines))
+    if fails:
+        raise typer.Exit(1)
+
+
+def _compare(directory: Path) -> tuple[dict[str, Any], list[str], bool]:
+    """Values, lines and whether the labels are others than the frozen test set's."""
+    from perceptree.simulator.dataset.frozen import (
+        compare_with_frozen,
+        library_versions,
+        read_frozen,
+    )
+
+    frozen = read_frozen()
+    comparison = compare_with_frozen(directory, frozen)
+    values = dataclasses.asdict(comparison)
+    if not comparison.differing:
+        return values, [f"equals the frozen test set, all {comparison.files} files"], False
+    made, here = (
+        ", ".join(f"{name} {version}" for name, version in versions.items())
+        for versions in (frozen.versions, library_versions())
+    )
+    lines = [
+        f"{comparison.differing} of {comparison.files} files differ from the frozen test set: other"
+        f" library versions or processors may flip single bytes (made with {made}; here {here})"
+    ]
+    if comparison.complaints:
+        lines.append(f"its labels differ: {'; '.join(comparison.complaints)}")
+    else:
+        lines.append("its labels are the same within 1 %")
+    return values, lines, bool(comparison.complaints)

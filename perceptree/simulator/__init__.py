@@ -1,23 +1,45 @@
 """The forest simulator: labelled colour and depth frames from a seed and settings."""
 
-from perceptree.simulator.generate import SynthReport, generate_dataset, simulate_frames
+from perceptree.simulator.dataset.frames import Assets, make_assets, simulate_frames
+from perceptree.simulator.dataset.generate import SynthReport, generate_dataset
+from perceptree.simulator.labelling.frame import Frame
 from perceptree.simulator.settings import (
     CameraSettings,
+    DepthSettings,
     LabelSettings,
     LightSettings,
-    SensorSettings,
+    PoseSettings,
+    RgbSettings,
     SimulatorSettings,
+    SplitSettings,
     StandSettings,
+    TerrainSettings,
+    UndergrowthSettings,
+    WeatherSettings,
+    ideal_camera,
 )
+from perceptree.simulator.settings.presets import PRESETS, Preset
 
 __all__ = [
+    "PRESETS",
+    "Assets",
     "CameraSettings",
+    "DepthSettings",
+    "Frame",
     "LabelSettings",
     "LightSettings",
-    "SensorSettings",
+    "PoseSettings",
+    "Preset",
+    "RgbSettings",
     "SimulatorSettings",
+    "SplitSettings",
     "StandSettings",
     "SynthReport",
+    "TerrainSettings",
+    "UndergrowthSettings",
+    "WeatherSettings",
     "generate_dataset",
+    "ideal_camera",
+    "make_assets",
     "simulate_frames",
 ]

@@ -2,7 +2,7 @@
 
 import edgetree
 import perceptree.models
-from perceptree.simulator import annotate
+from perceptree.simulator.labelling import annotate
 
 
 def test_all_three_houses_name_the_same_keypoints_in_the_same_order():

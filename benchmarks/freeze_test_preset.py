@@ -1,0 +1,47 @@
+"""Make the frozen test set, and write what it must be beside the code.
+
+python benchmarks/freeze_test_preset.py --out test_set
+
+The folder holds the dataset afterwards; a run that was stopped goes on. Run it only after a
+change that is meant to change the test set: figures measured before cannot be compared with
+figures measured after.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from perceptree.simulator.dataset.frozen import FROZEN_FILE, FROZEN_PRESET, describe_dataset
+from perceptree.simulator.dataset.generate import generate_dataset
+from perceptree.simulator.dataset.storage import write_atomically
+from perceptree.simulator.settings import presets
+
+
+def main() -> None:
+    """Generate or resume, then freeze."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, required=True, help="folder of the dataset")
+    parser.add_argument("--workers", type=int, default=None)
+    arguments = parser.parse_args()
+    preset = presets.PRESETS[FROZEN_PRESET]
+
+    def progress(done: int, total: int) -> None:
+        sys.stderr.write(f"\r{done} of {total} frames")
+
+    generate_dataset(
+        arguments.out, preset.frames, preset.settings, preset.seed, arguments.workers, progress,
+        preset.files,
+    )  # fmt: skip
+    frozen = describe_dataset(arguments.out)
+    place = Path(presets.__file__).with_name(FROZEN_FILE)
+    write_atomically(place, frozen.to_json().encode())
+    sys.stdout.write(
+        f"\n{place}\ncontent {frozen.content_sha256}\n{frozen.trees_per_frame:.3f} trees a frame\n"
+        f"occlusion {frozen.occlusion}\n"
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,37 @@
+"""``perceptree scene``: one simulated scene as a file for 3D programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from perceptree.commands.synth import changed_settings, chosen_preset
+from perceptree.errors import SettingsError
+
+
+def scene(
+    out: Annotated[Path, typer.Option(help="File to write, ending in .glb.")],
+    seed: Annotated[
+        int, typer.Option(help="The scene's seed, as a dataset's COCO files give it for a frame.")
+    ] = 0,
+    preset: Annotated[
+        str | None, typer.Option(help="Mix to draw the scene from: paper, plain, test.")
+    ] = None,
+) -> None:
+    """Export the forest of one seed as binary glTF: ground, trees by name, undergrowth."""
+    if out.suffix != ".glb":
+        raise SettingsError(f"--out is {out}: expected a name that ends in .glb")
+    if seed < 0:
+        raise SettingsError(f"--seed is {seed}: expected at least 0")
+    start = chosen_preset(preset)
+    settings = changed_settings(start.settings if start else None)
+
+    from perceptree.simulator.geometry.export import export_scene
+
+    trees, faces = export_scene(out, settings, seed)
+    typer.echo(f"{out}: {trees} trees, {faces} triangles, metres, y up")
+    typer.echo(
+        "open it in Blender (File, Import, glTF 2.0) or at https://gltf-viewer.donmccurdy.com"
+    )

@@ -1,0 +1,164 @@
+"""The frozen test set: what its files must be, and how near to that a dataset comes."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import json
+from dataclasses import asdict, dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from perceptree.errors import DatasetError
+from perceptree.simulator.dataset.generate import settings_sha256
+from perceptree.simulator.dataset.splits import SPLITS
+from perceptree.simulator.dataset.storage import FRAME_FOLDERS
+from perceptree.simulator.settings.presets import PRESETS
+
+FROZEN_PRESET = "test"
+FROZEN_FILE = "test_preset.json"
+
+_OCCLUSION_BINS = 10
+_TOLERANCE = 0.01
+_DIGEST_LENGTH = 8
+_LIBRARIES = ("numpy", "opencv-python-headless", "numba")
+
+
+@dataclass(frozen=True)
+class FrozenSet:
+    """What the frozen test set is.
+
+    ``occlusion`` is the share of trees by their visible fraction, in ten equal bins from 0 to 1;
+    ``files`` holds, by folder, the first 8 hexadecimal digits of each file's SHA-256, strung
+    together in the order of the names; ``versions`` are the libraries' that made it.
+    """
+
+    name: str
+    seed: int
+    frames: int
+    settings_sha256: str
+    content_sha256: str
+    trees_per_frame: float
+    occlusion: list[float]
+    files: dict[str, str]
+    versions: dict[str, str]
+
+    def to_json(self) -> str:
+        """The text of the file beside the code."""
+        return json.dumps(asdict(self), indent=1) + "\n"
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A dataset against the frozen one: files that differ, and labels that differ materially."""
+
+    files: int
+    differing: int
+    complaints: list[str]
+
+
+def read_frozen() -> FrozenSet:
+    """The frozen test set's values, as they lie beside the code."""
+    place = resources.files("perceptree.simulator.settings").joinpath(FROZEN_FILE)
+    return FrozenSet(**json.loads(place.read_text("utf-8")))
+
+
+def preset_sha256() -> str:
+    """Hash of what the test preset says now: settings, seed and files."""
+    preset = PRESETS[FROZEN_PRESET]
+    return settings_sha256(preset.settings, preset.seed, preset.files)
+
+
+def content_sha256(directory: Path) -> str:
+    """Hash of names and content of all images, depth maps and COCO files, in sorted order."""
+    content = hashlib.sha256()
+    for name, digest in _digests(directory):
+        content.update(f"{name} {digest}\n".encode())
+    return content.hexdigest()
+
+
+def describe_dataset(directory: Path) -> FrozenSet:
+    """The values of a dataset that the test preset was written to."""
+    preset = PRESETS[FROZEN_PRESET]
+    trees_per_frame, occlusion = _label_figures(directory)
+    return FrozenSet(
+        preset.name, preset.seed, preset.frames, preset_sha256(), content_sha256(directory),
+        trees_per_frame, occlusion, _short_digests(directory), library_versions(),
+    )  # fmt: skip
+
+
+def compare_with_frozen(directory: Path, frozen: FrozenSet) -> Comparison:
+    """Count the files that differ, and say where labels differ by more than a hundredth."""
+    if content_sha256(directory) == frozen.content_sha256:
+        return Comparison(_count(frozen.files), 0, [])
+    found = _short_digests(directory)
+    differing = sum(
+        _differing(found.get(folder, ""), frozen.files.get(folder, ""))
+        for folder in sorted(set(found) | set(frozen.files))
+    )
+    trees_per_frame, occlusion = _label_figures(directory)
+    complaints = []
+    if abs(trees_per_frame - frozen.trees_per_frame) > _TOLERANCE * frozen.trees_per_frame:
+        complaints.append(
+            f"{trees_per_frame:.3f} trees a frame, expected {frozen.trees_per_frame:.3f}"
+        )
+    for number, (share, expected) in enumerate(zip(occlusion, frozen.occlusion, strict=True)):
+        if abs(share - expected) > _TOLERANCE:
+            complaints.append(
+                f"{100 * share:.1f} % of the trees are visible to {number / _OCCLUSION_BINS:.1f}"
+                f" to {(number + 1) / _OCCLUSION_BINS:.1f}, expected {100 * expected:.1f} %"
+            )
+    return Comparison(max(_count(found), _count(frozen.files)), differing, complaints)
+
+
+def library_versions() -> dict[str, str]:
+    """Versions of the libraries that decide single bytes, as installed here."""
+    return {name: importlib.metadata.version(name) for name in _LIBRARIES}
+
+
+def _digests(directory: Path) -> list[tuple[str, str]]:
+    """(name, SHA-256) of every file of the content, by name."""
+    paths = [path for folder in FRAME_FOLDERS for path in (directory / folder).glob("*")]
+    paths += [path for split in SPLITS if (path := directory / f"{split}_RGB.json").exists()]
+    names = sorted(path.relative_to(directory).as_posix() for path in paths)
+    return [(name, hashlib.sha256((directory / name).read_bytes()).hexdigest()) for name in names]
+
+
+def _short_digests(directory: Path) -> dict[str, str]:
+    strung: dict[str, str] = {}
+    for name, digest in _digests(directory):
+        folder = name.rpartition("/")[0] or name
+        strung[folder] = strung.get(folder, "") + digest[:_DIGEST_LENGTH]
+    return strung
+
+
+def _differing(found: str, expected: str) -> int:
+    """How many digests of two strings differ, those that only one of them has included."""
+    longest = max(len(found), len(expected))
+    return sum(
+        found[place : place + _DIGEST_LENGTH] != expected[place : place + _DIGEST_LENGTH]
+        for place in range(0, longest, _DIGEST_LENGTH)
+    )
+
+
+def _count(files: dict[str, str]) -> int:
+    return sum(len(digests) for digests in files.values()) // _DIGEST_LENGTH
+
+
+def _label_figures(directory: Path) -> tuple[float, list[float]]:
+    """Trees a frame, and the share of trees in each bin of their visible fraction."""
+    frames, visible = 0, []
+    for split in SPLITS:
+        path = directory / f"{split}_RGB.json"
+        if path.exists():
+            content: dict[str, Any] = json.loads(path.read_text("utf-8"))
+            frames += len(content["images"])
+            visible += [tree["visible_fraction"] for tree in content["annotations"]]
+    if not frames or not visible:
+        raise DatasetError(f"{directory}: holds no labelled trees, expected a simulated dataset")
+    counts = np.histogram(visible, _OCCLUSION_BINS, (0, 1))[0]
+    shares = [round(float(count) / len(visible), 4) for count in counts]
+    return round(len(visible) / frames, 4), shares

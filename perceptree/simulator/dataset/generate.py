@@ -1,0 +1,170 @@
+"""Writes datasets: scenes drawn by all cores, resumable, split by scene, in COCO's format."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import math
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from perceptree.errors import DatasetError, SettingsError
+from perceptree.simulator.dataset.contact_sheet import write_contact_sheets
+from perceptree.simulator.dataset.pages import write_statistics
+from perceptree.simulator.dataset.pool import draw_scenes
+from perceptree.simulator.dataset.scene_job import MAX_SCENES, SceneJob
+from perceptree.simulator.dataset.splits import SPLITS, assign_splits, split_shares
+from perceptree.simulator.dataset.storage import (
+    FRAME_FOLDERS,
+    SCENE_FOLDER,
+    SETTINGS_FILE,
+    remove_leftovers,
+    storage_error,
+    write_atomically,
+)
+from perceptree.simulator.labelling.annotate import coco_dataset
+from perceptree.simulator.settings import SimulatorSettings
+from perceptree.simulator.settings.checks import check_number
+from perceptree.simulator.settings.files import FileSettings
+
+MAX_FRAMES = MAX_SCENES - 1
+MAX_SEED = 999_999
+_VERSION = 2
+_FILES = FileSettings()
+
+Progress = Callable[[int, int], None]
+Splits = dict[str, list[dict[str, Any]]]
+
+
+@dataclass(frozen=True)
+class SynthReport:
+    """What was written: folder, frames and labelled trees per split."""
+
+    directory: Path
+    frames: dict[str, int]
+    trees: dict[str, int]
+
+
+def settings_sha256(settings: SimulatorSettings, seed: int, files: FileSettings = _FILES) -> str:
+    """Hash of everything that decides a dataset's bytes, but for the number of frames."""
+    content = json.dumps(_settings_record(settings, seed, files), sort_keys=True)
+    return hashlib.sha256(content.encode()).hexdigest()
+
+
+def generate_dataset(
+    directory: Path,
+    frames: int,
+    settings: SimulatorSettings,
+    seed: int = 0,
+    workers: int | None = None,
+    progress: Progress = lambda done, total: None,
+    files: FileSettings = _FILES,
+) -> SynthReport:
+    """Simulate ``frames`` frames into ``directory``; write COCO files, pictures and statistics.
+
+    Scenes that a run before this one finished are kept, so that a run that was stopped goes on,
+    and asking for more frames of the same settings and seed extends a dataset: every scene stays
+    in its split. Raises SettingsError for a number out of its bounds, DatasetError where the
+    folder cannot be written or holds other settings, or ``frames`` is too few for the splits.
+    """
+    check_number("frames", frames, 1, MAX_FRAMES)
+    check_number("seed", seed, 0, MAX_SEED)
+    if workers is not None:
+        check_number("workers", workers, 1, 1024)
+    jobs = _jobs(directory, frames, settings, seed, files)
+    try:
+        _prepare(directory, settings, seed, files)
+        _draw_missing(jobs, workers or os.cpu_count() or 1, progress)
+        remove_leftovers(directory)
+        return _collect(directory, jobs, settings)
+    except OSError as error:
+        raise storage_error(error, directory) from error
+
+
+def _jobs(
+    directory: Path, frames: int, settings: SimulatorSettings, seed: int, files: FileSettings
+) -> list[SceneJob]:
+    views = settings.views_per_scene
+    scenes = math.ceil(frames / views)
+    splits = split_shares(settings.splits)
+    if scenes < len(splits):
+        raise SettingsError(
+            f"frames is {frames}, which makes {scenes} scene{'s' * (scenes > 1)} of {views} views:"
+            f" expected at least {(len(splits) - 1) * views + 1}, a scene for each of"
+            f" {', '.join(splits)}"
+        )
+    return [
+        SceneJob(directory, settings, files, seed, n, min(views, frames - n * views))
+        for n in range(scenes)
+    ]
+
+
+def _settings_record(settings: SimulatorSettings, seed: int, files: FileSettings) -> dict[str, Any]:
+    return {
+        "settings": settings.to_dict(),
+        "seed": seed,
+        "files": dataclasses.asdict(files),
+        "version": _VERSION,
+    }
+
+
+def _prepare(directory: Path, settings: SimulatorSettings, seed: int, files: FileSettings) -> None:
+    """Make the folders, and refuse to mix frames of other settings into a dataset."""
+    record = directory / SETTINGS_FILE
+    for name in (*FRAME_FOLDERS, SCENE_FOLDER):
+        (directory / name).mkdir(parents=True, exist_ok=True)
+    remove_leftovers(directory)
+    digest = settings_sha256(settings, seed, files)
+    if record.exists() and _digest_in(record) != digest:
+        raise DatasetError(
+            f"{record}: holds other settings or another seed; expected the same ones to resume,"
+            " or an empty folder"
+        )
+    content = {**_settings_record(settings, seed, files), "sha256": digest}
+    write_atomically(record, json.dumps(content, indent=1).encode())
+
+
+def _digest_in(record: Path) -> object:
+    try:
+        content = json.loads(record.read_text("utf-8"))
+    except ValueError:
+        return None
+    return content.get("sha256") if isinstance(content, dict) else None
+
+
+def _draw_missing(jobs: list[SceneJob], workers: int, progress: Progress) -> None:
+    frames = sum(job.views for job in jobs)
+    missing = [job for job in jobs if not job.records()]
+    done = frames - sum(job.views for job in missing)
+    progress(done, frames)
+    for drawn in draw_scenes(missing, workers):
+        done += drawn
+        progress(done, frames)
+
+
+def _collect(directory: Path, jobs: list[SceneJob], settings: SimulatorSettings) -> SynthReport:
+    """Write what is made of all scenes: COCO files, contact sheets and statistics."""
+    assigned = assign_splits(len(jobs), settings.splits)
+    splits: Splits = {split: [] for split in SPLITS}
+    for job, split in zip(jobs, assigned, strict=True):
+        records = job.records()
+        if not records:
+            raise DatasetError(
+                f"{job.shard}: files of its frames went missing; type the same command to go on"
+            )
+        splits[split] += records
+    for split, records in splits.items():
+        if records:
+            content = json.dumps(coco_dataset(records)).encode()
+            write_atomically(directory / f"{split}_RGB.json", content)
+    write_contact_sheets(directory, splits)
+    write_statistics(directory, splits)
+    return SynthReport(
+        directory,
+        {split: len(records) for split, records in splits.items()},
+        {split: sum(len(r["annotations"]) for r in records) for split, records in splits.items()},
+    )

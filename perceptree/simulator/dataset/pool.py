@@ -1,0 +1,91 @@
+"""Scenes drawn by several processes, none of which outlives the run.
+
+The renderer is imported in them alone: the process that collects needs none of its memory.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import multiprocessing.connection
+import os
+import signal
+import threading
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from typing import TYPE_CHECKING
+
+from perceptree.errors import DatasetError
+from perceptree.simulator.dataset.scene_job import SceneJob, draw_scene
+
+if TYPE_CHECKING:
+    from perceptree.simulator.dataset.frames import Assets
+
+_assets: Assets | None = None
+
+
+def draw_scenes(jobs: list[SceneJob], workers: int) -> Iterator[int]:
+    """Draw all scenes; yields the number of frames of each as it is finished, in any order.
+
+    Raises OSError for a file that cannot be written, DatasetError where a process is killed.
+    """
+    if not jobs:
+        return
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(min(workers, len(jobs)), context, _start_worker) as pool:
+        with _interrupts_held():
+            pending = [pool.submit(_draw, job) for job in jobs]
+        try:
+            for done in as_completed(pending):
+                yield done.result()
+        except BrokenProcessPool as error:
+            raise DatasetError(
+                f"{jobs[0].directory}: a process that draws was killed, perhaps for lack of memory;"
+                " what is finished is kept: type the same command to go on, with fewer --workers"
+                " if it happens again"
+            ) from error
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+@contextlib.contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Hold Ctrl-C back, here and in processes started meanwhile, until they can take it."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _start_worker() -> None:
+    import cv2
+    import numba
+
+    from perceptree.simulator.dataset.frames import make_assets
+
+    global _assets  # one set of textures per process
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    numba.set_num_threads(1)
+    cv2.setNumThreads(1)
+    _assets = make_assets()
+
+
+def _end_with_parent() -> None:
+    """End this process when the one that started it is gone, even where that was killed."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    multiprocessing.connection.wait([parent.sentinel])
+    os._exit(1)
+
+
+def _draw(job: SceneJob) -> int:
+    assert _assets is not None
+    return draw_scene(job, _assets)

@@ -1,0 +1,152 @@
+"""Figures of a dataset: how many, how large, how far, how hidden, and under which conditions."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from pathlib import PurePosixPath
+from typing import Any
+
+import numpy as np
+
+from perceptree.simulator.labelling.annotate import KEYPOINT_NAMES
+from perceptree.simulator.settings import DEPTH_KINDS, GROUNDS, SPECIES, TIMES, WEATHERS
+
+Record = dict[str, Any]
+Figures = dict[str, Any]
+
+PAPER_TREES_PER_FRAME = 3.8
+
+_FLAGS = ("outside", "hidden", "visible")
+_TREE_EDGES: dict[str, list[float]] = {
+    "distance_m": [float(edge) for edge in range(11)],
+    "diameter_m": [0.05 * edge for edge in range(17)],
+    "diameter_breast_m": [0.05 * edge for edge in range(17)],
+    "inclination_deg": [2.0 * edge for edge in range(13)],
+    "visible_fraction": [0.1 * edge for edge in range(11)],
+}
+_BOX_STEPS = 16
+
+
+def dataset_statistics(splits: dict[str, list[Record]]) -> Figures:
+    """Everything the statistics page shows, JSON-ready, of the records of each split."""
+    records = [record for split in splits.values() for record in split]
+    images = [record["image"] for record in records]
+    trees = [tree for record in records for tree in record["annotations"]]
+    scenes = {image["scene"]["seed"]: image["scene"] for image in images}.values()
+    return {
+        "splits": {name: _split_figures(split) for name, split in splits.items() if split},
+        "trees_per_frame": _trees_per_frame(records),
+        "tree": _tree_figures(trees, images),
+        "keypoints": _keypoint_flags(trees),
+        "species": _counts((tree["species"] for tree in trees), SPECIES),
+        "models": _counts((tree["model"] for tree in trees), ()),
+        "weather_by_light": {
+            weather: _counts(
+                (i["scene"]["light"] for i in images if i["scene"]["weather"] == weather), TIMES
+            )
+            for weather in WEATHERS
+        },
+        "terrain": _counts((image["scene"]["terrain"] for image in images), GROUNDS),
+        "slope_deg": _histogram([s["slope_deg"] for s in scenes], [3.0 * n for n in range(11)]),
+        "stems_per_ha": _histogram(
+            [s["stems_per_ha"] for s in scenes], _round_edges([s["stems_per_ha"] for s in scenes])
+        ),
+        "carrier": _counts((image["pose"]["carrier"] for image in images), ()),
+        "depth_sensor": _counts((i["depth_sensor"]["kind"] for i in images), DEPTH_KINDS),
+        "depth_valid_share": _valid_shares(records),
+        "bytes_per_frame": _bytes(records),
+    }
+
+
+def _split_figures(records: list[Record]) -> Figures:
+    trees = sum(len(record["annotations"]) for record in records)
+    return {
+        "scenes": len({record["image"]["scene"]["seed"] for record in records}),
+        "frames": len(records),
+        "trees": trees,
+        "trees_per_frame": round(trees / len(records), 3),
+    }
+
+
+def _trees_per_frame(records: list[Record]) -> Figures:
+    counts = [len(record["annotations"]) for record in records]
+    histogram = np.bincount(counts) if counts else np.zeros(1, int)
+    return {"mean": round(float(np.mean(counts)), 3) if counts else 0.0,
+            "counts": histogram.tolist()}  # fmt: skip
+
+
+def _tree_figures(trees: list[Record], images: list[Record]) -> Figures:
+    figures = {}
+    for name, usual in _TREE_EDGES.items():
+        values = [tree[name] for tree in trees]
+        figures[name] = _histogram(values, _extended(usual, values))
+    width, height = (max(image[side] for image in images) for side in ("width", "height"))
+    for axis, name, longest in ((2, "box_width_px", width / 2), (3, "box_height_px", height)):
+        edges = [longest * step / _BOX_STEPS for step in range(_BOX_STEPS + 1)]
+        figures[name] = _histogram([tree["bbox"][axis] for tree in trees], edges)
+    return figures
+
+
+def _histogram(values: Sequence[float], edges: list[float]) -> Figures:
+    """Counts between the edges, what lies beyond put into the outermost bins; and quantiles."""
+    array = np.asarray(values, float)
+    figures: Figures = {"edges": [round(edge, 6) for edge in edges]}
+    inside = np.clip(array, edges[0], edges[-1])
+    figures["counts"] = np.histogram(inside, edges)[0].tolist()
+    if array.size:
+        low, median, high = np.percentile(array, (5, 50, 95))
+        summary = {"mean": array.mean(), "p5": low, "median": median, "p95": high}
+        figures |= {name: round(float(value), 4) for name, value in summary.items()}
+    return figures
+
+
+def _extended(edges: list[float], values: Sequence[float]) -> list[float]:
+    """The edges, and more of the same step until the largest value lies within."""
+    step = edges[1] - edges[0]
+    bins = max(len(edges) - 1, int(np.ceil(max(values, default=0.0) / step - 1e-9)))
+    return [step * edge for edge in range(bins + 1)]
+
+
+def _round_edges(values: Iterable[float]) -> list[float]:
+    """Edges a hundred apart that span the values."""
+    array = np.asarray(list(values))
+    low, high = int(array.min() // 100), int(array.max() // 100) + 1
+    return [100.0 * edge for edge in range(low, high + 1)]
+
+
+def _keypoint_flags(trees: list[Record]) -> Figures:
+    """How often each keypoint is visible, hidden, or outside the frame."""
+    flags = np.array([tree["keypoints"][2::3] for tree in trees], int).reshape(-1, 5)
+    return {
+        name: {flag: int((flags[:, number] == value).sum()) for value, flag in enumerate(_FLAGS)}
+        for number, name in enumerate(KEYPOINT_NAMES)
+    }
+
+
+def _counts(values: Iterable[str], known: tuple[str, ...]) -> dict[str, int]:
+    """How often each value occurs, known ones first in their order."""
+    counts = Counter(values)
+    names = [*known, *sorted(set(counts) - set(known))]
+    return {name: counts[name] for name in names}
+
+
+def _valid_shares(records: list[Record]) -> Figures:
+    """Mean share of pixels with a reading, of all frames and by the kind of sensor."""
+    shares: dict[str, list[float]] = {"all": []}
+    for record in records:
+        for name in ("all", record["image"]["depth_sensor"]["kind"]):
+            shares.setdefault(name, []).append(record["depth_valid_share"])
+    return {name: round(float(np.mean(shares[name])), 4) for name in sorted(shares)}
+
+
+def _bytes(records: list[Record]) -> Figures:
+    """Mean bytes a frame by folder, and of all files their mean and largest."""
+    folders: Counter[str] = Counter()
+    totals = []
+    for record in records:
+        for name, size in record["bytes"].items():
+            folders[PurePosixPath(name).parts[0]] += size
+        totals.append(sum(record["bytes"].values()))
+    means = {folder: round(folders[folder] / len(records)) for folder in sorted(folders)}
+    return {"folders": means, "mean": round(float(np.mean(totals))), "largest": max(totals)}

@@ -1,0 +1,1 @@
+"""From the description to triangles: stems, crowns, undergrowth, and glTF files."""

@@ -1,0 +1,130 @@
+"""From the description to flat arrays of triangles that any renderer can draw."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perceptree.simulator.geometry.crowns import fit_crown
+from perceptree.simulator.geometry.ground import ground_mesh
+from perceptree.simulator.geometry.mesh import Mesh
+from perceptree.simulator.geometry.prototypes import Prototypes
+from perceptree.simulator.geometry.sky import sky_visibility
+from perceptree.simulator.geometry.stems import stem_mesh
+from perceptree.simulator.scene.description import Scene, Tree
+from perceptree.simulator.scene.scatter import Placement
+
+Float = NDArray[np.floating[Any]]
+
+
+@dataclass(frozen=True)
+class SceneMesh:
+    """Flat arrays of everything visible. World axes: x east, y north, z up, metres.
+
+    ``object_id`` (F,) is the number of the tree (from 1) whose labelled stem a face belongs to,
+    else 0. Faces of one instance follow each other: ``instance_start`` (I + 1,), with bounding
+    spheres ``instance_centre`` (I, 3) and ``instance_radius`` (I,).
+    """
+
+    vertices: NDArray[np.float32]
+    normals: NDArray[np.float32]
+    uv: NDArray[np.float32]
+    tint: NDArray[np.float32]
+    sky: NDArray[np.float32]
+    faces: NDArray[np.int32]
+    layer: NDArray[np.uint8]
+    object_id: NDArray[np.int32]
+    instance_start: NDArray[np.int64]
+    instance_centre: Float
+    instance_radius: Float
+
+
+class _Assembly:
+    """Collects placed meshes and lays them out as flat arrays."""
+
+    def __init__(self) -> None:
+        self._columns: dict[str, list[NDArray[Any]]] = {
+            name: [] for name in ("vertices", "normals", "uv", "tint", "faces", "layer", "object")
+        }
+        self._face_counts: list[NDArray[np.int64]] = []
+        self._centres: list[Float] = []
+        self._radii: list[Float] = []
+        self._vertex_count = 0
+
+    def add(
+        self, mesh: Mesh, position_m: Float, rotation: Float, scale: Float, tint: Float,
+        object_id: int = 0,
+    ) -> None:  # fmt: skip
+        """Place one mesh n times: position (n, 3), rotation (n, 3, 3), scale and tint (n,)."""
+        count, size = len(position_m), len(mesh.vertices)
+        turn = rotation.astype(np.float32).transpose(0, 2, 1)
+        corners = np.asarray(mesh.vertices, np.float32) @ turn
+        placed = corners * scale[:, None, None].astype(np.float32) + position_m[:, None]
+        normals = np.asarray(mesh.normals, np.float32) @ turn
+        shift = self._vertex_count + np.arange(count)[:, None, None] * size
+        columns = self._columns
+        columns["vertices"].append(placed.reshape(-1, 3).astype(np.float32))
+        columns["normals"].append(normals.reshape(-1, 3))
+        columns["uv"].append(np.tile(mesh.uv, (count, 1)).astype(np.float32))
+        columns["tint"].append((mesh.tint * tint[:, None]).ravel().astype(np.float32))
+        columns["faces"].append((mesh.faces[None] + shift).reshape(-1, 3).astype(np.int32))
+        columns["layer"].append(np.tile(mesh.layer, count))
+        columns["object"].append(np.tile(mesh.labelled * np.int32(object_id), count))
+        self._face_counts.append(np.full(count, len(mesh.faces), np.int64))
+        low, high = placed.min(1), placed.max(1)
+        self._centres.append((low + high) / 2)
+        self._radii.append(np.linalg.norm(high - low, axis=-1) / 2)
+        self._vertex_count += count * size
+
+    def place(self, mesh: Mesh, position_m: Float, tint: float = 1.0, object_id: int = 0) -> None:
+        """Place one mesh once, as it is."""
+        self.add(mesh, position_m[None], np.eye(3)[None], np.ones(1), np.array([tint]), object_id)
+
+    def scene_mesh(self) -> SceneMesh:
+        """The flat arrays of everything placed so far."""
+        columns = {name: np.concatenate(parts) for name, parts in self._columns.items()}
+        starts = np.concatenate([[0], np.cumsum(np.concatenate(self._face_counts))])
+        return SceneMesh(
+            columns["vertices"], columns["normals"], columns["uv"], columns["tint"],
+            sky_visibility(columns["vertices"], columns["faces"], columns["layer"]),
+            columns["faces"], columns["layer"], columns["object"].astype(np.int32), starts,
+            np.concatenate(self._centres), np.concatenate(self._radii),
+        )  # fmt: skip
+
+
+def assemble(scene: Scene, prototypes: Prototypes) -> SceneMesh:
+    """Build the triangles of a scene."""
+    assembly = _Assembly()
+    assembly.place(ground_mesh(scene.terrain), np.zeros(3))
+    number = 0
+    for tree in scene.trees:
+        number += tree.near
+        _add_tree(assembly, tree, prototypes, scene.leaves, number if tree.near else 0)
+    for placement in scene.undergrowth:
+        _add_undergrowth(assembly, placement, prototypes.undergrowth[placement.kind])
+    return assembly.scene_mesh()
+
+
+def _add_tree(
+    assembly: _Assembly, tree: Tree, prototypes: Prototypes, leaves: bool, number: int
+) -> None:
+    heights_m = (tree.cut_z_m, tree.diameter_z_m, tree.top_z_m)
+    bark = stem_mesh(tree.stem, heights_m, tree.near)
+    assembly.place(bark, tree.position_m, tree.tint, number)
+    crowns = prototypes.crowns_of(tree.stem.model, tree.near, leaves)
+    crown = crowns[int(tree.crown * len(crowns))]
+    assembly.place(fit_crown(crown, tree.stem, tree.turn_rad, tree.tint), tree.position_m)
+
+
+def _add_undergrowth(assembly: _Assembly, placement: Placement, meshes: list[Mesh]) -> None:
+    which = (placement.choice * len(meshes)).astype(int)
+    for index, mesh in enumerate(meshes):
+        chosen = which == index
+        if chosen.any():
+            assembly.add(
+                mesh, placement.position_m[chosen], placement.rotation[chosen],
+                placement.scale[chosen], placement.tint[chosen],
+            )  # fmt: skip

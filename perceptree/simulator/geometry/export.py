@@ -1,0 +1,35 @@
+"""A scene of a seed as a file for 3D programs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from perceptree.simulator.geometry.assemble import SceneMesh, assemble
+from perceptree.simulator.geometry.gltf import scene_nodes, write_gltf
+from perceptree.simulator.geometry.prototypes import make_prototypes
+from perceptree.simulator.materials.layers import FIRST_GROUND
+from perceptree.simulator.materials.textures import make_textures
+from perceptree.simulator.scene.description import Scene, describe_scene
+from perceptree.simulator.settings import SimulatorSettings
+
+
+def export_scene(path: Path, settings: SimulatorSettings, seed: int) -> tuple[int, int]:
+    """Write the scene of a seed as binary glTF; returns how many trees and triangles it has.
+
+    Raises DatasetError where the file cannot be written.
+    """
+    scene = describe_scene(settings, seed)
+    mesh = with_one_ground(assemble(scene, make_prototypes()), scene)
+    nodes = scene_nodes(mesh, [tree.stem.model.name for tree in scene.trees])
+    write_gltf(path, mesh, nodes, make_textures())
+    return len(scene.trees), len(mesh.faces)
+
+
+def with_one_ground(mesh: SceneMesh, scene: Scene) -> SceneMesh:
+    """The mesh with the dominating cover all over its ground: blending is the renderer's work."""
+    layer = mesh.layer.copy()
+    layer[: mesh.instance_start[1]] = FIRST_GROUND + int(np.argmax(scene.terrain.cover))
+    return replace(mesh, layer=layer)

@@ -1,0 +1,239 @@
+"""Binary glTF 2.0 of a scene, for looking at it in any 3D program.
+
+The writer is written here: libraries for the format leave buffers, bounds and padding to their
+caller, which is all there is to it.
+Specification: https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from perceptree.errors import DatasetError
+from perceptree.simulator.materials.layers import FIRST_CUTOUT, SIZE_PX, Layer
+
+if TYPE_CHECKING:
+    from perceptree.simulator.geometry.assemble import SceneMesh
+    from perceptree.simulator.materials.textures import Textures
+
+_MAGIC, _VERSION, _JSON_CHUNK, _BINARY_CHUNK = b"glTF", 2, b"JSON", b"BIN\0"
+_FLOAT, _UBYTE, _UINT = 5126, 5121, 5125
+_ARRAY_BUFFER, _ELEMENT_BUFFER = 34962, 34963
+_JPEG_QUALITY = 90
+_ALPHA_CUTOFF = 0.5
+_INSTANCES_PER_TREE = 2
+
+
+@dataclass(frozen=True)
+class Node:
+    """A named part of a scene: the numbers (n,) of its faces."""
+
+    name: str
+    faces: NDArray[np.int64]
+
+
+def scene_nodes(mesh: SceneMesh, tree_names: Sequence[str]) -> list[Node]:
+    """The ground, every tree by its number and name, and what grows and lies between them.
+
+    Instances of a scene are the ground, then each tree's stem and crown, then the undergrowth.
+    """
+    first = mesh.instance_start[1::_INSTANCES_PER_TREE]
+    nodes = [Node("ground", np.arange(mesh.instance_start[1]))]
+    for number, name in enumerate(tree_names):
+        nodes.append(Node(f"tree_{number + 1:03d}_{name}", np.arange(*first[number : number + 2])))
+    nodes.append(Node("undergrowth", np.arange(first[len(tree_names)], len(mesh.faces))))
+    return [node for node in nodes if len(node.faces)]
+
+
+def write_gltf(path: Path, mesh: SceneMesh, nodes: Sequence[Node], textures: Textures) -> None:
+    """Write the nodes as one .glb file: positions in metres with y up, -z north, x east.
+
+    Every node has one primitive per texture layer; the textures are within the file, sRGB.
+    Raises DatasetError where the file cannot be written.
+    """
+    data = gltf_bytes(mesh, nodes, textures)
+    beside = path.with_name(f"{path.name}.part")
+    try:
+        beside.write_bytes(data)
+        beside.replace(path)
+    except OSError as error:
+        if beside.is_file():
+            beside.unlink()
+        reason = os.strerror(error.errno or 0)
+        raise DatasetError(f"{path}: cannot be written ({reason})") from error
+
+
+def gltf_bytes(mesh: SceneMesh, nodes: Sequence[Node], textures: Textures) -> bytes:
+    """The content of the file that ``write_gltf`` writes."""
+    layers = np.unique(np.concatenate([mesh.layer[node.faces] for node in nodes]))
+    materials = {int(layer): number for number, layer in enumerate(layers)}
+    buffer = _Buffer()
+    meshes = [
+        {"name": node.name, "primitives": _primitives(mesh, node, materials, buffer)}
+        for node in nodes
+    ]
+    images = [_texture_file(textures, Layer(layer)) for layer in layers]
+    document: dict[str, Any] = {
+        "asset": {"version": "2.0", "generator": "perceptree scene"},
+        "scene": 0,
+        "scenes": [{"nodes": list(range(len(nodes)))}],
+        "nodes": [{"name": node.name, "mesh": number} for number, node in enumerate(nodes)],
+        "meshes": meshes,
+        "materials": [_material(Layer(layer), number) for number, layer in enumerate(layers)],
+        "textures": [{"source": number, "sampler": 0} for number in range(len(layers))],
+        "samplers": [{"magFilter": 9729, "minFilter": 9987, "wrapS": 10497, "wrapT": 10497}],
+    }
+    views, accessors, blocks = buffer.laid_out()
+    start = sum(len(block) for block in blocks)
+    document["images"] = []
+    for layer, (kind, content) in zip(layers, images, strict=True):
+        views.append({"buffer": 0, "byteOffset": start, "byteLength": len(content)})
+        document["images"].append(
+            {"bufferView": len(views) - 1, "mimeType": kind, "name": Layer(layer).name.lower()}
+        )
+        blocks.append(_padded(content, b"\0"))
+        start += len(blocks[-1])
+    document |= {"bufferViews": views, "accessors": accessors, "buffers": [{"byteLength": start}]}
+    return _container(json.dumps(document).encode(), b"".join(blocks))
+
+
+_KINDS = {
+    "POSITION": ("VEC3", _FLOAT, _ARRAY_BUFFER),
+    "NORMAL": ("VEC3", _FLOAT, _ARRAY_BUFFER),
+    "TEXCOORD_0": ("VEC2", _FLOAT, _ARRAY_BUFFER),
+    "COLOR_0": ("VEC4", _UBYTE, _ARRAY_BUFFER),
+    "indices": ("SCALAR", _UINT, _ELEMENT_BUFFER),
+}
+
+
+class _Buffer:
+    """Collects arrays by what they are, and lays each kind out as one buffer view."""
+
+    def __init__(self) -> None:
+        self._accessors: list[dict[str, Any]] = []
+        self._blocks: dict[str, list[bytes]] = {kind: [] for kind in _KINDS}
+        self._sizes = dict.fromkeys(_KINDS, 0)
+
+    def add(self, kind: str, values: NDArray[Any]) -> int:
+        """Append an array (n,) or (n, d); returns the number of its accessor."""
+        shape, component, _ = _KINDS[kind]
+        accessor = {
+            "bufferView": list(_KINDS).index(kind),
+            "byteOffset": self._sizes[kind],
+            "componentType": component,
+            "count": len(values),
+            "type": shape,
+        }
+        if kind == "POSITION":
+            accessor |= {"min": values.min(0).tolist(), "max": values.max(0).tolist()}
+        if kind == "COLOR_0":
+            accessor["normalized"] = True
+        self._accessors.append(accessor)
+        self._blocks[kind].append(values.tobytes())
+        self._sizes[kind] += values.nbytes
+        return len(self._accessors) - 1
+
+    def laid_out(self) -> tuple[list[dict[str, Any]], list[dict[str, Any]], list[bytes]]:
+        """Buffer views, accessors, and the bytes of the buffer."""
+        views, blocks, start = [], [], 0
+        for kind, (_, _, target) in _KINDS.items():
+            block = b"".join(self._blocks[kind])
+            views.append(
+                {"buffer": 0, "byteOffset": start, "byteLength": len(block), "target": target}
+            )
+            blocks.append(block)
+            start += len(block)
+        return views, self._accessors, blocks
+
+
+def _primitives(
+    mesh: SceneMesh, node: Node, materials: dict[int, int], buffer: _Buffer
+) -> list[dict[str, Any]]:
+    """One primitive per layer of a node, each with vertices of its own."""
+    primitives = []
+    layers = mesh.layer[node.faces]
+    for layer in np.unique(layers):
+        corners = mesh.faces[node.faces[layers == layer]]
+        used, indices = np.unique(corners, return_inverse=True)
+        attributes = {
+            "POSITION": y_up(mesh.vertices[used]),
+            "NORMAL": y_up(_units(mesh.normals[used])),
+            "TEXCOORD_0": mesh.uv[used].astype(np.float32),
+            "COLOR_0": _colours(mesh.tint[used]),
+        }
+        primitives.append(
+            {
+                "attributes": {kind: buffer.add(kind, v) for kind, v in attributes.items()},
+                "indices": buffer.add("indices", indices.ravel().astype(np.uint32)),
+                "material": materials[int(layer)],
+            }
+        )
+    return primitives
+
+
+def y_up(vectors: NDArray[np.floating[Any]]) -> NDArray[np.float32]:
+    """World vectors (n, 3), z up, in glTF's axes: x east, y up, z south."""
+    x, y, z = np.asarray(vectors, np.float32).T
+    return np.stack([x, z, -y], axis=1)
+
+
+def _colours(tint: NDArray[np.floating[Any]]) -> NDArray[np.uint8]:
+    """(n, 4) opaque greys that textures are multiplied by: they cannot brighten."""
+    colours = np.full((len(tint), 4), 255, np.uint8)
+    colours[:, :3] = np.rint(255 * np.clip(tint, 0, 1))[:, None]
+    return colours
+
+
+def _units(vectors: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-9))
+
+
+def _material(layer: Layer, texture: int) -> dict[str, Any]:
+    material: dict[str, Any] = {
+        "name": layer.name.lower(),
+        "pbrMetallicRoughness": {
+            "baseColorTexture": {"index": texture},
+            "metallicFactor": 0.0,
+            "roughnessFactor": 1.0,
+        },
+        "doubleSided": True,
+    }
+    if layer >= FIRST_CUTOUT:
+        material |= {"alphaMode": "MASK", "alphaCutoff": _ALPHA_CUTOFF}
+    return material
+
+
+def _texture_file(textures: Textures, layer: Layer) -> tuple[str, bytes]:
+    """Media type and file of a layer's albedo in sRGB, with alpha where it is cut out."""
+    pixels = textures.albedo[layer * SIZE_PX**2 : (layer + 1) * SIZE_PX**2]
+    pixels = pixels.reshape(SIZE_PX, SIZE_PX, 4)
+    linear = (pixels[..., 2::-1] / 255.0) ** 2
+    curve = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    colour = np.rint(curve * 255).astype(np.uint8)
+    if layer < FIRST_CUTOUT:
+        options = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY]
+        return "image/jpeg", cv2.imencode(".jpg", colour, options)[1].tobytes()
+    cut_out = np.concatenate([colour, pixels[..., 3:]], axis=-1)
+    return "image/png", cv2.imencode(".png", cut_out)[1].tobytes()
+
+
+def _padded(data: bytes, filler: bytes) -> bytes:
+    return data + filler * (-len(data) % 4)
+
+
+def _container(document: bytes, binary: bytes) -> bytes:
+    """Header and the two chunks, each padded to four bytes."""
+    chunks = b""
+    for kind, data in ((_JSON_CHUNK, _padded(document, b" ")), (_BINARY_CHUNK, binary)):
+        chunks += struct.pack("<I4s", len(data), kind) + data
+    return struct.pack("<4sII", _MAGIC, _VERSION, 12 + len(chunks)) + chunks

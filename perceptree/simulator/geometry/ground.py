@@ -1,0 +1,27 @@
+"""The ground as triangles."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from perceptree.simulator.geometry.mesh import Mesh, make_mesh, tube_faces
+from perceptree.simulator.materials.layers import Layer
+from perceptree.simulator.scene.terrain import Terrain
+from perceptree.simulator.vectors import unit
+
+_REPEAT_M = 1.7
+
+
+def ground_mesh(terrain: Terrain) -> Mesh:
+    """The height field's triangles, split along the diagonal that ``Terrain.height_m`` uses."""
+    lines = terrain.lines_m
+    x, y = np.meshgrid(lines, lines)
+    rise_y, rise_x = np.gradient(terrain.z_m, lines, lines)
+    normals = unit(np.stack([-rise_x, -rise_y, np.ones_like(x)], -1))
+    return make_mesh(
+        np.stack([x, y, terrain.z_m], -1).reshape(-1, 3),
+        normals.reshape(-1, 3),
+        np.stack([x, y], -1).reshape(-1, 2) / _REPEAT_M,
+        tube_faces(1, len(lines), len(lines) - 1),
+        Layer.LITTER,
+    )

@@ -1,0 +1,158 @@
+"""Triangle meshes: the flat arrays every part of the forest is made of, and its building blocks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perceptree.simulator.vectors import UP, unit
+
+Float = NDArray[np.floating[Any]]
+Int = NDArray[np.integer[Any]]
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Triangles in metres, z up.
+
+    ``vertices`` (V, 3) m, ``normals`` (V, 3), ``uv`` (V, 2) in texture repeats, ``tint`` (V,)
+    brightness, ``faces`` (F, 3) vertex numbers, ``layer`` (F,) texture, ``labelled`` (F,) bool:
+    the faces that belong to a tree's labelled lower stem.
+    """
+
+    vertices: Float
+    normals: Float
+    uv: Float
+    tint: Float
+    faces: Int
+    layer: Int
+    labelled: NDArray[np.bool_]
+
+
+def make_mesh(
+    vertices: Float, normals: Float, uv: Float, faces: Int, layer: int, tint: Float | float = 1.0
+) -> Mesh:
+    """A mesh of one texture layer, none of it labelled."""
+    return Mesh(
+        vertices,
+        normals,
+        uv,
+        np.broadcast_to(np.asarray(tint, np.float32), (len(vertices),)),
+        faces,
+        np.full(len(faces), layer, np.uint8),
+        np.zeros(len(faces), np.bool_),
+    )
+
+
+def merge(meshes: list[Mesh]) -> Mesh:
+    """One mesh that holds all of them."""
+    offsets = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes[:-1]])
+    return Mesh(
+        np.concatenate([mesh.vertices for mesh in meshes]).astype(np.float32),
+        np.concatenate([mesh.normals for mesh in meshes]).astype(np.float32),
+        np.concatenate([mesh.uv for mesh in meshes]).astype(np.float32),
+        np.concatenate([mesh.tint for mesh in meshes]).astype(np.float32),
+        np.concatenate([m.faces + o for m, o in zip(meshes, offsets, strict=True)]).astype(
+            np.int32
+        ),
+        np.concatenate([mesh.layer for mesh in meshes]),
+        np.concatenate([mesh.labelled for mesh in meshes]),
+    )
+
+
+def ring_frames(centres: Float) -> tuple[Float, Float]:
+    """Two unit vectors across each curve: (n, K, 3) centres to two (n, K, 3) arrays."""
+    tangent = unit(np.gradient(centres, axis=1))
+    reference = np.where(np.abs(tangent[..., 2:]) > 0.8, np.array([1.0, 0.0, 0.0]), UP)
+    first = unit(np.cross(reference, tangent))
+    return first, np.cross(tangent, first)
+
+
+def tube_faces(tubes: int, rings: int, sides: int) -> Int:
+    """(F, 3) triangles of tubes whose vertices lie as (tubes, rings, sides + 1)."""
+    grid = np.arange(tubes * rings * (sides + 1)).reshape(tubes, rings, sides + 1)
+    lower, upper = grid[:, :-1], grid[:, 1:]
+    first = np.stack([lower[..., :-1], lower[..., 1:], upper[..., 1:]], -1)
+    second = np.stack([lower[..., :-1], upper[..., 1:], upper[..., :-1]], -1)
+    return np.stack([first, second], -2).reshape(-1, 3)
+
+
+def surface_mesh(
+    vertices: Float, centres: Float, layer: int, repeats: float, repeat_length_m: float, tint: float
+) -> Mesh:
+    """Tubes from their rings: vertices (n, K, S + 1, 3) around centres (n, K, 3)."""
+    tubes, rings, corners, _ = vertices.shape
+    around = np.gradient(vertices, axis=2)
+    around[:, :, 0] = around[:, :, -1] = vertices[:, :, 1] - vertices[:, :, -2]
+    normals = unit(np.cross(around, np.gradient(vertices, axis=1)))
+    outwards = ((vertices - centres[:, :, None]) * normals).sum(-1, keepdims=True)
+    normals = np.where(outwards < 0, -normals, normals)
+    steps = np.linalg.norm(np.diff(centres, axis=1), axis=-1)
+    along = np.concatenate([np.zeros((tubes, 1)), np.cumsum(steps, 1)], 1) / repeat_length_m
+    turn = np.linspace(0.0, repeats, corners)
+    uv = np.stack(np.broadcast_arrays(turn[None, None], along[..., None]), -1)
+    return make_mesh(
+        vertices.reshape(-1, 3),
+        normals.reshape(-1, 3),
+        uv.reshape(-1, 2),
+        tube_faces(tubes, rings, corners - 1),
+        layer,
+        tint,
+    )
+
+
+def tubes_mesh(
+    centres: Float, radius_m: Float, sides: int, layer: int, tint: float, repeat_length_m: float
+) -> Mesh:
+    """Round tubes along curves: centres (n, K, 3) m, radius (n, K) m."""
+    first, second = ring_frames(centres)
+    angle = np.linspace(0.0, 2 * np.pi, sides + 1)
+    across = (
+        np.cos(angle)[:, None] * first[:, :, None] + np.sin(angle)[:, None] * second[:, :, None]
+    )
+    vertices = centres[:, :, None] + across * radius_m[..., None, None]
+    return surface_mesh(vertices, centres, layer, 1.0, repeat_length_m, tint)
+
+
+def cards_mesh(
+    origins: Float,
+    axes: Float,
+    sides: Float,
+    length_m: Float,
+    width_m: Float,
+    centre: Float,
+    layer: int,
+    tint: Float,
+    droop: float = 0.22,
+) -> Mesh:
+    """Twig cards: n bent, folded strips with alpha textures.
+
+    ``origins``, ``axes``, ``sides`` (n, 3), ``length_m``, ``width_m``, ``tint`` (n,). Normals
+    point away from ``centre`` (n, 3), which makes foliage look full instead of flat.
+    """
+    count = len(origins)
+    points, coordinates = [], []
+    for fraction, lift in ((0.0, 0.0), (0.5, 0.06), (1.0, -droop)):
+        spine = origins + axes * (length_m * fraction)[:, None] + UP * (length_m * lift)[:, None]
+        for side in (-0.5, 0.0, 0.5):
+            fold = UP * (width_m * 0.16 * (0.5 - abs(side)))[:, None]
+            points.append(spine + sides * (width_m * side)[:, None] + fold)
+            coordinates.append(np.tile([fraction, side + 0.5], (count, 1)))
+    vertices = np.stack(points, 1)
+    flat = unit(np.cross(vertices[:, 6] - vertices[:, 0], vertices[:, 2] - vertices[:, 0]))
+    flat = np.where(flat[:, 2:] < 0, -flat, flat)
+    normals = unit(flat[:, None] + 0.9 * unit(vertices - centre[:, None]))
+    quads = np.array([[0, 3, 4, 1], [1, 4, 5, 2], [3, 6, 7, 4], [4, 7, 8, 5]])
+    local = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+    faces = (np.arange(count)[:, None, None] * 9 + local).reshape(-1, 3)
+    return make_mesh(
+        vertices.reshape(-1, 3),
+        normals.reshape(-1, 3),
+        np.stack(coordinates, 1).reshape(-1, 2),
+        faces,
+        layer,
+        np.repeat(tint, 9),
+    )

@@ -1,0 +1,125 @@
+"""Small plants as cards cut out by their textures: grass, ferns, scrubs, seedlings."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perceptree.simulator.geometry.mesh import Mesh, make_mesh, merge, tube_faces, tubes_mesh
+from perceptree.simulator.materials.layers import Layer
+from perceptree.simulator.vectors import UP, unit
+
+Float = NDArray[np.floating[Any]]
+
+
+def grass_tuft(rng: np.random.Generator) -> Mesh:
+    """Green blades that bend outwards, about 0.35 m high; 12 faces."""
+    return _tuft(rng, Layer.GRASS, 0.36, 0.35)
+
+
+def dry_grass(rng: np.random.Generator) -> Mesh:
+    """Yellow blades that lean far over, about 0.3 m high; 12 faces."""
+    return _tuft(rng, Layer.DRY_GRASS, 0.38, 0.75)
+
+
+def fern(rng: np.random.Generator) -> Mesh:
+    """Arching fronds around a bare middle, about 0.5 m high; 66 faces."""
+    count = 11
+    azimuth = np.arange(count) * 2 * np.pi / count + rng.normal(0, 0.2, count)
+    outwards = _level(azimuth)
+    rise = rng.uniform(1.1, 2.8, (count, 1))
+    length = rng.uniform(0.5, 0.78, count)
+    across = _level(azimuth + np.pi / 2) + UP * rng.normal(0, 0.2, (count, 1))
+    return _strips(
+        0.04 * outwards - 0.02 * UP, unit(outwards + rise * UP), unit(across), length,
+        length * rng.uniform(0.36, 0.46, count), 3, 0.32 + 0.1 * rise[:, 0], Layer.FERN,
+        (0.5, 1.0),
+    )  # fmt: skip
+
+
+def scrub(rng: np.random.Generator) -> Mesh:
+    """A bush of upright leafy shoots from a wide base, 0.4 to 0.75 m high; 116 faces."""
+    height, shoots, twigs = rng.uniform(0.4, 0.75), 13, 16
+    count = shoots + twigs
+    azimuth = rng.uniform(0, 2 * np.pi, count)
+    spread = 0.55 * height * np.sqrt(rng.random(count))
+    foot = _level(azimuth) * spread[:, None] - 0.03 * UP
+    share = np.where(np.arange(count) < shoots, 0.0, rng.uniform(0.25, 0.6, count))
+    dome = np.sqrt(np.maximum(0.2, 1 - (spread / height) ** 2))
+    foot += UP * (share * dome * height)[:, None]
+    lean = 0.25 + 0.5 * spread / height + 0.8 * share
+    axis = unit(UP + _level(azimuth + rng.normal(0, 0.7, count)) * lean[:, None])
+    side = unit(np.cross(axis, rng.normal(0, 1, (count, 3))))
+    length = height * dome * (1 - 0.75 * share) * rng.uniform(0.75, 1.1, count)
+    return _strips(
+        foot, axis, side, length, length * rng.uniform(0.75, 1.0, count), 2,
+        rng.uniform(0.0, 0.25, count), Layer.SCRUB, (0.5, 1.1),
+    )  # fmt: skip
+
+
+def seedling(rng: np.random.Generator) -> Mesh:
+    """A young broadleaved tree with one thin stem, 0.5 to 1 m high; at most 70 faces."""
+    height, count = rng.uniform(0.5, 1.0), 12
+    layer = (Layer.BEECH_LEAVES, Layer.MAPLE_LEAVES, Layer.BIRCH_LEAVES)[rng.integers(3)]
+    share = np.linspace(0, 1, 4)
+    bend = np.cumsum(rng.normal(0, 0.03, (4, 2)), 0) * share[:, None]
+    curve = np.concatenate([bend, (share * (height + 0.05) - 0.05)[:, None]], -1)
+    stem = tubes_mesh(curve[None], (0.006 * (1.2 - share))[None], 3, Layer.BEECH_SMOOTH, 0.6, 0.4)
+    level = np.linspace(0.3, 1.0, count)
+    foot = np.stack([np.interp(level, share, curve[:, axis]) for axis in range(3)], -1)
+    azimuth = np.arange(count) * 2.4 + rng.normal(0, 0.4, count)
+    axis = unit(_level(azimuth) + UP * rng.uniform(0.1, 0.6, (count, 1)))
+    length = height * (0.55 - 0.3 * level) * rng.uniform(0.7, 1.2, count)
+    across = _level(azimuth + np.pi / 2) + UP * rng.normal(0, 0.25, (count, 1))
+    leaves = _strips(
+        foot, axis, unit(across), length, 0.9 * length, 2, np.full(count, 0.3), layer, (0.8, 1.05)
+    )
+    return merge([stem, leaves])
+
+
+def _tuft(rng: np.random.Generator, layer: Layer, size_m: float, lean: float) -> Mesh:
+    """Three crossed cards of blades."""
+    count = 3
+    azimuth = np.arange(count) * 2 * np.pi / count + rng.normal(0, 0.3, count)
+    foot = rng.normal(0, 0.035, (count, 3)) * [1, 1, 0] - 0.02 * UP
+    axis = unit(UP + _level(rng.uniform(0, 2 * np.pi, count)) * lean)
+    length = size_m * rng.uniform(0.75, 1.15, count)
+    return _strips(
+        foot, axis, _level(azimuth), length, length * rng.uniform(0.9, 1.2, count), 2,
+        rng.uniform(0.05, 0.35, count), layer, (0.45, 1.1),
+    )  # fmt: skip
+
+
+def _level(azimuth_rad: Float) -> Float:
+    """(n, 3) unit vectors in the horizontal plane."""
+    return np.stack([np.cos(azimuth_rad), np.sin(azimuth_rad), 0 * azimuth_rad], -1)
+
+
+def _strips(
+    feet: Float, axes: Float, sides: Float, length_m: Float, width_m: Float, segments: int,
+    droop: Float, layer: int, tint: tuple[float, float],
+) -> Mesh:  # fmt: skip
+    """n bent cards of 2 * segments faces: feet, axes and sides (n, 3), the others (n,).
+
+    The tip hangs ``droop`` lengths below the straight line. The texture's u runs along a card,
+    its v across; ``tint`` brightens from foot to tip. Normals lean up and away from the plant.
+    """
+    share = np.linspace(0, 1, segments + 1)[:, None]
+    straight = feet[:, None] + axes[:, None] * (length_m[:, None, None] * share)
+    spine = straight - UP * ((droop * length_m)[:, None, None] * share**2)
+    half = 0.5 * sides * width_m[:, None]
+    vertices = np.stack([spine - half[:, None], spine + half[:, None]], 2)
+    flat = unit(np.cross(np.gradient(spine, axis=1), sides[:, None]))
+    flat = np.where(flat[..., 2:] < 0, -flat, flat)
+    away = unit(vertices - np.array([0.0, 0.0, -0.3]))
+    normals = unit(0.6 * flat[:, :, None] + 0.8 * away + 0.5 * UP)
+    u, v = np.broadcast_arrays(share, np.array([0.0, 1.0]))
+    count = len(feet)
+    return make_mesh(
+        vertices.reshape(-1, 3), normals.reshape(-1, 3),
+        np.tile(np.stack([u, v], -1).reshape(-1, 2), (count, 1)),
+        tube_faces(count, segments + 1, 1), layer,
+        np.tile(np.interp(u.ravel(), [0, 1], tint), count),
+    )  # fmt: skip

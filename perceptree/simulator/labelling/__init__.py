@@ -1,0 +1,1 @@
+"""What is true of each tree in a view, and its COCO record."""

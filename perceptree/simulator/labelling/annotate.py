@@ -1,0 +1,101 @@
+"""Turns frames into COCO records, with the project's metric fields beside COCO's own."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pycocotools import mask as coco_mask
+
+import calib
+from perceptree.simulator.labelling.frame import Frame
+from perceptree.simulator.settings.files import FileSettings
+
+if TYPE_CHECKING:
+    from perceptree.simulator.labelling.labels import TreeLabel
+
+KEYPOINT_NAMES = ("felling_cut", "diameter_left", "diameter_right", "axis_middle", "axis_top")
+
+_DECIMALS = 4
+_SETTING_DECIMALS = 6
+
+
+def frame_record(frame: Frame, image_id: int, files: FileSettings) -> dict[str, Any]:
+    """The COCO image and its annotations; annotation numbers are given by ``coco_dataset``."""
+    height, width = frame.depth_m.shape
+    image = {
+        "id": image_id,
+        "file_name": f"images/{image_id:06d}.{files.image_format}",
+        "width": width,
+        "height": height,
+        "depth_file": f"depth/{image_id:06d}.png",
+        "depth8_file": f"depth8/{image_id:06d}.png",
+        "depth_exact_file": f"depth_exact/{image_id:06d}.png",
+        "depth_exact_stride_px": frame.exact_stride_px,
+        "depth_encoding": calib.DepthEncoding().to_dict(),
+        "depth_sensor": _rounded(frame.depth_sensor),
+        "camera": frame.view.intrinsics.to_dict(),
+        "up_camera": _numbers(frame.view.up, 6),
+        "scene": _rounded(asdict(frame.scene)),
+        "pose": _rounded(asdict(frame.pose)),
+    }
+    return {"image": image, "annotations": [_annotation(t, image_id) for t in frame.labels]}
+
+
+def _rounded(values: dict[str, Any]) -> dict[str, Any]:
+    """The same values as plain JSON: numpy's scalars unpacked, numbers rounded."""
+    plain = {key: value.item() if isinstance(value, np.generic) else value
+             for key, value in values.items()}  # fmt: skip
+    return {
+        key: round(value, _SETTING_DECIMALS) if isinstance(value, float) else value
+        for key, value in plain.items()
+    }
+
+
+def _numbers(values: NDArray[np.floating[Any]], decimals: int = _DECIMALS) -> list[float]:
+    return [round(float(value), decimals) for value in values]
+
+
+def _annotation(label: TreeLabel, image_id: int) -> dict[str, Any]:
+    encoded = coco_mask.encode(np.asfortranarray(label.mask, dtype=np.uint8))
+    x0, y0, x1, y1 = label.box_px.tolist()
+    keypoints: list[float] = []
+    for x, y, flag in label.keypoints.tolist():
+        labelled = flag > 0
+        keypoints += [round(x - 0.5, 3), round(y - 0.5, 3), int(flag)] if labelled else [0, 0, 0]
+    return {
+        "image_id": image_id,
+        "category_id": 1,
+        "bbox": [x0, y0, x1 - x0, y1 - y0],
+        "area": int(label.mask.sum()),
+        "iscrowd": 0,
+        "segmentation": {"size": encoded["size"], "counts": encoded["counts"].decode("ascii")},
+        "keypoints": keypoints,
+        "num_keypoints": int((label.keypoints[:, 2] > 0).sum()),
+        "distance_m": round(label.distance_m, 4),
+        "diameter_m": round(label.diameter_m, 5),
+        "diameter_height_m": round(label.diameter_height_m, 4),
+        "diameter_breast_m": round(label.diameter_breast_m, 5),
+        "cut_height_m": round(label.cut_height_m, 4),
+        "inclination_deg": round(label.inclination_deg, 3),
+        "position_m": _numbers(label.position_camera_m),
+        "position_world_m": _numbers(label.position_world_m),
+        "visible_fraction": round(label.visible_fraction, 4),
+        "species": label.species,
+        "model": label.model,
+    }
+
+
+def coco_dataset(records: list[dict[str, Any]]) -> dict[str, Any]:
+    """One COCO file from frame records, in their order."""
+    annotations = [tree for record in records for tree in record["annotations"]]
+    return {
+        "info": {"description": "Simulated forest frames", "version": "2"},
+        "images": [record["image"] for record in records],
+        "annotations": [{"id": n, **tree} for n, tree in enumerate(annotations, start=1)],
+        "categories": [
+            {"id": 1, "name": "tree", "keypoints": list(KEYPOINT_NAMES), "skeleton": []}
+        ],
+    }

@@ -1,0 +1,143 @@
+"""Labels from geometry and drawing: what each tree within reach looks like and measures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from perceptree.simulator.rendering.render import Drawing
+from perceptree.simulator.rendering.view import View
+from perceptree.simulator.scene.description import Tree
+from perceptree.simulator.scene.stem import BREAST_HEIGHT_M
+from perceptree.simulator.settings import LabelSettings
+from perceptree.simulator.vectors import unit
+
+Float = NDArray[np.floating[Any]]
+
+VISIBLE, HIDDEN, OUTSIDE = 2, 1, 0
+_CLOSEST_M = 0.1
+_SUBPIXEL_BITS = 4
+
+
+@dataclass(frozen=True)
+class TreeLabel:
+    """One labelled tree.
+
+    ``mask`` (H, W) bool: visible pixels of the lower stem, ``box_px`` (4,) xyxy their bounds;
+    ``keypoints`` (5, 3) x px, y px (corner-based) and COCO flag; ``distance_m`` from the camera
+    to the axis at the cut, ``position_camera_m`` and ``position_world_m`` (3,) that point;
+    diameters are convex girths over pi, ``diameter_m`` at the diameter keypoints,
+    ``diameter_height_m`` above the ground, ``diameter_breast_m`` at 1.3 m; heights count from
+    the ground on the uphill side; ``visible_fraction`` of the stem's silhouette in the frame.
+    """
+
+    mask: NDArray[np.bool_]
+    box_px: Float
+    keypoints: Float
+    distance_m: float
+    position_camera_m: Float
+    position_world_m: Float
+    diameter_m: float
+    diameter_height_m: float
+    diameter_breast_m: float
+    cut_height_m: float
+    inclination_deg: float
+    visible_fraction: float
+    species: str
+    model: str
+
+
+def label_view(
+    view: View, drawing: Drawing, trees: list[Tree], settings: LabelSettings
+) -> list[TreeLabel]:
+    """Label every tree within reach that shows enough of its lower stem."""
+    pixels = np.bincount(drawing.object_id.ravel(), minlength=len(trees) + 1)
+    least = settings.min_visible_area * drawing.object_id.size
+    labels = []
+    for number, tree in enumerate(trees, start=1):
+        distance_m = float(np.linalg.norm(tree.point(tree.cut_z_m) - view.origin))
+        if pixels[number] < least or distance_m > settings.reach_m:
+            continue
+        silhouette = _silhouette_area_px(view, tree)
+        fraction = min(1.0, pixels[number] / max(silhouette, 1))
+        if fraction >= settings.min_visible_fraction:
+            mask = drawing.object_id == number
+            labels.append(_label(view, tree, mask, distance_m, float(fraction)))
+    return labels
+
+
+def _label(
+    view: View, tree: Tree, mask: NDArray[np.bool_], distance_m: float, fraction: float
+) -> TreeLabel:
+    columns, rows = np.nonzero(mask.any(0))[0], np.nonzero(mask.any(1))[0]
+    box = np.array([columns[0], rows[0], columns[-1] + 1, rows[-1] + 1], float)
+    lower_axis = tree.point(tree.top_z_m / 2) - tree.point(tree.cut_z_m)
+    inclination = float(np.degrees(np.arccos(unit(lower_axis)[2])))
+    cut, stem = tree.point(tree.cut_z_m), tree.stem
+    return TreeLabel(
+        mask, box, _keypoints(view, tree, mask), distance_m, view.to_camera(cut), cut,
+        stem.girth_diameter_m(tree.diameter_z_m), tree.diameter_height_m,
+        stem.girth_diameter_m(tree.uphill_m + BREAST_HEIGHT_M), tree.cut_height_m, inclination,
+        fraction, stem.model.species, stem.model.name,
+    )  # fmt: skip
+
+
+def _keypoints(view: View, tree: Tree, mask: NDArray[np.bool_]) -> Float:
+    axis_top = tree.point(tree.top_z_m / 2)
+    axis_middle = tree.point((tree.cut_z_m + tree.top_z_m / 2) / 2)
+    left, right = _tangent_points(view, tree, tree.diameter_z_m)
+    points = np.stack([_front_point(view, tree, tree.cut_z_m), left, right, axis_middle, axis_top])
+    keypoints = np.zeros((5, 3))
+    in_front = view.to_camera(points)[:, 2] > _CLOSEST_M
+    keypoints[in_front, :2] = view.project(points[in_front])
+    height, width = mask.shape
+    near = cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8))
+    for index, (x, y, _) in enumerate(keypoints):
+        if in_front[index] and 0 <= x < width and 0 <= y < height:
+            keypoints[index, 2] = VISIBLE if near[int(y), int(x)] else HIDDEN
+        else:
+            keypoints[index] = (0.0, 0.0, OUTSIDE)
+    return keypoints
+
+
+def _front_point(view: View, tree: Tree, height_m: float) -> Float:
+    """World point of the bark that faces the camera on the section at a height."""
+    ring = tree.ring(height_m)
+    towards = view.origin - tree.point(height_m)
+    return np.asarray(ring[np.argmax((ring - ring.mean(0)) @ towards)])
+
+
+def _tangent_points(view: View, tree: Tree, height_m: float) -> tuple[Float, Float]:
+    """World points where the camera's rays graze the section, left and right as seen.
+
+    A ray grazes a cylinder where it is tangent to the section once both are projected onto the
+    section's plane: the largest and the smallest bearing from the camera's foot in that plane.
+    """
+    ring = tree.ring(height_m, 720)
+    centre, axis = tree.point(height_m), tree.stem.direction(height_m)
+    forward: Float = centre - view.origin
+    forward = unit(forward - (forward @ axis) * axis)
+    side = np.cross(forward, axis)
+    offset = ring - view.origin
+    bearing = np.arctan2(offset @ side, offset @ forward)
+    return ring[np.argmin(bearing)], ring[np.argmax(bearing)]
+
+
+def _silhouette_area_px(view: View, tree: Tree) -> int:
+    """Pixels of the frame that the lower stem would cover with nothing before it."""
+    camera = view.intrinsics
+    heights = np.linspace(0.0, tree.top_z_m, 25)
+    rings = tree.position_m + tree.stem.rings(heights, 32)[:, :-1]
+    depth = view.to_camera(rings)[..., 2].min(1)
+    canvas = np.zeros((camera.height, camera.width), np.uint8)
+    for low in range(len(heights) - 1):
+        if depth[low : low + 2].min() < _CLOSEST_M:
+            continue
+        corners = view.project(rings[low : low + 2].reshape(-1, 3)) - 0.5
+        fixed = np.round(corners * 2**_SUBPIXEL_BITS).clip(-(2**30), 2**30).astype(np.int32)
+        cv2.fillConvexPoly(canvas, cv2.convexHull(fixed), 1, cv2.LINE_8, _SUBPIXEL_BITS)
+    return int(canvas.sum())

@@ -1,0 +1,113 @@
+"""A lone stem's outline in a view: where it crosses the diameter's line, and what it covers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from perceptree.simulator.rendering.view import View
+from perceptree.simulator.scene.description import Tree
+from perceptree.simulator.vectors import unit
+
+Float = NDArray[np.floating[Any]]
+
+CLOSEST_M = 0.1
+_SIDES = 360
+_SLICES = 48
+_STEEPEST = 4.0
+_WIDEST = 1.2
+_BELOW_M = 0.2
+_COVER_RINGS = 26
+_COVER_SIDES = 32
+
+
+def outline_points(view: View, tree: Tree, height_m: float) -> tuple[Float, Float]:
+    """World points of the bark on the stem's outline, left and right of a section's axis.
+
+    The image's straight line across the axis is a plane through the camera. Where it cuts the
+    bark, the outermost points of the cut lie on the outline, even where the stem tapers, flares
+    or bulges. The plane meets the section on the chord where rays graze a round stem, that is
+    r^2 / d before the axis, so that on such a stem the points lie on the section itself.
+    """
+    axis = tree.stem.direction(height_m)
+    towards = tree.point(height_m) - view.origin
+    level = towards - (towards @ axis) * axis
+    distance_m = float(np.linalg.norm(level))
+    forward, radius_m = level / distance_m, 0.5 * tree.stem.girth_diameter_m(height_m)
+    side = np.cross(forward, axis)
+    chord = towards - forward * radius_m**2 / distance_m
+    cut = _cut(tree, height_m, view.origin + chord, unit(np.cross(side, chord)))
+    bearing = np.arctan2((cut - view.origin) @ side, (cut - view.origin) @ unit(chord))
+    return cut[np.argmin(bearing)], cut[np.argmax(bearing)]
+
+
+def _cut(tree: Tree, height_m: float, point_m: Float, normal: Float) -> Float:
+    """(n, 3) points where a plane through a section cuts the bark above the ground."""
+    axis = tree.stem.direction(height_m)
+    tilt = min(np.linalg.norm(np.cross(normal, axis)) / abs(float(normal @ axis)), _STEEPEST)
+    reach_m = 0.02 + tilt * _WIDEST * tree.stem.girth_diameter_m(height_m)
+    levels = np.linspace(max(height_m - reach_m, 0.0), height_m + reach_m, _SLICES)
+    rings = tree.position_m + tree.stem.rings(levels, _SIDES)[:, :-1]
+    above = (rings - point_m) @ normal
+    level, angle = np.nonzero(above[:-1] * above[1:] <= 0)
+    low, high = above[level, angle], above[level + 1, angle]
+    share = (low / np.where(low == high, 1.0, low - high))[:, None]
+    return np.asarray(rings[level, angle] * (1 - share) + rings[level + 1, angle] * share)
+
+
+def covered_px(view: View, tree: Tree) -> int:
+    """Pixels of the frame whose centres the lower stem and its fork would cover, seen alone."""
+    camera = view.intrinsics
+    starts = np.zeros((camera.height, camera.width + 1), np.int32)
+    for rings in _lower_rings(tree):
+        ahead = view.to_camera(rings)[..., 2].min(1) > CLOSEST_M
+        for low in np.nonzero(ahead[:-1] & ahead[1:])[0]:
+            corners = view.project(rings[low : low + 2].reshape(-1, 3))
+            hull = cv2.convexHull(corners.astype(np.float32))[:, 0].astype(np.float64)
+            _count_spans(hull, starts)
+    return int((np.cumsum(starts, axis=1) > 0).sum())
+
+
+def _lower_rings(tree: Tree) -> list[Float]:
+    """(heights, sides, 3) rings of each leader of the labelled stem, from the ground upwards."""
+    stem = tree.stem
+    top_m = min(tree.top_z_m, stem.height_m)
+    parts = [stem.rings(np.linspace(-_BELOW_M, top_m, _COVER_RINGS), _COVER_SIDES)]
+    if stem.fork is not None and stem.fork.height_m < top_m:
+        levels = np.linspace(stem.fork.height_m, min(top_m, stem.fork.top_m), _COVER_RINGS)
+        parts.append(stem.fork_rings(levels, _COVER_SIDES))
+    return [tree.position_m + _above_ground(part[:, :-1]) for part in parts]
+
+
+def _above_ground(rings: Float) -> Float:
+    """The rings with all points below z = 0 moved up along the bark to where it meets z = 0."""
+    below = rings[..., 2] < 0
+    side = np.arange(rings.shape[1])
+    last = np.maximum(below.sum(0) - 1, 0)
+    low, high = rings[last, side], rings[last + 1, side]
+    share = (low[:, 2] / np.minimum(low[:, 2] - high[:, 2], -1e-9))[:, None]
+    return np.where(below[..., None], low * (1 - share) + high * share, rings)
+
+
+def _count_spans(hull: Float, starts: NDArray[np.int32]) -> None:
+    """Mark where the pixels inside a convex outline (n, 2) begin (+1) and end (-1) in each row."""
+    height, width = starts.shape[0], starts.shape[1] - 1
+    first = max(0, int(np.ceil(hull[:, 1].min() - 0.5)))
+    last = min(height - 1, int(np.floor(hull[:, 1].max() - 0.5)))
+    if first > last:
+        return
+    rows = np.arange(first, last + 1)
+    x0, y0 = hull.T[..., None]
+    x1, y1 = np.roll(hull, -1, axis=0).T[..., None]
+    crossed = (y0 <= rows + 0.5) != (y1 <= rows + 0.5)
+    x = x0 + (rows + 0.5 - y0) / np.where(crossed, y1 - y0, 1.0) * (x1 - x0)
+    left = np.where(crossed, x, np.inf).min(0)
+    right = np.where(crossed, x, -np.inf).max(0)
+    begin = np.clip(np.ceil(left - 0.5), 0, width).astype(int)
+    end = np.clip(np.floor(right - 0.5) + 1, 0, width).astype(int)
+    some = begin < end
+    np.add.at(starts, (rows[some], begin[some]), 1)
+    np.add.at(starts, (rows[some], end[some]), -1)

@@ -1,0 +1,1 @@
+"""Procedural textures: bark, foliage, plants and grounds, one layer each."""

@@ -1,0 +1,251 @@
+"""Bark: colour and relief of every tree model, from one recipe of plates, furrows and marks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from statistics import NormalDist
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from perceptree.simulator.materials.cells import jittered_cells
+from perceptree.simulator.materials.drawing import mix, noise
+from perceptree.simulator.materials.layers import SIZE_PX, Layer
+from perceptree.simulator.materials.noise import smoothstep
+
+Float = NDArray[np.floating[Any]]
+Rgb = tuple[int, int, int]
+
+_LICHEN: Rgb = (168, 176, 156)
+_MOSS: Rgb = (82, 86, 48)
+
+
+@dataclass(frozen=True)
+class Marks:
+    """Ellipses strewn over the bark: resin blisters, scars, lenticels, dark patches.
+
+    ``half_px`` are the mean half axes around and along the stem, ``relief`` how far they stand out.
+    """
+
+    count: int
+    half_px: tuple[float, float]
+    colour: Rgb
+    strength: float
+    relief: float
+
+
+@dataclass(frozen=True)
+class Bark:
+    """The recipe of one bark, its coverages as shares of the surface.
+
+    ``dark`` and ``light`` span its tones, ``crack`` is the colour of its depths. ``plates`` counts
+    plates around and along one repeat, ``joint`` is the width of their joints in plates;
+    ``furrows`` the width of upright cracks over their distance, which is ``ridge_px`` about;
+    ``patch`` and ``patches`` a second colour and its coverage; ``flakes`` how much thin layers with
+    upright edges show on the plates.
+    """
+
+    dark: Rgb
+    light: Rgb
+    crack: Rgb
+    plates: tuple[int, int] | None = None
+    joint: float = 0.1
+    furrows: float = 0.0
+    ridge_px: float = 24.0
+    patch: Rgb = (0, 0, 0)
+    patches: float = 0.0
+    marks: tuple[Marks, ...] = ()
+    grain: float = 0.08
+    flakes: float = 0.0
+    lichen: float = 0.0
+    moss: float = 0.0
+
+
+_BLISTERS = Marks(420, (3.5, 2.4), (150, 144, 134), 0.55, 0.9)
+_KNOTS = Marks(7, (9.0, 7.0), (48, 42, 38), 0.7, -0.5)
+_LENTICELS = Marks(230, (13.0, 1.5), (52, 46, 42), 0.85, 0.35)
+_SPOTS = Marks(90, (6.0, 2.0), (70, 66, 58), 0.5, 0.2)
+_EYES = Marks(10, (17.0, 6.0), (54, 52, 47), 0.75, -0.7)
+_BLACK = Marks(11, (34.0, 11.0), (38, 34, 31), 0.95, -0.5)
+
+_BARKS: dict[Layer, Bark] = {
+    Layer.FIR_GREY: Bark(
+        (84, 81, 76), (126, 122, 115), (56, 51, 47), marks=(_BLISTERS, _SPOTS, _KNOTS),
+        lichen=0.05,
+    ),
+    Layer.FIR_RESIN: Bark(
+        (80, 74, 65), (116, 108, 96), (52, 46, 41), patch=(100, 82, 64), patches=0.25,
+        marks=(_BLISTERS, _BLISTERS, _KNOTS),
+    ),
+    Layer.FIR_MOSSY: Bark(
+        (72, 68, 62), (110, 104, 94), (44, 40, 36), plates=(9, 7), joint=0.10,
+        marks=(_BLISTERS, _KNOTS), lichen=0.08, moss=0.22,
+    ),
+    Layer.SPRUCE_SCALY: Bark(
+        (88, 68, 56), (136, 110, 94), (50, 37, 30), plates=(26, 21), joint=0.13,
+        patch=(110, 76, 60), patches=0.3, marks=(_KNOTS,), grain=0.10, lichen=0.02, flakes=0.5,
+    ),
+    Layer.SPRUCE_GREY: Bark(
+        (84, 77, 70), (130, 121, 110), (48, 42, 37), plates=(24, 17), joint=0.12,
+        patch=(106, 84, 70), patches=0.15, marks=(_KNOTS,), lichen=0.04, flakes=0.4,
+    ),
+    Layer.SPRUCE_LICHEN: Bark(
+        (78, 70, 62), (122, 112, 101), (44, 38, 33), plates=(22, 18), joint=0.12,
+        marks=(_KNOTS,), lichen=0.16, moss=0.05, flakes=0.4,
+    ),
+    Layer.PINE_ORANGE: Bark(
+        (124, 88, 64), (176, 134, 104), (84, 56, 42), plates=(9, 6), joint=0.07,
+        patch=(160, 106, 72), patches=0.35, grain=0.11, flakes=0.7,
+    ),
+    Layer.PINE_PLATED: Bark(
+        (96, 78, 66), (154, 128, 110), (40, 31, 26), plates=(8, 3), joint=0.16, furrows=0.16,
+        ridge_px=56.0, patch=(140, 98, 74), patches=0.3, grain=0.12, flakes=0.9,
+    ),
+    Layer.PINE_GREY: Bark(
+        (84, 77, 72), (134, 125, 116), (42, 36, 32), plates=(11, 4), joint=0.14, furrows=0.18,
+        ridge_px=44.0, patch=(120, 92, 74), patches=0.2, grain=0.11, lichen=0.04, flakes=0.8,
+    ),
+    Layer.BEECH_SMOOTH: Bark(
+        (98, 96, 91), (134, 132, 125), (76, 72, 67), marks=(_EYES, _SPOTS), grain=0.05,
+        lichen=0.05,
+    ),
+    Layer.BEECH_LICHEN: Bark(
+        (92, 92, 86), (126, 126, 119), (70, 68, 63), patch=(84, 88, 77), patches=0.3,
+        marks=(_EYES, _SPOTS), grain=0.05, lichen=0.20,
+    ),
+    Layer.BEECH_MOSSY: Bark(
+        (84, 84, 77), (116, 116, 107), (60, 58, 52), patch=(75, 86, 62), patches=0.35,
+        marks=(_EYES,), grain=0.06, lichen=0.07, moss=0.28,
+    ),
+    Layer.BIRCH_WHITE: Bark(
+        (176, 172, 164), (208, 205, 198), (88, 78, 71), patch=(194, 176, 158), patches=0.22,
+        marks=(_LENTICELS, _BLACK), grain=0.04,
+    ),
+    Layer.BIRCH_DARK: Bark(
+        (142, 136, 129), (188, 184, 176), (46, 40, 36), furrows=0.20, ridge_px=64.0,
+        patch=(136, 118, 104), patches=0.2, marks=(_LENTICELS, _BLACK, _BLACK), grain=0.05,
+    ),
+    Layer.BIRCH_MOSSY: Bark(
+        (154, 152, 142), (190, 188, 179), (78, 71, 64), patch=(132, 138, 116), patches=0.35,
+        marks=(_LENTICELS, _BLACK), grain=0.04, lichen=0.08, moss=0.16,
+    ),
+    Layer.MAPLE_FURROWED: Bark(
+        (84, 75, 66), (130, 119, 106), (38, 32, 28), plates=(11, 5), joint=0.07,
+        furrows=0.42, ridge_px=26.0, grain=0.10,
+        flakes=0.4,
+    ),
+    Layer.MAPLE_GREY: Bark(
+        (94, 90, 85), (134, 130, 122), (54, 50, 46), furrows=0.30, ridge_px=32.0,
+        marks=(_SPOTS,), grain=0.07, lichen=0.06,
+    ),
+    Layer.MAPLE_MOSSY: Bark(
+        (76, 70, 61), (118, 110, 97), (38, 34, 29), furrows=0.42, ridge_px=26.0, grain=0.10,
+        lichen=0.05, moss=0.30,
+    ),
+}  # fmt: skip
+
+
+class _Fields:
+    """Periodic noise fields drawn once; every use is another shift or flip of one of them."""
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self._rng = rng
+        self._drawn: dict[tuple[float, float], Float] = {}
+
+    def __call__(self, exponent: float, upright: float = 1.0) -> Float:
+        key = (exponent, upright)
+        if key not in self._drawn:
+            self._drawn[key] = noise(self._rng, exponent, upright, 1.0)
+        rows, columns = self._rng.integers(0, SIZE_PX, 2)
+        flipped = self._drawn[key][:: 1 - 2 * int(self._rng.integers(2))]
+        return np.roll(flipped, (rows, columns), (0, 1))
+
+
+def bark_layers(rng: np.random.Generator) -> dict[Layer, tuple[Float, Float]]:
+    """Colour (H, W, 3) and relief (H, W) of every bark; all of them repeat without a seam."""
+    fields = _Fields(rng)
+    return {layer: _paint(rng, fields, bark) for layer, bark in _BARKS.items()}
+
+
+def _paint(rng: np.random.Generator, fields: _Fields, bark: Bark) -> tuple[Float, Float]:
+    fine, broad = fields(0.9), fields(2.2)
+    tone = np.asarray(0.5 + 0.16 * broad + 0.08 * fine)
+    relief = 0.2 * broad + 1.2 * bark.grain * fine
+    depth = np.zeros_like(tone)
+    if bark.plates:
+        joint, own = _plates(rng, fields, bark.plates, bark.joint)
+        tone, depth = tone * 0.6 + 0.4 * own, joint
+        relief = relief + 0.5 * own
+    if bark.flakes:
+        layers = fields(2.4, 1.8) * 1.6
+        step = bark.flakes * (layers - np.floor(layers))
+        tone, relief = tone - 0.3 * step + 0.15 * bark.flakes, relief - 0.6 * step
+    if bark.furrows:
+        depth = np.maximum(depth, _furrows(fields, bark))
+    colour = mix(_rgb(bark.dark), _rgb(bark.light), np.clip(tone, 0, 1))
+    colour = mix(colour, _rgb(bark.patch), 0.7 * _covered(fields(2.2, 1.6), bark.patches, 0.5))
+    colour = mix(colour, _rgb(bark.crack), 0.85 * depth)
+    relief = relief - 1.6 * depth
+    for marks in bark.marks:
+        colour, relief = _strew(rng, fields, colour, relief, marks)
+    colour = colour * (1 + bark.grain * fields(0.7)[..., None])
+    crust = _covered(fields(1.5) + 0.4 * fields(0.9), bark.lichen, 0.25)
+    colour = mix(colour, _rgb(_LICHEN) * (1 + 0.1 * fine[..., None]), 0.85 * crust)
+    growth = _covered(broad - 0.5 * depth + 0.35 * fields(1.2), bark.moss, 0.6)
+    colour = mix(colour, _rgb(_MOSS) * (1 + 0.28 * fields(0.7)[..., None]), 0.9 * growth)
+    return np.clip(colour, 0, 1), relief + 0.25 * crust + growth * (0.5 + 0.4 * fields(0.9))
+
+
+def _rgb(colour: Rgb) -> Float:
+    return np.array(colour, np.float32) / 255
+
+
+def _covered(field: Float, share: float, softness: float) -> Float:
+    """1 on the given share of the surface, where a field of about unit deviation is highest."""
+    if not share:
+        return np.zeros_like(field)
+    level = NormalDist().inv_cdf(1 - share) * float(field.std())
+    return smoothstep(level - softness / 2, level + softness / 2, field)
+
+
+def _plates(
+    rng: np.random.Generator, fields: _Fields, plates: tuple[int, int], joint: float
+) -> tuple[Float, Float]:
+    """How deep in a joint between plates, and each plate's own tone, 0 to 1."""
+    edge, cell = jittered_cells(rng, plates, fields(2.9), fields(2.9))
+    tone = rng.random(plates[0] * plates[1]).astype(np.float32)[cell]
+    width = joint * (1 + 0.4 * np.clip(fields(1.4), -1, 2))
+    return 1 - smoothstep(0.0, 1.0, edge / width), tone
+
+
+def _furrows(fields: _Fields, bark: Bark) -> Float:
+    """How deep in the upright furrows, which part and meet again around long ridges."""
+    columns = np.arange(SIZE_PX, dtype=np.float32) / SIZE_PX
+    phase = np.pi * 2 * round(SIZE_PX / (2 * bark.ridge_px)) * columns
+    left = np.abs(np.sin(phase + 2.3 * fields(3.7, 2.2)))
+    right = np.abs(np.sin(phase + 2.3 * fields(3.7, 2.2) + 1.0))
+    ridge = np.minimum(left, right + 0.12) + 0.08 * fields(1.6, 2.0)
+    return 1 - smoothstep(0.2 * bark.furrows, 1.8 * bark.furrows, ridge)
+
+
+def _strew(
+    rng: np.random.Generator, fields: _Fields, colour: Float, relief: Float, marks: Marks
+) -> tuple[Float, Float]:
+    """Ellipses of many sizes with frayed rims, wrapping at the borders."""
+    stamp = np.zeros((SIZE_PX, SIZE_PX), np.float32)
+    centres = rng.integers(0, SIZE_PX, (marks.count, 2))
+    sizes = np.array(marks.half_px) * rng.lognormal(0, 0.45, (marks.count, 2))
+    strengths = rng.uniform(0.5, 1.0, marks.count)
+    for (x, y), size, strength in zip(centres, sizes, strengths, strict=True):
+        axes = (max(1, round(size[0])), max(1, round(size[1])))
+        for column in (x, x - SIZE_PX, x + SIZE_PX):
+            for row in (y, y - SIZE_PX, y + SIZE_PX):
+                if -90 < column < SIZE_PX + 90 and -90 < row < SIZE_PX + 90:
+                    cv2.ellipse(stamp, (int(column), int(row)), axes, 0, 0, 360, strength, -1)
+    rim_px = max(2, round(0.8 * marks.half_px[1]))
+    padded = np.pad(stamp, rim_px, "wrap")
+    soft = cv2.blur(padded, (2 * rim_px + 1, rim_px + 1))[rim_px:-rim_px, rim_px:-rim_px]
+    soft = smoothstep(0.25, 0.7, soft * (1 + 0.4 * fields(1.6, 0.6)))
+    return mix(colour, _rgb(marks.colour), marks.strength * soft), relief + marks.relief * soft

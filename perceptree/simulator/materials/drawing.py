@@ -1,0 +1,53 @@
+"""Drawing tools of the materials: colours, noise fields and strokes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from perceptree.simulator.materials.layers import SIZE_PX
+from perceptree.simulator.materials.noise import spectral_noise
+
+Float = NDArray[np.floating[Any]]
+Draw = Callable[[np.random.Generator, NDArray[np.float32]], None]
+
+
+def rgb(red: int, green: int, blue: int) -> Float:
+    """(3,) sRGB bytes as numbers from 0 to 1."""
+    return np.array([red, green, blue], np.float32) / 255
+
+
+def mix(first: Float, second: Float, share: Float) -> Float:
+    """``first`` where ``share`` (H, W) is 0, ``second`` where it is 1."""
+    return np.asarray(first + (second - first) * share[..., None])
+
+
+def noise(rng: np.random.Generator, exponent: float, *stretch: float) -> Float:
+    """A periodic field of one layer's size, zero mean and unit deviation."""
+    rows, columns = stretch or (1.0, 1.0)
+    return spectral_noise(rng, (SIZE_PX, SIZE_PX), exponent, (rows, columns))
+
+
+def cutout(rng: np.random.Generator, draw: Draw, background: tuple[int, int, int]) -> Float:
+    """(SIZE, SIZE, 4) foliage drawn at twice the size; ``background`` tints the soft edges."""
+    canvas = np.zeros((2 * SIZE_PX, 2 * SIZE_PX, 4), np.float32)
+    draw(rng, canvas)
+    small = cv2.resize(canvas, (SIZE_PX, SIZE_PX), interpolation=cv2.INTER_AREA)
+    alpha = small[..., 3:]
+    colour = np.where(alpha > 0.02, small[..., :3] / np.maximum(alpha, 1e-3), rgb(*background))
+    return np.concatenate([colour, alpha], -1)
+
+
+def ink(base: tuple[int, int, int], strength: float) -> tuple[float, float, float, float]:
+    """An opaque colour for OpenCV's strokes."""
+    red, green, blue = (channel * strength / 255 for channel in base)
+    return red, green, blue, 1.0
+
+
+def point(x: float, y: float) -> tuple[int, int]:
+    """Whole pixels for OpenCV's strokes."""
+    return round(x), round(y)

@@ -1,0 +1,222 @@
+"""Foliage of the crowns: each species' twigs, cut out by their alpha.
+
+A twig grows from the left border's middle to the right; it is about a metre long.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from perceptree.simulator.materials.drawing import cutout, ink, point
+from perceptree.simulator.materials.layers import Layer
+
+Float = NDArray[np.floating[Any]]
+Rgb = tuple[int, int, int]
+
+
+@dataclass(frozen=True)
+class Needles:
+    """A conifer's twig: ``shoots`` side shoots a side at ``angle_rad``, set with needles.
+
+    ``reach`` is the longest shoot over the twig's length; shoots are cut short by up to
+    ``ragged`` and shorten towards the tip by the exponent ``pointed``. Needles are ``needle_px``
+    long and ``width_px`` wide at the canvas's size, ``every_px`` apart, and stand off the shoot by
+    ``spread_rad``; only the last ``tuft`` of a shoot bears them.
+    """
+
+    colours: tuple[Rgb, Rgb]
+    bark: Rgb
+    shoots: int
+    angle_rad: tuple[float, float]
+    reach: float
+    ragged: float
+    pointed: float
+    needle_px: float
+    width_px: int
+    every_px: float
+    spread_rad: tuple[float, float]
+    tuft: float
+
+
+@dataclass(frozen=True)
+class Leaves:
+    """A broadleaved spray: ``count`` leaves of one outline on side shoots.
+
+    ``outline`` lists points along the leaf's length and across it, over its length, for one half;
+    ``length_px`` their length at the canvas's size.
+    """
+
+    colours: tuple[Rgb, Rgb]
+    bark: Rgb
+    outline: tuple[tuple[float, float], ...]
+    shoots: int
+    count: int
+    length_px: tuple[float, float]
+    reach: float
+
+
+_FIR = Needles(
+    ((40, 64, 42), (72, 94, 58)), (84, 72, 58), 10, (0.70, 1.05), 0.58, 0.35, 0.65, 25, 4, 7.0,
+    (1.05, 1.35), 1.0,
+)  # fmt: skip
+_SPRUCE = Needles(
+    ((38, 54, 36), (64, 80, 48)), (92, 66, 46), 15, (0.40, 1.10), 0.54, 0.60, 0.50, 21, 4, 4.4,
+    (0.35, 1.15), 1.0,
+)  # fmt: skip
+_PINE = Needles(
+    ((58, 78, 58), (94, 108, 74)), (110, 82, 58), 8, (0.45, 0.95), 0.55, 0.45, 0.40, 88, 4, 3.8,
+    (0.25, 0.85), 0.42,
+)  # fmt: skip
+_BEECH = Leaves(
+    ((60, 88, 34), (102, 126, 58)), (88, 78, 66),
+    ((0, 0), (0.12, 0.14), (0.35, 0.30), (0.6, 0.27), (0.82, 0.14), (1, 0)), 9, 11, (64, 98), 0.50,
+)  # fmt: skip
+_BIRCH = Leaves(
+    ((78, 102, 46), (126, 142, 74)), (74, 56, 48),
+    ((0, 0), (0.04, 0.16), (0.2, 0.38), (0.42, 0.30), (0.7, 0.13), (1, 0)), 12, 13, (42, 66), 0.50,
+)  # fmt: skip
+_MAPLE = Leaves(
+    ((54, 82, 34), (98, 118, 54)), (96, 74, 58),
+    (
+        (0.0, 0.0), (-0.06, 0.22), (0.10, 0.20), (0.14, 0.48), (0.32, 0.40), (0.52, 0.58),
+        (0.56, 0.38), (0.54, 0.14), (0.78, 0.20), (1.0, 0.0),
+    ),
+    7, 7, (95, 150), 0.50,
+)  # fmt: skip
+_DRY: Rgb = (82, 75, 68)
+
+
+def foliage_layers(rng: np.random.Generator) -> dict[Layer, Float]:
+    """(H, W, 4) colour and alpha of the twigs of every species."""
+    needles = {Layer.FIR_TWIG: _FIR, Layer.SPRUCE_TWIG: _SPRUCE, Layer.PINE_TWIG: _PINE}
+    leaves = {Layer.BEECH_LEAVES: _BEECH, Layer.BIRCH_LEAVES: _BIRCH, Layer.MAPLE_LEAVES: _MAPLE}
+    layers = {
+        layer: cutout(rng, partial(_draw_needles, kind=kind), kind.colours[0])
+        for layer, kind in needles.items()
+    }
+    layers |= {
+        layer: cutout(rng, partial(_draw_leaves, kind=kind), kind.colours[0])
+        for layer, kind in leaves.items()
+    }
+    layers[Layer.BARE_TWIG] = cutout(rng, _draw_bare, _DRY)
+    for layer in layers.values():
+        layer[:2, :, 3] = layer[-2:, :, 3] = layer[:, -2:, 3] = 0.0
+    return layers
+
+
+def _tone(rng: np.random.Generator, colours: tuple[Rgb, Rgb]) -> tuple[float, float, float, float]:
+    """A colour between two, brighter or darker by chance."""
+    share, strength = rng.random(), rng.uniform(0.72, 1.2)
+    mixed = [low + (high - low) * share for low, high in zip(*colours, strict=True)]
+    return ink((round(mixed[0]), round(mixed[1]), round(mixed[2])), strength)
+
+
+def _shoots(
+    rng: np.random.Generator, size: int, count: int, angle_rad: tuple[float, float],
+    reach: float, pointed: float, ragged: float, margin_px: float,
+) -> list[tuple[Float, Float]]:  # fmt: skip
+    """Start and end (2,) px of side shoots on both sides, then of the twig itself."""
+    shoots = []
+    for share in 0.05 + 0.86 * (np.arange(count) + rng.uniform(0, 0.3, count)) / count:
+        for side in (-1, 1):
+            length = size * reach * (1 - share) ** pointed * rng.uniform(1 - ragged, 1.0)
+            angle = side * rng.uniform(*angle_rad)
+            start = np.array([size * (share + 0.02 * rng.random()), size / 2])
+            towards = np.array([np.cos(angle), np.sin(angle)])
+            room = np.array([0.98 * size - start[0], 0.49 * size]) - margin_px
+            length = min(length, *(room / np.maximum(1e-6, np.abs(towards))))
+            shoots.append((start, start + max(length, 1.0) * towards))
+    shoots.append((np.array([0.0, size / 2]), np.array([0.97 * size - margin_px, size / 2])))
+    return shoots
+
+
+def _draw_needles(rng: np.random.Generator, canvas: NDArray[np.float32], kind: Needles) -> None:
+    size = canvas.shape[0]
+    shoots = _shoots(
+        rng, size, kind.shoots, kind.angle_rad, kind.reach, kind.pointed, kind.ragged,
+        0.8 * kind.needle_px,
+    )  # fmt: skip
+    for number, (start, end) in enumerate(shoots):
+        last = number == len(shoots) - 1
+        cv2.line(canvas, point(*start), point(*end), ink(kind.bark, 0.9), 9 if last else 5)
+    for start, end in shoots:
+        length = float(np.hypot(*(end - start)))
+        along = np.arctan2(*(end - start)[::-1])
+        for way in np.arange(1 - kind.tuft, 1.0, kind.every_px / length):
+            foot = start + (end - start) * way
+            for side in (-1, 1):
+                turn = along + side * rng.uniform(*kind.spread_rad)
+                reach = kind.needle_px * rng.uniform(0.75, 1.1)
+                tip = foot + reach * np.array([np.cos(turn), np.sin(turn)])
+                tone = _tone(rng, kind.colours)
+                cv2.line(canvas, point(*foot), point(*tip), tone, kind.width_px)
+
+
+def _draw_leaves(rng: np.random.Generator, canvas: NDArray[np.float32], kind: Leaves) -> None:
+    size = canvas.shape[0]
+    shoots = _shoots(
+        rng, size, kind.shoots, (0.55, 0.95), kind.reach, 0.5, 0.6, 0.7 * kind.length_px[0]
+    )
+    for number, (start, end) in enumerate(shoots):
+        width = 8 if number == len(shoots) - 1 else 4
+        cv2.line(canvas, point(*start), point(*end), ink(kind.bark, 1), width)
+    half = np.array(kind.outline)
+    outline = np.concatenate([half, half[-2:0:-1] * [1, -1]])
+    for start, end in shoots:
+        along = np.arctan2(*(end - start)[::-1])
+        count = round(kind.count * min(1.0, 0.35 + np.hypot(*(end - start)) / (0.4 * size)))
+        for number in range(count):
+            foot = start + (end - start) * (0.12 + 0.86 * (number + rng.random()) / count)
+            turn = along + (-1) ** number * rng.uniform(0.4, 1.1)
+            _draw_leaf(rng, canvas, kind, outline, foot, turn)
+
+
+def _draw_leaf(
+    rng: np.random.Generator, canvas: NDArray[np.float32], kind: Leaves, outline: Float,
+    foot: Float, turn_rad: float,
+) -> None:  # fmt: skip
+    """One leaf with its middle rib; its width varies with how it is turned to the eye."""
+    length = rng.uniform(*kind.length_px)
+    along = length * np.array([np.cos(turn_rad), np.sin(turn_rad)])
+    across = np.array([-along[1], along[0]]) * rng.uniform(0.6, 1.0)
+    base = foot + 0.12 * along
+    shape = base + outline[:, :1] * along + outline[:, 1:] * across
+    tone = _tone(rng, kind.colours)
+    cv2.line(canvas, point(*foot), point(*base), ink(kind.bark, 1), 3)
+    cv2.fillPoly(canvas, [shape.astype(np.int32)], tone)
+    rib = (tone[0] * 1.25, tone[1] * 1.2, tone[2] * 1.25, 1.0)
+    cv2.line(canvas, point(*base), point(*(base + 0.9 * along)), rib, 3)
+
+
+def _draw_bare(rng: np.random.Generator, canvas: NDArray[np.float32]) -> None:
+    size = canvas.shape[0]
+    for start, end in _shoots(rng, size, 9, (0.45, 1.0), 0.55, 0.5, 0.5, 40.0):
+        _draw_bare_shoot(rng, canvas, start, end, 8.0)
+
+
+def _draw_bare_shoot(
+    rng: np.random.Generator, canvas: NDArray[np.float32], start: Float, end: Float, width: float
+) -> None:
+    """A crooked shoot that carries finer ones."""
+    steps = start + (end - start) * np.linspace(0, 1, 5)[:, None]
+    length = float(np.hypot(*(end - start)))
+    steps[1:] += rng.normal(0, 0.025 * length, (4, 2))
+    for first, second in pairwise(steps):
+        strength = rng.uniform(0.8, 1.15)
+        cv2.line(canvas, point(*first), point(*second), ink(_DRY, strength), max(3, round(width)))
+    if width < 5:
+        return
+    along = np.arctan2(*(end - start)[::-1])
+    for number in range(round(length / 60)):
+        foot = steps[1 + number % 4]
+        turn = along + (-1) ** number * rng.uniform(0.4, 1.0)
+        reach = length * rng.uniform(0.15, 0.38)
+        tip = foot + reach * np.array([np.cos(turn), np.sin(turn)])
+        _draw_bare_shoot(rng, canvas, foot, tip, 0.55 * width)

@@ -1,0 +1,36 @@
+"""Noise fields and curves that the forest is made of."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float = NDArray[np.float32]
+
+
+def spectral_noise(
+    rng: np.random.Generator,
+    shape: tuple[int, int],
+    exponent: float,
+    stretch: tuple[float, float] = (1.0, 1.0),
+) -> Float:
+    """Periodic random field with power spectrum ``1 / f ** exponent``, zero mean, unit deviation.
+
+    Returns (H, W) float32. ``stretch`` scales the frequencies along rows and columns: a larger
+    value makes features longer across that axis.
+    """
+    height, width = shape
+    rows = np.fft.fftfreq(height)[:, None] * height * stretch[0]
+    columns = np.fft.rfftfreq(width)[None] * width * stretch[1]
+    frequency = np.hypot(rows, columns)
+    frequency[0, 0] = 1.0
+    spectrum = np.fft.rfft2(rng.standard_normal(shape)) * frequency ** (-exponent / 2)
+    spectrum[0, 0] = 0.0
+    field = np.fft.irfft2(spectrum, shape)
+    return np.asarray((field - field.mean()) / field.std(), np.float32)
+
+
+def smoothstep(low: float, high: float, x: Float) -> Float:
+    """0 below ``low``, 1 above ``high``, a smooth cubic between."""
+    t = np.clip((x - low) / (high - low), 0.0, 1.0)
+    return np.asarray(t * t * (3.0 - 2.0 * t), np.float32)

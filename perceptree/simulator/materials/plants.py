@@ -1,0 +1,132 @@
+"""Small plants cut out by their alpha: each grows from the left border's middle to the right."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from perceptree.simulator.materials.drawing import cutout, ink, point
+from perceptree.simulator.materials.layers import Layer
+
+Float = NDArray[np.floating[Any]]
+Canvas = NDArray[np.float32]
+Rgb = tuple[int, int, int]
+
+_GREEN: tuple[Rgb, ...] = ((74, 86, 46), (94, 102, 56), (62, 74, 42), (120, 114, 70))
+_STRAW: tuple[Rgb, ...] = ((158, 136, 88), (134, 110, 68), (176, 156, 108), (112, 92, 58))
+_FERN: tuple[Rgb, ...] = ((62, 80, 42), (76, 94, 48), (92, 102, 56))
+_SCRUB: tuple[Rgb, ...] = ((60, 78, 42), (76, 92, 50), (92, 104, 58), (102, 96, 58))
+_STALK: Rgb = (92, 78, 50)
+_WOOD: Rgb = (84, 64, 48)
+
+
+def plant_layers(rng: np.random.Generator) -> dict[Layer, Float]:
+    """(H, W, 4) colour and alpha of grasses, ferns and scrubs."""
+    green = partial(_draw_blades, colours=_GREEN, count=60, bend=0.16)
+    straw = partial(_draw_blades, colours=_STRAW, count=52, bend=0.26)
+    return {
+        Layer.GRASS: cutout(rng, green, _GREEN[0]),
+        Layer.DRY_GRASS: cutout(rng, straw, _STRAW[0]),
+        Layer.FERN: cutout(rng, _draw_frond, _FERN[0]),
+        Layer.SCRUB: cutout(rng, _draw_bush, _SCRUB[0]),
+    }
+
+
+def _tone(rng: np.random.Generator, colours: tuple[Rgb, ...], strength: float) -> tuple[float, ...]:
+    return ink(colours[rng.integers(len(colours))], strength * rng.uniform(0.85, 1.15))
+
+
+def _draw_blades(
+    rng: np.random.Generator, canvas: Canvas, colours: tuple[Rgb, ...], count: int, bend: float
+) -> None:
+    """Long bent blades, the short and dark ones at the back."""
+    size = canvas.shape[0]
+    share = np.linspace(0, 1, 9)
+    for number in range(count):
+        length = size * rng.uniform(0.3, 0.62 + 0.34 * number / count)
+        foot = size * np.clip(rng.normal(0.5, 0.15), 0.14, 0.86)
+        lean, curl = rng.normal(0, 0.16) + 0.9 * (foot / size - 0.5), rng.normal(0, bend)
+        swing = length * (lean * share + curl * share**2)
+        room = (0.97 * size - foot if swing[-1] > 0 else foot - 0.03 * size) / np.abs(swing).max()
+        across = foot + swing * min(1.0, room)
+        half = rng.uniform(6, 11) * (1 - share**1.6) + 1.0
+        upper = np.stack([length * share, across - half], -1)
+        lower = np.stack([length * share, across + half], -1)
+        strength = 0.62 + 0.5 * number / count
+        outline = np.concatenate([upper, lower[::-1]]).astype(np.int32)
+        cv2.fillPoly(canvas, [outline], _tone(rng, colours, strength))
+        rib = np.stack([length * share, across], -1)[:-2].astype(np.int32)
+        cv2.polylines(canvas, [rib], False, _tone(rng, colours, 0.8 * strength), 3)
+
+
+def _draw_frond(rng: np.random.Generator, canvas: Canvas) -> None:
+    """A pinnate frond: pairs of leaflets, themselves pinnate, on a bare stalk."""
+    size, pairs = canvas.shape[0], 24
+    cv2.line(canvas, point(0, size / 2), point(0.95 * size, size / 2), ink(_STALK, 1.0), 9)
+    for share in np.linspace(0.12, 0.93, pairs):
+        reach = 0.45 * size * min(1.0, 4.5 * (share - 0.02)) * (1.0 - share) ** 0.72
+        for side in (-1, 1):
+            foot = np.array([size * (share + rng.normal(0, 0.004)), size / 2])
+            angle = side * (1.25 - 0.35 * share + rng.normal(0, 0.05))
+            _draw_pinna(rng, canvas, foot, angle, reach * rng.uniform(0.88, 1.04))
+
+
+def _draw_pinna(
+    rng: np.random.Generator, canvas: Canvas, foot: Float, angle_rad: float, length: float
+) -> None:
+    """One leaflet with a notched edge: small ovals along both sides of its rib."""
+    along = np.array([np.cos(angle_rad), np.sin(angle_rad)])
+    strength = rng.uniform(0.75, 1.15)
+    lobes = max(3, round(length / 17))
+    for number in range(lobes):
+        share = (number + 0.5) / lobes
+        width = max(4.0, 24 * (1 - share) ** 0.7 * min(1.0, length / 160))
+        for side in (-1, 1):
+            turn = angle_rad + side * 0.95
+            centre = foot + along * length * share
+            centre = centre + 0.6 * width * np.array([np.cos(turn), np.sin(turn)])
+            axes = (max(2, round(0.75 * width)), max(2, round(0.42 * width)))
+            tone = _tone(rng, _FERN, strength * (1.0 if side > 0 else 0.86))
+            cv2.ellipse(canvas, point(*centre), axes, np.degrees(turn), 0, 360, tone, -1)
+    tip = foot + along * length
+    cv2.line(canvas, point(*foot), point(*tip), _tone(rng, _FERN, 0.8 * strength), 4)
+
+
+def _draw_bush(rng: np.random.Generator, canvas: Canvas) -> None:
+    """Branching stems with many small oval leaves."""
+    size = canvas.shape[0]
+    foot = np.array([0.0, size / 2])
+    shoots: list[tuple[Float, Float]] = []
+    for angle in np.linspace(-0.55, 0.55, 7) + rng.normal(0, 0.06, 7):
+        length = size * rng.uniform(0.55, 0.94) * np.cos(angle) ** 2
+        tip = foot + length * np.array([np.cos(angle), 0.85 * np.sin(angle)])
+        shoots.append((foot, tip))
+        for share in rng.uniform(0.2, 0.9, 7):
+            start = foot + (tip - foot) * share
+            turn = angle + rng.choice([-1, 1]) * rng.uniform(0.35, 0.9)
+            reach = length * rng.uniform(0.12, 0.3)
+            shoots.append((start, start + reach * np.array([np.cos(turn), np.sin(turn)])))
+    for start, tip in shoots:
+        cv2.line(canvas, point(*start), point(*tip), ink(_WOOD, rng.uniform(0.7, 1.1)), 6)
+    for start, tip in shoots:
+        span = float(np.hypot(*(tip - start)))
+        along = np.arctan2(*(tip - start)[::-1])
+        first = 0.3 if span > 0.5 * size else 0.1
+        for share in np.arange(first, 1.02, 12 / span):
+            _draw_oval(rng, canvas, start + (tip - start) * share, along)
+
+
+def _draw_oval(rng: np.random.Generator, canvas: Canvas, foot: Float, along_rad: float) -> None:
+    """One small leaf to either side of a shoot, kept inside the picture."""
+    size = canvas.shape[0]
+    turn = along_rad + rng.choice([-1, 1]) * rng.uniform(0.3, 1.2)
+    half = rng.uniform(16, 27)
+    centre = foot + 1.1 * half * np.array([np.cos(turn), np.sin(turn)])
+    centre = np.clip(centre, 30, size - 30)
+    axes = (round(half), round(half * rng.uniform(0.38, 0.6)))
+    tone = _tone(rng, _SCRUB, rng.uniform(0.7, 1.15))
+    cv2.ellipse(canvas, point(*centre), axes, np.degrees(turn), 0, 360, tone, -1)

@@ -1,0 +1,82 @@
+"""All materials as one set of textures with mip levels, in flat arrays for the kernels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perceptree.simulator.materials.barks import bark_layers
+from perceptree.simulator.materials.foliage import foliage_layers
+from perceptree.simulator.materials.ground import ground_layers
+from perceptree.simulator.materials.layers import MIP_LEVELS, SIZE_PX, Layer
+from perceptree.simulator.materials.plants import plant_layers
+
+Float = NDArray[np.floating[Any]]
+
+
+@dataclass(frozen=True)
+class Textures:
+    """All layers and their mip levels in flat arrays.
+
+    ``albedo`` (N, 4) uint8: square root of linear RGB, and alpha; ``normals`` (N, 3) uint8;
+    ``offsets`` (levels,): where a level starts. In a level the layers follow each other.
+    """
+
+    albedo: NDArray[np.uint8]
+    alpha: NDArray[np.uint8]
+    normals: NDArray[np.uint8]
+    offsets: NDArray[np.int64]
+
+
+def _normals(height: Float) -> Float:
+    dx = (np.roll(height, -1, 1) - np.roll(height, 1, 1)) * 1.6
+    dy = (np.roll(height, -1, 0) - np.roll(height, 1, 0)) * 1.6
+    normal = np.stack([-dx, dy, np.ones_like(dx)], -1)
+    return np.asarray(normal / np.linalg.norm(normal, axis=-1, keepdims=True) * 0.5 + 0.5)
+
+
+_SIZES = [SIZE_PX >> level for level in range(MIP_LEVELS)]
+
+
+def _mip_levels(layer: Float) -> list[Float]:
+    """A layer (S, S, C) and its halvings, down to the last level."""
+    levels = [layer]
+    for _ in range(MIP_LEVELS - 1):
+        quads = layer[::2, ::2] + layer[1::2, ::2] + layer[::2, 1::2] + layer[1::2, 1::2]
+        layer = quads / 4
+        levels.append(layer)
+    return levels
+
+
+def _bytes(values: Float) -> NDArray[np.uint8]:
+    return (values.reshape(-1, values.shape[-1]) * 255 + 0.5).astype(np.uint8)
+
+
+def make_textures(seed: int = 0) -> Textures:
+    """Draw every layer; the same seed gives the same bytes."""
+    rng = np.random.default_rng(seed)
+    offsets = np.cumsum([0] + [len(Layer) * size * size for size in _SIZES])
+    albedo = np.empty((offsets[-1], 4), np.uint8)
+    normals = np.empty((offsets[-1], 3), np.uint8)
+
+    def pack(layer: Layer, colour: Float, height: Float) -> None:
+        linear = np.clip(colour, 0, 1).astype(np.float32)
+        linear[..., :3] **= 2.2
+        slopes = _mip_levels(_normals(height).astype(np.float32))
+        for level, (tone, slope) in enumerate(zip(_mip_levels(linear), slopes, strict=True)):
+            first = offsets[level] + layer * _SIZES[level] ** 2
+            place = slice(first, first + _SIZES[level] ** 2)
+            root = np.concatenate([np.sqrt(tone[..., :3]), tone[..., 3:]], -1)
+            albedo[place], normals[place] = _bytes(root), _bytes(slope)
+
+    opaque, flat = np.ones((SIZE_PX, SIZE_PX, 1)), np.zeros((SIZE_PX, SIZE_PX))
+    for solid in (bark_layers, ground_layers):
+        for layer, (colour, height) in solid(rng).items():
+            pack(layer, np.concatenate([colour, opaque], -1), height)
+    for cut_out in (foliage_layers, plant_layers):
+        for layer, colour in cut_out(rng).items():
+            pack(layer, colour, flat)
+    return Textures(albedo, albedo[:, 3].copy(), normals, offsets[:-1])

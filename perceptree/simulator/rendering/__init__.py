@@ -1,0 +1,1 @@
+"""From triangles to samples of colour, exact depth and tree numbers."""

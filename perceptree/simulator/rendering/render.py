@@ -1,0 +1,169 @@
+"""Draws a scene: the sun's shadow map once, then colour, depth and labels for every view."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perceptree.simulator.geometry.assemble import SceneMesh
+from perceptree.simulator.materials.textures import Textures
+from perceptree.simulator.rendering.grid import SampleGrid, sample_grid
+from perceptree.simulator.rendering.kernel_types import Air, Eye, Maps, Surface
+from perceptree.simulator.rendering.rasterise import (
+    BANDS,
+    bin_faces,
+    draw_faces,
+    project_parallel,
+    project_vertices,
+)
+from perceptree.simulator.rendering.shade import shade_samples
+from perceptree.simulator.rendering.view import View, visible_faces
+from perceptree.simulator.scene.description import Scene
+from perceptree.simulator.scene.terrain import EXTENT_M
+from perceptree.simulator.vectors import UP, unit
+
+Float = NDArray[np.floating[Any]]
+_f = np.float32
+
+_SHADOW_PX = 2048
+_SHADOW_RADIUS_M = 30.0
+_SHADOW_DEPTH_M = 120.0
+_SHADOW_BIAS_M = 0.05
+_LEAST_SUN = 0.03
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """What one view shows.
+
+    ``samples`` (2H, 2W, 3) float32 linear RGB, every second one at a pixel's centre, and
+    ``log_luminance`` their mean log; ``depth_m`` (H, W) float32 along the optical axis at the
+    pixels' centres, 0 on sky; ``object_id`` (H, W) int32 labelled tree or 0.
+    """
+
+    samples: NDArray[np.float32]
+    log_luminance: float
+    depth_m: NDArray[np.float32]
+    object_id: NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class _Buffers:
+    near: NDArray[np.float32]
+    seen: NDArray[np.int32]
+
+
+class Renderer:
+    """Draws views of one scene; the shadow map is made when the scene is set."""
+
+    def __init__(self, textures: Textures, scene: Scene, mesh: SceneMesh) -> None:
+        self._textures = textures
+        self._scene = scene
+        self._mesh = mesh
+        self._screen = np.empty((len(mesh.vertices), 3), np.float32)
+        self._corners = _corners(mesh)
+        self._air = _air(scene)
+        self._ground_m = _ground_grid(scene)
+        self._shadow_rows = self._sun_matrix()
+        self._shadow = self._draw_shadow()
+
+    def _sun_matrix(self) -> NDArray[np.float32]:
+        """(3, 4) rows from world metres to shadow-map x px, y px and nearness in (0, 1)."""
+        sun = self._scene.light.sun
+        right = unit(np.cross(UP, sun)) if abs(sun[2]) < 0.999 else np.array([1.0, 0.0, 0.0])
+        down = np.cross(right, sun)
+        middle = np.array([0.0, 0.0, float(self._scene.terrain.height_m(0.0, 0.0)) + 5.0])
+        scale = _SHADOW_PX / (2 * _SHADOW_RADIUS_M)
+        axes = np.stack([right * scale, down * scale, sun / _SHADOW_DEPTH_M])
+        shift = np.array([_SHADOW_PX / 2, _SHADOW_PX / 2, 0.5]) - axes @ middle
+        return np.concatenate([axes, shift[:, None]], 1).astype(np.float32)
+
+    def _draw_shadow(self) -> NDArray[np.float32]:
+        """(S, S) nearness to the sun; empty where the sun is too weak to cast a shadow."""
+        if self._scene.light.sun_colour.max() < _LEAST_SUN:
+            return np.zeros((2, 2), np.float32)
+        project_parallel(self._mesh.vertices, self._shadow_rows, self._screen)
+        numbers = np.arange(len(self._mesh.faces))
+        return self._rasterise(numbers, _SHADOW_PX, _SHADOW_PX, perspective=False).near
+
+    def _rasterise(
+        self, numbers: NDArray[np.int64], width: int, height: int, perspective: bool
+    ) -> _Buffers:
+        mesh, textures = self._mesh, self._textures
+        faces, layer = mesh.faces[numbers], mesh.layer[numbers]
+        counts = np.zeros(BANDS, np.int64)
+        lists = np.empty((BANDS, len(faces)), np.int32)
+        bin_faces(self._screen, faces, width, height, counts, lists)
+        near = np.empty((height, width), np.float32)
+        seen = np.empty((height, width), np.int32)
+        draw_faces(
+            self._screen, faces, mesh.uv, layer, textures.alpha, textures.offsets, counts, lists,
+            perspective, near, seen,
+        )  # fmt: skip
+        return _Buffers(near, seen)
+
+    def draw(self, view: View) -> Drawing:
+        """Colour from samples twice as dense as the pixels; depth and labels at their centres."""
+        grid = sample_grid(view)
+        numbers = visible_faces(self._mesh, view)
+        project_vertices(
+            self._mesh.vertices, view.rotation.astype(_f), view.origin.astype(_f),
+            _f(grid.focal_x), _f(grid.focal_y), _f(grid.centre_x), _f(grid.centre_y), self._screen,
+        )  # fmt: skip
+        buffers = self._rasterise(numbers, grid.width, grid.height, perspective=True)
+        samples, log_luminance = self._shade(view, grid, numbers, buffers)
+        near = np.asarray(grid.nearest(buffers.near), np.float32)
+        seen = np.asarray(grid.nearest(buffers.seen), np.int32)
+        hit = seen >= 0
+        depth_m = np.where(hit, 1 / np.where(hit, near, 1), 0).astype(np.float32)
+        objects = self._mesh.object_id[numbers]
+        object_id = np.where(hit, objects[np.where(hit, seen, 0)], 0).astype(np.int32)
+        return Drawing(grid.resample(samples), log_luminance, depth_m, object_id)
+
+    def _shade(
+        self, view: View, grid: SampleGrid, numbers: NDArray[np.int64], buffers: _Buffers
+    ) -> tuple[NDArray[np.float32], float]:
+        mesh, textures = self._mesh, self._textures
+        samples = np.empty((grid.height, grid.width, 3), np.float32)
+        log_sum = np.empty(grid.height // 2, np.float32)
+        surface = Surface(
+            self._screen, mesh.faces[numbers], mesh.layer[numbers], self._corners,
+            self._ground_m, self._scene.terrain.cover.astype(_f),
+        )  # fmt: skip
+        maps = Maps(
+            textures.albedo, textures.normals, textures.offsets, self._shadow, self._shadow_rows,
+            _f(_SHADOW_BIAS_M / _SHADOW_DEPTH_M),
+        )  # fmt: skip
+        eye = Eye(
+            view.origin.astype(_f), view.rotation.astype(_f), _f(grid.focal_x), _f(grid.focal_y),
+            _f(grid.centre_x), _f(grid.centre_y),
+        )  # fmt: skip
+        shade_samples(buffers.near, buffers.seen, surface, maps, eye, self._air, samples, log_sum)
+        blocks = (grid.height // 2) * (grid.width // 2)
+        return samples, float(log_sum.sum(dtype=np.float64) / blocks)
+
+
+def _corners(mesh: SceneMesh) -> NDArray[np.float32]:
+    """(V, 8) what the kernels read of each vertex."""
+    corners = np.zeros((len(mesh.vertices), 8), np.float32)
+    corners[:, :3], corners[:, 3:5] = mesh.normals, mesh.uv
+    corners[:, 5], corners[:, 6] = mesh.tint, mesh.sky
+    return corners
+
+
+def _air(scene: Scene) -> Air:
+    light, weather = scene.light, scene.weather
+    return Air(
+        light.sun.astype(_f), light.sun_colour.astype(_f), light.sky_colour.astype(_f),
+        light.haze_colour.astype(_f), _f(weather.haze_per_m), _f(weather.snow), _f(weather.wet),
+    )  # fmt: skip
+
+
+def _ground_grid(scene: Scene) -> NDArray[np.float32]:
+    """(G, G) ground heights in the middle of 1 m cells."""
+    middle = np.arange(-EXTENT_M, EXTENT_M) + 0.5
+    x, y = np.meshgrid(middle, middle)
+    return scene.terrain.height_m(x, y).astype(np.float32)

@@ -1,0 +1,128 @@
+"""Where the camera stands and looks, and which parts of a scene it can see."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import calib
+from calib import PinholeCamera
+from perceptree.simulator.geometry.assemble import SceneMesh
+from perceptree.simulator.scene.description import Scene
+from perceptree.simulator.settings import CameraSettings, PoseSettings
+
+Float = NDArray[np.floating[Any]]
+
+VIEW_RADIUS_M = 6.0
+_STEM_CLEARANCE_M = 0.8
+_TRIES = 60
+_BORDER_POINTS = 33
+
+
+@dataclass(frozen=True)
+class Pose:
+    """How the camera was carried: ``carrier`` is "mast" or "hand", pitch up is positive."""
+
+    carrier: str
+    height_m: float
+    pitch_deg: float
+    roll_deg: float
+    yaw_deg: float
+
+
+@dataclass(frozen=True)
+class View:
+    """A posed camera: ``origin`` (3,) world metres, ``rotation`` (3, 3) rows right, down, forward.
+
+    ``intrinsics`` follow OpenCV: pixel centres on whole numbers.
+    """
+
+    intrinsics: PinholeCamera
+    origin: Float
+    rotation: Float
+    pose: Pose
+
+    @property
+    def up(self) -> Float:
+        """(3,) unit vector upwards in the camera frame, as an IMU gives it."""
+        return np.asarray(self.rotation[:, 2])
+
+    @cached_property
+    def ray_bounds(self) -> tuple[float, float, float, float]:
+        """Least and largest x / z, then y / z, of the rays through the image's border."""
+        camera = self.intrinsics
+        x = np.linspace(0.0, camera.width, _BORDER_POINTS)
+        y = np.linspace(0.0, camera.height, _BORDER_POINTS)
+        border = [
+            np.stack(np.broadcast_arrays(*edge), -1)
+            for edge in ((x, 0.0), (x, float(camera.height)), (0.0, y), (float(camera.width), y))
+        ]
+        rays = calib.pixels_to_rays(camera, np.concatenate(border))
+        low, high = rays.min(0), rays.max(0)
+        return float(low[0]), float(high[0]), float(low[1]), float(high[1])
+
+    def to_camera(self, points_m: Float) -> Float:
+        """World points (..., 3) in the camera frame: x right, y down, z forward."""
+        return np.asarray((points_m - self.origin) @ self.rotation.T)
+
+    def project(self, points_m: Float) -> Float:
+        """World points (..., 3) in front of the camera to (..., 2) px, corner-based."""
+        return calib.project_points(self.intrinsics, self.to_camera(points_m))
+
+
+def look_from(intrinsics: PinholeCamera, origin: Float, pose: Pose) -> View:
+    """A view from ``origin``: yaw turns left from east, pitch up, roll clockwise."""
+    yaw, pitch, roll = np.radians([pose.yaw_deg, pose.pitch_deg, pose.roll_deg])
+    flat = np.array([np.cos(yaw), np.sin(yaw), 0.0])
+    up = np.array([0.0, 0.0, 1.0])
+    forward = np.cos(pitch) * flat + np.sin(pitch) * up
+    right = np.cross(flat, up)
+    down = np.cross(forward, right)
+    cos, sin = np.cos(roll), np.sin(roll)
+    rotation = np.stack([cos * right + sin * down, cos * down - sin * right, forward])
+    return View(intrinsics, np.asarray(origin), rotation, pose)
+
+
+def _random_pose(rng: np.random.Generator, settings: CameraSettings) -> Pose:
+    on_mast = rng.random() < settings.mast_share
+    ranges: PoseSettings = settings.mast if on_mast else settings.hand
+    return Pose(
+        "mast" if on_mast else "hand", rng.uniform(*ranges.height_m),
+        rng.uniform(*ranges.pitch_deg), rng.uniform(*ranges.roll_deg), rng.uniform(0.0, 360.0),
+    )  # fmt: skip
+
+
+def random_view(rng: np.random.Generator, settings: CameraSettings, scene: Scene) -> View:
+    """Stand somewhere in the middle of the scene, clear of stems, and look anywhere."""
+    feet = np.array([tree.position_m[:2] for tree in scene.near_trees]).reshape(-1, 2)
+    place = np.zeros(2)
+    for _ in range(_TRIES):
+        distance, angle = VIEW_RADIUS_M * np.sqrt(rng.random()), rng.uniform(0, 2 * np.pi)
+        place = distance * np.array([np.cos(angle), np.sin(angle)])
+        if not len(feet) or np.hypot(*(feet - place).T).min() > _STEM_CLEARANCE_M:
+            break
+    pose = _random_pose(rng, settings)
+    height = float(scene.terrain.height_m(*place)) + pose.height_m
+    return look_from(settings.intrinsics, np.array([*place, height]), pose)
+
+
+def visible_faces(mesh: SceneMesh, view: View) -> NDArray[np.int64]:
+    """Numbers of the faces of all instances whose bounding sphere meets the view, nearest first."""
+    local = view.to_camera(mesh.instance_centre)
+    radius = mesh.instance_radius
+    inside = local[:, 2] > -radius
+    left, right, top, bottom = view.ray_bounds
+    for axis, low, high in ((0, left, right), (1, top, bottom)):
+        inside &= low * local[:, 2] - local[:, axis] < radius * np.hypot(1.0, low)
+        inside &= local[:, axis] - high * local[:, 2] < radius * np.hypot(1.0, high)
+    chosen = np.nonzero(inside)[0]
+    nearness = np.linalg.norm(local[chosen], axis=1) - radius[chosen]
+    chosen = chosen[np.argsort(nearness, kind="stable")]
+    start = mesh.instance_start[chosen]
+    count = mesh.instance_start[chosen + 1] - start
+    shift = np.repeat(start - np.concatenate([[0], np.cumsum(count)[:-1]]), count)
+    return np.asarray(np.arange(count.sum()) + shift)

@@ -1,0 +1,1 @@
+"""What stands where, under which sky: the description that knows no mesh and no renderer."""

@@ -1,0 +1,170 @@
+"""The scene's description: what stands where, under which sky. It knows no mesh and no renderer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perceptree.simulator.scene.conditions import Light, Weather, make_light, make_weather
+from perceptree.simulator.scene.models import MODELS, TreeModel
+from perceptree.simulator.scene.scatter import Placement, roots_at, scatter
+from perceptree.simulator.scene.stand import stem_positions
+from perceptree.simulator.scene.stem import Stem, random_stem
+from perceptree.simulator.scene.terrain import Terrain, make_terrain
+from perceptree.simulator.settings import (
+    GROUNDS,
+    PATTERNS,
+    SPECIES,
+    LabelSettings,
+    SimulatorSettings,
+    StandSettings,
+)
+
+Float = NDArray[np.floating[Any]]
+
+NEAR_M = 18.0
+_LEAFLESS_SNOW = 0.25
+
+
+@dataclass(frozen=True)
+class Tree:
+    """One tree: its stem, where it stands, its labels' heights and how it looks.
+
+    ``position_m`` (3,) is the foot of the axis on the ground; the heights are along the stem's
+    local z, above that foot. ``cut_height_m`` and ``diameter_height_m`` are above the ground on
+    the uphill side, ``uphill_m`` how much higher that is than the foot. Only ``near`` trees are
+    drawn in full and can be labelled. ``crown`` in [0, 1) picks the crown's variant.
+    """
+
+    stem: Stem
+    position_m: Float
+    uphill_m: float
+    cut_height_m: float
+    diameter_height_m: float
+    top_z_m: float
+    near: bool
+    crown: float
+    turn_rad: float
+    tint: float
+
+    @property
+    def cut_z_m(self) -> float:
+        """Height of the felling cut above the foot."""
+        return self.uphill_m + self.cut_height_m
+
+    @property
+    def diameter_z_m(self) -> float:
+        """Height of the diameter keypoints above the foot."""
+        return self.uphill_m + self.diameter_height_m
+
+    def point(self, height_m: float) -> Float:
+        """(3,) world point of the axis at a height above the foot."""
+        return np.asarray(self.position_m + self.stem.axis(np.array(height_m)))
+
+    def ring(self, height_m: float, sides: int = 96) -> Float:
+        """(sides, 3) world points of the bark around the axis at a height above the foot."""
+        return np.asarray(self.position_m + self.stem.rings(np.array([height_m]), sides)[0, :-1])
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Everything that stands and lies in one scene, and its weather and light.
+
+    World axes: x east, y north, z up, metres. ``trees`` are all of the stand, near ones first:
+    tree n of the near ones has the number n + 1 in label images.
+    """
+
+    seed: int
+    terrain: Terrain
+    stems_per_ha: float
+    pattern: str
+    trees: list[Tree]
+    undergrowth: list[Placement]
+    leaves: bool
+    weather: Weather
+    light: Light
+
+    @property
+    def near_trees(self) -> list[Tree]:
+        """The trees that can be labelled, in the order of their numbers."""
+        return [tree for tree in self.trees if tree.near]
+
+
+def describe_scene(settings: SimulatorSettings, seed: int) -> Scene:
+    """Draw the forest of one seed: ground, stand, undergrowth, weather and light."""
+    rng = np.random.default_rng([seed, 1])
+    stand = settings.stand
+    terrain = make_terrain(rng, settings.terrain)
+    weights = np.array([stand.patterns.get(name, 0.0) for name in PATTERNS])
+    pattern = PATTERNS[rng.choice(len(PATTERNS), p=weights / weights.sum())]
+    stems_per_ha = float(rng.uniform(*stand.stems_per_ha))
+    feet = stem_positions(rng, stand, terrain, stems_per_ha, pattern)
+    feet = feet[np.argsort(np.hypot(*feet.T), kind="stable")]
+    trees = _grow(rng, settings, terrain, feet)
+    undergrowth = scatter(rng, settings.undergrowth, terrain, feet)
+    near = feet[np.hypot(*feet.T) < NEAR_M]
+    rooted = rng.random(len(near)) < terrain.cover[GROUNDS.index("roots")]
+    undergrowth.append(roots_at(rng, terrain, near[rooted]))
+    weather = make_weather(rng, settings.weather)
+    light = make_light(rng, settings.light, weather)
+    return Scene(
+        seed, terrain, stems_per_ha, pattern, trees, undergrowth, weather.snow < _LEAFLESS_SNOW,
+        weather, light,
+    )  # fmt: skip
+
+
+def _grow(
+    rng: np.random.Generator, settings: SimulatorSettings, terrain: Terrain, feet: Float
+) -> list[Tree]:
+    stand = settings.stand
+    models, shares = _mixture(rng, stand)
+    median_m, lean_std_deg = rng.uniform(*stand.diameter_median_m), rng.uniform(*stand.lean_std_deg)
+    trees = []
+    for x, y in feet:
+        model = models[rng.choice(len(models), p=shares)]
+        diameter_m = _diameter_m(rng, stand, median_m)
+        stem = random_stem(
+            rng, model, diameter_m, lean_std_deg, stand.lean_max_deg, stand.fork_share
+        )
+        trees.append(_plant(rng, stem, float(x), float(y), terrain, settings.labels))
+    return trees
+
+
+def _mixture(rng: np.random.Generator, stand: StandSettings) -> tuple[list[TreeModel], Float]:
+    """The models of a scene and their shares: a few species, each in all its variants."""
+    weights = np.array([stand.species.get(name, 0.0) for name in SPECIES])
+    count = min(stand.species_per_scene, int((weights > 0).sum()))
+    chosen = rng.choice(len(SPECIES), count, replace=False, p=weights / weights.sum())
+    part = dict(zip(chosen.tolist(), rng.dirichlet(np.full(count, 1.2)), strict=True))
+    models = [model for model in MODELS if SPECIES.index(model.species) in part]
+    shares = np.array([part[SPECIES.index(model.species)] for model in models])
+    shares = shares * rng.uniform(0.2, 1.0, len(models))
+    return models, shares / shares.sum()
+
+
+def _diameter_m(rng: np.random.Generator, stand: StandSettings, median_m: float) -> float:
+    """A log-normal diameter, drawn again until it lies within the stand's bounds."""
+    for _ in range(30):
+        diameter_m = float(median_m * np.exp(rng.normal(0, stand.diameter_log_std)))
+        if stand.diameter_m[0] <= diameter_m <= stand.diameter_m[1]:
+            return diameter_m
+    return float(np.clip(diameter_m, *stand.diameter_m))
+
+
+def _plant(
+    rng: np.random.Generator, stem: Stem, x: float, y: float, terrain: Terrain,
+    labels: LabelSettings,
+) -> Tree:  # fmt: skip
+    """Set a stem on the ground, its label heights above the uphill side."""
+    foot = np.array([x, y, float(terrain.height_m(x, y))])
+    radius = 0.6 * stem.diameter_m
+    angle = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    around = terrain.height_m(x + radius * np.cos(angle), y + radius * np.sin(angle))
+    return Tree(
+        stem, foot, max(0.0, float(around.max()) - float(foot[2])), labels.cut_height_m,
+        labels.diameter_height_m, labels.stem_height_m, bool(np.hypot(x, y) < NEAR_M),
+        float(rng.random()), float(rng.uniform(0, 2 * np.pi)), float(rng.uniform(0.75, 1.15)),
+    )  # fmt: skip

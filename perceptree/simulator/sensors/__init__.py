@@ -1,0 +1,1 @@
+"""What the sensors make of a drawing: a colour image, a depth map, rain and flakes."""

@@ -1,0 +1,139 @@
+"""Rain and snowflakes in the air between the camera and the forest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from calib import CAMERA_UP, PinholeCamera, project_points
+from perceptree.simulator.sensors.kernels import draw_particles
+
+Float = NDArray[np.floating[Any]]
+
+_NEAREST_M = 0.4
+_FARTHEST_M = 15.0
+_DROPS = 16000
+_FLAKES = 18000
+_EXPOSURE_S = 1 / 90
+_FLAKE_EXPOSURE_S = 1 / 250
+_RAIN_OPACITY = 0.65
+_FLAKE_OPACITY = 0.95
+_WIND_M_PER_S = 2.5
+_APERTURE_M = 0.010
+_FOCUS_M = 5.0
+_LIGHT_PERCENTILE = 88.0
+
+
+@dataclass(frozen=True)
+class _Particles:
+    """``position_m`` (N, 3) in the camera's frame, velocity in m/s (N, 3), diameter (N,)."""
+
+    position_m: Float
+    velocity: Float
+    diameter_m: Float
+    exposure_s: float
+    opacity: float
+
+
+def _positions(rng: np.random.Generator, camera: PinholeCamera, count: int) -> Float:
+    """(N, 3) points in view, the farthest first.
+
+    Their number per cubic metre falls with distance, as the far ones melt into haze.
+    """
+    z = -np.sort(-np.sqrt(rng.uniform(_NEAREST_M**2, _FARTHEST_M**2, count)))
+    size, focal = (camera.width, camera.height), (camera.fx, camera.fy)
+    across_px = rng.uniform(-0.55, 0.55, (count, 2)) * size + np.subtract(size, 1) / 2
+    across = (across_px - (camera.cx, camera.cy)) / focal
+    return np.column_stack([across * z[:, None], z])
+
+
+def _wind(rng: np.random.Generator, up: Float) -> Float:
+    """(3,) a level wind in m/s."""
+    wind = rng.normal(0, _WIND_M_PER_S / np.sqrt(2), 3)
+    return np.asarray(wind - up * (wind @ up))
+
+
+def _rain(
+    rng: np.random.Generator, camera: PinholeCamera, strength: float, up: Float
+) -> _Particles:
+    """Drops of 1 to 3.5 mm, falling at Atlas's terminal speed 9.65 - 10.3 exp(-0.6 D / mm) m/s."""
+    position = _positions(rng, camera, round(_DROPS * strength))
+    diameter_mm = 1 + np.minimum(rng.exponential(0.3 + 0.4 * strength, len(position)), 2.5)
+    speed = 9.65 - 10.3 * np.exp(-0.6 * diameter_mm)
+    swirl = rng.normal(0, 0.25, (len(position), 3))
+    velocity = _wind(rng, up) + swirl - up * speed[:, None]
+    return _Particles(position, velocity, diameter_mm / 1000, _EXPOSURE_S, _RAIN_OPACITY)
+
+
+def _snow(
+    rng: np.random.Generator, camera: PinholeCamera, strength: float, up: Float
+) -> _Particles:
+    """Flakes of 3 to 17 mm that drift down at about 1 m/s and swirl."""
+    position = _positions(rng, camera, round(_FLAKES * strength))
+    diameter_mm = 3 + np.minimum(rng.exponential(2 + 2 * strength, len(position)), 14)
+    swirl = rng.normal(0, 0.3, (len(position), 3))
+    velocity = 0.5 * _wind(rng, up) + swirl - up * rng.uniform(0.7, 1.6, (len(position), 1))
+    return _Particles(
+        position, velocity, diameter_mm / 1000, _FLAKE_EXPOSURE_S, _FLAKE_OPACITY
+    )  # fmt: skip
+
+
+def _light(image: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """(3,) BGR grey levels of the scene's bright parts, nearly grey: what lights a particle."""
+    small = cv2.resize(image, (64, 36), interpolation=cv2.INTER_AREA).reshape(-1, 3)
+    bright = np.percentile(small, _LIGHT_PERCENTILE, axis=0)
+    grey = max(float(bright.mean()), 40.0)
+    return np.asarray(np.minimum(1.5 * (0.85 * grey + 0.15 * bright), 232.0), np.float32)
+
+
+def _draw(
+    image: NDArray[np.uint8],
+    depth_m: NDArray[np.float32],
+    camera: PinholeCamera,
+    particles: _Particles,
+) -> None:
+    """Draw the particles' paths during the exposure, out of focus near the lens.
+
+    A particle smaller than a pixel, or spread by defocus, is fainter in proportion.
+    """
+    z = particles.position_m[:, 2]
+    half_path = 0.5 * particles.exposure_s * particles.velocity
+    ends = np.stack([particles.position_m - half_path, particles.position_m + half_path], 1)
+    ends[..., 2] = np.maximum(ends[..., 2], 0.5 * _NEAREST_M)
+    sharp = 0.5 * camera.fx * particles.diameter_m / z
+    blurred = 0.5 * camera.fx * _APERTURE_M * np.abs(1 / z - 1 / _FOCUS_M)
+    soft = np.maximum(np.minimum(blurred, 10.0), 0.6)
+    radius = np.maximum(sharp, 0.35)
+    thin = np.minimum(sharp / radius, 1.0) * np.sqrt(np.minimum(2 * radius / soft, 1.0))
+    draw_particles(
+        image, depth_m, project_points(camera, ends).astype(np.float32), z.astype(np.float32),
+        radius.astype(np.float32), soft.astype(np.float32),
+        (particles.opacity * thin).astype(np.float32), _light(image),
+    )  # fmt: skip
+
+
+def draw_precipitation(
+    rng: np.random.Generator,
+    image: NDArray[np.uint8],
+    depth_m: NDArray[np.float32],
+    camera: PinholeCamera,
+    rain: float,
+    snowfall: float,
+    up: ArrayLike = CAMERA_UP,
+) -> NDArray[np.uint8]:
+    """A copy of ``image`` (H, W, 3) uint8 BGR with rain streaks and flakes in the air.
+
+    ``rain`` and ``snowfall`` are strengths from 0 to 1; ``depth_m`` (H, W) is exact, 0 on sky, and
+    hides what is behind it; ``up`` (3,) is the unit vector upwards in the camera's frame.
+    Particles lie between 0.4 and 15 m.
+    """
+    drawn, upwards = image.copy(), np.asarray(up, np.float64)
+    if rain > 0:
+        _draw(drawn, depth_m, camera, _rain(rng, camera, rain, upwards))
+    if snowfall > 0:
+        _draw(drawn, depth_m, camera, _snow(rng, camera, snowfall, upwards))
+    return drawn

@@ -1,0 +1,112 @@
+"""The colour sensor: from linear light to an 8-bit image with the faults of a real camera."""
+
+from __future__ import annotations
+
+from statistics import NormalDist
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from perceptree.simulator.sensors.kernels import develop, tone
+from perceptree.simulator.settings import RgbSettings
+
+Float = NDArray[np.floating[Any]]
+
+_MIDDLE_GREY = 0.22
+_CORNER_LOSS = 0.25
+_DUSK_EXPOSURE = 0.55
+_DUSK_NOISE = 3.0
+_READ_NOISE = 0.01
+_GAMMA = 2.2
+_LUT_SIZE = 4096
+_LEAST_BLUR_PX = 0.2
+_NORMALS = np.array(
+    [NormalDist().inv_cdf((i + 0.5) / 256) for i in range(256)], np.float32
+)  # fmt: skip
+
+
+def _filmic(light: Float) -> Float:
+    """Narkowicz's fit of the ACES film curve, as in the ``tone`` kernel."""
+    curve = light * (2.51 * light + 0.03) / (light * (2.43 * light + 0.59) + 0.14)
+    return np.minimum(curve, 1.0)
+
+
+def _response(noise: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Grey level and noise deviation, in levels, over the square root of the toned value.
+
+    The sensor's variance is shot noise, which grows with the light, plus read noise. Curve and
+    gamma carry it to the image, where it is strongest in dark tones and fades in highlights.
+    ``noise`` is the deviation at middle grey as a share of full scale.
+    """
+    light = np.linspace(0, 4, 40_001) ** 2
+    level = _filmic(light) ** (1 / _GAMMA)
+    deviation = np.gradient(level, light + 1e-9) * np.sqrt(light + _READ_NOISE)
+    deviation *= noise / np.interp(_MIDDLE_GREY, light, deviation)
+    toned = np.linspace(0, 1, _LUT_SIZE) ** 2
+    levels = toned ** (1 / _GAMMA)
+    darkest = 2.0 * noise
+    deviations = np.interp(levels, level, np.minimum(deviation, darkest))
+    return (levels * 255 + 0.5).astype(np.float32), (deviations * 255).astype(np.float32)
+
+
+def _blur(
+    rng: np.random.Generator, settings: RgbSettings, toned: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """The lens's blur, and in some frames that of a motion in a random direction."""
+    sigma = rng.uniform(*settings.blur_px)
+    length, angle = rng.uniform(*settings.motion_px), rng.uniform(0, np.pi)
+    moved = rng.random() < settings.motion_share
+    if sigma > _LEAST_BLUR_PX:
+        toned = np.asarray(cv2.GaussianBlur(toned, (0, 0), sigma), np.float32)
+    if moved and length > _LEAST_BLUR_PX:
+        toned = np.asarray(cv2.filter2D(toned, -1, _motion_kernel(length, angle)), np.float32)
+    return toned
+
+
+def _motion_kernel(length_px: float, angle_rad: float) -> NDArray[np.float32]:
+    """Weights (K, K) of a straight motion of ``length_px`` through the middle."""
+    half = int(np.ceil(length_px / 2)) + 1
+    kernel = np.zeros((2 * half + 1, 2 * half + 1), np.float32)
+    along = np.linspace(-length_px / 2, length_px / 2, 8 * half + 1)
+    x, y = half + along * np.cos(angle_rad), half + along * np.sin(angle_rad)
+    left, top = np.floor(x).astype(int), np.floor(y).astype(int)
+    for right in (0, 1):
+        for below in (0, 1):
+            weight = np.abs(1 - right - (x - left)) * np.abs(1 - below - (y - top))
+            np.add.at(kernel, (top + below, left + right), weight.astype(np.float32))
+    return np.asarray(kernel / kernel.sum(), np.float32)
+
+
+def expose(
+    rng: np.random.Generator,
+    settings: RgbSettings,
+    samples: NDArray[np.float32],
+    log_luminance: float,
+    darkness: float = 0.0,
+) -> NDArray[np.uint8]:
+    """An (H, W, 3) uint8 BGR image of (2H, 2W, 3) float32 linear RGB ``samples``.
+
+    The exposure is metered on ``log_luminance``, the samples' mean log luminance, and falls to
+    55 % while the noise triples as ``darkness`` goes from 0 (day) to 1 (dusk). Each sample passes
+    the filmic curve before those of a pixel are blended.
+    """
+    height, width = samples.shape[0] // 2, samples.shape[1] // 2
+    exposure = rng.uniform(*settings.exposure) * (1 - (1 - _DUSK_EXPOSURE) * darkness)
+    gain = exposure * _MIDDLE_GREY / np.exp(log_luminance)
+    red, blue = 1 + rng.uniform(*settings.white_balance, 2)
+    noise = rng.uniform(*settings.noise) * (1 + (_DUSK_NOISE - 1) * darkness)
+
+    off_x, off_y = (
+        (_CORNER_LOSS * 2 * ((np.arange(n) + 0.5) / n - 0.5) ** 2).astype(np.float32)
+        for n in (width, height)
+    )
+    toned = np.empty((height, width, 3), np.float32)
+    tone(samples, (gain * np.array([red, 1, blue])).astype(np.float32), off_x, off_y, toned)
+    toned = np.clip(_blur(rng, settings, toned), 0, 1)
+    grain = rng.integers(0, 256, (height + 1, width + 1), np.uint8)
+    colour_grain = rng.integers(0, 256, (height // 2 + 1, width // 2 + 1, 2), np.uint8)
+    image = np.empty((height, width, 3), np.uint8)
+    develop(toned, *_response(noise), _NORMALS, grain, colour_grain, image)
+    return image

@@ -1,0 +1,38 @@
+"""Noise that neighbouring pixels share."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+
+def smooth_noise(
+    rng: np.random.Generator, shape: tuple[int, ...], sigma_px: float
+) -> NDArray[np.float32]:
+    """(H, W) float32 Gaussian noise of unit variance, white noise blurred by ``sigma_px``.
+
+    Its autocorrelation is a Gaussian of sqrt(2) sigma_px. Wide noise is drawn on a coarser grid
+    and grown linearly; the variance lost in both steps is put back.
+    """
+    cell = max(1, int(sigma_px))
+    sigma = sigma_px / cell
+    rows, columns = (n // cell + 2 for n in shape)
+    size = int(np.ceil(sigma * 4)) * 2 + 1
+    coarse = rng.standard_normal((rows, columns), np.float32)
+    coarse = np.asarray(cv2.GaussianBlur(coarse, (size, size), sigma), np.float32)
+    coarse *= np.float32(1 / _variance_left(sigma, size, cell))
+    if cell > 1:
+        whole = (columns * cell, rows * cell)
+        coarse = np.asarray(cv2.resize(coarse, whole, interpolation=cv2.INTER_LINEAR), np.float32)
+    return np.ascontiguousarray(coarse[: shape[0], : shape[1]])
+
+
+def _variance_left(sigma: float, size: int, cell: int) -> float:
+    """The share of white noise's variance along one axis left by a blur and linear growth."""
+    weights = cv2.getGaussianKernel(size, sigma, cv2.CV_64F).ravel()
+    alone, beside = weights @ weights, weights[1:] @ weights[:-1]
+    if cell == 1:
+        return float(alone)
+    t = (np.arange(cell) + 0.5) / cell
+    return float(np.mean(((1 - t) ** 2 + t**2) * alone + 2 * t * (1 - t) * beside))

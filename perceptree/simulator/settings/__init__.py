@@ -1,0 +1,47 @@
+"""What a simulated dataset varies: one frozen dataclass per concern."""
+
+from perceptree.simulator.settings.atmosphere import (
+    TIMES,
+    WEATHERS,
+    LightSettings,
+    WeatherSettings,
+)
+from perceptree.simulator.settings.forest import (
+    GROUNDS,
+    PATTERNS,
+    SPECIES,
+    StandSettings,
+    TerrainSettings,
+    UndergrowthSettings,
+)
+from perceptree.simulator.settings.sensors import (
+    DEPTH_KINDS,
+    CameraSettings,
+    DepthSettings,
+    PoseSettings,
+    RgbSettings,
+    ideal_camera,
+)
+from perceptree.simulator.settings.tree import LabelSettings, SimulatorSettings, SplitSettings
+
+__all__ = [
+    "DEPTH_KINDS",
+    "GROUNDS",
+    "PATTERNS",
+    "SPECIES",
+    "TIMES",
+    "WEATHERS",
+    "CameraSettings",
+    "DepthSettings",
+    "LabelSettings",
+    "LightSettings",
+    "PoseSettings",
+    "RgbSettings",
+    "SimulatorSettings",
+    "SplitSettings",
+    "StandSettings",
+    "TerrainSettings",
+    "UndergrowthSettings",
+    "WeatherSettings",
+    "ideal_camera",
+]

@@ -1,0 +1,60 @@
+"""Fake frames, for tests of datasets that need no forest."""
+
+import contextlib
+import importlib.util
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from perceptree.simulator.dataset import generate
+from perceptree.simulator.dataset.generate import generate_dataset
+
+
+def _load() -> ModuleType:
+    spec = importlib.util.spec_from_file_location(
+        "fake_synth", Path(__file__).with_name("fake_synth.py")
+    )
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="session")
+def synth() -> ModuleType:
+    """The module ``fake_synth``."""
+    return _load()
+
+
+@contextlib.contextmanager
+def _faked(synth: ModuleType) -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(sys.modules, synth.fake.__name__, synth.fake)
+        patch.setattr(generate, "draw_scenes", synth.draw_here)
+        yield
+
+
+@pytest.fixture
+def in_process(synth: ModuleType) -> Iterator[None]:
+    """Fake frames, drawn one after the other without other processes."""
+    with _faked(synth):
+        yield
+
+
+@pytest.fixture(scope="session")
+def fake_dataset(
+    synth: ModuleType, tmp_path_factory: pytest.TempPathFactory
+) -> Callable[[int], Path]:
+    """Makes a dataset of so many fake frames with the seed 3, two a scene."""
+
+    def make(frames: int) -> Path:
+        directory = tmp_path_factory.mktemp("forest")
+        with _faked(synth):
+            generate_dataset(directory, frames, synth.small_settings(), 3)
+        return directory
+
+    return make

@@ -1,0 +1,193 @@
+"""``perceptree synth`` and ``scene``: options, what is told, and exit codes."""
+
+import json
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+import calib
+from perceptree.cli import main
+from perceptree.commands import synth as command
+from perceptree.simulator.dataset import frozen
+from perceptree.simulator.dataset.frozen import describe_dataset
+from perceptree.simulator.settings import presets
+
+Result = tuple[int, str, str]
+Call = Callable[..., Result]
+SMALL = ("--width", 128, "--height", 72, "--views", 2)
+
+
+@pytest.fixture
+def call(
+    in_process: None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Call:
+    """Runs ``perceptree ARGUMENTS`` with fake frames: exit code, stdout, stderr."""
+
+    def run(*arguments: object) -> Result:
+        monkeypatch.setattr(sys, "argv", ["perceptree", *map(str, arguments)])
+        with pytest.raises(SystemExit) as caught:
+            main()
+        assert isinstance(caught.value.code, int)
+        return caught.value.code, *capsys.readouterr()
+
+    return run
+
+
+@pytest.fixture
+def small_test_preset(synth: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A test preset of eight small frames."""
+    preset = presets.PRESETS["test"]
+    settings = replace(synth.small_settings(), splits=preset.settings.splits)
+    small = replace(preset, settings=settings, frames=8)
+    monkeypatch.setitem(presets.PRESETS, "test", small)
+
+
+def settings_of(out: Path) -> dict:
+    return json.loads((out / "settings.json").read_text())
+
+
+def test_it_says_what_was_made_where_to_look_and_what_to_type_next(call: Call, tmp_path: Path):
+    out = tmp_path / "forest"
+    code, printed, told = call("synth", "--out", out, "--frames", 8, *SMALL)
+    assert (code, told) == (0, "")
+    lines = printed.splitlines()
+    assert lines[:3] == ["train: 4 frames, 6 trees", "val: 2 frames, 3 trees",
+                         "test: 2 frames, 3 trees"]  # fmt: skip
+    assert f"{out}/contact_sheet.jpg" in printed
+    assert f"{out}/statistics.html" in printed
+    assert lines[-1] == f"next: perceptree train {out} --out runs/depth --modality depth"
+
+
+def test_json_is_one_object(call: Call, tmp_path: Path):
+    code, printed, told = call("synth", "--out", tmp_path, "--frames", 8, *SMALL, "--json")
+    assert (code, told) == (0, "")
+    assert json.loads(printed) == {
+        "directory": str(tmp_path),
+        "frames": {"train": 4, "val": 2, "test": 2},
+        "trees": {"train": 6, "val": 3, "test": 3},
+    }
+
+
+def test_a_camera_file_and_a_reach_are_taken_over(call: Call, tmp_path: Path):
+    camera = calib.PinholeCamera(128, 72, 80.0, 81.0, 60.0, 30.0, (0.1, -0.02, 0.0, 0.0))
+    calib.save_camera(tmp_path / "camera.json", camera)
+    options = ("--camera", tmp_path / "camera.json", "--reach", 6.5, "--views", 2)
+    code, _, _ = call("synth", "--out", tmp_path / "out", "--frames", 6, *options)
+    assert code == 0
+    settings = settings_of(tmp_path / "out")["settings"]
+    assert settings["camera"]["intrinsics"]["fy"] == 81.0
+    assert settings["labels"]["reach_m"] == 6.5
+    images = json.loads((tmp_path / "out/train_RGB.json").read_text())["images"]
+    assert images[0]["camera"] == camera.to_dict()
+
+
+def test_images_are_png_where_that_is_asked_for(call: Call, tmp_path: Path):
+    code, _, _ = call("synth", "--out", tmp_path, "--frames", 6, *SMALL, "--image-format", "png")
+    assert code == 0
+    assert settings_of(tmp_path)["files"] == {"image_format": "png"}
+    assert (tmp_path / "images/000000.png").is_file()
+
+
+def test_a_preset_brings_its_seed_and_settings(call: Call, tmp_path: Path):
+    code, _, _ = call("synth", "--out", tmp_path, "--preset", "plain", "--frames", 6, *SMALL)
+    assert code == 0
+    kept = settings_of(tmp_path)
+    assert kept["seed"] == presets.PRESETS["plain"].seed
+    assert kept["settings"]["weather"]["kinds"] == {"clear": 1.0}
+    assert kept["settings"]["camera"]["intrinsics"]["width"] == 128
+
+
+def test_the_test_preset_is_held_against_the_frozen_set(
+    call: Call, tmp_path: Path, small_test_preset: None, monkeypatch
+):
+    monkeypatch.setattr(frozen, "read_frozen", lambda: describe_dataset(tmp_path))
+    code, printed, _ = call("synth", "--out", tmp_path, "--preset", "test")
+    assert code == 0
+    assert "equals the frozen test set, all 33 files" in printed
+    same = describe_dataset(tmp_path)
+    other = replace(same, content_sha256="0", files={**same.files, "images": "0" * 64})
+    monkeypatch.setattr(frozen, "read_frozen", lambda: other)
+    code, printed, _ = call("synth", "--out", tmp_path, "--preset", "test")
+    assert code == 0
+    assert "8 of 33 files differ from the frozen test set: other library versions" in printed
+    assert "its labels are the same within 1 %" in printed
+
+
+def test_labels_that_differ_from_the_frozen_ones_exit_with_one(
+    call: Call, tmp_path: Path, small_test_preset: None, monkeypatch
+):
+    call("synth", "--out", tmp_path, "--preset", "test")
+    kept = describe_dataset(tmp_path)
+    files = {**kept.files, "test_RGB.json": "0" * 8}
+    other = replace(kept, content_sha256="0", files=files, trees_per_frame=3.8)
+    monkeypatch.setattr(frozen, "read_frozen", lambda: other)
+    code, printed, told = call("synth", "--out", tmp_path, "--preset", "test", "--json")
+    assert (code, told) == (1, "")
+    assert json.loads(printed)["frozen"]["complaints"] == [
+        "1.500 trees a frame, expected 3.800"
+    ]  # fmt: skip
+    code, printed, _ = call("synth", "--out", tmp_path, "--preset", "test")
+    assert code == 1
+    assert "its labels differ: 1.500 trees a frame, expected 3.800" in printed
+
+
+MISTAKES = {
+    "preset": (("--preset", "x"), "--preset is 'x': expected one of paper (the paper's mix"),
+    "frozen": (("--preset", "test", "--frames", 20), "--preset test is frozen: expected no option"),
+    "format": (("--image-format", "bmp"), "image_format is 'bmp': expected one of jpg, png"),
+    "reach": (("--reach", 60), "reach_m is 60: expected 1 to 40"),
+    "views": (("--views", 0), "views_per_scene is 0: expected 1 to 1000"),
+    "width": (("--width", 33), "camera width is 33: expected an even number >= 64"),
+    "workers": (("--workers", 0), "workers is 0: expected 1 to 1024"),
+    "seed": (("--seed", -2), "seed is -2: expected 0 to 999999"),
+    "camera": (("--camera", "none.json"), "none.json: no such file, expected a camera as JSON"),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_is_one_line_and_exit_code_two(call: Call, tmp_path: Path, mistake: str):
+    arguments, expected = MISTAKES[mistake]
+    code, printed, told = call("synth", "--out", tmp_path / "out", *arguments)
+    assert (code, printed) == (2, "")
+    assert told.count("\n") == 1
+    assert expected in told
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_bar_tells_rate_and_time_left_of_this_run_alone(monkeypatch: pytest.MonkeyPatch):
+    class Bar:
+        pos, current_item = 0, None
+
+        def update(self, steps: int) -> None:
+            self.pos += steps
+
+    now_s = iter([100.0, 100.0, 160.0, 220.0])
+    monkeypatch.setattr(command.time, "monotonic", lambda: next(now_s))
+    bar = Bar()
+    progress = command._Progress(bar)
+    progress(500, 1000)
+    assert (bar.pos, bar.current_item) == (500, "")
+    progress(600, 1000)
+    assert (bar.pos, bar.current_item) == (600, "100 frames/min, 4 min left")
+    progress(620, 1000)
+    assert bar.current_item == "60 frames/min, 6 min left"
+
+
+SCENE_MISTAKES = {
+    "ending": (("--out", "scene.obj"), "--out is scene.obj: expected a name that ends in .glb"),
+    "seed": (("--out", "scene.glb", "--seed", -1), "--seed is -1: expected at least 0"),
+    "preset": (("--out", "scene.glb", "--preset", "x"), "--preset is 'x'"),
+}
+
+
+@pytest.mark.parametrize("mistake", SCENE_MISTAKES)
+def test_a_mistake_with_a_scene_is_one_line(call: Call, mistake: str):
+    arguments, expected = SCENE_MISTAKES[mistake]
+    code, printed, told = call("scene", *arguments)
+    assert (code, printed) == (2, "")
+    assert told.count("\n") == 1
+    assert expected in told
