@@ -12,6 +12,7 @@ import argparse
 import json
 import os
 import platform
+import sys
 import threading
 import time
 from pathlib import Path
@@ -100,7 +101,7 @@ def main() -> None:
                          "all": round(sum(size.values()), 1)},
         "trees_per_frame": round(sum(report.trees.values()) / frames, 3),
     }  # fmt: skip
-    print(json.dumps(result, indent=1))
+    sys.stdout.write(json.dumps(result, indent=1) + "\n")
     if options.result:
         options.result.write_text(json.dumps(result, indent=1) + "\n")
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from perceptree.commands.synth import changed_settings, chosen_preset
+from perceptree.commands.synth import chosen_preset
 from perceptree.errors import SettingsError
 
 
@@ -25,8 +25,7 @@ def scene(
         raise SettingsError(f"--out is {out}: expected a name that ends in .glb")
     if seed < 0:
         raise SettingsError(f"--seed is {seed}: expected at least 0")
-    start = chosen_preset(preset)
-    settings = changed_settings(start.settings if start else None)
+    settings = chosen_preset(preset).settings
 
     from perceptree.simulator.geometry.export import export_scene
 

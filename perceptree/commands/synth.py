@@ -50,53 +50,58 @@ def synth(
     """Simulate forest frames: colour, depth, masks, boxes, keypoints and true metres."""
     from perceptree.simulator.dataset.frozen import FROZEN_PRESET
     from perceptree.simulator.dataset.generate import generate_dataset
-    from perceptree.simulator.settings.files import FileSettings
 
-    changes = (frames, seed, width, height, camera, views, reach, image_format)
-    if preset == FROZEN_PRESET and any(change is not None for change in changes):
+    if preset == FROZEN_PRESET:
+        _refuse_changes(frames, seed, width, height, camera, views, reach, image_format)
+    start = chosen_preset(preset)
+    settings = changed_settings(start.settings, camera, (width, height), views, reach)
+    count = start.frames if frames is None else frames
+    files = start.files
+    if image_format is not None:
+        files = dataclasses.replace(files, image_format=image_format)
+    with typer.progressbar(
+        length=count, label=_LABEL, file=sys.stderr, hidden=as_json or not sys.stderr.isatty(),
+        show_eta=False, show_pos=True, item_show_func=lambda text: text,
+    ) as bar:  # fmt: skip
+        chosen = start.seed if seed is None else seed
+        report = generate_dataset(out, count, settings, chosen, workers, _Progress(bar), files)
+    _tell(report, as_json, preset == FROZEN_PRESET)
+
+
+def _refuse_changes(*options: object) -> None:
+    from perceptree.simulator.dataset.frozen import FROZEN_PRESET
+
+    if any(option is not None for option in options):
         raise SettingsError(
             f"--preset {FROZEN_PRESET} is frozen: expected no option beside --out, --workers and"
             " --json; the same mix with others is --preset paper"
         )
-    start = chosen_preset(preset)
-    settings = start.settings if start else None
-    settings = changed_settings(settings, camera, (width, height), views, reach)
-    count = frames if frames is not None else start.frames if start else 400
-    chosen_seed = seed if seed is not None else start.seed if start else 0
-    files = start.files if start else FileSettings()
-    if image_format is not None:
-        files = FileSettings(image_format)
-    shown = sys.stderr.isatty() and not as_json
-    with typer.progressbar(
-        length=count, label=_LABEL, file=sys.stderr, hidden=not shown, show_eta=False,
-        show_pos=True, item_show_func=lambda text: text,
-    ) as bar:  # fmt: skip
-        report = generate_dataset(out, count, settings, chosen_seed, workers, _Progress(bar), files)
-    _tell(report, as_json, frozen=preset == FROZEN_PRESET)
 
 
-def chosen_preset(name: str | None) -> Preset | None:
-    """The preset of a name; raises SettingsError for a name that none has."""
-    from perceptree.simulator.settings.presets import PRESETS
+def chosen_preset(name: str | None) -> Preset:
+    """The preset of a name, the default settings for None; SettingsError for a name none has."""
+    from perceptree.simulator.settings import SimulatorSettings
+    from perceptree.simulator.settings.presets import PRESETS, Preset
 
-    if name is not None and name not in PRESETS:
+    if name is None:
+        return Preset("default", SimulatorSettings(), 0, 400, "what options say")
+    if name not in PRESETS:
         known = "; ".join(f"{p.name} ({p.description})" for p in PRESETS.values())
         raise SettingsError(f"--preset is {name!r}: expected one of {known}")
-    return PRESETS[name] if name is not None else None
+    return PRESETS[name]
 
 
 def changed_settings(
-    settings: SimulatorSettings | None,
+    settings: SimulatorSettings,
     camera: Path | None = None,
     size: tuple[int | None, int | None] = (None, None),
     views: int | None = None,
     reach: float | None = None,
 ) -> SimulatorSettings:
-    """Settings, the default ones if None, with what the options say."""
+    """Settings with what the options say."""
     import calib
-    from perceptree.simulator.settings import SimulatorSettings, ideal_camera
+    from perceptree.simulator.settings import ideal_camera
 
-    settings = settings or SimulatorSettings()
     intrinsics = settings.camera.intrinsics
     if camera is not None:
         intrinsics = calib.load_camera(camera)

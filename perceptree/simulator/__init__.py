@@ -1,8 +1,6 @@
 """The forest simulator: labelled colour and depth frames from a seed and settings."""
 
-from perceptree.simulator.dataset.frames import Assets, make_assets, simulate_frames
 from perceptree.simulator.dataset.generate import SynthReport, generate_dataset
-from perceptree.simulator.labelling.frame import Frame
 from perceptree.simulator.settings import (
     CameraSettings,
     DepthSettings,
@@ -22,10 +20,8 @@ from perceptree.simulator.settings.presets import PRESETS, Preset
 
 __all__ = [
     "PRESETS",
-    "Assets",
     "CameraSettings",
     "DepthSettings",
-    "Frame",
     "LabelSettings",
     "LightSettings",
     "PoseSettings",
@@ -40,6 +36,4 @@ __all__ = [
     "WeatherSettings",
     "generate_dataset",
     "ideal_camera",
-    "make_assets",
-    "simulate_frames",
 ]

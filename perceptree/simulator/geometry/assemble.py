@@ -111,8 +111,7 @@ def assemble(scene: Scene, prototypes: Prototypes) -> SceneMesh:
 def _add_tree(
     assembly: _Assembly, tree: Tree, prototypes: Prototypes, leaves: bool, number: int
 ) -> None:
-    heights_m = (tree.cut_z_m, tree.diameter_z_m, tree.top_z_m)
-    bark = stem_mesh(tree.stem, heights_m, tree.near)
+    bark = stem_mesh(tree.stem, tree.label_heights_m, tree.near)
     assembly.place(bark, tree.position_m, tree.tint, number)
     crowns = prototypes.crowns_of(tree.stem.model, tree.near, leaves)
     crown = crowns[int(tree.crown * len(crowns))]

@@ -27,12 +27,17 @@ def stem_mesh(stem: Stem, label_heights_m: tuple[float, ...], near: bool) -> Mes
     if not near:
         levels = _FOOT_M + (stem.height_m - _FOOT_M) * np.linspace(0, 1, 6) ** 1.5
         return merge([_bark(stem, levels, _FAR_SIDES, False), *_fork(stem, (), 5, _FAR_SIDES)])
-    top_m = min(label_heights_m[-1], 0.98 * stem.height_m)
-    lower = _FOOT_M + (top_m - _FOOT_M) * np.linspace(0, 1, 21) ** 1.6
-    lower = np.unique([*lower, *(height for height in label_heights_m if height <= top_m)])
-    upper = top_m + (stem.height_m - top_m) * np.linspace(0, 1, 9)
+    lower = lower_levels_m(stem, label_heights_m)
+    upper = lower[-1] + (stem.height_m - lower[-1]) * np.linspace(0, 1, 9)
     parts = [_bark(stem, lower, STEM_SIDES, True), _bark(stem, upper, _UPPER_SIDES, False)]
     return merge(parts + _fork(stem, label_heights_m[-1:], 10, 20))
+
+
+def lower_levels_m(stem: Stem, label_heights_m: tuple[float, ...]) -> Float:
+    """Heights above the foot of a near stem's rings, up to the last of ``label_heights_m``."""
+    top_m = min(label_heights_m[-1], 0.98 * stem.height_m)
+    levels = _FOOT_M + (top_m - _FOOT_M) * np.linspace(0, 1, 21) ** 1.6
+    return np.unique([*levels, *(height for height in label_heights_m if height <= top_m)])
 
 
 def _bark(stem: Stem, height_m: Float, sides: int, labelled: bool) -> Mesh:

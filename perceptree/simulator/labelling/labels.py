@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from perceptree.simulator.labelling.silhouette import CLOSEST_M, covered_px, outline_points
 from perceptree.simulator.rendering.render import Drawing
 from perceptree.simulator.rendering.view import View
 from perceptree.simulator.scene.description import Tree
@@ -19,8 +20,6 @@ from perceptree.simulator.vectors import unit
 Float = NDArray[np.floating[Any]]
 
 VISIBLE, HIDDEN, OUTSIDE = 2, 1, 0
-_CLOSEST_M = 0.1
-_SUBPIXEL_BITS = 4
 
 
 @dataclass(frozen=True)
@@ -56,14 +55,13 @@ def label_view(
 ) -> list[TreeLabel]:
     """Label every tree within reach that shows enough of its lower stem."""
     pixels = np.bincount(drawing.object_id.ravel(), minlength=len(trees) + 1)
-    least = settings.min_visible_area * drawing.object_id.size
+    least = max(1.0, settings.min_visible_area * drawing.object_id.size)
     labels = []
     for number, tree in enumerate(trees, start=1):
         distance_m = float(np.linalg.norm(tree.point(tree.cut_z_m) - view.origin))
         if pixels[number] < least or distance_m > settings.reach_m:
             continue
-        silhouette = _silhouette_area_px(view, tree)
-        fraction = min(1.0, pixels[number] / max(silhouette, 1))
+        fraction = min(1.0, pixels[number] / max(covered_px(view, tree), 1))
         if fraction >= settings.min_visible_fraction:
             mask = drawing.object_id == number
             labels.append(_label(view, tree, mask, distance_m, float(fraction)))
@@ -89,10 +87,10 @@ def _label(
 def _keypoints(view: View, tree: Tree, mask: NDArray[np.bool_]) -> Float:
     axis_top = tree.point(tree.top_z_m / 2)
     axis_middle = tree.point((tree.cut_z_m + tree.top_z_m / 2) / 2)
-    left, right = _tangent_points(view, tree, tree.diameter_z_m)
+    left, right = outline_points(view, tree, tree.diameter_z_m)
     points = np.stack([_front_point(view, tree, tree.cut_z_m), left, right, axis_middle, axis_top])
     keypoints = np.zeros((5, 3))
-    in_front = view.to_camera(points)[:, 2] > _CLOSEST_M
+    in_front = view.to_camera(points)[:, 2] > CLOSEST_M
     keypoints[in_front, :2] = view.project(points[in_front])
     height, width = mask.shape
     near = cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8))
@@ -109,35 +107,3 @@ def _front_point(view: View, tree: Tree, height_m: float) -> Float:
     ring = tree.ring(height_m)
     towards = view.origin - tree.point(height_m)
     return np.asarray(ring[np.argmax((ring - ring.mean(0)) @ towards)])
-
-
-def _tangent_points(view: View, tree: Tree, height_m: float) -> tuple[Float, Float]:
-    """World points where the camera's rays graze the section, left and right as seen.
-
-    A ray grazes a cylinder where it is tangent to the section once both are projected onto the
-    section's plane: the largest and the smallest bearing from the camera's foot in that plane.
-    """
-    ring = tree.ring(height_m, 720)
-    centre, axis = tree.point(height_m), tree.stem.direction(height_m)
-    forward: Float = centre - view.origin
-    forward = unit(forward - (forward @ axis) * axis)
-    side = np.cross(forward, axis)
-    offset = ring - view.origin
-    bearing = np.arctan2(offset @ side, offset @ forward)
-    return ring[np.argmin(bearing)], ring[np.argmax(bearing)]
-
-
-def _silhouette_area_px(view: View, tree: Tree) -> int:
-    """Pixels of the frame that the lower stem would cover with nothing before it."""
-    camera = view.intrinsics
-    heights = np.linspace(0.0, tree.top_z_m, 25)
-    rings = tree.position_m + tree.stem.rings(heights, 32)[:, :-1]
-    depth = view.to_camera(rings)[..., 2].min(1)
-    canvas = np.zeros((camera.height, camera.width), np.uint8)
-    for low in range(len(heights) - 1):
-        if depth[low : low + 2].min() < _CLOSEST_M:
-            continue
-        corners = view.project(rings[low : low + 2].reshape(-1, 3)) - 0.5
-        fixed = np.round(corners * 2**_SUBPIXEL_BITS).clip(-(2**30), 2**30).astype(np.int32)
-        cv2.fillConvexPoly(canvas, cv2.convexHull(fixed), 1, cv2.LINE_8, _SUBPIXEL_BITS)
-    return int(canvas.sum())

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from perceptree.simulator.geometry.stems import STEM_SIDES, lower_levels_m
 from perceptree.simulator.rendering.view import View
 from perceptree.simulator.scene.description import Tree
 from perceptree.simulator.vectors import unit
@@ -15,10 +16,6 @@ from perceptree.simulator.vectors import unit
 Float = NDArray[np.floating[Any]]
 
 CLOSEST_M = 0.1
-_SIDES = 360
-_SLICES = 48
-_STEEPEST = 4.0
-_WIDEST = 1.2
 _BELOW_M = 0.2
 _COVER_RINGS = 26
 _COVER_SIDES = 32
@@ -39,36 +36,35 @@ def outline_points(view: View, tree: Tree, height_m: float) -> tuple[Float, Floa
     forward, radius_m = level / distance_m, 0.5 * tree.stem.girth_diameter_m(height_m)
     side = np.cross(forward, axis)
     chord = towards - forward * radius_m**2 / distance_m
-    cut = _cut(tree, height_m, view.origin + chord, unit(np.cross(side, chord)))
+    cut = _cut(tree, view.origin + chord, unit(np.cross(side, chord)))
     bearing = np.arctan2((cut - view.origin) @ side, (cut - view.origin) @ unit(chord))
     return cut[np.argmin(bearing)], cut[np.argmax(bearing)]
 
 
-def _cut(tree: Tree, height_m: float, point_m: Float, normal: Float) -> Float:
-    """(n, 3) points where a plane through a section cuts the bark above the ground."""
-    axis = tree.stem.direction(height_m)
-    tilt = min(np.linalg.norm(np.cross(normal, axis)) / abs(float(normal @ axis)), _STEEPEST)
-    reach_m = 0.02 + tilt * _WIDEST * tree.stem.girth_diameter_m(height_m)
-    levels = np.linspace(max(height_m - reach_m, 0.0), height_m + reach_m, _SLICES)
-    rings = tree.position_m + tree.stem.rings(levels, _SIDES)[:, :-1]
-    above = (rings - point_m) @ normal
-    level, angle = np.nonzero(above[:-1] * above[1:] <= 0)
-    low, high = above[level, angle], above[level + 1, angle]
-    share = (low / np.where(low == high, 1.0, low - high))[:, None]
-    return np.asarray(rings[level, angle] * (1 - share) + rings[level + 1, angle] * share)
+def _cut(tree: Tree, point_m: Float, normal: Float) -> Float:
+    """(n, 3) points where a plane cuts the edges of the bark's triangles above the ground."""
+    levels = lower_levels_m(tree.stem, tree.label_heights_m)
+    rings = tree.position_m + tree.stem.rings(levels, STEM_SIDES)
+    edges = (rings[:-1], rings[1:]), (rings[:, :-1], rings[:, 1:]), (rings[:-1, :-1], rings[1:, 1:])
+    starts, ends = (np.concatenate([edge[k].reshape(-1, 3) for edge in edges]) for k in (0, 1))
+    low, high = (starts - point_m) @ normal, (ends - point_m) @ normal
+    crossed = (low * high <= 0) & (low != high)
+    share = (low[crossed] / (low[crossed] - high[crossed]))[:, None]
+    cut = starts[crossed] * (1 - share) + ends[crossed] * share
+    return np.asarray(cut[cut[:, 2] >= tree.position_m[2]])
 
 
 def covered_px(view: View, tree: Tree) -> int:
     """Pixels of the frame whose centres the lower stem and its fork would cover, seen alone."""
     camera = view.intrinsics
-    starts = np.zeros((camera.height, camera.width + 1), np.int32)
+    starts = np.zeros((camera.height, camera.width + 1), np.int8)
     for rings in _lower_rings(tree):
         ahead = view.to_camera(rings)[..., 2].min(1) > CLOSEST_M
         for low in np.nonzero(ahead[:-1] & ahead[1:])[0]:
             corners = view.project(rings[low : low + 2].reshape(-1, 3))
             hull = cv2.convexHull(corners.astype(np.float32))[:, 0].astype(np.float64)
             _count_spans(hull, starts)
-    return int((np.cumsum(starts, axis=1) > 0).sum())
+    return int((np.cumsum(starts, axis=1, dtype=np.int8) > 0).sum())
 
 
 def _lower_rings(tree: Tree) -> list[Float]:
@@ -92,7 +88,7 @@ def _above_ground(rings: Float) -> Float:
     return np.where(below[..., None], low * (1 - share) + high * share, rings)
 
 
-def _count_spans(hull: Float, starts: NDArray[np.int32]) -> None:
+def _count_spans(hull: Float, starts: NDArray[np.int8]) -> None:
     """Mark where the pixels inside a convex outline (n, 2) begin (+1) and end (-1) in each row."""
     height, width = starts.shape[0], starts.shape[1] - 1
     first = max(0, int(np.ceil(hull[:, 1].min() - 0.5)))

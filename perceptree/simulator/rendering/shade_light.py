@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from perceptree.simulator.rendering.kernel_math import cloud, luminance, ramp
+from perceptree.simulator.rendering.kernel_math import cloud, luminance, ramp, value_noise
 
 _f = np.float32
 _TAPS_X = np.array([0.3, -0.55, 0.1, 0.85, -0.9, 0.2], np.float32)
@@ -73,20 +73,19 @@ def backdrop(colour, world, length, towards_sun, air):
         colour[c] = tone * _f(1.3) + air.sun_colour[c] * _f(0.1) * towards_sun**8
     bearing = np.arctan2(world[1], world[0])
     tops = (
-        _f(0.16)
-        + _f(0.12) * cloud(bearing * _f(9), _f(1))
-        + _f(0.07) * cloud(bearing * _f(70), _f(5))
+        _f(0.15)
+        + _f(0.10) * cloud(bearing * _f(7), _f(1))
+        + _f(0.09) * cloud(bearing * _f(80), _f(5))
     )
     if rise < tops:
-        depth = ramp(_f(-0.05), tops, rise)
-        stems = _f(0.75) + _f(0.5) * cloud(bearing * _f(120), rise * _f(14))
-        clear = np.exp(_f(-70) * air.haze_per_m)
-        level = luminance(air.sky_colour)
+        crowns = cloud(bearing * _f(60), rise * _f(45)) * cloud(bearing * _f(170), rise * _f(90))
+        gap = ramp(_f(0.55), _f(0.75), value_noise(bearing * _f(230), _f(3)))
+        dark = _f(0.06) + _f(0.30) * crowns * ramp(_f(-0.1), tops, rise) + _f(0.05) * gap
+        clear = np.exp(_f(-90) * air.haze_per_m)
+        level = luminance(air.sky_colour) * (dark + air.snow * _f(0.25) * crowns)
         for c in range(3):
-            dark = (_f(0.07) + _f(0.09) * depth) * stems * level
-            dark *= _f(0.85) if c != 1 else _f(1.1)
-            dark += air.snow * _f(0.12) * air.sky_colour[c] * depth
-            colour[c] = air.haze_colour[c] * (_f(1) - clear) + dark * clear
+            green = _f(0.82) if c != 1 else _f(1.12)
+            colour[c] = air.haze_colour[c] * (_f(1) - clear) + level * green * clear
 
 
 @njit(cache=True, error_model="numpy")

@@ -60,6 +60,11 @@ class Tree:
         """Height of the diameter keypoints above the foot."""
         return self.uphill_m + self.diameter_height_m
 
+    @property
+    def label_heights_m(self) -> tuple[float, float, float]:
+        """Heights above the foot of the cut, the diameter and the labelled stem's top."""
+        return self.cut_z_m, self.diameter_z_m, self.top_z_m
+
     def point(self, height_m: float) -> Float:
         """(3,) world point of the axis at a height above the foot."""
         return np.asarray(self.position_m + self.stem.axis(np.array(height_m)))

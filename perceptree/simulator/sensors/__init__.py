@@ -1,1 +1,3 @@
 """What the sensors make of a drawing: a colour image, a depth map, rain and flakes."""
+
+__all__: list[str] = []

@@ -50,7 +50,7 @@ class StandSettings:
     steeper than ``max_slope_deg`` stays bare. Stems lean by a half-normal angle.
     """
 
-    stems_per_ha: Range = (250.0, 750.0)
+    stems_per_ha: Range = (300.0, 860.0)
     patterns: Shares = field(
         default_factory=lambda: {"random": 1.0, "regular": 1.0, "clustered": 1.0}
     )

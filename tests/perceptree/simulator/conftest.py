@@ -1,4 +1,4 @@
-"""Fake frames, for tests of datasets that need no forest."""
+"""What the simulator's tests share: fake frames without a forest, and small forests."""
 
 import contextlib
 import importlib.util
@@ -11,6 +11,11 @@ import pytest
 
 from perceptree.simulator.dataset import generate
 from perceptree.simulator.dataset.generate import generate_dataset
+from perceptree.simulator.geometry.assemble import SceneMesh, assemble
+from perceptree.simulator.geometry.prototypes import Prototypes, make_prototypes
+from perceptree.simulator.materials.textures import Textures, make_textures
+from perceptree.simulator.scene.description import Scene, describe_scene
+from perceptree.simulator.settings import CameraSettings, SimulatorSettings, StandSettings
 
 
 def _load() -> ModuleType:
@@ -58,3 +63,31 @@ def fake_dataset(
         return directory
 
     return make
+
+
+SMALL = SimulatorSettings(
+    camera=CameraSettings.of_size(320, 180), stand=StandSettings(stems_per_ha=(600.0, 600.0))
+)
+
+
+@pytest.fixture(scope="session")
+def small_settings() -> SimulatorSettings:
+    """The default mix, drawn at 320x180."""
+    return SMALL
+
+
+@pytest.fixture(scope="session")
+def textures() -> Textures:
+    return make_textures()
+
+
+@pytest.fixture(scope="session")
+def prototypes() -> Prototypes:
+    return make_prototypes()
+
+
+@pytest.fixture(scope="session")
+def forests(prototypes: Prototypes) -> list[tuple[Scene, SceneMesh]]:
+    """Two scenes and their triangles."""
+    scenes = [describe_scene(SMALL, seed) for seed in (4, 7)]
+    return [(scene, assemble(scene, prototypes)) for scene in scenes]
