@@ -58,4 +58,4 @@ def sky_visibility(
                 share = np.abs(np.array([1 - dx, 1 - dy, 1 - dz], np.float32) - rest)
                 weight = share[:, 0] * share[:, 1] * share[:, 2]
                 visible += weight * open_sky[low[:, 2] + dz, low[:, 1] + dy, low[:, 0] + dx]
-    return np.float32(0.1) + np.float32(0.9) * visible
+    return np.float32(0.16) + np.float32(0.84) * visible

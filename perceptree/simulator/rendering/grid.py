@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import cv2
 import numpy as np
@@ -13,7 +14,10 @@ import calib
 from calib import PinholeCamera
 from perceptree.simulator.rendering.view import View
 
+Float = NDArray[np.floating[Any]]
+
 SUPERSAMPLING = 2
+_BEYOND_FACE = 0.5
 
 
 @dataclass(frozen=True)
@@ -33,6 +37,11 @@ class SampleGrid:
     columns: NDArray[np.float32] | None
     rows: NDArray[np.float32] | None
 
+    @property
+    def distorted(self) -> bool:
+        """Whether the image's samples lie elsewhere than the buffer's."""
+        return self.columns is not None
+
     def nearest(self, buffer: NDArray[np.generic]) -> NDArray[np.generic]:
         """The buffer at every pixel's centre: (H, W), never a blend of two surfaces."""
         if self.columns is None or self.rows is None:
@@ -41,6 +50,28 @@ class SampleGrid:
         row = np.rint(self.rows[::SUPERSAMPLING, ::SUPERSAMPLING]).astype(np.intp)
         return np.asarray(buffer[np.clip(row, 0, self.height - 1),
                                  np.clip(column, 0, self.width - 1)])  # fmt: skip
+
+    def nearness(self, corners: Float) -> Float:
+        """1 / z (H, W) on the rays of a distorted image's pixels, from the faces seen there.
+
+        ``corners`` (H, W, 3, 3) are the faces' projected corners: x, y in samples and 1 / z, which
+        is linear over a face. A ray passes up to half a sample beside the sample that it was
+        looked up in.
+        """
+        assert self.columns is not None
+        assert self.rows is not None
+        x = self.columns[::SUPERSAMPLING, ::SUPERSAMPLING, None] + 0.5
+        y = self.rows[::SUPERSAMPLING, ::SUPERSAMPLING, None] + 0.5
+        (x0, x1, x2), (y0, y1, y2) = (
+            np.moveaxis(corners[..., k], -1, 0)[..., None] for k in (0, 1)
+        )
+        area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
+        area = np.where(area == 0, 1.0, area)
+        first = ((x - x2) * (y1 - y2) + (y - y2) * (x2 - x1)) / area
+        second = ((x - x2) * (y2 - y0) + (y - y2) * (x0 - x2)) / area
+        weights = np.concatenate([first, second, 1 - first - second], -1)
+        weights = np.clip(weights, -_BEYOND_FACE, 1 + _BEYOND_FACE)
+        return np.asarray((weights * corners[..., 2]).sum(-1) / weights.sum(-1))
 
     def resample(self, samples: NDArray[np.float32]) -> NDArray[np.float32]:
         """The colours (2H, 2W, 3) of the image's samples, blended from the buffer's."""

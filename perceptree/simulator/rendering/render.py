@@ -115,9 +115,12 @@ class Renderer:
         )  # fmt: skip
         buffers = self._rasterise(numbers, grid.width, grid.height, perspective=True)
         samples, log_luminance = self._shade(view, grid, numbers, buffers)
-        near = np.asarray(grid.nearest(buffers.near), np.float32)
         seen = np.asarray(grid.nearest(buffers.seen), np.int32)
         hit = seen >= 0
+        if grid.distorted:
+            near = grid.nearness(self._screen[self._mesh.faces[numbers[seen]]])
+        else:
+            near = np.asarray(grid.nearest(buffers.near), np.float32)
         depth_m = np.where(hit, 1 / np.where(hit, near, 1), 0).astype(np.float32)
         objects = self._mesh.object_id[numbers]
         object_id = np.where(hit, objects[np.where(hit, seen, 0)], 0).astype(np.int32)

@@ -6,14 +6,19 @@ import numpy as np
 from numba import njit, prange
 
 from perceptree.simulator.rendering.kernel_math import luminance
-from perceptree.simulator.rendering.shade_light import TAPS, backdrop, illuminate, occlusion, sunlit
+from perceptree.simulator.rendering.shade_light import (
+    backdrop,
+    illuminate,
+    leaf_sunlit,
+    occlusion,
+    sunlit,
+)
 from perceptree.simulator.rendering.shade_materials import material
 
 _f = np.float32
 _SAME_DEPTH = _f(0.015)
 _SAME_LEAVES = _f(0.04)
 _LEAF_OPENNESS = _f(0.75)
-_LEAF_TAPS = 2
 
 
 @njit(cache=True, error_model="numpy")
@@ -71,9 +76,11 @@ def _shade_sample(x, y, near, seen, surface, maps, eye, air, scratch, shared):
         angle = (grain % _f(1)) * _f(6.2831)
         turn = (np.cos(angle), np.sin(angle))
         shared[0] = z
-        shared[1] = sunlit(point, normal, air.sun, maps, turn, _LEAF_TAPS if foliage else TAPS)
-        shared[2] = _LEAF_OPENNESS
-        if not foliage:
+        if foliage:
+            shared[1] = leaf_sunlit(point, normal, air.sun, maps, turn)
+            shared[2] = _LEAF_OPENNESS
+        else:
+            shared[1] = sunlit(point, normal, air.sun, maps)
             shared[2] = occlusion(near, x, y, ray, z, normal, eye, turn)
     illuminate(
         colour, normal, world, length, shared[1], open_sky * shared[2], gloss, towards_sun,

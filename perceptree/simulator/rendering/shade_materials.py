@@ -26,6 +26,7 @@ _f = np.float32
 _AREA = np.float32(SIZE_PX * SIZE_PX)
 _FIRST_CUTOUT, _FIRST_GROUND, _LAST_BARK = int(FIRST_CUTOUT), int(FIRST_GROUND), int(LAST_BARK)
 _DEAD_WOOD, _CUT_WOOD, _MUD = int(Layer.DEAD_WOOD), int(Layer.CUT_WOOD), int(Layer.MUD)
+_FIRST_PLANT = int(Layer.GRASS)
 _MUD_COVER = _MUD - _FIRST_GROUND
 
 
@@ -129,6 +130,8 @@ def _snow(colour, normal, up, point, open_sky, texture, snow):
     if _FIRST_GROUND <= texture < _FIRST_CUTOUT:
         reach = snow * _f(1.5) + open_sky * _f(0.25) - _f(0.45) * grain - _f(0.15) * fine
         share = ramp(_f(0.12), _f(0.4), reach) * ramp(_f(0.5), _f(0.75), up)
+    elif texture >= _FIRST_PLANT:
+        share = ramp(_f(0.1), _f(0.6), up + _f(0.5) * (fine - _f(0.5))) * min(_f(1), snow * _f(1.4))
     elif texture >= _FIRST_CUTOUT:
         share = ramp(_f(0.35), _f(0.8), up + _f(0.5) * (fine - _f(0.5))) * snow * open_sky
     else:

@@ -12,8 +12,8 @@ from perceptree.simulator.settings import TIMES, WEATHERS, LightSettings, Weathe
 
 Float = NDArray[np.floating[Any]]
 
-_CLEAR_AIR_PER_M = (0.002, 0.008)
-_FOG_PER_M = (0.015, 0.09)
+_CLEAR_AIR_PER_M = (0.001, 0.005)
+_FOG_PER_M = (0.015, 0.065)
 
 
 @dataclass(frozen=True)

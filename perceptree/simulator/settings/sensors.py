@@ -79,7 +79,7 @@ class RgbSettings:
     """
 
     exposure: Range = (0.45, 0.9)
-    noise: Range = (0.003, 0.015)
+    noise: Range = (0.003, 0.012)
     blur_px: Range = (0.0, 1.0)
     motion_px: Range = (0.0, 4.0)
     motion_share: float = 0.2

