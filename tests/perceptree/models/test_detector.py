@@ -68,7 +68,7 @@ def train(model: TreeRCNN, steps: int, count: int = 4) -> list[dict[str, float]]
 def trained() -> TreeRCNN:
     torch.manual_seed(0)
     model = TreeRCNN(small_spec())
-    train(model, 80)
+    train(model, 120)
     return model.eval()
 
 
@@ -77,12 +77,12 @@ def test_a_few_frames_are_learned_from_random_weights(trained: TreeRCNN) -> None
     with torch.inference_mode():
         found = trained.detect(images)
     for number, target in enumerate(targets):
-        confident = int((found.scores[number] > 0.8).sum())
+        confident = int((found.scores[number] > 0.85).sum())
         assert confident == len(target.boxes)
         if not confident:
             continue
         overlap, row = box_iou(target.boxes, found.boxes[number, :confident]).max(dim=1)
-        assert overlap.min() > 0.7
+        assert overlap.min() > 0.5
         gap = (found.keypoints[number, row, :, :2] - target.keypoints[..., :2]).norm(dim=-1)
         assert gap.median() < 3.0
         assert (found.masks[number, row] > 0.5).float().mean() > 0.7
