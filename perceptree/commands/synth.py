@@ -25,18 +25,17 @@ def synth(
     frames: Annotated[
         int | None, typer.Option(help="How many frames; more than before extends a dataset. [400]")
     ] = None,
-    seed: Annotated[
-        int | None, typer.Option(help="Decides every pixel, with the settings. [0]")
-    ] = None,
+    seed: Annotated[int | None, typer.Option(help="With the settings, decides all. [0]")] = None,
     preset: Annotated[
         str | None,
         typer.Option(help="Mix to start from, with its frames and seed: paper, plain, test."),
     ] = None,
+    settings: Annotated[
+        Path | None, typer.Option(help="JSON file of settings that differ, as settings.json.")
+    ] = None,
     width: Annotated[int | None, typer.Option(help="Image width, px. [1280]")] = None,
     height: Annotated[int | None, typer.Option(help="Image height, px. [720]")] = None,
-    camera: Annotated[
-        Path | None, typer.Option(help="Camera file with intrinsics and distortion.")
-    ] = None,
+    camera: Annotated[Path | None, typer.Option(help="Intrinsics and distortion, a file.")] = None,
     views: Annotated[int | None, typer.Option(help="Frames drawn of each scene. [8]")] = None,
     reach: Annotated[
         float | None, typer.Option(help="Label trees up to this distance, metres. [10]")
@@ -52,9 +51,9 @@ def synth(
     from perceptree.simulator.dataset.generate import generate_dataset
 
     if preset == FROZEN_PRESET:
-        _refuse_changes(frames, seed, width, height, camera, views, reach, image_format)
-    start = chosen_preset(preset)
-    settings = changed_settings(start.settings, camera, (width, height), views, reach)
+        _refuse_changes(frames, seed, settings, width, height, camera, views, reach, image_format)
+    start = chosen_preset(preset, settings)
+    chosen = changed_settings(start.settings, camera, (width, height), views, reach)
     count = start.frames if frames is None else frames
     files = start.files
     if image_format is not None:
@@ -63,8 +62,8 @@ def synth(
         length=count, label=_LABEL, file=sys.stderr, hidden=as_json or not sys.stderr.isatty(),
         show_eta=False, show_pos=True, item_show_func=lambda text: text,
     ) as bar:  # fmt: skip
-        chosen = start.seed if seed is None else seed
-        report = generate_dataset(out, count, settings, chosen, workers, _Progress(bar), files)
+        seed = start.seed if seed is None else seed
+        report = generate_dataset(out, count, chosen, seed, workers, _Progress(bar), files)
     _tell(report, as_json, preset == FROZEN_PRESET)
 
 
@@ -78,17 +77,22 @@ def _refuse_changes(*options: object) -> None:
         )
 
 
-def chosen_preset(name: str | None) -> Preset:
-    """The preset of a name, the default settings for None; SettingsError for a name none has."""
+def chosen_preset(name: str | None, settings_file: Path | None = None) -> Preset:
+    """The preset of a name, the default settings for None, with what a settings file changes.
+
+    Raises SettingsError for a name that no preset has, and for a file that is no settings.
+    """
     from perceptree.simulator.settings import SimulatorSettings
     from perceptree.simulator.settings.presets import PRESETS, Preset
+    from perceptree.simulator.settings.reading import read_settings
 
-    if name is None:
-        return Preset("default", SimulatorSettings(), 0, 400, "what options say")
-    if name not in PRESETS:
+    if name is not None and name not in PRESETS:
         known = "; ".join(f"{p.name} ({p.description})" for p in PRESETS.values())
         raise SettingsError(f"--preset is {name!r}: expected one of {known}")
-    return PRESETS[name]
+    start = PRESETS[name] if name else Preset("default", SimulatorSettings(), 0, 400, "")
+    if settings_file is None:
+        return start
+    return dataclasses.replace(start, settings=read_settings(settings_file, start.settings))
 
 
 def changed_settings(

@@ -72,6 +72,22 @@ def test_json_is_one_object(call: Call, tmp_path: Path):
     }
 
 
+def test_a_settings_file_changes_what_it_names_and_a_wrong_one_is_named(call: Call, tmp_path: Path):
+    file, out = tmp_path / "forest.json", tmp_path / "out"
+    file.write_text('{"stand": {"stems_per_ha": [400, 500]}, "weather": {"kinds": {"fog": 1}}}')
+    assert call("synth", "--out", out, "--frames", 8, *SMALL, "--settings", file)[0] == 0
+    made = settings_of(out)["settings"]
+    assert made["stand"]["stems_per_ha"] == [400, 500]
+    assert made["weather"]["kinds"] == {"fog": 1}
+    assert made["camera"]["intrinsics"]["width"] == 128
+    file.write_text('{"stand": {"stems_per_ha": [1, 2]}}')
+    code, _, told = call("synth", "--out", out, "--frames", 8, *SMALL, "--settings", file)
+    assert code == 2
+    assert told == (
+        f"perceptree: {file}: stems_per_ha is (1, 2): expected low <= high, both in [10, 5000]\n"
+    )
+
+
 def test_a_camera_file_and_a_reach_are_taken_over(call: Call, tmp_path: Path):
     camera = calib.PinholeCamera(128, 72, 80.0, 81.0, 60.0, 30.0, (0.1, -0.02, 0.0, 0.0))
     calib.save_camera(tmp_path / "camera.json", camera)
