@@ -1,6 +1,7 @@
-"""A small dataset in the format on disk: bright posts on dark ground, with exact labels."""
+"""What the trainer's tests share: a small dataset of bright posts, and the command line."""
 
 import json
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,10 +12,12 @@ import pytest
 from pycocotools import mask as coco_mask
 
 import calib
+from perceptree.cli import main
 from perceptree.models import KEYPOINT_NAMES
 
 WIDTH_PX, HEIGHT_PX = 128, 72
 DatasetWriter = Callable[..., Path]
+Result = tuple[int, str, str]
 
 
 def post_annotation(number: int, image_id: int, left_px: int, width_px: int) -> dict[str, Any]:
@@ -118,3 +121,19 @@ def edit_split() -> Callable[[Path, str, Callable[[dict[str, Any]], None]], None
         path.write_text(json.dumps(content))
 
     return edit
+
+
+@pytest.fixture
+def call(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., Result]:
+    """Runs ``perceptree ARGUMENTS``: exit code, stdout, stderr."""
+
+    def run(*arguments: object) -> Result:
+        monkeypatch.setattr(sys, "argv", ["perceptree", *map(str, arguments)])
+        with pytest.raises(SystemExit) as caught:
+            main()
+        assert isinstance(caught.value.code, int)
+        return caught.value.code, *capsys.readouterr()
+
+    return run

@@ -8,24 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from perceptree.cli import main
-
 Result = tuple[int, str, str]
 Call = Callable[..., Result]
-
-
-@pytest.fixture
-def call(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Call:
-    """Runs ``perceptree ARGUMENTS``: exit code, stdout, stderr."""
-
-    def run(*arguments: object) -> Result:
-        monkeypatch.setattr(sys, "argv", ["perceptree", *map(str, arguments)])
-        with pytest.raises(SystemExit) as caught:
-            main()
-        assert isinstance(caught.value.code, int)
-        return caught.value.code, *capsys.readouterr()
-
-    return run
 
 
 def test_train_and_eval_print_one_object_and_agree(call: Call, posts: Path, tmp_path: Path) -> None:

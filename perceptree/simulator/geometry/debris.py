@@ -68,12 +68,12 @@ def log(rng: np.random.Generator) -> Mesh:
     fresh = rng.uniform(0.2, 0.75)
     along = centres[-1] - centres[0]
     ends = [_cap(grid[0, :-1], -along, fresh), _cap(grid[-1, :-1], along, fresh)]
-    stub = np.linspace(0, 1, 2)[:, None] * rng.uniform(1.3, 2.2)
+    reach = np.linspace(0, 1, 2)[:, None] * rng.uniform(1.3, 2.2)
     angle = rng.uniform(0.1, np.pi - 0.1, (2, 1, 1))
     out = np.concatenate([0.3 + 0 * angle, np.cos(angle), np.sin(angle)], -1)
-    curves = centres[rng.integers(1, rings - 1, 2)][:, None] + out * stub * radius
-    stubs = tubes_mesh(curves, np.tile([0.22 * radius, 0.12 * radius], (2, 1)), 4, layer, tint, 0.4)
-    return merge([bark, *ends, stubs])
+    curves = centres[rng.integers(1, rings - 1, 2)][:, None] + out * reach * radius
+    snags = tubes_mesh(curves, np.tile([0.22 * radius, 0.12 * radius], (2, 1)), 4, layer, tint, 0.4)
+    return merge([bark, *ends, snags])
 
 
 def stump(rng: np.random.Generator) -> Mesh:

@@ -1,7 +1,6 @@
 """``perceptree synth`` and ``scene``: options, what is told, and exit codes."""
 
 import json
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +9,6 @@ from types import ModuleType
 import pytest
 
 import calib
-from perceptree.cli import main
 from perceptree.commands import synth as command
 from perceptree.simulator.dataset import frozen
 from perceptree.simulator.dataset.frozen import describe_dataset
@@ -22,19 +20,9 @@ SMALL = ("--width", 128, "--height", 72, "--views", 2)
 
 
 @pytest.fixture
-def call(
-    in_process: None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Call:
-    """Runs ``perceptree ARGUMENTS`` with fake frames: exit code, stdout, stderr."""
-
-    def run(*arguments: object) -> Result:
-        monkeypatch.setattr(sys, "argv", ["perceptree", *map(str, arguments)])
-        with pytest.raises(SystemExit) as caught:
-            main()
-        assert isinstance(caught.value.code, int)
-        return caught.value.code, *capsys.readouterr()
-
-    return run
+def call(in_process: None, call: Call) -> Call:
+    """Runs ``perceptree ARGUMENTS`` with fake frames."""
+    return call
 
 
 @pytest.fixture
