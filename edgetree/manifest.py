@@ -32,6 +32,7 @@ METADATA_KEY: Final = "edgetree.manifest"
 SCHEMA: Final = "edgetree.manifest/1"
 RESIZE_RULE: Final = "letterbox-top-left"
 _LAYOUTS: Final = {"rgb": "BHWC", "depth": "BHW"}
+_CHANNELS: Final = {"rgb": (3,), "depth": (1, 3)}
 _COLOUR_ORDERS: Final = {"rgb": "BGR", "depth": "depth"}
 
 
@@ -114,8 +115,9 @@ class Manifest:
         modality: "rgb" or "depth".
         input: the graph's input.
         resize: how an image is brought to that size.
-        mean: per input channel, in its colour order; the graph subtracts it from the bytes.
-        std: per input channel; the graph divides by it.
+        mean: per input channel, in its colour order; the graph subtracts it from the bytes. Three
+            for a depth model that takes its one channel as three equal ones.
+        std: likewise; the graph divides by it.
         depth_encoding: `calib.DepthEncoding.to_dict()` of a depth model, else None.
         outputs: the graph's outputs, see `standard_outputs`.
         classes: names of the classes.
@@ -166,10 +168,11 @@ class Manifest:
         _require(self.input.layout == layout, "input layout", self.input.layout, repr(layout))
         colour = self.input.colour_order
         _require(colour == order, "input colour_order", colour, repr(order))
-        channels = 3 if self.modality == "rgb" else 1
         for name in ("mean", "std"):
             values = getattr(self, name)
-            _require(len(values) == channels, name, values, f"{channels} number(s)")
+            allowed = _CHANNELS[self.modality]
+            expected = f"{' or '.join(map(str, allowed))} number(s)"
+            _require(len(values) in allowed, name, values, expected)
         has_encoding = self.depth_encoding is not None
         expected = "a depth encoding for a depth model, and null for an rgb model"
         is_depth = self.modality == "depth"

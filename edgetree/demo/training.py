@@ -113,14 +113,14 @@ class _Chain:
 
     def train(self) -> Path:
         """A depth model from random weights; the best checkpoint on the val split."""
-        from perceptree.models import light_spec
+        from perceptree.models import make_spec
         from perceptree.training import TrainSettings, train
 
         start_s = time.perf_counter()
         tell = self.progress_within(0.25, 0.9)
         width, height = _INPUT_SIZE_PX
         report = train(
-            light_spec("depth", height=height, width=width),
+            make_spec("edge-n", "depth", height=height, width=width),
             TrainSettings(minutes=_TRAIN_MINUTES, evaluations=2),
             self.data,
             self._folder / "training",

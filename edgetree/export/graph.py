@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from edgetree.export.quiet import quiet
+from edgetree.export.subpixel import with_subpixel_convolutions
 
 if TYPE_CHECKING:
     from perceptree.models import TreeRCNN
@@ -33,14 +34,15 @@ def trace(model: TreeRCNN, batch: int) -> Any:
     import torch
 
     names = output_names(model.spec.masks, model.spec.keypoints)
+    deployed = with_subpixel_convolutions(model)
 
     class Exported(torch.nn.Module):
         def __init__(self) -> None:
             super().__init__()
-            self.model = model
+            self.model = deployed
 
         def forward(self, image: torch.Tensor) -> tuple[torch.Tensor, ...]:
-            found = self.model.detect(image)._asdict()
+            found = deployed.detect(image)._asdict()  # type: ignore[operator]
             return tuple(found[name] for name in names)
 
     spec = model.spec

@@ -2,25 +2,58 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from perceptree.errors import SettingsError
 
 if TYPE_CHECKING:
-    from perceptree.training import Status
+    from perceptree.models import ModelSpec
+    from perceptree.training import Init, Status, TrainReport
+
+_DEFAULT_MODEL = "edge-n"
+_PAPER_FREEZE_LEVEL = 2
+
+_Model = Annotated[str | None, typer.Option(
+    "--model",
+    help="edge-n (the default), edge-s, edge-m, or the paper's r50, r101, x101-32x8d, x101-32x4d.",
+)]  # fmt: skip
+_Init = Annotated[str | None, typer.Option(
+    "--init", help="Starting weights: imagenet, coco, or a checkpoint. Random without."
+)]  # fmt: skip
+_Modality = Annotated[str | None, typer.Option(
+    help="What the model sees: depth (the default) or rgb."
+)]  # fmt: skip
+_Side = Annotated[int | None, typer.Option(help="Of the input, px; by default the model's own.")]
+_Branch = Annotated[bool | None, typer.Option(help="Train the branch; by default the model's.")]
+_FreezeLevel = Annotated[int | None, typer.Option(
+    help="Keep the backbone up to stride 2**N as it is; by default 2 for the paper's backbones"
+    " with starting weights, else 0."
+)]  # fmt: skip
+_FrozenNorms = Annotated[bool | None, typer.Option(
+    "--frozen-norms/--trained-norms",
+    help="Keep the backbone's batch norms as they are; by default for the paper's backbones"
+    " with starting weights.",
+)]  # fmt: skip
 
 
 def train(
     data: Annotated[Path, typer.Argument(help="Folder of a dataset: train_RGB.json and so on.")],
     out: Annotated[Path, typer.Option(help="Folder of the run; one with a state is resumed.")],
-    modality: Annotated[str, typer.Option(help="What the model sees: rgb or depth.")] = "depth",
-    height: Annotated[int, typer.Option(help="Input height, px, a multiple of 32.")] = 384,
-    width: Annotated[int, typer.Option(help="Input width, px, a multiple of 32.")] = 640,
+    model: _Model = None,
+    init: _Init = None,
+    modality: _Modality = None,
+    height: _Side = None,
+    width: _Side = None,
+    masks: _Branch = None,
+    keypoints: _Branch = None,
+    freeze_level: _FreezeLevel = None,
+    frozen_norms: _FrozenNorms = None,
     minutes: Annotated[float | None, typer.Option(help="End after so much training time.")] = None,
     steps: Annotated[int | None, typer.Option(help="End after so many steps.")] = None,
     batch: Annotated[int, typer.Option(help="Frames per step.")] = 8,
@@ -28,30 +61,83 @@ def train(
     seed: Annotated[int, typer.Option(help="Of weights, order and augmentation.")] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """Train the light detector from random weights; keeps the best by box AP on val."""
-    from perceptree.models import light_spec
+    """Train a detector from random or published weights; keeps the best by box AP on val."""
+    from perceptree.models import PAPER_SAMPLING, SampleSettings
     from perceptree.training import TrainSettings
     from perceptree.training import train as run_training
 
-    if modality not in ("rgb", "depth"):
-        raise SettingsError(f"--modality is {modality!r}: expected rgb or depth")
-    if minutes is None and steps is None:
-        steps = 20_000
-    spec = light_spec("rgb" if modality == "rgb" else "depth", height, width)
+    start = _starting_weights(init)
+    named = {"height": height, "width": width, "masks": masks, "keypoints": keypoints}
+    spec = _spec(model, modality, start, {k: v for k, v in named.items() if v is not None})
+    paper = _is_paper(spec)
+    kept = paper and start is not None
+    if freeze_level is None:
+        freeze_level = _PAPER_FREEZE_LEVEL if kept else 0
     settings = TrainSettings(
-        steps=steps, minutes=minutes, batch=batch, learning_rate=learning_rate, seed=seed
-    )
-    report = run_training(spec, settings, data, out, _Bar(shown=not as_json))
+        steps=20_000 if minutes is None and steps is None else steps, minutes=minutes,
+        batch=batch, learning_rate=learning_rate, seed=seed,
+        freeze_level=freeze_level, frozen_norms=kept if frozen_norms is None else frozen_norms,
+        sampling=PAPER_SAMPLING if paper else SampleSettings(),
+    )  # fmt: skip
+    report = run_training(spec, settings, data, out, _Bar(shown=not as_json), start)
+    _tell(report, data, as_json)
+
+
+def _starting_weights(init: str | None) -> Init | None:
+    if init is None:
+        return None
+    if init == "imagenet":
+        return "imagenet"
+    if init == "coco":
+        return "coco"
+    if not Path(init).is_file():
+        raise SettingsError(f"--init is {init!r}: expected imagenet, coco or a checkpoint file")
+    return Path(init)
+
+
+def _is_paper(spec: ModelSpec) -> bool:
+    from perceptree.models import PAPER_PRESETS
+
+    return spec.backbone in {preset["backbone"] for preset in PAPER_PRESETS.values()}
+
+
+def _spec(
+    model: str | None, modality: str | None, start: Init | None, changes: dict[str, Any]
+) -> ModelSpec:
+    """The preset's spec, or that of the starting file; ``changes`` are fields of ModelSpec."""
+    from perceptree.models import load_checkpoint, make_spec
+
+    if modality not in (None, "rgb", "depth"):
+        raise SettingsError(f"--modality is {modality!r}: expected rgb or depth")
+    named = make_spec(model or _DEFAULT_MODEL, "rgb" if modality == "rgb" else "depth", **changes)
+    if not isinstance(start, Path):
+        # Published weights learned with the stride in the 3x3 convolutions.
+        return dataclasses.replace(named, stride_in_1x1=False) if start else named
+    own = load_checkpoint(start)[0].spec
+    if model is not None and named.backbone != own.backbone:
+        raise SettingsError(
+            f"--model is {model}, of backbone {named.backbone}, but {start} holds {own.backbone}: "
+            "expected the same, or no --model"
+        )
+    if modality is not None and modality != own.modality:
+        raise SettingsError(
+            f"--modality is {modality}, but {start} is for {own.modality}: expected the same, "
+            "or no --modality"
+        )
+    return dataclasses.replace(own, **changes)
+
+
+def _tell(report: TrainReport, data: Path, as_json: bool) -> None:
+    metrics = report.metrics
     if as_json:
         result = {
             "checkpoint": str(report.checkpoint),
             "steps": report.steps,
             "elapsed_s": round(report.elapsed_s, 1),
-            "val": report.metrics.to_dict(),
+            "val": metrics.to_dict(),
         }
         typer.echo(json.dumps(result))
         return
-    metrics = report.metrics
     typer.echo(f"val: box AP {metrics.box_ap:.1f}, AP50 {metrics.box_ap50:.1f}")
     typer.echo(f"{report.checkpoint}")
     typer.echo(f"next: edgetree export {report.checkpoint} --data {data} --out model.onnx")

@@ -2,26 +2,32 @@
 
 from perceptree.models.checkpoint import load_checkpoint, save_checkpoint
 from perceptree.models.detector import Detections, TreeRCNN
+from perceptree.models.matching import PAPER_SAMPLING, SampleSettings
+from perceptree.models.presets import EDGE_PRESETS, PAPER_PRESETS, PRESETS, make_spec
 from perceptree.models.spec import (
     CLASS_NAMES,
     KEYPOINT_FLIP_PAIRS,
     KEYPOINT_NAMES,
     ModelSpec,
     SpecError,
-    light_spec,
 )
 from perceptree.models.targets import TreeTargets
 
 __all__ = [
     "CLASS_NAMES",
+    "EDGE_PRESETS",
     "KEYPOINT_FLIP_PAIRS",
     "KEYPOINT_NAMES",
+    "PAPER_PRESETS",
+    "PAPER_SAMPLING",
+    "PRESETS",
     "Detections",
     "ModelSpec",
+    "SampleSettings",
     "SpecError",
     "TreeRCNN",
     "TreeTargets",
-    "light_spec",
     "load_checkpoint",
+    "make_spec",
     "save_checkpoint",
 ]

@@ -57,22 +57,30 @@ def pairwise_iou(first: Tensor, second: Tensor) -> Tensor:
     return torch.where(overlap > 0.0, overlap / union, torch.zeros_like(overlap))
 
 
+def survivors(boxes: Tensor, scores: Tensor, valid: Tensor, iou: float) -> Tensor:
+    """Greedy suppression of one image: boxes (N, 4) xyxy px, scores (N,), valid (N,) bool.
+
+    Returns (N,) bool. What is not valid neither survives nor suppresses.
+    """
+    lowest = torch.finfo(scores.dtype).min
+    ranked = torch.where(valid, scores, torch.full_like(scores, lowest))
+    kept = nms(torch.where(valid[:, None], boxes, torch.zeros_like(boxes)), ranked, iou)
+    return (torch.zeros_like(scores).index_fill(0, kept, 1.0) > 0.0) & valid
+
+
 def suppress(
     boxes: Tensor, scores: Tensor, valid: Tensor, iou: float, count: int
 ) -> tuple[Tensor, Tensor]:
     """Greedy suppression of one image with a fixed number of results.
 
-    boxes (N, 4) xyxy px, scores (N,) in any finite range, valid (N,) bool. Returns the rows
-    kept, (count,) int64 by falling score, and (count,) bool that tells the real ones from the
-    filling at the end.
+    Takes what :func:`survivors` takes. Returns the rows kept, (count,) int64 by falling score,
+    and (count,) bool that tells the real ones from the filling at the end.
     """
+    alive = survivors(boxes, scores, valid, iou)
     lowest = torch.finfo(scores.dtype).min
-    ranked = torch.where(valid, scores, torch.full_like(scores, lowest))
-    kept = nms(torch.where(valid[:, None], boxes, torch.zeros_like(boxes)), ranked, iou)
-    alive = torch.zeros_like(scores).index_fill(0, kept, 1.0) > 0.0
-    ranked = torch.where(alive & valid, scores, torch.full_like(scores, lowest))
+    ranked = torch.where(alive, scores, torch.full_like(scores, lowest))
     order = torch.topk(ranked, count).indices
-    return order, (alive & valid)[order]
+    return order, alive[order]
 
 
 def _size_centre(boxes: Tensor) -> tuple[Tensor, Tensor]:

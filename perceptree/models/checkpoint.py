@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +50,7 @@ def load_checkpoint(path: str | Path) -> tuple[TreeRCNN, dict[str, Any]]:
         model = TreeRCNN(ModelSpec.from_dict(record["spec"]))
     except SpecError as error:
         raise CheckpointError(f"{path}: {error}") from error
-    _check_tensors(path, model.state_dict(), tensors)
+    check_tensors(path, model.state_dict(), tensors)
     model.load_state_dict(tensors)
     return model.eval(), record
 
@@ -71,9 +72,10 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, torch.Tensor]]:
     return record, tensors
 
 
-def _check_tensors(
-    path: Path, expected: dict[str, torch.Tensor], found: dict[str, torch.Tensor]
+def check_tensors(
+    path: Path | str, expected: Mapping[str, torch.Tensor], found: Mapping[str, torch.Tensor]
 ) -> None:
+    """Raise CheckpointError naming the first three tensors of ``found`` that do not fit."""
     faults = [f"{name} is missing" for name in expected if name not in found]
     faults += [f"{name} is surplus" for name in found if name not in expected]
     faults += [

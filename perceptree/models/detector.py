@@ -7,11 +7,12 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
 from perceptree.models import losses
 from perceptree.models.backbones import Backbone
 from perceptree.models.boxes import clip_boxes, decode_boxes, enlarge_boxes, suppress
-from perceptree.models.decode import decode_keypoints, refine_matrix
+from perceptree.models.decode import decode_keypoints
 from perceptree.models.fpn import FeaturePyramid
 from perceptree.models.heads import (
     BOX_CELLS,
@@ -21,14 +22,16 @@ from perceptree.models.heads import (
     KeypointHead,
     MaskHead,
 )
-from perceptree.models.matching import RegionSample, match_anchors, sample_regions
-from perceptree.models.roi_align import pool_regions, pool_regions_by_matrix
+from perceptree.models.matching import (
+    RegionSample,
+    SampleSettings,
+    match_anchors,
+    sample_regions,
+)
+from perceptree.models.roi_align import RegionPooler
 from perceptree.models.rpn import ProposalMaps, ProposalNetwork
-from perceptree.models.spec import KEYPOINT_NAMES, MASK_CELLS, ModelSpec
+from perceptree.models.spec import KEYPOINT_NAMES, MASK_CELLS, STRIDE_5, ModelSpec
 from perceptree.models.targets import TreeTargets, pad_boxes
-
-# Training looks at more proposals than deployment, for harder and more varied regions.
-TRAINING_PROPOSALS = 2
 
 
 class Detections(NamedTuple):
@@ -55,15 +58,19 @@ class TreeRCNN(nn.Module):
     Images are uint8, (B, H, W, 3) BGR or (B, H, W) encoded depth, of the spec's size.
     """
 
-    matrix: Tensor
     mean: Tensor
     std: Tensor
 
     def __init__(self, spec: ModelSpec) -> None:
         super().__init__()
         self.spec = spec
-        self.backbone = Backbone(spec.backbone, spec.channels, spec.levels)
-        self.pyramid = FeaturePyramid(self.backbone.channels, spec.fpn_width)
+        self.backbone = Backbone(
+            spec.backbone, spec.channels, spec.backbone_levels, spec.stride_in_1x1
+        )
+        level_6 = spec.levels[-1] == 6
+        self.pyramid = FeaturePyramid(
+            self.backbone.channels, spec.fpn_width, spec.fpn_norm, level_6
+        )
         self.proposer = ProposalNetwork(spec)
         self.box_head = BoxHead(spec.fpn_width, spec.box_head_width)
         self.mask_head = MaskHead(spec.fpn_width, spec.mask_head_widths) if spec.masks else None
@@ -72,12 +79,15 @@ class TreeRCNN(nn.Module):
         )
         self.register_buffer("mean", torch.tensor(spec.mean)[:, None, None], persistent=False)
         self.register_buffer("std", torch.tensor(spec.std)[:, None, None], persistent=False)
-        self.register_buffer("matrix", refine_matrix(), persistent=False)
+        self._fixed: list[nn.Module] = []
         # The layout in which CPUs convolve fastest, above all at the finest maps.
         self.to(memory_format=torch.channels_last)
 
     def normalise(self, images: Tensor) -> Tensor:
-        """uint8 images -> (B, C, H, W) float32, mean taken off and divided by std."""
+        """uint8 images -> (B, C, H', W') float32, mean taken off and divided by std.
+
+        Below and to the right zeros fill the size up to multiples of 32.
+        """
         shape = (self.spec.height, self.spec.width)
         if self.spec.modality == "rgb":
             expected: tuple[int, ...] = (*shape, 3)
@@ -90,6 +100,9 @@ class TreeRCNN(nn.Module):
             )
         x = images.permute(0, 3, 1, 2) if self.spec.modality == "rgb" else images[:, None]
         x = (x.float() - self.mean) / self.std
+        padding = [-side % STRIDE_5 for side in shape]
+        if any(padding):
+            x = functional.pad(x, (0, padding[1], 0, padding[0]))
         return x.contiguous(memory_format=torch.channels_last)
 
     def features(self, images: Tensor) -> tuple[dict[int, Tensor], ProposalMaps]:
@@ -97,31 +110,56 @@ class TreeRCNN(nn.Module):
         maps = self.pyramid(self.backbone(self.normalise(images)))
         return dict(zip(self.spec.levels, maps, strict=True)), self.proposer(maps)
 
-    def losses(self, images: Tensor, targets: Sequence[TreeTargets]) -> dict[str, Tensor]:
+    def freeze(self, level: int = 0, norms: bool = False) -> None:
+        """Keep parts of the backbone as they are in training.
+
+        ``level`` 2 is Detectron2's FREEZE_AT 2: everything up to the maps of stride 2**level.
+        ``norms`` fixes all of the backbone's batch norms, as Detectron2 does.
+        """
+        stages = [part for reached, part in self.backbone.stages() if reached <= level]
+        kinds = [
+            m for m in self.backbone.modules() if isinstance(m, nn.modules.batchnorm._BatchNorm)
+        ]
+        self._fixed = [*stages, *(kinds if norms else [])]
+        for part in self._fixed:
+            part.requires_grad_(False)
+        self.train(self.training)
+
+    def train(self, mode: bool = True) -> TreeRCNN:
+        """As in torch, but what is frozen stays in eval mode."""
+        super().train(mode)
+        for part in self._fixed:
+            part.eval()
+        return self
+
+    def losses(
+        self, images: Tensor, targets: Sequence[TreeTargets], sampling: SampleSettings | None = None
+    ) -> dict[str, Tensor]:
         """The losses of a batch, float32 scalars by name; their sum is to be minimised."""
+        sampling = sampling or SampleSettings()
         maps, proposal_maps = self.features(images)
         with torch.autocast(images.device.type, enabled=False):
             trees = pad_boxes(targets, images.device)
             anchors = torch.cat(self.proposer.anchors())
             with torch.no_grad():
-                match = match_anchors(anchors, trees)
-                per_level = TRAINING_PROPOSALS * self.spec.proposals_per_level
-                count = TRAINING_PROPOSALS * self.spec.proposals
-                proposals = self.proposer.propose(proposal_maps, per_level, count)
-                sample = sample_regions(proposals.boxes, proposals.valid, trees)
+                match = match_anchors(anchors, trees, sampling)
+                proposals = self.proposer.propose(
+                    proposal_maps, sampling.proposals_per_level, sampling.proposals
+                )
+                sample = sample_regions(proposals.boxes, proposals.valid, trees, sampling)
             result = losses.proposal_losses(proposal_maps, anchors, match, trees)
         regions = sample.boxes.flatten(0, 1)
         rows = torch.arange(len(targets), device=images.device)
         owner = rows.repeat_interleave(sample.boxes.shape[1])
-        pooled = pool_regions_by_matrix(maps, regions, owner, self.spec.roi_levels, BOX_CELLS)
-        logits, shifts = self.box_head(pooled)
+        pooler = RegionPooler(maps, self.spec.roi_levels, self.spec.roi_samples)
+        logits, shifts = self.box_head(pooler(regions, owner, BOX_CELLS))
         truth = torch.gather(trees.boxes, 1, sample.tree[..., None].expand(-1, -1, 4))
         flags = sample.positive.flatten(), sample.used.flatten()
         result |= losses.box_losses(logits, shifts, regions, truth.flatten(0, 1), *flags)
-        return result | self._branch_losses(maps, sample, targets)
+        return result | self._branch_losses(pooler, sample, targets)
 
     def _branch_losses(
-        self, maps: dict[int, Tensor], sample: RegionSample, targets: Sequence[TreeTargets]
+        self, pooler: RegionPooler, sample: RegionSample, targets: Sequence[TreeTargets]
     ) -> dict[str, Tensor]:
         image, row = sample.positive.nonzero(as_tuple=True)
         boxes = sample.boxes[image, row]
@@ -132,13 +170,13 @@ class TreeRCNN(nn.Module):
         tree = sample.tree[image, row] + counts.cumsum(0)[image]
         result = {}
         if self.mask_head is not None:
-            pooled = pool_regions_by_matrix(maps, boxes, image, self.spec.roi_levels, ROI_CELLS)
+            pooled = pooler(boxes, image, ROI_CELLS)
             masks = losses.joined(targets, "masks", boxes.device)
             wanted = losses.mask_targets(boxes, masks, tree)
             result["mask"] = losses.mask_loss(self.mask_head(pooled), wanted)
         if self.keypoint_head is not None:
-            wide = enlarge_boxes(boxes, self.spec.keypoint_box_scale)
-            pooled = pool_regions_by_matrix(maps, wide, image, self.spec.roi_levels, ROI_CELLS)
+            wide = self._enlarged(boxes)
+            pooled = pooler(wide, image, ROI_CELLS)
             keypoints = losses.joined(targets, "keypoints", boxes.device)
             cells, inside = losses.keypoint_targets(wide, keypoints[tree])
             result["keypoint"] = losses.keypoint_loss(self.keypoint_head(pooled), cells, inside)
@@ -149,14 +187,15 @@ class TreeRCNN(nn.Module):
         maps, proposal_maps = self.features(images)
         spec = self.spec
         proposals = self.proposer.propose(proposal_maps, spec.proposals_per_level, spec.proposals)
-        flat = proposals.boxes.flatten(0, 1)
-        logits, shifts = self.box_head(self._pool(maps, flat, proposals.boxes, BOX_CELLS))
+        pooler = RegionPooler(maps, spec.roi_levels, spec.roi_samples)
+        flat, images_of = _flattened(proposals.boxes)
+        logits, shifts = self.box_head(pooler(flat, images_of, BOX_CELLS))
         scores = logits.softmax(dim=1)[:, 0].reshape(proposals.valid.shape)
         boxes = clip_boxes(decode_boxes(shifts, flat, BOX_WEIGHTS), spec.height, spec.width)
         boxes, scores, real = self._select(
             boxes.reshape(proposals.boxes.shape), scores, proposals.valid
         )
-        keypoints, masks = self._branches(maps, boxes)
+        keypoints, masks = self._branches(pooler, boxes)
         return Detections(
             boxes,
             scores,
@@ -186,23 +225,33 @@ class TreeRCNN(nn.Module):
         kept_boxes, kept_scores, kept = zip(*rows, strict=True)
         return torch.stack(kept_boxes), torch.stack(kept_scores), torch.stack(kept)
 
-    def _branches(self, maps: dict[int, Tensor], boxes: Tensor) -> tuple[Tensor, Tensor]:
+    def _branches(self, pooler: RegionPooler, boxes: Tensor) -> tuple[Tensor, Tensor]:
         """Keypoints and masks of (B, K, 4) boxes; zeros without the branch."""
-        flat = boxes.flatten(0, 1)
+        spec = self.spec
+        flat, images = _flattened(boxes)
         shape = boxes.shape[:2]
         keypoints = flat.new_zeros(*shape, len(KEYPOINT_NAMES), 3)
         masks = flat.new_zeros(*shape, MASK_CELLS, MASK_CELLS)
+        shared = spec.keypoint_box_scale == 1.0 or self.keypoint_head is None
+        pooled = pooler(flat, images, ROI_CELLS) if shared or spec.masks else None
         if self.keypoint_head is not None:
-            wide = enlarge_boxes(flat, self.spec.keypoint_box_scale)
-            heat = self.keypoint_head(self._pool(maps, wide, boxes, ROI_CELLS))
-            keypoints = decode_keypoints(heat, wide, self.matrix).reshape(keypoints.shape)
+            wide = flat if shared else self._enlarged(flat)
+            heat = self.keypoint_head(pooled if shared else pooler(wide, images, ROI_CELLS))
+            longest_px = max(spec.height, spec.width)
+            points = decode_keypoints(heat, wide, spec.keypoint_grid, longest_px)
+            keypoints = points.reshape(keypoints.shape)
         if self.mask_head is not None:
-            logits = self.mask_head(self._pool(maps, flat, boxes, ROI_CELLS))
-            masks = logits.sigmoid().reshape(masks.shape)
+            masks = self.mask_head(pooled).sigmoid().reshape(masks.shape)
         return keypoints, masks
 
-    def _pool(self, maps: dict[int, Tensor], flat: Tensor, boxes: Tensor, cells: int) -> Tensor:
-        """Pool flat (B*R, 4) regions, whose images are those of (B, R, 4) boxes."""
-        batch, count = boxes.shape[:2]
-        images = torch.arange(batch, device=flat.device).repeat_interleave(count)
-        return pool_regions(maps, flat, images, self.spec.roi_levels, cells)
+    def _enlarged(self, boxes: Tensor) -> Tensor:
+        """What the keypoint head sees of (R, 4) boxes, within the image."""
+        wide = enlarge_boxes(boxes, self.spec.keypoint_box_scale)
+        return clip_boxes(wide, self.spec.height, self.spec.width)
+
+
+def _flattened(boxes: Tensor) -> tuple[Tensor, Tensor]:
+    """(B, R, 4) boxes -> (B*R, 4), and the image (B*R,) that each lies in."""
+    batch, count = boxes.shape[:2]
+    images = torch.arange(batch, device=boxes.device).repeat_interleave(count)
+    return boxes.flatten(0, 1), images

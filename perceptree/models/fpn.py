@@ -1,4 +1,4 @@
-"""The feature pyramid of Lin et al. (2017), with batch norm after each convolution."""
+"""The feature pyramid of Lin et al. (2017)."""
 
 from __future__ import annotations
 
@@ -6,24 +6,35 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 
-def _conv_norm(in_channels: int, width: int, kernel: int) -> nn.Sequential:
-    conv = nn.Conv2d(in_channels, width, kernel, padding=kernel // 2, bias=False)
+def _convolution(in_channels: int, width: int, kernel: int, norm: bool) -> nn.Module:
+    conv = nn.Conv2d(in_channels, width, kernel, padding=kernel // 2, bias=not norm)
     nn.init.kaiming_uniform_(conv.weight, a=1.0)
-    return nn.Sequential(conv, nn.BatchNorm2d(width))
+    if norm:
+        return nn.Sequential(conv, nn.BatchNorm2d(width))
+    nn.init.zeros_(conv.bias)  # type: ignore[arg-type]
+    return conv
 
 
 class FeaturePyramid(nn.Module):
-    """Maps of one width at every level, each enriched from the coarser ones."""
+    """Maps of one width at every level, each enriched from the coarser ones.
 
-    def __init__(self, in_channels: tuple[int, ...], width: int) -> None:
+    ``norm`` puts batch norm after each convolution; ``level_6`` adds a map of every second cell
+    of the coarsest one.
+    """
+
+    def __init__(self, in_channels: tuple[int, ...], width: int, norm: bool, level_6: bool) -> None:
         super().__init__()
-        self.lateral = nn.ModuleList(_conv_norm(c, width, 1) for c in in_channels)
-        self.output = nn.ModuleList(_conv_norm(width, width, 3) for _ in in_channels)
+        self.lateral = nn.ModuleList(_convolution(c, width, 1, norm) for c in in_channels)
+        self.output = nn.ModuleList(_convolution(width, width, 3, norm) for _ in in_channels)
+        self.level_6 = level_6
 
     def forward(self, maps: list[Tensor]) -> list[Tensor]:
-        """Backbone maps, finest first -> as many (B, width, h, w)."""
+        """Backbone maps, finest first -> (B, width, h, w) of every level."""
         merged = [lateral(x) for lateral, x in zip(self.lateral, maps, strict=True)]
         for i in range(len(merged) - 1, 0, -1):
             up = functional.interpolate(merged[i], scale_factor=2.0, mode="nearest")
             merged[i - 1] = merged[i - 1] + up
-        return [output(x) for output, x in zip(self.output, merged, strict=True)]
+        made = [output(x) for output, x in zip(self.output, merged, strict=True)]
+        if self.level_6:
+            made.append(functional.max_pool2d(made[-1], kernel_size=1, stride=2))
+        return made

@@ -32,16 +32,14 @@ class BoxHead(nn.Module):
         """(R, C, 7, 7) -> logits (R, 2) as (tree, background) and offsets (R, 4), float32."""
         x = regions.flatten(1)
         for layer in self.hidden:
-            x = functional.relu(layer(x))
+            x = functional.relu(layer(x), inplace=True)
         return self.score(x).float(), self.shift(x).float()
 
 
 class RegionTower(nn.Module):
-    """3x3 convolutions with relu, then a sub-pixel convolution that doubles the resolution.
+    """3x3 convolutions with relu, then a transposed one that doubles the resolution.
 
-    The last layer computes the four sub-pixels of a cell as channels and interleaves them
-    (Shi et al. 2016): a transposed convolution of stride two in a form that every runtime
-    quantises. Its kernel is ``kernel`` cells wide.
+    The last layer's ``kernel`` is 2 or 4 cells of the doubled map wide.
     """
 
     def __init__(
@@ -52,19 +50,20 @@ class RegionTower(nn.Module):
         self.convs = nn.ModuleList(
             nn.Conv2d(a, b, 3, padding=1) for a, b in zip(inputs, widths, strict=True)
         )
-        self.up = nn.Conv2d(widths[-1], 4 * out_channels, kernel, padding=kernel // 2)
-        for layer in self.convs:
-            nn.init.kaiming_normal_(layer.weight, nonlinearity="relu")  # type: ignore[arg-type]
-            nn.init.zeros_(layer.bias)  # type: ignore[arg-type]
-        nn.init.kaiming_normal_(self.up.weight, nonlinearity="relu")
-        nn.init.zeros_(self.up.bias)  # type: ignore[arg-type]
+        self.up = nn.ConvTranspose2d(
+            widths[-1], out_channels, kernel, stride=2, padding=kernel // 2 - 1
+        )
+        for layer in (*self.convs, self.up):
+            nn.init.kaiming_normal_(layer.weight, mode="fan_out", nonlinearity="relu")
+            nn.init.zeros_(layer.bias)
 
     def forward(self, regions: Tensor) -> Tensor:
         """(R, C, 14, 14) -> (R, out_channels, 28, 28)."""
         x = regions
         for layer in self.convs:
-            x = functional.relu(layer(x))
-        return functional.pixel_shuffle(self.up(x), 2)
+            x = functional.relu(layer(x), inplace=True)
+        doubled: Tensor = self.up(x)
+        return doubled
 
 
 class MaskHead(nn.Module):
@@ -72,14 +71,14 @@ class MaskHead(nn.Module):
 
     def __init__(self, in_channels: int, widths: tuple[int, ...]) -> None:
         super().__init__()
-        self.tower = RegionTower(in_channels, widths, widths[-1], kernel=1)
+        self.tower = RegionTower(in_channels, widths, widths[-1], kernel=2)
         self.score = nn.Conv2d(widths[-1], len(CLASS_NAMES), 1)
         nn.init.normal_(self.score.weight, std=0.01)
         nn.init.zeros_(self.score.bias)  # type: ignore[arg-type]
 
     def forward(self, regions: Tensor) -> Tensor:
         """(R, C, 14, 14) -> logits (R, 28, 28) float32."""
-        logits: Tensor = self.score(functional.relu(self.tower(regions)))
+        logits: Tensor = self.score(functional.relu(self.tower(regions), inplace=True))
         return logits[:, 0].float()
 
 
@@ -88,7 +87,7 @@ class KeypointHead(nn.Module):
 
     def __init__(self, in_channels: int, widths: tuple[int, ...]) -> None:
         super().__init__()
-        self.tower = RegionTower(in_channels, widths, len(KEYPOINT_NAMES), kernel=3)
+        self.tower = RegionTower(in_channels, widths, len(KEYPOINT_NAMES), kernel=4)
         nn.init.normal_(self.tower.up.weight, std=0.001)
 
     def forward(self, regions: Tensor) -> Tensor:

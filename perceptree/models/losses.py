@@ -25,7 +25,7 @@ def proposal_losses(
     sampled = match.positive | match.negative
     count = sampled.sum().clamp(min=1)
     chosen = logits[sampled]
-    truth = match.positive[sampled].float()
+    truth = match.positive[sampled].to(chosen.dtype)
     objectness = functional.binary_cross_entropy_with_logits(chosen, truth, reduction="sum")
     image, anchor = match.positive.nonzero(as_tuple=True)
     boxes = trees.boxes[image, match.tree[image, anchor]]

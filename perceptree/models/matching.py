@@ -2,21 +2,60 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
+from perceptree.errors import SettingsError
 from perceptree.models.boxes import pairwise_iou
 from perceptree.models.targets import PaddedBoxes
 
-ANCHOR_POSITIVE_IOU = 0.5
-ANCHOR_NEGATIVE_IOU = 0.3
-ANCHORS_PER_IMAGE = 128
-ANCHOR_POSITIVES = 64
-REGION_POSITIVE_IOU = 0.5
-REGIONS_PER_IMAGE = 64
-REGION_POSITIVES = 24
+
+@dataclass(frozen=True)
+class SampleSettings:
+    """What a training step learns from: how anchors and regions are chosen in each image.
+
+    More proposals than in deployment make for harder and more varied regions.
+    """
+
+    proposals_per_level: int = 200
+    proposals: int = 200
+    anchors: int = 128
+    anchor_positive_share: float = 0.5
+    anchor_positive_iou: float = 0.5
+    anchor_negative_iou: float = 0.3
+    regions: int = 64
+    region_positive_share: float = 0.375
+    region_positive_iou: float = 0.5
+
+    def __post_init__(self) -> None:
+        for name in ("proposals_per_level", "proposals", "anchors", "regions"):
+            if getattr(self, name) < 1:
+                raise SettingsError(f"{name} is {getattr(self, name)}: expected at least 1")
+        for name in (
+            "anchor_positive_share", "anchor_positive_iou", "region_positive_share",
+            "region_positive_iou",
+        ):  # fmt: skip
+            if not 0.0 < getattr(self, name) <= 1.0:
+                raise SettingsError(f"{name} is {getattr(self, name)}: expected over 0, at most 1")
+        if not 0.0 <= self.anchor_negative_iou <= self.anchor_positive_iou:
+            raise SettingsError(
+                f"anchor_negative_iou is {self.anchor_negative_iou}: expected 0 to "
+                f"anchor_positive_iou ({self.anchor_positive_iou})"
+            )
+
+
+PAPER_SAMPLING = SampleSettings(
+    proposals_per_level=2000,
+    proposals=1000,
+    anchors=256,
+    anchor_positive_iou=0.7,
+    regions=256,
+    region_positive_share=0.25,
+)
+"""Detectron2's defaults with the 256 regions of the paper's published script."""
 
 
 class AnchorMatch(NamedTuple):
@@ -43,35 +82,39 @@ class RegionSample(NamedTuple):
     """(B, R) int64, the row of the best-overlapping tree."""
 
 
-def match_anchors(anchors: Tensor, trees: PaddedBoxes) -> AnchorMatch:
-    """Sample anchors (A, 4) for objectness: half positive where there are enough.
+def match_anchors(anchors: Tensor, trees: PaddedBoxes, settings: SampleSettings) -> AnchorMatch:
+    """Sample anchors (A, 4) for objectness: a share of positives, where there are enough.
 
-    An anchor is positive over ``ANCHOR_POSITIVE_IOU``, or when it is the best there is for a
-    tree; negative below ``ANCHOR_NEGATIVE_IOU`` otherwise.
+    An anchor is positive from ``anchor_positive_iou`` on, or when it is the best there is for a
+    tree; otherwise negative below ``anchor_negative_iou``.
     """
     iou = pairwise_iou(trees.boxes, anchors.expand(len(trees.boxes), -1, -1))
     best, tree = iou.max(dim=1)
     best_of_tree = iou.max(dim=2, keepdim=True).values
     rescued = ((iou == best_of_tree) & (best_of_tree > 0.0)).any(dim=1)
     # A rescued anchor belongs to the tree that it overlaps most.
-    positive = (best >= ANCHOR_POSITIVE_IOU) | rescued
-    negative = (best < ANCHOR_NEGATIVE_IOU) & ~positive
-    positive = _sample(positive, torch.full_like(tree[:, :1], ANCHOR_POSITIVES), ANCHOR_POSITIVES)
-    room = ANCHORS_PER_IMAGE - positive.sum(dim=1, keepdim=True)
-    return AnchorMatch(positive, _sample(negative, room, ANCHORS_PER_IMAGE), tree)
+    positive = (best >= settings.anchor_positive_iou) | rescued
+    negative = (best < settings.anchor_negative_iou) & ~positive
+    positives = int(settings.anchors * settings.anchor_positive_share)
+    positive = _sample(positive, torch.full_like(tree[:, :1], positives), positives)
+    room = settings.anchors - positive.sum(dim=1, keepdim=True)
+    return AnchorMatch(positive, _sample(negative, room, settings.anchors), tree)
 
 
-def sample_regions(boxes: Tensor, valid: Tensor, trees: PaddedBoxes) -> RegionSample:
+def sample_regions(
+    boxes: Tensor, valid: Tensor, trees: PaddedBoxes, settings: SampleSettings
+) -> RegionSample:
     """Choose regions from proposals (B, P, 4) and the true boxes, at random within a share."""
     boxes = torch.cat((trees.boxes, boxes), dim=1)
     valid = torch.cat((trees.valid, valid), dim=1)
     best, tree = pairwise_iou(trees.boxes, boxes).max(dim=1)
-    positive = valid & (best >= REGION_POSITIVE_IOU)
-    most = torch.full_like(tree[:, :1], REGION_POSITIVES)
-    chosen = _sample(positive, most, min(REGION_POSITIVES, boxes.shape[1]))
+    positive = valid & (best >= settings.region_positive_iou)
+    positives = int(settings.regions * settings.region_positive_share)
+    most = torch.full_like(tree[:, :1], positives)
+    chosen = _sample(positive, most, min(positives, boxes.shape[1]))
     # Rank: chosen positives, then negatives in random order, then what must not be used.
     rank = torch.rand(best.shape, device=best.device) + (valid & ~positive).float() + 2.0 * chosen
-    order = torch.topk(rank, min(REGIONS_PER_IMAGE, rank.shape[1]), dim=1).indices
+    order = torch.topk(rank, min(settings.regions, rank.shape[1]), dim=1).indices
     return RegionSample(
         torch.gather(boxes, 1, order[..., None].expand(-1, -1, 4)),
         torch.gather(chosen, 1, order),

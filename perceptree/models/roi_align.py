@@ -1,17 +1,19 @@
-"""Pooling of regions from one or several pyramid levels, without scattering.
+"""Pooling of regions from one or several pyramid levels: aligned RoIAlign (He et al. 2017).
 
-Two forms of the same aligned RoIAlign (He et al. 2017, with two samples a cell and axis): the
-library's operator, which exports, and products with interpolation matrices, whose gradient is
-several times faster on a CPU.
+Two forms of the same sum. The library's operator exports, and suits GPUs. On a CPU a region's
+cell is a weighted sum of a few of the maps' columns, which ``embedding_bag`` adds up with all
+channels at once: about three times as fast as the operator, ten times with its gradient.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import torch
 from torch import Tensor
+from torch.nn import functional
 from torchvision.ops import roi_align
 
-SAMPLING_RATIO = 2
 CANONICAL_SIZE_PX = 224.0
 CANONICAL_LEVEL = 4
 
@@ -24,65 +26,139 @@ def assign_levels(boxes: Tensor, levels: tuple[int, ...]) -> Tensor:
     return level.clamp(levels[0], levels[-1]).long()
 
 
-def pool_regions(
-    maps: dict[int, Tensor], boxes: Tensor, images: Tensor, levels: tuple[int, ...], cells: int
-) -> Tensor:
-    """Pool regions to (R, C, cells, cells).
+class RegionPooler:
+    """Pools regions from a batch's pyramid maps, level -> (B, C, h, w).
 
-    maps: level -> (B, C, h, w); boxes (R, 4) xyxy px of the input; images (R,) the image that
-    each box lies in. Every region is pooled from every level and the assigned one is chosen,
-    which costs more arithmetic than sorting regions by level but moves no data.
+    ``samples`` per cell and axis; 0 takes one for each cell of the map that the region's cell
+    covers. Regions lie within the image.
     """
-    regions = torch.cat((images.to(boxes.dtype)[:, None], boxes), dim=1)
-    pooled = [
-        roi_align(maps[level].float(), regions, cells, 2.0**-level, SAMPLING_RATIO, aligned=True)
-        for level in levels
-    ]
-    return _choose(pooled, boxes, levels)
+
+    def __init__(self, maps: dict[int, Tensor], levels: tuple[int, ...], samples: int) -> None:
+        self._levels, self._samples = levels, samples
+        chosen = [maps[level].float() for level in levels]
+        operator = torch.compiler.is_exporting() or chosen[0].device.type != "cpu"
+        self._pool = (_OperatorPool if operator else _GatherPool)(chosen)
+
+    def __call__(self, boxes: Tensor, images: Tensor, cells: int) -> Tensor:
+        """Regions (R, 4) xyxy px of images (R,) int64 -> (R, C, cells, cells)."""
+        row = assign_levels(boxes, self._levels) - self._levels[0]
+        scale = boxes.new_tensor([2.0**-level for level in self._levels])[row]
+        return self._pool(boxes * scale[:, None], images, row, cells, self._samples)
 
 
-def pool_regions_by_matrix(
-    maps: dict[int, Tensor], boxes: Tensor, images: Tensor, levels: tuple[int, ...], cells: int
-) -> Tensor:
-    """What :func:`pool_regions` computes, for training; images must rise."""
-    counts = torch.bincount(images, minlength=len(maps[levels[0]])).tolist()
-    pooled = [_pool_level(maps[level], boxes, counts, 2.0**-level, cells) for level in levels]
-    return _choose(pooled, boxes, levels)
+class _OperatorPool:
+    """The operator on one map that holds all levels side by side, each with repeated borders.
 
-
-def _choose(pooled: list[Tensor], boxes: Tensor, levels: tuple[int, ...]) -> Tensor:
-    result = pooled[0]
-    if len(levels) > 1:
-        assigned = assign_levels(boxes, levels)[:, None, None, None]
-        for level, candidate in zip(levels[1:], pooled[1:], strict=True):
-            result = torch.where(assigned == level, candidate, result)
-    return result
-
-
-def _pool_level(
-    feature: Tensor, boxes: Tensor, counts: list[int], scale: float, cells: int
-) -> Tensor:
-    """Interpolation is separable: along x for all regions of an image, then along y for each."""
-    channels, height, width = feature.shape[1:]
-    across = _interpolation(boxes[:, 0], boxes[:, 2], cells, width, scale).split(counts)  # type: ignore[no-untyped-call]
-    down = _interpolation(boxes[:, 1], boxes[:, 3], cells, height, scale).split(counts)  # type: ignore[no-untyped-call]
-    pooled = []
-    for image, x, y in zip(feature.permute(0, 2, 3, 1), across, down, strict=True):
-        columns = torch.matmul(x.reshape(1, -1, width), image)
-        columns = columns.reshape(height, -1, cells * channels).transpose(0, 1)
-        pooled.append(torch.matmul(y, columns).reshape(-1, cells, cells, channels))
-    return torch.cat(pooled).permute(0, 3, 1, 2)
-
-
-def _interpolation(low: Tensor, high: Tensor, cells: int, length: int, scale: float) -> Tensor:
-    """Weights (R, cells, length) of an axis' samples in the mean of each cell.
-
-    Samples over a cell outside the map count nothing, the others stick to its border, as in
-    the library's operator.
+    Every region is pooled once, and no data is moved by where regions happen to lie.
     """
-    step = (torch.arange(cells * SAMPLING_RATIO, device=low.device) + 0.5) / SAMPLING_RATIO / cells
-    position = low[:, None] * scale - 0.5 + step * ((high - low) * scale)[:, None]
-    inside = (position >= -1.0) & (position <= length)
-    distance = position.clamp(0, length - 1)[..., None] - torch.arange(length, device=low.device)
-    weight = (1.0 - distance.abs()).clamp(min=0.0) * inside[..., None]
-    return weight.reshape(len(low), cells, SAMPLING_RATIO, length).mean(dim=2)
+
+    def __init__(self, maps: list[Tensor]) -> None:
+        self._corners = [(0, 0)]
+        self._map = maps[0].contiguous()
+        if len(maps) > 1:
+            self._map, self._corners = _side_by_side(maps)
+
+    def __call__(
+        self, boxes: Tensor, images: Tensor, row: Tensor, cells: int, samples: int
+    ) -> Tensor:
+        if len(self._corners) > 1:
+            boxes = boxes + boxes.new_tensor([corner * 2 for corner in self._corners])[row]
+        regions = torch.cat((images.to(boxes.dtype)[:, None], boxes), dim=1)
+        pooled: Tensor = roi_align(self._map, regions, cells, 1.0, samples, aligned=True)
+        return pooled
+
+
+def _side_by_side(maps: list[Tensor]) -> tuple[Tensor, list[tuple[int, int]]]:
+    """The first map, beside it the others in a column -> one map, and (x, y) of each corner."""
+    bordered = [functional.pad(x, (1, 1, 1, 1), mode="replicate") for x in maps]
+    wide = max(x.shape[3] for x in bordered[1:])
+    rows = [x.shape[2] for x in bordered[1:]]
+    high = max(bordered[0].shape[2], sum(rows))
+    tops = [sum(rows[:i]) for i in range(len(rows))]
+    column = torch.cat([functional.pad(x, (0, wide - x.shape[3])) for x in bordered[1:]], dim=2)
+    parts = [functional.pad(x, (0, 0, 0, high - x.shape[2])) for x in (bordered[0], column)]
+    left = bordered[0].shape[3]
+    return torch.cat(parts, dim=3), [(1, 1)] + [(left + 1, top + 1) for top in tops]
+
+
+class _GatherPool:
+    """Weighted sums of the columns (all channels at one place) of all levels' maps."""
+
+    def __init__(self, maps: list[Tensor]) -> None:
+        columns = [x.permute(0, 2, 3, 1).reshape(-1, x.shape[1]) for x in maps]
+        self._columns = torch.cat(columns) if len(columns) > 1 else columns[0]
+        starts = torch.tensor([0] + [len(x) for x in columns[:-1]]).cumsum(0)
+        self._starts = starts
+        self._sizes = torch.tensor([x.shape[2:] for x in maps])
+
+    def __call__(
+        self, boxes: Tensor, images: Tensor, row: Tensor, cells: int, samples: int
+    ) -> Tensor:
+        size = self._sizes[row]
+        across = _axis_taps(boxes[:, 0], boxes[:, 2], size[:, 1], cells, samples)
+        down = _axis_taps(boxes[:, 1], boxes[:, 3], size[:, 0], cells, samples)
+        # One bag for each cell of each region, its taps row by row.
+        bag = torch.arange(len(boxes) * cells * cells)
+        counts = (across.span * down.span).repeat_interleave(cells * cells)
+        ends = counts.cumsum(0)
+        owner = bag.repeat_interleave(counts)
+        within = torch.arange(len(owner)) - (ends - counts)[owner]
+        region = torch.div(owner, cells * cells, rounding_mode="floor")
+        wide = across.span[region]
+        tap_y = torch.div(within, wide, rounding_mode="floor")
+        tap_x = within - tap_y * wide
+        cell_y = torch.div(owner, cells, rounding_mode="floor")
+        cell_x = region * cells + owner - cell_y * cells
+        weight = down.weight[cell_y, tap_y] * across.weight[cell_x, tap_x]
+        y = torch.minimum(down.first[cell_y] + tap_y, size[region, 0] - 1)
+        x = torch.minimum(across.first[cell_x] + tap_x, size[region, 1] - 1)
+        start = self._starts[row] + images * size.prod(dim=1)
+        pooled = functional.embedding_bag(
+            start[region] + y * size[region, 1] + x,
+            self._columns,
+            ends - counts,
+            mode="sum",
+            per_sample_weights=weight,
+        )
+        channels = self._columns.shape[1]
+        return pooled.reshape(len(boxes), cells, cells, channels).permute(0, 3, 1, 2)
+
+
+class _Taps(NamedTuple):
+    """Which cells of a map, along one axis, make up each cell of R regions."""
+
+    first: Tensor
+    """(R * cells,) int64, the first tap's place."""
+    weight: Tensor
+    """(R * cells, T) float32, of the first tap and those after it."""
+    span: Tensor
+    """(R,) int64, taps that matter for any cell of a region."""
+
+
+def _axis_taps(low: Tensor, high: Tensor, length: Tensor, cells: int, samples: int) -> _Taps:
+    """Taps of regions from ``low`` to ``high`` (R,) on maps of ``length`` (R,) cells.
+
+    A cell is the mean of evenly spread samples, each of which interpolates its two neighbours.
+    Samples over a cell outside the map count nothing, the others stick to its border, and a
+    region without size has none where each cell of the map takes one, as in the library's
+    operator.
+    """
+    size = high - low
+    taken = torch.ceil(size / cells).clamp(min=1.0) if samples == 0 else size * 0 + samples
+    number = torch.arange(int(taken.max()) if len(taken) else 1)
+    used = (number < taken[:, None])[:, None]
+    share = (torch.arange(cells)[:, None] + ((number + 0.5) / taken[:, None])[:, None]) / cells
+    position = low[:, None, None] + share * size[:, None, None] - 0.5
+    end = length[:, None, None]
+    counted = used & (position >= -1.0) & (position <= end)
+    if samples == 0:
+        counted &= (size > 0.0)[:, None, None]
+    position = torch.minimum(position.clamp(min=0.0), end - 1.0)
+    first = position[..., 0].floor()
+    last = torch.where(used, position, 0.0).amax(dim=2).floor() + 1.0
+    span = (last - first).amax(dim=1).long() + 1
+    tap = torch.arange(int(span.max()) if len(span) else 1)
+    distance = (position - first[..., None])[..., None] - tap
+    weight = ((1.0 - distance.abs()).clamp(min=0.0) * counted[..., None]).sum(dim=2)
+    weight = weight / taken[:, None, None]
+    return _Taps(first.long().flatten(), weight.flatten(0, 1), span)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from perceptree.errors import PerceptreeError
 
@@ -15,7 +15,14 @@ CLASS_NAMES = ("tree",)
 MASK_CELLS = 28
 HEAT_MAP_CELLS = 56
 
+STRIDE_5 = 32
+
 Modality = Literal["rgb", "depth"]
+KeypointGrid = Literal["subcell", "pixels"]
+
+_CHANNELS = {"rgb": (3,), "depth": (1, 3)}
+_SMALLEST_PX, _LARGEST_PX = 32, 8192
+_COUNTS = ("proposals_per_level", "proposals", "detections", "fpn_width", "box_head_width")
 
 
 class SpecError(PerceptreeError):
@@ -26,29 +33,38 @@ class SpecError(PerceptreeError):
 class ModelSpec:
     """Everything needed to rebuild a network and to feed it correctly.
 
-    Channels are in the order of the input (BGR for ``rgb``, one for ``depth``); ``mean`` and
-    ``std`` are in units of the 8-bit input. FPN level ``n`` has stride ``2**n``.
+    Colours are in the order of the input, BGR; ``mean`` and ``std`` are in units of the 8-bit
+    input. FPN level ``n`` has stride ``2**n``.
     """
 
     name: str
     modality: Modality
     height: int
-    """Input height, px, a multiple of the coarsest stride."""
+    """Input height, px; the network pads to a multiple of 32 itself."""
     width: int
-    """Input width, px, a multiple of the coarsest stride."""
+    """Input width, px."""
     mean: tuple[float, ...]
+    """One per channel of the network: three for ``rgb``, one or three for ``depth``, whose one
+    channel is repeated to fit a network that was made for colours."""
     std: tuple[float, ...]
     pad_value: int
     """What the letterbox fills with, 0 to 255."""
-    anchor_sizes_px: tuple[float, ...]
-    """Square root of an anchor's area, one per level."""
+    anchor_sizes_px: tuple[tuple[float, ...], ...]
+    """Square roots of anchors' areas: for each level one or several."""
     depth_encoding: dict[str, float] | None = None
     """How metres became 8 bits (``calib.DepthEncoding`` as a dict); None for ``rgb``."""
     backbone: str = "mobilenetv4_conv_small"
+    stride_in_1x1: bool = False
+    """Where a ResNet's bottlenecks halve the map: in the first 1x1 convolution or in the 3x3."""
     levels: tuple[int, ...] = (3, 4, 5)
+    """Levels with proposals; level 6 is every second cell of level 5."""
     fpn_width: int = 96
+    fpn_norm: bool = True
+    """Batch norm after each of the pyramid's convolutions, in place of a bias."""
     anchor_ratios: tuple[float, ...] = (2.0, 4.5, 10.0)
     """Height over width."""
+    anchor_offset: float = 0.5
+    """Where in a cell its anchors are centred, 0 (its corner) to 1."""
     proposals_per_level: int = 100
     """Kept per level ahead of the suppression."""
     proposals: int = 100
@@ -56,6 +72,8 @@ class ModelSpec:
     proposal_nms_iou: float = 0.7
     roi_levels: tuple[int, ...] = (3,)
     """Levels that the heads pool from; more than one are assigned by box size."""
+    roi_samples: int = 2
+    """RoIAlign's samples per cell and axis; 0 takes one for each cell of the map."""
     box_head_width: int = 256
     mask_head_widths: tuple[int, ...] = (64, 64)
     keypoint_head_widths: tuple[int, ...] = (64, 64, 64, 64)
@@ -63,33 +81,37 @@ class ModelSpec:
     keypoints: bool = True
     keypoint_box_scale: float = 1.25
     """The keypoint head sees the box enlarged by this, so that a hidden cut is still inside."""
+    keypoint_grid: KeypointGrid = "subcell"
+    """Where keypoints can lie: on a parabola between eighths of a heat map's cell, or, as in
+    Detectron2, on the centres of the box's pixels."""
     detections: int = 20
     """Rows of every output."""
     score_threshold: float = 0.01
     nms_iou: float = 0.5
 
     def __post_init__(self) -> None:
-        channels = {"rgb": 3, "depth": 1}.get(self.modality)
-        if channels is None:
-            raise SpecError(f"modality is {self.modality!r}, expected 'rgb' or 'depth'")
-        self._check_input(channels)
+        self._check_input()
         self._check_levels()
-        for name in ("proposals_per_level", "proposals", "detections", "fpn_width"):
+        self._check_choices()
+        for name in _COUNTS:
             if getattr(self, name) < 1:
                 raise SpecError(f"{name} is {getattr(self, name)}, expected at least 1")
         for name in ("proposal_nms_iou", "nms_iou"):
             if not 0.0 < getattr(self, name) <= 1.0:
                 raise SpecError(f"{name} is {getattr(self, name)}, expected over 0, at most 1")
-        if not 0.0 <= self.score_threshold < 1.0:
-            raise SpecError(f"score_threshold is {self.score_threshold}, expected within [0, 1)")
-        if self.keypoint_box_scale < 1.0:
-            raise SpecError(f"keypoint_box_scale is {self.keypoint_box_scale}, expected >= 1")
+        for name in ("mask_head_widths", "keypoint_head_widths"):
+            widths = getattr(self, name)
+            if not widths or min(widths) < 1:
+                raise SpecError(f"{name} are {widths}, expected at least one, each at least 1")
 
-    def _check_input(self, channels: int) -> None:
-        if len(self.mean) != channels or len(self.std) != channels:
+    def _check_input(self) -> None:
+        allowed = _CHANNELS.get(self.modality)
+        if allowed is None:
+            raise SpecError(f"modality is {self.modality!r}, expected 'rgb' or 'depth'")
+        if len(self.mean) not in allowed or len(self.std) != len(self.mean):
             raise SpecError(
                 f"mean and std have {len(self.mean)} and {len(self.std)} values, "
-                f"expected {channels} for {self.modality}"
+                f"expected {' or '.join(map(str, allowed))} for {self.modality}"
             )
         if min(self.std) <= 0.0:
             raise SpecError(f"std is {self.std}, expected positive values")
@@ -97,29 +119,72 @@ class ModelSpec:
             raise SpecError(f"pad_value is {self.pad_value}, expected 0 to 255")
         if (self.depth_encoding is None) != (self.modality == "rgb"):
             raise SpecError("depth_encoding is for the depth modality, which needs it")
+        if not all(_SMALLEST_PX <= side <= _LARGEST_PX for side in (self.height, self.width)):
+            raise SpecError(
+                f"the input is {self.height}x{self.width}, "
+                f"expected {_SMALLEST_PX} to {_LARGEST_PX} px each way"
+            )
 
     def _check_levels(self) -> None:
         first = self.levels[0] if self.levels else 0
         if first < 2 or self.levels != tuple(range(first, first + len(self.levels))):
             raise SpecError(f"levels are {self.levels}, expected consecutive ones from 2 on")
-        if self.levels[-1] > 5:
-            raise SpecError(f"levels are {self.levels}, expected at most level 5")
-        stride = 2 ** max(5, self.levels[-1])
-        if min(self.height, self.width) < stride or self.height % stride or self.width % stride:
+        if not 5 <= self.levels[-1] <= 6:
+            raise SpecError(f"levels are {self.levels}, expected level 5 or 6 as the last")
+        counts = {len(sizes) for sizes in self.anchor_sizes_px}
+        if len(self.anchor_sizes_px) != len(self.levels) or len(counts) != 1 or 0 in counts:
             raise SpecError(
-                f"the input is {self.height}x{self.width}, expected multiples of {stride}"
+                f"anchor_sizes_px are {self.anchor_sizes_px}, expected {len(self.levels)} "
+                "groups (one per level), each of as many sizes"
             )
-        if len(self.anchor_sizes_px) != len(self.levels) or not self.anchor_ratios:
+        sizes = (*self.anchor_ratios, *(s for group in self.anchor_sizes_px for s in group))
+        if not self.anchor_ratios or min(sizes) <= 0.0:
             raise SpecError(
-                f"{len(self.anchor_sizes_px)} anchor sizes and {len(self.anchor_ratios)} ratios, "
-                f"expected {len(self.levels)} sizes (one per level) and at least one ratio"
+                f"anchor_ratios are {self.anchor_ratios}, anchor_sizes_px {self.anchor_sizes_px}, "
+                "expected at least one each, over 0"
             )
-        if not self.roi_levels or not set(self.roi_levels) <= set(self.levels):
-            raise SpecError(f"roi_levels are {self.roi_levels}, expected some of {self.levels}")
+        pooled = tuple(
+            range(self.roi_levels[0], self.roi_levels[-1] + 1) if self.roi_levels else ()
+        )
+        if not pooled or self.roi_levels != pooled or not set(pooled) <= set(self.levels) - {6}:
+            raise SpecError(
+                f"roi_levels are {self.roi_levels}, expected consecutive ones of {self.levels} "
+                "up to 5"
+            )
+
+    def _check_choices(self) -> None:
+        if self.keypoint_grid not in get_args(KeypointGrid):
+            raise SpecError(
+                f"keypoint_grid is {self.keypoint_grid!r}, expected 'subcell' or 'pixels'"
+            )
+        if self.roi_samples < 0:
+            raise SpecError(f"roi_samples is {self.roi_samples}, expected at least 0")
+        if not 0.0 <= self.anchor_offset <= 1.0:
+            raise SpecError(f"anchor_offset is {self.anchor_offset}, expected 0 to 1")
+        if not 0.0 <= self.score_threshold < 1.0:
+            raise SpecError(f"score_threshold is {self.score_threshold}, expected within [0, 1)")
+        if self.keypoint_box_scale < 1.0:
+            raise SpecError(f"keypoint_box_scale is {self.keypoint_box_scale}, expected >= 1")
+
+    @property
+    def backbone_levels(self) -> tuple[int, ...]:
+        """The levels that the backbone makes; only level 6 is made of another one."""
+        return tuple(level for level in self.levels if level <= 5)
+
+    @property
+    def anchors_per_cell(self) -> int:
+        """Sizes times ratios."""
+        return len(self.anchor_sizes_px[0]) * len(self.anchor_ratios)
+
+    def map_size(self, level: int) -> tuple[int, int]:
+        """Rows and columns of a level's map, of the input padded to whole cells of level 5."""
+        cells = (-(-side // STRIDE_5) * STRIDE_5 for side in (self.height, self.width))
+        rows, columns = (-(-side // 2**level) for side in cells)
+        return rows, columns
 
     @property
     def channels(self) -> int:
-        """Channels of the input."""
+        """Channels that the network takes."""
         return len(self.mean)
 
     def to_dict(self) -> dict[str, Any]:
@@ -133,37 +198,12 @@ class ModelSpec:
         surplus = sorted(set(values) - known)
         if surplus:
             raise SpecError(f"unknown model spec fields: {', '.join(surplus)}")
-        plain: dict[str, Any] = {
-            name: tuple(value) if isinstance(value, list) else value
-            for name, value in values.items()
-        }
+        plain: dict[str, Any] = {name: _as_tuples(value) for name, value in values.items()}
         try:
             return cls(**plain)
         except TypeError as error:
             raise SpecError(f"not a model spec: {error}") from error
 
 
-LINEAR_20_M = {
-    "near_m": 0.0,
-    "far_m": 20.0,
-    "near_value": 0,
-    "far_value": 255,
-    "invalid_value": 255,
-}
-
-
-def light_spec(modality: Modality, height: int = 384, width: int = 640) -> ModelSpec:
-    """The light detector for two-core computers; anchors scale with the input's width."""
-    scale = width / 640.0
-    depth = modality == "depth"
-    return ModelSpec(
-        name=f"light-{modality}",
-        modality=modality,
-        height=height,
-        width=width,
-        mean=(128.0,) if depth else (103.53, 116.28, 123.675),
-        std=(80.0,) if depth else (57.375, 57.12, 58.395),
-        pad_value=255 if depth else 114,
-        anchor_sizes_px=(40.0 * scale, 80.0 * scale, 160.0 * scale),
-        depth_encoding=dict(LINEAR_20_M) if depth else None,
-    )
+def _as_tuples(value: Any) -> Any:
+    return tuple(_as_tuples(item) for item in value) if isinstance(value, list) else value

@@ -9,11 +9,13 @@ from typing import Any
 
 from perceptree.data import AugmentSettings
 from perceptree.errors import SettingsError
+from perceptree.models import SampleSettings
 
 _POSITIVE = (
     "steps", "minutes", "batch", "learning_rate", "warmup_steps", "clip_norm", "evaluations",
     "save_every_steps",
 )  # fmt: skip
+_LAST_LEVEL = 5  # of a backbone
 
 
 @dataclass(frozen=True)
@@ -21,7 +23,9 @@ class TrainSettings:
     """Training ends after ``steps`` or ``minutes`` of training time, one of the two.
 
     The learning rate warms up over ``warmup_steps``, then falls along a cosine to
-    ``final_rate_share`` of its peak. Weights are averaged with ``ema_decay`` per step.
+    ``final_rate_share`` of its peak. Weights are averaged with ``ema_decay`` per step. Of the
+    backbone, the parts up to the maps of stride ``2**freeze_level`` stay as they are (0: none, 2:
+    Detectron2's FREEZE_AT 2), and with ``frozen_norms`` all of its batch norms.
     """
 
     steps: int | None = None
@@ -36,7 +40,10 @@ class TrainSettings:
     evaluations: int = 4
     save_every_steps: int = 200
     seed: int = 0
+    freeze_level: int = 0
+    frozen_norms: bool = False
     augment: AugmentSettings = field(default_factory=AugmentSettings)
+    sampling: SampleSettings = field(default_factory=SampleSettings)
 
     def __post_init__(self) -> None:
         if (self.steps is None) == (self.minutes is None):
@@ -53,6 +60,8 @@ class TrainSettings:
             raise SettingsError(f"final_rate_share is {self.final_rate_share}: expected 0 to 1")
         if not 0 <= self.ema_decay < 1:
             raise SettingsError(f"ema_decay is {self.ema_decay}: expected at least 0, under 1")
+        if not 0 <= self.freeze_level <= _LAST_LEVEL:
+            raise SettingsError(f"freeze_level is {self.freeze_level}: expected 0 to {_LAST_LEVEL}")
         if self.seed < 0:
             raise SettingsError(f"seed is {self.seed}: expected at least 0")
 

@@ -20,6 +20,7 @@ from perceptree.errors import CheckpointError, DatasetError, SettingsError
 from perceptree.evaluation import Metrics, evaluate, predict_with
 from perceptree.models import ModelSpec, TreeRCNN, save_checkpoint
 from perceptree.training.settings import TrainSettings
+from perceptree.training.starting import Init, describe_init, start_from
 from perceptree.training.state import interrupt_afterwards, read_state, write_state
 
 _SECONDS = 60.0
@@ -53,20 +54,38 @@ Progress = Callable[[Status], None]
 
 
 class Trainer:
-    """One training run in a folder: ``state.pt`` to resume, ``best.safetensors``, ``log.jsonl``."""
+    """One training run in a folder: ``state.pt`` to resume, ``best.safetensors``, ``log.jsonl``.
+
+    Starting weights are fetched only where there is no state to resume.
+    """
 
     def __init__(
-        self, spec: ModelSpec, settings: TrainSettings, data: Path, out: Path, progress: Progress
+        self,
+        spec: ModelSpec,
+        settings: TrainSettings,
+        data: Path,
+        out: Path,
+        progress: Progress,
+        init: Init | None = None,
     ) -> None:
         self.spec, self.settings, self.out, self._progress = spec, settings, out, progress
-        self._train = FrameStore(read_split(data, "train"), spec)
-        self._val = FrameStore(read_split(data, "val"), spec)
+        records = [read_split(data, split) for split in ("train", "val")]
+        self._init = describe_init(init)
+        torch.manual_seed(settings.seed)
+        self.model = TreeRCNN(spec).to(memory_format=torch.channels_last)
+        if init is None and settings.frozen_norms:
+            raise SettingsError(
+                "frozen_norms is true without starting weights: expected weights whose norms "
+                "were trained (--init)"
+            )
+        if init is not None and not self.resumable:
+            start_from(self.model, init)
+        self.model.freeze(settings.freeze_level, settings.frozen_norms)
+        self._train, self._val = (FrameStore(frames, spec) for frames in records)
         for split, store in (("train", self._train), ("val", self._val)):
             if store.trees == 0:
                 raise DatasetError(f"{data}: the split {split} has no labelled tree, expected some")
         self._data = {"name": data.name, "train": len(self._train), "val": len(self._val)}
-        torch.manual_seed(settings.seed)
-        self.model = TreeRCNN(spec).to(memory_format=torch.channels_last)
         self.average = copy.deepcopy(self.model).eval().requires_grad_(False)
         self._optimizer = torch.optim.AdamW(self._parameter_groups(), lr=settings.learning_rate)
         self.step, self._elapsed_s, self._evaluated = 0, 0.0, 0
@@ -74,8 +93,9 @@ class Trainer:
         self._means: dict[str, float] = {}
 
     def _parameter_groups(self) -> list[dict[str, Any]]:
-        decayed = [p for p in self.model.parameters() if p.ndim > 1]
-        plain = [p for p in self.model.parameters() if p.ndim <= 1]
+        trained = [p for p in self.model.parameters() if p.requires_grad]
+        decayed = [p for p in trained if p.ndim > 1]
+        plain = [p for p in trained if p.ndim <= 1]
         return [
             {"params": decayed, "weight_decay": self.settings.weight_decay},
             {"params": plain, "weight_decay": 0.0},
@@ -144,7 +164,8 @@ class Trainer:
     def _losses(self, samples: list[Sample]) -> dict[str, Tensor]:
         images = torch.from_numpy(np.stack([sample.image for sample in samples]))
         with torch.autocast("cpu", torch.bfloat16):
-            return self.model.losses(images, [sample.targets() for sample in samples])
+            targets = [sample.targets() for sample in samples]
+            return self.model.losses(images, targets, self.settings.sampling)
 
     def _batch_indices(self) -> list[int]:
         """The next frames: every epoch is a permutation of its own."""
@@ -197,6 +218,7 @@ class Trainer:
             self._best = metrics
             training = {
                 "settings": self.settings.to_dict(),
+                "init": self._init,
                 "data": self._data["name"],
                 "frames": len(self._train),
                 "steps": self.step,
@@ -211,6 +233,7 @@ class Trainer:
         return {
             "model settings": self.spec.to_dict(),
             "settings": self.settings.to_dict(),
+            "starting weights": self._init.get("sha256", self._init["name"]),
             "data": self._data,
         }
 
@@ -239,6 +262,11 @@ class Trainer:
         self._best = None if state["best"] is None else Metrics(**state["best"])
 
     @property
+    def resumable(self) -> bool:
+        """Whether the folder has a state to go on from."""
+        return self._state_path.exists()
+
+    @property
     def _state_path(self) -> Path:
         return self.out / STATE_NAME
 
@@ -249,18 +277,21 @@ def train(
     data: Path,
     out: Path,
     progress: Progress = lambda status: None,
+    init: Init | None = None,
 ) -> TrainReport:
-    """Train ``spec`` from random weights on a dataset's train split into the folder ``out``.
+    """Train ``spec`` on a dataset's train split into the folder ``out``.
 
-    A folder with ``state.pt`` of the same spec, settings and data is resumed. Raises DatasetError
-    for data that cannot be read, CheckpointError where ``out`` cannot be written or does not fit,
-    SettingsError where the loss stops being finite.
+    It starts from random weights, or from those that ``init`` names. A folder with ``state.pt``
+    of the same spec, settings, starting weights and data is resumed: an ``init`` file must still
+    be there and the same, published weights are not fetched again. Raises DatasetError for data
+    that cannot be read, CheckpointError where ``out`` cannot be written or a file does not fit,
+    SettingsError where the loss stops being finite or no such weights exist.
     """
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise CheckpointError(f"{out}: cannot be written ({error.strerror})") from error
-    trainer = Trainer(spec, settings, data, out, progress)
-    if (out / STATE_NAME).exists():
+    trainer = Trainer(spec, settings, data, out, progress, init)
+    if trainer.resumable:
         trainer.resume()
     return trainer.run()

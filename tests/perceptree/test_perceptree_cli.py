@@ -48,7 +48,7 @@ def test_an_interrupted_training_says_how_to_go_on(
 MISTAKES = {
     "no dataset": (("train", "{}/none", "--out", "{}/run"), "none/train_RGB.json: no such file"),
     "modality": (("train", "{}", "--out", "{}/run", "--modality", "x"), "--modality is 'x'"),
-    "size": (("train", "{}", "--out", "{}/run", "--height", 50), "expected multiples of 32"),
+    "size": (("train", "{}", "--out", "{}/run", "--height", 20), "expected 32 to 8192 px"),
     "two ends": (
         ("train", "{}", "--out", "{}/run", "--steps", 3, "--minutes", 1), "expected exactly one"
     ),

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from calib import write_depth
-from perceptree.models import TreeRCNN, light_spec, save_checkpoint
+from perceptree.models import TreeRCNN, make_spec, save_checkpoint
 
 HEIGHT, WIDTH = 96, 160
 
@@ -17,7 +17,7 @@ HEIGHT, WIDTH = 96, 160
 def lively_model(modality: str = "rgb", **changes: object) -> TreeRCNN:
     """Random weights, the last layers so strong that scores and heat maps have clear peaks."""
     torch.manual_seed(1)
-    spec = light_spec(modality, HEIGHT, WIDTH)  # type: ignore[arg-type]
+    spec = make_spec("edge-n", modality, HEIGHT, WIDTH)  # type: ignore[arg-type]
     model = TreeRCNN(dataclasses.replace(spec, fpn_width=32, **changes))  # type: ignore[arg-type]
     shape = (8, *((HEIGHT, WIDTH, 3) if modality == "rgb" else (HEIGHT, WIDTH)))
     with torch.no_grad():

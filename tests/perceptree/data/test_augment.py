@@ -9,7 +9,7 @@ import pytest
 
 from perceptree.data import AugmentSettings, FrameStore, Sample, augment, flip, read_split
 from perceptree.errors import SettingsError
-from perceptree.models import light_spec
+from perceptree.models import make_spec
 
 STILL = AugmentSettings(
     flip_share=0.0, scale=(1.0, 1.0), brightness=0.0, contrast=0.0, saturation=0.0, tint=0.0,
@@ -18,7 +18,7 @@ STILL = AugmentSettings(
 
 
 def store_of(posts: Path, modality: Any) -> FrameStore:
-    return FrameStore(read_split(posts, "train"), light_spec(modality, 96, 160))
+    return FrameStore(read_split(posts, "train"), make_spec("edge-n", modality, 96, 160))
 
 
 def test_a_flip_mirrors_all_and_swaps_left_and_right(posts: Path) -> None:

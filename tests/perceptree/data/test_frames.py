@@ -10,14 +10,14 @@ import pytest
 
 from perceptree.data import FrameStore, read_split
 from perceptree.errors import DatasetError
-from perceptree.models import light_spec
+from perceptree.models import make_spec
 
 Edit = Callable[[Path, str, Callable[[dict[str, Any]], None]], None]
 
 
 @pytest.mark.parametrize("modality", ["rgb", "depth"])
 def test_labels_lie_on_the_letterboxed_picture(posts: Path, modality: Any) -> None:
-    spec = light_spec(modality, 64, 96)  # 128x72 becomes 96x54, with ten rows of padding
+    spec = make_spec("edge-n", modality, 64, 96)  # 128x72 becomes 96x54, with ten rows of padding
     store = FrameStore(read_split(posts, "train"), spec)
     assert len(store) == 6
     assert store.trees == 9
@@ -42,7 +42,9 @@ def test_labels_lie_on_the_letterboxed_picture(posts: Path, modality: Any) -> No
 
 
 def test_targets_have_the_shapes_that_the_model_trains_on(posts: Path) -> None:
-    targets = FrameStore(read_split(posts, "train"), light_spec("depth", 64, 96))[1].targets()
+    targets = FrameStore(read_split(posts, "train"), make_spec("edge-n", "depth", 64, 96))[
+        1
+    ].targets()
     assert targets.boxes.shape == (2, 4)
     assert targets.keypoints.shape == (2, 5, 3)
     assert targets.masks.shape == (2, 64, 96)
@@ -54,7 +56,7 @@ def test_a_frame_without_trees_and_a_crowd_are_ordinary(posts: Path, edit_split:
         content["annotations"][0]["iscrowd"] = 1
 
     edit_split(posts, "train", change)
-    store = FrameStore(read_split(posts, "train"), light_spec("depth", 64, 96))
+    store = FrameStore(read_split(posts, "train"), make_spec("edge-n", "depth", 64, 96))
     assert store.trees == 7
     assert store[0].targets().masks.shape == (0, 64, 96)
     assert len(store[1].boxes) == 1
@@ -90,7 +92,7 @@ def test_a_bad_picture_is_one_line_that_names_it(
 ) -> None:
     damage(posts)
     with pytest.raises(DatasetError) as caught:
-        FrameStore(read_split(posts, "train"), light_spec("depth", 64, 96))
+        FrameStore(read_split(posts, "train"), make_spec("edge-n", "depth", 64, 96))
     assert str(posts / "depth8/000000.png") in str(caught.value)
     assert expected in str(caught.value)
 
@@ -102,8 +104,8 @@ def test_depth_of_another_encoding_is_refused(posts: Path, edit_split: Edit) -> 
     edit_split(posts, "train", change)
     frames = read_split(posts, "train")
     with pytest.raises(DatasetError, match=r"its depth_encoding is .*10\.0.*expected the model's"):
-        FrameStore(frames, light_spec("depth", 64, 96))
-    assert len(FrameStore(frames, light_spec("rgb", 64, 96))) == 6
+        FrameStore(frames, make_spec("edge-n", "depth", 64, 96))
+    assert len(FrameStore(frames, make_spec("edge-n", "rgb", 64, 96))) == 6
 
 
 def test_a_dataset_without_depth_trains_colour_only(posts: Path, edit_split: Edit) -> None:
@@ -113,6 +115,6 @@ def test_a_dataset_without_depth_trains_colour_only(posts: Path, edit_split: Edi
 
     edit_split(posts, "train", change)
     frames = read_split(posts, "train")
-    assert len(FrameStore(frames, light_spec("rgb", 64, 96))) == 6
+    assert len(FrameStore(frames, make_spec("edge-n", "rgb", 64, 96))) == 6
     with pytest.raises(DatasetError, match="gives no 8-bit depth"):
-        FrameStore(frames, light_spec("depth", 64, 96))
+        FrameStore(frames, make_spec("edge-n", "depth", 64, 96))

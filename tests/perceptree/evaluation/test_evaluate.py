@@ -10,14 +10,14 @@ import pytest
 from perceptree.data import FrameStore, read_split
 from perceptree.errors import DatasetError
 from perceptree.evaluation import Predict, RawDetections, evaluate, predict_frames
-from perceptree.models import light_spec
+from perceptree.models import make_spec
 
 Edit = Callable[[Path, str, Callable[[dict[str, Any]], None]], None]
 ROWS = 20
 
 
 def store_of(posts: Path, split: str = "train") -> FrameStore:
-    return FrameStore(read_split(posts, split), light_spec("rgb", 96, 160))
+    return FrameStore(read_split(posts, split), make_spec("edge-n", "rgb", 96, 160))
 
 
 def oracle(

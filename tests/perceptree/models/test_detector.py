@@ -6,13 +6,13 @@ import torch
 from torch import Tensor
 from torchvision.ops import box_iou
 
-from perceptree.models import ModelSpec, TreeRCNN, TreeTargets, light_spec
+from perceptree.models import ModelSpec, TreeRCNN, TreeTargets, make_spec
 
 HEIGHT, WIDTH = 96, 160
 
 
 def small_spec(modality: str = "depth", **changes: object) -> ModelSpec:
-    spec = light_spec(modality, HEIGHT, WIDTH)  # type: ignore[arg-type]
+    spec = make_spec("edge-n", modality, HEIGHT, WIDTH)  # type: ignore[arg-type]
     return dataclasses.replace(spec, **{"fpn_width": 32, **changes})  # type: ignore[arg-type]
 
 
@@ -157,6 +157,12 @@ def test_normalisation_keeps_bgr_order() -> None:
     images = torch.zeros(1, HEIGHT, WIDTH, 3, dtype=torch.uint8)
     images[..., 0], images[..., 1], images[..., 2] = 11, 22, 34
     assert model.normalise(images)[0, :, 5, 7].tolist() == [1.0, 1.0, 1.0]
+
+
+def test_depth_is_repeated_for_a_network_that_was_made_for_colours() -> None:
+    model = TreeRCNN(small_spec("depth", mean=(10.0, 20.0, 30.0), std=(1.0, 2.0, 4.0)))
+    images = torch.full((1, HEIGHT, WIDTH), 34, dtype=torch.uint8)
+    assert model.normalise(images)[0, :, 5, 7].tolist() == [24.0, 7.0, 1.0]
 
 
 def test_images_of_another_kind_are_refused() -> None:

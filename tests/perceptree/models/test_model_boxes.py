@@ -6,9 +6,10 @@ from torch import Tensor
 from torchvision.models.detection._utils import BoxCoder
 from torchvision.models.detection.anchor_utils import AnchorGenerator
 from torchvision.models.detection.image_list import ImageList
-from torchvision.ops import box_iou, nms, roi_align
+from torchvision.ops import box_iou, nms
 from torchvision.ops.poolers import LevelMapper
 
+from perceptree.models import make_spec
 from perceptree.models.anchors import level_anchors
 from perceptree.models.boxes import (
     clip_boxes,
@@ -18,7 +19,8 @@ from perceptree.models.boxes import (
     pairwise_iou,
     suppress,
 )
-from perceptree.models.roi_align import assign_levels, pool_regions, pool_regions_by_matrix
+from perceptree.models.roi_align import assign_levels
+from perceptree.models.rpn import ProposalNetwork
 
 
 def some_boxes(count: int, seed: int = 0, size: float = 200.0) -> Tensor:
@@ -65,7 +67,7 @@ def test_suppression_keeps_what_nms_keeps_in_a_fixed_number_of_rows() -> None:
 
 
 def test_anchors_have_their_area_and_shape_and_are_centred_on_cells() -> None:
-    anchors = level_anchors(3, 5, 16, 80.0, (2.0, 10.0)).reshape(3, 5, 2, 4)
+    anchors = level_anchors(3, 5, 16, (80.0,), (2.0, 10.0)).reshape(3, 5, 2, 4)
     size = anchors[..., 2:] - anchors[..., :2]
     torch.testing.assert_close(size.prod(-1), torch.full((3, 5, 2), 6400.0))
     ratio = torch.tensor([2.0, 10.0])
@@ -74,58 +76,70 @@ def test_anchors_have_their_area_and_shape_and_are_centred_on_cells() -> None:
     assert centre.tolist() == pytest.approx([3.5 * 16, 2.5 * 16])
 
 
-def test_anchor_order_is_torchvisions() -> None:
-    # torchvision rounds its anchors and centres them on cells' corners.
-    theirs = AnchorGenerator(((64,),), ((2.0, 4.0),))
+def test_anchors_are_torchvisions_but_for_its_rounding() -> None:
+    sizes, ratios = ((32, 64), (64, 128)), (0.5, 1.0, 4.0)
+    theirs = AnchorGenerator(sizes, (ratios,) * 2)
     images = ImageList(torch.zeros(1, 3, 64, 96), [(64, 96)])
-    expected = theirs(images, [torch.zeros(1, 8, 2, 3)])[0]
-    ours = level_anchors(2, 3, 32, 64.0, (2.0, 4.0)) - 16
-    assert (ours - expected).abs().max() < 0.51
+    expected = theirs(images, [torch.zeros(1, 8, 4, 6), torch.zeros(1, 8, 2, 3)])[0]
+    # It has all ratios outside and all sizes inside.
+    order = [0, 2, 4, 1, 3, 5]
+    expected = expected.reshape(-1, 6, 4)[:, order].reshape(-1, 4)
+    ours = torch.cat(
+        [
+            level_anchors(4, 6, 16, sizes[0], ratios, 0.0),
+            level_anchors(2, 3, 32, sizes[1], ratios, 0.0),
+        ]
+    )
+    assert ours.shape == expected.shape
+    assert float((ours - expected).abs().max()) < 0.501
 
 
-def test_regions_go_to_the_level_that_torchvision_chooses() -> None:
-    boxes = torch.cat((some_boxes(100, 5, 40.0), some_boxes(100, 6, 900.0)))
-    expected = LevelMapper(3, 5)([boxes]) + 3
-    assert assign_levels(boxes, (3, 4, 5)).tolist() == expected.tolist()
-    assert set(expected.tolist()) == {3, 4, 5}
-    exact = torch.tensor([[0.0, 0.0, 224.0, 224.0]])
-    assert assign_levels(exact, (3, 4, 5)).item() == 4
+def detectron2_anchors(
+    rows: int, columns: int, stride: int, sizes: tuple[float, ...], ratios: tuple[float, ...]
+) -> list[list[float]]:
+    """Its DefaultAnchorGenerator, OFFSET 0.0, written as plain loops."""
+    found = []
+    for row in range(rows):
+        for column in range(columns):
+            for size in sizes:
+                for ratio in ratios:
+                    width = math.sqrt(size**2 / ratio)
+                    height = ratio * width
+                    x, y = column * stride, row * stride
+                    found.append([x - width / 2, y - height / 2, x + width / 2, y + height / 2])
+    return found
 
 
-def test_each_region_is_pooled_from_its_own_level() -> None:
-    torch.manual_seed(0)
-    maps = {
-        3: torch.randn(2, 4, 48, 80),
-        4: torch.randn(2, 4, 24, 40),
-        5: torch.randn(2, 4, 12, 20),
-    }
-    boxes = torch.cat((some_boxes(10, 1, 60.0), some_boxes(10, 2, 900.0)))
-    images = torch.arange(20) // 10
-    ours = pool_regions(maps, boxes, images, (3, 4, 5), 7)
-    levels = LevelMapper(3, 5)([boxes]) + 3
-    for row, level in enumerate(levels.tolist()):
-        region = torch.cat((images[row, None].float(), boxes[row]))[None]
-        expected = roi_align(maps[level], region, 7, 2.0**-level, 2, aligned=True)[0]
-        torch.testing.assert_close(ours[row], expected)
+@pytest.mark.parametrize("sizes", [(64.0,), (32.0, 64.0, 128.0)])
+def test_anchors_are_detectron2s_in_its_order(sizes: tuple[float, ...]) -> None:
+    ratios = (0.5, 1.0, 2.0)
+    ours = level_anchors(3, 4, 8, sizes, ratios, 0.0)
+    expected = torch.tensor(detectron2_anchors(3, 4, 8, sizes, ratios))
+    assert len(ours) == 3 * 4 * len(sizes) * 3
+    torch.testing.assert_close(ours, expected, atol=1e-4, rtol=1e-6)
 
 
-@pytest.mark.parametrize("cells", [7, 14])
-def test_matrix_pooling_and_its_gradient_equal_the_operator(cells: int) -> None:
-    torch.manual_seed(0)
-    feature = torch.randn(2, 6, 24, 40, requires_grad=True)
-    boxes = some_boxes(8) - 60  # some of them reach over the border
-    boxes[0] = torch.tensor([600.0, 300.0, 900.0, 700.0])
-    images = torch.tensor([0, 0, 0, 1, 1, 1, 1, 1])
-    weight = torch.randn(8, 6, cells, cells)
-    answers = []
-    for pool in (pool_regions, pool_regions_by_matrix):
-        feature.grad = None
-        pooled = pool({4: feature}, boxes, images, (4,), cells)
-        (pooled * weight).sum().backward()
-        assert feature.grad is not None
-        answers.append((pooled.detach(), feature.grad.clone()))
-    torch.testing.assert_close(answers[0][0], answers[1][0], atol=1e-4, rtol=1e-4)
-    torch.testing.assert_close(answers[0][1], answers[1][1], atol=1e-4, rtol=1e-4)
+def test_the_paper_presets_anchors_are_detectron2s_on_every_level() -> None:
+    spec = make_spec("r50", "rgb", 90, 150)
+    padded = (96, 160)
+    for level, anchors in zip(spec.levels, ProposalNetwork(spec).anchors(), strict=True):
+        stride = 2**level
+        rows, columns = (math.ceil(side / stride) for side in padded)
+        size = 32.0 * 2 ** (level - 2)
+        expected = detectron2_anchors(rows, columns, stride, (size,), (0.5, 1.0, 2.0))
+        torch.testing.assert_close(anchors, torch.tensor(expected), atol=1e-3, rtol=1e-6)
+
+
+@pytest.mark.parametrize("levels", [(3, 4, 5), (2, 3, 4, 5)])
+def test_regions_go_to_the_level_that_torchvision_chooses(levels: tuple[int, ...]) -> None:
+    boxes = torch.cat([some_boxes(100, seed, size) for seed, size in ((5, 40.0), (6, 900.0))])
+    expected = LevelMapper(levels[0], levels[-1])([boxes]) + levels[0]
+    assert assign_levels(boxes, levels).tolist() == expected.tolist()
+    assert set(expected.tolist()) == set(levels)
+    sides = torch.tensor([111.9, 112.0, 223.9, 224.0, 447.9, 448.0, 0.0])
+    exact = torch.stack((0 * sides, 0 * sides, sides, sides), dim=1)
+    wanted = [max(2, levels[0]), 3, 3, 4, 4, 5, levels[0]]
+    assert assign_levels(exact, levels).tolist() == wanted
 
 
 def test_growth_is_capped_so_that_decoding_stays_finite() -> None:

@@ -3,18 +3,24 @@ import math
 import numpy as np
 import pytest
 import torch
-from torch.nn import functional
-from torchvision.models.detection.roi_heads import keypoints_to_heatmap
+from torch import Tensor
+from torchvision.models.detection.roi_heads import keypoints_to_heatmap, project_masks_on_boxes
+from torchvision.ops import roi_align
 
+from perceptree.errors import PerceptreeError
 from perceptree.models import TreeTargets
-from perceptree.models.decode import decode_keypoints, refine_matrix
 from perceptree.models.losses import (
     keypoint_loss,
     keypoint_targets,
     mask_loss,
     mask_targets,
 )
-from perceptree.models.matching import match_anchors, sample_regions
+from perceptree.models.matching import (
+    PAPER_SAMPLING,
+    SampleSettings,
+    match_anchors,
+    sample_regions,
+)
 from perceptree.models.targets import PaddedBoxes, pad_boxes
 
 S = 56
@@ -56,46 +62,46 @@ def test_mask_cells_take_the_pixel_under_their_centre() -> None:
     assert wanted.tolist() == expected.tolist()
 
 
-def brute_force_peak(maps: torch.Tensor, factor: int) -> tuple[float, float, float]:
-    """x, y in cells and logit of the highest point of torch's own bicubic surface."""
-    fine = functional.interpolate(
-        maps[None, None], scale_factor=factor, mode="bicubic", align_corners=False
-    )[0, 0]
-    best = int(fine.argmax())
-    row, column = divmod(best, fine.shape[1])
-    return (column + 0.5) / factor, (row + 0.5) / factor, float(fine.max())
-
-
-def test_keypoints_lie_on_the_peak_of_the_bicubic_surface() -> None:
+def ellipses(count: int) -> Tensor:
+    """(N, 300, 400) bool, each with its own centre, size and lean."""
     random = np.random.default_rng(0)
-    grid = torch.arange(S) + 0.5
-    worst, scores = [], []
-    for _ in range(40):
-        x, y, width = random.uniform(1, S - 1), random.uniform(1, S - 1), random.uniform(1.0, 4.0)
-        bump = -((grid[None, :] - x) ** 2 + (grid[:, None] - y) ** 2) / width
-        maps = (bump + 0.05 * torch.randn(S, S)).float()
-        found = decode_keypoints(
-            maps[None, None], torch.tensor([[0.0, 0.0, S, S]]), refine_matrix()
-        )[0, 0]
-        x, y, peak = brute_force_peak(maps, 32)
-        worst.append(max(abs(found[0].item() - x), abs(found[1].item() - y)))
-        expected = 1.0 / torch.exp(maps - peak).sum().item()
-        scores.append(abs(found[2].item() - expected) / expected)
-    assert np.quantile(worst, 0.95) < 0.1
-    assert max(scores) < 0.02
+    y, x = np.mgrid[:300, :400] + 0.5
+    masks = []
+    for _ in range(count):
+        dx, dy = x - random.uniform(150, 250), y - random.uniform(100, 200)
+        dx = dx + random.uniform(-0.4, 0.4) * dy
+        masks.append((dx / random.uniform(20, 90)) ** 2 + (dy / random.uniform(30, 90)) ** 2 < 1)
+    return torch.from_numpy(np.stack(masks))
 
 
-def test_keypoints_scale_with_their_box_and_stay_in_order() -> None:
-    maps = torch.full((2, 5, S, S), -20.0)
-    for keypoint in range(5):
-        maps[:, keypoint, 10 + keypoint, 40] = 5.0
-    boxes = torch.tensor([[100.0, 50.0, 156.0, 162.0], [0.0, 0.0, 5.6, 5.6]])
-    found = decode_keypoints(maps, boxes, refine_matrix())
-    assert found[0, :, 0].tolist() == pytest.approx([140.5] * 5, abs=1e-3)
-    assert found[0, :, 1].tolist() == pytest.approx(
-        [50 + 2 * (10.5 + k) for k in range(5)], abs=1e-3
-    )
-    assert found[1, :, 0].tolist() == pytest.approx([4.05] * 5, abs=1e-4)
+def boxes_around(masks: Tensor) -> Tensor:
+    """Loose and tight boxes with sides that are no whole pixels."""
+    random = torch.Generator().manual_seed(1)
+    boxes = []
+    for mask in masks:
+        row, column = mask.nonzero(as_tuple=True)
+        low, high = torch.stack((column, row)).amin(1), torch.stack((column, row)).amax(1) + 1
+        boxes.append(torch.cat((low, high)) + 20 * torch.rand(4, generator=random) - 10)
+    return torch.stack(boxes)
+
+
+def test_mask_targets_are_torchvisions_but_for_cells_on_the_outline() -> None:
+    masks = ellipses(40)
+    boxes = boxes_around(masks)
+    tree = torch.arange(40)
+    ours = mask_targets(boxes, masks, tree)
+    # torchvision's share of each cell, half a pixel off, as it pools without alignment.
+    share = project_masks_on_boxes(masks, boxes, tree, 28)
+    clear = (share < 0.02) | (share > 0.98)
+    assert float(clear.float().mean()) > 0.8
+    assert ours.shape == share.shape
+    assert torch.equal(ours[clear], share[clear].round())
+    assert float((ours - share).abs().mean()) < 0.04
+    assert float((ours.mean(dim=(1, 2)) - share.mean(dim=(1, 2))).abs().max()) < 0.02
+    # Detectron2's: aligned, cut at one half.
+    regions = torch.cat((tree[:, None].float(), boxes), dim=1)
+    aligned = roi_align(masks[:, None].float(), regions, 28, 1.0, 0, aligned=True)[:, 0] >= 0.5
+    assert float((ours.bool() != aligned).float().mean()) < 0.02
 
 
 def targets(boxes: list[list[float]]) -> TreeTargets:
@@ -111,7 +117,7 @@ def test_anchors_are_matched_by_overlap_and_every_tree_has_one() -> None:
         [[0.0, 0, 10, 10], [0, 0, 10, 14], [100, 0, 110, 10], [300, 300, 310, 310]]
     )
     trees = pad_boxes([targets([[0, 0, 10, 10], [104, 0, 118, 10]]), targets([])], anchors.device)
-    match = match_anchors(anchors, trees)
+    match = match_anchors(anchors, trees, SampleSettings())
     assert match.positive.tolist() == [[True, True, True, False], [False] * 4]
     assert match.tree[0, :3].tolist() == [0, 0, 1]
     assert match.negative.tolist() == [[False, False, False, True], [True] * 4]
@@ -120,10 +126,28 @@ def test_anchors_are_matched_by_overlap_and_every_tree_has_one() -> None:
 def test_half_of_the_sampled_anchors_are_positive_at_most() -> None:
     anchors = torch.tensor([[0.0, 0, 10, 10]]).repeat(500, 1)
     anchors[200:] += 500
-    match = match_anchors(anchors, pad_boxes([targets([[0, 0, 10, 10]])], anchors.device))
-    assert int(match.positive.sum()) == 64
-    assert int(match.negative.sum()) == 64
-    assert not match.positive[0, 200:].any()
+    trees = pad_boxes([targets([[0, 0, 10, 10]])], anchors.device)
+    for settings, positives in (
+        (SampleSettings(), 64),
+        (PAPER_SAMPLING, 128),
+        (SampleSettings(anchors=100, anchor_positive_share=0.2), 20),
+    ):
+        match = match_anchors(anchors, trees, settings)
+        assert int(match.positive.sum()) == positives
+        assert int(match.negative.sum()) == settings.anchors - positives
+        assert not match.positive[0, 200:].any()
+
+
+def test_overlaps_between_the_two_limits_are_not_learned_from() -> None:
+    # Overlaps 0.6, 0.35 and 0.2 with the only tree, whose best anchor has 1.
+    anchors = torch.tensor([[0.0, 0, 10, h] for h in (10, 6, 3.5, 2)])
+    trees = pad_boxes([targets([[0, 0, 10, 10]])], anchors.device)
+    ours = match_anchors(anchors, trees, SampleSettings())
+    assert ours.positive.tolist() == [[True, True, False, False]]
+    assert ours.negative.tolist() == [[False, False, False, True]]
+    paper = match_anchors(anchors, trees, PAPER_SAMPLING)
+    assert paper.positive.tolist() == [[True, False, False, False]]
+    assert paper.negative.tolist() == [[False, False, False, True]]
 
 
 def test_regions_hold_true_boxes_first_and_never_filling() -> None:
@@ -136,7 +160,7 @@ def test_regions_hold_true_boxes_first_and_never_filling() -> None:
     proposals = torch.cat((proposals, proposals + 30), dim=-1)
     valid = torch.ones(2, 80, dtype=torch.bool)
     valid[1, 10:] = False
-    sample = sample_regions(proposals, valid, trees)
+    sample = sample_regions(proposals, valid, trees, SampleSettings())
     assert sample.positive[0, :2].all()
     assert int(sample.positive.sum()) == 2
     boxes = sorted(sample.boxes[0, :2].tolist())
@@ -144,6 +168,37 @@ def test_regions_hold_true_boxes_first_and_never_filling() -> None:
     assert int(sample.used[0].sum()) == 64
     assert int(sample.used[1].sum()) == 10
     assert sample.tree[0, :2].sort().values.tolist() == [0, 1]
+
+
+def test_a_quarter_of_the_papers_regions_are_positive_at_most() -> None:
+    tree = torch.tensor([[[100.0, 100, 200, 300]]])
+    near = tree + torch.rand(1, 400, 4) * 4
+    far = tree + 500 + torch.rand(1, 400, 4)
+    boxes = torch.cat((near, far), dim=1)
+    valid = torch.ones(1, 800, dtype=torch.bool)
+    sample = sample_regions(boxes, valid, PaddedBoxes(tree, valid[:, :1]), PAPER_SAMPLING)
+    assert sample.boxes.shape == (1, 256, 4)
+    assert int(sample.positive.sum()) == 64
+    assert sample.positive[0, :64].all()
+    assert sample.used.all()
+    assert (sample.boxes[0, 64:, 0] > 500).all()
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"regions": 0}, "regions is 0: expected at least 1"),
+        ({"region_positive_share": 0.0}, "region_positive_share is 0.0: expected over 0"),
+        ({"anchor_positive_iou": 1.5}, "anchor_positive_iou is 1.5: expected over 0, at most 1"),
+        (
+            {"anchor_negative_iou": 0.6},
+            r"anchor_negative_iou is 0.6: expected 0 to anchor_positive_iou \(0.5\)",
+        ),
+    ],
+)
+def test_sampling_that_makes_no_sense_is_refused(changes: dict[str, float], message: str) -> None:
+    with pytest.raises(PerceptreeError, match=message):
+        SampleSettings(**changes)  # type: ignore[arg-type]
 
 
 def test_targets_refuse_shapes_that_do_not_belong_together() -> None:

@@ -7,34 +7,83 @@ import torch
 from safetensors.torch import load_file, save_file
 
 from perceptree.errors import CheckpointError, PerceptreeError
-from perceptree.models import ModelSpec, TreeRCNN, light_spec, load_checkpoint, save_checkpoint
+from perceptree.models import ModelSpec, TreeRCNN, load_checkpoint, make_spec, save_checkpoint
+from perceptree.models.presets import NINE_ANCHORS_PX
 
 
 @pytest.fixture(scope="module")
 def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
     torch.manual_seed(1)
     path = tmp_path_factory.mktemp("checkpoint") / "deep" / "model.safetensors"
-    spec = dataclasses.replace(light_spec("rgb", 64, 96), fpn_width=16)
+    spec = dataclasses.replace(make_spec("edge-n", "rgb", 64, 96), fpn_width=16)
     save_checkpoint(path, TreeRCNN(spec), {"data": "a stand", "steps": 3})
     return path
 
 
 @pytest.mark.parametrize("modality", ["rgb", "depth"])
-def test_a_spec_survives_json(modality: str) -> None:
-    spec = light_spec(modality)  # type: ignore[arg-type]
-    assert ModelSpec.from_dict(json.loads(json.dumps(spec.to_dict()))) == spec
+@pytest.mark.parametrize("preset", ["edge-n", "edge-m", "r50", "x101-32x4d"])
+def test_a_spec_survives_json(preset: str, modality: str) -> None:
+    spec = make_spec(preset, modality, anchor_ratios=(1.0, 3.0))  # type: ignore[arg-type]
+    again = ModelSpec.from_dict(json.loads(json.dumps(spec.to_dict())))
+    assert again == spec
+    assert hash(again.anchor_sizes_px) == hash(spec.anchor_sizes_px)
+
+
+def test_nine_anchors_survive_json() -> None:
+    spec = make_spec("r50", anchor_sizes_px=NINE_ANCHORS_PX)
+    again = ModelSpec.from_dict(json.loads(json.dumps(spec.to_dict())))
+    assert again.anchor_sizes_px == NINE_ANCHORS_PX
+    assert again.anchor_sizes_px[0] == (32.0, 64.0, 128.0)
+    assert again.anchors_per_cell == 9
+
+
+@pytest.mark.parametrize(("side", "rows"), [(32, 4), (33, 8), (90, 12), (96, 12), (720, 92)])
+def test_maps_cover_the_input_padded_to_whole_cells(side: int, rows: int) -> None:
+    spec = make_spec("edge-n", height=side, width=64, levels=(3, 4, 5))
+    assert spec.map_size(3) == (rows, 8)
+    assert spec.map_size(5) == (rows // 4, 2)
+    paper = make_spec("r50", height=side, width=64)
+    assert paper.map_size(6) == (-(-rows // 8), 1)
+
+
+def test_presets_take_changes_and_refuse_what_is_none() -> None:
+    assert make_spec("r101", detections=100, masks=False).detections == 100
+    with pytest.raises(PerceptreeError, match=r"roi_levels are \(5, 6\), .* up to 5"):
+        make_spec("r50", roi_levels=(5, 6))
+    with pytest.raises(PerceptreeError, match="model is 'r51', expected one of: edge-n, edge-s"):
+        make_spec("r51")
+    with pytest.raises(PerceptreeError, match=r"not a model setting: .*'colour'"):
+        make_spec("r50", colour="red")
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"height": 100}, "the input is 100x640, expected multiples of 32"),
+        ({"height": 31}, "the input is 31x640, expected 32 to 8192 px each way"),
+        ({"width": 8193}, "the input is 384x8193, expected 32 to 8192 px"),
         ({"modality": "radar"}, "modality is 'radar', expected 'rgb' or 'depth'"),
         ({"mean": (1.0,)}, "mean and std have 1 and 3 values, expected 3 for rgb"),
         ({"std": (1.0, 0.0, 1.0)}, "expected positive values"),
-        ({"roi_levels": (2,)}, r"roi_levels are \(2,\), expected some of \(3, 4, 5\)"),
+        ({"roi_levels": (2,)}, r"roi_levels are \(2,\), expected consecutive ones of \(3, 4, 5\)"),
+        ({"roi_levels": (3, 5)}, r"roi_levels are \(3, 5\), expected consecutive ones"),
+        ({"roi_levels": ()}, r"roi_levels are \(\), expected consecutive ones"),
         ({"levels": (3, 5)}, "expected consecutive ones"),
-        ({"anchor_sizes_px": (40.0,)}, "1 anchor sizes and 3 ratios, expected 3 sizes"),
+        ({"levels": ()}, r"levels are \(\), expected consecutive ones from 2 on"),
+        ({"levels": (1, 2, 3, 4, 5)}, "expected consecutive ones from 2 on"),
+        ({"levels": (2, 3, 4)}, "expected level 5 or 6 as the last"),
+        ({"levels": (5, 6, 7)}, "expected level 5 or 6 as the last"),
+        ({"anchor_sizes_px": ((40.0,),)}, r"expected 3 groups \(one per level\), each of as many"),
+        ({"anchor_sizes_px": ((40.0,), (80.0,), (90.0, 99.0))}, "each of as many sizes"),
+        ({"anchor_sizes_px": ((), (), ())}, "expected 3 groups"),
+        ({"anchor_sizes_px": ((0.0,), (80.0,), (90.0,))}, "expected at least one each, over 0"),
+        ({"anchor_ratios": ()}, "expected at least one each, over 0"),
+        ({"anchor_offset": 1.5}, "anchor_offset is 1.5, expected 0 to 1"),
+        ({"roi_samples": -1}, "roi_samples is -1, expected at least 0"),
+        ({"keypoint_grid": "cells"}, "keypoint_grid is 'cells', expected 'subcell' or 'pixels'"),
+        ({"mask_head_widths": ()}, r"mask_head_widths are \(\), expected at least one"),
+        ({"keypoint_head_widths": (8, 0)}, r"keypoint_head_widths are \(8, 0\), expected"),
+        ({"fpn_width": 0}, "fpn_width is 0, expected at least 1"),
+        ({"box_head_width": 0}, "box_head_width is 0, expected at least 1"),
         ({"depth_encoding": {}}, "depth_encoding is for the depth modality"),
         ({"keypoint_box_scale": 0.5}, "keypoint_box_scale is 0.5"),
         ({"nms_iou": 0.0}, "nms_iou is 0.0"),
@@ -45,18 +94,18 @@ def test_a_spec_survives_json(modality: str) -> None:
 )
 def test_a_spec_that_makes_no_sense_is_refused(changes: dict[str, object], message: str) -> None:
     with pytest.raises(PerceptreeError, match=message):
-        dataclasses.replace(light_spec("rgb"), **changes)  # type: ignore[arg-type]
+        dataclasses.replace(make_spec("edge-n", "rgb"), **changes)  # type: ignore[arg-type]
 
 
 def test_unknown_fields_and_backbones_are_refused() -> None:
-    values = light_spec("rgb").to_dict()
+    values = make_spec("edge-n", "rgb").to_dict()
     with pytest.raises(PerceptreeError, match="unknown model spec fields: colour"):
         ModelSpec.from_dict({**values, "colour": "red"})
     del values["height"]
     with pytest.raises(PerceptreeError, match="'height'"):
         ModelSpec.from_dict(values)
     with pytest.raises(PerceptreeError, match="unknown backbone 'vgg', expected one of"):
-        TreeRCNN(dataclasses.replace(light_spec("rgb"), backbone="vgg"))
+        TreeRCNN(dataclasses.replace(make_spec("edge-n", "rgb"), backbone="vgg"))
 
 
 def test_the_detector_and_its_record_come_back(checkpoint: Path) -> None:
@@ -107,7 +156,7 @@ def test_tensors_that_do_not_fit_are_named(checkpoint: Path, tmp_path: Path) -> 
     assert "box_head.score.bias is missing" in text
     assert "stranger is surplus" in text
     assert "box_head.shift.bias has shape (9,), expected (4,)" in text
-    assert model.spec.name == "light-rgb"
+    assert model.spec.name == "edge-n-rgb"
 
 
 def test_a_folder_that_cannot_be_written_is_named(checkpoint: Path, tmp_path: Path) -> None:

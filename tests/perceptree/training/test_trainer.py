@@ -1,6 +1,5 @@
 """Training: it learns, goes on exactly where it stopped, and refuses what does not fit."""
 
-import dataclasses
 import json
 import signal
 from collections.abc import Callable
@@ -14,7 +13,7 @@ import torch
 from perceptree.data import AugmentSettings, FrameStore, read_split
 from perceptree.errors import CheckpointError, DatasetError, SettingsError
 from perceptree.evaluation import evaluate, predict_with
-from perceptree.models import ModelSpec, light_spec, load_checkpoint
+from perceptree.models import ModelSpec, load_checkpoint, make_spec
 from perceptree.training import Status, TrainSettings, train
 from perceptree.training.state import interrupt_afterwards
 
@@ -22,8 +21,8 @@ Edit = Callable[[Path, str, Callable[[dict[str, Any]], None]], None]
 
 
 def small_spec(modality: Any = "depth") -> ModelSpec:
-    return dataclasses.replace(
-        light_spec(modality, 64, 128), fpn_width=16, box_head_width=16, mask_head_widths=(8,),
+    return make_spec(
+        "edge-n", modality, 64, 128, fpn_width=16, box_head_width=16, mask_head_widths=(8,),
         keypoint_head_widths=(8,),
     )  # fmt: skip
 
@@ -129,7 +128,7 @@ def test_posts_are_learned(write_dataset: Callable[..., Path], tmp_path: Path) -
         augment=AugmentSettings(scale=(0.9, 1.1), holes=0),
     )  # fmt: skip
     data = write_dataset(train=12, val=6)
-    report = train(light_spec("depth", 64, 128), plan, data, tmp_path / "run")
+    report = train(make_spec("edge-n", "depth", 64, 128), plan, data, tmp_path / "run")
     assert report.metrics.box_ap50 > 60
 
 

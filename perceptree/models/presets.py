@@ -1,0 +1,102 @@
+"""Named model specs: the paper's backbones, and the light ones for two-core computers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from perceptree.models.spec import Modality, ModelSpec, SpecError
+
+# Per channel in BGR, of ImageNet's 8-bit images.
+IMAGENET_MEAN = (103.53, 116.28, 123.675)
+IMAGENET_STD = (57.375, 57.12, 58.395)
+UNIT_STD = (1.0, 1.0, 1.0)
+
+LINEAR_20_M = {
+    "near_m": 0.0,
+    "far_m": 20.0,
+    "near_value": 0,
+    "far_value": 255,
+    "invalid_value": 255,
+}
+
+_STRIDES = (4, 8, 16, 32, 64)
+ONE_SIZE_ANCHORS_PX = tuple((8.0 * stride,) for stride in _STRIDES)
+"""Detectron2's and torchvision's layout: three anchors a cell, 32 px at level 2 to 512 at 6."""
+NINE_ANCHORS_PX = tuple(tuple(scale * s for scale in (8.0, 16.0, 32.0)) for s in _STRIDES)
+"""The layout that the paper describes: three area scales on every level."""
+
+# What Detectron2's Mask R-CNN with a keypoint branch has, whatever its backbone.
+_PAPER: dict[str, Any] = {
+    "levels": (2, 3, 4, 5, 6),
+    "fpn_width": 256,
+    "fpn_norm": False,
+    "anchor_sizes_px": ONE_SIZE_ANCHORS_PX,
+    "anchor_ratios": (0.5, 1.0, 2.0),
+    "anchor_offset": 0.0,
+    "proposals_per_level": 1000,
+    "proposals": 1000,
+    "roi_levels": (2, 3, 4, 5),
+    "roi_samples": 0,
+    "box_head_width": 1024,
+    "mask_head_widths": (256,) * 4,
+    "keypoint_head_widths": (512,) * 8,
+    "keypoint_box_scale": 1.0,
+    "keypoint_grid": "pixels",
+}
+
+PAPER_PRESETS: dict[str, dict[str, Any]] = {
+    "r50": {"backbone": "resnet50", "stride_in_1x1": True},
+    "r101": {"backbone": "resnet101", "stride_in_1x1": True},
+    "x101-32x8d": {"backbone": "resnext101_32x8d"},
+    "x101-32x4d": {"backbone": "resnext101_32x4d"},
+}
+
+EDGE_PRESETS: dict[str, dict[str, Any]] = {
+    "edge-n": {"backbone": "mobilenetv4_conv_small"},
+    "edge-s": {"backbone": "mobilenetv4_conv_medium"},
+    "edge-m": {"backbone": "resnet18"},
+}
+
+PRESETS = (*EDGE_PRESETS, *PAPER_PRESETS)
+
+
+def make_spec(
+    preset: str,
+    modality: Modality = "rgb",
+    height: int | None = None,
+    width: int | None = None,
+    **changes: Any,
+) -> ModelSpec:
+    """The spec of a preset: ``edge-n``, ``edge-s``, ``edge-m``, or one of the paper's.
+
+    Without a size, light models take 640x384 px and the paper's the whole 1280x720 frame. A
+    light model's anchors grow with the input's width. ``changes`` are fields of ModelSpec.
+    Raises SpecError for another name or values that do not fit.
+    """
+    if preset in PAPER_PRESETS:
+        values = _PAPER | PAPER_PRESETS[preset]
+        height, width = height or 720, width or 1280
+        std = UNIT_STD if values.get("stride_in_1x1") else IMAGENET_STD
+        values |= {"mean": IMAGENET_MEAN, "std": std}
+    elif preset in EDGE_PRESETS:
+        height, width = height or 384, width or 640
+        values = EDGE_PRESETS[preset] | {"anchor_sizes_px": _light_anchors(width)}
+        depth = {"mean": (128.0,), "std": (80.0,)}
+        values |= depth if modality == "depth" else {"mean": IMAGENET_MEAN, "std": IMAGENET_STD}
+    else:
+        raise SpecError(f"model is {preset!r}, expected one of: {', '.join(PRESETS)}")
+    values |= {
+        "pad_value": 255 if modality == "depth" else 114,
+        "depth_encoding": dict(LINEAR_20_M) if modality == "depth" else None,
+    }
+    try:
+        return ModelSpec(
+            name=f"{preset}-{modality}", modality=modality, height=height, width=width,
+            **(values | changes),
+        )  # fmt: skip
+    except TypeError as error:
+        raise SpecError(f"not a model setting: {error}") from error
+
+
+def _light_anchors(width: int) -> tuple[tuple[float, ...], ...]:
+    return tuple((size * width / 640.0,) for size in (40.0, 80.0, 160.0))

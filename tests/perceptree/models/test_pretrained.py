@@ -1,0 +1,236 @@
+"""Published starting weights: the networks answer as those that the weights were made for."""
+
+import re
+from collections.abc import Callable
+from typing import Any
+from urllib.error import URLError
+
+import pytest
+import timm
+import torch
+from torch import Tensor, nn
+from torchvision.models._api import WeightsEnum
+from torchvision.models.detection import KeypointRCNN
+from torchvision.models.detection._utils import overwrite_eps
+from torchvision.models.detection.backbone_utils import resnet_fpn_backbone
+from torchvision.ops.misc import FrozenBatchNorm2d
+
+from perceptree.errors import CheckpointError, SettingsError
+from perceptree.models import ModelSpec, TreeRCNN, make_spec
+from perceptree.models.backbones import BACKBONES
+from perceptree.models.pretrained import IMAGENET_WEIGHTS, load_coco, load_imagenet
+
+HEIGHT, WIDTH = 64, 96
+# Of RGB in 0 to 1, as both libraries normalise.
+MEAN, STD = torch.tensor([0.485, 0.456, 0.406]), torch.tensor([0.229, 0.224, 0.225])
+
+
+def picture() -> Tensor:
+    generator = torch.Generator().manual_seed(3)
+    return torch.randint(0, 256, (1, HEIGHT, WIDTH, 3), dtype=torch.uint8, generator=generator)
+
+
+def as_they_normalise(bgr: Tensor) -> Tensor:
+    rgb = bgr.flip(-1).float() / 255.0
+    return ((rgb - MEAN) / STD).permute(0, 3, 1, 2)
+
+
+def stir_norms(module: nn.Module) -> None:
+    """Batch norms as after a training, in place of ones and zeros."""
+    generator = torch.Generator().manual_seed(5)
+    for part in module.modules():
+        if isinstance(part, nn.BatchNorm2d | FrozenBatchNorm2d):
+            for value, low, high in (
+                (part.running_mean, -0.2, 0.2), (part.running_var, 0.3, 1.5),
+                (part.weight.data, 0.7, 1.3), (part.bias.data, -0.2, 0.2),
+            ):  # fmt: skip
+                value.uniform_(low, high, generator=generator)
+
+
+def differ(ours: Tensor, theirs: Tensor) -> float:
+    assert ours.shape == theirs.shape
+    return float((ours - theirs).abs().max() / theirs.abs().max())
+
+
+@pytest.fixture
+def published(monkeypatch: pytest.MonkeyPatch) -> Callable[[], list[Any]]:
+    """Has timm give random weights for published ones, from the call on; lists what it gave."""
+
+    def publish() -> list[Any]:
+        given: list[Any] = []
+        make = timm.create_model
+
+        def create(name: str, pretrained: bool, **settings: Any) -> Any:
+            assert pretrained
+            network = make(name, pretrained=False, **settings).eval()
+            stir_norms(network)
+            given.append(network)
+            return network
+
+        monkeypatch.setattr(timm, "create_model", create)
+        return given
+
+    return publish
+
+
+@pytest.mark.parametrize(
+    "spec",
+    [
+        make_spec("edge-n", "rgb", HEIGHT, WIDTH),
+        make_spec("edge-m", "rgb", HEIGHT, WIDTH),
+        # Of unit std, as the paper's ResNets.
+        make_spec("r50", "rgb", HEIGHT, WIDTH, backbone="resnet18", stride_in_1x1=False),
+    ],
+    ids=lambda spec: f"{spec.name}-{spec.backbone}",
+)
+def test_an_imagenet_backbone_answers_as_timms(
+    spec: ModelSpec, published: Callable[[], list[Any]]
+) -> None:
+    model = TreeRCNN(spec).eval()
+    given = published()
+    load_imagenet(model)
+    with torch.inference_mode():
+        maps = model.backbone(model.normalise(picture()))
+        expected = given[0](as_they_normalise(picture()))
+    assert len(maps) == len(expected) == len(spec.backbone_levels)
+    assert max(differ(*pair) for pair in zip(maps, expected, strict=True)) < 1e-4
+
+
+def test_one_channel_of_depth_is_seen_as_grey(published: Callable[[], list[Any]]) -> None:
+    model = TreeRCNN(make_spec("edge-n", "depth", HEIGHT, WIDTH)).eval()
+    given = published()
+    load_imagenet(model)
+    normalised = model.normalise(picture()[..., 0])
+    with torch.inference_mode():
+        maps = model.backbone(normalised)
+        expected = given[0](normalised.expand(-1, 3, -1, -1))
+    assert max(differ(*pair) for pair in zip(maps, expected, strict=True)) < 1e-4
+
+
+def test_every_backbone_has_imagenet_weights_that_may_be_used_commercially() -> None:
+    assert set(IMAGENET_WEIGHTS) == set(BACKBONES)
+    for ours, name in IMAGENET_WEIGHTS.items():
+        config = timm.get_pretrained_cfg(name)
+        assert config is not None, name
+        assert config.architecture == BACKBONES[ours]
+        assert config.license in ("apache-2.0", "bsd-3-clause")
+        assert config.mean == pytest.approx(MEAN.tolist())
+        assert config.std == pytest.approx(STD.tolist())
+
+
+@pytest.fixture(scope="module")
+def people() -> KeypointRCNN:
+    """torchvision's detector of people's keypoints as it is with its published weights."""
+    torch.manual_seed(1)
+    backbone = resnet_fpn_backbone(
+        backbone_name="resnet50", weights=None, norm_layer=FrozenBatchNorm2d
+    )
+    detector = KeypointRCNN(backbone, num_classes=2, num_keypoints=17).eval()
+    overwrite_eps(detector, 0.0)
+    stir_norms(detector)
+    # Small variances are where an epsilon is seen.
+    detector.backbone.body.layer2[0].bn1.running_var.fill_(1e-5)
+    return detector
+
+
+def old_layout(weights: dict[str, Tensor]) -> dict[str, Tensor]:
+    """The names that files of before torchvision 0.11 have."""
+    old = {re.sub(r"(_blocks\.\d)\.0\.", r"\1.", name): t for name, t in weights.items()}
+    return {name.replace("head.conv.0.0.", "head.conv."): t for name, t in old.items()}
+
+
+def publish_people(
+    monkeypatch: pytest.MonkeyPatch, weights: dict[str, Tensor]
+) -> dict[str, object]:
+    asked: dict[str, object] = {}
+
+    def get(self: object, **options: object) -> dict[str, Tensor]:
+        asked.update(options, weights=self)
+        return {name: value.clone() for name, value in weights.items()}
+
+    monkeypatch.setattr(WeightsEnum, "get_state_dict", get)
+    return asked
+
+
+def people_spec(**changes: Any) -> ModelSpec:
+    return make_spec("r50", "rgb", HEIGHT, WIDTH, stride_in_1x1=False, **changes)
+
+
+@pytest.mark.parametrize("layout", [dict, old_layout])
+def test_the_coco_network_answers_as_torchvisions(
+    people: KeypointRCNN, layout: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = publish_people(monkeypatch, layout(people.state_dict()))
+    model = TreeRCNN(people_spec()).eval()
+    before = {name: value.clone() for name, value in model.state_dict().items()}
+    load_coco(model)
+    assert (asked["check_hash"], asked["weights_only"]) == (True, True)
+    with torch.inference_mode():
+        maps, said = model.features(picture())
+        theirs = list(people.backbone(as_they_normalise(picture())).values())
+        logits, deltas = people.rpn.head(theirs)
+        pooled = torch.randn(2, 256, 7, 7)
+        hidden = pooled.flatten(1)
+        for layer in model.box_head.hidden:
+            hidden = layer(hidden).relu()
+        boxes = people.roi_heads.box_head(pooled)
+        assert model.keypoint_head is not None
+        points = torch.randn(1, 256, 14, 14)
+        convolved = points
+        for layer in model.keypoint_head.tower.convs:
+            convolved = layer(convolved).relu()
+        expected = people.roi_heads.keypoint_head(points)
+    assert max(differ(*pair) for pair in zip(maps.values(), theirs, strict=True)) < 1e-4
+    for level, score in enumerate(logits):
+        assert differ(said.logits[level], score.permute(0, 2, 3, 1).flatten(1)) < 1e-4
+        cells = deltas[level].unflatten(1, (-1, 4)).permute(0, 3, 4, 1, 2)
+        assert differ(said.deltas[level], cells.reshape(1, -1, 4)) < 1e-4
+    assert differ(hidden, boxes) < 1e-4
+    assert differ(convolved, expected) < 1e-4
+    fresh = ("box_head.score", "box_head.shift", "mask_head", "keypoint_head.tower.up")
+    after = model.state_dict()
+    assert all(torch.equal(after[n], t) for n, t in before.items() if n.startswith(fresh))
+
+
+def test_coco_weights_start_a_network_without_keypoints(
+    people: KeypointRCNN, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    publish_people(monkeypatch, people.state_dict())
+    model = TreeRCNN(people_spec(keypoints=False))
+    load_coco(model)
+    hidden = people.roi_heads.box_head.fc6.weight
+    assert torch.equal(model.box_head.hidden[0].weight, hidden)
+
+
+def test_a_network_of_another_shape_is_refused_in_one_line(
+    people: KeypointRCNN, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    publish_people(monkeypatch, people.state_dict())
+    with pytest.raises(
+        CheckpointError,
+        match=r"keypointrcnn_resnet50_fpn: box_head.hidden.0.weight has shape \(1024, 12544\), "
+        r"expected \(32, 12544\); .* and 1 more$",
+    ):
+        load_coco(TreeRCNN(people_spec(box_head_width=32)))
+    with pytest.raises(SettingsError, match=r"resnet50, the model has resnet18: .*--as-init"):
+        load_coco(TreeRCNN(make_spec("edge-m", "rgb", HEIGHT, WIDTH)))
+
+
+def test_without_a_network_a_line_says_what_is_missing_and_why(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise URLError("no such\nhost")
+
+    models = [TreeRCNN(spec) for spec in (make_spec("edge-m", "rgb", HEIGHT, WIDTH), people_spec())]
+    monkeypatch.setattr(timm, "create_model", fail)
+    monkeypatch.setattr(WeightsEnum, "get_state_dict", fail)
+    with pytest.raises(CheckpointError) as caught:
+        load_imagenet(models[0])
+    line = str(caught.value)
+    assert "ImageNet weights resnet18.tv_in1k could not be fetched by timm" in line
+    assert "no such" in line
+    assert "--init FILE" in line
+    assert "\n" not in line
+    with pytest.raises(CheckpointError, match=r"COCO weights .* could not be fetched by torchv"):
+        load_coco(models[1])

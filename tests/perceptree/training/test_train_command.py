@@ -1,0 +1,195 @@
+"""``perceptree train``: what its options make of a model and a training."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+from urllib.error import URLError
+
+import pytest
+import timm
+from torchvision.models._api import WeightsEnum
+
+import perceptree.training
+from perceptree.models import (
+    PAPER_SAMPLING,
+    ModelSpec,
+    SampleSettings,
+    TreeRCNN,
+    load_checkpoint,
+    make_spec,
+    save_checkpoint,
+)
+from perceptree.training import Init, TrainSettings
+
+Call = Callable[..., tuple[int, str, str]]
+
+
+class Asked(NamedTuple):
+    """What the command had trained."""
+
+    spec: ModelSpec
+    settings: TrainSettings
+    init: Init | None
+
+
+class Stopped(Exception):
+    exit_code = 2
+
+
+@pytest.fixture
+def asked(call: Call, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Asked]:
+    """Runs the command up to the training."""
+    told: list[Asked] = []
+
+    def record(spec: Any, settings: Any, data: Any, out: Any, progress: Any, init: Any) -> None:
+        told.append(Asked(spec, settings, init))
+        raise Stopped("far enough")
+
+    def ask(*options: object) -> Asked:
+        assert call("train", "posts", "--out", "run", *options) == (
+            2, "", "perceptree: far enough\n"
+        )  # fmt: skip
+        return told[-1]
+
+    monkeypatch.setattr(perceptree.training, "train", record)
+    return ask
+
+
+def write_start(path: Path, **changes: Any) -> ModelSpec:
+    spec = make_spec(
+        "edge-n", "depth", 96, 160, fpn_width=16, box_head_width=16, mask_head_widths=(8,),
+        keypoint_head_widths=(8,), **changes,
+    )  # fmt: skip
+    save_checkpoint(path, TreeRCNN(spec), {})
+    return spec
+
+
+def test_without_options_the_light_depth_model_is_trained_whole_from_random(
+    asked: Callable[..., Asked],
+) -> None:
+    spec, settings, init = asked()
+    assert spec == make_spec("edge-n", "depth", 384, 640)
+    assert (settings.steps, settings.minutes) == (20_000, None)
+    assert (settings.freeze_level, settings.frozen_norms) == (0, False)
+    assert settings.sampling == SampleSettings()
+    assert init is None
+
+
+def test_every_model_comes_with_its_size_and_sampling(asked: Callable[..., Asked]) -> None:
+    for model in ("edge-s", "edge-m"):
+        spec, settings, _ = asked("--model", model, "--modality", "rgb")
+        assert spec == make_spec(model, "rgb", 384, 640)
+        assert settings.sampling == SampleSettings()
+    for model in ("r50", "r101", "x101-32x8d", "x101-32x4d"):
+        spec, settings, _ = asked("--model", model, "--modality", "rgb")
+        assert spec == make_spec(model, "rgb", 720, 1280)
+        assert settings.sampling == PAPER_SAMPLING
+        assert (settings.freeze_level, settings.frozen_norms) == (0, False)
+
+
+def test_published_weights_freeze_the_papers_models_as_the_paper_did(
+    asked: Callable[..., Asked],
+) -> None:
+    spec, settings, init = asked("--model", "r50", "--init", "coco")
+    assert (settings.freeze_level, settings.frozen_norms, init) == (2, True, "coco")
+    # Where these weights have it.
+    assert not spec.stride_in_1x1
+    _, settings, init = asked("--model", "x101-32x8d", "--init", "imagenet")
+    assert (settings.freeze_level, settings.frozen_norms, init) == (2, True, "imagenet")
+    _, settings, _ = asked("--model", "edge-m", "--init", "imagenet")
+    assert (settings.freeze_level, settings.frozen_norms) == (0, False)
+    _, settings, _ = asked(
+        "--model", "r50", "--init", "coco", "--freeze-level", 0, "--trained-norms"
+    )
+    assert (settings.freeze_level, settings.frozen_norms) == (0, False)
+    _, settings, _ = asked("--init", "imagenet", "--freeze-level", 3, "--frozen-norms")
+    assert (settings.freeze_level, settings.frozen_norms) == (3, True)
+
+
+def test_branches_and_size_are_as_asked(asked: Callable[..., Asked]) -> None:
+    spec, _, _ = asked("--no-masks", "--height", 90, "--width", 150)
+    assert spec == make_spec("edge-n", "depth", 90, 150, masks=False)
+    assert not asked("--no-keypoints").spec.keypoints
+
+
+def test_a_files_model_is_taken_with_the_changes_asked_for(
+    asked: Callable[..., Asked], tmp_path: Path
+) -> None:
+    file = tmp_path / "start.safetensors"
+    own = write_start(file, masks=False)
+    spec, settings, init = asked("--init", file)
+    assert (spec, init) == (own, file)
+    assert (settings.freeze_level, settings.frozen_norms) == (0, False)
+    spec, _, _ = asked("--init", file, "--model", "edge-n", "--height", 64, "--masks")
+    assert (spec.height, spec.width, spec.masks) == (64, 160, True)
+    assert spec.anchor_sizes_px == own.anchor_sizes_px
+
+
+def test_a_files_training_without_masks_runs_to_its_end(
+    call: Call, posts: Path, tmp_path: Path
+) -> None:
+    file = tmp_path / "start.safetensors"
+    write_start(file)
+    code, printed, told = call(
+        "train", posts, "--out", tmp_path / "run", "--init", file, "--height", 64, "--width", 128,
+        "--no-masks", "--freeze-level", 2, "--steps", 1, "--batch", 2, "--json",
+    )  # fmt: skip
+    assert (code, told) == (0, "")
+    report = json.loads(printed)
+    model, record = load_checkpoint(report["checkpoint"])
+    assert (model.spec.height, model.spec.masks, model.spec.keypoints) == (64, False, True)
+    assert report["val"]["mask_ap"] is None
+    assert record["training"]["init"]["name"] == "start.safetensors"
+    assert record["training"]["settings"]["freeze_level"] == 2
+
+
+MISTAKES = {
+    "model": (("--model", "r51"), "model is 'r51', expected one of: edge-n"),
+    "start": (
+        ("--init", "imagnet"), "--init is 'imagnet': expected imagenet, coco or a checkpoint file"
+    ),
+    "not a checkpoint": (("--init", "{}/train_RGB.json"), "not a readable safetensors file"),
+    "another model": (
+        ("--init", "{}/start.safetensors", "--model", "r50"),
+        "--model is r50, of backbone resnet50, but",
+    ),
+    "another modality": (
+        ("--init", "{}/start.safetensors", "--modality", "rgb"), "--modality is rgb, but"
+    ),
+    "size": (("--height", 20), "the input is 20x640, expected 32 to 8192 px"),
+    "freeze level": (("--freeze-level", 6), "freeze_level is 6: expected 0 to 5"),
+    "frozen norms": (("--frozen-norms",), "frozen_norms is true without starting weights"),
+    "coco": (("--init", "coco", "--height", 64, "--width", 128), "are for resnet50, the model has"),
+    "no network": (
+        ("--init", "imagenet", "--height", 64, "--width", 128),
+        "mobilenetv4_conv_small.e2400_r224_in1k could not be fetched by timm (<urlopen error",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_is_one_line_and_exit_code_two(
+    call: Call, posts: Path, monkeypatch: pytest.MonkeyPatch, mistake: str
+) -> None:
+    make = timm.create_model
+
+    def create(name: str, pretrained: bool, **settings: Any) -> Any:
+        if pretrained:
+            raise URLError("no route")
+        return make(name, pretrained=False, **settings)
+
+    def get(*_: object, **__: object) -> None:
+        raise AssertionError("nothing to fetch")
+
+    monkeypatch.setattr(timm, "create_model", create)
+    monkeypatch.setattr(WeightsEnum, "get_state_dict", get)
+    options, expected = MISTAKES[mistake]
+    if any("start.safetensors" in str(option) for option in options):
+        write_start(posts / "start.safetensors")
+    given = (str(option).replace("{}", str(posts)) for option in options)
+    code, printed, told = call("train", posts, "--out", posts / "run", *given)
+    assert (code, printed) == (2, "")
+    assert told.startswith("perceptree: ")
+    assert told.count("\n") == 1
+    assert expected in told
