@@ -7,6 +7,7 @@ import sys
 import typer
 
 from perceptree.commands.eval import evaluate
+from perceptree.commands.import_ import import_
 from perceptree.commands.scene import scene
 from perceptree.commands.synth import synth
 from perceptree.commands.train import train
@@ -22,6 +23,7 @@ app.command()(synth)
 app.command()(scene)
 app.command()(train)
 app.command(name="eval")(evaluate)
+app.command(name="import")(import_)
 
 _INTERRUPTED = 130
 

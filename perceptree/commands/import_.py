@@ -1,0 +1,104 @@
+"""``perceptree import``: a published checkpoint becomes one of ours."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from perceptree.errors import CheckpointError
+
+if TYPE_CHECKING:
+    from perceptree.models.weights import Imported
+
+
+def import_(
+    checkpoint: Annotated[
+        Path, typer.Argument(metavar="CKPT", help="Detectron2's .pth, or .pkl of its model zoo.")
+    ],
+    out: Annotated[
+        Path | None, typer.Option(help="File to write; in this folder, .safetensors, if not given.")
+    ] = None,
+    modality: Annotated[str, typer.Option(help="What the model sees: rgb or depth.")] = "rgb",
+    height: Annotated[int | None, typer.Option(help="Height of the frames, px: 720.")] = None,
+    width: Annotated[int | None, typer.Option(help="Width of the frames, px: 1280.")] = None,
+    stride_in: Annotated[
+        str, typer.Option(help="Convolution that halves the map: auto, 1x1 or 3x3.")
+    ] = "auto",
+    pixel_std: Annotated[
+        str, typer.Option(help="What pixels are divided by: auto, unit or imagenet.")
+    ] = "auto",
+    as_init: Annotated[
+        bool,
+        typer.Option("--as-init", help="Take what fits, as starting weights for a training."),
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Import a checkpoint of Detectron2's Mask R-CNN; nothing in the file is executed."""
+    from perceptree.models import save_checkpoint
+    from perceptree.models.weights import import_checkpoint
+
+    out = out or Path(checkpoint.stem + ".safetensors")
+    if out.resolve() == checkpoint.resolve():
+        raise CheckpointError(f"{out}: would be written over the input, expected another --out")
+    choices: dict[str, Any] = {
+        "modality": modality, "stride_in": stride_in, "pixel_std": pixel_std
+    }  # fmt: skip
+    imported = import_checkpoint(
+        checkpoint, height=height, width=width, as_init=as_init, **choices
+    )  # fmt: skip
+    save_checkpoint(out, imported.model, imported.training)
+    if imported.assumed:
+        assumed = ", ".join(imported.assumed)
+        typer.echo(f"perceptree: {checkpoint} does not say, so assumed: {assumed}", err=True)
+    facts = _facts(imported, out)
+    if as_json:
+        typer.echo(json.dumps(facts))
+        return
+    _show(facts)
+
+
+def _facts(imported: Imported, out: Path) -> dict[str, Any]:
+    """What was recognised and written, as JSON values."""
+    spec, training = imported.model.spec, imported.training
+    return {
+        "checkpoint": str(out),
+        "model": imported.preset,
+        "backbone": spec.backbone,
+        "modality": spec.modality,
+        "height": spec.height,
+        "width": spec.width,
+        "stride_in": "1x1" if spec.stride_in_1x1 else "3x3",
+        "pixel_mean": list(spec.mean),
+        "pixel_std": list(spec.std),
+        "anchors_per_cell": spec.anchors_per_cell,
+        "masks": spec.masks,
+        "keypoints": spec.keypoints,
+        "parameters": sum(value.numel() for value in imported.model.parameters()),
+        "assumed": list(imported.assumed),
+        "init_only": training["init_only"],
+        "fresh": training["fresh"],
+        "sha256": training["sha256"],
+    }
+
+
+def _show(facts: dict[str, Any]) -> None:
+    std = ", ".join(f"{value:g}" for value in facts["pixel_std"])
+    branches = ["boxes"] + [name for name in ("masks", "keypoints") if facts[name]]
+    typer.echo(f"{facts['model']}: {facts['backbone']}, stride in the {facts['stride_in']}")
+    typer.echo(f"input: {facts['modality']}, {facts['width']}x{facts['height']}, pixel std {std}")
+    typer.echo(
+        f"finds: {', '.join(branches)}; {facts['anchors_per_cell']} anchors a cell, "
+        f"{facts['parameters'] / 1e6:.2f} M parameters"
+    )
+    out = facts["checkpoint"]
+    if facts["init_only"]:
+        typer.echo(f"fresh: {len(facts['fresh'])} tensors, to be learnt")
+    typer.echo(out)
+    if facts["init_only"]:
+        typer.echo(f"next: perceptree train DATA --init {out} --out RUN")
+        return
+    typer.echo(f"next: perceptree eval {out} DATA")
+    typer.echo(f"      edgetree export {out} --data DATA --out model.onnx")

@@ -1,0 +1,151 @@
+"""Weights out of a checkpoint file of a stranger, of which nothing is executed."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import pickle
+import re
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from perceptree.errors import CheckpointError
+from perceptree.models.weights.pickles import BOOKKEEPING, ArrayRecord, read_pickle
+
+Tensors = dict[str, Tensor]
+
+_ZIP = b"PK\x03\x04"
+# The number that torch's older format begins with, as pickles spell it.
+_OLD_TORCH = b"\x8a\nl\xfc\x9cF\xf9 j\xa8P\x19."
+# How torch's reader, and ours, name what a pickle may not use.
+_FORBIDDEN = re.compile(r"GLOBAL (\S+)")
+_TORCH_SAYS = "WeightsUnpickler error: "
+_HOLDERS = ("model", "state_dict", "blobs")
+_PARALLEL = "module."
+_LONGEST_NAME = 200
+
+
+def read_weights(path: Path) -> Tensors:
+    """The tensors of a ``.pth`` or ``.pkl`` file by name; floating ones become float32.
+
+    torch's two formats and plain pickles of numpy arrays are told apart by content. Raises
+    CheckpointError with one line for a file that holds no weights, more than weights, or
+    numbers that are not finite.
+    """
+    weights = _weights_of(path, _content(path))
+    tensors = {_checked_name(path, name): value for name, value in weights.items()}
+    if all(name.startswith(_PARALLEL) for name in tensors):
+        tensors = {name.removeprefix(_PARALLEL): value for name, value in tensors.items()}
+    return {name: _as_tensor(path, name, value) for name, value in tensors.items()}
+
+
+def file_sha256(path: Path) -> str:
+    """The SHA-256 of a file's bytes, in hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _content(path: Path) -> Any:
+    if path.is_dir():
+        raise CheckpointError(f"{path}: a folder, expected a .pth or .pkl checkpoint")
+    try:
+        with path.open("rb") as file:
+            head = file.read(32)
+    except FileNotFoundError as error:
+        raise CheckpointError(f"{path}: no such file, expected a .pth or .pkl file") from error
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise CheckpointError(f"{path}: cannot be read ({reason})") from error
+    if not head:
+        raise CheckpointError(f"{path}: an empty file, expected a .pth or .pkl checkpoint")
+    if head[8:9] == b"{":
+        raise CheckpointError(f"{path}: a safetensors file, expected a .pth or .pkl checkpoint")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return _load(path, head)
+    except Exception as error:
+        raise CheckpointError(f"{path}: {_reason(error)}") from error
+
+
+def _load(path: Path, head: bytes) -> Any:
+    if head.startswith(_ZIP) or _OLD_TORCH in head:
+        with torch.serialization.safe_globals(list(BOOKKEEPING)):
+            return torch.load(path, map_location="cpu", weights_only=True)
+    with path.open("rb") as file:
+        return read_pickle(file)
+
+
+def _reason(error: Exception) -> str:
+    """Why a file was not read, in one line: it is broken, or wants more than to be read."""
+    text = str(error)
+    found = _FORBIDDEN.search(text)
+    if isinstance(error, pickle.UnpicklingError) and found:
+        return f"refused, it wants to use {_shown(found[1])}, which weights do not need"
+    why = text.rpartition(_TORCH_SAYS)[2].partition("\n")[0]
+    return f"not a readable checkpoint, or cut short ({_shown(why) or type(error).__name__})"
+
+
+def _weights_of(path: Path, content: Any) -> Mapping[Any, Any]:
+    weights = content
+    if isinstance(content, dict):
+        held = next((dict.get(content, key) for key in _HOLDERS if key in content), None)
+        weights = content if held is None else held
+    if not isinstance(weights, dict):
+        raise CheckpointError(
+            f"{path}: holds a {type(weights).__name__}, expected tensors by name, under 'model'"
+        )
+    plain = {key: dict.__getitem__(weights, key) for key in dict.keys(weights)}
+    if not any(isinstance(value, Tensor | ArrayRecord) for value in plain.values()):
+        names = ", ".join(_shown(key) for key in list(plain)[:3]) or "nothing"
+        raise CheckpointError(f"{path}: holds {names}, expected tensors by name, under 'model'")
+    return plain
+
+
+def _checked_name(path: Path, name: object) -> str:
+    if not isinstance(name, str) or not name.isprintable() or len(name) > _LONGEST_NAME:
+        raise CheckpointError(f"{path}: a tensor is called {_shown(name)!r}, expected plain text")
+    return name
+
+
+def _as_tensor(path: Path, name: str, value: Any) -> Tensor:
+    if isinstance(value, ArrayRecord):
+        try:
+            value = torch.from_numpy(value.build())
+        except (ValueError, TypeError) as error:
+            raise CheckpointError(f"{path}: {name} holds {_shown(error)}") from error
+    if not isinstance(value, Tensor):
+        kind = type(value).__name__
+        raise CheckpointError(f"{path}: {name} is a {kind}, expected a tensor or an array")
+    plain = value.device.type == "cpu" and value.layout is torch.strided and not value.is_quantized
+    if not plain or value.is_complex():
+        raise CheckpointError(f"{path}: {name} is not a plain tensor of real numbers")
+    tensor: Tensor = value.detach()
+    if tensor.numel() * tensor.element_size() > tensor.untyped_storage().nbytes():
+        raise CheckpointError(
+            f"{path}: {name} has shape {tuple(tensor.shape)}, expected one that the file fills"
+        )
+    if tensor.is_floating_point():
+        tensor = tensor.to(torch.float32)
+        if not all(map(math.isfinite, _extremes(tensor))):
+            raise CheckpointError(f"{path}: {name} holds numbers that are not finite")
+    return tensor.contiguous()
+
+
+def _extremes(tensor: Tensor) -> tuple[float, ...]:
+    """The lowest and the highest number, both NaN if one of them is."""
+    if not tensor.numel():
+        return ()
+    low, high = tensor.aminmax()
+    return float(low), float(high)
+
+
+def _shown(value: object) -> str:
+    """A stranger's text in a line: without line breaks, and not long."""
+    text = " ".join(str(value).split()) if isinstance(value, str | Exception) else repr(type(value))
+    return "".join(c for c in text if c.isprintable())[:_LONGEST_NAME]

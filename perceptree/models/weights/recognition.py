@@ -1,0 +1,207 @@
+"""Which of our networks a Detectron2 checkpoint is, from its tensors' names and shapes."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Literal
+
+from torch import Tensor
+
+from perceptree.errors import CheckpointError
+from perceptree.models.presets import IMAGENET_MEAN, IMAGENET_STD, UNIT_STD, make_spec
+from perceptree.models.spec import CLASS_NAMES, KEYPOINT_NAMES, Modality, ModelSpec, SpecError
+from perceptree.models.weights.anchors import anchor_layout
+from perceptree.models.weights.reading import Tensors
+
+StrideIn = Literal["auto", "1x1", "3x3"]
+PixelStd = Literal["auto", "unit", "imagenet"]
+
+# Blocks of each stage, groups, and channels of a group -> preset.
+_ARCHITECTURES: dict[tuple[tuple[int, ...], int, int], str] = {
+    ((3, 4, 6, 3), 1, 64): "r50",
+    ((3, 4, 23, 3), 1, 64): "r101",
+    ((3, 4, 23, 3), 32, 8): "x101-32x8d",
+    ((3, 4, 23, 3), 32, 4): "x101-32x4d",
+}
+_EXPECTED = "Detectron2's Mask R-CNN with FPN (backbone.bottom_up, proposal_generator, roi_heads)"
+_NEEDED = ("backbone.bottom_up.", "backbone.fpn_", "proposal_generator.", "roi_heads.box_head.")
+# What a name that begins so belongs to, the surest first.
+_OTHERS = {
+    "roi_heads.box_predictor.0.": "a Cascade R-CNN",
+    "backbone.body.": "a torchvision detector",
+    "neck.": "an mmdetection network",
+    "head.cls_subnet": "a RetinaNet",
+    "roi_heads.res5.": "a C4 network, without FPN,",
+    "backbone.res5.": "a DC5 network, without FPN,",
+    "conv1_w": "a Caffe2 network",
+    "res2.0.": "a bare backbone",
+    "layer1.0.": "a bare backbone",
+}
+_NEAR_MEAN = 1.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Recognised:
+    """A network that was recognised, before its weights are looked at."""
+
+    preset: str
+    spec: ModelSpec
+    assumed: tuple[str, ...]
+    """What the file does not say and is taken from the published configurations."""
+    red_first: bool
+    """Whether it was trained on RGB; spec's mean and std are in our order, BGR."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Wanted:
+    """What the user says of the network."""
+
+    modality: Modality = "rgb"
+    height: int | None = None
+    width: int | None = None
+    stride_in: StrideIn = "auto"
+    pixel_std: PixelStd = "auto"
+    as_init: bool = False
+
+
+def recognise(path: Path, tensors: Tensors, wanted: Wanted) -> Recognised:
+    """The network whose tensors these are; raises CheckpointError for any that we have not."""
+    _check_kind(path, tensors)
+    preset = _preset(path, tensors)
+    base = make_spec(preset, wanted.modality, wanted.height, wanted.width)
+    if not wanted.as_init:
+        _check_counts(path, tensors)
+    changes, assumed, red_first = _normalisation(path, tensors, wanted, base.stride_in_1x1)
+    sizes_px, ratios = anchor_layout(path, tensors)
+    changes |= {"anchor_sizes_px": sizes_px, "anchor_ratios": ratios}
+    changes |= _widths(path, tensors, wanted.as_init)
+    if wanted.modality == "depth":
+        assumed += ("depth from 0 to 20 m as 0 to 255",)
+    try:
+        spec = dataclasses.replace(base, **changes)
+    except SpecError as error:
+        raise CheckpointError(f"{path}: {error}") from error
+    return Recognised(preset, spec, assumed, red_first)
+
+
+def _check_kind(path: Path, tensors: Tensors) -> None:
+    other = next((what for begin, what in _OTHERS.items() if _has(tensors, begin)), None)
+    if other is None and all(_has(tensors, begin) for begin in _NEEDED):
+        return
+    first = ", ".join(list(tensors)[:3])
+    raise CheckpointError(f"{path}: {other or 'a network'} with {first}; expected {_EXPECTED}")
+
+
+def _preset(path: Path, tensors: Tensors) -> str:
+    blocks = tuple(
+        sum(1 for _ in _numbered(tensors, f"backbone.bottom_up.res{stage}.", ".conv1.weight", 0))
+        for stage in range(2, 6)
+    )
+    out, per_group = _shape(path, tensors, "backbone.bottom_up.res2.0.conv2.weight", 4)[:2]
+    groups = out // max(per_group, 1)
+    preset = _ARCHITECTURES.get((blocks, groups, per_group))
+    if preset is None:
+        raise CheckpointError(
+            f"{path}: another architecture, with {blocks} blocks of {groups} groups of "
+            f"{per_group} channels, expected ResNet-50 or -101, or ResNeXt-101 32x8d or 32x4d"
+        )
+    return preset
+
+
+def _check_counts(path: Path, tensors: Tensors) -> None:
+    found, expected = [], []
+    score = _shape(path, tensors, "roi_heads.box_predictor.cls_score.weight", 2)
+    if score[0] != len(CLASS_NAMES) + 1:
+        found.append(f"{score[0] - 1} classes")
+        expected.append(f"{len(CLASS_NAMES)}")
+    if _has(tensors, "roi_heads.keypoint_head."):
+        maps = _shape(path, tensors, "roi_heads.keypoint_head.score_lowres.weight", 4)
+        if maps[1] != len(KEYPOINT_NAMES):
+            found.append(f"{maps[1]} keypoints")
+            expected.append(f"{len(KEYPOINT_NAMES)}")
+    if found:
+        raise CheckpointError(
+            f"{path}: {' and '.join(found)}, expected {' and '.join(expected)}; "
+            "as starting weights for a training (--as-init) it will do"
+        )
+
+
+def _normalisation(
+    path: Path, tensors: Tensors, wanted: Wanted, usual_1x1: bool
+) -> tuple[dict[str, Any], tuple[str, ...], bool]:
+    """Mean, std and place of the stride; what of it is assumed; whether red comes first.
+
+    The published configurations pair the stride in the 1x1 convolution with a std of 1, and
+    the stride in the 3x3 with ImageNet's std.
+    """
+    assumed: tuple[str, ...] = ()
+    mean = _constant(path, tensors, "pixel_mean")
+    std = _constant(path, tensors, "pixel_std")
+    if mean is None:
+        mean, assumed = IMAGENET_MEAN, ("pixel mean of ImageNet",)
+    if wanted.pixel_std != "auto":
+        std = UNIT_STD if wanted.pixel_std == "unit" else IMAGENET_STD
+    in_1x1 = wanted.stride_in == "1x1"
+    if wanted.stride_in == "auto":
+        in_1x1 = usual_1x1 and (std is None or max(std) == 1.0)
+        assumed += ("stride in the " + ("1x1" if in_1x1 else "3x3"),)
+    if std is None:
+        std = UNIT_STD if in_1x1 else IMAGENET_STD
+        assumed += ("pixel std of " + ("1" if in_1x1 else "ImageNet"),)
+    pairs = zip(mean, reversed(IMAGENET_MEAN), strict=True)
+    red_first = all(abs(a - b) < _NEAR_MEAN for a, b in pairs)
+    if red_first:
+        mean, std = mean[::-1], std if wanted.pixel_std != "auto" else std[::-1]
+    return {"mean": mean, "std": std, "stride_in_1x1": in_1x1}, assumed, red_first
+
+
+def _constant(path: Path, tensors: Tensors, name: str) -> tuple[float, ...] | None:
+    """Three values of the file's own configuration, if it has them."""
+    value = tensors.get(name)
+    if value is None:
+        return None
+    if value.numel() != 3:
+        shape = tuple(value.shape)
+        raise CheckpointError(f"{path}: {name} has shape {shape}, expected three values")
+    return tuple(round(float(v), 4) for v in value.flatten())
+
+
+def _widths(path: Path, tensors: Tensors, as_init: bool) -> dict[str, Any]:
+    """Which branches there are, and how wide the layers are."""
+    widths: dict[str, Any] = {
+        "fpn_width": _shape(path, tensors, "backbone.fpn_output2.weight", 4)[0],
+        "box_head_width": _shape(path, tensors, "roi_heads.box_head.fc1.weight", 2)[0],
+    }
+    branches = {"mask": "mask_fcn", "keypoint": "conv_fcn"}
+    for branch, convolution in branches.items():
+        head = f"roi_heads.{branch}_head."
+        found = _has(tensors, head)
+        widths[f"{branch}s"] = found or as_init
+        if found:
+            convolutions = _numbered(tensors, f"{head}{convolution}", ".weight", 1)
+            widths[f"{branch}_head_widths"] = tuple(value.shape[0] for value in convolutions)
+    return widths
+
+
+def _has(tensors: Tensors, begin: str) -> bool:
+    return any(name.startswith(begin) for name in tensors)
+
+
+def _numbered(tensors: Tensors, begin: str, end: str, first: int) -> Iterator[Tensor]:
+    """The tensors with consecutive numbers between ``begin`` and ``end``, from ``first`` on."""
+    while f"{begin}{first}{end}" in tensors:
+        yield tensors[f"{begin}{first}{end}"]
+        first += 1
+
+
+def _shape(path: Path, tensors: Tensors, name: str, axes: int) -> tuple[int, ...]:
+    value = tensors.get(name)
+    if value is None:
+        raise CheckpointError(f"{path}: {name} is missing")
+    if value.dim() != axes:
+        raise CheckpointError(
+            f"{path}: {name} has shape {tuple(value.shape)}, expected {axes} axes"
+        )
+    return tuple(value.shape)
