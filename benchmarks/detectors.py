@@ -1,0 +1,150 @@
+"""The detectors' front: size, cost, speed and accuracy of each preset after one short training.
+
+python benchmarks/detectors.py DATA --test TEST --runs RUNS --result FILE.json
+
+DATA is a dataset of ``perceptree synth``; every preset is trained on it from random weights with
+the same steps, into RUNS/NAME, where a checkpoint that is already there is taken as it is. Depth
+is learned in a fraction of colour's steps, so that a short training shows what a network can do.
+TEST is another dataset, say of ``--preset test``, whose test split gives the accuracy. Each
+checkpoint is translated to ONNX, float32 and INT8, and timed from the prepared frame to the
+arrays; the files take turns, so that the ratios hold on a machine that does other things as well.
+The paper's presets are timed and counted with random weights, but not trained: that takes days
+on a CPU.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import logging
+import platform
+import statistics
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnxruntime
+import torch
+from numpy.typing import NDArray
+
+from edgetree.export.graph import trace
+from edgetree.export.quantise import quantise
+from perceptree.data import FrameStore, read_split
+from perceptree.evaluation import evaluate, predict_with
+from perceptree.models import EDGE_PRESETS, PAPER_PRESETS, TreeRCNN, load_checkpoint, make_spec
+from perceptree.models.cost import multiply_adds, parameters
+from perceptree.training import TrainSettings, train
+
+CALIBRATION_FRAMES = 32
+PAPER_SIDE_PX = 800
+
+
+def checkpoint_of(preset: str, size: tuple[int, int], arguments: argparse.Namespace) -> Path:
+    """The preset's checkpoint, trained if there is none yet."""
+    folder = arguments.runs / preset
+    best = folder / "best.safetensors"
+    if not best.exists():
+        steps = arguments.steps
+        settings = TrainSettings(steps=steps, warmup_steps=max(1, steps // 5), evaluations=1)
+        train(make_spec(preset, arguments.modality, *size), settings, arguments.data, folder)
+    return best
+
+
+def accuracy(model: TreeRCNN, test: Path) -> dict[str, Any]:
+    """Average precision in percent."""
+    metrics = evaluate(predict_with(model), FrameStore(read_split(test, "test"), model.spec), 4)
+    names = ("box_ap", "box_ap50", "mask_ap", "keypoint_ap")
+    return {name: round(getattr(metrics, name), 1) for name in names}
+
+
+def cost(model: TreeRCNN) -> dict[str, Any]:
+    """Parameters, and multiply-adds at the model's own input and at 800x800, in G."""
+    square = replace(model.spec, height=PAPER_SIDE_PX, width=PAPER_SIDE_PX)
+    return {
+        "backbone": model.spec.backbone,
+        "input": f"{model.spec.width}x{model.spec.height}",
+        "parameters_m": round(parameters(model) / 1e6, 2),
+        "multiply_adds_g": round(multiply_adds(model) / 1e9, 2),
+        "multiply_adds_800x800_g": round(multiply_adds(TreeRCNN(square)) / 1e9, 2),
+    }
+
+
+def sessions(
+    model: TreeRCNN, frames: NDArray[np.uint8]
+) -> Iterator[tuple[str, onnxruntime.InferenceSession]]:
+    """The model's graph in both precisions, on two threads."""
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = 2
+    options.log_severity_level = 3
+    graph = trace(model, batch=1)
+    for precision, proto in (("float32", graph), ("int8", quantise(graph, frames))):
+        data = proto.SerializeToString()
+        yield precision, onnxruntime.InferenceSession(data, options, ["CPUExecutionProvider"])
+
+
+def times_ms(
+    files: dict[tuple[str, str], tuple[onnxruntime.InferenceSession, NDArray[np.uint8]]],
+    rounds: int,
+) -> dict[tuple[str, str], float]:
+    """The median of each file, all of them run once per round."""
+    taken: dict[tuple[str, str], list[float]] = {key: [] for key in files}
+    for turn in range(rounds + 1):
+        for key, (session, frames) in files.items():
+            frame = frames[turn % len(frames)][None]
+            start = time.perf_counter()
+            session.run(None, {"image": frame})
+            if turn:  # the first round warms up
+                taken[key].append((time.perf_counter() - start) * 1000)
+    return {key: round(statistics.median(values), 1) for key, values in taken.items()}
+
+
+def main() -> None:
+    """Print the figures as JSON, and write them where asked."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("data", type=Path)
+    parser.add_argument("--test", type=Path, required=True)
+    parser.add_argument("--runs", type=Path, required=True)
+    parser.add_argument("--presets", default=",".join((*EDGE_PRESETS, *PAPER_PRESETS)))
+    parser.add_argument("--modality", default="depth", help="of the light ones: rgb or depth")
+    parser.add_argument("--size", default="192x320", help="height x width of the light ones, px")
+    parser.add_argument("--steps", type=int, default=250)
+    parser.add_argument("--rounds", type=int, default=15)
+    parser.add_argument("--result", type=Path)
+    arguments = parser.parse_args()
+    logging.disable(logging.WARNING)
+    height, width = (int(side) for side in arguments.size.split("x"))
+    figures: dict[str, dict[str, Any]] = {}
+    files = {}
+    for preset in arguments.presets.split(","):
+        if preset in EDGE_PRESETS:
+            model, _ = load_checkpoint(checkpoint_of(preset, (height, width), arguments))
+            figures[preset] = cost(model) | accuracy(model, arguments.test)
+        else:
+            torch.manual_seed(0)
+            model = TreeRCNN(make_spec(preset, "rgb", PAPER_SIDE_PX, PAPER_SIDE_PX)).eval()
+            figures[preset] = cost(model)
+        store = FrameStore(read_split(arguments.data, "train")[:CALIBRATION_FRAMES], model.spec)
+        frames = np.stack([store[index].image for index in range(len(store))])
+        for precision, session in sessions(model, frames):
+            files[preset, precision] = (session, frames)
+    for (preset, precision), median in times_ms(files, arguments.rounds).items():
+        figures[preset][f"{precision}_ms"] = median
+    result = {
+        "machine": platform.processor() or platform.machine(),
+        "threads": 2,
+        "modality": arguments.modality,
+        "training_steps": arguments.steps,
+        "presets": figures,
+    }
+    text = json.dumps(result, indent=2)
+    sys.stdout.write(text + "\n")
+    if arguments.result:
+        arguments.result.write_text(text + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,141 @@
+"""Eager CPU inference of the paper's networks beside torchvision's, and where the time goes.
+
+python benchmarks/eager.py --result benchmarks/results/eager.json
+
+All networks have random weights, see one 1280x720 frame, take 1,000 proposals and answer with 20
+detections, masks and keypoints. torchvision's runs in turn with each of ours, so that the ratio
+holds on a machine that does other things as well. Peak memory is that of a process of its own.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import platform
+import resource
+import statistics
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import torch
+from torchvision.models.detection import keypointrcnn_resnet50_fpn
+from torchvision.models.detection.mask_rcnn import MaskRCNNHeads, MaskRCNNPredictor
+from torchvision.ops import MultiScaleRoIAlign
+
+from perceptree.models import PAPER_PRESETS, TreeRCNN, make_spec
+from perceptree.models.detector import RegionPooler
+
+HEIGHT_PX, WIDTH_PX = 720, 1280
+KEYPOINTS, DETECTIONS = 5, 20
+
+
+def torchvision_network() -> torch.nn.Module:
+    """Mask and keypoint R-CNN on R50-FPN, as torchvision builds it."""
+    network = keypointrcnn_resnet50_fpn(
+        weights=None,
+        weights_backbone=None,
+        num_keypoints=KEYPOINTS,
+        min_size=HEIGHT_PX,
+        max_size=WIDTH_PX,
+        box_detections_per_img=DETECTIONS,
+        box_score_thresh=0.0,
+    )
+    heads = network.roi_heads
+    heads.mask_roi_pool = MultiScaleRoIAlign(["0", "1", "2", "3"], 14, 2)
+    heads.mask_head = MaskRCNNHeads(256, (256,) * 4, 1)
+    heads.mask_predictor = MaskRCNNPredictor(256, 256, 2)
+    return network.eval()
+
+
+def seconds(call: Callable[[], object]) -> float:
+    """How long one call takes."""
+    start = time.perf_counter()
+    call()
+    return time.perf_counter() - start
+
+
+class Watch:
+    """Adds up the time that a function or method takes while it stands in for it."""
+
+    def __init__(self, owner: type, name: str) -> None:
+        self.total_s = 0.0
+        wrapped = getattr(owner, name)
+
+        def timed(*arguments: object, **named: object) -> object:
+            start = time.perf_counter()
+            try:
+                return wrapped(*arguments, **named)
+            finally:
+                self.total_s += time.perf_counter() - start
+
+        setattr(owner, name, timed)
+
+
+def compare(preset: str, frame: np.ndarray, rounds: int) -> dict[str, float]:
+    """One of our networks in turn with torchvision's."""
+    torch.manual_seed(0)
+    ours = TreeRCNN(make_spec(preset, "rgb", HEIGHT_PX, WIDTH_PX)).eval()
+    theirs = torchvision_network()
+    batch = torch.from_numpy(frame)[None]
+    image = torch.from_numpy(frame).permute(2, 0, 1).float() / 255
+    times: dict[str, list[float]] = {"ours": [], "torchvision_r50": []}
+    with torch.inference_mode():
+        ours.detect(batch)
+        theirs([image])
+        watches = [Watch(RegionPooler, name) for name in ("__init__", "__call__")]
+        watches.append(Watch(type(ours.proposer), "propose"))
+        for _ in range(rounds):
+            times["ours"].append(seconds(lambda: ours.detect(batch)))
+            times["torchvision_r50"].append(seconds(lambda: theirs([image])))
+    share = sum(watch.total_s for watch in watches) / sum(times["ours"])
+    medians = {f"{name}_s": round(statistics.median(values), 3) for name, values in times.items()}
+    ratios = [a / b for a, b in zip(times["ours"], times["torchvision_r50"], strict=True)]
+    return medians | {
+        "ratio": round(statistics.median(ratios), 3),
+        "share_in_roi_align_and_proposals": round(share, 4),
+    }
+
+
+def peak_mb(preset: str) -> float:
+    """Peak resident memory of a process that detects on one frame, in MB."""
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        return pool.apply(_detect_once, (preset,))
+
+
+def _detect_once(preset: str) -> float:
+    model = TreeRCNN(make_spec(preset, "rgb", HEIGHT_PX, WIDTH_PX)).eval()
+    with torch.inference_mode():
+        model.detect(torch.zeros(1, HEIGHT_PX, WIDTH_PX, 3, dtype=torch.uint8))
+    return round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1)
+
+
+def main() -> None:
+    """Print the figures as JSON, and write them where asked."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--presets", default=",".join(PAPER_PRESETS))
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--result", type=Path)
+    arguments = parser.parse_args()
+    frame = np.random.default_rng(0).integers(0, 256, (HEIGHT_PX, WIDTH_PX, 3), dtype=np.uint8)
+    figures = {
+        preset: compare(preset, frame, arguments.rounds) | {"peak_mb": peak_mb(preset)}
+        for preset in arguments.presets.split(",")
+    }
+    result = {
+        "machine": platform.processor() or platform.machine(),
+        "threads": torch.get_num_threads(),
+        "input": f"{WIDTH_PX}x{HEIGHT_PX}",
+        "presets": figures,
+    }
+    text = json.dumps(result, indent=2)
+    sys.stdout.write(text + "\n")
+    if arguments.result:
+        arguments.result.write_text(text + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
