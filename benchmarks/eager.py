@@ -13,7 +13,6 @@ import argparse
 import json
 import multiprocessing
 import platform
-import resource
 import statistics
 import sys
 import time
@@ -26,6 +25,7 @@ from torchvision.models.detection import keypointrcnn_resnet50_fpn
 from torchvision.models.detection.mask_rcnn import MaskRCNNHeads, MaskRCNNPredictor
 from torchvision.ops import MultiScaleRoIAlign
 
+from edgetree.bench import peak_memory_mib
 from perceptree.models import PAPER_PRESETS, TreeRCNN, make_spec
 from perceptree.models.detector import RegionPooler
 
@@ -88,20 +88,23 @@ def compare(preset: str, frame: np.ndarray, rounds: int) -> dict[str, float]:
         theirs([image])
         watches = [Watch(RegionPooler, name) for name in ("__init__", "__call__")]
         watches.append(Watch(type(ours.proposer), "propose"))
+        shares = []
         for _ in range(rounds):
+            before = sum(watch.total_s for watch in watches)
             times["ours"].append(seconds(lambda: ours.detect(batch)))
+            spent = sum(watch.total_s for watch in watches) - before
+            shares.append(spent / times["ours"][-1])
             times["torchvision_r50"].append(seconds(lambda: theirs([image])))
-    share = sum(watch.total_s for watch in watches) / sum(times["ours"])
     medians = {f"{name}_s": round(statistics.median(values), 3) for name, values in times.items()}
     ratios = [a / b for a, b in zip(times["ours"], times["torchvision_r50"], strict=True)]
     return medians | {
         "ratio": round(statistics.median(ratios), 3),
-        "share_in_roi_align_and_proposals": round(share, 4),
+        "share_in_roi_align_and_proposals": round(statistics.median(shares), 4),
     }
 
 
-def peak_mb(preset: str) -> float:
-    """Peak resident memory of a process that detects on one frame, in MB."""
+def peak_mib(preset: str) -> float:
+    """Peak resident memory of a process that detects on one frame, in MiB."""
     with multiprocessing.get_context("spawn").Pool(1) as pool:
         return pool.apply(_detect_once, (preset,))
 
@@ -110,7 +113,9 @@ def _detect_once(preset: str) -> float:
     model = TreeRCNN(make_spec(preset, "rgb", HEIGHT_PX, WIDTH_PX)).eval()
     with torch.inference_mode():
         model.detect(torch.zeros(1, HEIGHT_PX, WIDTH_PX, 3, dtype=torch.uint8))
-    return round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1)
+    peak = peak_memory_mib()
+    assert peak is not None
+    return round(peak, 1)
 
 
 def main() -> None:
@@ -122,7 +127,7 @@ def main() -> None:
     arguments = parser.parse_args()
     frame = np.random.default_rng(0).integers(0, 256, (HEIGHT_PX, WIDTH_PX, 3), dtype=np.uint8)
     figures = {
-        preset: compare(preset, frame, arguments.rounds) | {"peak_mb": peak_mb(preset)}
+        preset: compare(preset, frame, arguments.rounds) | {"peak_mib": peak_mib(preset)}
         for preset in arguments.presets.split(",")
     }
     result = {
