@@ -6,8 +6,9 @@ DATA is a dataset of ``perceptree synth``; every preset is trained on it from ra
 the same steps, into RUNS/NAME, where a checkpoint that is already there is taken as it is. Depth
 is learned in a fraction of colour's steps, so that a short training shows what a network can do.
 TEST is another dataset, say of ``--preset test``, whose test split gives the accuracy. Each
-checkpoint is translated to ONNX, float32 and INT8, and timed from the prepared frame to the
-arrays; the files take turns, so that the ratios hold on a machine that does other things as well.
+network is translated to ONNX at its preset's own input size, float32 and INT8, and timed from the
+prepared frame to the arrays; the files take turns, so that the ratios hold on a machine that does
+other things as well.
 The paper's presets are timed and counted with random weights, but not trained: that takes days
 on a CPU.
 """
@@ -39,7 +40,7 @@ from perceptree.models import EDGE_PRESETS, PAPER_PRESETS, TreeRCNN, load_checkp
 from perceptree.models.cost import multiply_adds, parameters
 from perceptree.training import TrainSettings, train
 
-CALIBRATION_FRAMES = 32
+CALIBRATION_FRAMES = 8
 PAPER_SIDE_PX = 800
 
 
@@ -61,15 +62,22 @@ def accuracy(model: TreeRCNN, test: Path) -> dict[str, Any]:
     return {name: round(getattr(metrics, name), 1) for name in names}
 
 
+def at_size(model: TreeRCNN, height: int, width: int) -> TreeRCNN:
+    """The same network for frames of another size."""
+    resized = TreeRCNN(replace(model.spec, height=height, width=width))
+    resized.load_state_dict(model.state_dict())
+    return resized.eval()
+
+
 def cost(model: TreeRCNN) -> dict[str, Any]:
-    """Parameters, and multiply-adds at the model's own input and at 800x800, in G."""
-    square = replace(model.spec, height=PAPER_SIDE_PX, width=PAPER_SIDE_PX)
+    """Parameters, and multiply-adds at the timed input and at 800x800, in G."""
+    square = at_size(model, PAPER_SIDE_PX, PAPER_SIDE_PX)
     return {
         "backbone": model.spec.backbone,
-        "input": f"{model.spec.width}x{model.spec.height}",
+        "timed_input": f"{model.spec.width}x{model.spec.height}",
         "parameters_m": round(parameters(model) / 1e6, 2),
         "multiply_adds_g": round(multiply_adds(model) / 1e9, 2),
-        "multiply_adds_800x800_g": round(multiply_adds(TreeRCNN(square)) / 1e9, 2),
+        "multiply_adds_800x800_g": round(multiply_adds(square) / 1e9, 2),
     }
 
 
@@ -110,7 +118,7 @@ def main() -> None:
     parser.add_argument("--runs", type=Path, required=True)
     parser.add_argument("--presets", default=",".join((*EDGE_PRESETS, *PAPER_PRESETS)))
     parser.add_argument("--modality", default="depth", help="of the light ones: rgb or depth")
-    parser.add_argument("--size", default="192x320", help="height x width of the light ones, px")
+    parser.add_argument("--size", default="192x320", help="height x width to train at, px")
     parser.add_argument("--steps", type=int, default=250)
     parser.add_argument("--rounds", type=int, default=15)
     parser.add_argument("--result", type=Path)
@@ -121,8 +129,10 @@ def main() -> None:
     files = {}
     for preset in arguments.presets.split(","):
         if preset in EDGE_PRESETS:
-            model, _ = load_checkpoint(checkpoint_of(preset, (height, width), arguments))
-            figures[preset] = cost(model) | accuracy(model, arguments.test)
+            trained, _ = load_checkpoint(checkpoint_of(preset, (height, width), arguments))
+            own = make_spec(preset)
+            model = at_size(trained, own.height, own.width)
+            figures[preset] = cost(model) | accuracy(trained, arguments.test)
         else:
             torch.manual_seed(0)
             model = TreeRCNN(make_spec(preset, "rgb", PAPER_SIDE_PX, PAPER_SIDE_PX)).eval()
@@ -137,6 +147,7 @@ def main() -> None:
         "machine": platform.processor() or platform.machine(),
         "threads": 2,
         "modality": arguments.modality,
+        "trained_input": f"{width}x{height}",
         "training_steps": arguments.steps,
         "presets": figures,
     }

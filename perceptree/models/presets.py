@@ -51,13 +51,23 @@ PAPER_PRESETS: dict[str, dict[str, Any]] = {
     "x101-32x4d": {"backbone": "resnext101_32x4d"},
 }
 
+# Rungs of the front that benchmarks/detectors.py measures: accuracy against time.
 EDGE_PRESETS: dict[str, dict[str, Any]] = {
     "edge-n": {"backbone": "mobilenetv4_conv_small"},
-    "edge-s": {"backbone": "mobilenetv4_conv_medium"},
-    "edge-m": {"backbone": "resnet18"},
+    "edge-s": {"backbone": "resnet18"},
+    "edge-m": {
+        "backbone": "resnet18",
+        "levels": (2, 3, 4, 5),
+        "roi_levels": (2,),
+        "fpn_width": 128,
+    },
 }
 
 PRESETS = (*EDGE_PRESETS, *PAPER_PRESETS)
+
+# Levels of a light model that names none, and its anchors at level 0 of an input 640 px wide.
+_LIGHT_LEVELS = (3, 4, 5)
+_LIGHT_ANCHOR_PX = 5.0
 
 
 def make_spec(
@@ -80,7 +90,11 @@ def make_spec(
         values |= {"mean": IMAGENET_MEAN, "std": std}
     elif preset in EDGE_PRESETS:
         height, width = height or 384, width or 640
-        values = EDGE_PRESETS[preset] | {"anchor_sizes_px": _light_anchors(width)}
+        values = EDGE_PRESETS[preset].copy()
+        levels = (values | changes).get("levels", _LIGHT_LEVELS)
+        values["anchor_sizes_px"] = tuple(
+            (_LIGHT_ANCHOR_PX * 2**n * width / 640.0,) for n in levels
+        )
         depth = {"mean": (128.0,), "std": (80.0,)}
         values |= depth if modality == "depth" else {"mean": IMAGENET_MEAN, "std": IMAGENET_STD}
     else:
@@ -96,7 +110,3 @@ def make_spec(
         )  # fmt: skip
     except TypeError as error:
         raise SpecError(f"not a model setting: {error}") from error
-
-
-def _light_anchors(width: int) -> tuple[tuple[float, ...], ...]:
-    return tuple((size * width / 640.0,) for size in (40.0, 80.0, 160.0))
