@@ -16,6 +16,7 @@ from calib.errors import DepthError, InputFileError
 
 _MM_PER_M = 1000.0
 _MAX_MM = 65535
+_ROWS_AT_ONCE = 32  # what is being worked on stays in the processor's cache
 
 
 @dataclass(frozen=True)
@@ -68,11 +69,20 @@ class DepthEncoding:
 
 def encode_depth(depth_m: NDArray[np.floating[Any]], encoding: DepthEncoding) -> NDArray[np.uint8]:
     """(H, W) metres to (H, W) uint8; 0 and anything not finite is no reading."""
-    valid = np.isfinite(depth_m) & (depth_m > 0)
-    near, far = encoding.near_m, encoding.far_m
-    share = (np.where(valid, depth_m, far) - near) * np.float32(1 / (far - near))
-    grey = encoding.near_value + np.clip(share, 0, 1) * (encoding.far_value - encoding.near_value)
-    return np.where(valid, np.rint(grey), encoding.invalid_value).astype(np.uint8)
+    per_m = np.float32(1 / (encoding.far_m - encoding.near_m))
+    result = np.empty(depth_m.shape, np.uint8)
+    for start in range(0, len(depth_m), _ROWS_AT_ONCE):
+        part, out = depth_m[start : start + _ROWS_AT_ONCE], result[start : start + _ROWS_AT_ONCE]
+        grey = (part - encoding.near_m) * per_m
+        np.clip(grey, 0, 1, out=grey)
+        grey *= encoding.far_value - encoding.near_value
+        grey += encoding.near_value
+        with np.errstate(invalid="ignore"):  # of NaN: what is no reading is put right below
+            out[...] = np.rint(grey, out=grey)
+        valid = (np.isfinite(part) & (part > 0)).view(np.uint8)
+        out *= valid
+        out += (1 - valid) * np.uint8(encoding.invalid_value)
+    return result
 
 
 def decode_depth(grey: NDArray[np.uint8], encoding: DepthEncoding) -> NDArray[np.float32]:

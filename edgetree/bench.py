@@ -11,9 +11,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from edgetree.manifest import Manifest
 from edgetree.runtime import TreeDetector
 
-__all__ = ["BenchResult", "bench_detector", "peak_memory_mib"]
+__all__ = ["BenchResult", "bench_detector", "model_record", "peak_memory_mib"]
 
 _WARMUP: Final = 3
 _FEWEST_RUNS: Final = 5
@@ -89,6 +90,43 @@ def bench_detector(
         trees_per_frame=trees / runs,
         peak_memory_mib=peak_memory_mib(),
     )
+
+
+def model_record(manifest: Manifest) -> dict[str, Any]:
+    """What a file says it costs, as a JSON object; None where an older file does not say.
+
+    `multiply_adds` and `flops`, two per multiply-add, are of the whole graph at its input, with
+    `proposals` boxes looked at and `detections` rows given out; `classifier` is the backbone alone
+    as an ImageNet classifier at 224x224 px, which is what papers print.
+    """
+    classifier = manifest.classifier
+    boxes = next(output for output in manifest.outputs if output.name == "boxes")
+    return {
+        "name": manifest.name,
+        "backbone": manifest.backbone,
+        "modality": manifest.modality,
+        "target": manifest.target,
+        "precision": manifest.precision,
+        "input_px": [manifest.input.width, manifest.input.height],
+        "parameters": manifest.parameters,
+        "multiply_adds": manifest.multiply_adds,
+        "flops": _flops(manifest.multiply_adds),
+        "proposals": manifest.proposals,
+        "detections": boxes.shape[1],
+        "classifier": classifier
+        and {
+            "input_px": [224, 224],
+            "parameters": classifier.parameters,
+            "multiply_adds": classifier.multiply_adds,
+            "flops": _flops(classifier.multiply_adds),
+        },
+        "trained": manifest.training_data != "untrained",
+        "box_ap": (manifest.parity or {}).get("ap_file"),
+    }
+
+
+def _flops(multiply_adds: int | None) -> int | None:
+    return None if multiply_adds is None else 2 * multiply_adds
 
 
 def peak_memory_mib() -> float | None:

@@ -9,6 +9,7 @@ import typer
 
 from edgetree.commands.bench import bench
 from edgetree.commands.demo import demo
+from edgetree.commands.doctor import doctor
 from edgetree.commands.export import export
 from edgetree.commands.run import run
 from edgetree.commands.verify import verify
@@ -28,6 +29,7 @@ app.command()(run)
 app.command()(bench)
 app.command()(export)
 app.command()(verify)
+app.command()(doctor)
 
 _INTERRUPTED = 130
 

@@ -42,7 +42,8 @@ class TreeDetections:
         image_height: height of the image in pixels.
 
     Raises:
-        InputError: an array has another shape than stated.
+        InputError: an array has another shape than stated, values that are not finite, or scores
+            that are no probabilities.
     """
 
     boxes_px: NDArray[np.float32]
@@ -63,6 +64,9 @@ class TreeDetections:
             self._keep_as_float32("keypoints_px", (count, len(KEYPOINT_NAMES), 3))
         if self.masks is not None:
             self._keep_as_float32("masks", (count, MASK_SIZE, MASK_SIZE))
+        if count and not (self.scores.min() >= 0 and self.scores.max() <= 1):
+            span = f"{self.scores.min():g} to {self.scores.max():g}"
+            raise InputError(f"scores are {span}: expected probabilities, 0 to 1")
 
     def _keep_as_float32(self, name: str, shape: tuple[int, ...]) -> None:
         array = np.asarray(getattr(self, name), dtype=np.float32)
@@ -70,6 +74,8 @@ class TreeDetections:
             raise InputError(
                 f"{name} has shape {array.shape}: expected {shape} for {shape[0]} scores"
             )
+        if not np.isfinite(array).all():
+            raise InputError(f"{name} has NaN or infinite values: expected finite ones")
         object.__setattr__(self, name, array)
 
     def __len__(self) -> int:

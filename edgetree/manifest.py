@@ -19,6 +19,7 @@ from edgetree.fields import build
 __all__ = [
     "METADATA_KEY",
     "SCHEMA",
+    "ClassifierCost",
     "InputSpec",
     "Manifest",
     "OutputSpec",
@@ -56,7 +57,8 @@ class InputSpec:
     def __post_init__(self) -> None:
         _require(min(self.height, self.width) >= 32, "input size", self.size_text, "32x32 or more")
         _require(self.dtype == "uint8", "input dtype", self.dtype, "'uint8'")
-        _require(1 in self.batch_sizes, "input batch_sizes", self.batch_sizes, "1 among them")
+        sizes = self.batch_sizes
+        _require(bool(sizes) and min(sizes) > 0, "input batch_sizes", sizes, "some, 1 or more each")
 
     @property
     def size_text(self) -> str:
@@ -106,6 +108,14 @@ class Thresholds:
 
 
 @dataclass(frozen=True)
+class ClassifierCost:
+    """Of the backbone as an ImageNet classifier, for one 224x224 px image, as papers count it."""
+
+    parameters: int
+    multiply_adds: int
+
+
+@dataclass(frozen=True)
 class Manifest:
     """Everything that a program needs to know to use a model file.
 
@@ -124,7 +134,7 @@ class Manifest:
         keypoint_names: `KEYPOINT_NAMES`, or empty for a model without keypoints.
         keypoint_flip_pairs: pairs of keypoint indices that change places on a horizontal flip.
         thresholds: what the graph applies.
-        precision: "float32", "int8", ...
+        precision: "float32", "float16" or "int8".
         opset: ONNX opset of the graph.
         parameters: number of weights.
         weights_sha256: of the checkpoint's weights.
@@ -132,6 +142,10 @@ class Manifest:
         project_version: version of edgetree that wrote the file.
         parity: figures of the export's parity check.
         calibration_sha256: of the data that a quantised model was calibrated on, else None.
+        proposals: regions per frame that the box head looks at; None in older files.
+        multiply_adds: of one frame through the whole network; None in older files.
+        classifier: cost of the backbone alone, as papers give it; None in older files.
+        target: the provider that the file was made for.
         schema: version of this layout.
 
     Raises:
@@ -159,6 +173,10 @@ class Manifest:
     project_version: str
     parity: Mapping[str, Any] | None = None
     calibration_sha256: str | None = None
+    proposals: int | None = None
+    multiply_adds: int | None = None
+    classifier: ClassifierCost | None = None
+    target: str = "cpu"
     schema: str = SCHEMA
 
     def __post_init__(self) -> None:

@@ -1,7 +1,8 @@
-"""The detector: an image in, trees in that image's pixels out."""
+"""The detector: images in, trees in those images' pixels out."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -9,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 import calib
+from edgetree.contract import Answer, check_answer, read_manifest
 from edgetree.detections import TreeDetections
-from edgetree.errors import InputError, ModelFileError
-from edgetree.manifest import METADATA_KEY, Manifest
+from edgetree.errors import InputError
+from edgetree.images import check_image, to_bytes
+from edgetree.providers import CPU, SessionSettings
 from edgetree.session import InferenceSession, OrtSession
 
 __all__ = ["DISPLAY_THRESHOLD", "MODALITIES", "TreeDetector", "default_model"]
@@ -32,7 +35,8 @@ def default_model(modality: str) -> Path:
 
 
 class TreeDetector:
-    """A model, ready to detect.
+    """A model, ready to detect. One detector may be used from many threads at once, and after an
+    error as before it.
 
     Args:
         session: what runs the graph.
@@ -50,7 +54,7 @@ class TreeDetector:
             raise InputError(f"score threshold is {score_threshold}: expected 0 to 1")
         self.session = session
         self.score_threshold = score_threshold
-        self.manifest = _read_manifest(session)
+        self.manifest = read_manifest(session)
         encoding = self.manifest.depth_encoding
         self._encoding = None if encoding is None else calib.DepthEncoding.from_dict(dict(encoding))
 
@@ -59,106 +63,140 @@ class TreeDetector:
         cls,
         model: Path | str,
         *,
+        provider: str = CPU,
+        strict: bool = True,
         threads: int | None = None,
         spinning: bool = False,
+        cache_folder: Path | str | None = None,
         score_threshold: float = DISPLAY_THRESHOLD,
+        warm_up: bool = False,
     ) -> TreeDetector:
-        """Open a model file; `threads` and `spinning` as `OrtSession` has them.
+        """Open a model file, which is all that is read.
+
+        Args:
+            model: the .onnx file.
+            provider: "cpu", "cuda", "tensorrt", "openvino", "coreml", "directml", or "auto"; this
+                and the next four as `edgetree.providers.SessionSettings` has them.
+            strict: a provider that cannot be used is an error; off, the processor takes over.
+            threads: threads of one inference on the processor; None takes all usable cores.
+            spinning: let idle threads spin.
+            cache_folder: where TensorRT, OpenVINO or CoreML keep what they make of the model.
+            score_threshold: trees below it are left out.
+            warm_up: see `warm_up`.
 
         Raises:
-            ModelFileError: the file is missing, no ONNX model, or has no manifest of ours.
-            InputError: a setting is out of range.
+            ModelFileError: the file is missing, no ONNX model, has no manifest of ours, or one
+                that its graph contradicts; or it is one that may not be opened.
+            InputError: a setting is out of range, or the provider cannot be used.
         """
-        session = OrtSession(Path(model), threads=threads, spinning=spinning)
-        try:
-            return cls(session, score_threshold=score_threshold)
-        except (ModelFileError, calib.CalibError) as error:
-            raise ModelFileError(f"model {model}: {error}") from error
+        cache = None if cache_folder is None else Path(cache_folder)
+        settings = SessionSettings(provider, strict, threads, spinning, cache)
+        detector = cls(OrtSession(Path(model), settings), score_threshold=score_threshold)
+        if warm_up:
+            detector.warm_up()
+        return detector
+
+    def warm_up(self, rounds: int = 2) -> None:
+        """Detect on blank images, so that the first real one takes no longer than the next.
+
+        The first inference lays out memory, and on a GPU chooses and compiles kernels.
+        """
+        shape = self.manifest.input.image_shape
+        blank = np.full(shape, self.manifest.resize.pad_value, np.uint8)
+        for _ in range(rounds):
+            self.detect(blank)
 
     def detect(self, image: NDArray[Any]) -> TreeDetections:
         """Find the trees of one image, best first.
 
         Args:
-            image: of any size. RGB model: uint8 (H, W, 3), BGR as OpenCV reads it. Depth model:
-                float (H, W), metres along the optical axis with 0.0 where there is no reading,
-                or uint8 (H, W) already encoded as the manifest says.
+            image: of any size, contiguous or not. RGB model: uint8 (H, W, 3), BGR as OpenCV reads
+                it. Depth model: float (H, W), metres along the optical axis, where 0.0, NaN and
+                infinities stand for no reading, as camera drivers differ; or uint8 (H, W) already
+                encoded as the manifest says.
 
         Returns:
             The trees from the score threshold on, in pixels of `image`.
 
         Raises:
-            InputError: another shape or dtype.
+            InputError: not an array, another shape or dtype, no pixels, or a negative depth.
+            ModelFileError: the model fails, or answers with what no model of ours would.
         """
-        image = self._as_bytes(image)
-        height, width = image.shape[:2]
+        return self._detect_all([check_image(image, "image", self.manifest)])[0]
+
+    def detect_batch(self, images: Sequence[NDArray[Any]]) -> list[TreeDetections]:
+        """Find the trees of several images, each of any size and as `detect` takes them.
+
+        They go through the graph together, as many at once as the model file takes, or was
+        verified for. A file made for four at once is filled up where there are fewer.
+
+        Returns:
+            What `detect` gives for each.
+
+        Raises:
+            InputError: as `detect`; the message says which, and nothing has been run then.
+            ModelFileError: as `detect`.
+        """
+        return self._detect_all(
+            [
+                check_image(image, f"images[{index}]", self.manifest)
+                for index, image in enumerate(images)
+            ]
+        )
+
+    def _detect_all(self, images: list[NDArray[Any]]) -> list[TreeDetections]:
+        found: list[TreeDetections] = []
+        for size in self._batch_sizes(len(images)):
+            found += self._detect_together(images[len(found) : len(found) + size], size)
+        return found
+
+    def _batch_sizes(self, images: int) -> Iterator[int]:
+        """How many images go through the graph at once, in turn."""
         target = self.manifest.input
-        letterbox = calib.Letterbox.fit(width, height, target.width, target.height)
-        pixels = letterbox.apply(image, self.manifest.resize.pad_value)
-        outputs = self.session.run({target.name: pixels[None]})
-        return self._read_outputs(outputs, letterbox, width, height)
+        fixed = self.session.input_shapes[target.name][0]
+        while images > 0:
+            verified = [size for size in target.batch_sizes if size <= images]
+            size = fixed if isinstance(fixed, int) else max(verified, default=1)
+            yield size
+            images -= size
 
-    def _as_bytes(self, image: NDArray[Any]) -> NDArray[np.uint8]:
-        """The image as the bytes that the model was trained on, still at its own size."""
-        found = f"{image.dtype} {image.shape}"
-        if self._encoding is None:
-            if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
-                raise InputError(f"image is {found}: expected uint8 (H, W, 3) BGR")
-        elif image.ndim != 2 or not (image.dtype == np.uint8 or image.dtype.kind == "f"):
-            raise InputError(
-                f"depth image is {found}: expected float (H, W) metres or uint8 (H, W) encoded"
-            )
-        if image.size == 0:
-            raise InputError(f"image is {found}: expected at least one pixel")
-        if self._encoding is not None and image.dtype != np.uint8:
-            return calib.encode_depth(image.astype(np.float32, copy=False), self._encoding)
-        return image
+    def _detect_together(self, images: list[NDArray[Any]], batch: int) -> list[TreeDetections]:
+        """One run of the graph, on up to `batch` images."""
+        target = self.manifest.input
+        pad_value = self.manifest.resize.pad_value
+        letterboxes = [
+            calib.Letterbox.fit(image.shape[1], image.shape[0], target.width, target.height)
+            for image in images
+        ]
+        pixels = [
+            letterbox.apply(to_bytes(image, self._encoding), pad_value)
+            for letterbox, image in zip(letterboxes, images, strict=True)
+        ]
+        pixels += [np.full(target.image_shape, pad_value, np.uint8)] * (batch - len(images))
+        stacked = pixels[0][None] if batch == 1 else np.stack(pixels)
+        outputs = self.session.run({target.name: stacked})
+        answers = check_answer(outputs, self.manifest, batch, self.session.name)
+        return [
+            self._read(answer, letterbox)
+            for answer, letterbox in zip(answers, letterboxes, strict=False)
+        ]
 
-    def _read_outputs(
-        self,
-        outputs: dict[str, NDArray[Any]],
-        letterbox: calib.Letterbox,
-        width: int,
-        height: int,
-    ) -> TreeDetections:
-        """The rows in use, from the input's pixels back to the image's."""
-        count = int(outputs["num_detections"][0])
-        boxes = letterbox.to_source(outputs["boxes"][0, :count].reshape(-1, 2)).reshape(-1, 4)
-        points = outputs["keypoints"][0, :count] if "keypoints" in outputs else None
+    def _read(self, answer: Answer, letterbox: calib.Letterbox) -> TreeDetections:
+        """The rows to show, from the input's pixels back to the image's."""
+        width, height = letterbox.source_width, letterbox.source_height
+        boxes = letterbox.to_source(answer.boxes.reshape(-1, 2)).reshape(-1, 4)
+        in_view = (boxes[:, :2] < [width, height]).all(axis=1)
+        shown = in_view & (answer.scores >= self.score_threshold)
+        points = answer.keypoints
         if points is not None:
+            points = points[shown]
             xy = letterbox.to_source(points[..., :2].reshape(-1, 2)).reshape(*points.shape[:2], 2)
             points = np.concatenate([xy, points[..., 2:]], axis=2)
-        trees = TreeDetections(
-            boxes_px=boxes,
-            scores=outputs["scores"][0, :count],
+        return TreeDetections(
+            boxes_px=boxes[shown],
+            scores=answer.scores[shown],
             keypoints_px=points,
-            masks=outputs["masks"][0, :count] if "masks" in outputs else None,
+            masks=None if answer.masks is None else answer.masks[shown],
             image_width=width,
             image_height=height,
         )
-        in_view = (boxes[:, :2] < [width, height]).all(axis=1)
-        return trees.select(in_view & (trees.scores >= self.score_threshold))
-
-
-def _read_manifest(session: InferenceSession) -> Manifest:
-    """The session's manifest, held against the graph's own inputs and outputs."""
-    text = session.metadata.get(METADATA_KEY)
-    if text is None:
-        raise ModelFileError(
-            f"an ONNX model without a manifest (metadata {METADATA_KEY!r}):"
-            " expected a file made by `edgetree export`"
-        )
-    manifest = Manifest.from_json(text)
-    expected = manifest.input.image_shape
-    shapes = session.input_shapes
-    found = shapes.get(manifest.input.name, ())
-    if set(shapes) != {manifest.input.name} or found[1:] != expected:
-        raise ModelFileError(
-            f"the graph's inputs are {dict(shapes)}: expected, as its manifest says,"
-            f" {manifest.input.name!r} of (batch, {', '.join(map(str, expected))})"
-        )
-    if set(session.output_names) != set(manifest.output_names):
-        raise ModelFileError(
-            f"the graph's outputs are {session.output_names}: expected, as its manifest says,"
-            f" {manifest.output_names}"
-        )
-    return manifest

@@ -3,28 +3,40 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from edgetree.errors import MissingDependency, ModelFileError
+from edgetree.errors import ModelFileError
 from edgetree.manifest import METADATA_KEY, Manifest
+from edgetree.model_file import Shape, read_model_file
+from edgetree.opening import open_session, placement_of, reason_of
+from edgetree.providers import CPU, SessionSettings, import_onnxruntime
 
 __all__ = ["FakeSession", "InferenceSession", "OrtSession", "usable_cores"]
 
 Arrays = Mapping[str, NDArray[Any]]
-Shape = tuple[int | str, ...]
 
 
 class InferenceSession(Protocol):
-    """What the runtime needs of whatever runs the graph."""
+    """What the runtime needs of whatever runs the graph. `run` may be called from many threads."""
+
+    @property
+    def name(self) -> str:
+        """What errors call the model, such as its file."""
 
     @property
     def metadata(self) -> Mapping[str, str]:
         """The model file's metadata, `METADATA_KEY` among them."""
+
+    @property
+    def provider(self) -> str:
+        """What really runs the graph: a name of `edgetree.providers.PROVIDERS`."""
 
     @property
     def threads(self) -> int:
@@ -35,8 +47,8 @@ class InferenceSession(Protocol):
         """Shape of each input; a text stands for a size that is free."""
 
     @property
-    def output_names(self) -> tuple[str, ...]:
-        """Names of the outputs."""
+    def output_shapes(self) -> Mapping[str, Shape]:
+        """Shape of each output, in the graph's order; likewise."""
 
     def run(self, inputs: Arrays) -> dict[str, NDArray[Any]]:
         """All outputs by name."""
@@ -50,35 +62,53 @@ def usable_cores() -> int:
 
 
 class OrtSession:
-    """A model file in onnxruntime, on the processor.
+    """A model file in onnxruntime.
 
     Args:
-        path: the .onnx file.
-        threads: threads of one inference; None takes all cores that this process may use.
-        spinning: let idle threads spin. It shortens an inference a little and keeps the cores
-            busy between two, which the machine's other programs pay for; so it is off.
+        path: the .onnx file. `edgetree.model_file` looks it through before onnxruntime opens it.
+        settings: how it is opened; on the processor if None.
 
     Raises:
-        ModelFileError: the file is missing or no ONNX model.
+        ModelFileError: the file is missing, no ONNX model, or one that may not be opened.
+        InputError: the provider asked for is not installed, did not start or takes no part of the
+            graph; or the cache folder cannot be made.
         MissingDependency: onnxruntime is not installed.
     """
 
-    def __init__(self, path: Path, *, threads: int | None = None, spinning: bool = False) -> None:
-        if threads is not None and threads < 1:
-            raise ValueError(f"threads is {threads}: expected 1 or more")
-        if not path.is_file():
-            kind = "a folder" if path.is_dir() else "not there"
-            raise ModelFileError(f"model {path} is {kind}: expected an .onnx file")
-        self._threads = threads or usable_cores()
-        self._session = _open(path, self._threads, spinning)
+    def __init__(self, path: Path, settings: SessionSettings | None = None) -> None:
+        settings = settings or SessionSettings()
+        read_model_file(path)
+        self._name = str(path)
+        self._threads = settings.threads or usable_cores()
+        self._session, self._provider = open_session(path, settings, self._threads)
         self._metadata: dict[str, str] = self._session.get_modelmeta().custom_metadata_map
         self._inputs = {item.name: tuple(item.shape) for item in self._session.get_inputs()}
-        self._outputs = tuple(item.name for item in self._session.get_outputs())
+        self._outputs = {item.name: tuple(item.shape) for item in self._session.get_outputs()}
+        self._turn = threading.Lock() if self._provider.one_at_a_time else nullcontext()
+
+    @property
+    def name(self) -> str:
+        """The model's file."""
+        return self._name
 
     @property
     def metadata(self) -> Mapping[str, str]:
         """The model file's metadata."""
         return self._metadata
+
+    @property
+    def provider(self) -> str:
+        """The provider in use, which takes at least a part of the graph."""
+        return self._provider.name
+
+    @property
+    def placement(self) -> dict[str, dict[str, int]]:
+        """Which provider takes which part of the graph: number of nodes by provider and operator.
+
+        What the provider in use does not know runs on "cpu", and costs copies. Empty where only
+        the processor is in use, and with an onnxruntime too old to tell.
+        """
+        return placement_of(self._session, self._provider)
 
     @property
     def threads(self) -> int:
@@ -91,39 +121,42 @@ class OrtSession:
         return self._inputs
 
     @property
-    def output_names(self) -> tuple[str, ...]:
-        """Names of the outputs."""
+    def output_shapes(self) -> Mapping[str, Shape]:
+        """Shape of each output."""
         return self._outputs
 
     def run(self, inputs: Arrays) -> dict[str, NDArray[Any]]:
-        """All outputs by name."""
-        values = self._session.run(None, dict(inputs))
+        """All outputs by name.
+
+        Raises:
+            ModelFileError: onnxruntime cannot run the model on these inputs.
+        """
+        try:
+            with self._turn:
+                values = self._run(inputs)
+        except Exception as error:  # onnxruntime's errors share no base of their own
+            raise ModelFileError(
+                f"model {self._name} failed as it ran on {self.provider!r} ({reason_of(error)}):"
+                " expected a file made by `edgetree export`, and memory enough for it"
+            ) from error
         return dict(zip(self._outputs, values, strict=True))
 
-
-def _open(path: Path, threads: int, spinning: bool) -> Any:
-    try:
-        import onnxruntime
-    except ImportError as error:
-        raise MissingDependency(
-            "onnxruntime is not installed: install edgetree[cpu] or, for an NVIDIA GPU,"
-            " edgetree[gpu]; one of the two"
-        ) from error
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = threads
-    options.inter_op_num_threads = 1
-    options.log_severity_level = 3
-    options.add_session_config_entry("session.intra_op.allow_spinning", str(int(spinning)))
-    try:
-        return onnxruntime.InferenceSession(
-            str(path), sess_options=options, providers=["CPUExecutionProvider"]
-        )
-    except Exception as error:  # onnxruntime's errors share no base of their own
-        reason = str(error).strip().splitlines()[0].rpartition("failed:")[2]
-        raise ModelFileError(
-            f"model {path} is not an ONNX model that onnxruntime can load ({reason}):"
-            " expected a file made by `edgetree export`"
-        ) from error
+    def _run(self, inputs: Arrays) -> list[NDArray[Any]]:
+        """The outputs; on a device of its own, inputs and outputs are copied once each."""
+        device = self._provider.io_device
+        values: list[NDArray[Any]]
+        if device is None:
+            values = self._session.run(None, dict(inputs))
+        else:
+            make = import_onnxruntime().OrtValue.ortvalue_from_numpy
+            binding = self._session.io_binding()
+            for name, array in inputs.items():
+                binding.bind_ortvalue_input(name, make(np.ascontiguousarray(array), device, 0))
+            for name in self._outputs:
+                binding.bind_output(name, "cpu")
+            self._session.run_with_iobinding(binding)
+            values = binding.copy_outputs_to_cpu()
+        return values
 
 
 class FakeSession:
@@ -174,12 +207,27 @@ class FakeSession:
             if rows is not None:
                 outputs[output.name][0, :count] = rows
         outputs["num_detections"][0] = count
-        return cls(manifest, outputs)
+
+        def for_each_image(inputs: Arrays) -> Arrays:
+            images = len(inputs.get(manifest.input.name, (None,)))
+            return {name: np.repeat(values, images, axis=0) for name, values in outputs.items()}
+
+        return cls(manifest, for_each_image)
+
+    @property
+    def name(self) -> str:
+        """The model's own name."""
+        return self.manifest.name
 
     @property
     def metadata(self) -> Mapping[str, str]:
         """The manifest, as a model file carries it."""
         return {METADATA_KEY: self.manifest.to_json()}
+
+    @property
+    def provider(self) -> str:
+        """The processor."""
+        return CPU
 
     @property
     def threads(self) -> int:
@@ -192,9 +240,9 @@ class FakeSession:
         return {self.manifest.input.name: ("batch", *self.manifest.input.image_shape)}
 
     @property
-    def output_names(self) -> tuple[str, ...]:
+    def output_shapes(self) -> Mapping[str, Shape]:
         """The outputs of the manifest."""
-        return self.manifest.output_names
+        return {output.name: ("batch", *output.shape[1:]) for output in self.manifest.outputs}
 
     def run(self, inputs: Arrays) -> dict[str, NDArray[Any]]:
         """The fixed outputs, or those of the function."""

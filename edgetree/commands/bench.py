@@ -1,14 +1,15 @@
-"""`edgetree bench`: the speed of a model on this machine."""
+"""`edgetree bench`: the speed of a model on this machine, or of several, as the paper's table."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
-from edgetree.commands.options import Json, Model, Threads
+from edgetree.commands.options import Json, Provider, Strict, Threads
 from edgetree.console import note, print_json, progress
 
 if TYPE_CHECKING:
@@ -19,34 +20,156 @@ __all__ = ["bench"]
 
 _MOST_FRAMES = 16
 
+_Source: TypeAlias = Annotated[
+    Path | None,
+    typer.Argument(
+        metavar="SOURCE", help="Frames as for `run`; the package's samples if not given."
+    ),
+]
+_OneModel: TypeAlias = Annotated[
+    str | None,
+    typer.Option(help="An exported .onnx file; or rgb (the default) or depth, of the package."),
+]
+_Seconds: TypeAlias = Annotated[
+    float, typer.Option("--seconds", min=0.0, help="Time to measure each model for.")
+]
+_Backbones: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        metavar="LIST",
+        help="Several networks in place of one model, such as r50,r101,x101-32x8d,edge-n: prints"
+        " the paper's table, and exports, untrained, what --models does not hold.",
+    ),
+]
+_Models: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="DIR",
+        help="With --backbones: folder of NAME-PRECISION-WIDTHxHEIGHT.onnx files; a cache folder"
+        " of yours if not given.",
+    ),
+]
+_Precision: TypeAlias = Annotated[
+    str | None, typer.Option(help="With --backbones: fp32 (the default), fp16 or int8.")
+]
+_Height: TypeAlias = Annotated[
+    int | None, typer.Option(help="With --backbones: of the input, px; 800 if not given.")
+]
+_Width: TypeAlias = Annotated[
+    int | None, typer.Option(help="With --backbones: of the input, px; 800 if not given.")
+]
+_Proposals: TypeAlias = Annotated[
+    int | None,
+    typer.Option(min=1, help="With --backbones: in place of each network's own number."),
+]
+
 
 def bench(
-    source: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="SOURCE", help="Frames as for `run`; the package's samples if not given."
-        ),
-    ] = None,
-    model: Model = "rgb",
-    duration_s: Annotated[
-        float, typer.Option("--seconds", min=0.0, help="Time to measure for.")
-    ] = 5.0,
+    source: _Source = None,
+    model: _OneModel = None,
+    duration_s: _Seconds = 5.0,
     threads: Threads = None,
+    provider: Provider = "cpu",
+    strict: Strict = True,
+    backbones: _Backbones = None,
+    models: _Models = None,
+    precision: _Precision = None,
+    height: _Height = None,
+    width: _Width = None,
+    proposals: _Proposals = None,
     as_json: Json = False,
 ) -> None:
-    """Measure a model's latency, frames per second and memory on real frames."""
+    """Measure a model's latency, frames per second and memory on real frames.
+
+    With --backbones, those of several networks beside the paper's figures.
+    """
+    of_table = {
+        "models": models,
+        "precision": precision,
+        "height": height,
+        "width": width,
+        "proposals": proposals,
+    }
+    given = {name: value for name, value in of_table.items() if value is not None}
+    if backbones is None:
+        _refuse(given, "without --backbones: they describe its files")
+        options = {"threads": threads, "provider": provider, "strict": strict}
+        _bench_one(source, model or "rgb", duration_s, options, as_json)
+        return
+    _refuse({} if model is None else {"model": model}, "beside --backbones: expected one of both")
+    names = tuple(name.strip() for name in backbones.split(","))
+    of_each = {
+        "source": source,
+        "duration_s": duration_s,
+        "threads": threads,
+        "provider": provider,
+        "strict": strict,
+    }
+    _bench_table(names, of_each | given, as_json)
+
+
+def _refuse(given: Mapping[str, Any], why: str) -> None:
+    from edgetree.errors import InputError
+
+    if given:
+        raise InputError(f"{', '.join(f'--{name}' for name in given)} given {why}")
+
+
+def _bench_table(names: tuple[str, ...], options: Mapping[str, Any], as_json: bool) -> None:
+    """The paper's table of these networks."""
+    from edgetree.bench_files import TableSettings, bench_in_turn, cache_folder, find_files
+    from edgetree.paper_table import table_lines, table_record
+
+    settings = TableSettings(names, **{"models": cache_folder(), **options})
+    files = find_files(settings, note)
+    note(f"models: {settings.models}")
+    record = table_record(bench_in_turn(files, settings, note))
+    if as_json:
+        print_json(record)
+        return
+    for line in table_lines(record):
+        typer.echo(line)
+    note(f"next: edgetree bench --model {files[names[0]]}")
+
+
+def _bench_one(
+    source: Path | None,
+    model: str,
+    duration_s: float,
+    options: Mapping[str, Any],
+    as_json: bool,
+) -> None:
+    """The figures of one model."""
     from edgetree.commands.options import open_model
 
-    detector, path = open_model(model, threads)
+    detector, path = open_model(model, **options)
     images = _images(source, detector)
     result = _measure(detector, images, duration_s)
     record = _record(path, detector, len(images), result)
     if as_json:
         print_json(record)
         return
-    for name, value in record.items():
-        typer.echo(f"{name:16} {value}")
+    for name, value in _flat(record):
+        typer.echo(f"{name:26} {value}")
     note(f"next: edgetree run {source or 'IMAGE'} --model {model} --out pictures")
+
+
+def _flat(record: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """The entries of a record that say something, those of objects in it under both names."""
+    for name, value in record.items():
+        if name == "nodes":
+            yield from ((f"nodes_on_{part}", _nodes(part, value[part])) for part in value)
+        elif isinstance(value, dict):
+            yield from ((f"{name}_{key}", item) for key, item in _flat(value))
+        elif value is not None:
+            yield name, value
+
+
+def _nodes(provider: str, operators: Mapping[str, int]) -> str:
+    """How many nodes of the graph a provider runs; which, where they fell to the processor."""
+    count = sum(operators.values())
+    names = ", ".join(f"{name} {number}" for name, number in sorted(operators.items()))
+    return f"{count} ({names})" if provider == "cpu" else str(count)
 
 
 def _images(source: Path | None, detector: TreeDetector) -> list[Any]:
@@ -79,16 +202,15 @@ def _measure(detector: TreeDetector, images: list[Any], duration_s: float) -> Be
 
 def _record(path: Path, detector: TreeDetector, frames: int, result: BenchResult) -> dict[str, Any]:
     """The model and its figures as one JSON object."""
-    manifest = detector.manifest
+    from edgetree.bench import model_record
+
     return {
         "schema": "edgetree.bench/1",
         "model": str(path),
-        "name": manifest.name,
-        "modality": manifest.modality,
-        "precision": manifest.precision,
-        "input_px": [manifest.input.width, manifest.input.height],
-        "parameters": manifest.parameters,
+        **model_record(detector.manifest),
         "file_bytes": path.stat().st_size,
         "frames": frames,
+        "provider": detector.session.provider,
+        "nodes": getattr(detector.session, "placement", {}),
         **result.to_dict(),
     }

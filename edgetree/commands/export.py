@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
@@ -18,29 +18,69 @@ if TYPE_CHECKING:
 __all__ = ["export", "record", "showing_differences"]
 
 
+Data: TypeAlias = Annotated[
+    Path, typer.Option(help="Folder with real frames, or a data set, to compare file and model on.")
+]
+Precision: TypeAlias = Annotated[
+    str, typer.Option(help="fp32; fp16 for GPUs; int8 for processors and TensorRT.")
+]
+Calibration: TypeAlias = Annotated[
+    Path | None, typer.Option(help="Folder with frames to take ranges from; --data if not given.")
+]
+Side: TypeAlias = Annotated[int | None, typer.Option(help="Of the input, px.")]
+Batch: TypeAlias = Annotated[int, typer.Option(help="Frames of one inference.")]
+Rows: TypeAlias = Annotated[int | None, typer.Option(help="Rows of every output.")]
+Proposals: TypeAlias = Annotated[int | None, typer.Option(help="Regions looked at per frame.")]
+Lowest: TypeAlias = Annotated[float | None, typer.Option(help="Lowest score in the outputs.")]
+Opset: TypeAlias = Annotated[int, typer.Option(help="ONNX operator set, 18 to 23.")]
+Provider: TypeAlias = Annotated[
+    str, typer.Option(help="What runs it: cpu, cuda, tensorrt, openvino, coreml or directml.")
+]
+
+
 def export(
     checkpoint: Annotated[
         Path, typer.Argument(metavar="CKPT", help="A checkpoint of `perceptree train`.")
     ],
     out: Annotated[Path, typer.Option(help="The .onnx file to write.")],
-    data: Annotated[
-        Path,
-        typer.Option(help="Folder with real frames, or a data set, to compare file and model on."),
-    ],
-    precision: Annotated[str, typer.Option(help="fp32, or int8 for CPUs.")] = "fp32",
-    calibration: Annotated[
-        Path | None,
-        typer.Option(help="Folder with frames to take int8 ranges from; --data if not given."),
-    ] = None,
+    data: Data,
+    precision: Precision = "fp32",
+    calibration: Calibration = None,
+    height: Side = None,
+    width: Side = None,
+    batch: Batch = 1,
+    max_detections: Rows = None,
+    proposals: Proposals = None,
+    score_threshold: Lowest = None,
+    opset: Opset = 20,
+    provider: Provider = "cpu",
     as_json: Json = False,
 ) -> None:
-    """Export a checkpoint to ONNX. A file that finds other trees than its model is not written."""
-    from edgetree.export import export_model
+    """Export a checkpoint to ONNX. A file that finds other trees than its model is not written.
 
+    What is not given is as the checkpoint says.
+    """
+    from edgetree.export import ExportSettings, export_model
+
+    settings = ExportSettings(
+        height=height,
+        width=width,
+        batch=batch,
+        max_detections=max_detections,
+        proposals=proposals,
+        precision=precision,
+        score_threshold=score_threshold,
+        opset=opset,
+        target=provider,
+    )
     with showing_differences():
         report = export_model(
-            checkpoint, out, data=data, precision=precision, calibration=calibration, say=note
+            checkpoint, out, data=data, settings=settings, calibration=calibration, say=note
         )
+    _tell(report, as_json)
+
+
+def _tell(report: ExportReport, as_json: bool) -> None:
     if as_json:
         print_json(record(report))
         return
@@ -70,6 +110,12 @@ def record(report: ExportReport) -> dict[str, Any]:
         "name": manifest.name,
         "modality": manifest.modality,
         "precision": manifest.precision,
+        "provider": manifest.target,
+        "input_px": [manifest.input.width, manifest.input.height],
+        "batch": manifest.input.batch_sizes[0],
+        "proposals": manifest.proposals,
+        "opset": manifest.opset,
+        "multiply_adds": manifest.multiply_adds,
         "parameters": manifest.parameters,
         "file_bytes": report.file_bytes,
         "weights_sha256": manifest.weights_sha256,

@@ -10,7 +10,7 @@ import typer
 if TYPE_CHECKING:
     from edgetree.runtime import TreeDetector
 
-__all__ = ["Json", "Model", "Threads", "open_model"]
+__all__ = ["Json", "Model", "Provider", "Strict", "Threads", "open_model"]
 
 Json: TypeAlias = Annotated[
     bool, typer.Option("--json", help="Print one JSON object on stdout, and nothing else there.")
@@ -21,14 +21,41 @@ Model: TypeAlias = Annotated[
 Threads: TypeAlias = Annotated[
     int | None, typer.Option(min=1, help="Threads of one inference; all cores if not given.")
 ]
+Provider: TypeAlias = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME",
+        help="What runs the model: cpu, cuda, tensorrt, openvino, coreml, directml; or auto, for"
+        " the first of them that starts.",
+    ),
+]
+Strict: TypeAlias = Annotated[
+    bool,
+    typer.Option(
+        "--strict/--no-strict",
+        help="Fail if --provider cannot be used, or let the processor take over with a warning.",
+    ),
+]
 
 
 def open_model(
-    model: str, threads: int | None, score_threshold: float | None = None
+    model: str,
+    threads: int | None,
+    score_threshold: float | None = None,
+    *,
+    provider: str = "cpu",
+    strict: bool = True,
 ) -> tuple[TreeDetector, Path]:
     """The detector for the value of a `Model` option, and its file."""
     from edgetree.runtime import DISPLAY_THRESHOLD, MODALITIES, TreeDetector, default_model
 
     path = default_model(model) if model in MODALITIES else Path(model)
     threshold = DISPLAY_THRESHOLD if score_threshold is None else score_threshold
-    return TreeDetector.load(path, threads=threads, score_threshold=threshold), path
+    detector = TreeDetector.load(
+        path,
+        provider=provider,
+        strict=strict,
+        threads=threads,
+        score_threshold=threshold,
+    )
+    return detector, path

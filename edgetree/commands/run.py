@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TextIO, TypeAlias
 
 import typer
 
-from edgetree.commands.options import Json, Model, Threads
+from edgetree.commands.options import Json, Model, Provider, Strict, Threads
 from edgetree.console import note, print_json, track
 
 if TYPE_CHECKING:
@@ -64,6 +64,8 @@ def run(
     jsonl: _JsonLines = None,
     score_threshold: _ScoreThreshold = 0.5,
     threads: Threads = None,
+    provider: Provider = "cpu",
+    strict: Strict = True,
     as_json: Json = False,
 ) -> None:
     """Find the trees of an image, a folder of images or a video.
@@ -76,7 +78,9 @@ def run(
     from edgetree.pipeline import process
     from edgetree.sources import open_source
 
-    detector, model_path = open_model(model, threads, score_threshold)
+    detector, model_path = open_model(
+        model, threads, score_threshold, provider=provider, strict=strict
+    )
     depth_only = depth is None and detector.manifest.modality == "depth"
     frames = open_source(source, depth, depth_only=depth_only)
     lens = None if camera is None else load_camera(camera)
@@ -162,6 +166,7 @@ class _Work:
                 "name": manifest.name,
                 "modality": manifest.modality,
                 "precision": manifest.precision,
+                "provider": detector.session.provider,
             },
             "score_threshold": detector.score_threshold,
             "frames": self.records,

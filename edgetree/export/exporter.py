@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
-import importlib.metadata
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,47 +12,39 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from edgetree.errors import InputError, MissingDependency
+from edgetree.errors import InputError
+from edgetree.export.describe import describe
 from edgetree.export.frames import (
     InputRules,
     find_frames,
     frames_sha256,
-    probe_frames,
     read_frames,
+    sample_inputs,
 )
-from edgetree.export.graph import OPSET, trace
-from edgetree.export.parity import (
-    Arrays,
-    ParityFailed,
-    ParityReport,
-    compare_frames,
-    limits_of,
+from edgetree.export.graph import trace
+from edgetree.export.half import halve
+from edgetree.export.parity import ParityReport
+from edgetree.export.prepare import (
+    UNTRAINED,
+    load_model,
+    settings_of,
+    untrained_model,
+    with_settings,
 )
+from edgetree.export.proving import Evidence, Say, evidence_in, prove
 from edgetree.export.quantise import quantise
-from edgetree.manifest import (
-    METADATA_KEY,
-    Manifest,
-    ResizeRule,
-    Thresholds,
-    standard_input,
-    standard_outputs,
-)
+from edgetree.export.settings import ExportSettings
+from edgetree.manifest import METADATA_KEY, Manifest
 from edgetree.outputs import replacing
 from edgetree.runtime import TreeDetector
 from edgetree.session import InferenceSession, OrtSession
 
 if TYPE_CHECKING:
-    from perceptree.models import ModelSpec, TreeRCNN
+    from perceptree.models import TreeRCNN
 
-__all__ = ["PRECISIONS", "ExportReport", "export_model", "verify_model"]
+__all__ = ["ExportReport", "export_model", "export_preset", "verify_model"]
 
-PRECISIONS: Final = {"fp32": "float32", "int8": "int8"}
-PARITY_FRAMES: Final = 20
 CALIBRATION_FRAMES: Final = 64
-AP_FRAMES: Final = 100
-AP_LIMIT: Final = 1.0
-
-Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -76,7 +66,7 @@ def export_model(
     out: Path,
     *,
     data: Path,
-    precision: str = "fp32",
+    settings: ExportSettings | None = None,
     calibration: Path | None = None,
     say: Say = _silent,
 ) -> ExportReport:
@@ -86,9 +76,9 @@ def export_model(
         checkpoint: a perceptree checkpoint.
         out: the file to write; untouched unless everything went well.
         data: folder with the frames to compare on (and, as a data set with labels, for AP).
-        precision: ``fp32`` or ``int8``.
-        calibration: folder with the frames that INT8 ranges are taken from; ``data`` if None,
-            without the frames compared on.
+        settings: what the file is to be.
+        calibration: folder with the frames that show the range of activations, for ``int8`` and
+            ``fp16``; ``data`` if None, without the frames compared on.
         say: told what is being done.
 
     Raises:
@@ -96,29 +86,41 @@ def export_model(
         CheckpointError: the checkpoint cannot be read.
         ParityFailed: the file differs from the checkpoint by more than the limits.
     """
-    if precision not in PRECISIONS:
-        raise InputError(f"precision is {precision!r}: expected one of {', '.join(PRECISIONS)}")
+    settings = settings or ExportSettings()
     with replacing(out) as beside:
-        model, record = _load(checkpoint)
+        loaded, training_data = load_model(checkpoint)
+        model = with_settings(loaded, settings)
         rules = InputRules.of(model.spec)
-        compared = find_frames(data, rules.modality, PARITY_FRAMES, unseen=True)
-        manifest = _manifest(model, record, PRECISIONS[precision])
+        evidence = evidence_in(data, rules)
         shown = None
-        if precision == "int8":
-            shown = _calibration_frames(calibration or data, compared, rules)
-            manifest = replace(manifest, calibration_sha256=frames_sha256(shown))
-        say("tracing the graph")
-        proto = trace(model, batch=1)
-        if shown is not None:
-            say(f"quantising on {len(shown)} frames")
-            proto = quantise(proto, shown)
-        _strip(proto)
-        with _session_of(_with_manifest(proto, manifest)) as session:
-            parity = _prove(model, session, manifest, compared, data, say)
-        manifest = replace(manifest, parity=parity.figures())
-        beside.write_bytes(_with_manifest(proto, manifest).SerializeToString())
-        size = beside.stat().st_size
-    return ExportReport(out, manifest, parity, size)
+        if settings.precision != "fp32":
+            shown = _calibration_frames(calibration or data, evidence.paths, rules)
+        manifest = describe(model, training_data, settings)
+        return _write(model, manifest, settings, evidence, shown, (beside, out), say)
+
+
+def export_preset(
+    preset: str,
+    out: Path,
+    *,
+    modality: str = "rgb",
+    settings: ExportSettings | None = None,
+    say: Say = _silent,
+) -> ExportReport:
+    """Write a preset with untrained weights: its speed and cost are those of the trained one.
+
+    It is proven as any export, on the package's sample frames. Arguments and errors otherwise as
+    for ``export_model``.
+    """
+    settings = settings or ExportSettings()
+    with replacing(out) as beside:
+        model = untrained_model(preset, modality, settings)
+        images = sample_inputs(InputRules.of(model.spec))
+        half = len(images) // 2
+        frames = {f"sample {number}": image for number, image in enumerate(images[:half])}
+        manifest = describe(model, UNTRAINED, settings)
+        evidence = Evidence(frames, [], None)
+        return _write(model, manifest, settings, evidence, images[half:], (beside, out), say)
 
 
 def verify_model(file: Path, checkpoint: Path, *, data: Path, say: Say = _silent) -> ExportReport:
@@ -128,34 +130,16 @@ def verify_model(file: Path, checkpoint: Path, *, data: Path, say: Say = _silent
     """
     session = OrtSession(file)
     manifest = TreeDetector(session).manifest
-    model, _ = _load(checkpoint)
-    _check_same_model(file, manifest, model)
-    compared = find_frames(data, manifest.modality, PARITY_FRAMES, unseen=True)
-    parity = _prove(model, session, manifest, compared, data, say)
-    return ExportReport(file, manifest, parity, file.stat().st_size)
-
-
-def _load(checkpoint: Path) -> tuple[TreeRCNN, dict[str, Any]]:
-    try:
-        import onnx  # noqa: F401
-        import onnxscript  # noqa: F401
-
-        from perceptree.models import load_checkpoint
-    except ImportError as error:
-        raise MissingDependency(
-            f"{error.name} is not installed: install edgetree[cpu,train,export]"
-        ) from error
-    return load_checkpoint(checkpoint)
-
-
-def _check_same_model(file: Path, manifest: Manifest, model: TreeRCNN) -> None:
-    size = (manifest.input.height, manifest.input.width)
-    if manifest.modality != model.spec.modality or size != (model.spec.height, model.spec.width):
+    model, _ = load_model(checkpoint)
+    if manifest.modality != model.spec.modality:
         raise InputError(
-            f"{file} takes {manifest.modality} frames of {manifest.input.size_text} px:"
-            f" expected {model.spec.modality} of {model.spec.width}x{model.spec.height},"
-            " as the checkpoint"
+            f"{file} takes {manifest.modality} frames: expected {model.spec.modality} ones,"
+            f" as {checkpoint}"
         )
+    model = with_settings(model, settings_of(manifest))
+    evidence = evidence_in(data, InputRules.of(model.spec))
+    parity = prove(model, session, manifest, evidence, say)
+    return ExportReport(file, manifest, parity, file.stat().st_size)
 
 
 def _calibration_frames(folder: Path, compared: list[Path], rules: InputRules) -> NDArray[np.uint8]:
@@ -169,126 +153,32 @@ def _calibration_frames(folder: Path, compared: list[Path], rules: InputRules) -
     return read_frames(paths, rules)
 
 
-def _prove(
+def _write(
     model: TreeRCNN,
-    session: InferenceSession,
     manifest: Manifest,
-    paths: list[Path],
-    data: Path,
+    settings: ExportSettings,
+    evidence: Evidence,
+    shown: NDArray[np.uint8] | None,
+    paths: tuple[Path, Path],
     say: Say,
-) -> ParityReport:
-    rules = InputRules.of(model.spec)
-    images = read_frames(paths, rules)
-    names = (path.stem for path in paths)
-    frames = dict(zip(names, images, strict=True)) | probe_frames(rules, images)
-    say(f"comparing on {len(frames)} frames")
-    limits = limits_of(manifest.precision)
-    shown = compare_frames(
-        lambda image: _answer(model, manifest, image),
-        lambda image: session.run({manifest.input.name: image}),
-        frames,
-        manifest.precision,
-        manifest.thresholds.score,
-    )
-    report = ParityReport(manifest.precision, shown, limits=limits)
-    if manifest.precision != "float32":
-        report = _with_average_precision(report, model, session, manifest, data, say)
-    faults = report.faults()
-    if faults:
-        more = f" and {len(faults) - 2} more" if len(faults) > 2 else ""
-        raise ParityFailed(
-            f"the file does not find what the checkpoint finds: {'; '.join(faults[:2])}{more}",
-            report,
-        )
-    return report
-
-
-def _answer(model: TreeRCNN, manifest: Manifest, image: NDArray[np.uint8]) -> Arrays:
-    import torch
-
-    with torch.inference_mode():
-        found = model.detect(torch.from_numpy(image))._asdict()
-    return {name: found[name].numpy() for name in manifest.output_names}
-
-
-def _with_average_precision(
-    report: ParityReport,
-    model: TreeRCNN,
-    session: InferenceSession,
-    manifest: Manifest,
-    data: Path,
-    say: Say,
-) -> ParityReport:
-    """The report with the box AP of both, where ``data`` has labels of frames not trained on."""
-    from perceptree.data import FrameStore, read_split
-    from perceptree.evaluation import RawDetections, evaluate, predict_with
-
-    split = next((name for name in ("test", "val") if _labels(data, name).is_file()), None)
-    if split is None:
-        return report
-    store = FrameStore(read_split(data, split)[:AP_FRAMES], model.spec)
-    say(f"evaluating on {len(store)} labelled frames")
-
-    def predict(images: NDArray[np.uint8]) -> RawDetections:
-        found = session.run({manifest.input.name: images})
-        return RawDetections(
-            found["boxes"],
-            found["scores"],
-            found.get("keypoints"),
-            found.get("masks"),
-            found["num_detections"],
-        )
-
-    before = evaluate(predict_with(model), store).box_ap
-    after = evaluate(predict, store).box_ap
-    return replace(report, ap_model=round(before, 3), ap_file=round(after, 3), ap_limit=AP_LIMIT)
-
-
-def _labels(data: Path, split: str) -> Path:
-    return data / f"{split}_RGB.json"
-
-
-def _manifest(model: TreeRCNN, record: dict[str, Any], precision: str) -> Manifest:
-    from perceptree.models import CLASS_NAMES, KEYPOINT_FLIP_PAIRS, KEYPOINT_NAMES
-
-    spec: ModelSpec = model.spec
-    return Manifest(
-        name=spec.name,
-        backbone=spec.backbone,
-        modality=spec.modality,
-        input=standard_input(spec.modality, spec.height, spec.width),
-        resize=ResizeRule(pad_value=spec.pad_value),
-        mean=spec.mean,
-        std=spec.std,
-        depth_encoding=spec.depth_encoding,
-        outputs=standard_outputs(spec.detections, keypoints=spec.keypoints, masks=spec.masks),
-        classes=CLASS_NAMES,
-        keypoint_names=KEYPOINT_NAMES if spec.keypoints else (),
-        keypoint_flip_pairs=KEYPOINT_FLIP_PAIRS if spec.keypoints else (),
-        thresholds=Thresholds(spec.score_threshold, spec.nms_iou),
-        precision=precision,
-        opset=OPSET,
-        parameters=sum(value.numel() for value in model.parameters()),
-        weights_sha256=_weights_sha256(model),
-        training_data=str(record.get("training", {}).get("data", "unknown")),
-        project_version=_version(),
-    )
-
-
-def _weights_sha256(model: TreeRCNN) -> str:
-    """Hash of all weights' names and values, whatever their layout in memory."""
-    digest = hashlib.sha256()
-    for name, value in sorted(model.state_dict().items()):
-        digest.update(name.encode())
-        digest.update(np.ascontiguousarray(value.numpy()).tobytes())
-    return digest.hexdigest()
-
-
-def _version() -> str:
-    try:
-        return importlib.metadata.version("edgetree")
-    except importlib.metadata.PackageNotFoundError:
-        return "unknown"
+) -> ExportReport:
+    """Make the graph, prove it, and write it beside the path that it is to have."""
+    say("tracing the graph")
+    proto = trace(model, settings.batch, settings.opset, quantised=settings.precision == "int8")
+    if settings.precision != "fp32" and shown is not None:
+        say(f"taking ranges from {len(shown)} frames")
+        manifest = replace(manifest, calibration_sha256=frames_sha256(shown))
+        if settings.precision == "int8":
+            proto = quantise(proto, shown, symmetric=settings.target == "tensorrt")
+        else:
+            proto = halve(proto, shown)
+    _strip(proto)
+    with _session_of(_with_manifest(proto, manifest)) as session:
+        parity = prove(model, session, manifest, evidence, say)
+    manifest = replace(manifest, parity=parity.figures())
+    beside, out = paths
+    beside.write_bytes(_with_manifest(proto, manifest).SerializeToString())
+    return ExportReport(out, manifest, parity, beside.stat().st_size)
 
 
 def _strip(proto: Any) -> None:

@@ -19,7 +19,14 @@ from edgetree.sources import IMAGE_SUFFIXES, read_image
 if TYPE_CHECKING:
     from perceptree.models import ModelSpec
 
-__all__ = ["InputRules", "find_frames", "frames_sha256", "probe_frames", "read_frames"]
+__all__ = [
+    "InputRules",
+    "find_frames",
+    "frames_sha256",
+    "probe_frames",
+    "read_frames",
+    "sample_inputs",
+]
 
 _DATASET_FOLDERS = {"rgb": "images", "depth": "depth"}
 
@@ -103,11 +110,24 @@ def read_frames(paths: Sequence[Path], rules: InputRules) -> NDArray[np.uint8]:
     return np.stack([rules.prepare(read(path)) for path in paths])
 
 
+def sample_inputs(rules: InputRules) -> NDArray[np.uint8]:
+    """The package's sample frames, as :func:`read_frames` gives others."""
+    from edgetree.samples import sample_frames
+
+    samples = sample_frames()
+    images = (s.image() if rules.modality == "rgb" else s.depth_m() for s in samples)
+    return np.stack([rules.prepare(image) for image in images])
+
+
 def probe_frames(rules: InputRules, real: NDArray[np.uint8]) -> dict[str, NDArray[np.uint8]]:
-    """Frames that only an odd day brings: another aspect, an empty one, and noise."""
+    """Frames that only an odd day brings: another aspect, an empty one, and noise.
+
+    The other aspect is the left half of the first real frame, letterboxed.
+    """
     shape = rules.image_shape
-    odd = np.full(shape, rules.pad_value, np.uint8)
-    odd[:, : rules.width // 2] = real[0][:, : rules.width // 2]
+    half = real[0][:, : rules.width // 2]
+    fit = calib.Letterbox.fit(half.shape[1], half.shape[0], rules.width, rules.height)
+    odd = fit.apply(half, rules.pad_value)
     noise = np.random.default_rng(0).integers(0, 256, shape, dtype=np.uint8)
     return {
         "padded": odd,

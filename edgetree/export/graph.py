@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from edgetree.export.quiet import quiet
-from edgetree.export.subpixel import with_subpixel_convolutions
+from edgetree.export.rewrites import deployable
+from edgetree.export.settings import OPSET
 
 if TYPE_CHECKING:
     from perceptree.models import TreeRCNN
 
-__all__ = ["OPSET", "output_names", "trace"]
-
-OPSET = 20
+__all__ = ["output_names", "trace"]
 
 
 def output_names(masks: bool, keypoints: bool) -> tuple[str, ...]:
@@ -26,15 +25,16 @@ def output_names(masks: bool, keypoints: bool) -> tuple[str, ...]:
     )
 
 
-def trace(model: TreeRCNN, batch: int) -> Any:
-    """An ``onnx.ModelProto`` of ``model.detect`` with static shapes, float32, opset ``OPSET``.
+def trace(model: TreeRCNN, batch: int, opset: int = OPSET, *, quantised: bool = False) -> Any:
+    """An ``onnx.ModelProto`` of ``model.detect`` with static shapes, float32.
 
-    The model has no branch on data, so what it is traced on does not matter.
+    ``quantised`` gives it the form that ``edgetree.export.quantise`` takes. The model has no
+    branch on data, so what it is traced on does not matter.
     """
     import torch
 
     names = output_names(model.spec.masks, model.spec.keypoints)
-    deployed = with_subpixel_convolutions(model)
+    deployed = deployable(model, quantised=quantised)
 
     class Exported(torch.nn.Module):
         def __init__(self) -> None:
@@ -42,7 +42,7 @@ def trace(model: TreeRCNN, batch: int) -> Any:
             self.model = deployed
 
         def forward(self, image: torch.Tensor) -> tuple[torch.Tensor, ...]:
-            found = deployed.detect(image)._asdict()  # type: ignore[operator]
+            found = deployed.detect(image)._asdict()
             return tuple(found[name] for name in names)
 
     spec = model.spec
@@ -54,7 +54,7 @@ def trace(model: TreeRCNN, batch: int) -> Any:
             dynamo=True,
             input_names=["image"],
             output_names=list(names),
-            opset_version=OPSET,
+            opset_version=opset,
             verbose=False,
         )
     if program is None:

@@ -1,8 +1,7 @@
-"""INT8 by static quantisation: activations unsigned, weights signed per channel (QDQ form)."""
+"""INT8 by static quantisation: weights signed per channel, activations unsigned (QDQ form)."""
 
 from __future__ import annotations
 
-import ast
 import tempfile
 from pathlib import Path
 from typing import Any, Final
@@ -10,53 +9,38 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from edgetree.export.layers import frame_reader, last_products, network_nodes
 from edgetree.export.quiet import quiet
+from edgetree.export.stem import byte_range, take_bytes_as_quantised
 
 __all__ = ["quantise"]
 
-_QUANTISED: Final = {"Conv", "Gemm", "Add", "Resize"}
-_SCOPES: Final = "pkg.torch.onnx.name_scopes"
-# Last layers, whose outputs are read as coordinates and probabilities: their rounding is seen
-# directly in the results, and they are cheap.
-FLOAT_LAYERS: Final = (
-    "model.proposer.objectness",
-    "model.proposer.shift",
-    "model.box_head.score",
-    "model.box_head.shift",
-    "model.mask_head.score",
-    "model.keypoint_head.tower.up",
-)
+_QUANTISED: Final = {"Add", "Clip", "Conv", "Gemm", "MaxPool", "Relu", "Resize"}
+_JOINING: Final = {"Concat", "Gather"}
+# The last layers take 8 bits and give floats where they are products of matrices.
+_FLOAT_OUTPUT: Final = "MatMul"
 
 
-def quantise(model: Any, frames: NDArray[np.uint8]) -> Any:
+def quantise(model: Any, frames: NDArray[np.uint8], *, symmetric: bool = False) -> Any:
     """Quantise a traced ``onnx.ModelProto``.
 
     Args:
-        model: as ``edgetree.export.graph.trace`` gives it, with the names of its modules.
+        model: as ``edgetree.export.graph.trace`` gives it for quantising, with the names of its
+            modules.
         frames: (N, H, W, 3) or (N, H, W) uint8, real frames that show the range of activations;
-            N is a multiple of the model's batch size.
+            as many as fill the model's batches are taken.
+        symmetric: activations signed about zero, as TensorRT takes them; a slow path on CPUs.
 
     Returns:
         An ``onnx.ModelProto`` with the same inputs and outputs.
     """
     import onnx
     from onnxruntime.quantization import (
-        CalibrationDataReader,
         CalibrationMethod,
         QuantFormat,
         QuantType,
         quantize_static,
     )
-
-    batch = model.graph.input[0].type.tensor_type.shape.dim[0].dim_value
-
-    class Reader(CalibrationDataReader):  # type: ignore[misc]
-        def __init__(self) -> None:
-            self.batches = iter(frames.reshape(-1, batch, *frames.shape[1:]))
-
-        def get_next(self) -> dict[str, NDArray[np.uint8]] | None:
-            images = next(self.batches, None)
-            return None if images is None else {model.graph.input[0].name: images}
 
     with tempfile.TemporaryDirectory() as folder:
         # From a file, as quantize_static() moves a model's weights out of the one it is given.
@@ -66,35 +50,40 @@ def quantise(model: Any, frames: NDArray[np.uint8]) -> Any:
             quantize_static(
                 source,
                 result,
-                Reader(),
+                frame_reader(model, frames),
                 quant_format=QuantFormat.QDQ,
-                activation_type=QuantType.QUInt8,
+                activation_type=QuantType.QInt8 if symmetric else QuantType.QUInt8,
                 weight_type=QuantType.QInt8,
                 per_channel=True,
                 calibrate_method=CalibrationMethod.MinMax,
-                op_types_to_quantize=sorted(_QUANTISED),
+                op_types_to_quantize=sorted({*_QUANTISED, *_JOINING, _FLOAT_OUTPUT}),
                 nodes_to_quantize=_nodes_to_quantise(model),
-                extra_options={"WeightSymmetric": True, "ActivationSymmetric": False},
+                extra_options={
+                    "WeightSymmetric": True,
+                    "ActivationSymmetric": symmetric,
+                    "OpTypesToExcludeOutputQuantization": [_FLOAT_OUTPUT],
+                    "TensorQuantOverrides": {} if symmetric else byte_range(model),
+                },
             )
-        return onnx.load(result)
+        quantised = onnx.load(result)
+    if not symmetric:
+        take_bytes_as_quantised(quantised)
+    return quantised
 
 
 def _nodes_to_quantise(model: Any) -> list[str]:
-    """Nodes of the network proper; the arithmetic on boxes around it stays float."""
-    chosen = []
-    for node in model.graph.node:
-        scopes = _scopes(node)
-        inside = any(scope.startswith("model.") for scope in scopes)
-        kept = any(scope in FLOAT_LAYERS for scope in scopes)
-        bilinear = node.op_type == "Resize" and "model.keypoint_head" in scopes
-        if node.op_type in _QUANTISED and inside and not kept and not bilinear:
-            chosen.append(node.name)
-    return chosen
+    network = [node for node in network_nodes(model) if node.op_type in _QUANTISED]
+    return [node.name for node in (*network, *_joining_maps(model), *last_products(model))]
 
 
-def _scopes(node: Any) -> list[str]:
-    """The modules that a node comes from, outermost first."""
-    for entry in node.metadata_props:
-        if entry.key == _SCOPES:
-            return [str(scope) for scope in ast.literal_eval(entry.value)]
-    return []
+def _joining_maps(model: Any) -> list[Any]:
+    """The nodes that lay the pyramid's maps side by side for RoIAlign."""
+    makers = {output: node for node in model.graph.node for output in node.output}
+    waiting = [node.input[0] for node in model.graph.node if node.op_type == "RoiAlign"]
+    found: dict[str, Any] = {}
+    while waiting:
+        node = makers.get(waiting.pop())
+        if node is not None and node.op_type in _JOINING and node.name not in found:
+            found[node.name] = node
+            waiting += node.input
+    return list(found.values())

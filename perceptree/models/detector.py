@@ -99,7 +99,9 @@ class TreeRCNN(nn.Module):
                 f"expected torch.uint8 of shape (B, {', '.join(map(str, expected))})"
             )
         x = images.permute(0, 3, 1, 2) if self.spec.modality == "rgb" else images[:, None]
-        x = (x.float() - self.mean) / self.std
+        x = x.float() - self.mean
+        if any(std != 1.0 for std in self.spec.std):
+            x = x / self.std
         padding = [-side % STRIDE_5 for side in shape]
         if any(padding):
             x = functional.pad(x, (0, padding[1], 0, padding[0]))

@@ -69,16 +69,36 @@ class _OperatorPool:
 
 
 def _side_by_side(maps: list[Tensor]) -> tuple[Tensor, list[tuple[int, int]]]:
-    """The first map, beside it the others in a column -> one map, and (x, y) of each corner."""
-    bordered = [functional.pad(x, (1, 1, 1, 1), mode="replicate") for x in maps]
-    wide = max(x.shape[3] for x in bordered[1:])
-    rows = [x.shape[2] for x in bordered[1:]]
-    high = max(bordered[0].shape[2], sum(rows))
+    """The first map, beside it the others in a column -> one map, and (x, y) of each corner.
+
+    Where one map follows another, both borders are repeated; at the joined map's own borders the
+    operator does that itself.
+    """
+    first, others = maps[0], [_stretched(x, 2, 1, 1) for x in maps[1:]]
+    wide = max(x.shape[3] for x in others) + 2
+    rows = [x.shape[2] for x in others]
     tops = [sum(rows[:i]) for i in range(len(rows))]
-    column = torch.cat([functional.pad(x, (0, wide - x.shape[3])) for x in bordered[1:]], dim=2)
-    parts = [functional.pad(x, (0, 0, 0, high - x.shape[2])) for x in (bordered[0], column)]
-    left = bordered[0].shape[3]
-    return torch.cat(parts, dim=3), [(1, 1)] + [(left + 1, top + 1) for top in tops]
+    column = torch.cat([_stretched(x, 3, 1, wide - 1 - x.shape[3]) for x in others], dim=2)
+    missing = sum(rows) - first.shape[2]
+    first = _stretched(first, 2, 0, max(missing, 0))
+    column = _stretched(column, 2, 0, max(-missing, 0))
+    left = first.shape[3] + 1
+    joined = torch.cat((*_with_borders(first, 3, 0, 1), column), dim=3)
+    return joined, [(0, 0)] + [(left + 1, top + 1) for top in tops]
+
+
+def _stretched(x: Tensor, axis: int, before: int, after: int) -> Tensor:
+    """The map with its first and last row or column repeated so often."""
+    return torch.cat(_with_borders(x, axis, before, after), dim=axis) if before or after else x
+
+
+def _with_borders(x: Tensor, axis: int, before: int, after: int) -> list[Tensor]:
+    ends = ((0, before), (x.shape[axis] - 1, after))
+    low, high = (
+        [x.index_select(axis, torch.tensor([place] * times, device=x.device))] if times else []
+        for place, times in ends
+    )
+    return [*low, x, *high]
 
 
 class _GatherPool:

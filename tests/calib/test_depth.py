@@ -31,6 +31,14 @@ def test_values_that_are_no_reading_are_encoded_as_such() -> None:
     assert encode_depth(depth_m, encoding).tolist() == [[3, 3, 3, 3, 10, 10, 200, 200]]
 
 
+@pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64])
+def test_each_row_of_a_tall_image_is_encoded_as_it_is_alone(dtype: type[np.floating]) -> None:
+    depth_m = np.random.default_rng(0).uniform(-5, 25, (101, 7)).astype(dtype)
+    depth_m[::3, 2] = np.nan
+    alone = [encode_depth(row[None], DepthEncoding()) for row in depth_m]
+    np.testing.assert_array_equal(encode_depth(depth_m, DepthEncoding()), np.concatenate(alone))
+
+
 @pytest.mark.parametrize(
     "encoding",
     [DepthEncoding(), DepthEncoding(0.5, 12.0, 250, 5, 0), DepthEncoding(0, 8, 1, 255, 0)],

@@ -7,12 +7,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import onnx
 import pytest
 from numpy.typing import NDArray
-from onnx import TensorProto, helper, numpy_helper
 
 from edgetree.detections import KEYPOINT_NAMES
+from edgetree.doctor.onnx_bytes import Node, TensorType, onnx_bytes
 from edgetree.manifest import (
     METADATA_KEY,
     Manifest,
@@ -79,31 +78,27 @@ def depth_manifest(rgb_manifest: Manifest) -> Manifest:
 def write_model(tmp_path: Path, two_trees: dict[str, NDArray[np.float32]]) -> ModelWriter:
     """Writes an ONNX file that finds `two_trees` in every image, with or without a manifest."""
 
-    def write(manifest: Manifest, name: str = "model.onnx", *, with_manifest: bool = True) -> Path:
-        fake = FakeSession.with_trees(manifest, **two_trees)
-        outputs = fake.run({})
-        nodes = [
-            helper.make_node("Constant", [], [key], value=numpy_helper.from_array(value, key))
-            for key, value in outputs.items()
-        ]
-        shape = ["batch", *manifest.input.image_shape]
-        graph = helper.make_graph(
-            nodes,
-            "test",
-            [helper.make_tensor_value_info(manifest.input.name, TensorProto.UINT8, shape)],
-            [
-                helper.make_tensor_value_info(
-                    key, helper.np_dtype_to_tensor_dtype(value.dtype), value.shape
-                )
-                for key, value in outputs.items()
-            ],
+    def write(
+        manifest: Manifest,
+        name: str = "model.onnx",
+        *,
+        with_manifest: bool = True,
+        batch: int | str = "batch",
+    ) -> Path:
+        images = np.zeros((batch if isinstance(batch, int) else 1, 1))
+        found = FakeSession.with_trees(manifest, **two_trees).run({manifest.input.name: images})
+        shape = (batch, *manifest.input.image_shape)
+        content = onnx_bytes(
+            [Node("Identity", (f"{key}_constant",), (key,)) for key in found],
+            inputs={manifest.input.name: TensorType("uint8", shape)},
+            outputs={
+                key: TensorType(value.dtype.name, value.shape) for key, value in found.items()
+            },
+            constants={f"{key}_constant": value for key, value in found.items()},
+            metadata={METADATA_KEY: manifest.to_json()} if with_manifest else {},
         )
-        opset = helper.make_opsetid("", 18)
-        model = helper.make_model(graph, opset_imports=[opset], ir_version=10)
-        if with_manifest:
-            helper.set_model_props(model, {METADATA_KEY: manifest.to_json()})
         path = tmp_path / name
-        onnx.save(model, path)
+        path.write_bytes(content)
         return path
 
     return write

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import re
 import signal
@@ -18,8 +19,10 @@ import pytest
 import typer
 
 import calib
-import edgetree
-from edgetree import cli, pipeline
+import edgetree.doctor
+import edgetree.session
+from edgetree import bench_files, cli, pipeline
+from edgetree.doctor import Findings, Libraries, Machine, ProviderResult, Speed
 from edgetree.errors import CheckFailed
 from edgetree.manifest import Manifest
 
@@ -239,6 +242,15 @@ BAD_INPUTS = {
     "no command": ("", r"Missing command.*see `edgetree --help`"),
     "a bench of a missing model": ("bench --model none.onnx", r"none\.onnx is not there"),
     "a bench of no images": ("bench empty --model model.onnx", "empty has no images"),
+    "a table's option for one model": (
+        "bench --model model.onnx --precision int8 --height 800",
+        "--precision, --height given without --backbones",
+    ),
+    "a model beside a table": ("bench --model rgb --backbones r50", "--model given beside"),
+    "an unknown backbone": (
+        "bench --backbones r50,r5 --models .",
+        r"'r5' has no file .*r5-fp32-800x800\.onnx and is no preset: expected one of edge-n",
+    ),
 }
 
 
@@ -401,5 +413,98 @@ def test_bench_reports_this_machine(run_cli: Cli, model: Path, images: Path) -> 
     assert record["fps"] == pytest.approx(1000 / record["detect_p50_ms"], rel=0.9)
     assert record["trees_per_frame"] == 1.0
     assert record["peak_memory_mib"] > 20
+    assert (record["provider"], record["nodes"]) == ("cpu", {})
     table = run_cli("bench", images, "--model", model, "--seconds", 0)
     assert "detect_p50_ms" in table.out
+
+
+def test_bench_says_which_nodes_fell_to_the_processor(
+    run_cli: Cli, model: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    placement = {"cuda": {"Conv": 50, "Relu": 40}, "cpu": {"NonMaxSuppression": 2, "Gather": 1}}
+    monkeypatch.setattr(edgetree.session.OrtSession, "placement", placement)
+    lines = run_cli("bench", "--model", model, "--seconds", 0).out.splitlines()
+    shown = dict(line.split(maxsplit=1) for line in lines)
+    assert shown["nodes_on_cuda"] == "90"
+    assert shown["nodes_on_cpu"] == "3 (Gather 1, NonMaxSuppression 2)"
+
+
+def test_bench_of_backbones_prints_the_papers_table(
+    run_cli: Cli,
+    rgb_manifest: Manifest,
+    write_model: Callable[..., Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(bench_files, "ROUNDS", 1)
+    for name in ("r50", "edge-n"):
+        manifest = dataclasses.replace(rgb_manifest, multiply_adds=2_000_000_000)
+        write_model(manifest, f"{name}-fp32-640x384.onnx")
+    size = ("--height", 384, "--width", 640, "--seconds", 0, "--threads", 1)
+    arguments = ("bench", "--backbones", "r50,edge-n", "--models", tmp_path, *size)
+    done = run_cli(*arguments, "--json")
+    assert done.code == 0, done.err
+    record = json.loads(done.out)
+    assert record["schema"] == "edgetree.bench-table/1"
+    first, second = record["rows"]
+    assert (first["backbone"], first["paper"]["fps"]) == ("r50", 18)
+    assert (second["backbone"], second["paper"]) == ("edge-n", None)
+    assert second["bench"]["flops"] == 4_000_000_000
+    assert f"models: {tmp_path}" in done.err
+    table = run_cli(*arguments).out
+    assert re.search(r"^r50 .* 18 ", table, flags=re.MULTILINE)
+    assert "{" not in table
+
+
+HEALTHY = Findings(
+    Machine("Linux x86_64", "x86_64", None, None, 4, 2, 1.5, 3.0, 8192.0, None, False),
+    Libraries("3.11.7", {"numpy": "2.4.6", "onnxruntime": "1.31.1"}),
+    (ProviderResult("cuda", False, "libcudnn.so.9 is not there"), ProviderResult("cpu", True)),
+    Speed(2, 21.4, 39.8),
+)
+SICK = dataclasses.replace(HEALTHY, providers=(), speed=None)
+
+
+def test_the_doctor_tells_a_person_what_works(
+    run_cli: Cli, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(edgetree.doctor, "examine", lambda: HEALTHY)
+    done = run_cli("doctor")
+    assert done.code == 0
+    assert "2 of 4 usable, limited to the time of 1.5, 3.0 busy" in done.out
+    assert "cuda does not run: libcudnn.so.9 is not there" in done.out
+    assert "21 frames per second on 1 thread, 40 on 2" in done.out
+    assert "pass --threads 1" in done.out
+    assert "nothing is broken" in done.out
+    assert max(map(len, done.out.splitlines())) <= 100
+
+
+def test_the_doctor_fails_where_something_is_broken(
+    run_cli: Cli, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(edgetree.doctor, "examine", lambda: SICK)
+    done = run_cli("doctor")
+    assert done.code == 1
+    assert re.search(r"^broken +no provider of onnxruntime runs", done.out, flags=re.MULTILINE)
+    assert "nothing is broken" not in done.out
+    record = json.loads(run_cli("doctor", "--json").out)
+    assert (record["schema"], record["healthy"]) == ("edgetree.doctor/1", False)
+    assert record["advice"][0]["level"] == "broken"
+    assert record["machine"]["instructions"] is None
+
+
+def test_the_doctor_looks_at_this_machine(run_cli: Cli) -> None:
+    done = run_cli("doctor", "--json")
+    record = json.loads(done.out)
+    assert {"name": "cpu", "works": True, "reason": ""} in record["providers"]
+    assert record["speed"]["fps_one_thread"] > 0
+    libraries = record["libraries"]
+    assert {"numpy", "onnxruntime", "typer"} <= libraries["versions"].keys()
+    assert libraries["minima"]["numpy"]
+    assert done.code == (0 if record["healthy"] else 1)
+
+
+def test_python_can_run_the_package() -> None:
+    command = [sys.executable, "-m", "edgetree", "--help"]
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    assert done.stdout.startswith("Usage: edgetree ")

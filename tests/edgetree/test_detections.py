@@ -37,6 +37,22 @@ def test_an_array_of_another_shape_is_named(name: str, shape: tuple[int, ...]) -
         dataclasses.replace(_detections(), **{name: np.zeros(shape, np.float32)})
 
 
+@pytest.mark.parametrize("name", ["boxes_px", "scores", "keypoints_px", "masks"])
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_values_that_are_not_finite_are_named(name: str, value: float) -> None:
+    trees = _detections()
+    array = getattr(trees, name).copy()
+    array[1] = value
+    with pytest.raises(InputError, match=f"{name} has NaN or infinite values: expected finite"):
+        dataclasses.replace(trees, **{name: array})
+
+
+@pytest.mark.parametrize("score", [-0.1, 1.1])
+def test_scores_are_probabilities(score: float) -> None:
+    with pytest.raises(InputError, match=r"scores are .*: expected probabilities, 0 to 1"):
+        dataclasses.replace(_detections(), scores=np.array([0.5, score, 0.1], np.float32))
+
+
 def test_selecting_keeps_rows_together() -> None:
     trees = _detections()
     kept = trees.above(0.5)

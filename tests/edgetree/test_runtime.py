@@ -5,13 +5,11 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-import calib
 from edgetree.errors import InputError, ModelFileError
 from edgetree.manifest import Manifest, standard_input, standard_outputs
 from edgetree.runtime import TreeDetector, default_model
@@ -51,6 +49,21 @@ def test_what_lies_in_the_padding_is_left_out(rgb_manifest: Manifest, two_trees:
     assert len(trees) == 1
 
 
+def test_what_is_left_out_takes_its_points_and_mask_along(
+    rgb_manifest: Manifest, two_trees: Trees
+) -> None:
+    two_trees["boxes"] = two_trees["boxes"][::-1].copy()
+    two_trees["keypoints"][1] += 5
+    masks = np.stack([np.zeros((28, 28)), np.ones((28, 28))]).astype(np.float32)
+    session = FakeSession.with_trees(rgb_manifest, **two_trees, masks=masks)
+    trees = TreeDetector(session, score_threshold=0.01).detect(_image(600, 960))
+    assert trees.keypoints_px is not None
+    assert trees.masks is not None
+    expected = two_trees["keypoints"][1:, :, :2] * 2.5
+    np.testing.assert_allclose(trees.keypoints_px[..., :2], expected, atol=1e-3)
+    np.testing.assert_array_equal(trees.masks, masks[1:])
+
+
 def test_the_model_sees_the_cameras_bytes(rgb_manifest: Manifest, two_trees: Trees) -> None:
     session = FakeSession.with_trees(rgb_manifest, **two_trees)
     image = _image(640, 360)
@@ -60,22 +73,6 @@ def test_the_model_sees_the_cameras_bytes(rgb_manifest: Manifest, two_trees: Tre
     assert seen.shape == (1, 384, 640, 3)
     np.testing.assert_array_equal(seen[0, :360], image)
     assert (seen[0, 360:] == 114).all()
-
-
-def test_depth_is_encoded_as_the_manifest_says(depth_manifest: Manifest, two_trees: Trees) -> None:
-    session = FakeSession.with_trees(depth_manifest, **two_trees)
-    detector = TreeDetector(session)
-    depth_m = np.random.default_rng(1).uniform(0, 25, (384, 640)).astype(np.float32)
-    depth_m[:50] = 0.0
-    assert depth_manifest.depth_encoding is not None
-    encoding = calib.DepthEncoding.from_dict(dict(depth_manifest.depth_encoding))
-    encoded = calib.encode_depth(depth_m, encoding)
-    detector.detect(depth_m)
-    np.testing.assert_array_equal(session.inputs["image"][0], encoded)
-    detector.detect(encoded)
-    np.testing.assert_array_equal(session.inputs["image"][0], encoded)
-    detector.detect(depth_m.astype(np.float64))
-    np.testing.assert_array_equal(session.inputs["image"][0], encoded)
 
 
 def test_the_threshold_and_the_count_choose_the_rows(
@@ -96,31 +93,6 @@ def test_a_model_of_boxes_alone_works(rgb_manifest: Manifest, two_trees: Trees) 
     trees = TreeDetector(session).detect(_image())
     assert trees.keypoints_px is None
     assert trees.masks is None
-
-
-@pytest.mark.parametrize(
-    ("modality", "image", "message"),
-    [
-        ("rgb", np.zeros((9, 9), np.uint8), r"uint8 \(9, 9\): expected uint8 \(H, W, 3\) BGR"),
-        ("rgb", np.zeros((9, 9, 4), np.uint8), r"\(9, 9, 4\): expected uint8 \(H, W, 3\)"),
-        ("rgb", np.zeros((9, 9, 3), np.float32), r"float32 .*expected uint8"),
-        ("rgb", np.zeros((0, 9, 3), np.uint8), "expected at least one pixel"),
-        ("depth", np.zeros((9, 9), np.uint16), r"uint16 .*expected float \(H, W\) metres or uint8"),
-        ("depth", np.zeros((9, 9, 3), np.uint8), r"\(9, 9, 3\): expected float"),
-    ],
-)
-def test_an_array_that_is_no_such_image_is_refused(
-    rgb_manifest: Manifest,
-    depth_manifest: Manifest,
-    two_trees: Trees,
-    modality: str,
-    image: NDArray[Any],
-    message: str,
-) -> None:
-    manifest = {"rgb": rgb_manifest, "depth": depth_manifest}[modality]
-    detector = TreeDetector(FakeSession.with_trees(manifest, **two_trees))
-    with pytest.raises(InputError, match=message):
-        detector.detect(image)
 
 
 def test_a_model_file_detects(rgb_manifest: Manifest, write_model: Callable[..., Path]) -> None:
@@ -148,11 +120,58 @@ def test_a_manifest_of_another_graph_is_refused(rgb_manifest: Manifest, two_tree
 
     class Fewer(FakeSession):
         @property
-        def output_names(self) -> tuple[str, ...]:
-            return ("boxes", "scores", "num_detections")
+        def output_shapes(self) -> dict[str, tuple[int | str, ...]]:
+            return {"boxes": (1, 20, 4), "scores": (1, 20), "num_detections": (1,)}
 
     with pytest.raises(ModelFileError, match=r"outputs are .* expected, .*masks"):
         TreeDetector(Fewer.with_trees(rgb_manifest, **two_trees))
+
+
+def _with_output(manifest: Manifest, name: str, shape: tuple[int | str, ...]) -> Manifest:
+    outputs = tuple(
+        dataclasses.replace(output, shape=shape) if output.name == name else output
+        for output in manifest.outputs
+    )
+    return dataclasses.replace(manifest, outputs=outputs)
+
+
+@pytest.mark.parametrize(
+    ("name", "shape", "message"),
+    [
+        ("boxes", ("B", 20, 5), r"output boxes is \('B', 20, 5\): expected \('B', 20, 4\)"),
+        ("masks", ("B", 7, 28, 28), r"output masks is .*: expected \('B', 20, 28, 28\)"),
+        ("scores", ("B", "rows"), r"output scores is .*: expected \(B, rows\)"),
+        ("scores", ("B",), r"output scores is .*: expected \(B, rows\)"),
+    ],
+)
+def test_a_manifest_of_other_outputs_is_refused(
+    rgb_manifest: Manifest, name: str, shape: tuple[int | str, ...], message: str
+) -> None:
+    with pytest.raises(ModelFileError, match=f"model test-rgb: manifest: {message}"):
+        TreeDetector(FakeSession(_with_output(rgb_manifest, name, shape), {}))
+
+
+def test_a_graph_of_fewer_rows_than_its_manifest_says_is_refused(
+    rgb_manifest: Manifest, write_model: Callable[..., Path]
+) -> None:
+    class Fewer(FakeSession):
+        @property
+        def output_shapes(self) -> dict[str, tuple[int | str, ...]]:
+            return {**super().output_shapes, "boxes": (1, 10, 4)}
+
+    with pytest.raises(ModelFileError, match=r"graph's output boxes is \(1, 10, 4\): expected"):
+        TreeDetector(Fewer(rgb_manifest, {}))
+
+
+@pytest.mark.parametrize("what", ["rows", "input"])
+def test_a_manifest_of_mad_size_is_refused(rgb_manifest: Manifest, what: str) -> None:
+    if what == "rows":
+        manifest = dataclasses.replace(rgb_manifest, outputs=standard_outputs(10**9))
+    else:
+        size = dataclasses.replace(rgb_manifest.input, height=10**6, width=10**6)
+        manifest = dataclasses.replace(rgb_manifest, input=size)
+    with pytest.raises(ModelFileError, match=r"1000000.*: expected at most 268435456 elements"):
+        TreeDetector(FakeSession(manifest, {}))
 
 
 def test_settings_out_of_range_are_refused(rgb_manifest: Manifest, two_trees: Trees) -> None:

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from edgetree.errors import MissingDependency, ModelFileError
+from edgetree.doctor.onnx_bytes import Node, TensorType, onnx_bytes
+from edgetree.errors import InputError, MissingDependency, ModelFileError
 from edgetree.manifest import METADATA_KEY, Manifest
+from edgetree.providers import SessionSettings
 from edgetree.session import FakeSession, InferenceSession, OrtSession, usable_cores
 
 
@@ -24,7 +26,7 @@ def test_both_sessions_answer_alike(
     fake: InferenceSession = FakeSession.with_trees(rgb_manifest, **two_trees)
     assert real.metadata[METADATA_KEY] == fake.metadata[METADATA_KEY]
     assert real.input_shapes == fake.input_shapes == {"image": ("batch", 384, 640, 3)}
-    assert real.output_names == fake.output_names
+    assert list(real.output_shapes) == list(fake.output_shapes)
     image = {"image": np.zeros((1, 384, 640, 3), np.uint8)}
     answers = real.run(image)
     for name, value in fake.run(image).items():
@@ -37,9 +39,9 @@ def test_threads_are_the_usable_cores_unless_given(
 ) -> None:
     path = write_model(rgb_manifest)
     assert OrtSession(path).threads == usable_cores()
-    assert OrtSession(path, threads=1, spinning=True).threads == 1
-    with pytest.raises(ValueError, match="threads is 0: expected 1 or more"):
-        OrtSession(path, threads=0)
+    assert OrtSession(path, SessionSettings(threads=1, spinning=True)).threads == 1
+    with pytest.raises(InputError, match="threads is 0: expected 1 or more"):
+        SessionSettings(threads=0)
 
 
 def test_idle_threads_do_not_spin_unless_asked(
@@ -58,7 +60,7 @@ def test_idle_threads_do_not_spin_unless_asked(
     path = write_model(rgb_manifest)
     OrtSession(path)
     assert seen["session.intra_op.allow_spinning"] == "0"
-    OrtSession(path, spinning=True)
+    OrtSession(path, SessionSettings(spinning=True))
     assert seen["session.intra_op.allow_spinning"] == "1"
 
 
@@ -85,3 +87,34 @@ def test_without_onnxruntime_one_line_says_what_to_install(
     with pytest.raises(MissingDependency, match=r"edgetree\[cpu\].*edgetree\[gpu\]") as caught:
         OrtSession(path)
     assert caught.value.exit_code == 2
+
+
+def test_a_run_that_fails_is_one_line_and_the_session_goes_on(
+    rgb_manifest: Manifest, write_model: Callable[..., Path]
+) -> None:
+    session = OrtSession(write_model(rgb_manifest, "trees.onnx"))
+    with pytest.raises(ModelFileError, match=r"trees\.onnx failed as it ran on 'cpu' \(") as caught:
+        session.run({"image": np.zeros((1, 384, 640), np.uint8)})
+    assert "\n" not in str(caught.value)
+    assert len(session.run({"image": np.zeros((1, 384, 640, 3), np.uint8)})) == 5
+
+
+def test_a_graph_that_asks_for_endless_memory_fails_in_one_line(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "greedy.onnx"
+    kind = TensorType("float32", ("n",))
+    path.write_bytes(
+        onnx_bytes(
+            [Node("ConstantOfShape", ("size",), ("big",)), Node("ReduceSum", ("big",), ("y",))],
+            inputs={"size": TensorType("int64", (1,))},
+            outputs={"y": kind},
+            constants={},
+        )
+    )
+    session = OrtSession(path, SessionSettings(threads=1))
+    message = r"greedy\.onnx failed as it ran on 'cpu' \(Failed to allocate memory"
+    with pytest.raises(ModelFileError, match=message):
+        session.run({"size": np.array([10**15], np.int64)})
+    assert session.run({"size": np.array([3], np.int64)})["y"] == 0
+    assert capfd.readouterr() == ("", "")

@@ -12,12 +12,20 @@ from typer.testing import CliRunner
 
 from edgetree.cli import app
 from edgetree.errors import InputError
-from edgetree.export import ExportReport, ParityFailed, export_model, verify_model
+from edgetree.export import (
+    ExportReport,
+    ExportSettings,
+    ParityFailed,
+    export_model,
+    verify_model,
+)
 from edgetree.export.frames import InputRules, find_frames, read_frames
 from edgetree.export.graph import trace
 from edgetree.export.quantise import quantise
 from edgetree.runtime import TreeDetector
 from perceptree.models import load_checkpoint, save_checkpoint
+
+INT8 = ExportSettings(precision="int8")
 
 
 @pytest.fixture(scope="module")
@@ -158,7 +166,7 @@ def test_int8_needs_frames_beside_those_compared_on(
     rgb_checkpoint: Path, frame_folder: Path, tmp_path: Path
 ) -> None:
     with pytest.raises(InputError, match="has no frames beside those compared on"):
-        export_model(rgb_checkpoint, tmp_path / "m.onnx", data=frame_folder, precision="int8")
+        export_model(rgb_checkpoint, tmp_path / "m.onnx", data=frame_folder, settings=INT8)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -167,7 +175,7 @@ def test_int8_has_unsigned_activations_and_signed_weights_per_channel(
 ) -> None:
     model, _ = load_checkpoint(rgb_checkpoint)
     frames = read_frames(find_frames(frame_folder, "rgb", 4), InputRules.of(model.spec))
-    plain = trace(model, batch=1)
+    plain = trace(model, batch=1, quantised=True)
     size = len(plain.SerializeToString())
     proto = quantise(plain, frames)
     assert len(plain.SerializeToString()) == size
@@ -205,8 +213,13 @@ def test_bad_input_leaves_nothing_behind(
 ) -> None:
     out = tmp_path / "out"
     out.mkdir()
-    with pytest.raises(InputError, match="precision is 'fp4': expected one of fp32, int8"):
-        export_model(rgb_checkpoint, out / "m.onnx", data=frame_folder, precision="fp4")
+    with pytest.raises(InputError, match="precision is 'fp4': expected one of fp32, fp16, int8"):
+        export_model(
+            rgb_checkpoint,
+            out / "m.onnx",
+            data=frame_folder,
+            settings=ExportSettings(precision="fp4"),
+        )
     with pytest.raises(InputError, match="is no folder: expected one with rgb frames"):
         export_model(rgb_checkpoint, out / "m.onnx", data=tmp_path / "none")
     with pytest.raises(InputError, match="has no rgb frames"):

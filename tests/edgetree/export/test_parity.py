@@ -3,6 +3,7 @@ import pytest
 
 from edgetree.export.parity import (
     Arrays,
+    FrameParity,
     ParityReport,
     compare_frame,
     compare_frames,
@@ -40,7 +41,12 @@ def test_equal_detections_pass_in_any_order() -> None:
     expected = outputs([LEFT, RIGHT], [0.9, 0.8999])
     assert faults(expected, expected) == []
     assert faults(expected, outputs([RIGHT, LEFT], [0.8999, 0.9])) == []
-    assert faults(outputs([], []), outputs([], [])) == []
+
+
+def test_frames_without_a_tree_prove_nothing() -> None:
+    assert faults(outputs([], []), outputs([], [])) == [
+        "all: no tree to compare, expected frames in which the model finds some"
+    ]
 
 
 @pytest.mark.parametrize(
@@ -106,7 +112,9 @@ def test_nonsense_is_a_fault_even_on_a_blank_frame(change: object, message: str)
 
 
 def test_lost_average_precision_is_a_fault() -> None:
-    report = ParityReport("int8", (), ap_model=60.0, ap_file=58.5, ap_limit=1.0)
+    precision = {"box": (60.0, 58.5), "mask": (30.0, 29.5)}
+    shown = (FrameParity("f", trees=2, matched=2),)
+    report = ParityReport("int8", shown, precision, limits_of("int8"))
     assert report.faults() == ["all: box AP fell from 60.00 to 58.50, limit 1"]
 
 

@@ -1,0 +1,191 @@
+"""What the runtime adds to the network: its start, and the work around each inference.
+
+python benchmarks/runtime.py --result benchmarks/results/runtime.json
+
+The start is measured in fresh processes, in turn with one that only imports numpy, OpenCV and
+onnxruntime. The work around the network (resizing, encoding of depth, reading the answer) is what
+`detect` takes beside the session's `run` inside the same call; pasting the masks of ten trees and
+decoding image files are measured apart. Frames are the package's samples, 1280x720; models those
+of the package, 640x384. Ratios hold on a machine that does other things as well, seconds do not.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import platform
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from edgetree import SampleFrame, TreeDetections, TreeDetector, default_model, sample_frames
+from edgetree.providers import SessionSettings, import_onnxruntime
+from edgetree.session import Arrays, OrtSession
+
+TARGETS = {"import_s": 0.3, "first_result_s": 1.5, "around_and_paste_share": 0.1}
+PASTED = 10
+
+BARE = """
+import time
+start = time.perf_counter()
+import numpy, cv2, onnxruntime
+print([time.perf_counter() - start])
+"""
+OURS = """
+import sys, time
+start = time.perf_counter()
+import edgetree.runtime as runtime
+imported = time.perf_counter()
+import numpy as np
+frame = np.zeros((720, 1280, 3) if sys.argv[1] == "rgb" else (720, 1280), np.uint8)
+begin = time.perf_counter()
+detector = runtime.TreeDetector.load(runtime.default_model(sys.argv[1]), threads=int(sys.argv[2]))
+loaded = time.perf_counter()
+detector.detect(frame)
+done = time.perf_counter()
+print([imported - start, loaded - begin, done - begin])
+"""
+
+
+def milliseconds(call: Callable[[], object]) -> float:
+    """How long one call takes."""
+    start = time.perf_counter()
+    call()
+    return (time.perf_counter() - start) * 1000
+
+
+def medians(rows: list[dict[str, float]]) -> dict[str, float]:
+    """The median of each figure over the rounds."""
+    return {name: round(statistics.median(row[name] for row in rows), 4) for name in rows[0]}
+
+
+def run_fresh(code: str, *arguments: str) -> list[float]:
+    """What a program prints in a process of its own."""
+    command = [sys.executable, "-c", code, *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    return json.loads(done.stdout)
+
+
+def measure_start(modality: str, threads: int, rounds: int) -> dict[str, float]:
+    """Import, load and first result, in turn with the bare imports."""
+    rows = []
+    for _ in range(rounds):
+        (bare_s,) = run_fresh(BARE)
+        import_s, load_s, first_s = run_fresh(OURS, modality, str(threads))
+        rows.append(
+            {
+                "bare_import_s": bare_s,
+                "import_s": import_s,
+                "load_s": load_s,
+                "first_result_s": first_s,
+                "import_and_load_to_bare_import": (import_s + load_s) / bare_s,
+            }
+        )
+    return medians(rows)
+
+
+class TimedSession(OrtSession):
+    """Keeps how long its last `run` took."""
+
+    run_ms = 0.0
+
+    def run(self, inputs: Arrays) -> dict[str, np.ndarray]:
+        """All outputs by name."""
+        start = time.perf_counter()
+        outputs = super().run(inputs)
+        self.run_ms = (time.perf_counter() - start) * 1000
+        return outputs
+
+
+def paste_all(trees: TreeDetections) -> None:
+    """Every mask, one after the other."""
+    for tree in range(len(trees)):
+        trees.mask(tree)
+
+
+def measure_around(modality: str, threads: int, rounds: int) -> dict[str, float]:
+    """`detect` beside the `run` inside it, and the pasting of ten masks, over the samples."""
+    session = TimedSession(default_model(modality), SessionSettings(threads=threads))
+    detector = TreeDetector(session, score_threshold=0.0)
+    detector.warm_up()
+    frames = [frame.image() if modality == "rgb" else frame.depth_m() for frame in sample_frames()]
+    rows = []
+    for index in range(rounds):
+        frame = frames[index % len(frames)]
+        detect_ms = milliseconds(lambda frame=frame: detector.detect(frame))
+        run_ms = session.run_ms
+        trees = detector.detect(frame)
+        ten = trees.select(np.arange(PASTED) % len(trees))
+        paste_ms = milliseconds(lambda ten=ten: paste_all(ten))
+        rows.append(
+            {
+                "run_ms": run_ms,
+                "around_ms": detect_ms - run_ms,
+                "paste_ten_ms": paste_ms,
+                "around_share": (detect_ms - run_ms) / run_ms,
+                "around_and_paste_share": (detect_ms - run_ms + paste_ms) / run_ms,
+            }
+        )
+    return medians(rows)
+
+
+def measure_decoding(frame: SampleFrame, rounds: int) -> dict[str, float]:
+    """Decoding one 1280x720 frame from memory."""
+    jpeg = np.frombuffer(frame.image_path.read_bytes(), np.uint8)
+    png = cv2.imencode(".png", frame.image())[1]
+    depth_png = np.frombuffer(frame.depth_path.read_bytes(), np.uint8)
+    return medians(
+        [
+            {
+                "jpeg_ms": milliseconds(lambda: cv2.imdecode(jpeg, cv2.IMREAD_COLOR)),
+                "png_ms": milliseconds(lambda: cv2.imdecode(png, cv2.IMREAD_COLOR)),
+                "depth_png_ms": milliseconds(lambda: cv2.imdecode(depth_png, cv2.IMREAD_UNCHANGED)),
+            }
+            for _ in range(rounds)
+        ]
+    )
+
+
+def main() -> None:
+    """Print the figures as JSON, and write them where asked."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--rounds", type=int, default=60, help="detections for each model")
+    parser.add_argument("--starts", type=int, default=7, help="fresh processes for each model")
+    parser.add_argument("--threads", type=int, default=1, help="of one inference")
+    parser.add_argument("--result", type=Path)
+    arguments = parser.parse_args()
+    cv2.setNumThreads(arguments.threads)
+    models = {
+        modality: measure_start(modality, arguments.threads, arguments.starts)
+        | measure_around(modality, arguments.threads, arguments.rounds)
+        for modality in ("rgb", "depth")
+    }
+    result = {
+        "machine": platform.processor() or platform.machine(),
+        "onnxruntime": import_onnxruntime().__version__,
+        "threads": arguments.threads,
+        "frame": "1280x720",
+        "models": models,
+        "decoding": measure_decoding(sample_frames()[0], arguments.rounds),
+        "targets": TARGETS,
+        "missed": [
+            f"{modality} {name}"
+            for modality, figures in models.items()
+            for name, limit in TARGETS.items()
+            if figures[name] > limit
+        ],
+    }
+    text = json.dumps(result, indent=2)
+    sys.stdout.write(text + "\n")
+    if arguments.result:
+        arguments.result.write_text(text + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

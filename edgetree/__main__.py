@@ -1,0 +1,7 @@
+"""`python -m edgetree`: the command line."""
+
+from edgetree.cli import main
+
+__all__: list[str] = []
+
+main()

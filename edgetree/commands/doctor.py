@@ -1,0 +1,105 @@
+"""`edgetree doctor`: what works on this machine, and what to do about the rest."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Final
+
+import typer
+
+from edgetree.commands.options import Json
+from edgetree.console import note, print_json
+
+if TYPE_CHECKING:
+    from edgetree.doctor import Advice, Findings, Machine
+
+__all__ = ["doctor"]
+
+_LABEL: Final = 14
+_WIDTH: Final = 100
+
+
+def doctor(as_json: Json = False) -> None:
+    """Look at this machine: what runs models here, how fast, which libraries clash, what to do.
+
+    Ends with exit code 1 if something is broken.
+    """
+    from edgetree.doctor import advise, examine
+
+    note("trying providers and libraries, and a second of detecting ...")
+    findings = examine()
+    advice = advise(findings)
+    broken = any(item.level == "broken" for item in advice)
+    if as_json:
+        items = [{"level": item.level, "text": item.text} for item in advice]
+        verdict = {"schema": "edgetree.doctor/1", "healthy": not broken}
+        print_json({**verdict, **findings.to_dict(), "advice": items})
+    else:
+        for line in _lines(findings, advice):
+            typer.echo(line)
+    if broken:
+        raise typer.Exit(1)
+
+
+def _lines(findings: Findings, advice: tuple[Advice, ...]) -> Iterator[str]:
+    """The findings and what follows from them, for a person."""
+    for label, text in _facts(findings):
+        yield from _paragraph(label, text)
+    yield ""
+    for item in advice:
+        yield from _paragraph(item.level, item.text)
+    if not any(item.level == "broken" for item in advice):
+        yield from _paragraph("healthy", "nothing is broken; next: edgetree bench")
+
+
+def _facts(findings: Findings) -> Iterator[tuple[str, str]]:
+    machine, libraries = findings.machine, findings.libraries
+    yield "system", f"{machine.system}, Python {libraries.python}"
+    yield "processor", machine.processor or "not known"
+    yield "cores", _cores(machine)
+    names = machine.instructions
+    yield "instructions", "not known" if names is None else ", ".join(names) or "none that matter"
+    yield "memory", _memory(machine)
+    versions = (f"{name} {version}" for name, version in libraries.versions.items())
+    yield "libraries", ", ".join(versions)
+    for index, provider in enumerate(findings.providers):
+        works = "works" if provider.works else f"does not run: {provider.reason}"
+        yield "" if index else "providers", f"{provider.name} {works}"
+    if not findings.providers:
+        yield "providers", "none"
+    speed = findings.speed
+    if speed is None:
+        yield "speed", "not measured, as the embedded model cannot run"
+        return
+    several = f", {speed.fps_all_threads:.0f} on {speed.threads}" if speed.threads > 1 else ""
+    figures = f"{speed.fps_one_thread:.0f} frames per second on 1 thread{several}"
+    yield "speed", f"{figures} (embedded INT8 model, 640x384)"
+
+
+def _cores(machine: Machine) -> str:
+    parts = [f"{machine.usable_cores} of {machine.cores} usable"]
+    if machine.core_quota is not None:
+        parts.append(f"limited to the time of {machine.core_quota:g}")
+    if machine.busy_cores is not None:
+        parts.append(f"{machine.busy_cores:.1f} busy in the last minute")
+    return ", ".join(parts)
+
+
+def _memory(machine: Machine) -> str:
+    if machine.memory_mib is None:
+        return "not known"
+    free = machine.free_memory_mib
+    part = "" if free is None else f", {free / 1024:.1f} GiB free"
+    return f"{machine.memory_mib / 1024:.1f} GiB{part}"
+
+
+def _paragraph(label: str, text: str) -> list[str]:
+    return textwrap.wrap(
+        text,
+        _WIDTH,
+        initial_indent=f"{label:{_LABEL}}",
+        subsequent_indent=" " * _LABEL,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )

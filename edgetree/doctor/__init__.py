@@ -1,0 +1,16 @@
+"""What works on this machine, what is broken, and what to do about it."""
+
+from edgetree.doctor.advice import Advice, advise
+from edgetree.doctor.examine import examine
+from edgetree.doctor.findings import Findings, Libraries, Machine, ProviderResult, Speed
+
+__all__ = [
+    "Advice",
+    "Findings",
+    "Libraries",
+    "Machine",
+    "ProviderResult",
+    "Speed",
+    "advise",
+    "examine",
+]

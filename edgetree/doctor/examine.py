@@ -1,0 +1,47 @@
+"""Everything that the doctor looks at, one after the other so that nothing disturbs the clock.
+
+What a broken library would keep from loading is imported when it has been seen to load.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from edgetree.doctor.findings import Findings, Speed
+from edgetree.doctor.libraries import examine_libraries
+from edgetree.doctor.machine import examine_machine
+
+__all__ = ["examine", "probe_speed"]
+
+_PROBE_S: Final = 0.5
+
+
+def examine() -> Findings:
+    """Look at this machine; takes a few seconds."""
+    machine = examine_machine()  # first, as what follows keeps cores busy
+    libraries = examine_libraries()
+    if {"numpy", "onnxruntime"} & libraries.import_errors.keys():
+        return Findings(machine, libraries, (), None)
+    from edgetree.doctor.providers import examine_providers
+
+    providers = examine_providers()
+    runs = any(provider.works for provider in providers) and "cv2" not in libraries.import_errors
+    return Findings(machine, libraries, providers, probe_speed() if runs else None)
+
+
+def probe_speed(duration_s: float = _PROBE_S) -> Speed:
+    """Bench the embedded RGB model for `duration_s` on one thread, and again on all."""
+    from edgetree.bench import bench_detector
+    from edgetree.runtime import TreeDetector, default_model
+    from edgetree.samples import sample_frames
+    from edgetree.session import usable_cores
+
+    image = sample_frames()[0].image()
+    threads = usable_cores()
+
+    def fps(count: int) -> float:
+        detector = TreeDetector.load(default_model("rgb"), threads=count)
+        return bench_detector(detector, [image], duration_s=duration_s).fps
+
+    one = fps(1)
+    return Speed(threads, one, one if threads == 1 else fps(threads))

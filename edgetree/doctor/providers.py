@@ -1,0 +1,94 @@
+"""Which of onnxruntime's providers really run a network here."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from typing import Final
+
+import numpy as np
+
+from edgetree.doctor.findings import ProviderResult
+from edgetree.doctor.onnx_bytes import Node, TensorType, onnx_bytes
+from edgetree.errors import MissingDependency
+from edgetree.providers import CPU, PROVIDERS, import_onnxruntime, installed_providers
+
+__all__ = ["examine_providers", "run_small_network", "small_network"]
+
+_LIMIT_S: Final = 120
+_MOST_CHARACTERS: Final = 160
+_TRY: Final = (
+    "import sys; from edgetree.doctor.providers import run_small_network as run; run(sys.argv[1])"
+)
+_SIZE: Final = 8
+_LARGEST_ERROR: Final = 0.01  # some compute in half precision
+
+
+def examine_providers() -> tuple[ProviderResult, ...]:
+    """Try each provider in a process of its own, as a broken driver may take its process along.
+
+    None if onnxruntime is not installed.
+    """
+    try:
+        names = installed_providers()
+    except MissingDependency:
+        return ()
+    return tuple(_examine(name) for name in names)
+
+
+def _examine(name: str) -> ProviderResult:
+    command = [sys.executable, "-c", _TRY, name]
+    try:
+        done = subprocess.run(
+            command, capture_output=True, text=True, check=False, timeout=_LIMIT_S
+        )
+    except subprocess.TimeoutExpired:
+        return ProviderResult(name, False, f"no answer after {_LIMIT_S} s")
+    if done.returncode == 0:
+        return ProviderResult(name, True)
+    return ProviderResult(name, False, _reason(done.stderr) or f"ended with {done.returncode}")
+
+
+def _reason(errors: str) -> str:
+    """What went wrong: onnxruntime's first error, else the exception's line."""
+    lines = [re.sub(r"\x1b\[[\d;]*m", "", line) for line in errors.splitlines() if line.strip()]
+    logged = [line for line in lines if "[E:onnxruntime" in line]
+    text = (logged or lines[-1:] or [""])[0]
+    text = re.sub(r"^.*?\] ", "", text) if logged else text.partition(": ")[2] or text
+    return text if len(text) <= _MOST_CHARACTERS else f"{text[:_MOST_CHARACTERS]}..."
+
+
+def small_network() -> bytes:
+    """A convolution and a sigmoid, (1, 4, 8, 8) float32 `x` to `y` of the same shape."""
+    kind = TensorType("float32", (1, 4, _SIZE, _SIZE))
+    return onnx_bytes(
+        [Node("Conv", ("x", "weight"), ("z",)), Node("Sigmoid", ("z",), ("y",))],
+        inputs={"x": kind},
+        outputs={"y": kind},
+        constants={"weight": np.eye(4, dtype=np.float32)[:, :, None, None]},
+    )
+
+
+def run_small_network(name: str) -> None:
+    """Run `small_network` on one of `edgetree.providers.PROVIDERS`, and on no other.
+
+    Raises:
+        RuntimeError: nodes went to another provider, or the numbers are wrong.
+    """
+    onnxruntime = import_onnxruntime()
+    provider = PROVIDERS[name].ort_name
+    options = onnxruntime.SessionOptions()
+    options.log_severity_level = 3
+    if name != CPU:
+        options.add_session_config_entry("session.disable_cpu_ep_fallback", "1")
+    session = onnxruntime.InferenceSession(
+        small_network(), sess_options=options, providers=[provider], enable_fallback=0
+    )
+    if session.get_providers()[0] != provider:
+        raise RuntimeError(f"the network went to {session.get_providers()[0]} instead")
+    x = np.linspace(-2, 2, 4 * _SIZE * _SIZE, dtype=np.float32).reshape(1, 4, _SIZE, _SIZE)
+    (y,) = session.run(None, {"x": x})
+    error = float(np.abs(y - 1 / (1 + np.exp(-x))).max())
+    if not error < _LARGEST_ERROR:
+        raise RuntimeError(f"the numbers are wrong by {error:.2g}")

@@ -1,0 +1,102 @@
+"""What the doctor reads of a machine, from files as Linux writes them, and from this machine."""
+
+from pathlib import Path
+
+import pytest
+
+from edgetree.doctor import providers
+from edgetree.doctor.libraries import import_error
+from edgetree.doctor.machine import core_quota, examine_machine, instruction_sets, memory_mib
+from edgetree.doctor.providers import examine_providers
+
+MEMINFO = "MemTotal:        8388608 kB\nMemFree:         1048576 kB\nMemAvailable:    4194304 kB\n"
+
+
+def write(root: Path, files: dict[str, str]) -> Path:
+    for name, text in files.items():
+        path = root / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    return root
+
+
+def test_instructions_of_x86_and_arm() -> None:
+    x86 = "processor\t: 0\nflags\t\t: fpu avx2 avx512f avx512_vnni avx_vnni amx_int8 avx512bw\n"
+    names = ("avx2", "avx512", "avx512_vnni", "avx_vnni", "amx_int8")
+    assert instruction_sets(x86) == names
+    assert instruction_sets("Features\t: fp asimd asimddp i8mm\n") == ("dotprod", "i8mm")
+    assert instruction_sets("flags\t: fpu sse2\n") == ()
+    assert instruction_sets("") is None
+
+
+def test_a_machine_that_says_nothing_is_not_known(tmp_path: Path) -> None:
+    machine = examine_machine(tmp_path)
+    assert machine.instructions is None
+    assert machine.core_quota is None
+    assert (machine.memory_mib, machine.free_memory_mib) == (None, None)
+    assert 1 <= machine.usable_cores <= machine.cores
+
+
+QUOTAS: dict[str, tuple[dict[str, str], float | None]] = {
+    "none": ({}, None),
+    "version 2, the container's own": ({"sys/fs/cgroup/cpu.max": "150000 100000\n"}, 1.5),
+    "version 2, not limited": ({"sys/fs/cgroup/cpu.max": "max 100000\n"}, None),
+    "version 2, a group above": (
+        {
+            "proc/self/cgroup": "0::/a/b\n",
+            "sys/fs/cgroup/a/cpu.max": "50000 100000\n",
+            "sys/fs/cgroup/a/b/cpu.max": "max 100000\n",
+        },
+        0.5,
+    ),
+    "version 1": (
+        {
+            "sys/fs/cgroup/cpu/cpu.cfs_quota_us": "200000\n",
+            "sys/fs/cgroup/cpu/cpu.cfs_period_us": "100000\n",
+        },
+        2.0,
+    ),
+    "version 1, not limited": (
+        {
+            "sys/fs/cgroup/cpu/cpu.cfs_quota_us": "-1\n",
+            "sys/fs/cgroup/cpu/cpu.cfs_period_us": "100000\n",
+        },
+        None,
+    ),
+}
+
+
+@pytest.mark.parametrize("case", QUOTAS)
+def test_a_containers_share_of_the_processor(tmp_path: Path, case: str) -> None:
+    files, expected = QUOTAS[case]
+    assert core_quota(write(tmp_path, files)) == expected
+
+
+def test_memory_is_the_containers_where_that_is_less(tmp_path: Path) -> None:
+    assert memory_mib(write(tmp_path, {"proc/meminfo": MEMINFO})) == (8192.0, 4096.0)
+    limits = {"sys/fs/cgroup/memory.max": "1073741824\n", "sys/fs/cgroup/memory.current": "0\n"}
+    assert memory_mib(write(tmp_path, limits)) == (1024.0, 1024.0)
+    unlimited = {
+        "sys/fs/cgroup/memory.max": "max\n",
+        "sys/fs/cgroup/memory/memory.limit_in_bytes": "9223372036854771712\n",
+        "sys/fs/cgroup/memory/memory.usage_in_bytes": "4096\n",
+    }
+    assert memory_mib(write(tmp_path, unlimited)) == (8192.0, 4096.0)
+
+
+def test_a_provider_that_is_not_there_fails_with_its_reason(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(providers, "installed_providers", lambda: ("coreml",))
+    (result,) = examine_providers()
+    assert not result.works
+    assert "fallback to CPU EP has been explicitly disabled" in result.reason
+
+
+def test_a_library_that_does_not_load_is_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write(tmp_path, {"cv2.py": "raise ImportError('libGL.so.1: cannot open shared object file')"})
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    assert import_error("cv2") == "ImportError: libGL.so.1: cannot open shared object file"
+    assert import_error("json") == ""
