@@ -88,8 +88,8 @@ def sessions(
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 2
     options.log_severity_level = 3
-    graph = trace(model, batch=1)
-    for precision, proto in (("float32", graph), ("int8", quantise(graph, frames))):
+    int8 = quantise(trace(model, batch=1, quantised=True), frames)
+    for precision, proto in (("float32", trace(model, batch=1)), ("int8", int8)):
         data = proto.SerializeToString()
         yield precision, onnxruntime.InferenceSession(data, options, ["CPUExecutionProvider"])
 

@@ -43,9 +43,39 @@ def halve(model: Any, frames: NDArray[np.uint8]) -> Any:
     }
     kept = [node.name for node in model.graph.node if node.name not in safe]
     with quiet():
-        return convert_float_to_float16(
+        converted = convert_float_to_float16(
             model, keep_io_types=True, op_block_list=[], node_block_list=kept
         )
+    return _without_detours(converted)
+
+
+def _without_detours(model: Any) -> Any:
+    """The converter's graph in order, with one cast of each kind and none to half and back.
+
+    It rounds whatever passes between two nodes that stay float32, coordinates too.
+    """
+    from onnxruntime.transformers.onnx_model import OnnxModel
+
+    graph = model.graph
+    exact = {n.output[0]: n.input[0] for n in graph.node if n.name.endswith("_cast_to_fp16_node")}
+    same = {
+        node.output[0]: exact[node.input[0]]
+        for node in graph.node
+        if node.name.endswith("_cast_to_fp32_node") and node.input[0] in exact
+    }
+    once = {node.output[0]: node for node in graph.node if node.output[0] not in same}
+    for node in once.values():
+        outward = node.name.startswith("graph_output_cast")
+        known = exact if outward else same
+        node.input[:] = [known.get(name, name) for name in node.input]
+    used = {value.name for value in graph.output}
+    used.update(name for node in once.values() for name in node.input)
+    nodes = [type(n).FromString(n.SerializeToString()) for n in once.values()]
+    del graph.node[:]
+    graph.node.extend(node for node in nodes if not used.isdisjoint(node.output))
+    del graph.value_info[:]  # partly of tensors that are gone
+    OnnxModel(model).topological_sort()
+    return model
 
 
 def _largest_values(model: Any, kinds: list[str], frames: NDArray[np.uint8]) -> dict[str, float]:

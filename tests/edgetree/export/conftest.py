@@ -1,7 +1,8 @@
 """A small network whose answers are lively without training, and frames for it."""
 
-import dataclasses
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -9,20 +10,39 @@ import pytest
 import torch
 
 from calib import write_depth
+from edgetree.export import ExportReport, export_model
 from perceptree.models import TreeRCNN, make_spec, save_checkpoint
 
 HEIGHT, WIDTH = 96, 160
+NARROW_LIGHT = {"fpn_width": 32}
+NARROW_PAPER = {
+    "backbone": "resnet18",
+    "stride_in_1x1": False,
+    "fpn_width": 16,
+    "box_head_width": 32,
+    "mask_head_widths": (16, 16),
+    "keypoint_head_widths": (16, 16),
+    "proposals_per_level": 50,
+    "proposals": 50,
+    "detections": 6,
+}
+
+Lively = Callable[..., TreeRCNN]
 
 
-def lively_model(modality: str = "rgb", **changes: object) -> TreeRCNN:
+def lively_model(modality: str = "rgb", preset: str = "edge-n", **changes: Any) -> TreeRCNN:
     """Random weights, the last layers so strong that scores and heat maps have clear peaks."""
     torch.manual_seed(1)
-    spec = make_spec("edge-n", modality, HEIGHT, WIDTH)  # type: ignore[arg-type]
-    model = TreeRCNN(dataclasses.replace(spec, fpn_width=32, **changes))  # type: ignore[arg-type]
-    shape = (8, *((HEIGHT, WIDTH, 3) if modality == "rgb" else (HEIGHT, WIDTH)))
+    narrow = NARROW_LIGHT if preset.startswith("edge-") else NARROW_PAPER
+    values: dict[str, Any] = {"height": HEIGHT, "width": WIDTH, **narrow, **changes}
+    model = TreeRCNN(make_spec(preset, modality, **values))  # type: ignore[arg-type]
+    for part in model.modules():
+        if isinstance(part, torch.nn.BatchNorm2d):
+            part.momentum = None  # plain means
     with torch.no_grad():
-        for _ in range(30):  # gives batch norm the statistics that training would
-            model.features(torch.randint(0, 256, shape, dtype=torch.uint8))
+        for _ in range(3):  # gives batch norm the statistics that training would
+            images = torch.randint(0, 256, (4, *input_shape(model)), dtype=torch.uint8)
+            model.features(images)
         model.proposer.objectness.weight.mul_(100)
         model.box_head.score.weight.mul_(10)
         if model.keypoint_head is not None:
@@ -30,6 +50,18 @@ def lively_model(modality: str = "rgb", **changes: object) -> TreeRCNN:
         if model.mask_head is not None:
             model.mask_head.score.weight.mul_(20)
     return model.eval()
+
+
+def input_shape(model: TreeRCNN) -> tuple[int, ...]:
+    """(H, W, 3) or (H, W)."""
+    spec = model.spec
+    return (spec.height, spec.width, 3)[: 3 if spec.modality == "rgb" else 2]
+
+
+@pytest.fixture(scope="session")
+def lively() -> Lively:
+    """Builds such networks: modality, preset, changes of its spec."""
+    return lively_model
 
 
 @pytest.fixture(scope="session")
@@ -60,3 +92,12 @@ def frame_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         depth_m = image[..., 0].astype(np.float32) / 20
         write_depth(folder / "depth" / f"{number:06d}.png", depth_m)
     return folder
+
+
+@pytest.fixture(scope="session")
+def exported(
+    rgb_checkpoint: Path, frame_folder: Path, tmp_path_factory: pytest.TempPathFactory
+) -> ExportReport:
+    """The RGB checkpoint as a float32 file."""
+    out = tmp_path_factory.mktemp("out") / "rgb.onnx"
+    return export_model(rgb_checkpoint, out, data=frame_folder)

@@ -19,21 +19,11 @@ from edgetree.export import (
     export_model,
     verify_model,
 )
-from edgetree.export.frames import InputRules, find_frames, read_frames
-from edgetree.export.graph import trace
-from edgetree.export.quantise import quantise
+from edgetree.export.frames import find_frames
 from edgetree.runtime import TreeDetector
 from perceptree.models import load_checkpoint, save_checkpoint
 
 INT8 = ExportSettings(precision="int8")
-
-
-@pytest.fixture(scope="module")
-def exported(
-    rgb_checkpoint: Path, frame_folder: Path, tmp_path_factory: pytest.TempPathFactory
-) -> ExportReport:
-    out = tmp_path_factory.mktemp("out") / "rgb.onnx"
-    return export_model(rgb_checkpoint, out, data=frame_folder)
 
 
 def test_the_file_finds_what_the_checkpoint_finds(exported: ExportReport) -> None:
@@ -168,28 +158,6 @@ def test_int8_needs_frames_beside_those_compared_on(
     with pytest.raises(InputError, match="has no frames beside those compared on"):
         export_model(rgb_checkpoint, tmp_path / "m.onnx", data=frame_folder, settings=INT8)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_int8_has_unsigned_activations_and_signed_weights_per_channel(
-    rgb_checkpoint: Path, frame_folder: Path
-) -> None:
-    model, _ = load_checkpoint(rgb_checkpoint)
-    frames = read_frames(find_frames(frame_folder, "rgb", 4), InputRules.of(model.spec))
-    plain = trace(model, batch=1, quantised=True)
-    size = len(plain.SerializeToString())
-    proto = quantise(plain, frames)
-    assert len(plain.SerializeToString()) == size
-    weights = {value.name: value for value in proto.graph.initializer}
-    zero = {"uint8": 0, "int8": 0, "int32": 0}
-    for node in proto.graph.node:
-        if node.op_type == "QuantizeLinear":
-            assert weights[node.input[2]].data_type == onnx.TensorProto.UINT8
-            zero["uint8"] += 1
-        elif node.op_type == "DequantizeLinear" and node.input[0] in weights:
-            kind = onnx.TensorProto.DataType.Name(weights[node.input[0]].data_type).lower()
-            zero[kind] += 1
-            assert len(weights[node.input[1]].dims) == 1
-    assert min(zero.values()) > 30
 
 
 def test_the_commands_prove_and_print(

@@ -122,3 +122,40 @@ def test_pairs_are_counted_in_both_directions() -> None:
     rows = {"boxes": np.array([LEFT], np.float32), "scores": np.array([0.9]), "rows": np.array(4)}
     frame = compare_frame("f", rows, rows, "float32", 0.01)
     assert (frame.trees, frame.matched) == (2, 2)
+
+
+@pytest.mark.parametrize("broken", [0, 2, 5, 8])
+def test_a_fault_in_one_row_of_a_batch_is_told_of_the_right_frame(broken: int) -> None:
+    """Nine frames, four at a time: the last one goes with the first three once more."""
+    frames = {f"frame {n}": np.full((8, 8), n, np.uint8) for n in range(9)}
+    sizes = []
+
+    def detect(images: np.ndarray, moved_px: float) -> dict[str, np.ndarray]:
+        sizes.append(len(images))
+        rows = []
+        for image in images:
+            move = moved_px if image[0, 0] == broken else 0.0
+            rows.append(outputs([[LEFT[0] + move, *LEFT[1:]], RIGHT], [0.9, 0.8]))
+        return {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
+
+    shown = compare_frames(
+        lambda images: detect(images, 0.0),
+        lambda images: detect(images, 3.0),
+        frames,
+        "float32",
+        0.01,
+        batch=4,
+    )
+    assert set(sizes) == {4}
+    assert [frame.name for frame in shown] == list(frames)
+    assert [frame.trees for frame in shown] == [4] * 9
+    report = ParityReport("float32", shown, limits=limits_of("float32"))
+    assert report.faults() == [f"frame {broken}: box_px differs by 3, limit 0.5"]
+
+
+def test_another_number_of_rows_than_the_batch_is_a_fault() -> None:
+    expected = {name: value.repeat(2, axis=0) for name, value in outputs([LEFT], [0.9]).items()}
+    frames = {"a": IMAGE["frame"], "b": IMAGE["frame"]}
+    one = {name: value[:1] for name, value in expected.items()}
+    shown = compare_frames(lambda _: expected, lambda _: one, frames, "float32", 0.01, batch=2)
+    assert [frame.fault for frame in shown] == ["boxes is missing or of another shape"] * 2

@@ -1,0 +1,208 @@
+"""What can be chosen at an export: it is checked, reaches graph and manifest, and is proven."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import onnx
+import pytest
+from typer.testing import CliRunner
+
+from edgetree import cli
+from edgetree.errors import InputError, ModelFileError
+from edgetree.export import (
+    ExportReport,
+    ExportSettings,
+    ParityFailed,
+    verify_model,
+)
+from edgetree.export.prepare import with_settings
+from edgetree.manifest import METADATA_KEY
+from edgetree.runtime import TreeDetector
+from perceptree.models import load_checkpoint
+from perceptree.models.cost import multiply_adds
+
+CHOSEN = ExportSettings(
+    height=128,
+    width=192,
+    batch=2,
+    max_detections=7,
+    proposals=60,
+    score_threshold=0.97,
+    opset=18,
+    target="openvino",
+)
+
+
+@pytest.fixture(scope="module")
+def chosen(
+    rgb_checkpoint: Path, frame_folder: Path, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, dict[str, Any]]:
+    """A file with everything chosen on the command line, and what the command printed."""
+    out = tmp_path_factory.mktemp("chosen") / "model.onnx"
+    done = CliRunner().invoke(
+        cli.app,
+        [
+            *("export", str(rgb_checkpoint), "--out", str(out), "--data", str(frame_folder)),
+            *("--height", "128", "--width", "192", "--batch", "2", "--max-detections", "7"),
+            *("--proposals", "60", "--score-threshold", "0.97", "--opset", "18"),
+            *("--provider", "openvino", "--json"),
+        ],
+    )
+    assert done.exit_code == 0, done.output
+    return out, json.loads(done.stdout)
+
+
+def test_choices_reach_the_graph(chosen: tuple[Path, dict[str, Any]], frame_folder: Path) -> None:
+    proto = onnx.load(chosen[0])
+    assert {entry.version for entry in proto.opset_import if entry.domain in ("", "ai.onnx")} == {
+        18
+    }
+    shapes = {value.name: _sizes(value) for value in (*proto.graph.input, *proto.graph.output)}
+    assert shapes["image"] == [2, 128, 192, 3]
+    assert shapes["boxes"] == [2, 7, 4]
+    assert shapes["keypoints"] == [2, 7, 5, 3]
+    assert shapes["masks"] == [2, 7, 28, 28]
+    # The box head sees the proposals of both frames, the other heads the detections.
+    inferred = onnx.shape_inference.infer_shapes(proto).graph.value_info
+    rows = {v.name: v.type.tensor_type.shape.dim[0].dim_value for v in inferred if _sizes(v)}
+    pooled = [rows[node.output[0]] for node in proto.graph.node if node.op_type == "RoiAlign"]
+    assert sorted(pooled) == [2 * 7, 2 * 7, 2 * 60]
+
+
+def _sizes(value: Any) -> list[int]:
+    return [size.dim_value for size in value.type.tensor_type.shape.dim]
+
+
+def test_choices_are_told_by_the_manifest_and_the_record(
+    chosen: tuple[Path, dict[str, Any]], exported: ExportReport, rgb_checkpoint: Path
+) -> None:
+    out, record = chosen
+    manifest = TreeDetector.load(out).manifest
+    assert manifest.input.size_text == "192x128"
+    assert manifest.input.batch_sizes == (2,)
+    assert {output.shape[1] for output in manifest.outputs[:-1]} == {7}
+    assert manifest.proposals == 60
+    assert manifest.thresholds.score == 0.97
+    assert (manifest.opset, manifest.target) == (18, "openvino")
+    model = with_settings(load_checkpoint(rgb_checkpoint)[0], CHOSEN)
+    assert manifest.multiply_adds == multiply_adds(model) != exported.manifest.multiply_adds
+    assert manifest.weights_sha256 == exported.manifest.weights_sha256
+    assert record["input_px"] == [192, 128]
+    assert (record["batch"], record["proposals"], record["opset"]) == (2, 60, 18)
+    assert record["provider"] == "openvino"
+    assert record["multiply_adds"] == manifest.multiply_adds
+    assert record["parameters"] == manifest.parameters
+
+
+def test_no_score_is_under_the_lowest_one(
+    chosen: tuple[Path, dict[str, Any]], exported: ExportReport, frame_folder: Path
+) -> None:
+    from edgetree.sources import read_image
+
+    image = read_image(frame_folder / "images" / "000000.png")
+    every = TreeDetector.load(exported.path, score_threshold=0.0).detect(image)
+    assert float(every.scores.min()) < 0.97
+    found = TreeDetector.load(chosen[0], score_threshold=0.0).detect(image)
+    assert len(found.scores) > 0
+    assert float(found.scores.min()) > 0.97
+
+
+def test_verify_repeats_the_proof_of_what_was_chosen(
+    chosen: tuple[Path, dict[str, Any]], rgb_checkpoint: Path, frame_folder: Path
+) -> None:
+    report = verify_model(chosen[0], rgb_checkpoint, data=frame_folder)
+    figures = report.parity.figures()
+    recorded = report.manifest.parity
+    assert recorded is not None
+    assert figures["trees_compared"] == recorded["trees_compared"] > 10
+
+
+@pytest.mark.parametrize(
+    ("options", "line"),
+    [
+        (["--precision", "fp4"], "precision is 'fp4': expected one of fp32, fp16, int8"),
+        (
+            ["--precision", "int8", "--provider", "cuda"],
+            "precision is 'int8': expected fp32 or fp16 for the provider cuda",
+        ),
+        (["--provider", "tpu"], "provider is 'tpu': expected one of cpu, cuda"),
+        (["--opset", "7"], "opset is 7: expected 18 to 23"),
+        (["--batch", "0"], "batch is 0: expected 1 to 64"),
+        (["--proposals", "0"], "proposals is 0: expected 1 to 10000"),
+        (["--max-detections", "1001"], "max_detections is 1001: expected 1 to 1000"),
+        (["--score-threshold", "1.5"], "score_threshold is 1.5: expected 0 or more, under 1"),
+        (["--height", "8"], "the input is 8x160, expected 32 to 8192 px each way"),
+    ],
+)
+def test_a_wrong_choice_is_one_line(
+    options: list[str],
+    line: str,
+    rgb_checkpoint: Path,
+    frame_folder: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    out = tmp_path / "model.onnx"
+    base = ["edgetree", "export", str(rgb_checkpoint), "--out", str(out)]
+    monkeypatch.setattr(sys, "argv", [*base, "--data", str(frame_folder), *options])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    told = capfd.readouterr().err.strip()
+    assert ended.value.code == 2
+    assert line in told
+    assert "\n" not in told
+    assert list(tmp_path.iterdir()) == []
+
+
+BROKEN = [
+    "model.box_head.hidden.0.weight",
+    "model.box_head.score.weight",
+    "model.pyramid",
+    "model.mask_head.tower.convs.1.weight",
+    "model.keypoint_head.tower.convs.2.weight",
+]
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_broken_weight_in_the_file_is_refused(
+    name: str, exported: ExportReport, rgb_checkpoint: Path, frame_folder: Path, tmp_path: Path
+) -> None:
+    proto = onnx.load(exported.path)
+    weight = next(value for value in proto.graph.initializer if value.name.startswith(name))
+    values = onnx.numpy_helper.to_array(weight)
+    broken = -values if values.any() else values + 1.0
+    weight.CopyFrom(onnx.numpy_helper.from_array(broken.astype(values.dtype), weight.name))
+    onnx.save(proto, tmp_path / "broken.onnx")
+    with pytest.raises(ParityFailed):
+        verify_model(tmp_path / "broken.onnx", rgb_checkpoint, data=frame_folder)
+
+
+def test_a_wrong_number_of_samples_is_refused(
+    exported: ExportReport, rgb_checkpoint: Path, frame_folder: Path, tmp_path: Path
+) -> None:
+    proto = onnx.load(exported.path)
+    for node in proto.graph.node:
+        for attribute in node.attribute:
+            if node.op_type == "RoiAlign" and attribute.name == "sampling_ratio":
+                assert attribute.i == 2
+                attribute.i = 1
+    onnx.save(proto, tmp_path / "wrong.onnx")
+    with pytest.raises(ParityFailed):
+        verify_model(tmp_path / "wrong.onnx", rgb_checkpoint, data=frame_folder)
+
+
+def test_a_file_of_another_modality_is_refused(
+    exported: ExportReport, depth_checkpoint: Path, frame_folder: Path, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match="takes rgb frames: expected depth ones"):
+        verify_model(exported.path, depth_checkpoint, data=frame_folder)
+    proto = onnx.load(exported.path)
+    manifest = json.loads(exported.manifest.to_json())
+    manifest["modality"] = "depth"
+    onnx.helper.set_model_props(proto, {METADATA_KEY: json.dumps(manifest)})
+    onnx.save(proto, tmp_path / "claims.onnx")
+    with pytest.raises(ModelFileError, match="manifest: input layout is 'BHWC': expected 'BHW'"):
+        verify_model(tmp_path / "claims.onnx", depth_checkpoint, data=frame_folder)

@@ -1,0 +1,126 @@
+"""The form that is deployed answers as the network does, before any runtime sees it."""
+
+import dataclasses
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+import torch
+from torch import nn
+
+from edgetree.export.rewrites import deployable
+from perceptree.models import TreeRCNN
+
+Lively = Callable[..., TreeRCNN]
+
+UNIT = (1.0, 1.0, 1.0)
+TOLERANCES = {"boxes": 0.01, "scores": 1e-4, "masks": 1e-3, "keypoints": 0.05}
+NETWORKS: dict[str, dict[str, Any]] = {
+    "rgb, 3x3 stem, std": {},
+    "rgb, 7x7 stem, no std": {"preset": "r50", "std": UNIT},
+    "rgb, 7x7 stem, std, 90x150": {
+        "preset": "r50",
+        "std": (57.4, 57.1, 58.4),
+        "height": 90,
+        "width": 150,
+    },
+    "rgb, 3x3 stem, 97x131": {"height": 97, "width": 131},
+    "rgb, all means whole": {"mean": (120.0, 120.0, 120.0)},
+    "depth, one mean, std": {"modality": "depth"},
+    "depth, one mean, 90x150": {"modality": "depth", "height": 90, "width": 150},
+    "depth, one mean that is no byte": {"modality": "depth", "mean": (128.4,)},
+    "depth, three means": {"modality": "depth", "preset": "r50"},
+    "depth, three means, std, 90x150": {
+        "modality": "depth",
+        "preset": "r50",
+        "std": (57.4, 57.1, 58.4),
+        "height": 90,
+        "width": 150,
+    },
+}
+# Channels of the block of 2x2 pixels that the quantised stem reads, per pixel.
+CHANNELS = {"rgb, all means whole": 3, "depth, one mean, std": 1, "depth, one mean, 90x150": 1}
+
+
+@pytest.fixture(scope="module")
+def network(lively: Lively) -> Callable[[str], TreeRCNN]:
+    """Those of NETWORKS, made once; they read keypoints between pixels."""
+    return functools.cache(lambda name: lively(**NETWORKS[name], keypoint_grid="subcell"))
+
+
+@pytest.fixture(autouse=True)
+def as_when_traced(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.compiler, "is_exporting", lambda: True)
+
+
+def images_of(model: TreeRCNN) -> torch.Tensor:
+    spec = model.spec
+    shape = (2, spec.height, spec.width, 3)[: 4 if spec.modality == "rgb" else 3]
+    random = torch.Generator().manual_seed(5)
+    return torch.randint(0, 256, shape, generator=random, dtype=torch.uint8)
+
+
+def first_convolution(model: TreeRCNN) -> nn.Conv2d:
+    return next(part for part in model.backbone.modules() if isinstance(part, nn.Conv2d))
+
+
+def assert_same_answers(model: TreeRCNN, changed: TreeRCNN) -> None:
+    images = images_of(model)
+    with torch.inference_mode():
+        expected, found = model.detect(images)._asdict(), changed.detect(images)._asdict()
+    assert int(expected["num_detections"].min()) > 1
+    assert torch.equal(found["num_detections"], expected["num_detections"])
+    for name, tolerance in TOLERANCES.items():
+        torch.testing.assert_close(found[name], expected[name], atol=tolerance, rtol=0.0)
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+@pytest.mark.parametrize("quantised", [False, True])
+def test_the_deployed_form_finds_the_same(
+    name: str, quantised: bool, network: Callable[[str], TreeRCNN]
+) -> None:
+    model = network(name)
+    before = {key: value.clone() for key, value in model.state_dict().items()}
+    changed = deployable(model, quantised=quantised)
+    assert_same_answers(model, changed)
+    for key, value in model.state_dict().items():
+        assert torch.equal(value, before[key]), f"{key} of the model itself"
+    if quantised:
+        per_pixel = 4 if model.spec.modality == "rgb" else 2
+        stem = first_convolution(changed)
+        assert stem.in_channels == 4 * CHANNELS.get(name, per_pixel)
+        assert stem.stride == (1, 1)
+    # No division is left, and no layer that spreads its input over zeros.
+    assert set(changed.spec.std) == {1.0}
+    assert not any(isinstance(part, nn.ConvTranspose2d) for part in changed.modules())
+
+
+def test_only_the_quantised_form_reads_pixels_keypoints_between_them(lively: Lively) -> None:
+    model = lively(preset="r50")
+    assert model.spec.keypoint_grid == "pixels"
+    float32, int8 = (deployable(model, quantised=quantised) for quantised in (False, True))
+    assert_same_answers(model, float32)
+    between = deployable(model, quantised=False)
+    between.spec = dataclasses.replace(between.spec, keypoint_grid="subcell")
+    assert_same_answers(between, int8)
+    images = images_of(model)
+    with torch.inference_mode():
+        pixels, read = (form.detect(images).keypoints for form in (float32, int8))
+    assert (pixels - read)[..., :2].abs().max() > 0.05
+
+
+@pytest.mark.parametrize(("masks", "keypoints"), [(True, False), (False, True), (False, False)])
+@pytest.mark.parametrize("quantised", [False, True])
+def test_networks_without_some_branch_are_changed_too(
+    masks: bool, keypoints: bool, quantised: bool, lively: Lively
+) -> None:
+    model = lively(masks=masks, keypoints=keypoints)
+    assert_same_answers(model, deployable(model, quantised=quantised))
+
+
+def test_a_stem_that_cannot_be_read_in_blocks_is_named(lively: Lively) -> None:
+    model = lively()
+    first_convolution(model).stride = (1, 1)
+    with pytest.raises(ValueError, match="expected stride 2"):
+        deployable(model, quantised=True)
