@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, Final
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from edgetree.errors import CheckFailed
 
 __all__ = [
+    "UNMATCHED_FRAMES",
     "Arrays",
     "FrameParity",
     "Limits",
@@ -31,6 +32,7 @@ SCORE_OF_INTEREST: Final = 0.5
 SCORE_SLACK: Final = 0.1
 # Frames on which networks answer with ties, whose order is anybody's; only sanity counts there.
 UNMATCHED_FRAMES: Final = ("blank", "noise")
+SCORE_ROUNDING: Final = 1e-3
 
 
 @dataclass(frozen=True)
@@ -58,9 +60,14 @@ INT8_LIMITS: Final = Limits(match_iou=0.8, matched=0.95, ap_loss=1.0)
 _LIMITS: Final = {"float32": FLOAT32_LIMITS, "float16": FLOAT16_LIMITS, "int8": INT8_LIMITS}
 
 
-def limits_of(precision: str) -> Limits:
-    """The limits of ``float32``, ``float16`` or ``int8``."""
-    return _LIMITS[precision]
+def limits_of(precision: str, *, trained: bool = True) -> Limits:
+    """The limits of ``float32``, ``float16`` or ``int8``.
+
+    An untrained network's scores and boxes do not survive rounding: beside float32 only sanity
+    counts there.
+    """
+    limits = _LIMITS[precision]
+    return limits if trained or precision == "float32" else Limits(matched=0.0)
 
 
 @dataclass(frozen=True)
@@ -106,7 +113,7 @@ class ParityReport:
     def faults(self) -> list[str]:
         """One line for each limit that does not hold; empty if the file passes."""
         found = [f"{f.name}: {f.fault}" for f in self.frames if f.fault is not None]
-        if not found and self.trees == 0:
+        if not found and self.trees == 0 and self.limits.matched > 0:
             found.append("all: no tree to compare, expected frames in which the model finds some")
         for name in ("box_px", "keypoint_px", "score", "keypoint_score"):
             limit = getattr(self.limits, name)
@@ -177,11 +184,13 @@ def compare_frames(
     precision: str,
     threshold: float,
     batch: int = 1,
+    unmatched: Sequence[str] = UNMATCHED_FRAMES,
 ) -> tuple[FrameParity, ...]:
     """Run both on every frame, uint8 as the model takes it without the batch axis.
 
     They go through in batches of ``batch``, the last one filled up with the first frames.
-    ``threshold`` is the score that the graph keeps detections from.
+    ``threshold`` is the score that the graph keeps detections from. On the ``unmatched`` frames
+    only sanity counts.
     """
     names, results = list(frames), []
     for start in range(0, len(names), batch):
@@ -193,22 +202,18 @@ def compare_frames(
             if fault is not None:
                 results.append(FrameParity(name, 0, 0, fault=fault))
                 continue
-            both = _row(expected, row), _row(found, row)
-            results.append(_compare_row(name, *both, precision, threshold))
+            ours, theirs = _row(expected, row), _row(found, row)
+            fault = _nonsense(theirs, threshold)
+            if fault is not None or name in unmatched:
+                results.append(FrameParity(name, 0, 0, fault=fault))
+                continue
+            pair = _used(ours), _used(theirs)
+            results.append(compare_frame(name, *pair, precision, threshold))
     return tuple(results)
 
 
 def _row(outputs: Arrays, row: int) -> Arrays:
     return {name: values[row] for name, values in outputs.items()}
-
-
-def _compare_row(
-    name: str, expected: Arrays, found: Arrays, precision: str, threshold: float
-) -> FrameParity:
-    fault = _nonsense(found)
-    if fault is not None or name in UNMATCHED_FRAMES:
-        return FrameParity(name, 0, 0, fault=fault)
-    return compare_frame(name, _used(expected), _used(found), precision, threshold)
 
 
 def _missing(found: Arrays, expected: Arrays) -> str | None:
@@ -218,7 +223,7 @@ def _missing(found: Arrays, expected: Arrays) -> str | None:
     return None
 
 
-def _nonsense(found: Arrays) -> str | None:
+def _nonsense(found: Arrays, threshold: float) -> str | None:
     """What no detector may answer, whatever the frame."""
     for name, values in found.items():
         if not np.isfinite(values).all():
@@ -228,6 +233,9 @@ def _nonsense(found: Arrays) -> str | None:
         return f"num_detections is {count}, expected 0 to {rows}"
     if any(found[name][count:].any() for name in found if name != "num_detections"):
         return "rows past num_detections are not zero"
+    lowest = found["scores"][:count].min(initial=1.0)
+    if lowest < threshold - SCORE_ROUNDING:
+        return f"a score is {lowest:.4g}, expected {threshold:g} or more, as the manifest says"
     return None
 
 

@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 
 from edgetree.export.frames import InputRules, find_frames, probe_frames, read_frames
 from edgetree.export.parity import (
+    UNMATCHED_FRAMES,
     Arrays,
     ParityFailed,
     ParityReport,
     compare_frames,
     limits_of,
 )
+from edgetree.export.prepare import UNTRAINED
 from edgetree.manifest import Manifest
 from edgetree.session import InferenceSession
 
@@ -69,7 +71,9 @@ def prove(
     """
     rules = InputRules.of(model.spec)
     real = np.stack(list(evidence.frames.values()))
-    frames = {**evidence.frames, **probe_frames(rules, real)}
+    probes = probe_frames(rules, real)
+    frames = {**evidence.frames, **probes}
+    trained = manifest.training_data != UNTRAINED
     batch = manifest.input.batch_sizes[0]
     say(f"comparing on {len(frames)} frames, {batch} at a time")
     shown = compare_frames(
@@ -79,8 +83,10 @@ def prove(
         manifest.precision,
         manifest.thresholds.score,
         batch,
+        UNMATCHED_FRAMES if trained else tuple(probes),
     )
-    report = ParityReport(manifest.precision, shown, limits=limits_of(manifest.precision))
+    limits = limits_of(manifest.precision, trained=trained)
+    report = ParityReport(manifest.precision, shown, limits=limits)
     if report.limits.ap_loss is not None and evidence.labelled is not None:
         report = _with_average_precision(report, model, session, manifest, evidence.labelled, say)
     faults = report.faults()

@@ -159,3 +159,22 @@ def test_another_number_of_rows_than_the_batch_is_a_fault() -> None:
     one = {name: value[:1] for name, value in expected.items()}
     shown = compare_frames(lambda _: expected, lambda _: one, frames, "float32", 0.01, batch=2)
     assert [frame.fault for frame in shown] == ["boxes is missing or of another shape"] * 2
+
+
+def test_a_score_under_the_stated_threshold_is_a_fault() -> None:
+    both = outputs([LEFT, RIGHT], [0.9, 0.2])
+    shown = compare_frames(lambda _: both, lambda _: both, IMAGE, "float32", 0.3)
+    (fault,) = ParityReport("float32", shown, limits=limits_of("float32")).faults()
+    assert fault == "frame: a score is 0.2, expected 0.3 or more, as the manifest says"
+
+
+def test_untrained_networks_in_8_bits_are_held_to_sanity_alone() -> None:
+    limits = limits_of("int8", trained=False)
+    expected, found = outputs([LEFT], [0.9]), outputs([RIGHT], [0.9])
+    shown = compare_frames(lambda _: expected, lambda _: found, IMAGE, "int8", 0.01)
+    assert ParityReport("int8", shown, limits=limits).faults() == []
+    found["boxes"][0, 0, 0] = np.inf
+    shown = compare_frames(lambda _: expected, lambda _: found, IMAGE, "int8", 0.01)
+    (fault,) = ParityReport("int8", shown, limits=limits).faults()
+    assert fault == "frame: boxes is not finite"
+    assert limits_of("float32", trained=False) == limits_of("float32")
