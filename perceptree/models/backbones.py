@@ -43,8 +43,8 @@ class DepthwiseConv(nn.Conv2d):
 class FoldingConv(nn.Conv2d):
     """A convolution that also does the work of the batch norm after it, once that is fixed.
 
-    Scaling the weights is a hundredth of what scaling the map costs, which on a CPU is a third
-    of a ResNet's time. The norm, a :class:`FoldedNorm`, then passes the map on as it is.
+    Scaling the weights is little work beside scaling the map. The norm, a :class:`FoldedNorm`,
+    then passes the map on as it is.
     """
 
     _norm: tuple[FoldedNorm]
