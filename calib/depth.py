@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import cv2
 import numpy as np
@@ -16,7 +16,7 @@ from calib.errors import DepthError, InputFileError
 
 _MM_PER_M = 1000.0
 _MAX_MM = 65535
-_ROWS_AT_ONCE = 32  # what is being worked on stays in the processor's cache
+_SMALLEST_M, _LARGEST_M = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
 
 
 @dataclass(frozen=True)
@@ -69,20 +69,15 @@ class DepthEncoding:
 
 def encode_depth(depth_m: NDArray[np.floating[Any]], encoding: DepthEncoding) -> NDArray[np.uint8]:
     """(H, W) metres to (H, W) uint8; 0 and anything not finite is no reading."""
-    per_m = np.float32(1 / (encoding.far_m - encoding.near_m))
-    result = np.empty(depth_m.shape, np.uint8)
-    for start in range(0, len(depth_m), _ROWS_AT_ONCE):
-        part, out = depth_m[start : start + _ROWS_AT_ONCE], result[start : start + _ROWS_AT_ONCE]
-        grey = (part - encoding.near_m) * per_m
-        np.clip(grey, 0, 1, out=grey)
-        grey *= encoding.far_value - encoding.near_value
-        grey += encoding.near_value
-        with np.errstate(invalid="ignore"):  # of NaN: what is no reading is put right below
-            out[...] = np.rint(grey, out=grey)
-        valid = (np.isfinite(part) & (part > 0)).view(np.uint8)
-        out *= valid
-        out += (1 - valid) * np.uint8(encoding.invalid_value)
-    return result
+    metres = np.ascontiguousarray(depth_m, np.float32)
+    low, high = sorted((encoding.near_value, encoding.far_value))
+    per_m = (encoding.far_value - encoding.near_value) / (encoding.far_m - encoding.near_m)
+    offset = encoding.near_value - encoding.near_m * per_m
+    grey = cv2.addWeighted(metres, per_m, metres, 0.0, offset, dtype=cv2.CV_8U)
+    grey = np.clip(grey, low, high, out=grey)
+    reading = cv2.inRange(metres, _SMALLEST_M, _LARGEST_M)  # false of NaN and infinities
+    unknown = np.full(metres.shape, encoding.invalid_value, np.uint8)
+    return cast("NDArray[np.uint8]", cv2.copyTo(grey, reading, unknown))
 
 
 def decode_depth(grey: NDArray[np.uint8], encoding: DepthEncoding) -> NDArray[np.float32]:
