@@ -33,17 +33,23 @@ def load_model(checkpoint: Path) -> tuple[TreeRCNN, str]:
         MissingDependency: what exporting needs is not installed.
         CheckpointError: the checkpoint cannot be read.
     """
+    _require_training_side()
+    from perceptree.models import load_checkpoint
+
+    model, record = load_checkpoint(checkpoint)
+    return model, str(record.get("training", {}).get("data", "unknown"))
+
+
+def _require_training_side() -> None:
     try:
         import onnx  # noqa: F401
         import onnxscript  # noqa: F401
 
-        from perceptree.models import load_checkpoint
+        import perceptree.models  # noqa: F401
     except ImportError as error:
         raise MissingDependency(
             f"{error.name} is not installed: install edgetree[cpu,train,export]"
         ) from error
-    model, record = load_checkpoint(checkpoint)
-    return model, str(record.get("training", {}).get("data", "unknown"))
 
 
 def with_settings(model: TreeRCNN, settings: ExportSettings) -> TreeRCNN:
@@ -94,8 +100,9 @@ def untrained_model(preset: str, modality: str, settings: ExportSettings) -> Tre
     Its batch norms have the statistics of the package's sample frames, and its last layers are
     scaled on one of them. It costs what the trained network costs and finds nothing.
 
-    Raises SpecError for an unknown preset.
+    Raises SpecError for an unknown preset, MissingDependency where training is not installed.
     """
+    _require_training_side()
     import torch
 
     from perceptree.models import TreeRCNN, make_spec

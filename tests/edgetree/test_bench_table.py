@@ -257,3 +257,15 @@ def test_files_are_kept_in_the_users_cache(monkeypatch: pytest.MonkeyPatch, tmp_
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     assert cache_folder().parent == tmp_path / "edgetree"
     assert cache_folder().name.startswith("models-")
+
+
+def test_untrained_files_without_the_training_side_need_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from edgetree.errors import MissingDependency
+    from edgetree.export import export_preset
+
+    monkeypatch.setitem(sys.modules, "onnx", None)
+    with pytest.raises(MissingDependency, match=r"onnx is not installed: install edgetree\[cpu,tr"):
+        export_preset("edge-n", tmp_path / "model.onnx")
+    assert list(tmp_path.iterdir()) == []
