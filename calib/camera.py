@@ -1,4 +1,4 @@
-"""A pinhole camera with radial-tangential distortion."""
+"""A pinhole camera with radial-tangential or fisheye distortion."""
 
 from __future__ import annotations
 
@@ -10,7 +10,12 @@ from typing import Any
 from calib.errors import CameraError
 
 _ASPECT_TOLERANCE = 0.01
-_DISTORTION_TERMS = (0, 4, 5)
+RADTAN, FISHEYE = "radtan", "fisheye"
+_TERMS = {RADTAN: (0, 4, 5, 8), FISHEYE: (4,)}
+_NAMES = {
+    RADTAN: "none, 4 (k1 k2 p1 p2), 5 (and k3) or 8 (and k4 k5 k6)",
+    FISHEYE: "4 (k1 k2 k3 k4)",
+}
 
 
 @dataclass(frozen=True)
@@ -18,7 +23,9 @@ class PinholeCamera:
     """Intrinsics of an image of ``width`` x ``height`` px.
 
     ``fx``, ``fy``, ``cx``, ``cy`` in px follow OpenCV: pixel centres on whole numbers.
-    ``distortion`` holds none, four or five terms k1, k2, p1, p2, k3 of OpenCV's model.
+    ``distortion`` holds the terms of OpenCV's ``distortion_model``: none, four, five or eight of
+    k1, k2, p1, p2, k3, k4, k5, k6 of "radtan", or k1, k2, k3, k4 of "fisheye". ``focal_std_px``
+    is how well fx and fy are known; 0 where nobody said.
     Raises CameraError for values that no camera has.
     """
 
@@ -29,6 +36,8 @@ class PinholeCamera:
     cx: float
     cy: float
     distortion: tuple[float, ...] = ()
+    distortion_model: str = RADTAN
+    focal_std_px: float = 0.0
 
     def __post_init__(self) -> None:
         if self.width < 1 or self.height < 1:
@@ -41,13 +50,19 @@ class PinholeCamera:
             if not (math.isfinite(value) and -size <= value <= 2 * size):
                 raise CameraError(f"{name} is {value}: expected a point near the image, {size} px")
         object.__setattr__(self, "distortion", tuple(float(k) for k in self.distortion))
-        if len(self.distortion) not in _DISTORTION_TERMS:
+        if self.distortion_model not in _TERMS:
             raise CameraError(
-                f"distortion has {len(self.distortion)} terms: expected none, 4 (k1 k2 p1 p2)"
-                " or 5 (k1 k2 p1 p2 k3)"
+                f"distortion_model is {self.distortion_model!r}: expected {RADTAN} or {FISHEYE}"
+            )
+        if len(self.distortion) not in _TERMS[self.distortion_model]:
+            raise CameraError(
+                f"distortion has {len(self.distortion)} terms: expected"
+                f" {_NAMES[self.distortion_model]} of the {self.distortion_model} model"
             )
         if not all(math.isfinite(k) for k in self.distortion):
             raise CameraError(f"distortion is {self.distortion}: expected finite numbers")
+        if not (math.isfinite(self.focal_std_px) and self.focal_std_px >= 0):
+            raise CameraError(f"focal_std_px is {self.focal_std_px}: expected 0 or more")
 
     def scaled(self, width: int, height: int) -> PinholeCamera:
         """The same camera for the image resized to ``width`` x ``height``.
@@ -71,11 +86,17 @@ class PinholeCamera:
             fy=self.fy * sy,
             cx=sx * (self.cx + 0.5) - 0.5,
             cy=sy * (self.cy + 0.5) - 0.5,
+            focal_std_px=self.focal_std_px * sx,
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON-ready values."""
-        return {**asdict(self), "distortion": list(self.distortion)}
+        """JSON-ready values; the fields that most cameras lack only where they say something."""
+        values = {**asdict(self), "distortion": list(self.distortion)}
+        if self.distortion_model == RADTAN:
+            del values["distortion_model"]
+        if self.focal_std_px == 0:
+            del values["focal_std_px"]
+        return values
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> PinholeCamera:
@@ -94,7 +115,11 @@ class PinholeCamera:
             isinstance(k, int | float) for k in distortion
         ):
             raise CameraError(f"camera field distortion is {distortion!r}: expected numbers")
+        focal_std_px = values.get("focal_std_px", 0.0)
+        if isinstance(focal_std_px, bool) or not isinstance(focal_std_px, int | float):
+            raise CameraError(f"camera field focal_std_px is {focal_std_px!r}: expected a number")
         return cls(
             int(numbers["width"]), int(numbers["height"]), float(numbers["fx"]),
             float(numbers["fy"]), float(numbers["cx"]), float(numbers["cy"]), tuple(distortion),
+            str(values.get("distortion_model", RADTAN)), float(focal_std_px),
         )  # fmt: skip
