@@ -1,13 +1,47 @@
-"""Cameras and depth: intrinsics, projection, depth encodings, the ground. Knows no trees."""
+"""Cameras and depth: intrinsics, lenses, files, depth maps, the ground. Knows no trees."""
 
 from calib.camera import PinholeCamera
-from calib.depth import DepthEncoding, decode_depth, encode_depth, read_depth, write_depth
+from calib.depth import (
+    DepthEncoding,
+    DepthFailure,
+    DepthReport,
+    StereoNoise,
+    TofNoise,
+    check_depth,
+    decode_depth,
+    depth_to_disparity,
+    depth_to_range,
+    disparity_to_depth,
+    encode_depth,
+    mask_by_confidence,
+    range_to_depth,
+    read_depth,
+    write_depth,
+)
+from calib.depth_scale import (
+    DepthScale,
+    DepthScaleFailure,
+    TargetReadings,
+    fit_depth_scale,
+    load_depth_scale,
+    read_target,
+    save_depth_scale,
+)
 from calib.errors import CalibError, CameraError, DepthError, InputFileError
-from calib.files import load_camera, save_camera
-from calib.ground import CAMERA_UP, GroundPlane, GroundPlaneFailure, fit_ground_plane
+from calib.files import load_camera, load_transform, save_camera, save_transform
+from calib.ground import (
+    CAMERA_UP,
+    GroundPlane,
+    GroundPlaneFailure,
+    fit_ground_plane,
+    fit_ground_planes,
+)
 from calib.letterbox import Letterbox
 from calib.pixels import image_to_opencv, opencv_to_image
 from calib.points import depth_to_points, pixels_to_points, pixels_to_rays, project_points
+from calib.rectify import Rectification, rectify
+from calib.registration import register_depth
+from calib.transform import RigidTransform
 
 __all__ = [
     "CAMERA_UP",
@@ -15,22 +49,46 @@ __all__ = [
     "CameraError",
     "DepthEncoding",
     "DepthError",
+    "DepthFailure",
+    "DepthReport",
+    "DepthScale",
+    "DepthScaleFailure",
     "GroundPlane",
     "GroundPlaneFailure",
     "InputFileError",
     "Letterbox",
     "PinholeCamera",
+    "Rectification",
+    "RigidTransform",
+    "StereoNoise",
+    "TargetReadings",
+    "TofNoise",
+    "check_depth",
     "decode_depth",
+    "depth_to_disparity",
     "depth_to_points",
+    "depth_to_range",
+    "disparity_to_depth",
     "encode_depth",
+    "fit_depth_scale",
     "fit_ground_plane",
+    "fit_ground_planes",
     "image_to_opencv",
     "load_camera",
+    "load_depth_scale",
+    "load_transform",
+    "mask_by_confidence",
     "opencv_to_image",
     "pixels_to_points",
     "pixels_to_rays",
     "project_points",
+    "range_to_depth",
     "read_depth",
+    "read_target",
+    "rectify",
+    "register_depth",
     "save_camera",
+    "save_depth_scale",
+    "save_transform",
     "write_depth",
 ]

@@ -89,6 +89,19 @@ class PinholeCamera:
             focal_std_px=self.focal_std_px * sx,
         )
 
+    def cropped(self, x_px: int, y_px: int, width: int, height: int) -> PinholeCamera:
+        """The same camera for the part of the image whose first pixel is (``x_px``, ``y_px``).
+
+        Raises CameraError where the part does not lie within the image.
+        """
+        inside = x_px >= 0 and y_px >= 0 and width >= 1 and height >= 1
+        if not inside or x_px + width > self.width or y_px + height > self.height:
+            raise CameraError(
+                f"the part is {width}x{height} px at ({x_px}, {y_px}): expected one within the"
+                f" camera's {self.width}x{self.height}"
+            )
+        return replace(self, width=width, height=height, cx=self.cx - x_px, cy=self.cy - y_px)
+
     def to_dict(self) -> dict[str, Any]:
         """JSON-ready values; the fields that most cameras lack only where they say something."""
         values = {**asdict(self), "distortion": list(self.distortion)}

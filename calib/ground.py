@@ -11,21 +11,24 @@ from numpy.typing import ArrayLike, NDArray
 from calib.errors import CalibError
 
 Float = NDArray[np.floating[Any]]
+Flags = NDArray[np.bool_]
 
 CAMERA_UP = (0.0, -1.0, 0.0)
 _LEAST_POINTS = 12
-_TRIALS = 120
+_TRIALS = 100
 _LEAST_INLIERS = 0.3
 _REFINEMENTS = 3
 _NARROWEST = 0.01
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class GroundPlane:
     """Points p with ``normal`` . p + ``offset_m`` = 0 in the camera frame.
 
     ``normal`` (3,) is a unit vector pointing up; ``residual_std_m`` the spread of the inliers
-    about the plane; ``inlier_fraction`` their share of the points given; ``points`` their number.
+    about the plane; ``inlier_fraction`` their share of the points given; ``points`` their number,
+    of which ``independent_points`` err independently. The inliers lie around ``centre_m`` (3,),
+    spread by ``extents_m`` (2,) along the plane's directions ``axes`` (2, 3).
     """
 
     normal: Float
@@ -33,10 +36,32 @@ class GroundPlane:
     residual_std_m: float
     inlier_fraction: float
     points: int
+    independent_points: float
+    centre_m: Float
+    axes: Float
+    extents_m: Float
 
     def height_m(self, points_m: ArrayLike) -> Float:
         """(...) metres above the plane, across it, of (..., 3) camera points."""
         return np.asarray(np.asarray(points_m, np.float64) @ self.normal + self.offset_m)
+
+    def height_std_m(self, points_m: ArrayLike) -> Float:
+        """(...) standard deviation of the plane's own height under (..., 3) camera points.
+
+        That of a regression plane: residual * sqrt((1 + (u / su)² + (v / sv)²) / n), with the
+        place u, v along the axes and the points' extents there.
+        """
+        place = (np.asarray(points_m, np.float64) - self.centre_m) @ self.axes.T
+        leverage = 1 + ((place / self.extents_m) ** 2).sum(-1)
+        return np.asarray(self.residual_std_m * np.sqrt(leverage / self.independent_points))
+
+    @property
+    def tilt_std_deg(self) -> float:
+        """Standard deviation of the normal's direction, in the worse of its two."""
+        least = float(self.extents_m.min())
+        return float(
+            np.degrees(self.residual_std_m / (least * np.sqrt(self.independent_points)))
+        )
 
 
 @dataclass(frozen=True)
@@ -57,40 +82,74 @@ def fit_ground_plane(
 ) -> GroundPlane | GroundPlaneFailure:
     """Fit a plane to (N, 3) camera points: random samples of three, then least squares.
 
-    ``up`` (3,) is the direction away from gravity in the camera frame (default: the camera's own
-    up); planes steeper than ``max_slope_deg`` against it are not ground. ``tolerance_m`` is how
-    far a point may lie from the plane to support it. Deterministic. Returns a falsy
-    GroundPlaneFailure where there are too few points or no plane holds a third of them. Raises
-    CalibError where ``up`` is no direction.
+    ``up`` (3,) is the direction away from gravity in the camera frame, from an IMU or the
+    mounting (default: the camera's own up); planes steeper than ``max_slope_deg`` against it are
+    not ground. ``tolerance_m`` is how far a point may lie from the plane to support it.
+    Deterministic. Returns a falsy GroundPlaneFailure where there are too few points or no plane
+    holds a third of them. Raises CalibError where ``up`` is no direction.
     """
-    points = np.asarray(points_m, np.float64).reshape(-1, 3)
-    points = points[np.isfinite(points).all(1)]
-    if len(points) < _LEAST_POINTS:
-        return GroundPlaneFailure(f"{len(points)} ground points, expected at least {_LEAST_POINTS}")
+    points = np.asarray(points_m, np.float64).reshape(1, -1, 3)
+    usable = np.isfinite(points).all(2)
+    return fit_ground_planes(points, usable, up, max_slope_deg, tolerance_m)[0]
+
+
+def fit_ground_planes(
+    points_m: Float,
+    usable: Flags,
+    up: ArrayLike | None = None,
+    max_slope_deg: float = 45.0,
+    tolerance_m: float = 0.06,
+    points_per_error: float = 1.0,
+) -> list[GroundPlane | GroundPlaneFailure]:
+    """``fit_ground_plane`` for (T, N, 3) points of T places at once, of which (T, N) are usable.
+
+    ``points_per_error`` is how many neighbours share one error of the sensor.
+    """
     vertical = _direction(CAMERA_UP if up is None else up)
     least_cosine = float(np.cos(np.radians(max_slope_deg)))
-    support = _best_support(points, vertical, least_cosine, tolerance_m)
-    if support is None:
-        return GroundPlaneFailure(f"no plane flatter than {max_slope_deg:g} degrees")
-    normal, offset = np.zeros(3), 0.0
+    points = np.where(usable[..., None], points_m, 0.0)
+    count = usable.sum(1)
+    support, flat = _best_support(points, usable, vertical, least_cosine, tolerance_m)
     for _ in range(_REFINEMENTS):
-        centre = points[support].mean(0)
-        offsets = points[support] - centre
-        squared_spreads, directions = np.linalg.eigh(offsets.T @ offsets)
-        if squared_spreads[1] < _NARROWEST**2 * squared_spreads[2]:
-            return GroundPlaneFailure("the ground points lie on one line")
-        normal = directions[:, 0] * np.sign(directions[:, 0] @ vertical or 1.0)
-        offset = float(-normal @ centre)
-        support = np.abs(points @ normal + offset) < tolerance_m
-        fraction = float(support.mean())
-        if fraction < _LEAST_INLIERS:
-            return GroundPlaneFailure(
-                f"the best plane holds {fraction:.0%} of the points, expected {_LEAST_INLIERS:.0%}"
-            )
-    if normal @ vertical < least_cosine:
-        return GroundPlaneFailure(f"no plane flatter than {max_slope_deg:g} degrees")
-    spread = float(np.std(points[support] @ normal + offset))
-    return GroundPlane(normal, offset, spread, float(support.mean()), int(support.sum()))
+        centre, squares, axes = _spread(points, support)
+        normal = axes[:, :, 0] * np.where(axes[:, :, 0] @ vertical < 0, -1.0, 1.0)[:, None]
+        offset = -(normal * centre).sum(1)
+        away = np.matmul(points, normal[..., None])[..., 0] + offset[:, None]
+        support = usable & (np.abs(away) < tolerance_m)
+    held = support.sum(1)
+    share = held / np.maximum(count, 1)
+    planes: list[GroundPlane | GroundPlaneFailure] = []
+    for place in range(len(points)):
+        lined = squares[place, 1] < _NARROWEST**2 * squares[place, 2]
+        slope_ok = flat[place] and normal[place] @ vertical >= least_cosine
+        reason = _refusal(int(count[place]), bool(slope_ok), bool(lined), share[place], max_slope_deg)
+        if reason is not None:
+            planes.append(GroundPlaneFailure(reason))
+            continue
+        residual = float(np.sqrt(np.mean(away[place][support[place]] ** 2)))
+        planes.append(
+            GroundPlane(
+                normal[place], float(offset[place]), residual, float(share[place]),
+                int(held[place]), max(float(held[place]) / points_per_error, 1.0),
+                centre[place], axes[place, :, 1:].T, np.sqrt(squares[place, 1:]),
+            )  # fmt: skip
+        )
+    return planes
+
+
+def _refusal(
+    count: int, flat: bool, lined: bool, share: float, max_slope_deg: float
+) -> str | None:
+    """Why there is no plane, if so."""
+    if count < _LEAST_POINTS:
+        return f"{count} ground points, expected at least {_LEAST_POINTS}"
+    if lined:
+        return "the ground points lie on one line"
+    if not flat:
+        return f"no plane flatter than {max_slope_deg:g} degrees"
+    if share < _LEAST_INLIERS:
+        return f"the best plane holds {share:.0%} of the points, expected {_LEAST_INLIERS:.0%}"
+    return None
 
 
 def _direction(up: ArrayLike) -> Float:
@@ -102,20 +161,35 @@ def _direction(up: ArrayLike) -> Float:
     return vertical / length
 
 
+def _spread(points: Float, support: Flags) -> tuple[Float, Float, Float]:
+    """Centres (T, 3) of the supporting points, their mean squares (T, 3) along the axes, from
+    least to most, and the axes (T, 3, 3) in columns.
+    """
+    weight = support / np.maximum(support.sum(1, keepdims=True), 1)
+    centre = np.matmul(weight[:, None], points)[:, 0]
+    offset = np.where(support[..., None], points - centre[:, None], 0.0)
+    scatter = np.matmul((offset * weight[..., None]).transpose(0, 2, 1), offset)
+    squares, axes = np.linalg.eigh(scatter)
+    return centre, np.maximum(squares, 1e-18), axes
+
+
 def _best_support(
-    points: Float, vertical: Float, least_cosine: float, tolerance_m: float
-) -> NDArray[np.bool_] | None:
-    """Which points lie near the best of many planes through three of them; None without any."""
-    rng = np.random.default_rng(0)
-    a, b, c = points[rng.integers(len(points), size=(3, _TRIALS))]
+    points: Float, usable: Flags, vertical: Float, least_cosine: float, tolerance_m: float
+) -> tuple[Flags, Flags]:
+    """(T, N) which points lie near the best of many planes through three of them, and (T,)
+    whether any of these planes was flat enough.
+    """
+    order = np.argsort(~usable, axis=1, kind="stable")
+    count = np.maximum(usable.sum(1), 1)
+    draw = np.random.default_rng(0).random((len(points), 3 * _TRIALS))
+    picked = np.take_along_axis(order, (draw * count[:, None]).astype(np.intp), 1)
+    a, b, c = np.split(np.take_along_axis(points, picked[..., None], 1), 3, axis=1)
     normals = np.cross(b - a, c - a)
-    length = np.linalg.norm(normals, axis=1)
-    usable = length > 1e-9
-    normals = normals[usable] / length[usable, None]
+    length = np.linalg.norm(normals, axis=2, keepdims=True)
+    normals = normals / np.where(length > 1e-9, length, np.inf)
     flat = np.abs(normals @ vertical) >= least_cosine
-    if not flat.any():
-        return None
-    normals, through = normals[flat], a[usable][flat]
-    distance = np.abs(points @ normals.T - (through * normals).sum(1))
-    near = distance < tolerance_m
-    return np.asarray(near[:, np.argmax(near.sum(0))])
+    through = (normals * a).sum(2)
+    distance = np.abs(np.matmul(normals, points.transpose(0, 2, 1)) - through[..., None])
+    near = (distance < tolerance_m) & usable[:, None] & flat[..., None]
+    best = near.sum(2).argmax(1)
+    return near[np.arange(len(points)), best], flat.any(1)

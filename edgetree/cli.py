@@ -8,9 +8,11 @@ import sys
 import typer
 
 from edgetree.commands.bench import bench
+from edgetree.commands.calibrate import calibrate
 from edgetree.commands.demo import demo
 from edgetree.commands.doctor import doctor
 from edgetree.commands.export import export
+from edgetree.commands.measure import measure
 from edgetree.commands.run import run
 from edgetree.commands.verify import verify
 from edgetree.console import note
@@ -26,6 +28,8 @@ app = typer.Typer(
 )
 app.command()(demo)
 app.command()(run)
+app.command()(measure)
+app.command()(calibrate)
 app.command()(bench)
 app.command()(export)
 app.command()(verify)

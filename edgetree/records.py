@@ -17,9 +17,9 @@ def frame_record(result: FrameResult) -> dict[str, Any]:
     """One frame as a JSON object.
 
     Pixels are continuous image coordinates, (0, 0) at the outer corner of the first pixel.
-    `box_px` is x0, y0, x1, y1; a keypoint is x, y and a score; `mask_rle` is a compressed COCO
-    mask of the image's size. `metres` holds the measurement, or is null, and then `metres_need`
-    says what to add.
+    `tree` is the number in tables and pictures. `box_px` is x0, y0, x1, y1; a keypoint is x, y
+    and a score; `mask_rle` is a compressed COCO mask of the image's size. `metres` holds the
+    measurement, or is null, and then `metres_need` says what to add.
     """
     trees = result.trees
     record: dict[str, Any] = {
@@ -39,6 +39,7 @@ def frame_record(result: FrameResult) -> dict[str, Any]:
 def _tree_record(result: FrameResult, index: int) -> dict[str, Any]:
     trees = result.trees
     record: dict[str, Any] = {
+        "tree": result.found.numbers[index],
         "score": _rounded(trees.scores[index], 4),
         "box_px": [_rounded(value, 2) for value in trees.boxes_px[index]],
     }
@@ -47,8 +48,9 @@ def _tree_record(result: FrameResult, index: int) -> dict[str, Any]:
             name: [_rounded(x, 2), _rounded(y, 2), _rounded(score, 4)]
             for name, (x, y, score) in zip(KEYPOINT_NAMES, trees.keypoints_px[index], strict=True)
         }
-    if trees.masks is not None:
-        record["mask_rle"] = encode_rle(trees.mask(index))
+    mask = result.found.mask(index)
+    if mask is not None:
+        record["mask_rle"] = encode_rle(mask)
     record["metres"] = None
     if result.measurements is not None:
         record["metres"] = result.measurements[index].to_dict()

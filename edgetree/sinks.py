@@ -1,26 +1,76 @@
-"""Where results go: JSON lines, and drawn pictures."""
+"""Where results go: JSON lines, rows of a table, and drawn pictures."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any, Final, TextIO
 
 import cv2
 
 from edgetree.draw import draw_trees, picture_of_depth
 from edgetree.errors import InputError
-from edgetree.labels import tree_labels
+from edgetree.ink import Picture
+from edgetree.labels import cut_marks, numbered, tree_labels
 from edgetree.outputs import replacing
 from edgetree.pipeline import FrameResult
 
-__all__ = ["write_json_line", "write_picture"]
+__all__ = [
+    "PICTURE_SUFFIXES",
+    "draw_frame",
+    "encode_picture",
+    "text_file",
+    "write_json_line",
+    "write_picture",
+]
+
+PICTURE_SUFFIXES: Final = (".jpg", ".jpeg", ".png")
+
+
+@contextmanager
+def text_file(path: Path) -> Iterator[TextIO]:
+    """A file that appears when all of its lines are in it; they end as they are written."""
+    with (
+        replacing(path) as temporary,
+        temporary.open("w", encoding="utf-8", newline="") as stream,
+    ):
+        yield stream
 
 
 def write_json_line(stream: TextIO, record: dict[str, Any]) -> None:
     """Write one record on one line, at once, so that a program that reads along gets it now."""
     stream.write(json.dumps(record, allow_nan=False) + "\n")
     stream.flush()
+
+
+def draw_frame(result: FrameResult) -> Picture:
+    """A frame with its trees, their numbers and what was measured of them.
+
+    Raises:
+        InputError: there is nothing to draw on.
+    """
+    frame, found = result.frame, result.found
+    picture = frame.image
+    if picture is None and frame.depth_m is not None:
+        picture = picture_of_depth(frame.depth_m)
+    if picture is None:
+        raise InputError(f"frame {frame.name} has neither image nor depth: nothing to draw on")
+    measurements, camera = result.measurements, result.camera
+    return draw_trees(
+        picture,
+        found.trees,
+        numbered(tree_labels(found.trees, measurements), found.numbers),
+        masks=None if found.masks is None else list(found.masks),
+        cuts=None if measurements is None or camera is None else cut_marks(measurements, camera),
+    )
+
+
+def encode_picture(picture: Picture, suffix: str) -> bytes:
+    """A picture as the content of a file with one of `PICTURE_SUFFIXES`."""
+    quality = [] if suffix == ".png" else [cv2.IMWRITE_JPEG_QUALITY, 92]
+    return cv2.imencode(suffix, picture, quality)[1].tobytes()
 
 
 def write_picture(folder: Path, result: FrameResult) -> Path:
@@ -32,16 +82,8 @@ def write_picture(folder: Path, result: FrameResult) -> Path:
     Raises:
         InputError: it cannot be written.
     """
-    frame = result.frame
-    picture = frame.image
-    if picture is None and frame.depth_m is not None:
-        picture = picture_of_depth(frame.depth_m)
-    if picture is None:
-        raise InputError(f"frame {frame.name} has neither image nor depth: nothing to draw on")
-    labels = tree_labels(result.trees, result.measurements)
-    drawn = draw_trees(picture, result.trees, labels)
-    _, data = cv2.imencode(".jpg", drawn, [cv2.IMWRITE_JPEG_QUALITY, 92])
-    path = folder / f"{frame.name}_trees.jpg"
+    path = folder / f"{result.frame.name}_trees.jpg"
+    data = encode_picture(draw_frame(result), path.suffix)
     with replacing(path) as temporary:
-        temporary.write_bytes(data.tobytes())
+        temporary.write_bytes(data)
     return path

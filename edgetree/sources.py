@@ -6,25 +6,28 @@ from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Final, Protocol
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-import calib
 from edgetree.errors import InputError
+from edgetree.rig import Rig
 
 __all__ = [
+    "DEPTH_SUFFIXES",
     "IMAGE_SUFFIXES",
     "VIDEO_SUFFIXES",
     "Frame",
     "FrameSource",
+    "is_cut_off",
     "open_source",
     "read_image",
 ]
 
 IMAGE_SUFFIXES: Final = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
+DEPTH_SUFFIXES: Final = (".png", ".tif", ".tiff", ".npy")
 VIDEO_SUFFIXES: Final = (".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".wmv")
 
 
@@ -36,7 +39,9 @@ class Frame:
         name: the file's stem, or a video's with the frame's number; good as a file name.
         path: the file it comes from.
         image: (H, W, 3) uint8 BGR; None if the source is depth alone.
-        depth_m: (H, W) float32 metres along the optical axis, 0.0 = no reading; None without depth.
+        depth_m: (H, W) float32 metres along the optical axis, 0.0 = no reading, in the image's
+            pixels; None without depth.
+        depth_fault: why that depth is not to be believed; None if it may be.
         time_s: position in a video, else None.
     """
 
@@ -44,6 +49,7 @@ class Frame:
     path: Path
     image: NDArray[np.uint8] | None
     depth_m: NDArray[np.float32] | None = None
+    depth_fault: str | None = None
     time_s: float | None = None
 
 
@@ -57,26 +63,31 @@ class FrameSource(Protocol):
     def __iter__(self) -> Iterator[Frame]: ...
 
 
-def open_source(path: Path, depth: Path | None = None, *, depth_only: bool = False) -> FrameSource:
+def open_source(
+    path: Path, depth: Path | None = None, *, depth_only: bool = False, rig: Rig | None = None
+) -> FrameSource:
     """Find out what `path` is.
 
     Args:
         path: an image, a folder of images, or a video.
         depth: for an image its depth image, for a folder a folder of depth images with the same
-            stems; 16-bit PNGs in millimetres, 0 = no reading.
+            stems.
         depth_only: `path` itself holds such depth images, and no others.
+        rig: what took them, and the unit of the depth; without, it is millimetres in the image's
+            own pixels.
 
     Raises:
         InputError: a file is missing or of another kind. Images are read when their turn comes.
     """
+    rig = rig or Rig()
     if path.is_dir():
-        return _FolderFrames(path, depth, depth_only)
+        return _FolderFrames(path, depth, depth_only, rig)
     if not path.exists():
         raise InputError(f"source {path} is not there: expected an image, a folder or a video")
     if path.suffix.lower() in IMAGE_SUFFIXES or cv2.haveImageReader(str(path)):
         if depth is not None and not depth.is_file():
             raise InputError(f"depth {depth} is no file: expected the depth image of {path}")
-        return _ImageFrames([(path.stem, path, depth)], depth_only)
+        return _ImageFrames([(path.stem, path, depth)], depth_only, rig)
     if depth is not None or depth_only:
         raise InputError(f"source {path} is no image: expected an image or a folder, to have depth")
     return _VideoFrames(path)
@@ -93,9 +104,7 @@ def read_image(path: Path) -> NDArray[np.uint8]:
         data = np.fromfile(path, dtype=np.uint8)
     except OSError as error:
         raise InputError(f"image {path} cannot be read ({error.strerror}): {expected}") from error
-    image = (
-        None if _is_cut_off(data) else cv2.imdecode(data, cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR)
-    )
+    image = None if is_cut_off(data) else cv2.imdecode(data, cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR)
     if image is None:
         raise InputError(f"image {path} cannot be read ({data.size} bytes): {expected}")
     if image.dtype != np.uint8:
@@ -106,7 +115,7 @@ def read_image(path: Path) -> NDArray[np.uint8]:
     return np.asarray(image, dtype=np.uint8)
 
 
-def _is_cut_off(data: NDArray[np.uint8]) -> bool:
+def is_cut_off(data: NDArray[np.uint8]) -> bool:
     """Whether the file is empty, or a PNG without its end, of which OpenCV would make half."""
     content = data[:8].tobytes()
     return not content or (content.startswith(b"\x89PNG") and b"IEND" not in data[-64:].tobytes())
@@ -115,9 +124,12 @@ def _is_cut_off(data: NDArray[np.uint8]) -> bool:
 class _ImageFrames:
     """Image files, each with its name and, maybe, its depth image."""
 
-    def __init__(self, files: list[tuple[str, Path, Path | None]], depth_only: bool) -> None:
+    def __init__(
+        self, files: list[tuple[str, Path, Path | None]], depth_only: bool, rig: Rig
+    ) -> None:
         self._files = files
         self._depth_only = depth_only
+        self._rig = rig
 
     @property
     def count(self) -> int:
@@ -126,22 +138,20 @@ class _ImageFrames:
     def __iter__(self) -> Iterator[Frame]:
         for name, path, depth in self._files:
             if self._depth_only:
-                yield Frame(name, path, None, calib.read_depth(depth or path))
+                yield Frame(name, path, None, *self._rig.read_depth(depth or path))
                 continue
             image = read_image(path)
-            depth_m = None if depth is None else calib.read_depth(depth)
-            if depth_m is not None and depth_m.shape != image.shape[:2]:
-                raise InputError(
-                    f"depth {depth} is {_size_of(depth_m)}:"
-                    f" expected {_size_of(image)}, as image {path}"
-                )
-            yield Frame(name, path, image, depth_m)
+            if depth is None:
+                yield Frame(name, path, image)
+                continue
+            size_px = (image.shape[1], image.shape[0])
+            yield Frame(name, path, image, *self._rig.read_depth(depth, path, size_px))
 
 
 class _FolderFrames(_ImageFrames):
     """The images of a folder by name, with those of the same stem in a depth folder."""
 
-    def __init__(self, folder: Path, depth: Path | None, depth_only: bool) -> None:
+    def __init__(self, folder: Path, depth: Path | None, depth_only: bool, rig: Rig) -> None:
         paths = sorted(
             path
             for path in folder.iterdir()
@@ -157,7 +167,7 @@ class _FolderFrames(_ImageFrames):
         stems = [path.stem for path in paths]
         names = [path.stem if stems.count(path.stem) == 1 else path.name for path in paths]
         mates = _depth_mates(paths, depth)
-        super().__init__(list(zip(names, paths, mates, strict=True)), depth_only)
+        super().__init__(list(zip(names, paths, mates, strict=True)), depth_only, rig)
 
 
 def _depth_mates(paths: list[Path], depth: Path | None) -> list[Path | None]:
@@ -165,11 +175,19 @@ def _depth_mates(paths: list[Path], depth: Path | None) -> list[Path | None]:
         return [None] * len(paths)
     if not depth.is_dir():
         raise InputError(f"depth {depth} is no folder: expected one, as for {paths[0].parent}")
-    mates = [depth / f"{path.stem}.png" for path in paths]
-    for path, mate in zip(paths, mates, strict=True):
-        if not mate.is_file():
-            raise InputError(f"depth image {mate} is not there: expected one for image {path}")
-    return list(mates)
+    return [_depth_mate(path, depth) for path in paths]
+
+
+def _depth_mate(path: Path, depth: Path) -> Path:
+    """The depth file of an image's stem."""
+    mates = [depth / f"{path.stem}{suffix}" for suffix in DEPTH_SUFFIXES]
+    for mate in mates:
+        if mate.is_file():
+            return mate
+    raise InputError(
+        f"depth image {mates[0]} is not there, nor with {', '.join(DEPTH_SUFFIXES[1:])}: expected"
+        f" one for image {path}"
+    )
 
 
 class _VideoFrames:
@@ -211,7 +229,3 @@ class _Capture:
 
     def close(self) -> None:
         self.video.release()
-
-
-def _size_of(image: NDArray[Any]) -> str:
-    return f"{image.shape[1]}x{image.shape[0]} px"

@@ -2,15 +2,46 @@
 
 from __future__ import annotations
 
+import shlex
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
 if TYPE_CHECKING:
+    from calib import PinholeCamera
+    from edgetree.measure import MeasureSettings
+    from edgetree.rig import Rig
     from edgetree.runtime import TreeDetector
 
-__all__ = ["Json", "Model", "Provider", "Strict", "Threads", "open_model"]
+__all__ = [
+    "CAMERA_FILES",
+    "Camera",
+    "Csv",
+    "Depth",
+    "DepthCamera",
+    "DepthExtrinsics",
+    "DepthScale",
+    "Json",
+    "Model",
+    "Mounting",
+    "Provider",
+    "RigOptions",
+    "ScoreThreshold",
+    "Strict",
+    "StumpHeight",
+    "Threads",
+    "Up",
+    "model_record",
+    "open_model",
+    "quoted",
+]
+
+CAMERA_FILES = (
+    "Of this project (calib.camera/1 JSON), ROS, OpenCV, Kalibr, CamOdoCal, RealSense or ZED;"
+    " NAME chooses among several cameras in one file."
+)
 
 Json: TypeAlias = Annotated[
     bool, typer.Option("--json", help="Print one JSON object on stdout, and nothing else there.")
@@ -36,6 +67,140 @@ Strict: TypeAlias = Annotated[
         help="Fail if --provider cannot be used, or let the processor take over with a warning.",
     ),
 ]
+ScoreThreshold: TypeAlias = Annotated[
+    float, typer.Option(min=0.0, max=1.0, help="Leave out trees with a lower score.")
+]
+Depth: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        help="Depth image of an image, or folder with one of the same stem for each image:"
+        " 16-bit PNG or TIFF in millimetres (or see --depth-scale), float TIFF or .npy in metres;"
+        " 0 = no reading. With a depth model and without this, the image itself is taken for depth."
+    ),
+]
+Camera: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE[:NAME]", help=f"Camera file, for metres. {CAMERA_FILES}"),
+]
+Up: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        metavar="X,Y,Z",
+        help="Direction away from gravity in the camera's frame (x right, y down, z forward), as"
+        " an IMU gives it; 0,-1,0 for a level camera. Without, the ground's plane stands in.",
+    ),
+]
+Mounting: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        help="File with the camera's place on its machine (x forward, y left, z up): cut points"
+        " in the machine's frame too."
+    ),
+]
+DepthCamera: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE[:NAME]",
+        help="Camera file of the depth, where another camera or lens took it; the depth is then"
+        " moved into the image's pixels.",
+    ),
+]
+DepthExtrinsics: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        help="File with the transform from the depth camera's frame to the image camera's; the"
+        " same frame if not given."
+    ),
+]
+DepthScale: TypeAlias = Annotated[
+    float | None,
+    typer.Option(
+        metavar="M_PER_UNIT", help="Metres of one unit of the depth files; 0.001 if not given."
+    ),
+]
+StumpHeight: TypeAlias = Annotated[
+    float | None,
+    typer.Option(metavar="M", help="Warn of felling cuts higher than this; 0.3 if not given."),
+]
+Csv: TypeAlias = Annotated[
+    Path | None, typer.Option(help="File for a table, one row per tree, units in the names.")
+]
+
+
+@dataclass(frozen=True)
+class RigOptions:
+    """What the user said of cameras and depth, as options of those names."""
+
+    camera: Path | None
+    up: str | None
+    mounting: Path | None
+    depth_camera: Path | None
+    depth_extrinsics: Path | None
+    depth_scale: float | None
+    stump_height: float | None
+
+    def rig(self, depth: Path | None) -> Rig:
+        """Read the files.
+
+        Args:
+            depth: where the depth images are; None if there are none beside the source.
+        """
+        from calib import load_transform
+        from edgetree.errors import InputError
+        from edgetree.rig import Rig
+
+        if depth is None and self.depth_camera is not None:
+            raise InputError("--depth-camera given without --depth: expected the depth it took")
+        depth_camera, moved, mounting = self.depth_camera, self.depth_extrinsics, self.mounting
+        rig = Rig(
+            camera=None if self.camera is None else _camera(self.camera),
+            up_camera=None if self.up is None else _direction(self.up),
+            mounting=None if mounting is None else load_transform(mounting),
+            depth_camera=None if depth_camera is None else _camera(depth_camera),
+            depth_extrinsics=None if moved is None else load_transform(moved),
+        )
+        return rig if self.depth_scale is None else replace(rig, depth_scale_m=self.depth_scale)
+
+    def settings(self) -> MeasureSettings | None:
+        """The settings of the measurement; None for the usual ones."""
+        from edgetree.measure import MeasureSettings
+
+        height_m = self.stump_height
+        return None if height_m is None else MeasureSettings(max_stump_height_m=height_m)
+
+    def words(self, depth: Path | None) -> str:
+        """The same options again, to be typed."""
+        given = {"depth": depth, **asdict(self)}
+        return "".join(
+            f" --{name.replace('_', '-')} {quoted(value)}"
+            for name, value in given.items()
+            if value is not None
+        )
+
+
+def quoted(value: object) -> str:
+    """A value as a shell takes it."""
+    return shlex.quote(str(value))
+
+
+def _camera(file: Path) -> PinholeCamera:
+    """The camera of a file, or of FILE:NAME."""
+    from calib import load_camera
+
+    path, colon, name = str(file).rpartition(":")
+    if colon and not file.exists() and Path(path).is_file():
+        return load_camera(path, name=name)
+    return load_camera(file)
+
+
+def _direction(text: str) -> tuple[float, float, float]:
+    from edgetree.errors import InputError
+
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError as error:
+        raise InputError(f"--up is {text!r}: expected three numbers, such as 0,-1,0") from error
+    return x, y, z
 
 
 def open_model(
@@ -59,3 +224,15 @@ def open_model(
         score_threshold=threshold,
     )
     return detector, path
+
+
+def model_record(detector: TreeDetector, path: Path) -> dict[str, Any]:
+    """Which model it was, JSON-ready."""
+    manifest = detector.manifest
+    return {
+        "path": str(path),
+        "name": manifest.name,
+        "modality": manifest.modality,
+        "precision": manifest.precision,
+        "provider": detector.session.provider,
+    }

@@ -11,7 +11,27 @@ from typing import TYPE_CHECKING, Annotated, Any, TextIO, TypeAlias
 
 import typer
 
-from edgetree.commands.options import Json, Model, Provider, Strict, Threads
+from edgetree.commands.options import (
+    Camera,
+    Csv,
+    Depth,
+    DepthCamera,
+    DepthExtrinsics,
+    DepthScale,
+    Json,
+    Model,
+    Mounting,
+    Provider,
+    RigOptions,
+    ScoreThreshold,
+    Strict,
+    StumpHeight,
+    Threads,
+    Up,
+    model_record,
+    open_model,
+    quoted,
+)
 from edgetree.console import note, print_json, track
 
 if TYPE_CHECKING:
@@ -24,45 +44,29 @@ __all__ = ["run"]
 _Source: TypeAlias = Annotated[
     Path, typer.Argument(metavar="SOURCE", help="An image, a folder of images, or a video.")
 ]
-_Depth: TypeAlias = Annotated[
-    Path | None,
-    typer.Option(
-        help="Depth image of an image, or folder with one of the same stem for each image:"
-        " 16-bit PNG, millimetres, 0 = no reading. With a depth model and without this,"
-        " SOURCE itself is taken for depth."
-    ),
-]
-_Camera: TypeAlias = Annotated[
-    Path | None, typer.Option(help="Camera file (calib.camera/1 JSON), for metres.")
-]
-_Up: TypeAlias = Annotated[
-    str | None,
-    typer.Option(
-        metavar="X,Y,Z",
-        help="Direction away from gravity in the camera's frame (x right, y down, z forward), as"
-        " an IMU gives it; 0,-1,0 for a level camera. Without, the ground's plane stands in.",
-    ),
-]
 _Out: TypeAlias = Annotated[
     Path | None, typer.Option(help="Folder for drawn pictures; made if needed.")
 ]
 _JsonLines: TypeAlias = Annotated[
     Path | None, typer.Option(help="File for the JSON lines, in place of stdout.")
 ]
-_ScoreThreshold: TypeAlias = Annotated[
-    float, typer.Option(min=0.0, max=1.0, help="Leave out trees with a lower score.")
-]
 
 
 def run(
     source: _Source,
     model: Model = "rgb",
-    depth: _Depth = None,
-    camera: _Camera = None,
-    up: _Up = None,
+    depth: Depth = None,
+    camera: Camera = None,
+    up: Up = None,
+    mounting: Mounting = None,
+    depth_camera: DepthCamera = None,
+    depth_extrinsics: DepthExtrinsics = None,
+    depth_scale: DepthScale = None,
+    stump_height: StumpHeight = None,
     out: _Out = None,
     jsonl: _JsonLines = None,
-    score_threshold: _ScoreThreshold = 0.5,
+    csv: Csv = None,
+    score_threshold: ScoreThreshold = 0.5,
     threads: Threads = None,
     provider: Provider = "cpu",
     strict: Strict = True,
@@ -73,8 +77,6 @@ def run(
     Prints one JSON line per frame: boxes, masks (COCO RLE) and keypoints in pixels, and with
     --depth and --camera the metres of each tree.
     """
-    from calib import load_camera
-    from edgetree.commands.options import open_model
     from edgetree.pipeline import process
     from edgetree.sources import open_source
 
@@ -82,25 +84,23 @@ def run(
         model, threads, score_threshold, provider=provider, strict=strict
     )
     depth_only = depth is None and detector.manifest.modality == "depth"
-    frames = open_source(source, depth, depth_only=depth_only)
-    lens = None if camera is None else load_camera(camera)
-    up_camera = None if up is None else _direction(up)
-    work = _Work(source, model, model_path, out, jsonl, as_json)
-    work.do(frames, lambda frame: process(frame, detector, lens, up_camera))
+    options = RigOptions(
+        camera, up, mounting, depth_camera, depth_extrinsics, depth_scale, stump_height
+    )
+    rig, settings = options.rig(depth), options.settings()
+    frames = open_source(source, depth, depth_only=depth_only, rig=rig)
+    seen = depth if depth is not None and detector.manifest.modality == "depth" else source
+    following = (
+        f"run {quoted(source)}{options.words(depth)} --model {quoted(model)} --out pictures"
+        if out is None
+        else f"bench {quoted(seen)} --model {quoted(model)}"
+    )
+    work = _Work(source, model_path, out, jsonl, csv, as_json, following)
+    work.do(frames, lambda frame: process(frame, detector, rig, settings))
     if as_json:
         print_json(work.to_dict(detector))
     for line in work.summary():
         note(line)
-
-
-def _direction(text: str) -> tuple[float, float, float]:
-    from edgetree.errors import InputError
-
-    try:
-        x, y, z = (float(part) for part in text.split(","))
-    except ValueError as error:
-        raise InputError(f"--up is {text!r}: expected three numbers, such as 0,-1,0") from error
-    return x, y, z
 
 
 @dataclass
@@ -108,25 +108,32 @@ class _Work:
     """What was asked for, and what has come of it so far."""
 
     source: Path
-    model: str
     model_path: Path
     out: Path | None
     jsonl: Path | None
+    csv: Path | None
     as_json: bool
+    following: str
     trees: int = 0
     times_ms: list[float] = field(default_factory=list)
     records: list[dict[str, Any]] = field(default_factory=list)
     metres_need: str | None = None
+    scaling: str | None = None
+    faults: list[str] = field(default_factory=list)
 
     def do(self, frames: FrameSource, examine: Callable[[Frame], FrameResult]) -> None:
         """Detect, measure and write frame by frame."""
+        from edgetree.csv_rows import write_header, write_rows
         from edgetree.outputs import output_folder
         from edgetree.records import frame_record
-        from edgetree.sinks import write_json_line, write_picture
+        from edgetree.sinks import text_file, write_json_line, write_picture
 
         with ExitStack() as stack:
             pictures = None if self.out is None else stack.enter_context(output_folder(self.out))
             stream = stack.enter_context(self._line_stream())
+            table = None if self.csv is None else stack.enter_context(text_file(self.csv))
+            if table is not None:
+                write_header(table)
             on_screen = not (self.jsonl or self.as_json) and sys.stdout.isatty()
             for frame in track(frames, "detecting", frames.count, shown=not on_screen):
                 result = examine(frame)
@@ -136,6 +143,8 @@ class _Work:
                     self.records.append(record)
                 if stream is not None:
                     write_json_line(stream, record)
+                if table is not None:
+                    write_rows(table, result)
                 if pictures is not None:
                     write_picture(pictures, result)
 
@@ -145,33 +154,30 @@ class _Work:
         if self.jsonl is None:
             yield None if self.as_json else sys.stdout
             return
-        from edgetree.outputs import replacing
+        from edgetree.sinks import text_file
 
-        with replacing(self.jsonl) as temporary, temporary.open("w", encoding="utf-8") as stream:
+        with text_file(self.jsonl) as stream:
             yield stream
 
     def _count(self, result: FrameResult) -> None:
         self.trees += len(result.trees)
         self.times_ms.append(result.detect_ms)
         self.metres_need = result.metres_need
+        self.scaling = result.scaling
+        if result.frame.depth_fault is not None:
+            self.faults.append(result.frame.depth_fault)
 
     def to_dict(self, detector: TreeDetector) -> dict[str, Any]:
         """The one object of --json."""
-        manifest = detector.manifest
         return {
             "schema": "edgetree.run/1",
             "source": str(self.source),
-            "model": {
-                "path": str(self.model_path),
-                "name": manifest.name,
-                "modality": manifest.modality,
-                "precision": manifest.precision,
-                "provider": detector.session.provider,
-            },
+            "model": model_record(detector, self.model_path),
             "score_threshold": detector.score_threshold,
             "frames": self.records,
             "pictures": None if self.out is None else str(self.out),
             "jsonl": None if self.jsonl is None else str(self.jsonl),
+            "csv": None if self.csv is None else str(self.csv),
         }
 
     def summary(self) -> Iterator[str]:
@@ -181,10 +187,11 @@ class _Work:
         yield f"{self.trees} trees in {frames} frame(s), {median_ms:.0f} ms each to detect"
         if self.metres_need is not None:
             yield f"metres {self.metres_need}"
-        if self.jsonl is not None:
-            yield f"JSON lines: {self.jsonl}"
-        if self.out is not None:
-            yield f"pictures: {self.out}"
-            yield f"next: edgetree bench {self.source} --model {self.model}"
-        else:
-            yield f"next: edgetree run {self.source} --model {self.model} --out pictures"
+        if self.scaling is not None:
+            yield self.scaling
+        if self.faults:
+            yield f"depth not to be believed in {len(self.faults)} frame(s): {self.faults[0]}"
+        for name, path in (("JSON lines", self.jsonl), ("table", self.csv), ("pictures", self.out)):
+            if path is not None:
+                yield f"{name}: {path}"
+        yield f"next: edgetree {self.following}"

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from edgetree.demo.comparison import FrameComparison, compare_trees
 from edgetree.demo.matching import Match, match_boxes
 from edgetree.demo.result import Picture
-from edgetree.detections import TreeDetections
 from edgetree.draw import draw_trees, picture_of_depth
-from edgetree.labels import tree_labels
+from edgetree.labels import cut_marks, numbered, tree_labels
 from edgetree.measure import measure_trees
 from edgetree.runtime import TreeDetector
 from edgetree.samples import SampleFrame
@@ -44,26 +43,17 @@ def examine(detector: TreeDetector, frame: SampleFrame) -> tuple[FrameComparison
     comparison = compare_trees(frame.name, truths, matches, trees.scores.tolist(), measurements)
     is_depth = detector.manifest.modality == "depth"
     base = picture_of_depth(depth_m) if is_depth else frame.image()
-    labels = _numbered(tree_labels(trees, measurements), matches)
-    return comparison, _picture(frame.name, detector.manifest.modality, base, trees, labels)
+    labels = numbered(tree_labels(trees, measurements), _numbers(len(trees), matches))
+    drawn = draw_trees(base, trees, labels, cuts=cut_marks(measurements, frame.camera))
+    return comparison, _picture(frame.name, detector.manifest.modality, drawn)
 
 
-def _numbered(labels: Sequence[Sequence[str]], matches: Sequence[Match]) -> list[list[str]]:
-    """Each detection's label, opened by its tree's number."""
+def _numbers(detections: int, matches: Sequence[Match]) -> list[str]:
+    """Each detection's tree, as the tables number it."""
     numbers = {match.detection: str(match.truth + 1) for match in matches}
-    return [
-        [f"{numbers.get(index, '?')}  {first}", *rest]
-        for index, (first, *rest) in enumerate(labels)
-    ]
+    return [numbers.get(index, "?") for index in range(detections)]
 
 
-def _picture(
-    name: str,
-    modality: str,
-    base: NDArray[np.uint8],
-    trees: TreeDetections,
-    labels: Sequence[Sequence[str]],
-) -> Picture:
-    drawn = draw_trees(base, trees, labels)
+def _picture(name: str, modality: str, drawn: NDArray[np.uint8]) -> Picture:
     data = cv2.imencode(".jpg", drawn, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes()
     return Picture(name, modality, data, drawn.shape[1], drawn.shape[0])

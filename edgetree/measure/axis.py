@@ -1,4 +1,4 @@
-"""The axis of a stem in the picture: the plane through the camera that holds it."""
+"""The axes of stems in the picture: the planes through the camera that hold them."""
 
 from __future__ import annotations
 
@@ -7,34 +7,35 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from edgetree.measure.section import AxisFrame, axis_frame
+from edgetree.measure.section import AxisFrames, axis_frames
 
-__all__ = ["fit_axis"]
+__all__ = ["fit_axes"]
 
 Float = NDArray[np.floating[Any]]
 
 
-def fit_axis(
+def fit_axes(
     rays: Float, std_rad: Float, up: Float, lean_std_rad: float
-) -> tuple[AxisFrame, float]:
-    """The plane through the camera nearest to the rays on the axis and to the vertical.
+) -> tuple[AxisFrames, Float]:
+    """The planes through the camera nearest to the rays on each axis and to the vertical.
 
     Args:
-        rays: (N, 3) rays to points of the axis, at least one.
-        std_rad: (N,) standard deviations of their angles.
+        rays: (T, N, 3) rays to points of the axes.
+        std_rad: (T, N) standard deviations of their angles; infinite for rays that say nothing.
         up: (3,) unit vector of the vertical, which a stem follows within `lean_std_rad`: where
             the rays lie too close together to tell the direction, it does.
 
     Returns:
-        The frame whose axis is, in that plane, nearest to the vertical; and the standard
-        deviation in radians of the axis' angle as seen, within the picture.
+        The frames whose axes are, in those planes, nearest to the vertical; and (T,) the standard
+        deviation in radians of each axis' angle as seen, within the picture.
     """
-    directions = rays / np.linalg.norm(rays, axis=1, keepdims=True)
-    directions = np.concatenate([directions, up[None]])
-    weight = 1 / np.append(std_rad, lean_std_rad) ** 2
-    scatter = (directions.T * weight) @ directions
-    normal = np.linalg.eigh(scatter)[1][:, 0]
-    frame = axis_frame(normal, up)
-    turned = np.stack([frame.along, frame.away])
-    covariance = np.linalg.inv(turned @ scatter @ turned.T)
-    return frame, float(np.sqrt(covariance[0, 0]))
+    directions = rays / np.linalg.norm(rays, axis=2, keepdims=True)
+    weight = 1 / std_rad**2
+    scatter = np.matmul((directions * weight[..., None]).transpose(0, 2, 1), directions)
+    scatter = scatter + np.outer(up, up) / lean_std_rad**2
+    normals = np.linalg.eigh(scatter)[1][:, :, 0]
+    frames = axis_frames(normals, up)
+    turned = np.stack([frames.along, frames.away], 1)
+    information = np.matmul(np.matmul(turned, scatter), turned.transpose(0, 2, 1))
+    determinant = information[:, 0, 0] * information[:, 1, 1] - information[:, 0, 1] ** 2
+    return frames, np.sqrt(information[:, 1, 1] / np.maximum(determinant, 1e-12))

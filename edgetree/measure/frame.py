@@ -1,27 +1,58 @@
-"""One frame as the measurement reads it: rays and depth of pixels, outside and inside stems."""
+"""One frame as the measurement looks at it: depth, masks and rays at points of the picture."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib import PinholeCamera, pixels_to_rays, project_points
+from calib import PinholeCamera, pixels_to_rays
 from edgetree.detections import TreeDetections
-from edgetree.measure.estimates import Failure
 from edgetree.measure.settings import MeasureSettings
-from edgetree.measure.stem import Readings
 
-__all__ = ["DepthFrame"]
+__all__ = ["DepthFrame", "MaskGrid"]
 
 Float = NDArray[np.floating[Any]]
 Mask = NDArray[np.bool_]
 
-_LEAST_SHARE = 0.05
-_MOST_READINGS = 800
-_MOST_GROUND_PIXELS = 1600
+_SHOWN = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class MaskGrid:
+    """A mask as probabilities (rows, columns) on equal cells over a box (4,), xyxy px."""
+
+    grid: NDArray[np.float32]
+    box_px: Float
+
+    @classmethod
+    def of_image(cls, mask: Mask) -> MaskGrid:
+        """From an (H, W) bool mask: its cells are the pixels around what it shows."""
+        rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
+        if not len(rows):
+            return cls(np.zeros((1, 1), np.float32), np.zeros(4))
+        y0, y1, x0, x1 = rows[0], rows[-1] + 1, columns[0], columns[-1] + 1
+        return cls(mask[y0:y1, x0:x1].astype(np.float32), np.array([x0, y0, x1, y1], np.float64))
+
+    @property
+    def cell_px(self) -> float:
+        """Width of a cell."""
+        return float(self.box_px[2] - self.box_px[0]) / self.grid.shape[1]
+
+    def at(self, xy_px: Float) -> Float:
+        """(...) probability at (..., 2) points of the picture, interpolated as masks are pasted."""
+        cells = np.array(self.grid.shape[::-1], np.float64)
+        size = self.box_px[2:] - self.box_px[:2]
+        if not (size > 0).all():
+            return np.zeros(xy_px.shape[:-1])
+        place = ((xy_px - self.box_px[:2]) * (cells / size) - 0.5).astype(np.float32)
+        flat = place.reshape(-1, xy_px.shape[-2], 2)
+        found = cv2.remap(self.grid, flat, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+        return np.asarray(found.reshape(xy_px.shape[:-1]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,78 +61,81 @@ class DepthFrame:
 
     Attributes:
         camera: of this size.
-        depth_m: (H, W) float32 metres, 0 where it has no reading.
-        masks: per tree its (H, W) pixels; None where the model gives none.
-        stems: (H, W) the pixels of any stem.
+        depth_m: (H, W) metres; 0, NaN and infinities where it has no reading.
+        masks: one for each of T trees; None where there are none.
         settings: assumptions of the measurement.
     """
 
     camera: PinholeCamera
-    depth_m: NDArray[np.float32]
-    masks: list[Mask] | None
-    stems: Mask
+    depth_m: Float
+    masks: list[MaskGrid] | None
     settings: MeasureSettings
 
     @classmethod
     def of(
         cls,
         trees: TreeDetections,
-        depth_m: NDArray[np.float32],
+        depth_m: Float,
         camera: PinholeCamera,
+        masks: Sequence[Mask] | NDArray[np.bool_] | None,
         settings: MeasureSettings,
     ) -> DepthFrame:
-        """Paste every mask once; readings that are not finite, or out of range, are none."""
-        usable = (depth_m > 0) & (depth_m <= settings.max_range_m)
-        stems = np.zeros(depth_m.shape, np.bool_)
-        masks = None
-        if trees.masks is not None:
-            masks = [trees.mask(index) for index in range(len(trees))]
-            for mask in masks:
-                stems |= mask
-        return cls(camera, np.where(usable, depth_m, np.float32(0)), masks, stems, settings)
+        """Take the masks of image size where there are some, else the grids of the detections."""
+        grids = None
+        if masks is not None:
+            grids = [MaskGrid.of_image(mask) for mask in masks]
+        elif trees.masks is not None:
+            boxes = trees.boxes_px.astype(np.float64)
+            grids = [MaskGrid(*pair) for pair in zip(trees.masks, boxes, strict=True)]
+        return cls(camera, depth_m, grids, settings)
 
-    def stem_readings(self, index: int, box_px: Float) -> Readings | Failure:
-        """Depth in the mask of a tree, or in its box where there are no masks."""
-        window = self._window(box_px)
-        inside = self.depth_m[window] > 0
-        if self.masks is not None:
-            mask = self.masks[index][window]
-            inside &= mask
-            # Of a stem without readings its mask still holds a few, of the ground and beside it.
-            if np.count_nonzero(inside) < _LEAST_SHARE * np.count_nonzero(mask):
-                return Failure("no depth on the stem")
-        step = max(1, int(np.sqrt(np.count_nonzero(inside) / _MOST_READINGS)))
-        rows, columns = np.nonzero(inside[::step, ::step])
-        cell_px = self.settings.depth_correlation_px / step
-        across = int(inside.shape[1] / cell_px) + 1
-        cell = (rows / cell_px).astype(np.intp) * across + (columns / cell_px).astype(np.intp)
-        return Readings(*self._look(window, rows * step, columns * step), cell)
+    def shown(self, xy_px: Float) -> Float:
+        """(T, ...) how much the mask of each tree shows at its own points (T, ..., 2)."""
+        if self.masks is None:
+            return np.ones(xy_px.shape[:-1])
+        return np.stack([mask.at(own) for mask, own in zip(self.masks, xy_px, strict=True)])
 
-    def ground_points(self, axis_point: Float, reach_m: float) -> Float:
-        """(N, 3) camera points outside the stems, around a point (3,) in the picture."""
-        if axis_point[2] <= 0:
-            return np.zeros((0, 3))
-        x, y = project_points(self.camera, axis_point)
-        reach_px = self.camera.fx * reach_m / axis_point[2]
-        window = self._window(np.array([x - reach_px, y - reach_px, x + reach_px, y + reach_px]))
-        depth_m = self.depth_m[window]
-        step = max(1, int(np.sqrt(depth_m.size / _MOST_GROUND_PIXELS)))
-        outside = (depth_m[::step, ::step] > 0) & ~self.stems[window][::step, ::step]
-        rows, columns = np.nonzero(outside)
-        rays, depths_m = self._look(window, rows * step, columns * step)
-        return np.asarray(rays * depths_m[:, None])
+    def on_any_stem(self, xy_px: Float) -> NDArray[np.bool_]:
+        """(T, N) whether points (T, N, 2) lie on the mask of any tree of the picture."""
+        result = np.zeros(xy_px.shape[:-1], np.bool_)
+        for mask in self.masks or ():
+            low, high = mask.box_px[:2], mask.box_px[2:]
+            rows = np.flatnonzero(((xy_px > low) & (xy_px < high)).all(-1).any(-1))
+            if len(rows):
+                result[rows] |= mask.at(xy_px[rows]) >= _SHOWN
+        return result
 
-    def _window(self, box_px: Float) -> tuple[slice, slice]:
-        """The pixels of the image that a box (4,) covers."""
-        height, width = self.depth_m.shape
-        x0, x1 = np.clip([np.floor(box_px[0]), np.ceil(box_px[2])], 0, width).astype(int)
-        y0, y1 = np.clip([np.floor(box_px[1]), np.ceil(box_px[3])], 0, height).astype(int)
-        return slice(y0, max(y0, y1)), slice(x0, max(x0, x1))
+    def inside(self, xy_px: Float, margin_px: Float | float = 0.0) -> NDArray[np.bool_]:
+        """(...) whether points (..., 2) lie in the picture, so far from its border."""
+        size = np.array([self.camera.width, self.camera.height])
+        with np.errstate(invalid="ignore"):
+            return np.asarray(((xy_px >= margin_px) & (xy_px <= size - margin_px)).all(-1))
 
-    def _look(
-        self, window: tuple[slice, slice], rows: NDArray[np.intp], columns: NDArray[np.intp]
-    ) -> tuple[Float, Float]:
-        """Rays (N, 3) and depth (N,) of pixels of a window."""
-        y, x = rows + window[0].start, columns + window[1].start
-        rays = pixels_to_rays(self.camera, np.stack([x, y], -1) + 0.5)
-        return rays, self.depth_m[y, x].astype(np.float64)
+    def readings(self, xy_px: Float) -> tuple[Float, Float]:
+        """Rays (..., 3) through the pixels under points (..., 2), and their depth (...), 0 where
+        there is none, or none in range.
+        """
+        pixel = self._pixels(xy_px)
+        return pixels_to_rays(self.camera, pixel + 0.5), self._depth_m(xy_px, pixel)
+
+    def depth_at(self, xy_px: Float) -> Float:
+        """(...) depth of the pixels under points (..., 2), as `readings` gives it."""
+        return self._depth_m(xy_px, self._pixels(xy_px))
+
+    def _pixels(self, xy_px: Float) -> NDArray[np.intp]:
+        limit = np.array([self.camera.width - 1, self.camera.height - 1])
+        return np.clip(np.nan_to_num(xy_px), 0, limit).astype(np.intp)
+
+    def _depth_m(self, xy_px: Float, pixel: NDArray[np.intp]) -> Float:
+        depth_m = self.depth_m[pixel[..., 1], pixel[..., 0]].astype(np.float64)
+        usable = self.inside(xy_px) & (depth_m > 0) & (depth_m <= self.settings.max_range_m)
+        return np.where(usable, depth_m, 0.0)
+
+    def mask_std_px(self) -> Float:
+        """(T,) error of an edge of each mask."""
+        cells = np.array([mask.cell_px for mask in self.masks or ()])
+        return np.hypot(self.settings.mask_std_px, self.settings.mask_spread * cells)
+
+    def rays(self, xy_px: Float) -> Float:
+        """(..., 3) rays with z = 1 through points (..., 2)."""
+        return pixels_to_rays(self.camera, xy_px)

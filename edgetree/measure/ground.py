@@ -1,4 +1,4 @@
-"""The ground around a stem's base, and heights above it."""
+"""The ground around the stems' bases, and heights above it."""
 
 from __future__ import annotations
 
@@ -8,26 +8,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calib import GroundPlane, GroundPlaneFailure, fit_ground_plane
+from calib import CAMERA_UP, GroundPlane, GroundPlaneFailure, fit_ground_planes, project_points
 from edgetree.measure.estimates import Estimate, Failure
-from edgetree.measure.settings import MeasureSettings
+from edgetree.measure.frame import DepthFrame
 
-__all__ = ["GROUND_REACHES_M", "BaseGround", "fit_base_ground"]
+__all__ = ["BaseGround", "find_grounds"]
 
 Float = NDArray[np.floating[Any]]
 
 # Ground is looked for this far around the stem; only where that is hidden, further away, since
 # the ground is no plane and heights err with the distance.
-GROUND_REACHES_M = (0.6, 1.4)
+_REACHES_M = (0.6, 1.4)
 # How far above and below the felling cut ground may lie.
 _ABOVE_CUT_M = 0.3
 _BELOW_CUT_M = 1.5
-_MOST_POINTS = 400
+_GRID = 26
+_MOST_POINTS = 220
 _TOLERANCE_M = 0.05
 # The plane is never known better: litter, moss and roots lie on it.
 _LITTER_STD_M = 0.02
-# Points of one patch err together; so many points count as one.
-_POINTS_PER_READING = 8.0
+_POINTS_PER_ERROR = 8.0
 _LEAST_MEETING = 0.2
 
 
@@ -38,12 +38,16 @@ class BaseGround:
     Attributes:
         plane: fitted to the depth around the base.
         up: (3,) unit vector away from gravity, in the camera's frame.
+        reach_m: how far around the stem it was looked at.
+        level: whether the plane's own normal stands in for the vertical.
     """
 
     plane: GroundPlane
     up: Float
+    reach_m: float
+    level: bool
 
-    def cut_height_m(
+    def height_m(
         self, axis_point: Float, along: Float, radius_m: float, axis_std_m: float
     ) -> Estimate | Failure:
         """Height of a point (3,) of the axis above the ground on the stem's uphill side.
@@ -51,44 +55,108 @@ class BaseGround:
         The axis, (3,) unit `along`, is followed to the ground; there the ground rises by the
         radius times its slope towards the uphill side.
         """
-        normal = self.plane.normal
-        steepness = float(normal @ self.up)
-        meeting = float(normal @ along)
+        meeting = float(self.plane.normal @ along)
         if meeting < _LEAST_MEETING:
             return Failure("the stem lies along the ground")
         length = float(self.plane.height_m(axis_point)) / meeting
-        uphill = radius_m * float(np.sqrt(max(1 - steepness**2, 0.0))) / steepness
-        value = length * float(along @ self.up) - uphill
-        plane_std = self.plane.residual_std_m / np.sqrt(
-            max(self.plane.points / _POINTS_PER_READING, 1.0)
+        foot = axis_point - length * along
+        value = length * float(along @ self.up) - self._uphill_m(radius_m)
+        parts = (float(self.plane.height_std_m(foot)), _LITTER_STD_M, axis_std_m)
+        return Estimate(value, float(np.linalg.norm(parts)))
+
+    def axis_length_m(self, axis_point: Float, along: Float, radius_m: float, height: float) -> float:
+        """How far up the axis from a point (3,) of it the height above the uphill side lies."""
+        meeting = max(float(self.plane.normal @ along), _LEAST_MEETING)
+        foot = -float(self.plane.height_m(axis_point)) / meeting
+        climb = max(float(along @ self.up), _LEAST_MEETING)
+        return foot + (height + self._uphill_m(radius_m)) / climb
+
+    def _uphill_m(self, radius_m: float) -> float:
+        """How much higher the ground is at the stem's uphill side than at its axis."""
+        steepness = float(self.plane.normal @ self.up)
+        return radius_m * float(np.sqrt(max(1 - steepness**2, 0.0))) / steepness
+
+    def in_words(self) -> str:
+        """What heights refer to."""
+        vertical = "across it" if self.level else "along the given vertical"
+        residual_cm = 100 * self.plane.residual_std_m
+        return (
+            f"plane within {self.reach_m:.1f} m of the stem, {self.plane.points} points"
+            f" ± {residual_cm:.1f} cm, heights {vertical}"
         )
-        return Estimate(value, float(np.sqrt(plane_std**2 + _LITTER_STD_M**2 + axis_std_m**2)))
 
 
-def fit_base_ground(
-    points: Float,
-    axis_point: Float,
-    reach_m: float,
-    up: Float | None,
-    settings: MeasureSettings,
-) -> BaseGround | Failure:
-    """Fit the ground to (N, 3) camera points outside the stems, near a stem's axis at its cut.
+def find_grounds(
+    frame: DepthFrame, axis_points: Float, radii_m: Float, up: Float | None
+) -> list[BaseGround | Failure]:
+    """The ground next to each stem, or where that does not show, further around it.
 
     Args:
-        points: camera points near the base in the picture.
-        axis_point: (3,) on the axis at the felling cut.
-        reach_m: points within this distance of the axis are taken.
-        up: (3,) the vertical; None takes the plane's normal for it.
-        settings: the steepest slope that is ground.
+        frame: depth, camera and masks.
+        axis_points: (T, 3) on the axes at the felling cuts.
+        radii_m: (T,) of the stems.
+        up: (3,) the vertical; None takes the planes' normals for it.
     """
-    vertical = np.array([0.0, -1.0, 0.0]) if up is None else up
-    offset = points - axis_point
+    grounds: list[BaseGround | Failure] = [Failure("")] * len(radii_m)
+    for reach_m in _REACHES_M:
+        missing = np.array([place for place, ground in enumerate(grounds) if not ground], np.intp)
+        if not len(missing):
+            break
+        found = _fit_grounds(frame, axis_points[missing], reach_m, radii_m[missing], up)
+        for place, ground in zip(missing, found, strict=True):
+            grounds[place] = ground
+    return grounds
+
+
+def _fit_grounds(
+    frame: DepthFrame, axis_points: Float, reach_m: float, radii_m: Float, up: Float | None
+) -> list[BaseGround | Failure]:
+    vertical = np.array(CAMERA_UP) if up is None else up
+    reach = reach_m + radii_m
+    points, usable = _points_around(frame, axis_points, reach)
+    offset = points - axis_points[:, None]
     rise = offset @ vertical
-    level = np.linalg.norm(offset - rise[:, None] * vertical, axis=1)
-    near = (level < reach_m) & (rise < _ABOVE_CUT_M) & (rise > -_BELOW_CUT_M)
-    chosen = points[near]
-    chosen = chosen[:: max(1, len(chosen) // _MOST_POINTS)]
-    plane = fit_ground_plane(chosen, vertical, settings.max_slope_deg, _TOLERANCE_M)
-    if isinstance(plane, GroundPlaneFailure):
-        return Failure(f"no ground around the base: {plane.reason}")
-    return BaseGround(plane, plane.normal if up is None else vertical)
+    level = np.linalg.norm(offset - rise[..., None] * vertical, axis=2)
+    usable &= (level < reach[:, None]) & (rise < _ABOVE_CUT_M) & (rise > -_BELOW_CUT_M)
+    points, usable = _thinned(points, usable)
+    planes = fit_ground_planes(
+        points, usable, vertical, frame.settings.max_slope_deg, _TOLERANCE_M, _POINTS_PER_ERROR
+    )
+    return [
+        Failure(f"no ground around the base: {plane.reason}")
+        if isinstance(plane, GroundPlaneFailure)
+        else BaseGround(plane, plane.normal if up is None else vertical, reach_m, up is None)
+        for plane in planes
+    ]
+
+
+def _points_around(
+    frame: DepthFrame, axis_points: Float, reach_m: Float
+) -> tuple[Float, NDArray[np.bool_]]:
+    """Camera points (T, N, 3) around points in the picture, and which are not of a stem."""
+    ahead = np.maximum(axis_points[:, 2], 0.05)
+    middle = project_points(frame.camera, np.stack([*axis_points.T[:2], ahead], -1))
+    size = np.array([frame.camera.width, frame.camera.height])
+    reach_px = (frame.camera.fx * reach_m / ahead)[:, None]
+    low = np.clip(middle - reach_px, 0, size)[:, None]
+    high = np.clip(middle + reach_px, 0, size)[:, None]
+    ticks = (np.arange(_GRID) + 0.5) / _GRID
+    grid = np.stack(np.meshgrid(ticks, ticks), -1).reshape(1, -1, 2)
+    xy_px = low + (high - low) * grid
+    rays, depth_m = frame.readings(xy_px)
+    usable = (depth_m > 0) & ~frame.on_any_stem(xy_px) & (axis_points[:, 2:] > 0)
+    return rays * depth_m[..., None], usable
+
+
+def _thinned(
+    points: Float, usable: NDArray[np.bool_]
+) -> tuple[Float, NDArray[np.bool_]]:
+    """At most so many usable points of each stem, evenly picked."""
+    order = np.argsort(~usable, axis=1, kind="stable")
+    count = usable.sum(1)
+    taken = np.minimum(count, _MOST_POINTS)
+    place = np.arange(_MOST_POINTS)[None] * (count / np.maximum(taken, 1))[:, None]
+    kept = np.arange(_MOST_POINTS)[None] < taken[:, None]
+    place = np.where(kept, place, 0).astype(np.intp)
+    picked = np.take_along_axis(order, place, 1)
+    return np.take_along_axis(points, picked[..., None], 1), kept

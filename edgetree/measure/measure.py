@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from calib import PinholeCamera
+from calib.transform import RigidTransform
 from edgetree.detections import TreeDetections
 from edgetree.errors import InputError
 from edgetree.measure.estimates import TreeMeasurement
 from edgetree.measure.frame import DepthFrame
 from edgetree.measure.settings import MeasureSettings
-from edgetree.measure.tree import measure_tree
+from edgetree.measure.trees import measure_all
 
 __all__ = ["measure_trees"]
 
@@ -25,37 +27,47 @@ def measure_trees(
     depth_m: NDArray[np.float32],
     camera: PinholeCamera,
     *,
+    masks: Sequence[NDArray[np.bool_]] | NDArray[np.bool_] | None = None,
     up_camera: ArrayLike | None = None,
+    mounting: RigidTransform | None = None,
     settings: MeasureSettings | None = None,
 ) -> list[TreeMeasurement]:
     """Measure every tree of one image.
 
     Args:
-        detections: the trees, in this image's pixels, with keypoints; masks keep readings of
-            what hides a stem out, and are not needed. A keypoint of score 0 is not used.
-        depth_m: (H, W) float32 metres along the optical axis, 0 where it has no reading.
+        detections: the trees, in this image's pixels, with keypoints, masks or both. A keypoint
+            of score 0 is not used.
+        depth_m: (H, W) float metres along the optical axis, 0 where it has no reading.
         camera: what took the depth, for this size of image.
+        masks: (N, H, W) bool, one for each tree, in place of the detections' own: drawn by hand,
+            or by another segmentation.
         up_camera: (3,) direction away from gravity in the camera's frame, as an IMU gives it;
-            without, heights and inclinations refer to the ground's plane.
+            without it the mounting's, on a level machine; without both, heights and inclinations
+            refer to the ground's plane.
+        mounting: from the camera's frame to the machine's (x forward, y left, z up).
         settings: assumed errors and limits.
 
     Returns:
         One measurement per detection, in their order. What cannot be measured says why.
 
     Raises:
-        InputError: depth or camera are for another image size, or `up_camera` is no direction.
+        InputError: depth, camera or masks are for another image size, the depth is not in float
+            metres, or `up_camera` is no direction.
     """
     settings = settings or MeasureSettings()
     _check_sizes(detections, depth_m, camera)
+    if masks is not None:
+        _check_masks(detections, masks)
     up = None if up_camera is None else _direction(up_camera)
-    if detections.keypoints_px is None:
-        reason = "the model gives no keypoints"
+    if up is None and mounting is not None:
+        up = _direction(mounting.inverse().rotate(np.array([0.0, 0.0, 1.0])))
+    if not len(detections):
+        return []
+    frame = DepthFrame.of(detections, depth_m, camera, masks, settings)
+    if detections.keypoints_px is None and frame.masks is None:
+        reason = "the model gives neither keypoints nor masks"
         return [TreeMeasurement.failed(reason) for _ in range(len(detections))]
-    frame = DepthFrame.of(detections, depth_m, camera, settings)
-    return [
-        measure_tree(frame, index, detections.boxes_px[index], keypoints.astype(np.float64), up)
-        for index, keypoints in enumerate(detections.keypoints_px)
-    ]
+    return measure_all(frame, detections, up, mounting)
 
 
 def _check_sizes(detections: TreeDetections, depth_m: Float, camera: PinholeCamera) -> None:
@@ -64,11 +76,29 @@ def _check_sizes(detections: TreeDetections, depth_m: Float, camera: PinholeCame
         raise InputError(
             f"the depth map has shape {depth_m.shape}: expected {expected[::-1]}, as the image"
         )
+    if not np.issubdtype(depth_m.dtype, np.floating):
+        raise InputError(
+            f"the depth map holds {depth_m.dtype}: expected float metres (16-bit millimetres are"
+            " read with calib.read_depth)"
+        )
     if (camera.width, camera.height) != expected:
         raise InputError(
             f"the camera is for {camera.width}x{camera.height} px: expected"
             f" {expected[0]}x{expected[1]} px, as the image"
         )
+
+
+def _check_masks(
+    detections: TreeDetections, masks: Sequence[NDArray[np.bool_]] | NDArray[np.bool_]
+) -> None:
+    if len(masks) != len(detections):
+        raise InputError(f"there are {len(masks)} masks: expected {len(detections)}, one per tree")
+    expected = (detections.image_height, detections.image_width)
+    for mask in masks:
+        if mask.shape != expected or mask.dtype != np.bool_:
+            raise InputError(
+                f"a mask has shape {mask.shape} of {mask.dtype}: expected {expected} of bool"
+            )
 
 
 def _direction(up_camera: ArrayLike) -> Float:

@@ -18,15 +18,28 @@ class MeasureSettings:
         keypoint_std_px: least error of a keypoint, in pixels of the image.
         keypoint_spread: error of a keypoint as a share of its box's extent where its score is 1;
             it grows with the inverse root of the score, as the peak p of a normal heat map of
-            deviation s is 1 / (2 pi s²). The default is a 56-cell map over a box enlarged by
-            1.25, and holds for the embedded depth model on frames that it was not trained on.
+            deviation s is 1 / (2 pi s²).
+        mask_std_px: least error of a mask's edge, in pixels of the image.
+        mask_spread: error of a mask's edge in cells of the mask.
         depth_noise_per_m: standard deviation of the depth in metres at 1 m; at z metres it is
-            z² times that, as with stereo.
+            z² times that, as with stereo. What the readings of a stem scatter replaces it where
+            there are many.
+        depth_bias_per_m: what all depth on one stem is off by together, in metres at 1 m; at z
+            metres it is z² times that. Steps of the disparity do it.
         depth_correlation_px: depth within squares of so many pixels has one error.
+        shared_std_px: what keypoints and mask of a network are off by together, in pixels of the
+            image across the stem.
+        butt_swell: how much thicker a stem is at the cut than where it shows lowest, as a share,
+            where the cut is below the picture; and butt_swell_std how far stems differ in that.
         out_of_round_std: how far the diameter of a real stem differs with the side it is seen
-            from, as a share of it.
+            from and the height, as a share of it.
+        curvature_std: how far the roundness of what the depth sees of a stem can be trusted to
+            tell its diameter, as a share of it.
         bend_std_deg: how far the axis of a real stem turns along it.
         lean_std_deg: how far stems lean from the vertical, before looking.
+        breast_height_m: where the second diameter is measured, above the ground on the uphill
+            side, along the vertical.
+        max_stump_height_m: felling cuts higher above the ground are warned of.
         max_range_m: depth beyond it is not used.
         max_diameter_m: stems that seem thicker are refused.
         max_slope_deg: ground that seems steeper is refused.
@@ -37,11 +50,20 @@ class MeasureSettings:
 
     keypoint_std_px: float = 1.0
     keypoint_spread: float = 0.009
+    mask_std_px: float = 0.5
+    mask_spread: float = 0.5
     depth_noise_per_m: float = 0.002
+    depth_bias_per_m: float = 0.0005
     depth_correlation_px: float = 6.0
+    shared_std_px: float = 2.0
+    butt_swell: float = 0.14
+    butt_swell_std: float = 0.08
     out_of_round_std: float = 0.018
+    curvature_std: float = 0.1
     bend_std_deg: float = 0.5
     lean_std_deg: float = 6.0
+    breast_height_m: float = 1.3
+    max_stump_height_m: float = 0.3
     max_range_m: float = 25.0
     max_diameter_m: float = 2.5
     max_slope_deg: float = 45.0

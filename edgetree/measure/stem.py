@@ -1,4 +1,4 @@
-"""Where a stem stands: distance and tilt of its axis from the depth inside its edges."""
+"""Where stems stand and how round they are: distance, tilt and width of their axes from depth."""
 
 from __future__ import annotations
 
@@ -8,223 +8,279 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from edgetree.measure.estimates import Failure
-from edgetree.measure.section import AxisFrame, Section, tangent_section
+from edgetree.measure.outline import medians
+from edgetree.measure.section import AxisFrames, Sections
 from edgetree.measure.settings import MeasureSettings
+from edgetree.measure.width import HalfAngle, StemEdges, fuse
 
-__all__ = ["Readings", "Stem", "fit_stem"]
+__all__ = ["Readings", "Stems", "fit_stems"]
 
 Float = NDArray[np.floating[Any]]
+Flags = NDArray[np.bool_]
 
 # Readings nearer to an edge than this share of the half width may be of the background.
-_USED_WIDTH = 0.75
+_USED_WIDTH = 0.8
 _LEAST_READINGS = 4
 # Stems bend and taper: a straight one of constant radius is off by this share of the squared
 # length (1/m), so that what is seen close to the section counts most.
 _BEND_PER_M = 0.02
 # The first line is sought among tilts up to so many standard deviations and these levels of the
-# sorted readings, by the support among at least so many readings.
+# sorted readings, by the support among every so manieth reading.
 _STEEPEST = 6.0
 _SLOPES = 15
-_LEVELS = (0.15, 0.3, 0.5, 0.7, 0.85)
-_JUDGES = 120
+_LEVELS = np.array((0.15, 0.3, 0.5, 0.7, 0.85))
+_JUDGED = 4
 _TURNS = 3
 _ROUNDS = 3
 _CUTOFF = 4.0
+# Readings that disagree may be the stem, and those that agree what hides it: the distance is
+# doubted by this much of itself, times the square of their share.
+_DOUBT = 0.5
 # The assumed noise counts as much as this many independent readings.
 _NOISE_PRIOR = 8.0
 
 
 class Readings(NamedTuple):
-    """Depth on one stem: `rays` (N, 3) with z = 1, `depth_m` (N,), and `cell` (N,), the same
-    number where the sensor's errors are the same.
+    """Depth on T stems: `rays` (T, N, 3) with z = 1, `depth_m` (T, N), 0 where there is none, and
+    `per_error` (T,), how many neighbours share one error of the sensor.
     """
 
     rays: Float
     depth_m: Float
-    cell: NDArray[np.integer[Any]]
+    per_error: Float
 
 
 @dataclass(frozen=True, eq=False)
-class Stem:
-    """A stem near its section.
+class Stems:
+    """T stems near their sections.
 
     Attributes:
-        section: its edges and axis.
-        distance_m: from the camera to the axis at the section, across the axis.
-        distance_std_m: its standard deviation.
-        tilt_std_rad: standard deviation of the axis' angle towards or away from the camera.
-        readings: how many independent readings it rests on.
+        sections: edges and axes.
+        distance_m: (T,) from the camera to the axis at the section, across the axis.
+        distance_std_m: (T,) its standard deviation.
+        tilt_std_rad: (T,) standard deviation of the axis' angle towards or away from the camera.
+        half_std_rad: (T,) of the half angle.
+        growth: (T,) how much the distance grows, as a share of it, per radian of half angle.
+        curvature: half angle that the roundness of the depth tells by itself.
+        shares: (T, sources + 1) what each source counted in the half angle; last the roundness.
+        arc_rad: (T,) how much of the round the readings cover.
+        used: (T,) number of readings that agree; too few where the stem could not be fitted.
     """
 
-    section: Section
-    distance_m: float
-    distance_std_m: float
-    tilt_std_rad: float
-    readings: int
+    sections: Sections
+    distance_m: Float
+    distance_std_m: Float
+    tilt_std_rad: Float
+    half_std_rad: Float
+    growth: Float
+    curvature: HalfAngle
+    shares: Float
+    arc_rad: Float
+    used: NDArray[np.intp]
 
     @property
-    def radius_m(self) -> float:
-        """Radius at the section."""
-        return self.distance_m * float(np.sin(self.section.half_angle_rad))
+    def fitted(self) -> Flags:
+        """(T,) whether the depth says where the stem stands."""
+        sound = np.isfinite(self.distance_m) & (self.distance_m > 0)
+        return np.asarray(sound & (self.used >= _LEAST_READINGS) & (self.sections.centre[:, 2] > 0))
 
-    def axis_point(self, ray: Float) -> Float:
-        """(3,) point of the axis level with where a ray (3,) meets the front of the stem.
+    @property
+    def radius_m(self) -> Float:
+        """(T,) radius at the section."""
+        return np.asarray(self.distance_m * np.sin(self.sections.half_rad))
 
-        Only the ray's height counts: what it lies off the axis' plane is taken as error.
+
+@dataclass(eq=False)
+class _Lines:
+    """1 / distance = value + slope * (height - the section's) + g * (half angle - the assumed).
+
+    `information` (T, 3, 3) and `right` (T, 3) are the normal equations of value, slope and half
+    angle; `kept` (T, N) the readings that agree.
+    """
+
+    information: Float
+    right: Float
+    kept: Flags
+
+    def solved(self) -> Float:
+        """(T, 3) all three from the depth alone."""
+        return np.linalg.solve(self.information, self.right[..., None])[..., 0]
+
+    def given(self, half_change: Float) -> tuple[Float, Float, Float]:
+        """Value and slope (T, 2) for half angles known otherwise, their covariance (T, 2, 2), and
+        how they change with it (T, 2).
         """
-        section = self.section
-        middle = section.centre - section.height * section.frame.along
-        slope = float(ray @ section.frame.along) / float(ray @ middle)
-        front = slope * section.front_share * section.frame.along
-        return np.asarray(self.distance_m * (middle + front))
+        covariance = np.linalg.inv(self.information[:, :2, :2])
+        coupling = -np.matmul(covariance, self.information[:, :2, 2:])[..., 0]
+        line = np.matmul(covariance, self.right[:, :2, None])[..., 0]
+        return line + coupling * half_change[:, None], covariance, coupling
 
-    def front_point(self, ray: Float) -> Float:
-        """(3,) point of the bark before `axis_point`."""
-        section = self.section
-        middle = section.centre - section.height * section.frame.along
-        return np.asarray(self.axis_point(ray) - self.radius_m * middle)
+
+def fit_stems(
+    readings: Readings,
+    frames: AxisFrames,
+    edges: StemEdges,
+    lean_std_rad: float,
+    settings: MeasureSettings,
+) -> Stems:
+    """Fit distance, tilt and half angle to the readings between the edges.
+
+    Every reading gives a distance by itself, since the section says how far behind the foremost
+    point it lies. Their inverse, in which the noise of stereo is the same at every distance, is
+    linear in the height along the axis, with a slope that is the axis' tilt. How the readings
+    fall back towards the edges tells the half angle once more.
+
+    Args:
+        readings: depth inside the stems' outlines.
+        frames: the axes as the picture and the vertical give them.
+        edges: what keypoints and masks tell of the stems' widths.
+        lean_std_rad: how far the true axis may tilt from it, towards or away from the camera.
+        settings: noise of the depth.
+    """
+    count = len(readings.depth_m)
+    tilt, line = np.zeros(count), np.full((count, 2), np.nan)
+    sections, sources = edges.sections(frames)
+    for turn in range(_TURNS):
+        view = sections.look(readings.rays)
+        used = (view.share > 0) & (np.abs(view.offset) < _USED_WIDTH) & (readings.depth_m > 0)
+        depth_m = np.where(used, readings.depth_m, 1.0)
+        height = np.where(used, view.height - sections.height[:, None], 0.0)
+        points = _Points(height, view.share / depth_m, -view.share_slope / depth_m, used)
+        noise = settings.depth_noise_per_m * _means(view.share, used)
+        line = _level_lines(points) if turn else _best_lines(points, noise, lean_std_rad)
+        lines = _fit_lines(points, line, noise, readings.per_error, tilt, lean_std_rad)
+        curvature = _curvature(lines, sections.half_rad + lines.solved()[:, 2], settings)
+        half, shares = fuse([*sources, curvature])
+        line, covariance, coupling = lines.given(half.rad - sections.half_rad)
+        tilt = tilt + np.arctan(-line[:, 1] / line[:, 0])
+        sections, sources = edges.sections(frames.tilted(np.tan(tilt)), half.rad)
+    bias = settings.depth_bias_per_m * _means(view.share, used)
+    return _stems(sections, line, covariance, coupling, half, curvature, shares, lines, view.offset, used, bias)
+
+
+def _stems(
+    sections: Sections,
+    line: Float,
+    covariance: Float,
+    coupling: Float,
+    half: HalfAngle,
+    curvature: HalfAngle,
+    shares: Float,
+    lines: _Lines,
+    offset: Float,
+    used: Flags,
+    bias: Float,
+) -> Stems:
+    distance = 1 / line[:, 0]
+    doubt = _DOUBT * (1 - lines.kept.sum(1) / np.maximum(used.sum(1), 1)) ** 2
+    std = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    kept = lines.kept
+    reach = [np.where(kept, sign * offset, -1.0).max(1, initial=-1.0) for sign in (1, -1)]
+    arc = sum(np.arcsin(np.clip(side, -1, 1)) for side in reach)
+    return Stems(
+        sections,
+        distance,
+        np.hypot(np.hypot(std[:, 0], bias) * distance, doubt) * distance,
+        std[:, 1] * np.abs(distance),
+        half.std_rad,
+        -coupling[:, 0] * distance,
+        curvature,
+        shares,
+        np.maximum(arc, 0.0),
+        kept.sum(1),
+    )
 
 
 class _Points(NamedTuple):
-    """Per reading (N,): `height` along the axis from the section, per metre of distance, and the
-    `inverse` of the distance to the axis in 1/m; `cell` as in `Readings`.
+    """Per reading (T, N): `height` along the axis from the section, per metre of distance; the
+    `inverse` of the distance to the axis in 1/m, and its change per radian of a smaller half
+    angle; and whether it is `used`.
     """
 
     height: Float
     inverse: Float
-    cell: NDArray[np.integer[Any]]
+    narrowing: Float
+    used: Flags
 
 
-class _Line(NamedTuple):
-    """1 / distance = at_section + slope * (height - the section's), and their covariance."""
-
-    at_section: float
-    slope: float
-    covariance: Float
-    cells: int
+def _means(values: Float, used: Flags) -> Float:
+    """(T,) mean of the used values."""
+    return np.where(used, values, 0).sum(1) / np.maximum(used.sum(1), 1)
 
 
-def fit_stem(
-    readings: Readings,
-    edges: tuple[Float, Float],
-    frame: AxisFrame,
+def _fit_lines(
+    points: _Points,
+    line: Float,
+    noise: Float,
+    per_error: Float,
+    tilt: Float,
     lean_std_rad: float,
-    settings: MeasureSettings,
-) -> Stem | Failure:
-    """Fit distance and tilt to the readings between the edges.
+) -> _Lines:
+    """Robust lines through inverse distances, their slopes held by a prior of the tilt.
 
-    Every reading gives a distance by itself, since the section says how far behind the foremost
-    point it lies. Their inverse, in which the noise of stereo is the same at every distance, is
-    linear in the height along the axis, with a slope that is the axis' tilt.
-
-    Args:
-        readings: depth inside the stem's mask.
-        edges: rays (3,) that graze the stem left and right.
-        frame: the axis as the picture and the vertical give it.
-        lean_std_rad: how far the true axis may tilt from it, towards or away from the camera.
-        settings: noise of the depth.
-    """
-    tilt_rad = 0.0
-    section = tangent_section(frame, *edges)
-    line = _Line(0.0, 0.0, np.zeros((2, 2)), 0)
-    for turn in range(_TURNS):
-        offset, share, height = section.look(readings.rays)
-        used = (share > 0) & (np.abs(offset) < max(_USED_WIDTH, _closest(offset)))
-        if np.count_nonzero(used) < _LEAST_READINGS:
-            return Failure("no depth on the stem")
-        points = _Points(
-            height[used] - section.height, share[used] / readings.depth_m[used], readings.cell[used]
-        )
-        noise = settings.depth_noise_per_m * float(share[used].mean())
-        found = _fit_line(points, noise, (-tilt_rad, lean_std_rad), turn == 0)
-        if found is None:
-            return Failure("the depth on the stem does not agree with itself")
-        line = found
-        tilt_rad += float(np.arctan(-line.slope / line.at_section))
-        section = tangent_section(frame.tilted(float(np.tan(tilt_rad))), *edges)
-    if section.centre[2] <= 0:
-        return Failure("the diameter keypoints do not lie on the stem")
-    distance_m = 1 / line.at_section
-    std = np.sqrt(np.diag(line.covariance))
-    return Stem(
-        section, distance_m, float(std[0]) * distance_m**2, float(std[1]) * distance_m, line.cells
-    )
-
-
-def _closest(offset: Float) -> float:
-    """A little more than the smallest |offset|: a stem of one pixel's width has that pixel."""
-    return min(0.95, float(np.abs(offset).min(initial=1.0)) + 1e-6)
-
-
-def _fit_line(
-    points: _Points, noise: float, tilt_prior: tuple[float, float], search: bool
-) -> _Line | None:
-    """Robust line through inverse distances, its slope held by a prior of the tilt.
-
-    Of many lines through two readings the one that most others support is taken first (only
-    where `search`: later turns start level), then reweighted least squares with Tukey's weights.
-    Readings of one cell count as one.
+    Reweighted least squares with Tukey's weights from a first `line` (T, 2).
 
     Args:
         points: what the readings say.
-        noise: standard deviation of the inverse distances, 1/m.
-        tilt_prior: mean and standard deviation of the tilt, radians.
-        search: whether the line may be far from the median and the prior.
+        line: first value and slope.
+        noise: (T,) standard deviation of the inverse distances, 1/m.
+        per_error: (T,) neighbours with one error.
+        tilt: (T,) what the frame has been tilted by already, which the prior counts back.
+        lean_std_rad: standard deviation of the tilt.
     """
-    height, inverse, cell = points
-    scale = float(np.median(inverse))
-    expected = np.hypot(noise, _BEND_PER_M * height**2)
-    mean, std = (float(np.tan(angle)) * scale for angle in tilt_prior)
-    line: Float = np.array([scale, 0.0])
-    if search:
-        line = _best_line(points, expected, mean, std)
-    basis = np.stack([np.ones_like(height), height])
-    variance, kept = 1.0, np.zeros(len(height), np.bool_)
-    covariance: Float = np.zeros((2, 2))
+    basis = np.stack([np.ones_like(points.height), points.height, points.narrowing], 1)
+    expected = np.hypot(noise[:, None], _BEND_PER_M * points.height**2)
+    variance = np.ones(len(line))
+    state = np.concatenate([line, np.zeros((len(line), 1))], 1)
     for _ in range(_ROUNDS):
-        ratio = (inverse - line @ basis) / expected
-        tukey = np.maximum(1 - (ratio / (_CUTOFF * np.sqrt(variance))) ** 2, 0) ** 2
-        kept = tukey > 0
-        if np.count_nonzero(kept) < _LEAST_READINGS:
-            return None
-        weight = tukey / _shared(cell, kept)
-        variance = (_NOISE_PRIOR + float(weight @ ratio**2)) / (_NOISE_PRIOR + float(weight.sum()))
-        weight = weight / (variance * expected**2)
-        information = (basis * weight) @ basis.T
-        information[1, 1] += 1 / std**2
-        right = basis @ (weight * inverse)
-        right[1] += mean / std**2
-        covariance = _inverse(information)
-        line = covariance @ right
-    if line[0] <= 0:
-        return None
-    cells = int(np.count_nonzero(np.bincount(cell[kept])))
-    return _Line(float(line[0]), float(line[1]), covariance, cells)
+        ratio = (points.inverse - np.matmul(state[:, None], basis)[:, 0]) / expected
+        limit = _CUTOFF * np.sqrt(variance)[:, None]
+        tukey = np.where(points.used, np.maximum(1 - (ratio / limit) ** 2, 0) ** 2, 0.0)
+        weight = tukey / per_error[:, None]
+        spread = (weight * ratio**2).sum(1)
+        variance = (_NOISE_PRIOR + spread) / (_NOISE_PRIOR + weight.sum(1))
+        weighted = basis * (weight / (variance[:, None] * expected**2))[:, None]
+        information = np.matmul(weighted, basis.transpose(0, 2, 1))
+        right = np.matmul(weighted, points.inverse[..., None])[..., 0]
+        steepness = 1 / (np.tan(lean_std_rad) * np.abs(state[:, 0]) + 1e-9) ** 2
+        information[:, 1, 1] += steepness
+        right[:, 1] += steepness * np.tan(tilt) * state[:, 0]
+        information[:, [0, 2], [0, 2]] += 1e-9
+        lines = _Lines(information, right, tukey > 0)
+        state[:, :2] = lines.given(np.zeros(len(line)))[0]
+    return lines
 
 
-def _inverse(matrix: Float) -> Float:
-    """Of a symmetric (2, 2) matrix."""
-    (a, b), (_, c) = matrix
-    return np.asarray(np.array([[c, -b], [-b, a]]) / (a * c - b * b))
+def _curvature(lines: _Lines, rad: Float, settings: MeasureSettings) -> HalfAngle:
+    """What the depth tells of the half angles by itself, no better than bark and bends let it."""
+    variance = np.linalg.inv(lines.information)[:, 2, 2]
+    std = np.sqrt(variance + (settings.curvature_std * rad) ** 2)
+    plausible = (rad > 0) & (std < 0.5 * rad) & (lines.kept.sum(1) >= _LEAST_READINGS)
+    return HalfAngle(np.where(plausible, rad, 1.0), np.where(plausible, std, np.inf))
 
 
-def _shared(cell: NDArray[np.integer[Any]], kept: NDArray[np.bool_]) -> Float:
-    """(N,) how many of the kept readings lie in the cell of each reading, at least 1."""
-    counts = np.bincount(cell, weights=kept)
-    return np.asarray(np.maximum(counts[cell], 1.0))
+def _level_lines(points: _Points) -> Float:
+    """(T, 2) medians of the used inverse distances, and no slope."""
+    value = medians(points.inverse, points.used)
+    value = np.where(value > 0, value, 1.0)
+    return np.stack([value, np.zeros(len(value))], 1)
 
 
-def _best_line(points: _Points, expected: Float, mean: float, std: float) -> Float:
-    """(2,) value and slope of the line that most readings support, of many slopes and values."""
-    some = slice(None, None, max(1, len(points.height) // _JUDGES))
-    height, inverse, allowed = points.height[some], points.inverse[some], _CUTOFF * expected[some]
+def _best_lines(points: _Points, noise: Float, lean_std_rad: float) -> Float:
+    """(T, 2) value and slope of the line that most readings support, of many slopes and values."""
+    height, inverse, used = (part[:, ::_JUDGED] for part in (points.height, points.inverse, points.used))
+    count, scale = used.sum(1), _level_lines(points)[:, 0]
+    allowed = _CUTOFF * np.hypot(noise[:, None], _BEND_PER_M * height**2)
     offsets = np.linspace(-_STEEPEST, _STEEPEST, _SLOPES)
-    slopes = mean + offsets * std
-    levels = inverse - slopes[:, None] * height
-    ordered = np.sort(levels, axis=1)
+    slopes = offsets * (np.tan(lean_std_rad) * scale)[:, None]
+    levels = np.where(used[:, None], inverse[:, None] - slopes[..., None] * height[:, None], np.inf)
+    ordered = np.sort(levels, axis=2)
     # Whether few or most readings are of what hides the stem, one of these lies on the stem.
-    values = ordered[:, (np.array(_LEVELS) * len(height)).astype(int)]
-    support = (np.abs(levels[:, None] - values[..., None]) < allowed).sum(-1)
-    best = np.unravel_index(np.argmax(support - offsets[:, None] ** 2), support.shape)
-    return np.array([values[best], slopes[best[0]]])
+    place = (_LEVELS * count[:, None]).astype(np.intp)[:, None]
+    values = np.take_along_axis(ordered, np.broadcast_to(place, (*slopes.shape, len(_LEVELS))), 2)
+    values = np.where(np.isfinite(values), values, 1.0)
+    near = np.abs(levels[:, :, None] - values[..., None]) < allowed[:, None, None]
+    support = near.sum(-1) - offsets[:, None] ** 2
+    best = support.reshape(len(count), -1).argmax(1)
+    value = values.reshape(len(count), -1)[np.arange(len(count)), best]
+    return np.stack([value, slopes[np.arange(len(count)), best // len(_LEVELS)]], 1)

@@ -2,7 +2,7 @@
 
 import json
 import math
-from dataclasses import FrozenInstanceError
+from dataclasses import FrozenInstanceError, replace
 from pathlib import Path
 
 import pytest
@@ -22,6 +22,9 @@ CAMERA = PinholeCamera(1280, 720, 700.0, 701.0, 641.5, 355.0, (-0.1, 0.02, 1e-3,
         ({"cy": math.inf}, "cy is inf: expected a point near the image, 720 px"),
         ({"distortion": [0.1, 0.2]}, "distortion has 2 terms: expected none, 4"),
         ({"distortion": [0.1, math.nan, 0, 0]}, "expected finite numbers"),
+        ({"distortion_model": "fov"}, "distortion_model is 'fov': expected radtan or fisheye"),
+        ({"distortion_model": "fisheye"}, "distortion has 5 terms: expected 4 (k1 k2 k3 k4)"),
+        ({"focal_std_px": -1.0}, "focal_std_px is -1.0: expected 0 or more"),
     ],
 )
 def test_impossible_cameras_are_refused(change: dict[str, object], message: str) -> None:
@@ -39,6 +42,7 @@ def test_impossible_cameras_are_refused(change: dict[str, object], message: str)
         ({"width": 12.5}, "camera field width is 12.5: expected whole pixels"),
         ({"distortion": "none"}, "camera field distortion is 'none': expected numbers"),
         ({"distortion": ["a"] * 4}, "expected numbers"),
+        ({"focal_std_px": "1"}, "camera field focal_std_px is '1': expected a number"),
     ],
 )
 def test_fields_of_another_type_are_named(change: dict[str, object], message: str) -> None:
@@ -68,10 +72,43 @@ def test_another_aspect_is_refused(size: tuple[int, int]) -> None:
         CAMERA.scaled(*size)
 
 
-def test_a_camera_survives_its_file(tmp_path: Path) -> None:
+def test_another_size_is_named_beside_the_cameras() -> None:
+    with pytest.raises(CameraError) as caught:
+        CAMERA.scaled(640, 480)
+    assert "1280x720" in str(caught.value)
+    assert "640x480" in str(caught.value)
+
+
+def test_cropping_moves_the_principal_point() -> None:
+    part = CAMERA.cropped(100, 20, 640, 360)
+    assert (part.width, part.height, part.cx, part.cy) == (640, 360, 541.5, 335.0)
+    assert (part.fx, part.fy, part.distortion) == (CAMERA.fx, CAMERA.fy, CAMERA.distortion)
+
+
+@pytest.mark.parametrize("part", [(-1, 0, 9, 9), (0, -1, 9, 9), (1275, 0, 9, 9), (0, 715, 9, 9),
+                                  (0, 0, 0, 9), (0, 0, 9, 0)])  # fmt: skip
+def test_a_part_beyond_the_image_is_refused(part: tuple[int, int, int, int]) -> None:
+    with pytest.raises(CameraError, match="expected one within the camera's 1280x720"):
+        CAMERA.cropped(*part)
+
+
+def test_an_uncertain_focal_length_grows_with_the_image() -> None:
+    assert replace(CAMERA, focal_std_px=3.0).scaled(640, 360).focal_std_px == 1.5
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [
+        CAMERA,
+        replace(CAMERA, distortion=(), focal_std_px=1.25),
+        replace(CAMERA, distortion=(0.1,) * 8),
+        replace(CAMERA, distortion=(0.1, 0.2, 0.3, 0.4), distortion_model="fisheye"),
+    ],
+)
+def test_a_camera_survives_its_file(tmp_path: Path, camera: PinholeCamera) -> None:
     path = tmp_path / "camera.json"
-    save_camera(path, CAMERA)
-    assert load_camera(path) == CAMERA
+    save_camera(path, camera)
+    assert load_camera(path) == camera
     assert json.loads(path.read_text())["schema"] == "calib.camera/1"
     assert list(tmp_path.iterdir()) == [path]
 
@@ -80,7 +117,7 @@ def test_a_camera_survives_its_file(tmp_path: Path) -> None:
     ("text", "message"),
     [
         ("{", "not JSON"),
-        ("[1]", "schema is 'list', expected 'calib.camera/1'"),
+        ("[1]", "holds no known camera, expected one of calib.camera/1, ROS camera_info"),
         ('{"schema": "other/1"}', "schema is 'other/1', expected 'calib.camera/1'"),
         ('{"schema": "calib.camera/1", "width": 3}', "camera field height is None"),
     ],
@@ -95,6 +132,18 @@ def test_bad_camera_files_are_named(tmp_path: Path, text: str, message: str) -> 
     assert "\n" not in str(caught.value)
 
 
+def test_a_file_that_cannot_be_renamed_leaves_the_old_one_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "camera.json"
+    save_camera(path, CAMERA)
+    monkeypatch.setattr(Path, "replace", lambda *_: (_ for _ in ()).throw(OSError(28, "full")))
+    with pytest.raises(InputFileError, match=r"camera\.json: cannot be written \(full\)"):
+        save_camera(path, CAMERA.scaled(640, 360))
+    assert load_camera(path) == CAMERA
+    assert list(tmp_path.iterdir()) == [path]
+
+
 def test_files_that_are_not_there_are_named(tmp_path: Path) -> None:
     with pytest.raises(InputFileError, match=r"nothing\.json: no such file, expected a camera"):
         load_camera(tmp_path / "nothing.json")
@@ -102,3 +151,7 @@ def test_files_that_are_not_there_are_named(tmp_path: Path) -> None:
         load_camera(tmp_path)
     with pytest.raises(InputFileError, match="cannot be written"):
         save_camera(tmp_path / "no folder" / "camera.json", CAMERA)
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(InputFileError, match="cannot be written"):
+        save_camera(tmp_path / "folder", CAMERA)
+    assert list(tmp_path.iterdir()) == [tmp_path / "folder"]

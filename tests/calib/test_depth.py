@@ -101,6 +101,52 @@ def test_other_images_are_named_with_what_they_are(tmp_path: Path) -> None:
     cv2.imwrite(str(path), np.zeros((4, 4, 3), np.uint16))
     with pytest.raises(DepthError, match=r"grey\.png: 3 channel\(s\) of uint16, expected one"):
         read_depth(path)
+    np.save(tmp_path / "many.npy", np.zeros((2, 4, 4, 1), np.float32))
+    with pytest.raises(DepthError, match=r"many\.npy: 0 channel\(s\) of float32, expected one"):
+        read_depth(tmp_path / "many.npy")
+
+
+STEPS = np.array([[0, 1234], [5000, 65535]], np.uint16)
+METRES = np.array([[-1.0, 1.234], [math.nan, math.inf]], np.float32)
+
+
+@pytest.mark.parametrize("name", ["depth.png", "depth.tiff", "depth.npy"])
+@pytest.mark.parametrize(
+    ("scale", "expected"),
+    [
+        (0.001, [[0.0, 1.234], [5.0, 65.535]]),
+        (0.00025, [[0.0, 0.3085], [1.25, 16.38375]]),
+        (1 / 256, [[0.0, 4.8203125], [19.53125, 255.99609375]]),
+    ],
+)
+def test_16_bits_are_steps_of_the_scale(
+    tmp_path: Path, name: str, scale: float, expected: list[list[float]]
+) -> None:
+    save(tmp_path / name, STEPS)
+    depth_m = read_depth(tmp_path / name, scale)
+    assert depth_m.dtype == np.float32
+    np.testing.assert_allclose(depth_m, expected, rtol=1e-7)
+
+
+@pytest.mark.parametrize("name", ["depth.tiff", "depth.npy"])
+def test_floats_are_metres_whatever_the_scale(tmp_path: Path, name: str) -> None:
+    save(tmp_path / name, METRES)
+    assert read_depth(tmp_path / name, 0.5).tolist() == [[0.0, METRES[0, 1]], [0.0, 0.0]]
+    save(tmp_path / name, METRES[..., None])
+    assert read_depth(tmp_path / name).shape == (2, 2)
+
+
+def save(path: Path, values: np.ndarray) -> None:
+    if path.suffix == ".npy":
+        np.save(path, values)
+    else:
+        assert cv2.imwrite(str(path), values)
+
+
+@pytest.mark.parametrize("scale", [0.0, -0.001, math.nan])
+def test_a_scale_is_metres_per_step(tmp_path: Path, scale: float) -> None:
+    with pytest.raises(DepthError, match="expected metres per step, above 0"):
+        read_depth(tmp_path / "depth.png", scale)
 
 
 def test_files_that_cannot_be_used_are_named(tmp_path: Path) -> None:
@@ -109,5 +155,13 @@ def test_files_that_cannot_be_used_are_named(tmp_path: Path) -> None:
     (tmp_path / "text.png").write_text("no image")
     with pytest.raises(InputFileError, match=r"text\.png: not a readable image"):
         read_depth(tmp_path / "text.png")
+    for content in (b"no array", b"", b"\x93NUMPY\x01\x00"):
+        (tmp_path / "text.npy").write_bytes(content)
+        with pytest.raises(InputFileError, match=r"text\.npy: not a readable \.npy array"):
+            read_depth(tmp_path / "text.npy")
+    np.savez(tmp_path / "two.npz", STEPS, METRES)
+    (tmp_path / "two.npz").rename(tmp_path / "two.npy")
+    with pytest.raises(InputFileError, match=r"two\.npy: several arrays, expected one"):
+        read_depth(tmp_path / "two.npy")
     with pytest.raises(InputFileError, match="cannot be written"):
         write_depth(tmp_path / "no folder" / "d.png", np.ones((2, 2), np.float32))

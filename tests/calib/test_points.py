@@ -1,5 +1,6 @@
 """Pixels, rays and points: both conventions of pixels, distortion, depth along z."""
 
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -26,11 +27,29 @@ LENSES = [
     (-0.3, 0.1, 0.001, -0.002),
     (-0.17, 0.026, 1e-4, -2e-4, 0.0),
     (0.1, -0.2, 0.001, 0.001, 0.05),
+    (0.4457, -2.5378, 8e-4, -4e-4, 1.4556, 0.3218, -2.359, 1.3833),
+]
+FISHEYES = [
+    (0.0, 0.0, 0.0, 0.0),
+    (-0.0347, -0.01, 0.0072, -0.0024),
+    (-0.0767, 0.1079, -0.1228, 0.0466),
+    (0.1, 0.05, -0.02, 0.004),
 ]
 
 
 def camera_with(distortion: tuple[float, ...]) -> PinholeCamera:
-    return PinholeCamera.from_dict({**PLAIN.to_dict(), "distortion": distortion})
+    return replace(PLAIN, distortion=distortion)
+
+
+def fisheye(terms: tuple[float, ...]) -> PinholeCamera:
+    return PinholeCamera(1440, 1080, 694.0, 693.0, 719.5, 534.0, terms, "fisheye")
+
+
+CAMERAS = [*map(camera_with, LENSES), *map(fisheye, FISHEYES)]
+
+
+def matrix(camera: PinholeCamera) -> Float:
+    return np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
 
 
 def grid_px(camera: PinholeCamera) -> Float:
@@ -53,15 +72,62 @@ def test_projection_is_opencvs_half_a_pixel_further(distortion: tuple[float, ...
     camera = camera_with(distortion)
     rng = np.random.default_rng(1)
     points = rng.uniform([-3, -2, 3], [3, 2, 9], (50, 3))
-    matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
     lens = np.array(distortion) if distortion else np.zeros(4)
-    expected = cv2.projectPoints(points, np.zeros(3), np.zeros(3), matrix, lens)[0][:, 0]
+    expected = cv2.projectPoints(points, np.zeros(3), np.zeros(3), matrix(camera), lens)[0][:, 0]
     np.testing.assert_allclose(project_points(camera, points), expected + 0.5, atol=1e-9)
 
 
-@pytest.mark.parametrize("distortion", LENSES)
-def test_rays_project_back_onto_their_pixels(distortion: tuple[float, ...]) -> None:
+@pytest.mark.parametrize("terms", FISHEYES)
+def test_fisheye_projection_is_opencvs_half_a_pixel_further(terms: tuple[float, ...]) -> None:
+    camera = fisheye(terms)
+    points = np.random.default_rng(1).uniform([-9, -9, 0.5], [9, 9, 9], (200, 3))
+    points[0] = [0, 0, 1]
+    expected = cv2.fisheye.projectPoints(
+        points[:, None], np.zeros(3), np.zeros(3), matrix(camera), np.array(terms)
+    )[0][:, 0]
+    np.testing.assert_allclose(project_points(camera, points), expected + 0.5, atol=1e-9)
+
+
+@pytest.mark.parametrize("distortion", LENSES[1:])
+def test_rays_are_those_of_opencv(distortion: tuple[float, ...]) -> None:
     camera = camera_with(distortion)
+    xy_px = grid_px(camera)[3:-3, 5:-5]
+    expected = cv2.undistortPoints(
+        xy_px.reshape(-1, 1, 2) - 0.5, matrix(camera), np.array(distortion)
+    ).reshape(xy_px.shape)
+    np.testing.assert_allclose(pixels_to_rays(camera, xy_px)[..., :2], expected, atol=1e-3)
+
+
+def test_fisheye_rays_are_those_of_opencv() -> None:
+    camera = fisheye(FISHEYES[1])
+    xy_px = grid_px(camera)
+    expected = cv2.fisheye.undistortPoints(
+        xy_px.reshape(-1, 1, 2) - 0.5, matrix(camera), np.array(camera.distortion)
+    ).reshape(xy_px.shape)
+    np.testing.assert_allclose(pixels_to_rays(camera, xy_px)[..., :2], expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("terms", FISHEYES)
+def test_a_fisheye_sees_85_degrees_off_its_axis(terms: tuple[float, ...]) -> None:
+    camera = fisheye(terms)
+    turns = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    angles = np.radians(np.linspace(0, 85, 60))[:, None]
+    rays = np.stack([np.tan(angles) * np.cos(turns), np.tan(angles) * np.sin(turns)], -1)
+    rays = np.concatenate([rays, np.ones((*rays.shape[:-1], 1))], -1)
+    back = pixels_to_rays(camera, project_points(camera, rays))
+    np.testing.assert_allclose(back, rays, rtol=1e-7, atol=1e-9)
+
+
+def test_rays_beyond_a_fisheyes_reach_are_finite() -> None:
+    falling = fisheye((-0.3, 0.0, 0.0, 0.0))
+    for camera in (falling, fisheye(FISHEYES[0])):
+        rays = pixels_to_rays(camera, [[np.inf, 540.0], [-1e5, -np.inf], [720.0, 534.5]])
+        assert np.isfinite(rays).all()
+        assert np.abs(rays[..., :2]).max() < 60
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_rays_project_back_onto_their_pixels(camera: PinholeCamera) -> None:
     xy_px = grid_px(camera)
     rays = pixels_to_rays(camera, xy_px)
     assert rays.shape == (*xy_px.shape[:-1], 3)
@@ -99,6 +165,26 @@ def test_a_depth_map_becomes_points_of_its_pixels_centres() -> None:
     assert points[1, 2].tolist() == [0.0, 0.0, 2.0]
     np.testing.assert_allclose(points[0, 5], [1.2, -0.4, 2.0])
     assert points[3, 5].tolist() == [0.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize("distortion", LENSES)
+def test_a_depth_maps_points_project_onto_its_pixels(distortion: tuple[float, ...]) -> None:
+    camera = camera_with(distortion).scaled(64, 36)
+    depth_m = np.random.default_rng(2).uniform(1, 20, (36, 64)).astype(np.float32)
+    points = depth_to_points(camera, depth_m)
+    rows, columns = np.mgrid[0:36, 0:64]
+    expected = np.stack([columns, rows], -1) + 0.5
+    np.testing.assert_allclose(project_points(camera, points), expected, atol=1e-6)
+    np.testing.assert_array_equal(points[..., 2], depth_m)
+
+
+def test_many_points_are_projected_as_they_are_alone() -> None:
+    camera = CAMERAS[4]
+    points = np.random.default_rng(3).uniform([-3, -2, -1], [3, 2, 9], (20_001, 3))
+    some = [0, 8191, 8192, 20_000]
+    np.testing.assert_array_equal(
+        project_points(camera, points)[some], [project_points(camera, points[i]) for i in some]
+    )
 
 
 def test_a_depth_map_of_another_size_is_refused() -> None:

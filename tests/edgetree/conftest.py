@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+import calib
+from edgetree import cli
 from edgetree.detections import KEYPOINT_NAMES
 from edgetree.doctor.onnx_bytes import Node, TensorType, onnx_bytes
 from edgetree.manifest import (
@@ -23,6 +28,55 @@ from edgetree.manifest import (
 from edgetree.session import FakeSession
 
 ModelWriter = Callable[..., Path]
+
+
+class Done(NamedTuple):
+    """How a command ended."""
+
+    code: int
+    out: str
+    err: str
+
+
+Cli = Callable[..., Done]
+
+
+@pytest.fixture
+def run_cli(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Cli:
+    """Runs `edgetree` with these arguments."""
+
+    def run(*arguments: object) -> Done:
+        monkeypatch.setattr(sys, "argv", ["edgetree", *map(str, arguments)])
+        capfd.readouterr()
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
+        out, err = capfd.readouterr()
+        assert isinstance(ended.value.code, int)
+        return Done(ended.value.code, out, err)
+
+    return run
+
+
+@pytest.fixture
+def model(rgb_manifest: Manifest, write_model: ModelWriter) -> Path:
+    """A file that finds one clear tree in every colour image."""
+    return write_model(rgb_manifest)
+
+
+@pytest.fixture
+def images(tmp_path: Path) -> Path:
+    """A folder of two frames with depth, about 4 m, of the same stems in `depth`, and a camera."""
+    rng = np.random.default_rng(0)
+    for folder in ("images", "depth"):
+        (tmp_path / folder).mkdir()
+    for stem in ("a", "b"):
+        pixels = rng.integers(0, 256, (360, 640, 3), np.uint8)
+        cv2.imwrite(str(tmp_path / "images" / f"{stem}.jpg"), pixels)
+        depth_m = np.tile(np.linspace(3.99, 4.01, 640, dtype=np.float32), (360, 1))
+        calib.write_depth(tmp_path / "depth" / f"{stem}.png", depth_m)
+    camera = calib.PinholeCamera(640, 360, 400.0, 400.0, 319.5, 179.5)
+    calib.save_camera(tmp_path / "camera.json", camera)
+    return tmp_path / "images"
 
 
 @pytest.fixture

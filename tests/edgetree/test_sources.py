@@ -50,6 +50,27 @@ def test_a_folder_gives_its_images_by_name(tmp_path: Path) -> None:
     assert source.count == 3
 
 
+def test_depth_may_be_in_another_kind_of_file(tmp_path: Path) -> None:
+    _write(tmp_path / "images" / "a.jpg")
+    (tmp_path / "depth").mkdir()
+    np.save(tmp_path / "depth" / "a.npy", np.full((48, 64), 1.5, np.float32))
+    (frame,) = open_source(tmp_path / "images", tmp_path / "depth")
+    assert frame.depth_m is not None
+    assert frame.depth_m[0, 0] == pytest.approx(1.5)
+
+
+def test_depth_that_is_not_to_be_believed_says_why(tmp_path: Path) -> None:
+    image, depth = _write(tmp_path / "a.png"), tmp_path / "d.png"
+    calib.write_depth(depth, np.zeros((48, 64), np.float32))
+    (frame,) = open_source(image, depth)
+    assert frame.depth_fault is not None
+    assert "d.png: 0.0% of the pixels have depth" in frame.depth_fault
+    sloping_m = np.linspace(2, 3, 48 * 64, dtype=np.float32).reshape(48, 64)
+    calib.write_depth(depth, sloping_m)
+    (frame,) = open_source(image, depth)
+    assert frame.depth_fault is None
+
+
 def test_frames_of_one_stem_keep_their_names_apart(tmp_path: Path) -> None:
     for name in ("a.png", "a.jpg", "b.jpg"):
         _write(tmp_path / name)
@@ -134,7 +155,7 @@ def test_depth_of_another_size_is_named(tmp_path: Path) -> None:
 def test_missing_depth_is_named_before_work(tmp_path: Path) -> None:
     _write(tmp_path / "images" / "a.png")
     (tmp_path / "depth").mkdir()
-    with pytest.raises(InputError, match=r"depth.a\.png is not there: expected one for image"):
+    with pytest.raises(InputError, match=r"depth.a\.png is not there, nor with .*: expected"):
         open_source(tmp_path / "images", tmp_path / "depth")
     with pytest.raises(InputError, match="is no folder: expected one"):
         open_source(tmp_path / "images", tmp_path / "images" / "a.png")

@@ -1,6 +1,7 @@
 """Metres beside the truth, per tree and summed up."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -25,13 +26,10 @@ def truth(diameter_m: float) -> SampleTree:
 
 
 def measured(diameter: Estimate | Failure) -> TreeMeasurement:
-    missing = Failure("no ground")
-    return TreeMeasurement(
+    return replace(
+        TreeMeasurement.failed("no ground"),
         diameter_m=diameter,
-        cut_height_m=missing,
-        inclination_deg=missing,
         distance_m=Estimate(5.1, 0.05),
-        cut_point_m=missing,
     )
 
 

@@ -99,8 +99,18 @@ def test_a_dataset_that_is_none_is_named(tmp_path: Path, content: str | None) ->
 
 
 def test_what_a_model_finds_is_numbered_as_the_truth_from_near_to_far(
-    data: Path, depth_manifest: Manifest, two_trees: dict[str, NDArray[np.float32]]
+    data: Path,
+    depth_manifest: Manifest,
+    two_trees: dict[str, NDArray[np.float32]],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    drawn: list[list[str]] = []
+
+    def draw(picture: object, trees: object, labels: list[list[str]], **more: object) -> object:
+        drawn.extend(labels)
+        return picture
+
+    monkeypatch.setattr("edgetree.demo.examine.draw_trees", draw)
     session = FakeSession.with_trees(depth_manifest, **two_trees)
     detector = TreeDetector(session, score_threshold=0.2)
     comparison, picture = examine(detector, held_out_frames(data, "test", 1)[0])
@@ -108,6 +118,7 @@ def test_what_a_model_finds_is_numbered_as_the_truth_from_near_to_far(
     assert [tree.found for tree in comparison.trees] == [True, False]
     assert comparison.trees[0].score == pytest.approx(0.9)
     assert comparison.unmatched_detections == 1
+    assert [lines[0].split()[0] for lines in drawn] == ["1", "?"]
     assert picture.modality == "depth"
     decoded = cv2.imdecode(np.frombuffer(picture.jpeg, np.uint8), cv2.IMREAD_COLOR)
     assert decoded.shape == (HEIGHT, WIDTH, 3)

@@ -1,6 +1,7 @@
 """The report is one whole page that needs nothing else and says what was found."""
 
 import base64
+import dataclasses
 import json
 import re
 from html.parser import HTMLParser
@@ -49,13 +50,10 @@ def truth(diameter_m: float, cut_height_m: float, distance_m: float) -> SampleTr
 
 
 def model(modality: str, diameter: Estimate | Failure, name: str = "light") -> ModelResult:
-    failed = Failure("no ground <near> the stem")
-    measurement = TreeMeasurement(
+    measurement = dataclasses.replace(
+        TreeMeasurement.failed("no ground <near> the stem"),
         diameter_m=diameter,
-        cut_height_m=failed,
-        inclination_deg=failed,
         distance_m=Estimate(6.25, 0.125),
-        cut_point_m=failed,
     )
     truths = [truth(0.314, 0.2, 6.5), truth(0.2, 0.1, 8.0)]
     frame = compare_trees("Frame 1", truths, [Match(0, 0, 0.9)], [0.9], [measurement])

@@ -1,21 +1,18 @@
-"""Depth maps: metres in memory (0 = no reading), millimetres or the paper's 8 bits on disk."""
+"""Depth in 8 bits, as networks are fed with it."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
-from pathlib import Path
 from typing import Any, cast
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.errors import DepthError, InputFileError
+from calib.errors import DepthError
 
-_MM_PER_M = 1000.0
-_MAX_MM = 65535
 _SMALLEST_M, _LARGEST_M = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
 
 
@@ -88,40 +85,3 @@ def decode_depth(grey: NDArray[np.uint8], encoding: DepthEncoding) -> NDArray[np
     depth_m = encoding.near_m + share * (encoding.far_m - encoding.near_m)
     unknown = (grey == encoding.invalid_value) | (share >= 1) | (share < 0)
     return np.where(unknown, 0, depth_m).astype(np.float32)
-
-
-def read_depth(path: Path | str) -> NDArray[np.float32]:
-    """(H, W) metres from a 16-bit single-channel PNG in millimetres, 0 where it has no reading.
-
-    Raises InputFileError for a missing or unreadable file, DepthError for another kind of image.
-    """
-    path = Path(path)
-    if not path.is_file():
-        raise InputFileError(f"{path}: no such file, expected a 16-bit depth PNG in millimetres")
-    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    if image is None:
-        raise InputFileError(f"{path}: not a readable image, expected a 16-bit depth PNG")
-    if image.dtype != np.uint16 or image.ndim != 2:
-        channels = 1 if image.ndim == 2 else image.shape[2]
-        raise DepthError(
-            f"{path}: {channels} channel(s) of {image.dtype}, expected one channel of uint16"
-            " in millimetres"
-        )
-    return image.astype(np.float32) / np.float32(_MM_PER_M)
-
-
-def write_depth(path: Path | str, depth_m: NDArray[np.floating[Any]]) -> None:
-    """Write (H, W) metres as a 16-bit PNG in millimetres; beyond 65.535 m is no reading.
-
-    Raises InputFileError where the file cannot be written; a file that was there stays whole.
-    """
-    path = Path(path)
-    millimetres = np.where(np.isfinite(depth_m), np.rint(depth_m * _MM_PER_M), 0)
-    millimetres = np.where((millimetres < 0) | (millimetres > _MAX_MM), 0, millimetres)
-    data = cv2.imencode(".png", millimetres.astype(np.uint16))[1].tobytes()
-    beside = path.with_name(path.name + ".part")
-    try:
-        beside.write_bytes(data)
-        beside.replace(path)
-    except OSError as error:
-        raise InputFileError(f"{path}: cannot be written ({error.strerror})") from error

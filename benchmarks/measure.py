@@ -1,0 +1,130 @@
+"""How true the metres are: every labelled tree of simulated frames, measured and compared.
+
+perceptree synth --out forest --frames 1600 --seed 600
+python benchmarks/measure.py forest --result benchmarks/results/measure_labels.json
+python benchmarks/measure.py forest --model model.onnx --result benchmarks/results/measure_model.json
+
+Without `--model` the keypoints and masks are the labels', and only the depth is noisy; with it
+they are what the network finds. A tree counts as measured if its diameter is. The rows behind the
+tables (one JSON object per labelled tree) are kept where `--rows` says.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from measure_tables import TRUTHS, tables
+from pycocotools import mask as coco_mask
+
+from calib import PinholeCamera, read_depth
+from edgetree import TreeDetections, TreeDetector
+from edgetree.demo.matching import match_boxes
+from edgetree.measure import Failure, MeasureSettings, TreeMeasurement, measure_trees
+from edgetree.sources import read_image
+
+# Of keypoints and masks that are exact to the pixel.
+LABELS = MeasureSettings(
+    keypoint_std_px=0.3, keypoint_spread=1e-6, mask_std_px=0.5, mask_spread=1e-6,
+    shared_std_px=1e-6,
+)
+
+
+def frames(data: Path, count: int | None) -> Iterator[tuple[dict[str, Any], list[dict[str, Any]]]]:
+    """Images with their trees, of all splits."""
+    done = 0
+    for path in sorted(data.glob("*_RGB.json")):
+        coco = json.loads(path.read_text(encoding="utf-8"))
+        trees: dict[int, list[dict[str, Any]]] = {image["id"]: [] for image in coco["images"]}
+        for tree in coco["annotations"]:
+            trees[tree["image_id"]].append(tree)
+        for image in coco["images"]:
+            if count is None or done < count:
+                yield image, trees[image["id"]]
+            done += 1
+
+
+def labelled(image: dict[str, Any], trees: list[dict[str, Any]]) -> TreeDetections:
+    """The labels as detections, corner-based."""
+    keypoints = np.array([tree["keypoints"] for tree in trees], np.float32).reshape(-1, 5, 3)
+    given = keypoints[..., 2:] > 0
+    keypoints = np.where(given, keypoints + [0.5, 0.5, 0], 0)
+    keypoints[..., 2] = given[..., 0]
+    boxes = np.array([tree["bbox"] for tree in trees], np.float32).reshape(-1, 4)
+    boxes[:, 2:] += boxes[:, :2]
+    return TreeDetections(
+        boxes, np.ones(len(trees), np.float32), keypoints, None, image["width"], image["height"]
+    )
+
+
+def measured(
+    data: Path, image: dict[str, Any], trees: list[dict[str, Any]], detector: TreeDetector | None
+) -> list[TreeMeasurement | None]:
+    """What comes of each labelled tree; None where it was not found."""
+    depth_m = read_depth(data / image["depth_file"])
+    camera = PinholeCamera.from_dict(image["camera"])
+    up = image["up_camera"]
+    truth = labelled(image, trees)
+    if detector is None:
+        masks = [coco_mask.decode(tree["segmentation"]).astype(bool) for tree in trees]
+        return list(
+            measure_trees(truth, depth_m, camera, masks=masks, up_camera=up, settings=LABELS)
+        )
+    is_depth = detector.manifest.modality == "depth"
+    found = detector.detect(depth_m if is_depth else read_image(data / image["file_name"]))
+    results = measure_trees(found, depth_m, camera, up_camera=up)
+    of_truth = {m.truth: m.detection for m in match_boxes(found.boxes_px, truth.boxes_px)}
+    return [results[of_truth[n]] if n in of_truth else None for n in range(len(trees))]
+
+
+def row(image: dict[str, Any], tree: dict[str, Any], result: TreeMeasurement | None) -> dict[str, Any]:
+    """One labelled tree with its truth and what was measured of it."""
+    values = {
+        "image": image["id"],
+        "sensor": image["depth_sensor"]["kind"],
+        "visible_fraction": tree["visible_fraction"],
+        "found": result is not None,
+        **{f"true_{name}": tree[label] for name, label in TRUTHS.items()},
+    }
+    if result is not None:
+        values.update(result.to_dict())
+        if isinstance(result.diameter_m, Failure):
+            values["diameter_failure"] = result.diameter_m.reason
+    return values
+
+
+def main() -> None:
+    """Measure, print the tables and store them."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("data", type=Path, nargs="+")
+    parser.add_argument("--model", type=Path)
+    parser.add_argument("--score-threshold", type=float, default=0.5)
+    parser.add_argument("--frames", type=int)
+    parser.add_argument("--rows", type=Path)
+    parser.add_argument("--result", type=Path)
+    options = parser.parse_args()
+    detector = None
+    if options.model is not None:
+        detector = TreeDetector.load(
+            options.model, threads=1, score_threshold=options.score_threshold
+        )
+    rows = []
+    for data in options.data:
+        for image, trees in frames(data, options.frames):
+            if trees:
+                results = measured(data, image, trees, detector)
+                rows += [row(image, *pair) for pair in zip(trees, results, strict=True)]
+    if options.rows is not None:
+        options.rows.write_text("".join(json.dumps(values) + "\n" for values in rows))
+    report = tables(rows)
+    print(json.dumps(report, indent=1))
+    if options.result is not None:
+        options.result.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,36 @@
+"""Boards as a user types them."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from calib.boards.board import Board, CharucoBoard, Checkerboard, CircleGrid
+from calib.errors import CalibError
+
+BOARD_FORMS: Final = (
+    "checkerboard:9x6:0.025 (inner corners, side of a square in metres),"
+    " charuco:8x6:0.03:0.022:4x4_50 (squares, sides of square and marker, dictionary),"
+    " circles:7x5:0.02 or circles:4x11:0.02:asymmetric (circles per row x rows, between rows)"
+)
+
+
+def parse_board(text: str) -> Board:
+    """A board from a text such as one of ``BOARD_FORMS``; raises CalibError with the text."""
+    kind, *parts = text.strip().lower().split(":")
+    try:
+        if kind == "checkerboard" and len(parts) == 2:
+            return Checkerboard(*_counts(parts[0]), float(parts[1]))
+        if kind == "charuco" and len(parts) == 4:
+            return CharucoBoard(*_counts(parts[0]), float(parts[1]), float(parts[2]), parts[3])
+        if kind == "circles" and (len(parts) == 2 or parts[2:] == ["asymmetric"]):
+            return CircleGrid(*_counts(parts[0]), float(parts[1]), asymmetric=len(parts) == 3)
+    except CalibError as error:
+        raise CalibError(f"board {text!r}: {error}") from error
+    except ValueError:
+        pass
+    raise CalibError(f"board is {text!r}: expected one such as {BOARD_FORMS}")
+
+
+def _counts(text: str) -> tuple[int, int]:
+    columns, rows = text.split("x")
+    return int(columns), int(rows)

@@ -1,0 +1,30 @@
+"""Depth maps: metres along z in memory, float32, 0 = no reading; many forms on disk."""
+
+from calib.depth.checks import DepthFailure, DepthReport, check_depth, mask_by_confidence
+from calib.depth.conversion import (
+    depth_to_disparity,
+    depth_to_range,
+    disparity_to_depth,
+    range_to_depth,
+)
+from calib.depth.encoding import DepthEncoding, decode_depth, encode_depth
+from calib.depth.files import read_depth, write_depth
+from calib.depth.noise import StereoNoise, TofNoise
+
+__all__ = [
+    "DepthEncoding",
+    "DepthFailure",
+    "DepthReport",
+    "StereoNoise",
+    "TofNoise",
+    "check_depth",
+    "decode_depth",
+    "depth_to_disparity",
+    "depth_to_range",
+    "disparity_to_depth",
+    "encode_depth",
+    "mask_by_confidence",
+    "range_to_depth",
+    "read_depth",
+    "write_depth",
+]

@@ -1,0 +1,80 @@
+"""Depth maps on disk: 16-bit images in steps of a scale, and floats in metres."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.errors import DepthError, InputFileError
+from calib.writing import write_whole
+
+_MM_PER_M = 1000.0
+_MAX_MM = 65535
+
+
+def read_depth(path: Path | str, scale: float = 1 / _MM_PER_M) -> NDArray[np.float32]:
+    """(H, W) metres from one channel of a file, 0 where it has no reading.
+
+    uint16 (PNG, TIFF, .npy) holds steps of ``scale`` metres, millimetres unless said otherwise;
+    float32 and float64 (TIFF, .npy) hold metres, of which the finite ones above 0 are readings.
+    Raises InputFileError for a missing or unreadable file, DepthError for another kind of image.
+    """
+    path = Path(path)
+    if not (math.isfinite(scale) and scale > 0):
+        raise DepthError(f"scale is {scale}: expected metres per step, above 0")
+    if not path.is_file():
+        raise InputFileError(f"{path}: no such file, expected a depth map as PNG, TIFF or .npy")
+    values = _read_array(path) if path.suffix.lower() == ".npy" else _read_image(path)
+    channels = 1 if values.ndim == 2 else values.shape[-1] if values.ndim == 3 else 0
+    if channels != 1 or values.dtype not in (np.uint16, np.float32, np.float64):
+        raise DepthError(
+            f"{path}: {channels} channel(s) of {values.dtype}, expected one channel of uint16"
+            f" in steps of {scale:g} m or of float32 in metres"
+        )
+    values = values.reshape(values.shape[:2])
+    if values.dtype == np.uint16:
+        return _in_metres(values, scale)
+    return np.where(np.isfinite(values) & (values > 0), values, 0).astype(np.float32)
+
+
+def _in_metres(steps: NDArray[Any], scale: float) -> NDArray[np.float32]:
+    """Divided where the steps of a metre are whole, so that 1234 mm become what 1.234 is."""
+    per_m = 1 / scale
+    if abs(per_m - round(per_m)) < 1e-6 * per_m:
+        return steps.astype(np.float32) / np.float32(round(per_m))
+    return steps.astype(np.float32) * np.float32(scale)
+
+
+def _read_array(path: Path) -> NDArray[Any]:
+    try:
+        values = np.load(path, allow_pickle=False)
+    except (OSError, ValueError, EOFError) as error:
+        raise InputFileError(f"{path}: not a readable .npy array of depth") from error
+    if not isinstance(values, np.ndarray):
+        raise InputFileError(f"{path}: several arrays, expected one (H, W) array of depth")
+    return values
+
+
+def _read_image(path: Path) -> NDArray[Any]:
+    try:
+        image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    except cv2.error:
+        image = None
+    if image is None:
+        raise InputFileError(f"{path}: not a readable image, expected a depth PNG or TIFF")
+    return image
+
+
+def write_depth(path: Path | str, depth_m: NDArray[np.floating[Any]]) -> None:
+    """Write (H, W) metres as a 16-bit PNG in millimetres; beyond 65.535 m is no reading.
+
+    Raises InputFileError where the file cannot be written; a file that was there stays whole.
+    """
+    millimetres = np.where(np.isfinite(depth_m), np.rint(depth_m * _MM_PER_M), 0)
+    millimetres = np.where((millimetres < 0) | (millimetres > _MAX_MM), 0, millimetres)
+    write_whole(Path(path), cv2.imencode(".png", millimetres.astype(np.uint16))[1].tobytes())

@@ -1,0 +1,85 @@
+"""Reading a camera from any of the known files, and writing the project's own."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from calib.camera import PinholeCamera
+from calib.errors import CameraError, InputFileError
+from calib.files import (
+    camodocal,
+    kalibr,
+    opencv,
+    own,
+    realsense,
+    ros_camera_info,
+    ros_parameters,
+    zed,
+)
+from calib.files.fields import Values
+from calib.files.text import parse, read_text
+from calib.writing import write_whole
+
+_EXPECTED = "a camera file"
+
+
+class _Format(NamedTuple):
+    """How one tool's file is known, which cameras it holds, and how one becomes ours."""
+
+    title: str
+    find: Callable[[Values], dict[str, Values]]
+    build: Callable[[Values], PinholeCamera]
+
+
+# The first that finds a camera reads the file: ROS's camera_info is OpenCV's with more in it.
+_FORMATS = (
+    _Format(own.SCHEMA, own.find, own.build),
+    _Format("ROS camera_info", ros_camera_info.find, ros_camera_info.build),
+    _Format("OpenCV", opencv.find, opencv.build),
+    _Format("Kalibr camchain", kalibr.find, kalibr.build),
+    _Format("CamOdoCal", camodocal.find, camodocal.build),
+    _Format("RealSense", realsense.find, realsense.build),
+    _Format("ZED", zed.find, zed.build),
+    _Format("ROS parameters", ros_parameters.find, ros_parameters.build),
+)
+
+
+def load_camera(path: Path | str, *, name: str | None = None) -> PinholeCamera:
+    """Read a camera file, recognised by its content.
+
+    Known are the project's own JSON, ROS camera_info and parameter files, OpenCV's FileStorage
+    (YAML, XML), Kalibr camchains, CamOdoCal, RealSense (text, JSON) and ZED factory files. ``name``
+    chooses among several cameras. Raises InputFileError or CameraError with the file's name.
+    """
+    path = Path(path)
+    text = read_text(path, _EXPECTED)
+    values: Any = realsense.parse_text(text) or parse(path, text, _EXPECTED)
+    for form in _FORMATS:
+        if isinstance(values, Mapping) and (cameras := form.find(values)):
+            chosen = _choose(path, cameras, name)
+            try:
+                return form.build(cameras[chosen])
+            except CameraError as error:
+                of_camera = f" ({chosen})" if chosen else ""
+                raise CameraError(f"{path}{of_camera}: {error}") from error
+    known = ", ".join(form.title for form in _FORMATS)
+    raise InputFileError(f"{path}: holds no known camera, expected one of {known}")
+
+
+def _choose(path: Path, cameras: Mapping[str, Values], name: str | None) -> str:
+    """The name of the camera that is meant."""
+    names = ", ".join(repr(known) for known in cameras)
+    if name is None and len(cameras) > 1:
+        raise InputFileError(f"{path}: holds {len(cameras)} cameras, expected a name of {names}")
+    if name is not None and name not in cameras:
+        raise InputFileError(f"{path}: has no camera {name!r}, expected {names}")
+    return next(iter(cameras)) if name is None else name
+
+
+def save_camera(path: Path | str, camera: PinholeCamera) -> None:
+    """Write a camera; raises InputFileError where the file cannot be written."""
+    text = json.dumps({"schema": own.SCHEMA, **camera.to_dict()}, indent=1)
+    write_whole(Path(path), f"{text}\n".encode())

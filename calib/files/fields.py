@@ -1,0 +1,124 @@
+"""Typed values out of the nested ones of a camera file; CameraError names what is wrong."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from calib.camera import RADTAN, PinholeCamera
+from calib.errors import CameraError
+
+Values = Mapping[str, Any]
+
+_FULL_RATIONAL = 8  # of the terms OpenCV writes, the further ones bend for tilted sensors
+
+
+def one_of(values: Values, *names: str) -> str:
+    """Which of several names for the same thing is used."""
+    found = [name for name in names if name in values]
+    if len(found) > 1:
+        raise CameraError(f"{' and '.join(found)} are both given: expected one of them")
+    if not found:
+        raise CameraError(f"{' or '.join(names)} is missing")
+    return found[0]
+
+
+def number(values: Values, name: str) -> float:
+    """A number; text that spells one counts, as INI, XML and YAML's 1e-5 come as text."""
+    if name not in values:
+        raise CameraError(f"{name} is missing: expected a number")
+    return _number(name, values[name])
+
+
+def _number(name: str, value: Any) -> float:
+    if not isinstance(value, bool) and isinstance(value, int | float | str):
+        try:
+            return float(value)
+        except (ValueError, OverflowError):
+            pass
+    raise CameraError(f"{name} is {value!r}: expected a number")
+
+
+def numbers(values: Values, name: str) -> tuple[float, ...]:
+    """A list of numbers: flat, by rows, as text, or the data of a matrix with rows and cols."""
+    found = values.get(name)
+    if isinstance(found, Mapping):
+        data = numbers({name: found.get("data")}, name)
+        if "rows" in found and "cols" in found:
+            size = number(found, "rows") * number(found, "cols")
+            if size != len(data):
+                raise CameraError(f"{name} has {len(data)} numbers: expected {size:g}")
+        return data
+    if isinstance(found, str):
+        found = found.split()
+    if found is None or not isinstance(found, Sequence):
+        raise CameraError(f"{name} is {found!r}: expected a list of numbers")
+    flat = [item for row in found for item in (row if isinstance(row, list) else [row])]
+    return tuple(_number(name, item) for item in flat)
+
+
+def flag(values: Values, name: str) -> bool:
+    """Whether a switch is on; off where it is missing."""
+    value = values.get(name, False)
+    if str(value).lower() not in ("0", "1", "true", "false"):
+        raise CameraError(f"{name} is {value!r}: expected 0 or 1")
+    return str(value).lower() in ("1", "true")
+
+
+def size(values: Values) -> tuple[int, int]:
+    """Width and height from image_width and image_height, width and height, or resolution."""
+    sizes = set()
+    for width, height in (("image_width", "image_height"), ("width", "height")):
+        if width in values or height in values:
+            sizes.add((number(values, width), number(values, height)))
+    if "resolution" in values:
+        resolution = numbers(values, "resolution")
+        if len(resolution) != 2:
+            raise CameraError(f"resolution is {list(resolution)}: expected width and height")
+        sizes.add((resolution[0], resolution[1]))
+    if len(sizes) != 1:
+        found = " and ".join(f"{width:g}x{height:g}" for width, height in sorted(sizes))
+        raise CameraError(
+            f"the image size is {found or 'not given'}: expected one image_width and image_height"
+        )
+    ((width_px, height_px),) = sizes
+    for name, value in (("image width", width_px), ("image height", height_px)):
+        if not math.isfinite(value) or value != int(value):
+            raise CameraError(f"{name} is {value}: expected whole pixels")
+    return int(width_px), int(height_px)
+
+
+def matrix(values: Values, name: str) -> tuple[float, float, float, float]:
+    """fx, fy, cx, cy of a 3x3 camera matrix in rows."""
+    found = numbers(values, name)
+    if len(found) != 9:
+        raise CameraError(f"{name} has {len(found)} numbers: expected 3x3")
+    fx, skew, cx, below, fy, cy, *last = found
+    if skew != 0 or below != 0:
+        raise CameraError(f"{name} has a skew of {skew or below:g}: expected 0")
+    if last != [0, 0, 1]:
+        raise CameraError(f"{name} has {last} as its last row: expected [0, 0, 1]")
+    return fx, fy, cx, cy
+
+
+def camera(
+    size_px: tuple[int, int],
+    focal_and_centre_px: Sequence[float],
+    terms: Sequence[float],
+    model: str = RADTAN,
+) -> PinholeCamera:
+    """A camera; terms of OpenCV's larger models, and a list of nothing but zeros, fall away."""
+    fx, fy, cx, cy = focal_and_centre_px
+    if model == RADTAN and not any(terms):
+        terms = ()
+    elif model == RADTAN and len(terms) in (12, 14) and not any(terms[_FULL_RATIONAL:]):
+        terms = terms[:_FULL_RATIONAL]
+    return PinholeCamera(*size_px, fx, fy, cx, cy, tuple(terms), model)
+
+
+def lens_model(name: str, value: Any, models: Mapping[str, str]) -> str:
+    """The distortion model that a tool's word for it stands for."""
+    if value not in models:
+        raise CameraError(f"{name} is {value!r}: expected {', '.join(models)}")
+    return models[value]

@@ -1,0 +1,37 @@
+"""Kalibr's camchain YAML: cam0, cam1, ... with intrinsics, model and resolution."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from calib.camera import FISHEYE, RADTAN, PinholeCamera
+from calib.errors import CameraError
+from calib.files.fields import Values, camera, lens_model, numbers, one_of, size
+
+_MODELS = {"radtan": RADTAN, "equidistant": FISHEYE, "none": RADTAN}
+_TERMS = 4
+
+
+def find(values: Values) -> dict[str, Values]:
+    """Every map at the top that holds intrinsics."""
+    return {
+        str(name): camera_values
+        for name, camera_values in values.items()
+        if isinstance(camera_values, Mapping) and "intrinsics" in camera_values
+    }
+
+
+def build(values: Values) -> PinholeCamera:
+    """Pinhole intrinsics are fu, fv, pu, pv; both models have four terms, OpenCV's."""
+    kind = values.get("camera_model")
+    if kind != "pinhole":
+        raise CameraError(f"camera_model is {kind!r}: expected pinhole")
+    intrinsics = numbers(values, "intrinsics")
+    if len(intrinsics) != 4:
+        raise CameraError(f"intrinsics has {len(intrinsics)} numbers: expected fu, fv, pu, pv")
+    name = values.get("distortion_model")
+    model = lens_model("distortion_model", name, _MODELS)
+    terms = numbers(values, one_of(values, "distortion_coeffs", "distortion_coefficients"))
+    if len(terms) != (0 if name == "none" else _TERMS):
+        raise CameraError(f"distortion_coeffs has {len(terms)} terms: not those of {name}")
+    return camera(size(values), intrinsics, terms, model)

@@ -1,0 +1,118 @@
+"""Rigid motions between frames: from one camera to another, from a camera to its machine."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from calib.errors import CalibError
+
+Float = NDArray[np.floating[Any]]
+
+_ORTHONORMAL_TOLERANCE = 1e-3
+# A level camera that looks along the machine's x: its right, down and forward in that frame.
+_LEVEL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+
+
+@dataclass(frozen=True, eq=False)
+class RigidTransform:
+    """Points p of one frame become ``rotation`` p + ``translation_m`` of another.
+
+    ``rotation`` (3, 3) may be orthonormal to 1e-3, as files round it: the nearest rotation is
+    kept. ``translation_m`` (3,) is the first frame's origin in the second. Raises CalibError for
+    anything else.
+    """
+
+    rotation: Float
+    translation_m: Float
+
+    def __post_init__(self) -> None:
+        rotation = _numbers("rotation", self.rotation, (3, 3))
+        miss = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+        if miss > _ORTHONORMAL_TOLERANCE or np.linalg.det(rotation) < 0:
+            raise CalibError(
+                f"rotation is {rotation.tolist()}: expected an orthonormal, right-handed matrix"
+            )
+        left, _, right = np.linalg.svd(rotation)
+        translation_m = _numbers("translation_m", self.translation_m, (3,)).copy()
+        for name, values in (("rotation", left @ right), ("translation_m", translation_m)):
+            values.flags.writeable = False
+            object.__setattr__(self, name, values)
+
+    @classmethod
+    def identity(cls) -> RigidTransform:
+        """Both frames are the same."""
+        return cls(np.eye(3), np.zeros(3))
+
+    @classmethod
+    def from_quaternion(cls, xyzw: ArrayLike, translation_m: ArrayLike) -> RigidTransform:
+        """From a quaternion, its scalar last; it may be off unit length by 1e-3."""
+        quaternion = _numbers("quaternion_xyzw", xyzw, (4,))
+        length = float(np.linalg.norm(quaternion))
+        if abs(length - 1) > _ORTHONORMAL_TOLERANCE:
+            raise CalibError(f"quaternion_xyzw has length {length:g}: expected 1")
+        x, y, z, w = quaternion / length
+        cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        return cls(np.eye(3) + 2 * w * cross + 2 * cross @ cross, np.asarray(translation_m))
+
+    @classmethod
+    def from_euler_deg(
+        cls, roll: float, pitch: float, yaw: float, translation_m: ArrayLike
+    ) -> RigidTransform:
+        """Turned by roll about x, then pitch about y, then yaw about z, the second frame's axes."""
+        angles = np.radians(_numbers("roll_pitch_yaw_deg", (roll, pitch, yaw), (3,)))
+        (sr, sp, sy), (cr, cp, cy) = np.sin(angles), np.cos(angles)
+        about_x = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
+        about_y = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
+        about_z = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
+        return cls(about_z @ about_y @ about_x, np.asarray(translation_m))
+
+    @classmethod
+    def mounting(
+        cls,
+        position_m: ArrayLike,
+        roll_deg: float = 0.0,
+        pitch_deg: float = 0.0,
+        yaw_deg: float = 0.0,
+    ) -> RigidTransform:
+        """From a camera (x right, y down, z forward) to its machine (x forward, y left, z up).
+
+        With all angles 0 the camera is level and looks forward. The angles are right-handed turns
+        about the machine's axes, in the order of ``from_euler_deg``: positive roll leans the
+        camera to its right, positive pitch makes it look down, positive yaw to the left.
+        ``position_m`` (3,) is the camera in the machine's frame; its third is the height above
+        that frame's origin.
+        """
+        turned = cls.from_euler_deg(roll_deg, pitch_deg, yaw_deg, np.zeros(3))
+        return cls(turned.rotation @ _LEVEL, np.asarray(position_m))
+
+    def apply(self, points_m: ArrayLike) -> Float:
+        """(..., 3) points of the first frame to those of the second."""
+        return self.rotate(points_m) + self.translation_m
+
+    def rotate(self, directions: ArrayLike) -> Float:
+        """(..., 3) directions of the first frame to those of the second."""
+        return np.asarray(np.asarray(directions, np.float64) @ self.rotation.T)
+
+    def inverse(self) -> RigidTransform:
+        """From the second frame to the first."""
+        return RigidTransform(self.rotation.T, -self.rotation.T @ self.translation_m)
+
+    def then(self, other: RigidTransform) -> RigidTransform:
+        """This motion first, then ``other``."""
+        return RigidTransform(other.rotation @ self.rotation, other.apply(self.translation_m))
+
+
+def _numbers(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Float:
+    """``values`` as finite numbers of that shape."""
+    try:
+        array = np.asarray(values, np.float64)
+    except (TypeError, ValueError):
+        raise CalibError(f"{name} is {values!r}: expected numbers") from None
+    if array.shape != shape or not np.isfinite(array).all():
+        sizes = "x".join(str(side) for side in shape)
+        raise CalibError(f"{name} is {array.tolist()}: expected {sizes} finite numbers")
+    return array

@@ -1,0 +1,21 @@
+"""Writing a file so that a reader sees the old one or the new one, never a half."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+
+from calib.errors import InputFileError
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write beside ``path``, then rename; raises InputFileError where it cannot be written."""
+    beside = path.with_name(path.name + ".part")
+    try:
+        beside.write_bytes(data)
+        beside.replace(path)
+    except OSError as error:
+        raise InputFileError(f"{path}: cannot be written ({error.strerror})") from error
+    finally:
+        with suppress(OSError):
+            beside.unlink()

@@ -1,0 +1,250 @@
+"""`edgetree calibrate`: a camera's file from pictures of a printed board."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+
+import typer
+
+from edgetree.commands.options import Json, quoted
+from edgetree.console import note, print_json, track
+
+if TYPE_CHECKING:
+    from calib.boards import (
+        Board,
+        Calibration,
+        CalibrationFailure,
+        Dropped,
+        Parameter,
+        Picture,
+        Sightings,
+    )
+    from calib.depth_scale import DepthScale, DepthScaleFailure
+    from edgetree.sources import FrameSource
+
+__all__ = ["calibrate"]
+
+_Source: TypeAlias = Annotated[
+    Path,
+    typer.Argument(metavar="SOURCE", help="A folder with pictures of the board, or a video."),
+]
+_Board: TypeAlias = Annotated[
+    str,
+    typer.Option(
+        metavar="BOARD",
+        help="checkerboard:9x6:0.025 (inner corners, side of a square in metres);"
+        " charuco:8x6:0.03:0.022:4x4_50 (squares, sides of square and marker, dictionary);"
+        " circles:7x5:0.02 or circles:4x11:0.02:asymmetric (circles per row x rows, metres"
+        " between rows).",
+    ),
+]
+_Lens: TypeAlias = Annotated[
+    str, typer.Option(help="Of the lens: radtan; or fisheye, for 120 degrees and more.")
+]
+_Out: TypeAlias = Annotated[Path, typer.Option(help="The camera file (JSON) to write.")]
+_Depth: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        help="Folder with a depth image of the same stem for each picture: finds the scale and"
+        " offset of the depth too, and writes them beside the camera."
+    ),
+]
+
+
+def calibrate(
+    source: _Source,
+    board: _Board,
+    model: _Lens = "radtan",
+    out: _Out = Path("camera.json"),
+    depth: _Depth = None,
+    as_json: Json = False,
+) -> None:
+    """Find a camera's focal length, centre and distortion, and how well they are known.
+
+    A camera that is not known well enough to measure with is not written, and the exit code is 1.
+    """
+    from calib.boards import LENS_MODELS, parse_board
+    from edgetree.errors import InputError
+    from edgetree.outputs import output_folder
+    from edgetree.sources import open_source
+
+    if model not in LENS_MODELS:
+        raise InputError(f"--model is {model!r}: expected {' or '.join(LENS_MODELS)}")
+    if out.is_dir():
+        raise InputError(f"{out} is a folder: expected the name of a file to write")
+    printed, frames = parse_board(board), open_source(source)
+    deep = None if depth is None else open_source(source, depth)
+    with output_folder(out.parent):
+        work = _solve(frames, deep, printed, model)
+        written = work.write(out)
+        if as_json:
+            asked = {"source": str(source), "board": board, "model": model}
+            print_json({"schema": "edgetree.calibrate/1", **asked, **work.record(), **written})
+        else:
+            for line in work.lines():
+                typer.echo(line)
+        work.check()
+    for path in written.values():
+        if path is not None:
+            note(f"written: {path}")
+    note(f"next: edgetree measure IMAGE --depth DEPTH --camera {quoted(out)}")
+
+
+@dataclass(frozen=True)
+class _Work:
+    """What came of it; no `depth` where none was asked for, or no camera found."""
+
+    sightings: Sightings
+    result: Calibration | CalibrationFailure
+    depth: DepthScale | DepthScaleFailure | None
+
+    def write(self, out: Path) -> dict[str, str | None]:
+        """What is good enough, and where it is."""
+        from calib import save_camera, save_depth_scale
+
+        written: dict[str, str | None] = {"camera_file": None, "depth_scale_file": None}
+        if self.result and self.result.passed:
+            save_camera(out, self.result.camera)
+            written["camera_file"] = str(out)
+            if self.depth:
+                beside = out.with_suffix(".depth_scale.json")
+                save_depth_scale(beside, self.depth)
+                written["depth_scale_file"] = str(beside)
+        return written
+
+    def check(self) -> None:
+        """Raises CheckFailed where something is not good enough."""
+        from calib import DepthScaleFailure
+        from calib.boards import CalibrationFailure
+        from edgetree.errors import CheckFailed
+
+        if isinstance(self.result, CalibrationFailure):
+            raise CheckFailed(self.result.reason)
+        reasons = list(self.result.reasons)
+        if isinstance(self.depth, DepthScaleFailure):
+            reasons.append(f"no depth scale: {self.depth.reason}")
+        if reasons:
+            raise CheckFailed("; ".join(reasons))
+
+    def record(self) -> dict[str, Any]:
+        """All of it, JSON-ready."""
+        seen = self.sightings
+        depth = self.depth.to_dict() if self.depth else None
+        return {
+            "pictures": seen.pictures,
+            "without_board": list(seen.without_board),
+            "repeated": list(seen.repeated),
+            **self.result.to_dict(),
+            "depth_scale": depth,
+        }
+
+    def lines(self) -> Iterator[str]:
+        """All of it, for a person."""
+        seen = self.sightings
+        shown = f"{len(seen.views)} of {seen.pictures} pictures show the board at a new place"
+        yield f"{shown}, {seen.width}x{seen.height} px"
+        if not seen.views:
+            yield (
+                f"none of the {seen.pictures} pictures shows the board: a checkerboard counts its"
+                " inner corners, a ChArUco board its squares, circles those of one row first"
+            )
+        elif seen.without_board:
+            yield f"no board in {', '.join(seen.without_board)}"
+        if seen.repeated:
+            yield f"nothing new in {', '.join(seen.repeated)}"
+        if self.result:
+            yield from _camera_lines(self.result)
+        else:
+            yield from (_dropped_line(dropped) for dropped in self.result.dropped)
+        if self.depth:
+            yield from _depth_lines(self.depth)
+        yield from (f"advice: {advice}" for advice in self.result.advice)
+
+
+def _solve(frames: FrameSource, deep: FrameSource | None, board: Board, model: str) -> _Work:
+    from calib.boards import calibrate_camera, find_boards
+
+    seen = find_boards(_pictures(frames), board)
+    result = calibrate_camera(seen.views, (seen.width, seen.height), model)
+    depth = _depth_scale(deep, seen, result) if deep is not None and result else None
+    return _Work(seen, result, depth)
+
+
+def _pictures(frames: FrameSource) -> Iterator[Picture]:
+    import cv2
+    import numpy as np
+
+    from calib.boards import Picture
+
+    for frame in track(frames, "looking for the board", frames.count):
+        if frame.image is not None:
+            grey = cv2.cvtColor(frame.image, cv2.COLOR_BGR2GRAY)
+            yield Picture(frame.name, np.asarray(grey, np.uint8), frame.time_s)
+
+
+def _depth_scale(
+    frames: FrameSource, seen: Sightings, result: Calibration
+) -> DepthScale | DepthScaleFailure:
+    from calib import fit_depth_scale, read_target
+
+    points_px = {view.name: view.image_px for view in seen.views}
+    poses = {view.name: view.pose for view in result.views}
+    return fit_depth_scale(
+        [
+            read_target(
+                frame.name, result.camera, poses[frame.name], points_px[frame.name], frame.depth_m
+            )
+            for frame in track(frames, "reading depth", frames.count)
+            if frame.name in poses and frame.depth_m is not None
+        ]
+    )
+
+
+def _camera_lines(result: Calibration) -> Iterator[str]:
+    width = max(4, *(len(view.name) for view in result.views))
+    yield f"{'view':{width}}  points  rms px  worst px  distance m  tilt deg"
+    for view in result.views:
+        yield (
+            f"{view.name:{width}}  {view.points:6}  {view.rms_px:6.2f}  {view.worst_px:8.2f}"
+            f"  {view.distance_m:10.2f}  {view.tilt_deg:8.0f}"
+        )
+    yield from (_dropped_line(dropped) for dropped in result.dropped)
+    yield from (_parameter_line(parameter) for parameter in result.parameters)
+    yield f"{result.rms_px:.2f} px off in {len(result.views)} views (RMS)"
+    yield f"{result.coverage.share:.0%} of the picture reached, views per part of it:"
+    yield from (f"  {row}" for row in result.coverage.text())
+
+
+def _dropped_line(dropped: Dropped) -> str:
+    points = dropped.points
+    what = f"point(s) {', '.join(map(str, points))} of {dropped.view}" if points else dropped.view
+    return f"left out {what}: {dropped.reason}"
+
+
+def _parameter_line(parameter: Parameter) -> str:
+    return (
+        f"{parameter.name:3}{_with_std(parameter.value, parameter.std)} {parameter.unit}".rstrip()
+    )
+
+
+def _with_std(value: float, std: float) -> str:
+    """Both to the second digit of the standard deviation."""
+    decimals = max(0, 1 - math.floor(math.log10(std))) if std > 0 else 6
+    return f"{value:10.{decimals}f} ± {std:.{decimals}f}"
+
+
+def _depth_lines(depth: DepthScale) -> Iterator[str]:
+    scale, offset = (
+        _with_std(depth.scale, depth.scale_std).strip(),
+        _with_std(1000 * depth.offset_m, 1000 * depth.offset_std_m).strip(),
+    )
+    yield f"depth: true = ({scale}) x reading + ({offset}) mm"
+    yield "  from targets at metres (off by mm, scatter of readings mm):"
+    for target in sorted(depth.targets, key=lambda each: each.distance_m):
+        off, scatter = 1000 * target.residual_m, 1000 * target.noise_std_m
+        yield f"  {target.distance_m:6.2f} ({off:+.1f}, {scatter:.1f}) {target.name}"
+    yield from (f"  left out {name}" for name in depth.dropped)

@@ -1,0 +1,267 @@
+"""The outline of stems in the picture: where to look, and where their masks have edges."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edgetree.measure.frame import DepthFrame, MaskGrid
+
+__all__ = ["STATIONS", "Outline", "Strips", "find_outline", "spans", "start_from_masks"]
+
+Float = NDArray[np.floating[Any]]
+Flags = NDArray[np.bool_]
+
+STATIONS = 40
+"""Places along every stem at which it is looked at."""
+
+_SHOWN = 0.5
+# Edges are sought across so many half widths, first coarsely, then closely around what was found.
+_REACH = 1.8
+_COARSE, _FINE = 37, 25
+_CLOSE, _LEAST_CLOSE_PX = 0.1, 1.5
+_TURNS = 2
+_LEAST_STATIONS = 6
+# Edges this near to a line (of the half width, or px) agree with it; one that lies beyond counts
+# this much against it. Lines are drawn between these quantiles of what both halves show.
+_AGREEING, _AGREEING_PX = 0.08, 1.0
+_BEYOND = 0.5
+_LEAST_AGREEING = 0.1
+_QUANTILES = np.array((0.1, 0.3, 0.5, 0.7, 0.9))
+_ROUNDS = 3
+_LEAST_HALF_PX = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Strips:
+    """Straight strips of the picture that hold the stems.
+
+    Attributes:
+        origin_px: (T, 2) a point on the middle line.
+        along: (T, 2) unit vector up the stem; `across` (T, 2) to its right.
+        half_px: (T,) half the width.
+        span_px: (T, 2) lowest and highest place along it, from the origin.
+    """
+
+    origin_px: Float
+    along: Float
+    half_px: Float
+    span_px: Float
+
+    @property
+    def across(self) -> Float:
+        return np.stack([-self.along[:, 1], self.along[:, 0]], -1)
+
+    @property
+    def stations_px(self) -> Float:
+        """(T, S) places along the middle line, evenly spread, from low to high."""
+        share = (np.arange(STATIONS) + 0.5) / STATIONS
+        low, high = self.span_px[:, :1], self.span_px[:, 1:]
+        return np.asarray(low + (high - low) * share)
+
+    def points(self, across_px: Float) -> Float:
+        """(T, S, C, 2) picture points at the stations, `across_px` (T, S, C) from the middle."""
+        line = self.origin_px[:, None] + self.stations_px[..., None] * self.along[:, None]
+        return np.asarray(line[:, :, None] + across_px[..., None] * self.across[:, None, None])
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """What the masks show of the stems at their stations.
+
+    Attributes:
+        strips: where was looked.
+        left_px, right_px: (T, S) places of the edges across the strip.
+        left_valid, right_valid: (T, S) where these are edges of the stem.
+        shown: (T,) share of the stations that show some of the stem.
+    """
+
+    strips: Strips
+    left_px: Float
+    right_px: Float
+    left_valid: Flags
+    right_valid: Flags
+    shown: Float
+
+
+def start_from_masks(masks: list[MaskGrid]) -> tuple[Float, Float, Float]:
+    """Origin (T, 2), direction up (T, 2) and half width (T,) of strips, by the masks' moments."""
+    starts = [_moments(mask) for mask in masks]
+    origin, along, half = (np.stack(part) for part in zip(*starts, strict=True))
+    return origin, along, half
+
+
+def _moments(mask: MaskGrid) -> tuple[Float, Float, Float]:
+    weight = np.where(mask.grid >= _SHOWN, mask.grid, 0.0)
+    total = float(weight.sum())
+    if total == 0:
+        return np.full(2, np.nan), np.array([0.0, -1.0]), np.array(np.nan)
+    cell = (mask.box_px[2:] - mask.box_px[:2]) / mask.grid.shape[::-1]
+    x = mask.box_px[0] + (np.arange(mask.grid.shape[1]) + 0.5) * cell[0]
+    y = mask.box_px[1] + (np.arange(mask.grid.shape[0]) + 0.5) * cell[1]
+    columns, rows = weight.sum(0), weight.sum(1)
+    mean_x, mean_y = float(columns @ x) / total, float(rows @ y) / total
+    mixed = float((y - mean_y) @ weight @ (x - mean_x)) / total
+    spread = np.array(
+        [
+            [float(columns @ (x - mean_x) ** 2) / total, mixed],
+            [mixed, float(rows @ (y - mean_y) ** 2) / total],
+        ]
+    )
+    squares, axes = np.linalg.eigh(spread)
+    along = axes[:, 1] * (-1.0 if axes[1, 1] > 0 else 1.0)
+    half = total * cell[0] * cell[1] / np.sqrt(12 * max(squares[1], 1e-9)) / 2
+    return np.array([mean_x, mean_y]), along, np.asarray(max(half, _LEAST_HALF_PX))
+
+
+def spans(origin_px: Float, along: Float, boxes_px: Float) -> Float:
+    """(T, 2) where lines through (T, 2) origins leave their boxes (T, 4), downwards and upwards."""
+    safe = np.where(np.abs(along) < 1e-6, 1e-6, along)
+    ends = (boxes_px.reshape(-1, 2, 2) - origin_px[:, None]) / safe[:, None]
+    low, high = np.sort(ends, axis=1).transpose(1, 0, 2)
+    return np.stack([low.max(1), high.min(1)], -1)
+
+
+def find_outline(frame: DepthFrame, strips: Strips, border_px: Float) -> Outline:
+    """Look for both edges at every station: coarsely, turning the strips to what the masks show,
+    and then closely. Edges within `border_px` (T,) of the picture's border are none: there the
+    mask ends, and the stem does not.
+    """
+    for _ in range(_TURNS):
+        left, right, seen = _coarse_edges(frame, strips)
+        strips = _turned(strips, left, right, seen)
+    left, right, seen = _coarse_edges(frame, strips)
+    left, left_seen = _close_edges(frame, strips, left, 1, border_px)
+    right, right_seen = _close_edges(frame, strips, right, -1, border_px)
+    place, half = strips.stations_px, strips.half_px
+    return Outline(
+        strips,
+        left,
+        right,
+        outer_lines(place, -left, seen & left_seen, half)[2],
+        outer_lines(place, right, seen & right_seen, half)[2],
+        seen.mean(1),
+    )
+
+
+def _coarse_edges(frame: DepthFrame, strips: Strips) -> tuple[Float, Float, Flags]:
+    """(T, S) left and right edges across the strips, and where there are both."""
+    across = np.linspace(-_REACH, _REACH, _COARSE) * strips.half_px[:, None, None]
+    across = np.broadcast_to(across, (len(strips.half_px), STATIONS, _COARSE))
+    shown = frame.shown(strips.points(across))
+    left, left_seen = _first_crossing(shown, across)
+    right, right_seen = _first_crossing(shown[..., ::-1], across[..., ::-1])
+    return left, right, left_seen & right_seen
+
+
+def _close_edges(
+    frame: DepthFrame, strips: Strips, edges_px: Float, inwards: int, border_px: Float
+) -> tuple[Float, Flags]:
+    """The same edges (T, S) sought in small steps around where they were found."""
+    width = np.maximum(_CLOSE * strips.half_px, _LEAST_CLOSE_PX)[:, None, None]
+    across = edges_px[..., None] + np.linspace(-inwards, inwards, _FINE) * width
+    found, seen = _first_crossing(frame.shown(strips.points(across)), across)
+    points = strips.points(found[..., None])[:, :, 0]
+    return found, seen & frame.inside(points, border_px[:, None, None])
+
+
+def _first_crossing(shown: Float, across: Float) -> tuple[Float, Flags]:
+    """(T, S) where the first of C samples shows the stem, between it and the one before."""
+    inside = shown >= _SHOWN
+    first = np.maximum(inside.argmax(-1), 1)[..., None]
+    high, low = (np.take_along_axis(shown, at, -1)[..., 0] for at in (first, first - 1))
+    end, start = (np.take_along_axis(across, at, -1)[..., 0] for at in (first, first - 1))
+    rise = np.where(high > low, high - low, 1.0)
+    return start + (end - start) * (_SHOWN - low) / rise, inside.any(-1) & ~inside[..., 0]
+
+
+def _turned(strips: Strips, left: Float, right: Float, seen: Flags) -> Strips:
+    """The strips laid between the lines along both edges."""
+    enough = seen.sum(1) >= _LEAST_STATIONS
+    sides = [outer_lines(strips.stations_px, edge, seen, strips.half_px) for edge in (-left, right)]
+    (left_value, left_slope, _), (right_value, right_slope, _) = sides
+    value = np.where(enough, (right_value - left_value) / 2, 0.0)[:, None]
+    slope = np.where(enough, (right_slope - left_slope) / 2, 0.0)[:, None]
+    along = strips.along + slope * strips.across
+    half = np.maximum((left_value + right_value) / 2, _LEAST_HALF_PX)
+    return Strips(
+        strips.origin_px + value * strips.across,
+        along / np.linalg.norm(along, axis=1, keepdims=True),
+        np.where(enough, half, strips.half_px),
+        strips.span_px,
+    )
+
+
+def outer_lines(
+    place: Float, outward: Float, seen: Flags, half_px: Float
+) -> tuple[Float, Float, Flags]:
+    """The straight edge of each stem on one side.
+
+    What hides a stem can only make its mask narrower. So of many lines the one is taken that the
+    most stations agree with and that the fewest lie beyond, and then fitted to those that agree.
+
+    Args:
+        place: (T, S) stations along the strip.
+        outward: (T, S) how far out the mask's edge lies there.
+        seen: (T, S) where there is one.
+        half_px: (T,) half the stem's width.
+
+    Returns:
+        Value at place 0 and slope of the lines, (T,), and (T, S) which edges agree with them.
+    """
+    tolerance = np.maximum(_AGREEING * half_px, _AGREEING_PX)[:, None]
+    value, slope = _best_line(place, outward, seen, tolerance)
+    for _ in range(_ROUNDS):
+        miss = (outward - value[:, None] - slope[:, None] * place) / tolerance
+        weight = np.where(seen, np.maximum(1 - (miss / 2) ** 2, 0) ** 2, 0.0)
+        value, slope = weighted_lines(place, np.where(seen, outward, 0.0), weight)
+    miss = np.abs(outward - value[:, None] - slope[:, None] * place)
+    agree = seen & (miss < tolerance)
+    return value, slope, agree & (agree.mean(1, keepdims=True) >= _LEAST_AGREEING)
+
+
+def _best_line(
+    place: Float, outward: Float, seen: Flags, tolerance: Float
+) -> tuple[Float, Float]:
+    """Of the lines between quantiles of the lower and the upper half of the stations, the best."""
+    rows = np.arange(len(place))
+    ends = []
+    for half in (slice(None, STATIONS // 2), slice(STATIONS // 2, None)):
+        ordered = np.sort(np.where(seen[:, half], outward[:, half], np.inf), axis=1)
+        count = seen[:, half].sum(1)
+        rank = (_QUANTILES * np.maximum(count - 1, 0)[:, None]).astype(np.intp)
+        value = np.take_along_axis(ordered, rank, 1)
+        ends.append((place[:, half].mean(1), np.where(np.isfinite(value), value, np.nan)))
+    (low_place, low), (high_place, high) = ends
+    only_low, only_high = np.isnan(high).all(1), np.isnan(low).all(1)
+    high = np.where(only_low[:, None], low, high)
+    low = np.where(only_high[:, None], high, low)
+    low, high = (np.nan_to_num(part) for part in (low, high))
+    slope = (high[:, None, :] - low[:, :, None]) / (high_place - low_place)[:, None, None]
+    slope = slope.reshape(len(place), -1)
+    value = np.repeat(low, len(_QUANTILES), 1) - slope * low_place[:, None]
+    miss = (outward[:, None] - value[..., None] - slope[..., None] * place[:, None]) / tolerance[:, None]
+    near = np.maximum(1 - miss**2, 0.0) - _BEYOND * (miss > 1)
+    best = np.where(seen[:, None], near, 0.0).sum(2).argmax(1)
+    return value[rows, best], slope[rows, best]
+
+
+def medians(values: Float, valid: Flags) -> Float:
+    """(T,) medians of the valid ones among (T, N) values, 0 where there are none."""
+    ordered = np.sort(np.where(valid, values, np.inf), axis=1)
+    middle = np.minimum(valid.sum(1) // 2, values.shape[1] - 1)
+    found = ordered[np.arange(len(values)), middle]
+    return np.where(np.isfinite(found), found, 0.0)
+
+
+def weighted_lines(place: Float, value: Float, weight: Float) -> tuple[Float, Float]:
+    """(T,) values at place 0 and slopes of the lines of least squares through (T, S) values."""
+    total = np.maximum(weight.sum(1), 1e-12)
+    mean_place, mean_value = (weight * place).sum(1) / total, (weight * value).sum(1) / total
+    offset = place - mean_place[:, None]
+    square = (weight * offset**2).sum(1)
+    slope = (weight * offset * value).sum(1) / np.where(square > 1e-12, square, np.inf)
+    return mean_value - slope * mean_place, slope

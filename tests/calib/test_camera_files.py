@@ -1,0 +1,265 @@
+"""Cameras of OpenCV and ROS, written by their own rules, become the same camera here."""
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from calib import CameraError, InputFileError, PinholeCamera, load_camera
+
+RIGS = Path(__file__).resolve().parents[2] / ".." / "shared" / "data" / "digiforests"
+
+ROS = """\
+image_width: 640
+image_height: 480
+camera_name: narrow_stereo/left
+camera_matrix:
+  rows: 3
+  cols: 3
+  data: [526.69, 0, 312.33, 0, 525.75, 246.22,
+         0, 0, 1]
+distortion_model: plumb_bob
+distortion_coefficients:
+  rows: 1
+  cols: 5
+  data: [0.0186, -0.0807, 6.7e-4, -1.8e-03, 1e-05]
+rectification_matrix:
+  rows: 3
+  cols: 3
+  data: [1, 0, 0, 0, 1, 0, 0, 0, 1]
+projection_matrix:
+  rows: 3
+  cols: 4
+  data: [516.2, 0, 310.36, 0, 0, 514.04, 246.88, 0, 0, 0, 1, 0]
+"""
+ROS_CAMERA = PinholeCamera(
+    640, 480, 526.69, 525.75, 312.33, 246.22, (0.0186, -0.0807, 6.7e-4, -1.8e-3, 1e-5)
+)
+
+OPENCV = """\
+%YAML:1.0
+---
+calibration_time: "Tue Mar  5 14:21:38 2024"
+nr_of_frames: 23
+image_width: 1280
+image_height: 720
+board_width: 9
+square_size: 5.0000000745058060e-02
+# flags:  +fix_aspect_ratio
+flags: 2
+fisheye_model: 0
+camera_matrix: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 9.0512e+02, 0., 6.3985e+02, 0., 9.0371e+02, 3.6271e+02, 0., 0.,
+       1. ]
+distortion_coefficients: !!opencv-matrix
+   rows: 5
+   cols: 1
+   dt: d
+   data: [ 1.25e-01, -2.5e-01, 1.5e-03, -7.5e-04, 0. ]
+avg_reprojection_error: 2.1341e-01
+"""
+OPENCV_CAMERA = PinholeCamera(
+    1280, 720, 905.12, 903.71, 639.85, 362.71, (0.125, -0.25, 1.5e-3, -7.5e-4, 0.0)
+)
+OPENCV_XML = """\
+<?xml version="1.0"?>
+<opencv_storage>
+<calibration_time>"Tue Mar  5 14:21:38 2024"</calibration_time>
+<image_width>1280</image_width>
+<image_height>720</image_height>
+<!-- flags:  +fix_aspect_ratio -->
+<flags>2</flags>
+<cameraMatrix type_id="opencv-matrix">
+  <rows>3</rows>
+  <cols>3</cols>
+  <dt>d</dt>
+  <data>
+    9.0512e+02 0. 6.3985e+02 0. 9.0371e+02 3.6271e+02 0. 0. 1.</data></cameraMatrix>
+<distCoeffs type_id="opencv-matrix">
+  <rows>5</rows>
+  <cols>1</cols>
+  <dt>d</dt>
+  <data>
+    1.25e-01 -2.5e-01 1.5e-03 -7.5e-04 0.</data></distCoeffs>
+<images>
+  <_>left01.png</_>
+  <_>left02.png</_></images>
+</opencv_storage>
+"""
+
+PARAMETERS = """\
+/**:
+  ros__parameters:
+
+    sensors:
+      imu:
+        rate: 400.
+      cam_front: # front
+        C_r_CL: [0.0006, -0.0641, -0.0544]
+
+        image_width: 1440
+        image_height: 1080
+
+        fisheye: # from calib_cam0.yaml
+          topic: "/driver/cam0"
+          K: [693.89, 0.0, 719.56, 0.0, 693.39, 533.91, 0.0, 0.0, 1.0]
+          D: [-0.0346, -0.0099, 0.0072, -0.0024]
+      cam_left:
+        image_width: 1440
+        image_height: 1080
+        fisheye:
+          K: [694.78, 0.0, 724.59, 0.0, 694.01, 533.99, 0.0, 0.0, 1.0]
+          D: [-0.0396, -0.0022, 0.0006, -0.0004]
+"""
+
+KNOWN = [
+    ("ros.yaml", ROS, None, ROS_CAMERA),
+    ("ros.yaml", ROS, "narrow_stereo/left", ROS_CAMERA),
+    ("opencv.yml", OPENCV, None, OPENCV_CAMERA),
+    ("opencv5.yml", OPENCV.replace("%YAML:1.0", "%YAML 1.2"), None, OPENCV_CAMERA),
+    ("opencv.xml", OPENCV_XML, None, OPENCV_CAMERA),
+    ("sensors.yaml", PARAMETERS, "cam_front",
+     PinholeCamera(1440, 1080, 693.89, 693.39, 719.56, 533.91,
+                   (-0.0346, -0.0099, 0.0072, -0.0024), "fisheye")),
+]  # fmt: skip
+
+
+def write(folder: Path, name: str, text: str) -> Path:
+    path = folder / name
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize(("file", "text", "name", "expected"), KNOWN)
+def test_known_files_are_recognised_by_their_content(
+    tmp_path: Path, file: str, text: str, name: str | None, expected: PinholeCamera
+) -> None:
+    assert load_camera(write(tmp_path, file, text), name=name) == expected
+    assert load_camera(write(tmp_path, "any.name", f"\ufeff{text}"), name=name) == expected
+
+
+@pytest.mark.parametrize("suffix", [".yml", ".xml"])
+@pytest.mark.parametrize(
+    ("terms", "fisheye", "kept"),
+    [
+        ([0.1, -0.2, 1e-3, 2e-5, 0.03], 0, 5),
+        ([0.6, 0.1, 1e-3, -1e-3, 0.01, 0.7, 0.15, 0.02, 0, 0, 0, 0, 0, 0], 0, 8),
+        ([0, 0, 0, 0, 0], 0, 0),
+        ([0.01, 1e-5, -0.002, 3e-4], 1, 4),
+    ],
+)
+def test_what_opencv_writes_is_read(
+    tmp_path: Path, suffix: str, terms: list[float], fisheye: int, kept: int
+) -> None:
+    matrix = np.array([[612.345678901234, 0, 320.1], [0, 611.9, 239.8], [0, 0, 1]])
+    storage = cv2.FileStorage(str(tmp_path / f"camera{suffix}"), cv2.FILE_STORAGE_WRITE)
+    for name, value in (("image_width", 640), ("image_height", 480), ("fisheye_model", fisheye)):
+        storage.write(name, value)
+    storage.write("camera_matrix", matrix)
+    storage.write("distortion_coefficients", np.array([terms]))
+    storage.release()
+    model = "fisheye" if fisheye else "radtan"
+    assert load_camera(tmp_path / f"camera{suffix}") == PinholeCamera(
+        640, 480, matrix[0, 0], 611.9, 320.1, 239.8, tuple(terms[:kept]), model
+    )
+
+
+@pytest.mark.parametrize(
+    ("model", "terms", "expected"),
+    [
+        ("plumb_bob", [0, 0, 0, 0, 0], ((), "radtan")),
+        ("plumb_bob", [], ((), "radtan")),
+        ("rational_polynomial", [0.1] * 8, ((0.1,) * 8, "radtan")),
+        ("equidistant", [0.1] * 4, ((0.1,) * 4, "fisheye")),
+        ("equidistant", [0] * 4, ((0.0,) * 4, "fisheye")),
+    ],
+)
+def test_ros_names_its_lens_models(
+    tmp_path: Path, model: str, terms: list[float], expected: tuple[Any, str]
+) -> None:
+    text = ROS.replace("plumb_bob", model).replace("cols: 5", f"cols: {len(terms)}")
+    text = text.replace("[0.0186, -0.0807, 6.7e-4, -1.8e-03, 1e-05]", str(terms))
+    camera = load_camera(write(tmp_path, "ros.yaml", text))
+    assert (camera.distortion, camera.distortion_model) == expected
+
+
+def test_intrinsics_for_larger_images_are_scaled(tmp_path: Path) -> None:
+    camera = load_camera(write(tmp_path, "sensors.yaml", PARAMETERS), name="cam_left")
+    half = camera.scaled(720, 540)
+    assert (half.fx, half.cx) == (694.78 / 2, (724.59 + 0.5) / 2 - 0.5)
+    with pytest.raises(CameraError, match="1440x1080 px and the image is 640x360"):
+        camera.scaled(640, 360)
+
+
+def test_published_rigs_are_read() -> None:
+    for path in sorted(RIGS.glob("*.yaml")):  # none where the data are not beside the checkout
+        for name in ("cam_front", "cam_left", "cam_right"):
+            camera = load_camera(path, name=name)
+            assert (camera.width, camera.height) == (1440, 1080)
+            assert camera.distortion_model == "fisheye"
+            assert 690 < camera.fx < 702
+            assert camera.scaled(720, 540).fx == camera.fx / 2
+
+
+BROKEN = [
+    # several cameras, or none of that name
+    (OPENCV, "left", "has no camera 'left', expected ''"),
+    # models that are no pinhole with these lenses
+    (ROS.replace("plumb_bob", "thin_prism"), None, "distortion_model is 'thin_prism': expected"),
+    (OPENCV.replace("rows: 5", "rows: 14").replace(", 0. ]", ", 0." + ", 1." * 9 + " ]"), None,
+     "distortion has 14 terms: expected none, 4"),
+    # fields that are missing or no numbers
+    (ROS.replace("image_width: 640\n", ""), None, "image_width is missing: expected a number"),
+    (OPENCV.replace("image_width: 1280\nimage_height: 720\n", ""), None, "size is not given"),
+    (ROS.replace("image_width: 640", "image_width: wide"), None, "image_width is 'wide'"),
+    (ROS.replace("image_width: 640", "image_width: 640.5"), None, "expected whole pixels"),
+    (OPENCV.replace("distortion_coefficients", "lens"), None,
+     "distortion_coefficients or distCoeffs"),
+    # fields that contradict each other
+    (ROS.replace("0, 0, 1]\ndist", "0, 0, 1, 0]\ndist"), None, "has 10 numbers: expected 9"),
+    (ROS.replace("rows: 3\n  cols: 3\n  data: [526.69, 0,", "data: [526.69,"), None,
+     "camera_matrix has 8 numbers: expected 3x3"),
+    (ROS.replace("[526.69, 0,", "[526.69, 0.5,"), None, "camera_matrix has a skew of 0.5"),
+    (PARAMETERS.replace("0.0, 0.0, 1.0]", "0.0, 0.0, 2.0]"), "cam_left", "as its last row"),
+    (OPENCV + "cameraMatrix: [1]\n", None, "camera_matrix and cameraMatrix are both given"),
+    (ROS + "distortion_coeffs: [0, 0, 0, 0]\n", None, "are both given: expected one of them"),
+    (ROS + "image_width: 320\n", None, "image_width is given twice"),
+    (ROS + "resolution: [320, 240]\n", None, "the image size is 320x240 and 640x480: expected"),
+    (PARAMETERS.replace("      cam_left:", "        radtan: {K: [1], D: [1]}\n      cam_left:"),
+     "cam_front", "fisheye and radtan both hold K and D"),
+    (ROS.replace("data: [526.69", "values: [526.69"), None, "camera_matrix is None: expected a"),
+    (OPENCV.replace("fisheye_model: 0", "fisheye_model: 7"), None, "fisheye_model is 7"),
+    # text that is nothing of the kind
+    ("", None, "holds no known camera, expected one of calib.camera/1, ROS camera_info, OpenCV"),
+    ("just words", None, "holds no known camera"),
+    ("width: 640\nheight: 480\n", None, "holds no known camera"),
+    ("a: [1, 2", None, "not YAML"),
+    ("<opencv_storage><a></opencv_storage>", None, "not XML"),
+    ("<s><a>1</a><a>2</a></s>", None, "a is given twice"),
+    ("[LEFT_CAM_HD]\nfx\n", None, "not INI"),
+    ('{"schema": 1, "schema": 2}', None, "schema is given twice"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "name", "message"), BROKEN)
+def test_broken_and_contradictory_files_get_one_line(
+    tmp_path: Path, text: str, name: str | None, message: str
+) -> None:
+    path = write(tmp_path, "camera.any", text)
+    with pytest.raises((CameraError, InputFileError)) as caught:
+        load_camera(path, name=name)
+    assert str(caught.value).startswith(str(path))
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_files_that_are_no_text_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "image.png"
+    path.write_bytes(b"\x89PNG\xff\xfe")
+    with pytest.raises(InputFileError, match=r"image\.png: not a text file, expected a camera"):
+        load_camera(path)

@@ -1,0 +1,181 @@
+"""Rigid transforms turn, move, go back, survive their files; mountings say where a camera looks."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from calib import CalibError, InputFileError, RigidTransform, load_transform, save_transform
+
+ROOT_HALF = math.sqrt(0.5)
+
+
+def random_transform(seed: int) -> RigidTransform:
+    rng = np.random.default_rng(seed)
+    angles = rng.uniform(-180, 180, 3)
+    return RigidTransform.from_euler_deg(*angles, rng.uniform(-2, 2, 3))
+
+
+def assert_same(one: RigidTransform, other: RigidTransform) -> None:
+    np.testing.assert_allclose(one.rotation, other.rotation, atol=1e-12)
+    np.testing.assert_allclose(one.translation_m, other.translation_m, atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_transform_and_its_inverse_cancel(seed: int) -> None:
+    transform, points = random_transform(seed), np.random.default_rng(seed).normal(size=(4, 7, 3))
+    np.testing.assert_allclose(transform.inverse().apply(transform.apply(points)), points)
+    assert_same(transform.then(transform.inverse()), RigidTransform.identity())
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_then_is_one_after_the_other(seed: int) -> None:
+    first, second = random_transform(seed), random_transform(seed + 100)
+    point = np.array([1.0, -2.0, 3.0])
+    both = first.then(second)
+    np.testing.assert_allclose(both.apply(point), second.apply(first.apply(point)))
+    np.testing.assert_allclose(both.rotate(point), second.rotate(first.rotate(point)))
+
+
+def test_quaternions_have_their_scalar_last() -> None:
+    about_z = RigidTransform.from_quaternion([0, 0, ROOT_HALF, ROOT_HALF], [5, 0, 0])
+    np.testing.assert_allclose(about_z.apply([1, 0, 0]), [5, 1, 0], atol=1e-12)
+    np.testing.assert_allclose(about_z.rotate([1, 0, 0]), [0, 1, 0], atol=1e-12)
+
+
+def test_roll_is_turned_first_and_yaw_last() -> None:
+    transform = RigidTransform.from_euler_deg(90, 0, 90, np.zeros(3))
+    np.testing.assert_allclose(transform.rotate([0, 1, 0]), [0, 0, 1], atol=1e-12)
+    np.testing.assert_allclose(transform.rotate([0, 0, 1]), [1, 0, 0], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("angles", "camera_direction", "machine_direction"),
+    [
+        ({}, [0, 0, 1], [1, 0, 0]),
+        ({}, [1, 0, 0], [0, -1, 0]),
+        ({}, [0, 1, 0], [0, 0, -1]),
+        ({"pitch_deg": 90}, [0, 0, 1], [0, 0, -1]),
+        ({"yaw_deg": 90}, [0, 0, 1], [0, 1, 0]),
+        ({"roll_deg": 90}, [1, 0, 0], [0, 0, -1]),
+        ({"roll_deg": 90}, [0, 0, 1], [1, 0, 0]),
+    ],
+)
+def test_a_mounting_says_where_the_camera_looks(
+    angles: dict[str, float], camera_direction: list[float], machine_direction: list[float]
+) -> None:
+    mounting = RigidTransform.mounting([1.0, 0.5, 2.5], **angles)
+    np.testing.assert_allclose(mounting.rotate(camera_direction), machine_direction, atol=1e-12)
+    assert mounting.apply([0, 0, 0]).tolist() == [1.0, 0.5, 2.5]
+
+
+def test_a_rounded_rotation_becomes_a_true_one() -> None:
+    rounded = np.round(random_transform(3).rotation, 4)
+    kept = RigidTransform(rounded, np.zeros(3)).rotation
+    np.testing.assert_allclose(kept @ kept.T, np.eye(3), atol=1e-14)
+    np.testing.assert_allclose(kept, rounded, atol=2e-4)
+
+
+@pytest.mark.parametrize(
+    ("rotation", "translation", "message"),
+    [
+        (np.eye(3) * 1.1, [0, 0, 0], "expected an orthonormal, right-handed matrix"),
+        (np.diag([1, 1, -1]), [0, 0, 0], "expected an orthonormal, right-handed matrix"),
+        (np.eye(2), [0, 0, 0], "expected 3x3 finite numbers"),
+        (np.eye(3), [0, 0], "translation_m is [0.0, 0.0]: expected 3 finite numbers"),
+        (np.eye(3), [0, 0, math.nan], "expected 3 finite numbers"),
+        (np.eye(3), ["a", 0, 0], "expected numbers"),
+        ([[1, 0], [0]], [0, 0, 0], "expected numbers"),
+    ],
+)
+def test_what_is_no_rigid_motion_is_refused(rotation: Any, translation: Any, message: str) -> None:
+    with pytest.raises(CalibError) as caught:
+        RigidTransform(rotation, translation)
+    assert message in str(caught.value)
+
+
+def test_a_long_quaternion_is_refused() -> None:
+    with pytest.raises(CalibError, match=r"quaternion_xyzw has length 1\.1: expected 1"):
+        RigidTransform.from_quaternion([0, 0, 0, 1.1], [0, 0, 0])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_transform_survives_its_file(tmp_path: Path, seed: int) -> None:
+    path = tmp_path / "depth_to_colour.json"
+    save_transform(path, random_transform(seed))
+    assert_same(load_transform(path), random_transform(seed))
+    assert list(tmp_path.iterdir()) == [path]
+
+
+ZERO = [0.0, 0.0, 0.0]
+SIDEWAYS = {"position_m": [1, 0, 2], "yaw_deg": 90}
+
+
+@pytest.mark.parametrize(
+    ("fields", "expected"),
+    [
+        ({"rotation": np.eye(3).tolist(), "translation_m": [1, 2, 3]},
+         RigidTransform(np.eye(3), np.array([1, 2, 3]))),
+        ({"quaternion_xyzw": [0.5, 0.5, 0.5, 0.5], "translation_m": ZERO},
+         RigidTransform.from_quaternion([0.5, 0.5, 0.5, 0.5], ZERO)),
+        ({"roll_pitch_yaw_deg": [10, 20, 30], "translation_m": ZERO},
+         RigidTransform.from_euler_deg(10, 20, 30, ZERO)),
+        ({"mounting": SIDEWAYS}, RigidTransform.mounting([1, 0, 2], yaw_deg=90)),
+    ],
+)  # fmt: skip
+def test_a_file_may_say_it_in_any_of_the_ways(
+    tmp_path: Path, fields: dict[str, Any], expected: RigidTransform
+) -> None:
+    path = tmp_path / "transform.json"
+    path.write_text(json.dumps({"schema": "calib.transform/1", **fields}))
+    assert_same(load_transform(path), expected)
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"translation_m": ZERO}, "expected translation_m and one of rotation"),
+        ({"rotation": np.eye(3).tolist()}, "expected translation_m and one of rotation"),
+        ({"rotation": np.eye(3).tolist(), "roll_pitch_yaw_deg": ZERO, "translation_m": ZERO},
+         "the fields are ['roll_pitch_yaw_deg', 'rotation', 'translation_m']: expected"),
+        ({"roll_pitch_yaw_deg": ZERO, "translation_m": ZERO, "unit": "mm"}, "expected"),
+        ({"roll_pitch_yaw_deg": 5, "translation_m": ZERO}, "expected three numbers"),
+        ({"quaternion_xyzw": [0, 0, 1], "translation_m": ZERO}, "expected 4 finite numbers"),
+        ({"mounting": SIDEWAYS, "translation_m": ZERO}, "or mounting alone"),
+        ({"mounting": {"yaw_deg": 90}}, "mounting has ['yaw_deg']: expected position_m"),
+        ({"mounting": {**SIDEWAYS, "tilt_deg": 4}}, "expected position_m, roll_deg"),
+        ({"mounting": [1, 2, 3]}, "mounting has [1, 2, 3]: expected position_m"),
+        ({"mounting": {**SIDEWAYS, "yaw_deg": "left"}}, "expected numbers"),
+    ],
+)  # fmt: skip
+def test_contradictory_files_are_named(
+    tmp_path: Path, fields: dict[str, Any], message: str
+) -> None:
+    path = tmp_path / "transform.json"
+    path.write_text(json.dumps({"schema": "calib.transform/1", **fields}))
+    with pytest.raises(CalibError) as caught:
+        load_transform(path)
+    assert str(caught.value).startswith(str(path))
+    assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('{"schema": "calib.camera/1"}', "schema is 'calib.camera/1', expected"),
+        ("[]", "schema is 'list', expected 'calib.transform/1'"),
+        ("{", "not JSON"),
+        ('{"schema": "calib.transform/1", "schema": "x"}', "schema is given twice"),
+    ],
+)
+def test_other_files_are_refused(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "transform.json"
+    path.write_text(text)
+    with pytest.raises(InputFileError) as caught:
+        load_transform(path)
+    assert message in str(caught.value)
+    with pytest.raises(InputFileError, match="no such file, expected a transform"):
+        load_transform(tmp_path / "nothing.json")

@@ -1,0 +1,111 @@
+"""`edgetree run` with depth and cameras: the table, frames without metres, what is said."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shlex
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import calib
+
+Cli = Callable[..., Any]
+
+
+@pytest.fixture
+def folder(images: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder with `images`, `depth` and `camera.json`, as the working directory."""
+    monkeypatch.chdir(images.parent)
+    return images.parent
+
+
+FRAMES = ("run", "images", "--depth", "depth", "--camera", "camera.json")
+
+
+def _rows(path: Path) -> list[dict[str, str]]:
+    return list(csv.DictReader(path.open(newline="", encoding="utf-8")))
+
+
+def test_the_table_holds_every_tree_of_every_frame(run_cli: Cli, model: Path, folder: Path) -> None:
+    done = run_cli(*FRAMES, "--model", model, "--csv", "trees.csv")
+    assert done.code == 0, done.err
+    rows = _rows(folder / "trees.csv")
+    lines = [json.loads(line) for line in done.out.splitlines()]
+    assert [row["frame"] for row in rows] == ["a", "b"]
+    metres = lines[0]["trees"][0]["metres"]
+    assert float(rows[0]["diameter_m"]) == pytest.approx(metres["diameter_m"], abs=1e-4)
+    assert rows[0]["tree"] == "1"
+    assert lines[0]["trees"][0]["tree"] == 1
+    assert "table: trees.csv" in done.err
+
+
+def test_without_depth_the_table_says_what_metres_need(
+    run_cli: Cli, model: Path, folder: Path
+) -> None:
+    done = run_cli("run", "images", "--model", model, "--csv", "trees.csv")
+    assert done.code == 0, done.err
+    assert {row["diameter_failure"] for row in _rows(folder / "trees.csv")} == {
+        "metres need depth: pass --depth and --camera"
+    }
+
+
+def test_a_frame_without_usable_depth_says_so_and_the_others_go_on(
+    run_cli: Cli, model: Path, folder: Path
+) -> None:
+    calib.write_depth(folder / "depth" / "a.png", np.zeros((360, 640), np.float32))
+    done = run_cli(*FRAMES, "--model", model)
+    assert done.code == 0, done.err
+    first, second = (json.loads(line)["trees"][0]["metres"] for line in done.out.splitlines())
+    assert "0.0% of the pixels have depth" in first["diameter_failure"]
+    assert "diameter_m" in second
+    assert "depth not to be believed in 1 frame(s): depth depth" in done.err
+
+
+def test_a_machine_with_two_cameras_is_measured_in_both_frames(
+    run_cli: Cli, model: Path, folder: Path
+) -> None:
+    camera = calib.load_camera("camera.json")
+    calib.save_camera("double.json", camera.scaled(1280, 720))
+    calib.save_camera("half.json", camera.scaled(320, 180))
+    calib.save_transform("still.json", calib.RigidTransform.identity())
+    calib.save_transform("mounting.json", calib.RigidTransform.mounting((1.0, 0.0, 2.5)))
+    for stem in "ab":
+        depth_m = np.tile(np.linspace(3.99, 4.01, 320), (180, 1))
+        calib.write_depth(folder / "depth" / f"{stem}.png", depth_m)
+    rig = ("--depth-camera", "half.json", "--depth-extrinsics", "still.json")
+    more = ("--mounting", "mounting.json", "--model", model)
+    done = run_cli(*FRAMES[:-1], "double.json", *rig, *more)
+    assert done.code == 0, done.err
+    metres = json.loads(done.out.splitlines()[0])["trees"][0]["metres"]
+    assert metres["diameter_m"] == pytest.approx(0.2, abs=0.03)
+    x, y, z = metres["cut_point_m"]
+    expected = (1.0 + z, -x, 2.5 - y)
+    assert metres["cut_point_machine_m"] == pytest.approx(expected, abs=1e-6)
+    assert "scaled to 640x360 px" in done.err
+    following = done.err.splitlines()[-1].removeprefix("next: edgetree ")
+    again = run_cli(*shlex.split(following))
+    assert again.code == 0, again.err
+    assert (folder / "pictures" / "a_trees.jpg").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--depth-camera", "camera.json"), "--depth-camera given without --depth"),
+        (("--depth", "depth", "--depth-camera", "camera.json"), "given without --camera"),
+        (("--csv", "camera.json/x"), "camera.json/x cannot be written"),
+        (("--mounting", "none.json"), "none.json: no such file"),
+    ],
+)
+def test_what_cannot_be_is_one_line(
+    run_cli: Cli, model: Path, folder: Path, arguments: tuple[str, ...], message: str
+) -> None:
+    done = run_cli("run", "images", "--model", model, *arguments)
+    assert (done.code, done.out) == (2, "")
+    assert message in done.err
+    assert done.err.count("\n") == 1
