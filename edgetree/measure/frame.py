@@ -99,17 +99,19 @@ class DepthFrame:
         """(T, N) whether points (T, N, 2) lie on the mask of any tree of the picture."""
         result = np.zeros(xy_px.shape[:-1], np.bool_)
         for mask in self.masks or ():
-            low, high = mask.box_px[:2], mask.box_px[2:]
-            rows = np.flatnonzero(((xy_px > low) & (xy_px < high)).all(-1).any(-1))
-            if len(rows):
-                result[rows] |= mask.at(xy_px[rows]) >= _SHOWN
+            x0, y0, x1, y1 = mask.box_px
+            x, y = xy_px[..., 0], xy_px[..., 1]
+            near = (x > x0) & (x < x1) & (y > y0) & (y < y1)
+            if near.any():
+                result[near] |= mask.at(xy_px[near][None])[0] >= _SHOWN
         return result
 
     def inside(self, xy_px: Float, margin_px: Float | float = 0.0) -> NDArray[np.bool_]:
         """(...) whether points (..., 2) lie in the picture, so far from its border."""
-        size = np.array([self.camera.width, self.camera.height])
-        with np.errstate(invalid="ignore"):
-            return np.asarray(((xy_px >= margin_px) & (xy_px <= size - margin_px)).all(-1))
+        x, y = xy_px[..., 0], xy_px[..., 1]
+        width, height = self.camera.width, self.camera.height
+        across = (x >= margin_px) & (x <= width - margin_px)
+        return np.asarray(across & (y >= margin_px) & (y <= height - margin_px))
 
     def readings(self, xy_px: Float) -> tuple[Float, Float]:
         """Rays (..., 3) through the pixels under points (..., 2), and their depth (...), 0 where
@@ -124,7 +126,7 @@ class DepthFrame:
 
     def _pixels(self, xy_px: Float) -> NDArray[np.intp]:
         limit = np.array([self.camera.width - 1, self.camera.height - 1])
-        return np.clip(np.nan_to_num(xy_px), 0, limit).astype(np.intp)
+        return np.fmax(np.fmin(xy_px, limit), 0).astype(np.intp)
 
     def _depth_m(self, xy_px: Float, pixel: NDArray[np.intp]) -> Float:
         depth_m = self.depth_m[pixel[..., 1], pixel[..., 0]].astype(np.float64)

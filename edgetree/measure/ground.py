@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,8 +23,8 @@ _REACHES_M = (0.6, 1.4)
 # How far above and below the felling cut ground may lie.
 _ABOVE_CUT_M = 0.3
 _BELOW_CUT_M = 1.5
-_GRID = 26
-_MOST_POINTS = 220
+_GRID = 22
+_MOST_POINTS = 160
 _TOLERANCE_M = 0.05
 # The plane is never known better: litter, moss and roots lie on it.
 _LITTER_STD_M = 0.02
@@ -61,8 +62,8 @@ class BaseGround:
         length = float(self.plane.height_m(axis_point)) / meeting
         foot = axis_point - length * along
         value = length * float(along @ self.up) - self._uphill_m(radius_m)
-        parts = (float(self.plane.height_std_m(foot)), _LITTER_STD_M, axis_std_m)
-        return Estimate(value, float(np.linalg.norm(parts)))
+        plane_std_m = float(self.plane.height_std_m(foot))
+        return Estimate(value, math.hypot(plane_std_m, _LITTER_STD_M, axis_std_m))
 
     def axis_length_m(self, axis_point: Float, along: Float, radius_m: float, height: float) -> float:
         """How far up the axis from a point (3,) of it the height above the uphill side lies."""
@@ -74,7 +75,7 @@ class BaseGround:
     def _uphill_m(self, radius_m: float) -> float:
         """How much higher the ground is at the stem's uphill side than at its axis."""
         steepness = float(self.plane.normal @ self.up)
-        return radius_m * float(np.sqrt(max(1 - steepness**2, 0.0))) / steepness
+        return radius_m * math.sqrt(max(1 - steepness**2, 0.0)) / steepness
 
     def in_words(self) -> str:
         """What heights refer to."""

@@ -15,15 +15,14 @@ __all__ = ["STATIONS", "Outline", "Strips", "find_outline", "spans", "start_from
 Float = NDArray[np.floating[Any]]
 Flags = NDArray[np.bool_]
 
-STATIONS = 40
+STATIONS = 32
 """Places along every stem at which it is looked at."""
 
 _SHOWN = 0.5
 # Edges are sought across so many half widths, first coarsely, then closely around what was found.
 _REACH = 1.8
-_COARSE, _FINE = 37, 25
-_CLOSE, _LEAST_CLOSE_PX = 0.1, 1.5
-_TURNS = 2
+_COARSE, _FINE = 31, 17
+_CLOSE, _LEAST_CLOSE_PX = 0.12, 1.5
 _LEAST_STATIONS = 6
 # Edges this near to a line (of the half width, or px) agree with it; one that lies beyond counts
 # this much against it. Lines are drawn between these quantiles of what both halves show.
@@ -65,7 +64,11 @@ class Strips:
     def points(self, across_px: Float) -> Float:
         """(T, S, C, 2) picture points at the stations, `across_px` (T, S, C) from the middle."""
         line = self.origin_px[:, None] + self.stations_px[..., None] * self.along[:, None]
-        return np.asarray(line[:, :, None] + across_px[..., None] * self.across[:, None, None])
+        points = np.empty((*across_px.shape, 2))
+        for axis in (0, 1):
+            np.multiply(across_px, self.across[:, axis, None, None], out=points[..., axis])
+            points[..., axis] += line[..., axis, None]
+        return points
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,9 +133,7 @@ def find_outline(frame: DepthFrame, strips: Strips, border_px: Float) -> Outline
     and then closely. Edges within `border_px` (T,) of the picture's border are none: there the
     mask ends, and the stem does not.
     """
-    for _ in range(_TURNS):
-        left, right, seen = _coarse_edges(frame, strips)
-        strips = _turned(strips, left, right, seen)
+    strips = _turned(strips, *_coarse_edges(frame, strips))
     left, right, seen = _coarse_edges(frame, strips)
     left, left_seen = _close_edges(frame, strips, left, 1, border_px)
     right, right_seen = _close_edges(frame, strips, right, -1, border_px)
@@ -165,7 +166,7 @@ def _close_edges(
     across = edges_px[..., None] + np.linspace(-inwards, inwards, _FINE) * width
     found, seen = _first_crossing(frame.shown(strips.points(across)), across)
     points = strips.points(found[..., None])[:, :, 0]
-    return found, seen & frame.inside(points, border_px[:, None, None])
+    return found, seen & frame.inside(points, border_px[:, None])
 
 
 def _first_crossing(shown: Float, across: Float) -> tuple[Float, Flags]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -59,13 +60,13 @@ class StemPlace:
 
     def distance(self) -> Estimate:
         """To the axis at the cut: what the depth gives is the bark, one radius before it."""
-        value = float(np.linalg.norm(self.cut))
-        parts = (self._depth_std_m(), self.diameter_std_m / 2, self._along_std_m())
-        return Estimate(value, float(np.linalg.norm(parts)))
+        value = math.hypot(*self.cut)
+        std = math.hypot(self._depth_std_m(), self.diameter_std_m / 2, self._along_std_m())
+        return Estimate(value, std)
 
     def _depth_std_m(self) -> float:
         reach = float(self.cut @ self.facing)
-        return self.distance_std_m * float(np.linalg.norm(self.cut)) / max(reach, 1e-6)
+        return self.distance_std_m * math.hypot(*self.cut) / max(reach, 1e-6)
 
     def _along_std_m(self) -> float:
         """How far the cut may slide along the axis, as it shows in the distance."""
@@ -77,7 +78,7 @@ class StemPlace:
             return ground
         distance = self.distance()
         rise = float(self.cut @ ground.up) / distance.value
-        std = float(np.hypot(rise * distance.std, self.cut_rad * distance.value))
+        std = math.hypot(rise * distance.std, self.cut_rad * distance.value)
         return ground.height_m(self.cut, self.along, self.radius_m, std)
 
     def misplaced(self, height: Estimate | Failure) -> Failure | None:
@@ -107,14 +108,15 @@ class StemPlace:
 
     def _covariance(self) -> Float:
         """(3, 3) of the cut point, square metres."""
-        reach = float(np.linalg.norm(self.cut))
-        ahead_m = float(np.hypot(self._depth_std_m(), self.diameter_std_m / 4))
+        reach = math.hypot(*self.cut)
+        ahead_m = math.hypot(self._depth_std_m(), self.diameter_std_m / 4)
         sides = (
             (self.facing, ahead_m),
             (self.across, self.diameter_std_m / 4 + self.cut_rad * reach / 2),
             (self.along, self.cut_rad * reach),
         )
-        return np.asarray(sum(std**2 * np.outer(side, side) for side, std in sides))
+        scaled = np.stack([std * side for side, std in sides])
+        return np.asarray(scaled.T @ scaled)
 
     def lean(
         self, up: Float | None, ground: BaseGround | Failure, settings: MeasureSettings
@@ -126,19 +128,19 @@ class StemPlace:
         vertical = up if isinstance(ground, Failure) else ground.up
         assert vertical is not None
         roll, tilt = float(vertical @ self.across), float(vertical @ self.facing)
-        value = float(np.degrees(np.arccos(np.clip(vertical @ self.along, -1.0, 1.0))))
+        value = math.degrees(math.acos(min(max(float(vertical @ self.along), -1.0), 1.0)))
         total = roll**2 + tilt**2
         share = roll**2 / total if total > 0 else 0.5
         vertical_std = 0.0 if up is not None else _GROUND_TILT_STD_RAD
-        bend = np.radians(settings.bend_std_deg)
-        roll_std = float(np.linalg.norm([self.roll_std_rad, vertical_std, bend]))
-        tilt_std = float(np.linalg.norm([self.tilt_std_rad, vertical_std, bend]))
-        std_deg = float(np.degrees(np.sqrt(share * roll_std**2 + (1 - share) * tilt_std**2)))
+        bend = math.radians(settings.bend_std_deg)
+        roll_std = math.hypot(self.roll_std_rad, vertical_std, bend)
+        tilt_std = math.hypot(self.tilt_std_rad, vertical_std, bend)
+        std_deg = math.degrees(math.sqrt(share * roll_std**2 + (1 - share) * tilt_std**2))
         inclination = Estimate(value, std_deg)
         if value < _LEAST_LEAN * std_deg:
             return inclination, Failure(f"upright within its error: {value:.1f} ± {std_deg:.1f} deg")
-        sideways = np.sqrt((1 - share) * roll_std**2 + share * tilt_std**2)
-        turn_std = float(np.degrees(sideways / np.radians(max(value, 1e-3))))
+        sideways = math.sqrt((1 - share) * roll_std**2 + share * tilt_std**2)
+        turn_std = math.degrees(sideways / math.radians(max(value, 1e-3)))
         return inclination, Estimate(self._lean_direction_deg(vertical), turn_std)
 
     def _lean_direction_deg(self, vertical: Float) -> float:
@@ -149,4 +151,4 @@ class StemPlace:
         if float(np.linalg.norm(ahead)) < 1e-6:
             ahead = np.array(CAMERA_UP) - (np.array(CAMERA_UP) @ vertical) * vertical
         right = np.cross(ahead, vertical)
-        return float(np.degrees(np.arctan2(level @ right, level @ ahead)))
+        return math.degrees(math.atan2(float(level @ right), float(level @ ahead)))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -121,7 +123,13 @@ class _Work:
         height = np.where(self.keypoints.within[:, CUT], slope, sections.height)
         return np.asarray(self.stems.distance_m[:, None] * (facing + height[:, None] * along))
 
-    @property
+    @cached_property
+    def sources(self) -> list[HalfAngle]:
+        """Half angles by keypoints, masks and depth, each by itself."""
+        _, edges = self.look.edges.sections(self.stems.sections.frames)
+        return [*edges, self.stems.curvature]
+
+    @cached_property
     def diameter_std_m(self) -> Float:
         """(T,) from distance, edges, calibration and shape."""
         stems, camera = self.stems, self.frame.camera
@@ -141,7 +149,7 @@ class _Work:
             return diameter, ()
         settings = self.settings
         value = diameter.value * (1 + settings.butt_swell)
-        std = float(np.hypot(diameter.std, diameter.value * settings.butt_swell_std))
+        std = math.hypot(diameter.std, diameter.value * settings.butt_swell_std)
         warning = "the cut is not in the picture: its diameter is inferred from the stem above"
         return Estimate(value, std), (warning,)
 
@@ -185,7 +193,7 @@ class _Work:
             float(stems.tilt_std_rad[place]) * self.settings.breast_height_m / distance_m,
             self.settings.out_of_round_std,
         )
-        return _sure_enough(Estimate(value, value * float(np.linalg.norm(shares))))
+        return _sure_enough(Estimate(value, value * math.hypot(*shares)))
 
     def measurement(
         self,
@@ -246,20 +254,19 @@ class _Work:
     ) -> Evidence:
         stems = self.stems
         distance_m = float(stems.distance_m[place])
-        _, sources = self.look.edges.sections(stems.sections.frames)
         known = {
             name: (float(half.rad[place]), float(half.std_rad[place]))
-            for name, half in zip(_SOURCES, [*sources, stems.curvature], strict=True)
+            for name, half in zip(_SOURCES, self.sources, strict=True)
             if np.isfinite(half.std_rad[place])
         }
-        diameters = {name: 2 * distance_m * np.sin(rad) for name, (rad, _) in known.items()}
-        stds = {name: 2 * distance_m * np.cos(rad) * std for name, (rad, std) in known.items()}
+        diameters = {name: 2 * distance_m * math.sin(rad) for name, (rad, _) in known.items()}
+        stds = {name: 2 * distance_m * math.cos(rad) * std for name, (rad, std) in known.items()}
         counted = [n for n, s in zip(_SOURCES, stems.shares[place], strict=True) if s > _COUNTED]
         outline = self.look.outline
         return Evidence(
             " + ".join(counted),
-            {name: float(value) for name, value in diameters.items()},
-            {name: float(value) for name, value in stds.items()},
+            diameters,
+            stds,
             float(np.degrees(stems.arc_rad[place])),
             float(self.look.valid_depth[place]),
             1.0 if outline is None else float(outline.shown[place]),
@@ -268,7 +275,7 @@ class _Work:
         )
 
     def _warnings(
-        self, height: Estimate | Failure, diameters: dict[str, Any], stds: dict[str, Any]
+        self, height: Estimate | Failure, diameters: dict[str, float], stds: dict[str, float]
     ) -> tuple[str, ...]:
         warnings = []
         limit_m = self.settings.max_stump_height_m
@@ -277,7 +284,7 @@ class _Work:
         names = [name for name in ("keypoints", "mask") if name in diameters]
         if len(names) == 2:
             apart = abs(diameters["keypoints"] - diameters["mask"])
-            if apart > _MOST_DISAGREEMENT * float(np.hypot(stds["keypoints"], stds["mask"])):
+            if apart > _MOST_DISAGREEMENT * math.hypot(stds["keypoints"], stds["mask"]):
                 warnings.append(
                     f"keypoints and mask disagree: {diameters['keypoints']:.2f} m"
                     f" and {diameters['mask']:.2f} m"
