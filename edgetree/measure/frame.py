@@ -45,13 +45,15 @@ class MaskGrid:
 
     def at(self, xy_px: Float) -> Float:
         """(...) probability at (..., 2) points of the picture, interpolated as masks are pasted."""
-        cells = np.array(self.grid.shape[::-1], np.float64)
-        size = self.box_px[2:] - self.box_px[:2]
-        if not (size > 0).all():
+        x0, y0, x1, y1 = self.box_px.tolist()
+        if not (x1 > x0 and y1 > y0):
             return np.zeros(xy_px.shape[:-1])
-        place = ((xy_px - self.box_px[:2]) * (cells / size) - 0.5).astype(np.float32)
-        flat = place.reshape(-1, xy_px.shape[-2], 2)
-        found = cv2.remap(self.grid, flat, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+        rows, columns = self.grid.shape
+        wide, high = columns / (x1 - x0), rows / (y1 - y0)
+        flat = xy_px.reshape(-1, xy_px.shape[-2], 2)
+        x = cv2.addWeighted(flat[..., 0], wide, flat[..., 0], 0, -x0 * wide - 0.5, dtype=cv2.CV_32F)
+        y = cv2.addWeighted(flat[..., 1], high, flat[..., 1], 0, -y0 * high - 0.5, dtype=cv2.CV_32F)
+        found = cv2.remap(self.grid, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
         return np.asarray(found.reshape(xy_px.shape[:-1]))
 
 
@@ -91,9 +93,10 @@ class DepthFrame:
 
     def shown(self, xy_px: Float) -> Float:
         """(T, ...) how much the mask of each tree shows at its own points (T, ..., 2)."""
-        if self.masks is None:
-            return np.ones(xy_px.shape[:-1])
-        return np.stack([mask.at(own) for mask, own in zip(self.masks, xy_px, strict=True)])
+        result = np.ones(xy_px.shape[:-1], np.float32)
+        for mask, own, shown in zip(self.masks or (), xy_px, result, strict=False):
+            shown[:] = mask.at(own)
+        return result
 
     def on_any_stem(self, xy_px: Float) -> NDArray[np.bool_]:
         """(T, N) whether points (T, N, 2) lie on the mask of any tree of the picture."""

@@ -16,6 +16,7 @@ from edgetree.measure.frame import DepthFrame
 __all__ = ["BaseGround", "find_grounds"]
 
 Float = NDArray[np.floating[Any]]
+Flags = NDArray[np.bool_]
 
 # Ground is looked for this far around the stem; only where that is hidden, further away, since
 # the ground is no plane and heights err with the distance.
@@ -23,8 +24,8 @@ _REACHES_M = (0.6, 1.4)
 # How far above and below the felling cut ground may lie.
 _ABOVE_CUT_M = 0.3
 _BELOW_CUT_M = 1.5
-_GRID = 22
-_MOST_POINTS = 160
+_GRID = 24
+_LEAST_POINTS, _MOST_POINTS = 20, 160
 _TOLERANCE_M = 0.05
 # The plane is never known better: litter, moss and roots lie on it.
 _LITTER_STD_M = 0.02
@@ -98,43 +99,45 @@ def find_grounds(
         radii_m: (T,) of the stems.
         up: (3,) the vertical; None takes the planes' normals for it.
     """
-    grounds: list[BaseGround | Failure] = [Failure("")] * len(radii_m)
-    for reach_m in _REACHES_M:
-        missing = np.array([place for place, ground in enumerate(grounds) if not ground], np.intp)
-        if not len(missing):
-            break
-        found = _fit_grounds(frame, axis_points[missing], reach_m, radii_m[missing], up)
-        for place, ground in zip(missing, found, strict=True):
+    vertical = np.array(CAMERA_UP) if up is None else up
+    near, far = (reach_m + radii_m for reach_m in _REACHES_M)
+    points, usable, level = _points_around(frame, axis_points, far, vertical)
+    close = usable & (level < near[:, None])
+    enough = close.sum(1) >= _LEAST_POINTS
+    first = np.where(enough[:, None], close, usable)
+    grounds = _fit_grounds(frame, points, first, enough, up)
+    again = [place for place, ground in enumerate(grounds) if not ground and enough[place]]
+    if again:
+        found = _fit_grounds(frame, points[again], usable[again], np.zeros(len(again), bool), up)
+        for place, ground in zip(again, found, strict=True):
             grounds[place] = ground
     return grounds
 
 
 def _fit_grounds(
-    frame: DepthFrame, axis_points: Float, reach_m: float, radii_m: Float, up: Float | None
+    frame: DepthFrame, points: Float, usable: Flags, close: Flags, up: Float | None
 ) -> list[BaseGround | Failure]:
-    vertical = np.array(CAMERA_UP) if up is None else up
-    reach = reach_m + radii_m
-    points, usable = _points_around(frame, axis_points, reach)
-    offset = points - axis_points[:, None]
-    rise = offset @ vertical
-    level = np.linalg.norm(offset - rise[..., None] * vertical, axis=2)
-    usable &= (level < reach[:, None]) & (rise < _ABOVE_CUT_M) & (rise > -_BELOW_CUT_M)
+    """Planes through the usable ones of (T, N, 3) points, which are `close` (T,) by or further."""
     points, usable = _thinned(points, usable)
     planes = fit_ground_planes(
-        points, usable, vertical, frame.settings.max_slope_deg, _TOLERANCE_M, _POINTS_PER_ERROR
+        points, usable, up, frame.settings.max_slope_deg, _TOLERANCE_M, _POINTS_PER_ERROR
     )
     return [
         Failure(f"no ground around the base: {plane.reason}")
         if isinstance(plane, GroundPlaneFailure)
-        else BaseGround(plane, plane.normal if up is None else vertical, reach_m, up is None)
-        for plane in planes
+        else BaseGround(
+            plane, plane.normal if up is None else up, _REACHES_M[0 if near else 1], up is None
+        )
+        for plane, near in zip(planes, close, strict=True)
     ]
 
 
 def _points_around(
-    frame: DepthFrame, axis_points: Float, reach_m: Float
-) -> tuple[Float, NDArray[np.bool_]]:
-    """Camera points (T, N, 3) around points in the picture, and which are not of a stem."""
+    frame: DepthFrame, axis_points: Float, reach_m: Float, vertical: Float
+) -> tuple[Float, Flags, Float]:
+    """Camera points (T, N, 3) around axis points (T, 3), which (T, N) may be ground, and how far
+    they lie off on the level.
+    """
     ahead = np.maximum(axis_points[:, 2], 0.05)
     middle = project_points(frame.camera, np.stack([*axis_points.T[:2], ahead], -1))
     size = np.array([frame.camera.width, frame.camera.height])
@@ -145,13 +148,18 @@ def _points_around(
     grid = np.stack(np.meshgrid(ticks, ticks), -1).reshape(1, -1, 2)
     xy_px = low + (high - low) * grid
     rays, depth_m = frame.readings(xy_px)
-    usable = (depth_m > 0) & ~frame.on_any_stem(xy_px) & (axis_points[:, 2:] > 0)
-    return rays * depth_m[..., None], usable
+    points = rays * depth_m[..., None]
+    offset = points - axis_points[:, None]
+    rise = offset @ vertical
+    level = np.sqrt(np.maximum((offset**2).sum(2) - rise**2, 0.0))
+    usable = (depth_m > 0) & (level < reach_m[:, None]) & (axis_points[:, 2:] > 0)
+    usable &= (rise < _ABOVE_CUT_M) & (rise > -_BELOW_CUT_M)
+    return points, usable & ~frame.on_any_stem(xy_px), level
 
 
 def _thinned(
-    points: Float, usable: NDArray[np.bool_]
-) -> tuple[Float, NDArray[np.bool_]]:
+    points: Float, usable: Flags
+) -> tuple[Float, Flags]:
     """At most so many usable points of each stem, evenly picked."""
     order = np.argsort(~usable, axis=1, kind="stable")
     count = usable.sum(1)

@@ -50,8 +50,8 @@ class MeasureSettings:
 
     keypoint_std_px: float = 1.0
     keypoint_spread: float = 0.009
-    mask_std_px: float = 0.5
-    mask_spread: float = 0.5
+    mask_std_px: float = 2.0
+    mask_spread: float = 0.3
     depth_noise_per_m: float = 0.002
     depth_bias_per_m: float = 0.0005
     depth_correlation_px: float = 6.0

@@ -31,6 +31,7 @@ _SLOPES = 15
 _LEVELS = np.array((0.15, 0.3, 0.5, 0.7, 0.85))
 _JUDGED = 4
 _TURNS = 3
+_SETTLED_RAD = 2e-3
 _ROUNDS = 3
 _CUTOFF = 4.0
 # Readings that disagree may be the stem, and those that agree what hides it: the distance is
@@ -152,8 +153,11 @@ def fit_stems(
         curvature = _curvature(lines, sections.half_rad + lines.solved()[:, 2], settings)
         half, shares = fuse([*sources, curvature])
         line, covariance, coupling = lines.given(half.rad - sections.half_rad)
-        tilt = tilt + np.arctan(-line[:, 1] / line[:, 0])
+        step = np.arctan(-line[:, 1] / line[:, 0])
+        tilt = tilt + step
         sections, sources = edges.sections(frames.tilted(np.tan(tilt)), half.rad)
+        if np.nanmax(np.abs(step), initial=0.0) < _SETTLED_RAD:
+            break
     bias = settings.depth_bias_per_m * _means(view.share, used)
     return _stems(sections, line, covariance, coupling, half, curvature, shares, lines, view.offset, used, bias)
 
