@@ -2,7 +2,7 @@
 
 perceptree synth --out forest --frames 1600 --seed 600
 python benchmarks/measure.py forest --result benchmarks/results/measure_labels.json
-python benchmarks/measure.py forest --model model.onnx --result benchmarks/results/measure_model.json
+python benchmarks/measure.py forest --model FILE --result benchmarks/results/measure_model.json
 
 Without `--model` the keypoints and masks are the labels', and only the depth is noisy; with it
 they are what the network finds. A tree counts as measured if its diameter is. The rows behind the
@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -29,7 +30,10 @@ from edgetree.sources import read_image
 
 # Of keypoints and masks that are exact to the pixel.
 LABELS = MeasureSettings(
-    keypoint_std_px=0.3, keypoint_spread=1e-6, mask_std_px=0.5, mask_spread=1e-6,
+    keypoint_std_px=0.3,
+    keypoint_spread=1e-6,
+    mask_std_px=0.5,
+    mask_spread=1e-6,
     shared_std_px=1e-6,
 )
 
@@ -81,7 +85,9 @@ def measured(
     return [results[of_truth[n]] if n in of_truth else None for n in range(len(trees))]
 
 
-def row(image: dict[str, Any], tree: dict[str, Any], result: TreeMeasurement | None) -> dict[str, Any]:
+def row(
+    image: dict[str, Any], tree: dict[str, Any], result: TreeMeasurement | None
+) -> dict[str, Any]:
     """One labelled tree with its truth and what was measured of it."""
     values = {
         "image": image["id"],
@@ -121,7 +127,7 @@ def main() -> None:
     if options.rows is not None:
         options.rows.write_text("".join(json.dumps(values) + "\n" for values in rows))
     report = tables(rows)
-    print(json.dumps(report, indent=1))
+    sys.stdout.write(json.dumps(report, indent=1) + "\n")
     if options.result is not None:
         options.result.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
 

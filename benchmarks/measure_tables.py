@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -33,7 +34,9 @@ def tables(rows: list[Row]) -> dict[str, Any]:
         "diameter_by_distance": _by(rows, "true_distance_m", (0, 2.5, 5, 7.5, 11)),
         "diameter_by_diameter": _by(rows, "true_diameter_m", (0, 0.1, 0.2, 0.3, 1.0)),
         "diameter_by_lean": _by(rows, "true_inclination_deg", (0, 3, 6, 10, 90)),
-        "diameter_by_visible_fraction": _by(rows, "visible_fraction", (0, 0.3, 0.5, 0.8, 0.95, 1.01)),
+        "diameter_by_visible_fraction": _by(
+            rows, "visible_fraction", (0, 0.3, 0.5, 0.8, 0.95, 1.01)
+        ),
         "diameter_by_sensor": {
             kind: errors([row for row in rows if row["sensor"] == kind], "diameter_m")
             for kind in sorted({row["sensor"] for row in rows})
@@ -89,16 +92,11 @@ def intervals(rows: list[Row], name: str) -> dict[str, Any]:
 
 def _by(rows: list[Row], key: str, edges: tuple[float, ...]) -> dict[str, Any]:
     """Diameter errors by ranges of something."""
-    within: Callable[[float, float], list[Row]] = lambda low, high: [
-        row for row in rows if low <= row[key] < high
-    ]
-    return {
-        f"{low:g}-{high:g}": {
-            "trees": len(within(low, high)),
-            **errors(within(low, high), "diameter_m"),
-        }
-        for low, high in zip(edges, edges[1:], strict=False)
-    }
+    result = {}
+    for low, high in pairwise(edges):
+        within = [row for row in rows if low <= row[key] < high]
+        result[f"{low:g}-{high:g}"] = {"trees": len(within), **errors(within, "diameter_m")}
+    return result
 
 
 def _share(rows: list[Row], name: str) -> float | None:

@@ -19,6 +19,8 @@ _TRIALS = 64
 _LEAST_INLIERS = 0.3
 _REFINEMENTS = 3
 _NARROWEST = 0.01
+# Plants stand on the ground and nothing lies below it: a point below a plane counts against it.
+_BELOW = 0.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,9 +61,7 @@ class GroundPlane:
     def tilt_std_deg(self) -> float:
         """Standard deviation of the normal's direction, in the worse of its two."""
         least = float(self.extents_m.min())
-        return float(
-            np.degrees(self.residual_std_m / (least * np.sqrt(self.independent_points)))
-        )
+        return float(np.degrees(self.residual_std_m / (least * np.sqrt(self.independent_points))))
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ def fit_ground_plane(
     holds a third of them. Raises CalibError where ``up`` is no direction.
     """
     points = np.asarray(points_m, np.float64).reshape(1, -1, 3)
-    usable = np.isfinite(points).all(2)
+    usable = np.asarray(np.isfinite(points).all(axis=2))
     return fit_ground_planes(points, usable, up, max_slope_deg, tolerance_m)[0]
 
 
@@ -120,36 +120,38 @@ def fit_ground_planes(
     share = held / np.maximum(count, 1)
     planes: list[GroundPlane | GroundPlaneFailure] = []
     for place in range(len(points)):
-        lined = squares[place, 1] < _NARROWEST**2 * squares[place, 2]
-        slope_ok = flat[place] and normal[place] @ vertical >= least_cosine
-        reason = _refusal(int(count[place]), bool(slope_ok), bool(lined), share[place], max_slope_deg)
+        reason = None
+        if count[place] < _LEAST_POINTS:
+            reason = f"{count[place]} ground points, expected at least {_LEAST_POINTS}"
+        elif not flat[place]:
+            reason = f"no plane flatter than {max_slope_deg:g} degrees"
+        elif squares[place, 1] < _NARROWEST**2 * squares[place, 2]:
+            reason = "the ground points lie on one line"
+        elif share[place] < _LEAST_INLIERS:
+            reason = (
+                f"the best plane holds {share[place]:.0%} of the points,"
+                f" expected {_LEAST_INLIERS:.0%}"
+            )
+        elif normal[place] @ vertical < least_cosine:
+            reason = f"no plane flatter than {max_slope_deg:g} degrees"
         if reason is not None:
             planes.append(GroundPlaneFailure(reason))
             continue
         residual = float(np.sqrt(np.mean(away[place][support[place]] ** 2)))
         planes.append(
             GroundPlane(
-                normal[place], float(offset[place]), residual, float(share[place]),
-                int(held[place]), max(float(held[place]) / points_per_error, 1.0),
-                centre[place], axes[place, :, 1:].T, np.sqrt(squares[place, 1:]),
+                normal[place],
+                float(offset[place]),
+                residual,
+                float(share[place]),
+                int(held[place]),
+                max(float(held[place]) / points_per_error, 1.0),
+                centre[place],
+                axes[place, :, 1:].T,
+                np.sqrt(squares[place, 1:]),
             )  # fmt: skip
         )
     return planes
-
-
-def _refusal(
-    count: int, flat: bool, lined: bool, share: float, max_slope_deg: float
-) -> str | None:
-    """Why there is no plane, if so."""
-    if count < _LEAST_POINTS:
-        return f"{count} ground points, expected at least {_LEAST_POINTS}"
-    if lined:
-        return "the ground points lie on one line"
-    if not flat:
-        return f"no plane flatter than {max_slope_deg:g} degrees"
-    if share < _LEAST_INLIERS:
-        return f"the best plane holds {share:.0%} of the points, expected {_LEAST_INLIERS:.0%}"
-    return None
 
 
 def _direction(up: ArrayLike) -> Float:
@@ -187,9 +189,13 @@ def _best_support(
     normals = np.cross(b - a, c - a)
     length = np.linalg.norm(normals, axis=2, keepdims=True)
     normals = normals / np.where(length > 1e-9, length, np.inf)
-    flat = np.abs(normals @ vertical) >= least_cosine
+    cosine = normals @ vertical
+    normals = normals * np.where(cosine < 0, -1.0, 1.0)[..., None]
+    flat = np.abs(cosine) >= least_cosine
     through = (normals * a).sum(2)
-    distance = np.abs(np.matmul(normals, points.transpose(0, 2, 1)) - through[..., None])
-    near = (distance < tolerance_m) & usable[:, None] & flat[..., None]
-    best = near.sum(2).argmax(1)
-    return near[np.arange(len(points)), best], flat.any(1)
+    height = np.matmul(normals, points.transpose(0, 2, 1)) - through[..., None]
+    within = usable[:, None] & flat[..., None]
+    near = (np.abs(height) < tolerance_m) & within
+    below = (height <= -tolerance_m) & within
+    best = (near.sum(2) - _BELOW * below.sum(2)).argmax(1)
+    return np.asarray(near[np.arange(len(points)), best]), np.asarray(flat.any(axis=1))

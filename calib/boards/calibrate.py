@@ -22,7 +22,7 @@ LEAST_VIEWS: Final = 8
 _LEAST_TURN_DEG, _TURNED_VIEWS, _WELL_TURNED_DEG = 10.0, 3, 20.0
 _NARROW_COVERAGE, _LEAST_COVERAGE = 0.25, 0.5
 _MOST_RMS_PX = 0.8
-_MOST_FOCAL_SHARE = 0.005
+_MOST_FOCAL_SHARE, _MOST_DROPPED = 0.005, 0.3
 _NARROW_DISTANCES = 1.3
 
 
@@ -89,7 +89,7 @@ def _undetermined(solution: Solution) -> str | None:
             f" expected {_TURNED_VIEWS} views or more turned by {_LEAST_TURN_DEG:.0f}):"
             " focal length and distance cannot be told apart"
         )
-    if solution.covariance is None:
+    if solution.stds is None:
         return "the views do not determine the camera: they are too much alike"
     return None
 
@@ -101,8 +101,8 @@ def _result(
     size: tuple[int, int],
     model: str,
 ) -> Calibration | CalibrationFailure:
-    assert solution.covariance is not None
-    stds = np.sqrt(np.diag(solution.covariance))
+    stds = solution.stds
+    assert stds is not None
     values = [float(value) for value in solution.intrinsics]
     fx, fy, cx, cy, *terms = values
     focal_std_px = float(max(stds[:2]))
@@ -126,7 +126,7 @@ def _result(
         results,
         tuple(dropped),
         coverage,
-        tuple(_shortcomings(camera, rms_px, coverage)),
+        tuple(_shortcomings(camera, rms_px, coverage, len(results), dropped)),
         tuple(_advice(results, coverage, _turns_deg(solution.poses))),
     )
 
@@ -150,9 +150,18 @@ def _rms_px(residuals_px: Float) -> float:
     return float(np.sqrt((residuals_px**2).sum(1).mean()))
 
 
-def _shortcomings(camera: PinholeCamera, rms_px: float, coverage: Coverage) -> list[str]:
+def _shortcomings(
+    camera: PinholeCamera,
+    rms_px: float,
+    coverage: Coverage,
+    views: int,
+    dropped: Sequence[Dropped],
+) -> list[str]:
     """Why this calibration is not good enough to measure with."""
     reasons = []
+    whole = sum(not each.points for each in dropped)
+    if whole > _MOST_DROPPED * (views + whole):
+        reasons.append(f"{whole} of {views + whole} views do not agree with the others")
     if rms_px > _MOST_RMS_PX:
         reasons.append(f"the points are {rms_px:.2f} px off (RMS), expected {_MOST_RMS_PX} or less")
     focal_share = camera.focal_std_px / min(camera.fx, camera.fy)

@@ -1,8 +1,13 @@
-"""Camera and board poses from views of a board: bundle adjustment with honest covariances.
+"""Camera and board poses from views of a board: bundle adjustment with honest uncertainties.
 
 The steps are Levenberg and Marquardt's; the poses are eliminated view by view (Schur complement),
 so that the time grows with the number of views and not with its cube. Hartley and Zisserman,
-Multiple View Geometry, 2004, appendix 6 and section 5.1.3 for the residual variance.
+Multiple View Geometry, 2004, appendix 6.
+
+Of two standard deviations the larger one is stated. One takes the points' errors as independent
+(the same book, section 5.1.3). The other takes only the views as independent (Liang and Zeger,
+Biometrika, 1986): the points of one view share its errors where the board is bent, the lens
+refocused or the model too simple.
 """
 
 from __future__ import annotations
@@ -47,13 +52,13 @@ class BoardView:
 class Solution:
     """``intrinsics`` (P,) as ``PARAMETERS`` names them, ``poses`` (V, 6) rotation vector and
     metres, each taking board points to camera points; ``residuals_px`` one (N, 2) per view;
-    ``covariance`` (P, P) of the intrinsics, None where the views do not determine them.
+    ``stds`` (P,) of the intrinsics, None where the views do not determine them.
     """
 
     intrinsics: Float
     poses: Float
     residuals_px: tuple[Float, ...]
-    covariance: Float | None
+    stds: Float | None
 
 
 def project(
@@ -173,11 +178,11 @@ def refine(
         damping *= 10
         if damping > _MOST_DAMPING:
             break
-    return Solution(intrinsics, poses, tuple(system.residuals), system.covariance())
+    return Solution(intrinsics, poses, tuple(system.residuals), system.stds())
 
 
 class _System:
-    """The normal equations at one place: ``cost`` and blocks of J^T J and J^T r."""
+    """The normal equations at one place: ``cost`` and, view by view, blocks of J^T J and J^T r."""
 
     def __init__(
         self,
@@ -188,7 +193,7 @@ class _System:
         tolerance_px: float,
     ) -> None:
         n = len(intrinsics)
-        self.camera, self.camera_pull = np.zeros((n, n)), np.zeros(n)
+        self.camera, self.camera_pulls = np.zeros((n, n)), np.zeros((len(views), n))
         self.both = np.zeros((len(views), n, 6))
         self.pose, self.pose_pull = np.zeros((len(views), 6, 6)), np.zeros((len(views), 6))
         self.cost = 0.0
@@ -204,7 +209,7 @@ class _System:
                 weight = np.repeat(weights, 2)[:, None]
                 pull = residuals.reshape(-1)
                 self.camera += by_camera.T @ (weight * by_camera)
-                self.camera_pull += (weight * by_camera).T @ pull
+                self.camera_pulls[i] = (weight * by_camera).T @ pull
                 self.both[i] = by_camera.T @ (weight * by_pose)
                 self.pose[i] = by_pose.T @ (weight * by_pose)
                 self.pose_pull[i] = (weight * by_pose).T @ pull
@@ -218,7 +223,7 @@ class _System:
         try:
             eliminated = self.both @ np.linalg.inv(pose)
             reduced = camera - np.einsum("vij,vkj->ik", eliminated, self.both)
-            pull = self.camera_pull - np.einsum("vij,vj->i", eliminated, self.pose_pull)
+            pull = self.camera_pulls.sum(0) - np.einsum("vij,vj->i", eliminated, self.pose_pull)
             intrinsics = np.linalg.solve(reduced, pull)
             rest = self.pose_pull - np.einsum("vij,i->vj", self.both, intrinsics)
             poses = np.linalg.solve(pose, rest[..., None])[..., 0]
@@ -227,27 +232,27 @@ class _System:
         finite = np.isfinite(intrinsics).all() and np.isfinite(poses).all()
         return (intrinsics, poses) if finite else None
 
-    def covariance(self) -> Float | None:
-        """(P, P) of the intrinsics: the inverse of what the views say of them, times the
-        variance of the residuals; None where they say nothing of some direction.
-        """
-        count = 2 * sum(map(len, self.residuals))
-        freedom = count - len(self.camera) - self.pose_pull.size
+    def stds(self) -> Float | None:
+        """(P,) of the intrinsics; None where the views say nothing of some direction."""
+        views = len(self.residuals)
+        freedom = 2 * sum(map(len, self.residuals)) - len(self.camera) - self.pose_pull.size
         try:
-            inner = np.linalg.inv(self.pose)
-            reduced = self.camera - np.einsum("vij,vjk,vlk->il", self.both, inner, self.both)
+            eliminated = self.both @ np.linalg.inv(self.pose)
+            reduced = self.camera - np.einsum("vij,vkj->ik", eliminated, self.both)
             known = np.diag(reduced)
             if freedom < 1 or not (known > 0).all():
                 return None
-            scale = np.sqrt(known)
-            unit = reduced / np.outer(scale, scale)
+            unit = reduced / np.sqrt(np.outer(known, known))
             if np.linalg.eigvalsh(unit)[0] < _LEAST_DETERMINED:
                 return None
-            inverse = np.linalg.inv(unit) / np.outer(scale, scale)
+            inverse = np.linalg.inv(unit) / np.sqrt(np.outer(known, known))
         except np.linalg.LinAlgError:
             return None
         squared = sum(float(np.sum(residuals**2)) for residuals in self.residuals)
-        return np.asarray(inverse * squared / freedom)
+        by_points = np.diag(inverse) * squared / freedom
+        pulls = self.camera_pulls - np.einsum("vij,vj->vi", eliminated, self.pose_pull)
+        by_views = np.sum((pulls @ inverse) ** 2, axis=0) * views / (views - 1)
+        return np.asarray(np.sqrt(np.maximum(by_points, by_views)))
 
 
 def _matrix(intrinsics: Float) -> Float:

@@ -148,10 +148,8 @@ class _Work:
         shown = f"{len(seen.views)} of {seen.pictures} pictures show the board at a new place"
         yield f"{shown}, {seen.width}x{seen.height} px"
         if not seen.views:
-            yield (
-                f"none of the {seen.pictures} pictures shows the board: a checkerboard counts its"
-                " inner corners, a ChArUco board its squares, circles those of one row first"
-            )
+            yield "no board: a checkerboard is counted by its inner corners, a ChArUco board by its"
+            yield "squares, circles by those of one row and then the rows"
         elif seen.without_board:
             yield f"no board in {', '.join(seen.without_board)}"
         if seen.repeated:

@@ -41,7 +41,7 @@ class MaskGrid:
     @property
     def cell_px(self) -> float:
         """Width of a cell."""
-        return float(self.box_px[2] - self.box_px[0]) / self.grid.shape[1]
+        return float(self.box_px[2] - self.box_px[0]) / float(self.grid.shape[1])
 
     def at(self, xy_px: Float) -> Float:
         """(...) probability at (..., 2) points of the picture, interpolated as masks are pasted."""
@@ -129,7 +129,7 @@ class DepthFrame:
 
     def _pixels(self, xy_px: Float) -> NDArray[np.intp]:
         limit = np.array([self.camera.width - 1, self.camera.height - 1])
-        return np.fmax(np.fmin(xy_px, limit), 0).astype(np.intp)
+        return np.asarray(np.fmax(np.fmin(xy_px, limit), 0)).astype(np.intp)
 
     def _depth_m(self, xy_px: Float, pixel: NDArray[np.intp]) -> Float:
         depth_m = self.depth_m[pixel[..., 1], pixel[..., 0]].astype(np.float64)

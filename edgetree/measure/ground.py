@@ -24,12 +24,16 @@ _REACHES_M = (0.6, 1.4)
 # How far above and below the felling cut ground may lie.
 _ABOVE_CUT_M = 0.3
 _BELOW_CUT_M = 1.5
-_GRID = 24
+# Where to look: so many rows and columns, crowded towards the stem.
+_GRID, _CROWDING = 28, 1.5
 _LEAST_POINTS, _MOST_POINTS = 20, 160
 _TOLERANCE_M = 0.05
 # The plane is never known better: litter, moss and roots lie on it.
 _LITTER_STD_M = 0.02
 _POINTS_PER_ERROR = 8.0
+# Where much of what is seen is not in the plane it may be the top of plants: heights are doubted
+# by this, times the square of that share.
+_DOUBT_M = 0.35
 _LEAST_MEETING = 0.2
 
 
@@ -64,9 +68,12 @@ class BaseGround:
         foot = axis_point - length * along
         value = length * float(along @ self.up) - self._uphill_m(radius_m)
         plane_std_m = float(self.plane.height_std_m(foot))
-        return Estimate(value, math.hypot(plane_std_m, _LITTER_STD_M, axis_std_m))
+        doubt_m = _DOUBT_M * (1 - self.plane.inlier_fraction) ** 2
+        return Estimate(value, math.hypot(plane_std_m, doubt_m, _LITTER_STD_M, axis_std_m))
 
-    def axis_length_m(self, axis_point: Float, along: Float, radius_m: float, height: float) -> float:
+    def axis_length_m(
+        self, axis_point: Float, along: Float, radius_m: float, height: float
+    ) -> float:
         """How far up the axis from a point (3,) of it the height above the uphill side lies."""
         meeting = max(float(self.plane.normal @ along), _LEAST_MEETING)
         foot = -float(self.plane.height_m(axis_point)) / meeting
@@ -84,7 +91,7 @@ class BaseGround:
         residual_cm = 100 * self.plane.residual_std_m
         return (
             f"plane within {self.reach_m:.1f} m of the stem, {self.plane.points} points"
-            f" ± {residual_cm:.1f} cm, heights {vertical}"
+            f" ({self.plane.inlier_fraction:.0%} there) ± {residual_cm:.1f} cm, heights {vertical}"
         )
 
 
@@ -144,7 +151,8 @@ def _points_around(
     reach_px = (frame.camera.fx * reach_m / ahead)[:, None]
     low = np.clip(middle - reach_px, 0, size)[:, None]
     high = np.clip(middle + reach_px, 0, size)[:, None]
-    ticks = (np.arange(_GRID) + 0.5) / _GRID
+    ticks = np.linspace(-1.0, 1.0, _GRID)
+    ticks = (1 + np.sign(ticks) * np.abs(ticks) ** _CROWDING) / 2
     grid = np.stack(np.meshgrid(ticks, ticks), -1).reshape(1, -1, 2)
     xy_px = low + (high - low) * grid
     rays, depth_m = frame.readings(xy_px)
@@ -157,9 +165,7 @@ def _points_around(
     return points, usable & ~frame.on_any_stem(xy_px), level
 
 
-def _thinned(
-    points: Float, usable: Flags
-) -> tuple[Float, Flags]:
+def _thinned(points: Float, usable: Flags) -> tuple[Float, Flags]:
     """At most so many usable points of each stem, evenly picked."""
     order = np.argsort(~usable, axis=1, kind="stable")
     count = usable.sum(1)

@@ -170,7 +170,10 @@ def _read_depth(
     depth_m = np.where(on_stem, depth_m, 0.0)
     count = len(place)
     spacing = np.stack(
-        [2 * _WITHIN * strips.half_px / _ACROSS, (strips.span_px[:, 1] - strips.span_px[:, 0]) / STATIONS]
+        [
+            2 * _WITHIN * strips.half_px / _ACROSS,
+            (strips.span_px[:, 1] - strips.span_px[:, 0]) / STATIONS,
+        ]
     )
     correlation = frame.settings.depth_correlation_px
     per_error = np.maximum(correlation / np.maximum(spacing, 1e-3), 1.0).prod(0)
@@ -220,7 +223,8 @@ def _edges(
     section_px = np.where(has, keypoints.xy_px[:, [LEFT, RIGHT]], middle[:, None])
     section = frame.rays(section_px)
     std_px = np.hypot(keypoints.std_px[:, LEFT, 0], keypoints.std_px[:, RIGHT, 0]) / np.sqrt(2)
-    left = right = np.ones((count, STATIONS, 3))
+    left: Float = np.ones((count, STATIONS, 3))
+    right = left
     left_valid = right_valid = np.zeros((count, STATIONS), np.bool_)
     mask_std_px = np.full(count, np.inf)
     if outline is not None and frame.masks is not None:
@@ -237,9 +241,7 @@ def _edges(
     )  # fmt: skip
 
 
-def _section_from_mask(
-    strips: Strips, outline: Outline | None, keypoints: Keypoints
-) -> Float:
+def _section_from_mask(strips: Strips, outline: Outline | None, keypoints: Keypoints) -> Float:
     """(T, 2) where to measure stems without keypoints at their section: where they show lowest,
     since the cut is below; in the middle of what shows where there are no keypoints at all.
     """

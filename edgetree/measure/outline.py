@@ -40,7 +40,7 @@ class Strips:
 
     Attributes:
         origin_px: (T, 2) a point on the middle line.
-        along: (T, 2) unit vector up the stem; `across` (T, 2) to its right.
+        along: (T, 2) unit vector up the stem.
         half_px: (T,) half the width.
         span_px: (T, 2) lowest and highest place along it, from the origin.
     """
@@ -52,6 +52,7 @@ class Strips:
 
     @property
     def across(self) -> Float:
+        """(T, 2) unit vector to the right of the stem."""
         return np.stack([-self.along[:, 1], self.along[:, 0]], -1)
 
     @property
@@ -224,9 +225,7 @@ def outer_lines(
     return value, slope, agree & (agree.mean(1, keepdims=True) >= _LEAST_AGREEING)
 
 
-def _best_line(
-    place: Float, outward: Float, seen: Flags, tolerance: Float
-) -> tuple[Float, Float]:
+def _best_line(place: Float, outward: Float, seen: Flags, tolerance: Float) -> tuple[Float, Float]:
     """Of the lines between quantiles of the lower and the upper half of the stations, the best."""
     rows = np.arange(len(place))
     ends = []
@@ -237,14 +236,15 @@ def _best_line(
         value = np.take_along_axis(ordered, rank, 1)
         ends.append((place[:, half].mean(1), np.where(np.isfinite(value), value, np.nan)))
     (low_place, low), (high_place, high) = ends
-    only_low, only_high = np.isnan(high).all(1), np.isnan(low).all(1)
-    high = np.where(only_low[:, None], low, high)
-    low = np.where(only_high[:, None], high, low)
+    only_low, only_high = (np.isnan(part).all(axis=1, keepdims=True) for part in (high, low))
+    high = np.where(only_low, low, high)
+    low = np.where(only_high, high, low)
     low, high = (np.nan_to_num(part) for part in (low, high))
     slope = (high[:, None, :] - low[:, :, None]) / (high_place - low_place)[:, None, None]
     slope = slope.reshape(len(place), -1)
     value = np.repeat(low, len(_QUANTILES), 1) - slope * low_place[:, None]
-    miss = (outward[:, None] - value[..., None] - slope[..., None] * place[:, None]) / tolerance[:, None]
+    miss = outward[:, None] - value[..., None] - slope[..., None] * place[:, None]
+    miss = miss / tolerance[:, None]
     near = np.maximum(1 - miss**2, 0.0) - _BEYOND * (miss > 1)
     best = np.where(seen[:, None], near, 0.0).sum(2).argmax(1)
     return value[rows, best], slope[rows, best]

@@ -26,6 +26,7 @@ _GROUND_TILT_STD_RAD = 0.03
 # The cut lies a little below the diameter's section, and not in the ground.
 _CUT_ABOVE_SECTION_M = (-0.5, 0.3)
 _MOST_CUT_IN_GROUND_M = 0.1
+_MOST_CUT_ABOVE_GROUND_M = 0.8
 # Stems nearer to the vertical than so many standard deviations lean nowhere.
 _LEAST_LEAN = 1.5
 
@@ -90,6 +91,14 @@ class StemPlace:
             return Failure(f"the felling cut is {abs(above_m):.2f} m {side} the diameter's section")
         if isinstance(height, Estimate) and height.value < -_MOST_CUT_IN_GROUND_M - 2 * height.std:
             return Failure(f"the felling cut is {-height.value:.2f} m below the ground")
+        if (
+            isinstance(height, Estimate)
+            and height.value > _MOST_CUT_ABOVE_GROUND_M + 2 * height.std
+        ):
+            return Failure(
+                f"the felling cut is {height.value:.2f} m above the ground: the depth may be of"
+                " what stands before the stem"
+            )
         return None
 
     def cut_point(self) -> PointEstimate:
@@ -138,7 +147,9 @@ class StemPlace:
         std_deg = math.degrees(math.sqrt(share * roll_std**2 + (1 - share) * tilt_std**2))
         inclination = Estimate(value, std_deg)
         if value < _LEAST_LEAN * std_deg:
-            return inclination, Failure(f"upright within its error: {value:.1f} ± {std_deg:.1f} deg")
+            return inclination, Failure(
+                f"upright within its error: {value:.1f} ± {std_deg:.1f} deg"
+            )
         sideways = math.sqrt((1 - share) * roll_std**2 + share * tilt_std**2)
         turn_std = math.degrees(sideways / math.radians(max(value, 1e-3)))
         return inclination, Estimate(self._lean_direction_deg(vertical), turn_std)

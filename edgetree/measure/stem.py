@@ -105,7 +105,7 @@ class _Lines:
 
     def solved(self) -> Float:
         """(T, 3) all three from the depth alone."""
-        return np.linalg.solve(self.information, self.right[..., None])[..., 0]
+        return np.asarray(np.linalg.solve(self.information, self.right[..., None])[..., 0])
 
     def given(self, half_change: Float) -> tuple[Float, Float, Float]:
         """Value and slope (T, 2) for half angles known otherwise, their covariance (T, 2, 2), and
@@ -159,7 +159,19 @@ def fit_stems(
         if np.nanmax(np.abs(step), initial=0.0) < _SETTLED_RAD:
             break
     bias = settings.depth_bias_per_m * _means(view.share, used)
-    return _stems(sections, line, covariance, coupling, half, curvature, shares, lines, view.offset, used, bias)
+    return _stems(
+        sections,
+        line,
+        covariance,
+        coupling,
+        half,
+        curvature,
+        shares,
+        lines,
+        view.offset,
+        used,
+        bias,
+    )
 
 
 def _stems(
@@ -272,7 +284,9 @@ def _level_lines(points: _Points) -> Float:
 
 def _best_lines(points: _Points, noise: Float, lean_std_rad: float) -> Float:
     """(T, 2) value and slope of the line that most readings support, of many slopes and values."""
-    height, inverse, used = (part[:, ::_JUDGED] for part in (points.height, points.inverse, points.used))
+    height, inverse, used = (
+        part[:, ::_JUDGED] for part in (points.height, points.inverse, points.used)
+    )
     count, scale = used.sum(1), _level_lines(points)[:, 0]
     allowed = _CUTOFF * np.hypot(noise[:, None], _BEND_PER_M * height**2)
     offsets = np.linspace(-_STEEPEST, _STEEPEST, _SLOPES)

@@ -117,7 +117,9 @@ class _Work:
         of the sections where the cut is not in the image.
         """
         sections = self.stems.sections
-        rays = self.frame.rays(np.where(self.keypoints.within[:, CUT, None], self.keypoints.xy_px[:, CUT], 0.0))
+        rays = self.frame.rays(
+            np.where(self.keypoints.within[:, CUT, None], self.keypoints.xy_px[:, CUT], 0.0)
+        )
         along, facing = sections.frames.along, sections.facing
         slope = (rays * along).sum(1) / (rays * facing).sum(1) * sections.front_share
         height = np.where(self.keypoints.within[:, CUT], slope, sections.height)
@@ -140,7 +142,7 @@ class _Work:
         shape = np.full_like(half, self.settings.out_of_round_std)
         outline = self.settings.shared_std_px / (2 * camera.fx * np.sin(half))
         parts = [edges, distance, focal, shape, outline]
-        return 2 * stems.radius_m * np.linalg.norm(parts, axis=0)
+        return np.asarray(2 * stems.radius_m * np.linalg.norm(parts, axis=0))
 
     def _swollen(self, place: int, diameter: Estimate) -> tuple[Estimate, tuple[str, ...]]:
         """The diameter at a cut below the picture, from where the stem shows lowest."""
@@ -153,9 +155,7 @@ class _Work:
         warning = "the cut is not in the picture: its diameter is inferred from the stem above"
         return Estimate(value, std), (warning,)
 
-    def breast(
-        self, cuts: Float, grounds: list[BaseGround | Failure]
-    ) -> list[Estimate | Failure]:
+    def breast(self, cuts: Float, grounds: list[BaseGround | Failure]) -> list[Estimate | Failure]:
         """Diameters at breast height, where the mask shows the stem there."""
         stems, sections = self.stems, self.stems.sections
         above = np.zeros(len(cuts))

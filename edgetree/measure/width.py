@@ -1,4 +1,4 @@
-"""Half the angle that a stem fills: from keypoints, from the mask's edges, and all sources fused."""
+"""Half the angle that a stem fills: from keypoints, from the mask's edges, and all fused."""
 
 from __future__ import annotations
 
@@ -70,9 +70,7 @@ class MaskWidths:
         return np.asarray((near & self.left_valid).any(1) & (near & self.right_valid).any(1))
 
 
-def _local(
-    offset: Float, bearing: Float, valid: Flags, nearness: Float
-) -> tuple[Float, Float]:
+def _local(offset: Float, bearing: Float, valid: Flags, nearness: Float) -> tuple[Float, Float]:
     """(T,) bearings of one edge at offset 0 by a local line, and how far away its support lies."""
     weight = np.where(valid, nearness, 0.0)
     value, _ = weighted_lines(offset, np.where(valid, bearing, 0.0), weight)

@@ -64,11 +64,12 @@ def test_standard_deviations_are_honest(fake: ModuleType, model: str) -> None:
     truth = fake.TRUTH[model]
     off = []
     for seed in range(12):
-        views = fake.seen_points(truth, fake.poses(truth, 14, seed), seed)
+        # Few views, as many would also tell by how these differ among themselves.
+        views = fake.seen_points(truth, fake.poses(truth, 12, seed), seed)[:9]
         result = calibrate_camera(views, SIZE, model)
         off.append(errors_in_stds(result, truth))
     # Of 48 errors in standard deviations, the mean square is about 1.
-    assert 0.5 < np.mean(np.square(off)) < 1.8
+    assert 0.4 < np.mean(np.square(off)) < 1.2
 
 
 def test_each_view_tells_where_its_board_was(fake: ModuleType) -> None:
@@ -108,6 +109,18 @@ def test_wrong_views_and_points_are_dropped_and_named(fake: ModuleType, wrong_vi
     assert named == {(view.name, ()) for view in views[:wrong_views]} | {(views[-1].name, (4, 20))}
     for dropped in result.dropped:
         assert "px off, expected" in dropped.reason or "off by more than" in dropped.reason
+
+
+def test_a_blurred_view_is_dropped(fake: ModuleType) -> None:
+    poses = fake.poses(fake.RADTAN, 20, seed=3)
+    views = fake.seen_points(fake.RADTAN, poses, 1)
+    rng = np.random.default_rng(2)
+    uneasy_px = views[5].image_px + rng.normal(0, 0.4, views[5].image_px.shape)
+    result = calibrate_camera([*views[:5], replace(views[5], image_px=uneasy_px), *views[6:]], SIZE)
+    assert isinstance(result, Calibration)
+    (dropped,) = result.dropped
+    assert (dropped.view, dropped.points) == (views[5].name, ())
+    assert dropped.reason.startswith("its points are 0.39 px off")
 
 
 def test_too_few_views_are_refused(fake: ModuleType) -> None:
@@ -178,6 +191,20 @@ def test_poor_calibrations_do_not_pass(fake: ModuleType) -> None:
     left = calibrate_camera([view for view in many if view.image_px[:, 0].max() < 370], SIZE)
     assert isinstance(left, Calibration)
     assert any(reason.endswith("of the picture, expected 50%") for reason in left.reasons)
+
+
+def test_a_lens_that_refocuses_is_not_trusted(fake: ModuleType) -> None:
+    views = fake.seen_points(fake.RADTAN, fake.poses(fake.RADTAN, 20, seed=3), 1)
+    centre_px = (fake.RADTAN.cx, fake.RADTAN.cy)
+    for i, view in enumerate(views):
+        grown_px = centre_px + (view.image_px - centre_px) * (1.05 if i % 2 else 0.95)
+        views[i] = replace(view, image_px=grown_px)
+    result = calibrate_camera(views, SIZE)
+    assert isinstance(result, Calibration)
+    # Each board's distance hides the change: the residuals are small, but not by chance.
+    assert result.rms_px < 0.5
+    assert not result.passed
+    assert abs(errors_in_stds(result, fake.RADTAN)[0]) < 4
 
 
 def test_results_are_plain_json_values(fake: ModuleType) -> None:

@@ -1,13 +1,13 @@
-"""Scenes of cylinders on planes, cast ray by ray, with exact keypoints, depth and truth.
+"""Scenes of cylinders and cones on planes, cast ray by ray, with exact keypoints, depth and truth.
 
 Nothing here comes from the simulator or from the code under test but the pinhole projection,
-which `tests/calib` holds against OpenCV.
+which `tests/calib` holds against OpenCV, and `Scene.measure`, which hands all of it to that code.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -15,13 +15,29 @@ import pytest
 
 from calib import PinholeCamera, pixels_to_rays, project_points
 from edgetree import TreeDetections
+from edgetree.measure import MeasureSettings, TreeMeasurement, measure_trees
 
 CAMERA = PinholeCamera(1280, 720, 700.0, 700.0, 639.5, 359.5)
+
+EXACT = MeasureSettings(
+    keypoint_std_px=0.1,
+    keypoint_spread=1e-6,
+    mask_std_px=0.5,
+    mask_spread=0.1,
+    depth_bias_per_m=1e-6,
+    shared_std_px=1e-3,
+    out_of_round_std=1e-6,
+    bend_std_deg=1e-6,
+)
+"""For keypoints that are where they say, and stems that are as round as these."""
 
 
 @dataclass(frozen=True)
 class Pole:
-    """A cylinder standing on the ground at a place right of and before the camera, metres."""
+    """A stem standing on the ground at a place right of and before the camera, metres.
+
+    It is a cylinder, or a cone that loses `taper` of its diameter per metre along its axis.
+    """
 
     diameter_m: float = 0.3
     right_m: float = 0.0
@@ -32,6 +48,11 @@ class Pole:
     cut_m: float = 0.25
     section_m: float = 0.4
     top_m: float = 3.0
+    taper: float = 0.0
+
+    def diameter_at_m(self, height_m: float) -> float:
+        """At a height along the axis."""
+        return self.diameter_m - self.taper * height_m
 
 
 @dataclass
@@ -90,10 +111,11 @@ class Scene:
 
     def edges(self, pole: Pole) -> np.ndarray:
         """(2, 3) camera points where rays graze the section, left then right."""
-        radius = pole.diameter_m / 2
+        radius = pole.diameter_at_m(pole.section_m) / 2
         centre, along = self.axis_point(pole, pole.section_m), self.along(pole)
         front = self.front(pole, centre)
-        cosine = radius / np.linalg.norm(centre - (centre @ along) * along)
+        rise = pole.taper / 2 * (centre @ along)
+        cosine = (radius + rise) / np.linalg.norm(centre - (centre @ along) * along)
         side = np.cross(along, front)
         points = centre + radius * np.stack(
             [cosine * front + sign * np.sqrt(1 - cosine**2) * side for sign in (-1, 1)]
@@ -102,7 +124,7 @@ class Scene:
 
     def cut_point(self, pole: Pole) -> np.ndarray:
         centre = self.axis_point(pole, pole.cut_m)
-        return centre + pole.diameter_m / 2 * self.front(pole, centre)
+        return centre + pole.diameter_at_m(pole.cut_m) / 2 * self.front(pole, centre)
 
     def cut_height_m(self, pole: Pole) -> float:
         """From the uphill side of the foot to the axis at the cut, along the vertical."""
@@ -134,35 +156,69 @@ class Scene:
 
     def _cast_pole(self, pole: Pole, rays: np.ndarray) -> np.ndarray:
         foot, along = self.foot(pole), self.along(pole)
-        flat = rays - (rays @ along)[..., None] * along
+        climb = rays @ along
+        flat = rays - climb[..., None] * along
         centre = foot - (foot @ along) * along
-        a, b = (flat**2).sum(-1), flat @ centre
-        root = b**2 - a * (centre @ centre - (pole.diameter_m / 2) ** 2)
+        # |z flat - centre| is the radius, which shrinks with the height z climb - foot . along.
+        narrowing = pole.taper / 2
+        radius = pole.diameter_m / 2 + narrowing * (foot @ along)
+        a = (flat**2).sum(-1) - (narrowing * climb) ** 2
+        b = flat @ centre - narrowing * climb * radius
+        root = b**2 - a * (centre @ centre - radius**2)
         z = np.where(root > 0, (b - np.sqrt(np.maximum(root, 0))) / a, np.inf)
-        height = np.where(np.isfinite(z), z, 0) * (rays @ along) - foot @ along
+        height = np.where(np.isfinite(z), z, 0) * climb - foot @ along
         return np.where((height > -1) & (height < pole.top_m) & (z > 0), z, np.inf)
+
+    def masks(self) -> list[np.ndarray]:
+        """(H, W) bool what the picture shows of each pole."""
+        return [self.owner == number + 1 for number in range(len(self.poles))]
 
     def detections(self, masks: list[np.ndarray] | None = None) -> TreeDetections:
         """Exact keypoints; `masks` (H, W) bool replace what the picture shows of the poles."""
-        masks = masks or [self.owner == number + 1 for number in range(len(self.poles))]
         boxes, grids = [], []
-        for mask in masks:
+        for mask in masks or self.masks():
             rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
             box = [columns[0], rows[0], columns[-1] + 1, rows[-1] + 1]
             crop = mask[box[1] : box[3], box[0] : box[2]].astype(np.float32)
             boxes.append(box)
             grids.append(cv2.resize(crop, (28, 28), interpolation=cv2.INTER_AREA))
-        keypoints = np.ones((len(masks), 5, 3))
+        keypoints = np.ones((len(grids), 5, 3))
         for index, pole in enumerate(self.poles):
             keypoints[index, :, :2] = self.keypoints(pole)
         return TreeDetections(
             boxes_px=np.array(boxes, np.float32),
-            scores=np.ones(len(masks), np.float32),
+            scores=np.ones(len(grids), np.float32),
             keypoints_px=keypoints.astype(np.float32),
             masks=np.array(grids),
             image_width=self.camera.width,
             image_height=self.camera.height,
         )
+
+    def measure(
+        self,
+        trees: TreeDetections | None = None,
+        depth_m: np.ndarray | None = None,
+        *,
+        level: bool = False,
+        settings: MeasureSettings | None = EXACT,
+        **options: object,
+    ) -> TreeMeasurement:
+        """The only tree of `trees`; `level` leaves out the vertical."""
+        [tree] = measure_trees(
+            self.detections() if trees is None else trees,
+            self.depth_m if depth_m is None else depth_m,
+            self.camera,
+            up_camera=None if level else self.up,
+            settings=settings,
+            **options,  # type: ignore[arg-type]
+        )
+        return tree
+
+    def measure_mask(self, mask: np.ndarray | None = None, **options: object) -> TreeMeasurement:
+        """The only tree by its (H, W) bool mask and depth alone, without keypoints."""
+        mask = self.owner == 1 if mask is None else mask
+        trees = replace(self.detections([mask]), keypoints_px=None, masks=None)
+        return self.measure(trees, masks=[mask], **options)  # type: ignore[arg-type]
 
     def noisy_depth_m(self, seed: int, noise_per_m: float = 0.002) -> np.ndarray:
         """Depth as stereo gives it: an error that grows with z², the same within a few pixels."""
