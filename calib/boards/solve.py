@@ -32,7 +32,7 @@ LENS_MODELS: Final = tuple(PARAMETERS)
 _FIRST_FOCALS = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0)
 _STEPS, _POSE_STEPS, _SMALLEST_GAIN = 100, 5, 1e-9
 _DAMPING, _MOST_DAMPING = 1e-3, 1e9
-_LEAST_DETERMINED = 1e-14
+_LEAST_DETERMINED, _WIDEST = 1e-14, 1e3
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,17 +123,8 @@ def pose_of(view: BoardView, intrinsics: Float, model: str) -> Float | None:
     The closed form counts the points of a wide lens unevenly: a few steps in pixels follow, in
     which points beyond twice the median residual count linearly.
     """
-    matrix, terms = _matrix(intrinsics), intrinsics[4:]
-    pixels = (view.image_px - 0.5).reshape(-1, 1, 2)
-    undistort = cv2.fisheye.undistortPoints if model == FISHEYE else cv2.undistortPoints
-    flat = undistort(pixels, matrix, terms)
-    if not np.isfinite(flat).all() or np.abs(flat).max() > 1e3:
-        return None
-    found, rotation, translation = cv2.solvePnP(
-        view.object_m, flat, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
-    )
-    pose = np.concatenate([rotation.ravel(), translation.ravel()]) if found else np.full(6, np.nan)
-    if not np.isfinite(pose).all() or pose[5] <= 0:
+    pose = _closed_form_pose(view, intrinsics, model)
+    if pose is None:
         return None
     for _ in range(_POSE_STEPS):
         xy_px, _, by_pose = project(model, intrinsics, pose, view.object_m)
@@ -149,6 +140,21 @@ def pose_of(view: BoardView, intrinsics: Float, model: str) -> Float | None:
             break
         pose = moved
     return pose if pose[5] > 0 else None
+
+
+def _closed_form_pose(view: BoardView, intrinsics: Float, model: str) -> Float | None:
+    pixels = (view.image_px - 0.5).reshape(-1, 1, 2)
+    undistort = cv2.fisheye.undistortPoints if model == FISHEYE else cv2.undistortPoints
+    flat = undistort(pixels, _matrix(intrinsics), intrinsics[4:])
+    if not (np.abs(flat) < _WIDEST).all():  # nor NaN, which undistorting gives beyond its reach
+        return None
+    found, rotation, translation_m = cv2.solvePnP(
+        view.object_m, flat, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
+    )
+    if not found:
+        return None
+    pose = np.concatenate([rotation.ravel(), translation_m.ravel()])
+    return pose if np.isfinite(pose).all() and pose[5] > 0 else None
 
 
 def refine(

@@ -87,10 +87,10 @@ def calibrate(
         else:
             for line in work.lines():
                 typer.echo(line)
+        for path in written.values():
+            if path is not None:
+                note(f"written: {path}")
         work.check()
-    for path in written.values():
-        if path is not None:
-            note(f"written: {path}")
     note(f"next: edgetree measure IMAGE --depth DEPTH --camera {quoted(out)}")
 
 
@@ -132,14 +132,17 @@ class _Work:
 
     def record(self) -> dict[str, Any]:
         """All of it, JSON-ready."""
+        from calib import DepthScaleFailure
+
         seen = self.sightings
-        depth = self.depth.to_dict() if self.depth else None
+        depth = self.depth
         return {
             "pictures": seen.pictures,
             "without_board": list(seen.without_board),
             "repeated": list(seen.repeated),
             **self.result.to_dict(),
-            "depth_scale": depth,
+            "depth_scale": depth.to_dict() if depth else None,
+            "depth_failure": depth.reason if isinstance(depth, DepthScaleFailure) else None,
         }
 
     def lines(self) -> Iterator[str]:

@@ -102,14 +102,15 @@ class TreeMeasurement:
 
     Attributes:
         diameter_m: of the stem, across its axis, at the felling cut (on the section through the
-            diameter keypoints).
+            diameter keypoints); of a mask without keypoints in the middle of what it shows.
         dbh_m: the same at breast height.
         cut_height_m: of the axis at the felling cut above the ground on the uphill side, along
             the vertical.
         inclination_deg: of the axis from the vertical.
         lean_direction_deg: where the stem leans to, seen from above: 0 away from the camera,
             90 to the right, -90 to the left, 180 towards it.
-        distance_m: from the camera's centre to the axis at the felling cut.
+        distance_m: from the camera's centre to the axis at the felling cut; of a mask without
+            keypoints to the middle of what it shows.
         cut_point_m: where the cut meets the bark that faces the camera, in the camera's frame
             (x right, y down, z forward).
         cut_point_machine_m: the same in the machine's frame.

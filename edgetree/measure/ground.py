@@ -25,8 +25,8 @@ _REACHES_M = (0.6, 1.4)
 _ABOVE_CUT_M = 0.3
 _BELOW_CUT_M = 1.5
 # Where to look: so many rows and columns, crowded towards the stem.
-_GRID, _CROWDING = 28, 1.5
-_LEAST_POINTS, _MOST_POINTS = 20, 160
+_GRID, _CROWDING = 24, 1.5
+_LEAST_POINTS, _MOST_POINTS = 20, 140
 _TOLERANCE_M = 0.05
 # The plane is never known better: litter, moss and roots lie on it.
 _LITTER_STD_M = 0.02

@@ -34,7 +34,7 @@ CUT, LEFT, RIGHT, MIDDLE, TOP = range(len(KEYPOINT_NAMES))
 _SHOWN = 0.5
 _LEAST_WIDTH_PX = 1.0
 # Depth is read at so many places across the stem, within this share of its width.
-_ACROSS, _WITHIN = 11, 0.8
+_ACROSS, _WITHIN = 9, 0.8
 # A middle between the edges of the mask that lies further off the others is no middle.
 _OFF_MIDDLE = 0.35
 # The edges of a mask err together along a stem: so many stations are worth one.

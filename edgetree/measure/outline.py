@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +15,13 @@ __all__ = ["STATIONS", "Outline", "Strips", "find_outline", "spans", "start_from
 Float = NDArray[np.floating[Any]]
 Flags = NDArray[np.bool_]
 
-STATIONS = 32
+STATIONS = 28
 """Places along every stem at which it is looked at."""
 
 _SHOWN = 0.5
 # Edges are sought across so many half widths, first coarsely, then closely around what was found.
 _REACH = 1.8
-_COARSE, _FINE = 31, 17
+_COARSE, _FINE = 29, 15
 _CLOSE, _LEAST_CLOSE_PX = 0.12, 1.5
 _LEAST_STATIONS = 6
 # Edges this near to a line (of the half width, or px) agree with it; one that lies beyond counts
@@ -138,15 +138,8 @@ def find_outline(frame: DepthFrame, strips: Strips, border_px: Float) -> Outline
     left, right, seen = _coarse_edges(frame, strips)
     left, left_seen = _close_edges(frame, strips, left, 1, border_px)
     right, right_seen = _close_edges(frame, strips, right, -1, border_px)
-    place, half = strips.stations_px, strips.half_px
-    return Outline(
-        strips,
-        left,
-        right,
-        outer_lines(place, -left, seen & left_seen, half)[2],
-        outer_lines(place, right, seen & right_seen, half)[2],
-        seen.mean(1),
-    )
+    sides = outer_lines(strips, left, right, np.stack([seen & left_seen, seen & right_seen]))
+    return Outline(strips, left, right, *sides.agreeing, seen.mean(1))
 
 
 def _coarse_edges(frame: DepthFrame, strips: Strips) -> tuple[Float, Float, Flags]:
@@ -183,12 +176,11 @@ def _first_crossing(shown: Float, across: Float) -> tuple[Float, Flags]:
 def _turned(strips: Strips, left: Float, right: Float, seen: Flags) -> Strips:
     """The strips laid between the lines along both edges."""
     enough = seen.sum(1) >= _LEAST_STATIONS
-    sides = [outer_lines(strips.stations_px, edge, seen, strips.half_px) for edge in (-left, right)]
-    (left_value, left_slope, _), (right_value, right_slope, _) = sides
-    value = np.where(enough, (right_value - left_value) / 2, 0.0)[:, None]
-    slope = np.where(enough, (right_slope - left_slope) / 2, 0.0)[:, None]
+    sides = outer_lines(strips, left, right, np.stack([seen, seen]))
+    value = np.where(enough, (sides.value[1] - sides.value[0]) / 2, 0.0)[:, None]
+    slope = np.where(enough, (sides.slope[1] - sides.slope[0]) / 2, 0.0)[:, None]
     along = strips.along + slope * strips.across
-    half = np.maximum((left_value + right_value) / 2, _LEAST_HALF_PX)
+    half = np.maximum(sides.value.mean(0), _LEAST_HALF_PX)
     return Strips(
         strips.origin_px + value * strips.across,
         along / np.linalg.norm(along, axis=1, keepdims=True),
@@ -197,24 +189,33 @@ def _turned(strips: Strips, left: Float, right: Float, seen: Flags) -> Strips:
     )
 
 
-def outer_lines(
-    place: Float, outward: Float, seen: Flags, half_px: Float
-) -> tuple[Float, Float, Flags]:
-    """The straight edge of each stem on one side.
+class OuterLines(NamedTuple):
+    """Straight edges of T stems on both sides, left first, as distances outwards.
+
+    `value` (2, T) at place 0 and `slope` (2, T); `agreeing` (2, T, S) the stations on them.
+    """
+
+    value: Float
+    slope: Float
+    agreeing: Flags
+
+
+def outer_lines(strips: Strips, left: Float, right: Float, seen: Flags) -> OuterLines:
+    """The straight edges of the stems.
 
     What hides a stem can only make its mask narrower. So of many lines the one is taken that the
     most stations agree with and that the fewest lie beyond, and then fitted to those that agree.
 
     Args:
-        place: (T, S) stations along the strip.
-        outward: (T, S) how far out the mask's edge lies there.
-        seen: (T, S) where there is one.
-        half_px: (T,) half the stem's width.
-
-    Returns:
-        Value at place 0 and slope of the lines, (T,), and (T, S) which edges agree with them.
+        strips: where was looked.
+        left, right: (T, S) edges of the masks across the strips.
+        seen: (2, T, S) where there are some.
     """
-    tolerance = np.maximum(_AGREEING * half_px, _AGREEING_PX)[:, None]
+    count = len(left)
+    place = np.concatenate([strips.stations_px] * 2)
+    outward, seen = np.concatenate([-left, right]), seen.reshape(2 * count, -1)
+    tolerance = np.maximum(_AGREEING * strips.half_px, _AGREEING_PX)
+    tolerance = np.concatenate([tolerance] * 2)[:, None]
     value, slope = _best_line(place, outward, seen, tolerance)
     for _ in range(_ROUNDS):
         miss = (outward - value[:, None] - slope[:, None] * place) / tolerance
@@ -222,7 +223,8 @@ def outer_lines(
         value, slope = weighted_lines(place, np.where(seen, outward, 0.0), weight)
     miss = np.abs(outward - value[:, None] - slope[:, None] * place)
     agree = seen & (miss < tolerance)
-    return value, slope, agree & (agree.mean(1, keepdims=True) >= _LEAST_AGREEING)
+    agree &= agree.mean(1, keepdims=True) >= _LEAST_AGREEING
+    return OuterLines(value.reshape(2, -1), slope.reshape(2, -1), agree.reshape(2, count, -1))
 
 
 def _best_line(place: Float, outward: Float, seen: Flags, tolerance: Float) -> tuple[Float, Float]:

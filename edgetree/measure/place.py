@@ -124,7 +124,7 @@ class StemPlace:
             (self.across, self.diameter_std_m / 4 + self.cut_rad * reach / 2),
             (self.along, self.cut_rad * reach),
         )
-        scaled = np.stack([std * side for side, std in sides])
+        scaled = np.array([std * side for side, std in sides])
         return np.asarray(scaled.T @ scaled)
 
     def lean(

@@ -30,7 +30,7 @@ _STEEPEST = 6.0
 _SLOPES = 15
 _LEVELS = np.array((0.15, 0.3, 0.5, 0.7, 0.85))
 _JUDGED = 4
-_TURNS = 3
+_TURNS = 5
 _SETTLED_RAD = 2e-3
 _ROUNDS = 3
 _CUTOFF = 4.0
@@ -139,7 +139,7 @@ def fit_stems(
         settings: noise of the depth.
     """
     count = len(readings.depth_m)
-    tilt, line = np.zeros(count), np.full((count, 2), np.nan)
+    tilt, step, line = np.zeros(count), np.zeros(count), np.full((count, 2), np.nan)
     sections, sources = edges.sections(frames)
     for turn in range(_TURNS):
         view = sections.look(readings.rays)
@@ -153,7 +153,10 @@ def fit_stems(
         curvature = _curvature(lines, sections.half_rad + lines.solved()[:, 2], settings)
         half, shares = fuse([*sources, curvature])
         line, covariance, coupling = lines.given(half.rad - sections.half_rad)
-        step = np.arctan(-line[:, 1] / line[:, 0])
+        found = np.arctan(-line[:, 1] / line[:, 0])
+        # Near, thick stems swing about their tilt: the last swing tells how far is too far.
+        swing = np.where(step == 0, 0.0, np.clip(found / np.where(step == 0, 1.0, step), -0.9, 0.0))
+        step = found / (1 - swing)
         tilt = tilt + step
         sections, sources = edges.sections(frames.tilted(np.tan(tilt)), half.rad)
         if np.nanmax(np.abs(step), initial=0.0) < _SETTLED_RAD:
@@ -221,7 +224,7 @@ class _Points(NamedTuple):
 
 def _means(values: Float, used: Flags) -> Float:
     """(T,) mean of the used values."""
-    return np.where(used, values, 0).sum(1) / np.maximum(used.sum(1), 1)
+    return np.asarray(np.where(used, values, 0).sum(1) / np.maximum(used.sum(1), 1))
 
 
 def _fit_lines(

@@ -211,16 +211,19 @@ class _Work:
         diameter = _sure_enough(swollen)
         inclination, direction = stem.lean(up, ground, self.settings)
         height = stem.cut_height(ground)
+        known = self.keypoints.given[place].any()
         problem: Failure | None = None
-        if not self.keypoints.within[place, CUT]:
+        if not known:
+            problem = Failure("no keypoint tells the felling cut")
+        elif not self.keypoints.within[place, CUT]:
             problem = Failure("the felling cut is not in the image")
         else:
             problem = stem.misplaced(height)
         evidence = self._evidence(place, ground, height if problem is None else problem, warnings)
         if problem is not None:
             return TreeMeasurement(
-                diameter, breast, problem, inclination, direction, problem, problem, problem,
-                evidence,
+                diameter, breast, problem, inclination, direction,
+                problem if known else stem.distance(), problem, problem, evidence,
             )  # fmt: skip
         return TreeMeasurement(
             diameter, breast, height, inclination, direction, stem.distance(), stem.cut_point(),

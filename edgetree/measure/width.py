@@ -57,9 +57,13 @@ class MaskWidths:
         """Half angles and middle bearings (T,) at heights (T,) along the axis."""
         offset = self.height_m - height_m[:, None]
         nearness = np.exp(-0.5 * (offset / _WINDOW_M) ** 2) + _FAR_WEIGHT / (1 + offset**2)
-        left, left_away_m = _local(offset, self.left_rad, self.left_valid, nearness)
-        right, right_away_m = _local(offset, self.right_rad, self.right_valid, nearness)
-        half, away_m = (right - left) / 2, np.maximum(left_away_m, right_away_m)
+        valid = np.concatenate([self.left_valid, self.right_valid])
+        bearing = np.where(valid, np.concatenate([self.left_rad, self.right_rad]), 0.0)
+        offset = np.concatenate([offset, offset])
+        weight = np.where(valid, np.concatenate([nearness, nearness]), 0.0)
+        left, right = weighted_lines(offset, bearing, weight)[0].reshape(2, -1)
+        support_m = (weight * np.abs(offset)).sum(1) / np.maximum(weight.sum(1), 1e-12)
+        half, away_m = (right - left) / 2, support_m.reshape(2, -1).max(0)
         std = np.hypot(self.std_rad, _SHAPE_PER_M * away_m * half)
         known = self.left_valid.any(1) & self.right_valid.any(1) & (half > 0)
         return HalfAngle(half, np.where(known, std, np.inf)), (left + right) / 2
@@ -68,14 +72,6 @@ class MaskWidths:
         """(T,) whether both edges show near heights (T,) along the axis."""
         near = np.abs(self.height_m - height_m[:, None]) < _SEEN_M
         return np.asarray((near & self.left_valid).any(1) & (near & self.right_valid).any(1))
-
-
-def _local(offset: Float, bearing: Float, valid: Flags, nearness: Float) -> tuple[Float, Float]:
-    """(T,) bearings of one edge at offset 0 by a local line, and how far away its support lies."""
-    weight = np.where(valid, nearness, 0.0)
-    value, _ = weighted_lines(offset, np.where(valid, bearing, 0.0), weight)
-    total = np.maximum(weight.sum(1), 1e-12)
-    return value, (weight * np.abs(offset)).sum(1) / total
 
 
 @dataclass(frozen=True, eq=False)

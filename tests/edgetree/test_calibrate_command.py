@@ -192,7 +192,9 @@ def test_depth_at_one_distance_fails_but_the_camera_is_written(
     out = tmp_path / "camera.json"
     done = calibrate(board_files / "pictures", "--board", BOARD, "--depth", flat, "--out", out)
     assert done.code == 1
-    assert "no depth scale: the readings went from 0.50 to 0.50 m" in done.err
+    written, why = done.err.splitlines()
+    assert written == f"written: {out}"
+    assert why.startswith("edgetree: no depth scale: the readings went from 0.50 to 0.50 m")
     assert out.exists()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["camera.json", "flat"]
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from types import ModuleType
 
+import cv2
 import numpy as np
 import pytest
 
@@ -54,6 +55,17 @@ def test_points_are_where_the_camera_sees_them(
     assert np.abs(miss_px.mean(0)).max() < rms_px / 2
     assert np.sqrt((miss_px**2).mean()) < rms_px
     assert np.abs(miss_px).max() < 1
+
+
+def test_large_pictures_are_as_exact(
+    fake: ModuleType, pictures: Callable[[str, str], list[Picture]]
+) -> None:
+    grey = pictures("checkerboard", "radtan")[5].grey
+    large = cv2.resize(grey, None, fx=4, fy=4, interpolation=cv2.INTER_CUBIC)
+    found, found_large = fake.CHECKERBOARD.detect(grey), fake.CHECKERBOARD.detect(large)
+    assert found is not None
+    assert found_large is not None
+    np.testing.assert_allclose(found_large[0] / 4, found[0], atol=0.06)
 
 
 def test_part_of_a_charuco_board_is_enough(

@@ -230,6 +230,11 @@ class Scene:
 
 
 @pytest.fixture(scope="session")
+def exact() -> MeasureSettings:
+    return EXACT
+
+
+@pytest.fixture(scope="session")
 def pole() -> type[Pole]:
     return Pole
 

