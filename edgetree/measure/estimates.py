@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 __all__ = ["QUANTITIES", "Estimate", "Evidence", "Failure", "PointEstimate", "TreeMeasurement"]
 
-JsonValue: TypeAlias = float | str | bool | None | list[float] | list[str] | dict[str, float]
+JsonValue: TypeAlias = float | str | bool | list[float] | list[str] | dict[str, float] | None
 
 QUANTITIES: Final = (
     "diameter_m",

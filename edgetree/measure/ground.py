@@ -24,8 +24,9 @@ _REACHES_M = (0.6, 1.4)
 # How far above and below the felling cut ground may lie.
 _ABOVE_CUT_M = 0.3
 _BELOW_CUT_M = 1.5
-# Where to look: so many rows and columns, crowded towards the stem.
-_GRID, _CROWDING = 24, 1.5
+# Where to look: so many rows and columns of places, crowded towards the stem; more of them where
+# the depth is too sparse for the first.
+_GRIDS, _CROWDING = (24, 72), 1.5
 _LEAST_POINTS, _MOST_POINTS = 20, 140
 _TOLERANCE_M = 0.05
 # The plane is never known better: litter, moss and roots lie on it.
@@ -107,17 +108,24 @@ def find_grounds(
         up: (3,) the vertical; None takes the planes' normals for it.
     """
     vertical = np.array(CAMERA_UP) if up is None else up
-    near, far = (reach_m + radii_m for reach_m in _REACHES_M)
-    points, usable, level = _points_around(frame, axis_points, far, vertical)
-    close = usable & (level < near[:, None])
-    enough = close.sum(1) >= _LEAST_POINTS
-    first = np.where(enough[:, None], close, usable)
-    grounds = _fit_grounds(frame, points, first, enough, up)
-    again = [place for place, ground in enumerate(grounds) if not ground and enough[place]]
-    if again:
-        found = _fit_grounds(frame, points[again], usable[again], np.zeros(len(again), bool), up)
-        for place, ground in zip(again, found, strict=True):
+    grounds: list[BaseGround | Failure] = [Failure("no ground around the base")] * len(radii_m)
+    missing = np.arange(len(radii_m))
+    for grid in _GRIDS:
+        near, far = (reach_m + radii_m[missing] for reach_m in _REACHES_M)
+        points, usable, level = _points_around(frame, axis_points[missing], far, vertical, grid)
+        close = usable & (level < near[:, None])
+        enough = close.sum(1) >= _LEAST_POINTS
+        found = _fit_grounds(frame, points, np.where(enough[:, None], close, usable), enough, up)
+        again = np.flatnonzero([not ground for ground in found] & enough)
+        if len(again):
+            wider = _fit_grounds(frame, points[again], usable[again], ~enough[again], up)
+            for place, ground in zip(again, wider, strict=True):
+                found[place] = ground
+        for place, ground in zip(missing, found, strict=True):
             grounds[place] = ground
+        missing = missing[usable.sum(1) < _LEAST_POINTS]
+        if not len(missing):
+            break
     return grounds
 
 
@@ -140,10 +148,10 @@ def _fit_grounds(
 
 
 def _points_around(
-    frame: DepthFrame, axis_points: Float, reach_m: Float, vertical: Float
+    frame: DepthFrame, axis_points: Float, reach_m: Float, vertical: Float, grid: int
 ) -> tuple[Float, Flags, Float]:
-    """Camera points (T, N, 3) around axis points (T, 3), which (T, N) may be ground, and how far
-    they lie off on the level.
+    """Camera points (T, N, 3) of `grid` rows and columns of places around axis points (T, 3),
+    which (T, N) may be ground, and how far they lie off on the level.
     """
     ahead = np.maximum(axis_points[:, 2], 0.05)
     middle = project_points(frame.camera, np.stack([*axis_points.T[:2], ahead], -1))
@@ -151,10 +159,9 @@ def _points_around(
     reach_px = (frame.camera.fx * reach_m / ahead)[:, None]
     low = np.clip(middle - reach_px, 0, size)[:, None]
     high = np.clip(middle + reach_px, 0, size)[:, None]
-    ticks = np.linspace(-1.0, 1.0, _GRID)
+    ticks = np.linspace(-1.0, 1.0, grid)
     ticks = (1 + np.sign(ticks) * np.abs(ticks) ** _CROWDING) / 2
-    grid = np.stack(np.meshgrid(ticks, ticks), -1).reshape(1, -1, 2)
-    xy_px = low + (high - low) * grid
+    xy_px = low + (high - low) * np.stack(np.meshgrid(ticks, ticks), -1).reshape(1, -1, 2)
     rays, depth_m = frame.readings(xy_px)
     points = rays * depth_m[..., None]
     offset = points - axis_points[:, None]

@@ -57,6 +57,7 @@ class Keypoints:
         xy_px: (T, 5, 2).
         given: (T, 5) which of them say something: scored, and at most an image's size outside it.
         std_px: (T, 5, 2) errors across and along the stem.
+        offered: whether the model gives keypoints at all.
         within: (T, 5) which lie inside the image for certain: at its border they may be beyond.
     """
 
@@ -64,6 +65,7 @@ class Keypoints:
     given: Flags
     std_px: Float
     within: Flags
+    offered: bool
 
     @classmethod
     def of(cls, trees: TreeDetections, settings: MeasureSettings) -> Keypoints:
@@ -83,7 +85,9 @@ class Keypoints:
         std_px = np.hypot(settings.keypoint_std_px, spread)
         given = (values[..., 2] > 0) & near
         inside = (values[..., :2] > std_px) & (values[..., :2] < size - std_px)
-        return cls(values[..., :2], given, std_px, given & inside.all(2))
+        return cls(
+            values[..., :2], given, std_px, given & inside.all(2), trees.keypoints_px is not None
+        )
 
     @property
     def has_section(self) -> Flags:
@@ -250,7 +254,7 @@ def _section_from_mask(strips: Strips, outline: Outline | None, keypoints: Keypo
     valid = outline.left_valid & outline.right_valid
     place = np.where(valid, strips.stations_px, np.inf)
     count = valid.sum(1)
-    share = np.where(keypoints.given.any(1), _LOWEST, 0.5)
+    share = _LOWEST if keypoints.offered else 0.5
     rank = np.minimum((share * count).astype(np.intp), STATIONS - 1)
     picked = np.take_along_axis(np.sort(place, axis=1), rank[:, None], 1)
     picked = np.where(np.isfinite(picked), picked, 0.0)

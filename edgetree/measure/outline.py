@@ -139,7 +139,8 @@ def find_outline(frame: DepthFrame, strips: Strips, border_px: Float) -> Outline
     left, left_seen = _close_edges(frame, strips, left, 1, border_px)
     right, right_seen = _close_edges(frame, strips, right, -1, border_px)
     sides = outer_lines(strips, left, right, np.stack([seen & left_seen, seen & right_seen]))
-    return Outline(strips, left, right, *sides.agreeing, seen.mean(1))
+    agreeing_left, agreeing_right = sides.agreeing
+    return Outline(strips, left, right, agreeing_left, agreeing_right, seen.mean(1))
 
 
 def _coarse_edges(frame: DepthFrame, strips: Strips) -> tuple[Float, Float, Flags]:

@@ -71,7 +71,8 @@ class StemPlace:
 
     def _along_std_m(self) -> float:
         """How far the cut may slide along the axis, as it shows in the distance."""
-        return abs(float(self.cut @ self.along)) * self.cut_rad
+        slant = math.hypot(*self.cut) / max(float(self.cut @ self.facing), 1e-6)
+        return abs(float(self.cut @ self.along)) * slant * self.cut_rad
 
     def cut_height(self, ground: BaseGround | Failure) -> Estimate | Failure:
         """Above the ground; errs with the distance where looked at from above, and with the cut."""

@@ -248,17 +248,20 @@ def _fit_lines(
         lean_std_rad: standard deviation of the tilt.
     """
     basis = np.stack([np.ones_like(points.height), points.height, points.narrowing], 1)
-    expected = np.hypot(noise[:, None], _BEND_PER_M * points.height**2)
+    bend = _BEND_PER_M * points.height**2
     variance = np.ones(len(line))
     state = np.concatenate([line, np.zeros((len(line), 1))], 1)
     for _ in range(_ROUNDS):
+        squared_noise = (variance * noise**2)[:, None]
+        expected = np.sqrt(squared_noise + bend**2)
         ratio = (points.inverse - np.matmul(state[:, None], basis)[:, 0]) / expected
-        limit = _CUTOFF * np.sqrt(variance)[:, None]
-        tukey = np.where(points.used, np.maximum(1 - (ratio / limit) ** 2, 0) ** 2, 0.0)
+        tukey = np.where(points.used, np.maximum(1 - (ratio / _CUTOFF) ** 2, 0) ** 2, 0.0)
         weight = tukey / per_error[:, None]
-        spread = (weight * ratio**2).sum(1)
-        variance = (_NOISE_PRIOR + spread) / (_NOISE_PRIOR + weight.sum(1))
-        weighted = basis * (weight / (variance[:, None] * expected**2))[:, None]
+        weighted = basis * (weight / expected**2)[:, None]
+        # Only where noise rules, near the section, does the scatter tell the noise.
+        vote = weight * squared_noise / expected**2
+        spread = (vote * ratio**2).sum(1)
+        variance = variance * (_NOISE_PRIOR + spread) / (_NOISE_PRIOR + vote.sum(1))
         information = np.matmul(weighted, basis.transpose(0, 2, 1))
         right = np.matmul(weighted, points.inverse[..., None])[..., 0]
         steepness = 1 / (np.tan(lean_std_rad) * np.abs(state[:, 0]) + 1e-9) ** 2

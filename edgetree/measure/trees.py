@@ -147,7 +147,7 @@ class _Work:
     def _swollen(self, place: int, diameter: Estimate) -> tuple[Estimate, tuple[str, ...]]:
         """The diameter at a cut below the picture, from where the stem shows lowest."""
         points = self.keypoints
-        if points.has_section[place] or points.within[place, CUT] or not points.given[place].any():
+        if points.has_section[place] or points.within[place, CUT] or not points.offered:
             return diameter, ()
         settings = self.settings
         value = diameter.value * (1 + settings.butt_swell)
@@ -211,9 +211,9 @@ class _Work:
         diameter = _sure_enough(swollen)
         inclination, direction = stem.lean(up, ground, self.settings)
         height = stem.cut_height(ground)
-        known = self.keypoints.given[place].any()
+        offered = self.keypoints.offered
         problem: Failure | None = None
-        if not known:
+        if not offered:
             problem = Failure("no keypoint tells the felling cut")
         elif not self.keypoints.within[place, CUT]:
             problem = Failure("the felling cut is not in the image")
@@ -223,7 +223,7 @@ class _Work:
         if problem is not None:
             return TreeMeasurement(
                 diameter, breast, problem, inclination, direction,
-                problem if known else stem.distance(), problem, problem, evidence,
+                problem if offered else stem.distance(), problem, problem, evidence,
             )  # fmt: skip
         return TreeMeasurement(
             diameter, breast, height, inclination, direction, stem.distance(), stem.cut_point(),

@@ -1,0 +1,107 @@
+"""Values with their errors, and the records made of them."""
+
+import json
+
+import numpy as np
+import pytest
+
+from edgetree.measure import Estimate, Evidence, Failure, PointEstimate, TreeMeasurement
+from edgetree.measure.estimates import QUANTITIES
+
+
+def test_an_estimate_of_zero_is_still_true():
+    assert Estimate(0.0, 0.0)
+
+
+def test_a_failure_is_false():
+    assert not Failure("why")
+
+
+def test_95_of_100_truths_lie_in_the_interval():
+    rng = np.random.default_rng(1)
+    low, high = Estimate(0.3, 0.02).interval95
+    truths = rng.normal(0.3, 0.02, 20_000)
+    assert np.mean((truths > low) & (truths < high)) == pytest.approx(0.95, abs=0.01)
+
+
+def test_records_name_their_units():
+    tree = TreeMeasurement(
+        diameter_m=Estimate(0.31, 0.01),
+        dbh_m=Failure("the stem is not seen at breast height"),
+        cut_height_m=Failure("no ground"),
+        inclination_deg=Estimate(2.0, 0.5),
+        lean_direction_deg=Estimate(-90.0, 20.0),
+        distance_m=Estimate(5.0, 0.02),
+        cut_point_m=PointEstimate(np.array([1.0, 2.0, 3.0]), np.array([0.1, 0.2, 0.3])),
+        cut_point_machine_m=Failure("no mounting of the camera given"),
+        evidence=Evidence(
+            "keypoints",
+            {"keypoints": 0.31},
+            {"keypoints": 0.01},
+            106.0,
+            0.9,
+            1.0,
+            "a plane",
+            ("w",),
+        ),
+    )
+    expected = {
+        "diameter_m": 0.31,
+        "diameter_std_m": 0.01,
+        "diameter_low95_m": 0.31 - 1.96 * 0.01,
+        "diameter_high95_m": 0.31 + 1.96 * 0.01,
+        "dbh_failure": "the stem is not seen at breast height",
+        "cut_height_failure": "no ground",
+        "inclination_deg": 2.0,
+        "inclination_std_deg": 0.5,
+        "inclination_low95_deg": 2.0 - 1.96 * 0.5,
+        "inclination_high95_deg": 2.0 + 1.96 * 0.5,
+        "lean_direction_deg": -90.0,
+        "lean_direction_std_deg": 20.0,
+        "lean_direction_low95_deg": -90.0 - 1.96 * 20.0,
+        "lean_direction_high95_deg": -90.0 + 1.96 * 20.0,
+        "distance_m": 5.0,
+        "distance_std_m": 0.02,
+        "distance_low95_m": 5.0 - 1.96 * 0.02,
+        "distance_high95_m": 5.0 + 1.96 * 0.02,
+        "cut_point_m": [1.0, 2.0, 3.0],
+        "cut_point_std_m": [0.1, 0.2, 0.3],
+        "cut_point_machine_failure": "no mounting of the camera given",
+        "evidence": {
+            "method": "keypoints",
+            "source_diameters_m": {"keypoints": 0.31},
+            "source_std_m": {"keypoints": 0.01},
+            "arc_deg": 106.0,
+            "valid_depth_share": 0.9,
+            "visible_share": 1.0,
+            "ground": "a plane",
+            "warnings": ["w"],
+        },
+    }
+    assert json.loads(json.dumps(tree.to_dict(), allow_nan=False)) == expected
+
+
+def test_what_failed_as_a_whole_has_one_reason():
+    record = TreeMeasurement.failed("no depth on the stem").to_dict()
+    reasons = {value for name, value in record.items() if name.endswith("_failure")}
+    assert reasons == {"no depth on the stem"}
+    assert len(record) == len(QUANTITIES) + 2 + 1
+
+
+@pytest.mark.parametrize("how", ["keypoints", "mask", "holes"])
+def test_measured_records_are_plain_json(scene, pole, how):
+    stand = scene(pole(0.3, 0.5, 4.0))
+    if how == "holes":
+        tree = stand.measure(depth_m=np.zeros_like(stand.depth_m))
+    else:
+        tree = stand.measure() if how == "keypoints" else stand.measure_mask()
+    record = tree.to_dict()
+    assert json.loads(json.dumps(record, allow_nan=False)) == record
+    for quantity in QUANTITIES:
+        name, unit = quantity.rsplit("_", 1)
+        if quantity in record:
+            low, high = record[f"{name}_low95_{unit}"], record[f"{name}_high95_{unit}"]
+            assert low < record[quantity] < high
+            assert f"{name}_failure" not in record
+        else:
+            assert record[f"{name}_failure"]
