@@ -15,9 +15,9 @@ Flags = NDArray[np.bool_]
 
 CAMERA_UP = (0.0, -1.0, 0.0)
 _LEAST_POINTS = 12
-_TRIALS = 56
+_TRIALS = 48
 _LEAST_INLIERS = 0.3
-_REFINEMENTS = 3
+_REFINEMENTS = 2
 _NARROWEST = 0.01
 # Plants stand on the ground and nothing lies below it: a point below a plane counts against it.
 _BELOW = 0.7

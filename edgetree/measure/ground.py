@@ -26,7 +26,8 @@ _ABOVE_CUT_M = 0.3
 _BELOW_CUT_M = 1.5
 # Where to look: so many rows and columns of places, crowded towards the stem; more of them where
 # the depth is too sparse for the first.
-_GRIDS, _CROWDING = (24, 72), 1.5
+_GRIDS, _CROWDING = (21, 72), 1.5
+_SPARSE = 0.3
 _LEAST_POINTS, _MOST_POINTS = 20, 140
 _TOLERANCE_M = 0.05
 # The plane is never known better: litter, moss and roots lie on it.
@@ -112,7 +113,8 @@ def find_grounds(
     missing = np.arange(len(radii_m))
     for grid in _GRIDS:
         near, far = (reach_m + radii_m[missing] for reach_m in _REACHES_M)
-        points, usable, level = _points_around(frame, axis_points[missing], far, vertical, grid)
+        around = axis_points[missing]
+        points, usable, level, sparse = _points_around(frame, around, far, vertical, grid)
         close = usable & (level < near[:, None])
         enough = close.sum(1) >= _LEAST_POINTS
         found = _fit_grounds(frame, points, np.where(enough[:, None], close, usable), enough, up)
@@ -123,7 +125,7 @@ def find_grounds(
                 found[place] = ground
         for place, ground in zip(missing, found, strict=True):
             grounds[place] = ground
-        missing = missing[usable.sum(1) < _LEAST_POINTS]
+        missing = missing[sparse & (usable.sum(1) < _LEAST_POINTS)]
         if not len(missing):
             break
     return grounds
@@ -149,9 +151,10 @@ def _fit_grounds(
 
 def _points_around(
     frame: DepthFrame, axis_points: Float, reach_m: Float, vertical: Float, grid: int
-) -> tuple[Float, Flags, Float]:
+) -> tuple[Float, Flags, Float, Flags]:
     """Camera points (T, N, 3) of `grid` rows and columns of places around axis points (T, 3),
-    which (T, N) may be ground, and how far they lie off on the level.
+    which (T, N) may be ground, how far they lie off on the level, and (T,) whether most have no
+    reading.
     """
     ahead = np.maximum(axis_points[:, 2], 0.05)
     middle = project_points(frame.camera, np.stack([*axis_points.T[:2], ahead], -1))
@@ -167,9 +170,11 @@ def _points_around(
     offset = points - axis_points[:, None]
     rise = offset @ vertical
     level = np.sqrt(np.maximum((offset**2).sum(2) - rise**2, 0.0))
-    usable = (depth_m > 0) & (level < reach_m[:, None]) & (axis_points[:, 2:] > 0)
+    beside = ~frame.on_any_stem(xy_px)
+    sparse = ((depth_m > 0) & beside).sum(1) < _SPARSE * beside.sum(1)
+    usable = beside & (depth_m > 0) & (level < reach_m[:, None]) & (axis_points[:, 2:] > 0)
     usable &= (rise < _ABOVE_CUT_M) & (rise > -_BELOW_CUT_M)
-    return points, usable & ~frame.on_any_stem(xy_px), level
+    return points, usable, level, sparse
 
 
 def _thinned(points: Float, usable: Flags) -> tuple[Float, Flags]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -89,7 +90,7 @@ class Keypoints:
             values[..., :2], given, std_px, given & inside.all(2), trees.keypoints_px is not None
         )
 
-    @property
+    @cached_property
     def has_section(self) -> Flags:
         """(T,) both edges of the section are given, apart from each other."""
         width = np.linalg.norm(self.xy_px[:, RIGHT] - self.xy_px[:, LEFT], axis=1)

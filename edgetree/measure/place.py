@@ -27,6 +27,8 @@ _GROUND_TILT_STD_RAD = 0.03
 _CUT_ABOVE_SECTION_M = (-0.5, 0.3)
 _MOST_CUT_IN_GROUND_M = 0.1
 _MOST_CUT_ABOVE_GROUND_M = 0.8
+_FORWARD = np.array([0.0, 0.0, 1.0])
+_STRAIGHT_DOWN = 0.999
 # Stems nearer to the vertical than so many standard deviations lean nowhere.
 _LEAST_LEAN = 1.5
 
@@ -157,10 +159,9 @@ class StemPlace:
 
     def _lean_direction_deg(self, vertical: Float) -> float:
         """From where the camera looks on the level, clockwise as seen from above."""
-        level = self.along - (self.along @ vertical) * vertical
-        forward = np.array([0.0, 0.0, 1.0])
+        forward = _FORWARD if abs(vertical[2]) < _STRAIGHT_DOWN else np.array(CAMERA_UP)
         ahead = forward - (forward @ vertical) * vertical
-        if float(np.linalg.norm(ahead)) < 1e-6:
-            ahead = np.array(CAMERA_UP) - (np.array(CAMERA_UP) @ vertical) * vertical
-        right = np.cross(ahead, vertical)
-        return math.degrees(math.atan2(float(level @ right), float(level @ ahead)))
+        # As vertical x along lies to the left of where the stem leans, on the level.
+        (ax, ay, az), (ux, uy, uz) = self.along.tolist(), vertical.tolist()
+        sideways = np.array([uy * az - uz * ay, uz * ax - ux * az, ux * ay - uy * ax])
+        return math.degrees(math.atan2(float(sideways @ ahead), float(self.along @ ahead)))

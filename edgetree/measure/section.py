@@ -13,6 +13,7 @@ Everything is for T stems at once.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -107,13 +108,13 @@ class Sections:
         """(T,) front range per distance to the axis: 1 - sin(delta)."""
         return np.asarray(1.0 - np.sin(self.half_rad))
 
-    @property
+    @cached_property
     def facing(self) -> Float:
         """(T, 3) unit vectors across the axis, from the camera to the stem's middle."""
         cos, sin = np.cos(self.middle_rad)[:, None], np.sin(self.middle_rad)[:, None]
         return np.asarray(cos * self.frames.away + sin * self.frames.across)
 
-    @property
+    @cached_property
     def centre(self) -> Float:
         """(T, 3) axis points of the sections for 1 m from the camera to the axis."""
         return np.asarray(self.facing + self.height[:, None] * self.frames.along)

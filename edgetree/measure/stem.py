@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,8 +32,8 @@ _SLOPES = 15
 _LEVELS = np.array((0.15, 0.3, 0.5, 0.7, 0.85))
 _JUDGED = 4
 _TURNS = 5
-_SETTLED_RAD = 2e-3
-_ROUNDS = 3
+_SETTLED_RAD = 3e-3
+_ROUNDS = (3, 2)
 _CUTOFF = 4.0
 # Readings that disagree may be the stem, and those that agree what hides it: the distance is
 # doubted by this much of itself, times the square of their share.
@@ -79,13 +80,13 @@ class Stems:
     arc_rad: Float
     used: NDArray[np.intp]
 
-    @property
+    @cached_property
     def fitted(self) -> Flags:
         """(T,) whether the depth says where the stem stands."""
         sound = np.isfinite(self.distance_m) & (self.distance_m > 0)
         return np.asarray(sound & (self.used >= _LEAST_READINGS) & (self.sections.centre[:, 2] > 0))
 
-    @property
+    @cached_property
     def radius_m(self) -> Float:
         """(T,) radius at the section."""
         return np.asarray(self.distance_m * np.sin(self.sections.half_rad))
@@ -149,7 +150,9 @@ def fit_stems(
         points = _Points(height, view.share / depth_m, -view.share_slope / depth_m, used)
         noise = settings.depth_noise_per_m * _means(view.share, used)
         line = _level_lines(points) if turn else _best_lines(points, noise, lean_std_rad)
-        lines = _fit_lines(points, line, noise, readings.per_error, tilt, lean_std_rad)
+        lines = _fit_lines(
+            points, line, noise, readings.per_error, tilt, lean_std_rad, _ROUNDS[turn > 0]
+        )
         curvature = _curvature(lines, sections.half_rad + lines.solved()[:, 2], settings)
         half, shares = fuse([*sources, curvature])
         line, covariance, coupling = lines.given(half.rad - sections.half_rad)
@@ -234,6 +237,7 @@ def _fit_lines(
     per_error: Float,
     tilt: Float,
     lean_std_rad: float,
+    rounds: int,
 ) -> _Lines:
     """Robust lines through inverse distances, their slopes held by a prior of the tilt.
 
@@ -246,12 +250,13 @@ def _fit_lines(
         per_error: (T,) neighbours with one error.
         tilt: (T,) what the frame has been tilted by already, which the prior counts back.
         lean_std_rad: standard deviation of the tilt.
+        rounds: how often the weights are taken anew.
     """
     basis = np.stack([np.ones_like(points.height), points.height, points.narrowing], 1)
     bend = _BEND_PER_M * points.height**2
     variance = np.ones(len(line))
     state = np.concatenate([line, np.zeros((len(line), 1))], 1)
-    for _ in range(_ROUNDS):
+    for _ in range(rounds):
         squared_noise = (variance * noise**2)[:, None]
         expected = np.sqrt(squared_noise + bend**2)
         ratio = (points.inverse - np.matmul(state[:, None], basis)[:, 0]) / expected

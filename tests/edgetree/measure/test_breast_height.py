@@ -1,0 +1,86 @@
+"""Diameters 1.3 m above the uphill side, of stems that taper."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib import project_points
+from edgetree.measure import Failure, MeasureSettings
+
+
+def at_breast_height_m(stand, height_m=1.3):
+    """The cone's diameter on its axis so far above the ground's uphill side."""
+    [stem] = stand.poles
+    lean = np.cos(np.radians(stem.lean_deg))
+    # Uphill counts at the radius that the section has.
+    uphill_m = stem.diameter_at_m(stem.section_m) / 2 * np.linalg.norm(stand.gradient)
+    return stem.diameter_at_m((height_m + uphill_m) / lean)
+
+
+CONES = pytest.mark.parametrize(
+    ("diameter_m", "right_m", "ahead_m", "lean_deg", "towards_deg", "slope_deg"),
+    [
+        (0.4, 0.3, 4.0, 0.0, 0.0, 0.0),
+        (0.2, -1.0, 3.0, 0.0, 0.0, 0.0),
+        (0.5, 1.0, 6.0, 15.0, 0.0, 0.0),
+        (0.4, -0.5, 5.0, 15.0, 270.0, 10.0),
+        (0.6, 0.0, 5.0, 5.0, 45.0, 25.0),
+    ],
+)
+
+
+@CONES
+def test_a_cone_is_measured_where_breast_height_lies(
+    scene, pole, diameter_m, right_m, ahead_m, lean_deg, towards_deg, slope_deg
+):
+    stem = pole(diameter_m, right_m, ahead_m, lean_deg, towards_deg, taper=0.02)
+    stand = scene(stem, slope_deg=slope_deg, uphill_deg=30.0)
+    tree = stand.measure(masks=stand.masks())
+    expected_m = at_breast_height_m(stand)
+    section_m = stem.diameter_at_m(stem.section_m)
+    assert tree.dbh_m.value == pytest.approx(expected_m, rel=0.013)
+    assert tree.dbh_m.value < 0.98 * section_m
+    assert tree.diameter_m.value == pytest.approx(section_m, rel=0.005)
+
+
+def test_the_height_is_a_setting(scene, pole, exact):
+    stand = scene(pole(0.4, 0.3, 4.0, taper=0.03))
+    settings = replace(exact, breast_height_m=0.9)
+    tree = stand.measure(masks=stand.masks(), settings=settings)
+    assert tree.dbh_m.value == pytest.approx(at_breast_height_m(stand, 0.9), rel=0.01)
+
+
+def test_the_stated_error_covers_the_models_coarse_mask(scene, pole):
+    stand = scene(pole(0.4, 0.3, 4.0, taper=0.04))
+    low_m, high_m = stand.measure(settings=None).dbh_m.interval95
+    assert low_m < at_breast_height_m(stand) < high_m
+    assert high_m - low_m < 0.16
+
+
+def test_a_mask_that_ends_below_breast_height(scene, pole):
+    stand = scene(pole(0.4, 0.3, 4.0))
+    row = project_points(stand.camera, stand.axis_point(stand.poles[0], 0.9))[1]
+    mask = stand.owner == 1
+    mask[: int(row)] = False
+    tree = stand.measure(masks=[mask])
+    assert tree.diameter_m.value == pytest.approx(0.4, rel=0.01)
+    assert tree.dbh_m == Failure("the stem is not seen at breast height")
+
+
+def test_a_stem_hidden_at_breast_height(scene, pole):
+    stand = scene(pole(0.4, 0.3, 4.0))
+    points = [stand.axis_point(stand.poles[0], height_m) for height_m in (1.9, 0.7)]
+    top, bottom = project_points(stand.camera, points)[:, 1].astype(int)
+    mask = stand.owner == 1
+    mask[top:bottom] = False
+    assert stand.measure(masks=[mask]).dbh_m == Failure("the stem is not seen at breast height")
+
+
+def test_without_masks_or_ground_there_is_none(scene, pole):
+    stand = scene(pole(0.4, 0.3, 4.0))
+    bare = stand.measure(replace(stand.detections(), masks=None))
+    assert bare.dbh_m == Failure("the model gives no masks to see the stem at breast height")
+    floating = np.where(stand.owner == 1, stand.depth_m, 0).astype(np.float32)
+    assert stand.measure(depth_m=floating).dbh_m.reason.startswith("no ground around the base: ")
+    assert MeasureSettings().breast_height_m == 1.3
