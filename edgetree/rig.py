@@ -35,6 +35,7 @@ class Rig:
         depth_camera: what took the depth; None if depth files are in the camera's own pixels.
         depth_extrinsics: from the depth camera's frame to the camera's; None if they are one.
         depth_scale_m: metres of one unit of a depth file.
+        depth_calibration: what corrects its metres; None where they are right.
 
     Raises:
         InputError: values that contradict each other, or a scale that is not positive.
@@ -46,6 +47,7 @@ class Rig:
     depth_camera: calib.PinholeCamera | None = None
     depth_extrinsics: calib.RigidTransform | None = None
     depth_scale_m: float = _UNIT_M
+    depth_calibration: calib.DepthScale | None = None
 
     def __post_init__(self) -> None:
         if self.depth_camera is not None and self.camera is None:
@@ -80,6 +82,8 @@ class Rig:
             CalibError: the file cannot be read, or a camera is for another aspect.
         """
         depth_m = calib.read_depth(path, scale=self.depth_scale_m)
+        if self.depth_calibration is not None:
+            depth_m = self.depth_calibration.apply(depth_m)
         check = calib.check_depth(depth_m)
         fault = f"depth {path}: {check.reason}" if isinstance(check, calib.DepthFailure) else None
         if size_px is None:

@@ -113,9 +113,11 @@ DepthExtrinsics: TypeAlias = Annotated[
     ),
 ]
 DepthScale: TypeAlias = Annotated[
-    float | None,
+    str | None,
     typer.Option(
-        metavar="M_PER_UNIT", help="Metres of one unit of the depth files; 0.001 if not given."
+        metavar="M_PER_UNIT|FILE",
+        help="Metres of one unit of the depth files, 0.001 if not given; or the depth scale that"
+        " `edgetree calibrate --depth` found.",
     ),
 ]
 StumpHeight: TypeAlias = Annotated[
@@ -136,7 +138,7 @@ class RigOptions:
     mounting: Path | None
     depth_camera: Path | None
     depth_extrinsics: Path | None
-    depth_scale: float | None
+    depth_scale: str | None
     stump_height: float | None
 
     def rig(self, depth: Path | None) -> Rig:
@@ -159,7 +161,7 @@ class RigOptions:
             depth_camera=None if depth_camera is None else _camera(depth_camera),
             depth_extrinsics=None if moved is None else load_transform(moved),
         )
-        return rig if self.depth_scale is None else replace(rig, depth_scale_m=self.depth_scale)
+        return rig if self.depth_scale is None else _scaled(rig, self.depth_scale)
 
     def settings(self) -> MeasureSettings | None:
         """The settings of the measurement; None for the usual ones."""
@@ -191,6 +193,16 @@ def _camera(file: Path) -> PinholeCamera:
     if colon and not file.exists() and Path(path).is_file():
         return load_camera(path, name=name)
     return load_camera(file)
+
+
+def _scaled(rig: Rig, text: str) -> Rig:
+    """The rig with a depth scale: a number, or the file of a calibration."""
+    from calib import load_depth_scale
+
+    try:
+        return replace(rig, depth_scale_m=float(text))
+    except ValueError:
+        return replace(rig, depth_calibration=load_depth_scale(text))
 
 
 def _direction(text: str) -> tuple[float, float, float]:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import calib
+from edgetree.commands.options import RigOptions
 from edgetree.errors import InputError
 from edgetree.rig import Rig
 
@@ -33,6 +34,24 @@ def test_the_scale_is_metres_per_unit(tmp_path: Path) -> None:
     path = _wall(tmp_path / "d.png", 64, 48)
     depth_m, _ = Rig(depth_scale_m=0.0005).read_depth(path)
     assert depth_m[5, 60] == pytest.approx(1.0)
+
+
+def test_a_calibrated_depth_scale_corrects_the_metres(tmp_path: Path) -> None:
+    path = _wall(tmp_path / "d.png", 64, 48)
+    correction = calib.DepthScale(1.02, -0.05, 0.001, 0.002, -0.9, 0.5, 4.0)
+    depth_m, _ = Rig(depth_calibration=correction).read_depth(path)
+    assert depth_m[5, 60] == pytest.approx(2.0 * 1.02 - 0.05)
+
+
+def test_the_scale_option_takes_a_number_or_a_calibration(tmp_path: Path) -> None:
+    correction = calib.DepthScale(1.02, -0.05, 0.001, 0.002, -0.9, 0.5, 4.0)
+    file = tmp_path / "scale.json"
+    calib.save_depth_scale(file, correction)
+    nothing = (None, None, None, None, None)
+    assert RigOptions(*nothing, str(file), None).rig(None).depth_calibration == correction
+    assert RigOptions(*nothing, "0.00025", None).rig(None).depth_scale_m == 0.00025
+    with pytest.raises(calib.InputFileError, match=r"much: no such file, expected a depth scale"):
+        RigOptions(*nothing, "much", None).rig(None)
 
 
 def test_depth_of_another_camera_is_moved_into_the_image(tmp_path: Path) -> None:
