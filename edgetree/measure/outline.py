@@ -102,7 +102,7 @@ def _moments(mask: MaskGrid) -> tuple[Float, Float, Float]:
     weight = np.where(mask.grid >= _SHOWN, mask.grid, 0.0)
     total = float(weight.sum())
     if total == 0:
-        return np.full(2, np.nan), np.array([0.0, -1.0]), np.array(np.nan)
+        return mask.box_px[:2], np.array([0.0, -1.0]), np.array(_LEAST_HALF_PX)
     cell = (mask.box_px[2:] - mask.box_px[:2]) / mask.grid.shape[::-1]
     x = mask.box_px[0] + (np.arange(mask.grid.shape[1]) + 0.5) * cell[0]
     y = mask.box_px[1] + (np.arange(mask.grid.shape[0]) + 0.5) * cell[1]
