@@ -32,9 +32,12 @@ from edgetree.sources import read_image
 LABELS = MeasureSettings(
     keypoint_std_px=0.3,
     keypoint_spread=1e-6,
+    keypoint_slide=1e-6,
     mask_std_px=0.5,
     mask_spread=1e-6,
-    shared_std_px=1e-6,
+    outline_doubt=0.02,
+    depth_doubt=2.4,
+    arc_doubt=0.1,
 )
 
 

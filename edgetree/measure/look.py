@@ -34,6 +34,7 @@ CUT, LEFT, RIGHT, MIDDLE, TOP = range(len(KEYPOINT_NAMES))
 
 _SHOWN = 0.5
 _LEAST_WIDTH_PX = 1.0
+_BOTTOM_PX = 2.0
 # Depth is read at so many places across the stem, within this share of its width.
 _ACROSS, _WITHIN = 9, 0.8
 # A middle between the edges of the mask that lies further off the others is no middle.
@@ -82,13 +83,16 @@ class Keypoints:
         extent = np.maximum(trees.boxes_px[:, 2:] - trees.boxes_px[:, :2], 0.0).astype(np.float64)
         extent[:, 1] = np.sqrt(extent.prod(1))
         score = np.clip(values[..., 2:], 1e-4, 1.0)
-        spread = settings.keypoint_spread * extent[:, None] / np.sqrt(score)
+        share = np.array([settings.keypoint_spread, settings.keypoint_slide])
+        spread = share * extent[:, None] / np.sqrt(score)
         std_px = np.hypot(settings.keypoint_std_px, spread)
         given = (values[..., 2] > 0) & near
         inside = (values[..., :2] > std_px) & (values[..., :2] < size - std_px)
-        return cls(
-            values[..., :2], given, std_px, given & inside.all(2), trees.keypoints_px is not None
-        )
+        within = given & inside.all(2)
+        # A stem that goes on below the picture is cut there, whatever the keypoint says.
+        margin_px = np.maximum(std_px[:, CUT, 1], _BOTTOM_PX)
+        within[:, CUT] &= trees.boxes_px[:, 3] < trees.image_height - margin_px
+        return cls(values[..., :2], given, std_px, within, trees.keypoints_px is not None)
 
     @cached_property
     def has_section(self) -> Flags:

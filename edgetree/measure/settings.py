@@ -19,16 +19,22 @@ class MeasureSettings:
         keypoint_spread: error of a keypoint as a share of its box's extent where its score is 1;
             it grows with the inverse root of the score, as the peak p of a normal heat map of
             deviation s is 1 / (2 pi s²).
+        keypoint_slide: the same along the stem, where no edge holds the heat map.
         mask_std_px: least error of a mask's edge, in pixels of the image.
         mask_spread: error of a mask's edge in cells of the mask.
         depth_noise_per_m: standard deviation of the depth in metres at 1 m; at z metres it is
             z² times that, as with stereo. What the readings of a stem scatter replaces it where
             there are many.
+        depth_noise_m: the least standard deviation of the depth, as time-of-flight cameras have it.
         depth_bias_per_m: what all depth on one stem is off by together, in metres at 1 m; at z
             metres it is z² times that. Steps of the disparity do it.
         depth_correlation_px: depth within squares of so many pixels has one error.
-        shared_std_px: what keypoints and mask of a network are off by together, in pixels of the
-            image across the stem.
+        outline_doubt: how far a diameter is doubted, as a share of it, where no station along the
+            stem shows both edges; it falls with the square of the share of stations that do.
+        depth_doubt: the same where no reading agrees with the stem; it falls with the square of
+            the share of readings that do.
+        arc_doubt: the same where nothing of the round that can be seen has a reading; it falls
+            with the share that has.
         butt_swell: how much thicker a stem is at the cut than where it shows lowest, as a share,
             where the cut is below the picture; and butt_swell_std how far stems differ in that.
         out_of_round_std: how far the diameter of a real stem differs with the side it is seen
@@ -50,17 +56,21 @@ class MeasureSettings:
 
     keypoint_std_px: float = 1.0
     keypoint_spread: float = 0.009
+    keypoint_slide: float = 0.02
     mask_std_px: float = 2.0
     mask_spread: float = 0.3
     depth_noise_per_m: float = 0.002
+    depth_noise_m: float = 0.005
     depth_bias_per_m: float = 0.0005
     depth_correlation_px: float = 6.0
-    shared_std_px: float = 2.0
+    outline_doubt: float = 0.27
+    depth_doubt: float = 5.2
+    arc_doubt: float = 0.95
     butt_swell: float = 0.14
     butt_swell_std: float = 0.08
-    out_of_round_std: float = 0.018
+    out_of_round_std: float = 0.014
     curvature_std: float = 0.1
-    bend_std_deg: float = 0.5
+    bend_std_deg: float = 0.85
     lean_std_deg: float = 6.0
     breast_height_m: float = 1.3
     max_stump_height_m: float = 0.3

@@ -14,13 +14,14 @@ from edgetree.measure.section import AxisFrames, Sections
 from edgetree.measure.settings import MeasureSettings
 from edgetree.measure.width import HalfAngle, StemEdges, fuse
 
-__all__ = ["Readings", "Stems", "fit_stems"]
+__all__ = ["USED_WIDTH", "Readings", "Stems", "fit_stems"]
 
 Float = NDArray[np.floating[Any]]
 Flags = NDArray[np.bool_]
 
-# Readings nearer to an edge than this share of the half width may be of the background.
-_USED_WIDTH = 0.8
+USED_WIDTH = 0.8
+"""Readings nearer to an edge than this share of the half width may be of the background."""
+
 _LEAST_READINGS = 4
 # Stems bend and taper: a straight one of constant radius is off by this share of the squared
 # length (1/m), so that what is seen close to the section counts most.
@@ -67,6 +68,7 @@ class Stems:
         shares: (T, sources + 1) what each source counted in the half angle; last the roundness.
         arc_rad: (T,) how much of the round the readings cover.
         used: (T,) number of readings that agree; too few where the stem could not be fitted.
+        agreeing: (T,) their share.
     """
 
     sections: Sections
@@ -79,6 +81,7 @@ class Stems:
     shares: Float
     arc_rad: Float
     used: NDArray[np.intp]
+    agreeing: Float
 
     @cached_property
     def fitted(self) -> Flags:
@@ -144,11 +147,12 @@ def fit_stems(
     sections, sources = edges.sections(frames)
     for turn in range(_TURNS):
         view = sections.look(readings.rays)
-        used = (view.share > 0) & (np.abs(view.offset) < _USED_WIDTH) & (readings.depth_m > 0)
+        used = (view.share > 0) & (np.abs(view.offset) < USED_WIDTH) & (readings.depth_m > 0)
         depth_m = np.where(used, readings.depth_m, 1.0)
         height = np.where(used, view.height - sections.height[:, None], 0.0)
         points = _Points(height, view.share / depth_m, -view.share_slope / depth_m, used)
-        noise = settings.depth_noise_per_m * _means(view.share, used)
+        per_m = np.hypot(settings.depth_noise_per_m, settings.depth_noise_m / depth_m**2)
+        noise = _means(view.share * per_m, used)
         line = _level_lines(points) if turn else _best_lines(points, noise, lean_std_rad)
         lines = _fit_lines(
             points, line, noise, readings.per_error, tilt, lean_std_rad, _ROUNDS[turn > 0]
@@ -194,7 +198,8 @@ def _stems(
     bias: Float,
 ) -> Stems:
     distance = 1 / line[:, 0]
-    doubt = _DOUBT * (1 - lines.kept.sum(1) / np.maximum(used.sum(1), 1)) ** 2
+    agreeing = lines.kept.sum(1) / np.maximum(used.sum(1), 1)
+    doubt = _DOUBT * (1 - agreeing) ** 2
     std = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     kept = lines.kept
     reach = [np.where(kept, sign * offset, -1.0).max(1, initial=-1.0) for sign in (1, -1)]
@@ -210,6 +215,7 @@ def _stems(
         shares,
         np.maximum(arc, 0.0),
         kept.sum(1),
+        agreeing,
     )
 
 

@@ -20,7 +20,7 @@ from edgetree.measure.ground import BaseGround, find_grounds
 from edgetree.measure.look import CUT, Keypoints, StemLook, look_at_stems
 from edgetree.measure.place import CAMERA_UP_STD_DEG, StemPlace
 from edgetree.measure.settings import MeasureSettings
-from edgetree.measure.stem import Stems, fit_stems
+from edgetree.measure.stem import USED_WIDTH, Stems, fit_stems
 from edgetree.measure.width import HalfAngle
 
 __all__ = ["measure_all"]
@@ -30,6 +30,9 @@ Flags = NDArray[np.bool_]
 
 _SOURCES = ("keypoints", "mask", "depth")
 _COUNTED = 0.02
+# What the used part of the width shows of a stem's round at most.
+_WHOLE_ARC_RAD = 2 * math.asin(USED_WIDTH)
+_MOST_DOUBT = 0.3
 _LEAST_SHOWN = 0.03
 _LEAST_DEPTH_SHARE = 0.05
 _LEAST_DIAMETER_M = 0.02
@@ -140,9 +143,22 @@ class _Work:
         distance = stems.distance_std_m / stems.distance_m
         focal = np.full_like(half, camera.focal_std_px / camera.fx)
         shape = np.full_like(half, self.settings.out_of_round_std)
-        outline = self.settings.shared_std_px / (2 * camera.fx * np.sin(half))
-        parts = [edges, distance, focal, shape, outline]
+        parts = [edges, distance, focal, shape, self.doubts]
         return np.asarray(2 * stems.radius_m * np.linalg.norm(parts, axis=0))
+
+    @cached_property
+    def doubts(self) -> Float:
+        """(T,) of the diameter, for what of the stem could not be seen, or contradicts itself."""
+        settings, edges = self.settings, self.look.edges
+        both = (edges.left_valid & edges.right_valid).mean(1)
+        outline = 0.0 if self.look.outline is None else settings.outline_doubt
+        hidden = np.maximum(1 - self.stems.arc_rad / _WHOLE_ARC_RAD, 0.0)
+        parts = (
+            outline * (1 - both) ** 2,
+            settings.depth_doubt * (1 - self.stems.agreeing) ** 2,
+            settings.arc_doubt * hidden,
+        )
+        return np.minimum(np.linalg.norm(parts, axis=0), _MOST_DOUBT)
 
     def _swollen(self, place: int, diameter: Estimate) -> tuple[Estimate, tuple[str, ...]]:
         """The diameter at a cut below the picture, from where the stem shows lowest."""
@@ -192,6 +208,7 @@ class _Work:
             float(stems.distance_std_m[place]) / distance_m,
             float(stems.tilt_std_rad[place]) * self.settings.breast_height_m / distance_m,
             self.settings.out_of_round_std,
+            float(self.doubts[place]),
         )
         return _sure_enough(Estimate(value, value * math.hypot(*shares)))
 
