@@ -34,7 +34,7 @@ CUT, LEFT, RIGHT, MIDDLE, TOP = range(len(KEYPOINT_NAMES))
 
 _SHOWN = 0.5
 _LEAST_WIDTH_PX = 1.0
-_BOTTOM_PX = 2.0
+_BOTTOM_STDS = 12.0
 # Depth is read at so many places across the stem, within this share of its width.
 _ACROSS, _WITHIN = 9, 0.8
 # A middle between the edges of the mask that lies further off the others is no middle.
@@ -89,9 +89,12 @@ class Keypoints:
         given = (values[..., 2] > 0) & near
         inside = (values[..., :2] > std_px) & (values[..., :2] < size - std_px)
         within = given & inside.all(2)
-        # A stem that goes on below the picture is cut there, whatever the keypoint says.
-        margin_px = np.maximum(std_px[:, CUT, 1], _BOTTOM_PX)
-        within[:, CUT] &= trees.boxes_px[:, 3] < trees.image_height - margin_px
+        # A stem that goes on below the picture may be cut there, and networks put the keypoint
+        # into the picture then.
+        cut_std_px = std_px[:, CUT, 1]
+        goes_on = trees.boxes_px[:, 3] > trees.image_height - np.maximum(cut_std_px, 1.0)
+        low = values[:, CUT, 1] > trees.image_height - _BOTTOM_STDS * cut_std_px
+        within[:, CUT] &= ~(goes_on & low)
         return cls(values[..., :2], given, std_px, within, trees.keypoints_px is not None)
 
     @cached_property
