@@ -108,7 +108,8 @@ class _Work:
             return "the mask shows hardly any of the stem"
         if self.look.valid_depth[place] < _LEAST_DEPTH_SHARE:
             return "no depth on the stem"
-        if not stems.fitted[place]:
+        errors = (self.roll_std_rad, stems.tilt_std_rad, self.diameter_std_m)
+        if not (stems.fitted[place] and all(np.isfinite(std[place]) for std in errors)):
             return "the depth on the stem does not agree with itself"
         diameter_m = 2 * float(stems.radius_m[place])
         if not _LEAST_DIAMETER_M <= diameter_m <= self.settings.max_diameter_m:
