@@ -59,7 +59,7 @@ def labelled(image: dict[str, Any], trees: list[dict[str, Any]]) -> TreeDetectio
     """The labels as detections, corner-based."""
     keypoints = np.array([tree["keypoints"] for tree in trees], np.float32).reshape(-1, 5, 3)
     given = keypoints[..., 2:] > 0
-    keypoints = np.where(given, keypoints + [0.5, 0.5, 0], 0)
+    keypoints = np.where(given, keypoints + np.array([0.5, 0.5, 0]), 0)
     keypoints[..., 2] = given[..., 0]
     boxes = np.array([tree["bbox"] for tree in trees], np.float32).reshape(-1, 4)
     boxes[:, 2:] += boxes[:, :2]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -106,6 +106,9 @@ def fit_ground_planes(
     ``points_per_error`` is how many neighbours share one error of the sensor.
     """
     vertical = _direction(CAMERA_UP if up is None else up)
+    if not points_m.shape[1]:
+        few = f"0 ground points, expected at least {_LEAST_POINTS}"
+        return [GroundPlaneFailure(few)] * len(points_m)
     least_cosine = float(np.cos(np.radians(max_slope_deg)))
     points = np.where(usable[..., None], points_m, 0.0)
     count = usable.sum(1)
@@ -116,42 +119,54 @@ def fit_ground_planes(
         offset = -(normal * centre).sum(1)
         away = np.matmul(points, normal[..., None])[..., 0] + offset[:, None]
         support = usable & (np.abs(away) < tolerance_m)
-    held = support.sum(1)
-    share = held / np.maximum(count, 1)
-    planes: list[GroundPlane | GroundPlaneFailure] = []
-    for place in range(len(points)):
-        reason = None
-        if count[place] < _LEAST_POINTS:
-            reason = f"{count[place]} ground points, expected at least {_LEAST_POINTS}"
-        elif not flat[place]:
-            reason = f"no plane flatter than {max_slope_deg:g} degrees"
-        elif squares[place, 1] < _NARROWEST**2 * squares[place, 2]:
-            reason = "the ground points lie on one line"
-        elif share[place] < _LEAST_INLIERS:
-            reason = (
-                f"the best plane holds {share[place]:.0%} of the points,"
-                f" expected {_LEAST_INLIERS:.0%}"
+    fits = _Fits(count, flat, squares, axes, centre, normal, offset, support)
+    return [
+        fits.plane(place, points[place], points_per_error, max_slope_deg, vertical)
+        for place in range(len(points))
+    ]
+
+
+class _Fits(NamedTuple):
+    """Planes of T places: (T,) number of ``usable`` points and whether any trial was ``flat``; mean
+    ``squares`` (T, 3) along ``axes`` (T, 3, 3) about ``centre`` (T, 3) of the ``support`` (T, N).
+    """
+
+    usable: NDArray[np.intp]
+    flat: Flags
+    squares: Float
+    axes: Float
+    centre: Float
+    normal: Float
+    offset: Float
+    support: Flags
+
+    def plane(
+        self, at: int, points: Float, points_per_error: float, max_slope_deg: float, vertical: Float
+    ) -> GroundPlane | GroundPlaneFailure:
+        """One of them, or why there is none."""
+        support, normal, squares = self.support[at], self.normal[at], self.squares[at]
+        held = int(support.sum())
+        share = held / max(int(self.usable[at]), 1)
+        if self.usable[at] < _LEAST_POINTS:
+            few = f"{self.usable[at]} ground points, expected at least {_LEAST_POINTS}"
+            return GroundPlaneFailure(few)
+        if not self.flat[at]:
+            return GroundPlaneFailure(f"no plane flatter than {max_slope_deg:g} degrees")
+        if squares[1] < _NARROWEST**2 * squares[2]:
+            return GroundPlaneFailure("the ground points lie on one line")
+        if share < _LEAST_INLIERS:
+            return GroundPlaneFailure(
+                f"the best plane holds {share:.0%} of the points, expected {_LEAST_INLIERS:.0%}"
             )
-        elif normal[place] @ vertical < least_cosine:
-            reason = f"no plane flatter than {max_slope_deg:g} degrees"
-        if reason is not None:
-            planes.append(GroundPlaneFailure(reason))
-            continue
-        residual = float(np.sqrt(np.mean(away[place][support[place]] ** 2)))
-        planes.append(
-            GroundPlane(
-                normal[place],
-                float(offset[place]),
-                residual,
-                float(share[place]),
-                int(held[place]),
-                max(float(held[place]) / points_per_error, 1.0),
-                centre[place],
-                axes[place, :, 1:].T,
-                np.sqrt(squares[place, 1:]),
-            )  # fmt: skip
-        )
-    return planes
+        if normal @ vertical < np.cos(np.radians(max_slope_deg)):
+            return GroundPlaneFailure(f"no plane flatter than {max_slope_deg:g} degrees")
+        offset_m = float(self.offset[at])
+        residual = float(np.sqrt(np.mean((points[support] @ normal + offset_m) ** 2)))
+        independent = max(held / points_per_error, 1.0)
+        return GroundPlane(
+            normal, offset_m, residual, share, held, independent,
+            self.centre[at], self.axes[at, :, 1:].T, np.sqrt(squares[1:]),
+        )  # fmt: skip
 
 
 def _direction(up: ArrayLike) -> Float:
@@ -183,7 +198,7 @@ def _best_support(
     """
     order = np.argsort(~usable, axis=1, kind="stable")
     count = np.maximum(usable.sum(1), 1)
-    draw = np.random.default_rng(0).random((len(points), 3 * _TRIALS))
+    draw = np.random.default_rng(0).random((1, 3 * _TRIALS))
     picked = np.take_along_axis(order, (draw * count[:, None]).astype(np.intp), 1)
     a, b, c = np.split(np.take_along_axis(points, picked[..., None], 1), 3, axis=1)
     normals = np.cross(b - a, c - a)

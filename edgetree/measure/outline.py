@@ -30,6 +30,8 @@ _AGREEING, _AGREEING_PX = 0.08, 1.0
 _BEYOND = 0.5
 _LEAST_AGREEING = 0.1
 _QUANTILES = np.array((0.1, 0.3, 0.5, 0.7, 0.9))
+_QUARTER = STATIONS // 4
+_HALVES = (slice(0, 2 * _QUARTER), slice(2 * _QUARTER, STATIONS))
 _ROUNDS = 3
 _LEAST_HALF_PX = 0.5
 
@@ -229,28 +231,48 @@ def outer_lines(strips: Strips, left: Float, right: Float, seen: Flags) -> Outer
 
 
 def _best_line(place: Float, outward: Float, seen: Flags, tolerance: Float) -> tuple[Float, Float]:
-    """Of the lines between quantiles of the lower and the upper half of the stations, the best."""
+    """Of some lines for each edge the one that the most stations agree with."""
     rows = np.arange(len(place))
-    ends = []
-    for half in (slice(None, STATIONS // 2), slice(STATIONS // 2, None)):
-        ordered = np.sort(np.where(seen[:, half], outward[:, half], np.inf), axis=1)
-        count = seen[:, half].sum(1)
-        rank = (_QUANTILES * np.maximum(count - 1, 0)[:, None]).astype(np.intp)
-        value = np.take_along_axis(ordered, rank, 1)
-        ends.append((place[:, half].mean(1), np.where(np.isfinite(value), value, np.nan)))
-    (low_place, low), (high_place, high) = ends
-    only_low, only_high = (np.isnan(part).all(axis=1, keepdims=True) for part in (high, low))
-    high = np.where(only_low, low, high)
-    low = np.where(only_high, high, low)
-    low, high = (np.nan_to_num(part) for part in (low, high))
-    slope = (high[:, None, :] - low[:, :, None]) / (high_place - low_place)[:, None, None]
-    slope = slope.reshape(len(place), -1)
-    value = np.repeat(low, len(_QUANTILES), 1) - slope * low_place[:, None]
+    sets = [_across_halves(place, outward, seen)]
+    sets += [_within_half(place, outward, seen, half) for half in _HALVES]
+    value, slope = (np.concatenate(parts, 1) for parts in zip(*sets, strict=True))
     miss = outward[:, None] - value[..., None] - slope[..., None] * place[:, None]
     miss = miss / tolerance[:, None]
     near = np.maximum(1 - miss**2, 0.0) - _BEYOND * (miss > 1)
     best = np.where(seen[:, None], near, 0.0).sum(2).argmax(1)
     return value[rows, best], slope[rows, best]
+
+
+def _across_halves(place: Float, outward: Float, seen: Flags) -> tuple[Float, Float]:
+    """Values and slopes (T, K) of lines from quantiles of the lower half of the stations to those
+    of the upper half; level ones where only one half shows an edge.
+    """
+    ends = []
+    for half in _HALVES:
+        ordered = np.sort(np.where(seen[:, half], outward[:, half], np.inf), axis=1)
+        rank = (_QUANTILES * np.maximum(seen[:, half].sum(1) - 1, 0)[:, None]).astype(np.intp)
+        value = np.take_along_axis(ordered, rank, 1)
+        ends.append(np.where(np.isfinite(value), value, np.nan))
+    low_place, high_place = (place[:, half].mean(1)[:, None] for half in _HALVES)
+    low, high = ends
+    only_low, only_high = (np.isnan(part).all(axis=1, keepdims=True) for part in (high, low))
+    high = np.where(only_low, low, high)
+    low = np.where(only_high, high, low)
+    low, high = (np.nan_to_num(part) for part in (low, high))
+    slope = (high[:, None, :] - low[:, :, None]) / (high_place - low_place)[..., None]
+    slope = slope.reshape(len(place), -1)
+    return np.repeat(low, len(_QUANTILES), 1) - slope * low_place, slope
+
+
+def _within_half(place: Float, outward: Float, seen: Flags, half: slice) -> tuple[Float, Float]:
+    """Value and slope (T, 1) of the line through the medians of both quarters of one half: of a
+    leaning stem whose other half is hidden.
+    """
+    quarters = (slice(half.start, half.start + _QUARTER), slice(half.start + _QUARTER, half.stop))
+    near, far = (place[:, part].mean(1) for part in quarters)
+    low, high = (medians(outward[:, part], seen[:, part]) for part in quarters)
+    slope = (high - low) / (far - near)
+    return (low - slope * near)[:, None], slope[:, None]
 
 
 def medians(values: Float, valid: Flags) -> Float:

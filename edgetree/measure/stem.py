@@ -111,14 +111,22 @@ class _Lines:
         """(T, 3) all three from the depth alone."""
         return np.asarray(np.linalg.solve(self.information, self.right[..., None])[..., 0])
 
-    def given(self, half_change: Float) -> tuple[Float, Float, Float]:
-        """Value and slope (T, 2) for half angles known otherwise, their covariance (T, 2, 2), and
-        how they change with it (T, 2).
-        """
+    def given(self, half_change: Float) -> _Given:
+        """Value and slope for half angles known otherwise."""
         covariance = np.linalg.inv(self.information[:, :2, :2])
         coupling = -np.matmul(covariance, self.information[:, :2, 2:])[..., 0]
         line = np.matmul(covariance, self.right[:, :2, None])[..., 0]
-        return line + coupling * half_change[:, None], covariance, coupling
+        return _Given(line + coupling * half_change[:, None], covariance, coupling)
+
+
+class _Given(NamedTuple):
+    """Value and slope (T, 2) of `_Lines`, their covariance (T, 2, 2), and how they change with
+    the half angle (T, 2).
+    """
+
+    line: Float
+    covariance: Float
+    coupling: Float
 
 
 def fit_stems(
@@ -142,75 +150,57 @@ def fit_stems(
         lean_std_rad: how far the true axis may tilt from it, towards or away from the camera.
         settings: noise of the depth.
     """
-    count = len(readings.depth_m)
-    tilt, step, line = np.zeros(count), np.zeros(count), np.full((count, 2), np.nan)
+    tilt = step = np.zeros(len(readings.depth_m))
     sections, sources = edges.sections(frames)
     for turn in range(_TURNS):
-        view = sections.look(readings.rays)
-        used = (view.share > 0) & (np.abs(view.offset) < USED_WIDTH) & (readings.depth_m > 0)
-        depth_m = np.where(used, readings.depth_m, 1.0)
-        height = np.where(used, view.height - sections.height[:, None], 0.0)
-        points = _Points(height, view.share / depth_m, -view.share_slope / depth_m, used)
-        per_m = np.hypot(settings.depth_noise_per_m, settings.depth_noise_m / depth_m**2)
-        noise = _means(view.share * per_m, used)
+        points = _seen(sections, readings)
+        noise = points.noise(settings)
         line = _level_lines(points) if turn else _best_lines(points, noise, lean_std_rad)
         lines = _fit_lines(
             points, line, noise, readings.per_error, tilt, lean_std_rad, _ROUNDS[turn > 0]
         )
         curvature = _curvature(lines, sections.half_rad + lines.solved()[:, 2], settings)
         half, shares = fuse([*sources, curvature])
-        line, covariance, coupling = lines.given(half.rad - sections.half_rad)
-        found = np.arctan(-line[:, 1] / line[:, 0])
+        given = lines.given(half.rad - sections.half_rad)
+        found = np.arctan(-given.line[:, 1] / given.line[:, 0])
         # Near, thick stems swing about their tilt: the last swing tells how far is too far.
         swing = np.where(step == 0, 0.0, np.clip(found / np.where(step == 0, 1.0, step), -0.9, 0.0))
         step = found / (1 - swing)
         tilt = tilt + step
+        axis_points = sections.centre / given.line[:, :1]
         sections, sources = edges.sections(frames.tilted(np.tan(tilt)), half.rad)
         if np.nanmax(np.abs(step), initial=0.0) < _SETTLED_RAD:
             break
-    bias = settings.depth_bias_per_m * _means(view.share, used)
+    bias = settings.depth_bias_per_m * _means(points.share, points.used)
+    distance_m = (axis_points * sections.facing).sum(1)
     return _stems(
-        sections,
-        line,
-        covariance,
-        coupling,
-        half,
-        curvature,
-        shares,
-        lines,
-        view.offset,
-        used,
-        bias,
+        sections, distance_m, given, half.std_rad, curvature, shares, points, lines.kept, bias
     )
 
 
 def _stems(
     sections: Sections,
-    line: Float,
-    covariance: Float,
-    coupling: Float,
-    half: HalfAngle,
+    distance: Float,
+    given: _Given,
+    half_std_rad: Float,
     curvature: HalfAngle,
     shares: Float,
-    lines: _Lines,
-    offset: Float,
-    used: Flags,
+    points: _Points,
+    kept: Flags,
     bias: Float,
 ) -> Stems:
-    distance = 1 / line[:, 0]
-    agreeing = lines.kept.sum(1) / np.maximum(used.sum(1), 1)
+    agreeing = kept.sum(1) / np.maximum(points.used.sum(1), 1)
     doubt = _DOUBT * (1 - agreeing) ** 2
-    std = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    kept = lines.kept
-    reach = [np.where(kept, sign * offset, -1.0).max(1, initial=-1.0) for sign in (1, -1)]
-    arc = sum(np.arcsin(np.clip(side, -1, 1)) for side in reach)
+    std = np.sqrt(np.diagonal(given.covariance, axis1=1, axis2=2))
+    sides = [np.where(kept, sign * points.offset, -1.0).max(1, initial=-1.0) for sign in (1, -1)]
+    arc = sum(np.arcsin(np.clip(side, -1, 1)) for side in sides)
     return Stems(
         sections,
         distance,
         np.hypot(np.hypot(std[:, 0], bias) * distance, doubt) * distance,
         std[:, 1] * np.abs(distance),
-        half.std_rad,
-        -coupling[:, 0] * distance,
+        half_std_rad,
+        -given.coupling[:, 0] * distance,
         curvature,
         shares,
         np.maximum(arc, 0.0),
@@ -220,15 +210,32 @@ def _stems(
 
 
 class _Points(NamedTuple):
-    """Per reading (T, N): `height` along the axis from the section, per metre of distance; the
-    `inverse` of the distance to the axis in 1/m, and its change per radian of a smaller half
-    angle; and whether it is `used`.
+    """What each reading tells, (T, N): `height` along the axis from the section, per metre of
+    distance; the `inverse` of the distance to the axis in 1/m, and its change per radian of a
+    smaller half angle; the `offset`, `share` and depth it comes from; and whether it is `used`.
     """
 
     height: Float
     inverse: Float
     narrowing: Float
+    offset: Float
+    share: Float
+    depth_m: Float
     used: Flags
+
+    def noise(self, settings: MeasureSettings) -> Float:
+        """(T,) standard deviation of the inverse distances, 1/m."""
+        per_m = np.hypot(settings.depth_noise_per_m, settings.depth_noise_m / self.depth_m**2)
+        return _means(self.share * per_m, self.used)
+
+
+def _seen(sections: Sections, readings: Readings) -> _Points:
+    view = sections.look(readings.rays)
+    used = (view.share > 0) & (np.abs(view.offset) < USED_WIDTH) & (readings.depth_m > 0)
+    depth_m = np.where(used, readings.depth_m, 1.0)
+    height = np.where(used, view.height - sections.height[:, None], 0.0)
+    narrowing = -view.share_slope / depth_m
+    return _Points(height, view.share / depth_m, narrowing, view.offset, view.share, depth_m, used)
 
 
 def _means(values: Float, used: Flags) -> Float:
@@ -280,7 +287,7 @@ def _fit_lines(
         right[:, 1] += steepness * np.tan(tilt) * state[:, 0]
         information[:, [0, 2], [0, 2]] += 1e-9
         lines = _Lines(information, right, tukey > 0)
-        state[:, :2] = lines.given(np.zeros(len(line)))[0]
+        state[:, :2] = lines.given(np.zeros(len(line))).line
     return lines
 
 

@@ -159,7 +159,7 @@ class _Work:
             settings.depth_doubt * (1 - self.stems.agreeing) ** 2,
             settings.arc_doubt * hidden,
         )
-        return np.minimum(np.linalg.norm(parts, axis=0), _MOST_DOUBT)
+        return np.asarray(np.minimum(np.linalg.norm(parts, axis=0), _MOST_DOUBT))
 
     def _swollen(self, place: int, diameter: Estimate) -> tuple[Estimate, tuple[str, ...]]:
         """The diameter at a cut below the picture, from where the stem shows lowest."""

@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calib import CalibError, GroundPlane, GroundPlaneFailure, fit_ground_plane
+from calib import (
+    CalibError,
+    GroundPlane,
+    GroundPlaneFailure,
+    fit_ground_plane,
+    fit_ground_planes,
+)
 
 Float = NDArray[np.floating[Any]]
 
@@ -111,3 +117,75 @@ def test_an_up_that_is_no_direction_is_refused(up: list[float]) -> None:
     points, _ = sloping_ground(40)
     with pytest.raises(CalibError, match="expected a direction of three numbers"):
         fit_ground_plane(points, up=up)
+
+
+def test_a_low_cover_of_plants_is_not_the_ground() -> None:
+    ground, normal = sloping_ground(1000, noise_m=0.01)
+    cover = ground[450:] - [0.0, 0.35, 0.0]
+    plane = fit_ground_plane(np.concatenate([ground[:450], cover]))
+    assert isinstance(plane, GroundPlane)
+    assert float(plane.normal @ normal) > 0.999
+    assert abs(float(np.mean(plane.height_m(ground[:450])))) < 0.01
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_hardly_any_points_are_too_few(count: int) -> None:
+    failure = fit_ground_plane(np.ones((count, 3)))
+    assert isinstance(failure, GroundPlaneFailure)
+    assert failure.reason == f"{count} ground points, expected at least 12"
+
+
+def test_several_places_are_fitted_as_each_by_itself() -> None:
+    level = np.stack([*np.random.default_rng(1).uniform(-2, 2, (2, 90)), np.full(90, 1.4)], -1)
+    sloping, _ = sloping_ground(90, noise_m=0.01)
+    rubbish = np.full((90, 3), np.nan)
+    places = np.stack([sloping, level[:, [0, 2, 1]], rubbish])
+    usable = np.isfinite(places).all(2)
+    usable[0, 60:] = False
+    first, second, third = fit_ground_planes(places, usable)
+    assert isinstance(first, GroundPlane)
+    assert isinstance(second, GroundPlane)
+    assert isinstance(third, GroundPlaneFailure)
+    assert third.reason == "0 ground points, expected at least 12"
+    alone = [fit_ground_plane(sloping[:60]), fit_ground_plane(places[1])]
+    for plane, same in zip((first, second), alone, strict=True):
+        assert isinstance(same, GroundPlane)
+        assert plane.points == same.points
+        np.testing.assert_allclose(plane.normal, same.normal, atol=1e-9)
+        assert plane.offset_m == pytest.approx(same.offset_m)
+
+
+def test_points_lie_around_their_centre_as_stated() -> None:
+    points, normal = sloping_ground(400)
+    plane = fit_ground_plane(points)
+    assert isinstance(plane, GroundPlane)
+    np.testing.assert_allclose(plane.centre_m, points.mean(0))
+    np.testing.assert_allclose(plane.axes @ plane.axes.T, np.eye(2), atol=1e-9)
+    np.testing.assert_allclose(plane.axes @ normal, 0.0, atol=1e-9)
+    spread = ((points - points.mean(0)) @ plane.axes.T).std(0)
+    np.testing.assert_allclose(plane.extents_m, spread)
+
+
+def test_heights_and_tilts_err_as_stated() -> None:
+    rng = np.random.default_rng(9)
+    # Four neighbours share one error.
+    x, z, noise_m = rng.standard_normal((3, 300, 15)).repeat(4, 2)
+    x, z, noise_m = 0.5 * x + rng.normal(0, 0.01, x.shape), 4 + 0.5 * z, 0.02 * noise_m
+    places = np.stack([x, 1.5 + noise_m, z], -1)
+    planes = fit_ground_planes(
+        places, np.ones((300, 60), np.bool_), tolerance_m=0.2, points_per_error=4.0
+    )
+    near, far = [0.0, 1.5, 4.0], [0.0, 1.5, 8.0]
+    heights, stds, tilts = [], [], []
+    for plane in planes:
+        assert isinstance(plane, GroundPlane)
+        assert plane.independent_points == pytest.approx(plane.points / 4)
+        heights.append(plane.height_m([near, far]))
+        stds.append(plane.height_std_m([near, far]))
+        tilt_deg = np.degrees(plane.normal[[0, 2]])
+        tilts.append([*tilt_deg, plane.tilt_std_deg])
+    ratio = np.std(heights, axis=0) / np.mean(stds, axis=0)
+    np.testing.assert_allclose(ratio, 1.0, atol=0.25)
+    assert np.mean(stds, axis=0)[1] > 3 * np.mean(stds, axis=0)[0]
+    actual = np.std(tilts, axis=0)[:2] / np.mean(tilts, axis=0)[2]
+    np.testing.assert_allclose(actual, 1.0, atol=0.25)

@@ -64,4 +64,4 @@ def test_the_python_example_measures_trees(tmp_path: Path) -> None:
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    assert re.search(r"^0\.\d{3} ± 0\.\d{3} m$", done.stdout, flags=re.MULTILINE)
+    assert re.search(r"^0\.\d{3} m, 0\.\d{3} to 0\.\d{3} m$", done.stdout, flags=re.MULTILINE)

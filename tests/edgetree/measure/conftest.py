@@ -22,10 +22,14 @@ CAMERA = PinholeCamera(1280, 720, 700.0, 700.0, 639.5, 359.5)
 EXACT = MeasureSettings(
     keypoint_std_px=0.1,
     keypoint_spread=1e-6,
+    keypoint_slide=1e-6,
     mask_std_px=0.5,
     mask_spread=0.1,
+    depth_noise_m=1e-4,
     depth_bias_per_m=1e-6,
-    shared_std_px=1e-3,
+    outline_doubt=1e-6,
+    depth_doubt=1e-6,
+    arc_doubt=1e-6,
     out_of_round_std=1e-6,
     bend_std_deg=1e-6,
 )

@@ -35,11 +35,10 @@ def test_leaning_stems_are_measured_across_their_axis(scene, pole, lean_deg, tow
 
 
 @pytest.mark.parametrize("slope_deg", [10.0, 20.0, 30.0])
-@pytest.mark.parametrize("uphill_deg", [0.0, 90.0, 200.0])
-def test_cut_heights_count_from_the_uphill_side(scene, pole, slope_deg, uphill_deg):
-    stand = scene(
-        pole(0.5, 0.4, 4.0, cut_m=0.4, section_m=0.6), slope_deg=slope_deg, uphill_deg=uphill_deg
-    )
+@pytest.mark.parametrize(("uphill_deg", "pitch_deg"), [(0.0, 8.0), (90.0, 0.0), (200.0, 14.0)])
+def test_cut_heights_count_from_the_uphill_side(scene, pole, slope_deg, uphill_deg, pitch_deg):
+    stem = pole(0.5, 0.4, 4.0, cut_m=0.4, section_m=0.6)
+    stand = scene(stem, slope_deg=slope_deg, uphill_deg=uphill_deg, pitch_deg=pitch_deg)
     tree = stand.measure()
     expected = 0.4 - 0.25 * np.tan(np.radians(slope_deg))
     assert tree.cut_height_m.value == pytest.approx(expected, abs=0.01)

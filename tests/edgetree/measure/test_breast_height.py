@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib import project_points
+from calib import GroundPlane, fit_ground_plane, project_points
 from edgetree.measure import Failure, MeasureSettings
+from edgetree.measure.ground import BaseGround
 
 
 def at_breast_height_m(stand, height_m=1.3):
@@ -42,6 +43,20 @@ def test_a_cone_is_measured_where_breast_height_lies(
     assert tree.dbh_m.value == pytest.approx(expected_m, rel=0.013)
     assert tree.dbh_m.value < 0.98 * section_m
     assert tree.diameter_m.value == pytest.approx(section_m, rel=0.005)
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.2, 0.55])
+@pytest.mark.parametrize("lean", [0.0, 0.4])
+def test_the_way_up_the_axis_ends_at_that_height_over_the_uphill_side(slope, lean):
+    across, ahead = np.random.default_rng(2).uniform(-1, 1, (2, 50))
+    plane = fit_ground_plane(np.stack([across, 1.5 - slope * ahead, 4 + ahead], -1))
+    assert isinstance(plane, GroundPlane)
+    ground = BaseGround(plane, np.array([0.0, -1.0, 0.0]), 1.0, level=False)
+    along = np.array([np.sin(lean), -np.cos(lean), 0.0])
+    axis_point = np.array([0.0, 1.5, 4.0]) + 0.3 * along
+    up_axis_m = ground.axis_length_m(axis_point, along, 0.2, 1.3)
+    # The ground is reached 0.3 m further down; uphill of the axis it is higher by slope * radius.
+    assert (0.3 + up_axis_m) * np.cos(lean) - 0.2 * slope == pytest.approx(1.3)
 
 
 def test_the_height_is_a_setting(scene, pole, exact):

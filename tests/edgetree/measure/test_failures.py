@@ -53,6 +53,15 @@ def test_without_one_edge_the_mask_stands_in(stand, index):
     assert all_fail(stand.measure(bare), "the diameter keypoints are not in the image")
 
 
+@pytest.mark.parametrize(("index", "x_px"), [(1, 0.05), (2, 1279.95)])
+def test_an_edge_at_the_images_border_may_lie_beyond_it(stand, index, x_px):
+    trees = stand.detections()
+    trees = with_keypoints(trees, index, [x_px, trees.keypoints_px[0, index, 1], 1.0])
+    tree = stand.measure(trees)
+    assert tree.diameter_m.value == pytest.approx(0.3, rel=0.01)
+    assert "keypoints" not in tree.evidence.method
+
+
 def test_edges_on_one_point_are_none(stand):
     trees = stand.detections()
     trees = with_keypoints(trees, 2, trees.keypoints_px[0, 1] + [0.25, 0.0, 0.0])
@@ -140,10 +149,11 @@ def test_a_thickness_that_no_stem_has(stand):
     assert all_fail(tree, "a diameter of 0.30 m is not plausible")
 
 
-def test_too_few_pixels_for_a_diameter_still_give_a_distance(scene, pole):
+def test_too_few_pixels_for_a_diameter_still_give_a_distance(scene, pole, exact):
     stand = scene(pole(0.05, 0.0, 8.0))
-    tree = stand.measure(replace(stand.detections(), masks=None), settings=None)
-    assert tree.diameter_m.reason.startswith("the diameter is too uncertain: 0.05 m ± 0.0")
+    bare = replace(stand.detections(), masks=None)
+    tree = stand.measure(bare, settings=replace(exact, keypoint_std_px=4.0))
+    assert tree.diameter_m.reason == "the diameter is too uncertain: 0.05 m ± 0.07 m"
     assert tree.distance_m.value == pytest.approx(
         np.linalg.norm(stand.axis_point(stand.poles[0], 0.25)), rel=0.01
     )

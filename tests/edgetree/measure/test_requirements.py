@@ -14,7 +14,7 @@ CORNERS = [
     (0.05, 1.0, 1100, 300, 30, 150, 10, 200),
     (0.05, 10.0, 219, 282, 0, 0, 0, 90),
     (0.05, 10.0, 640, 342, 30, 184, 0, 90),
-    (0.8, 1.0, 640, 360, 0, 0, 0, 90),
+    (0.8, 1.0, 640, 230, 0, 0, 0, 90),
     (0.8, 1.0, 760, 330, 30, 184, 0, 90),
     (0.8, 10.0, 950, 387, 0, 0, 30, 270),
     (0.8, 10.0, 350, 388, 30, 174, 0, 90),
@@ -31,7 +31,7 @@ BETWEEN = [
     (0.792, 5.1, 1023, 474, 26, 19, 15, 12),
     (0.388, 2.8, 1147, 97, 4, 215, 26, 322),
     (0.113, 7.5, 826, 355, 8, 307, 29, 78),
-    (0.120, 3.3, 525, 646, 11, 338, 15, 122),
+    (0.120, 3.3, 525, 560, 11, 338, 15, 122),
     (0.313, 7.2, 1094, 528, 17, 333, 14, 53),
     (0.292, 2.4, 90, 358, 16, 28, 7, 219),
     (0.150, 9.2, 723, 129, 2, 31, 28, 202),
@@ -39,7 +39,7 @@ BETWEEN = [
     (0.333, 2.3, 961, 338, 25, 17, 10, 288),
     (0.383, 3.6, 194, 539, 19, 149, 21, 199),
     (0.439, 6.7, 819, 601, 21, 271, 3, 107),
-    (0.151, 1.4, 117, 539, 26, 88, 0, 10),
+    (0.151, 1.4, 117, 330, 26, 88, 0, 10),
     (0.182, 7.5, 663, 321, 2, 131, 23, 237),
     (0.158, 8.1, 338, 70, 30, 9, 24, 215),
 ]
@@ -79,7 +79,7 @@ def test_keypoints_and_depth_give_the_diameter_and_the_cut(standing, exact, plac
     tree = stand.measure(settings=replace(exact, keypoint_std_px=0.02))
     assert tree.diameter_m.value == pytest.approx(stem.diameter_m, rel=0.005)
     assert tree.cut_height_m.value == pytest.approx(stand.cut_height_m(stem), abs=0.01)
-    assert tree.inclination_deg.value == pytest.approx(stem.lean_deg, abs=0.5)
+    assert tree.inclination_deg.value == pytest.approx(stem.lean_deg, abs=0.2)
     assert tree.cut_point_m.xyz_m == pytest.approx(stand.cut_point(stem), abs=0.012)
 
 
@@ -91,4 +91,4 @@ def test_masks_and_depth_alone_give_the_diameter(standing, place):
     tree = stand.measure_mask()
     allowed_m = max(0.005 * stem.diameter_m, three_tenths_px)
     assert tree.diameter_m.value == pytest.approx(stem.diameter_m, abs=allowed_m)
-    assert tree.inclination_deg.value == pytest.approx(stem.lean_deg, abs=2.5)
+    assert tree.inclination_deg.value == pytest.approx(stem.lean_deg, abs=0.5)

@@ -1,0 +1,124 @@
+"""What a measurement says that it rests on, and what it warns of."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib import project_points
+from edgetree.measure import MeasureSettings
+
+
+@pytest.fixture(scope="module")
+def stand(scene, pole):
+    return scene(pole(0.3, 0.5, 4.0))
+
+
+def test_the_method_names_what_counted(stand):
+    trees = stand.detections()
+    assert stand.measure(trees, settings=None).evidence.method == "keypoints + mask + depth"
+    bare = stand.measure(replace(trees, masks=None), settings=None).evidence
+    assert bare.method == "keypoints + depth"
+    assert set(bare.source_diameters_m) == {"keypoints", "depth"}
+    masked = stand.measure_mask(settings=None).evidence
+    assert masked.method == "mask + depth"
+    assert set(masked.source_std_m) == {"mask", "depth"}
+
+
+def test_every_source_gives_its_own_diameter(stand):
+    evidence = stand.measure(masks=stand.masks(), settings=None).evidence
+    for source, diameter_m in evidence.source_diameters_m.items():
+        assert diameter_m == pytest.approx(0.3, abs=evidence.source_std_m[source])
+    assert evidence.source_diameters_m["keypoints"] == pytest.approx(0.3, rel=0.005)
+
+
+@pytest.mark.parametrize("off_px", [-4.0, 4.0])
+def test_the_round_of_the_depth_tells_the_diameter_by_itself(stand, off_px):
+    trees = replace(stand.detections(), masks=None)
+    keypoints = trees.keypoints_px.copy()
+    keypoints[0, 1, 0] -= off_px
+    keypoints[0, 2, 0] += off_px
+    evidence = stand.measure(replace(trees, keypoints_px=keypoints), settings=None).evidence
+    errors_m = {name: abs(d - 0.3) for name, d in evidence.source_diameters_m.items()}
+    assert errors_m["keypoints"] > 0.035
+    assert errors_m["depth"] < 0.5 * errors_m["keypoints"]
+
+
+def test_sources_that_disagree_make_the_result_less_sure(stand):
+    trees = stand.detections()
+    keypoints = trees.keypoints_px.copy()
+    keypoints[0, 1, 0] -= 30
+    torn = stand.measure(replace(trees, keypoints_px=keypoints), settings=None)
+    [warning] = torn.evidence.warnings
+    assert warning == (
+        f"keypoints and mask disagree: {torn.evidence.source_diameters_m['keypoints']:.2f} m"
+        f" and {torn.evidence.source_diameters_m['mask']:.2f} m"
+    )
+    agreed = stand.measure(trees, settings=None)
+    assert agreed.evidence.warnings == ()
+    assert torn.diameter_m.std > 1.5 * agreed.diameter_m.std
+
+
+def test_the_arc_is_what_the_depth_shows_of_the_round(stand):
+    whole = stand.measure().evidence.arc_deg
+    assert 90 < whole < 180
+    columns = np.arange(stand.camera.width)[None]
+    middle = project_points(stand.camera, stand.axis_point(stand.poles[0], 1.0))[0]
+    left_only = np.where((stand.owner == 1) & (columns > middle), 0, stand.depth_m)
+    half = stand.measure(depth_m=left_only.astype(np.float32)).evidence
+    assert half.arc_deg == pytest.approx(whole / 2, rel=0.2)
+
+
+@pytest.mark.parametrize("share", [0.25, 0.6, 1.0])
+def test_holes_in_the_depth_show(stand, share):
+    kept = np.random.default_rng(1).random(stand.depth_m.shape) < share
+    depth_m = np.where(kept, stand.depth_m, 0).astype(np.float32)
+    tree = stand.measure(depth_m=depth_m)
+    assert tree.evidence.valid_depth_share == pytest.approx(share, abs=0.08)
+    assert tree.diameter_m.value == pytest.approx(0.3, rel=0.01)
+
+
+@pytest.mark.parametrize("hidden", [0.0, 0.3, 0.5])
+def test_hidden_parts_show(stand, hidden):
+    mask = stand.owner == 1
+    rows = np.flatnonzero(mask.any(1))
+    low, high = (int(np.quantile(rows, 0.4 + sign * hidden / 2)) for sign in (-1, 1))
+    mask[low:high] = False
+    tree = stand.measure(masks=[mask])
+    assert tree.evidence.visible_share == pytest.approx(1 - hidden, abs=0.06)
+
+
+def test_the_ground_is_put_in_words(stand):
+    words = stand.measure().evidence.ground
+    assert words.startswith("plane within 0.6 m of the stem, ")
+    assert words.endswith("heights along the given vertical")
+    assert stand.measure(level=True).evidence.ground.endswith("heights across it")
+    floating = np.where(stand.owner == 1, stand.depth_m, 0).astype(np.float32)
+    assert stand.measure(depth_m=floating).evidence.ground.startswith("no ground around the base")
+
+
+@pytest.mark.parametrize(("cut_m", "warned"), [(0.27, False), (0.34, True)])
+def test_high_stumps_are_warned_of(scene, pole, cut_m, warned):
+    stand = scene(pole(0.3, 0.5, 4.0, cut_m=cut_m, section_m=0.5))
+    tree = stand.measure()
+    expected = (f"the stump would be {cut_m:.2f} m high, limit 0.30 m",) if warned else ()
+    assert tree.evidence.warnings == expected
+    assert stand.measure(settings=MeasureSettings(max_stump_height_m=0.5)).evidence.warnings == ()
+
+
+def test_a_cut_below_the_picture_is_inferred_and_warned_of(scene, pole):
+    stand = scene(pole(0.3, 0.0, 2.0), pitch_deg=-20.0)
+    assert stand.detections().keypoints_px[0, :3, 1].min() > stand.camera.height
+    tree = stand.measure(settings=None)
+    assert tree.evidence.warnings == (
+        "the cut is not in the picture: its diameter is inferred from the stem above",
+    )
+    shown = stand.measure_mask(settings=None)
+    assert shown.evidence.warnings == ()
+    assert shown.diameter_m.value == pytest.approx(0.3, rel=0.01)
+    # Butts are thicker than what shows above them: most, but not a cylinder's.
+    assert 1.05 < tree.diameter_m.value / shown.diameter_m.value < 1.25
+    assert tree.diameter_m.std > 1.5 * shown.diameter_m.std
+    low_m, high_m = tree.diameter_m.interval95
+    assert low_m < 0.3 < high_m
+    assert not tree.cut_height_m

@@ -1,0 +1,105 @@
+"""Stems that show in part: hidden on one side, with branches in their masks, cut by the border."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from edgetree.measure import Failure
+
+LEANS = pytest.mark.parametrize(("lean_deg", "towards_deg"), [(0, 0), (12, 0), (8, 120)])
+
+
+@pytest.fixture(scope="module")
+def stand_of(scene, pole):
+    """Stands by the stem's lean, cast once."""
+    stands = {}
+
+    def build(lean_deg, towards_deg):
+        if (lean_deg, towards_deg) not in stands:
+            stem = pole(0.3, 0.3, 4.0, lean_deg, towards_deg)
+            stands[lean_deg, towards_deg] = scene(stem)
+        return stands[lean_deg, towards_deg]
+
+    return build
+
+
+def beside_the_middle(stem):
+    """(H, W) px right of the stem's middle, and (H, 1) share of its height from its top."""
+    rows = np.flatnonzero(stem.any(1))
+    middle = np.zeros(len(stem))
+    middle[rows] = [np.flatnonzero(stem[row]).mean() for row in rows]
+    columns = np.arange(stem.shape[1])[None]
+    share = (np.arange(len(stem))[:, None] - rows[0]) / (rows[-1] - rows[0])
+    return columns - middle[:, None], share
+
+
+@LEANS
+@pytest.mark.parametrize("half", ["lower", "upper", "middle"])
+@pytest.mark.parametrize("side", [-1, 1])
+@pytest.mark.parametrize("by", ["something nearer", "leaves on it"])
+def test_a_side_hidden_over_half_the_length(stand_of, lean_deg, towards_deg, half, side, by):
+    stand = stand_of(lean_deg, towards_deg)
+    stem = stand.owner == 1
+    right_px, share = beside_the_middle(stem)
+    # Leaves at the stem's own depth only the mask tells from it, so that most of it has to show.
+    hidden = 0.5 if by == "something nearer" else 0.35
+    low = {"lower": 1 - hidden, "upper": -1.0, "middle": (1 - hidden) / 2}[half]
+    high = {"lower": 2.0, "upper": hidden, "middle": (1 + hidden) / 2}[half]
+    hiding = (share > low) & (share < high) & (side * right_px > 6) & (side * right_px < 60)
+    nearer = hiding & (by == "something nearer")
+    depth_m = np.where(nearer, np.float32(2.5), stand.depth_m)
+    tree = stand.measure_mask(stem & ~hiding, depth_m=depth_m)
+    assert tree.diameter_m.value == pytest.approx(0.3, rel=0.02)
+    both = stand.measure(masks=[stem & ~hiding], depth_m=depth_m)
+    assert both.diameter_m.value == pytest.approx(0.3, rel=0.01)
+
+
+@LEANS
+@pytest.mark.parametrize("depth", ["behind", "beside"])
+def test_a_branch_in_the_mask(stand_of, lean_deg, towards_deg, depth):
+    stand = stand_of(lean_deg, towards_deg)
+    stem = stand.owner == 1
+    right_px, share = beside_the_middle(stem)
+    branch = (share > 0.3) & (share < 0.45) & (right_px > 0) & (right_px < 120) & ~stem
+    depth_m = np.where(branch & (depth == "beside"), np.float32(4.1), stand.depth_m)
+    tree = stand.measure_mask(stem | branch, depth_m=depth_m)
+    assert tree.diameter_m.value == pytest.approx(0.3, rel=0.02)
+    coarse = replace(stand.detections([stem | branch]), keypoints_px=None)
+    assert stand.measure(coarse, depth_m).diameter_m.value == pytest.approx(0.3, rel=0.02)
+
+
+def test_a_side_hidden_all_along_is_not_guessed(stand_of):
+    stand = stand_of(0, 0)
+    stem = stand.owner == 1
+    right_px, _ = beside_the_middle(stem)
+    hiding = (right_px > 5) & (right_px < 60)
+    depth_m = np.where(hiding, np.float32(2.5), stand.depth_m)
+    tree = stand.measure_mask(stem & ~hiding, depth_m=depth_m)
+    assert tree.diameter_m == Failure(
+        "neither the diameter keypoints nor the mask show both edges of the stem"
+    )
+
+
+@pytest.mark.parametrize("column", [-10, 0, 10, 20, 34, 1246, 1260, 1272, 1285])
+@pytest.mark.parametrize("how", ["mask", "coarse mask", "keypoints"])
+def test_a_stem_at_the_border_is_refused_or_its_error_covers_it(scene, pole, column, how):
+    stand = scene(pole(0.3, 4.0 * (column - 640) / 700, 4.0))
+    if how == "mask":
+        tree = stand.measure_mask(settings=None)
+    else:
+        trees = stand.detections()
+        trees = replace(trees, keypoints_px=None) if how == "coarse mask" else trees
+        tree = stand.measure(trees, settings=None)
+    if tree.diameter_m:
+        low_m, high_m = tree.diameter_m.interval95
+        assert low_m < 0.3 < high_m
+    else:
+        assert tree.diameter_m.reason
+
+
+def test_the_borders_own_edge_is_none_of_the_stem(scene, pole):
+    stand = scene(pole(0.3, 4.0, 4.375))
+    assert stand.measure_mask().diameter_m == Failure(
+        "neither the diameter keypoints nor the mask show both edges of the stem"
+    )

@@ -1,0 +1,53 @@
+"""Diameters of real trees, by a time-of-flight camera, against a tape around their stems."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from calib import PinholeCamera, read_depth
+from edgetree import TreeDetections
+from edgetree.measure import measure_trees
+
+TREES = Path(__file__).resolve().parents[3] / ".." / "shared" / "data" / "tof_trees"
+
+
+def largest_part(depth_m: np.ndarray) -> np.ndarray:
+    """(H, W) bool the largest connected part with readings: the tree that was aimed at."""
+    valid = (depth_m > 0).astype(np.uint8)
+    closed = cv2.morphologyEx(valid, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(closed)
+    return np.asarray(labels == 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA])))
+
+
+def test_stems_are_as_thick_as_the_tape_says() -> None:
+    truth_file = TREES / "truth.json"
+    if not truth_file.is_file():  # nothing to compare with: the data are not beside the checkout
+        return
+    truth = json.loads(truth_file.read_text(encoding="utf-8"))
+    camera = PinholeCamera(**truth["camera"])
+    measured_m, tape_m, within = [], [], []
+    for frame in truth["frames"]:
+        depth_m = read_depth(TREES / f"{frame['frame']}_depth_mm.png")
+        mask = largest_part(depth_m)
+        x, y, width, height = cv2.boundingRect(mask.astype(np.uint8))
+        trees = TreeDetections(
+            np.array([[x, y, x + width, y + height]], np.float32),
+            np.ones(1, np.float32),
+            None,
+            None,
+            camera.width,
+            camera.height,
+        )
+        [tree] = measure_trees(trees, depth_m, camera, masks=[mask])
+        assert tree.diameter_m, (frame["frame"], tree.diameter_m)
+        measured_m.append(tree.diameter_m.value)
+        tape_m.append(frame["diameter_m"])
+        low_m, high_m = tree.diameter_m.interval95
+        within.append(low_m < frame["diameter_m"] < high_m)
+    errors_m = np.array(measured_m) - tape_m
+    assert len(errors_m) >= 15
+    assert np.sqrt(np.mean(errors_m**2)) < 0.025
+    assert np.mean(np.abs(errors_m) / tape_m) < 0.06
+    assert np.mean(within) > 0.9
