@@ -15,7 +15,7 @@ Flags = NDArray[np.bool_]
 
 CAMERA_UP = (0.0, -1.0, 0.0)
 _LEAST_POINTS = 12
-_TRIALS = 48
+_TRIALS = 40
 _LEAST_INLIERS = 0.3
 _REFINEMENTS = 2
 _NARROWEST = 0.01

@@ -26,7 +26,7 @@ _ABOVE_CUT_M = 0.3
 _BELOW_CUT_M = 1.5
 # Where to look: so many rows and columns of places, crowded towards the stem; more of them where
 # the depth is too sparse for the first.
-_GRIDS, _CROWDING = (21, 72), 1.5
+_GRIDS, _CROWDING = (19, 72), 1.5
 _SPARSE = 0.3
 _LEAST_POINTS, _MOST_POINTS = 20, 140
 _TOLERANCE_M = 0.05

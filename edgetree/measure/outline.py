@@ -15,13 +15,13 @@ __all__ = ["STATIONS", "Outline", "Strips", "find_outline", "spans", "start_from
 Float = NDArray[np.floating[Any]]
 Flags = NDArray[np.bool_]
 
-STATIONS = 28
+STATIONS = 24
 """Places along every stem at which it is looked at."""
 
 _SHOWN = 0.5
 # Edges are sought across so many half widths, first coarsely, then closely around what was found.
 _REACH = 1.8
-_COARSE, _FINE = 29, 15
+_COARSE, _FINE = 25, 13
 _CLOSE, _LEAST_CLOSE_PX = 0.12, 1.5
 _LEAST_STATIONS = 6
 # Edges this near to a line (of the half width, or px) agree with it; one that lies beyond counts
@@ -29,7 +29,7 @@ _LEAST_STATIONS = 6
 _AGREEING, _AGREEING_PX = 0.08, 1.0
 _BEYOND = 0.5
 _LEAST_AGREEING = 0.1
-_QUANTILES = np.array((0.1, 0.3, 0.5, 0.7, 0.9))
+_QUANTILES = np.array((0.1, 0.4, 0.7, 0.9))
 _QUARTER = STATIONS // 4
 _HALVES = (slice(0, 2 * _QUARTER), slice(2 * _QUARTER, STATIONS))
 _ROUNDS = 3
@@ -138,9 +138,8 @@ def find_outline(frame: DepthFrame, strips: Strips, border_px: Float) -> Outline
     """
     strips = _turned(strips, *_coarse_edges(frame, strips))
     left, right, seen = _coarse_edges(frame, strips)
-    left, left_seen = _close_edges(frame, strips, left, 1, border_px)
-    right, right_seen = _close_edges(frame, strips, right, -1, border_px)
-    sides = outer_lines(strips, left, right, np.stack([seen & left_seen, seen & right_seen]))
+    left, right, close = _close_edges(frame, strips, left, right, border_px)
+    sides = outer_lines(strips, left, right, seen & close)
     agreeing_left, agreeing_right = sides.agreeing
     return Outline(strips, left, right, agreeing_left, agreeing_right, seen.mean(1))
 
@@ -156,18 +155,22 @@ def _coarse_edges(frame: DepthFrame, strips: Strips) -> tuple[Float, Float, Flag
 
 
 def _close_edges(
-    frame: DepthFrame, strips: Strips, edges_px: Float, inwards: int, border_px: Float
-) -> tuple[Float, Flags]:
-    """The same edges (T, S) sought in small steps around where they were found."""
+    frame: DepthFrame, strips: Strips, left: Float, right: Float, border_px: Float
+) -> tuple[Float, Float, Flags]:
+    """The same edges (T, S) sought in small steps around where they were found, and (2, T, S)
+    where they are.
+    """
     width = np.maximum(_CLOSE * strips.half_px, _LEAST_CLOSE_PX)[:, None, None]
-    across = edges_px[..., None] + np.linspace(-inwards, inwards, _FINE) * width
-    found, seen = _first_crossing(frame.shown(strips.points(across)), across)
-    points = strips.points(found[..., None])[:, :, 0]
-    return found, seen & frame.inside(points, border_px[:, None])
+    steps = np.linspace(-1.0, 1.0, _FINE) * width
+    across = np.stack([left[..., None] + steps, right[..., None] - steps], 2)
+    shown = frame.shown(strips.points(across.reshape(*left.shape, -1)))
+    found, seen = _first_crossing(shown.reshape(across.shape), across)
+    seen = seen & frame.inside(strips.points(found), border_px[:, None, None])
+    return found[..., 0], found[..., 1], seen.transpose(2, 0, 1)
 
 
 def _first_crossing(shown: Float, across: Float) -> tuple[Float, Flags]:
-    """(T, S) where the first of C samples shows the stem, between it and the one before."""
+    """(...) where the first of (..., C) samples shows the stem, between it and the one before."""
     inside = shown >= _SHOWN
     first = np.maximum(inside.argmax(-1), 1)[..., None]
     high, low = (np.take_along_axis(shown, at, -1)[..., 0] for at in (first, first - 1))

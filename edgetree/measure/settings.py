@@ -68,7 +68,7 @@ class MeasureSettings:
     arc_doubt: float = 0.95
     butt_swell: float = 0.14
     butt_swell_std: float = 0.08
-    out_of_round_std: float = 0.0125
+    out_of_round_std: float = 0.0115
     curvature_std: float = 0.1
     bend_std_deg: float = 0.85
     lean_std_deg: float = 6.0

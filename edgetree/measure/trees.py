@@ -108,8 +108,7 @@ class _Work:
             return "the mask shows hardly any of the stem"
         if self.look.valid_depth[place] < _LEAST_DEPTH_SHARE:
             return "no depth on the stem"
-        errors = (self.roll_std_rad, stems.tilt_std_rad, self.diameter_std_m)
-        if not (stems.fitted[place] and all(np.isfinite(std[place]) for std in errors)):
+        if not (stems.fitted[place] and self.finite[place]):
             return "the depth on the stem does not agree with itself"
         diameter_m = 2 * float(stems.radius_m[place])
         if not _LEAST_DIAMETER_M <= diameter_m <= self.settings.max_diameter_m:
@@ -134,6 +133,12 @@ class _Work:
         """Half angles by keypoints, masks and depth, each by itself."""
         _, edges = self.look.edges.sections(self.stems.sections.frames)
         return [*edges, self.stems.curvature]
+
+    @cached_property
+    def finite(self) -> Flags:
+        """(T,) whether all errors can be stated."""
+        errors = [self.roll_std_rad, self.stems.tilt_std_rad, self.diameter_std_m]
+        return np.asarray(np.isfinite(errors).all(axis=0))
 
     @cached_property
     def diameter_std_m(self) -> Float:
