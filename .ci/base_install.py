@@ -1,7 +1,8 @@
 """A pytest plugin for the base install: the runtime's tests must really run, and without torch.
 
 The run fails if a package of the training side is installed, if a test was skipped for another
-reason than one of them missing, or if so few tests passed that most cannot have been found.
+reason than one of them or the data beside the checkout missing, or if so few tests passed that
+most cannot have been found.
 """
 
 import re
@@ -17,7 +18,10 @@ FEWEST_PASSED = 400
 def complaints(installed: Iterable[str], skips: Iterable[str], passed: int) -> list[str]:
     """What is wrong with a run; `skips` are the reasons of the skipped tests."""
     names = "|".join(ABSENT)
-    expected = re.compile(rf"could not import '.+': No module named '({names})(\..+)?'")
+    expected = re.compile(
+        rf"could not import '.+': No module named '({names})(\..+)?'"
+        "|the folder shared is not beside the checkout"
+    )
     found = [f"{name} is installed: expected the base install alone" for name in installed]
     found += [
         f"skipped, and not for the training side: {reason}"

@@ -63,9 +63,9 @@ class MeasureSettings:
     depth_noise_m: float = 0.005
     depth_bias_per_m: float = 0.0005
     depth_correlation_px: float = 6.0
-    outline_doubt: float = 0.27
-    depth_doubt: float = 5.2
-    arc_doubt: float = 0.95
+    outline_doubt: float = 0.4
+    depth_doubt: float = 1.1
+    arc_doubt: float = 0.85
     butt_swell: float = 0.14
     butt_swell_std: float = 0.08
     out_of_round_std: float = 0.0115

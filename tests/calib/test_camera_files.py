@@ -197,7 +197,10 @@ def test_intrinsics_for_larger_images_are_scaled(tmp_path: Path) -> None:
 
 
 def test_published_rigs_are_read() -> None:
-    for path in sorted(RIGS.glob("*.yaml")):  # none where the data are not beside the checkout
+    paths = sorted(RIGS.glob("*.yaml"))
+    if not paths:
+        pytest.skip("the folder shared is not beside the checkout")
+    for path in paths:
         for name in ("cam_front", "cam_left", "cam_right"):
             camera = load_camera(path, name=name)
             assert (camera.width, camera.height) == (1440, 1080)
