@@ -46,6 +46,7 @@ class StemPlace:
         distance_std_m: of the axis, along the line of sight.
         diameter_std_m: of the diameter.
         cut_rad: standard deviation of the cut's direction, up and down.
+        shape_std_m: how far bark, swell and bends move the axis between section and cut.
         roll_std_rad: of the axis' angle as seen, `tilt_std_rad` towards or away from the camera.
     """
 
@@ -58,14 +59,15 @@ class StemPlace:
     distance_std_m: float
     diameter_std_m: float
     cut_rad: float
+    shape_std_m: float
     roll_std_rad: float
     tilt_std_rad: float
 
     def distance(self) -> Estimate:
         """To the axis at the cut: what the depth gives is the bark, one radius before it."""
         value = math.hypot(*self.cut)
-        std = math.hypot(self._depth_std_m(), self.diameter_std_m / 2, self._along_std_m())
-        return Estimate(value, std)
+        parts = (self._depth_std_m(), self.diameter_std_m / 2, self._along_std_m())
+        return Estimate(value, math.hypot(*parts, self.shape_std_m))
 
     def _depth_std_m(self) -> float:
         reach = float(self.cut @ self.facing)

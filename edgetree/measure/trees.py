@@ -33,6 +33,9 @@ _COUNTED = 0.02
 # What the used part of the width shows of a stem's round at most.
 _WHOLE_ARC_RAD = 2 * math.asin(USED_WIDTH)
 _MOST_DOUBT = 0.3
+# Stems are so much less regular at breast height, with its branches, and between section and cut,
+# with its swell, than the section is out of round.
+_BREAST_SHAPE, _CUT_SHAPE = 2.0, 2.6
 _LEAST_SHOWN = 0.03
 _LEAST_DEPTH_SHARE = 0.05
 _LEAST_DIAMETER_M = 0.02
@@ -213,7 +216,7 @@ class _Work:
             float(half.std_rad[place] / np.tan(half.rad[place])),
             float(stems.distance_std_m[place]) / distance_m,
             float(stems.tilt_std_rad[place]) * self.settings.breast_height_m / distance_m,
-            self.settings.out_of_round_std,
+            _BREAST_SHAPE * self.settings.out_of_round_std,
             float(self.doubts[place]),
         )
         return _sure_enough(Estimate(value, value * math.hypot(*shares)))
@@ -267,6 +270,10 @@ class _Work:
             distance_std_m=float(stems.distance_std_m[place]),
             diameter_std_m=float(self.diameter_std_m[place]),
             cut_rad=float(self.keypoints.std_px[place, CUT, 1]) * pixel_rad,
+            shape_std_m=_CUT_SHAPE
+            * self.settings.out_of_round_std
+            * 2
+            * float(stems.radius_m[place]),
             roll_std_rad=float(self.roll_std_rad[place]),
             tilt_std_rad=float(stems.tilt_std_rad[place]),
         )
