@@ -70,26 +70,42 @@ def labelled(image: dict[str, Any], trees: list[dict[str, Any]]) -> TreeDetectio
 
 def measured(
     data: Path, image: dict[str, Any], trees: list[dict[str, Any]], detector: TreeDetector | None
-) -> list[TreeMeasurement | None]:
-    """What comes of each labelled tree; None where it was not found."""
+) -> list[tuple[TreeMeasurement | None, float | None]]:
+    """What comes of each labelled tree, None where it was not found; and its naive diameter."""
     depth_m = read_depth(data / image["depth_file"])
     camera = PinholeCamera.from_dict(image["camera"])
     up = image["up_camera"]
     truth = labelled(image, trees)
+    naive_m = [naive_diameter_m(tree["keypoints"], depth_m, camera) for tree in trees]
     if detector is None:
         masks = [coco_mask.decode(tree["segmentation"]).astype(bool) for tree in trees]
-        return list(
-            measure_trees(truth, depth_m, camera, masks=masks, up_camera=up, settings=LABELS)
-        )
+        exact = measure_trees(truth, depth_m, camera, masks=masks, up_camera=up, settings=LABELS)
+        return list(zip(exact, naive_m, strict=True))
     is_depth = detector.manifest.modality == "depth"
     found = detector.detect(depth_m if is_depth else read_image(data / image["file_name"]))
     results = measure_trees(found, depth_m, camera, up_camera=up)
     of_truth = {m.truth: m.detection for m in match_boxes(found.boxes_px, truth.boxes_px)}
-    return [results[of_truth[n]] if n in of_truth else None for n in range(len(trees))]
+    matched = [results[of_truth[n]] if n in of_truth else None for n in range(len(trees))]
+    return list(zip(matched, naive_m, strict=True))
+
+
+def naive_diameter_m(
+    keypoints: list[float], depth_m: np.ndarray, camera: PinholeCamera
+) -> float | None:
+    """Depth times width over focal length, as is often done, at labelled diameter keypoints."""
+    left, right = np.array(keypoints, float).reshape(5, 3)[1:3]
+    column, row_px = np.rint((left + right)[:2] / 2).astype(int)
+    if not (left[2] and right[2] and 0 <= row_px < len(depth_m) and 0 <= column < camera.width):
+        return None
+    z_m = float(depth_m[row_px, column])
+    return z_m * float(np.hypot(*(right - left)[:2])) / camera.fx if z_m > 0 else None
 
 
 def row(
-    image: dict[str, Any], tree: dict[str, Any], result: TreeMeasurement | None
+    image: dict[str, Any],
+    tree: dict[str, Any],
+    result: TreeMeasurement | None,
+    naive_m: float | None,
 ) -> dict[str, Any]:
     """One labelled tree with its truth and what was measured of it."""
     values = {
@@ -97,6 +113,7 @@ def row(
         "sensor": image["depth_sensor"]["kind"],
         "visible_fraction": tree["visible_fraction"],
         "found": result is not None,
+        "naive_m": naive_m,
         **{f"true_{name}": tree[label] for name, label in TRUTHS.items()},
     }
     if result is not None:
@@ -126,7 +143,7 @@ def main() -> None:
         for image, trees in frames(data, options.frames):
             if trees:
                 results = measured(data, image, trees, detector)
-                rows += [row(image, *pair) for pair in zip(trees, results, strict=True)]
+                rows += [row(image, tree, *made) for tree, made in zip(trees, results, strict=True)]
     if options.rows is not None:
         options.rows.write_text("".join(json.dumps(values) + "\n" for values in rows))
     report = tables(rows)

@@ -32,6 +32,7 @@ def tables(rows: list[Row]) -> dict[str, Any]:
         "diameter_measured_of_found_visible_half": _share(clear, "diameter_m"),
         "quantities": {name: errors(rows, name) for name in TRUTHS},
         "diameter_by_distance": _by(rows, "true_distance_m", (0, 2.5, 5, 7.5, 11)),
+        "naive_diameter_by_distance": _naive(rows, (0, 2.5, 5, 7.5, 11)),
         "diameter_by_diameter": _by(rows, "true_diameter_m", (0, 0.1, 0.2, 0.3, 1.0)),
         "diameter_by_lean": _by(rows, "true_inclination_deg", (0, 3, 6, 10, 90)),
         "diameter_by_visible_fraction": _by(
@@ -88,6 +89,23 @@ def intervals(rows: list[Row], name: str) -> dict[str, Any]:
         },
         "by_third_of_std": [_rounded(held[third].mean()) for third in thirds if len(third)],
     }
+
+
+def _naive(rows: list[Row], edges: tuple[float, ...]) -> dict[str, Any]:
+    """Depth times width over focal length, at the labels' keypoints: errors and bias."""
+    result = {}
+    for low, high in pairwise(edges):
+        within = [
+            r for r in rows if r["naive_m"] is not None and low <= r["true_distance_m"] < high
+        ]
+        truth = np.array([row["true_diameter_m"] for row in within])
+        error = np.array([row["naive_m"] for row in within]) - truth
+        result[f"{low:g}-{high:g}"] = {
+            "trees": len(within),
+            "median_abs": _rounded(np.median(np.abs(error))) if len(error) else None,
+            "median_share": _rounded(np.median(error / truth)) if len(error) else None,
+        }
+    return result
 
 
 def _by(rows: list[Row], key: str, edges: tuple[float, ...]) -> dict[str, Any]:
