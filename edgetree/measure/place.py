@@ -87,11 +87,14 @@ class StemPlace:
         std = math.hypot(rise * distance.std, self.cut_rad * distance.value)
         return ground.height_m(self.cut, self.along, self.radius_m, std)
 
-    def misplaced(self, height: Estimate | Failure) -> Failure | None:
-        """Why the keypoint of the felling cut cannot be where the tree is cut, if so."""
+    def misplaced(self, height: Estimate | Failure, has_section: bool) -> Failure | None:
+        """Why the keypoint of the felling cut cannot be where the tree is cut, if so.
+
+        `has_section` tells whether the section is the keypoints' own, which lies close by.
+        """
         above_m = float((self.cut - self.section) @ self.along)
         lowest_m, highest_m = _CUT_ABOVE_SECTION_M
-        if not lowest_m <= above_m <= highest_m:
+        if has_section and not lowest_m <= above_m <= highest_m:
             side = "above" if above_m > 0 else "below"
             return Failure(f"the felling cut is {abs(above_m):.2f} m {side} the diameter's section")
         if isinstance(height, Estimate) and height.value < -_MOST_CUT_IN_GROUND_M - 2 * height.std:

@@ -244,7 +244,7 @@ class _Work:
         elif not self.keypoints.within[place, CUT]:
             problem = Failure("the felling cut is not in the image")
         else:
-            problem = stem.misplaced(height)
+            problem = stem.misplaced(height, bool(self.keypoints.has_section[place]))
         evidence = self._evidence(place, ground, height if problem is None else problem, warnings)
         if problem is not None:
             return TreeMeasurement(
