@@ -69,7 +69,9 @@ def _failures(tree: TreeMeasurement) -> Iterator[str]:
 
 
 def _evidence(evidence: Evidence) -> str:
+    shown = evidence.visible_share
+    visible = "" if shown is None else f"{shown:.0%} of the stem visible, "
     return (
-        f"from {evidence.method}; {evidence.visible_share:.0%} of the stem visible, depth at"
-        f" {evidence.valid_depth_share:.0%} of it, {evidence.arc_deg:.0f}° of its round seen"
+        f"from {evidence.method}; {visible}depth at {evidence.valid_depth_share:.0%} of it,"
+        f" {evidence.arc_deg:.0f}° of its round seen"
     )

@@ -29,8 +29,10 @@ def fit_axes(
         The frames whose axes are, in those planes, nearest to the vertical; and (T,) the standard
         deviation in radians of each axis' angle as seen, within the picture.
     """
+    known = np.isfinite(rays).all(axis=2) & ~np.isnan(std_rad)
+    rays = np.where(known[..., None], rays, up)
     directions = rays / np.linalg.norm(rays, axis=2, keepdims=True)
-    weight = 1 / std_rad**2
+    weight = np.where(known, 1 / std_rad**2, 0.0)
     scatter = np.matmul((directions * weight[..., None]).transpose(0, 2, 1), directions)
     scatter = scatter + np.outer(up, up) / lean_std_rad**2
     normals = np.linalg.eigh(scatter)[1][:, :, 0]

@@ -68,7 +68,8 @@ class Evidence:
         source_std_m: and its standard deviation.
         arc_deg: how much of the stem's round the depth shows, 180 being the half that can be seen.
         valid_depth_share: share of the places looked at inside the stem that have a reading.
-        visible_share: share of the stem's length, from foot to top of its box, that the mask shows.
+        visible_share: share of the stem's length, from foot to top of its box, that the mask
+            shows; None without a mask.
         ground: what heights refer to, in words.
         warnings: what a reader should know before using the numbers.
     """
@@ -78,7 +79,7 @@ class Evidence:
     source_std_m: dict[str, float] = field(default_factory=dict)
     arc_deg: float = 0.0
     valid_depth_share: float = 0.0
-    visible_share: float = 0.0
+    visible_share: float | None = None
     ground: str = ""
     warnings: tuple[str, ...] = ()
 
@@ -102,11 +103,14 @@ class TreeMeasurement:
 
     Attributes:
         diameter_m: of the stem, across its axis, at the felling cut (on the section through the
-            diameter keypoints); of a mask without keypoints in the middle of what it shows.
+            diameter keypoints); where the cut is below the picture, inferred from the lowest
+            visible section by `MeasureSettings.butt_swell`, with a warning; of a mask without
+            keypoints in the middle of what it shows.
         dbh_m: the same at breast height.
         cut_height_m: of the axis at the felling cut above the ground on the uphill side, along
             the vertical.
-        inclination_deg: of the axis from the vertical.
+        inclination_deg: of the axis from the vertical; from the ground's normal, and as uncertain
+            as the ground's slope, where no vertical is given.
         lean_direction_deg: where the stem leans to, seen from above: 0 away from the camera,
             90 to the right, -90 to the left, 180 towards it.
         distance_m: from the camera's centre to the axis at the felling cut; of a mask without

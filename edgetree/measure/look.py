@@ -25,7 +25,7 @@ from edgetree.measure.settings import MeasureSettings
 from edgetree.measure.stem import Readings
 from edgetree.measure.width import StemEdges
 
-__all__ = ["Keypoints", "StemLook", "look_at_stems"]
+__all__ = ["CUT", "Keypoints", "StemLook", "look_at_stems"]
 
 Float = NDArray[np.floating[Any]]
 Flags = NDArray[np.bool_]

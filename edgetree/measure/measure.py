@@ -21,6 +21,10 @@ __all__ = ["measure_trees"]
 
 Float = NDArray[np.floating[Any]]
 
+# Cameras are not held upside down and do not look at the sky: then gravity was given for its
+# opposite, or a mounting without the turn from the camera's axes to the machine's.
+_DOWN, _SKYWARD = 0.5, 0.9
+
 
 def measure_trees(
     detections: TreeDetections,
@@ -52,7 +56,7 @@ def measure_trees(
 
     Raises:
         InputError: depth, camera or masks are for another image size, the depth is not in float
-            metres, or `up_camera` is no direction.
+            metres, or the vertical is no direction, or not one that a camera has.
     """
     settings = settings or MeasureSettings()
     _check_sizes(detections, depth_m, camera)
@@ -103,6 +107,14 @@ def _check_masks(
 
 def _direction(up_camera: ArrayLike) -> Float:
     up = np.asarray(up_camera, np.float64)
-    if up.shape != (3,) or not np.isfinite(up).all() or not np.linalg.norm(up) > 0:
+    if up.shape != (3,) or not np.isfinite(up).all() or not np.abs(up).max() > 0:
         raise InputError(f"up_camera is {up.tolist()}: expected a direction of three numbers")
-    return np.asarray(up / np.linalg.norm(up))
+    up = up / np.abs(up).max()
+    up = np.asarray(up / np.linalg.norm(up))
+    if up[1] > _DOWN or up[2] > _SKYWARD:
+        seen = "upside down" if up[1] > _DOWN else "at the sky"
+        raise InputError(
+            f"up is {np.round(up, 2).tolist()} in the camera's frame (x right, y down, z forward),"
+            f" so that the camera looks {seen}: expected the direction away from gravity"
+        )
+    return up

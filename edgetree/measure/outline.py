@@ -10,7 +10,16 @@ from numpy.typing import NDArray
 
 from edgetree.measure.frame import DepthFrame, MaskGrid
 
-__all__ = ["STATIONS", "Outline", "Strips", "find_outline", "spans", "start_from_masks"]
+__all__ = [
+    "STATIONS",
+    "Outline",
+    "Strips",
+    "find_outline",
+    "medians",
+    "spans",
+    "start_from_masks",
+    "weighted_lines",
+]
 
 Float = NDArray[np.floating[Any]]
 Flags = NDArray[np.bool_]

@@ -22,7 +22,8 @@ Float = NDArray[np.floating[Any]]
 CAMERA_UP_STD_DEG = 15.0
 """How crookedly cameras are held or mounted, where nobody says: their own up stands in."""
 
-_GROUND_TILT_STD_RAD = 0.03
+# Where nothing tells the vertical the ground's normal stands in: forest ground slopes by so much.
+_SLOPE_STD_RAD = math.radians(12.0)
 # The cut lies a little below the diameter's section, and not in the ground.
 _CUT_ABOVE_SECTION_M = (-0.5, 0.3)
 _MOST_CUT_IN_GROUND_M = 0.1
@@ -148,7 +149,7 @@ class StemPlace:
         value = math.degrees(math.acos(min(max(float(vertical @ self.along), -1.0), 1.0)))
         total = roll**2 + tilt**2
         share = roll**2 / total if total > 0 else 0.5
-        vertical_std = 0.0 if up is not None else _GROUND_TILT_STD_RAD
+        vertical_std = 0.0 if up is not None else _SLOPE_STD_RAD
         bend = math.radians(settings.bend_std_deg)
         roll_std = math.hypot(self.roll_std_rad, vertical_std, bend)
         tilt_std = math.hypot(self.tilt_std_rad, vertical_std, bend)

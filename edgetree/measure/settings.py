@@ -19,7 +19,8 @@ class MeasureSettings:
         keypoint_spread: error of a keypoint as a share of its box's extent where its score is 1;
             it grows with the inverse root of the score, as the peak p of a normal heat map of
             deviation s is 1 / (2 pi s²).
-        keypoint_slide: the same along the stem, where no edge holds the heat map.
+        keypoint_slide: the same along the stem, where no edge holds the heat map, as a share of
+            the root of the box's area.
         mask_std_px: least error of a mask's edge, in pixels of the image.
         mask_spread: error of a mask's edge in cells of the mask.
         depth_noise_per_m: standard deviation of the depth in metres at 1 m; at z metres it is
@@ -29,12 +30,12 @@ class MeasureSettings:
         depth_bias_per_m: what all depth on one stem is off by together, in metres at 1 m; at z
             metres it is z² times that. Steps of the disparity do it.
         depth_correlation_px: depth within squares of so many pixels has one error.
-        outline_doubt: how far a diameter is doubted, as a share of it, where no station along the
-            stem shows both edges; it falls with the square of the share of stations that do.
-        depth_doubt: the same where no reading agrees with the stem; it falls with the square of
-            the share of readings that do.
-        arc_doubt: the same where nothing of the round that can be seen has a reading; it falls
-            with the share that has.
+        outline_doubt: how far a diameter is doubted, as a share of it, for what its mask does not
+            show: times the square of the share of stations along the stem without both edges.
+        depth_doubt: the same for contradictory depth: times the square of the share of readings
+            that disagree with the stem.
+        arc_doubt: the same for depth on one side only: times the share of the visible round
+            without a reading. All three together count at most 0.3.
         butt_swell: how much thicker a stem is at the cut than where it shows lowest, as a share,
             where the cut is below the picture; and butt_swell_std how far stems differ in that.
         out_of_round_std: how far the diameter of a real stem differs with the side it is seen

@@ -302,7 +302,7 @@ class _Work:
             stds,
             float(np.degrees(stems.arc_rad[place])),
             float(self.look.valid_depth[place]),
-            1.0 if outline is None else float(outline.shown[place]),
+            None if outline is None else float(outline.shown[place]),
             ground.in_words() if isinstance(ground, BaseGround) else ground.reason,
             warnings + self._warnings(height, diameters, stds),
         )
@@ -312,8 +312,11 @@ class _Work:
     ) -> tuple[str, ...]:
         warnings = []
         limit_m = self.settings.max_stump_height_m
-        if isinstance(height, Estimate) and height.value > limit_m:
-            warnings.append(f"the stump would be {height.value:.2f} m high, limit {limit_m:.2f} m")
+        if isinstance(height, Estimate) and height.value - height.std > limit_m:
+            warnings.append(
+                f"the stump would be {height.value:.2f} ± {height.std:.2f} m high,"
+                f" limit {limit_m:.2f} m"
+            )
         names = [name for name in ("keypoints", "mask") if name in diameters]
         if len(names) == 2:
             apart = abs(diameters["keypoints"] - diameters["mask"])

@@ -101,9 +101,26 @@ def test_the_ground_is_put_in_words(stand):
 def test_high_stumps_are_warned_of(scene, pole, cut_m, warned):
     stand = scene(pole(0.3, 0.5, 4.0, cut_m=cut_m, section_m=0.5))
     tree = stand.measure()
-    expected = (f"the stump would be {cut_m:.2f} m high, limit 0.30 m",) if warned else ()
-    assert tree.evidence.warnings == expected
+    std_m = tree.cut_height_m.std
+    expected = f"the stump would be {cut_m:.2f} ± {std_m:.2f} m high, limit 0.30 m"
+    assert tree.evidence.warnings == ((expected,) if warned else ())
     assert stand.measure(settings=MeasureSettings(max_stump_height_m=0.5)).evidence.warnings == ()
+
+
+def test_a_stump_that_may_be_low_is_not_warned_of(scene, pole):
+    stand = scene(pole(0.3, 0.5, 4.0, cut_m=0.31, section_m=0.5))
+    tree = stand.measure(settings=None)
+    assert tree.cut_height_m.value > 0.3
+    assert tree.cut_height_m.value - tree.cut_height_m.std < 0.3
+    assert tree.evidence.warnings == ()
+
+
+def test_without_a_mask_nothing_is_said_of_what_shows(stand):
+    trees = stand.detections()
+    bare = type(trees)(trees.boxes_px, trees.scores, trees.keypoints_px, None, 1280, 720)
+    tree = stand.measure(bare)
+    assert tree.diameter_m
+    assert tree.evidence.visible_share is None
 
 
 def test_a_cut_below_the_picture_is_inferred_and_warned_of(scene, pole):

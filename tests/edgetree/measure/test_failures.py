@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from edgetree import TreeDetections
 from edgetree.measure import Failure, MeasureSettings, TreeMeasurement, measure_trees
 
 NO_EDGES = "neither the diameter keypoints nor the mask show both edges of the stem"
@@ -206,8 +207,21 @@ def numbers_of(values):
             yield from numbers_of(value.values())
         elif isinstance(value, (list, tuple)):
             yield from numbers_of(value)
-        elif not isinstance(value, str):
+        elif value is not None and not isinstance(value, str):
             yield float(value)
+
+
+def test_one_impossible_tree_does_not_spoil_the_others(stand):
+    good = stand.detections()
+    width, height = good.image_width, good.image_height
+    boxes = np.concatenate([good.boxes_px, [[639, 254, 639, 612]]])
+    trees = TreeDetections(boxes, np.ones(2), None, None, width, height)
+    everything = np.ones((height, width), np.bool_)
+    first, second = measure_trees(
+        trees, stand.depth_m, stand.camera, masks=[stand.owner == 1, everything], up_camera=stand.up
+    )
+    assert first.diameter_m.value == pytest.approx(0.3, rel=0.02)
+    assert not second.diameter_m
 
 
 @pytest.mark.filterwarnings("error")
@@ -224,7 +238,7 @@ def test_rubbish_gives_finite_numbers_or_reasons(stand):
         masks = np.where(rng.random((1, 28, 28)) < 0.3, rng.random((1, 28, 28)), exact.masks)
         depth_m = stand.depth_m * np.float32(rng.choice([0.01, 1, 1, 1, 1000]))
         depth_m[:: rng.integers(1, 9), :: rng.integers(1, 5)] = rng.uniform(0, 30)
-        up = None if rng.random() < 0.5 else stand.up + rng.normal(0, rng.choice([0.1, 2]), 3)
+        up = None if rng.random() < 0.5 else stand.up + rng.normal(0, rng.choice([0.1, 0.2]), 3)
         trees = replace(
             exact,
             keypoints_px=None if round_ % 4 == 3 else keypoints,

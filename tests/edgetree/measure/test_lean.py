@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from calib.transform import RigidTransform
-from edgetree.measure import Failure
+from edgetree.errors import InputError
+from edgetree.measure import Failure, measure_trees
 
 
 def mounted(stand, position_m=(1.2, -0.4, 1.8), yaw_deg=0.0):
@@ -70,6 +71,27 @@ def test_a_given_vertical_comes_before_the_mountings(scene, pole):
     wrong = RigidTransform.mounting((0.0, 0.0, 1.8))
     assert stand.measure(mounting=wrong).inclination_deg.value == pytest.approx(0.0, abs=0.3)
     assert stand.measure(level=True, mounting=wrong).inclination_deg.value > 15
+
+
+def test_without_a_vertical_a_lean_is_as_uncertain_as_the_ground(scene, pole):
+    stand = scene(pole(0.3, 0.5, 4.0), slope_deg=12.0)
+    tree = stand.measure(level=True)
+    assert tree.inclination_deg.value == pytest.approx(12.0, abs=0.5)
+    low_deg, high_deg = tree.inclination_deg.interval95
+    assert low_deg < 0 < high_deg
+    assert stand.measure().inclination_deg.std < 1.0
+
+
+@pytest.mark.parametrize(
+    ("up", "seen"), [((0.04, 0.99, 0.07), "upside down"), ((0.0, 0.1, 1.0), "at the sky")]
+)
+def test_gravity_is_not_taken_for_its_opposite(scene, pole, up, seen):
+    stand = scene(pole(0.3, 0.5, 4.0))
+    with pytest.raises(InputError, match=f"so that the camera looks {seen}: expected the direc"):
+        measure_trees(stand.detections(), stand.depth_m, stand.camera, up_camera=up)
+    axes_forgotten = RigidTransform.identity()
+    with pytest.raises(InputError, match="at the sky"):
+        measure_trees(stand.detections(), stand.depth_m, stand.camera, mounting=axes_forgotten)
 
 
 def test_without_a_mounting_the_machine_knows_nothing(scene, pole):
