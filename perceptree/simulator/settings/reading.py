@@ -51,6 +51,10 @@ def _value(now: Any, value: Any, name: str) -> Any:
     """A value of the kind that the setting has now."""
     if dataclasses.is_dataclass(now):
         return _changed(now, value, f"{name}.")
+    if isinstance(now, str):
+        if not isinstance(value, str):
+            raise SettingsError(f"{name} is {value!r}: expected a word")
+        return value
     if isinstance(now, tuple):
         if not isinstance(value, list) or not all(_is_number(part) for part in value):
             raise SettingsError(f"{name} is {value!r}: expected a list of numbers")

@@ -81,4 +81,6 @@ class SimulatorSettings:
 
     def to_dict(self) -> dict[str, Any]:
         """JSON-ready copy."""
-        return dataclasses.asdict(self)
+        values = dataclasses.asdict(self)
+        values["camera"]["intrinsics"] = self.camera.intrinsics.to_dict()
+        return values

@@ -33,8 +33,10 @@ def test_only_what_the_file_names_changes(tmp_path: Path):
     )
 
 
-def test_a_whole_tree_comes_back_as_it_was_written(tmp_path: Path):
-    camera = dataclasses.replace(ideal_camera(640, 360), distortion=(-0.2, 0.05, 0.0, 0.0))
+@pytest.mark.parametrize(("model", "std_px"), [("radtan", 0.0), ("fisheye", 0.4)])
+def test_a_whole_tree_comes_back_as_it_was_written(tmp_path: Path, model: str, std_px: float):
+    bent = {"distortion": (-0.2, 0.05, 0.0, 0.0), "distortion_model": model, "focal_std_px": std_px}
+    camera = dataclasses.replace(ideal_camera(640, 360), **bent)
     base = PRESETS["plain"].settings
     saved = dataclasses.replace(base, camera=dataclasses.replace(base.camera, intrinsics=camera))
     record = {"settings": saved.to_dict(), "seed": 1, "sha256": "x"}

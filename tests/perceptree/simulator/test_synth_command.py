@@ -148,7 +148,7 @@ MISTAKES = {
     "width": (("--width", 33), "camera width is 33: expected an even number >= 64"),
     "workers": (("--workers", 0), "workers is 0: expected 1 to 1024"),
     "seed": (("--seed", -2), "seed is -2: expected 0 to 999999"),
-    "camera": (("--camera", "none.json"), "none.json: no such file, expected a camera as JSON"),
+    "camera": (("--camera", "none.json"), "none.json: no such file, expected a camera file"),
 }
 
 
