@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -114,25 +115,26 @@ class PinholeCamera:
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> PinholeCamera:
         """From ``to_dict``'s values; raises CameraError for what is missing or not a number."""
-        numbers: dict[str, float] = {}
-        for name in ("width", "height", "fx", "fy", "cx", "cy"):
-            value = values.get(name)
-            if isinstance(value, bool) or not isinstance(value, int | float):
-                raise CameraError(f"camera field {name} is {value!r}: expected a number")
-            numbers[name] = value
-        for name in ("width", "height"):
-            if numbers[name] != int(numbers[name]):
-                raise CameraError(f"camera field {name} is {numbers[name]}: expected whole pixels")
+        width, height, fx, fy, cx, cy = (
+            _number(name, values.get(name)) for name in ("width", "height", "fx", "fy", "cx", "cy")
+        )
+        for name, size in (("width", width), ("height", height)):
+            if not math.isfinite(size) or size != int(size):
+                raise CameraError(f"camera field {name} is {size}: expected whole pixels")
         distortion = values.get("distortion", ())
-        if not isinstance(distortion, list | tuple) or not all(
-            isinstance(k, int | float) for k in distortion
-        ):
+        if not isinstance(distortion, list | tuple):
             raise CameraError(f"camera field distortion is {distortion!r}: expected numbers")
-        focal_std_px = values.get("focal_std_px", 0.0)
-        if isinstance(focal_std_px, bool) or not isinstance(focal_std_px, int | float):
-            raise CameraError(f"camera field focal_std_px is {focal_std_px!r}: expected a number")
         return cls(
-            int(numbers["width"]), int(numbers["height"]), float(numbers["fx"]),
-            float(numbers["fy"]), float(numbers["cx"]), float(numbers["cy"]), tuple(distortion),
-            str(values.get("distortion_model", RADTAN)), float(focal_std_px),
+            int(width), int(height), fx, fy, cx, cy,
+            tuple(_number("distortion", k) for k in distortion),
+            str(values.get("distortion_model", RADTAN)),
+            _number("focal_std_px", values.get("focal_std_px", 0.0)),
         )  # fmt: skip
+
+
+def _number(name: str, value: Any) -> float:
+    """A field's number; a whole one may have more digits than a float holds."""
+    if not isinstance(value, bool) and isinstance(value, int | float):
+        with suppress(OverflowError):
+            return float(value)
+    raise CameraError(f"camera field {name} is {value!r}: expected a number")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -31,12 +32,14 @@ _MEDIAN_TO_STD, _FAR_OFF, _NEVER_BELOW = 1.4826, 4.0, 0.002
 @dataclass(frozen=True, eq=False)
 class TargetReadings:
     """A flat target as one depth map shows it: (N,) ``true_m`` and ``measured_m`` along z of the
-    same pixels. What was measured as 0 or is not finite is no reading.
+    same pixels. What was measured as 0 or is not finite is no reading. ``focal_std_share`` is the
+    standard deviation of the camera's focal length as a share of it: ``true_m`` is off by as much.
     """
 
     name: str
     true_m: Float
     measured_m: Float
+    focal_std_share: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -153,7 +156,8 @@ def read_target(
     rays = pixels_to_rays(camera, np.stack([columns, rows], -1) + 0.5)
     normal = cv2.Rodrigues(np.array(pose[:3], np.float64))[0][:, 2]
     true_m = (normal @ np.array(pose[3:])) / (rays @ normal)
-    return TargetReadings(name, true_m, np.asarray(depth_m[rows, columns], np.float64))
+    measured_m = np.asarray(depth_m[rows, columns], np.float64)
+    return TargetReadings(name, true_m, measured_m, camera.focal_std_px / camera.fx)
 
 
 def fit_depth_scale(targets: Sequence[TargetReadings]) -> DepthScale | DepthScaleFailure:
@@ -161,6 +165,7 @@ def fit_depth_scale(targets: Sequence[TargetReadings]) -> DepthScale | DepthScal
 
     The readings of one target share the errors of its place and of the sensor's pattern, so the
     targets' scatter about the line, and not that of the pixels, gives the standard deviations.
+    The error of the focal length stretches the distances of all targets alike, and so the line.
     Errors are taken to grow with the distance. Targets that do not agree are left out. A failure
     where there are fewer than 4 targets with readings, at fewer than 3 distances, or where the
     farthest is not 1.5 times as far as the nearest: offset and scale cannot be told apart.
@@ -178,6 +183,8 @@ def fit_depth_scale(targets: Sequence[TargetReadings]) -> DepthScale | DepthScal
     line, covariance, _ = _fit_line(means)
     if line[0] <= 0:
         return DepthScaleFailure(f"readings change by {line[0]:.2g} m for each metre of distance")
+    stretch = max(target.focal_std_share for target in targets) * line
+    covariance = covariance + np.outer(stretch, stretch)
     return _result(means, line, covariance, [t.name for t in targets if t.name in dropped])
 
 
@@ -293,9 +300,11 @@ def _result(
 
 def _number(values: Mapping[str, Any], name: str) -> float:
     value = values.get(name)
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise DepthError(f"{name} is {value!r}: expected a number")
-    return float(value)
+    if not isinstance(value, bool) and isinstance(value, int | float):
+        with suppress(OverflowError):
+            if math.isfinite(float(value)):
+                return float(value)
+    raise DepthError(f"{name} is {value!r}: expected a finite number")
 
 
 def _target(values: Mapping[str, Any]) -> TargetResidual:

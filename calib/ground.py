@@ -86,7 +86,7 @@ def fit_ground_plane(
     mounting (default: the camera's own up); planes steeper than ``max_slope_deg`` against it are
     not ground. ``tolerance_m`` is how far a point may lie from the plane to support it.
     Deterministic. Returns a falsy GroundPlaneFailure where there are too few points or no plane
-    holds a third of them. Raises CalibError where ``up`` is no direction.
+    holds 30 % of them. Raises CalibError where ``up`` is no direction.
     """
     points = np.asarray(points_m, np.float64).reshape(1, -1, 3)
     usable = np.asarray(np.isfinite(points).all(axis=2))

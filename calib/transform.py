@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -32,7 +34,7 @@ class RigidTransform:
     def __post_init__(self) -> None:
         rotation = _numbers("rotation", self.rotation, (3, 3))
         miss = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
-        if miss > _ORTHONORMAL_TOLERANCE or np.linalg.det(rotation) < 0:
+        if not miss <= _ORTHONORMAL_TOLERANCE or np.linalg.det(rotation) < 0:
             raise CalibError(
                 f"rotation is {rotation.tolist()}: expected an orthonormal, right-handed matrix"
             )
@@ -56,7 +58,8 @@ class RigidTransform:
             raise CalibError(f"quaternion_xyzw has length {length:g}: expected 1")
         x, y, z, w = quaternion / length
         cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-        return cls(np.eye(3) + 2 * w * cross + 2 * cross @ cross, np.asarray(translation_m))
+        place_m = _numbers("translation_m", translation_m, (3,))
+        return cls(np.eye(3) + 2 * w * cross + 2 * cross @ cross, place_m)
 
     @classmethod
     def from_euler_deg(
@@ -68,7 +71,7 @@ class RigidTransform:
         about_x = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
         about_y = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
         about_z = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
-        return cls(about_z @ about_y @ about_x, np.asarray(translation_m))
+        return cls(about_z @ about_y @ about_x, _numbers("translation_m", translation_m, (3,)))
 
     @classmethod
     def mounting(
@@ -86,8 +89,10 @@ class RigidTransform:
         ``position_m`` (3,) is the camera in the machine's frame; its third is the height above
         that frame's origin.
         """
-        turned = cls.from_euler_deg(roll_deg, pitch_deg, yaw_deg, np.zeros(3))
-        return cls(turned.rotation @ _LEVEL, np.asarray(position_m))
+        angles = {"roll_deg": roll_deg, "pitch_deg": pitch_deg, "yaw_deg": yaw_deg}
+        roll, pitch, yaw = (float(_numbers(name, angle, ())) for name, angle in angles.items())
+        turned = cls.from_euler_deg(roll, pitch, yaw, np.zeros(3))
+        return cls(turned.rotation @ _LEVEL, _numbers("position_m", position_m, (3,)))
 
     def apply(self, points_m: ArrayLike) -> Float:
         """(..., 3) points of the first frame to those of the second."""
@@ -107,12 +112,13 @@ class RigidTransform:
 
 
 def _numbers(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Float:
-    """``values`` as finite numbers of that shape."""
-    try:
-        array = np.asarray(values, np.float64)
-    except (TypeError, ValueError):
-        raise CalibError(f"{name} is {values!r}: expected numbers") from None
-    if array.shape != shape or not np.isfinite(array).all():
-        sizes = "x".join(str(side) for side in shape)
-        raise CalibError(f"{name} is {array.tolist()}: expected {sizes} finite numbers")
-    return array
+    """``values`` as finite numbers of that shape; neither text nor truth values count as such."""
+    found = np.asarray(values, object)
+    real = all(isinstance(each, Real) and not isinstance(each, bool) for each in found.flat)
+    if real and found.shape == shape:
+        with suppress(OverflowError):
+            array = found.astype(np.float64)
+            if np.isfinite(array).all():
+                return array
+    expected = f"{'x'.join(map(str, shape))} finite numbers" if shape else "a finite number"
+    raise CalibError(f"{name} is {found.tolist()!r}: expected {expected}")

@@ -29,6 +29,7 @@ Point: TypeAlias = tuple[float, float]
 DARK: Final[Colour] = (24, 24, 24)
 _FONT: Final = cv2.FONT_HERSHEY_SIMPLEX
 _SHIFT: Final = 4  # OpenCV draws with fixed point coordinates of 1/16 px
+_FARTHEST_PX: Final = 1e6  # farther out, they would not hold
 
 
 def darken(canvas: Picture, rect: Rect) -> None:
@@ -60,7 +61,8 @@ def _printable(text: str) -> str:
 
 def _fixed(value_px: float) -> int:
     """From continuous coordinates to OpenCV's fixed point ones, with centres on whole numbers."""
-    return round((value_px - 0.5) * 2**_SHIFT)
+    within_px = min(max(value_px, -_FARTHEST_PX), _FARTHEST_PX)
+    return round((within_px - 0.5) * 2**_SHIFT)
 
 
 def draw_line(

@@ -4,13 +4,45 @@ from __future__ import annotations
 
 import secrets
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from edgetree.errors import InputError
 
-__all__ = ["output_folder", "replacing"]
+__all__ = ["check_paths", "output_folder", "replacing"]
+
+
+def check_paths(outputs: Mapping[str, Path | None], inputs: Mapping[str, Path | None]) -> None:
+    """Refuse to write one path twice, or over what is read, before any work is done.
+
+    Args:
+        outputs: what will be written, by its option; None where it was not asked for.
+        inputs: what will be read, likewise; a folder stands for its images and depth images too.
+
+    Raises:
+        InputError: a path is among them twice.
+    """
+    taken: dict[Path, str] = {}
+    for name, path in inputs.items():
+        if path is not None:
+            taken[path.resolve()] = f"{name} {path}"
+            taken.update(dict.fromkeys(_frames_in(path), f"a file of {name} {path}"))
+    for option, path in outputs.items():
+        if path is None:
+            continue
+        other = taken.setdefault(path.resolve(), f"{option} {path}")
+        if other != f"{option} {path}":
+            raise InputError(f"{option} is {path}, which is {other} too: expected another path")
+
+
+def _frames_in(folder: Path) -> list[Path]:
+    from edgetree.sources import DEPTH_SUFFIXES, IMAGE_SUFFIXES
+
+    if not folder.is_dir():
+        return []
+    known = {*IMAGE_SUFFIXES, *DEPTH_SUFFIXES}
+    return [path.resolve() for path in folder.iterdir() if path.suffix.lower() in known]
 
 
 @contextmanager

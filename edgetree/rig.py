@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -50,6 +51,10 @@ class Rig:
     depth_calibration: calib.DepthScale | None = None
 
     def __post_init__(self) -> None:
+        if not (math.isfinite(self.depth_scale_m) and self.depth_scale_m > 0):
+            raise InputError(
+                f"--depth-scale is {self.depth_scale_m}: expected metres per step, above 0"
+            )
         if self.depth_camera is not None and self.camera is None:
             raise InputError(
                 "--depth-camera given without --camera: expected both, to register depth"
@@ -90,12 +95,13 @@ class Rig:
             return DepthReading(depth_m, fault)
         height, width = depth_m.shape
         if self.depth_camera is not None:
-            registered = self._registered(depth_m, self.depth_camera, size_px)
-            return DepthReading(registered, fault)
+            own = _depth_camera_of(self.depth_camera, path, width, height)
+            return DepthReading(self._registered(depth_m, own, size_px), fault)
         if (width, height) != size_px:
+            hint = "; pass --depth-camera if another camera took it" if self.camera else ""
             raise InputError(
                 f"depth {path} is {width}x{height} px: expected {size_px[0]}x{size_px[1]} px, as"
-                f" image {image}; pass --depth-camera if another camera took it"
+                f" image {image}{hint}"
             )
         return DepthReading(depth_m, fault)
 
@@ -108,11 +114,21 @@ class Rig:
         """Depth moved from the depth camera's pixels to the camera's."""
         camera = self.camera_for(*size_px)
         assert camera is not None
-        height, width = depth_m.shape
         transform = self.depth_extrinsics or calib.RigidTransform.identity()
-        return calib.register_depth(
-            depth_m, _of_size(depth_camera, width, height), camera, transform
-        )
+        return calib.register_depth(depth_m, depth_camera, camera, transform)
+
+
+def _depth_camera_of(
+    camera: calib.PinholeCamera, path: Path, width: int, height: int
+) -> calib.PinholeCamera:
+    """The depth camera for maps of the size of this file's; an error names both."""
+    try:
+        return _of_size(camera, width, height)
+    except calib.CameraError as error:
+        raise calib.CameraError(
+            f"depth {path} is {width}x{height} px: expected the aspect of --depth-camera,"
+            f" {camera.width}x{camera.height} px"
+        ) from error
 
 
 def _of_size(camera: calib.PinholeCamera, width: int, height: int) -> calib.PinholeCamera:

@@ -15,13 +15,15 @@ from calib.writing import write_whole
 
 _MM_PER_M = 1000.0
 _MAX_MM = 65535
+_LARGEST_M = float(np.finfo(np.float32).max)
 
 
 def read_depth(path: Path | str, scale: float = 1 / _MM_PER_M) -> NDArray[np.float32]:
     """(H, W) metres from one channel of a file, 0 where it has no reading.
 
     uint16 (PNG, TIFF, .npy) holds steps of ``scale`` metres, millimetres unless said otherwise;
-    float32 and float64 (TIFF, .npy) hold metres, of which the finite ones above 0 are readings.
+    float32 and float64 (TIFF, .npy) hold metres, of which those above 0 that float32 can hold are
+    readings.
     Raises InputFileError for a missing or unreadable file, DepthError for another kind of image.
     """
     path = Path(path)
@@ -39,7 +41,7 @@ def read_depth(path: Path | str, scale: float = 1 / _MM_PER_M) -> NDArray[np.flo
     values = values.reshape(values.shape[:2])
     if values.dtype == np.uint16:
         return _in_metres(values, scale)
-    return np.where(np.isfinite(values) & (values > 0), values, 0).astype(np.float32)
+    return np.where((values > 0) & (values <= _LARGEST_M), values, 0).astype(np.float32)
 
 
 def _in_metres(steps: NDArray[Any], scale: float) -> NDArray[np.float32]:
@@ -57,7 +59,7 @@ def _read_array(path: Path) -> NDArray[Any]:
         raise InputFileError(f"{path}: not a readable .npy array of depth") from error
     if not isinstance(values, np.ndarray):
         raise InputFileError(f"{path}: several arrays, expected one (H, W) array of depth")
-    return values
+    return values.astype(values.dtype.newbyteorder("="), copy=False)
 
 
 def _read_image(path: Path) -> NDArray[Any]:

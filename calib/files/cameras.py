@@ -74,6 +74,8 @@ def _choose(path: Path, cameras: Mapping[str, Values], name: str | None) -> str:
     names = ", ".join(repr(known) for known in cameras)
     if name is None and len(cameras) > 1:
         raise InputFileError(f"{path}: holds {len(cameras)} cameras, expected a name of {names}")
+    if name is not None and set(cameras) == {""}:
+        raise InputFileError(f"{path}: has no camera {name!r}, expected the file without a name")
     if name is not None and name not in cameras:
         raise InputFileError(f"{path}: has no camera {name!r}, expected {names}")
     return next(iter(cameras)) if name is None else name

@@ -119,6 +119,6 @@ def camera(
 
 def lens_model(name: str, value: Any, models: Mapping[str, str]) -> str:
     """The distortion model that a tool's word for it stands for."""
-    if value not in models:
+    if not isinstance(value, str) or value not in models:
         raise CameraError(f"{name} is {value!r}: expected {', '.join(models)}")
     return models[value]

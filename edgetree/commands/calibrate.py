@@ -76,6 +76,8 @@ def calibrate(
         raise InputError(f"--model is {model!r}: expected {' or '.join(LENS_MODELS)}")
     if out.is_dir():
         raise InputError(f"{out} is a folder: expected the name of a file to write")
+    if out.suffix.lower() != ".json":
+        raise InputError(f"--out is {out}: expected a file name ending in .json")
     printed, frames = parse_board(board), open_source(source)
     deep = None if depth is None else open_source(source, depth)
     with output_folder(out.parent):
@@ -91,7 +93,9 @@ def calibrate(
             if path is not None:
                 note(f"written: {path}")
         work.check()
-    note(f"next: edgetree measure IMAGE --depth DEPTH --camera {quoted(out)}")
+    scale = written["depth_scale_file"]
+    corrected = "" if scale is None else f" --depth-scale {quoted(scale)}"
+    note(f"next: edgetree measure IMAGE --depth DEPTH --camera {quoted(out)}{corrected}")
 
 
 @dataclass(frozen=True)

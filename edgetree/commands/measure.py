@@ -139,6 +139,8 @@ class _Task:
             raise InputError(
                 f"--out is {self.out}: expected a file name ending in {', '.join(PICTURE_SUFFIXES)}"
             )
+        outputs = {"--out": self.out, "--csv": self.csv}
+        self.options.check_paths(outputs, self.image, self.depth, self.model, self.mask)
 
     def write(self, result: FrameResult) -> None:
         """The picture and the table, both or none."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import shlex
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
@@ -87,14 +89,15 @@ Up: TypeAlias = Annotated[
     typer.Option(
         metavar="X,Y,Z",
         help="Direction away from gravity in the camera's frame (x right, y down, z forward), as"
-        " an IMU gives it; 0,-1,0 for a level camera. Without, the ground's plane stands in.",
+        " an IMU gives it; 0,-1,0 for a level camera. Without, the vertical of --mounting on a"
+        " level machine is used, or else the ground's plane.",
     ),
 ]
 Mounting: TypeAlias = Annotated[
     Path | None,
     typer.Option(
         help="File with the camera's place on its machine (x forward, y left, z up): cut points"
-        " in the machine's frame too."
+        " in the machine's frame too. Without --up, its vertical on a level machine is used."
     ),
 ]
 DepthCamera: TypeAlias = Annotated[
@@ -165,10 +168,41 @@ class RigOptions:
 
     def settings(self) -> MeasureSettings | None:
         """The settings of the measurement; None for the usual ones."""
+        from edgetree.errors import InputError
         from edgetree.measure import MeasureSettings
 
         height_m = self.stump_height
-        return None if height_m is None else MeasureSettings(max_stump_height_m=height_m)
+        if height_m is None:
+            return None
+        if not (math.isfinite(height_m) and height_m > 0):
+            raise InputError(f"--stump-height is {height_m}: expected metres, above 0")
+        return MeasureSettings(max_stump_height_m=height_m)
+
+    def check_paths(
+        self,
+        outputs: Mapping[str, Path | None],
+        source: Path,
+        depth: Path | None,
+        model: str | None,
+        mask: Path | None = None,
+    ) -> None:
+        """Refuse to write one path twice, or over what these options and the others read."""
+        from edgetree.outputs import check_paths
+
+        inputs = {
+            "source": source,
+            "--depth": depth,
+            "--model": _named_file(model),
+            "--mask": mask,
+            "--camera": None if self.camera is None else _file_and_name(self.camera)[0],
+            "--mounting": self.mounting,
+            "--depth-camera": (
+                None if self.depth_camera is None else _file_and_name(self.depth_camera)[0]
+            ),
+            "--depth-extrinsics": self.depth_extrinsics,
+            "--depth-scale": _named_file(self.depth_scale),
+        }
+        check_paths(outputs, inputs)
 
     def words(self, depth: Path | None) -> str:
         """The same options again, to be typed."""
@@ -189,10 +223,20 @@ def _camera(file: Path) -> PinholeCamera:
     """The camera of a file, or of FILE:NAME."""
     from calib import load_camera
 
+    path, name = _file_and_name(file)
+    return load_camera(path, name=name)
+
+
+def _named_file(text: str | None) -> Path | None:
+    """The file that a value means, where it may be a number or a name of the package."""
+    return None if text is None or not Path(text).is_file() else Path(text)
+
+
+def _file_and_name(file: Path) -> tuple[Path, str | None]:
     path, colon, name = str(file).rpartition(":")
     if colon and not file.exists() and Path(path).is_file():
-        return load_camera(path, name=name)
-    return load_camera(file)
+        return Path(path), name
+    return file, None
 
 
 def _scaled(rig: Rig, text: str) -> Rig:

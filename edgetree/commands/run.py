@@ -80,13 +80,14 @@ def run(
     from edgetree.pipeline import process
     from edgetree.sources import open_source
 
+    options = RigOptions(
+        camera, up, mounting, depth_camera, depth_extrinsics, depth_scale, stump_height
+    )
+    options.check_paths({"--out": out, "--jsonl": jsonl, "--csv": csv}, source, depth, model)
     detector, model_path = open_model(
         model, threads, score_threshold, provider=provider, strict=strict
     )
     depth_only = depth is None and detector.manifest.modality == "depth"
-    options = RigOptions(
-        camera, up, mounting, depth_camera, depth_extrinsics, depth_scale, stump_height
-    )
     rig, settings = options.rig(depth), options.settings()
     frames = open_source(source, depth, depth_only=depth_only, rig=rig)
     seen = depth if depth is not None and detector.manifest.modality == "depth" else source
@@ -162,8 +163,8 @@ class _Work:
     def _count(self, result: FrameResult) -> None:
         self.trees += len(result.trees)
         self.times_ms.append(result.detect_ms)
-        self.metres_need = result.metres_need
-        self.scaling = result.scaling
+        self.metres_need = self.metres_need or result.metres_need
+        self.scaling = self.scaling or result.scaling
         if result.frame.depth_fault is not None:
             self.faults.append(result.frame.depth_fault)
 

@@ -41,7 +41,7 @@ def test_impossible_cameras_are_refused(change: dict[str, object], message: str)
         ({"height": True}, "camera field height is True: expected a number"),
         ({"width": 12.5}, "camera field width is 12.5: expected whole pixels"),
         ({"distortion": "none"}, "camera field distortion is 'none': expected numbers"),
-        ({"distortion": ["a"] * 4}, "expected numbers"),
+        ({"distortion": ["a"] * 4}, "camera field distortion is 'a': expected a number"),
         ({"focal_std_px": "1"}, "camera field focal_std_px is '1': expected a number"),
     ],
 )
@@ -113,6 +113,13 @@ def test_a_camera_survives_its_file(tmp_path: Path, camera: PinholeCamera) -> No
     assert list(tmp_path.iterdir()) == [path]
 
 
+def _with(field: str, other: str) -> str:
+    """A camera file with another text for one of its fields."""
+    values = '"width": 640, "height": 480, "fx": 500, "fy": 500, "cx": 320, "cy": 240'
+    text = f'{{"schema": "calib.camera/1", {values}, "distortion": []}}'
+    return text.replace(field, other)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -120,6 +127,10 @@ def test_a_camera_survives_its_file(tmp_path: Path, camera: PinholeCamera) -> No
         ("[1]", "holds no known camera, expected one of calib.camera/1, ROS camera_info"),
         ('{"schema": "other/1"}', "schema is 'other/1', expected 'calib.camera/1'"),
         ('{"schema": "calib.camera/1", "width": 3}', "camera field height is None"),
+        (_with('"width": 640', '"width": NaN'), "width is nan: expected whole pixels"),
+        (_with('"width": 640', '"width": 1e400'), "width is inf: expected whole pixels"),
+        (_with('"fx": 500', '"fx": 1' + 400 * "0"), "000: expected a number"),
+        (_with("[]", "[0, 0, 0, 1" + 400 * "0" + "]"), "camera field distortion is 1000"),
     ],
 )
 def test_bad_camera_files_are_named(tmp_path: Path, text: str, message: str) -> None:

@@ -211,11 +211,12 @@ def test_published_rigs_are_read() -> None:
 
 BROKEN = [
     # several cameras, or none of that name
-    (OPENCV, "left", "has no camera 'left', expected ''"),
+    (OPENCV, "left", "has no camera 'left', expected the file without a name"),
     # models that are no pinhole with these lenses
     (ROS.replace("plumb_bob", "thin_prism"), None, "distortion_model is 'thin_prism': expected"),
     (OPENCV.replace("rows: 5", "rows: 14").replace(", 0. ]", ", 0." + ", 1." * 9 + " ]"), None,
      "distortion has 14 terms: expected none, 4"),
+    (ROS.replace("plumb_bob", "[plumb_bob]"), None, "distortion_model is ['plumb_bob']: expected"),
     # fields that are missing or no numbers
     (ROS.replace("image_width: 640\n", ""), None, "image_width is missing: expected a number"),
     (OPENCV.replace("image_width: 1280\nimage_height: 720\n", ""), None, "size is not given"),

@@ -136,6 +136,17 @@ def test_floats_are_metres_whatever_the_scale(tmp_path: Path, name: str) -> None
     assert read_depth(tmp_path / name).shape == (2, 2)
 
 
+@pytest.mark.filterwarnings("error")
+def test_numbers_of_another_machine_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "depth.npy"
+    np.save(path, STEPS.astype(">u2"))
+    np.testing.assert_allclose(read_depth(path), [[0.0, 1.234], [5.0, 65.535]], rtol=1e-7)
+    np.save(path, np.array([[1.5, 1e300, 0.0]], ">f8"))
+    depth_m = read_depth(path)
+    assert depth_m.tolist() == [[1.5, 0.0, 0.0]]
+    assert depth_m.dtype.isnative
+
+
 def save(path: Path, values: np.ndarray) -> None:
     if path.suffix == ".npy":
         np.save(path, values)

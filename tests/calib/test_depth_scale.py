@@ -74,6 +74,20 @@ def test_standard_deviations_are_honest() -> None:
         assert 0.7 < np.mean(np.square(off)) < 2.6
 
 
+def test_an_uncertain_focal_length_makes_all_of_it_uncertain() -> None:
+    share, rng = 0.02, np.random.default_rng(1)
+    off: list[list[float]] = []
+    for seed in range(60):
+        stretch = 1 + rng.normal(0, share)
+        readings = [
+            TargetReadings(t.name, t.true_m * stretch, t.measured_m, share) for t in targets(seed)
+        ]
+        result = fitted(readings)
+        at_2_m = 2 * result.scale + result.offset_m - (2 * SCALE + OFFSET_M)
+        off.append([(result.scale - SCALE) / result.scale_std, at_2_m / float(result.std_m(2.0))])
+    assert np.all(np.abs(np.mean(np.square(off), 0) - 1.1) < 0.5)
+
+
 def test_stray_pixels_and_a_wrong_target_do_not_count() -> None:
     readings = targets()
     for each in readings:
@@ -126,7 +140,7 @@ def test_applying_keeps_what_is_no_reading() -> None:
 @pytest.mark.parametrize("model", ["radtan", "fisheye"])
 def test_a_boards_pose_tells_the_depth_of_its_pixels(model: str) -> None:
     camera = PinholeCamera(
-        320, 240, 200.0, 201.0, 161.0, 118.0, (-0.1, 0.02, 0.001, -0.001), distortion_model=model
+        320, 240, 200.0, 201.0, 161.0, 118.0, (-0.1, 0.02, 0.001, -0.001), model, focal_std_px=2.0
     )
     pose = (0.5, -0.3, 0.1, 0.05, -0.02, 1.0)
     u, v = np.meshgrid(np.linspace(-0.2, 0.2, 9), np.linspace(-0.15, 0.15, 7))
@@ -146,6 +160,7 @@ def test_a_boards_pose_tells_the_depth_of_its_pixels(model: str) -> None:
     columns, rows = np.rint(xy).astype(int).T
     depth_m[rows, columns] = z
     readings = read_target("board", camera, pose, xy + 0.5, depth_m)
+    assert readings.focal_std_share == 0.01
     read = readings.measured_m > 0
     assert read.sum() >= 40
     assert len(readings.true_m) > 2000
@@ -172,18 +187,23 @@ def test_a_depth_scale_survives_its_file(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
+TARGET = {"name": "a", "distance_m": 1.0, "residual_m": 0.0, "noise_std_m": 0.0}
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         ({"schema": "other/1"}, "schema is 'other/1', expected 'calib.depth_scale/1'"),
         ({"scale": 0}, "scale is 0.0: expected a positive number"),
-        ({"scale": "1"}, "scale is '1': expected a number"),
-        ({"offset_m": None}, "offset_m is None: expected a number"),
+        ({"scale": "1"}, "scale is '1': expected a finite number"),
+        ({"offset_m": None}, "offset_m is None: expected a finite number"),
         ({"scale_std": -1.0}, "scale_std is -1.0: expected"),
         ({"correlation": 1.5}, "correlation is 1.5: expected -1 to 1"),
         ({"targets": 3}, "targets is 3: expected a list of objects"),
         ({"dropped": [1]}, "dropped is [1]: expected a list of names"),
-        ({"targets": [{"name": "a"}]}, "distance_m is None: expected a number"),
+        ({"targets": [{"name": "a"}]}, "distance_m is None: expected a finite number"),
+        ({"targets": [{**TARGET, "pixels": math.nan}]}, "pixels is nan: expected a finite number"),
+        ({"targets": [{**TARGET, "pixels": 10**400}]}, "expected a finite number"),
     ],
 )
 def test_bad_files_are_named(tmp_path: Path, change: dict[str, object], message: str) -> None:

@@ -85,10 +85,13 @@ def test_a_rounded_rotation_becomes_a_true_one() -> None:
         (np.eye(3) * 1.1, [0, 0, 0], "expected an orthonormal, right-handed matrix"),
         (np.diag([1, 1, -1]), [0, 0, 0], "expected an orthonormal, right-handed matrix"),
         (np.eye(2), [0, 0, 0], "expected 3x3 finite numbers"),
-        (np.eye(3), [0, 0], "translation_m is [0.0, 0.0]: expected 3 finite numbers"),
+        (np.eye(3), [0, 0], "translation_m is [0, 0]: expected 3 finite numbers"),
         (np.eye(3), [0, 0, math.nan], "expected 3 finite numbers"),
-        (np.eye(3), ["a", 0, 0], "expected numbers"),
-        ([[1, 0], [0]], [0, 0, 0], "expected numbers"),
+        (np.eye(3), ["a", 0, 0], "translation_m is ['a', 0, 0]: expected 3 finite numbers"),
+        (np.eye(3), ["1", "2", "3"], "translation_m is ['1', '2', '3']: expected 3 finite"),
+        (np.eye(3), [True, 2, 3], "translation_m is [True, 2, 3]: expected 3 finite numbers"),
+        (np.eye(3), [10**400, 2, 3], "expected 3 finite numbers"),
+        ([[1, 0], [0]], [0, 0, 0], "rotation is [[1, 0], [0]]: expected 3x3 finite numbers"),
     ],
 )
 def test_what_is_no_rigid_motion_is_refused(rotation: Any, translation: Any, message: str) -> None:
@@ -148,7 +151,11 @@ def test_a_file_may_say_it_in_any_of_the_ways(
         ({"mounting": {"yaw_deg": 90}}, "mounting has ['yaw_deg']: expected position_m"),
         ({"mounting": {**SIDEWAYS, "tilt_deg": 4}}, "expected position_m, roll_deg"),
         ({"mounting": [1, 2, 3]}, "mounting has [1, 2, 3]: expected position_m"),
-        ({"mounting": {**SIDEWAYS, "yaw_deg": "left"}}, "expected numbers"),
+        ({"mounting": {**SIDEWAYS, "yaw_deg": "left"}}, "yaw_deg is 'left': expected a finite"),
+        ({"mounting": {"position_m": [True, 2, 3]}}, "position_m is [True, 2, 3]: expected 3"),
+        ({"roll_pitch_yaw_deg": [0, "5", 0], "translation_m": ZERO},
+         "roll_pitch_yaw_deg is [0, '5', 0]: expected 3 finite numbers"),
+        ({"quaternion_xyzw": [0, 0, 0, 1], "translation_m": [True, 2, 3]}, "is [True, 2, 3]"),
     ],
 )  # fmt: skip
 def test_contradictory_files_are_named(

@@ -131,6 +131,7 @@ def test_depth_gives_scale_and_offset_too(
         assert scale.apply(read_m)[0] == pytest.approx(true_m, rel=0.004)
 
     table = calibrate(pictures, "--board", BOARD, "--depth", depth, "--out", out)
+    assert table.err.endswith(f"--camera {out} --depth-scale {record['depth_scale_file']}\n")
     assert re.search(r"^depth: true = \(1\.0\d+ ± 0\.\d+\) x reading", table.out, re.MULTILINE)
 
 
@@ -209,6 +210,7 @@ BAD_INPUTS = {
     "two sizes": (f"mixed --board {BOARD}", "small is 320x240 px: expected 640x480 px, as p00"),
     "no depth": (f"pictures --board {BOARD} --depth none", "depth none is no folder"),
     "depth missing": (f"pictures --board {BOARD} --depth empty", "is not there.*expected one for"),
+    "a picture to write": (f"mixed --board {BOARD} --out mixed/p00.png", "--out is mixed/p00.png:"),
     "a folder to write": (f"mixed --board {BOARD} --out empty", "empty is a folder"),
 }
 

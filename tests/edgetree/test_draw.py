@@ -98,6 +98,16 @@ def test_a_tree_at_the_edge_and_a_tiny_picture_are_drawn() -> None:
     assert _changed(edge, [["a label far longer than the picture is wide"]]).any()
 
 
+def test_points_far_outside_the_picture_are_drawn_to_its_edge() -> None:
+    trees = _trees()
+    assert trees.keypoints_px is not None
+    keypoints_px = trees.keypoints_px.copy()
+    keypoints_px[0, 0, :2] = (1e9, -1e9)
+    keypoints_px[0, 4, :2] = (110, -1e9)
+    far = dataclasses.replace(trees, keypoints_px=keypoints_px, masks=None)
+    assert _changed(far, [["label"]])[0, 110]
+
+
 def _ink(trees: TreeDetections, **more: Any) -> NDArray[np.uint8]:
     picture = np.full((trees.image_height, trees.image_width, 3), 50, np.uint8)
     return draw_trees(picture, trees, [[] for _ in trees.scores], **more)

@@ -208,7 +208,7 @@ BAD_INPUTS = {
     ),
     "a scale of nothing": (
         "images/a.jpg --depth depth/a.png --camera camera.json --depth-scale 0",
-        "scale is 0.0: expected metres per step",
+        "--depth-scale is 0.0: expected metres per step",
     ),
     "depth of another size": (
         "images/a.jpg --depth small.png --camera camera.json",
@@ -262,7 +262,19 @@ BAD_INPUTS = {
     ),
     "a stump of no height": (
         "images/a.jpg --depth depth/a.png --camera camera.json --stump-height 0",
-        "max_stump_height_m is 0.0: expected a positive number",
+        "--stump-height is 0.0: expected metres, above 0",
+    ),
+    "a picture over the mask": (
+        "images/a.jpg --depth depth/a.png --camera camera.json --mask mask.png --out mask.png",
+        r"--out is mask\.png, which is --mask mask\.png too: expected another path",
+    ),
+    "a table over the camera": (
+        "images/a.jpg --depth depth/a.png --camera camera.json --csv images/../camera.json",
+        r"which is --camera camera\.json too: expected another path",
+    ),
+    "one file for picture and table": (
+        "images/a.jpg --depth depth/a.png --camera camera.json --out a.png --csv ./a.png",
+        r"--csv is a\.png, which is --out a\.png too: expected another path",
     ),
     "an up that is no direction": (
         "images/a.jpg --depth depth/a.png --camera camera.json --up north",

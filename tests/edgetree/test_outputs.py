@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from edgetree.errors import InputError
-from edgetree.outputs import output_folder, replacing
+from edgetree.outputs import check_paths, output_folder, replacing
 
 
 def test_a_file_appears_when_it_is_whole(tmp_path: Path) -> None:
@@ -51,6 +51,28 @@ def test_a_file_that_cannot_be_made_is_named(tmp_path: Path) -> None:
         pass
     with pytest.raises(InputError, match="is a folder: expected"), replacing(tmp_path):
         pass
+
+
+def test_a_path_is_written_once_and_never_over_what_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "images").mkdir()
+    for name in ("images/a.JPG", "images/trees.csv", "camera.json"):
+        (tmp_path / name).touch()
+    inputs = {"SOURCE": Path("images"), "--camera": Path("camera.json"), "--mask": None}
+
+    def refused(**paths: str) -> str:
+        with pytest.raises(InputError) as caught:
+            check_paths({f"--{name}": Path(path) for name, path in paths.items()}, inputs)
+        return str(caught.value)
+
+    same = refused(out="x", csv="images/../x")
+    assert same == "--csv is images/../x, which is --out x too: expected another path"
+    assert "which is --camera camera.json too" in refused(csv=str(tmp_path / "camera.json"))
+    assert "which is a file of SOURCE images too" in refused(csv="images/a.JPG")
+    assert "which is SOURCE images too" in refused(out="images")
+    check_paths({"--csv": Path("images/trees.csv"), "--out": Path("new"), "--jsonl": None}, inputs)
 
 
 def test_a_folder_is_made_with_its_parents(tmp_path: Path) -> None:

@@ -83,6 +83,20 @@ def test_depth_of_another_size_asks_for_its_camera(tmp_path: Path) -> None:
         Rig(camera=COLOUR).read_depth(path, Path("a.jpg"), (64, 48))
 
 
+def test_without_a_camera_there_is_no_depth_camera_to_ask_for(tmp_path: Path) -> None:
+    path = _wall(tmp_path / "d.png", 32, 24)
+    with pytest.raises(InputError, match=r"expected 64x48 px, as image a\.jpg$"):
+        Rig().read_depth(path, Path("a.jpg"), (64, 48))
+
+
+def test_depth_of_another_aspect_names_the_depth_camera(tmp_path: Path) -> None:
+    path = _wall(tmp_path / "d.png", 32, 32)
+    rig = Rig(camera=COLOUR, depth_camera=HALF)
+    expected = r"d\.png is 32x32 px: expected the aspect of --depth-camera, 32x24 px"
+    with pytest.raises(calib.CameraError, match=expected):
+        rig.read_depth(path, Path("a.jpg"), (64, 48))
+
+
 def test_depth_that_cannot_be_metres_is_told(tmp_path: Path) -> None:
     path = _wall(tmp_path / "d.png", 64, 48)
     _, fault = Rig(depth_scale_m=1.0).read_depth(path)
@@ -99,6 +113,8 @@ def test_depth_that_cannot_be_metres_is_told(tmp_path: Path) -> None:
             {"camera": COLOUR, "depth_extrinsics": calib.RigidTransform.identity()},
             "--depth-extrinsics given without --depth-camera",
         ),
+        ({"depth_scale_m": float("nan")}, "--depth-scale is nan: expected metres per step"),
+        ({"depth_scale_m": -0.001}, r"--depth-scale is -0\.001: expected metres per step"),
     ],
 )
 def test_what_contradicts_itself_is_refused(values: dict[str, object], message: str) -> None:

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -93,6 +94,18 @@ def test_a_machine_with_two_cameras_is_measured_in_both_frames(
     assert (folder / "pictures" / "a_trees.jpg").exists()
 
 
+def test_what_one_frame_lacks_is_told_whatever_the_last_has(
+    run_cli: Cli, model: Path, folder: Path
+) -> None:
+    first = cv2.imread("images/a.jpg")
+    assert first is not None
+    cv2.imwrite("images/a.jpg", cv2.resize(first, (320, 180)))
+    calib.write_depth("depth/a.png", np.tile(np.linspace(3.99, 4.01, 320), (180, 1)))
+    done = run_cli(*FRAMES, "--model", model)
+    assert done.code == 0, done.err
+    assert "the camera is for 640x360 px: scaled to 320x180 px" in done.err
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -100,6 +113,9 @@ def test_a_machine_with_two_cameras_is_measured_in_both_frames(
         (("--depth", "depth", "--depth-camera", "camera.json"), "given without --camera"),
         (("--csv", "camera.json/x"), "camera.json/x cannot be written"),
         (("--mounting", "none.json"), "none.json: no such file"),
+        (("--csv", "x", "--jsonl", "./x"), "--csv is x, which is --jsonl x too: expected another"),
+        (("--csv", "images/a.jpg"), "--csv is images/a.jpg, which is a file of source images too"),
+        (("--out", "images"), "--out is images, which is source images too: expected another path"),
     ],
 )
 def test_what_cannot_be_is_one_line(
