@@ -156,8 +156,10 @@ def _strips(frame: DepthFrame, boxes_px: Float, keypoints: Keypoints) -> Strips:
     bare = ~keypoints.has_section
     if bare.any() and frame.masks is not None:
         places = np.flatnonzero(bare)
-        found = start_from_masks([frame.masks[place] for place in places])
-        origin[places], along[places], half[places] = found
+        few = replace(frame, masks=[frame.masks[place] for place in places])
+        found = start_from_masks(few, boxes_px[places])
+        origin[places], along[places] = found.origin_px, found.along
+        half[places] = found.half_px
     length = np.linalg.norm(along, axis=1, keepdims=True)
     along = np.where(length > 0, along / np.where(length > 0, length, 1.0), np.array([0.0, -1.0]))
     return Strips(origin, along, half, spans(origin, along, boxes_px))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,6 +37,9 @@ _LEAST_STATIONS = 6
 # this much against it. Lines are drawn between these quantiles of what both halves show.
 _AGREEING, _AGREEING_PX = 0.08, 1.0
 _BEYOND = 0.5
+_INWARDS = 4.0
+_TURNS = 2
+_STUBBY = 2.2
 _LEAST_AGREEING = 0.1
 _QUANTILES = np.array((0.1, 0.4, 0.7, 0.9))
 _QUARTER = STATIONS // 4
@@ -65,6 +68,11 @@ class Strips:
     def across(self) -> Float:
         """(T, 2) unit vector to the right of the stem."""
         return np.stack([-self.along[:, 1], self.along[:, 0]], -1)
+
+    @property
+    def parts(self) -> tuple[Float, Float, Float, Float]:
+        """Its arrays."""
+        return self.origin_px, self.along, self.half_px, self.span_px
 
     @property
     def stations_px(self) -> Float:
@@ -102,18 +110,14 @@ class Outline:
     shown: Float
 
 
-def start_from_masks(masks: list[MaskGrid]) -> tuple[Float, Float, Float]:
-    """Origin (T, 2), direction up (T, 2) and half width (T,) of strips, by the masks' moments."""
-    starts = [_moments(mask) for mask in masks]
-    origin, along, half = (np.stack(part) for part in zip(*starts, strict=True))
-    return origin, along, half
-
-
-def _moments(mask: MaskGrid) -> tuple[Float, Float, Float]:
+def _moments(mask: MaskGrid) -> tuple[Float, Float, Float, np.bool_]:
+    """Origin (2,), direction up (2,) and half width of a strip, and whether it is hardly longer
+    than wide.
+    """
     weight = np.where(mask.grid >= _SHOWN, mask.grid, 0.0)
     total = float(weight.sum())
     if total == 0:
-        return mask.box_px[:2], np.array([0.0, -1.0]), np.array(_LEAST_HALF_PX)
+        return mask.box_px[:2], np.array([0.0, -1.0]), np.array(_LEAST_HALF_PX), np.False_
     cell = (mask.box_px[2:] - mask.box_px[:2]) / mask.grid.shape[::-1]
     x = mask.box_px[0] + (np.arange(mask.grid.shape[1]) + 0.5) * cell[0]
     y = mask.box_px[1] + (np.arange(mask.grid.shape[0]) + 0.5) * cell[1]
@@ -129,7 +133,8 @@ def _moments(mask: MaskGrid) -> tuple[Float, Float, Float]:
     squares, axes = np.linalg.eigh(spread)
     along = axes[:, 1] * (-1.0 if axes[1, 1] > 0 else 1.0)
     half = total * cell[0] * cell[1] / np.sqrt(12 * max(squares[1], 1e-9)) / 2
-    return np.array([mean_x, mean_y]), along, np.asarray(max(half, _LEAST_HALF_PX))
+    stubby = np.bool_(squares[1] < _STUBBY**2 * squares[0])
+    return np.array([mean_x, mean_y]), along, np.asarray(max(half, _LEAST_HALF_PX)), stubby
 
 
 def spans(origin_px: Float, along: Float, boxes_px: Float) -> Float:
@@ -138,6 +143,40 @@ def spans(origin_px: Float, along: Float, boxes_px: Float) -> Float:
     ends = (boxes_px.reshape(-1, 2, 2) - origin_px[:, None]) / safe[:, None]
     low, high = np.sort(ends, axis=1).transpose(1, 0, 2)
     return np.stack([low.max(1), high.min(1)], -1)
+
+
+def start_from_masks(frame: DepthFrame, boxes_px: Float) -> Strips:
+    """Strips of stems of which only masks (T,) and boxes (T, 4) are known, by their moments.
+
+    Where the picture leaves little of a near stem, the moments of its mask may lie askew: then
+    the picture's upright is tried too, and what the edges of the mask are straighter along taken.
+    """
+    masks = frame.masks or []
+    origin, along, half, stubby = (
+        np.stack(part) for part in zip(*map(_moments, masks), strict=True)
+    )
+    strips = Strips(origin, along, half, spans(origin, along, boxes_px))
+    for place in np.flatnonzero(stubby):
+        one = replace(frame, masks=[masks[place]])
+        at, box = origin[place, None], boxes_px[place, None]
+        upright = np.array([[0.0, -1.0]])
+        starts = [
+            _settled(one, Strips(at, start, half[place, None], spans(at, start, box)))
+            for start in (along[place, None], upright)
+        ]
+        best, _ = max(starts, key=lambda pair: pair[1])
+        for mine, its in zip(strips.parts, best.parts, strict=True):
+            mine[place] = its[0]
+    return strips
+
+
+def _settled(frame: DepthFrame, strips: Strips) -> tuple[Strips, int]:
+    """A strip turned to what its mask shows, and how many edges lie on straight lines then."""
+    for _ in range(_TURNS):
+        left, right, seen = _coarse_edges(frame, strips)
+        agreeing = int(outer_lines(strips, left, right, np.stack([seen] * 2)).agreeing.sum())
+        strips = _turned(strips, left, right, seen)
+    return strips, agreeing
 
 
 def find_outline(frame: DepthFrame, strips: Strips, border_px: Float) -> Outline:
@@ -236,8 +275,11 @@ def outer_lines(strips: Strips, left: Float, right: Float, seen: Flags) -> Outer
         miss = (outward - value[:, None] - slope[:, None] * place) / tolerance
         weight = np.where(seen, np.maximum(1 - (miss / 2) ** 2, 0) ** 2, 0.0)
         value, slope = weighted_lines(place, np.where(seen, outward, 0.0), weight)
-    miss = np.abs(outward - value[:, None] - slope[:, None] * place)
-    agree = seen & (miss < tolerance)
+    miss = outward - value[:, None] - slope[:, None] * place
+    agree = seen & (np.abs(miss) < tolerance)
+    # A butt swells outwards; inwards lie what hides the stem and the round of its foot.
+    scatter = medians(np.abs(miss), agree)[:, None]
+    agree &= miss > -np.maximum(_INWARDS * scatter, _AGREEING_PX)
     agree &= agree.mean(1, keepdims=True) >= _LEAST_AGREEING
     return OuterLines(value.reshape(2, -1), slope.reshape(2, -1), agree.reshape(2, count, -1))
 
