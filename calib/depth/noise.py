@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -14,13 +15,12 @@ from calib.errors import DepthError
 Float = NDArray[np.floating[Any]]
 
 
-@dataclass(frozen=True)
-class _Noise:
+class _Noise(ABC):
     """What the models share: their standard deviation decides how readings scatter."""
 
+    @abstractmethod
     def std_m(self, depth_m: ArrayLike) -> Float:
         """(...) metres of standard deviation at (...) metres along z; 0 where no reading is."""
-        raise NotImplementedError
 
     def sample(self, depth_m: ArrayLike, rng: np.random.Generator) -> NDArray[np.float32]:
         """(...) true metres as the sensor might read them; a reading below 0 is lost."""

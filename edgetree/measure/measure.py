@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from calib import PinholeCamera
-from calib.transform import RigidTransform
+from calib import PinholeCamera, RigidTransform
 from edgetree.detections import TreeDetections
 from edgetree.errors import InputError
 from edgetree.measure.estimates import TreeMeasurement

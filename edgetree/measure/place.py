@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calib import CAMERA_UP
-from calib.transform import RigidTransform
+from calib import CAMERA_UP, RigidTransform
 from edgetree.measure.estimates import Estimate, Failure, PointEstimate
 from edgetree.measure.ground import BaseGround
 from edgetree.measure.settings import MeasureSettings

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calib import CAMERA_UP
-from calib.transform import RigidTransform
+from calib import CAMERA_UP, RigidTransform
 from edgetree.detections import TreeDetections
 from edgetree.measure.axis import fit_axes
 from edgetree.measure.estimates import Estimate, Evidence, Failure, TreeMeasurement

@@ -6,48 +6,29 @@ import importlib.util
 import json
 import re
 import shutil
-import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from types import ModuleType
-from typing import NamedTuple
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
 import calib
-from edgetree import cli
 
 BOARD = "charuco:8x6:0.03:0.022:4x4_50"
 SCALE, OFFSET_M = 1.02, 0.015
 
 
-class Done(NamedTuple):
-    """How a command ended."""
-
-    code: int
-    out: str
-    err: str
-
-
-Cli = Callable[..., Done]
+Cli = Callable[..., Any]
 
 
 @pytest.fixture
-def calibrate(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Cli:
+def calibrate(run_cli: Cli) -> Cli:
     """Runs `edgetree calibrate` with these arguments."""
-
-    def run(*arguments: object) -> Done:
-        monkeypatch.setattr(sys, "argv", ["edgetree", "calibrate", *map(str, arguments)])
-        capfd.readouterr()
-        with pytest.raises(SystemExit) as ended:
-            cli.main()
-        out, err = capfd.readouterr()
-        assert isinstance(ended.value.code, int)
-        return Done(ended.value.code, out, err)
-
-    return run
+    return partial(run_cli, "calibrate")
 
 
 @pytest.fixture(scope="module")
