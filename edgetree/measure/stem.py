@@ -64,8 +64,8 @@ class Stems:
         tilt_std_rad: (T,) standard deviation of the axis' angle towards or away from the camera.
         half_std_rad: (T,) of the half angle.
         growth: (T,) how much the distance grows, as a share of it, per radian of half angle.
-        curvature: half angle that the roundness of the depth tells by itself.
-        shares: (T, sources + 1) what each source counted in the half angle; last the roundness.
+        sources: half angles by keypoints, masks and the roundness of the depth, each by itself.
+        shares: (T, 3) what each source counted in the half angle.
         arc_rad: (T,) how much of the round the readings cover.
         used: (T,) number of readings that agree; too few where the stem could not be fitted.
         agreeing: (T,) their share.
@@ -77,7 +77,7 @@ class Stems:
     tilt_std_rad: Float
     half_std_rad: Float
     growth: Float
-    curvature: HalfAngle
+    sources: list[HalfAngle]
     shares: Float
     arc_rad: Float
     used: NDArray[np.intp]
@@ -174,7 +174,15 @@ def fit_stems(
     bias = settings.depth_bias_per_m * _means(points.share, points.used)
     distance_m = (axis_points * sections.facing).sum(1)
     return _stems(
-        sections, distance_m, given, half.std_rad, curvature, shares, points, lines.kept, bias
+        sections,
+        distance_m,
+        given,
+        half.std_rad,
+        [*sources, curvature],
+        shares,
+        points,
+        lines.kept,
+        bias,
     )
 
 
@@ -183,7 +191,7 @@ def _stems(
     distance: Float,
     given: _Given,
     half_std_rad: Float,
-    curvature: HalfAngle,
+    sources: list[HalfAngle],
     shares: Float,
     points: _Points,
     kept: Flags,
@@ -201,7 +209,7 @@ def _stems(
         std[:, 1] * np.abs(distance),
         half_std_rad,
         -given.coupling[:, 0] * distance,
-        curvature,
+        sources,
         shares,
         np.maximum(arc, 0.0),
         kept.sum(1),

@@ -131,12 +131,6 @@ class _Work:
         return np.asarray(self.stems.distance_m[:, None] * (facing + height[:, None] * along))
 
     @cached_property
-    def sources(self) -> list[HalfAngle]:
-        """Half angles by keypoints, masks and depth, each by itself."""
-        _, edges = self.look.edges.sections(self.stems.sections.frames)
-        return [*edges, self.stems.curvature]
-
-    @cached_property
     def finite(self) -> Flags:
         """(T,) whether all errors can be stated."""
         errors = [self.roll_std_rad, self.stems.tilt_std_rad, self.diameter_std_m]
@@ -288,7 +282,7 @@ class _Work:
         distance_m = float(stems.distance_m[place])
         known = {
             name: (float(half.rad[place]), float(half.std_rad[place]))
-            for name, half in zip(_SOURCES, self.sources, strict=True)
+            for name, half in zip(_SOURCES, self.stems.sources, strict=True)
             if np.isfinite(half.std_rad[place])
         }
         diameters = {name: 2 * distance_m * math.sin(rad) for name, (rad, _) in known.items()}
