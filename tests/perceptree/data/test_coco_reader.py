@@ -26,6 +26,7 @@ def test_labels_arrive_in_corner_based_pixels(posts: Path) -> None:
     assert tree.keypoints[2].tolist() == [x + width, 55.0, 2]
     assert tree.keypoints[4].tolist() == [0, 0, 0]
     assert tree.truth["diameter_m"] == 0.3
+    assert tree.species == "post"
     assert frame.extra["up_camera"] == [0.0, -1.0, 0.0]
     assert frame.depth_path == posts / "depth/000000.png"
 
