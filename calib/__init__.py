@@ -36,7 +36,9 @@ from calib.ground import (
     fit_ground_plane,
     fit_ground_planes,
 )
+from calib.labels import CocoLabels
 from calib.letterbox import Letterbox
+from calib.masks import CocoRle, encode_rle, mask_polygons, paste_mask
 from calib.pixels import image_to_opencv, opencv_to_image
 from calib.points import depth_to_points, pixels_to_points, pixels_to_rays, project_points
 from calib.rectify import Rectification, rectify
@@ -47,6 +49,8 @@ __all__ = [
     "CAMERA_UP",
     "CalibError",
     "CameraError",
+    "CocoLabels",
+    "CocoRle",
     "DepthEncoding",
     "DepthError",
     "DepthFailure",
@@ -70,6 +74,7 @@ __all__ = [
     "depth_to_range",
     "disparity_to_depth",
     "encode_depth",
+    "encode_rle",
     "fit_depth_scale",
     "fit_ground_plane",
     "fit_ground_planes",
@@ -78,7 +83,9 @@ __all__ = [
     "load_depth_scale",
     "load_transform",
     "mask_by_confidence",
+    "mask_polygons",
     "opencv_to_image",
+    "paste_mask",
     "pixels_to_points",
     "pixels_to_rays",
     "project_points",

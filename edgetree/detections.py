@@ -8,8 +8,8 @@ from typing import Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from calib import paste_mask
 from edgetree.errors import InputError
-from edgetree.masks import paste_mask
 
 __all__ = ["KEYPOINT_NAMES", "MASK_SIZE", "TreeDetections"]
 

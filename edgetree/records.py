@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any, Final
 
+from calib import encode_rle
 from edgetree.detections import KEYPOINT_NAMES
-from edgetree.masks import encode_rle
 from edgetree.pipeline import FrameResult
 
 __all__ = ["FRAME_SCHEMA", "frame_record"]

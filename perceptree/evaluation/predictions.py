@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from itertools import islice
+from typing import Any, NamedTuple, TypeVar
 
-import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from pycocotools import mask as coco_mask
 
-from calib import Letterbox
+from calib import CocoRle, Letterbox, encode_rle, paste_mask
 from perceptree.data import FrameStore
 from perceptree.models import TreeRCNN
 
 Float = NDArray[np.floating[Any]]
+_Item = TypeVar("_Item")
+_Made = TypeVar("_Made")
+
+_READERS = 3
+_AHEAD = 8
 
 
 class RawDetections(NamedTuple):
@@ -35,39 +41,74 @@ Predict = Callable[[NDArray[np.uint8]], RawDetections]
 
 
 class FramePrediction(NamedTuple):
-    """One frame's trees in source px: boxes (N, 4), scores (N,), keypoints (N, 5, 3), RLE masks."""
+    """One frame's trees in source px, best first: boxes (N, 4), scores (N,), keypoints (N, 5, 3)
+    x, y, score, and masks of the frame's size as COCO's runs."""
 
     boxes: Float
     scores: Float
     keypoints: Float | None
-    masks: list[Any] | None
+    masks: list[CocoRle] | None
 
 
 def predict_with(model: TreeRCNN) -> Predict:
-    """A model in eval mode as a function of uint8 batches at its input size."""
+    """A model in eval mode as a function of uint8 batches at its input size, on its own device."""
 
     def predict(images: NDArray[np.uint8]) -> RawDetections:
+        device = next(model.parameters()).device
         with torch.inference_mode():
-            found = model.detect(torch.from_numpy(images))
+            found = model.detect(torch.from_numpy(images).to(device))
+        boxes, scores, keypoints, masks, count = (value.cpu().numpy() for value in found)
         return RawDetections(
-            found.boxes.numpy(),
-            found.scores.numpy(),
-            found.keypoints.numpy() if model.spec.keypoints else None,
-            found.masks.numpy() if model.spec.masks else None,
-            found.num_detections.numpy(),
+            boxes,
+            scores,
+            keypoints if model.spec.keypoints else None,
+            masks if model.spec.masks else None,
+            count,
         )
 
     return predict
 
 
 def predict_frames(predict: Predict, store: FrameStore, batch: int) -> Iterator[FramePrediction]:
-    """Run ``predict`` over all frames, ``batch`` at a time; a last short batch is filled up."""
-    for start in range(0, len(store), batch):
-        numbers = list(range(start, min(start + batch, len(store))))
-        filled = numbers + numbers[-1:] * (batch - len(numbers))
-        raw = predict(np.stack([store[number].image for number in filled]))
-        for row, number in enumerate(numbers):
-            yield _in_source(raw, row, store.letterbox(number))
+    """Run ``predict`` over all frames, ``batch`` at a time; a last short batch is filled up.
+
+    Pictures are read a few ahead and kept no longer than they are needed.
+    """
+
+    def read(number: int) -> tuple[NDArray[np.uint8], Letterbox]:
+        return store[number].image, store.letterbox(number)
+
+    return predict_images(predict, read_ahead(read, range(len(store))), batch)
+
+
+def predict_images(
+    predict: Predict, images: Iterable[tuple[NDArray[np.uint8], Letterbox]], batch: int
+) -> Iterator[FramePrediction]:
+    """Run ``predict`` over pictures that have the model's size, and how they came to it."""
+    waiting = iter(images)
+    while together := list(islice(waiting, batch)):
+        pixels = [image for image, _ in together]
+        filled = pixels + pixels[-1:] * (batch - len(pixels))
+        raw = predict(np.stack(filled))
+        for row, (_, letterbox) in enumerate(together):
+            yield _in_source(raw, row, letterbox)
+
+
+def read_ahead(read: Callable[[_Item], _Made], items: Iterable[_Item]) -> Iterator[_Made]:
+    """``read`` of every item in turn, by a few threads, a few items ahead of who takes them."""
+    rest = iter(items)
+    with ThreadPoolExecutor(_READERS) as pool:
+        pending: deque[Future[_Made]] = deque(
+            pool.submit(read, item) for item in islice(rest, _AHEAD)
+        )
+        try:
+            while pending:
+                made = pending.popleft().result()
+                pending.extend(pool.submit(read, item) for item in islice(rest, 1))
+                yield made
+        finally:
+            for future in pending:
+                future.cancel()
 
 
 def _in_source(raw: RawDetections, row: int, letterbox: Letterbox) -> FramePrediction:
@@ -82,23 +123,6 @@ def _in_source(raw: RawDetections, row: int, letterbox: Letterbox) -> FramePredi
     masks = None
     if raw.masks is not None:
         cells = raw.masks[row, :count]
-        masks = [_rle(grid, box, *size) for grid, box in zip(cells, boxes, strict=True)]
+        pasted = (paste_mask(grid, box, *size) for grid, box in zip(cells, boxes, strict=True))
+        masks = [encode_rle(mask) for mask in pasted]
     return FramePrediction(boxes, raw.scores[row, :count].astype(np.float64), keypoints, masks)
-
-
-def _rle(cells: Float, box: Float, width: int, height: int) -> Any:
-    """Mask cells inside a box, sampled bilinearly at pixel centres and cut at one half."""
-    x0, y0, x1, y1 = box
-    size = cells.shape[0]
-    sx, sy = (x1 - x0) / size, (y1 - y0) / size
-    # Cell centres to pixel centres, both on OpenCV's whole numbers.
-    matrix = np.array([[sx, 0, x0 + (sx - 1) / 2], [0, sy, y0 + (sy - 1) / 2]])
-    if min(sx, sy) <= 0:
-        pasted = np.zeros((height, width), np.uint8)
-    else:
-        probability = cv2.warpAffine(
-            cells.astype(np.float32), matrix, (width, height), flags=cv2.INTER_LINEAR,
-            borderMode=cv2.BORDER_CONSTANT, borderValue=(0.0,),
-        )  # fmt: skip
-        pasted = (probability >= 0.5).astype(np.uint8)
-    return coco_mask.encode(np.asfortranarray(pasted))

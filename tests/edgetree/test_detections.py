@@ -6,11 +6,9 @@ import dataclasses
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from edgetree.detections import TreeDetections
 from edgetree.errors import InputError
-from edgetree.masks import encode_rle, paste_mask
 
 
 def _detections(count: int = 3) -> TreeDetections:
@@ -73,69 +71,3 @@ def test_no_trees_is_an_ordinary_result() -> None:
 def test_a_model_without_masks_says_so() -> None:
     with pytest.raises(InputError, match="without"):
         dataclasses.replace(_detections(), masks=None).mask(0)
-
-
-def _reference_paste(
-    probability: NDArray[np.float32], box: NDArray[np.float32], width: int, height: int
-) -> NDArray[np.float64]:
-    """The sampling rule written out for one pixel at a time."""
-    padded = np.pad(probability.astype(np.float64), 1)
-    cells = probability.shape[0]
-    values = np.zeros((height, width))
-    for row in range(height):
-        for column in range(width):
-            u = (column + 0.5 - box[0]) / (box[2] - box[0]) * cells - 0.5
-            v = (row + 0.5 - box[1]) / (box[3] - box[1]) * cells - 0.5
-            if -1 < u < cells and -1 < v < cells:
-                c, r = int(np.floor(u)), int(np.floor(v))
-                patch = padded[r + 1 : r + 3, c + 1 : c + 3]
-                a, b = u - c, v - r
-                values[row, column] = np.array([1 - b, b]) @ patch @ np.array([1 - a, a])
-    return values
-
-
-@pytest.mark.parametrize(
-    "box",
-    [(10.3, 5.7, 31.9, 44.1), (-8.2, -3.0, 70.5, 66.6), (20.0, 20.0, 21.5, 22.5), (0, 0, 60, 50)],
-)
-def test_pasting_follows_the_sampling_rule(box: tuple[float, ...]) -> None:
-    probability = np.random.default_rng(1).uniform(0, 1, (28, 28)).astype(np.float32)
-    box_px = np.array(box, dtype=np.float32)
-    expected = _reference_paste(probability, box_px, 60, 50)
-    pasted = paste_mask(probability, box_px, 60, 50)
-    sure = np.abs(expected - 0.5) > 1e-5
-    np.testing.assert_array_equal(pasted[sure], expected[sure] >= 0.5)
-
-
-def test_a_full_mask_fills_exactly_its_box() -> None:
-    box_px = np.array([10.0, 4.0, 38.0, 60.0], dtype=np.float32)
-    expected = np.zeros((70, 50), dtype=bool)
-    expected[4:60, 10:38] = True
-    pasted = paste_mask(np.ones((28, 28), np.float32), box_px, 50, 70)
-    np.testing.assert_array_equal(pasted, expected)
-
-
-@pytest.mark.parametrize("box", [(-30.0, 0.0, -10.0, 20.0), (5.0, 5.0, 5.0, 9.0), (99, 0, 120, 9)])
-def test_a_box_without_pixels_gives_an_empty_mask(box: tuple[float, ...]) -> None:
-    pasted = paste_mask(np.ones((28, 28), np.float32), np.array(box, np.float32), 40, 30)
-    assert pasted.shape == (30, 40)
-    assert not pasted.any()
-
-
-def test_rle_is_read_by_the_coco_tools() -> None:
-    coco = pytest.importorskip("pycocotools.mask")
-    rng = np.random.default_rng(2)
-    blob = np.zeros((720, 1280), dtype=bool)
-    blob[100:700, 400:470] = True
-    speckle = rng.uniform(size=(61, 47)) < 0.4
-    for mask in (blob, speckle, ~speckle, np.zeros((5, 4), bool), np.ones((5, 4), bool)):
-        rle = encode_rle(mask)
-        np.testing.assert_array_equal(coco.decode(rle).astype(bool), mask)
-        reference = coco.encode(np.asfortranarray(mask.astype(np.uint8)))
-        assert rle["counts"] == reference["counts"].decode()
-
-
-def test_rle_of_a_known_mask() -> None:
-    mask = np.array([[0, 1, 1], [0, 1, 0]], dtype=bool)
-    # Down the columns: two zeros, three ones, one zero.
-    assert encode_rle(mask) == {"size": [2, 3], "counts": "231"}

@@ -1,0 +1,102 @@
+"""What a detector found as COCO JSON that labelling tools read, so that people only correct it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.masks import encode_rle, mask_polygons
+from calib.pixels import image_to_opencv
+
+Float = NDArray[np.floating[Any]]
+
+_LABELLED = 2  # COCO's flag of a keypoint that is labelled and visible
+_CATEGORY_ID = 1
+
+
+@dataclass
+class CocoLabels:
+    """Pictures and the objects found in them, of one category, as a COCO data set.
+
+    ``keypoint_names`` are the category's, ``skeleton`` pairs of their indices to be joined by
+    lines. With ``runs`` masks are exact run lengths, else polygons, which more tools can edit.
+    """
+
+    category: str
+    keypoint_names: tuple[str, ...] = ()
+    skeleton: tuple[tuple[int, int], ...] = ()
+    description: str = ""
+    runs: bool = False
+    _images: list[dict[str, Any]] = field(default_factory=list, init=False)
+    _annotations: list[dict[str, Any]] = field(default_factory=list, init=False)
+
+    def add_image(self, file_name: str, width_px: int, height_px: int) -> None:
+        """Start the next picture; what is added from now on lies in it."""
+        number = len(self._images) + 1
+        self._images.append(
+            {"id": number, "file_name": file_name, "width": width_px, "height": height_px}
+        )
+
+    def add(
+        self,
+        box_px: Float,
+        score: float,
+        mask: NDArray[np.bool_] | None = None,
+        keypoints_px: Float | None = None,
+    ) -> None:
+        """Add an object to the last picture.
+
+        ``box_px`` (4,) xyxy and ``keypoints_px`` (K, 2) or more columns have (0, 0) at the outer
+        corner of the first pixel; ``mask`` (H, W) is of the picture's size. On disk keypoints are
+        pixel indices, as COCO has them; those outside the picture are not labelled.
+        """
+        image = self._images[-1]
+        x0, y0, x1, y1 = (round(float(value), 2) for value in box_px)
+        annotation: dict[str, Any] = {
+            "id": len(self._annotations) + 1,
+            "image_id": image["id"],
+            "category_id": _CATEGORY_ID,
+            "bbox": [x0, y0, round(x1 - x0, 2), round(y1 - y0, 2)],
+            "area": round((x1 - x0) * (y1 - y0), 2),
+            "iscrowd": 0,
+            "score": round(float(score), 4),
+            "segmentation": [],
+        }
+        if mask is not None:
+            annotation["area"] = int(mask.sum())
+            annotation["segmentation"] = encode_rle(mask) if self.runs else mask_polygons(mask)
+        if keypoints_px is not None:
+            points = [self._keypoint(point, image) for point in keypoints_px]
+            annotation["keypoints"] = [value for point in points for value in point]
+            annotation["num_keypoints"] = sum(point[2] > 0 for point in points)
+        self._annotations.append(annotation)
+
+    def _keypoint(self, point: Float, image: dict[str, Any]) -> list[float]:
+        x, y = float(point[0]), float(point[1])
+        if not (0 <= x < image["width"] and 0 <= y < image["height"]):
+            return [0, 0, 0]
+        on_disk = image_to_opencv(np.array([x, y]))
+        return [*(round(float(value), 2) for value in on_disk), _LABELLED]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The whole data set, JSON-ready."""
+        category: dict[str, Any] = {"id": _CATEGORY_ID, "name": self.category, "supercategory": ""}
+        if self.keypoint_names:
+            category["keypoints"] = list(self.keypoint_names)
+            category["skeleton"] = _joints(self.skeleton)
+        return {
+            "info": {"description": self.description},
+            "licenses": [],
+            "images": self._images,
+            "annotations": self._annotations,
+            "categories": [category],
+        }
+
+
+def _joints(skeleton: Sequence[tuple[int, int]]) -> list[list[int]]:
+    """COCO counts keypoints from 1 here."""
+    return [[first + 1, second + 1] for first, second in skeleton]
