@@ -23,8 +23,10 @@ from perceptree.models.heads import (
     MaskHead,
 )
 from perceptree.models.matching import (
+    Draw,
     RegionSample,
     SampleSettings,
+    draw_anew,
     match_anchors,
     sample_regions,
 )
@@ -135,21 +137,30 @@ class TreeRCNN(nn.Module):
         return self
 
     def losses(
-        self, images: Tensor, targets: Sequence[TreeTargets], sampling: SampleSettings | None = None
+        self,
+        images: Tensor,
+        targets: Sequence[TreeTargets],
+        sampling: SampleSettings | None = None,
+        draw: Draw = draw_anew,
+        share: losses.Share = losses.alone,
     ) -> dict[str, Tensor]:
-        """The losses of a batch, float32 scalars by name; their sum is to be minimised."""
+        """The losses of a batch, float32 scalars by name; their sum is to be minimised.
+
+        ``draw`` gives the random numbers that anchors and regions are chosen by, ``share`` joins
+        the counts of several processes.
+        """
         sampling = sampling or SampleSettings()
         maps, proposal_maps = self.features(images)
         with torch.autocast(images.device.type, enabled=False):
             trees = pad_boxes(targets, images.device)
             anchors = torch.cat(self.proposer.anchors())
             with torch.no_grad():
-                match = match_anchors(anchors, trees, sampling)
+                match = match_anchors(anchors, trees, sampling, draw)
                 proposals = self.proposer.propose(
                     proposal_maps, sampling.proposals_per_level, sampling.proposals
                 )
-                sample = sample_regions(proposals.boxes, proposals.valid, trees, sampling)
-            result = losses.proposal_losses(proposal_maps, anchors, match, trees)
+                sample = sample_regions(proposals.boxes, proposals.valid, trees, sampling, draw)
+            result = losses.proposal_losses(proposal_maps, anchors, match, trees, share)
         regions = sample.boxes.flatten(0, 1)
         rows = torch.arange(len(targets), device=images.device)
         owner = rows.repeat_interleave(sample.boxes.shape[1])
@@ -157,31 +168,35 @@ class TreeRCNN(nn.Module):
         logits, shifts = self.box_head(pooler(regions, owner, BOX_CELLS))
         truth = torch.gather(trees.boxes, 1, sample.tree[..., None].expand(-1, -1, 4))
         flags = sample.positive.flatten(), sample.used.flatten()
-        result |= losses.box_losses(logits, shifts, regions, truth.flatten(0, 1), *flags)
-        return result | self._branch_losses(pooler, sample, targets)
+        result |= losses.box_losses(
+            logits, shifts, regions, truth.flatten(0, 1), *flags, sampling.box_beta, share
+        )
+        return result | self._branch_losses(pooler, sample, targets, share)
 
     def _branch_losses(
-        self, pooler: RegionPooler, sample: RegionSample, targets: Sequence[TreeTargets]
+        self,
+        pooler: RegionPooler,
+        sample: RegionSample,
+        targets: Sequence[TreeTargets],
+        share: losses.Share,
     ) -> dict[str, Tensor]:
         image, row = sample.positive.nonzero(as_tuple=True)
         boxes = sample.boxes[image, row]
-        if not len(boxes):
-            heads = {"mask": self.mask_head, "keypoint": self.keypoint_head}
-            return {name: boxes.new_zeros(()) for name, head in heads.items() if head is not None}
         counts = torch.tensor([0] + [len(t.boxes) for t in targets[:-1]], device=boxes.device)
         tree = sample.tree[image, row] + counts.cumsum(0)[image]
         result = {}
         if self.mask_head is not None:
             pooled = pooler(boxes, image, ROI_CELLS)
-            masks = losses.joined(targets, "masks", boxes.device)
+            masks = losses.joined([_masks(t) for t in targets], boxes.device)
             wanted = losses.mask_targets(boxes, masks, tree)
-            result["mask"] = losses.mask_loss(self.mask_head(pooled), wanted)
+            result["mask"] = losses.mask_loss(self.mask_head(pooled), wanted, share)
         if self.keypoint_head is not None:
             wide = self._enlarged(boxes)
             pooled = pooler(wide, image, ROI_CELLS)
-            keypoints = losses.joined(targets, "keypoints", boxes.device)
+            keypoints = losses.joined([t.keypoints for t in targets], boxes.device)
             cells, inside = losses.keypoint_targets(wide, keypoints[tree])
-            result["keypoint"] = losses.keypoint_loss(self.keypoint_head(pooled), cells, inside)
+            heat = self.keypoint_head(pooled)
+            result["keypoint"] = losses.keypoint_loss(heat, cells, inside, share)
         return result
 
     def detect(self, images: Tensor) -> Detections:
@@ -250,6 +265,12 @@ class TreeRCNN(nn.Module):
         """What the keypoint head sees of (R, 4) boxes, within the image."""
         wide = enlarge_boxes(boxes, self.spec.keypoint_box_scale)
         return clip_boxes(wide, self.spec.height, self.spec.width)
+
+
+def _masks(target: TreeTargets) -> Tensor:
+    if target.masks is None:
+        raise ValueError("targets without masks: expected masks, or a model without that branch")
+    return target.masks
 
 
 def _flattened(boxes: Tensor) -> tuple[Tensor, Tensor]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import torch
 from torch import Tensor
@@ -13,17 +13,32 @@ from perceptree.models.heads import BOX_WEIGHTS
 from perceptree.models.matching import AnchorMatch
 from perceptree.models.rpn import PROPOSAL_WEIGHTS, ProposalMaps
 from perceptree.models.spec import HEAT_MAP_CELLS, MASK_CELLS
-from perceptree.models.targets import PaddedBoxes, TreeTargets
+from perceptree.models.targets import PaddedBoxes
+
+Share = Callable[[Tensor], Tensor]
+"""Turns a count of this process into the mean count of all processes that train together.
+
+A loss divided by it, averaged over the processes, is the loss of their joint batch.
+"""
+
+
+def alone(count: Tensor) -> Tensor:
+    """The count of a process that trains by itself."""
+    return count
 
 
 def proposal_losses(
-    maps: ProposalMaps, anchors: Tensor, match: AnchorMatch, trees: PaddedBoxes
+    maps: ProposalMaps,
+    anchors: Tensor,
+    match: AnchorMatch,
+    trees: PaddedBoxes,
+    share: Share = alone,
 ) -> dict[str, Tensor]:
     """Objectness and offsets over the sampled anchors, divided by their number."""
     logits = torch.cat(maps.logits, dim=1)
     deltas = torch.cat(maps.deltas, dim=1)
     sampled = match.positive | match.negative
-    count = sampled.sum().clamp(min=1)
+    count = share(sampled.sum()).clamp(min=1)
     chosen = logits[sampled]
     truth = match.positive[sampled].to(chosen.dtype)
     objectness = functional.binary_cross_entropy_with_logits(chosen, truth, reduction="sum")
@@ -35,14 +50,24 @@ def proposal_losses(
 
 
 def box_losses(
-    logits: Tensor, shifts: Tensor, boxes: Tensor, truth: Tensor, positive: Tensor, used: Tensor
+    logits: Tensor,
+    shifts: Tensor,
+    boxes: Tensor,
+    truth: Tensor,
+    positive: Tensor,
+    used: Tensor,
+    beta: float = 0.0,
+    share: Share = alone,
 ) -> dict[str, Tensor]:
-    """Class and offsets over regions (R, ...); truth (R, 4) matters where positive."""
-    count = used.sum().clamp(min=1)
+    """Class and offsets over regions (R, ...); truth (R, 4) matters where positive.
+
+    The offsets' loss is smooth L1 with ``beta``, plain L1 at 0.
+    """
+    count = share(used.sum()).clamp(min=1)
     label = (~positive).long()
     entropy = functional.cross_entropy(logits, label, reduction="none")
     wanted = encode_boxes(truth[positive], boxes[positive], BOX_WEIGHTS)
-    shift = functional.l1_loss(shifts[positive], wanted, reduction="sum")
+    shift = functional.smooth_l1_loss(shifts[positive], wanted, reduction="sum", beta=beta)
     return {"score": (entropy * used).sum() / count, "box_shift": shift / count}
 
 
@@ -61,10 +86,11 @@ def mask_targets(boxes: Tensor, masks: Tensor, tree: Tensor) -> Tensor:
     return masks[tree[:, None, None], row[:, :, None], column[:, None, :]].float()
 
 
-def mask_loss(logits: Tensor, wanted: Tensor) -> Tensor:
+def mask_loss(logits: Tensor, wanted: Tensor, share: Share = alone) -> Tensor:
     """Mean binary cross-entropy of (R, 28, 28); 0 without regions."""
     total = functional.binary_cross_entropy_with_logits(logits, wanted, reduction="sum")
-    return total / max(wanted.numel(), 1)
+    cells = torch.tensor(wanted.numel(), device=wanted.device)
+    return total / share(cells).clamp(min=1)
 
 
 def keypoint_targets(boxes: Tensor, keypoints: Tensor) -> tuple[Tensor, Tensor]:
@@ -80,13 +106,13 @@ def keypoint_targets(boxes: Tensor, keypoints: Tensor) -> tuple[Tensor, Tensor]:
     return cell[..., 1] * HEAT_MAP_CELLS + cell[..., 0], inside
 
 
-def keypoint_loss(maps: Tensor, cells: Tensor, inside: Tensor) -> Tensor:
+def keypoint_loss(maps: Tensor, cells: Tensor, inside: Tensor, share: Share = alone) -> Tensor:
     """Cross-entropy over the cells of (R, K, S, S), mean over keypoints inside; else 0."""
     logits = maps.flatten(2)[inside]
     total = functional.cross_entropy(logits, cells[inside], reduction="sum")
-    return total / inside.sum().clamp(min=1)
+    return total / share(inside.sum()).clamp(min=1)
 
 
-def joined(targets: Sequence[TreeTargets], name: str, device: torch.device) -> Tensor:
+def joined(parts: Sequence[Tensor], device: torch.device) -> Tensor:
     """One field of all images' trees, one after the other."""
-    return torch.cat([getattr(t, name) for t in targets]).to(device)
+    return torch.cat(list(parts)).to(device)

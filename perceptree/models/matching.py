@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -17,7 +18,9 @@ from perceptree.models.targets import PaddedBoxes
 class SampleSettings:
     """What a training step learns from: how anchors and regions are chosen in each image.
 
-    More proposals than in deployment make for harder and more varied regions.
+    More proposals than in deployment make for harder and more varied regions. ``box_beta`` is
+    where the smooth L1 loss of the box offsets turns from a parabola into a line (Girshick 2015);
+    0 is plain L1.
     """
 
     proposals_per_level: int = 200
@@ -29,6 +32,7 @@ class SampleSettings:
     regions: int = 64
     region_positive_share: float = 0.375
     region_positive_iou: float = 0.5
+    box_beta: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("proposals_per_level", "proposals", "anchors", "regions"):
@@ -45,17 +49,28 @@ class SampleSettings:
                 f"anchor_negative_iou is {self.anchor_negative_iou}: expected 0 to "
                 f"anchor_positive_iou ({self.anchor_positive_iou})"
             )
+        if self.box_beta < 0.0:
+            raise SettingsError(f"box_beta is {self.box_beta}: expected at least 0")
 
 
 PAPER_SAMPLING = SampleSettings(
     proposals_per_level=2000,
-    proposals=1000,
+    proposals=1500,
     anchors=256,
     anchor_positive_iou=0.7,
     regions=256,
     region_positive_share=0.25,
+    box_beta=0.5,
 )
-"""Detectron2's defaults with the 256 regions of the paper's published script."""
+"""Detectron2's keypoint configuration with the 256 regions of the paper's published script."""
+
+Draw = Callable[[tuple[int, int], torch.device], Tensor]
+"""Gives uniform random numbers (B, N), 0 to 1, a row for each image of the batch."""
+
+
+def draw_anew(shape: tuple[int, int], device: torch.device) -> Tensor:
+    """Random numbers of torch's own generator."""
+    return torch.rand(shape, device=device)
 
 
 class AnchorMatch(NamedTuple):
@@ -82,7 +97,9 @@ class RegionSample(NamedTuple):
     """(B, R) int64, the row of the best-overlapping tree."""
 
 
-def match_anchors(anchors: Tensor, trees: PaddedBoxes, settings: SampleSettings) -> AnchorMatch:
+def match_anchors(
+    anchors: Tensor, trees: PaddedBoxes, settings: SampleSettings, draw: Draw = draw_anew
+) -> AnchorMatch:
     """Sample anchors (A, 4) for objectness: a share of positives, where there are enough.
 
     An anchor is positive from ``anchor_positive_iou`` on, or when it is the best there is for a
@@ -96,24 +113,31 @@ def match_anchors(anchors: Tensor, trees: PaddedBoxes, settings: SampleSettings)
     positive = (best >= settings.anchor_positive_iou) | rescued
     negative = (best < settings.anchor_negative_iou) & ~positive
     positives = int(settings.anchors * settings.anchor_positive_share)
-    positive = _sample(positive, torch.full_like(tree[:, :1], positives), positives)
+    positive = _sample(positive, torch.full_like(tree[:, :1], positives), positives, draw)
     room = settings.anchors - positive.sum(dim=1, keepdim=True)
-    return AnchorMatch(positive, _sample(negative, room, settings.anchors), tree)
+    return AnchorMatch(positive, _sample(negative, room, settings.anchors, draw), tree)
 
 
 def sample_regions(
-    boxes: Tensor, valid: Tensor, trees: PaddedBoxes, settings: SampleSettings
+    boxes: Tensor,
+    valid: Tensor,
+    trees: PaddedBoxes,
+    settings: SampleSettings,
+    draw: Draw = draw_anew,
 ) -> RegionSample:
     """Choose regions from proposals (B, P, 4) and the true boxes, at random within a share."""
-    boxes = torch.cat((trees.boxes, boxes), dim=1)
-    valid = torch.cat((trees.valid, valid), dim=1)
+    # The trees come last: how many columns they take differs from batch to batch, and an image's
+    # random numbers must not depend on the images beside it.
+    boxes = torch.cat((boxes, trees.boxes), dim=1)
+    valid = torch.cat((valid, trees.valid), dim=1)
     best, tree = pairwise_iou(trees.boxes, boxes).max(dim=1)
     positive = valid & (best >= settings.region_positive_iou)
     positives = int(settings.regions * settings.region_positive_share)
     most = torch.full_like(tree[:, :1], positives)
-    chosen = _sample(positive, most, min(positives, boxes.shape[1]))
+    chosen = _sample(positive, most, min(positives, boxes.shape[1]), draw)
     # Rank: chosen positives, then negatives in random order, then what must not be used.
-    rank = torch.rand(best.shape, device=best.device) + (valid & ~positive).float() + 2.0 * chosen
+    shuffled = draw((best.shape[0], best.shape[1]), best.device)
+    rank = shuffled + (valid & ~positive).float() + 2.0 * chosen
     order = torch.topk(rank, min(settings.regions, rank.shape[1]), dim=1).indices
     return RegionSample(
         torch.gather(boxes, 1, order[..., None].expand(-1, -1, 4)),
@@ -123,9 +147,10 @@ def sample_regions(
     )
 
 
-def _sample(candidates: Tensor, count: Tensor, most: int) -> Tensor:
+def _sample(candidates: Tensor, count: Tensor, most: int, draw: Draw) -> Tensor:
     """A random subset of (B, N) candidates with at most count (B, 1) <= most per row."""
-    keys = torch.where(candidates, torch.rand(candidates.shape, device=candidates.device), -1.0)
+    shape = (candidates.shape[0], candidates.shape[1])
+    keys = torch.where(candidates, draw(shape, candidates.device), -1.0)
     values, order = torch.topk(keys, min(most, keys.shape[1]), dim=1)
     within = torch.arange(order.shape[1], device=order.device) < count
     picked = (values >= 0.0) & within

@@ -19,8 +19,8 @@ class TreeTargets:
     """(N, 4) float32, xyxy px."""
     keypoints: Tensor
     """(N, 5, 3) float32: x px, y px, flag (2 visible, 1 hidden, 0 unlabelled)."""
-    masks: Tensor
-    """(N, H, W) bool, the visible pixels."""
+    masks: Tensor | None
+    """(N, H, W) bool, the visible pixels; None where the data has none."""
 
     def __post_init__(self) -> None:
         count = self.boxes.shape[0]
@@ -29,6 +29,8 @@ class TreeTargets:
             found = tuple(getattr(self, name).shape)
             if found != shape:
                 raise ValueError(f"{name} have shape {found}, expected {shape}")
+        if self.masks is None:
+            return
         if self.masks.ndim != 3 or self.masks.shape[0] != count:
             raise ValueError(
                 f"masks have shape {tuple(self.masks.shape)}, expected ({count}, H, W)"
