@@ -1,9 +1,8 @@
-"""Frames in memory: decoded and letterboxed once, so that training only augments them."""
+"""Frames as a model sees them: decoded, letterboxed, with their labels in the same pixels."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,83 +22,97 @@ Float = NDArray[np.floating[Any]]
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """One frame in model px: image uint8 (H, W) or (H, W, 3), boxes (N, 4) xyxy, keypoints
-    (N, 5, 3) x, y, flag, masks (N, H, W) bool."""
+    """One frame in model px.
+
+    ``image`` uint8 (H, W) or (H, W, 3), ``boxes`` (N, 4) xyxy, ``keypoints`` (N, 5, 3) x, y, flag,
+    ``masks`` (N, H, W) bool, None where the data has none.
+    """
 
     image: NDArray[np.uint8]
     boxes: Float
     keypoints: Float
-    masks: NDArray[np.bool_]
+    masks: NDArray[np.bool_] | None
 
     def targets(self) -> TreeTargets:
         """The trees as the model trains on them."""
         return TreeTargets(
             torch.from_numpy(np.asarray(self.boxes, np.float32).reshape(-1, 4)),
             torch.from_numpy(np.asarray(self.keypoints, np.float32).reshape(-1, 5, 3)),
-            torch.from_numpy(np.ascontiguousarray(self.masks)),
+            None if self.masks is None else torch.from_numpy(np.ascontiguousarray(self.masks)),
         )
 
 
-@dataclass(frozen=True, eq=False)
-class _Stored:
-    image: NDArray[np.uint8]
-    boxes: Float
-    keypoints: Float
-    packed_masks: NDArray[np.uint8]
-
-
 class FrameStore:
-    """All frames of a split as a model wants them; masks are kept packed to bits."""
+    """The frames of a split as a model wants them, decoded when they are asked for."""
 
     def __init__(self, frames: Sequence[FrameRecord], spec: ModelSpec) -> None:
         self.frames = list(frames)
         self.spec = spec
-        with ThreadPoolExecutor() as pool:
-            self._stored = list(pool.map(self._load, self.frames))
 
     def __len__(self) -> int:
         return len(self.frames)
 
     def __getitem__(self, index: int) -> Sample:
-        stored = self._stored[index]
-        shape = (len(stored.boxes), self.spec.height, self.spec.width)
-        masks = np.unpackbits(stored.packed_masks, axis=-1, count=self.spec.width)
-        return Sample(
-            stored.image, stored.boxes, stored.keypoints, masks.reshape(shape).astype(bool)
-        )
+        """Raises DatasetError for a frame whose files are missing or broken."""
+        return load_sample(self.frames[index], self.spec)
 
     @property
     def trees(self) -> int:
         """How many trees are labelled, crowds left out."""
-        return sum(len(stored.boxes) for stored in self._stored)
+        return sum(not tree.crowd for frame in self.frames for tree in frame.trees)
 
     def letterbox(self, index: int) -> Letterbox:
         """How frame ``index`` was fitted into the model's input."""
-        frame = self.frames[index]
-        return Letterbox.fit(frame.width, frame.height, self.spec.width, self.spec.height)
+        return _letterbox(self.frames[index], self.spec)
 
-    def _load(self, frame: FrameRecord) -> _Stored:
-        box = Letterbox.fit(frame.width, frame.height, self.spec.width, self.spec.height)
-        self._check_encoding(frame)
-        image = box.apply(read_frame(frame, self.spec.modality), self.spec.pad_value)
-        trees = [tree for tree in frame.trees if not tree.crowd]
-        scale = np.tile(box.scale, 2)
-        boxes = np.array([tree.box_px * scale for tree in trees]).reshape(-1, 4)
-        keypoints = np.array([tree.keypoints for tree in trees]).reshape(-1, 5, 3).copy()
-        keypoints[..., :2] = box.to_model(keypoints[..., :2])
-        masks = np.zeros((len(trees), self.spec.height, self.spec.width), bool)
-        for row, tree in enumerate(trees):
-            grey = frame.mask(tree).astype(np.uint8) * np.uint8(255)
-            masks[row] = box.apply(grey, 0) > 127
-        return _Stored(image, boxes, keypoints, np.packbits(masks, axis=-1))
 
-    def _check_encoding(self, frame: FrameRecord) -> None:
-        """A model of depth sees the greys that its spec says, and no others."""
-        wanted, found = self.spec.depth_encoding, frame.extra.get("depth_encoding")
-        if wanted is not None and found is not None and found != wanted:
-            raise DatasetError(
-                f"{frame.depth8_path}: its depth_encoding is {found}, expected the model's {wanted}"
-            )
+def _letterbox(frame: FrameRecord, spec: ModelSpec) -> Letterbox:
+    return Letterbox.fit(frame.width, frame.height, spec.width, spec.height)
+
+
+def load_sample(frame: FrameRecord, spec: ModelSpec) -> Sample:
+    """Decode a frame and fit it, with its labels, into the input of ``spec``.
+
+    ``masks`` is None where a tree of the frame has no segmentation. Raises DatasetError for a
+    file that is missing, broken, of another size or of another depth encoding.
+    """
+    box = _letterbox(frame, spec)
+    _check_encoding(frame, spec)
+    image = box.apply(read_frame(frame, spec.modality), spec.pad_value)
+    trees = [tree for tree in frame.trees if not tree.crowd]
+    boxes = np.array([tree.box_px * np.tile(box.scale, 2) for tree in trees]).reshape(-1, 4)
+    keypoints = np.array([tree.keypoints for tree in trees]).reshape(-1, 5, 3).copy()
+    keypoints[..., :2] = box.to_model(keypoints[..., :2])
+    if any(tree.segmentation is None for tree in trees):
+        return Sample(image, boxes, keypoints, None)
+    masks = np.zeros((len(trees), spec.height, spec.width), bool)
+    for row, tree in enumerate(trees):
+        grey = frame.mask(tree).astype(np.uint8) * np.uint8(255)
+        masks[row] = box.apply(grey, 0) > 127
+    return Sample(image, boxes, keypoints, masks)
+
+
+def _check_encoding(frame: FrameRecord, spec: ModelSpec) -> None:
+    """A model of depth sees the greys that its spec says, and no others."""
+    wanted, found = spec.depth_encoding, frame.extra.get("depth_encoding")
+    if wanted is not None and found is not None and found != wanted:
+        raise DatasetError(
+            f"{frame.depth8_path}: its depth_encoding is {found}, expected the model's {wanted}"
+        )
+
+
+def source_path(frame: FrameRecord, modality: str) -> Path:
+    """The picture that a model of ``modality`` sees of a frame.
+
+    Raises DatasetError where the frame has no depth.
+    """
+    path: Path | None = frame.image_path if modality == "rgb" else frame.depth8_path
+    if path is None:
+        raise DatasetError(
+            f"{frame.image_path}: the dataset gives no 8-bit depth beside it; expected depth,"
+            " or --modality rgb"
+        )
+    return path
 
 
 def read_frame(frame: FrameRecord, modality: str) -> NDArray[np.uint8]:
@@ -107,9 +120,7 @@ def read_frame(frame: FrameRecord, modality: str) -> NDArray[np.uint8]:
 
     Raises DatasetError for a file that is missing, unreadable or of another size.
     """
-    path: Path | None = frame.image_path if modality == "rgb" else frame.depth8_path
-    if path is None:
-        raise DatasetError(f"{frame.image_path}: the dataset gives no 8-bit depth beside it")
+    path = source_path(frame, modality)
     flag = cv2.IMREAD_COLOR if modality == "rgb" else cv2.IMREAD_UNCHANGED
     image = cv2.imread(str(path), flag) if path.is_file() else None
     if image is None:

@@ -1,0 +1,263 @@
+"""Frames on disk as a model wants them: decoded and letterboxed once, then mapped into memory.
+
+A cache is a folder of plain arrays. It is made whole or not at all, belongs to one state of the
+labels and pictures, and is made again when they change. Every frame carries a checksum that is
+compared when it is read.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import zlib
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perceptree.data.coco import FrameRecord
+from perceptree.data.frames import Sample, load_sample, source_path
+from perceptree.errors import DatasetError
+from perceptree.models import ModelSpec
+
+_VERSION = 1
+_RECORD = "cache.json"
+_IMAGES, _MASKS = "images.bin", "masks.bin"
+# Of each array its type and the shape of one row.
+_ARRAYS: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
+    "boxes": (np.float32, (4,)),
+    "keypoints": (np.float32, (5, 3)),
+    "tree_starts": (np.int64, ()),
+    "mask_rects": (np.int32, (4,)),
+    "mask_starts": (np.int64, ()),
+    "checksums": (np.uint32, ()),
+}
+_AHEAD = 16
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Skipped:
+    """A frame that was left out, and why."""
+
+    name: str
+    reason: str
+
+
+class FrameCache:
+    """The frames of a split, mapped from a folder that :func:`open_cache` made."""
+
+    def __init__(self, folder: Path) -> None:
+        record = json.loads((folder / _RECORD).read_text("utf-8"))
+        self.folder = folder
+        self.key: str = record["key"]
+        self.names: list[str] = record["names"]
+        self.skipped = [Skipped(**entry) for entry in record["skipped"]]
+        self.has_masks: bool = record["has_masks"]
+        self._images = _mapped(folder / _IMAGES).reshape(-1, *record["image_shape"])
+        self._masks = _mapped(folder / _MASKS)
+        arrays: dict[str, NDArray[Any]] = {
+            name: np.load(folder / f"{name}.npy", mmap_mode="r") for name in _ARRAYS
+        }
+        self._boxes, self._keypoints = arrays["boxes"], arrays["keypoints"]
+        self._tree_starts, self._checksums = arrays["tree_starts"], arrays["checksums"]
+        self._mask_rects, self._mask_starts = arrays["mask_rects"], arrays["mask_starts"]
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @property
+    def trees(self) -> int:
+        """How many trees are labelled."""
+        return len(self._boxes)
+
+    def __getitem__(self, index: int) -> Sample:
+        """Raises DatasetError where the frame's bytes on disk are no longer those written."""
+        image = np.array(self._images[index])
+        rows = slice(*self._tree_starts[index : index + 2].tolist())
+        packed = np.array(self._masks[slice(*self._mask_starts[[rows.start, rows.stop]].tolist())])
+        if zlib.crc32(packed.tobytes(), zlib.crc32(image.tobytes())) != self._checksums[index]:
+            raise DatasetError(
+                f"{self.folder}: the cached frame {self.names[index]} is damaged; remove the"
+                " folder, it is made again"
+            )
+        masks = self._unpack(rows, packed, image.shape[:2]) if self.has_masks else None
+        return Sample(image, self._boxes[rows].copy(), self._keypoints[rows].copy(), masks)
+
+    def _unpack(
+        self, rows: slice, packed: NDArray[np.uint8], shape: tuple[int, ...]
+    ) -> NDArray[np.bool_]:
+        masks = np.zeros((rows.stop - rows.start, *shape), bool)
+        start = 0
+        for mask, (x0, y0, x1, y1) in zip(masks, self._mask_rects[rows].tolist(), strict=True):
+            bits = (y1 - y0) * (x1 - x0)
+            part = np.unpackbits(packed[start : start + -(-bits // 8)], count=bits)
+            mask[y0:y1, x0:x1] = part.reshape(y1 - y0, x1 - x0)
+            start += -(-bits // 8)
+        return masks
+
+
+def _mapped(path: Path) -> NDArray[np.uint8]:
+    """The bytes of a file, which may be empty."""
+    return np.memmap(path, np.uint8, "r") if path.stat().st_size else np.zeros(0, np.uint8)
+
+
+def open_cache(
+    frames: Sequence[FrameRecord],
+    spec: ModelSpec,
+    folder: Path,
+    skip_broken: bool = False,
+    progress: Progress = lambda done, total: None,
+) -> FrameCache:
+    """The cache of ``frames`` for the input of ``spec`` in ``folder``; made where it is missing.
+
+    With ``skip_broken``, frames whose files are missing or broken are left out and listed in
+    ``skipped``. Raises DatasetError for such a frame otherwise, and where the folder cannot be
+    written.
+    """
+    key = _key(frames, spec, skip_broken)
+    try:
+        if _key_in(folder) != key:
+            _build(frames, spec, folder, key, skip_broken, progress)
+        return FrameCache(folder)
+    except OSError as error:
+        place = error.filename or folder
+        raise DatasetError(
+            f"{place}: cannot be written ({error.strerror or error}); expected a folder with room"
+            " for the decoded frames, or another one with --cache"
+        ) from error
+
+
+def _key(frames: Sequence[FrameRecord], spec: ModelSpec, skip_broken: bool) -> str:
+    """A hash of the labels, of the pictures' sizes and times, and of the input's form."""
+    form = [_VERSION, spec.modality, spec.height, spec.width, spec.pad_value, spec.depth_encoding]
+    digest = hashlib.sha256(json.dumps([*form, skip_broken]).encode())
+    for frame in frames:
+        path = source_path(frame, spec.modality)
+        try:
+            status = path.stat()
+            stamp = [status.st_size, status.st_mtime_ns]
+        except OSError:
+            stamp = []
+        said = [path.name, frame.width, frame.height, frame.extra.get("depth_encoding"), *stamp]
+        digest.update(json.dumps(said).encode())
+        for tree in frame.trees:
+            digest.update(tree.box_px.tobytes() + tree.keypoints.tobytes())
+            digest.update(repr((tree.crowd, tree.segmentation)).encode())
+    return digest.hexdigest()
+
+
+def _key_in(folder: Path) -> str | None:
+    try:
+        record = json.loads((folder / _RECORD).read_text("utf-8"))
+    except (OSError, ValueError):
+        return None
+    return record.get("key") if isinstance(record, dict) else None
+
+
+def _build(
+    frames: Sequence[FrameRecord],
+    spec: ModelSpec,
+    folder: Path,
+    key: str,
+    skip_broken: bool,
+    progress: Progress,
+) -> None:
+    """Write beside ``folder``, then put it in its place."""
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    beside = folder.with_name(f"{folder.name}.{os.getpid()}.part")
+    shutil.rmtree(beside, ignore_errors=True)
+    beside.mkdir()
+    try:
+        writer = _Writer(beside, spec)
+        for done, (frame, outcome) in enumerate(_loaded(frames, spec), start=1):
+            try:
+                writer.add(source_path(frame, spec.modality).name, outcome.result())
+            except DatasetError as error:
+                if not skip_broken:
+                    raise
+                writer.skipped.append(Skipped(frame.image_path.name, str(error)))
+            progress(done, len(frames))
+        writer.finish(key)
+        shutil.rmtree(folder, ignore_errors=True)
+        os.replace(beside, folder)
+    finally:
+        shutil.rmtree(beside, ignore_errors=True)
+
+
+def _loaded(
+    frames: Sequence[FrameRecord], spec: ModelSpec
+) -> Iterator[tuple[FrameRecord, Future[Sample]]]:
+    """Frames with their samples in order, a few decoded ahead."""
+    with ThreadPoolExecutor() as pool:
+        coming = iter(frames)
+        ahead = [(f, pool.submit(load_sample, f, spec)) for f in islice(coming, _AHEAD)]
+        while ahead:
+            first = ahead.pop(0)
+            ahead += [(f, pool.submit(load_sample, f, spec)) for f in islice(coming, 1)]
+            yield first
+
+
+class _Writer:
+    """Appends samples to the arrays of a cache."""
+
+    def __init__(self, folder: Path, spec: ModelSpec) -> None:
+        self._folder = folder
+        self._shape = [spec.height, spec.width, *([3] if spec.modality == "rgb" else [])]
+        self._images = (folder / _IMAGES).open("wb")
+        self._masks = (folder / _MASKS).open("wb")
+        self._names: list[str] = []
+        self._rows: dict[str, list[Any]] = {name: [] for name in _ARRAYS}
+        self._rows["tree_starts"].append(0)
+        self._rows["mask_starts"].append(0)
+        self._has_masks = True
+        self.skipped: list[Skipped] = []
+
+    def add(self, name: str, sample: Sample) -> None:
+        """Append one frame."""
+        self._images.write(sample.image.tobytes())
+        packed = b"".join(map(self._pack, sample.masks if sample.masks is not None else ()))
+        if sample.masks is None:
+            self._has_masks = False
+            for _ in sample.boxes:
+                self._pack(np.zeros((1, 1), bool))
+        self._masks.write(packed)
+        self._names.append(name)
+        self._rows["checksums"].append(zlib.crc32(packed, zlib.crc32(sample.image.tobytes())))
+        self._rows["boxes"] += list(sample.boxes.astype(np.float32))
+        self._rows["keypoints"] += list(sample.keypoints.astype(np.float32))
+        self._rows["tree_starts"].append(len(self._rows["boxes"]))
+
+    def _pack(self, mask: NDArray[np.bool_]) -> bytes:
+        """The bits of a mask within the rectangle that holds them, and where that is."""
+        columns, rows = np.nonzero(mask.any(0))[0], np.nonzero(mask.any(1))[0]
+        rect = (columns[0], rows[0], columns[-1] + 1, rows[-1] + 1) if len(rows) else (0, 0, 0, 0)
+        packed = np.packbits(mask[rect[1] : rect[3], rect[0] : rect[2]]).tobytes()
+        self._rows["mask_rects"].append(rect)
+        self._rows["mask_starts"].append(self._rows["mask_starts"][-1] + len(packed))
+        return packed
+
+    def finish(self, key: str) -> None:
+        """Close the files and write the record that makes the cache whole."""
+        self._images.close()
+        self._masks.close()
+        for name, (kind, row) in _ARRAYS.items():
+            np.save(
+                self._folder / f"{name}.npy", np.array(self._rows[name], kind).reshape(-1, *row)
+            )
+        record = {
+            "key": key,
+            "names": self._names,
+            "image_shape": self._shape,
+            "has_masks": self._has_masks,
+            "skipped": [vars(entry) for entry in self.skipped],
+        }
+        (self._folder / _RECORD).write_text(json.dumps(record), "utf-8")
