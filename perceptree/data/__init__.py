@@ -1,18 +1,21 @@
 """Datasets: COCO files of tree frames, frames in memory, augmentation."""
 
 from perceptree.data.augment import AugmentSettings, augment, flip
-from perceptree.data.coco import SPLITS, FrameRecord, TreeRecord, read_split
+from perceptree.data.coco import SPLITS, FrameRecord, TreeRecord
+from perceptree.data.dataset import Dataset, read_dataset, read_split
 from perceptree.data.frames import FrameStore, Sample, read_frame
 
 __all__ = [
     "SPLITS",
     "AugmentSettings",
+    "Dataset",
     "FrameRecord",
     "FrameStore",
     "Sample",
     "TreeRecord",
     "augment",
     "flip",
+    "read_dataset",
     "read_frame",
     "read_split",
 ]

@@ -1,0 +1,185 @@
+"""Names in other people's files: which categories are trees, which keypoints are which of ours."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from perceptree.data.coco import KEYPOINTS
+from perceptree.data.entries import EntryError, refuse, rows
+from perceptree.errors import DatasetError
+from perceptree.models import KEYPOINT_NAMES
+
+_TREES = frozenset((
+    "tree", "trees", "trunk", "trunks", "stem", "stems", "bole", "boles", "treetrunk",
+    "treetrunks", "conifer", "conifers", "spruce", "pine", "fir", "larch", "cedar", "hemlock",
+    "douglas", "birch", "beech", "maple", "oak", "aspen", "poplar", "alder", "ash", "picea",
+    "pinus", "abies", "larix", "betula", "fagus", "acer", "quercus", "populus", "alnus",
+    "fraxinus",
+))  # fmt: skip
+_NOT_STANDING = frozenset((
+    "stump", "stumps", "branch", "branches", "crown", "crowns", "canopy", "root", "roots", "leaf",
+    "leaves", "log", "logs", "fallen", "felled", "lying", "deadwood", "non", "no", "not",
+))  # fmt: skip
+_NO_CATEGORIES = "the file has no categories: all its labels are taken as trees"
+# The published names are those of PercepTreeV1's demo and training scripts.
+_ALIASES = {
+    "felling_cut": ("kpcp", "kpc", "cutpoint", "fellingpoint"),
+    "diameter_left": ("kpl", "leftdiameter"),
+    "diameter_right": ("kpr", "rightdiameter"),
+    "axis_middle": ("ax1", "middleaxis"),
+    "axis_top": ("ax2", "topaxis"),
+}
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[^a-z0-9]", "", name.lower())
+
+
+_KEYPOINT_OF = {
+    _plain(alias): number
+    for number, name in enumerate(KEYPOINT_NAMES)
+    for alias in (name, *_ALIASES[name])
+}
+
+
+def means_tree(name: str) -> bool:
+    """Whether a category's name says a standing tree, or a kind of one."""
+    spaced = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
+    words = set(re.findall(r"[a-z]+", spaced.lower()))
+    return bool(words & _TREES) and not words & _NOT_STANDING
+
+
+@dataclass(frozen=True)
+class KeypointMap:
+    """Where our keypoints stand in an annotation's list.
+
+    ``count`` is how many keypoints an annotation lists; ``places[k]`` is the place of our
+    keypoint k among them, -1 where the file has none; None when none is used.
+    """
+
+    count: int
+    places: tuple[int, ...] | None
+
+
+@dataclass(frozen=True)
+class NameMap:
+    """Which categories are trees, and the keypoints of each, by category id; what to say of it.
+
+    ``known`` are all ids of the file's categories; none where the file has no categories: then
+    everything is a tree, with the keypoints under None.
+    """
+
+    known: frozenset[int]
+    keypoints: dict[int | None, KeypointMap]
+    notes: tuple[str, ...]
+
+    def of(self, annotation: dict[str, Any]) -> KeypointMap | None:
+        """An annotation's keypoints; None where its category is not trees.
+
+        Raises EntryError for an id that is none of the categories'.
+        """
+        category = annotation.get("category_id") if self.known else None
+        if category is None and len(self.keypoints) == 1:
+            category = next(iter(self.keypoints))
+        elif not isinstance(category, int) or category not in self.known:
+            refuse(annotation, "annotation", "category_id", "the id of a category")
+        return self.keypoints.get(category)
+
+
+def map_names(content: dict[str, Any], annotations: Sequence[dict[str, Any]]) -> NameMap:
+    """How a file's categories and keypoints are ours.
+
+    One category of any name is trees; of several, those whose name means tree. Raises
+    DatasetError where none of several does.
+    """
+    if not content.get("categories"):
+        keypoints, said = _unnamed_keypoints(None, annotations)
+        return NameMap(frozenset(), {None: keypoints}, (_NO_CATEGORIES, *said))
+    categories = rows(content, "categories")
+    for category in categories:
+        if not isinstance(category.get("id"), int) or not isinstance(category.get("name"), str):
+            raise DatasetError("expected categories with a whole id and a name each")
+    counts = Counter(annotation.get("category_id") for annotation in annotations)
+    chosen, notes = _choose(categories, counts)
+    maps: dict[int | None, KeypointMap] = {}
+    for category in chosen:
+        maps[category["id"]], said = _map_keypoints(category, annotations)
+        notes += [note for note in said if note not in notes]
+    return NameMap(frozenset(category["id"] for category in categories), maps, tuple(notes))
+
+
+def _choose(
+    categories: list[dict[str, Any]], counts: Counter[Any]
+) -> tuple[list[dict[str, Any]], list[str]]:
+    """The categories that are trees, and what to say of the choice."""
+    parents = {category.get("supercategory") for category in categories}
+    # Some tools add a category without labels that only holds the others.
+    real = [c for c in categories if counts[c["id"]] or c["name"] not in parents] or categories
+    if len(real) == 1:
+        known = means_tree(real[0]["name"])
+        said = f"category {real[0]['name']!r}, the only one, is taken as trees"
+        return real, [] if known else [said]
+    chosen = [category for category in real if means_tree(category["name"])]
+    if not chosen:
+        named = ", ".join(repr(category["name"]) for category in real)
+        raise DatasetError(
+            f"none of the categories {named} is called tree, trunk, stem or a kind of tree:"
+            " expected those that are trees to be renamed 'tree' in the file"
+        )
+    left = [
+        f"{category['name']!r} ({counts[category['id']]} labels)"
+        for category in real
+        if category not in chosen
+    ]
+    taken = ", ".join(repr(category["name"]) for category in chosen)
+    if not left and len(chosen) == 1:
+        return chosen, []
+    return chosen, [f"taken as trees: {taken}" + ("; left out: " + ", ".join(left) if left else "")]
+
+
+def _map_keypoints(
+    category: dict[str, Any], annotations: Sequence[dict[str, Any]]
+) -> tuple[KeypointMap, list[str]]:
+    names = category.get("keypoints")
+    if not isinstance(names, list) or not names:
+        return _unnamed_keypoints(category["id"], annotations)
+    if not all(isinstance(name, str) for name in names):
+        raise DatasetError(f"keypoints of category {category['name']!r}: expected their names")
+    found = [_KEYPOINT_OF.get(_plain(name)) for name in names]
+    places = tuple(found.index(k) if k in found else -1 for k in range(KEYPOINTS))
+    if max(places) < 0:
+        listed = ", ".join(names)
+        return KeypointMap(len(names), None), [
+            f"keypoints are left out: {listed} are not {', '.join(KEYPOINT_NAMES)}"
+        ]
+    missing = [name for name, place in zip(KEYPOINT_NAMES, places, strict=True) if place < 0]
+    said = [f"the file has no keypoint {', '.join(missing)}"] if missing else []
+    if len(names) > KEYPOINTS - len(missing):
+        others = [name for name, known in zip(names, found, strict=True) if known is None]
+        said += [f"keypoints left out: {', '.join(others)}"] if others else []
+    return KeypointMap(len(names), places), said
+
+
+def _unnamed_keypoints(
+    category_id: int | None, annotations: Sequence[dict[str, Any]]
+) -> tuple[KeypointMap, list[str]]:
+    """Five without names are in the published order; another number is not ours."""
+    for annotation in annotations:
+        listed = annotation.get("keypoints")
+        if listed and category_id in (None, annotation.get("category_id", category_id)):
+            count, rest = divmod(len(listed), 3) if isinstance(listed, list) else (0, 1)
+            if rest:
+                raise EntryError(annotation, "annotation", "keypoints", "x, y, flag of each")
+            if count == KEYPOINTS:
+                order = ", ".join(KEYPOINT_NAMES)
+                return KeypointMap(count, tuple(range(count))), [
+                    f"keypoints have no names: taken as {order}"
+                ]
+            return KeypointMap(count, None), [
+                f"keypoints are left out: {count} without names, expected {KEYPOINTS}"
+            ]
+    return KeypointMap(KEYPOINTS, tuple(range(KEYPOINTS))), []
