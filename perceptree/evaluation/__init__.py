@@ -1,12 +1,15 @@
-"""How good a detector is, by the standard COCO measures."""
+"""How good a detector is: COCO's measures, errors in pixels, by conditions, as a page."""
 
-from perceptree.evaluation.metrics import OKS_SIGMAS, Metrics, evaluate
+from perceptree.evaluation.metrics import Metrics, evaluate
+from perceptree.evaluation.precision import OKS_SIGMAS
 from perceptree.evaluation.predictions import (
     FramePrediction,
     Predict,
     RawDetections,
     predict_frames,
+    predict_images,
     predict_with,
+    read_ahead,
 )
 
 __all__ = [
@@ -17,5 +20,7 @@ __all__ = [
     "RawDetections",
     "evaluate",
     "predict_frames",
+    "predict_images",
     "predict_with",
+    "read_ahead",
 ]

@@ -115,14 +115,17 @@ def _in_source(raw: RawDetections, row: int, letterbox: Letterbox) -> FramePredi
     count = int(raw.num_detections[row])
     size = letterbox.source_width, letterbox.source_height
     boxes = raw.boxes[row, :count].astype(np.float64) / np.tile(letterbox.scale, 2)
-    boxes = np.clip(boxes, 0, np.tile(size, 2))
+    seen = (boxes[:, :2] < size).all(axis=1)  # the others lie in the padding
     keypoints = None
     if raw.keypoints is not None:
-        keypoints = raw.keypoints[row, :count].astype(np.float64)
+        keypoints = raw.keypoints[row, :count][seen].astype(np.float64)
         keypoints[..., :2] = letterbox.to_source(keypoints[..., :2])
     masks = None
     if raw.masks is not None:
-        cells = raw.masks[row, :count]
-        pasted = (paste_mask(grid, box, *size) for grid, box in zip(cells, boxes, strict=True))
+        cells = raw.masks[row, :count][seen]
+        pasted = (
+            paste_mask(grid, box, *size) for grid, box in zip(cells, boxes[seen], strict=True)
+        )
         masks = [encode_rle(mask) for mask in pasted]
-    return FramePrediction(boxes, raw.scores[row, :count].astype(np.float64), keypoints, masks)
+    scores = raw.scores[row, :count][seen].astype(np.float64)
+    return FramePrediction(np.clip(boxes[seen], 0, np.tile(size, 2)), scores, keypoints, masks)

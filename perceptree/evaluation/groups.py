@@ -1,0 +1,117 @@
+"""Trees of one distance, frames of one weather...: which belong together, where labels say so."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+from perceptree.data import FrameRecord, TreeRecord
+
+_INFINITY = float("inf")
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One way to part trees or frames: by a number's range, or by a name.
+
+    ``edges`` are the ranges' limits, a value on one belongs above it; without, each name is a
+    group, in the given ``order`` as far as that goes. ``unit`` is for what is shown, of which a
+    value of 1 has ``per_unit``. The value of an axis ``of_frames`` is asked without a tree.
+    """
+
+    name: str
+    title: str
+    value: Callable[[FrameRecord, TreeRecord | None], Any]
+    edges: tuple[float, ...] = ()
+    order: tuple[str, ...] = ()
+    unit: str = ""
+    per_unit: float = 1.0
+    of_frames: bool = False
+
+
+@dataclass(frozen=True)
+class Group:
+    """Some trees by their place among all, and the frames that they are looked for in."""
+
+    name: str
+    trees: frozenset[int]
+    frames: frozenset[int]
+
+
+def _truth(name: str) -> Callable[[FrameRecord, TreeRecord | None], Any]:
+    return lambda _, tree: None if tree is None else tree.truth.get(name)
+
+
+def _scene(name: str) -> Callable[[FrameRecord, TreeRecord | None], Any]:
+    def value(frame: FrameRecord, _: TreeRecord | None) -> Any:
+        scene = frame.extra.get("scene")
+        return scene.get(name) if isinstance(scene, dict) else None
+
+    return value
+
+
+AXES = (
+    Axis("distance_m", "Distance", _truth("distance_m"), (0, 2.5, 5, 7.5, 10, _INFINITY),
+         unit="m"),
+    Axis("visible_fraction", "Visible part of the lower stem", _truth("visible_fraction"),
+         (0, 0.25, 0.5, 0.75, _INFINITY), unit="%", per_unit=100),
+    Axis("species", "Species", lambda _, tree: None if tree is None else tree.species),
+    Axis("weather", "Weather", _scene("weather"), of_frames=True,
+         order=("clear", "snow", "wet", "fog", "rain", "snowfall")),
+    Axis("light", "Light", _scene("light"), of_frames=True,
+         order=("morning", "daylight", "evening", "dusk")),
+    Axis("slope_deg", "Slope of the ground", _scene("slope_deg"), (0, 10, 20, 30, _INFINITY),
+         unit="°", of_frames=True),
+)  # fmt: skip
+
+
+def groups_of(frames: Sequence[FrameRecord], axis: Axis) -> list[Group]:
+    """The groups that have a tree; none where the labels do not say.
+
+    Trees of one distance and the like are looked for in all frames.
+    """
+    trees: dict[str, set[int]] = {}
+    own_frames: dict[str, set[int]] = {}
+    place = 0
+    for number, frame in enumerate(frames):
+        if axis.of_frames and (label := _label(axis, axis.value(frame, None))) is not None:
+            own_frames.setdefault(label, set()).add(number)
+        for tree in frame.trees:
+            label = _label(axis, axis.value(frame, tree))
+            if label is not None and not tree.crowd:
+                trees.setdefault(label, set()).add(place)
+            place += 1
+    everywhere = range(len(frames))
+    return [
+        Group(name, frozenset(trees[name]), frozenset(own_frames.get(name, everywhere)))
+        for name in _sorted_names(axis, trees)
+    ]
+
+
+def _sorted_names(axis: Axis, found: dict[str, set[int]]) -> list[str]:
+    known = axis.order
+    if axis.edges:
+        known = tuple(_range_name(axis, low, high) for low, high in pairwise(axis.edges))
+    return [name for name in known if name in found] + sorted(set(found) - set(known))
+
+
+def _label(axis: Axis, value: Any) -> str | None:
+    """The name of the group that a value belongs to; None for one that says nothing."""
+    if not axis.edges:
+        return value if isinstance(value, str) and value else None
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    for low, high in pairwise(axis.edges):
+        if low <= value < high:
+            return _range_name(axis, low, high)
+    return None
+
+
+def _range_name(axis: Axis, low: float, high: float) -> str:
+    first, last = (f"{axis.per_unit * edge:g}" for edge in (low, high))
+    space = "" if axis.unit == "°" else " "
+    if high == _INFINITY:
+        return f"from {first}{space}{axis.unit}"
+    return f"{first} to {last}{space}{axis.unit}"

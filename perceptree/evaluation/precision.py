@@ -1,0 +1,239 @@
+"""Average precision of boxes, masks and keypoints, as pycocotools counts it; also of a part."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pycocotools.coco import COCO
+from pycocotools.cocoeval import COCOeval
+
+from perceptree.data import FrameRecord
+from perceptree.evaluation.predictions import FramePrediction
+from perceptree.models import KEYPOINT_NAMES
+
+Float = NDArray[np.floating[Any]]
+Kind = Literal["bbox", "segm", "keypoints"]
+
+KINDS: tuple[Kind, ...] = ("bbox", "segm", "keypoints")
+OKS_SIGMAS = (0.25,) * len(KEYPOINT_NAMES)
+SIZES_PX2 = {"all": (0.0, 1e10), "small": (0.0, 32.0**2), "medium": (32.0**2, 96.0**2),
+             "large": (96.0**2, 1e10)}  # fmt: skip
+"""COCO's sizes, by the area of the mask in the picture's own px², or of the box without masks."""
+
+_HALF, _THREE_QUARTERS = 0, 5  # of COCO's thresholds 0.50, 0.55 ... 0.95
+
+
+@dataclass(frozen=True)
+class Precision:
+    """COCO's average precision in percent; None where no labelled tree has such a size."""
+
+    ap: float
+    ap50: float
+    ap75: float
+    ap_small: float | None = None
+    ap_medium: float | None = None
+    ap_large: float | None = None
+
+
+class Scorer:
+    """All trees and all that was found of some frames, to be scored as a whole and in parts."""
+
+    def __init__(
+        self, frames: Sequence[FrameRecord], predictions: Sequence[FramePrediction]
+    ) -> None:
+        self._frames = frames
+        self._predictions = predictions
+        self._truth = _ground_truth(frames)
+        self._whole: dict[Kind, _Evaluation] = {}
+
+    def precision(self, kind: Kind) -> Precision | None:
+        """Of all frames; None where model or labels have no such thing."""
+        whole = self._evaluation(kind)
+        figures = None if whole is None else whole.figures(*SIZES_PX2)
+        if figures is None or figures["all"] is None:
+            return None
+        ap, ap50, ap75 = figures["all"]
+        small, medium, large = (
+            None if found is None else found[0]
+            for found in (figures["small"], figures["medium"], figures["large"])
+        )
+        return Precision(ap, ap50, ap75, small, medium, large)
+
+    def part(self, kind: Kind, trees: Collection[int], frames: Collection[int]) -> float | None:
+        """AP of some trees in some frames, both by their place among all.
+
+        Other trees of these frames are ignored, so that they are neither found nor missed. What
+        was found where no tree is counts as false, as it belongs to no tree's kind.
+        """
+        whole = self._evaluation(kind)
+        if whole is None:
+            return None
+        ignored = set(range(1, 1 + self.trees)) - {tree + 1 for tree in trees}
+        part = _Evaluation(
+            whole.cocoGt, whole.cocoDt, kind, {"all": SIZES_PX2["all"]}, ignored, whole.ious
+        )
+        part.params.imgIds = [self._frames[frame].image_id for frame in sorted(frames)]
+        part.run()
+        figures = part.figures("all")["all"]
+        return None if figures is None else figures[0]
+
+    def curve(self, kind: Kind) -> list[float] | None:
+        """Precision at each of the recalls 0, 0.01 ... 1, for an overlap of at least one half."""
+        whole = self._evaluation(kind)
+        if whole is None:
+            return None
+        values = whole.eval["precision"][_HALF, :, 0, 0, -1]
+        return None if (values < 0).any() else [float(value) for value in values]
+
+    @property
+    def trees(self) -> int:
+        """How many trees are labelled, crowds among them."""
+        return sum(len(frame.trees) for frame in self._frames)
+
+    def _evaluation(self, kind: Kind) -> _Evaluation | None:
+        """Of all frames, made once; None where the model has no branch or no tree the label."""
+        if kind not in self._whole:
+            entries = _results(self._frames, self._predictions, kind)
+            if entries is None:
+                return None
+            if kind == "segm" and not any(t.segmentation for f in self._frames for t in f.trees):
+                return None
+            truth = self._truth
+            evaluation = _Evaluation(truth, _loaded(truth, entries), kind, SIZES_PX2)
+            evaluation.run()
+            self._whole[kind] = evaluation
+        return self._whole[kind]
+
+
+class _Evaluation(COCOeval):  # type: ignore[misc]
+    """pycocotools' evaluation with more trees ignored, and with overlaps that are known."""
+
+    def __init__(
+        self,
+        truth: COCO,
+        found: COCO,
+        kind: Kind,
+        sizes: Mapping[str, tuple[float, float]],
+        ignored: Collection[int] = (),
+        overlaps: Mapping[tuple[int, int], Any] | None = None,
+    ) -> None:
+        super().__init__(truth, found, kind)
+        self.params.areaRng = [list(limits) for limits in sizes.values()]
+        self.params.areaRngLbl = list(sizes)
+        if kind == "keypoints":
+            self.params.kpt_oks_sigmas = np.array(OKS_SIGMAS)
+        self._ignored = ignored
+        self._known = overlaps
+
+    def run(self) -> None:
+        """Match and accumulate, without a word."""
+        with contextlib.redirect_stdout(io.StringIO()):
+            self.evaluate()
+            self.accumulate()
+
+    def figures(self, *sizes: str) -> dict[str, tuple[float, float, float] | None]:
+        """AP, AP50 and AP75 in percent by size; None where there is no tree of that size."""
+        precision = self.eval["precision"][:, :, 0, :, -1]
+        found: dict[str, tuple[float, float, float] | None] = {}
+        for size in sizes:
+            values = 100 * precision[..., self.params.areaRngLbl.index(size)].mean(axis=1)
+            chosen = values.mean(), values[_HALF], values[_THREE_QUARTERS]
+            found[size] = None if values[0] < 0 else tuple(map(float, chosen))  # type: ignore[assignment]
+        return found
+
+    def _prepare(self) -> None:
+        super()._prepare()
+        without = self.params.iouType == "segm"
+        for trees in self._gts.values():
+            for tree in trees:
+                if tree["id"] in self._ignored or (without and tree["unmasked"]):
+                    tree["ignore"] = 1
+
+    def computeIoU(self, image: int, category: int) -> Any:
+        """Overlaps of boxes or masks."""
+        return self._overlaps(super().computeIoU, image, category)
+
+    def computeOks(self, image: int, category: int) -> Any:
+        """Similarity of keypoints."""
+        return self._overlaps(super().computeOks, image, category)
+
+    def _overlaps(self, compute: Any, image: int, category: int) -> Any:
+        return compute(image, category) if self._known is None else self._known[image, category]
+
+
+def _ground_truth(frames: Sequence[FrameRecord]) -> COCO:
+    annotations: list[dict[str, Any]] = []
+    for frame in frames:
+        for tree in frame.trees:
+            x0, y0, x1, y1 = tree.box_px.tolist()
+            masked = bool(tree.segmentation)
+            outline = [[x0, y0, x1, y0, x1, y1, x0, y1]]
+            area = float(frame.mask(tree).sum()) if masked else (x1 - x0) * (y1 - y0)
+            annotations.append(
+                {
+                    "id": len(annotations) + 1,
+                    "image_id": frame.image_id,
+                    "category_id": 1,
+                    "bbox": [x0, y0, x1 - x0, y1 - y0],
+                    "area": area,
+                    "iscrowd": int(tree.crowd),
+                    "segmentation": tree.segmentation if masked else outline,
+                    "unmasked": not masked,
+                    "keypoints": tree.keypoints.ravel().tolist(),
+                    "num_keypoints": int((tree.keypoints[:, 2] > 0).sum()),
+                }
+            )
+    coco = COCO()
+    coco.dataset = {
+        "info": {},
+        "images": [{"id": f.image_id, "width": f.width, "height": f.height} for f in frames],
+        "annotations": annotations,
+        "categories": [{"id": 1, "name": "tree", "keypoints": list(KEYPOINT_NAMES)}],
+    }
+    with contextlib.redirect_stdout(io.StringIO()):
+        coco.createIndex()
+    return coco
+
+
+def _loaded(truth: COCO, entries: list[dict[str, Any]]) -> COCO:
+    """Results as pycocotools holds them; it has no way to load none."""
+    with contextlib.redirect_stdout(io.StringIO()):
+        if entries:
+            return truth.loadRes(entries)
+        nothing = COCO()
+        nothing.dataset = {**truth.dataset, "annotations": []}
+        nothing.createIndex()
+    return nothing
+
+
+def _results(
+    frames: Sequence[FrameRecord], predictions: Sequence[FramePrediction], kind: Kind
+) -> list[dict[str, Any]] | None:
+    """COCO's result entries; None where the model lacks the branch."""
+    entries = []
+    for frame, found in zip(frames, predictions, strict=True):
+        if (kind == "segm" and found.masks is None) or (
+            kind == "keypoints" and found.keypoints is None
+        ):
+            return None
+        for row, (box, score) in enumerate(zip(found.boxes, found.scores, strict=True)):
+            x0, y0, x1, y1 = box.tolist()
+            entry: dict[str, Any] = {
+                "image_id": frame.image_id,
+                "category_id": 1,
+                "score": float(score),
+            }
+            if kind == "segm" and found.masks is not None:
+                entry["segmentation"] = dict(found.masks[row])
+            elif kind == "keypoints" and found.keypoints is not None:
+                entry["keypoints"] = found.keypoints[row].ravel().tolist()
+            else:
+                entry["bbox"] = [x0, y0, x1 - x0, y1 - y0]
+            entries.append(entry)
+    return entries
