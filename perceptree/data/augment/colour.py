@@ -1,0 +1,175 @@
+"""Colours of an RGB frame: light, colour matrix, tone, sharpness, dirt, noise, compression."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from perceptree.data.augment.randomness import (
+    add_levels,
+    either_side,
+    happens,
+    normal_levels,
+    smooth_field,
+    strength,
+)
+from perceptree.data.augment.settings import ColourSettings
+
+Bytes = NDArray[np.uint8]
+Float = NDArray[np.floating[Any]]
+
+_LIGHT_STEP_PX = 8
+_LIGHT_UNIT = 100
+_CONTRAST_CENTRE = 0.4
+_CURVE_KNOTS = 6
+_CHROMA_STEP_PX = 4
+_LARGEST_CUTOUT = 0.1
+# National Television System Committee's luma, and two differences from it, of blue, green, red.
+_TO_YIQ = np.array([[0.114, 0.587, 0.299], [-0.3213, -0.2746, 0.5959], [0.3106, -0.5227, 0.2115]])
+_FROM_YIQ = np.linalg.inv(_TO_YIQ)
+
+
+def recolour(rng: np.random.Generator, image: Bytes, settings: ColourSettings) -> Bytes:
+    """All of the settings' changes to a (H, W, 3) BGR image, in their order."""
+    image = _relight(rng, image, settings)
+    image = _mix_channels(rng, image, settings)
+    if happens(rng, settings.tone_share):
+        image = _tone(rng, image, settings)
+    if happens(rng, settings.blur_share):
+        image = _refocus(rng, image, settings)
+    if settings.cutouts:
+        image = _cover(rng, image, settings.cutouts)
+    if happens(rng, settings.noise_share):
+        image = _add_noise(rng, image, settings)
+    if happens(rng, settings.jpeg_share):
+        quality = round(float(rng.uniform(*settings.jpeg_quality)))
+        _, packed = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
+        image = np.asarray(cv2.imdecode(packed, cv2.IMREAD_COLOR), np.uint8)
+    return image
+
+
+def _relight(rng: np.random.Generator, image: Bytes, settings: ColourSettings) -> Bytes:
+    """One smooth gain for all channels: hard or soft shadows, and corners that are darker."""
+    if not settings.shadow and not settings.vignette:
+        return image
+    height, width = image.shape[:2]
+    rows, columns = (max(2, side // _LIGHT_STEP_PX) for side in (height, width))
+    hardness = float(rng.uniform(0.5, 4))
+    field = smooth_field(rng, rows, columns, float(rng.uniform(0.15, 0.6)) * rows)
+    log_gain = strength(rng, settings.shadow) * np.tanh(hardness * field)
+    y, x = np.mgrid[-1 : 1 : rows * 1j, -1 : 1 : columns * 1j]
+    corner = 1 - strength(rng, settings.vignette) * (x**2 + y**2) / 2
+    gain = np.clip(np.exp(log_gain) * corner * _LIGHT_UNIT, 0, 255).astype(np.uint8)
+    gain = cv2.resize(gain, (width, height))
+    lit = cv2.multiply(image, cv2.merge([gain] * 3), scale=1 / _LIGHT_UNIT)
+    return np.asarray(lit, np.uint8)
+
+
+def _mix_channels(rng: np.random.Generator, image: Bytes, settings: ColourSettings) -> Bytes:
+    """Saturation, hue, loss of colours and channels that change places, as one (3, 3) matrix."""
+    keep = 1.0
+    if settings.saturation and happens(rng, settings.saturation_share):
+        keep += float(rng.uniform(-settings.saturation, 0.5 * settings.saturation))
+    turn = math.radians(either_side(rng, settings.hue_deg))
+    if happens(rng, settings.grey_share):
+        keep = 0.0
+    order = [0, 1, 2]
+    if happens(rng, settings.channel_shuffle_share):
+        order = rng.permutation(3).tolist()
+    if keep == 1.0 and not turn and order == [0, 1, 2]:
+        return image
+    chroma = np.eye(3)
+    chroma[1:, 1:] = keep * np.array(
+        [[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]]
+    )
+    matrix = (_FROM_YIQ @ chroma @ _TO_YIQ)[order]
+    return np.asarray(cv2.transform(image, matrix), np.uint8)
+
+
+def _tone(rng: np.random.Generator, image: Bytes, settings: ColourSettings) -> Bytes:
+    """Gain, tint, gamma, contrast and curves by one look-up table of each channel."""
+    if not any(
+        (settings.brightness, settings.contrast, settings.gamma, settings.tint, settings.curves)
+    ):
+        return image
+    level = np.linspace(0, 1, 256)[:, None]
+    if settings.curves:
+        level = _curves(rng, strength(rng, settings.curves))
+    gain = math.exp(either_side(rng, settings.brightness))
+    tints = rng.uniform(-settings.tint, settings.tint, 3)
+    contrast = math.exp(either_side(rng, settings.contrast))
+    gamma = math.exp(either_side(rng, settings.gamma))
+    table = level**gamma * gain * np.exp(tints)
+    table = (table - _CONTRAST_CENTRE) * contrast + _CONTRAST_CENTRE
+    table8 = np.rint(np.clip(table * 255, 0, 255)).astype(np.uint8)
+    return np.asarray(cv2.LUT(image, table8[None]), np.uint8)
+
+
+def _curves(rng: np.random.Generator, deviation: float) -> Float:
+    """(256, 3) levels through rising curves from 0 to 1."""
+    places = np.linspace(0, _CURVE_KNOTS - 1, 256)
+    knots = rng.standard_normal((3, _CURVE_KNOTS)) * deviation
+    slopes = np.exp([np.interp(places, np.arange(_CURVE_KNOTS), row) for row in knots])
+    slopes[:, 0] = 0
+    return np.asarray((slopes.cumsum(1) / slopes.sum(1, keepdims=True)).T)
+
+
+def _refocus(rng: np.random.Generator, image: Bytes, settings: ColourSettings) -> Bytes:
+    """One of the two blurs or the sharpening, of those that are on."""
+    ways = (("blur_px", _blur), ("motion_blur_px", _motion_blur), ("sharpening", _sharpen))
+    choices = [(way, getattr(settings, name)) for name, way in ways if getattr(settings, name)]
+    if not choices:
+        return image
+    way, most = choices[int(rng.integers(len(choices)))]
+    return way(rng, image, strength(rng, most))
+
+
+def _blur(rng: np.random.Generator, image: Bytes, deviation_px: float) -> Bytes:
+    if deviation_px < 0.2:
+        return image
+    size = 2 * math.ceil(3 * deviation_px) + 1
+    return np.asarray(cv2.GaussianBlur(image, (size, size), deviation_px), np.uint8)
+
+
+def _motion_blur(rng: np.random.Generator, image: Bytes, length_px: float) -> Bytes:
+    reach = math.ceil(length_px / 2)
+    angle = float(rng.uniform(0, math.pi))
+    step = np.array([math.cos(angle), math.sin(angle)]) * length_px / 2
+    kernel = np.zeros((2 * reach + 1, 2 * reach + 1), np.uint8)
+    # OpenCV takes the line's ends in sixteenths of a pixel here.
+    start, end = (np.rint((reach + side * step) * 16).astype(int).tolist() for side in (-1, 1))
+    cv2.line(kernel, start, end, 255, 1, cv2.LINE_AA, shift=4)
+    weights = kernel.astype(np.float32) / max(1.0, float(kernel.sum()))
+    return np.asarray(cv2.filter2D(image, -1, weights), np.uint8)
+
+
+def _sharpen(rng: np.random.Generator, image: Bytes, gain: float) -> Bytes:
+    blurred = cv2.GaussianBlur(image, (5, 5), 1.0)
+    return np.asarray(cv2.addWeighted(image, 1 + gain, blurred, -gain, 0), np.uint8)
+
+
+def _cover(rng: np.random.Generator, image: Bytes, most: int) -> Bytes:
+    covered = image.copy()
+    height, width = image.shape[:2]
+    for _ in range(int(rng.integers(most + 1))):
+        w, h = rng.integers(1, max(2, round(height * _LARGEST_CUTOUT)) + 1, 2)
+        x, y = rng.integers(1 - w, width), rng.integers(1 - h, height)
+        covered[max(0, y) : y + h, max(0, x) : x + w] = rng.integers(0, 256, 3)
+    return covered
+
+
+def _add_noise(rng: np.random.Generator, image: Bytes, settings: ColourSettings) -> Bytes:
+    deviation = strength(rng, settings.noise)
+    if deviation:
+        image = add_levels(image, normal_levels(rng, image.shape, deviation))
+    deviation = strength(rng, settings.chroma_noise)
+    if deviation:
+        height, width = image.shape[:2]
+        coarse = (-(-height // _CHROMA_STEP_PX), -(-width // _CHROMA_STEP_PX), 3)
+        patches = cv2.resize(normal_levels(rng, coarse, deviation), (width, height))
+        image = add_levels(image, np.asarray(patches, np.uint8))
+    return image

@@ -1,0 +1,126 @@
+"""The labels of a frame, moved with it; and which trees are still worth a label."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from perceptree.models import KEYPOINT_FLIP_PAIRS
+
+Float = NDArray[np.floating[Any]]
+Bytes = NDArray[np.uint8]
+Masks = NDArray[np.bool_]
+
+LEAST_PIXELS = 25
+LEAST_SHARE = 0.25
+_BITS = 8
+
+
+def flip_keypoints(keypoints: Float) -> Float:
+    """A copy of (N, 5, 3) in which left and right have changed their names."""
+    swapped = keypoints.copy()
+    for left, right in KEYPOINT_FLIP_PAIRS:
+        swapped[:, [left, right]] = swapped[:, [right, left]]
+    return swapped
+
+
+def move_points(points: Float, matrix: Float) -> Float:
+    """(..., 2) x, y through a (3, 3) matrix."""
+    homogeneous = points @ matrix[:, :2].T + matrix[:, 2]
+    return np.asarray(homogeneous[..., :2] / homogeneous[..., 2:])
+
+
+def move_keypoints(
+    keypoints: Float, matrix: Float, window: tuple[int, int, int, int], width: int, height: int
+) -> Float:
+    """(N, 5, 3) through a matrix; points that leave the window or the picture become zeros."""
+    found, before = keypoints.copy(), keypoints[..., :2]
+    found[..., :2] = move_points(before, matrix)
+    kept = (
+        (keypoints[..., 2] > 0)
+        & (before >= window[:2]).all(-1)
+        & (before <= window[2:]).all(-1)
+        & (found[..., :2] >= 0).all(-1)
+        & (found[..., :2] < (width, height)).all(-1)
+    )
+    found[~kept] = 0.0
+    return found
+
+
+def move_boxes(
+    boxes: Float, matrix: Float, window: tuple[int, int, int, int], width: int, height: int
+) -> tuple[Float, list[int]]:
+    """(N, 4) xyxy around the moved corners, and which of them are kept.
+
+    Exact for scales and shifts; rotated, sheared or in perspective, a box is as large as its
+    corners ask for, since nothing says which of its pixels are the tree's.
+    """
+    x0, y0, x1, y1 = window
+    within = np.clip(boxes, (x0, y0, x0, y0), (x1, y1, x1, y1))
+    whole, seen = _around(boxes, matrix), _around(within, matrix)
+    seen = np.clip(seen, 0, (width, height, width, height))
+    area = _areas(seen)
+    kept = np.nonzero(area >= np.maximum(LEAST_PIXELS, LEAST_SHARE * _areas(whole)))[0].tolist()
+    return seen[kept], kept
+
+
+def move_masks(
+    masks: Masks, matrix: Float, move_plane: Callable[[Bytes], Bytes]
+) -> tuple[Float, Masks, list[int]]:
+    """(N, H, W) masks moved eight at a time, their boxes (N, 4), and which of them are kept.
+
+    Each mask is one bit of a byte. Taking the nearest pixel moves all bits alike, so that overlaps
+    stay as they are.
+    """
+    rectangles = [cv2.boundingRect(mask.view(np.uint8)) for mask in masks]
+    planes = [
+        move_plane(_plane(masks[start : start + _BITS], rectangles[start : start + _BITS]))
+        for start in range(0, len(masks), _BITS)
+    ]
+    found = np.empty_like(masks)
+    boxes: list[tuple[int, int, int, int]] = []
+    kept: list[int] = []
+    for row, (x, y, w, h) in enumerate(rectangles):
+        before = cv2.countNonZero(masks[row, y : y + h, x : x + w].view(np.uint8))
+        moved = (planes[row // _BITS] & np.uint8(1 << row % _BITS)) != 0
+        expected = before * _growth(matrix, x + w / 2, y + h / 2)
+        if cv2.countNonZero(moved.view(np.uint8)) < max(LEAST_PIXELS, LEAST_SHARE * expected):
+            continue
+        boxes.append(box_of(moved))
+        found[len(kept)] = moved
+        kept.append(row)
+    return np.array(boxes, float).reshape(-1, 4), found[: len(kept)], kept
+
+
+def box_of(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:
+    """x0, y0, x1, y1 around the pixels of an (H, W) mask."""
+    x, y, width, height = cv2.boundingRect(mask.view(np.uint8))
+    return x, y, x + width, y + height
+
+
+def _plane(masks: Masks, rectangles: list[Any]) -> Bytes:
+    plane = np.zeros(masks.shape[1:], np.uint8)
+    for bit, (mask, (x, y, w, h)) in enumerate(zip(masks, rectangles, strict=True)):
+        inner = mask[y : y + h, x : x + w].view(np.uint8)
+        plane[y : y + h, x : x + w] |= inner << np.uint8(bit)
+    return plane
+
+
+def _around(boxes: Float, matrix: Float) -> Float:
+    """(N, 4) boxes around the moved corners of boxes."""
+    corners = move_points(boxes[:, [[0, 1], [2, 1], [2, 3], [0, 3]]], matrix)
+    return np.concatenate([corners.min(1), corners.max(1)], axis=-1)
+
+
+def _areas(boxes: Float) -> Float:
+    return np.asarray((boxes[:, 2] - boxes[:, 0]) * (boxes[:, 3] - boxes[:, 1]))
+
+
+def _growth(matrix: Float, x: float, y: float) -> float:
+    """How many times its area a small piece at (x, y) covers after the move."""
+    depth = matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2]
+    return abs(float(np.linalg.det(matrix) / depth**3))

@@ -1,0 +1,60 @@
+"""Strengths of the augmentation: what is refused, and what the named ones are."""
+
+import dataclasses
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+
+from perceptree.data import AugmentSettings
+from perceptree.data.augment import PAPER_AUGMENT
+from perceptree.errors import SettingsError
+
+NUMBERS = [
+    entry.name
+    for entry in dataclasses.fields(AugmentSettings)
+    if not isinstance(entry.default, tuple)
+]
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+def test_no_strength_is_under_0_or_not_a_number(name: str) -> None:
+    for value in (-1, np.nan, np.inf):
+        with pytest.raises(SettingsError, match=rf"{name} is {value}: expected"):
+            AugmentSettings(**{name: value})
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("flip_share", 1.5),
+        ("scale", (1.2, 0.8)),
+        ("scale", (0.0, 1.0)),
+        ("scale", (1.0, np.inf)),
+        ("crop", (0.5, 1.1)),
+        ("crop", (0.0, 1.0)),
+        ("rotation_deg", 45),
+        ("shear_deg", 45),
+        ("perspective", 0.5),
+        ("holes", 2.5),
+        ("jpeg_quality", (30, 101)),
+        ("copy_paste_share", 2),
+    ],
+)
+def test_strengths_out_of_range_are_refused(name: str, value: Any) -> None:
+    with pytest.raises(SettingsError, match=rf"{name} is .*: expected"):
+        AugmentSettings(**{name: value})
+
+
+def test_the_paper_cuts_windows_as_wide_as_a_frame_is_high() -> None:
+    assert PAPER_AUGMENT.crop_share == 1
+    assert (np.array(PAPER_AUGMENT.crop) * (1280, 720)).tolist() == [720, 720]
+    assert PAPER_AUGMENT.flip_share == 0.5
+    assert (PAPER_AUGMENT.depth_noise, PAPER_AUGMENT.holes) == (0, 0)
+
+
+def test_settings_are_ready_for_json() -> None:
+    values = json.loads(json.dumps(dataclasses.asdict(PAPER_AUGMENT)))
+    tuples = {name: tuple(v) if isinstance(v, list) else v for name, v in values.items()}
+    assert AugmentSettings(**tuples) == PAPER_AUGMENT
