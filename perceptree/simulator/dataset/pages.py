@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from html import escape
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from perceptree.page import card, grid, render_page, tiles
 from perceptree.simulator.dataset.charts import bars_svg, counts_svg, histogram_svg, stacked_svg
 from perceptree.simulator.dataset.contact_sheet import DEPTH_SHEET_FILE, SHEET_FILE
 from perceptree.simulator.dataset.statistics import (
@@ -38,31 +38,25 @@ def write_statistics(directory: Path, splits: dict[str, list[Record]]) -> None:
     """Write the figures as JSON and as a page."""
     figures = dataset_statistics(splits)
     write_atomically(directory / FIGURES_FILE, json.dumps(figures, indent=1).encode())
-    write_atomically(directory / PAGE_FILE, render_page(figures).encode())
+    write_atomically(directory / PAGE_FILE, statistics_page(figures).encode())
 
 
-def render_page(figures: Figures) -> str:
-    """The page as HTML text, charts and style included; readable in light and in dark."""
-    style = resources.files(__package__).joinpath("statistics.css").read_text("utf-8")
-    body = (
+def statistics_page(figures: Figures) -> str:
+    """The page as HTML text, charts and style included."""
+    return render_page(
+        "What was simulated",
         _header(figures)
         + _splits(figures["splits"])
         + _trees(figures)
         + _conditions(figures)
-        + _sensors(figures)
-    )
-    return (
-        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>What was simulated</title><style>{style}</style></head>"
-        f"<body><main>{body}</main></body></html>\n"
+        + _sensors(figures),
     )
 
 
 def _header(figures: Figures) -> str:
     splits = figures["splits"].values()
     valid = figures["depth_valid_share"]["all"]
-    tiles = [
+    shown = [
         (f"{sum(s['frames'] for s in splits):,}", "frames"),
         (f"{sum(s['scenes'] for s in splits):,}", "scenes, each in one split"),
         (f"{sum(s['trees'] for s in splits):,}", "labelled trees"),
@@ -77,9 +71,7 @@ def _header(figures: Figures) -> str:
         "<h1>What was simulated</h1>"
         f'<p class="lead">The frames themselves: <a href="{SHEET_FILE}">colour with labels</a>'
         f' and <a href="{DEPTH_SHEET_FILE}">measured depth</a>, beside this page.</p>'
-        '<div class="tiles">'
-        + "".join(f'<div class="tile"><b>{v}</b><span>{t}</span></div>' for v, t in tiles)
-        + "</div>"
+        + tiles(shown)
     )
 
 
@@ -98,19 +90,19 @@ def _splits(splits: Figures) -> str:
 
 def _trees(figures: Figures) -> str:
     cards = [
-        _card("Trees a frame", counts_svg("Trees a frame", figures["trees_per_frame"]["counts"]))
+        card("Trees a frame", counts_svg("Trees a frame", figures["trees_per_frame"]["counts"]))
     ]
     for name, (title, unit) in _TREE_CHARTS.items():
         one = figures["tree"][name]
         chart = histogram_svg(title, one["edges"], one["counts"], unit)
-        cards.append(_card(title, chart, _quantiles(one)))
+        cards.append(card(title, chart, _quantiles(one)))
     cards += [
-        _card("Species", bars_svg("Species", figures["species"])),
-        _card("Models of bark and form", bars_svg("Models", figures["models"])),
+        card("Species", bars_svg("Species", figures["species"])),
+        card("Models of bark and form", bars_svg("Models", figures["models"])),
         _keypoints(figures["keypoints"]),
     ]
     note = "Shares of all labelled trees; what lies beyond an axis is counted in its last bar."
-    return f'<h2>Trees</h2><p class="note">{note}</p>{_grid(cards)}'
+    return f'<h2>Trees</h2><p class="note">{note}</p>{grid(cards)}'
 
 
 def _quantiles(one: Figures) -> str:
@@ -135,12 +127,12 @@ def _keypoints(keypoints: Figures) -> str:
 
 def _conditions(figures: Figures) -> str:
     cards = [
-        _card("Ground", bars_svg("Ground", figures["terrain"]), "frames"),
+        card("Ground", bars_svg("Ground", figures["terrain"]), "frames"),
         _histogram_card("Mean slope of a scene, degrees", figures["slope_deg"], "°"),
         _histogram_card("Stems per hectare of a scene", figures["stems_per_ha"], ""),
-        _card("Camera carried by", bars_svg("Carrier", figures["carrier"]), "frames"),
+        card("Camera carried by", bars_svg("Carrier", figures["carrier"]), "frames"),
     ]
-    return "<h2>Conditions</h2>" + _weather_by_light(figures["weather_by_light"]) + _grid(cards)
+    return "<h2>Conditions</h2>" + _weather_by_light(figures["weather_by_light"]) + grid(cards)
 
 
 def _weather_by_light(table: Mapping[str, Mapping[str, int]]) -> str:
@@ -170,28 +162,19 @@ def _sensors(figures: Figures) -> str:
     size = figures["bytes_per_frame"]
     kilobytes = {name: round(count / 1000) for name, count in size["folders"].items()}
     cards = [
-        _card(
+        card(
             "Depth sensor",
             bars_svg("Depth sensor", figures["depth_sensor"]),
             f"frames; pixels with a reading: {shares}",
         ),
-        _card(
+        card(
             "Files of a frame, kB",
             bars_svg("Files of a frame", kilobytes),
             f"mean {size['mean'] / 1000:.0f} kB, at most {size['largest'] / 1000:.0f} kB",
         ),
     ]
-    return f"<h2>Sensors and files</h2>{_grid(cards)}"
+    return f"<h2>Sensors and files</h2>{grid(cards)}"
 
 
 def _histogram_card(title: str, one: dict[str, Any], unit: str) -> str:
-    return _card(title, histogram_svg(title, one["edges"], one["counts"], unit), _quantiles(one))
-
-
-def _card(title: str, chart: str, note: str = "") -> str:
-    below = f'<p class="note">{escape(note)}</p>' if note else ""
-    return f'<div class="card"><h3>{escape(title)}</h3>{chart}{below}</div>'
-
-
-def _grid(cards: list[str]) -> str:
-    return f'<div class="grid">{"".join(cards)}</div>'
+    return card(title, histogram_svg(title, one["edges"], one["counts"], unit), _quantiles(one))
