@@ -54,7 +54,7 @@ def disturb_depth(
     faulty = _lose_range(rng, faulty, encoding, settings)
     lost: list[NDArray[np.bool_]] = []
     if settings.stereo_px_m:
-        lost.append(_shadows(metres_of[image], strength(rng, settings.stereo_px_m)))
+        lost.append(_shadows(image, metres_of, strength(rng, settings.stereo_px_m)))
     if settings.edge_loss_px:
         lost.append(_edges(rng, image, metres_of, int(rng.integers(settings.edge_loss_px + 1))))
     if settings.hole_area:
@@ -86,8 +86,9 @@ def _disturb_readings(
         per_m = (encoding.far_value - encoding.near_value) / (encoding.far_m - encoding.near_m)
         spread = abs(per_m) * deviation_m * (level_metres(encoding) / _REFERENCE_M) ** 2
         spread[encoding.invalid_value] = 0
-        scaled = cv2.multiply(normal(rng, image.shape), cv2.LUT(image, spread))
-        image = np.asarray(cv2.add(image, scaled, dtype=cv2.CV_8U), np.uint8)
+        noise = normal(rng, image.shape)
+        cv2.multiply(noise, cv2.LUT(image, spread), dst=noise)
+        image = np.asarray(cv2.add(image, noise, dtype=cv2.CV_8U), np.uint8)
     return image
 
 
@@ -115,16 +116,17 @@ def _through(image: Bytes, metres: Float32, encoding: DepthEncoding) -> Bytes:
     return np.asarray(cv2.LUT(image, table), np.uint8)
 
 
-def _shadows(metres: Float32, stereo_px_m: float) -> NDArray[np.bool_]:
+def _shadows(image: Bytes, metres_of: Float32, stereo_px_m: float) -> NDArray[np.bool_]:
     """(H, W) what the right camera of a stereo pair does not see of the left one's picture.
 
     A point at column x comes to lie at x - f b / z there. It is hidden by any point from further
     right that comes to lie at its place or left of it.
     """
-    columns = np.arange(metres.shape[1], dtype=np.float32)
-    seen_at = columns - np.float32(stereo_px_m) / metres
-    hider: Any = np.minimum.accumulate(seen_at[:, ::-1], axis=1)[:, ::-1]
-    return np.asarray(seen_at > hider + _SHADOW_TOLERANCE_PX)
+    seen_at = np.asarray(cv2.LUT(image, -np.float32(stereo_px_m) / metres_of), np.float32)
+    seen_at += np.arange(image.shape[1], dtype=np.float32)
+    seen_at = np.asarray(cv2.flip(seen_at, 1), np.float32)
+    hider, tolerance = np.minimum.accumulate(seen_at, axis=1), np.float32(_SHADOW_TOLERANCE_PX)
+    return np.asarray(cv2.flip(cv2.compare(seen_at, hider + tolerance, cv2.CMP_GT), 1) > 0)
 
 
 def _edges(

@@ -43,10 +43,14 @@ def augment(
     image = disturb_depth(rng, sample.image, encoding, settings)
     invalid = encoding.invalid_value
     kept = still_read(sample.image, image, invalid, sample.boxes, sample.masks)
+    sample = replace(sample, image=image)
+    return sample if len(kept) == len(sample.boxes) else _only(sample, kept)
+
+
+def _only(sample: Sample, kept: list[int]) -> Sample:
     masks = None if sample.masks is None else sample.masks[kept]
-    return replace(
-        sample, image=image, boxes=sample.boxes[kept], keypoints=sample.keypoints[kept], masks=masks
-    )
+    boxes, keypoints = sample.boxes[kept], sample.keypoints[kept]
+    return replace(sample, boxes=boxes, keypoints=keypoints, masks=masks)
 
 
 def _with_others(
