@@ -6,6 +6,7 @@ import sys
 
 import typer
 
+from perceptree.commands.data import app as data
 from perceptree.commands.eval import evaluate
 from perceptree.commands.import_ import import_
 from perceptree.commands.scene import scene
@@ -24,6 +25,7 @@ app.command()(scene)
 app.command()(train)
 app.command(name="eval")(evaluate)
 app.command(name="import")(import_)
+app.add_typer(data, name="data")
 
 _INTERRUPTED = 130
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, NoReturn
 
 from perceptree.errors import DatasetError
@@ -54,12 +55,13 @@ def numbers(annotation: Entry, field: str, count: int) -> list[float]:
     return values
 
 
-def number(annotation: Entry, field: str) -> float:
-    """A field's finite number."""
-    value = annotation.get(field)
-    if not are_numbers([value]):
-        refuse(annotation, "annotation", field, "1 finite number")
-    return float(value)  # type: ignore[arg-type]
+def named_numbers(annotation: Entry, fields: Sequence[str]) -> dict[str, float]:
+    """Those of the fields that the annotation has, each a finite number."""
+    values = {name: annotation[name] for name in fields if name in annotation}
+    if not are_numbers(list(values.values())):
+        wrong = next(name for name, value in values.items() if not are_numbers([value]))
+        refuse(annotation, "annotation", wrong, "1 finite number")
+    return values
 
 
 def are_numbers(values: Any) -> bool:

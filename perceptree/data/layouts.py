@@ -29,6 +29,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
+from perceptree.data.coco import SPLITS
 from perceptree.errors import DatasetError
 
 SPLIT_WORDS = {
@@ -131,6 +132,18 @@ def find_labels(
     return fitting[0]
 
 
+def find_splits(
+    directory: Path, fold: int | None = None, entire_tree: bool = False
+) -> list[LabelFile]:
+    """The label files of all splits that a dataset has, train, val, test, as `find_labels` does."""
+    if directory.is_file():
+        return [_single(directory, None)]
+    files = label_files(directory)
+    there = {file.split for file in files if file.entire_tree == entire_tree}
+    wanted = [split for split in SPLITS if split in there] or ["train"]
+    return [find_labels(directory, split, fold, entire_tree) for split in wanted]
+
+
 def _nothing_fits(
     directory: Path, split: str, fold: int | None, entire_tree: bool, files: list[LabelFile]
 ) -> str:
@@ -154,11 +167,11 @@ def _listed(directory: Path, files: list[LabelFile]) -> str:
     return ", ".join(names[:_NAMED]) + more
 
 
-def _single(path: Path, split: str) -> LabelFile:
+def _single(path: Path, split: str | None) -> LabelFile:
     """A label file that was named itself; where its name says no split, it is one for testing."""
     recognised = _recognise(Path(path.name))
     named = recognised[0] if recognised else "test"
-    if split != named:
+    if split not in (None, named):
         raise DatasetError(
             f"{path}: one label file of {named}, expected a dataset's folder to read {split}"
         )

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calib import opencv_to_image
-from perceptree.data.coco import KEYPOINTS, Float, FrameRecord, TreeRecord
+from perceptree.data.coco import KEYPOINTS, FrameRecord, TreeRecord
 from perceptree.data.entries import (
     Entry,
     EntryError,
     check_segmentation,
-    number,
+    named_numbers,
     numbers,
     refuse,
     rows,
@@ -32,6 +32,10 @@ _TRUTH_FIELDS = ("distance_m", "diameter_m", "cut_height_m", "inclination_deg", 
 _FRAME_FIELDS = ("camera", "up_camera", "depth_encoding", "scene")
 _FILE_FIELDS = ("file_name", "depth_file", "depth8_file")
 _BORDER_PX = 1.0
+_CHUNK = 512
+_FLAGS = frozenset((0, 1, 2))
+_IN_ORDER = tuple(range(KEYPOINTS))
+_NOTHING = [0.0] * (3 * KEYPOINTS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +46,17 @@ class Parsed:
     notes: tuple[str, ...]
     has_masks: bool
     outside: list[tuple[int, float, float]]
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """The checked annotations of some images, as they are on disk, and their images' sizes."""
+
+    entries: list[Entry] = field(default_factory=list)
+    boxes: list[list[float]] = field(default_factory=list)
+    points: list[list[float]] = field(default_factory=list)
+    sizes: list[tuple[int, int]] = field(default_factory=list)
+    truths: list[dict[str, float]] = field(default_factory=list)
 
 
 class Parser:
@@ -71,12 +86,10 @@ class Parser:
         trees = self._by_image(images, annotations)
         content.clear()
         annotations.clear()
-        frames = []
-        for image in images:
-            try:
-                frames.append(self._frame(image, trees.pop(image["id"])))
-            except EntryError as error:
-                self._report(error)
+        frames: list[FrameRecord] = []
+        for first in range(0, len(images), _CHUNK):
+            chunk = images[first : first + _CHUNK]
+            frames += self._frames(chunk, [trees.pop(image["id"]) for image in chunk])
         if not frames:
             raise DatasetError("holds no usable images, expected at least one")
         return Parsed(frames, self._notes(), self._with_masks, self.outside)
@@ -123,93 +136,98 @@ class Parser:
                 self._report(error)
         return trees
 
-    def _frame(self, image: Entry, annotations: list[Entry]) -> FrameRecord:
-        for field in _FILE_FIELDS:
-            name = image.get(field)
-            if not (isinstance(name, str) and name) and (field == "file_name" or name is not None):
-                refuse(image, "image", field, "the path of a file within the dataset")
-        width, height = (whole(image, "image", field) for field in ("width", "height"))
-        for field, size in (("width", width), ("height", height)):
-            if size < 1:
-                refuse(image, "image", field, "at least 1 px")
-        colour, depth, depth8 = self._pictures.of(image)
-        return FrameRecord(
-            image["id"], colour, depth, depth8, width, height, self._extra(image),
-            self._trees(annotations, width, height),
-        )  # fmt: skip
-
-    def _extra(self, image: Entry) -> dict[str, Any]:
-        """What else is known of a frame; parts equal to the last frame's are the same objects."""
-        extra = {name: image[name] for name in _FRAME_FIELDS if name in image}
-        for name, value in self._last_extra.items():
-            if name in extra and extra[name] == value:
-                extra[name] = value
-        self._last_extra = extra
-        return extra
-
-    def _trees(self, annotations: list[Entry], width: int, height: int) -> tuple[TreeRecord, ...]:
-        """The records of a frame's trees; their boxes and keypoints are rows of two arrays."""
-        kept: list[Entry] = []
-        boxes: list[list[float]] = []
-        points: list[list[float]] = []
-        truths: list[dict[str, float]] = []
-        for annotation in annotations:
+    def _frames(self, images: list[Entry], trees: list[list[Entry]]) -> list[FrameRecord]:
+        """Records of some images; their trees' boxes and keypoints are rows of two arrays."""
+        found = _Found()
+        usable: list[Entry] = []
+        ends: list[int] = []
+        for image, labels in zip(images, trees, strict=True):
             try:
-                keypoints = self._names.of(annotation)
-                if keypoints is None:
-                    continue
-                found = _box(annotation), _points(annotation, keypoints)
-                self._check_mask(annotation, width, height)
-                truth = {n: number(annotation, n) for n in _TRUTH_FIELDS if n in annotation}
+                _check_image(image)
             except EntryError as error:
                 self._report(error)
                 continue
-            kept.append(annotation)
-            boxes.append(found[0])
-            points.append(found[1])
-            truths.append(truth)
-        if not kept:
-            return ()
-        box_px = np.array(boxes, float)
-        box_px[:, 2:] += box_px[:, :2]
-        placed = self._place(np.array(points, float).reshape(-1, KEYPOINTS, 3), kept, width, height)
-        return tuple(
-            TreeRecord(
-                annotation["id"], box, rows_, annotation["segmentation"] if self._with_masks and
-                annotation.get("segmentation") else None, bool(annotation.get("iscrowd", 0)),
-                truth, _species(annotation),
-            )
-            for annotation, box, rows_, truth in zip(kept, box_px, placed, truths, strict=True)
-        )  # fmt: skip
+            for annotation in labels:
+                try:
+                    self._check_tree(annotation, image, found)
+                except EntryError as error:
+                    self._report(error)
+            usable.append(image)
+            ends.append(len(found.entries))
+        records = self._records(found)
+        return [
+            self._frame(image, tuple(records[first:end]))
+            for image, first, end in zip(usable, [0, *ends], ends, strict=False)
+        ]
 
-    def _check_mask(self, annotation: Entry, width: int, height: int) -> None:
-        """A mask for every tree, or for none; a crowd may do without."""
+    def _frame(self, image: Entry, trees: tuple[TreeRecord, ...]) -> FrameRecord:
+        extra = {name: image[name] for name in _FRAME_FIELDS if name in image}
+        for name, value in self._last_extra.items():
+            if extra.get(name) == value:  # one object serves all frames, say of one camera
+                extra[name] = value
+        self._last_extra = extra
+        paths = self._pictures.of(image)
+        return FrameRecord(image["id"], *paths, image["width"], image["height"], extra, trees)
+
+    def _check_tree(self, annotation: Entry, image: Entry, found: _Found) -> None:
+        """Add an annotation to ``found``, if it is of a tree. Raises EntryError."""
+        keypoints = self._names.of(annotation)
+        if keypoints is None:
+            return
+        box, points = _box(annotation), _points(annotation, keypoints)
         if annotation.get("segmentation"):
-            check_segmentation(annotation, width, height)
+            check_segmentation(annotation, image["width"], image["height"])
         elif self._with_masks and not annotation.get("iscrowd", 0):
             expected = "polygons or runs, as other trees of the file have"
             refuse(annotation, "annotation", "segmentation", expected)
+        truth = named_numbers(annotation, _TRUTH_FIELDS)
+        found.entries.append(annotation)
+        found.boxes.append(box)
+        found.points.append(points)
+        found.sizes.append((image["width"], image["height"]))
+        found.truths.append(truth)
 
-    def _place(
-        self, points: Float, annotations: list[Entry], width: int, height: int
-    ) -> NDArray[np.float64]:
-        """Keypoints (N, 5, 3) from pixel indices on disk to corner-based px, within the frame.
+    def _records(self, found: _Found) -> list[TreeRecord]:
+        boxes = np.array(found.boxes, float).reshape(-1, 4)
+        boxes[:, 2:] += boxes[:, :2]
+        return [
+            TreeRecord(
+                entry["id"], box, points, entry.get("segmentation") or None,
+                bool(entry.get("iscrowd", 0)), truth, _species(entry),
+            )
+            for entry, box, points, truth in zip(
+                found.entries, boxes, self._place(found), found.truths, strict=True
+            )
+        ]  # fmt: skip
+
+    def _place(self, found: _Found) -> NDArray[np.float64]:
+        """Keypoints (N, 5, 3) from pixel indices on disk to corner-based px, within their frames.
 
         What lies at most 1 px outside is put on the border (a rounded coordinate); what lies
         farther out is not labelled, as PercepTreeV1's own training has it.
         """
-        places = np.asarray(points, np.float64)
+        places = np.array(found.points, np.float64).reshape(-1, KEYPOINTS, 3)
+        sizes = np.array(found.sizes, np.float64).reshape(-1, 1, 2)
         labelled = places[..., 2] > 0
         places[..., :2] = opencv_to_image(places[..., :2])
-        size = np.array([width, height], float)
-        gap = np.maximum(-places[..., :2], places[..., :2] - size).max(-1)
+        gap = np.maximum(-places[..., :2], places[..., :2] - sizes).max(-1)
         outside = labelled & (gap > _BORDER_PX)
         for row, place in zip(*np.nonzero(outside), strict=True):
-            x, y = places[row, place, :2].tolist()
-            self.outside.append((annotations[row]["id"], x - 0.5, y - 0.5))
+            x, y = found.points[row][3 * place : 3 * place + 2]
+            self.outside.append((found.entries[row]["id"], x, y))
         places[~labelled | outside] = 0.0
-        places[..., :2] = np.clip(places[..., :2], 0.0, size)
+        places[..., :2] = np.clip(places[..., :2], 0.0, sizes)
         return places
+
+
+def _check_image(image: Entry) -> None:
+    for key in _FILE_FIELDS:
+        name = image.get(key)
+        if not (isinstance(name, str) and name) and (key == "file_name" or name is not None):
+            refuse(image, "image", key, "the path of a file within the dataset")
+    for key in ("width", "height"):
+        if whole(image, "image", key) < 1:
+            refuse(image, "image", key, "at least 1 px")
 
 
 def _listed(outside: list[tuple[int, float, float]]) -> str:
@@ -233,12 +251,14 @@ def _box(annotation: Entry) -> list[float]:
 def _points(annotation: Entry, keypoints: KeypointMap) -> list[float]:
     """Our five keypoints as x, y, flag, ..., as they are on disk; zeros for what there is not."""
     if not annotation.get("keypoints"):
-        return [0.0] * (3 * KEYPOINTS)
+        return _NOTHING
     listed = numbers(annotation, "keypoints", 3 * keypoints.count)
-    if not {0, 1, 2}.issuperset(listed[2::3]):
+    if not _FLAGS.issuperset(listed[2::3]):
         refuse(annotation, "annotation", "keypoints", "flags of 0, 1 or 2")
     if keypoints.places is None:
-        return [0.0] * (3 * KEYPOINTS)
+        return _NOTHING
+    if keypoints.places == _IN_ORDER and len(listed) == len(_NOTHING):
+        return listed
     values: list[float] = []
     for place in keypoints.places:
         values += [0.0] * 3 if place < 0 else listed[3 * place : 3 * place + 3]

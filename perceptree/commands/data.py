@@ -1,0 +1,106 @@
+"""``perceptree data``: look at a dataset before training on it."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from perceptree.errors import DatasetError, SettingsError
+
+app = typer.Typer(
+    help="Look at a dataset before training on it.", no_args_is_help=True, rich_markup_mode=None
+)
+
+Directory = Annotated[Path, typer.Argument(help="Folder of a dataset, or one COCO file.")]
+Fold = Annotated[int | None, typer.Option(help="Which fold, where there are several.")]
+EntireTree = Annotated[
+    bool, typer.Option("--entire-tree", help="Labels of entire trees (SynthTree43k).")
+]
+
+
+@app.command()
+def check(
+    directory: Directory,
+    fold: Fold = None,
+    entire_tree: EntireTree = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Look for missing and broken files, wrong labels, and leakage between splits.
+
+    Exit code 1 where anything was found.
+    """
+    from perceptree.data.check import Check
+
+    started = Check(directory, fold, entire_tree)
+    shown = sys.stderr.isatty() and not as_json
+    with typer.progressbar(
+        length=len(started), label="checking", file=sys.stderr, hidden=not shown
+    ) as bar:
+        report = started.run(progress=bar.update)
+    if as_json:
+        typer.echo(json.dumps(report.to_dict()))
+    else:
+        for split in report.splits:
+            kinds = ("masks", split.has_masks), ("keypoints", split.has_keypoints)
+            held = [name for name, there in (*kinds, ("depth", split.has_depth)) if there]
+            typer.echo(
+                f"{split.split:5} {split.labels}: {split.frames} frames, {split.trees} trees,"
+                f" with {', '.join(held) or 'boxes only'}"
+            )
+            for note in split.notes:
+                typer.echo(f"      {note}")
+        for finding in report.findings:
+            typer.echo(str(finding))
+        if not report.findings:
+            typer.echo(f"nothing found; splits compared by {report.compared_by}")
+    if report.findings:
+        raise typer.Exit(1)
+
+
+@app.command()
+def show(
+    directory: Directory,
+    out: Annotated[Path, typer.Option(help="Folder for the pages.")] = Path("pages"),
+    split: Annotated[str | None, typer.Option(help="train, val or test; all of them else.")] = None,
+    pages: Annotated[int, typer.Option(help="How many pages.")] = 1,
+    per_page: Annotated[int, typer.Option(help="Frames on a page.")] = 12,
+    seed: Annotated[int, typer.Option(help="Which frames are drawn.")] = 1,
+    fold: Fold = None,
+    entire_tree: EntireTree = False,
+) -> None:
+    """Draw pages of labelled frames: boxes, outlines of masks, keypoints."""
+    import cv2
+
+    from calib.writing import write_whole
+    from perceptree.data import SPLITS
+    from perceptree.data.dataset import read_labels
+    from perceptree.data.layouts import find_labels, find_splits
+    from perceptree.data.show import choose_frames, labelled_pages
+
+    for name, value in (("--pages", pages), ("--per-page", per_page)):
+        if value < 1:
+            raise SettingsError(f"{name} is {value}: expected at least 1")
+    if split is not None and split not in SPLITS:
+        raise DatasetError(f"--split is {split!r}: expected one of {', '.join(SPLITS)}")
+    files = (
+        find_splits(directory, fold, entire_tree)
+        if split is None
+        else [find_labels(directory, split, fold, entire_tree)]
+    )
+    datasets = [read_labels(labels) for labels in files]
+    for dataset in datasets:
+        for note in dataset.notes:
+            typer.echo(f"{dataset.labels.split}: {note}", err=True)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise SettingsError(f"--out {out}: cannot be a folder ({error.strerror})") from None
+    chosen = choose_frames(datasets, pages * per_page, seed)
+    for number, page in enumerate(labelled_pages(chosen, per_page), start=1):
+        path = out / f"page_{number:03d}.jpg"
+        write_whole(path, bytes(cv2.imencode(".jpg", page, [cv2.IMWRITE_JPEG_QUALITY, 90])[1]))
+        typer.echo(str(path))

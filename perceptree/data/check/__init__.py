@@ -1,0 +1,6 @@
+"""Checks of a dataset before anything is trained on it: files, labels, leakage between splits."""
+
+from perceptree.data.check.findings import Finding
+from perceptree.data.check.run import Check, Report, SplitSummary
+
+__all__ = ["Check", "Finding", "Report", "SplitSummary"]

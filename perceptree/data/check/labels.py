@@ -1,0 +1,70 @@
+"""Faults of a frame's labels that need no picture."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from perceptree.data.coco import FrameRecord, TreeRecord
+from perceptree.errors import DatasetError
+from perceptree.models import KEYPOINT_NAMES
+
+_OUTSIDE_PX = 1.0
+_ORDER_PX = 1.0
+_MASK_PX, _MASK_SHARE = 3.0, 0.05
+_CUT, _LEFT, _RIGHT, _MIDDLE, _TOP = range(len(KEYPOINT_NAMES))
+
+
+def label_faults(frame: FrameRecord) -> Iterator[tuple[str, int]]:
+    """(kind, annotation) of every fault of a frame's trees."""
+    for tree in frame.trees:
+        kinds = [*_box_faults(frame, tree), *_order_faults(tree)]
+        if tree.segmentation is not None:
+            kinds += _mask_faults(frame, tree)
+        for kind in kinds:
+            yield kind, tree.number
+
+
+def _box_faults(frame: FrameRecord, tree: TreeRecord) -> Iterator[str]:
+    x0, y0, x1, y1 = tree.box_px
+    if min(x0, y0, frame.width - x1, frame.height - y1) < -_OUTSIDE_PX:
+        yield "box_outside"
+
+
+def _order_faults(tree: TreeRecord) -> Iterator[str]:
+    """Left and right as seen with the stem's foot down; heights by image rows."""
+    points, labelled = tree.keypoints[:, :2], tree.keypoints[:, 2] > 0
+    if labelled[[_LEFT, _RIGHT]].all():
+        top = next((k for k in (_TOP, _MIDDLE) if labelled[k] and labelled[_CUT]), None)
+        up = points[top] - points[_CUT] if top is not None else np.array([0.0, -1.0])
+        across = np.array([-up[1], up[0]])  # to the right of a stem that points up
+        length = float(np.hypot(*across))
+        gap = points[_RIGHT] - points[_LEFT]
+        if length > 0 and float(gap @ across) / length < -_ORDER_PX:
+            yield "left_right_swapped"
+    for lower, upper, kind in (
+        (_CUT, _MIDDLE, "cut_above_middle"),
+        (_MIDDLE, _TOP, "middle_above_top"),
+    ):
+        if labelled[[lower, upper]].all() and points[lower, 1] < points[upper, 1] - _ORDER_PX:
+            yield kind
+
+
+def _mask_faults(frame: FrameRecord, tree: TreeRecord) -> Iterator[str]:
+    try:
+        mask = frame.mask(tree)
+    except DatasetError:
+        yield "mask_broken"
+        return
+    columns, rows = np.flatnonzero(mask.any(0)), np.flatnonzero(mask.any(1))
+    if not len(columns):
+        yield "mask_empty"
+        return
+    x0, y0, x1, y1 = tree.box_px
+    slack_px = np.maximum(_MASK_PX, _MASK_SHARE * np.array([x1 - x0, y1 - y0]))
+    beyond_px = np.maximum(
+        [x0 - columns[0], y0 - rows[0]], [columns[-1] + 1 - x1, rows[-1] + 1 - y1]
+    )
+    if (beyond_px > slack_px).any():
+        yield "mask_outside_box"

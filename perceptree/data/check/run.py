@@ -1,0 +1,129 @@
+"""All checks of a dataset: labels and pictures frame by frame in threads, then the splits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass
+from functools import partial
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from perceptree.data.check.findings import Finding, Findings
+from perceptree.data.check.labels import label_faults
+from perceptree.data.check.leakage import file_leaks, picture_leaks, scene_leaks, scene_of
+from perceptree.data.check.pictures import Signature, colour_faults, depth_faults
+from perceptree.data.coco import FrameRecord
+from perceptree.data.dataset import Dataset, read_labels
+from perceptree.data.entries import EntryError
+from perceptree.data.layouts import LabelFile, find_splits
+
+Progress = Callable[[int], object]
+Faults = list[tuple[str, str]]
+
+_AT_ONCE = 64
+
+
+@dataclass(frozen=True)
+class SplitSummary:
+    """What a split holds, and what reading it had to say."""
+
+    split: str
+    labels: str
+    frames: int
+    trees: int
+    has_masks: bool
+    has_keypoints: bool
+    has_depth: bool
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Report:
+    """A dataset's splits and what was found; ``compared_by`` is scene or picture."""
+
+    splits: tuple[SplitSummary, ...]
+    findings: tuple[Finding, ...]
+    compared_by: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return asdict(self)
+
+
+class Check:
+    """A dataset whose labels are read; `run` looks at every frame.
+
+    Raises DatasetError for a dataset without any readable label file.
+    """
+
+    def __init__(
+        self, directory: Path | str, fold: int | None = None, entire_tree: bool = False
+    ) -> None:
+        self._findings = Findings()
+        self._splits: dict[str, Dataset] = {}
+        for labels in find_splits(Path(directory), fold, entire_tree):
+            self._splits[labels.split] = read_labels(labels, partial(self._wrong_entry, labels))
+
+    def _wrong_entry(self, labels: LabelFile, error: EntryError) -> None:
+        self._findings.add("entry", f"{labels.path.name}: {error}")
+
+    def __len__(self) -> int:
+        """How many frames there are."""
+        return sum(len(dataset.frames) for dataset in self._splits.values())
+
+    def run(self, progress: Progress = lambda frames: None) -> Report:
+        """Look at every frame; ``progress`` is told how many more are done."""
+        signatures: dict[str, list[Signature | None]] = {}
+        with ThreadPoolExecutor() as pool:
+            for split, dataset in self._splits.items():
+                for number, x, y in dataset.outside:
+                    self._findings.add(
+                        "keypoint_outside", f"{split} annotation {number} at {x:.6g}, {y:.6g}"
+                    )
+                found = signatures[split] = []
+                for frames in _batches(dataset.frames):
+                    for faults, signature in pool.map(_look, frames):
+                        self._findings.extend((kind, f"{split} {where}") for kind, where in faults)
+                        found.append(signature)
+                    progress(len(frames))
+        compared_by = self._compare(signatures)
+        summaries = tuple(_summary(split, data) for split, data in self._splits.items())
+        return Report(summaries, self._findings.listed(), compared_by)
+
+    def _compare(self, signatures: dict[str, list[Signature | None]]) -> str:
+        """Look for leakage, by scene where every frame names its own, by picture otherwise."""
+        frames = {split: dataset.frames for split, dataset in self._splits.items()}
+        self._findings.extend(("file_in_splits", name) for name in file_leaks(frames))
+        if all(scene_of(frame) is not None for split in frames.values() for frame in split):
+            self._findings.extend(("scene_in_splits", name) for name in scene_leaks(frames))
+            return "scene"
+        leaks = picture_leaks(frames, signatures)
+        self._findings.extend(("picture_in_splits", name) for name in leaks)
+        return "picture"
+
+
+def _batches(frames: Sequence[FrameRecord]) -> Iterator[list[FrameRecord]]:
+    """A few frames at a time, so that no more than these are in flight."""
+    remaining = iter(frames)
+    while batch := list(islice(remaining, _AT_ONCE)):
+        yield batch
+
+
+def _look(frame: FrameRecord) -> tuple[Faults, Signature | None]:
+    """(kind, where) of a frame's faults, and its picture's signature."""
+    name = frame.image_path.name
+    kinds, signature = colour_faults(frame)
+    faults: Faults = [(kind, str(frame.image_path)) for kind in kinds]
+    faults += [(kind, str(path)) for kind, path in depth_faults(frame)]
+    faults += [(kind, f"{name} annotation {number}") for kind, number in label_faults(frame)]
+    return faults, signature
+
+
+def _summary(split: str, dataset: Dataset) -> SplitSummary:
+    return SplitSummary(
+        split, str(dataset.labels.path), len(dataset.frames),
+        sum(len(frame.trees) for frame in dataset.frames),
+        dataset.has_masks, dataset.has_keypoints, dataset.has_depth, dataset.notes,
+    )  # fmt: skip

@@ -1,0 +1,64 @@
+"""Pages of a dataset's frames with their labels drawn on."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from perceptree.data.coco import FrameRecord
+from perceptree.data.dataset import Dataset
+from perceptree.data.frames import read_frame
+from perceptree.drawing import PAPER, Picture, draw_trees, grid, keypoint_legend, with_caption
+from perceptree.models import KEYPOINT_NAMES
+
+_CELL_PX = (480, 360)
+
+
+def choose_frames(
+    datasets: Sequence[Dataset], count: int, seed: int
+) -> list[tuple[str, FrameRecord]]:
+    """(split, frame) of at most ``count`` frames, from the splits in turn, drawn by the seed."""
+    rng = np.random.default_rng(seed)
+    drawn = [rng.permutation(len(dataset.frames))[:count] for dataset in datasets]
+    turns = [
+        (turn, place, int(frames[turn]))
+        for place, frames in enumerate(drawn)
+        for turn in range(len(frames))
+    ]
+    chosen = sorted((place, frame) for _, place, frame in sorted(turns)[:count])
+    return [
+        (datasets[place].labels.split, datasets[place].frames[frame]) for place, frame in chosen
+    ]
+
+
+def labelled_pages(chosen: Sequence[tuple[str, FrameRecord]], per_page: int) -> Iterator[Picture]:
+    """Pages (H, W, 3) BGR of frames with boxes, outlines of masks and keypoints.
+
+    Raises DatasetError for a picture that cannot be read.
+    """
+    for first in range(0, len(chosen), per_page):
+        cells = [_cell(split, frame) for split, frame in chosen[first : first + per_page]]
+        page = grid(cells, math.ceil(math.sqrt(len(cells))))
+        yield np.concatenate([keypoint_legend(KEYPOINT_NAMES, page.shape[1]), page])
+
+
+def _cell(split: str, frame: FrameRecord) -> Picture:
+    """A frame within a cell's size, its labels drawn on, split and name below."""
+    width, height = _CELL_PX
+    scale = min(width / frame.width, height / frame.height)
+    trees = frame.trees
+    drawn = draw_trees(
+        read_frame(frame, "rgb"),
+        boxes=np.array([tree.box_px for tree in trees]).reshape(-1, 4),
+        masks=(None if tree.segmentation is None else frame.mask(tree) for tree in trees),
+        keypoints=np.array([tree.keypoints for tree in trees]).reshape(-1, 5, 3),
+        width_px=max(1, round(scale * frame.width)),
+    )
+    left = (width - drawn.shape[1]) // 2
+    cell = np.full((drawn.shape[0], width, 3), PAPER, np.uint8)
+    cell[:, left : left + drawn.shape[1]] = drawn
+    crowds = sum(tree.crowd for tree in trees)
+    said = f"{len(trees)} trees" + (f", {crowds} crowds" if crowds else "")
+    return with_caption(cell, f"{split}  {frame.image_path.name}  {said}")
