@@ -11,6 +11,7 @@ from edgetree.commands.bench import bench
 from edgetree.commands.calibrate import calibrate
 from edgetree.commands.demo import demo
 from edgetree.commands.doctor import doctor
+from edgetree.commands.eval import evaluate
 from edgetree.commands.export import export
 from edgetree.commands.measure import measure
 from edgetree.commands.run import run
@@ -30,6 +31,7 @@ app.command()(demo)
 app.command()(run)
 app.command()(measure)
 app.command()(calibrate)
+app.command(name="eval")(evaluate)
 app.command()(bench)
 app.command()(export)
 app.command()(verify)

@@ -35,19 +35,21 @@ def draw_trees(
     keypoints: Float | None = None,
     colour: Colour | None = None,
     width_px: int | None = None,
+    weight: float = 1.0,
 ) -> Picture:
     """A copy of a picture (H, W, 3) BGR uint8, or grey (H, W), with trees drawn on it.
 
     ``boxes`` (N, 4) xyxy px and ``keypoints`` (N, 5, 3) x, y, flag have (0, 0) at the outer corner
     of the first pixel; ``masks`` holds (H, W) arrays, drawn as outlines where they are not 0. A
     keypoint of flag 2 is a disc, of 1 (hidden) a ring, of 0 nothing. ``colour`` is for boxes and
-    outlines alike, each its own by default. ``width_px`` scales picture and labels to that width.
+    outlines alike, each its own by default. ``width_px`` scales picture and labels to that width,
+    ``weight`` makes lines and points stronger.
     """
     scale = 1.0 if width_px is None else width_px / image.shape[1]
     shown = fitted(image, image.shape[1] if width_px is None else width_px)
     colours = cv2.cvtColor(shown, cv2.COLOR_GRAY2BGR) if shown.ndim == 2 else shown.copy()
     drawn: Picture = np.asarray(colours, np.uint8)
-    line = max(1, round(drawn.shape[1] / 900))
+    line = max(1, round(weight * drawn.shape[1] / 900))
     for mask in () if masks is None else masks:
         if mask is not None:
             _draw_outline(drawn, mask, colour or OUTLINE, line)
@@ -55,7 +57,7 @@ def draw_trees(
         corners = (round(x0), round(y0)), (round(x1) - 1, round(y1) - 1)
         cv2.rectangle(drawn, *corners, colour or BOX, line)
     for points in [] if keypoints is None else keypoints:
-        _draw_keypoints(drawn, points, scale)
+        _draw_keypoints(drawn, points, scale, weight)
     return drawn
 
 
@@ -66,8 +68,8 @@ def _draw_outline(drawn: Picture, mask: NDArray[Any], colour: Colour, line: int)
     cv2.drawContours(drawn, contours, -1, colour, line)
 
 
-def _draw_keypoints(drawn: Picture, points: Float, scale: float) -> None:
-    radius = max(2, round(drawn.shape[1] / 250))
+def _draw_keypoints(drawn: Picture, points: Float, scale: float, weight: float) -> None:
+    radius = max(2, round(weight * drawn.shape[1] / 250))
     for (x, y, flag), colour in zip(points, KEYPOINT_COLOURS, strict=True):
         if flag > 0:
             place = (int(x * scale), int(y * scale))

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from edgetree.evaluate import predict_with_file
 from edgetree.export.frames import InputRules, find_frames, probe_frames, read_frames
 from edgetree.export.parity import (
     UNMATCHED_FRAMES,
@@ -24,8 +25,6 @@ from edgetree.manifest import Manifest
 from edgetree.session import InferenceSession
 
 if TYPE_CHECKING:
-    from perceptree.data import FrameStore
-    from perceptree.evaluation import RawDetections
     from perceptree.models import TreeRCNN
 
 __all__ = ["Evidence", "Say", "evidence_in", "prove"]
@@ -127,30 +126,10 @@ def _with_average_precision(
     say(f"evaluating on {len(store)} labelled frames")
     batch = manifest.input.batch_sizes[0]
     before = evaluate(predict_with(model), store)
-    after = _evaluate_file(session, manifest, store, batch)
+    after = evaluate(predict_with_file(session, manifest), store, batch)
     both = {
         name: (getattr(before, f"{name}_ap"), getattr(after, f"{name}_ap"))
         for name in ("box", "mask", "keypoint")
     }
     measured = {name: pair for name, pair in both.items() if None not in pair}
     return replace(report, average_precision=measured)
-
-
-def _evaluate_file(
-    session: InferenceSession, manifest: Manifest, store: FrameStore, batch: int
-) -> Any:
-    from perceptree.evaluation import RawDetections, evaluate
-
-    def predict(images: NDArray[np.uint8]) -> RawDetections:
-        filled = np.concatenate([images, images[:1].repeat(batch - len(images), axis=0)])
-        found = session.run({manifest.input.name: filled})
-        kept = {name: values[: len(images)] for name, values in found.items()}
-        return RawDetections(
-            kept["boxes"],
-            kept["scores"],
-            kept.get("keypoints"),
-            kept.get("masks"),
-            kept["num_detections"],
-        )
-
-    return evaluate(predict, store, batch=batch)

@@ -5,43 +5,76 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from perceptree.errors import DatasetError
+
+if TYPE_CHECKING:
+    from perceptree.models import ModelSpec
+
+_BATCH = 4
 
 
 def evaluate(
     checkpoint: Annotated[Path, typer.Argument(help="A .safetensors checkpoint.")],
     data: Annotated[Path, typer.Argument(help="Folder of a dataset.")],
     split: Annotated[str, typer.Option(help="train, val or test.")] = "test",
+    out: Annotated[Path | None, typer.Option(
+        help="Folder for report.json and report.html, with plots and pictures."
+    )] = None,
+    device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
-) -> None:
-    """COCO AP of boxes, masks and keypoints, and keypoint errors in pixels."""
+) -> None:  # fmt: skip
+    """COCO AP of boxes, masks and keypoints, errors in pixels, by distance, weather and more."""
     from perceptree.data import SPLITS, FrameStore, read_split
-    from perceptree.evaluation import evaluate as run_evaluation
-    from perceptree.evaluation import predict_with
+    from perceptree.evaluation import (
+        About,
+        make_report,
+        on_device,
+        predict_with,
+        report_folder,
+        summary_lines,
+    )
     from perceptree.models import load_checkpoint
 
     if split not in SPLITS:
         raise DatasetError(f"--split is {split!r}: expected one of {', '.join(SPLITS)}")
-    model, _ = load_checkpoint(checkpoint)
+    model, record = load_checkpoint(checkpoint)
+    model = on_device(model, device)
     store = FrameStore(read_split(data, split), model.spec)
+    if out is not None:
+        report_folder(out)
+    about = About(_about(checkpoint, model.spec, record), str(data), split)
     shown = sys.stderr.isatty() and not as_json
     with typer.progressbar(
         length=len(store), label="evaluating", file=sys.stderr, hidden=not shown
     ) as bar:
-        metrics = run_evaluation(predict_with(model), store, batch=4, progress=bar.update)
+        report = make_report(predict_with(model), store, about, _BATCH, bar.update)
+    page = None if out is None else report.write(out)
     if as_json:
-        typer.echo(json.dumps(metrics.to_dict()))
+        typer.echo(json.dumps(report.figures, allow_nan=False))
         return
-    typer.echo(f"{metrics.frames} frames, {metrics.trees} trees")
-    for name, ap, ap50 in (
-        ("boxes", metrics.box_ap, metrics.box_ap50),
-        ("masks", metrics.mask_ap, metrics.mask_ap50),
-        ("keypoints", metrics.keypoint_ap, metrics.keypoint_ap50),
-    ):
-        typer.echo(f"{name:9} " + ("-" if ap is None else f"AP {ap:5.1f}  AP50 {ap50:5.1f}"))
-    for name, error_px in metrics.keypoint_error_px.items():
-        typer.echo(f"{name:15} median error {error_px:.1f} px")
+    for line in summary_lines(report.figures):
+        typer.echo(line)
+    if page is None:
+        typer.echo("next: the same with --out FOLDER, for plots and pictures")
+    else:
+        typer.echo(f"open: {page}")
+
+
+def _about(checkpoint: Path, spec: ModelSpec, record: dict[str, Any]) -> dict[str, Any]:
+    training = record.get("training")
+    return {
+        "name": checkpoint.stem,
+        "path": str(checkpoint),
+        "kind": "checkpoint",
+        "backbone": spec.backbone,
+        "modality": spec.modality,
+        "precision": "float32",
+        "input_px": [spec.width, spec.height],
+        "detections": spec.detections,
+        "lowest_score": spec.score_threshold,
+        "training": training if isinstance(training, dict) else None,
+    }

@@ -20,7 +20,7 @@ Float = NDArray[np.floating[Any]]
 
 CUT, LEFT, RIGHT, MIDDLE, TOP = range(len(KEYPOINT_NAMES))
 DIRECTIONS = ("distance", "across", "along", "horizontal", "vertical")
-_HISTOGRAM_BINS = 40
+_HISTOGRAM_BINS = 60
 _DENSITY_BINS = 41
 _SHOWN_PERCENT = 97.0
 
@@ -122,13 +122,10 @@ def _axes(truth: Float) -> Float:
     return np.asarray(axis / np.where(length > 0, length, np.nan))
 
 
-def histogram(errors: Float, bins: int = _HISTOGRAM_BINS) -> dict[str, Any] | None:
-    """Counts of errors about zero, px; what lies beyond the ends is counted as such."""
+def histogram(errors: Float, reach: float) -> dict[str, Any]:
+    """Counts of errors from -``reach`` to ``reach`` px; what lies beyond is counted as such."""
     values = errors[np.isfinite(errors)]
-    if not len(values):
-        return None
-    reach = _round_reach(values)
-    edges = np.linspace(-reach, reach, bins + 1)
+    edges = np.linspace(-reach, reach, _HISTOGRAM_BINS + 1)
     return {
         "from_px": -reach,
         "to_px": reach,
@@ -143,7 +140,7 @@ def density(horizontal: Float, vertical: Float) -> dict[str, Any] | None:
     if not known.any():
         return None
     x, y = horizontal[known], vertical[known]
-    reach = _round_reach(np.concatenate([x, y]))
+    reach = round_reach(np.concatenate([x, y]))
     edges = np.linspace(-reach, reach, _DENSITY_BINS + 1)
     counts = np.histogram2d(y, x, (edges, edges))[0].astype(int)
     return {
@@ -154,8 +151,9 @@ def density(horizontal: Float, vertical: Float) -> dict[str, Any] | None:
     }
 
 
-def _round_reach(values: Float) -> float:
-    """A round number that most sizes stay below."""
-    most = max(float(np.percentile(np.abs(values), _SHOWN_PERCENT)), 1.0)
+def round_reach(errors: Float) -> float:
+    """A round number of px that most errors stay below."""
+    values = np.abs(errors[np.isfinite(errors)])
+    most = max(float(np.percentile(values, _SHOWN_PERCENT)) if len(values) else 0.0, 1.0)
     step = 10.0 ** math.floor(math.log10(most))
     return float(next(m for m in (1, 2, 3, 4, 5, 6, 8, 10) if m * step >= most) * step)

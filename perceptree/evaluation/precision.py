@@ -26,6 +26,7 @@ SIZES_PX2 = {"all": (0.0, 1e10), "small": (0.0, 32.0**2), "medium": (32.0**2, 96
              "large": (96.0**2, 1e10)}  # fmt: skip
 """COCO's sizes, by the area of the mask in the picture's own px², or of the box without masks."""
 
+_THRESHOLDS = tuple(round(0.05 * step, 2) for step in range(1, 20))
 _HALF, _THREE_QUARTERS = 0, 5  # of COCO's thresholds 0.50, 0.55 ... 0.95
 
 
@@ -90,6 +91,44 @@ class Scorer:
             return None
         values = whole.eval["precision"][_HALF, :, 0, 0, -1]
         return None if (values < 0).any() else [float(value) for value in values]
+
+    def by_score(self, kind: Kind) -> list[dict[str, float | None]] | None:
+        """What would be found of all trees, and be right of all reported, from other scores on.
+
+        Shares in 0 to 1 for an overlap of at least one half; the second is None where nothing is
+        reported. All is None where model or labels have no such thing.
+        """
+        whole = self._evaluation(kind)
+        if whole is None:
+            return None
+        frames = [frame for frame in whole.evalImgs[: len(self._frames)] if frame is not None]
+        counted = [~frame["dtIgnore"][_HALF] for frame in frames]
+        trees = sum(int((frame["gtIgnore"] == 0).sum()) for frame in frames)
+        if trees == 0:
+            return None
+        matched = [frame["dtMatches"][_HALF] > 0 for frame in frames]
+        right = np.concatenate([row[use] for row, use in zip(matched, counted, strict=True)])
+        given = [np.array(frame["dtScores"]) for frame in frames]
+        scores = np.concatenate([row[use] for row, use in zip(given, counted, strict=True)])
+        rows: list[dict[str, float | None]] = []
+        for threshold in _THRESHOLDS:
+            shown = scores >= threshold
+            found = int(right[shown].sum())
+            precision = found / int(shown.sum()) if shown.any() else None
+            rows.append({"score": threshold, "recall": found / trees, "precision": precision})
+        return rows
+
+    def overlap(self, kind: Kind, frame: int, tree: int, row: int) -> float | None:
+        """How well a row of a frame's detections fits a tree of it: overlap, or similarity of
+        keypoints; None without such a label, or for a row beyond those that COCO looks at."""
+        whole, label = self._evaluation(kind), self._frames[frame].trees[tree]
+        unknown = {"segm": not label.segmentation, "keypoints": not label.keypoints[:, 2].any()}
+        if whole is None or unknown.get(kind):
+            return None
+        table = whole.ious[self._frames[frame].image_id, 1]
+        order = np.argsort(-self._predictions[frame].scores, kind="stable")
+        rank = int(np.flatnonzero(order == row)[0])
+        return float(table[rank, tree]) if rank < len(table) else None
 
     @property
     def trees(self) -> int:

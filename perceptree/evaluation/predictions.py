@@ -14,12 +14,14 @@ from numpy.typing import NDArray
 
 from calib import CocoRle, Letterbox, encode_rle, paste_mask
 from perceptree.data import FrameStore
+from perceptree.errors import SettingsError
 from perceptree.models import TreeRCNN
 
 Float = NDArray[np.floating[Any]]
 _Item = TypeVar("_Item")
 _Made = TypeVar("_Made")
 
+DEVICES = ("cpu", "cuda")
 _READERS = 3
 _AHEAD = 8
 
@@ -48,6 +50,15 @@ class FramePrediction(NamedTuple):
     scores: Float
     keypoints: Float | None
     masks: list[CocoRle] | None
+
+
+def on_device(model: TreeRCNN, device: str) -> TreeRCNN:
+    """The model, moved to ``cpu`` or ``cuda``; raises SettingsError for what is not there."""
+    if device not in DEVICES:
+        raise SettingsError(f"--device is {device!r}: expected {' or '.join(DEVICES)}")
+    if device == "cuda" and not torch.cuda.is_available():
+        raise SettingsError("--device is cuda: expected a GPU that torch can use, or cpu")
+    return model.to(device)
 
 
 def predict_with(model: TreeRCNN) -> Predict:

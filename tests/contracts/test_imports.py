@@ -19,7 +19,7 @@ MAY_IMPORT = {
     "perceptree": TRAINING_STACK | {"perceptree", "calib", "numpy", "cv2", "typer"},
 }
 EDGETREE_AT_THE_DOOR = {"edgetree", "calib", "numpy", "cv2", "typer"}
-EDGETREE_TRAINING_SIDE = ("edgetree.export", "edgetree.demo")
+EDGETREE_TRAINING_SIDE = ("edgetree.export", "edgetree.demo", "edgetree.evaluate")
 
 
 def loaded_by(statement: str, folder: Path = ROOT) -> set[str]:
@@ -108,7 +108,7 @@ def test_a_package_imports_only_what_it_may_know(package: str) -> None:
     assert strangers == set()
 
 
-def test_edgetree_reaches_the_training_side_from_export_and_demo_only() -> None:
+def test_edgetree_reaches_the_training_side_from_few_places_only() -> None:
     strangers = set()
     for module, found in all_imports():
         top = found.target.partition(".")[0]

@@ -1,0 +1,64 @@
+"""`edgetree eval`: how good a model file is on labelled frames."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Annotated, TypeAlias
+
+import typer
+
+from edgetree.commands.options import Json, Provider, Strict, Threads, model_record, open_model
+from edgetree.console import Progress, note, print_json, progress
+
+__all__ = ["evaluate"]
+
+_Model: TypeAlias = Annotated[
+    str,
+    typer.Argument(
+        metavar="MODEL", help="An exported .onnx file; or rgb or depth, for those in the package."
+    ),
+]
+_Out: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(help="Folder for report.json and report.html, with plots and pictures."),
+]
+
+
+def evaluate(
+    model: _Model,
+    data: Annotated[Path, typer.Argument(help="Folder of a data set.")],
+    split: Annotated[str, typer.Option(help="train, val or test.")] = "test",
+    out: _Out = None,
+    threads: Threads = None,
+    provider: Provider = "cpu",
+    strict: Strict = True,
+    as_json: Json = False,
+) -> None:
+    """Say how good a model file is on labelled frames, as `perceptree eval` does of a checkpoint.
+
+    COCO AP of boxes, masks and keypoints, errors in pixels, by distance, weather and more. Needs
+    the training set-up, which reads the data.
+    """
+    from edgetree.evaluate import evaluate_file, summary_of
+    from edgetree.outputs import output_folder
+
+    detector, path = open_model(model, threads, provider=provider, strict=strict)
+    with ExitStack() as stack:
+        folder = None if out is None else stack.enter_context(output_folder(out))
+        bar: list[Progress] = []
+
+        def show(done: int, frames: int) -> None:
+            if not bar:
+                bar.append(stack.enter_context(progress("evaluating", frames, shown=not as_json)))
+            bar[0].update(done)
+
+        report = evaluate_file(detector, model_record(detector, path), data, split, show)
+        page = None if folder is None else report.write(folder)
+    if as_json:
+        print_json(report.figures)
+        return
+    for line in summary_of(report):
+        typer.echo(line)
+    hint = "next: the same with --out FOLDER, for plots and pictures"
+    note(hint if page is None else f"open: {page}")

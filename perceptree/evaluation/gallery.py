@@ -1,0 +1,246 @@
+"""Pictures of what went best and worst: single trees, cut out with label and detection."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from pycocotools import mask as coco_mask
+
+from perceptree.data import FrameRecord, TreeRecord, read_frame
+from perceptree.drawing import Colour, Picture, draw_trees
+from perceptree.errors import DatasetError
+from perceptree.evaluation.matching import DISPLAY_SCORE, Pair, overlaps
+from perceptree.evaluation.metrics import Measured
+from perceptree.evaluation.predictions import FramePrediction, read_ahead
+
+Float = NDArray[np.floating[Any]]
+
+TRUTH: Colour = (90, 220, 90)
+FOUND: Colour = (30, 150, 255)
+_EACH = 8
+_WORTH_SAYING = 0.1
+_PER_FRAME = 2
+_CROP_PX = (330, 440)
+_MARGIN = 0.3
+_LEAST_PX = 90
+_JPEG_QUALITY = 82
+_LINE_WEIGHT, _POINT_WEIGHT = 4.0, 2.6
+
+
+@dataclass(frozen=True)
+class Exhibit:
+    """One tree or one false alarm, as a JPEG of ``width_px`` x ``height_px``, and what it is."""
+
+    caption: str
+    jpeg: bytes
+    width_px: int
+    height_px: int
+
+
+@dataclass(frozen=True)
+class _Case:
+    """What to show: in which frame, which tree, which row; one of them may be None."""
+
+    frame: int
+    tree: int | None
+    row: int | None
+    caption: str
+
+
+def galleries(measured: Measured) -> dict[str, list[Exhibit]]:
+    """Found trees that fit best and worst, missed trees from the largest on, and false alarms from
+    the surest on; at most eight of each, two of a frame."""
+    pairs = measured.matches.found
+    fits = sorted(((_fit(measured, pair), place) for place, pair in enumerate(pairs)), reverse=True)
+    found = [
+        _Case(pairs[place].frame, pairs[place].tree, pairs[place].row,
+              _found_caption(measured, place, fit))
+        for fit, place in fits
+    ]  # fmt: skip
+    return {
+        "best": _exhibits(measured, found),
+        "worst": _exhibits(measured, found[: _EACH - 1 : -1]),
+        "missed": _exhibits(measured, _missed(measured)),
+        "invented": _exhibits(measured, _invented(measured)),
+    }
+
+
+def _fit(measured: Measured, pair: Pair) -> float:
+    """Mean of what is known of the overlaps of boxes, masks and the similarity of keypoints."""
+    known = [
+        measured.scorer.overlap(kind, pair.frame, pair.tree, pair.row)
+        for kind in ("segm", "keypoints")
+    ]
+    fits = [pair.iou, *(fit for fit in known if fit is not None)]
+    return sum(fits) / len(fits)
+
+
+def _found_caption(measured: Measured, place: int, fit: float) -> str:
+    pair, errors = measured.matches.found[place], measured.errors
+    parts = [f"score {measured.predictions[pair.frame].scores[pair.row]:.2f}", f"fit {fit:.2f}"]
+    if errors is not None:
+        cut, width = errors.of(0, "distance")[place], errors.width[place]
+        parts += [f"cut {cut:.1f} px off"] if np.isfinite(cut) else []
+        parts += [f"diameter {width:+.1f} px"] if np.isfinite(width) else []
+    tree = measured.store.frames[pair.frame].trees[pair.tree]
+    return ", ".join([*parts, *_known(tree)])
+
+
+def _known(tree: TreeRecord) -> list[str]:
+    """What the label says of a tree."""
+    said = [] if tree.species is None else [tree.species]
+    if "distance_m" in tree.truth:
+        said.append(f"{tree.truth['distance_m']:.1f} m away")
+    if "visible_fraction" in tree.truth:
+        said.append(f"{tree.truth['visible_fraction']:.0%} visible")
+    return said
+
+
+def _missed(measured: Measured) -> list[_Case]:
+    cases = []
+    for number, place in measured.matches.missed:
+        tree, found = measured.store.frames[number].trees[place], measured.predictions[number]
+        width, height = tree.box_px[2:] - tree.box_px[:2]
+        near = _nearest(tree.box_px, found.boxes[found.scores >= DISPLAY_SCORE], "a detection")
+        caption = ", ".join([f"box {width:.0f}x{height:.0f} px", *_known(tree), *near])
+        cases.append((width * height, _Case(number, place, None, caption)))
+    return [case for _, case in sorted(cases, key=lambda entry: -entry[0])]
+
+
+def _invented(measured: Measured) -> list[_Case]:
+    cases = []
+    for number, row in measured.matches.invented:
+        found = measured.predictions[number]
+        score = float(found.scores[row])
+        boxes = np.array([tree.box_px for tree in measured.store.frames[number].trees])
+        near = _nearest(found.boxes[row], boxes.reshape(-1, 4), "a label")
+        cases.append((score, _Case(number, None, row, ", ".join([f"score {score:.2f}", *near]))))
+    return [case for _, case in sorted(cases, key=lambda entry: -entry[0])]
+
+
+def _nearest(box: Float, others: Float, name: str) -> list[str]:
+    """How much of it is shared with another, where that is something."""
+    most = float(overlaps(box, others).max(initial=0.0))
+    return [f"overlaps {name} by {most:.2f}"] if most >= _WORTH_SAYING else []
+
+
+def _exhibits(measured: Measured, cases: Sequence[_Case]) -> list[Exhibit]:
+    """The first ones, not too many of one frame."""
+    chosen: list[_Case] = []
+    for case in cases:
+        if sum(other.frame == case.frame for other in chosen) < _PER_FRAME:
+            chosen.append(case)
+        if len(chosen) == _EACH:
+            break
+    return list(read_ahead(lambda case: _exhibit(measured, case), chosen))
+
+
+def _exhibit(measured: Measured, case: _Case) -> Exhibit:
+    frame = measured.store.frames[case.frame]
+    found = measured.predictions[case.frame]
+    x0, y0, x1, y1 = _region(frame, found, case)
+    panels = []
+    for picture in _pictures(frame, measured.store.spec.modality):
+        scale = _CROP_PX[0] / (x1 - x0)
+        crop = cv2.resize(picture[y0:y1, x0:x1], _CROP_PX, interpolation=cv2.INTER_LINEAR)
+        panels.append(_drawn(np.asarray(crop, np.uint8), frame, found, case, (x0, y0), scale))
+    drawn = np.concatenate(panels, axis=1)
+    jpeg = cv2.imencode(".jpg", drawn, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes()
+    caption = f"{frame.image_path.name}: {case.caption}"
+    return Exhibit(caption, jpeg, drawn.shape[1], drawn.shape[0])
+
+
+def _pictures(frame: FrameRecord, modality: str) -> Iterator[Picture]:
+    """The colour picture, where there is one, and the depth that a depth model sees."""
+    try:
+        yield read_frame(frame, "rgb")
+    except DatasetError:
+        if modality == "rgb":
+            raise
+    if modality == "depth":
+        yield picture_of_grey(read_frame(frame, "depth"))
+
+
+def picture_of_grey(depth8: NDArray[np.uint8]) -> Picture:
+    """8-bit depth (H, W) as a muted picture, near things bright; black where it has no reading."""
+    return np.asarray(cv2.applyColorMap(255 - depth8, cv2.COLORMAP_BONE), np.uint8)
+
+
+def _region(frame: FrameRecord, found: FramePrediction, case: _Case) -> tuple[int, int, int, int]:
+    """What to cut out: tree and detection with some surroundings, in the crop's proportions."""
+    boxes = [] if case.tree is None else [frame.trees[case.tree].box_px]
+    boxes += [] if case.row is None else [found.boxes[case.row]]
+    low, high = np.min(boxes, axis=0)[:2], np.max(boxes, axis=0)[2:]
+    width, height = np.maximum((high - low) * (1 + _MARGIN), _LEAST_PX)
+    aspect = _CROP_PX[0] / _CROP_PX[1]
+    width = min(max(width, height * aspect), frame.width, frame.height * aspect)
+    size = np.array([width, width / aspect])
+    corner = np.clip((low + high - size) / 2, 0, np.array([frame.width, frame.height]) - size)
+    x0, y0 = (int(value) for value in corner)
+    across, down = (round(float(value)) for value in size)
+    return x0, y0, min(x0 + across, frame.width), min(y0 + down, frame.height)
+
+
+def _drawn(
+    crop: Picture,
+    frame: FrameRecord,
+    found: FramePrediction,
+    case: _Case,
+    corner: tuple[int, int],
+    scale: float,
+) -> Picture:
+    """All boxes in the crop, and outline and keypoints of what it is about."""
+    origin = np.array(corner)
+
+    def moved(points: Float) -> Float:
+        return np.asarray((points - origin) * scale)
+
+    def boxes_of(boxes: Float) -> Float:
+        return moved(np.asarray(boxes).reshape(-1, 2, 2)).reshape(-1, 4)
+
+    shown = found.scores >= DISPLAY_SCORE
+    truths = np.array([tree.box_px for tree in frame.trees]).reshape(-1, 4)
+    others = draw_trees(crop, boxes=boxes_of(truths), colour=TRUTH)
+    others = draw_trees(others, boxes=boxes_of(found.boxes[shown]), colour=FOUND)
+    drawn = np.asarray(cv2.addWeighted(crop, 0.5, others, 0.5, 0), np.uint8)
+    if case.tree is not None:
+        tree = frame.trees[case.tree]
+        mask = frame.mask(tree) if tree.segmentation else None
+        rings = np.column_stack([moved(tree.keypoints[:, :2]), tree.keypoints[:, 2] > 0])
+        box = boxes_of(tree.box_px)
+        drawn = _marked(drawn, box, _cut_out(mask, corner, scale), rings, TRUTH)
+    if case.row is not None:
+        mask = None if found.masks is None else coco_mask.decode(dict(found.masks[case.row]))
+        discs = None
+        if found.keypoints is not None:
+            points = moved(found.keypoints[case.row, :, :2])
+            discs = np.column_stack([points, np.full(len(points), 2)])
+        box = boxes_of(found.boxes[case.row])
+        drawn = _marked(drawn, box, _cut_out(mask, corner, scale), discs, FOUND)
+    return drawn
+
+
+def _marked(
+    drawn: Picture, box: Float, mask: NDArray[Any] | None, points: Float | None, colour: Colour
+) -> Picture:
+    drawn = draw_trees(drawn, boxes=box, masks=[mask], colour=colour, weight=_LINE_WEIGHT)
+    keypoints = None if points is None else points[None]
+    return draw_trees(drawn, keypoints=keypoints, weight=_POINT_WEIGHT)
+
+
+def _cut_out(
+    mask: NDArray[Any] | None, corner: tuple[int, int], scale: float
+) -> NDArray[Any] | None:
+    """The part of a frame's mask that lies in the crop, in the crop's pixels."""
+    if mask is None:
+        return None
+    x0, y0 = corner
+    width, height = (round(side / scale) for side in _CROP_PX)
+    part = mask[y0 : y0 + height, x0 : x0 + width].astype(np.uint8) * np.uint8(255)
+    grey = cv2.resize(part, _CROP_PX, interpolation=cv2.INTER_LINEAR)
+    return np.asarray(grey > 127)

@@ -1,0 +1,183 @@
+"""Plots of an evaluation as inline SVG, in the page's own colours, light and dark."""
+
+from __future__ import annotations
+
+import io
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perceptree.evaluation.errors_px import PixelErrors
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Figures = dict[str, Any]
+
+# Stand for the page's own colours, which change with light and dark.
+_PAGE_COLOURS = {"#5a675e": "var(--soft)", "#dfded4": "var(--line)", "#2c6a48": "var(--accent)"}
+_SOFT, _LINE, _ACCENT = _PAGE_COLOURS
+BLUE, ORANGE = "#3b7dc4", "#e08a2e"
+_PANELS = (
+    ("a", "felling_cut"), ("b", "diameter_right"), ("c", "axis_middle"),
+    (None, None), ("e", "diameter_left"), ("f", "axis_top"),
+)  # fmt: skip
+_PAPER_RC = {
+    "svg.fonttype": "none",
+    "font.family": "sans-serif",
+    "font.size": 10.0,
+    "axes.edgecolor": _LINE,
+    "axes.labelcolor": _SOFT,
+    "axes.titlecolor": _SOFT,
+    "axes.titlesize": 10.0,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": _LINE,
+    "text.color": _SOFT,
+    "xtick.color": _SOFT,
+    "ytick.color": _SOFT,
+    "legend.frameon": False,
+}
+
+
+def curves_svg(figures: Figures) -> str:
+    """Precision at each recall, for overlaps of one half."""
+    with _style("curves"):
+        figure = _figure(5.2, 3.6)
+        axes = figure.add_subplot()
+        colours = {"boxes": _ACCENT, "masks": ORANGE, "keypoints": BLUE}
+        for kind, curve in figures["precision_at_recall"].items():
+            if curve is not None:
+                recalls = np.linspace(0, 100, len(curve))
+                axes.plot(recalls, 100 * np.array(curve), color=colours[kind], label=kind, lw=2)
+        axes.set(xlim=(0, 100), ylim=(0, 102), xlabel="of 100 trees, found",
+                 ylabel="of 100 reported, trees")  # fmt: skip
+        axes.legend(loc="lower left")
+        return _svg(figure)
+
+
+def scores_svg(figures: Figures) -> str:
+    """What is found, and what is right of it, by the score from which detections are shown."""
+    with _style("scores"):
+        figure = _figure(5.2, 3.6)
+        axes = figure.add_subplot()
+        rows = figures["boxes_by_score"]
+        scores = [row["score"] for row in rows]
+        for name, colour, label in (
+            ("recall", _ACCENT, "of 100 trees, found"),
+            ("precision", ORANGE, "of 100 reported, trees"),
+        ):
+            values = [float("nan") if row[name] is None else 100 * row[name] for row in rows]
+            axes.plot(scores, values, color=colour, label=label, lw=2)
+        axes.set(xlim=(0, 1), ylim=(0, 102), xlabel="shown from this score on")
+        axes.legend(loc="lower left")
+        return _svg(figure)
+
+
+def directions_svg(figures: Figures) -> str:
+    """The paper's figure 4: horizontal and vertical errors of each keypoint, and where felling
+    cuts lie about the true one."""
+    with _style("directions"):
+        figure = _figure(10.4, 5.4)
+        for place, (letter, name) in enumerate(_PANELS, start=1):
+            axes = figure.add_subplot(2, 3, place)
+            if letter is None or name is None:
+                _draw_density(axes, figures["felling_cut_density"])
+                continue
+            errors = figures["keypoint_error_px"][name]
+            _two_histograms(axes, errors, "horizontal", "vertical")
+            axes.set_title(f"({letter}) {name.replace('_', ' ')}")
+        return _svg(figure)
+
+
+def stem_directions_svg(figures: Figures) -> str:
+    """Errors of each keypoint across and along the stem."""
+    with _style("stem"):
+        figure = _figure(10.4, 5.4)
+        for place, (name, errors) in enumerate(figures["keypoint_error_px"].items(), start=1):
+            axes = figure.add_subplot(2, 3, place)
+            _two_histograms(axes, errors, "across", "along")
+            axes.set_title(name.replace("_", " "))
+        return _svg(figure)
+
+
+def diameters_svg(figures: Figures, errors: PixelErrors) -> str:
+    """Found against true diameters in px, and the errors."""
+    with _style("diameters"):
+        figure = _figure(10.4, 3.8)
+        axes = figure.add_subplot(1, 2, 1)
+        known = np.isfinite(errors.true_width)
+        true, found = errors.true_width[known], errors.found_width[known]
+        most = 1.05 * float(np.percentile(np.concatenate([true, found]), 99.5))
+        axes.plot([0, most], [0, most], color=_SOFT, lw=1, ls="--")
+        axes.plot(np.minimum(true, most), np.minimum(found, most), ".", color=_ACCENT, alpha=0.5)
+        axes.set(xlim=(0, most), ylim=(0, most), xlabel="true diameter, px",
+                 ylabel="found diameter, px", aspect="equal")  # fmt: skip
+        axes = figure.add_subplot(1, 2, 2)
+        _bars(axes, figures["diameter_error_px"]["histogram"], _ACCENT, None)
+        axes.set(xlabel="too narrow  ←  px  →  too wide", ylabel="trees")
+        return _svg(figure)
+
+
+def _two_histograms(axes: Axes, errors: Figures, first: str, second: str) -> None:
+    """Both over the same range, as outlines that let each other through."""
+    for direction, colour in ((first, BLUE), (second, ORANGE)):
+        spread = errors[direction]
+        if spread is not None:
+            label = f"{direction}, σ {spread['sigma']:.1f}"
+            _bars(axes, spread["histogram"], colour, label)
+    axes.set_xlabel("px")
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(loc="upper right", fontsize=8, handlelength=1.2)
+
+
+def _bars(axes: Axes, counts: Figures, colour: str, label: str | None) -> None:
+    edges = np.linspace(counts["from_px"], counts["to_px"], len(counts["counts"]) + 1)
+    axes.stairs(counts["counts"], edges, fill=True, color=colour, alpha=0.55, label=label)
+
+
+def _draw_density(axes: Axes, found: Figures | None) -> None:
+    axes.set_title("(d) where felling cuts were put, about the true one")
+    axes.grid(False)
+    if found is None:
+        return
+    low, high = found["from_px"], found["to_px"]
+    counts = _smoothed(np.array(found["rows"], float))
+    axes.imshow(counts, extent=(low, high, high, low), cmap="YlGnBu_r", interpolation="bilinear")
+    axes.axhline(0, color="white", lw=0.6, alpha=0.7)
+    axes.axvline(0, color="white", lw=0.6, alpha=0.7)
+    axes.set(xlabel="px to the right", ylabel="px too low")
+
+
+def _smoothed(counts: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Each count spread over its neighbours, so that few trees make a readable map."""
+    import cv2
+
+    return np.asarray(cv2.GaussianBlur(counts, (0, 0), 1.0), np.float64)
+
+
+def _style(name: str) -> Any:
+    """The settings of one plot; its name keeps its inner ids apart from other plots'."""
+    import matplotlib
+
+    return matplotlib.rc_context({**_PAPER_RC, "svg.hashsalt": name})
+
+
+def _figure(width_in: float, height_in: float) -> Figure:
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width_in, height_in), layout="constrained")
+
+
+def _svg(figure: Figure) -> str:
+    """The drawing alone, in the page's colours."""
+    buffer = io.StringIO()
+    figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None})
+    text = buffer.getvalue()
+    for colour, own in _PAGE_COLOURS.items():
+        text = text.replace(colour, own)
+    return text[text.index("<svg") :]

@@ -1,0 +1,73 @@
+"""The figures of an evaluation as a few lines for a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+Figures = dict[str, Any]
+
+_PRECISIONS = ("ap", "ap50", "ap75", "ap_small", "ap_medium", "ap_large")
+_HEADS = ("AP", "AP50", "AP75", "small", "medium", "large")
+_FEW_TREES = 10
+
+
+def title_of(figures: Figures) -> str:
+    """What was measured, in one line."""
+    model = figures["model"]
+    width, height = model["input_px"]
+    return f"{model['name']} ({model['modality']}, {model['precision']}, {width}x{height})"
+
+
+def summary_lines(figures: Figures) -> Iterator[str]:
+    """What a person wants to know first."""
+    data, shown = figures["data"], figures["at_score"]
+    yield f"{title_of(figures)} on {data['folder']}, {data['split']}"
+    yield f"{data['frames']} frames, {data['trees']} trees"
+    yield f"{'':9}" + "".join(f"{head:>8}" for head in _HEADS)
+    for kind, found in figures["average_precision"].items():
+        cells = [None if found is None else found[name] for name in _PRECISIONS]
+        yield f"{kind:9}" + "".join(
+            f"{'–' if cell is None else f'{cell:.1f}':>8}" for cell in cells
+        )
+    reported = shown["found"] + shown["invented"]
+    yield (
+        f"at score {shown['score']}: {shown['found']} of {data['trees']} trees found"
+        f" ({shown['recall']:.0%}), {shown['invented']} of {reported} reported are none"
+    )
+    yield from _error_lines(figures)
+    yield from _weakest(figures)
+    for line in figures["left_out"]:
+        yield f"left out: {line}"
+
+
+def _error_lines(figures: Figures) -> Iterator[str]:
+    keypoints, width = figures["keypoint_error_px"], figures["diameter_error_px"]
+    for name, found in (keypoints or {}).items():
+        if found["distance"] is None:
+            continue
+        line = f"{name.replace('_', ' '):15} {found['distance']['median']:5.1f} px off (median)"
+        if found["across"] is not None:
+            line += (
+                f"; across the stem {found['across']['median_abs']:.1f},"
+                f" along it {found['along']['median_abs']:.1f}"
+            )
+        yield line
+    if width is not None:
+        yield (
+            f"{'diameter':15} {width['mean_abs']:5.1f} px off (mean), median"
+            f" {width['median_abs']:.1f}, {abs(width['mean']):.1f} too"
+            f" {'wide' if width['mean'] >= 0 else 'narrow'} on average"
+        )
+
+
+def _weakest(figures: Figures) -> Iterator[str]:
+    """Of each axis the group that is found least, if it has some trees."""
+    parts = []
+    for axis in figures["by"].values():
+        groups = [group for group in axis["groups"] if group["trees"] >= _FEW_TREES]
+        if len(groups) > 1:
+            worst = min(groups, key=lambda group: group["recall"])
+            parts.append(f"{axis['title'].lower()} {worst['name']} ({worst['recall']:.0%})")
+    if parts:
+        yield f"found least: {'; '.join(parts)}"
