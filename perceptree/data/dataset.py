@@ -70,11 +70,17 @@ def read_labels(labels: LabelFile, on_error: OnError | None = None) -> Dataset:
     except DatasetError as error:
         raise DatasetError(f"{labels.path}: {error}") from error
     frames = parsed.frames
+    has_keypoints = any((tree.keypoints[:, 2] > 0).any() for f in frames for tree in f.trees)
+    without_depth = sum(frame.depth8_path is None for frame in frames)
+    notes = parsed.notes + pictures.notes
+    if not has_keypoints:
+        notes += ("no tree has a labelled keypoint",)
+    if without_depth:
+        share = "" if without_depth == len(frames) else f" for {without_depth} frames"
+        notes += (f"no 8-bit depth{share}: for colour, --modality rgb",)
     return Dataset(
-        labels, frames, parsed.notes + pictures.notes, parsed.has_masks,
-        any((tree.keypoints[:, 2] > 0).any() for frame in frames for tree in frame.trees),
-        all(frame.depth8_path is not None for frame in frames), parsed.outside,
-    )  # fmt: skip
+        labels, frames, notes, parsed.has_masks, has_keypoints, not without_depth, parsed.outside
+    )
 
 
 def _load(path: Path) -> Any:

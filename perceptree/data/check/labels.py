@@ -33,15 +33,16 @@ def _box_faults(frame: FrameRecord, tree: TreeRecord) -> Iterator[str]:
 
 
 def _order_faults(tree: TreeRecord) -> Iterator[str]:
-    """Left and right as seen with the stem's foot down; heights by image rows."""
+    """Left and right are across the axis, seen with the foot down; heights are image rows."""
     points, labelled = tree.keypoints[:, :2], tree.keypoints[:, 2] > 0
     if labelled[[_LEFT, _RIGHT]].all():
-        top = next((k for k in (_TOP, _MIDDLE) if labelled[k] and labelled[_CUT]), None)
-        up = points[top] - points[_CUT] if top is not None else np.array([0.0, -1.0])
-        across = np.array([-up[1], up[0]])  # to the right of a stem that points up
-        length = float(np.hypot(*across))
-        gap = points[_RIGHT] - points[_LEFT]
-        if length > 0 and float(gap @ across) / length < -_ORDER_PX:
+        up = np.array([0.0, -1.0])
+        for upper in (_TOP, _MIDDLE):
+            if labelled[[_CUT, upper]].all() and points[upper, 1] < points[_CUT, 1]:
+                up = points[upper] - points[_CUT]
+                break
+        across = np.array([-up[1], up[0]]) / np.hypot(*up)  # to the right of a stem that points up
+        if float((points[_RIGHT] - points[_LEFT]) @ across) < -_ORDER_PX:
             yield "left_right_swapped"
     for lower, upper, kind in (
         (_CUT, _MIDDLE, "cut_above_middle"),

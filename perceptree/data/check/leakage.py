@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from perceptree.data.check.pictures import SIGNATURE_WORDS, Signature
 from perceptree.data.coco import FrameRecord
 
-# Of 512 bits. Of 1,180 simulated frames, unrelated ones differ in 250 (median) and 57 (least, two in
-# thick fog); one packed to JPEG 30, scaled, brightened or with noise differs from itself in 30.
+# Of 512 bits. Of 1,180 simulated frames, unrelated ones differ in 250 (median) and 57 (least, two
+# in thick fog); one packed to JPEG 30, scaled, brightened or with noise differs from itself in 30.
 SAME_PICTURE_BITS = 40
 _PAIRS_AT_ONCE = 1_000_000
 
