@@ -9,6 +9,7 @@ import typer
 from perceptree.commands.data import app as data
 from perceptree.commands.eval import evaluate
 from perceptree.commands.import_ import import_
+from perceptree.commands.predict import predict
 from perceptree.commands.scene import scene
 from perceptree.commands.synth import synth
 from perceptree.commands.train import train
@@ -24,6 +25,7 @@ app.command()(synth)
 app.command()(scene)
 app.command()(train)
 app.command(name="eval")(evaluate)
+app.command()(predict)
 app.command(name="import")(import_)
 app.add_typer(data, name="data")
 

@@ -50,6 +50,10 @@ _Out: TypeAlias = Annotated[
 _JsonLines: TypeAlias = Annotated[
     Path | None, typer.Option(help="File for the JSON lines, in place of stdout.")
 ]
+_Coco: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(help="File for COCO labels, to be corrected in a labelling tool; of images only."),
+]
 
 
 def run(
@@ -66,6 +70,7 @@ def run(
     out: _Out = None,
     jsonl: _JsonLines = None,
     csv: Csv = None,
+    coco: _Coco = None,
     score_threshold: ScoreThreshold = 0.5,
     threads: Threads = None,
     provider: Provider = "cpu",
@@ -83,25 +88,43 @@ def run(
     options = RigOptions(
         camera, up, mounting, depth_camera, depth_extrinsics, depth_scale, stump_height
     )
-    options.check_paths({"--out": out, "--jsonl": jsonl, "--csv": csv}, source, depth, model)
+    outputs = {"--out": out, "--jsonl": jsonl, "--csv": csv, "--coco": coco}
+    options.check_paths(outputs, source, depth, model)
+    _check_labels(coco, source)
     detector, model_path = open_model(
         model, threads, score_threshold, provider=provider, strict=strict
     )
     depth_only = depth is None and detector.manifest.modality == "depth"
     rig, settings = options.rig(depth), options.settings()
     frames = open_source(source, depth, depth_only=depth_only, rig=rig)
-    seen = depth if depth is not None and detector.manifest.modality == "depth" else source
-    following = (
-        f"run {quoted(source)}{options.words(depth)} --model {quoted(model)} --out pictures"
-        if out is None
-        else f"bench {quoted(seen)} --model {quoted(model)}"
-    )
-    work = _Work(source, model_path, out, jsonl, csv, as_json, following)
+    following = _following(source, depth, options, model, out, detector.manifest.modality)
+    work = _Work(source, model_path, out, jsonl, csv, coco, score_threshold, as_json, following)
     work.do(frames, lambda frame: process(frame, detector, rig, settings))
     if as_json:
         print_json(work.to_dict(detector))
     for line in work.summary():
         note(line)
+
+
+def _following(
+    source: Path, depth: Path | None, options: RigOptions, model: str, out: Path | None, sees: str
+) -> str:
+    """What to type next; ``sees`` is the model's modality."""
+    if out is None:
+        return f"run {quoted(source)}{options.words(depth)} --model {quoted(model)} --out pictures"
+    seen = depth if depth is not None and sees == "depth" else source
+    return f"bench {quoted(seen)} --model {quoted(model)}"
+
+
+def _check_labels(coco: Path | None, source: Path) -> None:
+    """Labels name the pictures that they are for."""
+    from edgetree.errors import InputError
+    from edgetree.sources import VIDEO_SUFFIXES
+
+    if coco is not None and source.suffix.lower() in VIDEO_SUFFIXES and source.is_file():
+        raise InputError(
+            f"--coco is for pictures, and source {source} is a video: expected an image or a folder"
+        )
 
 
 @dataclass
@@ -113,6 +136,8 @@ class _Work:
     out: Path | None
     jsonl: Path | None
     csv: Path | None
+    coco: Path | None
+    score_threshold: float
     as_json: bool
     following: str
     trees: int = 0
@@ -124,6 +149,7 @@ class _Work:
 
     def do(self, frames: FrameSource, examine: Callable[[Frame], FrameResult]) -> None:
         """Detect, measure and write frame by frame."""
+        from edgetree.coco_labels import labels_file
         from edgetree.csv_rows import write_header, write_rows
         from edgetree.outputs import output_folder
         from edgetree.records import frame_record
@@ -133,6 +159,10 @@ class _Work:
             pictures = None if self.out is None else stack.enter_context(output_folder(self.out))
             stream = stack.enter_context(self._line_stream())
             table = None if self.csv is None else stack.enter_context(text_file(self.csv))
+            add_labels = None
+            if self.coco is not None:
+                labels = labels_file(self.coco, self.model_path.name, self.score_threshold)
+                add_labels = stack.enter_context(labels)
             if table is not None:
                 write_header(table)
             on_screen = not (self.jsonl or self.as_json) and sys.stdout.isatty()
@@ -148,6 +178,8 @@ class _Work:
                     write_rows(table, result)
                 if pictures is not None:
                     write_picture(pictures, result)
+                if add_labels is not None:
+                    add_labels(result)
 
     @contextmanager
     def _line_stream(self) -> Iterator[TextIO | None]:
@@ -179,6 +211,7 @@ class _Work:
             "pictures": None if self.out is None else str(self.out),
             "jsonl": None if self.jsonl is None else str(self.jsonl),
             "csv": None if self.csv is None else str(self.csv),
+            "coco": None if self.coco is None else str(self.coco),
         }
 
     def summary(self) -> Iterator[str]:
@@ -192,7 +225,12 @@ class _Work:
             yield self.scaling
         if self.faults:
             yield f"depth not to be believed in {len(self.faults)} frame(s): {self.faults[0]}"
-        for name, path in (("JSON lines", self.jsonl), ("table", self.csv), ("pictures", self.out)):
+        for name, path in (
+            ("JSON lines", self.jsonl),
+            ("table", self.csv),
+            ("labels", self.coco),
+            ("pictures", self.out),
+        ):
             if path is not None:
                 yield f"{name}: {path}"
         yield f"next: edgetree {self.following}"

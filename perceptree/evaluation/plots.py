@@ -141,7 +141,7 @@ def _bars(axes: Axes, counts: Figures, colour: str, label: str | None) -> None:
 
 
 def _draw_density(axes: Axes, found: Figures | None) -> None:
-    axes.set_title("(d) where felling cuts were put, about the true one")
+    axes.set_title("(d) felling cut, density")
     axes.grid(False)
     if found is None:
         return

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
 
+from perceptree.drawing import KEYPOINT_COLOURS
 from perceptree.evaluation.gallery import FOUND, TRUTH, Exhibit, galleries
 from perceptree.evaluation.plots import (
     curves_svg,
@@ -16,6 +17,7 @@ from perceptree.evaluation.plots import (
     stem_directions_svg,
 )
 from perceptree.evaluation.summary import title_of
+from perceptree.models import KEYPOINT_NAMES
 from perceptree.page import card, render_page, tiles
 
 if TYPE_CHECKING:
@@ -42,7 +44,8 @@ _GALLERIES = {
     "missed": ("Missed", "Labelled trees that were not reported, largest first."),
     "invented": (
         "Invented",
-        "Reported, surest first, where no tree is labelled, or a second time on the same tree.",
+        "Reported, surest first, where no tree is labelled, or a second time on the same tree. Look"
+        " for real trees among them: beyond some distance data sets label none.",
     ),
 }
 
@@ -70,8 +73,10 @@ def _header(figures: Figures) -> str:
         (f"{shown['recall']:.0%}", f"of the trees found: {shown['found']:,} of {data['trees']:,}")
     ]
     if shown["precision"] is not None:
-        invented = f"{shown['invented']:,} reported are none"
-        entries.append((f"{shown['precision']:.0%}", f"of what it reports are trees: {invented}"))
+        invented = f"{shown['invented']:,} are not"
+        entries.append(
+            (f"{shown['precision']:.0%}", f"of what it reports are labelled trees; {invented}")
+        )
     entries += [
         (f"{found['ap']:.1f}", f"average precision of {kind}, of 100")
         for kind, found in figures["average_precision"].items()
@@ -213,8 +218,8 @@ def _keypoints(figures: Figures) -> str:
     stem = card(
         "Errors across and along the stem",
         f'<div class="plot">{stem_directions_svg(figures)}</div>',
-        "Across the stem errs what the saw or the head would grip; along it, how high the stump"
-        " becomes.",
+        "An error across the stem leads the head past the tree, one along it makes the stump too"
+        " high or too low.",
     )
     return f"<h2>Where the points lie</h2>{table}<br>{directions}<br>{stem}"
 
@@ -303,7 +308,7 @@ def _pictures(report: Report) -> str:
         "<h2>Look at them</h2>"
         f'<p class="note"><span class="mark" style="color:{truth}"></span>the label, its points as'
         f' rings <span class="mark" style="color:{found}"></span>what the detector found, its'
-        f" points as discs.{depth} Boxes of neighbours are drawn too.</p>"
+        f" points as discs.{depth} Boxes of neighbours are drawn faintly.<br>{_point_legend()}</p>"
     ]
     for name, (title, note) in _GALLERIES.items():
         tiles_ = "".join(_exhibit(exhibit) for exhibit in shown[name]) or "<p>None.</p>"
@@ -311,6 +316,15 @@ def _pictures(report: Report) -> str:
             f'<h3>{title}</h3><p class="note">{note}</p><div class="gallery{wide}">{tiles_}</div>'
         )
     return "".join(parts)
+
+
+def _point_legend() -> str:
+    """Every keypoint's colour and name."""
+    return " ".join(
+        f'<span class="dot" style="background:rgb({red}, {green}, {blue})"></span>'
+        f"{name.replace('_', ' ')}"
+        for name, (blue, green, red) in zip(KEYPOINT_NAMES, KEYPOINT_COLOURS, strict=True)
+    )
 
 
 def _exhibit(exhibit: Exhibit) -> str:

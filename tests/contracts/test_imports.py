@@ -16,7 +16,7 @@ TRAINING_STACK = {"torch", "torchvision", "timm", "pycocotools", "safetensors", 
 HEAVY = TRAINING_STACK | {"matplotlib", "onnx", "onnxruntime", "onnxscript", "perceptree", "PIL"}
 MAY_IMPORT = {
     "calib": {"calib", "numpy", "cv2", "yaml"},
-    "perceptree": TRAINING_STACK | {"perceptree", "calib", "numpy", "cv2", "typer"},
+    "perceptree": TRAINING_STACK | {"perceptree", "calib", "numpy", "cv2", "typer", "matplotlib"},
 }
 EDGETREE_AT_THE_DOOR = {"edgetree", "calib", "numpy", "cv2", "typer"}
 EDGETREE_TRAINING_SIDE = ("edgetree.export", "edgetree.demo", "edgetree.evaluate")
@@ -106,6 +106,15 @@ def test_a_package_imports_only_what_it_may_know(package: str) -> None:
         and found.target.partition(".")[0] not in MAY_IMPORT[package]
     }
     assert strangers == set()
+
+
+def test_plots_are_loaded_when_they_are_drawn() -> None:
+    always = {
+        module
+        for module, found in all_imports()
+        if found.always and found.target.partition(".")[0] == "matplotlib"
+    }
+    assert always == set()
 
 
 def test_edgetree_reaches_the_training_side_from_few_places_only() -> None:

@@ -1,0 +1,94 @@
+"""``perceptree predict``: the trees of any folder of pictures, drawn and as labels."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from perceptree.errors import DatasetError, SettingsError
+
+_LABELS_FILE = "labels.json"
+_BATCH = 4
+
+_Folder = Annotated[Path, typer.Argument(
+    help="Folder of pictures; for a depth model depth images, 16-bit in millimetres, or 8-bit"
+    " encoded as it was trained."
+)]  # fmt: skip
+_Score = Annotated[float, typer.Option(
+    "--score-threshold", help="Leave out trees with a lower score."
+)]  # fmt: skip
+_Runs = Annotated[bool, typer.Option(
+    "--rle", help="Masks as exact run lengths, in place of polygons, which more tools can edit."
+)]  # fmt: skip
+
+
+def predict(
+    checkpoint: Annotated[Path, typer.Argument(help="A .safetensors checkpoint.")],
+    folder: _Folder,
+    out: Annotated[Path, typer.Option(help="Folder for drawn pictures and labels.json.")],
+    score: _Score = 0.5,
+    runs: _Runs = False,
+    device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Find the trees of a folder of pictures, to look at and to correct in a labelling tool.
+
+    Writes each picture with its trees drawn on it, and one COCO file with boxes, outlines and
+    keypoints, which labelling tools read beside the pictures.
+    """
+    from calib.writing import write_whole
+    from perceptree.evaluation import on_device, predict_with, report_folder
+    from perceptree.evaluation.pictures import (
+        add_labels,
+        detect_pictures,
+        find_pictures,
+        new_labels,
+        write_drawing,
+    )
+    from perceptree.models import load_checkpoint
+
+    if not 0 <= score <= 1:
+        raise SettingsError(f"--score-threshold is {score}: expected 0 to 1")
+    if out.resolve() == folder.resolve():
+        raise DatasetError(f"--out is {out}, the folder of the pictures: expected another")
+    model, _ = load_checkpoint(checkpoint)
+    model = on_device(model, device)
+    paths = find_pictures(folder)
+    names = _drawing_names(paths)
+    report_folder(out)
+    labels = new_labels(checkpoint.name, score, runs)
+    trees = 0
+    found = detect_pictures(predict_with(model), model.spec, paths, score, _BATCH)
+    shown = sys.stderr.isatty() and not as_json
+    with typer.progressbar(
+        found, length=len(paths), label="detecting", file=sys.stderr, hidden=not shown
+    ) as pictures:
+        for picture in pictures:
+            add_labels(labels, picture)
+            write_drawing(picture, out / names[picture.path])
+            trees += len(picture.trees.scores)
+    write_whole(out / _LABELS_FILE, json.dumps(labels.to_dict(), allow_nan=False).encode())
+    _tell(len(paths), trees, folder, out, as_json)
+
+
+def _drawing_names(paths: list[Path]) -> dict[Path, str]:
+    """By stem, or by whole name where two pictures share a stem."""
+    stems = [path.stem for path in paths]
+    return {
+        path: f"{path.stem if stems.count(path.stem) == 1 else path.name}_trees.jpg"
+        for path in paths
+    }
+
+
+def _tell(pictures: int, trees: int, folder: Path, out: Path, as_json: bool) -> None:
+    labels = out / _LABELS_FILE
+    if as_json:
+        result = {"pictures": pictures, "trees": trees, "out": str(out), "labels": str(labels)}
+        typer.echo(json.dumps(result))
+        return
+    typer.echo(f"{trees} trees in {pictures} pictures, drawn in {out}")
+    typer.echo(f"next: correct {labels} in a labelling tool that reads COCO, beside {folder}")
