@@ -36,8 +36,9 @@ _FROM_YIQ = np.linalg.inv(_TO_YIQ)
 def recolour(rng: np.random.Generator, image: Bytes, settings: ColourSettings) -> Bytes:
     """All of the settings' changes to a (H, W, 3) BGR image, in their order."""
     image = _relight(rng, image, settings)
-    image = _mix_channels(rng, image, settings)
-    if happens(rng, settings.tone_share):
+    toned = happens(rng, settings.tone_share)
+    image = _mix_channels(rng, image, settings, settings.tint if toned else 0.0)
+    if toned:
         image = _tone(rng, image, settings)
     if happens(rng, settings.blur_share):
         image = _refocus(rng, image, settings)
@@ -69,8 +70,10 @@ def _relight(rng: np.random.Generator, image: Bytes, settings: ColourSettings) -
     return np.asarray(lit, np.uint8)
 
 
-def _mix_channels(rng: np.random.Generator, image: Bytes, settings: ColourSettings) -> Bytes:
-    """Saturation, hue, loss of colours and channels that change places, as one (3, 3) matrix."""
+def _mix_channels(
+    rng: np.random.Generator, image: Bytes, settings: ColourSettings, tint: float
+) -> Bytes:
+    """Saturation, hue, loss of colours, channels that change places and tint, as one matrix."""
     keep = 1.0
     if settings.saturation and happens(rng, settings.saturation_share):
         keep += float(rng.uniform(-settings.saturation, 0.5 * settings.saturation))
@@ -80,30 +83,29 @@ def _mix_channels(rng: np.random.Generator, image: Bytes, settings: ColourSettin
     order = [0, 1, 2]
     if happens(rng, settings.channel_shuffle_share):
         order = rng.permutation(3).tolist()
-    if keep == 1.0 and not turn and order == [0, 1, 2]:
+    if keep == 1.0 and not turn and not tint and order == [0, 1, 2]:
         return image
     chroma = np.eye(3)
     chroma[1:, 1:] = keep * np.array(
         [[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]]
     )
     matrix = (_FROM_YIQ @ chroma @ _TO_YIQ)[order]
+    if tint:
+        matrix *= np.exp(rng.uniform(-tint, tint, (3, 1)))
     return np.asarray(cv2.transform(image, matrix), np.uint8)
 
 
 def _tone(rng: np.random.Generator, image: Bytes, settings: ColourSettings) -> Bytes:
-    """Gain, tint, gamma, contrast and curves by one look-up table of each channel."""
-    if not any(
-        (settings.brightness, settings.contrast, settings.gamma, settings.tint, settings.curves)
-    ):
+    """Curves, gamma, gain and contrast by one look-up table."""
+    if not any((settings.brightness, settings.contrast, settings.gamma, settings.curves)):
         return image
-    level = np.linspace(0, 1, 256)[:, None]
+    level: Float = np.linspace(0, 1, 256)[:, None]
     if settings.curves:
         level = _curves(rng, strength(rng, settings.curves))
     gain = math.exp(either_side(rng, settings.brightness))
-    tints = rng.uniform(-settings.tint, settings.tint, 3)
     contrast = math.exp(either_side(rng, settings.contrast))
     gamma = math.exp(either_side(rng, settings.gamma))
-    table = level**gamma * gain * np.exp(tints)
+    table = level**gamma * gain
     table = (table - _CONTRAST_CENTRE) * contrast + _CONTRAST_CENTRE
     table8 = np.rint(np.clip(table * 255, 0, 255)).astype(np.uint8)
     return np.asarray(cv2.LUT(image, table8[None]), np.uint8)

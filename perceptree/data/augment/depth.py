@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Any
 
 import cv2
@@ -32,13 +33,15 @@ _LEAST_READINGS = 0.1
 _LEAST_HOLE_PX, _LARGEST_HOLE_PX = 2, 25
 
 
+@lru_cache(maxsize=8)
 def level_metres(encoding: DepthEncoding) -> Float32:
-    """(256,) metres of each level, at least 5 cm; infinite for no reading."""
+    """(256,) metres of each level, at least 5 cm; infinite for no reading. Read only."""
     share = (np.arange(256) - encoding.near_value) / (encoding.far_value - encoding.near_value)
     metres = encoding.near_m + share * (encoding.far_m - encoding.near_m)
-    metres = np.maximum(metres, _NEAREST_M).astype(np.float32)
-    metres[encoding.invalid_value] = np.inf
-    return metres
+    found = np.maximum(metres, _NEAREST_M).astype(np.float32)
+    found[encoding.invalid_value] = np.inf
+    found.flags.writeable = False
+    return found
 
 
 def disturb_depth(
@@ -49,7 +52,7 @@ def disturb_depth(
     What is no reading stays none.
     """
     invalid, metres_of = encoding.invalid_value, level_metres(encoding)
-    unread = cv2.compare(image, invalid, cv2.CMP_EQ)
+    unread = (image == invalid).view(np.uint8)
     faulty = _disturb_readings(rng, image, encoding, settings)
     faulty = _lose_range(rng, faulty, encoding, settings)
     lost: list[NDArray[np.bool_]] = []
@@ -100,13 +103,14 @@ def _lose_range(
     loss = strength(rng, settings.range_loss)
     if not step_m and not loss:
         return image
-    metres = level_metres(encoding)
+    metres = level_metres(encoding).copy()
     if step_m:
         # A step of disparity, in 1/m: dz = z**2 d(1/z).
-        step = step_m / _REFERENCE_M**2
-        metres = 1 / (np.maximum(np.rint(1 / metres / step), 0.5) * step)
+        step = np.float32(step_m / _REFERENCE_M**2)
+        steps = np.maximum(np.rint(1 / metres / step), 0.5)
+        metres = (1 / (steps * step)).astype(np.float32)
     metres[metres > encoding.far_m - loss * (encoding.far_m - encoding.near_m)] = np.inf
-    return _through(image, metres.astype(np.float32), encoding)
+    return _through(image, metres, encoding)
 
 
 def _through(image: Bytes, metres: Float32, encoding: DepthEncoding) -> Bytes:
@@ -137,7 +141,13 @@ def _edges(
         return np.zeros(image.shape, bool)
     finite = np.where(np.isfinite(metres_of), metres_of, 0)
     level_m = float(finite.max()) / 255
-    step = cv2.morphologyEx(image, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
+    # Steps between readings: what is none is neither the highest nor the lowest of its neighbours.
+    lowest, highest = np.arange(256, dtype=np.uint8), np.arange(256, dtype=np.uint8)
+    lowest[~np.isfinite(metres_of)], highest[~np.isfinite(metres_of)] = 255, 0
+    around = np.ones((3, 3), np.uint8)
+    step = cv2.subtract(
+        cv2.dilate(cv2.LUT(image, highest), around), cv2.erode(cv2.LUT(image, lowest), around)
+    )
     least = np.rint(_EDGE_LEVELS + _EDGE_SHARE * finite / level_m).clip(0, 255).astype(np.uint8)
     edges = cv2.compare(step, cv2.LUT(image, least), cv2.CMP_GT)
     side = 2 * width_px - 1
@@ -150,12 +160,14 @@ def still_read(
     before: Bytes, after: Bytes, invalid: int, boxes: NDArray[Any], masks: NDArray[np.bool_] | None
 ) -> list[int]:
     """Which trees keep at least a tenth of their readings: of their masks, or else their boxes."""
+    read = before != invalid
+    lost = (read & (after == invalid)).view(np.uint8)
     kept: list[int] = []
     for row, (x0, y0, x1, y1) in enumerate(boxes):
         part = (slice(math.floor(y0), math.ceil(y1)), slice(math.floor(x0), math.ceil(x1)))
-        was, now = before[part] != invalid, after[part] != invalid
+        was, gone = read[part].view(np.uint8), lost[part]
         if masks is not None:
-            was, now = was & masks[row][part], now & masks[row][part]
-        if now.sum() >= _LEAST_READINGS * was.sum():
+            was, gone = (area & masks[row][part] for area in (was, gone))
+        if cv2.countNonZero(gone) <= (1 - _LEAST_READINGS) * cv2.countNonZero(was):
             kept.append(row)
     return kept

@@ -98,11 +98,17 @@ class Move:
         x0, y0, x1, y1 = self.source
         u0, v0, u1, v1 = self.target
         way = cv2.INTER_NEAREST_EXACT if nearest else cv2.INTER_LINEAR
-        patch = cv2.resize(image[y0:y1, x0:x1], (u1 - u0, v1 - v0), interpolation=way)
+        patch, size = image[y0:y1, x0:x1], (u1 - u0, v1 - v0)
+        if size != (x1 - x0, y1 - y0):
+            patch = np.asarray(cv2.resize(patch, size, interpolation=way), np.uint8)
         if self.mirrored:
-            patch, u0, u1 = cv2.flip(patch, 1), self.width - u1, self.width - u0
+            patch, u0, u1 = (
+                np.asarray(cv2.flip(patch, 1), np.uint8),
+                self.width - u1,
+                self.width - u0,
+            )
         if patch.shape == image.shape:
-            return np.asarray(patch, np.uint8)
+            return patch
         laid = np.full_like(image, pad_value)
         laid[v0:v1, u0:u1] = patch
         return laid
@@ -131,17 +137,18 @@ def move_sample(sample: Sample, move: Move, pad_value: int) -> Sample:
     """Picture and labels moved alike; trees of which too little is left are dropped."""
     if move.is_still:
         return sample
+    matrix = move.matrix
     image = move.apply(sample.image, pad_value, nearest=False)
     if sample.masks is None:
-        boxes, kept = move_boxes(sample.boxes, move.matrix, move.window, move.width, move.height)
+        boxes, kept = move_boxes(sample.boxes, matrix, move.window, move.width, move.height)
         masks = None
     else:
         move_plane = partial(move.apply, pad_value=0, nearest=True)
-        boxes, masks, kept = move_masks(sample.masks, move.matrix, move_plane)
+        boxes, masks, kept = move_masks(sample.masks, sample.boxes, matrix, move_plane)
     keypoints = sample.keypoints[kept]
     if move.mirrored:
         keypoints = flip_keypoints(keypoints)
-    keypoints = move_keypoints(keypoints, move.matrix, move.window, move.width, move.height)
+    keypoints = move_keypoints(keypoints, matrix, move.window, move.width, move.height)
     return replace(sample, image=image, boxes=boxes, keypoints=keypoints, masks=masks)
 
 

@@ -69,31 +69,29 @@ def move_boxes(
 
 
 def move_masks(
-    masks: Masks, matrix: Float, move_plane: Callable[[Bytes], Bytes]
+    masks: Masks, boxes: Float, matrix: Float, move_plane: Callable[[Bytes], Bytes]
 ) -> tuple[Float, Masks, list[int]]:
     """(N, H, W) masks moved eight at a time, their boxes (N, 4), and which of them are kept.
 
     Each mask is one bit of a byte. Taking the nearest pixel moves all bits alike, so that overlaps
-    stay as they are.
+    stay as they are. ``boxes`` (N, 4) say about where the masks were.
     """
-    rectangles = [cv2.boundingRect(mask.view(np.uint8)) for mask in masks]
-    planes = [
-        move_plane(_plane(masks[start : start + _BITS], rectangles[start : start + _BITS]))
-        for start in range(0, len(masks), _BITS)
-    ]
-    found = np.empty_like(masks)
-    boxes: list[tuple[int, int, int, int]] = []
+    starts = range(0, len(masks), _BITS)
+    planes = [move_plane(_plane(masks[start : start + _BITS])) for start in starts]
+    found, bits = np.empty_like(masks), np.empty(masks.shape[1:], np.uint8)
+    moved_boxes: list[tuple[int, int, int, int]] = []
     kept: list[int] = []
-    for row, (x, y, w, h) in enumerate(rectangles):
-        before = cv2.countNonZero(masks[row, y : y + h, x : x + w].view(np.uint8))
-        moved = (planes[row // _BITS] & np.uint8(1 << row % _BITS)) != 0
-        expected = before * _growth(matrix, x + w / 2, y + h / 2)
-        if cv2.countNonZero(moved.view(np.uint8)) < max(LEAST_PIXELS, LEAST_SHARE * expected):
+    for row, (x0, y0, x1, y1) in enumerate(boxes):
+        moved = found[len(kept)]
+        np.bitwise_and(planes[row // _BITS], np.uint8(1 << row % _BITS), out=bits)
+        np.not_equal(bits, 0, out=moved)
+        before = cv2.countNonZero(masks[row].view(np.uint8))
+        expected = before * _growth(matrix, (x0 + x1) / 2, (y0 + y1) / 2)
+        if cv2.countNonZero(bits) < max(LEAST_PIXELS, LEAST_SHARE * expected):
             continue
-        boxes.append(box_of(moved))
-        found[len(kept)] = moved
+        moved_boxes.append(box_of(moved))
         kept.append(row)
-    return np.array(boxes, float).reshape(-1, 4), found[: len(kept)], kept
+    return np.array(moved_boxes, float).reshape(-1, 4), found[: len(kept)], kept
 
 
 def box_of(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:
@@ -102,11 +100,14 @@ def box_of(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:
     return x, y, x + width, y + height
 
 
-def _plane(masks: Masks, rectangles: list[Any]) -> Bytes:
-    plane = np.zeros(masks.shape[1:], np.uint8)
-    for bit, (mask, (x, y, w, h)) in enumerate(zip(masks, rectangles, strict=True)):
-        inner = mask[y : y + h, x : x + w].view(np.uint8)
-        plane[y : y + h, x : x + w] |= inner << np.uint8(bit)
+def _plane(masks: Masks) -> Bytes:
+    """(H, W) of up to eight masks, each one bit."""
+    plane: Bytes = masks[0].astype(np.uint8)
+    shifted = np.empty_like(plane)
+    for bit, mask in enumerate(masks[1:], 1):
+        # A product runs ten times as fast as numpy's shift of bytes.
+        np.multiply(mask.view(np.uint8), np.uint8(1 << bit), out=shifted)
+        np.bitwise_or(plane, shifted, out=plane)
     return plane
 
 
@@ -123,4 +124,6 @@ def _areas(boxes: Float) -> Float:
 def _growth(matrix: Float, x: float, y: float) -> float:
     """How many times its area a small piece at (x, y) covers after the move."""
     depth = matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2]
-    return abs(float(np.linalg.det(matrix) / depth**3))
+    (a, b, c), (d, e, f), (g, h, i) = matrix.tolist()
+    determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+    return float(abs(determinant / depth**3))

@@ -77,7 +77,7 @@ class GeometrySettings(_Checked):
 
 @dataclass(frozen=True)
 class ColourSettings(_Checked):
-    """What happens to the colours of an RGB frame, in this order."""
+    """What happens to the colours of an RGB frame, group by group in this order."""
 
     shadow: float = _up_to(0.0, 2)
     """Most strength of a smooth field of shadows and patches of light, as a logarithm of its

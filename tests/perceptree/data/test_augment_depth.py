@@ -128,7 +128,8 @@ def test_readings_along_edges_go_missing_on_both_sides() -> None:
     lost = np.zeros((HEIGHT_PX, WIDTH_PX))
     for seed in range(20):
         lost += (faulty(seed, edge_loss_px=4).image == NONE) & (scene().image != NONE)
-    columns = lost[30:160].sum(0)[:220]
+    columns = lost[30:160].sum(0)
+    # Around the patch without readings there is no step between readings.
     assert set(np.nonzero(columns)[0]) == {*range(146, 154), *range(176, 184)}
 
 

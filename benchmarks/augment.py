@@ -1,0 +1,199 @@
+"""What augmenting a frame costs, torchvision's v2 transforms beside it.
+
+python benchmarks/augment.py --result benchmarks/results/augment.json
+
+Outcome: labels included, v2 takes as long for mirroring alone and from 1.5 to 30 times as long for
+everything else; ours mirrors on the way, so that training uses none of it.
+
+One thread; a 640x384 frame with four trees, their boxes, keypoints and masks. Each figure is the
+mean over draws of the least processor time in several rounds: the machine may do other things as
+well, and ours and v2 take turns. v2 leaves out what it has no word for: flags of keypoints, left
+and right changing places, trees cut away.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import platform
+import statistics
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import torch
+import torchvision
+from torchvision import tv_tensors
+from torchvision.transforms import v2
+
+from perceptree.data import AugmentSettings, Sample, augment
+from perceptree.data.augment import PAPER_AUGMENT
+from perceptree.models import make_spec
+
+HEIGHT_PX, WIDTH_PX, TREES = 384, 640, 4
+ROUNDS = 8
+TARGET_MS = {"depth": 3.0, "rgb": 6.0}
+STILL = AugmentSettings(
+    flip_share=0, scale=(1, 1), saturation=0, tone_share=0, noise_share=0, blur_share=0,
+    depth_gain=0, depth_noise=0, holes=0,
+)  # fmt: skip
+TONE: dict[str, Any] = {"tone_share": 1, "brightness": 0.3, "contrast": 0.3, "gamma": 0, "tint": 0}
+ALL: dict[str, Any] = {
+    "flip_share": 0.5, "scale": (0.8, 1.4), "rotation_deg": 5, "perspective": 0.12,
+    "perspective_share": 0.2, "saturation": 0.5, "noise_share": 1, "noise": 8, **TONE,
+}  # fmt: skip
+FAULTS = replace(
+    AugmentSettings(), far_noise_m=0.3, far_step_m=0.5, range_loss=0.4, stereo_px_m=35,
+    edge_loss_px=3, hole_area=0.1,
+)  # fmt: skip
+STRONG = replace(
+    AugmentSettings(), shadow=0.6, vignette=0.5, hue_deg=20, grey_share=0.05, curves=0.4,
+    channel_shuffle_share=0.05, blur_px=1.5, motion_blur_px=6, sharpening=1, cutouts=4,
+    chroma_noise=5, jpeg_share=0.3,
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Pair:
+    """The same change of colour frames by us and by v2."""
+
+    ours: AugmentSettings
+    theirs: v2.Transform
+
+
+def pairs() -> dict[str, Pair]:
+    """By name; the last is all that both can, one after the other."""
+    move = v2.RandomAffine(0, translate=(0.2, 0.2), scale=(0.8, 1.4))
+    turn = v2.RandomAffine(5, translate=(0.2, 0.2), scale=(0.8, 1.4))
+    bend = v2.RandomPerspective(0.24, p=1)
+    jitter = v2.ColorJitter(brightness=0.3, contrast=0.3, saturation=0.5)
+    noise = v2.Compose(
+        [v2.ToDtype({tv_tensors.Image: torch.float32, "others": None}, scale=True),
+         v2.GaussianNoise(sigma=8 / 255 / 2),
+         v2.ToDtype({tv_tensors.Image: torch.uint8, "others": None}, scale=True)]
+    )  # fmt: skip
+    everything = v2.Compose(
+        [v2.RandomHorizontalFlip(0.5), turn, v2.RandomPerspective(0.24, p=0.2), jitter, noise]
+    )
+    return {
+        "flip": Pair(replace(STILL, flip_share=1), v2.RandomHorizontalFlip(1)),
+        "scale and shift": Pair(replace(STILL, scale=(0.8, 1.4)), move),
+        "rotation, scale and shift": Pair(replace(STILL, scale=(0.8, 1.4), rotation_deg=5), turn),
+        "perspective": Pair(replace(STILL, perspective=0.12), bend),
+        "brightness, contrast and saturation": Pair(replace(STILL, saturation=0.5, **TONE), jitter),
+        "noise": Pair(replace(STILL, noise_share=1, noise=8), noise),
+        "blur": Pair(replace(STILL, blur_share=1, blur_px=2), v2.GaussianBlur(9, (0.2, 2))),
+        "JPEG": Pair(replace(STILL, jpeg_share=1), v2.JPEG((30, 95))),
+        "all of them but blur and JPEG": Pair(replace(STILL, **ALL), everything),
+    }
+
+
+def frame(modality: str) -> Sample:
+    """Even noise with four posts."""
+    rng = np.random.default_rng(0)
+    image = cv2.GaussianBlur(
+        rng.integers(0, 256, (HEIGHT_PX, WIDTH_PX, 3), dtype=np.uint8), (9, 9), 3
+    )
+    masks = np.zeros((TREES, HEIGHT_PX, WIDTH_PX), bool)
+    boxes = np.array([[40.0 + 150 * row, 60, 80 + 150 * row, 330] for row in range(TREES)])
+    for mask, (x0, y0, x1, y1) in zip(masks, boxes.astype(int), strict=True):
+        mask[y0:y1, x0:x1] = True
+    keypoints = np.concatenate([np.tile(boxes[:, None, :2] + 20, (1, 5, 1)),
+                                np.full((TREES, 5, 1), 2.0)], -1)  # fmt: skip
+    return Sample(image if modality == "rgb" else image[..., 0].copy(), boxes, keypoints, masks)
+
+
+def for_v2(sample: Sample) -> dict[str, torch.Tensor]:
+    """The same frame as v2 takes it."""
+    assert sample.masks is not None
+    size = (HEIGHT_PX, WIDTH_PX)
+    return {
+        "image": tv_tensors.Image(torch.from_numpy(sample.image).permute(2, 0, 1)),
+        "boxes": tv_tensors.BoundingBoxes(
+            torch.from_numpy(sample.boxes), format="XYXY", canvas_size=size
+        ),
+        "keypoints": tv_tensors.KeyPoints(
+            torch.from_numpy(sample.keypoints[..., :2].reshape(-1, 2)), canvas_size=size
+        ),
+        "masks": tv_tensors.Mask(torch.from_numpy(sample.masks)),
+    }
+
+
+def processor_ms(calls: list[Callable[[int], object]], draws: int) -> list[float]:
+    """Milliseconds of each call, which take turns; each is given the number of the draw."""
+    fastest = np.full((len(calls), draws), np.inf)
+    for _ in range(ROUNDS):
+        for draw in range(draws):
+            for row, call in enumerate(calls):
+                start = time.thread_time()
+                call(draw)
+                fastest[row, draw] = min(fastest[row, draw], time.thread_time() - start)
+    return [round(statistics.mean(times) * 1000, 2) for times in fastest.tolist()]
+
+
+def ours(modality: Any, settings: AugmentSettings) -> Callable[[int], Sample]:
+    """A call of our augmentation."""
+    sample, spec = frame(modality), make_spec("edge-n", modality, HEIGHT_PX, WIDTH_PX)
+    return lambda draw: augment(np.random.default_rng(draw), sample, spec, settings, lambda: sample)
+
+
+def compare(pair: Pair, draws: int) -> dict[str, float]:
+    """Ours and v2's milliseconds of one change."""
+    inputs = for_v2(frame("rgb"))
+
+    def theirs(draw: int) -> object:
+        torch.manual_seed(draw)
+        return pair.theirs(inputs)
+
+    own_ms, v2_ms = processor_ms([ours("rgb", pair.ours), theirs], draws)
+    return {"ours_ms": own_ms, "v2_ms": v2_ms, "v2_over_ours": round(v2_ms / own_ms, 1)}
+
+
+def recipes(draws: int) -> dict[str, float]:
+    """Milliseconds of whole sets of settings."""
+    pasting = replace(AugmentSettings(), copy_paste_share=1)
+    chosen = {
+        "depth, default": ours("depth", AugmentSettings()),
+        "rgb, default": ours("rgb", AugmentSettings()),
+        "rgb, paper": ours("rgb", PAPER_AUGMENT),
+        "rgb, strong colours": ours("rgb", STRONG),
+        "depth, all faults": ours("depth", FAULTS),
+        "depth, copy-paste": ours("depth", pasting),
+        "rgb, copy-paste": ours("rgb", pasting),
+    }
+    return {name: processor_ms([call], draws)[0] for name, call in chosen.items()}
+
+
+def main() -> None:
+    """Print the figures as JSON, and write them where asked."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--draws", type=int, default=40)
+    parser.add_argument("--result", type=Path)
+    arguments = parser.parse_args()
+    cv2.setNumThreads(1)
+    torch.set_num_threads(1)
+    times = recipes(arguments.draws)
+    result = {
+        "machine": platform.processor() or platform.machine(),
+        "torchvision": torchvision.__version__,
+        "opencv": cv2.__version__,
+        "frame": f"{WIDTH_PX}x{HEIGHT_PX}, {TREES} trees",
+        "draws": arguments.draws,
+        "settings_ms": times,
+        "target_ms": {f"{name}, default": limit for name, limit in TARGET_MS.items()},
+        "missed": [name for name, limit in TARGET_MS.items() if times[f"{name}, default"] > limit],
+        "beside_v2": {name: compare(pair, arguments.draws) for name, pair in pairs().items()},
+    }
+    text = json.dumps(result, indent=2)
+    sys.stdout.write(text + "\n")
+    if arguments.result:
+        arguments.result.write_text(text + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
