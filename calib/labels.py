@@ -51,8 +51,9 @@ class CocoLabels:
         """Add an object to the last picture.
 
         ``box_px`` (4,) xyxy and ``keypoints_px`` (K, 2) or more columns have (0, 0) at the outer
-        corner of the first pixel; ``mask`` (H, W) is of the picture's size. On disk keypoints are
-        pixel indices, as COCO has them; those outside the picture are not labelled.
+        corner of the first pixel; ``mask`` (H, W) is of the picture's size, and where it is empty
+        the box stands for it. On disk keypoints are pixel indices, as COCO has them; those outside
+        the picture are not labelled.
         """
         image = self._images[-1]
         x0, y0, x1, y1 = (round(float(value), 2) for value in box_px)
@@ -67,6 +68,7 @@ class CocoLabels:
             "segmentation": [],
         }
         if mask is not None:
+            mask = mask if mask.any() else _box_mask(box_px, mask.shape)
             annotation["area"] = int(mask.sum())
             annotation["segmentation"] = encode_rle(mask) if self.runs else mask_polygons(mask)
         if keypoints_px is not None:
@@ -95,6 +97,14 @@ class CocoLabels:
             "annotations": self._annotations,
             "categories": [category],
         }
+
+
+def _box_mask(box_px: Float, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """All pixels that a box touches."""
+    mask = np.zeros(shape, np.bool_)
+    (x0, y0), (x1, y1) = np.floor(box_px[:2]).astype(int), np.ceil(box_px[2:]).astype(int)
+    mask[max(y0, 0) : y1, max(x0, 0) : x1] = True
+    return mask
 
 
 def _joints(skeleton: Sequence[tuple[int, int]]) -> list[list[int]]:

@@ -118,8 +118,15 @@ def mask_polygons(mask: NDArray[np.bool_], tolerance_px: float = 1.0) -> list[li
     fine[1::2, 1::2] = part
     fine = np.asarray(cv2.dilate(fine, np.ones((3, 3), np.uint8)), np.uint8)
     outlines, _ = cv2.findContours(fine, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    corners = [cv2.approxPolyDP(outline, 2 * tolerance_px, True) for outline in outlines]
+    corners = [_simplified(outline, 2 * tolerance_px) for outline in outlines]
     areas = np.array([cv2.contourArea(polygon) for polygon in corners])
     kept = [n for n in np.argsort(-areas) if areas[n] > _SMALLEST_PART * areas.max()]
     offset = np.array([left, top])
     return [(corners[n][:, 0] / 2 + offset).reshape(-1).tolist() for n in kept]
+
+
+def _simplified(outline: NDArray[Any], tolerance: float) -> NDArray[Any]:
+    """The outline's main corners; all of them where it is so thin that nothing would be left."""
+    corners = cv2.approxPolyDP(outline, tolerance, True)
+    thin = cv2.contourArea(corners) < 0.5 * cv2.contourArea(outline)
+    return np.asarray(cv2.approxPolyDP(outline, 0.5, True) if thin else corners)

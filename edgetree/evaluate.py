@@ -27,6 +27,8 @@ def evaluate_file(
     about: dict[str, Any],
     data: Path,
     split: str,
+    fold: int | None = None,
+    entire_tree: bool = False,
     progress: Callable[[int, int], None] = lambda done, frames: None,
 ) -> Report:
     """The report of a model file, by the code that gives a checkpoint's.
@@ -36,6 +38,8 @@ def evaluate_file(
         about: what is known of the model, JSON-ready.
         data: folder of a data set.
         split: "train", "val" or "test".
+        fold: which fold, where there are several.
+        entire_tree: the labels of entire trees, where there are both.
         progress: gets how many frames were done since its last call, and how many there are.
 
     Raises:
@@ -44,17 +48,18 @@ def evaluate_file(
         perceptree.errors.DatasetError: the data are missing, broken or without trees.
     """
     _need_training_setup()
-    from perceptree.data import SPLITS, read_split
+    from perceptree.data import SPLITS, read_dataset
     from perceptree.evaluation import About, make_report
 
     if split not in SPLITS:
         raise InputError(f"--split is {split!r}: expected one of {', '.join(SPLITS)}")
     manifest = detector.manifest
-    store = _frames_for(manifest, read_split(data, split))
+    dataset = read_dataset(data, split, fold, entire_tree)
+    store = _frames_for(manifest, dataset.frames)
     return make_report(
         predict_with_file(detector.session, manifest),
         store,
-        About(_about(manifest, about), str(data), split),
+        About(_about(manifest, about), str(data), split, dataset.notes),
         manifest.input.batch_sizes[0],
         lambda done: progress(done, len(store)),
     )

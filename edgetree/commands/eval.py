@@ -23,12 +23,17 @@ _Out: TypeAlias = Annotated[
     Path | None,
     typer.Option(help="Folder for report.json and report.html, with plots and pictures."),
 ]
+_EntireTree: TypeAlias = Annotated[
+    bool, typer.Option("--entire-tree", help="Labels of entire trees (SynthTree43k).")
+]
 
 
 def evaluate(
     model: _Model,
     data: Annotated[Path, typer.Argument(help="Folder of a data set.")],
     split: Annotated[str, typer.Option(help="train, val or test.")] = "test",
+    fold: Annotated[int | None, typer.Option(help="Which fold, where there are several.")] = None,
+    entire_tree: _EntireTree = False,
     out: _Out = None,
     threads: Threads = None,
     provider: Provider = "cpu",
@@ -53,7 +58,8 @@ def evaluate(
                 bar.append(stack.enter_context(progress("evaluating", frames, shown=not as_json)))
             bar[0].update(done)
 
-        report = evaluate_file(detector, model_record(detector, path), data, split, show)
+        about = model_record(detector, path)
+        report = evaluate_file(detector, about, data, split, fold, entire_tree, show)
         page = None if folder is None else report.write(folder)
     if as_json:
         print_json(report.figures)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from perceptree.commands.data import EntireTree, Fold
 from perceptree.errors import DatasetError
 
 if TYPE_CHECKING:
@@ -21,6 +22,8 @@ def evaluate(
     checkpoint: Annotated[Path, typer.Argument(help="A .safetensors checkpoint.")],
     data: Annotated[Path, typer.Argument(help="Folder of a dataset.")],
     split: Annotated[str, typer.Option(help="train, val or test.")] = "test",
+    fold: Fold = None,
+    entire_tree: EntireTree = False,
     out: Annotated[Path | None, typer.Option(
         help="Folder for report.json and report.html, with plots and pictures."
     )] = None,
@@ -28,7 +31,7 @@ def evaluate(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:  # fmt: skip
     """COCO AP of boxes, masks and keypoints, errors in pixels, by distance, weather and more."""
-    from perceptree.data import SPLITS, FrameStore, read_split
+    from perceptree.data import SPLITS, FrameStore, read_dataset
     from perceptree.evaluation import (
         About,
         make_report,
@@ -43,10 +46,11 @@ def evaluate(
         raise DatasetError(f"--split is {split!r}: expected one of {', '.join(SPLITS)}")
     model, record = load_checkpoint(checkpoint)
     model = on_device(model, device)
-    store = FrameStore(read_split(data, split), model.spec)
+    dataset = read_dataset(data, split, fold, entire_tree)
+    store = FrameStore(dataset.frames, model.spec)
     if out is not None:
         report_folder(out)
-    about = About(_about(checkpoint, model.spec, record), str(data), split)
+    about = About(_about(checkpoint, model.spec, record), str(data), split, dataset.notes)
     shown = sys.stderr.isatty() and not as_json
     with typer.progressbar(
         length=len(store), label="evaluating", file=sys.stderr, hidden=not shown

@@ -34,12 +34,14 @@ Figures = dict[str, Any]
 class About:
     """What was measured on what: ``model`` says all that is known of it, JSON-ready.
 
-    Of ``model``, ``name``, ``kind``, ``modality``, ``precision`` and ``input_px`` are shown.
+    Of ``model``, ``name``, ``modality``, ``precision`` and ``input_px`` make the title. ``notes``
+    say what was mapped or left out in reading the data.
     """
 
     model: Mapping[str, Any]
     data: str
     split: str
+    notes: tuple[str, ...] = ()
 
 
 def figures_of(measured: Measured, about: About) -> Figures:
@@ -90,6 +92,7 @@ def _data_figures(measured: Measured, about: About) -> Figures:
         "trees": measured.store.trees,
         "crowds": measured.scorer.trees - measured.store.trees,
         "picture_px": dict(sizes.most_common()),
+        "notes": list(about.notes),
     }
 
 

@@ -63,16 +63,18 @@ class Measured:
         masks, keypoints = self.scorer.precision("segm"), self.scorer.precision("keypoints")
         width = None if self.errors is None else Spread.of(self.errors.width)
         return Metrics(
-            len(self.store),
-            self.store.trees,
-            boxes.ap,
-            boxes.ap50,
-            *((None, None) if masks is None else (masks.ap, masks.ap50)),
-            *((None, None) if keypoints is None else (keypoints.ap, keypoints.ap50)),
-            self._keypoint_errors(),
-            None if width is None else width.mean_abs,
-            self.matches.recall,
-            self.matches.precision,
+            frames=len(self.store),
+            trees=self.store.trees,
+            box_ap=boxes.ap,
+            box_ap50=boxes.ap50,
+            mask_ap=None if masks is None else masks.ap,
+            mask_ap50=None if masks is None else masks.ap50,
+            keypoint_ap=None if keypoints is None else keypoints.ap,
+            keypoint_ap50=None if keypoints is None else keypoints.ap50,
+            keypoint_error_px=self._keypoint_errors(),
+            diameter_error_px=None if width is None else width.mean_abs,
+            recall=self.matches.recall,
+            precision=self.matches.precision,
         )
 
     def _keypoint_errors(self) -> dict[str, float]:

@@ -24,7 +24,7 @@ _PANELS = (
     ("a", "felling_cut"), ("b", "diameter_right"), ("c", "axis_middle"),
     (None, None), ("e", "diameter_left"), ("f", "axis_top"),
 )  # fmt: skip
-_PAPER_RC = {
+_PAGE_STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",
     "font.family": "sans-serif",
     "font.size": 10.0,
@@ -164,7 +164,7 @@ def _style(name: str) -> Any:
     """The settings of one plot; its name keeps its inner ids apart from other plots'."""
     import matplotlib
 
-    return matplotlib.rc_context({**_PAPER_RC, "svg.hashsalt": name})
+    return matplotlib.rc_context({**_PAGE_STYLE, "svg.hashsalt": name})
 
 
 def _figure(width_in: float, height_in: float) -> Figure:

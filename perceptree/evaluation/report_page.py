@@ -338,7 +338,8 @@ def _exhibit(exhibit: Exhibit) -> str:
 
 def _method(figures: Figures) -> str:
     shown = figures["at_score"]
-    left_out = "".join(f"<li>{escape(line)}</li>" for line in figures["left_out"])
+    notes = [*figures["data"]["notes"], *(f"left out: {line}" for line in figures["left_out"])]
+    said = "".join(f"<li>{escape(line)}</li>" for line in notes)
     model = "".join(
         f"<tr><td>{escape(name.replace('_', ' '))}</td><td>{escape(str(value))}</td></tr>"
         for name, value in figures["model"].items()
@@ -351,7 +352,7 @@ def _method(figures: Figures) -> str:
         " finds one tree. Average precision looks at all scores, and is counted by pycocotools."
         " The stem’s axis is that of the label, from the felling cut to the top point. Pixels are"
         " those of the pictures as they are on disk.</p>"
-        + (f"<p>Left out:</p><ul>{left_out}</ul>" if left_out else "")
+        + (f"<ul>{said}</ul>" if said else "")
         + f'<div class="card scroll"><h3>The model</h3><table class="words"><tbody>{model}'
         "</tbody></table></div>"
     )

@@ -24,6 +24,8 @@ def summary_lines(figures: Figures) -> Iterator[str]:
     data, shown = figures["data"], figures["at_score"]
     yield f"{title_of(figures)} on {data['folder']}, {data['split']}"
     yield f"{data['frames']} frames, {data['trees']} trees"
+    for line in data["notes"]:
+        yield f"data: {line}"
     yield f"{'':9}" + "".join(f"{head:>8}" for head in _HEADS)
     for kind, found in figures["average_precision"].items():
         cells = [None if found is None else found[name] for name in _PRECISIONS]

@@ -63,3 +63,12 @@ def test_boxes_alone_are_labels_too() -> None:
     assert content["annotations"][0]["segmentation"] == []
     assert "keypoints" not in content["annotations"][0]
     assert "keypoints" not in content["categories"][0]
+
+
+def test_the_box_stands_for_an_empty_mask() -> None:
+    made = CocoLabels("post")
+    made.add_image("a.jpg", 40, 30)
+    made.add(np.array([1.0, 2.0, 11.0, 22.0]), 0.5, np.zeros((30, 40), bool))
+    (post,) = made.to_dict()["annotations"]
+    assert post["area"] == 200
+    assert sorted(post["segmentation"][0]) == sorted([1, 2, 1, 22, 11, 22, 11, 2])

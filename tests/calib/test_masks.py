@@ -121,3 +121,12 @@ def test_a_hole_is_filled() -> None:
     cv2.circle(ring, (20, 20), 15, 1, 4)
     polygons = mask_polygons(ring.astype(bool))
     assert len(polygons) == 1
+
+
+@pytest.mark.parametrize(("height", "width"), [(1, 1), (1, 9), (9, 1), (30, 2)])
+def test_thin_masks_keep_their_outline(height: int, width: int) -> None:
+    mask = np.zeros((40, 20), bool)
+    mask[3 : 3 + height, 4 : 4 + width] = True
+    (corners,) = mask_polygons(mask)
+    x, y = np.array(corners).reshape(-1, 2).T
+    assert (x.min(), x.max(), y.min(), y.max()) == (4, 4 + width, 3, 3 + height)

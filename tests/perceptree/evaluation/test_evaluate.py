@@ -7,50 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from perceptree.data import FrameStore, read_split
 from perceptree.errors import DatasetError
-from perceptree.evaluation import Predict, RawDetections, evaluate, predict_frames
-from perceptree.models import make_spec
+from perceptree.evaluation import RawDetections, evaluate, predict_frames
 
 Edit = Callable[[Path, str, Callable[[dict[str, Any]], None]], None]
-ROWS = 20
-
-
-def store_of(posts: Path, split: str = "train") -> FrameStore:
-    return FrameStore(read_split(posts, split), make_spec("edge-n", "rgb", 96, 160))
-
-
-def oracle(
-    store: FrameStore, change: Callable[[RawDetections], RawDetections] = lambda raw: raw
-) -> Predict:
-    """Finds a frame by its pixels and answers with its truth, then ``change``d."""
-
-    def predict(images: np.ndarray) -> RawDetections:
-        count = len(images)
-        raw = RawDetections(
-            np.zeros((count, ROWS, 4), np.float32),
-            np.zeros((count, ROWS), np.float32),
-            np.zeros((count, ROWS, 5, 3), np.float32),
-            np.zeros((count, ROWS, 28, 28), np.float32),
-            np.zeros(count, np.int64),
-        )
-        for row, image in enumerate(images):
-            sample = next(store[i] for i in range(len(store)) if (store[i].image == image).all())
-            trees = len(sample.boxes)
-            raw.boxes[row, :trees] = sample.boxes
-            raw.scores[row, :trees] = 0.9
-            assert raw.keypoints is not None
-            assert raw.masks is not None
-            raw.keypoints[row, :trees] = sample.keypoints
-            raw.masks[row, :trees] = 1.0
-            raw.num_detections[row] = trees
-        return change(raw)
-
-    return predict
 
 
 @pytest.mark.parametrize("batch", [1, 4])
-def test_the_truth_scores_one_hundred(posts: Path, batch: int) -> None:
+def test_the_truth_scores_one_hundred(posts: Path, store_of: Any, oracle: Any, batch: int) -> None:
     store = store_of(posts)
     shown: list[int] = []
     metrics = evaluate(oracle(store), store, batch, shown.append)
@@ -64,7 +28,9 @@ def test_the_truth_scores_one_hundred(posts: Path, batch: int) -> None:
     assert max(metrics.keypoint_error_px.values()) < 1e-4
 
 
-def test_predictions_come_in_the_pixels_of_the_source(posts: Path) -> None:
+def test_predictions_come_in_the_pixels_of_the_source(
+    posts: Path, store_of: Any, oracle: Any
+) -> None:
     store = store_of(posts)  # the model sees the frames 1.25 times as large
     for frame, found in zip(store.frames, predict_frames(oracle(store), store, 4), strict=True):
         assert found.boxes == pytest.approx(np.array([tree.box_px for tree in frame.trees]))
@@ -72,7 +38,7 @@ def test_predictions_come_in_the_pixels_of_the_source(posts: Path) -> None:
         assert [runs["size"] for runs in found.masks] == [[72, 128]] * len(frame.trees)
 
 
-def test_boxes_that_lie_aside_cost_boxes_only(posts: Path) -> None:
+def test_boxes_that_lie_aside_cost_boxes_only(posts: Path, store_of: Any, oracle: Any) -> None:
     def aside(raw: RawDetections) -> RawDetections:
         raw.boxes[..., 0::2] += 0.1 * (raw.boxes[..., 2:3] - raw.boxes[..., 0:1])
         return raw
@@ -85,7 +51,7 @@ def test_boxes_that_lie_aside_cost_boxes_only(posts: Path) -> None:
     assert metrics.keypoint_ap == pytest.approx(100)
 
 
-def test_keypoint_errors_are_medians_in_source_px(posts: Path) -> None:
+def test_keypoint_errors_are_medians_in_source_px(posts: Path, store_of: Any, oracle: Any) -> None:
     def right(raw: RawDetections) -> RawDetections:
         assert raw.keypoints is not None
         raw.keypoints[:, :, 0, 0] += 5.0  # model px: four of the source
@@ -97,7 +63,9 @@ def test_keypoint_errors_are_medians_in_source_px(posts: Path) -> None:
     assert errors["diameter_left"] == pytest.approx(0.0, abs=1e-3)
 
 
-def test_object_keypoint_similarity_has_the_published_sigma(posts: Path) -> None:
+def test_object_keypoint_similarity_has_the_published_sigma(
+    posts: Path, store_of: Any, oracle: Any
+) -> None:
     def away(raw: RawDetections) -> RawDetections:
         assert raw.keypoints is not None
         # OKS = exp(-d**2 / (2 area (2 sigma)**2)); at d = sqrt(area) / 4 and sigma 0.25: 0.882.
@@ -110,7 +78,9 @@ def test_object_keypoint_similarity_has_the_published_sigma(posts: Path) -> None
     assert evaluate(oracle(store, away), store).keypoint_ap == pytest.approx(80, abs=0.5)
 
 
-def test_a_model_without_branches_has_no_such_precision(posts: Path) -> None:
+def test_a_model_without_branches_has_no_such_precision(
+    posts: Path, store_of: Any, oracle: Any
+) -> None:
     store = store_of(posts)
     bare = oracle(store, lambda raw: raw._replace(keypoints=None, masks=None))
     metrics = evaluate(bare, store)
@@ -119,14 +89,16 @@ def test_a_model_without_branches_has_no_such_precision(posts: Path) -> None:
     assert metrics.keypoint_error_px == {}
 
 
-def test_nothing_found_scores_nothing(posts: Path) -> None:
+def test_nothing_found_scores_nothing(posts: Path, store_of: Any, oracle: Any) -> None:
     store = store_of(posts)
     empty = oracle(store, lambda raw: raw._replace(num_detections=0 * raw.num_detections))
     metrics = evaluate(empty, store)
     assert (metrics.box_ap, metrics.mask_ap, metrics.keypoint_ap) == (0.0, 0.0, 0.0)
 
 
-def test_labels_without_keypoints_give_no_keypoint_precision(posts: Path, edit_split: Edit) -> None:
+def test_labels_without_keypoints_give_no_keypoint_precision(
+    posts: Path, edit_split: Edit, store_of: Any, oracle: Any
+) -> None:
     def change(content: dict[str, Any]) -> None:
         for annotation in content["annotations"]:
             del annotation["keypoints"]
@@ -138,14 +110,18 @@ def test_labels_without_keypoints_give_no_keypoint_precision(posts: Path, edit_s
     assert metrics.keypoint_ap is None
 
 
-def test_frames_without_trees_cannot_be_measured(posts: Path, edit_split: Edit) -> None:
+def test_frames_without_trees_cannot_be_measured(
+    posts: Path, edit_split: Edit, store_of: Any, oracle: Any
+) -> None:
     edit_split(posts, "train", lambda content: content["annotations"].clear())
     store = store_of(posts)
     with pytest.raises(DatasetError, match="6 frames without a labelled tree"):
         evaluate(oracle(store), store)
 
 
-def test_the_measures_print_nothing(posts: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_measures_print_nothing(
+    posts: Path, capsys: pytest.CaptureFixture[str], store_of: Any, oracle: Any
+) -> None:
     store = store_of(posts)
     evaluate(oracle(store), store)
     assert capsys.readouterr() == ("", "")

@@ -1,0 +1,196 @@
+"""Average precision is what pycocotools gives when it is called by hand, and of parts likewise."""
+
+import contextlib
+import io
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pycocotools import mask as coco_mask
+from pycocotools.coco import COCO
+from pycocotools.cocoeval import COCOeval
+
+from perceptree.data import FrameRecord, TreeRecord, read_split
+from perceptree.evaluation import RawDetections, evaluate, predict_frames
+from perceptree.evaluation.precision import Scorer
+from perceptree.evaluation.predictions import FramePrediction
+
+DatasetWriter = Callable[..., Path]
+Edit = Callable[[Path, str, Callable[[dict[str, Any]], None]], None]
+NAMES = {"bbox": "box", "segm": "mask", "keypoints": "keypoint"}
+SCALE = 1.25  # of the model's input to the frames
+
+
+def worse(seed: int) -> Callable[[RawDetections], RawDetections]:
+    """Moves everything, changes scores, and adds false alarms."""
+    rng = np.random.default_rng(seed)
+
+    def change(raw: RawDetections) -> RawDetections:
+        assert raw.keypoints is not None
+        raw.boxes[:] += rng.normal(0, 2.5, raw.boxes.shape)
+        raw.boxes[:] = np.sort(raw.boxes.reshape(*raw.boxes.shape[:2], 2, 2), axis=2).reshape(
+            raw.boxes.shape
+        )
+        raw.keypoints[..., :2] += rng.normal(0, 6, raw.keypoints[..., :2].shape)
+        for row, trees in enumerate(raw.num_detections):
+            corner = rng.uniform(0, 60, (2, 2))
+            raw.boxes[row, trees : trees + 2] = np.hstack([corner, corner + rng.uniform(8, 30)])
+            raw.masks[row, trees : trees + 2] = 1.0  # type: ignore[index]
+        raw.num_detections[:] += 2
+        scores = np.sort(rng.uniform(0.05, 1, raw.scores.shape))[:, ::-1]
+        raw.scores[:] = scores
+        return raw
+
+    return change
+
+
+def remembering(predict: Any, into: list[RawDetections]) -> Any:
+    """The same detector, whose answers are kept."""
+
+    def both(images: np.ndarray) -> RawDetections:
+        into.append(predict(images))
+        return into[-1]
+
+    return both
+
+
+def by_hand(posts: Path, raws: list[RawDetections], kind: str) -> COCOeval:
+    """Scores written straight from the dataset's file and the model's answers."""
+    content = json.loads((posts / "train_RGB.json").read_text())
+    entries = []
+    for image, raw in zip(content["images"], raws, strict=True):
+        assert raw.keypoints is not None
+        for row in range(int(raw.num_detections[0])):
+            box = raw.boxes[0, row].astype(float) / SCALE
+            pasted = pasted_box(box, image["width"], image["height"])
+            x0, y0 = max(box[0], 0), max(box[1], 0)
+            x1, y1 = min(box[2], image["width"]), min(box[3], image["height"])
+            points = raw.keypoints[0, row].astype(float)
+            points[:, :2] = points[:, :2] / SCALE - 0.5
+            value: dict[str, Any] = {
+                "bbox": [x0, y0, x1 - x0, y1 - y0],
+                "segm": coco_mask.encode(np.asfortranarray(pasted)),
+                "keypoints": points.ravel().tolist(),
+            }
+            key = "segmentation" if kind == "segm" else kind
+            entry = {"image_id": image["id"], "category_id": 1, key: value[kind]}
+            entries.append(entry | {"score": float(raw.scores[0, row])})
+    with contextlib.redirect_stdout(io.StringIO()):
+        truth = COCO(posts / "train_RGB.json")
+        hand = COCOeval(truth, truth.loadRes(entries), kind)
+        if kind == "keypoints":
+            hand.params.kpt_oks_sigmas = np.full(5, 0.25)
+        hand.evaluate()
+        hand.accumulate()
+        hand.summarize()
+    return hand
+
+
+def pasted_box(box: np.ndarray, width: int, height: int) -> np.ndarray:
+    """A mask of ones: the pixels whose centres lie in the box."""
+    x, y = np.arange(width) + 0.5, np.arange(height) + 0.5
+    inside = ((x >= box[0]) & (x <= box[2]))[None] & ((y >= box[1]) & (y <= box[3]))[:, None]
+    return inside.astype(np.uint8)
+
+
+@pytest.mark.parametrize("kind", ["bbox", "segm", "keypoints"])
+def test_precision_is_that_of_pycocotools_called_by_hand(
+    write_dataset: DatasetWriter, store_of: Any, oracle: Any, kind: str
+) -> None:
+    posts = write_dataset(train=30)
+    store = store_of(posts)
+    raws: list[RawDetections] = []
+    predictions = list(
+        predict_frames(remembering(oracle(store, worse(4)), raws), store, batch=1)
+    )  # fmt: skip
+    found = Scorer(store.frames, predictions).precision(kind)  # type: ignore[arg-type]
+    assert found is not None
+    hand = by_hand(posts, raws, kind).stats
+    assert 5 < found.ap < 95  # the comparison is of something
+    ours = [found.ap, found.ap50, found.ap75]
+    assert ours == pytest.approx((100 * hand[:3]).tolist(), abs=1e-9)
+    if kind != "keypoints":  # for which COCO's own summary has other sizes
+        sizes = found.ap_small, found.ap_medium, found.ap_large
+        ours = [-1 if ap is None else ap / 100 for ap in sizes]
+        assert ours == pytest.approx(hand[3:6].tolist(), abs=1e-9)
+    metrics = evaluate(oracle(store, worse(4)), store).to_dict()
+    assert metrics[f"{NAMES[kind]}_ap"] == pytest.approx(100 * hand[0], abs=1e-9)
+    assert metrics[f"{NAMES[kind]}_ap50"] == pytest.approx(100 * hand[1], abs=1e-9)
+
+
+def tree(left: float, crowd: bool = False) -> TreeRecord:
+    box = np.array([left, 0.0, left + 10.0, 40.0])
+    outline = [[left, 0, left + 10, 0, left + 10, 40, left, 40]]
+    return TreeRecord(1, box, np.zeros((5, 3)), outline, crowd, {})
+
+
+def frame(number: int, *trees: TreeRecord) -> FrameRecord:
+    return FrameRecord(number, Path(f"{number}.png"), None, None, 100, 50, {}, trees)
+
+
+def finding(*lefts_and_scores: tuple[float, float]) -> FramePrediction:
+    boxes = np.array([[left, 0, left + 10, 40] for left, _ in lefts_and_scores], float)
+    scores = np.array([score for _, score in lefts_and_scores])
+    return FramePrediction(boxes.reshape(-1, 4), scores, None, None)
+
+
+def test_trees_of_other_groups_are_neither_found_nor_missed() -> None:
+    # Of two near and two far trees the near ones are found, and one far one with less surety.
+    frames = [frame(1, tree(0), tree(50)), frame(2, tree(20), tree(70))]
+    found = [finding((0, 0.9), (50, 0.8)), finding((20, 0.7))]
+    scorer = Scorer(frames, found)
+    near, far = {0, 2}, {1, 3}
+    assert scorer.part("bbox", near, {0, 1}) == pytest.approx(100)
+    # One of two, without a false alarm: precision 1 up to a recall of one half.
+    assert scorer.part("bbox", far, {0, 1}) == pytest.approx(100 * 51 / 101)
+    assert scorer.part("bbox", far, {0}) == pytest.approx(100)
+    assert scorer.part("bbox", set(), {0, 1}) is None
+
+
+def test_a_part_of_everything_is_the_whole() -> None:
+    frames = [frame(number, tree(0), tree(30), tree(60)) for number in range(4)]
+    found = [finding((0, 0.9), (31, 0.6), (90, 0.7)) for _ in frames]
+    scorer = Scorer(frames, found)
+    whole = scorer.precision("bbox")
+    assert whole is not None
+    assert scorer.part("bbox", set(range(12)), set(range(4))) == pytest.approx(whole.ap)
+
+
+def test_false_alarms_count_in_every_part() -> None:
+    frames = [frame(1, tree(0), tree(50))]
+    sure_alarm = [finding((85, 0.99), (0, 0.9), (50, 0.8))]
+    scorer = Scorer(frames, sure_alarm)
+    for part in ({0}, {1}):
+        assert scorer.part("bbox", part, {0}) == pytest.approx(50)
+
+
+def test_other_scores_show_other_shares() -> None:
+    frames = [frame(1, tree(0), tree(30)), frame(2, tree(0, crowd=True))]
+    found = [finding((0, 0.9), (60, 0.5), (30, 0.3)), finding((1, 0.8))]
+    rows = Scorer(frames, found).by_score("bbox")
+    assert rows is not None
+    at = {row["score"]: (row["recall"], row["precision"]) for row in rows}
+    assert at[0.95] == (0.0, None)
+    assert at[0.6] == (0.5, 1.0)  # what lies in the crowd is left out
+    assert at[0.4] == (0.5, 0.5)
+    assert at[0.05] == (1.0, pytest.approx(2 / 3))
+
+
+def test_trees_without_a_mask_are_left_out_of_masks_only(
+    posts: Path, edit_split: Edit, store_of: Any, oracle: Any
+) -> None:
+    def unmask(content: dict[str, Any]) -> None:
+        for annotation in content["annotations"]:
+            del annotation["segmentation"]
+
+    store = store_of(posts)
+    found = list(predict_frames(oracle(store), store, 4))
+    edit_split(posts, "train", unmask)
+    scorer = Scorer(read_split(posts, "train"), found)
+    assert scorer.precision("segm") is None
+    boxes = scorer.precision("bbox")
+    assert boxes is not None
+    assert boxes.ap == pytest.approx(100)

@@ -1,0 +1,120 @@
+"""Pictures come one by one, a few ahead; what lies in the padding is not in the picture."""
+
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import calib
+from perceptree.data import FrameStore
+from perceptree.errors import DatasetError, SettingsError
+from perceptree.evaluation import RawDetections, on_device, predict_frames, predict_with, read_ahead
+from perceptree.models import TreeRCNN, make_spec
+
+DatasetWriter = Callable[..., Path]
+
+
+def test_items_come_in_order_and_only_a_few_ahead() -> None:
+    started, lock = [], threading.Lock()
+
+    def read(number: int) -> int:
+        with lock:
+            started.append(number)
+        return number
+
+    for taken, number in enumerate(read_ahead(read, iter(range(1000)))):
+        assert number == taken
+        assert len(started) <= taken + 12
+        if taken == 100:
+            break
+    assert len(started) < 120  # who stops taking stops the reading
+
+
+def test_a_broken_item_is_named_when_its_turn_comes() -> None:
+    def read(number: int) -> int:
+        if number == 5:
+            raise DatasetError("the fifth")
+        return number
+
+    seen = []
+    with pytest.raises(DatasetError, match="the fifth"):
+        seen.extend(read_ahead(read, range(50)))
+    assert seen == [0, 1, 2, 3, 4]
+
+
+def test_pictures_are_not_kept(
+    write_dataset: DatasetWriter, store_of: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = store_of(write_dataset(train=40))
+    alive, most = [0], [0]
+
+    class Counted(np.ndarray):
+        def __del__(self) -> None:
+            alive[0] -= 1
+
+    whole = FrameStore.__getitem__
+
+    def counted(self: FrameStore, index: int) -> Any:
+        sample = whole(self, index)
+        alive[0] += 1
+        most[0] = max(most[0], alive[0])
+        return type(sample)(sample.image.view(Counted), sample.boxes, sample.keypoints, None)
+
+    monkeypatch.setattr(FrameStore, "__getitem__", counted)
+
+    def nothing(images: np.ndarray) -> RawDetections:
+        count = len(images)
+        return RawDetections(
+            np.zeros((count, 1, 4)), np.zeros((count, 1)), None, None, np.zeros(count, int)
+        )
+
+    assert len(list(predict_frames(nothing, store, 4))) == 40
+    assert most[0] <= 20
+
+
+def test_boxes_in_the_padding_are_dropped_and_masks_keep_their_place(
+    posts: Path, store_of: Any
+) -> None:
+    store = store_of(posts)
+    spec_rows = 96
+    frame_rows = round(72 * 1.25)
+    assert frame_rows < spec_rows  # the frame's copy ends above the input's lower edge
+
+    def predict(images: np.ndarray) -> RawDetections:
+        count = len(images)
+        boxes = np.zeros((count, 2, 4), np.float32)
+        boxes[:, 0] = [20, 80, 40, 96]  # half in the padding
+        boxes[:, 1] = [20, 91, 40, 96]
+        masks = np.ones((count, 2, 28, 28), np.float32)
+        masks[:, 0, :14] = 0  # the lower half of the box alone
+        scores = np.full((count, 2), 0.9, np.float32)
+        return RawDetections(boxes, scores, None, masks, np.full(count, 2))
+
+    found = next(iter(predict_frames(predict, store, 1)))
+    assert found.boxes.tolist() == [[16, 64, 32, 72]]
+    assert found.masks is not None
+    cells = np.ones((28, 28), np.float32)
+    cells[:14] = 0
+    pasted = calib.paste_mask(cells, np.array([16, 64, 32, 76.8]), 128, 72)
+    assert found.masks == [calib.encode_rle(pasted)]
+    assert not pasted[:70].any()
+
+
+def test_a_model_answers_in_numpy_whatever_its_branches() -> None:
+    model = TreeRCNN(make_spec("edge-n", "depth", 64, 64, fpn_width=32, masks=False)).eval()
+    raw = predict_with(on_device(model, "cpu"))(np.zeros((2, 64, 64), np.uint8))
+    assert raw.boxes.shape[0] == 2
+    assert raw.masks is None
+    assert isinstance(raw.keypoints, np.ndarray)
+
+
+def test_a_device_that_is_not_there_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = TreeRCNN(make_spec("edge-n", "depth", 64, 64, fpn_width=32))
+    monkeypatch.setattr("torch.cuda.is_available", lambda: False)
+    with pytest.raises(SettingsError, match="--device is cuda: expected a GPU"):
+        on_device(model, "cuda")
+    with pytest.raises(SettingsError, match="--device is 'tpu': expected cpu or cuda"):
+        on_device(model, "tpu")
