@@ -112,7 +112,9 @@ def find_labels(
     if directory.is_file():
         return _single(directory, split)
     files = label_files(directory)
-    named = [file for file in files if file.split == split and file.entire_tree == entire_tree]
+    named = _nearest(
+        [file for file in files if file.split == split and file.entire_tree == entire_tree]
+    )
     fitting = [file for file in named if file.fold == fold]
     folds = sorted({file.fold for file in named if file.fold is not None})
     if fold is None and not fitting and folds:
@@ -130,6 +132,18 @@ def find_labels(
             f"{directory}: holds several label files for {split}: {listed}, expected one"
         )
     return fitting[0]
+
+
+def _nearest(files: list[LabelFile]) -> list[LabelFile]:
+    """Those in the set's folder itself; else in one named for labels; else in any below."""
+
+    def distance(file: LabelFile) -> int:
+        folders = words(file.path.parent.relative_to(file.root).as_posix())
+        known = SPLIT_WORDS.keys() | {"fold", "annotations", "labels"}
+        return 0 if not folders else 1 if known & set(folders) else 2
+
+    least = min(map(distance, files), default=0)
+    return [file for file in files if distance(file) == least]
 
 
 def find_splits(

@@ -38,13 +38,12 @@ def file_leaks(splits: Mapping[str, Sequence[FrameRecord]]) -> Iterator[str]:
 
 
 def scene_leaks(splits: Mapping[str, Sequence[FrameRecord]]) -> Iterator[str]:
-    """Names of scenes that stand in two splits, with a frame of each."""
+    """Names of scenes that stand in two splits, with a frame of each; every frame names its own."""
     scenes: dict[str, dict[Any, FrameRecord]] = {}
     for split, frames in splits.items():
         known = scenes.setdefault(split, {})
         for frame in frames:
             known.setdefault(scene_of(frame), frame)
-        known.pop(None, None)
     for first, second in combinations(scenes, 2):
         for scene, frame in scenes[first].items():
             other = scenes[second].get(scene)

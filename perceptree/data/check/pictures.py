@@ -71,7 +71,7 @@ def _read(path: Path, flag: int) -> tuple[NDArray[Any] | None, str]:
 
 
 def _is_whole(data: bytes) -> bool:
-    """Whether a JPEG or PNG has its end mark: decoders fill in silently what was cut off."""
+    """Whether a JPEG or PNG has its end mark: OpenCV 4 fills in silently what was cut off."""
     if data.startswith(b"\xff\xd8"):
         return data.rfind(b"\xff\xd9") > len(data) // 2
     return not data.startswith(b"\x89PNG") or b"IEND" in data[-64:]

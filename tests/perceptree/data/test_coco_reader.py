@@ -136,3 +136,15 @@ def test_runs_that_do_not_fill_the_frame_are_refused(
     frame = read_split(posts, "test")[0]
     with pytest.raises(DatasetError, match="segmentation of annotation 1 is broken"):
         frame.mask(frame.trees[0])
+
+
+def test_a_long_file_is_read_in_parts_that_make_no_difference(
+    posts: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = read_split(posts, "train")
+    monkeypatch.setattr("perceptree.data.parsing._CHUNK", 4)
+    for frame, part in zip(whole, read_split(posts, "train"), strict=True):
+        assert [tree.number for tree in frame.trees] == [tree.number for tree in part.trees]
+        for tree, same in zip(frame.trees, part.trees, strict=True):
+            assert (tree.box_px == same.box_px).all()
+            assert (tree.keypoints == same.keypoints).all()

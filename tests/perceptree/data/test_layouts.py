@@ -177,29 +177,54 @@ def test_coco_with_a_year(posts: Path, tmp_path: Path, folder: str) -> None:
         _write(tmp_path / f"set/annotations/captions_{split}2017.json", {"images": []})
     for split in SPLITS:
         _agrees(tmp_path / "set", posts, split)
+        assert read_dataset(tmp_path / "set", split).labels.fold is None
+
+
+def test_a_copy_in_a_folder_below_does_not_disturb(posts: Path) -> None:
+    shutil.copytree(posts, posts / "annotations")
+    shutil.copytree(posts / "annotations", posts / "backup")
+    assert read_dataset(posts, "val").labels.path == posts / "val_RGB.json"
+    (posts / "val_RGB.json").unlink()
+    assert read_dataset(posts, "val").labels.path == posts / "annotations/val_RGB.json"
+
+
+def test_pictures_are_found_though_the_labels_name_folders_of_another_machine(
+    posts: Path, edit_split: Callable[[Path, str, Callable[[Content], None]], None]
+) -> None:
+    def change(content: Content) -> None:
+        for image in content["images"]:
+            image["file_name"] = "D:\\forest\\" + image["file_name"].replace("/", "\\")
+
+    edit_split(posts, "val", change)
+    assert all(frame.image_path.is_file() for frame in read_split(posts, "val"))
 
 
 def test_splits_with_equal_names_keep_to_their_own_folders(posts: Path, tmp_path: Path) -> None:
     for split in SPLITS:
         content = _content(posts, split)
         first = content["images"][0]["id"]
-        _move(posts, content, tmp_path / split, lambda number, first=first: f"{number - first}.png")
-        _write(tmp_path / f"annotations/instances_{split}.json", content)
+        _move(
+            posts,
+            content,
+            tmp_path / "set" / split,
+            lambda number, first=first: f"{number - first}.png",
+        )
+        _write(tmp_path / "set" / f"annotations/instances_{split}.json", content)
     for split in SPLITS:
-        _agrees(tmp_path, posts, split)
+        _agrees(tmp_path / "set", posts, split)
 
 
 def test_roboflow(posts: Path, tmp_path: Path) -> None:
     for split, folder in (("train", "train"), ("val", "valid"), ("test", "test")):
         content = _content(posts, split)
-        _move(posts, content, tmp_path / folder, lambda number: f"{number}.png")
+        _move(posts, content, tmp_path / "set" / folder, lambda number: f"{number}.png")
         content["categories"] = [
-            {"id": 0, "name": "stems-q7", "supercategory": "none"},
-            {"id": 1, "name": "Spruce", "supercategory": "stems-q7"},
+            {"id": 0, "name": "survey-q7", "supercategory": "none"},
+            {"id": 1, "name": "class-1", "supercategory": "survey-q7"},
         ]
-        _write(tmp_path / folder / "_annotations.coco.json", content)
+        _write(tmp_path / "set" / folder / "_annotations.coco.json", content)
     for split in SPLITS:
-        _agrees(tmp_path, posts, split)
+        _agrees(tmp_path / "set", posts, split)
 
 
 def test_one_label_file_stands_for_the_split_it_names(posts: Path) -> None:
