@@ -102,6 +102,8 @@ def test_keypoints_go_where_the_picture_goes(name: str) -> None:
         assert left[0] < right[0] or not (left[2] and right[2])
         inner = cv2.erode(white.image[..., 0], np.ones((31, 31), np.uint8), borderValue=0)
         found = white.keypoints[0][white.keypoints[0, :, 2] > 0, :2]
+        shown = cv2.dilate(white.image[..., 0], np.ones((3, 3), np.uint8))
+        assert all(shown[int(y), int(x)] for x, y in found)  # none lies on the padding
         for x, y, _ in keypoints_of(*POSTS[0])[:4]:
             sample = replace(alone, image=dot(x, y))
             moved = augment(np.random.default_rng(seed), sample, spec, settings).image

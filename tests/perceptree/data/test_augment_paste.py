@@ -123,6 +123,16 @@ def test_one_to_three_trees_come_from_the_other_frame(modality: Any) -> None:
     assert (other.image == image).all()
 
 
+def test_trees_stand_where_they_stood_or_mirrored() -> None:
+    lefts = set()
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        sample, other = post(70, 90, 60, "depth"), post(10, 30, 40, "depth")
+        result = augment(rng, sample, spec_of("depth"), STILL, lambda other=other: other)
+        lefts.add(float(result.boxes[1, 0]))
+    assert lefts == {10, WIDTH_PX - 30}
+
+
 def test_nothing_is_pasted_without_masks_or_another_frame() -> None:
     sample, other = post(10, 30, 60, "depth"), post(70, 90, 40, "depth")
     bare = replace(sample, masks=None)
