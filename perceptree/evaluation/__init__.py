@@ -1,8 +1,8 @@
 """How good a detector is: COCO's measures, errors in pixels, by conditions, as a page."""
 
+from perceptree.evaluation.coco_matching import OKS_SIGMAS
 from perceptree.evaluation.figures import About
 from perceptree.evaluation.metrics import Metrics, evaluate
-from perceptree.evaluation.precision import OKS_SIGMAS
 from perceptree.evaluation.predictions import (
     FramePrediction,
     Predict,

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from perceptree.evaluation.coco_matching import Kind
 from perceptree.evaluation.errors_px import (
     DIRECTIONS,
     PixelErrors,
@@ -21,7 +22,7 @@ from perceptree.evaluation.errors_px import (
 from perceptree.evaluation.groups import AXES, Axis, Group, groups_of
 from perceptree.evaluation.matching import DISPLAY_SCORE, MATCH_IOU
 from perceptree.evaluation.metrics import Measured
-from perceptree.evaluation.precision import KINDS, Kind
+from perceptree.evaluation.precision import KINDS
 from perceptree.models import KEYPOINT_NAMES
 
 SCHEMA = "perceptree.evaluation/1"

@@ -4,30 +4,24 @@ from __future__ import annotations
 
 import contextlib
 import io
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pycocotools.coco import COCO
-from pycocotools.cocoeval import COCOeval
 
 from perceptree.data import FrameRecord
+from perceptree.evaluation.coco_matching import HALF, Evaluation, Kind
 from perceptree.evaluation.predictions import FramePrediction
 from perceptree.models import KEYPOINT_NAMES
 
-Float = NDArray[np.floating[Any]]
-Kind = Literal["bbox", "segm", "keypoints"]
-
 KINDS: tuple[Kind, ...] = ("bbox", "segm", "keypoints")
-OKS_SIGMAS = (0.25,) * len(KEYPOINT_NAMES)
 SIZES_PX2 = {"all": (0.0, 1e10), "small": (0.0, 32.0**2), "medium": (32.0**2, 96.0**2),
              "large": (96.0**2, 1e10)}  # fmt: skip
 """COCO's sizes, by the area of the mask in the picture's own px², or of the box without masks."""
 
 _THRESHOLDS = tuple(round(0.05 * step, 2) for step in range(1, 20))
-_HALF, _THREE_QUARTERS = 0, 5  # of COCO's thresholds 0.50, 0.55 ... 0.95
 
 
 @dataclass(frozen=True)
@@ -51,20 +45,16 @@ class Scorer:
         self._frames = frames
         self._predictions = predictions
         self._truth = _ground_truth(frames)
-        self._whole: dict[Kind, _Evaluation] = {}
+        self._whole: dict[Kind, Evaluation] = {}
 
     def precision(self, kind: Kind) -> Precision | None:
         """Of all frames; None where model or labels have no such thing."""
         whole = self._evaluation(kind)
-        figures = None if whole is None else whole.figures(*SIZES_PX2)
-        if figures is None or figures["all"] is None:
+        every = None if whole is None else whole.figures("all")
+        if whole is None or every is None:
             return None
-        ap, ap50, ap75 = figures["all"]
-        small, medium, large = (
-            None if found is None else found[0]
-            for found in (figures["small"], figures["medium"], figures["large"])
-        )
-        return Precision(ap, ap50, ap75, small, medium, large)
+        sizes = (whole.figures(size) for size in ("small", "medium", "large"))
+        return Precision(*every, *(None if found is None else found[0] for found in sizes))
 
     def part(self, kind: Kind, trees: Collection[int], frames: Collection[int]) -> float | None:
         """AP of some trees in some frames, both by their place among all.
@@ -76,12 +66,12 @@ class Scorer:
         if whole is None:
             return None
         ignored = set(range(1, 1 + self.trees)) - {tree + 1 for tree in trees}
-        part = _Evaluation(
+        part = Evaluation(
             whole.cocoGt, whole.cocoDt, kind, {"all": SIZES_PX2["all"]}, ignored, whole.ious
         )
         part.params.imgIds = [self._frames[frame].image_id for frame in sorted(frames)]
         part.run()
-        figures = part.figures("all")["all"]
+        figures = part.figures("all")
         return None if figures is None else figures[0]
 
     def curve(self, kind: Kind) -> list[float] | None:
@@ -89,7 +79,7 @@ class Scorer:
         whole = self._evaluation(kind)
         if whole is None:
             return None
-        values = whole.eval["precision"][_HALF, :, 0, 0, -1]
+        values = whole.eval["precision"][HALF, :, 0, 0, -1]
         return None if (values < 0).any() else [float(value) for value in values]
 
     def by_score(self, kind: Kind) -> list[dict[str, float | None]] | None:
@@ -102,11 +92,11 @@ class Scorer:
         if whole is None:
             return None
         frames = [frame for frame in whole.evalImgs[: len(self._frames)] if frame is not None]
-        counted = [~frame["dtIgnore"][_HALF] for frame in frames]
+        counted = [~frame["dtIgnore"][HALF] for frame in frames]
         trees = sum(int((frame["gtIgnore"] == 0).sum()) for frame in frames)
         if trees == 0:
             return None
-        matched = [frame["dtMatches"][_HALF] > 0 for frame in frames]
+        matched = [frame["dtMatches"][HALF] > 0 for frame in frames]
         right = np.concatenate([row[use] for row, use in zip(matched, counted, strict=True)])
         given = [np.array(frame["dtScores"]) for frame in frames]
         scores = np.concatenate([row[use] for row, use in zip(given, counted, strict=True)])
@@ -135,7 +125,7 @@ class Scorer:
         """How many trees are labelled, crowds among them."""
         return sum(len(frame.trees) for frame in self._frames)
 
-    def _evaluation(self, kind: Kind) -> _Evaluation | None:
+    def _evaluation(self, kind: Kind) -> Evaluation | None:
         """Of all frames, made once; None where the model has no branch or no tree the label."""
         if kind not in self._whole:
             entries = _results(self._frames, self._predictions, kind)
@@ -144,66 +134,10 @@ class Scorer:
             if kind == "segm" and not any(t.segmentation for f in self._frames for t in f.trees):
                 return None
             truth = self._truth
-            evaluation = _Evaluation(truth, _loaded(truth, entries), kind, SIZES_PX2)
+            evaluation = Evaluation(truth, _loaded(truth, entries), kind, SIZES_PX2)
             evaluation.run()
             self._whole[kind] = evaluation
         return self._whole[kind]
-
-
-class _Evaluation(COCOeval):  # type: ignore[misc]
-    """pycocotools' evaluation with more trees ignored, and with overlaps that are known."""
-
-    def __init__(
-        self,
-        truth: COCO,
-        found: COCO,
-        kind: Kind,
-        sizes: Mapping[str, tuple[float, float]],
-        ignored: Collection[int] = (),
-        overlaps: Mapping[tuple[int, int], Any] | None = None,
-    ) -> None:
-        super().__init__(truth, found, kind)
-        self.params.areaRng = [list(limits) for limits in sizes.values()]
-        self.params.areaRngLbl = list(sizes)
-        if kind == "keypoints":
-            self.params.kpt_oks_sigmas = np.array(OKS_SIGMAS)
-        self._ignored = ignored
-        self._known = overlaps
-
-    def run(self) -> None:
-        """Match and accumulate, without a word."""
-        with contextlib.redirect_stdout(io.StringIO()):
-            self.evaluate()
-            self.accumulate()
-
-    def figures(self, *sizes: str) -> dict[str, tuple[float, float, float] | None]:
-        """AP, AP50 and AP75 in percent by size; None where there is no tree of that size."""
-        precision = self.eval["precision"][:, :, 0, :, -1]
-        found: dict[str, tuple[float, float, float] | None] = {}
-        for size in sizes:
-            values = 100 * precision[..., self.params.areaRngLbl.index(size)].mean(axis=1)
-            chosen = values.mean(), values[_HALF], values[_THREE_QUARTERS]
-            found[size] = None if values[0] < 0 else tuple(map(float, chosen))  # type: ignore[assignment]
-        return found
-
-    def _prepare(self) -> None:
-        super()._prepare()
-        without = self.params.iouType == "segm"
-        for trees in self._gts.values():
-            for tree in trees:
-                if tree["id"] in self._ignored or (without and tree["unmasked"]):
-                    tree["ignore"] = 1
-
-    def computeIoU(self, image: int, category: int) -> Any:
-        """Overlaps of boxes or masks."""
-        return self._overlaps(super().computeIoU, image, category)
-
-    def computeOks(self, image: int, category: int) -> Any:
-        """Similarity of keypoints."""
-        return self._overlaps(super().computeOks, image, category)
-
-    def _overlaps(self, compute: Any, image: int, category: int) -> Any:
-        return compute(image, category) if self._known is None else self._known[image, category]
 
 
 def _ground_truth(frames: Sequence[FrameRecord]) -> COCO:

@@ -39,7 +39,11 @@ _SHARES = ("recall", "precision")
 _FEW_TREES = 20
 _AXES_IN_WORDS = 3
 _GALLERIES = {
-    "best": ("Found best", "Box, outline and points fit most closely."),
+    "best": (
+        "Found best",
+        "Fit is the mean of the overlaps of boxes and outlines and of the points’ similarity, at"
+        " most 1.",
+    ),
     "worst": ("Found worst", "Counted as found, but with the poorest fit."),
     "missed": ("Missed", "Labelled trees that were not reported, largest first."),
     "invented": (

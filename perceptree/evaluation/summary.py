@@ -9,7 +9,8 @@ Figures = dict[str, Any]
 
 _PRECISIONS = ("ap", "ap50", "ap75", "ap_small", "ap_medium", "ap_large")
 _HEADS = ("AP", "AP50", "AP75", "small", "medium", "large")
-_FEW_TREES = 10
+_FEW_TREES = 20
+_NAMED = 3
 
 
 def title_of(figures: Figures) -> str:
@@ -35,7 +36,8 @@ def summary_lines(figures: Figures) -> Iterator[str]:
     reported = shown["found"] + shown["invented"]
     yield (
         f"at score {shown['score']}: {shown['found']} of {data['trees']} trees found"
-        f" ({shown['recall']:.0%}), {shown['invented']} of {reported} reported are none"
+        f" ({shown['recall']:.0%}), {shown['invented']} of {reported} reported are no"
+        " labelled tree"
     )
     yield from _error_lines(figures)
     yield from _weakest(figures)
@@ -64,12 +66,13 @@ def _error_lines(figures: Figures) -> Iterator[str]:
 
 
 def _weakest(figures: Figures) -> Iterator[str]:
-    """Of each axis the group that is found least, if it has some trees."""
-    parts = []
+    """The groups that are found least, of those with some trees, one of an axis."""
+    worst: list[tuple[float, str]] = []
     for axis in figures["by"].values():
         groups = [group for group in axis["groups"] if group["trees"] >= _FEW_TREES]
         if len(groups) > 1:
-            worst = min(groups, key=lambda group: group["recall"])
-            parts.append(f"{axis['title'].lower()} {worst['name']} ({worst['recall']:.0%})")
-    if parts:
-        yield f"found least: {'; '.join(parts)}"
+            least = min(groups, key=lambda group: group["recall"])
+            worst.append((least["recall"], f"{axis['title'].lower()} {least['name']}"))
+    if worst:
+        named = (f"{name} ({recall:.0%})" for recall, name in sorted(worst)[:_NAMED])
+        yield f"found least: {'; '.join(named)}"

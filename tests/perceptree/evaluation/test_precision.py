@@ -1,6 +1,7 @@
 """Average precision is what pycocotools gives when it is called by hand, and of parts likewise."""
 
 import contextlib
+import dataclasses
 import io
 import json
 from collections.abc import Callable
@@ -13,6 +14,7 @@ from pycocotools import mask as coco_mask
 from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
+import calib
 from perceptree.data import FrameRecord, TreeRecord, read_split
 from perceptree.evaluation import RawDetections, evaluate, predict_frames
 from perceptree.evaluation.precision import Scorer
@@ -194,3 +196,45 @@ def test_trees_without_a_mask_are_left_out_of_masks_only(
     boxes = scorer.precision("bbox")
     assert boxes is not None
     assert boxes.ap == pytest.approx(100)
+
+
+@pytest.mark.parametrize("kind", ["bbox", "segm", "keypoints"])
+def test_matches_are_those_of_pycocotools_in_every_case(kind: str) -> None:
+    """Crowds, equal overlaps and scores, sizes and crowded frames, on a coarse grid of places."""
+    rng = np.random.default_rng(11)
+    frames, found = [], []
+    for number in range(60):
+        points = rng.integers(0, 90, (6, 5, 2)).astype(float)
+        labels = [
+            dataclasses.replace(
+                tree(10.0 * rng.integers(0, 4), bool(rng.uniform() < 0.2)),
+                keypoints=np.dstack([points[place][None], np.full((1, 5, 1), 2)])[0],
+            )
+            for place in range(rng.integers(0, 6))
+        ]
+        frames.append(frame(number, *labels))
+        count = int(rng.integers(0, 8))
+        boxes = np.array([[x, 0, x + 10, 40] for x in 2.0 * rng.integers(0, 18, count)])
+        scores = np.sort(rng.integers(1, 6, count) / 5)[::-1]
+        masks = [calib.encode_rle(pasted_box(box, 100, 50).astype(bool)) for box in boxes]
+        guess = points[rng.integers(0, 6, count)] + rng.integers(-5, 6, (count, 1, 2))
+        guess = np.concatenate([guess, np.ones((count, 5, 1))], axis=2)
+        found.append(FramePrediction(boxes.reshape(-1, 4), scores, guess, masks))
+    scorer = Scorer(frames, found)
+    ours = scorer._evaluation(kind)  # type: ignore[arg-type]
+    assert ours is not None
+    theirs = COCOeval(ours.cocoGt, ours.cocoDt, kind)
+    theirs.params.areaRng = ours.params.areaRng
+    theirs.params.areaRngLbl = ours.params.areaRngLbl
+    if kind == "keypoints":
+        theirs.params.kpt_oks_sigmas = np.full(5, 0.25)
+    with contextlib.redirect_stdout(io.StringIO()):
+        theirs.evaluate()
+        theirs.accumulate()
+    assert (ours.eval["precision"] == theirs.eval["precision"]).all()
+    assert len(np.unique(ours.eval["precision"])) > 10  # the comparison is of something
+    for our, their in zip(ours.evalImgs, theirs.evalImgs, strict=True):
+        assert (our is None) == (their is None)
+        if our is not None:
+            for name in ("dtMatches", "dtIgnore", "gtIgnore"):
+                assert (our[name] == their[name]).all(), name
