@@ -121,7 +121,7 @@ class _Chain:
         width, height = _INPUT_SIZE_PX
         report = train(
             make_spec("edge-n", "depth", height=height, width=width),
-            TrainSettings(minutes=_TRAIN_MINUTES, evaluations=2),
+            TrainSettings(minutes=_TRAIN_MINUTES, schedule="cosine"),
             self.data,
             self._folder / "training",
             lambda status: tell(status.done, "training from random weights"),

@@ -4,20 +4,25 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import sys
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from perceptree.commands.data import EntireTree, Fold
+from perceptree.commands.progress import TrainingBar, bar, say
 from perceptree.errors import SettingsError
 
 if TYPE_CHECKING:
     from perceptree.models import ModelSpec
-    from perceptree.training import Init, Status, TrainReport
+    from perceptree.training import Init, TrainReport, TrainSettings
 
 _DEFAULT_MODEL = "edge-n"
 _PAPER_FREEZE_LEVEL = 2
+_STEPS = 20_000
+_SETTINGS = ("steps", "minutes", "patience", "batch", "accumulate", "learning_rate",
+             "evaluate_every_steps", "seed", "freeze_level", "frozen_norms")  # fmt: skip
 
 _Model = Annotated[str | None, typer.Option(
     "--model",
@@ -41,12 +46,46 @@ _FrozenNorms = Annotated[bool | None, typer.Option(
     " with starting weights.",
 )]  # fmt: skip
 
+_Recipe = Annotated[str | None, typer.Option(
+    help="How to train: scratch (light networks from random weights; the default) or paper (the"
+    " default for the paper's backbones)."
+)]  # fmt: skip
+_Steps = Annotated[int | None, typer.Option(
+    help="End after so many steps; more than before extends a run. [20000, paper 60000]"
+)]  # fmt: skip
+_Batch = Annotated[int | None, typer.Option(help="Frames per step, of all processes. [8]")]
+_Rate = Annotated[float | None, typer.Option(help="Peak of the schedule; by default the recipe's.")]
+_Patience = Annotated[int | None, typer.Option(
+    help="End when the box AP on val has not risen over so many evaluations."
+)]  # fmt: skip
+_EvaluateEvery = Annotated[int | None, typer.Option(
+    "--evaluate-every",
+    help="Steps from one evaluation on val to the next; by default the recipe's.",
+)]  # fmt: skip
+_From = Annotated[Path | None, typer.Option(
+    "--branch", help="Folder of a run: go on from its state, the rate falling to nothing over"
+    " this run's steps or minutes."
+)]  # fmt: skip
+_Device = Annotated[str, typer.Option(help="cpu or cuda; several processes by torchrun.")]
+_Precision = Annotated[str, typer.Option(help="fp32, bf16, or auto: what is faster here.")]
+_Workers = Annotated[int | None, typer.Option(
+    help="Processes that prepare batches; by default as many as the cores allow."
+)]  # fmt: skip
+_Compile = Annotated[bool, typer.Option(help="Compile the network first; pays on GPUs.")]
+_Cache = Annotated[Path | None, typer.Option(
+    help="Folder for the decoded frames; by default .frame-cache beside the data."
+)]  # fmt: skip
+
 
 def train(
-    data: Annotated[Path, typer.Argument(help="Folder of a dataset: train_RGB.json and so on.")],
+    data: Annotated[Path, typer.Argument(help="Folder of a dataset, in any usual layout.")],
     out: Annotated[Path, typer.Option(help="Folder of the run; one with a state is resumed.")],
+    fold: Fold = None,
+    entire_tree: EntireTree = False,
+    recipe: _Recipe = None,
     model: _Model = None,
     init: _Init = None,
+    branch: _From = None,
     modality: _Modality = None,
     height: _Side = None,
     width: _Side = None,
@@ -55,32 +94,70 @@ def train(
     freeze_level: _FreezeLevel = None,
     frozen_norms: _FrozenNorms = None,
     minutes: Annotated[float | None, typer.Option(help="End after so much training time.")] = None,
-    steps: Annotated[int | None, typer.Option(help="End after so many steps.")] = None,
-    batch: Annotated[int, typer.Option(help="Frames per step.")] = 8,
-    learning_rate: Annotated[float, typer.Option(help="Peak of the schedule.")] = 1.5e-3,
+    steps: _Steps = None,
+    patience: _Patience = None,
+    batch: _Batch = None,
+    accumulate: Annotated[int, typer.Option(help="Parts of a batch, one after another.")] = 1,
+    learning_rate: _Rate = None,
+    evaluate_every_steps: _EvaluateEvery = None,
     seed: Annotated[int, typer.Option(help="Of weights, order and augmentation.")] = 0,
+    device: _Device = "cpu",
+    precision: _Precision = "auto",
+    workers: _Workers = None,
+    compile: _Compile = False,  # noqa: A002
+    cache: _Cache = None,
+    skip_broken: Annotated[bool, typer.Option(help="Leave broken frames out.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Train a detector from random or published weights; keeps the best by box AP on val."""
-    from perceptree.models import PAPER_SAMPLING, SampleSettings
-    from perceptree.training import TrainSettings
+    _run(dict(locals()))
+
+
+def _run(options: dict[str, Any]) -> None:
+    """Train as the options of the command say."""
+    from perceptree.training import DataSource, Engine, Preparing
     from perceptree.training import train as run_training
 
-    start = _starting_weights(init)
-    named = {"height": height, "width": width, "masks": masks, "keypoints": keypoints}
-    spec = _spec(model, modality, start, {k: v for k, v in named.items() if v is not None})
-    paper = _is_paper(spec)
-    kept = paper and start is not None
-    if freeze_level is None:
-        freeze_level = _PAPER_FREEZE_LEVEL if kept else 0
-    settings = TrainSettings(
-        steps=20_000 if minutes is None and steps is None else steps, minutes=minutes,
-        batch=batch, learning_rate=learning_rate, seed=seed,
-        freeze_level=freeze_level, frozen_norms=kept if frozen_norms is None else frozen_norms,
-        sampling=PAPER_SAMPLING if paper else SampleSettings(),
+    start = _starting_weights(options["init"])
+    changes = {name: options[name] for name in ("height", "width", "masks", "keypoints")}
+    spec = _spec(options["model"], options["modality"], start, _given(changes))
+    settings = _settings(spec, options, start)
+    engine = Engine(
+        cache=None if options["cache"] is None else str(options["cache"]),
+        **{name: options[name]
+           for name in ("device", "precision", "workers", "compile", "skip_broken")},
     )  # fmt: skip
-    report = run_training(spec, settings, data, out, _Bar(shown=not as_json), start)
-    _tell(report, data, as_json)
+    # Of the processes that torchrun started, one speaks.
+    leads = os.environ.get("RANK", "0") == "0"
+    shown = leads and not options["as_json"]
+    source = DataSource(options["data"], options["fold"], options["entire_tree"])
+    with bar("caching frames", shown) as cached:
+        report = run_training(
+            spec, settings, source, options["out"], TrainingBar(shown), start, engine,
+            options["branch"], Preparing(cached, say if leads else lambda line: None),
+        )  # fmt: skip
+    if leads:
+        _tell(report, options["data"], options["as_json"])
+
+
+def _given(options: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in options.items() if value is not None}
+
+
+def _settings(spec: ModelSpec, options: dict[str, Any], start: Init | None) -> TrainSettings:
+    """The recipe's settings with what the options say."""
+    from perceptree.training import PAPER_STEPS, recipe_settings
+
+    changes = _given({name: options[name] for name in _SETTINGS})
+    paper = _is_paper(spec)
+    recipe = options["recipe"] or ("paper" if paper else "scratch")
+    if paper and start is not None:
+        changes = {"freeze_level": _PAPER_FREEZE_LEVEL, "frozen_norms": True} | changes
+    if "minutes" not in changes and "steps" not in changes:
+        changes["steps"] = PAPER_STEPS if recipe == "paper" else _STEPS
+    if options["branch"] is not None:
+        changes["schedule"] = "decay"
+    return recipe_settings(recipe, **changes)
 
 
 def _starting_weights(init: str | None) -> Init | None:
@@ -141,26 +218,3 @@ def _tell(report: TrainReport, data: Path, as_json: bool) -> None:
     typer.echo(f"val: box AP {metrics.box_ap:.1f}, AP50 {metrics.box_ap50:.1f}")
     typer.echo(f"{report.checkpoint}")
     typer.echo(f"next: edgetree export {report.checkpoint} --data {data} --out model.onnx")
-
-
-class _Bar:
-    """Progress on stderr: a line that is rewritten on a terminal, now and then a new one else."""
-
-    def __init__(self, shown: bool) -> None:
-        self._shown, self._terminal = shown, sys.stderr.isatty()
-        self._next_s = 0.0
-
-    def __call__(self, status: Status) -> None:
-        """Show where the training stands, at most once a second (a minute without terminal)."""
-        if not self._shown or status.elapsed_s < self._next_s:
-            return
-        self._next_s = status.elapsed_s + (1.0 if self._terminal else 60.0)
-        left_s = status.elapsed_s * (1 - status.done) / max(status.done, 1e-6)
-        losses = " ".join(f"{name} {value:.3f}" for name, value in status.losses.items())
-        line = (
-            f"{status.done:4.0%} step {status.step}, {status.step / status.elapsed_s:.2f}/s,"
-            f" {left_s / 60:.0f} min left | {losses}"
-        )
-        end = "\r" if self._terminal and status.done < 1 else "\n"
-        sys.stderr.write(("\x1b[2K" if self._terminal else "") + line + end)
-        sys.stderr.flush()

@@ -1,11 +1,12 @@
-"""Datasets: COCO files of tree frames, frames in memory, augmentation."""
+"""Datasets: COCO files of tree frames, frames as models see them, augmentation."""
 
-from perceptree.data.augment import AugmentSettings, augment, flip
+from perceptree.data.augment import PAPER_AUGMENT, AugmentSettings, augment, flip
 from perceptree.data.coco import SPLITS, FrameRecord, TreeRecord
 from perceptree.data.dataset import Dataset, read_dataset, read_split
 from perceptree.data.frames import FrameStore, Sample, read_frame
 
 __all__ = [
+    "PAPER_AUGMENT",
     "SPLITS",
     "AugmentSettings",
     "Dataset",

@@ -1,7 +1,22 @@
-"""Training: from random or published weights, on the CPU first."""
+"""Training: from random or published weights, on processors and GPUs."""
 
-from perceptree.training.settings import TrainSettings
+from perceptree.training.recipes import PAPER_STEPS, RECIPES, recipe_settings
+from perceptree.training.run import train
+from perceptree.training.settings import Engine, TrainSettings
+from perceptree.training.source import DataSource, Preparing
 from perceptree.training.starting import Init
-from perceptree.training.trainer import Status, TrainReport, train
+from perceptree.training.trainer import Status, TrainReport
 
-__all__ = ["Init", "Status", "TrainReport", "TrainSettings", "train"]
+__all__ = [
+    "PAPER_STEPS",
+    "RECIPES",
+    "DataSource",
+    "Engine",
+    "Init",
+    "Preparing",
+    "Status",
+    "TrainReport",
+    "TrainSettings",
+    "recipe_settings",
+    "train",
+]

@@ -1,44 +1,63 @@
-"""How a detector is trained: one frozen, checked dataclass, stored in the checkpoint."""
+"""How a detector is trained: frozen, checked dataclasses.
+
+:class:`TrainSettings` decides what is learned and is stored in the checkpoint. :class:`Engine`
+decides on what machine and how fast, and leaves the result as it is.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import math
+import os
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 from perceptree.data import AugmentSettings
 from perceptree.errors import SettingsError
 from perceptree.models import SampleSettings
 
-_POSITIVE = (
-    "steps", "minutes", "batch", "learning_rate", "warmup_steps", "clip_norm", "evaluations",
-    "save_every_steps",
-)  # fmt: skip
+Schedule = Literal["constant", "steps", "cosine", "decay"]
+
+_POSITIVE = ("steps", "minutes", "patience", "batch", "accumulate", "learning_rate",
+             "warmup_steps", "clip_norm", "evaluate_every_steps")  # fmt: skip
+_SHARES = ("final_rate_share", "rate_drop")
+_CHOICES = {"optimizer": ("adamw", "sgd"), "schedule": ("constant", "steps", "cosine", "decay")}
 _LAST_LEVEL = 5  # of a backbone
+
+ENDS = ("steps", "minutes", "patience", "evaluate_every_steps")
+"""Settings that may change when a run is extended, where its schedule does not look ahead."""
 
 
 @dataclass(frozen=True)
 class TrainSettings:
     """Training ends after ``steps`` or ``minutes`` of training time, one of the two.
 
-    The learning rate warms up over ``warmup_steps``, then falls along a cosine to
-    ``final_rate_share`` of its peak. Weights are averaged with ``ema_decay`` per step. Of the
-    backbone, the parts up to the maps of stride ``2**freeze_level`` stay as they are (0: none, 2:
-    Detectron2's FREEZE_AT 2), and with ``frozen_norms`` all of its batch norms.
+    It ends earlier where the validation box AP has not risen over ``patience`` evaluations. A
+    step learns from ``batch`` frames, in ``accumulate`` parts one after the other. The rate warms
+    up over ``warmup_steps`` to ``learning_rate``; then it stays (``constant``), is multiplied by
+    ``rate_drop`` at each of ``rate_steps`` (``steps``), or falls to ``final_rate_share`` of it
+    along a cosine or, ``decay``, a line. Weights are averaged with ``ema_decay`` a step, 0 for no
+    average. Of the backbone, the parts up to the maps of stride ``2**freeze_level`` stay as they
+    are (0: none, 2: Detectron2's FREEZE_AT 2), and with ``frozen_norms`` all of its batch norms.
     """
 
     steps: int | None = None
     minutes: float | None = None
+    patience: int | None = None
     batch: int = 8
+    accumulate: int = 1
+    optimizer: Literal["adamw", "sgd"] = "adamw"
+    momentum: float = 0.9
     learning_rate: float = 1.5e-3
+    schedule: Schedule = "constant"
+    rate_steps: tuple[int, ...] = ()
+    rate_drop: float = 0.1
     final_rate_share: float = 0.01
     weight_decay: float = 0.05
     warmup_steps: int = 150
-    clip_norm: float = 10.0
+    clip_norm: float | None = 10.0
     ema_decay: float = 0.998
-    evaluations: int = 4
-    save_every_steps: int = 200
+    evaluate_every_steps: int = 1000
     seed: int = 0
     freeze_level: int = 0
     frozen_norms: bool = False
@@ -54,17 +73,78 @@ class TrainSettings:
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0):
                 raise SettingsError(f"{name} is {value}: expected more than 0")
+        for name in _SHARES:
+            if not 0 <= getattr(self, name) <= 1:
+                raise SettingsError(f"{name} is {getattr(self, name)}: expected 0 to 1")
+        for name, choices in _CHOICES.items():
+            if getattr(self, name) not in choices:
+                raise SettingsError(
+                    f"{name} is {getattr(self, name)!r}: expected one of {', '.join(choices)}"
+                )
+        self._check_bounds()
+
+    def _check_bounds(self) -> None:
         if not (math.isfinite(self.weight_decay) and self.weight_decay >= 0):
             raise SettingsError(f"weight_decay is {self.weight_decay}: expected at least 0")
-        if not 0 <= self.final_rate_share <= 1:
-            raise SettingsError(f"final_rate_share is {self.final_rate_share}: expected 0 to 1")
-        if not 0 <= self.ema_decay < 1:
-            raise SettingsError(f"ema_decay is {self.ema_decay}: expected at least 0, under 1")
+        for name in ("ema_decay", "momentum"):
+            if not 0 <= getattr(self, name) < 1:
+                raise SettingsError(
+                    f"{name} is {getattr(self, name)}: expected at least 0, under 1"
+                )
+        if self.batch % self.accumulate:
+            raise SettingsError(
+                f"accumulate is {self.accumulate}: expected a divisor of the batch, {self.batch}"
+            )
+        if list(self.rate_steps) != sorted(set(self.rate_steps)):
+            raise SettingsError(f"rate_steps is {self.rate_steps}: expected rising step numbers")
         if not 0 <= self.freeze_level <= _LAST_LEVEL:
             raise SettingsError(f"freeze_level is {self.freeze_level}: expected 0 to {_LAST_LEVEL}")
         if self.seed < 0:
             raise SettingsError(f"seed is {self.seed}: expected at least 0")
 
+    @property
+    def looks_ahead(self) -> bool:
+        """Whether the rate depends on when the training ends."""
+        return self.schedule in ("cosine", "decay")
+
     def to_dict(self) -> dict[str, Any]:
         """JSON-ready values."""
         return dataclasses.asdict(self)
+
+
+@dataclass(frozen=True)
+class Engine:
+    """Where and how fast a training computes.
+
+    ``precision`` auto is bf16 where the processor or GPU multiplies it faster than float32.
+    ``workers`` are processes that prepare batches; None chooses by the cores. ``compile`` has
+    torch compile backbone and pyramid (it takes minutes, and pays on GPUs). ``cache`` is the
+    folder of the decoded frames, by default one beside the data. State is saved every ``save_s``
+    seconds. ``skip_broken`` leaves out frames whose files are missing or broken.
+    """
+
+    device: Literal["cpu", "cuda"] = "cpu"
+    precision: Literal["auto", "fp32", "bf16"] = "auto"
+    workers: int | None = None
+    compile: bool = False
+    cache: str | None = None
+    save_s: float = 60.0
+    skip_broken: bool = False
+
+    def __post_init__(self) -> None:
+        if self.device not in ("cpu", "cuda"):
+            raise SettingsError(f"device is {self.device!r}: expected cpu or cuda")
+        if self.precision not in ("auto", "fp32", "bf16"):
+            raise SettingsError(f"precision is {self.precision!r}: expected auto, fp32 or bf16")
+        if self.workers is not None and self.workers < 0:
+            raise SettingsError(f"workers is {self.workers}: expected at least 0")
+        if not self.save_s > 0:
+            raise SettingsError(f"save_s is {self.save_s}: expected more than 0")
+
+    def worker_count(self, processes: int) -> int:
+        """How many processes prepare the batches of one of ``processes`` that train."""
+        if self.workers is not None:
+            return self.workers
+        cores = os.cpu_count() or 1
+        # A processor that trains has one core to spare at most, a GPU's waits for nothing else.
+        return max(1, (cores - 1) // processes) if self.device == "cuda" else 1

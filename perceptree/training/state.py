@@ -17,18 +17,23 @@ import torch
 
 from perceptree.errors import CheckpointError
 
-_KEYS = ("model", "average", "optimizer", "step", "elapsed_s", "evaluated", "means", "best")
+STATE_NAME = "state.pt"
+_VERSION = 1
+_KEYS = ("model", "optimizer", "step", "first_step", "elapsed_s", "means", "best", "stale")
+
+Identity = Mapping[str, Mapping[str, Any]]
+"""What a state belongs to: JSON values by group and name."""
 
 
-def write_state(path: Path, state: Mapping[str, Any], identity: Mapping[str, Any]) -> None:
-    """Write ``state`` with what it belongs to (JSON values), all or nothing.
+def write_state(path: Path, state: Mapping[str, Any], identity: Identity) -> None:
+    """Write ``state`` with what it belongs to, all or nothing.
 
     Raises CheckpointError where it cannot be written; a file that was there stays whole.
     """
     beside = path.with_name(path.name + ".part")
-    record = {name: json.dumps(value, sort_keys=True) for name, value in identity.items()}
+    record = {"version": _VERSION, "identity": json.dumps(identity)}
     try:
-        torch.save({**state, "identity": record}, beside)
+        torch.save({**state, **record}, beside)
         os.replace(beside, path)
     except (OSError, RuntimeError) as error:  # torch reports a full disk as RuntimeError
         raise CheckpointError(f"{path}: cannot be written ({error})") from error
@@ -37,24 +42,34 @@ def write_state(path: Path, state: Mapping[str, Any], identity: Mapping[str, Any
             beside.unlink(missing_ok=True)
 
 
-def read_state(path: Path, identity: Mapping[str, Any]) -> dict[str, Any]:
+def read_state(path: Path, identity: Identity, defaults: Identity | None = None) -> dict[str, Any]:
     """Read what :func:`write_state` wrote.
 
-    Raises CheckpointError for another kind of file, or where ``identity`` is not the written one.
+    A value that the written identity lacks, as a state of an older version does, counts as the
+    one in ``defaults``. Raises CheckpointError for another kind of file, or where ``identity`` is
+    not the written one.
     """
     try:
-        state = torch.load(path, weights_only=True)
+        state = torch.load(path, weights_only=True, map_location="cpu")
     except (OSError, RuntimeError, ValueError, EOFError, pickle.UnpicklingError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise CheckpointError(f"{path}: not a readable training state ({reason})") from error
-    found = state.get("identity") if isinstance(state, dict) else None
-    if not isinstance(found, dict) or not set(_KEYS) <= set(state):
+    if not isinstance(state, dict) or not set(_KEYS) <= set(state) or "identity" not in state:
         raise CheckpointError(f"{path}: not a training state of this project")
-    for name, value in identity.items():
-        if found.get(name) != json.dumps(value, sort_keys=True):
+    found = json.loads(state["identity"])
+    wanted = json.loads(json.dumps(identity))
+    filled = json.loads(json.dumps(defaults or {}))
+    for group in wanted:
+        known = filled.get(group, {}) | found.get(group, {})
+        differing = [
+            f"{name} was {known.get(name)!r}, is {wanted[group].get(name)!r}"
+            for name in sorted(known.keys() | wanted[group].keys())
+            if known.get(name) != wanted[group].get(name)
+        ]
+        if differing:
             raise CheckpointError(
-                f"{path}: belongs to a training with other {name}; expected the same ones to go"
-                " on, or another output folder"
+                f"{path}: belongs to a training with other {group}: {'; '.join(differing[:3])};"
+                " expected the same ones to go on, or another output folder"
             )
     return dict(state)
 

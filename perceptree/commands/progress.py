@@ -1,0 +1,66 @@
+"""Progress on stderr: a line that is rewritten on a terminal, now and then a new one else."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import typer
+
+if TYPE_CHECKING:
+    from perceptree.training import Status
+
+
+def say(line: str) -> None:
+    """A line for the user, beside the results."""
+    typer.echo(f"perceptree: {line}", err=True)
+
+
+@contextmanager
+def bar(label: str, shown: bool) -> Iterator[Callable[[int, int], None]]:
+    """A bar that appears with the first call of the yielded function, which takes done, total."""
+    drawn = None
+
+    def tell(done: int, total: int) -> None:
+        nonlocal drawn
+        if drawn is None:
+            hidden = not (shown and sys.stderr.isatty())
+            drawn = typer.progressbar(
+                length=total, label=label, file=sys.stderr, hidden=hidden
+            ).__enter__()
+        drawn.update(done - drawn.pos)
+        if done == total:
+            drawn.render_finish()
+
+    yield tell
+
+
+class TrainingBar:
+    """Where a training stands, at most once a second (a minute without terminal)."""
+
+    def __init__(self, shown: bool) -> None:
+        self._shown, self._terminal = shown, sys.stderr.isatty()
+        self._next_s = 0.0
+
+    def __call__(self, status: Status) -> None:
+        """Show it."""
+        now_s = time.monotonic()
+        if not self._shown or (now_s < self._next_s and status.done < 1):
+            return
+        self._next_s = now_s + (1.0 if self._terminal else 60.0)
+        end = "\r" if self._terminal and status.done < 1 else "\n"
+        sys.stderr.write(("\x1b[2K" if self._terminal else "") + _line(status) + end)
+        sys.stderr.flush()
+
+
+def _line(status: Status) -> str:
+    left_s = status.elapsed_s * (1 - status.done) / max(status.done, 1e-6)
+    losses = " ".join(f"{name} {value:.3f}" for name, value in status.losses.items())
+    ap = "" if status.box_ap is None else f", val AP {status.box_ap:.1f}"
+    return (
+        f"{status.done:4.0%} step {status.step}, {status.frames_per_s:.1f} frames/s,"
+        f" {left_s / 60:.0f} min left, rate {status.rate:.2g}{ap} | {losses}"
+    )

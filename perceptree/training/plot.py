@@ -1,0 +1,202 @@
+"""A picture of trainings from their logs: precision, losses, rate and speed over steps."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perceptree.errors import CheckpointError
+from perceptree.training.run_log import LOG_NAME, read_log
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.gridspec import GridSpec
+
+Entry = dict[str, Any]
+
+_COLUMNS = 3
+# Margins and gaps leave room for titles and numbers; a layout engine takes twice the time.
+_PANEL_IN, _GAP_IN = (2.9, 1.6), (0.72, 0.72)
+_LEFT_IN, _RIGHT_IN, _BOTTOM_IN = 0.65, 0.2, 0.5
+_HEAD_IN, _LEGEND_LINE_IN = 0.85, 0.22
+_DOTS_PER_INCH = 110
+_SECONDS_PER_HOUR = 3600.0
+_AP = {"box_ap": "AP of boxes on val", "mask_ap": "AP of masks on val",
+       "keypoint_ap": "AP of keypoints on val"}  # fmt: skip
+_PACE = {"rate": "learning rate", "frames_per_s": "frames per second"}
+_LOSS = "loss"
+_FEW_POINTS = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """Values (N,) of one measure at rising steps (N,)."""
+
+    steps: NDArray[np.int64]
+    values: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, pairs: Sequence[tuple[int, float | None]]) -> Curve:
+        """Of (step, value); where there is no value, the step is left out."""
+        known = [(step, value) for step, value in pairs if value is not None]
+        steps, values = zip(*known, strict=True) if known else ((), ())
+        return cls(np.array(steps, np.int64), np.array(values, np.float64))
+
+
+@dataclass(frozen=True, eq=False)
+class RunCurves:
+    """What the log of one run says: the curve of each panel's title, and the hours of its steps."""
+
+    name: str
+    steps: NDArray[np.int64]
+    hours: NDArray[np.float64]
+    curves: dict[str, Curve]
+
+    @property
+    def label(self) -> str:
+        """Its name, how long it took, and how good its boxes became."""
+        text = f"{self.name}: {self.steps[-1]:,} steps, {self.hours[-1]:.1f} h"
+        boxes = self.curves[_AP["box_ap"]].values
+        return text + (f", best AP of boxes {boxes.max():.1f}" if len(boxes) else "")
+
+
+def read_curves(run: Path, name: str) -> RunCurves:
+    """The curves of a run's folder; raises CheckpointError where it has no log, or an empty one."""
+    entries = read_log(run)
+    if not entries:
+        raise CheckpointError(
+            f"{run / LOG_NAME}: has no entry yet, expected some steps of training"
+        )
+    try:
+        steps = np.array([entry["step"] for entry in entries], np.int64)
+        elapsed_s = np.array([entry["elapsed_s"] for entry in entries], np.float64)
+        return RunCurves(name, steps, elapsed_s / _SECONDS_PER_HOUR, _curves(entries))
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise CheckpointError(f"{run / LOG_NAME}: not the log of a training ({error!r})") from error
+
+
+def _curves(entries: list[Entry]) -> dict[str, Curve]:
+    trained = [entry for entry in entries if "losses" in entry]
+    scored = [entry for entry in entries if "val" in entry]
+    names = dict.fromkeys(name for entry in trained for name in entry["losses"])
+    curves = {
+        title: Curve.of([(e["step"], e["val"][key]) for e in scored]) for key, title in _AP.items()
+    }
+    curves[f"total {_LOSS}"] = Curve.of([(e["step"], sum(e["losses"].values())) for e in trained])
+    for key, title in _PACE.items():
+        curves[title] = Curve.of([(e["step"], e[key]) for e in trained])
+    for name in names:
+        pairs = [(e["step"], e["losses"].get(name)) for e in trained]
+        curves[f"{name.replace('_', ' ')} {_LOSS}"] = Curve.of(pairs)
+    return curves
+
+
+def draw_runs(folders: Sequence[Path]) -> bytes:
+    """One PNG of all runs, a colour each: precision, rate, speed, losses (logarithmic) over steps.
+
+    The hours stand on a second axis, of several runs beside their names. Raises CheckpointError
+    for a folder without the log of a training.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    runs = [read_curves(f, name) for f, name in zip(folders, _names(folders), strict=True)]
+    titles = list(dict.fromkeys(title for run in runs for title in run.curves))
+    rows = -(-len(titles) // _COLUMNS)
+    figure, grid = _grid(rows, _HEAD_IN + _LEGEND_LINE_IN * len(runs))
+    for place, title in enumerate(titles):
+        axes = figure.add_subplot(grid[place // _COLUMNS, place % _COLUMNS])
+        _draw(axes, [run.curves.get(title) for run in runs], title)
+        _dress(axes, runs, logarithmic=title.endswith(_LOSS))
+        if place < _COLUMNS and len(runs) == 1:
+            _add_hours(axes, runs[0])
+    _add_legend(figure, runs)
+    buffer = io.BytesIO()
+    FigureCanvasAgg(figure).print_png(buffer)
+    return buffer.getvalue()
+
+
+def _grid(rows: int, head_in: float) -> tuple[Figure, GridSpec]:
+    """A figure with room for a head and so many rows of panels."""
+    from matplotlib.figure import Figure
+
+    (wide, high), (beside, below) = _PANEL_IN, _GAP_IN
+    width_in = _LEFT_IN + _COLUMNS * wide + (_COLUMNS - 1) * beside + _RIGHT_IN
+    height_in = head_in + rows * high + (rows - 1) * below + _BOTTOM_IN
+    figure = Figure(figsize=(width_in, height_in), dpi=_DOTS_PER_INCH)
+    grid = figure.add_gridspec(
+        rows, _COLUMNS, left=_LEFT_IN / width_in, right=1 - _RIGHT_IN / width_in,
+        bottom=_BOTTOM_IN / height_in, top=1 - head_in / height_in, wspace=beside / wide,
+        hspace=below / high,
+    )  # fmt: skip
+    return figure, grid
+
+
+def _names(folders: Sequence[Path]) -> list[str]:
+    """The folders' own names, or their paths where two have the same."""
+    own = [folder.resolve().name for folder in folders]
+    return own if len(set(own)) == len(own) else [str(folder) for folder in folders]
+
+
+def _draw(axes: Axes, curves: Sequence[Curve | None], title: str) -> None:
+    for number, curve in enumerate(curves):
+        if curve is not None and len(curve.steps):
+            marker = "." if len(curve.steps) < _FEW_POINTS else ""
+            axes.plot(curve.steps, curve.values, color=f"C{number % 10}", lw=1.4, marker=marker)
+    axes.set_title(title, fontsize=10)
+
+
+def _dress(axes: Axes, runs: Sequence[RunCurves], logarithmic: bool) -> None:
+    first = min(0, *(int(run.steps[0]) for run in runs))
+    axes.set_xlim(first, max(1.02 * int(run.steps[-1]) for run in runs))
+    axes.grid(color="0.9")
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.tick_params(labelsize=8)
+    axes.set_xlabel("step", fontsize=8)
+    values = np.concatenate([[], *(line.get_ydata() for line in axes.get_lines())])
+    if not len(values):
+        axes.text(0.5, 0.5, "none", transform=axes.transAxes, ha="center", color="0.5")
+        axes.set_yticks([])
+    elif logarithmic and (values > 0).any():
+        axes.set_yscale("log")
+        _label_logarithms(axes)
+    else:
+        axes.set_ylim(0, 1.08 * max(float(values.max()), 1e-9))
+
+
+def _label_logarithms(axes: Axes) -> None:
+    """Plain numbers at 1, 2, 5 of every power of ten; more where the curves span less."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    low, high = axes.get_ylim()
+    subs = (1.0, 2.0, 5.0) if high > 5 * low else tuple(float(n) for n in range(1, 10))
+    axes.yaxis.set_major_locator(LogLocator(subs=subs, numticks=8))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.yaxis.set_minor_formatter(NullFormatter())
+
+
+def _add_hours(axes: Axes, run: RunCurves) -> None:
+    """A second axis on top: training time, at the steps where it had passed."""
+    from matplotlib.ticker import MaxNLocator
+
+    hours = np.maximum.accumulate(run.hours)
+    ticks = MaxNLocator(nbins=4).tick_values(0.0, float(hours[-1]))
+    ticks = ticks[(ticks >= hours[0]) & (ticks <= hours[-1])]
+    above = axes.secondary_xaxis("top")
+    above.set_xticks(np.interp(ticks, hours, run.steps), [f"{tick:g}" for tick in ticks])
+    above.tick_params(labelsize=8)
+    above.set_xlabel("hours of training", fontsize=8)
+
+
+def _add_legend(figure: Figure, runs: Sequence[RunCurves]) -> None:
+    from matplotlib.lines import Line2D
+
+    lines = [Line2D([], [], color=f"C{n % 10}", lw=3) for n in range(len(runs))]
+    figure.legend(lines, [run.label for run in runs], loc="upper left", frameon=False)

@@ -1,0 +1,201 @@
+"""A run from its settings to its report: start, resume, extend or branch."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from perceptree.errors import CheckpointError, SettingsError
+from perceptree.evaluation import Metrics
+from perceptree.models import ModelSpec, TreeRCNN
+from perceptree.training.memory import keep_freed_memory
+from perceptree.training.precision import fastest_precision
+from perceptree.training.processes import Processes, joined
+from perceptree.training.settings import ENDS, Engine, TrainSettings
+from perceptree.training.source import DataSource, Preparing, TrainingData, open_data
+from perceptree.training.starting import Init, describe_init, start_from
+from perceptree.training.state import STATE_NAME, read_state, write_state
+from perceptree.training.trainer import Progress, Trainer, TrainReport
+
+
+def train(
+    spec: ModelSpec,
+    settings: TrainSettings,
+    data: Path | DataSource,
+    out: Path,
+    progress: Progress = lambda status: None,
+    init: Init | None = None,
+    engine: Engine | None = None,
+    branch: Path | None = None,
+    preparing: Preparing | None = None,
+) -> TrainReport:
+    """Train ``spec`` on a dataset's train split into the folder ``out``.
+
+    It starts from random weights, from those that ``init`` names, or from the state of another
+    run, the folder ``branch``, whose steps it counts on. A folder with ``state.pt`` of the same
+    spec, settings, start and data is resumed; where the schedule does not look ahead, it may end
+    later than before. Started by torchrun, the processes learn from a joint batch.
+
+    Raises DatasetError for data that cannot be read, CheckpointError where ``out`` cannot be
+    written or a file does not fit, SettingsError where the loss stops being finite, memory does
+    not suffice, no such weights exist, or the device is not there.
+    """
+    engine = engine or Engine()
+    if engine.device == "cuda" and not torch.cuda.is_available():
+        raise SettingsError("device is cuda, but no GPU is at hand: expected one, or cpu")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise CheckpointError(f"{out}: cannot be written ({error.strerror})") from error
+    if engine.device == "cpu":
+        keep_freed_memory()
+    with joined(engine.device) as processes:
+        source = data if isinstance(data, DataSource) else DataSource(data)
+        run = _Run(spec, settings, engine, source, out, init, branch, processes)
+        try:
+            return run.start(progress, preparing or Preparing())
+        except torch.OutOfMemoryError as error:
+            raise SettingsError(
+                f"batch is {settings.batch}: the memory of the device does not suffice; expected"
+                " a smaller one, or accumulate over more parts"
+            ) from error
+
+
+@dataclasses.dataclass
+class _Run:
+    spec: ModelSpec
+    settings: TrainSettings
+    engine: Engine
+    source: DataSource
+    out: Path
+    init: Init | None
+    branch: Path | None
+    processes: Processes
+
+    def start(self, progress: Progress, preparing: Preparing) -> TrainReport:
+        parts = self.processes.world * self.settings.accumulate
+        if self.settings.batch % parts:
+            raise SettingsError(
+                f"batch is {self.settings.batch}: expected a multiple of {parts}, the processes"
+                " times accumulate"
+            )
+        model = self._model()
+        data = self._open_data(preparing)
+        state = self._state(data)
+        precision = str((state or {}).get("precision", self._precision()))
+        trainer = Trainer(
+            model, self.settings, self.engine, data, self.out, self.processes, precision, progress
+        )
+        trainer.origin = {
+            "init": self._origin(),
+            "data": data.name,
+            "frames": len(data.frames),
+        }
+        if state is not None:
+            _restore(trainer, state, branched=not self._resumable)
+        identity = self._identity(data)
+        return trainer.run(lambda: write_state(trainer.state_path, _state_of(trainer), identity))
+
+    def _open_data(self, preparing: Preparing) -> TrainingData:
+        """One process makes the cache, the others wait for it."""
+        if not self.processes.leads:
+            self.processes.wait()
+        data = open_data(self.source, self.spec, self.engine, preparing)
+        if self.processes.leads:
+            self.processes.wait()
+        return data
+
+    def _model(self) -> TreeRCNN:
+        torch.manual_seed(self.settings.seed)
+        model = TreeRCNN(self.spec)
+        fresh = not self._resumable
+        if self.init is None and self.branch is None and self.settings.frozen_norms:
+            raise SettingsError(
+                "frozen_norms is true without starting weights: expected weights whose norms "
+                "were trained (--init)"
+            )
+        if self.init is not None and fresh:
+            start_from(model, self.init)
+        model.freeze(self.settings.freeze_level, self.settings.frozen_norms)
+        return model
+
+    def _precision(self) -> str:
+        if self.engine.precision != "auto":
+            return self.engine.precision
+        bf16 = fastest_precision(torch.device(self.engine.device)) == "bf16"
+        return "bf16" if self.processes.agree(float(bf16)) else "fp32"
+
+    @property
+    def _resumable(self) -> bool:
+        return (self.out / STATE_NAME).exists()
+
+    def _state(self, data: TrainingData) -> dict[str, Any] | None:
+        """The state to go on from: this run's, else that of the run it branches from."""
+        if self._resumable:
+            defaults = {"settings": _lasting(TrainSettings(steps=1))}
+            return read_state(self.out / STATE_NAME, self._identity(data), defaults)
+        if self.branch is None:
+            return None
+        if not (self.branch / STATE_NAME).is_file():
+            raise CheckpointError(
+                f"{self.branch}: has no {STATE_NAME}, expected the folder of a training"
+            )
+        return read_state(self.branch / STATE_NAME, {"model settings": self.spec.to_dict()})
+
+    def _origin(self) -> dict[str, Any]:
+        if self.branch is not None:
+            return {"name": f"branch of {self.branch.name}"}
+        return dict(describe_init(self.init))
+
+    def _identity(self, data: TrainingData) -> dict[str, dict[str, Any]]:
+        origin = self._origin()
+        return {
+            "model settings": self.spec.to_dict(),
+            "settings": _lasting(self.settings),
+            "starting weights": {"weights": origin.get("sha256", origin["name"])},
+            "data": data.describe(),
+        }
+
+
+def _lasting(settings: TrainSettings) -> dict[str, Any]:
+    """The settings that a resumed run must have kept."""
+    values = settings.to_dict()
+    for name in ("patience", "evaluate_every_steps") if settings.looks_ahead else ENDS:
+        del values[name]
+    return values
+
+
+def _state_of(trainer: Trainer) -> dict[str, Any]:
+    return {
+        "model": trainer.model.state_dict(),
+        "average": None if trainer.average is None else trainer.average.state_dict(),
+        "optimizer": trainer.optimizer.state_dict(),
+        "precision": trainer.precision,
+        "step": trainer.step,
+        "first_step": trainer.first_step,
+        "elapsed_s": trainer.elapsed_s,
+        "waited_s": trainer.waited_s,
+        "means": trainer.means,
+        "best": None if trainer.best is None else trainer.best.to_dict(),
+        "stale": trainer.stale,
+        "evaluated_at": trainer.evaluated_at,
+    }
+
+
+def _restore(trainer: Trainer, state: dict[str, Any], branched: bool) -> None:
+    """Put a trainer where a state left off; one that branches counts its own time and AP."""
+    trainer.model.load_state_dict(state["model"])
+    if trainer.average is not None and state["average"] is not None:
+        trainer.average.load_state_dict(state["average"])
+    trainer.optimizer.load_state_dict(state["optimizer"])
+    trainer.step = state["step"]
+    if branched:
+        trainer.first_step = state["step"]
+        return
+    trainer.first_step, trainer.elapsed_s = state["first_step"], state["elapsed_s"]
+    trainer.waited_s, trainer.means = state["waited_s"], state["means"]
+    trainer.stale, trainer.evaluated_at = state["stale"], state["evaluated_at"]
+    trainer.best = None if state["best"] is None else Metrics(**state["best"])

@@ -1,0 +1,20 @@
+"""The learning rate of a step."""
+
+from __future__ import annotations
+
+import math
+
+from perceptree.training.settings import TrainSettings
+
+
+def learning_rate(settings: TrainSettings, step: int, done: float) -> float:
+    """The rate of ``step``, counted from 0, with a share ``done`` (0 to 1) of the run over."""
+    warm = min(1.0, (step + 1) / settings.warmup_steps)
+    if settings.schedule == "constant":
+        share = 1.0
+    elif settings.schedule == "steps":
+        share = settings.rate_drop ** sum(step >= drop for drop in settings.rate_steps)
+    else:
+        fall = done if settings.schedule == "decay" else 0.5 * (1 - math.cos(math.pi * done))
+        share = 1 - (1 - settings.final_rate_share) * fall
+    return settings.learning_rate * warm * share
