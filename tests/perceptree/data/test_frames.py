@@ -92,7 +92,7 @@ def test_a_bad_picture_is_one_line_that_names_it(
 ) -> None:
     damage(posts)
     with pytest.raises(DatasetError) as caught:
-        FrameStore(read_split(posts, "train"), make_spec("edge-n", "depth", 64, 96))
+        FrameStore(read_split(posts, "train"), make_spec("edge-n", "depth", 64, 96))[0]
     assert str(posts / "depth8/000000.png") in str(caught.value)
     assert expected in str(caught.value)
 
@@ -104,8 +104,8 @@ def test_depth_of_another_encoding_is_refused(posts: Path, edit_split: Edit) -> 
     edit_split(posts, "train", change)
     frames = read_split(posts, "train")
     with pytest.raises(DatasetError, match=r"its depth_encoding is .*10\.0.*expected the model's"):
-        FrameStore(frames, make_spec("edge-n", "depth", 64, 96))
-    assert len(FrameStore(frames, make_spec("edge-n", "rgb", 64, 96))) == 6
+        FrameStore(frames, make_spec("edge-n", "depth", 64, 96))[0]
+    assert FrameStore(frames, make_spec("edge-n", "rgb", 64, 96))[0].image.shape == (64, 96, 3)
 
 
 def test_a_dataset_without_depth_trains_colour_only(posts: Path, edit_split: Edit) -> None:
@@ -115,6 +115,6 @@ def test_a_dataset_without_depth_trains_colour_only(posts: Path, edit_split: Edi
 
     edit_split(posts, "train", change)
     frames = read_split(posts, "train")
-    assert len(FrameStore(frames, make_spec("edge-n", "rgb", 64, 96))) == 6
-    with pytest.raises(DatasetError, match="gives no 8-bit depth"):
-        FrameStore(frames, make_spec("edge-n", "depth", 64, 96))
+    assert FrameStore(frames, make_spec("edge-n", "rgb", 64, 96))[0].image.shape == (64, 96, 3)
+    with pytest.raises(DatasetError, match=r"gives no 8-bit depth beside it; .*--modality rgb"):
+        FrameStore(frames, make_spec("edge-n", "depth", 64, 96))[0]

@@ -20,7 +20,7 @@ from perceptree.models import (
     make_spec,
     save_checkpoint,
 )
-from perceptree.training import Init, TrainSettings
+from perceptree.training import DataSource, Engine, Init, TrainSettings, recipe_settings
 
 Call = Callable[..., tuple[int, str, str]]
 
@@ -31,6 +31,9 @@ class Asked(NamedTuple):
     spec: ModelSpec
     settings: TrainSettings
     init: Init | None
+    engine: Engine
+    branch: Path | None
+    source: DataSource
 
 
 class Stopped(Exception):
@@ -42,8 +45,11 @@ def asked(call: Call, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Asked]:
     """Runs the command up to the training."""
     told: list[Asked] = []
 
-    def record(spec: Any, settings: Any, data: Any, out: Any, progress: Any, init: Any) -> None:
-        told.append(Asked(spec, settings, init))
+    def record(
+        spec: Any, settings: Any, data: Any, out: Any, progress: Any, init: Any, engine: Any,
+        branch: Any, preparing: Any,
+    ) -> None:  # fmt: skip
+        told.append(Asked(spec, settings, init, engine, branch, data))
         raise Stopped("far enough")
 
     def ask(*options: object) -> Asked:
@@ -68,22 +74,23 @@ def write_start(path: Path, **changes: Any) -> ModelSpec:
 def test_without_options_the_light_depth_model_is_trained_whole_from_random(
     asked: Callable[..., Asked],
 ) -> None:
-    spec, settings, init = asked()
+    spec, settings, init, engine, branch, source = asked()
     assert spec == make_spec("edge-n", "depth", 384, 640)
-    assert (settings.steps, settings.minutes) == (20_000, None)
-    assert (settings.freeze_level, settings.frozen_norms) == (0, False)
-    assert settings.sampling == SampleSettings()
-    assert init is None
+    assert settings == recipe_settings("scratch", steps=20_000)
+    assert settings.schedule == "constant"
+    assert (init, engine, branch) == (None, Engine(), None)
+    assert source == DataSource(Path("posts"))
 
 
 def test_every_model_comes_with_its_size_and_sampling(asked: Callable[..., Asked]) -> None:
     for model in ("edge-s", "edge-m"):
-        spec, settings, _ = asked("--model", model, "--modality", "rgb")
+        spec, settings, *_ = asked("--model", model, "--modality", "rgb")
         assert spec == make_spec(model, "rgb", 384, 640)
         assert settings.sampling == SampleSettings()
     for model in ("r50", "r101", "x101-32x8d", "x101-32x4d"):
-        spec, settings, _ = asked("--model", model, "--modality", "rgb")
+        spec, settings, *_ = asked("--model", model, "--modality", "rgb")
         assert spec == make_spec(model, "rgb", 720, 1280)
+        assert settings == recipe_settings("paper", steps=60_000)
         assert settings.sampling == PAPER_SAMPLING
         assert (settings.freeze_level, settings.frozen_norms) == (0, False)
 
@@ -91,24 +98,24 @@ def test_every_model_comes_with_its_size_and_sampling(asked: Callable[..., Asked
 def test_published_weights_freeze_the_papers_models_as_the_paper_did(
     asked: Callable[..., Asked],
 ) -> None:
-    spec, settings, init = asked("--model", "r50", "--init", "coco")
+    spec, settings, init, *_ = asked("--model", "r50", "--init", "coco")
     assert (settings.freeze_level, settings.frozen_norms, init) == (2, True, "coco")
     # Where these weights have it.
     assert not spec.stride_in_1x1
-    _, settings, init = asked("--model", "x101-32x8d", "--init", "imagenet")
+    _, settings, init, *_ = asked("--model", "x101-32x8d", "--init", "imagenet")
     assert (settings.freeze_level, settings.frozen_norms, init) == (2, True, "imagenet")
-    _, settings, _ = asked("--model", "edge-m", "--init", "imagenet")
+    _, settings, *_ = asked("--model", "edge-m", "--init", "imagenet")
     assert (settings.freeze_level, settings.frozen_norms) == (0, False)
-    _, settings, _ = asked(
+    _, settings, *_ = asked(
         "--model", "r50", "--init", "coco", "--freeze-level", 0, "--trained-norms"
     )
     assert (settings.freeze_level, settings.frozen_norms) == (0, False)
-    _, settings, _ = asked("--init", "imagenet", "--freeze-level", 3, "--frozen-norms")
+    _, settings, *_ = asked("--init", "imagenet", "--freeze-level", 3, "--frozen-norms")
     assert (settings.freeze_level, settings.frozen_norms) == (3, True)
 
 
 def test_branches_and_size_are_as_asked(asked: Callable[..., Asked]) -> None:
-    spec, _, _ = asked("--no-masks", "--height", 90, "--width", 150)
+    spec, *_ = asked("--no-masks", "--height", 90, "--width", 150)
     assert spec == make_spec("edge-n", "depth", 90, 150, masks=False)
     assert not asked("--no-keypoints").spec.keypoints
 
@@ -118,10 +125,10 @@ def test_a_files_model_is_taken_with_the_changes_asked_for(
 ) -> None:
     file = tmp_path / "start.safetensors"
     own = write_start(file, masks=False)
-    spec, settings, init = asked("--init", file)
+    spec, settings, init, *_ = asked("--init", file)
     assert (spec, init) == (own, file)
     assert (settings.freeze_level, settings.frozen_norms) == (0, False)
-    spec, _, _ = asked("--init", file, "--model", "edge-n", "--height", 64, "--masks")
+    spec, *_ = asked("--init", file, "--model", "edge-n", "--height", 64, "--masks")
     assert (spec.height, spec.width, spec.masks) == (64, 160, True)
     assert spec.anchor_sizes_px == own.anchor_sizes_px
 
@@ -193,3 +200,25 @@ def test_a_mistake_is_one_line_and_exit_code_two(
     assert told.startswith("perceptree: ")
     assert told.count("\n") == 1
     assert expected in told
+
+
+def test_options_reach_settings_and_engine(asked: Callable[..., Asked], tmp_path: Path) -> None:
+    found = asked(
+        "--recipe", "paper", "--minutes", 3, "--patience", 4, "--batch", 12, "--accumulate", 3,
+        "--learning-rate", 0.01, "--evaluate-every", 70, "--seed", 5, "--precision", "fp32",
+        "--workers", 2, "--cache", tmp_path, "--skip-broken", "--fold", 3, "--entire-tree",
+    )  # fmt: skip
+    assert found.settings == recipe_settings(
+        "paper", minutes=3.0, patience=4, batch=12, accumulate=3, learning_rate=0.01,
+        evaluate_every_steps=70, seed=5,
+    )  # fmt: skip
+    assert found.source == DataSource(Path("posts"), 3, True)
+    assert found.engine == Engine(
+        precision="fp32", workers=2, cache=str(tmp_path), skip_broken=True
+    )
+
+
+def test_a_branch_lets_the_rate_fall(asked: Callable[..., Asked], tmp_path: Path) -> None:
+    found = asked("--branch", tmp_path / "run", "--minutes", 20)
+    assert found.branch == tmp_path / "run"
+    assert found.settings == recipe_settings("scratch", minutes=20.0, schedule="decay")

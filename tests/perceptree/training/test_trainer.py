@@ -29,7 +29,7 @@ def small_spec(modality: Any = "depth") -> ModelSpec:
 
 def settings(**changes: Any) -> TrainSettings:
     values: dict[str, Any] = {
-        "steps": 4, "batch": 2, "warmup_steps": 2, "evaluations": 2, "save_every_steps": 3
+        "steps": 4, "batch": 2, "warmup_steps": 2, "evaluate_every_steps": 2
     }  # fmt: skip
     if "minutes" in changes:
         values["steps"] = None
@@ -49,7 +49,7 @@ def interrupt_at(step: int) -> Callable[[Status], None]:
 
 
 def test_resumed_equals_uninterrupted(posts: Path, tmp_path: Path) -> None:
-    plan = settings(steps=5, evaluations=1)
+    plan = settings(steps=5)
     whole = train(small_spec(), plan, posts, tmp_path / "whole")
     with pytest.raises(KeyboardInterrupt):
         train(small_spec(), plan, posts, tmp_path / "parts", interrupt_at(2))
@@ -81,6 +81,7 @@ def test_the_checkpoint_says_how_it_was_made(posts: Path, tmp_path: Path) -> Non
     training = record["training"]
     assert training["settings"]["steps"] == 4
     assert (training["data"], training["frames"]) == ("posts", 6)
+    assert training["init"] == {"name": "random"}
     assert training["val"] == report.metrics.to_dict()
     assert [status.step for status in seen] == [1, 2, 3, 4]
     assert seen[-1].done == 1.0
@@ -92,7 +93,7 @@ def test_the_checkpoint_says_how_it_was_made(posts: Path, tmp_path: Path) -> Non
 
 
 def test_a_budget_of_time_ends_the_training_and_counts_on(posts: Path, tmp_path: Path) -> None:
-    plan = settings(minutes=1.0 / 60, evaluations=1)
+    plan = settings(minutes=1.0 / 60)
     seen: list[Status] = []
 
     def stop(status: Status) -> None:
@@ -110,7 +111,7 @@ def test_a_budget_of_time_ends_the_training_and_counts_on(posts: Path, tmp_path:
 
 
 def test_the_losses_fall(posts: Path, tmp_path: Path) -> None:
-    plan = settings(steps=25, learning_rate=3e-3, evaluations=1)
+    plan = settings(steps=25, learning_rate=3e-3)
     history: list[float] = []
     train(
         small_spec(), plan, posts, tmp_path / "run",
@@ -124,7 +125,7 @@ def test_the_losses_fall(posts: Path, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_posts_are_learned(write_dataset: Callable[..., Path], tmp_path: Path) -> None:
     plan = TrainSettings(
-        steps=150, batch=4, warmup_steps=10, learning_rate=3e-3, ema_decay=0.95, evaluations=1,
+        steps=150, batch=4, warmup_steps=10, learning_rate=3e-3, ema_decay=0.95,
         augment=AugmentSettings(scale=(0.9, 1.1), holes=0),
     )  # fmt: skip
     data = write_dataset(train=12, val=6)
@@ -138,13 +139,13 @@ def test_other_settings_data_or_files_are_refused(
     out = tmp_path / "run"
     with pytest.raises(KeyboardInterrupt):
         train(small_spec(), settings(), posts, out, interrupt_at(1))
-    with pytest.raises(CheckpointError, match=r"state\.pt: belongs to .* other settings; expected"):
+    with pytest.raises(CheckpointError, match=r"other settings: batch was 2, is 3; expected"):
         train(small_spec(), settings(batch=3), posts, out)
     with pytest.raises(CheckpointError, match="other model settings"):
         train(small_spec("rgb"), settings(), posts, out)
     edit_split(posts, "train", lambda content: content["images"].append(content["images"][0] | {
         "id": 99}))  # fmt: skip
-    with pytest.raises(CheckpointError, match="other data"):
+    with pytest.raises(CheckpointError, match=r"other data: frames hash was .*; train was 6, is 7"):
         train(small_spec(), settings(), posts, out)
     for content in (b"", b"nothing like it", b"PK\x03\x04"):
         (out / "state.pt").write_bytes(content)
@@ -171,8 +172,11 @@ def test_a_split_without_trees_is_refused_at_the_start(
 
 
 def test_a_loss_that_is_not_finite_ends_the_training(posts: Path, tmp_path: Path) -> None:
-    plan = settings(steps=300, learning_rate=1e12, clip_norm=1e30, warmup_steps=1, evaluations=1)
-    with pytest.raises(SettingsError, match=r"the loss is (nan|inf) at step \d+: .*learning rate"):
+    plan = settings(steps=300, learning_rate=1e12, clip_norm=1e30, warmup_steps=1)
+    with pytest.raises(
+        SettingsError,
+        match=r"the loss is (nan|inf) at step \d+, on the frames 00\d+\.png, 00\d+\.png: .*rate",
+    ):
         train(small_spec(), plan, posts, tmp_path / "run")
 
 
@@ -203,7 +207,10 @@ def test_an_interrupt_waits_for_the_end_of_a_step_and_a_second_one_does_not() ->
         ({"steps": 0}, "steps is 0: expected more than 0"),
         ({"steps": 3, "learning_rate": np.nan}, "learning_rate is nan"),
         ({"steps": 3, "warmup_steps": 0}, "warmup_steps is 0"),
-        ({"steps": 3, "save_every_steps": 0}, "save_every_steps is 0"),
+        ({"steps": 3, "evaluate_every_steps": 0}, "evaluate_every_steps is 0"),
+        ({"steps": 3, "accumulate": 3}, "accumulate is 3: expected a divisor of the batch, 8"),
+        ({"steps": 3, "schedule": "up"}, "schedule is 'up': expected one of constant, steps"),
+        ({"steps": 3, "rate_steps": (5, 5)}, "expected rising step numbers"),
         ({"steps": 3, "ema_decay": 1.0}, "ema_decay is 1.0"),
         ({"steps": 3, "weight_decay": -1.0}, "weight_decay is -1.0"),
         ({"steps": 3, "seed": -1}, "seed is -1"),

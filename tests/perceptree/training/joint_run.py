@@ -1,0 +1,54 @@
+"""One process of a training that a test starts with torchrun: DATA OUT DIES_AT."""
+
+import json
+import os
+import sys
+from pathlib import Path
+
+import torch
+
+from perceptree.data import AugmentSettings
+from perceptree.models import SampleSettings, make_spec
+from perceptree.training import Engine, Status, TrainSettings, train
+
+STEPS = 20
+# What is proposed, suppressed or just overlapping enough hangs on the last digit. So here all
+# anchors are proposed, none is suppressed, and only true boxes overlap enough.
+ALL_PROPOSALS = SampleSettings(
+    proposals_per_level=1000, proposals=1000, regions=1000, region_positive_iou=0.95
+)
+
+
+def main() -> None:
+    """Train, and write each step's losses beside the run."""
+    data, out, dies_at = Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3])
+    torch.set_num_threads(1)
+    spec = make_spec(
+        "edge-n", "depth", 64, 128, fpn_width=16, box_head_width=16, mask_head_widths=(8,),
+        keypoint_head_widths=(8,), proposal_nms_iou=1.0,
+    )  # fmt: skip
+    settings = TrainSettings(
+        steps=STEPS, batch=4, warmup_steps=20, optimizer="sgd", learning_rate=3e-4, ema_decay=0.0,
+        evaluate_every_steps=1000, augment=AugmentSettings(holes=2), sampling=ALL_PROPOSALS,
+    )  # fmt: skip
+    told: list[dict[str, float]] = []
+    last: dict[str, float] = {}
+
+    def note(status: Status) -> None:
+        # The trainer tells running means, which are plain means over so few steps.
+        number = len(told) + 1
+        told.append({
+            name: number * value - (number - 1) * last.get(name, 0.0)
+            for name, value in status.losses.items()
+        })  # fmt: skip
+        last.update(status.losses)
+        if status.step == dies_at and os.environ.get("RANK") == "1":
+            raise RuntimeError("this process dies")
+
+    train(spec, settings, data, out, note, engine=Engine(precision="fp32", workers=0))
+    if os.environ.get("RANK", "0") == "0":
+        (out / "told.json").write_text(json.dumps(told))
+
+
+if __name__ == "__main__":
+    main()

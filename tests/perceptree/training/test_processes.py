@@ -1,0 +1,96 @@
+"""Several processes learn as one, and end together."""
+
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import perceptree.training.run
+from perceptree.errors import SettingsError
+from perceptree.training import train
+from perceptree.training.batches import SlotSampler
+from perceptree.training.processes import Processes
+
+SCRIPT = Path(__file__).with_name("joint_run.py")
+NEVER = 0
+
+Make = Callable[..., Any]
+
+
+def run_processes(
+    number: int, data: Path, out: Path, dies_at: int = NEVER
+) -> subprocess.CompletedProcess[str]:
+    start = [sys.executable]
+    if number > 1:
+        start += ["-m", "torch.distributed.run", "--standalone", f"--nproc-per-node={number}"]
+    return subprocess.run(
+        [*start, str(SCRIPT), str(data), str(out), str(dies_at)],
+        capture_output=True, text=True, check=False, timeout=300,
+    )  # fmt: skip
+
+
+def losses(out: Path) -> list[dict[str, float]]:
+    return json.loads((out / "told.json").read_text())  # type: ignore[no-any-return]
+
+
+def test_two_processes_have_the_losses_of_one(
+    write_dataset: Callable[..., Path], tmp_path: Path
+) -> None:
+    data = write_dataset(train=10)
+    for number in (1, 2):
+        done = run_processes(number, data, tmp_path / str(number))
+        assert done.returncode == 0, done.stderr
+    one, two = losses(tmp_path / "1"), losses(tmp_path / "2")
+    assert len(one) == len(two) == 20
+    for alone, together in zip(one, two, strict=True):
+        assert together == pytest.approx(alone, abs=1e-4)
+    # They are losses of a network that learns, not constants.
+    assert sum(one[-1].values()) < 0.999 * sum(one[0].values())
+
+
+def test_a_process_that_dies_ends_the_other(posts: Path, tmp_path: Path) -> None:
+    started_s = time.monotonic()
+    done = run_processes(2, posts, tmp_path / "run", dies_at=3)
+    assert done.returncode != 0
+    assert "this process dies" in done.stderr
+    assert time.monotonic() - started_s < 60 + 30  # with the start of both
+
+
+def test_a_batch_that_cannot_be_divided_is_refused(
+    posts: Path, tmp_path: Path, narrow: Make, plan: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    @contextmanager
+    def three(device: str) -> Iterator[Processes]:
+        yield Processes(0, 3)
+
+    monkeypatch.setattr(perceptree.training.run, "joined", three)
+    expected = "batch is 4: expected a multiple of 6, the processes times accumulate"
+    with pytest.raises(SettingsError, match=expected):
+        train(narrow(), plan(batch=4, accumulate=2), posts, tmp_path / "run")
+
+
+def test_torchruns_word_without_torchrun_is_one_line(
+    posts: Path, tmp_path: Path, narrow: Make, plan: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("WORLD_SIZE", "2")
+    monkeypatch.delenv("MASTER_ADDR", raising=False)
+    with pytest.raises(
+        SettingsError, match=r"WORLD_SIZE is 2, but .* expected a start by torchrun"
+    ):
+        train(narrow(), plan(), posts, tmp_path / "run")
+
+
+def test_the_frames_of_a_step_are_dealt_out_whatever_the_processes(plan: Make) -> None:
+    settings = plan(batch=12, accumulate=2)
+    alone = iter(SlotSampler(settings, 3, 0, 1))
+    parts = [iter(SlotSampler(settings, 3, rank, 3)) for rank in range(3)]
+    for step in (3, 4):
+        whole = [slot for _ in range(2) for slot in next(alone)]
+        dealt = [slot for part in parts for _ in range(2) for slot in next(part)]
+        assert sorted(dealt) == whole == [(step, place) for place in range(12)]
