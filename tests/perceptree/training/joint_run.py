@@ -28,7 +28,7 @@ def main() -> None:
         keypoint_head_widths=(8,), proposal_nms_iou=1.0,
     )  # fmt: skip
     settings = TrainSettings(
-        steps=STEPS, batch=4, warmup_steps=20, optimizer="sgd", learning_rate=3e-4, ema_decay=0.0,
+        steps=STEPS, batch=4, warmup_steps=20, optimizer="sgd", learning_rate=1e-4, ema_decay=0.0,
         evaluate_every_steps=1000, augment=AugmentSettings(holes=2), sampling=ALL_PROPOSALS,
     )  # fmt: skip
     told: list[dict[str, float]] = []

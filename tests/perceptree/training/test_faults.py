@@ -1,0 +1,151 @@
+"""What goes wrong while training costs nothing that was there, and is said in one line."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+import perceptree.training.state
+from perceptree.errors import CheckpointError, DatasetError, SettingsError
+from perceptree.training import Engine, Preparing, train
+
+Make = Callable[..., Any]
+
+
+def test_a_full_disk_keeps_the_last_state(
+    posts: Path, tmp_path: Path, narrow: Make, plan: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    train(narrow(), plan(steps=1), posts, tmp_path / "run")
+    kept = (tmp_path / "run/state.pt").read_bytes()
+
+    def full(state: Any, path: Path) -> None:
+        path.write_bytes(b"half of it")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(perceptree.training.state.torch, "save", full)
+    with pytest.raises(CheckpointError, match=r"state\.pt: cannot be written .*No space left"):
+        train(narrow(), plan(steps=2), posts, tmp_path / "run")
+    assert (tmp_path / "run/state.pt").read_bytes() == kept
+    assert list((tmp_path / "run").glob("*.part")) == []
+
+
+def test_killed_at_any_step_it_ends_with_the_same_weights(
+    posts: Path, tmp_path: Path, narrow: Make, plan: Make
+) -> None:
+    """The process is killed, not interrupted: nothing of it can tidy up."""
+    plain = tmp_path / "plain"
+    train(narrow(), plan(), posts, plain, engine=Engine(precision="fp32"))
+    killed = tmp_path / "killed"
+    script = (
+        "import sys\nfrom pathlib import Path\nfrom perceptree.models import make_spec\n"
+        "from perceptree.training import Engine, TrainSettings, train\n"
+        "spec = make_spec('edge-n', 'depth', 64, 128, fpn_width=16, box_head_width=16,"
+        " mask_head_widths=(8,), keypoint_head_widths=(8,))\n"
+        "plan = TrainSettings(steps=4, batch=2, warmup_steps=2, evaluate_every_steps=100)\n"
+        "def told(status):\n"
+        "    if status.step == 3:\n        print('three', flush=True)\n        input()\n"
+        "train(spec, plan, Path(sys.argv[1]), Path(sys.argv[2]), told,"
+        " engine=Engine(precision='fp32', save_s=1e-9))\n"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", script, str(posts), str(killed)],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    assert process.stdout is not None
+    assert process.stdout.readline() == "three\n"
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    assert torch.load(killed / "state.pt")["step"] == 2
+    train(narrow(), plan(), posts, killed, engine=Engine(precision="fp32"))
+    one, two = (torch.load(run / "state.pt")["model"] for run in (plain, killed))
+    assert [name for name in one if not torch.equal(one[name], two[name])] == []
+
+
+def test_the_workers_end_with_a_killed_trainer(posts: Path, tmp_path: Path) -> None:
+    script = (
+        "import sys\nfrom pathlib import Path\nfrom perceptree.models import make_spec\n"
+        "from perceptree.training import Engine, TrainSettings, train\n"
+        "import multiprocessing\n"
+        "def told(status):\n"
+        "    print(*[c.pid for c in multiprocessing.active_children()], flush=True)\n"
+        "    input()\n"
+        "spec = make_spec('edge-n', 'depth', 64, 128, masks=False, keypoints=False)\n"
+        "train(spec, TrainSettings(steps=4, batch=2), Path(sys.argv[1]), Path(sys.argv[2]), told,"
+        " engine=Engine(precision='fp32', workers=1))\n"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", script, str(posts), str(tmp_path / "run")],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    assert process.stdout is not None
+    workers = [int(word) for word in process.stdout.readline().split()]
+    assert workers
+    process.kill()
+    process.wait()
+    for _ in range(150):
+        if not any(_alive(worker) for worker in workers):
+            break
+        time.sleep(0.1)
+    assert [worker for worker in workers if _alive(worker)] == []
+
+
+def _alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+        state = Path(f"/proc/{process}/stat").read_text().rsplit(")", 1)[1].split()[0]
+    except OSError:
+        return False
+    return state != "Z"
+
+
+def test_broken_frames_are_left_out_when_asked_and_counted(
+    posts: Path, tmp_path: Path, narrow: Make, plan: Make
+) -> None:
+    (posts / "depth8/000003.png").write_bytes(b"nothing")
+    with pytest.raises(DatasetError, match=r"000003\.png: missing or not a readable image"):
+        train(narrow(), plan(), posts, tmp_path / "run")
+    said: list[str] = []
+    train(
+        narrow(), plan(steps=1), posts, tmp_path / "run", engine=Engine(skip_broken=True),
+        preparing=Preparing(say=said.append),
+    )  # fmt: skip
+    assert [line for line in said if "left out 1 broken frames" in line and "000003" in line]
+
+
+@pytest.mark.parametrize(
+    ("field", "expected"),
+    [
+        ("segmentation", "trees without masks, expected masks, or --no-masks"),
+        ("keypoints", "no tree has a labelled keypoint, expected keypoints, or --no-keypoints"),
+    ],
+)
+def test_data_that_lacks_what_the_model_learns_is_refused(
+    posts: Path, tmp_path: Path, narrow: Make, plan: Make, edit_split: Make, field: str,
+    expected: str,
+) -> None:  # fmt: skip
+    def strip(content: dict[str, Any]) -> None:
+        for annotation in content["annotations"]:
+            del annotation[field]
+
+    for split in ("train", "val"):
+        edit_split(posts, split, strip)
+    with pytest.raises(DatasetError, match=r"train_RGB\.json: " + expected):
+        train(narrow(), plan(), posts, tmp_path / "run")
+    without = {"segmentation": "masks", "keypoints": "keypoints"}[field]
+    report = train(narrow(**{without: False}), plan(steps=1), posts, tmp_path / "run")
+    assert report.steps == 1
+
+
+def test_a_gpu_that_is_not_there_is_said(
+    posts: Path, tmp_path: Path, narrow: Make, plan: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    with pytest.raises(SettingsError, match="device is cuda, but no GPU is at hand"):
+        train(narrow(), plan(), posts, tmp_path / "run", engine=Engine(device="cuda"))
