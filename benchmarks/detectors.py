@@ -50,7 +50,7 @@ def checkpoint_of(preset: str, size: tuple[int, int], arguments: argparse.Namesp
     best = folder / "best.safetensors"
     if not best.exists():
         steps = arguments.steps
-        settings = TrainSettings(steps=steps, warmup_steps=max(1, steps // 5))
+        settings = TrainSettings(steps=steps, warmup_steps=max(1, steps // 5), schedule="cosine")
         train(make_spec(preset, arguments.modality, *size), settings, arguments.data, folder)
     return best
 

@@ -1,0 +1,195 @@
+"""How fast training is: frames a second against the former trainer, and where a step goes.
+
+python benchmarks/training.py DATA --result FILE.json [--former CHECKOUT]
+
+DATA is a dataset of ``perceptree synth``. ``edge-n`` learns depth at 640x384 px, 8 frames a step.
+CHECKOUT is a checkout of the commit before this engine (f4cffdb): its trainer runs in turn with
+this one, each time in a process of its own, as it was (bfloat16 autocast on every processor) and
+with float32. Then a step is profiled, and held against the measured peak of this machine: the
+fastest of a product of matrices and a convolution, in float32 and in bfloat16.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch.nn import functional
+from torch.profiler import ProfilerActivity, profile
+from torch.utils.flop_counter import FlopCounterMode
+
+ROOT = Path(__file__).resolve().parents[1]
+BATCH = 8
+LEFT_OUT_STEPS = 2
+GROUPS = {
+    "convolutions": ("convolution",),
+    "batch norms": ("batch_norm",),
+    "activations": ("threshold", "clamp_min", "relu"),
+    "matrix products": ("mm",),
+    "pooling of regions": ("embedding_bag",),
+    "optimizer and average": ("_foreach", "lerp", "addcdiv", "addcmul", "Optimizer"),
+}
+
+RUN = """
+import json, sys, time
+from pathlib import Path
+import torch
+data, out, steps = Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3])
+if sys.argv[4] == "fp32":
+    whole = torch.autocast
+    torch.autocast = lambda kind, *rest, **more: whole(kind, enabled=False)
+from perceptree.models import make_spec
+from perceptree.training import TrainSettings, train
+marks = []
+waited = []
+def note(status):
+    marks.append(time.perf_counter())
+    waited.append(getattr(status, "waiting_share", None))
+ends = {"evaluations": 1} if "evaluations" in TrainSettings.__dataclass_fields__ else {}
+train(make_spec("edge-n", "depth"), TrainSettings(steps=steps, **ends), data, out, note)
+print(json.dumps({"marks": marks, "waited": waited[-1]}))
+"""
+
+
+def frames_per_s(code: Path, data: Path, steps: int, precision: str) -> dict[str, Any]:
+    """One short training by the code in a folder, the first steps and the evaluation left out."""
+    with tempfile.TemporaryDirectory() as out:
+        done = subprocess.run(
+            [sys.executable, "-c", RUN, str(data), out, str(steps), precision],
+            cwd=code, env=os.environ | {"PYTHONPATH": str(code)}, capture_output=True, text=True,
+            check=True,
+        )  # fmt: skip
+    found = json.loads(done.stdout.splitlines()[-1])
+    marks = found["marks"]
+    rate = BATCH * (len(marks) - LEFT_OUT_STEPS) / (marks[-1] - marks[LEFT_OUT_STEPS - 1])
+    return {"frames_per_s": rate, "waiting_share": found["waited"]}
+
+
+def in_turn(data: Path, former: Path | None, steps: int, rounds: int) -> dict[str, Any]:
+    """Frames a second of this trainer and the former one, round by round."""
+    runs = {"now": (ROOT, "as it is")}
+    if former is not None:
+        runs |= {"former, fp32": (former, "fp32"), "former, bf16": (former, "as it was")}
+    rates: dict[str, list[float]] = {name: [] for name in runs}
+    waiting = []
+    for number in range(rounds):
+        for name, (code, precision) in runs.items():
+            if name == "former, bf16" and number:
+                continue  # where bfloat16 is emulated, a round takes minutes
+            found = frames_per_s(code, data, steps, precision)
+            rates[name].append(found["frames_per_s"])
+            if name == "now":
+                waiting.append(found["waiting_share"])
+            sys.stderr.write(f"{name}: {found['frames_per_s']:.2f} frames/s\n")
+    medians = {name: statistics.median(values) for name, values in rates.items()}
+    return {
+        "frames_per_s": rates,
+        "median": medians,
+        "ratio": {name: medians["now"] / value for name, value in medians.items()},
+        "waiting_share": max(waiting),
+    }
+
+
+def fastest_gflops(work: Callable[[], Any], flops: float) -> float:
+    """The best of some runs after a first one."""
+    work()
+    shortest_s = float("inf")
+    for _ in range(5):
+        start_s = time.perf_counter()
+        work()
+        shortest_s = min(shortest_s, time.perf_counter() - start_s)
+    return flops / shortest_s / 1e9
+
+
+def peak_gflops() -> dict[str, float]:
+    """What this machine reaches in a matrix product and a convolution."""
+    side, found = 1024, {}
+    image = torch.randn(8, 96, 48, 80).to(memory_format=torch.channels_last)
+    for kind, name in ((torch.float32, "fp32"), (torch.bfloat16, "bf16")):
+        matrix = torch.randn(side, side).to(kind)
+        x, weight = image.to(kind), torch.randn(96, 96, 3, 3).to(kind)
+        found[f"{name} product"] = fastest_gflops(lambda m=matrix: m @ m, 2 * side**3)
+        found[f"{name} convolution"] = fastest_gflops(
+            lambda x=x, w=weight: functional.conv2d(x, w, padding=1), 2 * 8 * 48 * 80 * 96 * 96 * 9
+        )
+    return found
+
+
+def profiled_step(data: Path) -> dict[str, Any]:
+    """One step in float32: its arithmetic, and the share of its time by kind of work."""
+    from perceptree.data import FrameStore, read_split
+    from perceptree.models import TreeRCNN, make_spec
+    from perceptree.training import TrainSettings
+    from perceptree.training.memory import keep_freed_memory
+    from perceptree.training.optimizer import make_optimizer
+
+    keep_freed_memory()
+    spec = make_spec("edge-n", "depth")
+    model, store = TreeRCNN(spec).train(), FrameStore(read_split(data, "train"), spec)
+    samples = [store[number % len(store)] for number in range(BATCH)]
+    images = torch.stack([torch.from_numpy(sample.image) for sample in samples])
+    targets = [sample.targets() for sample in samples]
+    optimizer = make_optimizer(model, TrainSettings(steps=1))
+
+    def step() -> None:
+        optimizer.zero_grad(set_to_none=True)
+        torch.stack(list(model.losses(images, targets).values())).sum().backward()
+        optimizer.step()
+
+    with FlopCounterMode(display=False) as counter:
+        step()
+    step()
+    start_s = time.perf_counter()
+    step()
+    step_s = time.perf_counter() - start_s
+    with profile(activities=[ProfilerActivity.CPU]) as profiler:
+        step()
+    shares = dict.fromkeys([*GROUPS, "the rest"], 0.0)
+    rows = profiler.key_averages()
+    total = sum(row.self_cpu_time_total for row in rows)
+    for row in rows:
+        group = next((g for g, words in GROUPS.items() if any(w in row.key for w in words)), None)
+        shares[group or "the rest"] += row.self_cpu_time_total / total
+    gflop = counter.get_total_flops() / 1e9
+    return {"gflop": gflop, "step_s": step_s, "gflops": gflop / step_s, "shares": shares}
+
+
+def main() -> None:
+    """Run everything and write the result."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("data", type=Path)
+    parser.add_argument("--former", type=Path)
+    parser.add_argument("--steps", type=int, default=8)
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--result", type=Path, required=True)
+    arguments = parser.parse_args()
+    speed = in_turn(arguments.data, arguments.former, arguments.steps, arguments.rounds)
+    step, peak = profiled_step(arguments.data), peak_gflops()
+    fp32_gflops = max(value for name, value in peak.items() if name.startswith("fp32"))
+    result = {
+        "machine": platform.processor() or platform.machine(),
+        "cores": os.cpu_count(),
+        "instructions": torch.backends.cpu.get_cpu_capability(),
+        "torch": torch.__version__,
+        "speed": speed,
+        "peak_gflops": peak,
+        "step": step | {"share_of_fp32_peak": step["gflops"] / fp32_gflops},
+    }
+    text = json.dumps(result, indent=1)
+    arguments.result.write_text(text + "\n", "utf-8")
+    sys.stdout.write(text + "\n")
+
+
+if __name__ == "__main__":
+    main()
