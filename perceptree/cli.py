@@ -9,9 +9,11 @@ import typer
 from perceptree.commands.data import app as data
 from perceptree.commands.eval import evaluate
 from perceptree.commands.import_ import import_
+from perceptree.commands.plot import plot
 from perceptree.commands.predict import predict
 from perceptree.commands.scene import scene
 from perceptree.commands.synth import synth
+from perceptree.commands.tables import tables
 from perceptree.commands.train import train
 
 app = typer.Typer(
@@ -25,6 +27,8 @@ app.command()(synth)
 app.command()(scene)
 app.command()(train)
 app.command(name="eval")(evaluate)
+app.command()(tables)
+app.command()(plot)
 app.command()(predict)
 app.command(name="import")(import_)
 app.add_typer(data, name="data")

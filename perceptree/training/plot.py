@@ -118,7 +118,7 @@ def draw_runs(folders: Sequence[Path]) -> bytes:
             _add_hours(axes, runs[0])
     _add_legend(figure, runs)
     buffer = io.BytesIO()
-    FigureCanvasAgg(figure).print_png(buffer)
+    FigureCanvasAgg(figure).print_png(buffer)  # type: ignore[no-untyped-call]
     return buffer.getvalue()
 
 

@@ -1,0 +1,31 @@
+"""``perceptree plot``: a picture of one or several trainings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from perceptree.errors import SettingsError
+
+_FILE = "plot.png"
+
+
+def plot(
+    runs: Annotated[list[Path], typer.Argument(
+        metavar="RUN...", help="Folder of a training; several are compared in one picture."
+    )],
+    out: Annotated[Path | None, typer.Option(
+        metavar="PICTURE", help="PNG to write; by default plot.png in the (first) folder."
+    )] = None,
+) -> None:  # fmt: skip
+    """Draw losses, learning rate, speed and AP over the steps of a training, from its log."""
+    from calib.writing import write_whole
+    from perceptree.training.plot import draw_runs
+
+    out = out or runs[0] / _FILE
+    if out.suffix.lower() != ".png":
+        raise SettingsError(f"--out is {out}: expected a name that ends with .png")
+    write_whole(out, draw_runs(runs))
+    typer.echo(str(out))

@@ -1,0 +1,177 @@
+"""One run of a table: trained, evaluated on test frames, kept as ``result.json``."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from calib.writing import write_whole
+from perceptree.data import FrameStore
+from perceptree.data.coco import FrameRecord
+from perceptree.data.dataset import Dataset, read_dataset
+from perceptree.data.layouts import find_labels
+from perceptree.errors import CheckpointError, DatasetError
+from perceptree.evaluation import evaluate, on_device, predict_with
+from perceptree.models import ModelSpec, load_checkpoint
+from perceptree.tables.plan import TableModel, TableSettings
+from perceptree.training import Engine, Preparing, Status, TrainReport, train
+from perceptree.training.starting import describe_init
+
+RESULT_FILE = "result.json"
+_SCHEMA = "perceptree.table-run/1"
+_BATCH = 4
+
+Result = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Watch:
+    """Who is told: of a run (name, number, how many), trainings, preparations, frames evaluated."""
+
+    run: Callable[[str, int, int], None] = lambda name, number, total: None
+    training: Callable[[Status], None] = lambda status: None
+    preparing: Preparing = field(default_factory=Preparing)
+    evaluating: Callable[[int, int], None] = lambda done, total: None
+
+
+@dataclass(frozen=True, eq=False)
+class TableData:
+    """The folder to train on, that of the test frames, and these; ``labels`` are hashes."""
+
+    folder: Path
+    test_folder: Path
+    test: list[FrameRecord]
+    labels: dict[str, str]
+
+    @classmethod
+    def open(cls, folder: Path, test_folder: Path, preparing: Preparing) -> TableData:
+        """Raises DatasetError where labels are missing, or some that a table needs."""
+        _complete(folder, "train")
+        test = _complete(test_folder, "test")
+        for note in test.notes:
+            preparing.say(f"{test.labels.path}: {note}")
+        places = {"train": folder, "val": folder, "test": test_folder}
+        labels = {
+            split: hashlib.sha256(find_labels(place, split).path.read_bytes()).hexdigest()
+            for split, place in places.items()
+        }
+        return cls(folder, test_folder, test.frames, labels)
+
+    @property
+    def test_identity(self) -> dict[str, Any]:
+        """What a result was taken on."""
+        return {"folder": _name(self.test_folder), "labels_sha256": self.labels["test"]}
+
+
+def _complete(folder: Path, split: str) -> Dataset:
+    found = read_dataset(folder, split)
+    held = {
+        "masks": found.has_masks, "keypoints": found.has_keypoints, "depth": found.has_depth,
+    }  # fmt: skip
+    missing = [name for name, there in held.items() if not there]
+    if missing:
+        raise DatasetError(
+            f"{found.labels.path}: has not everywhere {' and '.join(missing)}; expected masks,"
+            " keypoints and depth, which the tables compare"
+        )
+    return found
+
+
+def _name(folder: Path) -> str:
+    return folder.resolve().name
+
+
+def make_result(
+    settings: TableSettings,
+    model: TableModel,
+    seed: int,
+    data: TableData,
+    out: Path,
+    engine: Engine,
+    watch: Watch,
+) -> Result:
+    """The result of one run in its folder of ``out``: kept from before, or made.
+
+    A training that was stopped goes on. Raises CheckpointError where the folder holds one of
+    other settings, and what `train` and `evaluate` raise.
+    """
+    folder = out / f"{model.name}-seed{seed}"
+    spec = settings.spec(model)
+    wanted = {
+        "spec": spec.to_dict(),
+        "settings": settings.training(model, seed).to_dict(),
+        "init": describe_init(settings.start(model)),
+        "data": {
+            "folder": _name(data.folder),
+            "train_labels_sha256": data.labels["train"],
+            "val_labels_sha256": data.labels["val"],
+        },
+    }
+    wanted = json.loads(json.dumps(wanted))
+    known = _read(folder / RESULT_FILE)
+    if known is not None and known["training"] == wanted:
+        if known["test"] == data.test_identity:
+            return known
+        result = {"schema": _SCHEMA, "training": wanted, "made": known["made"]}
+    else:
+        report = train(
+            spec, settings.training(model, seed), data.folder, folder, watch.training,
+            settings.start(model), engine, preparing=watch.preparing,
+        )  # fmt: skip
+        made = _made(report, engine.device)
+        result = {"schema": _SCHEMA, "training": wanted, "made": made}
+    metrics = _score(folder / "best.safetensors", data.test, engine.device, watch)
+    result |= {"test": data.test_identity, "metrics": metrics}
+    write_whole(folder / RESULT_FILE, json.dumps(result, indent=1).encode())
+    return result
+
+
+def _made(report: TrainReport, device: str) -> dict[str, Any]:
+    record = load_checkpoint(report.checkpoint)[1]["training"]
+    name = torch.cuda.get_device_name() if device == "cuda" else f"{os.cpu_count()} CPU cores"
+    return {
+        "steps": report.steps,
+        "elapsed_s": round(report.elapsed_s, 1),
+        "frames": record["frames"],
+        "precision": record["precision"],
+        "device": name,
+        "val": report.metrics.to_dict(),
+    }
+
+
+def _score(
+    checkpoint: Path, frames: list[FrameRecord], device: str, watch: Watch
+) -> dict[str, Any]:
+    model = on_device(load_checkpoint(checkpoint)[0], device)
+    store, done = FrameStore(frames, model.spec), 0
+
+    def tell(more: int) -> None:
+        nonlocal done
+        done += more
+        watch.evaluating(done, len(store))
+
+    return evaluate(predict_with(model), store, _BATCH, tell).to_dict()
+
+
+def _read(path: Path) -> Result | None:
+    if not path.exists():
+        return None
+    try:
+        result = json.loads(path.read_text("utf-8"))
+        if result["schema"] == _SCHEMA and {"training", "made", "test", "metrics"} <= set(result):
+            return dict(result)
+    except (OSError, ValueError, KeyError, TypeError):
+        pass
+    raise CheckpointError(f"{path}: not the result of a table's run; remove it to make it again")
+
+
+def check_specs(settings: TableSettings) -> list[ModelSpec]:
+    """The specs of all rows; raises SpecError or SettingsError for one that cannot be."""
+    return [settings.spec(row.model) for row in settings.rows()]
