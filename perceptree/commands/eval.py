@@ -13,6 +13,7 @@ from perceptree.commands.data import EntireTree, Fold
 from perceptree.errors import DatasetError
 
 if TYPE_CHECKING:
+    from perceptree.evaluation import Report
     from perceptree.models import ModelSpec
 
 _BATCH = 4
@@ -38,7 +39,6 @@ def evaluate(
         on_device,
         predict_with,
         report_folder,
-        summary_lines,
     )
     from perceptree.models import load_checkpoint
 
@@ -56,16 +56,19 @@ def evaluate(
         length=len(store), label="evaluating", file=sys.stderr, hidden=not shown
     ) as bar:
         report = make_report(predict_with(model), store, about, _BATCH, bar.update)
-    page = None if out is None else report.write(out)
+    _tell(report, None if out is None else report.write(out), as_json)
+
+
+def _tell(report: Report, page: Path | None, as_json: bool) -> None:
+    from perceptree.evaluation import summary_lines
+
     if as_json:
         typer.echo(json.dumps(report.figures, allow_nan=False))
         return
     for line in summary_lines(report.figures):
         typer.echo(line)
-    if page is None:
-        typer.echo("next: the same with --out FOLDER, for plots and pictures")
-    else:
-        typer.echo(f"open: {page}")
+    hint = "next: the same with --out FOLDER, for plots and pictures"
+    typer.echo(hint if page is None else f"open: {page}")
 
 
 def _about(checkpoint: Path, spec: ModelSpec, record: dict[str, Any]) -> dict[str, Any]:
