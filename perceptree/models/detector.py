@@ -22,6 +22,7 @@ from perceptree.models.heads import (
     KeypointHead,
     MaskHead,
 )
+from perceptree.models.losses import Share, alone
 from perceptree.models.matching import (
     Draw,
     RegionSample,
@@ -142,7 +143,7 @@ class TreeRCNN(nn.Module):
         targets: Sequence[TreeTargets],
         sampling: SampleSettings | None = None,
         draw: Draw = draw_anew,
-        share: losses.Share = losses.alone,
+        share: Share = alone,
     ) -> dict[str, Tensor]:
         """The losses of a batch, float32 scalars by name; their sum is to be minimised.
 
@@ -178,7 +179,7 @@ class TreeRCNN(nn.Module):
         pooler: RegionPooler,
         sample: RegionSample,
         targets: Sequence[TreeTargets],
-        share: losses.Share,
+        share: Share,
     ) -> dict[str, Tensor]:
         image, row = sample.positive.nonzero(as_tuple=True)
         boxes = sample.boxes[image, row]

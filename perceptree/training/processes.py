@@ -12,7 +12,6 @@ from typing import Any
 import torch
 import torch.distributed as dist
 from torch import Tensor, nn
-from torch.distributed.nn.functional import all_reduce
 from torch.nn.modules.batchnorm import _BatchNorm
 
 from perceptree.errors import SettingsError
@@ -103,15 +102,39 @@ def synchronise_norms(model: nn.Module) -> None:
             module.forward = MethodType(_joint_norm, module)  # type: ignore[method-assign]
 
 
+class _Sum(torch.autograd.Function):
+    """The sum over all processes; its gradient is the sum of theirs."""
+
+    @staticmethod
+    def forward(ctx: Any, x: Tensor) -> Tensor:
+        """Any shape, the same in all processes."""
+        total = x.detach().clone()
+        dist.all_reduce(total)
+        return total
+
+    @staticmethod
+    def backward(ctx: Any, gradient: Tensor) -> Tensor:
+        """The gradient in all processes -> their sum."""
+        total = gradient.clone()
+        dist.all_reduce(total)
+        return total
+
+
+def _joint_mean(x: Tensor) -> Tensor:
+    """The mean of all processes' ``x``, with its gradient."""
+    total: Tensor = _Sum.apply(x)
+    return total / dist.get_world_size()
+
+
 def _joint_norm(norm: Any, x: Tensor) -> Tensor:
     if not norm.training:
         forward: Tensor = type(norm).forward(norm, x)
         return forward
     x32 = x.float()
     # Means of the processes' means: their batches are of one size.
-    mean = all_reduce(x32.mean((0, 2, 3))) / dist.get_world_size()
+    mean = _joint_mean(x32.mean((0, 2, 3)))
     apart = (x32 - mean[:, None, None]).square()
-    variance = all_reduce(apart.mean((0, 2, 3))) / dist.get_world_size()
+    variance = _joint_mean(apart.mean((0, 2, 3)))
     with torch.no_grad():
         count = x.numel() / x.shape[1] * dist.get_world_size()
         norm.running_mean.lerp_(mean, norm.momentum)
@@ -119,7 +142,7 @@ def _joint_norm(norm: Any, x: Tensor) -> Tensor:
         norm.num_batches_tracked += 1
     scale = norm.weight * torch.rsqrt(variance + norm.eps)
     shift = norm.bias - mean * scale
-    made = (x32 * scale[:, None, None] + shift[:, None, None]).to(x.dtype)
+    made: Tensor = (x32 * scale[:, None, None] + shift[:, None, None]).to(x.dtype)
     if hasattr(norm, "act"):  # timm's norm with an activation
         made = norm.act(norm.drop(made))
     return made

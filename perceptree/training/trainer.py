@@ -97,8 +97,8 @@ class Trainer:
         self.model = model.to(self.device)
         self.average = averaged(model, settings.ema_decay) if settings.ema_decay else None
         if engine.compile:
-            model.backbone.compile()  # type: ignore[no-untyped-call]
-            model.pyramid.compile()  # type: ignore[no-untyped-call]
+            model.backbone.compile()
+            model.pyramid.compile()
         self._losses: nn.Module = _Losses(model)
         if processes.world > 1:
             synchronise_norms(model)
@@ -273,8 +273,8 @@ class Trainer:
         """The model to evaluate and to keep: the average, where there is one."""
         if self.average is None:
             return self.model
-        module: TreeRCNN = self.average.module
-        return module
+        assert isinstance(self.average.module, TreeRCNN)
+        return self.average.module
 
     def _evaluate(self) -> None:
         """Metrics on val, taken by the lead and told to all."""
