@@ -56,6 +56,10 @@ class FrameStore:
         """Raises DatasetError for a frame whose files are missing or broken."""
         return load_sample(self.frames[index], self.spec)
 
+    def image(self, index: int) -> NDArray[np.uint8]:
+        """The picture of frame ``index`` without its labels; raises as indexing does."""
+        return _picture(self.frames[index], self.spec)
+
     @property
     def trees(self) -> int:
         """How many trees are labelled, crowds left out."""
@@ -70,15 +74,18 @@ def _letterbox(frame: FrameRecord, spec: ModelSpec) -> Letterbox:
     return Letterbox.fit(frame.width, frame.height, spec.width, spec.height)
 
 
+def _picture(frame: FrameRecord, spec: ModelSpec) -> NDArray[np.uint8]:
+    _check_encoding(frame, spec)
+    return _letterbox(frame, spec).apply(read_frame(frame, spec.modality), spec.pad_value)
+
+
 def load_sample(frame: FrameRecord, spec: ModelSpec) -> Sample:
     """Decode a frame and fit it, with its labels, into the input of ``spec``.
 
     ``masks`` is None where a tree of the frame has no segmentation. Raises DatasetError for a
     file that is missing, broken, of another size or of another depth encoding.
     """
-    box = _letterbox(frame, spec)
-    _check_encoding(frame, spec)
-    image = box.apply(read_frame(frame, spec.modality), spec.pad_value)
+    image, box = _picture(frame, spec), _letterbox(frame, spec)
     trees = [tree for tree in frame.trees if not tree.crowd]
     boxes = np.array([tree.box_px * np.tile(box.scale, 2) for tree in trees]).reshape(-1, 4)
     keypoints = np.array([tree.keypoints for tree in trees]).reshape(-1, 5, 3).copy()

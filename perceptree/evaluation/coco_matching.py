@@ -1,4 +1,4 @@
-"""pycocotools' evaluation, with trees that are left out, overlaps that are known, and in less time."""
+"""pycocotools' evaluation in less time, with trees left out and overlaps that are known."""
 
 from __future__ import annotations
 

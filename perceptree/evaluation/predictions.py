@@ -87,7 +87,7 @@ def predict_frames(predict: Predict, store: FrameStore, batch: int) -> Iterator[
     """
 
     def read(number: int) -> tuple[NDArray[np.uint8], Letterbox]:
-        return store[number].image, store.letterbox(number)
+        return store.image(number), store.letterbox(number)
 
     return predict_images(predict, read_ahead(read, range(len(store))), batch)
 

@@ -23,6 +23,7 @@ _POSITIVE = ("steps", "minutes", "patience", "batch", "accumulate", "learning_ra
 _SHARES = ("final_rate_share", "rate_drop")
 _CHOICES = {"optimizer": ("adamw", "sgd"), "schedule": ("constant", "steps", "cosine", "decay")}
 _LAST_LEVEL = 5  # of a backbone
+_FEW_CORES = 2
 
 ENDS = ("steps", "minutes", "patience", "evaluate_every_steps")
 """Settings that may change when a run is extended, where its schedule does not look ahead."""
@@ -117,7 +118,7 @@ class Engine:
     """Where and how fast a training computes.
 
     ``precision`` auto is bf16 where the processor or GPU multiplies it faster than float32.
-    ``workers`` are processes that prepare batches; None chooses by the cores. ``compile`` has
+    ``workers`` are processes that prepare batches, 0 for none; None chooses by the cores. ``compile`` has
     torch compile backbone and pyramid (it takes minutes, and pays on GPUs). ``cache`` is the
     folder of the decoded frames, by default one beside the data. State is saved every ``save_s``
     seconds. ``skip_broken`` leaves out frames whose files are missing or broken.
@@ -146,5 +147,7 @@ class Engine:
         if self.workers is not None:
             return self.workers
         cores = os.cpu_count() or 1
-        # A processor that trains has one core to spare at most, a GPU's waits for nothing else.
-        return max(1, (cores - 1) // processes) if self.device == "cuda" else 1
+        if self.device == "cuda":
+            return max(1, (cores - 1) // processes)
+        # On two cores a worker takes from the network what it saves (benchmarks/training.py).
+        return 1 if cores // processes > _FEW_CORES else 0

@@ -39,7 +39,7 @@ def test_an_interrupted_training_says_how_to_go_on(
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(command._Bar, "__call__", interrupt)
+    monkeypatch.setattr(command.TrainingBar, "__call__", interrupt)
     size = ("--height", 64, "--width", 128)
     code, printed, told = call("train", posts, "--out", tmp_path / "run", *size, "--steps", 3)
     assert (code, printed) == (130, "")
