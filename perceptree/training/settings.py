@@ -118,10 +118,10 @@ class Engine:
     """Where and how fast a training computes.
 
     ``precision`` auto is bf16 where the processor or GPU multiplies it faster than float32.
-    ``workers`` are processes that prepare batches, 0 for none; None chooses by the cores. ``compile`` has
-    torch compile backbone and pyramid (it takes minutes, and pays on GPUs). ``cache`` is the
-    folder of the decoded frames, by default one beside the data. State is saved every ``save_s``
-    seconds. ``skip_broken`` leaves out frames whose files are missing or broken.
+    ``workers`` are processes that prepare batches, 0 for none; None chooses by the cores.
+    ``compile`` has torch compile backbone and pyramid (it takes minutes, and pays on GPUs).
+    ``cache`` is the folder of the decoded frames, by default beside the data. State is saved
+    every ``save_s`` seconds. ``skip_broken`` leaves out frames whose files are missing or broken.
     """
 
     device: Literal["cpu", "cuda"] = "cpu"
