@@ -1,0 +1,110 @@
+"""Whether the memory of training stays flat over an epoch of many frames, and how fast it starts.
+
+python benchmarks/training_memory.py --result FILE.json [--frames 43000]
+
+Makes a dataset of tiny distinct pictures with two trees each, as many as SynthTree43k has, trains
+on a part of it to make the cache, then opens the ready cache anew and goes through a whole epoch
+of batches as the trainer does.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+WIDTH_PX, HEIGHT_PX = 64, 36
+BATCH = 8
+
+
+def write_split(folder: Path, split: str, first: int, frames: int) -> None:
+    """Noise of a seed of its own in every picture, and two boxes."""
+    images: list[dict[str, Any]] = []
+    annotations: list[dict[str, Any]] = []
+    for number in range(first, first + frames):
+        rng = np.random.default_rng(number)
+        name = f"depth8/{number:06d}.png"
+        cv2.imwrite(str(folder / name), rng.integers(0, 256, (HEIGHT_PX, WIDTH_PX), np.uint8))
+        images.append(
+            {"id": number, "file_name": name, "depth8_file": name,
+             "width": WIDTH_PX, "height": HEIGHT_PX}
+        )  # fmt: skip
+        for left in (8, 40):
+            x0, x1, y0, y1 = left, left + 8, 4, 32
+            points = [x0 + 4, y1 - 1, x0, y1 - 4, x1, y1 - 4, x0 + 4, y1 - 9, x0 + 4, y0 + 8]
+            annotations.append(
+                {"id": len(annotations) + 1, "image_id": number, "category_id": 1,
+                 "bbox": [x0, y0, x1 - x0, y1 - y0], "iscrowd": 0,
+                 "area": (x1 - x0) * (y1 - y0),
+                 "segmentation": [[x0, y0, x1, y0, x1, y1, x0, y1]],
+                 "keypoints": [v for x, y in zip(points[::2], points[1::2], strict=True)
+                               for v in (x, y, 2)]}
+            )  # fmt: skip
+    names = ["felling_cut", "diameter_left", "diameter_right", "axis_middle", "axis_top"]
+    content = {
+        "images": images,
+        "annotations": annotations,
+        "categories": [{"id": 1, "name": "tree", "keypoints": names}],
+    }
+    (folder / f"{split}_RGB.json").write_text(json.dumps(content))
+
+
+def private_mib() -> float:
+    """Memory of this process that no file backs."""
+    status = Path("/proc/self/status").read_text()
+    return next(int(x.split()[1]) for x in status.splitlines() if x.startswith("RssAnon")) / 1024
+
+
+def main() -> None:
+    """Run everything and write the result."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--frames", type=int, default=43_000)
+    parser.add_argument("--result", type=Path, required=True)
+    arguments = parser.parse_args()
+    from perceptree.models import make_spec
+    from perceptree.training import DataSource, Engine, Preparing, TrainSettings
+    from perceptree.training.batches import SlotSampler, TrainingFrames, make_loader
+    from perceptree.training.source import open_data
+
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "depth8").mkdir()
+        write_split(folder, "train", 0, arguments.frames)
+        write_split(folder, "val", arguments.frames, 8)
+        spec, settings = make_spec("edge-n", "depth", 64, 96), TrainSettings(steps=1, batch=BATCH)
+        start_s = time.perf_counter()
+        made = open_data(DataSource(folder), spec, Engine(), Preparing())
+        making_s = time.perf_counter() - start_s
+        del made
+        start_s = time.perf_counter()
+        data = open_data(DataSource(folder), spec, Engine(), Preparing())
+        frames = TrainingFrames(data.frames, spec, settings)
+        batches = iter(make_loader(frames, SlotSampler(settings, 0, 0, 1), 0, pinned=False))
+        next(batches)
+        opening_s = time.perf_counter() - start_s
+        steps = arguments.frames // BATCH
+        memory_mib: dict[str, float] = {}
+        for step in range(1, steps):
+            next(batches)
+            if step % (steps // 10) == 0:
+                memory_mib[str(step * BATCH)] = round(private_mib(), 1)
+        result = {
+            "frames": arguments.frames, "cores": os.cpu_count(),
+            "making_cache_s": round(making_s, 1), "start_with_ready_cache_s": round(opening_s, 2),
+            "private_memory_mib_by_frames": memory_mib,
+        }  # fmt: skip
+    text = json.dumps(result, indent=1)
+    arguments.result.write_text(text + "\n", "utf-8")
+    sys.stdout.write(text + "\n")
+
+
+if __name__ == "__main__":
+    main()
