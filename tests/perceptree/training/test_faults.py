@@ -68,6 +68,7 @@ def test_killed_at_any_step_it_ends_with_the_same_weights(
     assert [name for name in one if not torch.equal(one[name], two[name])] == []
 
 
+@pytest.mark.slow
 def test_the_workers_end_with_a_killed_trainer(posts: Path, tmp_path: Path) -> None:
     script = (
         "import sys\nfrom pathlib import Path\nfrom perceptree.models import make_spec\n"

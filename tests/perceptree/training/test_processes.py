@@ -54,6 +54,7 @@ def test_two_processes_have_the_losses_of_one(
     assert sum(one[-1].values()) < sum(one[0].values())
 
 
+@pytest.mark.slow
 def test_a_process_that_dies_ends_the_other(posts: Path, tmp_path: Path) -> None:
     started_s = time.monotonic()
     done = run_processes(2, posts, tmp_path / "run", dies_at=3)
