@@ -66,6 +66,10 @@ _From = Annotated[Path | None, typer.Option(
     "--branch", help="Folder of a run: go on from its state, the rate falling to nothing over"
     " this run's steps or minutes."
 )]  # fmt: skip
+_Simulate = Annotated[int | None, typer.Option(
+    help="Meanwhile extend DATA, a folder of perceptree synth, to so many frames; half of the"
+    " cores simulate. Takes --minutes."
+)]  # fmt: skip
 _Device = Annotated[str, typer.Option(help="cpu or cuda; several processes by torchrun.")]
 _Precision = Annotated[str, typer.Option(help="fp32, bf16, or auto: what is faster here.")]
 _Workers = Annotated[int | None, typer.Option(
@@ -100,6 +104,7 @@ def train(
     accumulate: Annotated[int, typer.Option(help="Parts of a batch, one after another.")] = 1,
     learning_rate: _Rate = None,
     evaluate_every_steps: _EvaluateEvery = None,
+    simulate: _Simulate = None,
     seed: Annotated[int, typer.Option(help="Of weights, order and augmentation.")] = 0,
     device: _Device = "cpu",
     precision: _Precision = "auto",
@@ -115,9 +120,10 @@ def train(
 
 def _run(options: dict[str, Any]) -> None:
     """Train as the options of the command say."""
-    from perceptree.training import DataSource, Engine, Preparing
+    from perceptree.training import DataSource, Engine, Preparing, train_while_simulating
     from perceptree.training import train as run_training
 
+    _check_simulate(options)
     start = _starting_weights(options["init"])
     changes = {name: options[name] for name in ("height", "width", "masks", "keypoints")}
     spec = _spec(options["model"], options["modality"], start, _given(changes))
@@ -132,12 +138,27 @@ def _run(options: dict[str, Any]) -> None:
     shown = leads and not options["as_json"]
     source = DataSource(options["data"], options["fold"], options["entire_tree"])
     with bar("caching frames", shown) as cached:
-        report = run_training(
-            spec, settings, source, options["out"], TrainingBar(shown), start, engine,
-            options["branch"], Preparing(cached, say if leads else lambda line: None),
-        )  # fmt: skip
+        preparing = Preparing(cached, say if leads else lambda line: None)
+        if options["simulate"] is None:
+            report = run_training(
+                spec, settings, source, options["out"], TrainingBar(shown), start, engine,
+                options["branch"], preparing,
+            )  # fmt: skip
+        else:
+            report = train_while_simulating(
+                spec, settings, options["data"], options["simulate"], options["out"],
+                TrainingBar(shown), start, engine, preparing,
+            )  # fmt: skip
     if leads:
         _tell(report, options["data"], options["as_json"])
+
+
+def _check_simulate(options: dict[str, Any]) -> None:
+    if options["simulate"] is None:
+        return
+    for name in ("branch", "fold"):
+        if options[name] is not None:
+            raise SettingsError(f"--simulate goes without --{name}: expected one of the two")
 
 
 def _given(options: dict[str, Any]) -> dict[str, Any]:

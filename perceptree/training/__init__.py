@@ -1,5 +1,6 @@
 """Training: from random or published weights, on processors and GPUs."""
 
+from perceptree.training.growing import train_while_simulating
 from perceptree.training.recipes import PAPER_STEPS, RECIPES, recipe_settings
 from perceptree.training.run import train
 from perceptree.training.settings import Engine, TrainSettings
@@ -19,4 +20,5 @@ __all__ = [
     "TrainSettings",
     "recipe_settings",
     "train",
+    "train_while_simulating",
 ]

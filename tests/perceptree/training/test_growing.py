@@ -1,0 +1,145 @@
+"""A training on a simulated dataset that grows meanwhile."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+import perceptree.training.growing as growing
+from perceptree.errors import DatasetError, SettingsError
+from perceptree.models import load_checkpoint
+from perceptree.training import Status, train_while_simulating
+
+Make = Callable[..., Any]
+WriteDataset = Callable[..., Path]
+
+# Waits until training has begun, then adds the frames that were held back.
+EXTEND = """
+import pathlib, sys, time
+state, now, later = map(pathlib.Path, sys.argv[1:])
+while not state.exists():
+    time.sleep(0.02)
+later.replace(now)
+"""
+
+
+@pytest.fixture
+def grown_later(
+    write_dataset: WriteDataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> tuple[Path, list[int]]:
+    """Posts of which a process adds half the train frames later, and the sizes it was asked."""
+    posts = write_dataset(train=8, val=3, test=1)
+    labels, later = posts / "train_RGB.json", posts / "all.json"
+    content = json.loads(labels.read_text())
+    later.write_text(json.dumps(content))
+    kept = {image["id"] for image in content["images"][:4]}
+    content["images"] = content["images"][:4]
+    content["annotations"] = [a for a in content["annotations"] if a["image_id"] in kept]
+    labels.write_text(json.dumps(content))
+    asked: list[int] = []
+
+    def start(data: Path, frames: int, workers: int) -> "subprocess.Popen[str]":
+        asked.append(frames)
+        paths = [tmp_path / "run/stage-1/log.jsonl", labels, later]
+        return subprocess.Popen(
+            [sys.executable, "-c", EXTEND, *map(str, paths)], stderr=subprocess.PIPE, text=True
+        )
+
+    monkeypatch.setattr(growing, "_start_simulating", start)
+    return posts, asked
+
+
+def test_it_goes_on_with_the_larger_dataset_as_soon_as_it_is_there(
+    grown_later: tuple[Path, list[int]], tmp_path: Path, narrow: Make, plan: Make
+) -> None:
+    posts, asked = grown_later
+    seen: list[Status] = []
+    settings = plan(minutes=0.1, evaluate_every_steps=3)
+    report = train_while_simulating(narrow(), settings, posts, 12, tmp_path / "run", seen.append)
+    assert asked == [12]
+    assert report.checkpoint == tmp_path / "run/stage-2/best.safetensors"
+    first, second = (torch.load(tmp_path / f"run/stage-{n}/state.pt") for n in (1, 2))
+    # No step was lost or done twice, and the clock ran on.
+    assert second["first_step"] == first["step"] >= 3
+    assert [status.step for status in seen] == list(range(1, second["step"] + 1))
+    assert first["elapsed_s"] < 6 <= first["elapsed_s"] + second["elapsed_s"]
+    assert load_checkpoint(report.checkpoint)[1]["training"]["frames"] == 8
+    assert seen[-1].done == 1
+    shares = [status.done for status in seen]
+    assert shares == sorted(shares)
+
+
+def test_a_run_whose_minutes_are_over_says_so(
+    grown_later: tuple[Path, list[int]], tmp_path: Path, narrow: Make, plan: Make
+) -> None:
+    posts, _ = grown_later
+    settings = plan(minutes=0.02, evaluate_every_steps=3)
+    train_while_simulating(narrow(), settings, posts, 12, tmp_path / "run")
+    with pytest.raises(SettingsError, match=r"^minutes is 0\.02: .*run has been trained for as"):
+        train_while_simulating(narrow(), settings, posts, 12, tmp_path / "run")
+
+
+def test_a_simulation_that_fails_ends_the_training_with_its_reason(
+    posts: Path, tmp_path: Path, narrow: Make, plan: Make
+) -> None:
+    # The posts were not simulated: other settings than those of the folder are refused.
+    (posts / "settings.json").write_text(
+        json.dumps(
+            {"settings": {"no": 1}, "seed": 1, "files": {"image_format": "jpg"}, "sha256": ""}
+        )
+    )
+    with pytest.raises(
+        DatasetError, match=r"^simulating failed: .*settings\.json: no is no setting"
+    ):
+        train_while_simulating(narrow(), plan(minutes=3), posts, 20, tmp_path / "run")
+    assert torch.load(tmp_path / "run/stage-1/state.pt", weights_only=True)["step"] > 0
+
+
+def test_data_that_was_not_simulated_cannot_grow(
+    posts: Path, tmp_path: Path, narrow: Make, plan: Make
+) -> None:
+    with pytest.raises(
+        DatasetError, match=r"settings\.json: expected the settings of a dataset of"
+    ):
+        train_while_simulating(narrow(), plan(minutes=1), posts, 20, tmp_path / "run")
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({}, "minutes is not given: expected when to end"),
+        ({"minutes": 1, "schedule": "cosine"}, "schedule is cosine: .* expected constant or steps"),
+    ],
+)
+def test_settings_that_do_not_allow_stages_are_refused(
+    posts: Path, tmp_path: Path, narrow: Make, plan: Make, changes: dict[str, Any], told: str
+) -> None:
+    with pytest.raises(SettingsError, match=told):
+        train_while_simulating(narrow(), plan(**changes), posts, 20, tmp_path / "run")
+
+
+def test_simulate_goes_with_neither_branch_nor_fold(call: Make) -> None:
+    code, _, told = call(
+        "train", "data", "--out", "run", "--simulate", 9, "--minutes", 1, "--branch", "run"
+    )
+    assert (code, told) == (
+        2, "perceptree: --simulate goes without --branch: expected one of the two\n"
+    )  # fmt: skip
+
+
+@pytest.mark.slow
+def test_the_command_simulates_and_trains_at_once(call: Make, tmp_path: Path) -> None:
+    size = ("--width", 160, "--height", 96, "--views", 1)
+    assert call("synth", "--out", tmp_path / "data", "--frames", 8, *size)[0] == 0
+    code, out, told = call(
+        "train", tmp_path / "data", "--out", tmp_path / "run", "--simulate", 16, "--minutes", 2,
+        "--width", 128, "--height", 64, "--batch", 2, "--evaluate-every", 20, "--json",
+    )  # fmt: skip
+    assert code == 0, told
+    assert json.loads(out)["checkpoint"] == str(tmp_path / "run/stage-2/best.safetensors")
+    assert "stage-2: 16 frames" in told
