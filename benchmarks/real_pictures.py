@@ -1,0 +1,119 @@
+"""A file on real pictures with boxes drawn by eye: what it finds, misses and invents.
+
+python benchmarks/real_pictures.py PICTURES/instances.json --model rgb --drawn FOLDER
+
+The label file is COCO's form; an annotation may say ``certain: false``: a detection with at least
+half of its box inside such a box counts neither way (COCO's crowd). A certain stem is found at an
+IoU of 0.5. AP50 takes all scores from 0.05 on; recall and precision those of 0.5 and more. The
+pictures are a ruler: never train on them, nor choose a threshold by them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from pycocotools.coco import COCO
+from pycocotools.cocoeval import COCOeval
+
+from edgetree import TreeDetections, TreeDetector, default_model
+from edgetree.draw import draw_trees
+
+SHOWN_SCORE = 0.5
+LEAST_SCORE = 0.05
+IOU = 0.5
+
+
+def ground_truth(labels: Path) -> COCO:
+    """The annotated boxes; those that are not certain as crowds."""
+    content = json.loads(labels.read_text("utf-8"))
+    for annotation in content["annotations"]:
+        annotation["iscrowd"] = int(not annotation.get("certain", True))
+        annotation["area"] = annotation["bbox"][2] * annotation["bbox"][3]
+    truth = COCO()
+    truth.dataset = content
+    with contextlib.redirect_stdout(io.StringIO()):
+        truth.createIndex()
+    return truth
+
+
+def compare(truth: COCO, found: list[dict[str, Any]]) -> COCOeval:
+    """Detections matched with the boxes at an IoU of 0.5."""
+    with contextlib.redirect_stdout(io.StringIO()):
+        matched = COCOeval(truth, truth.loadRes(found), "bbox")
+        matched.params.iouThrs = np.array([IOU])
+        matched.params.areaRng = [[0, 1e10]]
+        matched.params.areaRngLbl = ["all"]
+        matched.evaluate()
+        matched.accumulate()
+    return matched
+
+
+def counts(matched: COCOeval) -> dict[str, int]:
+    """Certain stems, found ones, and detections of none, at the score that is shown."""
+    stems = hits = wrong = 0
+    for image in filter(None, matched.evalImgs):
+        shown = np.asarray(image["dtScores"]) >= SHOWN_SCORE
+        taken = np.asarray(image["dtMatches"][0])[shown] > 0
+        ignored = np.asarray(image["dtIgnore"][0], bool)[shown]
+        stems += int((~np.asarray(image["gtIgnore"], bool)).sum())
+        hits += int((taken & ~ignored).sum())
+        wrong += int((~taken & ~ignored).sum())
+    return {"stems": stems, "found": hits, "wrong": wrong}
+
+
+def entries(image_id: int, trees: TreeDetections) -> list[dict[str, Any]]:
+    """COCO's detections."""
+    x0, y0, x1, y1 = trees.boxes_px.T.astype(float)
+    boxes = np.stack([x0, y0, x1 - x0, y1 - y0], 1).tolist()
+    return [
+        {"image_id": image_id, "category_id": 1, "bbox": box, "score": score}
+        for box, score in zip(boxes, trees.scores.astype(float).tolist(), strict=True)
+    ]
+
+
+def main() -> None:
+    """Print one JSON object, and draw the pictures if asked."""
+    assert __doc__
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("labels", type=Path)
+    parser.add_argument("--model", default="rgb", help="rgb for the embedded one, or a file")
+    parser.add_argument("--drawn", type=Path, help="folder for the pictures with their trees")
+    arguments = parser.parse_args()
+    truth = ground_truth(arguments.labels)
+    model = default_model("rgb") if arguments.model == "rgb" else Path(arguments.model)
+    detector = TreeDetector.load(model, threads=2, score_threshold=LEAST_SCORE)
+    found: list[dict[str, Any]] = []
+    for image in truth.dataset["images"]:
+        path = arguments.labels.parent / "images" / image["file_name"]
+        picture = cv2.imread(str(path))
+        if picture is None:
+            parser.error(f"{path}: cannot be read, expected a picture")
+        trees = detector.detect(picture)
+        found += entries(image["id"], trees)
+        if arguments.drawn is not None:
+            arguments.drawn.mkdir(parents=True, exist_ok=True)
+            drawn = draw_trees(np.asarray(picture, np.uint8), trees.above(SHOWN_SCORE))
+            cv2.imwrite(str(arguments.drawn / f"{path.stem}.jpg"), drawn)
+    matched = compare(truth, found)
+    told = counts(matched)
+    precision = matched.eval["precision"][0, :, 0, 0, -1]
+    result = {
+        "model": arguments.model,
+        "box AP50": round(100 * float(precision[precision > -1].mean()), 1),
+        **told,
+        "recall": round(told["found"] / told["stems"], 3),
+        "precision": round(told["found"] / max(1, told["found"] + told["wrong"]), 3),
+    }
+    sys.stdout.write(json.dumps(result) + "\n")
+
+
+if __name__ == "__main__":
+    main()
