@@ -1,0 +1,137 @@
+"""What pays when a light network is trained: changes of the recipe ``scratch``, one at a time.
+
+python benchmarks/scratch.py DATA --start CHECKPOINT --test TEST --runs RUNS --minutes 30 \
+    --candidates base-0,base-1,colours,paste --result benchmarks/results/scratch_rgb.json
+
+Every candidate starts from the same checkpoint and trains for the same minutes, the rate falling to
+nothing; its average is scored on the test split of TEST. ``base-N`` is the recipe as it is with
+seed N: how far apart the bases lie is the spread that a change has to exceed. A finished run in
+RUNS is taken as it is, so that candidates may run one after another, or in several processes of
+one thread each (``OMP_NUM_THREADS=1``) that take turns with the names; the last call with all names
+writes the result.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import platform
+import sys
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from perceptree.data import AugmentSettings, FrameStore, read_split
+from perceptree.evaluation import evaluate, predict_with
+from perceptree.models import load_checkpoint
+from perceptree.training import TrainSettings, recipe_settings, train
+
+RATE = 1e-3
+BASE = "base-"
+NEVER = 10**9
+MEASURES = ("box_ap", "mask_ap", "keypoint_ap", "diameter_error_px", "recall", "precision")
+CANDIDATES: dict[str, tuple[str, dict[str, Any]]] = {
+    "colours": (
+        "strong colours: shadows, hue, curves, blur, patches, chroma noise, JPEG",
+        {"augment": AugmentSettings(
+            shadow=0.6, vignette=0.5, hue_deg=20, grey_share=0.05, curves=0.4,
+            channel_shuffle_share=0.05, blur_share=0.5, blur_px=1.5, motion_blur_px=6, sharpening=1,
+            cutouts=4, chroma_noise=5, jpeg_share=0.3,
+        )},
+    ),
+    "faults": (
+        "faults of depth sensors: far noise and steps, range, occlusion shadows, holes",
+        {"augment": AugmentSettings(
+            far_noise_m=0.3, far_step_m=0.5, range_loss=0.4, stereo_px_m=35, edge_loss_px=3,
+            hole_area=0.1,
+        )},
+    ),
+    "paste": (
+        "one to three trees of another frame pasted into half of the frames",
+        {"augment": AugmentSettings(copy_paste_share=0.5)},
+    ),
+    "average": ("weights averaged over 5 times as many steps", {"ema_decay": 0.9996}),
+}  # fmt: skip
+
+
+def settings_of(name: str, minutes: float) -> TrainSettings:
+    """The recipe with a candidate's change."""
+    changes: dict[str, Any] = {
+        "minutes": minutes, "learning_rate": RATE, "schedule": "decay",
+        "evaluate_every_steps": NEVER,
+    }  # fmt: skip
+    if name.startswith(BASE):
+        changes["seed"] = int(name.removeprefix(BASE))
+    else:
+        changes |= CANDIDATES[name][1]
+    return recipe_settings("scratch", **changes)
+
+
+def run(name: str, arguments: argparse.Namespace) -> dict[str, Any]:
+    """Train and score one candidate, or read what a run before this one found."""
+    folder: Path = arguments.runs / name
+    found = folder / "scores.json"
+    if found.exists():
+        return dict(json.loads(found.read_text("utf-8")))
+    spec = load_checkpoint(arguments.start)[0].spec
+    settings = settings_of(name, arguments.minutes)
+    sys.stderr.write(f"{name}: training\n")
+    report = train(spec, settings, arguments.data, folder, init=arguments.start)
+    scores = score(report.checkpoint, arguments.test) | {
+        "steps": report.steps,
+        "frames": report.steps * settings.batch,
+        "elapsed_s": round(report.elapsed_s, 1),
+    }
+    found.write_text(json.dumps(scores), "utf-8")
+    sys.stderr.write(f"{name}: {scores}\n")
+    return scores
+
+
+def score(checkpoint: Path, test: Path) -> dict[str, Any]:
+    """Precision and errors on the test frames."""
+    model = load_checkpoint(checkpoint)[0].eval()
+    frames = FrameStore(read_split(test, "test"), model.spec)
+    metrics = evaluate(predict_with(model), frames, 4).to_dict()
+    return {name: metrics[name] for name in MEASURES}
+
+
+def main() -> None:
+    """Train what is missing, and write the table if asked."""
+    assert __doc__
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n\n")[0])
+    parser.add_argument("data", type=Path)
+    parser.add_argument("--start", type=Path, required=True, help="the common checkpoint")
+    parser.add_argument("--test", type=Path, required=True)
+    parser.add_argument("--runs", type=Path, required=True)
+    parser.add_argument("--minutes", type=float, default=30)
+    parser.add_argument("--candidates", required=True, help=f"base-N, {', '.join(CANDIDATES)}")
+    parser.add_argument("--result", type=Path)
+    arguments = parser.parse_args()
+    names = arguments.candidates.split(",")
+    rows = {name: run(name, arguments) for name in names}
+    if arguments.result is None:
+        return
+    bases = [row for name, row in rows.items() if name.startswith(BASE)]
+    spread = {
+        measure: max(row[measure] for row in bases) - min(row[measure] for row in bases)
+        for measure in MEASURES
+    }
+    start_model = load_checkpoint(arguments.start)[0]
+    result = {
+        "machine": platform.machine(),
+        "threads": torch.get_num_threads(),
+        "modality": start_model.spec.modality,
+        "train frames": len(read_split(arguments.data, "train")),
+        "test frames": len(read_split(arguments.test, "test")),
+        "minutes": arguments.minutes,
+        "start": score(arguments.start, arguments.test),
+        "what": {name: CANDIDATES[name][0] for name in names if name in CANDIDATES},
+        "rows": rows,
+        "spread of the bases": spread,
+    }
+    arguments.result.write_text(json.dumps(result, indent=1) + "\n", "utf-8")
+
+
+if __name__ == "__main__":
+    main()
