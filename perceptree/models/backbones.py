@@ -9,6 +9,7 @@ import timm
 import torch
 from torch import Tensor, nn
 
+from perceptree.models.cpu_gradients import depthwise_conv
 from perceptree.models.spec import SpecError
 
 # Our name -> timm's. Each gives a map at every stride from 2 to 32.
@@ -28,16 +29,30 @@ class DepthwiseConv(nn.Conv2d):
     """A depthwise convolution that stays float32 under autocast.
 
     On CPUs the bfloat16 gradient of a depthwise convolution is up to ten times slower than the
-    float32 one, and there is little arithmetic to save.
+    float32 one, and there is little arithmetic to save. There the gradient of the weights is taken
+    by a kernel of our own.
     """
 
     def forward(self, input: Tensor) -> Tensor:  # noqa: A002
         """(B, C, H, W) -> (B, C, H', W'), as the plain convolution."""
         device = input.device.type
         if not torch.amp.is_autocast_available(device) or not torch.is_autocast_enabled(device):
-            return super().forward(input)
+            return self._in_its_precision(input)
         with torch.autocast(device, enabled=False):
-            return super().forward(input.float())
+            return self._in_its_precision(input.float())
+
+    def _in_its_precision(self, x: Tensor) -> Tensor:
+        learns = torch.is_grad_enabled() and self.weight.requires_grad
+        if not learns or not self._plain or x.device.type != "cpu" or torch.compiler.is_compiling():
+            return super().forward(x)
+        return depthwise_conv(x, self.weight, self.stride[0], int(self.padding[0]))
+
+    @property
+    def _plain(self) -> bool:
+        """Whether it is one that the kernel knows."""
+        sides = set(zip(self.kernel_size, self.stride, self.padding, strict=True))
+        usual = self.dilation == (1, 1) and self.padding_mode == "zeros" and self.bias is None
+        return usual and len(sides) == 1 and self.in_channels == self.out_channels
 
 
 class FoldingConv(nn.Conv2d):
