@@ -33,11 +33,11 @@ ROOT = Path(__file__).resolve().parents[1]
 BATCH = 8
 LEFT_OUT_STEPS = 2
 GROUPS = {
-    "convolutions": ("convolution",),
+    "convolutions": ("convolution", "_Depthwise"),
     "batch norms": ("batch_norm",),
     "activations": ("threshold", "clamp_min", "relu"),
     "matrix products": ("mm",),
-    "pooling of regions": ("embedding_bag",),
+    "pooling of regions": ("embedding_bag", "_WeightedSums"),
     "optimizer and average": ("_foreach", "lerp", "addcdiv", "addcmul", "Optimizer"),
 }
 
