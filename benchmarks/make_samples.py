@@ -1,6 +1,6 @@
 """Pick frames of a simulated dataset's test split as the sample frames of the package.
 
-perceptree synth --frames 60 --seed 901 --views 2 --out forest
+perceptree synth --preset test --out forest
 python benchmarks/make_samples.py forest edgetree/assets/samples
 """
 
@@ -51,7 +51,8 @@ def main() -> None:
     parser.add_argument("out", type=Path)
     arguments = parser.parse_args()
     files = [arguments.dataset / f"{split}_RGB.json" for split in ("train", "val", "test")]
-    frames = [frame for file in files for frame in choose(json.loads(file.read_text()))][:SAMPLES]
+    there = [file for file in files if file.exists()]
+    frames = [frame for file in there for frame in choose(json.loads(file.read_text()))][:SAMPLES]
     if len(frames) < SAMPLES:
         parser.error(f"{len(frames)} suitable scenes, expected {SAMPLES}")
     arguments.out.mkdir(parents=True, exist_ok=True)

@@ -39,6 +39,8 @@ def test_depth_at_a_visible_keypoint_is_its_trees() -> None:
             x, y, flag = tree.keypoints_px[3]
             if flag == 2 and tree.visible_fraction > 0.9:
                 found_m = depth_m[int(y), int(x)]
+                if found_m == 0:  # the sensor read nothing there
+                    continue
                 assert abs(found_m - tree.distance_m) < 0.35 * tree.distance_m
                 checked += 1
     assert checked >= 6
