@@ -87,6 +87,8 @@ def main() -> None:
     parser.add_argument("--model", default="rgb", help="rgb for the embedded one, or a file")
     parser.add_argument("--drawn", type=Path, help="folder for the pictures with their trees")
     arguments = parser.parse_args()
+    if not arguments.labels.is_file():
+        parser.error(f"{arguments.labels}: no such file, expected labels in COCO's form")
     truth = ground_truth(arguments.labels)
     model = default_model("rgb") if arguments.model == "rgb" else Path(arguments.model)
     detector = TreeDetector.load(model, threads=2, score_threshold=LEAST_SCORE)

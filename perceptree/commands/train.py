@@ -156,9 +156,10 @@ def _run(options: dict[str, Any]) -> None:
 def _check_simulate(options: dict[str, Any]) -> None:
     if options["simulate"] is None:
         return
-    for name in ("branch", "fold"):
-        if options[name] is not None:
-            raise SettingsError(f"--simulate goes without --{name}: expected one of the two")
+    for name in ("branch", "fold", "entire_tree"):
+        if options[name] not in (None, False):
+            option = name.replace("_", "-")
+            raise SettingsError(f"--simulate goes without --{option}: expected one of the two")
 
 
 def _given(options: dict[str, Any]) -> dict[str, Any]:
