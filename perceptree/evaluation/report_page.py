@@ -209,8 +209,8 @@ def _keypoints(figures: Figures) -> str:
     table = (
         '<div class="card scroll"><table><thead><tr><th>point</th><th>trees</th>'
         "<th>median, px</th><th>mean, px</th><th>90 % within, px</th>"
-        "<th>across: mean ± σ</th><th>along: mean ± σ</th>"
-        "<th>horizontal: mean ± σ</th><th>vertical: mean ± σ</th></tr></thead>"
+        "<th>across: mean&nbsp;±&nbsp;σ</th><th>along: mean&nbsp;±&nbsp;σ</th>"
+        "<th>horizontal: mean&nbsp;±&nbsp;σ</th><th>vertical: mean&nbsp;±&nbsp;σ</th></tr></thead>"
         f"<tbody>{rows}</tbody></table>"
         '<p class="note">Of trees found at a score of 0.5. Across the stem counts to the right,'
         " along it to the top, vertical downwards.</p></div>"
