@@ -104,3 +104,36 @@ def show(
         path = out / f"page_{number:03d}.jpg"
         write_whole(path, bytes(cv2.imencode(".jpg", page, [cv2.IMWRITE_JPEG_QUALITY, 90])[1]))
         typer.echo(str(path))
+
+
+@app.command()
+def compare(
+    real: Annotated[Path, typer.Argument(help="Folder of real pictures.")],
+    simulated: Annotated[Path, typer.Argument(help="Folder of perceptree synth, or of pictures.")],
+    out: Annotated[Path, typer.Option(help="Page to write.")] = Path("likeness.html"),
+    most: Annotated[int, typer.Option(help="Look at so many pictures of each folder.")] = 200,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Compare real pictures with simulated ones: colour, contrast, sharpness, edges, texture."""
+    from calib.writing import write_whole
+    from perceptree.data.likeness import compare_pictures, find_pictures
+    from perceptree.data.likeness_page import likeness_page
+
+    if most < 1:
+        raise SettingsError(f"--most is {most}: expected at least 1")
+    taken, drawn = (find_pictures(folder, most) for folder in (real, simulated))
+    shown = sys.stderr.isatty() and not as_json
+    with typer.progressbar(
+        length=len(taken) + len(drawn), label="comparing", file=sys.stderr, hidden=not shown
+    ) as bar:
+        comparison = compare_pictures(taken, drawn, bar.update)
+    write_whole(out, likeness_page(comparison).encode())
+    if as_json:
+        typer.echo(json.dumps(comparison.to_dict() | {"page": str(out)}))
+        return
+    for difference in comparison.differences[:5]:
+        typer.echo(
+            f"{difference.measure.title}: separation {difference.separation:.2f},"
+            f" simulated {difference.shift:+.1f} deviations from real"
+        )
+    typer.echo(str(out))

@@ -1,0 +1,197 @@
+"""How far simulated pictures look like real ones: measures of colour, contrast and texture."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from perceptree.errors import DatasetError
+
+Float = NDArray[np.floating[Any]]
+Picture = NDArray[np.uint8]
+
+SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
+_WIDTH_PX = 640
+_FEWEST = 3
+
+
+@dataclass(frozen=True)
+class Tones:
+    """A picture as grey levels (H, W) 0 to 255, its chroma (H, W), and a* and b* of CIELAB."""
+
+    grey: Float
+    chroma: Float
+    green_red: Float
+    blue_yellow: Float
+
+
+@dataclass(frozen=True)
+class Measure:
+    """One property of a picture: ``title`` for people, ``of`` its value."""
+
+    name: str
+    title: str
+    of: Callable[[Tones], float]
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A measure's values of the real and the simulated pictures.
+
+    ``separation`` is how surely it tells them apart, from 0 (not at all) to 1 (always): twice
+    the area under the ROC curve beyond one half. ``shift`` is the simulated median minus the
+    real one, in standard deviations of the real ones.
+    """
+
+    measure: Measure
+    real: Float
+    simulated: Float
+    separation: float
+    shift: float
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """All measures, the most telling first, and the pictures' files."""
+
+    differences: list[Difference]
+    real: list[Path]
+    simulated: list[Path]
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON-ready figures."""
+        return {
+            "real": len(self.real),
+            "simulated": len(self.simulated),
+            "measures": {
+                d.measure.name: {
+                    "real": _quantiles(d.real), "simulated": _quantiles(d.simulated),
+                    "separation": round(d.separation, 3), "shift": round(d.shift, 3),
+                }
+                for d in self.differences
+            },
+        }  # fmt: skip
+
+
+def find_pictures(folder: Path, most: int) -> list[Path]:
+    """At most ``most`` pictures below a folder, spread evenly over their sorted names.
+
+    Of a simulated data set only its colour images are taken. Raises DatasetError for a folder
+    with fewer than three pictures.
+    """
+    images = folder / "images"
+    inside = images if images.is_dir() and (folder / "scenes").is_dir() else folder
+    found = sorted(path for path in inside.rglob("*") if path.suffix.lower() in SUFFIXES)
+    if len(found) < _FEWEST:
+        raise DatasetError(f"{folder}: holds {len(found)} pictures, expected at least {_FEWEST}")
+    chosen = np.unique(np.linspace(0, len(found) - 1, min(most, len(found))).round().astype(int))
+    return [found[number] for number in chosen]
+
+
+def read_small(path: Path) -> Picture:
+    """A picture 640 px wide as BGR. Raises DatasetError where it cannot be read."""
+    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    if image is None:
+        raise DatasetError(f"{path}: not a readable image")
+    height = round(image.shape[0] * _WIDTH_PX / image.shape[1])
+    small = cv2.resize(image, (_WIDTH_PX, height), interpolation=cv2.INTER_AREA)
+    return np.asarray(small, np.uint8)
+
+
+def compare_pictures(
+    real: Sequence[Path],
+    simulated: Sequence[Path],
+    progress: Callable[[int], None] = lambda n: None,
+) -> Comparison:
+    """Measure all pictures, and order the measures by how surely each tells them apart."""
+    values = []
+    for paths in (real, simulated):
+        rows = []
+        for path in paths:
+            tones = _tones(read_small(path))
+            rows.append([measure.of(tones) for measure in MEASURES])
+            progress(1)
+        values.append(np.array(rows))
+    differences = [
+        _difference(measure, values[0][:, number], values[1][:, number])
+        for number, measure in enumerate(MEASURES)
+    ]
+    differences.sort(key=lambda difference: -difference.separation)
+    return Comparison(differences, list(real), list(simulated))
+
+
+def _difference(measure: Measure, real: Float, simulated: Float) -> Difference:
+    above = (simulated[:, None] > real).mean() + 0.5 * (simulated[:, None] == real).mean()
+    spread = max(float(real.std()), 1e-9)
+    shift = float(np.median(simulated) - np.median(real)) / spread
+    return Difference(measure, real, simulated, float(abs(2 * above - 1)), shift)
+
+
+def _quantiles(values: Float) -> dict[str, float]:
+    low, median, high = np.percentile(values, (5, 50, 95))
+    return {
+        "p5": round(float(low), 4),
+        "median": round(float(median), 4),
+        "p95": round(float(high), 4),
+    }
+
+
+def _tones(image: Picture) -> Tones:
+    lab: Any = cv2.cvtColor(image.astype(np.float32) / 255, cv2.COLOR_BGR2LAB)
+    green_red, blue_yellow = lab[..., 1], lab[..., 2]
+    grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).astype(np.float32)
+    return Tones(grey, np.hypot(green_red, blue_yellow), green_red, blue_yellow)
+
+
+def _share_of_edges(grey: Float, upright: bool) -> float:
+    """Share of the gradient's energy in edges within 15 degrees of upright, or of level."""
+    soft = cv2.GaussianBlur(grey, (0, 0), 1.0)
+    across, down = cv2.Sobel(soft, cv2.CV_32F, 1, 0), cv2.Sobel(soft, cv2.CV_32F, 0, 1)
+    energy = across**2 + down**2
+    main = np.abs(across if upright else down)
+    near = main > np.cos(np.radians(15)) * np.sqrt(energy)
+    return float(energy[near].sum() / max(float(energy.sum()), 1e-9))
+
+
+def _band(grey: Float, sigma_px: float) -> float:
+    """Standard deviation of the detail between two scales, in grey levels; 0 px is no blur."""
+    finer = cv2.GaussianBlur(grey, (0, 0), sigma_px) if sigma_px else grey
+    return float((finer - cv2.GaussianBlur(grey, (0, 0), max(2 * sigma_px, 1.0))).std())
+
+
+def _above_below(grey: Float) -> float:
+    """Mean lightness of the upper third minus that of the lower third."""
+    third = grey.shape[0] // 3
+    return float(grey[:third].mean() - grey[-third:].mean())
+
+
+MEASURES: tuple[Measure, ...] = (
+    Measure("lightness", "Lightness, mean grey level", lambda tones: float(tones.grey.mean())),
+    Measure("contrast", "Contrast, deviation of grey", lambda tones: float(tones.grey.std())),
+    Measure("blown", "Blown out, % of pixels over 250",
+            lambda tones: 100 * float((tones.grey > 250).mean())),
+    Measure("black", "Black, % of pixels under 8",
+            lambda tones: 100 * float((tones.grey < 8).mean())),
+    Measure("sky_over_ground", "Upper third lighter than the lower, grey levels",
+            lambda tones: _above_below(tones.grey)),
+    Measure("chroma", "Colourfulness, mean chroma", lambda tones: float(tones.chroma.mean())),
+    Measure("chroma_spread", "Variety of colour, deviation of chroma",
+            lambda tones: float(tones.chroma.std())),
+    Measure("green_red", "Red against green, mean a*", lambda tones: float(tones.green_red.mean())),
+    Measure("blue_yellow", "Yellow against blue, mean b*",
+            lambda tones: float(tones.blue_yellow.mean())),
+    Measure("finest", "Finest detail and noise, below 1 px", lambda tones: _band(tones.grey, 0.0)),
+    Measure("fine", "Fine texture, 1 to 2 px", lambda tones: _band(tones.grey, 1.0)),
+    Measure("medium", "Texture of 4 to 8 px", lambda tones: _band(tones.grey, 4.0)),
+    Measure("coarse", "Texture of 16 to 32 px", lambda tones: _band(tones.grey, 16.0)),
+    Measure("upright_edges", "Upright edges, share",
+            lambda tones: _share_of_edges(tones.grey, upright=True)),
+    Measure("level_edges", "Level edges, share",
+            lambda tones: _share_of_edges(tones.grey, upright=False)),
+)  # fmt: skip
