@@ -17,7 +17,7 @@ def scene(
         int, typer.Option(help="The scene's seed, as a dataset's COCO files give it for a frame.")
     ] = 0,
     preset: Annotated[
-        str | None, typer.Option(help="Mix to draw the scene from: paper, plain, test.")
+        str | None, typer.Option(help="Mix to draw the scene from: paper, field, plain, test.")
     ] = None,
 ) -> None:
     """Export the forest of one seed as binary glTF: ground, trees by name, undergrowth."""

@@ -28,7 +28,9 @@ def synth(
     seed: Annotated[int | None, typer.Option(help="With the settings, decides all. [0]")] = None,
     preset: Annotated[
         str | None,
-        typer.Option(help="Mix to start from, with its frames and seed: paper, plain, test."),
+        typer.Option(
+            help="Mix to start from, with its frames and seed: paper, field, drive, plain, test."
+        ),
     ] = None,
     settings: Annotated[
         Path | None, typer.Option(help="JSON file of settings that differ, as settings.json.")
@@ -159,6 +161,11 @@ def _tell(report: SynthReport, as_json: bool, frozen: bool) -> None:
         f"{split}: {count} frames, {report.trees[split]} trees"
         for split, count in report.frames.items()
         if count
+    ]
+    lines += [
+        f"frames by {group}: "
+        + ", ".join(f"{name.replace('_', ' ')} {n}" for name, n in counts.items())
+        for group, counts in report.conditions.items()
     ]
     lines += [
         f"{report.directory}",

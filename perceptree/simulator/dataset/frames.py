@@ -4,21 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from perceptree.simulator.geometry.assemble import assemble
 from perceptree.simulator.geometry.prototypes import Prototypes, make_prototypes
-from perceptree.simulator.labelling.frame import Frame, PoseRecord, SceneRecord
+from perceptree.simulator.labelling.frame import Frame, Motion, PoseRecord, SceneRecord
 from perceptree.simulator.labelling.labels import label_view
 from perceptree.simulator.materials.textures import Textures, make_textures
+from perceptree.simulator.rendering.drive import IMU_HZ, Drive, make_drive
 from perceptree.simulator.rendering.render import Drawing, Renderer
 from perceptree.simulator.rendering.view import View, random_view
 from perceptree.simulator.scene.description import Scene, describe_scene
+from perceptree.simulator.scene.objects import OBJECT_KINDS
 from perceptree.simulator.sensors.depth import measure_depth
+from perceptree.simulator.sensors.fixed import fixed_sensors
+from perceptree.simulator.sensors.imaging import CameraFaults, draw_faults, processed, through_lens
 from perceptree.simulator.sensors.precipitation import draw_precipitation
 from perceptree.simulator.sensors.rgb import expose
-from perceptree.simulator.settings import SimulatorSettings
+from perceptree.simulator.settings import (
+    ClutterSettings,
+    ImagingSettings,
+    ObjectSettings,
+    RandomisationSettings,
+    SimulatorSettings,
+)
 
 
 @dataclass(frozen=True)
@@ -40,19 +51,43 @@ def simulate_frames(
     """The frames of one scene, one after the other: pictures, depth and labels in memory."""
     scene = describe_scene(settings, seed)
     renderer = Renderer(assets.textures, scene, assemble(scene, assets.prototypes))
+    drive = None
+    if scene.circuit is not None:
+        settings = fixed_sensors(np.random.default_rng([seed, 7]), settings)
+        drive = make_drive(
+            np.random.default_rng([seed, 6]), settings.drive, settings.camera, scene.terrain,
+            scene.circuit, views,
+        )  # fmt: skip
     for number in range(views):
         rng = np.random.default_rng([seed, 2, number])
-        view = random_view(rng, settings.camera, scene)
-        yield _frame(rng, settings, scene, view, renderer.draw(view))
+        fault_rng = np.random.default_rng([seed, 4, number if drive is None else 0])
+        view = random_view(rng, settings.camera, scene) if drive is None else drive.view(number)
+        motion = None if drive is None else _motion(drive, number)
+        yield _frame(rng, fault_rng, settings, scene, view, renderer.draw(view), motion)
+
+
+def _motion(drive: Drive, number: int) -> Motion:
+    """Where a frame was taken, and what the IMU measured since the frame before."""
+    first = 0 if number == 0 else drive.sample(number - 1) + 1
+    last = drive.sample(number)
+    samples = slice(first, last + 1)
+    times_s = np.arange(first, last + 1) / IMU_HZ
+    imu = np.column_stack([times_s, drive.gyro_rad_per_s[samples], drive.accel_m_per_s2[samples]])
+    return Motion(drive.time_s(number), drive.origin_m[last], drive.rotation[last], imu)
 
 
 def _frame(
-    rng: np.random.Generator, settings: SimulatorSettings, scene: Scene, view: View,
-    drawing: Drawing,
+    rng: np.random.Generator, fault_rng: np.random.Generator, settings: SimulatorSettings,
+    scene: Scene, view: View, drawing: Drawing, motion: Motion | None,
 ) -> Frame:  # fmt: skip
     """What the sensors and the labels make of a drawing."""
     weather, pose = scene.weather, view.pose
-    image = expose(rng, settings.rgb, drawing.samples, drawing.log_luminance, scene.light.darkness)
+    faults = draw_faults(fault_rng, settings.imaging)
+    image = expose(
+        rng, settings.rgb, drawing.samples, drawing.log_luminance, scene.light.darkness,
+        2.0**faults.exposure_stops,
+        partial(through_lens, fault_rng, faults.strength) if faults.strength else None,
+    )  # fmt: skip
     image = draw_precipitation(
         rng,
         image,
@@ -62,6 +97,7 @@ def _frame(
         weather.snowfall,
         view.up,
     )
+    image = processed(fault_rng, faults, image)
     measured = measure_depth(rng, settings.depth, drawing.depth_m, view.intrinsics)
     stride = settings.depth.exact_stride_px
     exact_m = drawing.depth_m[::stride, ::stride]
@@ -78,7 +114,30 @@ def _frame(
             "range_m": measured.range_m,
         },
         exact_stride_px=stride,
+        realism=_realism(settings, scene, faults),
+        motion=motion,
     )  # fmt: skip
+
+
+def _realism(
+    settings: SimulatorSettings, scene: Scene, faults: CameraFaults
+) -> dict[str, float | bool]:
+    """What a frame holds of the settings beyond the paper's; nothing where they are off."""
+    values: dict[str, float | bool] = {}
+    if settings.objects != ObjectSettings():
+        counted = dict.fromkeys(OBJECT_KINDS, 0)
+        counted |= {p.kind: len(p.scale) for p in scene.undergrowth if p.kind in counted}
+        values |= counted
+    if settings.clutter != ClutterSettings():
+        values |= {"dead_twigs": scene.dead_twigs, "backdrop": scene.backdrop}
+    if settings.imaging != ImagingSettings():
+        values |= {
+            "camera_faults": faults.strength, "exposure_stops": faults.exposure_stops,
+            "infrared": faults.infrared,
+        }  # fmt: skip
+    if settings.randomisation != RandomisationSettings():
+        values["recoloured"] = scene.look.changed
+    return values
 
 
 def _scene_record(scene: Scene) -> SceneRecord:

@@ -18,6 +18,7 @@ from perceptree.simulator.dataset.pages import write_statistics
 from perceptree.simulator.dataset.pool import draw_scenes
 from perceptree.simulator.dataset.scene_job import MAX_SCENES, SceneJob
 from perceptree.simulator.dataset.splits import SPLITS, assign_splits, split_shares
+from perceptree.simulator.dataset.statistics import conditions
 from perceptree.simulator.dataset.storage import (
     FRAME_FOLDERS,
     SCENE_FOLDER,
@@ -42,11 +43,13 @@ Splits = dict[str, list[dict[str, Any]]]
 
 @dataclass(frozen=True)
 class SynthReport:
-    """What was written: folder, frames and labelled trees per split."""
+    """What was written: folder, frames and labelled trees per split, and how many frames have
+    each condition."""
 
     directory: Path
     frames: dict[str, int]
     trees: dict[str, int]
+    conditions: dict[str, dict[str, int]]
 
 
 def settings_sha256(settings: SimulatorSettings, seed: int, files: FileSettings = _FILES) -> str:
@@ -162,9 +165,10 @@ def _collect(directory: Path, jobs: list[SceneJob], settings: SimulatorSettings)
             content = json.dumps(coco_dataset(records)).encode()
             write_atomically(directory / f"{split}_RGB.json", content)
     write_contact_sheets(directory, splits)
-    write_statistics(directory, splits)
+    figures = write_statistics(directory, splits)
     return SynthReport(
         directory,
         {split: len(records) for split, records in splits.items()},
         {split: sum(len(r["annotations"]) for r in records) for split, records in splits.items()},
+        conditions(figures),
     )

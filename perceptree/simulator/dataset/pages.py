@@ -34,11 +34,12 @@ _TREE_CHARTS = {
 _FLAG_ORDER = ("visible", "hidden", "outside")
 
 
-def write_statistics(directory: Path, splits: dict[str, list[Record]]) -> None:
-    """Write the figures as JSON and as a page."""
+def write_statistics(directory: Path, splits: dict[str, list[Record]]) -> Figures:
+    """Write the figures as JSON and as a page, and return them."""
     figures = dataset_statistics(splits)
     write_atomically(directory / FIGURES_FILE, json.dumps(figures, indent=1).encode())
     write_atomically(directory / PAGE_FILE, statistics_page(figures).encode())
+    return figures
 
 
 def statistics_page(figures: Figures) -> str:
@@ -132,6 +133,9 @@ def _conditions(figures: Figures) -> str:
         _histogram_card("Stems per hectare of a scene", figures["stems_per_ha"], ""),
         card("Camera carried by", bars_svg("Carrier", figures["carrier"]), "frames"),
     ]
+    if figures["realism"]:
+        title = "Beyond the paper’s conditions"
+        cards.append(card(title, bars_svg(title, figures["realism"]), "frames that have it"))
     return "<h2>Conditions</h2>" + _weather_by_light(figures["weather_by_light"]) + grid(cards)
 
 

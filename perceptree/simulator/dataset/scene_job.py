@@ -9,9 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 import calib
 from perceptree.simulator.dataset.storage import (
+    IMU_FOLDER,
     SCENE_FOLDER,
     encode_jpeg,
     encode_png,
@@ -29,6 +31,10 @@ if TYPE_CHECKING:
 MAX_SCENES = 1_000_000
 
 _LIMIT_M = 65.535
+_IMU_COLUMNS = (
+    "time_s", "gyro_x_rad_per_s", "gyro_y_rad_per_s", "gyro_z_rad_per_s", "accel_x_m_per_s2",
+    "accel_y_m_per_s2", "accel_z_m_per_s2",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -46,6 +52,11 @@ class SceneJob:
     def shard(self) -> Path:
         """The file with the records of the scene's frames, written when their files are there."""
         return self.directory / SCENE_FOLDER / f"{self.number:06d}.json"
+
+    @property
+    def imu_file(self) -> str:
+        """The file with the IMU's samples of a drive, inside the dataset."""
+        return f"{IMU_FOLDER}/{self.number:06d}.csv"
 
     @property
     def scene_seed(self) -> int:
@@ -79,17 +90,32 @@ def draw_scene(job: SceneJob, assets: Assets) -> int:
 
     first = job.number * job.settings.views_per_scene
     frames = simulate_frames(job.settings, job.scene_seed, job.views, assets)
-    records = []
+    records, measured = [], []
     for image_id, frame in enumerate(frames, start=first):
         record = frame_record(frame, image_id, job.files)
         record["bytes"] = {}
+        if frame.motion is not None:
+            measured.append(frame.motion.imu)
+            record["image"]["imu_file"] = job.imu_file
         for name, data in _files(frame, record["image"], job):
             write_atomically(job.directory / name, data)
             record["bytes"][name] = len(data)
         record["depth_valid_share"] = round(float(np.mean(frame.depth_m > 0)), 4)
         records.append(record)
+    if measured:
+        data = _imu_table(np.concatenate(measured))
+        (job.directory / job.imu_file).parent.mkdir(exist_ok=True)
+        write_atomically(job.directory / job.imu_file, data)
+        records[-1]["bytes"][job.imu_file] = len(data)
     write_atomically(job.shard, json.dumps(records).encode())
     return len(records)
+
+
+def _imu_table(samples: NDArray[np.floating[Any]]) -> bytes:
+    """CSV of an IMU's samples (n, 7) in the camera's frame, right, down and forward."""
+    lines = [",".join(_IMU_COLUMNS)]
+    lines += [",".join(f"{value:.7g}" for value in row) for row in samples]
+    return ("\n".join(lines) + "\n").encode()
 
 
 def _files(frame: Frame, image: dict[str, Any], job: SceneJob) -> Iterator[tuple[str, bytes]]:

@@ -56,7 +56,35 @@ def dataset_statistics(splits: dict[str, list[Record]]) -> Figures:
         "depth_sensor": _counts((i["depth_sensor"]["kind"] for i in images), DEPTH_KINDS),
         "depth_valid_share": _valid_shares(records),
         "bytes_per_frame": _bytes(records),
+        "realism": _realism(images),
     }
+
+
+def conditions(figures: Figures) -> dict[str, dict[str, int]]:
+    """How many frames have each condition, by what it is a condition of."""
+    weather = figures["weather_by_light"]
+    lights = {name: sum(row[name] for row in weather.values()) for name in TIMES}
+    found = {
+        "weather": {name: sum(row.values()) for name, row in weather.items()},
+        "light": lights,
+        "ground": figures["terrain"],
+        "carrier": figures["carrier"],
+        "depth sensor": figures["depth_sensor"],
+        "beyond the paper": figures["realism"],
+    }
+    return {
+        group: {name: count for name, count in counts.items() if count}
+        for group, counts in found.items()
+        if any(counts.values())
+    }
+
+
+def _realism(images: list[dict[str, Any]]) -> dict[str, int]:
+    """How many frames have each thing beyond the paper's conditions."""
+    counts: Counter[str] = Counter()
+    for image in images:
+        counts.update(name for name, value in image.get("realism", {}).items() if value)
+    return dict(sorted(counts.items()))
 
 
 def _split_figures(records: list[Record]) -> Figures:

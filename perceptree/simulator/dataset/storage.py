@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from perceptree.errors import DatasetError
 
 FRAME_FOLDERS = ("images", "depth", "depth8", "depth_exact")
+IMU_FOLDER = "imu"
 SCENE_FOLDER = "scenes"
 SETTINGS_FILE = "settings.json"
 
@@ -39,7 +40,10 @@ def write_atomically(path: Path, data: bytes) -> None:
 
 def remove_leftovers(directory: Path) -> None:
     """Remove what a killed run left half-written."""
-    for folder in (directory, *(directory / name for name in (*FRAME_FOLDERS, SCENE_FOLDER))):
+    for folder in (
+        directory,
+        *(directory / name for name in (*FRAME_FOLDERS, SCENE_FOLDER, IMU_FOLDER)),
+    ):
         for leftover in sorted(folder.glob(f"*{_PART}")):
             leftover.unlink(missing_ok=True)
 

@@ -102,20 +102,25 @@ def assemble(scene: Scene, prototypes: Prototypes) -> SceneMesh:
     number = 0
     for tree in scene.trees:
         number += tree.near
-        _add_tree(assembly, tree, prototypes, scene.leaves, number if tree.near else 0)
+        _add_tree(assembly, tree, prototypes, scene, number if tree.near else 0)
     for placement in scene.undergrowth:
         _add_undergrowth(assembly, placement, prototypes.undergrowth[placement.kind])
     return assembly.scene_mesh()
 
 
 def _add_tree(
-    assembly: _Assembly, tree: Tree, prototypes: Prototypes, leaves: bool, number: int
+    assembly: _Assembly, tree: Tree, prototypes: Prototypes, scene: Scene, number: int
 ) -> None:
     bark = stem_mesh(tree.stem, tree.label_heights_m, tree.near)
     assembly.place(bark, tree.position_m, tree.tint, number)
-    crowns = prototypes.crowns_of(tree.stem.model, tree.near, leaves)
+    crowns = prototypes.crowns_of(tree.stem.model, tree.near, scene.leaves)
     crown = crowns[int(tree.crown * len(crowns))]
     assembly.place(fit_crown(crown, tree.stem, tree.turn_rad, tree.tint), tree.position_m)
+    if tree.near and tree.stem.model.conifer:
+        twigs = prototypes.twigs_of(100 * scene.dead_twigs * (0.4 + 1.2 * tree.crown))
+        if twigs is not None:
+            dry = fit_crown(twigs, tree.stem, tree.turn_rad, tree.tint)
+            assembly.place(dry, tree.position_m)
 
 
 def _add_undergrowth(assembly: _Assembly, placement: Placement, meshes: list[Mesh]) -> None:

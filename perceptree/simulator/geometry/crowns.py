@@ -204,6 +204,23 @@ def _cards(
     )
 
 
+def dead_twigs(rng: np.random.Generator, count: int) -> Mesh:
+    """Thin dry twigs all around the lower stem of a tree 16 m high, most of them bare."""
+    dry = replace(
+        HABITS["spruce"], foliage=Layer.BARE_TWIG, wood=Layer.DEAD_WOOD, droop=0.35, lift=0.08,
+        wood_m=0.0045, twigs=2, bare=0.4, twig_m=(0.35, 0.45), ratio=0.6, fan_rad=0.6, hang=-0.1,
+        fold=0.2,
+    )  # fmt: skip
+    height_m = np.sort(rng.uniform(0.4, 7.0, count))
+    length_m = 0.12 + 0.9 * rng.random(count) ** 1.5
+    azimuth = rng.uniform(0, 2 * np.pi, count)
+    curves = _curves(
+        rng, dry, UP * height_m[:, None], azimuth, length_m, rng.normal(0.0, 0.2, count), 3
+    )
+    twiggy = rng.random(count) < 0.35
+    return merge([_wood(dry, curves, length_m), _twigs(rng, dry, curves[twiggy], length_m[twiggy])])
+
+
 def _dead_branches(rng: np.random.Generator, count: int, base_m: float) -> list[Mesh]:
     """Dry branches below the crown: most of them broken short, some with bare twigs left."""
     if not count:

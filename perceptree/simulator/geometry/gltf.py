@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perceptree.errors import DatasetError
-from perceptree.simulator.materials.layers import FIRST_CUTOUT, SIZE_PX, Layer
+from perceptree.simulator.materials.layers import SIZE_PX, Layer, is_cutout
 
 if TYPE_CHECKING:
     from perceptree.simulator.geometry.assemble import SceneMesh
@@ -208,7 +208,7 @@ def _material(layer: Layer, texture: int) -> dict[str, Any]:
         },
         "doubleSided": True,
     }
-    if layer >= FIRST_CUTOUT:
+    if is_cutout(layer):
         material |= {"alphaMode": "MASK", "alphaCutoff": _ALPHA_CUTOFF}
     return material
 
@@ -220,7 +220,7 @@ def _texture_file(textures: Textures, layer: Layer) -> tuple[str, bytes]:
     linear = (pixels[..., 2::-1] / 255.0) ** 2
     curve = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
     colour = np.rint(curve * 255).astype(np.uint8)
-    if layer < FIRST_CUTOUT:
+    if not is_cutout(layer):
         options = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY]
         return "image/jpeg", cv2.imencode(".jpg", colour, options)[1].tobytes()
     cut_out = np.concatenate([colour, pixels[..., 3:]], axis=-1)

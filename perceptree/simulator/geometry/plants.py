@@ -79,6 +79,29 @@ def seedling(rng: np.random.Generator) -> Mesh:
     return merge([stem, leaves])
 
 
+def herb(rng: np.random.Generator) -> Mesh:
+    """A rosette of broad leaves on stalks, about 0.25 m high; 20 faces."""
+    return _rosette(rng, 5, rng.uniform(0.2, 0.34), 0.9, 0.35, Layer.HERB)
+
+
+def bilberry(rng: np.random.Generator) -> Mesh:
+    """A dense dwarf shrub, about 0.3 m high; 24 faces."""
+    return _rosette(rng, 6, rng.uniform(0.25, 0.4), 0.45, 0.1, Layer.BILBERRY)
+
+
+def _rosette(
+    rng: np.random.Generator, count: int, size_m: float, spread: float, droop: float, layer: Layer
+) -> Mesh:
+    """Cards that lean outwards all around."""
+    azimuth = np.arange(count) * 2 * np.pi / count + rng.normal(0, 0.4, count)
+    axis = unit(UP + _level(azimuth) * spread * rng.uniform(0.6, 1.4, (count, 1)))
+    length = size_m * rng.uniform(0.75, 1.25, count)
+    return _strips(
+        0.03 * _level(azimuth) - 0.02 * UP, axis, _level(azimuth + np.pi / 2), length,
+        length * rng.uniform(0.9, 1.3, count), 2, np.full(count, droop), layer, (0.45, 1.15),
+    )  # fmt: skip
+
+
 def _tuft(rng: np.random.Generator, layer: Layer, size_m: float, lean: float) -> Mesh:
     """Three crossed cards of blades."""
     count = 3

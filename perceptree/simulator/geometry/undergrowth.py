@@ -31,3 +31,8 @@ UNDERGROWTH: dict[str, Kind] = {
     "rock": Kind(debris.rock, 8),
     "root": Kind(debris.surface_roots, 8),
 }
+
+LOW_PLANTS: dict[str, Kind] = {
+    "herb": Kind(plants.herb, 6),
+    "bilberry": Kind(plants.bilberry, 6),
+}

@@ -41,7 +41,19 @@ def frame_record(frame: Frame, image_id: int, files: FileSettings) -> dict[str, 
         "scene": _rounded(asdict(frame.scene)),
         "pose": _rounded(asdict(frame.pose)),
     }
-    return {"image": image, "annotations": [_annotation(t, image_id) for t in frame.labels]}
+    if frame.realism:
+        image["realism"] = _rounded(frame.realism)
+    annotations = [_annotation(tree, image_id) for tree in frame.labels]
+    motion = frame.motion
+    if motion is not None:
+        image["time_s"] = round(motion.time_s, 6)
+        image["pose_world"] = {
+            "origin_m": _numbers(motion.origin_m, 6),
+            "rotation": [_numbers(row, 9) for row in motion.rotation],
+        }
+        for tree, record in zip(frame.labels, annotations, strict=True):
+            record["stem"] = tree.stem
+    return {"image": image, "annotations": annotations}
 
 
 def _rounded(values: dict[str, Any]) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -39,12 +39,25 @@ class PoseRecord:
 
 
 @dataclass(frozen=True)
+class Motion:
+    """Where a frame of a drive was taken: seconds from the first frame on, the camera's
+    ``origin_m`` (3,) and ``rotation`` (3, 3), rows right, down, forward, in the world; ``imu``
+    (n, 7) time, turn rates in rad/s and acceleration in m/s² since the frame before."""
+
+    time_s: float
+    origin_m: NDArray[np.floating[Any]]
+    rotation: NDArray[np.floating[Any]]
+    imu: NDArray[np.floating[Any]]
+
+
+@dataclass(frozen=True)
 class Frame:
     """One simulated frame with its labels.
 
     ``image`` (H, W, 3) uint8 BGR; ``depth_m`` (H, W) as the sensor ``depth_sensor`` measures it
     along the optical axis, 0 where there is nothing; ``exact_depth_m`` as drawn, of the pixels
-    (i ``exact_stride_px``, j ``exact_stride_px``).
+    (i ``exact_stride_px``, j ``exact_stride_px``); ``realism`` what it holds of the settings
+    beyond the paper's, by name; ``motion`` where a frame of a drive was taken.
     """
 
     image: NDArray[np.uint8]
@@ -56,3 +69,5 @@ class Frame:
     pose: PoseRecord
     depth_sensor: dict[str, Any]
     exact_stride_px: int = 1
+    realism: dict[str, float | bool] = field(default_factory=dict)
+    motion: Motion | None = None

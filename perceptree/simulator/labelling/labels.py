@@ -31,7 +31,8 @@ class TreeLabel:
     to the axis at the cut, ``position_camera_m`` and ``position_world_m`` (3,) that point;
     diameters are convex girths over pi, ``diameter_m`` at the diameter keypoints,
     ``diameter_height_m`` above the ground, ``diameter_breast_m`` at 1.3 m; heights count from
-    the ground on the uphill side; ``visible_fraction`` of the stem's silhouette in the frame.
+    the ground on the uphill side; ``visible_fraction`` of the stem's silhouette in the frame;
+    ``stem`` is the tree's number in its scene, the same in every view.
     """
 
     mask: NDArray[np.bool_]
@@ -48,6 +49,7 @@ class TreeLabel:
     visible_fraction: float
     species: str
     model: str
+    stem: int
 
 
 def label_view(
@@ -64,13 +66,14 @@ def label_view(
         fraction = min(1.0, pixels[number] / max(covered_px(view, tree), 1))
         if fraction >= settings.min_visible_fraction:
             mask = drawing.object_id == number
-            labels.append(_label(view, tree, mask, distance_m, float(fraction)))
+            labels.append(_label(view, tree, mask, distance_m, float(fraction), number))
     return labels
 
 
 def _label(
-    view: View, tree: Tree, mask: NDArray[np.bool_], distance_m: float, fraction: float
-) -> TreeLabel:
+    view: View, tree: Tree, mask: NDArray[np.bool_], distance_m: float, fraction: float,
+    number: int,
+) -> TreeLabel:  # fmt: skip
     columns, rows = np.nonzero(mask.any(0))[0], np.nonzero(mask.any(1))[0]
     box = np.array([columns[0], rows[0], columns[-1] + 1, rows[-1] + 1], float)
     lower_axis = tree.point(tree.top_z_m / 2) - tree.point(tree.cut_z_m)
@@ -80,7 +83,7 @@ def _label(
         mask, box, _keypoints(view, tree, mask), distance_m, view.to_camera(cut), cut,
         stem.girth_diameter_m(tree.diameter_z_m), tree.diameter_height_m,
         stem.girth_diameter_m(tree.uphill_m + BREAST_HEIGHT_M), tree.cut_height_m, inclination,
-        fraction, stem.model.species, stem.model.name,
+        fraction, stem.model.species, stem.model.name, number,
     )  # fmt: skip
 
 

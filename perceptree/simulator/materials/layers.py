@@ -6,10 +6,14 @@ import enum
 
 SIZE_PX = 512
 MIP_LEVELS = 8
+PAINT_CELLS = 8
 
 
 class Layer(enum.IntEnum):
-    """Texture layers; those from ``FIR_TWIG`` on are cut out by their alpha."""
+    """Texture layers; those from ``FIR_TWIG`` to ``BILBERRY`` are cut out by their alpha.
+
+    ``PAINT`` holds a grid of plain colours for objects that people made.
+    """
 
     FIR_GREY = 0
     FIR_RESIN = 1
@@ -47,11 +51,17 @@ class Layer(enum.IntEnum):
     DRY_GRASS = 33
     FERN = 34
     SCRUB = 35
+    HERB = 36
+    BILBERRY = 37
+    PAINT = 38
+    MASONRY = 39
+    FUR = 40
 
 
 LAST_BARK = Layer.MAPLE_MOSSY
 FIRST_GROUND = Layer.LITTER
 FIRST_CUTOUT = Layer.FIR_TWIG
+FIRST_OBJECT = Layer.PAINT
 CROWN_FOLIAGE = (
     Layer.FIR_TWIG,
     Layer.SPRUCE_TWIG,
@@ -60,3 +70,8 @@ CROWN_FOLIAGE = (
     Layer.BIRCH_LEAVES,
     Layer.MAPLE_LEAVES,
 )
+
+
+def is_cutout(layer: int) -> bool:
+    """Whether a layer is cut out by its alpha."""
+    return FIRST_CUTOUT <= layer < FIRST_OBJECT

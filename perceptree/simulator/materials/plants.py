@@ -20,6 +20,8 @@ _GREEN: tuple[Rgb, ...] = ((74, 86, 46), (94, 102, 56), (62, 74, 42), (120, 114,
 _STRAW: tuple[Rgb, ...] = ((158, 136, 88), (134, 110, 68), (176, 156, 108), (112, 92, 58))
 _FERN: tuple[Rgb, ...] = ((62, 80, 42), (76, 94, 48), (92, 102, 56))
 _SCRUB: tuple[Rgb, ...] = ((60, 78, 42), (76, 92, 50), (92, 104, 58), (102, 96, 58))
+_HERB: tuple[Rgb, ...] = ((70, 104, 44), (88, 120, 52), (104, 132, 66), (60, 88, 46))
+_BERRY: tuple[Rgb, ...] = ((74, 104, 56), (92, 116, 60), (62, 84, 50), (128, 96, 62))
 _STALK: Rgb = (92, 78, 50)
 _WOOD: Rgb = (84, 64, 48)
 
@@ -33,6 +35,14 @@ def plant_layers(rng: np.random.Generator) -> dict[Layer, Float]:
         Layer.DRY_GRASS: cutout(rng, straw, _STRAW[0]),
         Layer.FERN: cutout(rng, _draw_frond, _FERN[0]),
         Layer.SCRUB: cutout(rng, _draw_bush, _SCRUB[0]),
+    }
+
+
+def low_plant_layers(rng: np.random.Generator) -> dict[Layer, Float]:
+    """(H, W, 4) colour and alpha of the plants that close a forest's ground."""
+    return {
+        Layer.HERB: cutout(rng, _draw_herb, _HERB[0]),
+        Layer.BILBERRY: cutout(rng, _draw_bilberry, _BERRY[0]),
     }
 
 
@@ -130,3 +140,37 @@ def _draw_oval(rng: np.random.Generator, canvas: Canvas, foot: Float, along_rad:
     axes = (round(half), round(half * rng.uniform(0.38, 0.6)))
     tone = _tone(rng, _SCRUB, rng.uniform(0.7, 1.15))
     cv2.ellipse(canvas, point(*centre), axes, np.degrees(turn), 0, 360, tone, -1)
+
+
+def _draw_herb(rng: np.random.Generator, canvas: Canvas) -> None:
+    """Broad leaves on stalks, each with its midrib, the nearest last."""
+    size = canvas.shape[0]
+    for number in range(9):
+        reach, across = rng.uniform(0.25, 0.82), rng.uniform(0.12, 0.88)
+        tip = np.array([reach * size, across * size])
+        cv2.line(canvas, point(0, size / 2), point(*tip), ink(_STALK, 0.9), 7)
+        length, turn = size * rng.uniform(0.12, 0.2), rng.normal(2 * (across - 0.5), 0.5)
+        axes = (round(length), round(length * rng.uniform(0.4, 0.65)))
+        strength = 0.7 + 0.4 * number / 9
+        tone = _tone(rng, _HERB, strength)
+        cv2.ellipse(canvas, point(*tip), axes, np.degrees(turn), 0, 360, tone, -1)
+        rib = 0.9 * length * np.array([np.cos(turn), np.sin(turn)])
+        rib_tone = _tone(rng, _HERB, 0.75 * strength)
+        cv2.line(canvas, point(*(tip - rib)), point(*(tip + rib)), rib_tone, 4)
+
+
+def _draw_bilberry(rng: np.random.Generator, canvas: Canvas) -> None:
+    """Upright twigs with many small leaves."""
+    size = canvas.shape[0]
+    for _ in range(9):
+        end = np.array([size * rng.uniform(0.55, 0.95), size * rng.uniform(0.06, 0.94)])
+        foot = np.array([0.0, size * rng.uniform(0.35, 0.65)])
+        cv2.line(canvas, point(*foot), point(*end), ink(_STALK, 0.8), 5)
+        for share in np.linspace(0.2, 1.0, 13):
+            place = foot + (end - foot) * share + rng.normal(0, 0.022 * size, 2)
+            axes = (
+                round(size * rng.uniform(0.016, 0.028)),
+                round(size * rng.uniform(0.009, 0.016)),
+            )
+            tone = _tone(rng, _BERRY, rng.uniform(0.75, 1.15))
+            cv2.ellipse(canvas, point(*place), axes, rng.uniform(0, 180), 0, 360, tone, -1)

@@ -12,7 +12,8 @@ from perceptree.simulator.materials.barks import bark_layers
 from perceptree.simulator.materials.foliage import foliage_layers
 from perceptree.simulator.materials.ground import ground_layers
 from perceptree.simulator.materials.layers import MIP_LEVELS, SIZE_PX, Layer
-from perceptree.simulator.materials.plants import plant_layers
+from perceptree.simulator.materials.manmade import manmade_layers
+from perceptree.simulator.materials.plants import low_plant_layers, plant_layers
 
 Float = NDArray[np.floating[Any]]
 
@@ -72,11 +73,13 @@ def make_textures(seed: int = 0) -> Textures:
             root = np.concatenate([np.sqrt(tone[..., :3]), tone[..., 3:]], -1)
             albedo[place], normals[place] = _bytes(root), _bytes(slope)
 
+    later = np.random.default_rng([seed, 1])
     opaque, flat = np.ones((SIZE_PX, SIZE_PX, 1)), np.zeros((SIZE_PX, SIZE_PX))
-    for solid in (bark_layers, ground_layers):
-        for layer, (colour, height) in solid(rng).items():
+    for solid, source in ((bark_layers, rng), (ground_layers, rng), (manmade_layers, later)):
+        for layer, (colour, height) in solid(source).items():
             pack(layer, np.concatenate([colour, opaque], -1), height)
-    for cut_out in (foliage_layers, plant_layers):
-        for layer, colour in cut_out(rng).items():
+    cut_outs = ((foliage_layers, rng), (plant_layers, rng), (low_plant_layers, later))
+    for cut_out, source in cut_outs:
+        for layer, colour in cut_out(source).items():
             pack(layer, colour, flat)
     return Textures(albedo, albedo[:, 3].copy(), normals, offsets[:-1])

@@ -11,7 +11,8 @@ _f = np.float32
 
 
 @njit(inline="always", cache=True, error_model="numpy")
-def _hash(x, y):
+def hashed(x, y):
+    """A number in [0, 1) for two whole numbers."""
     n = (x * 374761393 + y * 668265263) & 0xFFFFFFFF
     n = ((n ^ (n >> 13)) * 1274126177) & 0xFFFFFFFF
     return _f((n ^ (n >> 16)) & 0xFFFF) * _f(1 / 65536)
@@ -23,8 +24,8 @@ def value_noise(x, y):
     column, row = int(np.floor(x)), int(np.floor(y))
     u, v = _f(x - np.floor(x)), _f(y - np.floor(y))
     u, v = u * u * (_f(3) - _f(2) * u), v * v * (_f(3) - _f(2) * v)
-    a, b = _hash(column, row), _hash(column + 1, row)
-    c, d = _hash(column, row + 1), _hash(column + 1, row + 1)
+    a, b = hashed(column, row), hashed(column + 1, row)
+    c, d = hashed(column, row + 1), hashed(column + 1, row + 1)
     return a + (b - a) * u + (c - a + (a - b - c + d) * u) * v
 
 

@@ -27,11 +27,16 @@ class Surface(NamedTuple):
 
 
 class Maps(NamedTuple):
-    """Textures with their mip offsets, and the sun's shadow map with its (3, 4) matrix."""
+    """Textures with their mip offsets, and the sun's shadow map with its (3, 4) matrix.
+
+    A layer shows the texture ``worn`` (layers,) of it, its colour times ``gains`` (layers, 3).
+    """
 
     albedo: NDArray[np.uint8]
     relief: NDArray[np.uint8]
     offsets: NDArray[np.int64]
+    worn: NDArray[np.int64]
+    gains: Floats
     shadow: Floats
     shadow_rows: Floats
     shadow_bias: np.float32
@@ -49,7 +54,11 @@ class Eye(NamedTuple):
 
 
 class Air(NamedTuple):
-    """Direction to the sun and linear RGB colours, (3,) each, haze per metre, snow and wetness."""
+    """Direction to the sun and linear RGB colours, (3,) each, haze per metre, snow and wetness.
+
+    ``backdrop`` is how dense the forest beyond the stand is, 0 for a plain wall, ``backdrop_seed``
+    decides where its trunks stand; ``lamp`` is the strength of a lamp at the camera.
+    """
 
     sun: Floats
     sun_colour: Floats
@@ -58,3 +67,6 @@ class Air(NamedTuple):
     haze_per_m: np.float32
     snow: np.float32
     wet: np.float32
+    backdrop: np.float32
+    backdrop_seed: np.float32
+    lamp: np.float32

@@ -10,11 +10,11 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from perceptree.simulator.materials.layers import FIRST_CUTOUT, SIZE_PX
+from perceptree.simulator.materials.layers import FIRST_CUTOUT, FIRST_OBJECT, SIZE_PX
 
 BANDS = 8
 NEAR_PLANE_M = np.float32(0.05)
-_FIRST_CUTOUT = int(FIRST_CUTOUT)
+_FIRST_CUTOUT, _FIRST_OBJECT = int(FIRST_CUTOUT), int(FIRST_OBJECT)
 _SIZE = SIZE_PX
 _AREA = np.float32(SIZE_PX * SIZE_PX)
 _f = np.float32
@@ -105,7 +105,7 @@ def _draw_face(t, top, bottom, screen, faces, uv, layer, alpha, offsets, perspec
     first = max(top, int(np.ceil(min(y0, min(y1, y2)) - _f(0.5))))
     last = min(bottom - 1, int(np.floor(max(y0, max(y1, y2)) - _f(0.5))))
     texture = int(layer[t])
-    cutout = texture >= _FIRST_CUTOUT
+    cutout = _FIRST_CUTOUT <= texture < _FIRST_OBJECT
     size, base, threshold = _SIZE, 0, _f(0)
     if cutout and left <= right and first <= last:
         size, base, threshold = _cutout(uv, i, j, k, area, texture, offsets)

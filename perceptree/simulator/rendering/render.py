@@ -33,6 +33,7 @@ _SHADOW_RADIUS_M = 30.0
 _SHADOW_DEPTH_M = 120.0
 _SHADOW_BIAS_M = 0.05
 _LEAST_SUN = 0.03
+_BACKDROPS = 997
 
 
 @dataclass(frozen=True)
@@ -137,7 +138,8 @@ class Renderer:
             self._ground_m, self._scene.terrain.cover.astype(_f),
         )  # fmt: skip
         maps = Maps(
-            textures.albedo, textures.normals, textures.offsets, self._shadow, self._shadow_rows,
+            textures.albedo, textures.normals, textures.offsets, self._scene.look.worn,
+            self._scene.look.gains.astype(_f), self._shadow, self._shadow_rows,
             _f(_SHADOW_BIAS_M / _SHADOW_DEPTH_M),
         )  # fmt: skip
         eye = Eye(
@@ -158,10 +160,12 @@ def _corners(mesh: SceneMesh) -> NDArray[np.float32]:
 
 
 def _air(scene: Scene) -> Air:
-    light, weather = scene.light, scene.weather
+    light, weather, gains = scene.light, scene.weather, scene.look.sky_gains
     return Air(
-        light.sun.astype(_f), light.sun_colour.astype(_f), light.sky_colour.astype(_f),
-        light.haze_colour.astype(_f), _f(weather.haze_per_m), _f(weather.snow), _f(weather.wet),
+        light.sun.astype(_f), (light.sun_colour * gains).astype(_f),
+        (light.sky_colour * gains).astype(_f), (light.haze_colour * gains).astype(_f),
+        _f(weather.haze_per_m), _f(weather.snow), _f(weather.wet), _f(scene.backdrop),
+        _f(scene.seed % _BACKDROPS), _f(light.lamp),
     )  # fmt: skip
 
 

@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit, prange
 
 from perceptree.simulator.rendering.kernel_math import luminance
+from perceptree.simulator.rendering.shade_backdrop import far_forest
 from perceptree.simulator.rendering.shade_light import (
     backdrop,
     illuminate,
@@ -63,6 +64,8 @@ def _shade_sample(x, y, near, seen, surface, maps, eye, air, scratch, shared):
     t = seen[y, x]
     if t < 0:
         backdrop(colour, world, length, towards_sun, air)
+        if air.backdrop > _f(0):
+            far_forest(colour, world, length, towards_sun, air)
         return
     z = _f(1) / near[y, x]
     for axis in range(3):

@@ -116,7 +116,7 @@ def backdrop(colour, world, length, towards_sun, air):
 @njit(cache=True, error_model="numpy")
 def illuminate(colour, normal, world, length, lit, ambient, gloss, towards_sun, path_m, foliage,
                air):  # fmt: skip
-    """Sun, sky, bounced light and gloss on a surface, then haze along the path to it."""
+    """Sun, sky, bounced light, lamp and gloss on a surface, then haze along the path to it."""
     sun = air.sun
     facing = normal[0] * sun[0] + normal[1] * sun[1] + normal[2] * sun[2]
     direct = max(facing, _f(0))
@@ -125,6 +125,7 @@ def illuminate(colour, normal, world, length, lit, ambient, gloss, towards_sun, 
         through = max(-facing, _f(0)) * _f(0.35) + _f(0.25) * towards_sun**4
         direct = wrapped + through
     direct *= lit
+    lamp = _lamp(normal, world, length, path_m, air)
     upward = normal[2] * _f(0.5) + _f(0.5)
     sky_level = (air.sky_colour[0] + air.sky_colour[1] + air.sky_colour[2]) * _f(1 / 3)
     white = _f(1) + _f(2.0) * air.snow
@@ -132,7 +133,7 @@ def illuminate(colour, normal, world, length, lit, ambient, gloss, towards_sun, 
         bounce = (_f(0.40) - _f(0.03) * c * (c + _f(1.2))) * sky_level * white
         bounce = min(bounce, air.sky_colour[c])
         around = bounce + (air.sky_colour[c] - bounce) * upward
-        colour[c] *= air.sun_colour[c] * direct + around * ambient
+        colour[c] *= air.sun_colour[c] * direct + around * ambient + lamp
     if gloss > 0:
         _shine(colour, normal, world, length, lit, ambient, gloss, air)
     grey = luminance(colour)
@@ -141,6 +142,16 @@ def illuminate(colour, normal, world, length, lit, ambient, gloss, towards_sun, 
     for c in range(3):
         muted = colour[c] + (grey - colour[c]) * _f(0.15)
         colour[c] = air.haze_colour[c] * glow * (_f(1) - clear) + muted * clear
+
+
+@njit(inline="always", cache=True, error_model="numpy")
+def _lamp(normal, world, length, path_m, air):
+    """Light of a lamp at the camera, which falls off to the picture's borders and with distance."""
+    if air.lamp <= _f(0):
+        return _f(0)
+    facing = -(normal[0] * world[0] + normal[1] * world[1] + normal[2] * world[2]) / length
+    spread = length * length * length
+    return air.lamp * max(facing, _f(0.1)) / (spread * max(path_m * path_m, _f(1)))
 
 
 @njit(cache=True, error_model="numpy")

@@ -8,6 +8,7 @@ from numba import njit
 from perceptree.simulator.materials.layers import (
     FIRST_CUTOUT,
     FIRST_GROUND,
+    FIRST_OBJECT,
     LAST_BARK,
     MIP_LEVELS,
     SIZE_PX,
@@ -26,8 +27,14 @@ _f = np.float32
 _AREA = np.float32(SIZE_PX * SIZE_PX)
 _FIRST_CUTOUT, _FIRST_GROUND, _LAST_BARK = int(FIRST_CUTOUT), int(FIRST_GROUND), int(LAST_BARK)
 _DEAD_WOOD, _CUT_WOOD, _MUD = int(Layer.DEAD_WOOD), int(Layer.CUT_WOOD), int(Layer.MUD)
-_FIRST_PLANT = int(Layer.GRASS)
+_FIRST_PLANT, _FIRST_OBJECT = int(Layer.GRASS), int(FIRST_OBJECT)
 _MUD_COVER = _MUD - _FIRST_GROUND
+
+
+@njit(inline="always", cache=True, error_model="numpy")
+def is_foliage(texture):
+    """Whether a layer is cut out by its alpha."""
+    return _FIRST_CUTOUT <= texture < _FIRST_OBJECT
 
 
 @njit(inline="always", cache=True, error_model="numpy")
@@ -77,10 +84,11 @@ def _ground(colour, normal, point, u, v, surface, maps, level, work, texel):
         if work[k] > 0:
             share = work[k] / total
             layer = _FIRST_GROUND + k
-            sample(maps.albedo, maps.offsets, layer, level, u, v, texel)
+            worn = maps.worn[layer]
+            sample(maps.albedo, maps.offsets, worn, level, u, v, texel)
             for c in range(3):
-                colour[c] += share * texel[c] * texel[c]
-            sample(maps.relief, maps.offsets, layer, level, u, v, texel)
+                colour[c] += share * texel[c] * texel[c] * maps.gains[layer, c]
+            sample(maps.relief, maps.offsets, worn, level, u, v, texel)
             rise_x += share * (texel[0] * _f(2) - _f(1))
             rise_y += share * (texel[1] * _f(2) - _f(1))
     normal[0] += rise_x * _f(0.9)
@@ -102,7 +110,7 @@ def _height_above_ground(point, ground_m):
 @njit(cache=True, error_model="numpy")
 def _bark(colour, normal, point, u, v, texture, surface, maps, level, work):
     """Bark relief along the stem, blotches, and moss towards the foot."""
-    sample(maps.relief, maps.offsets, texture, level, u, v, work)
+    sample(maps.relief, maps.offsets, maps.worn[texture], level, u, v, work)
     relief_x, relief_y = work[0] * _f(2) - _f(1), work[1] * _f(2) - _f(1)
     across = _f(1) / np.sqrt(normal[0] * normal[0] + normal[1] * normal[1] + _f(1e-6))
     east, north = -normal[1] * across, normal[0] * across
@@ -130,9 +138,9 @@ def _snow(colour, normal, up, point, open_sky, texture, snow):
     if _FIRST_GROUND <= texture < _FIRST_CUTOUT:
         reach = snow * _f(1.5) + open_sky * _f(0.25) - _f(0.45) * grain - _f(0.15) * fine
         share = ramp(_f(0.12), _f(0.4), reach) * ramp(_f(0.5), _f(0.75), up)
-    elif texture >= _FIRST_PLANT:
+    elif _FIRST_PLANT <= texture < _FIRST_OBJECT:
         share = ramp(_f(0.1), _f(0.6), up + _f(0.5) * (fine - _f(0.5))) * min(_f(1), snow * _f(1.4))
-    elif texture >= _FIRST_CUTOUT:
+    elif is_foliage(texture):
         share = ramp(_f(0.35), _f(0.8), up + _f(0.5) * (fine - _f(0.5))) * snow * open_sky
     else:
         lean = up + _f(0.35) * (fine - _f(0.5)) + _f(0.2) * (grain - _f(0.5))
@@ -148,17 +156,18 @@ def _snow(colour, normal, up, point, open_sky, texture, snow):
 @njit(cache=True, error_model="numpy")
 def _paint(colour, normal, point, world, u, v, tint, level, texture, surface, maps, work, texel):
     """Albedo and textured normal of a dry, snowless surface; returns how glossy it is."""
-    if texture >= _FIRST_CUTOUT:
-        nearest(maps.albedo, maps.offsets, texture, level, u, v, colour)
+    worn = maps.worn[texture]
+    if is_foliage(texture):
+        nearest(maps.albedo, maps.offsets, worn, level, u, v, colour)
         if normal[0] * world[0] + normal[1] * world[1] + normal[2] * world[2] > 0:
             for axis in range(3):
                 normal[axis] *= _f(0.3)
-    elif texture >= _FIRST_GROUND:
+    elif _FIRST_GROUND <= texture < _FIRST_CUTOUT:
         return _ground(colour, normal, point, u, v, surface, maps, level, work, texel)
     else:
-        sample(maps.albedo, maps.offsets, texture, level, u, v, colour)
+        sample(maps.albedo, maps.offsets, worn, level, u, v, colour)
     for channel in range(3):
-        colour[channel] *= colour[channel] * tint
+        colour[channel] *= colour[channel] * tint * maps.gains[texture, channel]
     if texture < _FIRST_GROUND and texture != _CUT_WOOD:
         _bark(colour, normal, point, u, v, texture, surface, maps, level, work)
     return _f(0)
@@ -167,7 +176,7 @@ def _paint(colour, normal, point, world, u, v, tint, level, texture, surface, ma
 @njit(inline="always", cache=True, error_model="numpy")
 def _wet(colour, gloss, texture, wet):
     """Water darkens a surface and makes all but leaves glossy; returns the gloss."""
-    foliage = texture >= _FIRST_CUTOUT
+    foliage = is_foliage(texture)
     darker = _f(1) - wet * (_f(0.18) if foliage else _f(0.45))
     for channel in range(3):
         colour[channel] *= darker
@@ -201,7 +210,7 @@ def material(colour, normal, point, world, t, x, y, z, surface, maps, air, work,
     gloss = _wet(colour, gloss, texture, air.wet)
     if air.snow > 0:
         gloss *= _f(1) - _snow(colour, normal, upwards, point, open_sky, texture, air.snow)
-    foliage = texture >= _FIRST_CUTOUT
+    foliage = is_foliage(texture)
     if not foliage:
         normalise(normal)
     return open_sky, foliage, gloss

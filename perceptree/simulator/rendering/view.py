@@ -99,11 +99,14 @@ def _random_pose(rng: np.random.Generator, settings: CameraSettings) -> Pose:
 def random_view(rng: np.random.Generator, settings: CameraSettings, scene: Scene) -> View:
     """Stand somewhere in the middle of the scene, clear of stems, and look anywhere."""
     feet = np.array([tree.position_m[:2] for tree in scene.near_trees]).reshape(-1, 2)
+    things = scene.obstacles
     place = np.zeros(2)
     for _ in range(_TRIES):
         distance, angle = VIEW_RADIUS_M * np.sqrt(rng.random()), rng.uniform(0, 2 * np.pi)
         place = distance * np.array([np.cos(angle), np.sin(angle)])
-        if not len(feet) or np.hypot(*(feet - place).T).min() > _STEM_CLEARANCE_M:
+        beside = not len(feet) or np.hypot(*(feet - place).T).min() > _STEM_CLEARANCE_M
+        gap_m = np.hypot(*(things[:, :2] - place).T) - things[:, 2]
+        if beside and gap_m.min(initial=np.inf) > _STEM_CLEARANCE_M:
             break
     pose = _random_pose(rng, settings)
     height = float(scene.terrain.height_m(*place)) + pose.height_m

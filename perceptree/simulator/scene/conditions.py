@@ -34,7 +34,7 @@ class Light:
     """Sun and sky at one of TIMES.
 
     ``sun`` (3,) unit vector towards it; colours (3,) linear RGB; ``darkness`` from 0 (day) to 1
-    (dusk), which the camera answers with gain.
+    (dusk), which the camera answers with gain; ``lamp`` the strength of a lamp at the camera.
     """
 
     time: str
@@ -44,6 +44,7 @@ class Light:
     sky_colour: Float
     haze_colour: Float
     darkness: float
+    lamp: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,9 @@ _SKIES = {
     "daylight": _Sky((30.0, 65.0), (3.0, 7.5), (1.0, 0.90, 0.76), (0.52, 0.63, 0.80), 0.0),
     "evening": _Sky((5.0, 18.0), (2.5, 5.5), (1.0, 0.50, 0.20), (0.56, 0.50, 0.56), 0.3),
     "dusk": _Sky((2.0, 8.0), (0.0, 0.45), (1.0, 0.55, 0.40), (0.34, 0.40, 0.62), 1.0),
+    "night": _Sky((20.0, 70.0), (0.0, 0.03), (0.8, 0.9, 1.0), (0.006, 0.008, 0.013), 1.0),
 }
+_LAMP = (3.0, 40.0)
 
 
 def _draw(rng: np.random.Generator, weights: dict[str, float], known: tuple[str, ...]) -> str:
@@ -108,4 +111,5 @@ def make_light(rng: np.random.Generator, settings: LightSettings, weather: Weath
     if weather.kind in ("fog", "rain", "snowfall"):
         brightness = (0.4, 0.7) if weather.kind == "fog" else (0.26, 0.42)
         haze_colour = (0.6 * sky_colour + 0.4 * sky_colour.mean()) * rng.uniform(*brightness)
-    return Light(time, overcast, sun, sun_colour, sky_colour, haze_colour, sky.darkness)
+    lamp = float(rng.uniform(*_LAMP)) if time == "night" else 0.0
+    return Light(time, overcast, sun, sun_colour, sky_colour, haze_colour, sky.darkness, lamp)

@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from perceptree.simulator.scene.circuit import Circuit, make_circuit
+from perceptree.simulator.scene.clutter import cover_ground, surround_feet
 from perceptree.simulator.scene.conditions import Light, Weather, make_light, make_weather
+from perceptree.simulator.scene.felling_cut import (
+    DIAMETER_ABOVE_CUT_M,
+    cut_height_m,
+    stands_at,
+)
+from perceptree.simulator.scene.look import Look, random_look
 from perceptree.simulator.scene.models import MODELS, TreeModel
+from perceptree.simulator.scene.objects import place_large, place_small
 from perceptree.simulator.scene.scatter import Placement, roots_at, scatter
 from perceptree.simulator.scene.stand import stem_positions
 from perceptree.simulator.scene.stem import Stem, random_stem
@@ -26,7 +35,9 @@ from perceptree.simulator.settings import (
 Float = NDArray[np.floating[Any]]
 
 NEAR_M = 18.0
+_OBSTACLES_M = {"rock": (0.22, 0.17), "stump": (0.18, 0.33)}
 _LEAFLESS_SNOW = 0.25
+_STEM_GAP_M = 0.3
 
 
 @dataclass(frozen=True)
@@ -79,7 +90,9 @@ class Scene:
     """Everything that stands and lies in one scene, and its weather and light.
 
     World axes: x east, y north, z up, metres. ``trees`` are all of the stand, near ones first:
-    tree n of the near ones has the number n + 1 in label images.
+    tree n of the near ones has the number n + 1 in label images. ``obstacles`` (n, 3), x, y and
+    radius, are what a camera has to keep out of beside the stems. ``dead_twigs``, ``backdrop``
+    and ``look`` are as in ClutterSettings and Look; ``circuit`` is a machine's way, if it drives.
     """
 
     seed: int
@@ -91,6 +104,11 @@ class Scene:
     leaves: bool
     weather: Weather
     light: Light
+    obstacles: Float
+    dead_twigs: float
+    backdrop: float
+    look: Look
+    circuit: Circuit | None = None
 
     @property
     def near_trees(self) -> list[Tree]:
@@ -107,6 +125,13 @@ def describe_scene(settings: SimulatorSettings, seed: int) -> Scene:
     pattern = PATTERNS[rng.choice(len(PATTERNS), p=weights / weights.sum())]
     stems_per_ha = float(rng.uniform(*stand.stems_per_ha))
     feet = stem_positions(rng, stand, terrain, stems_per_ha, pattern)
+    circuit = make_circuit(np.random.default_rng([seed, 5])) if settings.drive.rate_hz else None
+    way_m = np.empty((0, 2)) if circuit is None else circuit.points_m[::16]
+    if circuit is not None:
+        feet = feet[circuit.distance_m(feet) > settings.drive.clearance_m]
+    added = np.random.default_rng([seed, 3])
+    large = place_large(added, settings.objects, terrain, way_m)
+    feet = feet[_outside(feet, large.circles)]
     feet = feet[np.argsort(np.hypot(*feet.T), kind="stable")]
     trees = _grow(rng, settings, terrain, feet)
     undergrowth = scatter(rng, settings.undergrowth, terrain, feet)
@@ -115,10 +140,46 @@ def describe_scene(settings: SimulatorSettings, seed: int) -> Scene:
     undergrowth.append(roots_at(rng, terrain, near[rooted]))
     weather = make_weather(rng, settings.weather)
     light = make_light(rng, settings.light, weather)
+    clutter = settings.clutter
+    undergrowth += cover_ground(added, clutter, terrain)
+    radii_m = np.array([tree.stem.diameter_m / 2 for tree in trees if tree.near])
+    undergrowth += surround_feet(added, clutter, terrain, near, radii_m)
+    taken_m = np.concatenate([feet, way_m])
+    small = place_small(added, settings.objects, terrain, taken_m, large.circles)
+    if settings.labels.cut_rule == "visible":
+        trees = [_cut_where_seen(tree, undergrowth) for tree in trees]
     return Scene(
-        seed, terrain, stems_per_ha, pattern, trees, undergrowth, weather.snow < _LEAFLESS_SNOW,
-        weather, light,
+        seed, terrain, stems_per_ha, pattern, trees,
+        undergrowth + large.placements + small.placements,
+        weather.snow < _LEAFLESS_SNOW, weather, light, small.circles,
+        float(added.uniform(*clutter.dead_twigs)), float(added.uniform(*clutter.backdrop)),
+        random_look(added, settings.randomisation), circuit,
     )  # fmt: skip
+
+
+def _outside(places_m: Float, circles: Float) -> NDArray[np.bool_]:
+    """(n,) whether places (n, 2) lie outside all circles (m, 3): x, y and radius."""
+    inside = np.zeros(len(places_m), np.bool_)
+    for x, y, radius in circles:
+        inside |= np.hypot(places_m[:, 0] - x, places_m[:, 1] - y) < radius + _STEM_GAP_M
+    return ~inside
+
+
+def _cut_where_seen(tree: Tree, undergrowth: list[Placement]) -> Tree:
+    """A near tree cut by the rule of ``felling_cut``."""
+    if not tree.near:
+        return tree
+    heights_m: list[float] = []
+    for placement in undergrowth:
+        size = _OBSTACLES_M.get(placement.kind)
+        if size is not None and len(placement.position_m):
+            width_m, height_m = np.multiply.outer(size, placement.scale)
+            places = placement.position_m
+            near = stands_at(tree.position_m[:2], tree.stem.diameter_m / 2, places[:, :2], width_m)
+            tops = places[near, 2] + height_m[near] - tree.position_m[2] - tree.uphill_m
+            heights_m += tops.tolist()
+    cut_m = cut_height_m(tree.stem, tree.uphill_m, heights_m)
+    return replace(tree, cut_height_m=cut_m, diameter_height_m=cut_m + DIAMETER_ABOVE_CUT_M)
 
 
 def _grow(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from statistics import NormalDist
 from typing import Any
 
@@ -85,16 +86,19 @@ def expose(
     samples: NDArray[np.float32],
     log_luminance: float,
     darkness: float = 0.0,
+    error: float = 1.0,
+    lens: Callable[[NDArray[np.float32]], NDArray[np.float32]] | None = None,
 ) -> NDArray[np.uint8]:
     """An (H, W, 3) uint8 BGR image of (2H, 2W, 3) float32 linear RGB ``samples``.
 
     The exposure is metered on ``log_luminance``, the samples' mean log luminance, and falls to
     55 % while the noise triples as ``darkness`` goes from 0 (day) to 1 (dusk). Each sample passes
-    the filmic curve before those of a pixel are blended.
+    the filmic curve before those of a pixel are blended. ``error`` is a factor by which the
+    exposure is off, ``lens`` what else the lens does to the toned picture (H, W, 3) before noise.
     """
     height, width = samples.shape[0] // 2, samples.shape[1] // 2
     exposure = rng.uniform(*settings.exposure) * (1 - (1 - _DUSK_EXPOSURE) * darkness)
-    gain = exposure * _MIDDLE_GREY / np.exp(log_luminance)
+    gain = error * exposure * _MIDDLE_GREY / np.exp(log_luminance)
     red, blue = 1 + rng.uniform(*settings.white_balance, 2)
     noise = rng.uniform(*settings.noise) * (1 + (_DUSK_NOISE - 1) * darkness)
 
@@ -105,6 +109,8 @@ def expose(
     toned = np.empty((height, width, 3), np.float32)
     tone(samples, (gain * np.array([red, 1, blue])).astype(np.float32), off_x, off_y, toned)
     toned = np.clip(_blur(rng, settings, toned), 0, 1)
+    if lens is not None:
+        toned = lens(toned)
     grain = rng.integers(0, 256, (height + 1, width + 1), np.uint8)
     colour_grain = rng.integers(0, 256, (height // 2 + 1, width // 2 + 1, 2), np.uint8)
     image = np.empty((height, width, 3), np.uint8)

@@ -6,6 +6,7 @@ from perceptree.simulator.settings.atmosphere import (
     LightSettings,
     WeatherSettings,
 )
+from perceptree.simulator.settings.drive import DriveSettings
 from perceptree.simulator.settings.forest import (
     GROUNDS,
     PATTERNS,
@@ -13,6 +14,12 @@ from perceptree.simulator.settings.forest import (
     StandSettings,
     TerrainSettings,
     UndergrowthSettings,
+)
+from perceptree.simulator.settings.realism import (
+    ClutterSettings,
+    ImagingSettings,
+    ObjectSettings,
+    RandomisationSettings,
 )
 from perceptree.simulator.settings.sensors import (
     DEPTH_KINDS,
@@ -32,10 +39,15 @@ __all__ = [
     "TIMES",
     "WEATHERS",
     "CameraSettings",
+    "ClutterSettings",
     "DepthSettings",
+    "DriveSettings",
+    "ImagingSettings",
     "LabelSettings",
     "LightSettings",
+    "ObjectSettings",
     "PoseSettings",
+    "RandomisationSettings",
     "RgbSettings",
     "SimulatorSettings",
     "SplitSettings",

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from perceptree.simulator.settings.checks import Range, Shares, check_range, check_shares
 
 WEATHERS = ("clear", "snow", "wet", "fog", "rain", "snowfall")
-TIMES = ("morning", "daylight", "evening", "dusk")
+TIMES = ("morning", "daylight", "evening", "dusk", "night")
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,10 @@ class WeatherSettings:
 
 @dataclass(frozen=True)
 class LightSettings:
-    """Which time of day a scene has: it decides the sun's height, strength and colour."""
+    """Which time of day a scene has: it decides the sun's height, strength and colour.
+
+    At night a lamp at the camera lights what is near.
+    """
 
     times: Shares = field(
         default_factory=lambda: {"morning": 1.0, "daylight": 2.0, "evening": 1.0, "dusk": 1.0}

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 from perceptree.simulator.settings.atmosphere import LightSettings, WeatherSettings
+from perceptree.simulator.settings.drive import DriveSettings
+from perceptree.simulator.settings.field import field_settings
 from perceptree.simulator.settings.files import FileSettings
 from perceptree.simulator.settings.forest import StandSettings, TerrainSettings
 from perceptree.simulator.settings.sensors import (
@@ -55,6 +57,21 @@ def _plain() -> SimulatorSettings:
     )
 
 
+def _field() -> SimulatorSettings:
+    """The paper's conditions and what real pictures hold besides, for networks to be deployed."""
+    return replace(field_settings(_paper()), splits=SplitSettings(val=0.05, test=0.05))
+
+
+def _drive() -> SimulatorSettings:
+    """Drives of a minute at ten frames a second, each through another scene of ``field``."""
+    return replace(
+        _field(),
+        drive=DriveSettings(rate_hz=10.0),
+        views_per_scene=600,
+        splits=SplitSettings(val=0.0, test=1.0),
+    )
+
+
 _ALL = (
     Preset(
         "paper",
@@ -70,6 +87,8 @@ _ALL = (
         400,
         "the frozen test set that accuracy is measured on, of the paper's mix",
     ),
+    Preset("field", _field(), 3, 10_000, "what real pictures hold, for networks to be deployed"),
+    Preset("drive", _drive(), 4, 600, "a machine's drives through the field mix, with an IMU"),
     Preset("plain", _plain(), 2, 1_000, "clear days on one ground, firs and beeches"),
 )
 PRESETS: dict[str, Preset] = {preset.name: preset for preset in _ALL}

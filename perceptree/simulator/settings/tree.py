@@ -6,15 +6,26 @@ import dataclasses
 from dataclasses import dataclass, field
 from typing import Any
 
+from calib import PinholeCamera
 from perceptree.errors import SettingsError
 from perceptree.simulator.settings.atmosphere import LightSettings, WeatherSettings
-from perceptree.simulator.settings.checks import check_number
+from perceptree.simulator.settings.checks import check_choice, check_number
+from perceptree.simulator.settings.drive import DriveSettings
 from perceptree.simulator.settings.forest import (
     StandSettings,
     TerrainSettings,
     UndergrowthSettings,
 )
+from perceptree.simulator.settings.realism import (
+    ClutterSettings,
+    ImagingSettings,
+    ObjectSettings,
+    RandomisationSettings,
+)
 from perceptree.simulator.settings.sensors import CameraSettings, DepthSettings, RgbSettings
+
+CUT_RULES = ("fixed", "visible")
+_LATER = {"later": True}
 
 
 @dataclass(frozen=True)
@@ -31,8 +42,10 @@ class LabelSettings:
     diameter_height_m: float = 0.30
     min_visible_fraction: float = 0.08
     min_visible_area: float = 4e-4
+    cut_rule: str = field(default="fixed", metadata=_LATER)
 
     def __post_init__(self) -> None:
+        check_choice("cut_rule", self.cut_rule, CUT_RULES)
         if not 0 < self.cut_height_m < self.diameter_height_m < self.stem_height_m / 4:
             raise SettingsError(
                 "label heights must rise: 0 < cut_height_m < diameter_height_m < stem_height_m / 4,"
@@ -75,12 +88,40 @@ class SimulatorSettings:
     labels: LabelSettings = field(default_factory=LabelSettings)
     splits: SplitSettings = field(default_factory=SplitSettings)
     views_per_scene: int = 8
+    clutter: ClutterSettings = field(default_factory=ClutterSettings, metadata=_LATER)
+    objects: ObjectSettings = field(default_factory=ObjectSettings, metadata=_LATER)
+    imaging: ImagingSettings = field(default_factory=ImagingSettings, metadata=_LATER)
+    randomisation: RandomisationSettings = field(
+        default_factory=RandomisationSettings, metadata=_LATER
+    )
+    drive: DriveSettings = field(default_factory=DriveSettings, metadata=_LATER)
 
     def __post_init__(self) -> None:
         check_number("views_per_scene", self.views_per_scene, 1, 1000)
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON-ready copy."""
-        values = dataclasses.asdict(self)
+        """JSON-ready copy.
+
+        Settings that came later are left out while they have their defaults, so that data sets
+        made before them are still known by the hash of their settings.
+        """
+        values = _record(self)
         values["camera"]["intrinsics"] = self.camera.intrinsics.to_dict()
         return values
+
+
+def _record(node: Any) -> dict[str, Any]:
+    """A dataclass as nested dictionaries."""
+    values = {}
+    for entry in dataclasses.fields(node):
+        value = getattr(node, entry.name)
+        if entry.metadata.get("later") and value == _default(entry):
+            continue
+        known = dataclasses.is_dataclass(value) and not isinstance(value, PinholeCamera)
+        values[entry.name] = _record(value) if known else value
+    return values
+
+
+def _default(entry: dataclasses.Field[Any]) -> Any:
+    factory = entry.default_factory
+    return entry.default if factory is dataclasses.MISSING else factory()

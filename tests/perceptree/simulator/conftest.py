@@ -4,6 +4,7 @@ import contextlib
 import importlib.util
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
@@ -15,7 +16,13 @@ from perceptree.simulator.geometry.assemble import SceneMesh, assemble
 from perceptree.simulator.geometry.prototypes import Prototypes, make_prototypes
 from perceptree.simulator.materials.textures import Textures, make_textures
 from perceptree.simulator.scene.description import Scene, describe_scene
-from perceptree.simulator.settings import CameraSettings, SimulatorSettings, StandSettings
+from perceptree.simulator.settings import (
+    CameraSettings,
+    ObjectSettings,
+    SimulatorSettings,
+    StandSettings,
+)
+from perceptree.simulator.settings.presets import PRESETS
 
 
 def _load() -> ModuleType:
@@ -91,3 +98,23 @@ def forests(prototypes: Prototypes) -> list[tuple[Scene, SceneMesh]]:
     """Two scenes and their triangles."""
     scenes = [describe_scene(SMALL, seed) for seed in (4, 7)]
     return [(scene, assemble(scene, prototypes)) for scene in scenes]
+
+
+@pytest.fixture(scope="session")
+def field_settings() -> SimulatorSettings:
+    """The preset "field" at 320x180, with some of every object."""
+    some = ObjectSettings(
+        people=(3, 3), animals=(3, 3), machines=(1, 1), posts=(4, 4), logs=(3, 3), walls=(2, 2),
+        shapes=(3, 3),
+    )  # fmt: skip
+    camera = CameraSettings.of_size(320, 180)
+    return replace(PRESETS["field"].settings, camera=camera, objects=some)
+
+
+@pytest.fixture(scope="session")
+def field_forest(
+    field_settings: SimulatorSettings, prototypes: Prototypes
+) -> tuple[Scene, SceneMesh]:
+    """A scene of the preset "field" and its triangles."""
+    scene = describe_scene(field_settings, 21)
+    return scene, assemble(scene, prototypes)

@@ -9,7 +9,7 @@ from embreex.mesh_construction import TriangleMesh
 
 import calib
 from perceptree.simulator.geometry.assemble import SceneMesh
-from perceptree.simulator.materials.layers import FIRST_CUTOUT
+from perceptree.simulator.materials.layers import FIRST_CUTOUT, FIRST_OBJECT
 from perceptree.simulator.materials.textures import Textures
 from perceptree.simulator.rendering.grid import SUPERSAMPLING, sample_grid
 from perceptree.simulator.rendering.render import Renderer
@@ -31,7 +31,7 @@ class Seen:
 
 
 def opaque_part(mesh: SceneMesh) -> SceneMesh:
-    kept = mesh.layer < FIRST_CUTOUT
+    kept = (mesh.layer < FIRST_CUTOUT) | (mesh.layer >= FIRST_OBJECT)
     before = np.concatenate([[0], np.cumsum(kept)])
     return dataclasses.replace(
         mesh, faces=mesh.faces[kept], layer=mesh.layer[kept], object_id=mesh.object_id[kept],
@@ -107,6 +107,13 @@ def test_a_ray_caster_sees_the_same_faces_at_the_same_depth(
 ):
     scene, mesh = forests[which][0], opaque_part(forests[which][1])
     views = views_of(small_settings, scene)
+    for view, raster in zip(views, drawn(textures, scene, mesh, views), strict=True):
+        assert_same(raster, cast(mesh, view, pixel_rays(view)))
+
+
+def test_a_ray_caster_sees_the_same_of_clutter_and_objects(field_settings, textures, field_forest):
+    scene, mesh = field_forest[0], opaque_part(field_forest[1])
+    views = views_of(field_settings, scene)
     for view, raster in zip(views, drawn(textures, scene, mesh, views), strict=True):
         assert_same(raster, cast(mesh, view, pixel_rays(view)))
 

@@ -32,7 +32,7 @@ def dataset(tmp_path: Path, synth: ModuleType, in_process: None) -> Path:
 
 
 def test_presets_are_found_by_their_own_name():
-    assert list(PRESETS) == ["paper", "test", "plain"]
+    assert list(PRESETS) == ["paper", "test", "field", "drive", "plain"]
     assert all(preset.name == name for name, preset in PRESETS.items())
 
 
@@ -42,7 +42,7 @@ def test_the_papers_mix_holds_every_ground_weather_and_light(name: str):
     for shares, known in (
         (settings.terrain.grounds, GROUNDS),
         (settings.weather.kinds, WEATHERS),
-        (settings.light.times, TIMES),
+        (settings.light.times, ("morning", "daylight", "evening", "dusk")),
     ):
         assert all(shares[key] > 0 for key in known)
     camera = settings.camera.intrinsics
@@ -67,6 +67,30 @@ def test_the_test_preset_is_of_the_papers_mix_and_all_test():
     assert (test.seed, test.frames) == (44, 400)
     assert set(assign_splits(75, test.settings.splits)) == {"test"}
     assert test.seed != paper.seed
+
+
+def test_the_field_preset_holds_every_condition_and_all_that_is_beyond_the_papers():
+    settings = PRESETS["field"].settings
+    assert all(settings.terrain.grounds[name] > 0 for name in GROUNDS)
+    assert all(settings.weather.kinds[name] > 0 for name in WEATHERS)
+    assert all(settings.light.times[name] > 0 for name in TIMES)
+    for part in (settings.clutter, settings.objects):
+        assert all(high > 0 for _, high in vars(part).values())
+    assert settings.imaging.share > 0
+    assert all(share > 0 for share in vars(settings.randomisation).values())
+    assert settings.labels.cut_rule == "visible"
+
+
+@pytest.mark.parametrize(
+    ("name", "sha256"),
+    [
+        ("paper", "6c2bfda064a14d338de951bca70a77b905aa4fd9a3decf3c8529927f5873f987"),
+        ("plain", "5dd1d2c5362a89ef1ce9796d18a200535a85ebbeedc3b1d10e5afc648a3c7fde"),
+    ],
+)
+def test_older_presets_are_known_by_the_hash_that_they_always_had(name: str, sha256: str):
+    preset = PRESETS[name]
+    assert settings_sha256(preset.settings, preset.seed, preset.files) == sha256
 
 
 def test_the_plain_preset_is_clear_daylight_on_one_ground():

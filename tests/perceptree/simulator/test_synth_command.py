@@ -45,6 +45,13 @@ def test_it_says_what_was_made_where_to_look_and_what_to_type_next(call: Call, t
     lines = printed.splitlines()
     assert lines[:3] == ["train: 4 frames, 6 trees", "val: 2 frames, 3 trees",
                          "test: 2 frames, 3 trees"]  # fmt: skip
+    assert lines[3:8] == [
+        "frames by weather: clear 2, snow 2, wet 2, fog 2",
+        "frames by light: morning 2, daylight 2, evening 2, dusk 2",
+        "frames by ground: litter 2, moss 2, roots 2, mud 2",
+        "frames by carrier: mast 8",
+        "frames by depth sensor: tof 8",
+    ]
     assert f"{out}/contact_sheet.jpg" in printed
     assert f"{out}/statistics.html" in printed
     assert lines[-1] == f"next: perceptree train {out} --out runs/depth --modality depth"
@@ -57,6 +64,13 @@ def test_json_is_one_object(call: Call, tmp_path: Path):
         "directory": str(tmp_path),
         "frames": {"train": 4, "val": 2, "test": 2},
         "trees": {"train": 6, "val": 3, "test": 3},
+        "conditions": {
+            "weather": {"clear": 2, "snow": 2, "wet": 2, "fog": 2},
+            "light": {"morning": 2, "daylight": 2, "evening": 2, "dusk": 2},
+            "ground": {"litter": 2, "moss": 2, "roots": 2, "mud": 2},
+            "carrier": {"mast": 8},
+            "depth sensor": {"tof": 8},
+        },
     }
 
 

@@ -1,0 +1,150 @@
+"""A machine's drive: where its camera is at every moment, and what an IMU on it measures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perceptree.simulator.rendering.view import Pose, View, look_from
+from perceptree.simulator.scene.circuit import Circuit
+from perceptree.simulator.scene.terrain import Terrain
+from perceptree.simulator.settings import CameraSettings, DriveSettings
+from perceptree.simulator.vectors import UP
+
+Float = NDArray[np.floating[Any]]
+
+IMU_HZ = 200
+GRAVITY_M_PER_S2 = 9.81
+
+_WHEELBASE_S = 0.8
+_TRACK_M = 1.4
+_STOP_S = (1.0, 4.0)
+_SLEW_PERIOD_S = (6.0, 20.0)
+_SWAY_HZ = (0.4, 1.8)
+_MARGIN_S = 2.0
+
+
+@dataclass(frozen=True)
+class Drive:
+    """The camera of a drive, 200 times a second from the time of its first frame on.
+
+    ``origin_m`` (n, 3) world metres; ``rotation`` (n, 3, 3) rows right, down, forward;
+    ``poses`` of each frame; ``gyro_rad_per_s`` and ``accel_m_per_s2`` (n, 3) what an ideal IMU in
+    the camera's frame measures: at rest the acceleration points up with 9.81 m/s².
+    """
+
+    rate_hz: float
+    origin_m: Float
+    rotation: Float
+    gyro_rad_per_s: Float
+    accel_m_per_s2: Float
+    poses: list[Pose]
+    settings: CameraSettings
+
+    def time_s(self, number: int) -> float:
+        """When a frame was taken, from the first one on."""
+        return number / self.rate_hz
+
+    def sample(self, number: int) -> int:
+        """Which of the IMU's samples was taken with a frame."""
+        return round(self.time_s(number) * IMU_HZ)
+
+    def view(self, number: int) -> View:
+        """The view of a frame."""
+        place = self.sample(number)
+        return View(
+            self.settings.intrinsics, self.origin_m[place], self.rotation[place], self.poses[number]
+        )
+
+
+def make_drive(
+    rng: np.random.Generator, settings: DriveSettings, camera: CameraSettings, terrain: Terrain,
+    circuit: Circuit, frames: int,
+) -> Drive:  # fmt: skip
+    """Drive around ``circuit`` while ``frames`` frames are taken."""
+    margin = round(_MARGIN_S * IMU_HZ)
+    count = round((frames - 1) / settings.rate_hz * IMU_HZ) + 1 + 2 * margin
+    time_s = np.arange(count) / IMU_HZ
+    way_m = rng.uniform(0, circuit.length_m) + np.cumsum(_speed(rng, settings, count)) / IMU_HZ
+    place = np.stack([_smooth(column, 0.3) for column in circuit.at(way_m).T], -1)
+    ahead = circuit.at(way_m + 0.5) - circuit.at(way_m - 0.5)
+    heading = _smooth(np.unwrap(np.arctan2(ahead[:, 1], ahead[:, 0])), 0.5)
+    ranges = camera.mast
+    height_m = terrain.height_m(*place.T) + rng.uniform(*ranges.height_m)
+    side = _TRACK_M * np.stack([-np.sin(heading), np.cos(heading)], -1)
+    front = 1.5 * np.stack([np.cos(heading), np.sin(heading)], -1)
+    climb = terrain.height_m(*(place + front).T) - terrain.height_m(*(place - front).T)
+    tilt = terrain.height_m(*(place + side).T) - terrain.height_m(*(place - side).T)
+    sway_deg = rng.uniform(*settings.sway_deg)
+    slew_deg = rng.uniform(*settings.slew_deg)
+    yaw_deg = np.degrees(heading) + slew_deg * _wave(rng, time_s, 1 / rng.uniform(*_SLEW_PERIOD_S))
+    turned = np.radians(yaw_deg) - heading
+    pitch = np.arctan2(climb, 3.0) * np.cos(turned) - np.arctan2(tilt, 2 * _TRACK_M) * np.sin(
+        turned
+    )
+    roll = np.arctan2(tilt, 2 * _TRACK_M) * np.cos(turned) + np.arctan2(climb, 3.0) * np.sin(turned)
+    pitch_deg = rng.uniform(*ranges.pitch_deg) + 0.5 * np.degrees(_smooth(pitch, _WHEELBASE_S))
+    roll_deg = 0.5 * np.degrees(_smooth(roll, _WHEELBASE_S))
+    pitch_deg = pitch_deg + sway_deg * _wave(rng, time_s, rng.uniform(*_SWAY_HZ))
+    roll_deg = roll_deg + sway_deg * _wave(rng, time_s, rng.uniform(*_SWAY_HZ))
+    origin = np.column_stack([place, _smooth(height_m, _WHEELBASE_S)])
+    rotation = _rotations(camera, yaw_deg, pitch_deg, roll_deg)
+    gyro, accel = _imu(origin, rotation)
+    kept = slice(margin, count - margin)
+    poses = [
+        Pose("drive", float(origin[n, 2] - terrain.height_m(*place[n])), float(pitch_deg[n]),
+             float(roll_deg[n]), float(yaw_deg[n] % 360))
+        for n in (margin + round(k / settings.rate_hz * IMU_HZ) for k in range(frames))
+    ]  # fmt: skip
+    return Drive(
+        settings.rate_hz, origin[kept], rotation[kept], gyro[kept], accel[kept], poses, camera
+    )
+
+
+def _speed(rng: np.random.Generator, settings: DriveSettings, count: int) -> Float:
+    """(n,) speed with halts, metres a second."""
+    speed = np.full(count, rng.uniform(*settings.speed_m_per_s))
+    for _ in range(rng.poisson(settings.stops_per_minute * count / IMU_HZ / 60)):
+        start = int(rng.integers(count))
+        speed[start : start + round(rng.uniform(*_STOP_S) * IMU_HZ)] = 0
+    return _smooth(speed, 0.4)
+
+
+def _wave(rng: np.random.Generator, time_s: Float, hertz: float) -> Float:
+    """(n,) an uneven swing of unit amplitude: three waves of nearby frequencies."""
+    total = np.zeros_like(time_s)
+    for factor in (1.0, 1.37, 0.61):
+        total += np.sin(2 * np.pi * hertz * factor * time_s + rng.uniform(0, 2 * np.pi))
+    return total / 3
+
+
+def _smooth(values: Float, deviation_s: float) -> Float:
+    """Values over time, blurred by a Gaussian."""
+    reach = round(3 * deviation_s * IMU_HZ)
+    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / (deviation_s * IMU_HZ)) ** 2)
+    padded = np.pad(values, reach, "reflect", reflect_type="odd")
+    return np.convolve(padded, weights / weights.sum(), "valid")
+
+
+def _rotations(camera: CameraSettings, yaw: Float, pitch: Float, roll: Float) -> Float:
+    origin = np.zeros(3)
+    return np.stack(
+        [
+            look_from(camera.intrinsics, origin, Pose("drive", 0.0, float(p), float(r), float(y)))
+            .rotation
+            for y, p, r in zip(yaw, pitch, roll, strict=True)
+        ]
+    )  # fmt: skip
+
+
+def _imu(origin_m: Float, rotation: Float) -> tuple[Float, Float]:
+    """Turn rates and specific force in the camera's frame, by central differences."""
+    step = np.gradient(rotation, 1 / IMU_HZ, axis=0)
+    skew = -step @ rotation.transpose(0, 2, 1)
+    gyro = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], -1)
+    velocity = np.gradient(origin_m, 1 / IMU_HZ, axis=0)
+    force = np.gradient(velocity, 1 / IMU_HZ, axis=0) + GRAVITY_M_PER_S2 * UP
+    return gyro, np.einsum("nij,nj->ni", rotation, force)

@@ -1,0 +1,66 @@
+"""Plants that close the ground, and what stands about the feet of stems."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perceptree.simulator.scene.scatter import RADIUS_M, Placement, turned
+from perceptree.simulator.scene.terrain import Terrain
+from perceptree.simulator.settings import ClutterSettings
+
+Float = NDArray[np.floating[Any]]
+
+_GROUND_PLANTS = {"herb": ("herbs", 5200, 0.30), "bilberry": ("shrubs", 2600, 0.42)}
+_FOOT_PLANTS = ("grass", "fern", "herb", "bilberry", "scrub", "seedling", "branch", "rock", "stump")
+_FOOT_REACH_M = (0.02, 0.35)
+
+
+def cover_ground(
+    rng: np.random.Generator, settings: ClutterSettings, terrain: Terrain
+) -> list[Placement]:
+    """Herbs and dwarf shrubs in patches, denser around the middle."""
+    placements = []
+    for kind, (setting, full_count, patch) in _GROUND_PLANTS.items():
+        density = rng.uniform(*getattr(settings, setting))
+        number = int(full_count * density)
+        distance, angle = RADIUS_M * rng.random(number) ** 0.6, rng.uniform(0, 2 * np.pi, number)
+        x, y = distance * np.cos(angle), distance * np.sin(angle)
+        phase = rng.uniform(0, 2 * np.pi, 2)
+        wave = np.sin(patch * x + phase[0]) * np.cos(patch * 1.3 * y + phase[1])
+        kept = wave + rng.normal(0, 0.3, number) > 0.6 - 1.4 * density
+        placements.append(_placed(rng, kind, terrain, np.stack([x, y], -1)[kept], (0.6, 1.5)))
+    return placements
+
+
+def surround_feet(
+    rng: np.random.Generator, settings: ClutterSettings, terrain: Terrain, feet_m: Float,
+    radii_m: Float,
+) -> list[Placement]:  # fmt: skip
+    """Plants, branches, stones and stumps against the stems that stand at ``feet_m`` (n, 2)."""
+    share = rng.uniform(*settings.foot)
+    chosen = np.nonzero(rng.random(len(feet_m)) < share)[0]
+    stems = np.repeat(chosen, rng.integers(2, 9, len(chosen)))
+    gap_m = radii_m[stems] + rng.uniform(*_FOOT_REACH_M, len(stems))
+    angle = rng.uniform(0, 2 * np.pi, len(stems))
+    places = feet_m[stems] + gap_m[:, None] * np.stack([np.cos(angle), np.sin(angle)], -1)
+    weights = np.array([4, 3, 4, 3, 2, 1, 2, 1, 0.3])
+    kinds = rng.choice(len(_FOOT_PLANTS), len(stems), p=weights / weights.sum())
+    return [
+        _placed(rng, kind, terrain, places[kinds == number], (0.5, 1.1))
+        for number, kind in enumerate(_FOOT_PLANTS)
+    ]
+
+
+def _placed(
+    rng: np.random.Generator, kind: str, terrain: Terrain, places: Float,
+    scale: tuple[float, float],
+) -> Placement:  # fmt: skip
+    x, y = places.T
+    return Placement(
+        kind, np.stack([x, y, terrain.height_m(x, y)], -1),
+        turned(rng.uniform(0, 2 * np.pi, len(x))), rng.uniform(*scale, len(x)),
+        rng.uniform(0.7, 1.2, len(x)), rng.random(len(x)),
+    )  # fmt: skip

@@ -1,0 +1,101 @@
+"""The mix of real forests, ``field``: the paper's mix with four groups of additions.
+
+Each group can be added alone, to see what it brings (``benchmarks/field.py``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+
+from perceptree.simulator.settings.atmosphere import LightSettings, WeatherSettings
+from perceptree.simulator.settings.forest import StandSettings, TerrainSettings
+from perceptree.simulator.settings.realism import (
+    ClutterSettings,
+    ImagingSettings,
+    ObjectSettings,
+    RandomisationSettings,
+)
+from perceptree.simulator.settings.sensors import RgbSettings
+from perceptree.simulator.settings.tree import LabelSettings, SimulatorSettings
+
+
+def _scene(settings: SimulatorSettings) -> SimulatorSettings:
+    """Denser and thicker stands, a forest behind them, clutter at stems, a closed ground."""
+    return replace(
+        settings,
+        terrain=TerrainSettings(roughness_m=(0.01, 0.05)),
+        stand=StandSettings(
+            stems_per_ha=(250.0, 1300.0),
+            max_neighbours=12,
+            spacing_m=0.8,
+            diameter_m=(0.05, 0.9),
+            diameter_median_m=(0.12, 0.36),
+        ),
+        clutter=ClutterSettings(
+            dead_twigs=(0.0, 3.0),
+            herbs=(0.0, 1.0),
+            shrubs=(0.0, 0.8),
+            foot=(0.1, 0.9),
+            backdrop=(0.3, 1.0),
+        ),
+    )
+
+
+def _camera(settings: SimulatorSettings) -> SimulatorSettings:
+    """More of the light and weather that machines work in, nights, and cameras with faults."""
+    kinds = {"clear": 5.0, "snow": 1.0, "wet": 1.0, "fog": 0.7, "rain": 0.7, "snowfall": 0.6}
+    times = {"morning": 1.5, "daylight": 3.0, "evening": 1.0, "dusk": 0.6, "night": 0.5}
+    return replace(
+        settings,
+        weather=WeatherSettings(kinds=kinds, strength=(0.1, 0.8)),
+        light=LightSettings(times=times, overcast_share=0.3),
+        rgb=RgbSettings(
+            exposure=(0.6, 2.2), blur_px=(0.0, 0.6), motion_px=(0.0, 8.0), jpeg_quality=85
+        ),
+        imaging=ImagingSettings(
+            share=0.7, exposure_stops=(-1.0, 1.2), infrared_share=0.06, saturation=(1.0, 2.2)
+        ),
+    )
+
+
+def _objects(settings: SimulatorSettings) -> SimulatorSettings:
+    """Things that are no trees."""
+    return replace(
+        settings,
+        objects=ObjectSettings(
+            people=(0.0, 2.0),
+            animals=(0.0, 1.5),
+            machines=(0.0, 0.8),
+            posts=(0.0, 3.0),
+            logs=(0.0, 4.0),
+            walls=(0.0, 1.2),
+            shapes=(0.0, 4.0),
+        ),
+    )
+
+
+def _colours(settings: SimulatorSettings) -> SimulatorSettings:
+    """Colours and textures from outside the natural."""
+    return replace(settings, randomisation=RandomisationSettings(recolour=0.2, swap=0.02, sky=0.08))
+
+
+FIELD_GROUPS: dict[str, Callable[[SimulatorSettings], SimulatorSettings]] = {
+    "scene": _scene,
+    "camera": _camera,
+    "objects": _objects,
+    "colours": _colours,
+}
+
+
+def with_groups(start: SimulatorSettings, groups: Iterable[str]) -> SimulatorSettings:
+    """``start`` with some of FIELD_GROUPS added, in the order given."""
+    for group in groups:
+        start = FIELD_GROUPS[group](start)
+    return start
+
+
+def field_settings(paper: SimulatorSettings) -> SimulatorSettings:
+    """All groups on top of the paper's mix, with cuts that can be seen."""
+    whole = with_groups(paper, FIELD_GROUPS)
+    return replace(whole, labels=LabelSettings(cut_rule="visible"), views_per_scene=4)
