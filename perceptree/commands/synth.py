@@ -27,10 +27,7 @@ def synth(
     ] = None,
     seed: Annotated[int | None, typer.Option(help="With the settings, decides all. [0]")] = None,
     preset: Annotated[
-        str | None,
-        typer.Option(
-            help="Mix to start from, with its frames and seed: paper, field, drive, plain, test."
-        ),
+        str | None, typer.Option(help="Mix to start from: paper, field, drive, plain, test.")
     ] = None,
     settings: Annotated[
         Path | None, typer.Option(help="JSON file of settings that differ, as settings.json.")
