@@ -173,8 +173,10 @@ def _tell(report: SynthReport, as_json: bool, frozen: bool) -> None:
     if frozen:
         values["frozen"], told, fails = _compare(report.directory)
         lines += told
-    else:
+    elif report.frames.get("train"):
         lines.append(f"next: perceptree train {report.directory} --out runs/depth --modality depth")
+    else:
+        lines.append(f"next: edgetree eval depth {report.directory}")
     typer.echo(json.dumps(values) if as_json else "\n".join(lines))
     if fails:
         raise typer.Exit(1)

@@ -83,8 +83,10 @@ def find_pictures(folder: Path, most: int) -> list[Path]:
     """At most ``most`` pictures below a folder, spread evenly over their sorted names.
 
     Of a simulated data set only its colour images are taken. Raises DatasetError for a folder
-    with fewer than three pictures.
+    that is not there or has fewer than three pictures.
     """
+    if not folder.is_dir():
+        raise DatasetError(f"{folder}: no such folder, expected one with pictures")
     images = folder / "images"
     inside = images if images.is_dir() and (folder / "scenes").is_dir() else folder
     found = sorted(path for path in inside.rglob("*") if path.suffix.lower() in SUFFIXES)

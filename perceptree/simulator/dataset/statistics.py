@@ -70,7 +70,7 @@ def conditions(figures: Figures) -> dict[str, dict[str, int]]:
         "ground": figures["terrain"],
         "carrier": figures["carrier"],
         "depth sensor": figures["depth_sensor"],
-        "beyond the paper": figures["realism"],
+        "addition": figures["realism"],
     }
     return {
         group: {name: count for name, count in counts.items() if count}

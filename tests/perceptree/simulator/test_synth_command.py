@@ -57,6 +57,14 @@ def test_it_says_what_was_made_where_to_look_and_what_to_type_next(call: Call, t
     assert lines[-1] == f"next: perceptree train {out} --out runs/depth --modality depth"
 
 
+def test_after_a_set_without_training_frames_comes_an_evaluation(call: Call, tmp_path: Path):
+    file, out = tmp_path / "all_test.json", tmp_path / "out"
+    file.write_text('{"splits": {"val": 0, "test": 1}}')
+    code, printed, _ = call("synth", "--out", out, "--frames", 4, *SMALL, "--settings", file)
+    assert code == 0
+    assert printed.splitlines()[-1] == f"next: edgetree eval depth {out}"
+
+
 def test_json_is_one_object(call: Call, tmp_path: Path):
     code, printed, told = call("synth", "--out", tmp_path, "--frames", 8, *SMALL, "--json")
     assert (code, told) == (0, "")
