@@ -29,7 +29,8 @@ class Surface(NamedTuple):
 class Maps(NamedTuple):
     """Textures with their mip offsets, and the sun's shadow map with its (3, 4) matrix.
 
-    A layer shows the texture ``worn`` (layers,) of it, its colour times ``gains`` (layers, 3).
+    ``worn`` (layers,) is the number of the layer whose texture each layer shows; ``gains``
+    (layers, 3) multiply its linear RGB colour.
     """
 
     albedo: NDArray[np.uint8]

@@ -20,8 +20,11 @@ _SOLID = np.array([layer for layer in Layer if not is_cutout(layer)])
 
 @dataclass(frozen=True)
 class Look:
-    """Of each layer the layer whose texture it wears, ``worn`` (layers,), and its colour's
-    ``gains`` (layers, 3), linear RGB. ``sky_gains`` (3,) change the light's colour."""
+    """Colours and textures of all layers.
+
+    ``worn`` (layers,) is the number of the layer whose texture each layer shows; ``gains``
+    (layers, 3) multiply its linear RGB colour. ``sky_gains`` (3,) multiply the light's colour.
+    """
 
     worn: NDArray[np.int64]
     gains: Float
