@@ -3,23 +3,34 @@
 python benchmarks/simulate.py FOLDER --frames 1000 --result benchmarks/results/simulator.json
 
 Memory is the sum of the proportional set sizes of all processes (Linux), sampled every second.
-The folder must be new, so that nothing is resumed.
+The folder must be new, so that nothing is resumed. Afterwards one process draws a few scenes more
+under a profiler: the shares of its time by stage, without the writing of files.
 """
 
 from __future__ import annotations
 
 import argparse
+import cProfile
+import dataclasses
 import json
 import os
 import platform
+import pstats
 import sys
 import threading
 import time
 from pathlib import Path
 
-from perceptree.simulator import PRESETS, generate_dataset
+from perceptree.simulator import PRESETS, CameraSettings, SimulatorSettings, generate_dataset
+from perceptree.simulator.dataset.frames import make_assets, simulate_frames
 
 SAMPLE_S = 1.0
+PROFILED_SCENES = 6
+STAGES = {
+    "scene": "describe_scene", "triangles": "assemble", "shadow map": "_draw_shadow",
+    "drawing": "draw", "colour sensor": "expose", "camera faults": "processed",
+    "precipitation": "draw_precipitation", "depth sensor": "measure_depth", "labels": "label_view",
+}  # fmt: skip
 
 
 def family(pid: int) -> list[int]:
@@ -60,6 +71,27 @@ class PeakMemory:
         return self.mb
 
 
+def shares_of_time(settings: SimulatorSettings, seed: int) -> dict[str, float]:
+    """The share of the time that each of STAGES takes in one process."""
+    assets = make_assets()
+    list(simulate_frames(settings, seed, 1, assets))
+    profiler = cProfile.Profile()
+    profiler.enable()
+    for scene in range(1, PROFILED_SCENES + 1):
+        for _ in simulate_frames(settings, seed + scene, settings.views_per_scene, assets):
+            pass
+    profiler.disable()
+    rows = pstats.Stats(profiler)
+    whole_s = rows.total_tt  # type: ignore[attr-defined]
+    spent_s = {
+        key[2]: row[3]
+        for key, row in rows.stats.items()  # type: ignore[attr-defined]
+        if "simulator" in key[0] and key[2] in STAGES.values()
+    }
+    shares = {stage: round(spent_s.get(name, 0.0) / whole_s, 3) for stage, name in STAGES.items()}
+    return shares | {"the rest": round(1 - sum(shares.values()), 3)}
+
+
 def main() -> None:
     """Run, measure, print and store."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -67,15 +99,20 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=200)
     parser.add_argument("--workers", type=int, default=os.cpu_count())
     parser.add_argument("--preset", default="paper")
+    parser.add_argument("--size", type=int, nargs=2, default=(1280, 720), help="width height")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--result", type=Path)
     options = parser.parse_args()
     if options.out.exists():
         parser.error(f"{options.out} exists: expected a new folder")
     preset = PRESETS[options.preset]
+    camera = CameraSettings.of_size(*options.size).intrinsics
+    settings = dataclasses.replace(
+        preset.settings, camera=dataclasses.replace(preset.settings.camera, intrinsics=camera)
+    )
     memory, start_s = PeakMemory(), time.perf_counter()
     report = generate_dataset(
-        options.out, options.frames, preset.settings, options.seed, options.workers,
+        options.out, options.frames, settings, options.seed, options.workers,
         files=preset.files,
     )  # fmt: skip
     duration_s = time.perf_counter() - start_s
@@ -85,7 +122,6 @@ def main() -> None:
         for name in ("images", "depth", "depth8", "depth_exact")
         if (options.out / name).is_dir()
     }
-    camera = preset.settings.camera.intrinsics
     result = {
         "preset": options.preset,
         "frames": frames,
@@ -100,6 +136,7 @@ def main() -> None:
         "kb_per_frame": {**{k: round(v, 1) for k, v in size.items()},
                          "all": round(sum(size.values()), 1)},
         "trees_per_frame": round(sum(report.trees.values()) / frames, 3),
+        "shares_of_time": shares_of_time(settings, options.seed),
     }  # fmt: skip
     sys.stdout.write(json.dumps(result, indent=1) + "\n")
     if options.result:

@@ -5,8 +5,8 @@ python benchmarks/training.py DATA --result FILE.json [--former CHECKOUT]
 DATA is a dataset of ``perceptree synth``. ``edge-n`` learns depth at 640x384 px, 8 frames a step.
 CHECKOUT is a checkout of the commit before this engine (f4cffdb): its trainer runs in turn with
 this one, each time in a process of its own, as it was (bfloat16 autocast on every processor) and
-with float32. Then a step is profiled, and held against the measured peak of this machine: the
-fastest of a product of matrices and a convolution, in float32 and in bfloat16.
+with float32. Then a step is profiled in the precision that training chooses here, and held against
+the measured peak of this machine: the X
 """
 
 from __future__ import annotations
@@ -127,13 +127,15 @@ def peak_gflops() -> dict[str, float]:
 
 
 def profiled_step(data: Path) -> dict[str, Any]:
-    """One step in float32: its arithmetic, and the share of its time by kind of work."""
+    """One step as training takes it: its arithmetic, and the share of its time by kind of work."""
     from perceptree.data import FrameStore, read_split
     from perceptree.models import TreeRCNN, make_spec
     from perceptree.training import TrainSettings
     from perceptree.training.memory import keep_freed_memory
     from perceptree.training.optimizer import make_optimizer
+    from perceptree.training.precision import fastest_precision
 
+    precision = fastest_precision(torch.device("cpu"))
     keep_freed_memory()
     spec = make_spec("edge-n", "depth")
     model, store = TreeRCNN(spec).train(), FrameStore(read_split(data, "train"), spec)
@@ -144,7 +146,9 @@ def profiled_step(data: Path) -> dict[str, Any]:
 
     def step() -> None:
         optimizer.zero_grad(set_to_none=True)
-        torch.stack(list(model.losses(images, targets).values())).sum().backward()
+        with torch.autocast("cpu", torch.bfloat16, enabled=precision == "bf16"):
+            losses = model.losses(images, targets)
+        torch.stack(list(losses.values())).sum().backward()
         optimizer.step()
 
     with FlopCounterMode(display=False) as counter:
@@ -162,7 +166,13 @@ def profiled_step(data: Path) -> dict[str, Any]:
         group = next((g for g, words in GROUPS.items() if any(w in row.key for w in words)), None)
         shares[group or "the rest"] += row.self_cpu_time_total / total
     gflop = counter.get_total_flops() / 1e9
-    return {"gflop": gflop, "step_s": step_s, "gflops": gflop / step_s, "shares": shares}
+    return {
+        "precision": precision,
+        "gflop": gflop,
+        "step_s": step_s,
+        "gflops": gflop / step_s,
+        "shares": shares,
+    }
 
 
 def main() -> None:
@@ -176,7 +186,11 @@ def main() -> None:
     arguments = parser.parse_args()
     speed = in_turn(arguments.data, arguments.former, arguments.steps, arguments.rounds)
     step, peak = profiled_step(arguments.data), peak_gflops()
-    fp32_gflops = max(value for name, value in peak.items() if name.startswith("fp32"))
+    shares_of_peak = {
+        f"share_of_{kind}_peak": step["gflops"]
+        / max(value for name, value in peak.items() if name.startswith(kind))
+        for kind in ("fp32", "bf16")
+    }
     result = {
         "machine": platform.processor() or platform.machine(),
         "cores": os.cpu_count(),
@@ -184,7 +198,7 @@ def main() -> None:
         "torch": torch.__version__,
         "speed": speed,
         "peak_gflops": peak,
-        "step": step | {"share_of_fp32_peak": step["gflops"] / fp32_gflops},
+        "step": step | shares_of_peak,
     }
     text = json.dumps(result, indent=1)
     arguments.result.write_text(text + "\n", "utf-8")

@@ -27,7 +27,8 @@ def synth(
     ] = None,
     seed: Annotated[int | None, typer.Option(help="With the settings, decides all. [0]")] = None,
     preset: Annotated[
-        str | None, typer.Option(help="Mix to start from: paper, field, drive, plain, test.")
+        str | None,
+        typer.Option(help="Mix to start from: paper, field, drive, plain, test, field-test."),
     ] = None,
     settings: Annotated[
         Path | None, typer.Option(help="JSON file of settings that differ, as settings.json.")
@@ -46,11 +47,14 @@ def synth(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Simulate forest frames: colour, depth, masks, boxes, keypoints and true metres."""
-    from perceptree.simulator.dataset.frozen import FROZEN_PRESET
+    from perceptree.simulator.dataset.frozen import FROZEN_PRESETS
     from perceptree.simulator.dataset.generate import generate_dataset
 
-    if preset == FROZEN_PRESET:
-        _refuse_changes(frames, seed, settings, width, height, camera, views, reach, image_format)
+    frozen = preset if preset in FROZEN_PRESETS else None
+    if frozen is not None:
+        _refuse_changes(
+            frozen, frames, seed, settings, width, height, camera, views, reach, image_format
+        )
     start = chosen_preset(preset, settings)
     chosen = changed_settings(start.settings, camera, (width, height), views, reach)
     count = start.frames if frames is None else frames
@@ -63,16 +67,15 @@ def synth(
     ) as bar:  # fmt: skip
         seed = start.seed if seed is None else seed
         report = generate_dataset(out, count, chosen, seed, workers, _Progress(bar), files)
-    _tell(report, as_json, preset == FROZEN_PRESET)
+    _tell(report, as_json, frozen)
 
 
-def _refuse_changes(*options: object) -> None:
-    from perceptree.simulator.dataset.frozen import FROZEN_PRESET
-
+def _refuse_changes(preset: str, *options: object) -> None:
     if any(option is not None for option in options):
+        mix = "paper" if preset == "test" else "field"
         raise SettingsError(
-            f"--preset {FROZEN_PRESET} is frozen: expected no option beside --out, --workers and"
-            " --json; the same mix with others is --preset paper"
+            f"--preset {preset} is frozen: expected no option beside --out, --workers and"
+            f" --json; the same mix with others is --preset {mix}"
         )
 
 
@@ -149,7 +152,7 @@ def _duration(seconds: float) -> str:
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
-def _tell(report: SynthReport, as_json: bool, frozen: bool) -> None:
+def _tell(report: SynthReport, as_json: bool, frozen: str | None) -> None:
     from perceptree.simulator.dataset.contact_sheet import DEPTH_SHEET_FILE, SHEET_FILE
     from perceptree.simulator.dataset.pages import PAGE_FILE
 
@@ -170,8 +173,8 @@ def _tell(report: SynthReport, as_json: bool, frozen: bool) -> None:
         f" and the figures in {report.directory / PAGE_FILE}",
     ]
     fails = False
-    if frozen:
-        values["frozen"], told, fails = _compare(report.directory)
+    if frozen is not None:
+        values["frozen"], told, fails = _compare(report.directory, frozen)
         lines += told
     elif report.frames.get("train"):
         lines.append(f"next: perceptree train {report.directory} --out runs/depth --modality depth")
@@ -182,7 +185,7 @@ def _tell(report: SynthReport, as_json: bool, frozen: bool) -> None:
         raise typer.Exit(1)
 
 
-def _compare(directory: Path) -> tuple[dict[str, Any], list[str], bool]:
+def _compare(directory: Path, preset: str) -> tuple[dict[str, Any], list[str], bool]:
     """Values, lines and whether the labels are others than the frozen test set's."""
     from perceptree.simulator.dataset.frozen import (
         compare_with_frozen,
@@ -190,7 +193,7 @@ def _compare(directory: Path) -> tuple[dict[str, Any], list[str], bool]:
         read_frozen,
     )
 
-    frozen = read_frozen()
+    frozen = read_frozen(preset)
     comparison = compare_with_frozen(directory, frozen)
     values = dataclasses.asdict(comparison)
     if not comparison.differing:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -117,7 +118,7 @@ def collate(rows: list[tuple[Sample, int, str] | str]) -> Batch:
 def make_loader(
     frames: TrainingFrames, sampler: SlotSampler, workers: int, pinned: bool
 ) -> DataLoader[Any]:
-    """Batches of ``sampler``, prepared by ``workers`` processes, a few ahead; 0: by this one."""
+    """Batches of ``sampler``, prepared by ``workers`` processes, a few ahead; 0: by the caller."""
     ahead = {"prefetch_factor": _AHEAD, "persistent_workers": True} if workers else {}
     return DataLoader(
         frames,
@@ -128,6 +129,16 @@ def make_loader(
         pin_memory=pinned,
         **ahead,  # type: ignore[arg-type]
     )
+
+
+def one_ahead(batches: Iterator[Batch]) -> Iterator[Batch]:
+    """The same batches, each prepared in a thread of this process while a step computes."""
+    with ThreadPoolExecutor(1) as thread:
+        coming = thread.submit(next, batches)
+        while True:
+            batch = coming.result()
+            coming = thread.submit(next, batches)
+            yield batch
 
 
 def _start_worker(number: int) -> None:

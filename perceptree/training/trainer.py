@@ -17,7 +17,14 @@ from perceptree.errors import DatasetError, SettingsError
 from perceptree.evaluation import Metrics, evaluate, predict_with
 from perceptree.models import ModelSpec, TreeRCNN, save_checkpoint
 from perceptree.training.average import averaged
-from perceptree.training.batches import Batch, SlotDraws, SlotSampler, TrainingFrames, make_loader
+from perceptree.training.batches import (
+    Batch,
+    SlotDraws,
+    SlotSampler,
+    TrainingFrames,
+    make_loader,
+    one_ahead,
+)
 from perceptree.training.optimizer import make_optimizer
 from perceptree.training.processes import Processes, synchronise_norms
 from perceptree.training.run_log import RunLog
@@ -179,7 +186,8 @@ class Trainer:
         sampler = SlotSampler(self.settings, self.step, self.processes.rank, self.processes.world)
         cuda = self.device.type == "cuda"
         workers = self.engine.worker_count(self.processes.world)
-        return iter(make_loader(frames, sampler, workers, cuda))
+        batches = iter(make_loader(frames, sampler, workers, cuda))
+        return batches if workers else one_ahead(batches)
 
     def _train_step(self, batches: Iterator[Batch], done: float) -> None:
         started_s = time.monotonic()

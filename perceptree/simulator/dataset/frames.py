@@ -98,7 +98,9 @@ def _frame(
         view.up,
     )
     image = processed(fault_rng, faults, image)
-    measured = measure_depth(rng, settings.depth, drawing.depth_m, view.intrinsics)
+    measured = measure_depth(
+        rng, settings.depth, drawing.depth_m, view.intrinsics, weather.haze_per_m
+    )
     stride = settings.depth.exact_stride_px
     exact_m = drawing.depth_m[::stride, ::stride]
     return Frame(

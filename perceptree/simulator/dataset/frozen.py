@@ -1,4 +1,4 @@
-"""The frozen test set: what its files must be, and how near to that a dataset comes."""
+"""The frozen test sets: what their files must be, and how near to that a dataset comes."""
 
 from __future__ import annotations
 
@@ -18,8 +18,7 @@ from perceptree.simulator.dataset.splits import SPLITS
 from perceptree.simulator.dataset.storage import FRAME_FOLDERS
 from perceptree.simulator.settings.presets import PRESETS
 
-FROZEN_PRESET = "test"
-FROZEN_FILE = "test_preset.json"
+FROZEN_PRESETS = ("test", "field-test")
 
 _OCCLUSION_BINS = 10
 _TOLERANCE = 0.01
@@ -29,7 +28,7 @@ _LIBRARIES = ("numpy", "opencv-python-headless", "numba")
 
 @dataclass(frozen=True)
 class FrozenSet:
-    """What the frozen test set is.
+    """What a frozen test set is.
 
     ``occlusion`` is the share of trees by their visible fraction, in ten equal bins from 0 to 1;
     ``files`` holds, by folder, the first 8 hexadecimal digits of each file's SHA-256, strung
@@ -53,22 +52,27 @@ class FrozenSet:
 
 @dataclass(frozen=True)
 class Comparison:
-    """A dataset against the frozen one: files that differ, and labels that differ materially."""
+    """A dataset against a frozen one: files that differ, and labels that differ materially."""
 
     files: int
     differing: int
     complaints: list[str]
 
 
-def read_frozen() -> FrozenSet:
-    """The frozen test set's values, as they lie beside the code."""
-    place = resources.files("perceptree.simulator.settings").joinpath(FROZEN_FILE)
+def frozen_file(name: str) -> str:
+    """The name of the file, beside the settings, that holds a frozen preset's values."""
+    return f"frozen_{name.replace('-', '_')}.json"
+
+
+def read_frozen(name: str) -> FrozenSet:
+    """The values of one of FROZEN_PRESETS, as they lie beside the code."""
+    place = resources.files("perceptree.simulator.settings").joinpath(frozen_file(name))
     return FrozenSet(**json.loads(place.read_text("utf-8")))
 
 
-def preset_sha256() -> str:
-    """Hash of what the test preset says now: settings, seed and files."""
-    preset = PRESETS[FROZEN_PRESET]
+def preset_sha256(name: str) -> str:
+    """Hash of what a preset says now: settings, seed and files."""
+    preset = PRESETS[name]
     return settings_sha256(preset.settings, preset.seed, preset.files)
 
 
@@ -80,12 +84,12 @@ def content_sha256(directory: Path) -> str:
     return content.hexdigest()
 
 
-def describe_dataset(directory: Path) -> FrozenSet:
-    """The values of a dataset that the test preset was written to."""
-    preset = PRESETS[FROZEN_PRESET]
+def describe_dataset(directory: Path, name: str) -> FrozenSet:
+    """The values of a dataset that a preset was written to."""
+    preset = PRESETS[name]
     trees_per_frame, occlusion = _label_figures(directory)
     return FrozenSet(
-        preset.name, preset.seed, preset.frames, preset_sha256(), content_sha256(directory),
+        preset.name, preset.seed, preset.frames, preset_sha256(name), content_sha256(directory),
         trees_per_frame, occlusion, _short_digests(directory), library_versions(),
     )  # fmt: skip
 

@@ -113,9 +113,10 @@ def _add_tree(
 ) -> None:
     bark = stem_mesh(tree.stem, tree.label_heights_m, tree.near)
     assembly.place(bark, tree.position_m, tree.tint, number)
-    crowns = prototypes.crowns_of(tree.stem.model, tree.near, scene.leaves)
-    crown = crowns[int(tree.crown * len(crowns))]
-    assembly.place(fit_crown(crown, tree.stem, tree.turn_rad, tree.tint), tree.position_m)
+    if not tree.dead:
+        crowns = prototypes.crowns_of(tree.stem.model, tree.near, scene.leaves, scene.fine_crowns)
+        crown = crowns[int(tree.crown * len(crowns))]
+        assembly.place(fit_crown(crown, tree.stem, tree.turn_rad, tree.tint), tree.position_m)
     if tree.near and tree.stem.model.conifer:
         twigs = prototypes.twigs_of(100 * scene.dead_twigs * (0.4 + 1.2 * tree.crown))
         if twigs is not None:

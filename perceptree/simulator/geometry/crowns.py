@@ -21,15 +21,21 @@ CROWN_HEIGHT_M = 16.0
 _GOLDEN_RAD = 2.4
 _LOWEST_DEAD_M = 0.7
 _SAPLING_M = (1.0, 3.0)
+_FINE = {"twigs": 1.7, "twig_m": 0.68, "scatter": 1.6}
 _FAR = {"branches": 0.40, "twigs": 0.45, "twig_m": 2.1}
 
 
-def crown(rng: np.random.Generator, model: TreeModel, near: bool, leaves: bool = True) -> Mesh:
+def crown(
+    rng: np.random.Generator, model: TreeModel, near: bool, leaves: bool = True, fine: bool = False
+) -> Mesh:
     """Crown of a tree 16 m high around a straight axis, its dead lower branches too when near.
 
     Broadleaved crowns without ``leaves`` carry bare twigs instead; conifers keep their needles.
+    ``fine`` crowns have more and smaller twigs, turned more freely.
     """
     habit = HABITS[model.species]
+    if fine:
+        habit = _finer(habit)
     if not leaves and not model.conifer:
         habit = replace(habit, foliage=Layer.BARE_TWIG, twigs=habit.twigs // 2)
     base_m = rng.uniform(*model.crown_base) * CROWN_HEIGHT_M
@@ -67,6 +73,16 @@ def fit_crown(crown: Mesh, stem: Stem, turn_rad: float, tint: float) -> Mesh:
         vertices, crown.normals @ turn, crown.uv, crown.tint * tint, crown.faces, crown.layer,
         crown.labelled,
     )  # fmt: skip
+
+
+def _finer(habit: Habit) -> Habit:
+    return replace(
+        habit,
+        twigs=round(habit.twigs * _FINE["twigs"]),
+        twig_m=(habit.twig_m[0] * _FINE["twig_m"], habit.twig_m[1] * _FINE["twig_m"]),
+        roll_rad=habit.roll_rad * _FINE["scatter"],
+        irregular=habit.irregular * _FINE["scatter"],
+    )
 
 
 def _coarse(habit: Habit) -> Habit:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from perceptree.simulator.geometry.undergrowth import LOW_PLANTS, UNDERGROWTH
 from perceptree.simulator.scene.models import MODELS, TreeModel
 
 _NEAR_CROWNS, _FAR_CROWNS = 2, 1
+_FINE_SEED = 6
 _TWIGS = (50, 100, 200, 350)
 _SAPLINGS = ("fir", "fir", "spruce", "spruce")
 
@@ -32,9 +34,20 @@ class Prototypes:
             return None
         return self.twigs[min(_TWIGS, key=lambda count: abs(count - number))]
 
-    def crowns_of(self, model: TreeModel, near: bool, leaves: bool) -> list[Mesh]:
+    def crowns_of(
+        self, model: TreeModel, near: bool, leaves: bool, fine: bool = False
+    ) -> list[Mesh]:
         """The crowns a tree of this model may wear; conifers keep theirs in winter."""
+        if near and fine:
+            return _fine_crowns(model, leaves or model.conifer)
         return self.crowns[model.name, near, leaves or model.conifer]
+
+
+@cache
+def _fine_crowns(model: TreeModel, leaves: bool) -> list[Mesh]:
+    """Crowns of fine twigs, grown when a scene first asks for them."""
+    rng = np.random.default_rng([_FINE_SEED, MODELS.index(model)])
+    return [crown(rng, model, True, leaves, fine=True) for _ in range(_NEAR_CROWNS)]
 
 
 def make_prototypes(seed: int = 5) -> Prototypes:

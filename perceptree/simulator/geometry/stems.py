@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perceptree.simulator.geometry.mesh import Mesh, merge, surface_mesh
+from perceptree.simulator.materials.layers import Layer
 from perceptree.simulator.scene.stem import Stem
+from perceptree.simulator.vectors import UP
 
 Float = NDArray[np.floating[Any]]
 
@@ -17,6 +19,7 @@ STEM_SIDES = 48
 _UPPER_SIDES = 16
 _FAR_SIDES = 7
 _FOOT_M = -0.6
+_TORN = 0.5  # height of the splinters over the stem's diameter
 
 
 def stem_mesh(stem: Stem, label_heights_m: tuple[float, ...], near: bool) -> Mesh:
@@ -25,11 +28,13 @@ def stem_mesh(stem: Stem, label_heights_m: tuple[float, ...], near: bool) -> Mes
     The faces of both leaders below the last of ``label_heights_m`` are labelled.
     """
     if not near:
-        levels = _FOOT_M + (stem.height_m - _FOOT_M) * np.linspace(0, 1, 6) ** 1.5
+        levels = _FOOT_M + (_end_m(stem) - _FOOT_M) * np.linspace(0, 1, 6) ** 1.5
         return merge([_bark(stem, levels, _FAR_SIDES, False), *_fork(stem, (), 5, _FAR_SIDES)])
     lower = lower_levels_m(stem, label_heights_m)
-    upper = lower[-1] + (stem.height_m - lower[-1]) * np.linspace(0, 1, 9)
+    upper = lower[-1] + (_end_m(stem) - lower[-1]) * np.linspace(0, 1, 9)
     parts = [_bark(stem, lower, STEM_SIDES, True), _bark(stem, upper, _UPPER_SIDES, False)]
+    if stem.broken_m is not None:
+        parts.append(_splinters(stem, stem.broken_m))
     return merge(parts + _fork(stem, label_heights_m[-1:], 10, 20))
 
 
@@ -43,6 +48,22 @@ def lower_levels_m(stem: Stem, label_heights_m: tuple[float, ...]) -> Float:
 def _bark(stem: Stem, height_m: Float, sides: int, labelled: bool) -> Mesh:
     mesh = _scaled(stem, stem.rings(height_m, sides), stem.axis(height_m))
     return replace(mesh, labelled=np.full(len(mesh.faces), labelled))
+
+
+def _end_m(stem: Stem) -> float:
+    return stem.height_m if stem.broken_m is None else stem.broken_m
+
+
+def _splinters(stem: Stem, height_m: float) -> Mesh:
+    """The torn wood of a broken stem: a rim of points of unequal height around a hollow."""
+    rim = stem.rings(np.array([height_m]), _UPPER_SIDES)[0]
+    turn = np.linspace(0, 2 * np.pi, _UPPER_SIDES + 1)
+    torn = 1 + np.sin(turn + stem.sweep_phase[0]) + 0.6 * np.sin(7 * turn + stem.sweep_phase[1])
+    tips = rim + UP * (_TORN * stem.diameter_m * np.maximum(torn, 0))[:, None]
+    middle = stem.axis(np.array([height_m]))[0]
+    inner = middle + 0.2 * (rim - middle)
+    rings = np.stack([rim, middle + 0.97 * (tips - middle), inner])
+    return surface_mesh(rings[None], rings.mean(1)[None], Layer.CUT_WOOD, 1, 0.3, 0.8)
 
 
 def _fork(stem: Stem, rings_at_m: tuple[float, ...], rings: int, sides: int) -> list[Mesh]:

@@ -104,6 +104,8 @@ def make_light(rng: np.random.Generator, settings: LightSettings, weather: Weath
     if weather.kind == "fog":
         strength *= 1 - 0.9 * weather.strength
     sun_colour = (0.08 if overcast else 1.0) * strength * np.array(sky.sun_colour)
+    if settings.sun_warmth != 1:
+        sun_colour = sun_colour.mean() + settings.sun_warmth * (sun_colour - sun_colour.mean())
     sky_colour = np.array(sky.sky_colour) * rng.uniform(0.85, 1.2)
     if overcast:
         sky_colour = 0.55 * sky_colour + 0.45 * sky_colour.mean()

@@ -37,6 +37,7 @@ Float = NDArray[np.floating[Any]]
 NEAR_M = 18.0
 _OBSTACLES_M = {"rock": (0.22, 0.17), "stump": (0.18, 0.33)}
 _LEAFLESS_SNOW = 0.25
+_BROKEN_M = (0.3, 5.0)  # above the labelled stem
 _STEM_GAP_M = 0.3
 
 
@@ -47,7 +48,8 @@ class Tree:
     ``position_m`` (3,) is the foot of the axis on the ground; the heights are along the stem's
     local z, above that foot. ``cut_height_m`` and ``diameter_height_m`` are above the ground on
     the uphill side, ``uphill_m`` how much higher that is than the foot. Only ``near`` trees are
-    drawn in full and can be labelled. ``crown`` in [0, 1) picks the crown's variant.
+    drawn in full and can be labelled. ``crown`` in [0, 1) picks the crown's variant; ``dead``
+    trees have lost theirs.
     """
 
     stem: Stem
@@ -60,6 +62,7 @@ class Tree:
     crown: float
     turn_rad: float
     tint: float
+    dead: bool = False
 
     @property
     def cut_z_m(self) -> float:
@@ -92,7 +95,8 @@ class Scene:
     World axes: x east, y north, z up, metres. ``trees`` are all of the stand, near ones first:
     tree n of the near ones has the number n + 1 in label images. ``obstacles`` (n, 3), x, y and
     radius, are what a camera has to keep out of beside the stems. ``dead_twigs``, ``backdrop``
-    and ``look`` are as in ClutterSettings and Look; ``circuit`` is a machine's way, if it drives.
+    and ``look`` are as in ClutterSettings and Look, ``fine_crowns`` as in StandSettings;
+    ``circuit`` is a machine's way, if it drives.
     """
 
     seed: int
@@ -108,6 +112,7 @@ class Scene:
     dead_twigs: float
     backdrop: float
     look: Look
+    fine_crowns: bool
     circuit: Circuit | None = None
 
     @property
@@ -134,6 +139,8 @@ def describe_scene(settings: SimulatorSettings, seed: int) -> Scene:
     feet = feet[_outside(feet, large.circles)]
     feet = feet[np.argsort(np.hypot(*feet.T), kind="stable")]
     trees = _grow(rng, settings, terrain, feet)
+    if stand.dead_share:
+        trees = _let_die(np.random.default_rng([seed, 6]), trees, stand.dead_share)
     undergrowth = scatter(rng, settings.undergrowth, terrain, feet)
     near = feet[np.hypot(*feet.T) < NEAR_M]
     rooted = rng.random(len(near)) < terrain.cover[GROUNDS.index("roots")]
@@ -153,7 +160,7 @@ def describe_scene(settings: SimulatorSettings, seed: int) -> Scene:
         undergrowth + large.placements + small.placements,
         weather.snow < _LEAFLESS_SNOW, weather, light, small.circles,
         float(added.uniform(*clutter.dead_twigs)), float(added.uniform(*clutter.backdrop)),
-        random_look(added, settings.randomisation), circuit,
+        random_look(added, settings.randomisation), stand.fine_crowns, circuit,
     )  # fmt: skip
 
 
@@ -197,6 +204,18 @@ def _grow(
         )
         trees.append(_plant(rng, stem, float(x), float(y), terrain, settings.labels))
     return trees
+
+
+def _let_die(rng: np.random.Generator, trees: list[Tree], share: float) -> list[Tree]:
+    """The trees, a share of them dead; half of those are broken off above their labels."""
+    result = []
+    for tree in trees:
+        dies, breaks, height_m = rng.random() < share, rng.random() < 0.5, rng.uniform(*_BROKEN_M)
+        stem = tree.stem
+        if dies and breaks and stem.fork is None and height_m < 0.6 * stem.height_m:
+            stem = replace(stem, broken_m=float(tree.top_z_m + height_m))
+        result.append(replace(tree, stem=stem, dead=True) if dies else tree)
+    return result
 
 
 def _mixture(rng: np.random.Generator, stand: StandSettings) -> tuple[list[TreeModel], Float]:

@@ -48,7 +48,8 @@ class Stem:
     ``lean`` (2,) is the tangent of its lean along x and y, ``sweep_m`` and ``sweep_phase`` (2,)
     its bends, ``foot_sweep_m`` (2,) how far its foot curves aside; ``roots`` (k, 4) azimuth,
     swelling over the radius, narrowness and height in metres of its root collar's ridges;
-    ``bumps`` (k, 4) amplitude, turns, waves per metre and phase of its irregular section.
+    ``bumps`` (k, 4) amplitude, turns, waves per metre and phase of its irregular section; a stem
+    that is ``broken_m`` above its foot was ``height_m`` high before.
     """
 
     model: TreeModel
@@ -61,6 +62,7 @@ class Stem:
     roots: Float
     bumps: Float
     fork: Fork | None = None
+    broken_m: float | None = None
 
     @property
     def species(self) -> str:

@@ -25,6 +25,8 @@ _MATCH_SIGMA_PX = 1.2
 _LUCK_SIGMA_PX = 2.0
 _PATCH_SIGMA_PX = 8.0
 _PATCH_SHARE = 0.03
+_LEAST_CONTRAST = np.float32(0.2)
+_SKY_M = 1000.0
 _TOF_NEAREST_M = 0.2
 _TOF_FLOOR_M = 0.0015
 _TOF_HEADROOM = 1.5
@@ -49,11 +51,13 @@ class MeasuredDepth:
 
 
 def measure_depth(
-    rng: np.random.Generator, settings: DepthSettings, depth_m: Float32, camera: PinholeCamera
-) -> MeasuredDepth:
+    rng: np.random.Generator, settings: DepthSettings, depth_m: Float32, camera: PinholeCamera,
+    haze_per_m: float = 0.0,
+) -> MeasuredDepth:  # fmt: skip
     """A depth camera's reading of ``depth_m`` (H, W), exact along the optical axis, 0 on sky.
 
-    H and W must be even where the sensor has half the resolution.
+    H and W must be even where the sensor has half the resolution. ``haze_per_m`` is the air's
+    extinction, which counts where the settings say so.
     """
     kinds = [kind for kind, weight in settings.kinds.items() if weight > 0]
     weights = np.array([settings.kinds[kind] for kind in kinds])
@@ -64,7 +68,8 @@ def measure_depth(
     invert_depth(depth_m, side, np.float32(_EDGE_RATIO), inverse)
     small = camera.scaled(inverse.shape[1], inverse.shape[0])
     sensor = _stereo if kind == "stereo" else _time_of_flight
-    measured = sensor(rng, settings, inverse, small, holes)
+    haze = np.float32(haze_per_m if settings.in_haze else 0.0)
+    measured = sensor(rng, settings, inverse, small, holes, haze)
     full = np.repeat(np.repeat(measured.depth_m, side, 0), side, 1)
     return MeasuredDepth(full, kind, measured.baseline_m, measured.noise, measured.range_m)
 
@@ -75,11 +80,14 @@ def _stereo(
     inverse: Float32,
     camera: PinholeCamera,
     holes: float,
+    haze: np.float32,
 ) -> MeasuredDepth:
     """Disparity f b / z with a matcher's faults: noise, steps, holes and bleeding at edges.
 
     The image is the left one of the pair, so the strip that the right camera does not see lies
-    left of near objects, and at the left border.
+    left of near objects, and at the left border. In ``haze``, per metre, contrast falls to
+    exp(-haze z) (Koschmieder 1924): the noise grows by as much, and where too little is left
+    nothing is matched.
     """
     baseline = float(rng.uniform(*settings.baseline_m))
     noise = float(rng.uniform(*settings.disparity_noise_px))
@@ -92,7 +100,12 @@ def _stereo(
         disparity, lost = _match(rng, disparity, holes)
     lost |= (disparity < scale / np.float32(reach)) | (disparity > _SEARCH_SHARE * camera.width)
     step = np.float32(settings.disparity_step_px / side)
-    disparity += np.float32(noise / side) * smooth_noise(rng, inverse.shape, _MATCH_SIGMA_PX)
+    error = np.float32(noise / side) * smooth_noise(rng, inverse.shape, _MATCH_SIGMA_PX)
+    if haze > 0:
+        contrast = np.exp(-haze / np.maximum(inverse, np.float32(1 / _SKY_M)))
+        lost |= contrast < _LEAST_CONTRAST
+        error /= np.maximum(contrast, _LEAST_CONTRAST)
+    disparity += error
     disparity = np.maximum(np.rint(disparity / step) * step, step)
     measured = np.where(lost, np.float32(0), scale / disparity)
     measured[measured > reach] = 0
@@ -127,20 +140,24 @@ def _time_of_flight(
     inverse: Float32,
     camera: PinholeCamera,
     holes: float,
+    haze: np.float32,
 ) -> MeasuredDepth:
     """Noise of k z², mixed depths and holes at edges, weak returns lost, steps of 1 mm.
 
-    The noise is at least 1.5 mm, unless k is 0, and smooth over a pixel.
+    The noise is at least 1.5 mm, unless k is 0, and smooth over a pixel. ``haze``, per metre,
+    takes light on the way there and back: the noise grows as the root of what is left falls.
     """
     noise = float(rng.uniform(*settings.tof_noise_per_m))
     reach = float(rng.uniform(*settings.tof_range_m))
     depth = np.asarray(1 / np.maximum(inverse, np.float32(0.5 / reach)), np.float32)
     lost = depth < _TOF_NEAREST_M
     if holes > 0:
-        depth, faults = _returns(rng, depth, camera, reach, holes)
+        depth, faults = _returns(rng, depth, camera, reach, holes, haze)
         lost |= faults
     if noise > 0:
         deviation = np.maximum(np.float32(noise) * depth * depth, np.float32(_TOF_FLOOR_M))
+        if haze > 0:
+            deviation *= np.exp(haze * depth)
         depth += deviation * smooth_noise(rng, depth.shape, _TOF_SIGMA_PX)
     step = np.float32(_TOF_STEP_M)
     lost |= depth > reach
@@ -149,12 +166,14 @@ def _time_of_flight(
 
 
 def _returns(
-    rng: np.random.Generator, depth: Float32, camera: PinholeCamera, reach: float, holes: float
-) -> tuple[Float32, Mask]:
+    rng: np.random.Generator, depth: Float32, camera: PinholeCamera, reach: float, holes: float,
+    haze: np.float32,
+) -> tuple[Float32, Mask]:  # fmt: skip
     """Depths (H, W) with flying pixels at edges, and where a return is mixed or too weak.
 
-    A return is as strong as reflectance times the cosine of incidence over z²; the range is
-    what a middling surface seen head-on gives with some strength to spare.
+    A return is as strong as reflectance times the cosine of incidence over z², less what the
+    haze takes; the range is what a middling surface seen head-on gives with some strength to
+    spare.
     """
     window = np.ones((3, 3), np.uint8)
     near = np.asarray(cv2.erode(depth, window), np.float32)
@@ -172,5 +191,7 @@ def _returns(
     squared_cosine[edge] = 1
     dark = smooth_noise(rng, depth.shape, _PATCH_SIGMA_PX) * np.float32(_REFLECTANCE_LOG_STD)
     strength = (np.exp(2 * dark) * squared_cosine * _TOF_HEADROOM**2) ** np.float32(holes)
+    if haze > 0:
+        strength *= np.exp(-4 * haze * depth)
     weak = strength < (depth / np.float32(reach)) ** 4
     return flying, gone | weak

@@ -17,7 +17,6 @@ Float = NDArray[np.floating[Any]]
 
 _MIDDLE_GREY = 0.22
 _CORNER_LOSS = 0.25
-_DUSK_EXPOSURE = 0.55
 _DUSK_NOISE = 3.0
 _READ_NOISE = 0.01
 _GAMMA = 2.2
@@ -92,12 +91,13 @@ def expose(
     """An (H, W, 3) uint8 BGR image of (2H, 2W, 3) float32 linear RGB ``samples``.
 
     The exposure is metered on ``log_luminance``, the samples' mean log luminance, and falls to
-    55 % while the noise triples as ``darkness`` goes from 0 (day) to 1 (dusk). Each sample passes
-    the filmic curve before those of a pixel are blended. ``error`` is a factor by which the
-    exposure is off, ``lens`` what else the lens does to the toned picture (H, W, 3) before noise.
+    ``dusk_exposure`` while the noise triples as ``darkness`` goes from 0 (day) to 1 (dusk). Each
+    sample passes the filmic curve before those of a pixel are blended. ``error`` is a factor by
+    which the exposure is off, ``lens`` what else the lens does to the toned picture (H, W, 3)
+    before noise.
     """
     height, width = samples.shape[0] // 2, samples.shape[1] // 2
-    exposure = rng.uniform(*settings.exposure) * (1 - (1 - _DUSK_EXPOSURE) * darkness)
+    exposure = rng.uniform(*settings.exposure) * (1 - (1 - settings.dusk_exposure) * darkness)
     gain = error * exposure * _MIDDLE_GREY / np.exp(log_luminance)
     red, blue = 1 + rng.uniform(*settings.white_balance, 2)
     noise = rng.uniform(*settings.noise) * (1 + (_DUSK_NOISE - 1) * darkness)

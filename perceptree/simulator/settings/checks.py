@@ -9,6 +9,9 @@ from perceptree.errors import SettingsError
 Range = tuple[float, float]
 Shares = dict[str, float]
 
+LATER = {"later": True}
+"""Metadata of a setting that older data sets do not know: it is told only where it is changed."""
+
 
 def check_number(name: str, value: float, lowest: float, highest: float) -> None:
     """Raise SettingsError unless ``value`` lies in [lowest, highest]."""

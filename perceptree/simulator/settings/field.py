@@ -31,6 +31,9 @@ def _scene(settings: SimulatorSettings) -> SimulatorSettings:
             spacing_m=0.8,
             diameter_m=(0.05, 0.9),
             diameter_median_m=(0.12, 0.36),
+            lean_std_deg=(1.0, 8.0),
+            dead_share=0.08,
+            fine_crowns=True,
         ),
         clutter=ClutterSettings(
             dead_twigs=(0.0, 3.0),
@@ -49,10 +52,15 @@ def _camera(settings: SimulatorSettings) -> SimulatorSettings:
     return replace(
         settings,
         weather=WeatherSettings(kinds=kinds, strength=(0.1, 0.8)),
-        light=LightSettings(times=times, overcast_share=0.3),
+        light=LightSettings(times=times, overcast_share=0.3, sun_warmth=0.55),
         rgb=RgbSettings(
-            exposure=(0.6, 2.2), blur_px=(0.0, 0.6), motion_px=(0.0, 8.0), jpeg_quality=85
+            exposure=(0.6, 2.2),
+            blur_px=(0.0, 0.6),
+            motion_px=(0.0, 8.0),
+            jpeg_quality=85,
+            dusk_exposure=0.85,
         ),
+        depth=replace(settings.depth, in_haze=True),
         imaging=ImagingSettings(
             share=0.7, exposure_stops=(-1.0, 1.2), infrared_share=0.06, saturation=(1.0, 2.2)
         ),

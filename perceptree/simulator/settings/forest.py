@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from perceptree.simulator.settings.checks import (
+    LATER,
     Range,
     Shares,
     check_number,
@@ -47,7 +48,9 @@ class StandSettings:
     ``patterns`` weighs the spatial pattern of a scene. ``spacing_m`` is the least distance of two
     stems, ``max_neighbours`` how many others may stand within ``neighbour_radius_m`` of one.
     ``altitude_preference`` from -1 (hollows) to 1 (ridges) thins the stand by altitude; ground
-    steeper than ``max_slope_deg`` stays bare. Stems lean by a half-normal angle.
+    steeper than ``max_slope_deg`` stays bare. Stems lean by a half-normal angle. ``dead_share`` of
+    the trees are dead: without needles or leaves, some broken off above the labelled stem. Near
+    trees with ``fine_crowns`` bear more and smaller twigs, less in one plane.
     """
 
     stems_per_ha: Range = (300.0, 860.0)
@@ -71,6 +74,8 @@ class StandSettings:
     lean_std_deg: Range = (1.0, 6.0)
     lean_max_deg: float = 20.0
     fork_share: float = 0.06
+    dead_share: float = field(default=0.0, metadata=LATER)
+    fine_crowns: bool = field(default=False, metadata=LATER)
 
     def __post_init__(self) -> None:
         check_range("stems_per_ha", self.stems_per_ha, 10.0, 5000.0)
@@ -88,6 +93,7 @@ class StandSettings:
         check_range("lean_std_deg", self.lean_std_deg, 0.0, 20.0)
         check_number("lean_max_deg", self.lean_max_deg, 0.0, 20.0)
         check_number("fork_share", self.fork_share, 0.0, 1.0)
+        check_number("dead_share", self.dead_share, 0.0, 1.0)
 
 
 @dataclass(frozen=True)

@@ -89,6 +89,15 @@ _ALL = (
     ),
     Preset("field", _field(), 3, 10_000, "what real pictures hold, for networks to be deployed"),
     Preset("drive", _drive(), 4, 600, "a machine's drives through the field mix, with an IMU"),
+    Preset(
+        "field-test",
+        replace(
+            _field(), splits=SplitSettings(val=0.0, test=1.0), depth=DepthSettings(in_haze=True)
+        ),
+        45,
+        400,
+        "the second frozen test set, of the field mix",
+    ),
     Preset("plain", _plain(), 2, 1_000, "clear days on one ground, firs and beeches"),
 )
 PRESETS: dict[str, Preset] = {preset.name: preset for preset in _ALL}

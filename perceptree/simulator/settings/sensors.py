@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from calib import PinholeCamera
 from perceptree.errors import SettingsError
 from perceptree.simulator.settings.checks import (
+    LATER,
     Range,
     Shares,
     check_number,
@@ -75,7 +76,8 @@ class RgbSettings:
     ``exposure`` is the metered mean's place on the tone curve, 1 at middle grey; ``noise`` the
     standard deviation at middle grey by day, as a share of full scale; ``blur_px`` the lens's
     Gaussian blur; ``motion_px`` the length of a straight motion blur in ``motion_share`` of the
-    frames; ``white_balance`` the error of the red and blue gains.
+    frames; ``white_balance`` the error of the red and blue gains; ``dusk_exposure`` the share of
+    the exposure that is left at dusk.
     """
 
     exposure: Range = (0.45, 0.9)
@@ -85,6 +87,7 @@ class RgbSettings:
     motion_share: float = 0.2
     white_balance: Range = (-0.12, 0.12)
     jpeg_quality: int = 85
+    dusk_exposure: float = field(default=0.55, metadata=LATER)
 
     def __post_init__(self) -> None:
         check_range("exposure", self.exposure, 0.05, 5.0)
@@ -94,6 +97,7 @@ class RgbSettings:
         check_number("motion_share", self.motion_share, 0.0, 1.0)
         check_range("white_balance", self.white_balance, -0.5, 0.5)
         check_number("jpeg_quality", self.jpeg_quality, 30, 100)
+        check_number("dusk_exposure", self.dusk_exposure, 0.05, 1.0)
 
 
 @dataclass(frozen=True)
@@ -106,7 +110,8 @@ class DepthSettings:
     goes wrong besides: lost readings, and surfaces that bleed or mix at edges. With
     ``half_resolution`` the sensor has half the image's rows and columns, as those that work on
     board have, and each reading fills 2x2 px. The exact depth is written beside it, up to
-    ``exact_range_m``, at every ``exact_stride_px``-th pixel of every such row.
+    ``exact_range_m``, at every ``exact_stride_px``-th pixel of every such row. With ``in_haze``
+    fog and haze take contrast and light from the sensor: more noise, lost readings.
     """
 
     kinds: Shares = field(default_factory=lambda: {"stereo": 3.0, "tof": 1.0})
@@ -120,6 +125,7 @@ class DepthSettings:
     half_resolution: bool = True
     exact_range_m: float = 25.0
     exact_stride_px: int = 1
+    in_haze: bool = field(default=False, metadata=LATER)
 
     def __post_init__(self) -> None:
         check_shares("depth kinds", self.kinds, DEPTH_KINDS)

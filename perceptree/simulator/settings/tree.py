@@ -9,7 +9,7 @@ from typing import Any
 from calib import PinholeCamera
 from perceptree.errors import SettingsError
 from perceptree.simulator.settings.atmosphere import LightSettings, WeatherSettings
-from perceptree.simulator.settings.checks import check_choice, check_number
+from perceptree.simulator.settings.checks import LATER, check_choice, check_number
 from perceptree.simulator.settings.drive import DriveSettings
 from perceptree.simulator.settings.forest import (
     StandSettings,
@@ -25,7 +25,6 @@ from perceptree.simulator.settings.realism import (
 from perceptree.simulator.settings.sensors import CameraSettings, DepthSettings, RgbSettings
 
 CUT_RULES = ("fixed", "visible")
-_LATER = {"later": True}
 
 
 @dataclass(frozen=True)
@@ -42,7 +41,7 @@ class LabelSettings:
     diameter_height_m: float = 0.30
     min_visible_fraction: float = 0.08
     min_visible_area: float = 4e-4
-    cut_rule: str = field(default="fixed", metadata=_LATER)
+    cut_rule: str = field(default="fixed", metadata=LATER)
 
     def __post_init__(self) -> None:
         check_choice("cut_rule", self.cut_rule, CUT_RULES)
@@ -88,13 +87,13 @@ class SimulatorSettings:
     labels: LabelSettings = field(default_factory=LabelSettings)
     splits: SplitSettings = field(default_factory=SplitSettings)
     views_per_scene: int = 8
-    clutter: ClutterSettings = field(default_factory=ClutterSettings, metadata=_LATER)
-    objects: ObjectSettings = field(default_factory=ObjectSettings, metadata=_LATER)
-    imaging: ImagingSettings = field(default_factory=ImagingSettings, metadata=_LATER)
+    clutter: ClutterSettings = field(default_factory=ClutterSettings, metadata=LATER)
+    objects: ObjectSettings = field(default_factory=ObjectSettings, metadata=LATER)
+    imaging: ImagingSettings = field(default_factory=ImagingSettings, metadata=LATER)
     randomisation: RandomisationSettings = field(
-        default_factory=RandomisationSettings, metadata=_LATER
+        default_factory=RandomisationSettings, metadata=LATER
     )
-    drive: DriveSettings = field(default_factory=DriveSettings, metadata=_LATER)
+    drive: DriveSettings = field(default_factory=DriveSettings, metadata=LATER)
 
     def __post_init__(self) -> None:
         check_number("views_per_scene", self.views_per_scene, 1, 1000)

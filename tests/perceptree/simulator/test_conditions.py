@@ -56,6 +56,20 @@ def test_the_sun_stands_and_shines_by_the_time_of_day():
     assert light("dusk").sun_colour.max() < 0.2 * light("daylight").sun_colour.max()
 
 
+def test_a_cooler_sun_is_as_bright_and_nearer_to_white():
+    warm, cool = (
+        make_light(
+            np.random.default_rng(1),
+            LightSettings({"evening": 1.0}, 0.0, sun_warmth=warmth),
+            weather("clear", 0.8),
+        )
+        for warmth in (1.0, 0.5)
+    )
+    assert cool.sun_colour.sum() == pytest.approx(warm.sun_colour.sum())
+    assert np.ptp(cool.sun_colour) == pytest.approx(0.5 * np.ptp(warm.sun_colour))
+    assert np.array_equal(cool.sky_colour, warm.sky_colour)
+
+
 def test_clouds_and_what_falls_take_the_sun():
     clear = light("daylight").sun_colour.max()
     assert light("daylight", overcast=1.0).overcast

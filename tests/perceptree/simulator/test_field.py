@@ -25,6 +25,10 @@ OLDER = {
     "paper": "9b48ef2ff6dfaed4",
     "plain": "786aa32f9fe3121a",
 }
+FOLIAGE = [
+    Layer.FIR_TWIG, Layer.SPRUCE_TWIG, Layer.PINE_TWIG, Layer.BEECH_LEAVES, Layer.BIRCH_LEAVES,
+    Layer.MAPLE_LEAVES,
+]  # fmt: skip
 MADE_WITH = {"numpy": "2.4.6", "opencv-python-headless": "5.0.0.93", "numba": "0.68.1"}
 
 
@@ -163,6 +167,30 @@ def test_dead_twigs_and_low_plants_come_with_their_settings(field_settings, prot
     more = len(assemble(thick, prototypes).faces) - len(assemble(bare, prototypes).faces)
     assert conifers > 0
     assert more > 500 * conifers
+
+
+def test_a_share_of_the_trees_is_dead_and_some_are_broken_above_their_labels(
+    field_settings, field_forest, prototypes
+):
+    stand = dataclasses.replace(field_settings.stand, dead_share=0.4)
+    scene = describe_scene(dataclasses.replace(field_settings, stand=stand), 21)
+    alive = dataclasses.replace(scene, trees=[_alive(tree) for tree in scene.trees])
+    dead = [tree for tree in scene.trees if tree.dead]
+    assert len(dead) / len(scene.trees) == pytest.approx(0.4, abs=0.1)
+    broken = [tree for tree in dead if tree.stem.broken_m is not None]
+    assert 0.1 < len(broken) / len(dead) < 0.6
+    assert all(tree.top_z_m < tree.stem.broken_m < tree.stem.height_m for tree in broken)
+    assert all(tree.stem.broken_m is None for tree in scene.trees if not tree.dead)
+    foliage = [np.isin(assemble(s, prototypes).layer, FOLIAGE).sum() for s in (scene, alive)]
+    assert foliage[0] < 0.9 * foliage[1]
+    standing = [tree.position_m.tolist() for tree in field_forest[0].trees]
+    assert [tree.position_m.tolist() for tree in scene.trees] == standing
+
+
+def _alive(tree):
+    return dataclasses.replace(
+        tree, dead=False, stem=dataclasses.replace(tree.stem, broken_m=None)
+    )  # fmt: skip
 
 
 def test_a_frame_says_what_it_holds_beyond_the_papers_conditions(field_settings, assets: Assets):

@@ -9,6 +9,7 @@ import pytest
 
 from perceptree.simulator.dataset import frozen
 from perceptree.simulator.dataset.frozen import (
+    FROZEN_PRESETS,
     FrozenSet,
     compare_with_frozen,
     content_sha256,
@@ -101,14 +102,19 @@ def test_the_plain_preset_is_clear_daylight_on_one_ground():
     assert set(settings.stand.species) == {"fir", "beech"}
 
 
-def test_the_test_presets_settings_are_the_frozen_ones():
-    kept = read_frozen()
-    preset = PRESETS["test"]
+@pytest.mark.parametrize("name", FROZEN_PRESETS)
+def test_a_test_presets_settings_are_the_frozen_ones(name: str):
+    kept = read_frozen(name)
+    preset = PRESETS[name]
     assert (kept.name, kept.seed, kept.frames) == (preset.name, preset.seed, preset.frames)
-    assert kept.settings_sha256 == preset_sha256(), (
-        "the test preset changed: figures measured on it before no longer compare; if that is"
-        " meant, run benchmarks/freeze_test_preset.py"
+    assert kept.settings_sha256 == preset_sha256(name), (
+        f"the preset {name} changed: figures measured on it before no longer compare; if that is"
+        " meant, run benchmarks/freeze_test_set.py"
     )
+
+
+def test_the_test_sets_hold_other_scenes_than_the_mixes_they_are_of():
+    assert len({PRESETS[name].seed for name in ("paper", "test", "field", "field-test")}) == 4
 
 
 def test_any_setting_changes_the_settings_hash():
@@ -121,12 +127,12 @@ def test_any_setting_changes_the_settings_hash():
 
 
 def test_a_dataset_equals_itself(dataset: Path):
-    comparison = compare_with_frozen(dataset, describe_dataset(dataset))
+    comparison = compare_with_frozen(dataset, describe_dataset(dataset, "test"))
     assert (comparison.files, comparison.differing, comparison.complaints) == (49, 0, [])
 
 
 def test_what_is_frozen_is_told_by_the_labels(dataset: Path):
-    kept = describe_dataset(dataset)
+    kept = describe_dataset(dataset, "test")
     content = json.loads((dataset / "test_RGB.json").read_text())
     trees = content["annotations"]
     assert kept.trees_per_frame == pytest.approx(len(trees) / 12)
@@ -137,7 +143,7 @@ def test_what_is_frozen_is_told_by_the_labels(dataset: Path):
 
 
 def test_a_flipped_byte_counts_and_is_no_complaint(dataset: Path):
-    kept = describe_dataset(dataset)
+    kept = describe_dataset(dataset, "test")
     image = dataset / "images/000003.jpg"
     image.write_bytes(image.read_bytes()[:-1] + b"x")
     (dataset / "depth/000005.png").unlink()
@@ -147,7 +153,7 @@ def test_a_flipped_byte_counts_and_is_no_complaint(dataset: Path):
 
 
 def test_labels_that_differ_are_told(dataset: Path):
-    kept = describe_dataset(dataset)
+    kept = describe_dataset(dataset, "test")
     path = dataset / "test_RGB.json"
     content = json.loads(path.read_text())
     del content["annotations"][:2]
@@ -167,8 +173,9 @@ def test_the_content_hash_leaves_out_what_is_made_of_the_content(dataset: Path):
 
 
 @pytest.mark.slow
-def test_the_frozen_test_set_comes_out_again(tmp_path: Path):
-    kept, preset = read_frozen(), PRESETS["test"]
+@pytest.mark.parametrize("name", FROZEN_PRESETS)
+def test_a_frozen_test_set_comes_out_again(tmp_path: Path, name: str):
+    kept, preset = read_frozen(name), PRESETS[name]
     generate_dataset(tmp_path, preset.frames, preset.settings, preset.seed, files=preset.files)
     comparison = compare_with_frozen(tmp_path, kept)
     assert comparison.complaints == []

@@ -197,6 +197,36 @@ def test_the_exposure_is_metered():
     assert shoot(PLAIN, 0.2).mean() == pytest.approx(shoot(PLAIN, 0.4).mean(), abs=0.5)
 
 
+def test_the_exposure_left_at_dusk_is_a_setting():
+    dark, bright = (
+        shoot(replace(PLAIN, dusk_exposure=share), darkness=1.0).mean() for share in (0.3, 1.0)
+    )
+    assert dark < 0.8 * bright
+    assert bright == shoot(PLAIN).mean()
+
+
+def test_haze_takes_range_and_adds_noise_where_the_settings_say_so():
+    noisy = replace(STEREO, disparity_noise_px=(0.1, 0.1), holes=(0.0, 0.0))
+    shades = {
+        kind: replace(start, in_haze=True, holes=(1.0, 1.0))
+        for kind, start in (("stereo", noisy), ("tof", TOF))
+    }
+
+    def read(settings: DepthSettings, z_m: float, haze_per_m: float) -> np.ndarray:
+        rng = np.random.default_rng(3)
+        return measure_depth(rng, settings, flat(z_m), CAMERA, haze_per_m).depth_m
+
+    exact = replace(noisy, in_haze=True)
+    clear, thick = (read(exact, 6.0, haze).std() for haze in (0.0, 0.1))
+    assert thick == pytest.approx(clear * np.exp(0.6), rel=0.1)
+    assert not read(exact, 17.0, 0.1).any()  # less than a fifth of the contrast is left
+    for settings in shades.values():
+        lost = [(read(settings, 9.0, haze) == 0).mean() for haze in (0.0, 0.06, 0.2)]
+        assert lost[0] <= lost[1] < lost[2]
+        assert lost[2] > 0.9
+    assert np.array_equal(read(noisy, 6.0, 0.1), read(noisy, 6.0, 0.0))
+
+
 def test_dusk_is_darker_and_noisier():
     noisy = replace(PLAIN, noise=(0.01, 0.01))
     day, dusk = shoot(PLAIN).astype(float), shoot(PLAIN, darkness=1.0).astype(float)

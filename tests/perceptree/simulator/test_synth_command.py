@@ -130,13 +130,13 @@ def test_a_preset_brings_its_seed_and_settings(call: Call, tmp_path: Path):
 def test_the_test_preset_is_held_against_the_frozen_set(
     call: Call, tmp_path: Path, small_test_preset: None, monkeypatch
 ):
-    monkeypatch.setattr(frozen, "read_frozen", lambda: describe_dataset(tmp_path))
+    monkeypatch.setattr(frozen, "read_frozen", lambda name: describe_dataset(tmp_path, name))
     code, printed, _ = call("synth", "--out", tmp_path, "--preset", "test")
     assert code == 0
     assert "equals the frozen test set, all 33 files" in printed
-    same = describe_dataset(tmp_path)
+    same = describe_dataset(tmp_path, "test")
     other = replace(same, content_sha256="0", files={**same.files, "images": "0" * 64})
-    monkeypatch.setattr(frozen, "read_frozen", lambda: other)
+    monkeypatch.setattr(frozen, "read_frozen", lambda name: other)
     code, printed, _ = call("synth", "--out", tmp_path, "--preset", "test")
     assert code == 0
     assert "8 of 33 files differ from the frozen test set: other library versions" in printed
@@ -147,10 +147,10 @@ def test_labels_that_differ_from_the_frozen_ones_exit_with_one(
     call: Call, tmp_path: Path, small_test_preset: None, monkeypatch
 ):
     call("synth", "--out", tmp_path, "--preset", "test")
-    kept = describe_dataset(tmp_path)
+    kept = describe_dataset(tmp_path, "test")
     files = {**kept.files, "test_RGB.json": "0" * 8}
     other = replace(kept, content_sha256="0", files=files, trees_per_frame=3.8)
-    monkeypatch.setattr(frozen, "read_frozen", lambda: other)
+    monkeypatch.setattr(frozen, "read_frozen", lambda name: other)
     code, printed, told = call("synth", "--out", tmp_path, "--preset", "test", "--json")
     assert (code, told) == (1, "")
     assert json.loads(printed)["frozen"]["complaints"] == [

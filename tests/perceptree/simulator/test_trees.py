@@ -219,6 +219,21 @@ def test_a_stem_lower_than_its_labels_is_labelled_up_to_its_tip():
     assert highest_labelled_m(mesh) > 0.97 * stem.height_m
 
 
+def test_a_broken_stem_ends_in_splinters_and_keeps_its_labels():
+    whole = drawn(MODELS[0])
+    broken = dataclasses.replace(whole, broken_m=5.0)
+    near, intact = (stem_mesh(stem, LABEL_HEIGHTS_M, near=True) for stem in (broken, whole))
+    labelled = [mesh.vertices[mesh.faces[mesh.labelled]] for mesh in (near, intact)]
+    assert np.array_equal(*labelled)
+    torn = near.layer == Layer.CUT_WOOD
+    assert torn.any()
+    assert not near.labelled[torn].any()
+    assert 5.0 < near.vertices[:, 2].max() < 5.0 + 2 * whole.diameter_m
+    bark = near.vertices[near.faces[~torn]]
+    assert bark[..., 2].max() == pytest.approx(5.0, abs=0.1)
+    assert stem_mesh(broken, LABEL_HEIGHTS_M, near=False).vertices[:, 2].max() < 5.2
+
+
 def test_far_stems_are_coarse_and_unlabelled():
     mesh = stem_mesh(forked(drawn(MODELS[0])), LABEL_HEIGHTS_M, near=False)
     assert not mesh.labelled.any()
@@ -255,6 +270,20 @@ def test_crowns_keep_to_their_budget_and_to_the_tree(model: TreeModel):
         foliage = np.isin(mesh.layer, CROWN_FOLIAGE)
         lowest_m = np.quantile(mesh.vertices[mesh.faces[foliage]][..., 2], 0.1)
         assert lowest_m > 0.6 * model.crown_base[0] * CROWN_HEIGHT_M
+
+
+@pytest.mark.parametrize("model", MODELS[::3], ids=[model.species for model in MODELS[::3]])
+def test_fine_crowns_have_more_and_smaller_twigs_within_the_same_reach(model: TreeModel):
+    plain, fine = (crown(np.random.default_rng(1), model, True, fine=f) for f in (False, True))
+    areas_m2, reach_m = [], []
+    for mesh in (plain, fine):
+        corners = mesh.vertices[mesh.faces[np.isin(mesh.layer, CROWN_FOLIAGE)]]
+        sides = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        areas_m2.append(0.5 * np.linalg.norm(sides, axis=-1))
+        reach_m.append(np.quantile(np.hypot(corners[..., 0], corners[..., 1]), 0.9))
+    assert 1.4 < len(areas_m2[1]) / len(areas_m2[0]) < 2.0
+    assert 0.35 < np.median(areas_m2[1]) / np.median(areas_m2[0]) < 0.65
+    assert reach_m[1] == pytest.approx(reach_m[0], rel=0.3)
 
 
 @by_model

@@ -1,6 +1,7 @@
 """What a step learns from follows from seed, step and slot, whoever prepares it."""
 
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from perceptree.training.batches import (
     TrainingFrames,
     collate,
     make_loader,
+    one_ahead,
 )
 
 Make = Callable[..., Any]
@@ -55,6 +57,24 @@ def test_neither_workers_nor_processes_change_a_batch(frames: TrainingFrames, pl
         assert halves[0][step].names + halves[1][step].names == whole.names
         joined = torch.cat([half[step].images for half in halves])
         assert torch.equal(joined, whole.images)
+
+
+def test_the_next_batch_is_prepared_while_a_step_computes(
+    frames: TrainingFrames, plan: Make
+) -> None:
+    settings, begun = plan(batch=4), [threading.Event() for _ in range(4)]
+
+    def noted() -> Iterator[Batch]:
+        loader = iter(make_loader(frames, SlotSampler(settings, 0, 0, 1), 0, pinned=False))
+        for event in begun:
+            event.set()
+            yield next(loader)
+
+    ahead = one_ahead(noted())
+    alone = first_batches(frames, SlotSampler(settings, 0, 0, 1), workers=0)
+    for number, batch in enumerate(alone):
+        assert_equal(next(ahead), batch)
+        assert begun[number + 1].wait(10)
 
 
 def test_a_later_start_goes_on_with_the_same_batches(frames: TrainingFrames, plan: Make) -> None:

@@ -1,9 +1,9 @@
-"""Make the frozen test set, and write what it must be beside the code.
+"""Make a frozen test set, and write what it must be beside the code.
 
-python benchmarks/freeze_test_preset.py --out test_set
+python benchmarks/freeze_test_set.py PRESET --out test_set
 
 The folder holds the dataset afterwards; a run that was stopped goes on. Run it only after a
-change that is meant to change the test set: figures measured before cannot be compared with
+change that is meant to change the set: figures measured before cannot be compared with
 figures measured after.
 """
 
@@ -13,7 +13,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from perceptree.simulator.dataset.frozen import FROZEN_FILE, FROZEN_PRESET, describe_dataset
+from perceptree.simulator.dataset.frozen import FROZEN_PRESETS, describe_dataset, frozen_file
 from perceptree.simulator.dataset.generate import generate_dataset
 from perceptree.simulator.dataset.storage import write_atomically
 from perceptree.simulator.settings import presets
@@ -22,10 +22,11 @@ from perceptree.simulator.settings import presets
 def main() -> None:
     """Generate or resume, then freeze."""
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("preset", choices=FROZEN_PRESETS)
     parser.add_argument("--out", type=Path, required=True, help="folder of the dataset")
     parser.add_argument("--workers", type=int, default=None)
     arguments = parser.parse_args()
-    preset = presets.PRESETS[FROZEN_PRESET]
+    preset = presets.PRESETS[arguments.preset]
 
     def progress(done: int, total: int) -> None:
         sys.stderr.write(f"\r{done} of {total} frames")
@@ -34,8 +35,8 @@ def main() -> None:
         arguments.out, preset.frames, preset.settings, preset.seed, arguments.workers, progress,
         preset.files,
     )  # fmt: skip
-    frozen = describe_dataset(arguments.out)
-    place = Path(presets.__file__).with_name(FROZEN_FILE)
+    frozen = describe_dataset(arguments.out, arguments.preset)
+    place = Path(presets.__file__).with_name(frozen_file(arguments.preset))
     write_atomically(place, frozen.to_json().encode())
     sys.stdout.write(
         f"\n{place}\ncontent {frozen.content_sha256}\n{frozen.trees_per_frame:.3f} trees a frame\n"
