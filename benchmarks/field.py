@@ -1,14 +1,15 @@
 """What the preset ``field`` and its groups bring a light RGB network, beside the preset ``paper``.
 
 python benchmarks/field.py WORK --tests TEST,FIELD_TEST --pictures PICTURES/instances.json \
-    --mixes paper-0,field-0,paper-1,field-1,scene,camera,objects,colours --result FILE.json
+    --mixes paper-0,field-0,paper-1,field-1,none,scene,camera,objects,colours --result FILE.json
 
 ``paper-N`` and ``field-N`` train for ``--minutes`` with seed N; a group of ``FIELD_GROUPS`` is
-added to ``paper`` alone and trains for half of that, to look at rather than to decide by. Every
-network starts from the same weights (``--start``, random without) and is scored on the test split
-of each of TESTS and, as a float32 file, on the real pictures. WORK keeps the data sets
-(640x360 px, four views a scene), runs and scores: what is there is taken as it is, so that mixes
-may be run in several processes of one thread each (``OMP_NUM_THREADS=1``).
+added to ``paper`` alone and trains for half of that, to look at rather than to decide by, beside
+``none``, which is ``paper`` for as long. Every network starts from the same weights (``--start``,
+random without) and is scored on the test split of each of TESTS and, as a float32 file, on the
+real pictures. WORK keeps the data sets (640x360 px, four views a scene), runs and scores: what is
+there is taken as it is, so that mixes may be run in several processes of one thread each
+(``OMP_NUM_THREADS=1``).
 """
 
 from __future__ import annotations
@@ -34,13 +35,15 @@ VIEWS = 4
 WIDTH_PX, HEIGHT_PX = 640, 360
 RATE = 1.5e-3
 NEVER = 10**9
+NONE = "none"
 MEASURES = ("box_ap", "mask_ap", "keypoint_ap", "diameter_error_px", "recall", "precision")
 
 
 def settings_of(mix: str) -> SimulatorSettings:
     """The paper's mix, the field's, or the paper's with one group."""
     paper = PRESETS["paper"].settings
-    chosen = PRESETS[mix].settings if mix in PRESETS else with_groups(paper, [mix])
+    groups = [mix] if mix in FIELD_GROUPS else []
+    chosen = PRESETS["field"].settings if mix == "field" else with_groups(paper, groups)
     camera = dataclasses.replace(
         chosen.camera, intrinsics=CameraSettings.of_size(WIDTH_PX, HEIGHT_PX).intrinsics
     )
@@ -50,14 +53,16 @@ def settings_of(mix: str) -> SimulatorSettings:
 def run(name: str, arguments: argparse.Namespace) -> dict[str, Any]:
     """Simulate, train and score one mix, or read what a run before this one found."""
     mix, _, seed = name.partition("-")
-    data, folder = arguments.work / "data" / mix, arguments.work / "runs" / name
+    whole = mix in ("paper", "field")
+    data = arguments.work / "data" / ("paper" if mix == NONE else mix)
+    folder = arguments.work / "runs" / name
     found = folder / "scores.json"
     if found.exists():
         return dict(json.loads(found.read_text("utf-8")))
     sys.stderr.write(f"{name}: simulating\n")
     generate_dataset(data, arguments.frames, settings_of(mix), SEED, workers=arguments.workers)
     sys.stderr.write(f"{name}: training\n")
-    minutes = arguments.minutes / (2 if mix in FIELD_GROUPS else 1)
+    minutes = arguments.minutes / (1 if whole else 2)
     settings = recipe_settings(
         "scratch", minutes=minutes, learning_rate=RATE, schedule="decay",
         evaluate_every_steps=NEVER, seed=int(seed or 0),
@@ -108,8 +113,8 @@ def main() -> None:
     arguments = parser.parse_args()
     for name in arguments.mixes.split(","):
         mix = name.partition("-")[0]
-        if mix not in FIELD_GROUPS and mix not in ("paper", "field"):
-            parser.error(f"--mixes names {mix!r}: expected paper-N, field-N or one of"
+        if mix not in ("paper", "field", NONE, *FIELD_GROUPS):
+            parser.error(f"--mixes names {mix!r}: expected paper-N, field-N, {NONE} or one of"
                          f" {', '.join(FIELD_GROUPS)}")  # fmt: skip
     rows = {name: run(name, arguments) for name in arguments.mixes.split(",")}
     if arguments.result is not None:

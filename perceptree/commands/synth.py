@@ -47,14 +47,10 @@ def synth(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Simulate forest frames: colour, depth, masks, boxes, keypoints and true metres."""
-    from perceptree.simulator.dataset.frozen import FROZEN_PRESETS
     from perceptree.simulator.dataset.generate import generate_dataset
 
-    frozen = preset if preset in FROZEN_PRESETS else None
-    if frozen is not None:
-        _refuse_changes(
-            frozen, frames, seed, settings, width, height, camera, views, reach, image_format
-        )
+    changes = (frames, seed, settings, width, height, camera, views, reach, image_format)
+    frozen = _frozen(preset, changes)
     start = chosen_preset(preset, settings)
     chosen = changed_settings(start.settings, camera, (width, height), views, reach)
     count = start.frames if frames is None else frames
@@ -70,13 +66,19 @@ def synth(
     _tell(report, as_json, frozen)
 
 
-def _refuse_changes(preset: str, *options: object) -> None:
+def _frozen(preset: str | None, options: tuple[object, ...]) -> str | None:
+    """The preset if it is a frozen one, which no option may change."""
+    from perceptree.simulator.dataset.frozen import FROZEN_PRESETS
+
+    if preset not in FROZEN_PRESETS:
+        return None
     if any(option is not None for option in options):
         mix = "paper" if preset == "test" else "field"
         raise SettingsError(
             f"--preset {preset} is frozen: expected no option beside --out, --workers and"
             f" --json; the same mix with others is --preset {mix}"
         )
+    return preset
 
 
 def chosen_preset(name: str | None, settings_file: Path | None = None) -> Preset:

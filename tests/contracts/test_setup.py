@@ -34,7 +34,7 @@ def test_the_readme_has_two_setup_commands() -> None:
     assert "requirements/runtime.txt" in first
     assert first.endswith("edgetree demo")
     assert "requirements/dev.txt" in second
-    assert second.endswith("pytest")
+    assert second.endswith("/pytest -n auto --dist worksteal")
 
 
 def test_continuous_integration_runs_the_readmes_second_command() -> None:

@@ -37,7 +37,7 @@ Float = NDArray[np.floating[Any]]
 NEAR_M = 18.0
 _OBSTACLES_M = {"rock": (0.22, 0.17), "stump": (0.18, 0.33)}
 _LEAFLESS_SNOW = 0.25
-_BROKEN_M = (0.3, 5.0)  # above the labelled stem
+_BROKEN_M, _BREAKS = (0.3, 5.0), 0.8  # above the labelled stem; the highest share of the stem
 _STEM_GAP_M = 0.3
 
 
@@ -212,8 +212,9 @@ def _let_die(rng: np.random.Generator, trees: list[Tree], share: float) -> list[
     for tree in trees:
         dies, breaks, height_m = rng.random() < share, rng.random() < 0.5, rng.uniform(*_BROKEN_M)
         stem = tree.stem
-        if dies and breaks and stem.fork is None and height_m < 0.6 * stem.height_m:
-            stem = replace(stem, broken_m=float(tree.top_z_m + height_m))
+        broken_m = float(tree.top_z_m + height_m)
+        if dies and breaks and stem.fork is None and broken_m < _BREAKS * stem.height_m:
+            stem = replace(stem, broken_m=broken_m)
         result.append(replace(tree, stem=stem, dead=True) if dies else tree)
     return result
 

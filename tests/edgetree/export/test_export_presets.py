@@ -30,7 +30,8 @@ def assert_proven(report: ExportReport, settings: ExportSettings) -> None:
 
 
 @pytest.mark.parametrize(
-    ("modality", "batch", "precision"), [("rgb", 4, "fp32"), ("depth", 1, "int8")]
+    ("modality", "batch", "precision"),
+    [pytest.param("rgb", 4, "fp32", marks=pytest.mark.slow), ("depth", 1, "int8")],
 )
 def test_a_light_preset_is_proven_without_training(
     modality: str, batch: int, precision: str, tmp_path: Path

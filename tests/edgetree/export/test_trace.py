@@ -43,7 +43,14 @@ def assert_same_answers(model: TreeRCNN) -> None:
         )
 
 
-@pytest.mark.parametrize(("masks", "keypoints"), [(True, False), (False, True), (False, False)])
+@pytest.mark.parametrize(
+    ("masks", "keypoints"),
+    [
+        pytest.param(True, False, marks=pytest.mark.slow),
+        pytest.param(False, True, marks=pytest.mark.slow),
+        (False, False),
+    ],
+)
 def test_a_network_with_some_branches_exports(masks: bool, keypoints: bool, lively: Lively) -> None:
     assert_same_answers(lively(preset="r50", masks=masks, keypoints=keypoints))
 

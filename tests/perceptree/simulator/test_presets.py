@@ -33,7 +33,7 @@ def dataset(tmp_path: Path, synth: ModuleType, in_process: None) -> Path:
 
 
 def test_presets_are_found_by_their_own_name():
-    assert list(PRESETS) == ["paper", "test", "field", "drive", "plain"]
+    assert list(PRESETS) == ["paper", "test", "field", "drive", "field-test", "plain"]
     assert all(preset.name == name for name, preset in PRESETS.items())
 
 
