@@ -101,6 +101,7 @@ def model_record(manifest: Manifest) -> dict[str, Any]:
     """
     classifier = manifest.classifier
     boxes = next(output for output in manifest.outputs if output.name == "boxes")
+    precision = (manifest.parity or {}).get("average_precision", {})
     return {
         "name": manifest.name,
         "backbone": manifest.backbone,
@@ -121,7 +122,7 @@ def model_record(manifest: Manifest) -> dict[str, Any]:
             "flops": _flops(classifier.multiply_adds),
         },
         "trained": manifest.training_data != "untrained",
-        "box_ap": (manifest.parity or {}).get("ap_file"),
+        "box_ap": precision.get("box", {}).get("file"),
     }
 
 

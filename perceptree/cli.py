@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+from importlib.metadata import version
+from typing import Annotated
 
 import typer
 
@@ -36,6 +38,27 @@ app.add_typer(data, name="data")
 _INTERRUPTED = 130
 
 
+def _print_version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"perceptree {version('edgetree')}")
+        raise typer.Exit
+
+
+@app.callback(invoke_without_command=True)
+def options(
+    context: typer.Context,
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Print the version."
+        ),
+    ] = False,
+) -> None:
+    """Without a command: the help."""
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+
+
 def main() -> None:
     """Run the command line and exit: 0 done, 2 wrong usage or bad input, 130 interrupted.
 
@@ -52,8 +75,15 @@ def main() -> None:
         code = getattr(error, "exit_code", None)
         if code is None:
             raise
-        message = error.format_message() if hasattr(error, "format_message") else str(error)
-        typer.echo(f"perceptree: {' '.join(message.split())}", err=True)
+        typer.echo(f"perceptree: {_one_line(error)}", err=True)
     if code == _INTERRUPTED:  # typer turns Ctrl-C within a command into this code
         typer.echo("perceptree: interrupted; type the same command to go on", err=True)
     sys.exit(code)
+
+
+def _one_line(error: Exception) -> str:
+    """The message; typer's own errors about usage make theirs in a method, and know the command."""
+    message = error.format_message() if hasattr(error, "format_message") else str(error)
+    context = getattr(error, "ctx", None)
+    hint = f" (see `{context.command_path} --help`)" if context is not None else ""
+    return " ".join(message.split()) + hint

@@ -35,7 +35,7 @@ from edgetree.export.proving import Evidence, Say, evidence_in, prove
 from edgetree.export.quantise import quantise
 from edgetree.export.settings import ExportSettings
 from edgetree.manifest import METADATA_KEY, Manifest
-from edgetree.outputs import replacing
+from edgetree.outputs import output_folder, replacing
 from edgetree.runtime import TreeDetector
 from edgetree.session import InferenceSession, OrtSession
 
@@ -87,7 +87,8 @@ def export_model(
         ParityFailed: the file differs from the checkpoint by more than the limits.
     """
     settings = settings or ExportSettings()
-    with replacing(out) as beside:
+    _check_name(out)
+    with output_folder(out.parent), replacing(out) as beside:
         loaded, training_data = load_model(checkpoint)
         model = with_settings(loaded, settings)
         rules = InputRules.of(model.spec)
@@ -113,7 +114,8 @@ def export_preset(
     for ``export_model``.
     """
     settings = settings or ExportSettings()
-    with replacing(out) as beside:
+    _check_name(out)
+    with output_folder(out.parent), replacing(out) as beside:
         model = untrained_model(preset, modality, settings)
         images = sample_inputs(InputRules.of(model.spec))
         half = len(images) // 2
@@ -140,6 +142,11 @@ def verify_model(file: Path, checkpoint: Path, *, data: Path, say: Say = _silent
     evidence = evidence_in(data, InputRules.of(model.spec))
     parity = prove(model, session, manifest, evidence, say)
     return ExportReport(file, manifest, parity, file.stat().st_size)
+
+
+def _check_name(out: Path) -> None:
+    if out.suffix.lower() != ".onnx":
+        raise InputError(f"--out is {out}: expected a name that ends in .onnx")
 
 
 def _calibration_frames(folder: Path, compared: list[Path], rules: InputRules) -> NDArray[np.uint8]:

@@ -11,9 +11,15 @@ import typer
 
 from perceptree.errors import DatasetError, SettingsError
 
-app = typer.Typer(
-    help="Look at a dataset before training on it.", no_args_is_help=True, rich_markup_mode=None
-)
+app = typer.Typer(help="Look at a dataset before training on it.", rich_markup_mode=None)
+
+
+@app.callback(invoke_without_command=True)
+def data(context: typer.Context) -> None:
+    """Without a command: the help."""
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+
 
 Directory = Annotated[Path, typer.Argument(help="Folder of a dataset, or one COCO file.")]
 Fold = Annotated[int | None, typer.Option(help="Which fold, where there are several.")]

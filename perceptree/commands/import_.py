@@ -37,18 +37,17 @@ def import_(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Import a checkpoint of Detectron2's Mask R-CNN; nothing in the file is executed."""
-    from perceptree.models import save_checkpoint
-    from perceptree.models.weights import import_checkpoint
-
+    if not checkpoint.exists():
+        raise CheckpointError(f"{checkpoint}: no such file, expected a .pth or .pkl file")
     out = out or Path(checkpoint.stem + ".safetensors")
     if out.resolve() == checkpoint.resolve():
         raise CheckpointError(f"{out}: would be written over the input, expected another --out")
-    choices: dict[str, Any] = {
-        "modality": modality, "stride_in": stride_in, "pixel_std": pixel_std
-    }  # fmt: skip
-    imported = import_checkpoint(
-        checkpoint, height=height, width=width, as_init=as_init, **choices
-    )  # fmt: skip
+
+    from perceptree.models import save_checkpoint
+    from perceptree.models.weights import import_checkpoint
+
+    named: dict[str, Any] = {"modality": modality, "stride_in": stride_in, "pixel_std": pixel_std}
+    imported = import_checkpoint(checkpoint, height=height, width=width, as_init=as_init, **named)
     save_checkpoint(out, imported.model, imported.training)
     if imported.assumed:
         assumed = ", ".join(imported.assumed)

@@ -17,7 +17,8 @@ def scene(
         int, typer.Option(help="The scene's seed, as a dataset's COCO files give it for a frame.")
     ] = 0,
     preset: Annotated[
-        str | None, typer.Option(help="Mix to draw the scene from: paper, field, plain, test.")
+        str | None,
+        typer.Option(help="Mix to draw from: paper, field, drive, plain, test."),
     ] = None,
 ) -> None:
     """Export the forest of one seed as binary glTF: ground, trees by name, undergrowth."""
@@ -26,6 +27,12 @@ def scene(
     if seed < 0:
         raise SettingsError(f"--seed is {seed}: expected at least 0")
     settings = chosen_preset(preset).settings
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise SettingsError(
+            f"--out is {out}: its folder cannot be made ({error.strerror}), expected one that can"
+        ) from error
 
     from perceptree.simulator.geometry.export import export_scene
 

@@ -12,7 +12,7 @@ import typer
 
 from perceptree.commands.data import EntireTree, Fold
 from perceptree.commands.progress import TrainingBar, bar, say
-from perceptree.errors import SettingsError
+from perceptree.errors import DatasetError, SettingsError
 
 if TYPE_CHECKING:
     from perceptree.models import ModelSpec
@@ -120,11 +120,12 @@ def train(
 
 def _run(options: dict[str, Any]) -> None:
     """Train as the options of the command say."""
+    _check_words(options)
+    start = _starting_weights(options["init"])
+
     from perceptree.training import DataSource, Engine, Preparing, train_while_simulating
     from perceptree.training import train as run_training
 
-    _check_simulate(options)
-    start = _starting_weights(options["init"])
     changes = {name: options[name] for name in ("height", "width", "masks", "keypoints")}
     spec = _spec(options["model"], options["modality"], start, _given(changes))
     settings = _settings(spec, options, start)
@@ -153,7 +154,15 @@ def _run(options: dict[str, Any]) -> None:
         _tell(report, options["data"], options["as_json"])
 
 
-def _check_simulate(options: dict[str, Any]) -> None:
+def _check_words(options: dict[str, Any]) -> None:
+    """Refuse what is plainly wrong before torch is loaded, which takes seconds."""
+    if options["modality"] not in (None, "rgb", "depth"):
+        raise SettingsError(f"--modality is {options['modality']!r}: expected rgb or depth")
+    if options["simulate"] is None and not options["data"].exists():
+        raise DatasetError(
+            f"{options['data']}: no such file or folder, expected a dataset; simulate one with"
+            f" perceptree synth --out {options['data']}"
+        )
     if options["simulate"] is None:
         return
     for name in ("branch", "fold", "entire_tree"):
@@ -206,8 +215,6 @@ def _spec(
     """The preset's spec, or that of the starting file; ``changes`` are fields of ModelSpec."""
     from perceptree.models import load_checkpoint, make_spec
 
-    if modality not in (None, "rgb", "depth"):
-        raise SettingsError(f"--modality is {modality!r}: expected rgb or depth")
     named = make_spec(model or _DEFAULT_MODEL, "rgb" if modality == "rgb" else "depth", **changes)
     if not isinstance(start, Path):
         # Published weights learned with the stride in the 3x3 convolutions.

@@ -11,7 +11,7 @@ from typing import Any
 
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import save
 
 from perceptree.errors import CheckpointError
 from perceptree.models.detector import TreeRCNN
@@ -29,7 +29,7 @@ def save_checkpoint(path: str | Path, model: TreeRCNN, training: dict[str, Any])
     beside = path.with_name(path.name + ".part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        save_file(tensors, beside, metadata={METADATA_KEY: json.dumps(record)})
+        beside.write_bytes(save(tensors, metadata={METADATA_KEY: json.dumps(record)}))
         os.replace(beside, path)
     except OSError as error:
         raise CheckpointError(f"{path}: cannot be written ({error.strerror or error})") from error

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 import edgetree.export
-from edgetree import bench_files
+from edgetree import TreeDetector, bench_files, default_model
 from edgetree.bench import model_record
 from edgetree.bench_files import (
     BACKBONES,
@@ -114,9 +114,18 @@ def test_a_file_says_its_costs_itself(rgb_manifest: Manifest) -> None:
     assert (record["classifier"]["parameters"], record["classifier"]["flops"]) == (100, 80)
     assert (record["proposals"], record["detections"]) == (300, 20)
     assert (record["trained"], record["box_ap"]) == (False, None)
-    older = model_record(dataclasses.replace(rgb_manifest, parity={"ap_file": 49.9}))
+    older = model_record(dataclasses.replace(rgb_manifest, parity=None))
     assert (older["multiply_adds"], older["flops"], older["classifier"]) == (None, None, None)
-    assert (older["trained"], older["box_ap"]) == (True, 49.9)
+    assert (older["trained"], older["box_ap"]) == (True, None)
+
+
+def test_a_file_says_the_precision_that_its_export_measured() -> None:
+    manifest = TreeDetector.load(default_model("depth")).manifest
+    assert manifest.parity is not None
+    record = model_record(manifest)
+    assert record["trained"]
+    assert 30 < record["box_ap"] < 100
+    assert record["box_ap"] == manifest.parity["average_precision"]["box"]["file"]
 
 
 def table_of(tmp_path: Path, *names: str, **changes: Any) -> TableSettings:

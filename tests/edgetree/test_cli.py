@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -193,7 +194,7 @@ BAD_INPUTS = {
         r"--score-threshold.*see `edgetree run --help`",
     ),
     "an unknown option": ("run images --fast", r"--fast.*see `edgetree run --help`"),
-    "no command": ("", r"Missing command.*see `edgetree --help`"),
+    "an unknown command": ("find", r"No such command 'find'.*see `edgetree --help`"),
     "a bench of a missing model": ("bench --model none.onnx", r"none\.onnx is not there"),
     "a bench of no images": ("bench empty --model model.onnx", "empty has no images"),
     "a table's option for one model": (
@@ -206,6 +207,17 @@ BAD_INPUTS = {
         r"'r5' has no file .*r5-fp32-800x800\.onnx and is no preset: expected one of edge-n",
     ),
 }
+
+
+def test_without_a_command_it_shows_the_help(run_cli: Cli) -> None:
+    shown = run_cli()
+    assert (shown.code, shown.err) == (0, "")
+    assert shown.out == run_cli("--help").out
+    assert "measure" in shown.out
+
+
+def test_it_says_its_version(run_cli: Cli) -> None:
+    assert run_cli("--version") == (0, f"edgetree {version('edgetree')}\n", "")
 
 
 @pytest.mark.parametrize("case", BAD_INPUTS)

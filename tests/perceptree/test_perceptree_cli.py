@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Callable
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -31,6 +32,46 @@ def test_train_and_eval_print_one_object_and_agree(call: Call, posts: Path, tmp_
     assert "AP50" in printed
 
 
+@pytest.mark.parametrize("words", [(), ("data",)])
+def test_without_a_command_it_shows_the_help(call: Call, words: tuple[str, ...]) -> None:
+    shown = call(*words)
+    assert shown == call(*words, "--help")
+    assert shown[0] == 0
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("train", "{}/none", "--out", "{}/run"),
+        ("train", "{}", "--out", "{}/run", "--modality", "x"),
+        ("train", "{}", "--out", "{}/run", "--init", "{}/none"),
+        ("import", "{}/none.pth"),
+    ],
+)
+def test_what_is_plainly_wrong_is_said_before_torch_is_loaded(
+    tmp_path: Path, words: tuple[str, ...]
+) -> None:
+    script = (
+        "import sys\nfrom perceptree.cli import main\ntry:\n    main()\n"
+        "except SystemExit as end:\n    assert end.code == 2\nassert 'torch' not in sys.modules\n"
+    )
+    filled = [word.format(tmp_path) for word in words]
+    done = subprocess.run([sys.executable, "-c", script, *filled], capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (0, "")
+    assert done.stderr.count("\n") == 1
+
+
+def test_it_says_its_version(call: Call) -> None:
+    assert call("--version") == (0, f"perceptree {version('edgetree')}\n", "")
+
+
+def test_a_wrong_option_is_one_line_that_says_where_the_right_ones_stand(call: Call) -> None:
+    code, printed, told = call("train", "--nope")
+    assert (code, printed, told.count("\n")) == (2, "", 1)
+    assert "No such option: --nope" in told
+    assert "see `perceptree train --help`" in told
+
+
 def test_an_interrupted_training_says_how_to_go_on(
     call: Call, posts: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -48,11 +89,14 @@ def test_an_interrupted_training_says_how_to_go_on(
 
 
 MISTAKES = {
-    "no dataset": (("train", "{}/none", "--out", "{}/run"), "none/train_RGB.json: no such file"),
+    "no dataset": (("train", "{}/none", "--out", "{}/run"), "none: no such file or folder"),
     "modality": (("train", "{}", "--out", "{}/run", "--modality", "x"), "--modality is 'x'"),
     "size": (("train", "{}", "--out", "{}/run", "--height", 20), "expected 32 to 8192 px"),
     "two ends": (
         ("train", "{}", "--out", "{}/run", "--steps", 3, "--minutes", 1), "expected exactly one"
+    ),
+    "scene's folder": (
+        ("scene", "--out", "{}/train_RGB.json/x.glb"), "x.glb: its folder cannot be made"
     ),
     "batch": (("train", "{}", "--out", "{}/run", "--batch", 0), "batch is 0"),
     "no checkpoint": (("eval", "{}/no.safetensors", "{}"), "no.safetensors: no such file"),

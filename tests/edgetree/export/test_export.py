@@ -192,6 +192,12 @@ def test_bad_input_leaves_nothing_behind(
         export_model(rgb_checkpoint, out / "m.onnx", data=tmp_path / "none")
     with pytest.raises(InputError, match="has no rgb frames"):
         export_model(rgb_checkpoint, out / "m.onnx", data=out)
+    with pytest.raises(InputError, match=r"m.txt: expected a name that ends in .onnx"):
+        export_model(rgb_checkpoint, out / "m.txt", data=frame_folder)
+    with pytest.raises(InputError, match="is no folder"):
+        export_model(rgb_checkpoint, tmp_path / "made" / "m.onnx", data=tmp_path / "none")
+    (tmp_path / "file").touch()
     with pytest.raises(InputError, match="cannot be written"):
-        export_model(rgb_checkpoint, tmp_path / "none" / "m.onnx", data=frame_folder)
+        export_model(rgb_checkpoint, tmp_path / "file" / "m.onnx", data=frame_folder)
     assert list(out.iterdir()) == []
+    assert not (tmp_path / "made").exists()

@@ -119,6 +119,12 @@ def test_the_detector_and_its_record_come_back(checkpoint: Path) -> None:
     assert [path.name for path in checkpoint.parent.iterdir()] == [checkpoint.name]
 
 
+def test_others_may_read_a_checkpoint_as_any_file_of_its_writer(checkpoint: Path) -> None:
+    plain = checkpoint.with_name("plain")
+    plain.touch()
+    assert checkpoint.stat().st_mode == plain.stat().st_mode
+
+
 def test_files_that_are_no_checkpoint_are_refused_in_one_line(
     checkpoint: Path, tmp_path: Path
 ) -> None:

@@ -41,8 +41,13 @@ class Stopped(Exception):
 
 
 @pytest.fixture
-def asked(call: Call, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Asked]:
-    """Runs the command up to the training."""
+def asked(
+    call: Call, monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory
+) -> Callable[..., Asked]:
+    """Runs the command up to the training, in a folder with a data set's folder, ``posts``."""
+    here = tmp_path_factory.mktemp("here")
+    (here / "posts").mkdir()
+    monkeypatch.chdir(here)
     told: list[Asked] = []
 
     def record(
