@@ -251,11 +251,13 @@ def _scaled(rig: Rig, text: str) -> Rig:
 
 def _direction(text: str) -> tuple[float, float, float]:
     from edgetree.errors import InputError
+    from edgetree.measure.measure import unit_up
 
     try:
         x, y, z = (float(part) for part in text.split(","))
     except ValueError as error:
         raise InputError(f"--up is {text!r}: expected three numbers, such as 0,-1,0") from error
+    unit_up((x, y, z))
     return x, y, z
 
 

@@ -61,9 +61,9 @@ def measure_trees(
     _check_sizes(detections, depth_m, camera)
     if masks is not None:
         _check_masks(detections, masks)
-    up = None if up_camera is None else _direction(up_camera)
+    up = None if up_camera is None else unit_up(up_camera)
     if up is None and mounting is not None:
-        up = _direction(mounting.inverse().rotate(np.array([0.0, 0.0, 1.0])))
+        up = unit_up(mounting.inverse().rotate(np.array([0.0, 0.0, 1.0])))
     if not len(detections):
         return []
     frame = DepthFrame.of(detections, depth_m, camera, masks, settings)
@@ -75,6 +75,10 @@ def measure_trees(
 
 def _check_sizes(detections: TreeDetections, depth_m: Float, camera: PinholeCamera) -> None:
     expected = (detections.image_width, detections.image_height)
+    if not isinstance(depth_m, np.ndarray):
+        raise InputError(
+            f"the depth map is {type(depth_m).__name__}: expected a numpy array of float metres"
+        )
     if depth_m.ndim != 2 or depth_m.shape[::-1] != expected:
         raise InputError(
             f"the depth map has shape {depth_m.shape}: expected {expected[::-1]}, as the image"
@@ -104,7 +108,12 @@ def _check_masks(
             )
 
 
-def _direction(up_camera: ArrayLike) -> Float:
+def unit_up(up_camera: ArrayLike) -> Float:
+    """The direction away from gravity in the camera's frame as a unit vector (3,).
+
+    Raises:
+        InputError: no direction, or one of a camera that looks upside down or at the sky.
+    """
     up = np.asarray(up_camera, np.float64)
     if up.shape != (3,) or not np.isfinite(up).all() or not np.abs(up).max() > 0:
         raise InputError(f"up_camera is {up.tolist()}: expected a direction of three numbers")

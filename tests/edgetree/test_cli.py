@@ -189,6 +189,10 @@ BAD_INPUTS = {
         "run images/a.jpg --model model.onnx --depth depth/a.png --camera camera.json --up 0,0,0",
         r"up_camera is \[0.0, 0.0, 0.0\]: expected a direction",
     ),
+    "an up of no length beside depth that is none": (
+        "run images/a.jpg --model model.onnx --depth images/a.jpg --camera camera.json --up 0,0,0",
+        r"up_camera is \[0.0, 0.0, 0.0\]: expected a direction",
+    ),
     "a threshold out of range": (
         "run images --model model.onnx --score-threshold 7",
         r"--score-threshold.*see `edgetree run --help`",

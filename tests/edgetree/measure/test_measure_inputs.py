@@ -25,6 +25,12 @@ def test_depth_of_another_size(stand):
         stand.measure(depth_m=stand.depth_m[::2, ::2])
 
 
+@pytest.mark.parametrize("nothing", [None, [[1.0]]])
+def test_depth_that_is_no_array(stand, nothing):
+    with pytest.raises(InputError, match=r"the depth map is \w+: expected a numpy array"):
+        measure_trees(stand.detections(), nothing, stand.camera)
+
+
 @pytest.mark.parametrize("dtype", [np.uint16, np.int32])
 def test_depth_in_millimetres(stand, dtype):
     with pytest.raises(InputError) as caught:
