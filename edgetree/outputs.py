@@ -47,9 +47,10 @@ def _frames_in(folder: Path) -> list[Path]:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Give a new empty file beside `path`; it becomes `path` if the block ends well.
+    """Give the name of a file beside `path` to write; it becomes `path` if the block ends well.
 
-    If the block raises, it is removed and `path` is as it was.
+    That it can be written is proven before the block, and until the block writes it there is no
+    such file. If the block raises, it is removed and `path` is as it was.
 
     Raises:
         InputError: the file cannot be made there.
@@ -61,6 +62,7 @@ def replacing(path: Path) -> Iterator[Path]:
     try:
         try:
             temporary.touch(exist_ok=False)
+            temporary.unlink()
         except OSError as error:
             raise InputError(
                 f"{path} cannot be written ({error.strerror}):"

@@ -13,6 +13,7 @@ from edgetree.outputs import check_paths, output_folder, replacing
 def test_a_file_appears_when_it_is_whole(tmp_path: Path) -> None:
     path = tmp_path / "result.json"
     with replacing(path) as temporary:
+        assert list(tmp_path.iterdir()) == [], "a process killed now would leave this behind"
         temporary.write_text("whole")
         assert not path.exists()
         written = temporary.stat().st_ino
