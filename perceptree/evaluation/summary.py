@@ -49,6 +49,7 @@ def _error_lines(figures: Figures) -> Iterator[str]:
     keypoints, width = figures["keypoint_error_px"], figures["diameter_error_px"]
     for name, found in (keypoints or {}).items():
         if found["distance"] is None:
+            yield f"{name.replace('_', ' '):15} {'–':>5} no tree that was found has it in view"
             continue
         line = f"{name.replace('_', ' '):15} {found['distance']['median']:5.1f} px off (median)"
         if found["across"] is not None:

@@ -181,6 +181,8 @@ def test_the_summary_fits_a_terminal_and_says_what_matters(
     found = "at score 0.5: 6 of 9 trees found (67%), 6 of 12 reported are no labelled tree"
     assert found in lines
     assert any("4.0 px off (mean)" in line and "4.0 too wide" in line for line in lines)
+    [unseen] = [line for line in lines if line.startswith("axis top")]
+    assert unseen.endswith("no tree that was found has it in view")
 
 
 def test_figures_hold_numbers_only(posts: Path, store_of: Any, oracle: Any) -> None:
