@@ -146,7 +146,7 @@ def verify_model(file: Path, checkpoint: Path, *, data: Path, say: Say = _silent
 
 def _check_name(out: Path) -> None:
     if out.suffix.lower() != ".onnx":
-        raise InputError(f"--out is {out}: expected a name that ends in .onnx")
+        raise InputError(f"the file to write is {out}: expected a name that ends in .onnx")
 
 
 def _calibration_frames(folder: Path, compared: list[Path], rules: InputRules) -> NDArray[np.uint8]:

@@ -120,7 +120,7 @@ def train(
 
 def _run(options: dict[str, Any]) -> None:
     """Train as the options of the command say."""
-    _check_words(options)
+    _check_options(options)
     start = _starting_weights(options["init"])
 
     from perceptree.training import DataSource, Engine, Preparing, train_while_simulating
@@ -154,16 +154,16 @@ def _run(options: dict[str, Any]) -> None:
         _tell(report, options["data"], options["as_json"])
 
 
-def _check_words(options: dict[str, Any]) -> None:
+def _check_options(options: dict[str, Any]) -> None:
     """Refuse what is plainly wrong before torch is loaded, which takes seconds."""
     if options["modality"] not in (None, "rgb", "depth"):
         raise SettingsError(f"--modality is {options['modality']!r}: expected rgb or depth")
-    if options["simulate"] is None and not options["data"].exists():
-        raise DatasetError(
-            f"{options['data']}: no such file or folder, expected a dataset; simulate one with"
-            f" perceptree synth --out {options['data']}"
-        )
     if options["simulate"] is None:
+        if not options["data"].exists():
+            raise DatasetError(
+                f"{options['data']}: no such file or folder, expected a dataset; simulate one with"
+                f" perceptree synth --out {options['data']}"
+            )
         return
     for name in ("branch", "fold", "entire_tree"):
         if options[name] not in (None, False):

@@ -30,6 +30,7 @@ from perceptree.simulator.settings import (
     RandomisationSettings,
     SimulatorSettings,
 )
+from perceptree.simulator.streams import Stream, stream
 
 
 @dataclass(frozen=True)
@@ -53,14 +54,14 @@ def simulate_frames(
     renderer = Renderer(assets.textures, scene, assemble(scene, assets.prototypes))
     drive = None
     if scene.circuit is not None:
-        settings = fixed_sensors(np.random.default_rng([seed, 7]), settings)
+        settings = fixed_sensors(stream(seed, Stream.SENSORS), settings)
         drive = make_drive(
-            np.random.default_rng([seed, 6]), settings.drive, settings.camera, scene.terrain,
+            stream(seed, Stream.DRIVE), settings.drive, settings.camera, scene.terrain,
             scene.circuit, views,
         )  # fmt: skip
     for number in range(views):
-        rng = np.random.default_rng([seed, 2, number])
-        fault_rng = np.random.default_rng([seed, 4, number if drive is None else 0])
+        rng = stream(seed, Stream.VIEW, number)
+        fault_rng = stream(seed, Stream.FAULTS, number if drive is None else 0)
         view = random_view(rng, settings.camera, scene) if drive is None else drive.view(number)
         motion = None if drive is None else _motion(drive, number)
         yield _frame(rng, fault_rng, settings, scene, view, renderer.draw(view), motion)

@@ -31,13 +31,15 @@ from perceptree.simulator.settings import (
     SimulatorSettings,
     StandSettings,
 )
+from perceptree.simulator.streams import Stream, stream
 
 Float = NDArray[np.floating[Any]]
 
 NEAR_M = 18.0
 _OBSTACLES_M = {"rock": (0.22, 0.17), "stump": (0.18, 0.33)}
 _LEAFLESS_SNOW = 0.25
-_BROKEN_M, _BREAKS = (0.3, 5.0), 0.8  # above the labelled stem; the highest share of the stem
+_BROKEN_ABOVE_LABELS_M = (0.3, 5.0)
+_BROKEN_SHARE = 0.8  # of the stem's height: above it none is broken
 _STEM_GAP_M = 0.3
 
 
@@ -123,24 +125,24 @@ class Scene:
 
 def describe_scene(settings: SimulatorSettings, seed: int) -> Scene:
     """Draw the forest of one seed: ground, stand, undergrowth, weather and light."""
-    rng = np.random.default_rng([seed, 1])
+    rng = stream(seed, Stream.SCENE)
     stand = settings.stand
     terrain = make_terrain(rng, settings.terrain)
     weights = np.array([stand.patterns.get(name, 0.0) for name in PATTERNS])
     pattern = PATTERNS[rng.choice(len(PATTERNS), p=weights / weights.sum())]
     stems_per_ha = float(rng.uniform(*stand.stems_per_ha))
     feet = stem_positions(rng, stand, terrain, stems_per_ha, pattern)
-    circuit = make_circuit(np.random.default_rng([seed, 5])) if settings.drive.rate_hz else None
+    circuit = make_circuit(stream(seed, Stream.CIRCUIT)) if settings.drive.rate_hz else None
     way_m = np.empty((0, 2)) if circuit is None else circuit.points_m[::16]
     if circuit is not None:
         feet = feet[circuit.distance_m(feet) > settings.drive.clearance_m]
-    added = np.random.default_rng([seed, 3])
+    added = stream(seed, Stream.ADDITIONS)
     large = place_large(added, settings.objects, terrain, way_m)
     feet = feet[_outside(feet, large.circles)]
     feet = feet[np.argsort(np.hypot(*feet.T), kind="stable")]
     trees = _grow(rng, settings, terrain, feet)
     if stand.dead_share:
-        trees = _let_die(np.random.default_rng([seed, 6]), trees, stand.dead_share)
+        trees = _let_die(stream(seed, Stream.DEATH), trees, stand.dead_share)
     undergrowth = scatter(rng, settings.undergrowth, terrain, feet)
     near = feet[np.hypot(*feet.T) < NEAR_M]
     rooted = rng.random(len(near)) < terrain.cover[GROUNDS.index("roots")]
@@ -210,10 +212,14 @@ def _let_die(rng: np.random.Generator, trees: list[Tree], share: float) -> list[
     """The trees, a share of them dead; half of those are broken off above their labels."""
     result = []
     for tree in trees:
-        dies, breaks, height_m = rng.random() < share, rng.random() < 0.5, rng.uniform(*_BROKEN_M)
+        dies, breaks, height_m = (
+            rng.random() < share,
+            rng.random() < 0.5,
+            rng.uniform(*_BROKEN_ABOVE_LABELS_M),
+        )
         stem = tree.stem
         broken_m = float(tree.top_z_m + height_m)
-        if dies and breaks and stem.fork is None and broken_m < _BREAKS * stem.height_m:
+        if dies and breaks and stem.fork is None and broken_m < _BROKEN_SHARE * stem.height_m:
             stem = replace(stem, broken_m=broken_m)
         result.append(replace(tree, stem=stem, dead=True) if dies else tree)
     return result

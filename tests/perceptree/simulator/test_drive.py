@@ -16,6 +16,7 @@ from perceptree.simulator.scene.description import describe_scene
 from perceptree.simulator.settings import CameraSettings, DriveSettings, SimulatorSettings
 from perceptree.simulator.settings.files import FileSettings
 from perceptree.simulator.settings.presets import PRESETS
+from perceptree.simulator.streams import Stream, stream
 
 FRAMES = 6
 AXIS_MIDDLE, AXIS_TOP = 3, 4
@@ -43,7 +44,7 @@ def dataset(tmp_path_factory, settings, textures, prototypes) -> Path:
 def drive_of(settings: SimulatorSettings, seed: int, frames: int) -> Drive:
     scene = describe_scene(settings, seed)
     assert scene.circuit is not None
-    rng = np.random.default_rng([seed, 6])
+    rng = stream(seed, Stream.DRIVE)
     return make_drive(rng, settings.drive, settings.camera, scene.terrain, scene.circuit, frames)
 
 
