@@ -25,7 +25,7 @@ from torchvision.models.detection import keypointrcnn_resnet50_fpn
 from torchvision.models.detection.mask_rcnn import MaskRCNNHeads, MaskRCNNPredictor
 from torchvision.ops import MultiScaleRoIAlign
 
-from edgetree.bench import peak_memory_mib
+from edgetree.bench.speed import peak_memory_mib
 from perceptree.models import PAPER_PRESETS, TreeRCNN, make_spec
 from perceptree.models.detector import RegionPooler
 

@@ -40,9 +40,9 @@ from edgetree import TreeDetector, default_model, sample_frames
 from edgetree.doctor.machine import examine_machine
 from edgetree.errors import EdgetreeError
 from edgetree.export.frames import InputRules, sample_inputs
-from edgetree.outputs import output_folder
-from edgetree.providers import SessionSettings
-from edgetree.session import OrtSession, usable_cores
+from edgetree.results.atomic_files import output_folder
+from edgetree.runtime.providers import SessionSettings
+from edgetree.runtime.session import OrtSession, usable_cores
 from perceptree.data import FrameStore, read_split
 from perceptree.errors import PerceptreeError
 from perceptree.evaluation import RawDetections, evaluate

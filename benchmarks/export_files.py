@@ -19,7 +19,7 @@ from edgetree.export.graph import trace
 from edgetree.export.prepare import UNTRAINED, load_model, untrained_model, with_settings
 from edgetree.export.quantise import quantise
 from edgetree.export.quiet import quiet
-from edgetree.outputs import replacing
+from edgetree.results.atomic_files import replacing
 from perceptree.data import FrameStore, read_split
 from perceptree.models import TreeRCNN
 

@@ -25,8 +25,8 @@ from pycocotools import mask as coco_mask
 from calib import PinholeCamera, read_depth
 from edgetree import TreeDetections, TreeDetector
 from edgetree.demo.matching import match_boxes
+from edgetree.frames.sources import read_image
 from edgetree.measure import Failure, MeasureSettings, TreeMeasurement, measure_trees
-from edgetree.sources import read_image
 
 # Of keypoints and masks that are exact to the pixel.
 LABELS = MeasureSettings(

@@ -24,7 +24,7 @@ from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
 from edgetree import TreeDetections, TreeDetector, default_model
-from edgetree.draw import draw_trees
+from edgetree.drawing.trees import draw_trees
 
 SHOWN_SCORE = 0.5
 LEAST_SCORE = 0.05

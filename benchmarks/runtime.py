@@ -25,8 +25,8 @@ import cv2
 import numpy as np
 
 from edgetree import SampleFrame, TreeDetections, TreeDetector, default_model, sample_frames
-from edgetree.providers import SessionSettings, import_onnxruntime
-from edgetree.session import Arrays, OrtSession
+from edgetree.runtime.providers import SessionSettings, import_onnxruntime
+from edgetree.runtime.session import Arrays, OrtSession
 
 TARGETS = {"import_s": 0.3, "first_result_s": 1.5, "around_and_paste_share": 0.1}
 PASTED = 10
@@ -40,7 +40,7 @@ print([time.perf_counter() - start])
 OURS = """
 import sys, time
 start = time.perf_counter()
-import edgetree.runtime as runtime
+import edgetree.runtime.detector as runtime
 imported = time.perf_counter()
 import numpy as np
 frame = np.zeros((720, 1280, 3) if sys.argv[1] == "rgb" else (720, 1280), np.uint8)

@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edgetree import EdgetreeError, TreeDetector, default_model, sample_frames
-from edgetree.providers import import_onnxruntime
-from edgetree.runtime import MODALITIES
+from edgetree.runtime.detector import MODALITIES
+from edgetree.runtime.providers import import_onnxruntime
 
 HEIGHT_PX, WIDTH_PX = 720, 1280
 MOST_SAMPLES = 1000

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from edgetree.detections import KEYPOINT_NAMES, TreeDetections
-    from edgetree.draw import draw_trees
+    from edgetree.drawing import draw_trees
     from edgetree.errors import (
         CheckFailed,
         EdgetreeError,
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
         MissingDependency,
         ModelFileError,
     )
-    from edgetree.manifest import Manifest
+    from edgetree.model_file import Manifest
     from edgetree.runtime import TreeDetector, default_model
     from edgetree.samples import SampleFrame, SampleTree, sample_frames
 
@@ -50,7 +50,7 @@ _MODULES = {
     "CheckFailed": "errors",
     "EdgetreeError": "errors",
     "InputError": "errors",
-    "Manifest": "manifest",
+    "Manifest": "model_file",
     "MissingDependency": "errors",
     "ModelFileError": "errors",
     "SampleFrame": "samples",
@@ -58,7 +58,7 @@ _MODULES = {
     "TreeDetections": "detections",
     "TreeDetector": "runtime",
     "default_model": "runtime",
-    "draw_trees": "draw",
+    "draw_trees": "drawing",
     "sample_frames": "samples",
 }
 

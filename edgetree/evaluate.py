@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edgetree.errors import InputError, MissingDependency
-from edgetree.manifest import Manifest
-from edgetree.runtime import TreeDetector
-from edgetree.session import InferenceSession
+from edgetree.model_file.manifest import Manifest
+from edgetree.runtime.detector import TreeDetector
+from edgetree.runtime.session import InferenceSession
 
 if TYPE_CHECKING:
     from perceptree.data import FrameStore

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib import PinholeCamera, read_depth
-from edgetree.sources import read_image
+from edgetree.frames.sources import read_image
 
 __all__ = ["SampleFrame", "SampleTree", "sample_frames"]
 

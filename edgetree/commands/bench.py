@@ -13,8 +13,8 @@ from edgetree.commands.options import Json, Provider, Strict, Threads
 from edgetree.console import note, print_json, progress
 
 if TYPE_CHECKING:
-    from edgetree.bench import BenchResult
-    from edgetree.runtime import TreeDetector
+    from edgetree.bench.speed import BenchResult
+    from edgetree.runtime.detector import TreeDetector
 
 __all__ = ["bench"]
 
@@ -117,8 +117,8 @@ def _refuse(given: Mapping[str, Any], why: str) -> None:
 
 def _bench_table(names: tuple[str, ...], options: Mapping[str, Any], as_json: bool) -> None:
     """The paper's table of these networks."""
-    from edgetree.bench_files import TableSettings, bench_in_turn, cache_folder, find_files
-    from edgetree.paper_table import table_lines, table_record
+    from edgetree.bench.files import TableSettings, bench_in_turn, cache_folder, find_files
+    from edgetree.bench.paper_table import table_lines, table_record
 
     settings = TableSettings(names, **{"models": cache_folder(), **options})
     files = find_files(settings, note)
@@ -179,7 +179,7 @@ def _images(source: Path | None, detector: TreeDetector) -> list[Any]:
         from edgetree.samples import sample_frames
 
         return [frame.depth_m() if is_depth else frame.image() for frame in sample_frames()]
-    from edgetree.sources import open_source
+    from edgetree.frames.sources import open_source
 
     frames = islice(open_source(source, depth_only=is_depth), _MOST_FRAMES)
     return [frame.depth_m if is_depth else frame.image for frame in frames]
@@ -187,7 +187,7 @@ def _images(source: Path | None, detector: TreeDetector) -> list[Any]:
 
 def _measure(detector: TreeDetector, images: list[Any], duration_s: float) -> BenchResult:
     """The bench, with its progress in hundredths."""
-    from edgetree.bench import bench_detector
+    from edgetree.bench.speed import bench_detector
 
     shown = 0
     with progress("benching", 100) as bar:
@@ -202,7 +202,7 @@ def _measure(detector: TreeDetector, images: list[Any], duration_s: float) -> Be
 
 def _record(path: Path, detector: TreeDetector, frames: int, result: BenchResult) -> dict[str, Any]:
     """The model and its figures as one JSON object."""
-    from edgetree.bench import model_record
+    from edgetree.bench.speed import model_record
 
     return {
         "schema": "edgetree.bench/1",

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
         Sightings,
     )
     from calib.depth_scale import DepthScale, DepthScaleFailure
-    from edgetree.sources import FrameSource
+    from edgetree.frames.sources import FrameSource
 
 __all__ = ["calibrate"]
 
@@ -69,8 +69,8 @@ def calibrate(
     """
     from calib.boards import LENS_MODELS, parse_board
     from edgetree.errors import InputError
-    from edgetree.outputs import output_folder
-    from edgetree.sources import open_source
+    from edgetree.frames.sources import open_source
+    from edgetree.results.atomic_files import output_folder
 
     if model not in LENS_MODELS:
         raise InputError(f"--model is {model!r}: expected {' or '.join(LENS_MODELS)}")

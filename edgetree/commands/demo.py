@@ -41,7 +41,7 @@ def demo(
     """
     from edgetree.demo import run_embedded, write_report
     from edgetree.demo.training import run_trained
-    from edgetree.outputs import output_folder
+    from edgetree.results.atomic_files import output_folder
 
     with output_folder(out):
         with _progress() as on_progress:

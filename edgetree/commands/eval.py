@@ -46,7 +46,7 @@ def evaluate(
     the training set-up, which reads the data.
     """
     from edgetree.evaluate import evaluate_file, summary_of
-    from edgetree.outputs import output_folder
+    from edgetree.results.atomic_files import output_folder
 
     detector, path = open_model(model, threads, provider=provider, strict=strict)
     with ExitStack() as stack:

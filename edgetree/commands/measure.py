@@ -33,11 +33,11 @@ from edgetree.commands.options import (
 from edgetree.console import note, print_json
 
 if TYPE_CHECKING:
+    from edgetree.frames.pipeline import FrameResult
+    from edgetree.frames.rig import Rig
+    from edgetree.frames.sources import Frame
     from edgetree.measure import MeasureSettings
-    from edgetree.pipeline import FrameResult
-    from edgetree.rig import Rig
-    from edgetree.runtime import TreeDetector
-    from edgetree.sources import Frame
+    from edgetree.runtime.detector import TreeDetector
 
 __all__ = ["measure"]
 
@@ -85,7 +85,7 @@ def measure(
 
     Each value comes with its standard deviation, or the reason why there is none.
     """
-    from edgetree.tree_table import table_lines
+    from edgetree.results.text_table import table_lines
 
     options = RigOptions(
         camera, up, mounting, depth_camera, depth_extrinsics, depth_scale, stump_height
@@ -126,8 +126,8 @@ class _Task:
     def check(self) -> None:
         """Refuse what contradicts itself before any work is done."""
         from edgetree.errors import InputError
-        from edgetree.sinks import PICTURE_SUFFIXES
-        from edgetree.sources import VIDEO_SUFFIXES
+        from edgetree.frames.sources import VIDEO_SUFFIXES
+        from edgetree.results.pictures import PICTURE_SUFFIXES
 
         if self.image.is_dir() or self.image.suffix.lower() in VIDEO_SUFFIXES:
             raise InputError(f"{self.image} is no image: expected one; `edgetree run` takes more")
@@ -144,9 +144,9 @@ class _Task:
 
     def write(self, result: FrameResult) -> None:
         """The picture and the table, both or none."""
-        from edgetree.csv_rows import write_header, write_rows
-        from edgetree.outputs import replacing
-        from edgetree.sinks import draw_frame, encode_picture, text_file
+        from edgetree.results.atomic_files import replacing, text_file
+        from edgetree.results.csv_table import write_header, write_rows
+        from edgetree.results.pictures import draw_frame, encode_picture
 
         with ExitStack() as stack:
             if self.csv is not None:
@@ -159,7 +159,7 @@ class _Task:
 
     def record(self, result: FrameResult, source: dict[str, Any]) -> dict[str, Any]:
         """All of it as one JSON object; `source` says where the trees are from."""
-        from edgetree.records import frame_record
+        from edgetree.results.json_records import frame_record
 
         assert result.camera is not None
         return {
@@ -197,9 +197,9 @@ def _examine(
 ) -> FrameResult:
     """Read the one frame, find its trees or take those of the mask, and measure them."""
     from edgetree.errors import InputError
-    from edgetree.given_masks import read_masks
-    from edgetree.pipeline import measure_frame, process
-    from edgetree.sources import open_source
+    from edgetree.frames.mask_images import read_masks
+    from edgetree.frames.pipeline import measure_frame, process
+    from edgetree.frames.sources import open_source
 
     is_depth = detector is not None and detector.manifest.modality == "depth"
     if task.depth is None and not is_depth:

@@ -13,9 +13,9 @@ import typer
 
 if TYPE_CHECKING:
     from calib import PinholeCamera
+    from edgetree.frames.rig import Rig
     from edgetree.measure import MeasureSettings
-    from edgetree.rig import Rig
-    from edgetree.runtime import TreeDetector
+    from edgetree.runtime.detector import TreeDetector
 
 __all__ = [
     "CAMERA_FILES",
@@ -152,7 +152,7 @@ class RigOptions:
         """
         from calib import load_transform
         from edgetree.errors import InputError
-        from edgetree.rig import Rig
+        from edgetree.frames.rig import Rig
 
         if depth is None and self.depth_camera is not None:
             raise InputError("--depth-camera given without --depth: expected the depth it took")
@@ -187,7 +187,7 @@ class RigOptions:
         mask: Path | None = None,
     ) -> None:
         """Refuse to write one path twice, or over what these options and the others read."""
-        from edgetree.outputs import check_paths
+        from edgetree.results.atomic_files import check_paths
 
         inputs = {
             "source": source,
@@ -270,7 +270,7 @@ def open_model(
     strict: bool = True,
 ) -> tuple[TreeDetector, Path]:
     """The detector for the value of a `Model` option, and its file."""
-    from edgetree.runtime import DISPLAY_THRESHOLD, MODALITIES, TreeDetector, default_model
+    from edgetree.runtime.detector import DISPLAY_THRESHOLD, MODALITIES, TreeDetector, default_model
 
     path = default_model(model) if model in MODALITIES else Path(model)
     threshold = DISPLAY_THRESHOLD if score_threshold is None else score_threshold

@@ -35,9 +35,9 @@ from edgetree.commands.options import (
 from edgetree.console import note, print_json, track
 
 if TYPE_CHECKING:
-    from edgetree.pipeline import FrameResult
-    from edgetree.runtime import TreeDetector
-    from edgetree.sources import Frame, FrameSource
+    from edgetree.frames.pipeline import FrameResult
+    from edgetree.frames.sources import Frame, FrameSource
+    from edgetree.runtime.detector import TreeDetector
 
 __all__ = ["run"]
 
@@ -82,8 +82,8 @@ def run(
     Prints one JSON line per frame: boxes, masks (COCO RLE) and keypoints in pixels, and with
     --depth and --camera the metres of each tree.
     """
-    from edgetree.pipeline import process
-    from edgetree.sources import open_source
+    from edgetree.frames.pipeline import process
+    from edgetree.frames.sources import open_source
 
     options = RigOptions(
         camera, up, mounting, depth_camera, depth_extrinsics, depth_scale, stump_height
@@ -119,7 +119,7 @@ def _following(
 def _check_labels(coco: Path | None, source: Path) -> None:
     """Labels name the pictures that they are for."""
     from edgetree.errors import InputError
-    from edgetree.sources import VIDEO_SUFFIXES
+    from edgetree.frames.sources import VIDEO_SUFFIXES
 
     if coco is not None and source.suffix.lower() in VIDEO_SUFFIXES and source.is_file():
         raise InputError(
@@ -149,11 +149,11 @@ class _Work:
 
     def do(self, frames: FrameSource, examine: Callable[[Frame], FrameResult]) -> None:
         """Detect, measure and write frame by frame."""
-        from edgetree.coco_labels import labels_file
-        from edgetree.csv_rows import write_header, write_rows
-        from edgetree.outputs import output_folder
-        from edgetree.records import frame_record
-        from edgetree.sinks import text_file, write_json_line, write_picture
+        from edgetree.results.atomic_files import output_folder, text_file
+        from edgetree.results.coco_labels import labels_file
+        from edgetree.results.csv_table import write_header, write_rows
+        from edgetree.results.json_records import frame_record, write_json_line
+        from edgetree.results.pictures import write_picture
 
         with ExitStack() as stack:
             pictures = None if self.out is None else stack.enter_context(output_folder(self.out))
@@ -187,7 +187,7 @@ class _Work:
         if self.jsonl is None:
             yield None if self.as_json else sys.stdout
             return
-        from edgetree.sinks import text_file
+        from edgetree.results.atomic_files import text_file
 
         with text_file(self.jsonl) as stream:
             yield stream

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from edgetree.demo.comparison import FrameComparison, compare_trees
 from edgetree.demo.matching import Match, match_boxes
 from edgetree.demo.result import Picture
-from edgetree.draw import draw_trees, picture_of_depth
-from edgetree.labels import cut_marks, numbered, tree_labels
+from edgetree.drawing.trees import draw_trees, picture_of_depth
 from edgetree.measure import measure_trees
-from edgetree.runtime import TreeDetector
+from edgetree.results.tree_labels import cut_marks, numbered, tree_labels
+from edgetree.runtime.detector import TreeDetector
 from edgetree.samples import SampleFrame
 
 __all__ = ["examine", "seen_by"]

@@ -7,12 +7,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final, TypeAlias
 
-from edgetree.bench import bench_detector, peak_memory_mib
+from edgetree.bench.speed import bench_detector, peak_memory_mib
 from edgetree.demo.examine import examine, seen_by
 from edgetree.demo.report import NextCommand, render_report
 from edgetree.demo.result import DemoResult, ModelResult, Picture, Speed
-from edgetree.outputs import replacing
-from edgetree.runtime import TreeDetector, default_model
+from edgetree.results.atomic_files import replacing
+from edgetree.runtime.detector import TreeDetector, default_model
 from edgetree.samples import SampleFrame, sample_frames
 
 __all__ = ["Progress", "demonstrate", "run_embedded", "write_report"]

@@ -9,7 +9,7 @@ from typing import Final, Literal
 
 from edgetree.doctor.findings import Findings, Libraries, Machine
 from edgetree.doctor.libraries import ONNXRUNTIME_BUILDS, OPENCV_BUILDS
-from edgetree.providers import CPU
+from edgetree.runtime.providers import CPU
 
 __all__ = ["Advice", "Level", "advise"]
 

@@ -31,10 +31,10 @@ def examine() -> Findings:
 
 def probe_speed(duration_s: float = _PROBE_S) -> Speed:
     """Bench the embedded RGB model for `duration_s` on one thread, and again on all."""
-    from edgetree.bench import bench_detector
-    from edgetree.runtime import TreeDetector, default_model
+    from edgetree.bench.speed import bench_detector
+    from edgetree.runtime.detector import TreeDetector, default_model
+    from edgetree.runtime.session import usable_cores
     from edgetree.samples import sample_frames
-    from edgetree.session import usable_cores
 
     image = sample_frames()[0].image()
     threads = usable_cores()

@@ -62,7 +62,7 @@ class Libraries:
 
 @dataclass(frozen=True)
 class ProviderResult:
-    """A name of `edgetree.providers.PROVIDERS`, tried with a small network; or why it failed."""
+    """A provider of `edgetree.runtime.PROVIDERS`, tried with a small network, or why it failed."""
 
     name: str
     works: bool

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from edgetree.doctor.findings import Machine
-from edgetree.session import usable_cores
+from edgetree.runtime.session import usable_cores
 
 __all__ = ["core_quota", "examine_machine", "instruction_sets", "memory_mib"]
 

@@ -12,7 +12,7 @@ import numpy as np
 from edgetree.doctor.findings import ProviderResult
 from edgetree.doctor.onnx_bytes import Node, TensorType, onnx_bytes
 from edgetree.errors import MissingDependency
-from edgetree.providers import CPU, PROVIDERS, import_onnxruntime, installed_providers
+from edgetree.runtime.providers import CPU, PROVIDERS, import_onnxruntime, installed_providers
 
 __all__ = ["examine_providers", "run_small_network", "small_network"]
 
@@ -71,7 +71,7 @@ def small_network() -> bytes:
 
 
 def run_small_network(name: str) -> None:
-    """Run `small_network` on one of `edgetree.providers.PROVIDERS`, and on no other.
+    """Run `small_network` on one of `edgetree.runtime.providers.PROVIDERS`, and on no other.
 
     Raises:
         RuntimeError: nodes went to another provider, or the numbers are wrong.

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from edgetree.export.settings import PRECISIONS, ExportSettings
-from edgetree.manifest import (
+from edgetree.model_file.manifest import (
     ClassifierCost,
     Manifest,
     ResizeRule,

@@ -34,10 +34,10 @@ from edgetree.export.prepare import (
 from edgetree.export.proving import Evidence, Say, evidence_in, prove
 from edgetree.export.quantise import quantise
 from edgetree.export.settings import ExportSettings
-from edgetree.manifest import METADATA_KEY, Manifest
-from edgetree.outputs import output_folder, replacing
-from edgetree.runtime import TreeDetector
-from edgetree.session import InferenceSession, OrtSession
+from edgetree.model_file.manifest import METADATA_KEY, Manifest
+from edgetree.results.atomic_files import output_folder, replacing
+from edgetree.runtime.detector import TreeDetector
+from edgetree.runtime.session import InferenceSession, OrtSession
 
 if TYPE_CHECKING:
     from perceptree.models import TreeRCNN

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 import calib
 from edgetree.errors import InputError
-from edgetree.sources import IMAGE_SUFFIXES, read_image
+from edgetree.frames.sources import IMAGE_SUFFIXES, read_image
 
 if TYPE_CHECKING:
     from perceptree.models import ModelSpec

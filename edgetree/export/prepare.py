@@ -16,7 +16,7 @@ from edgetree.export.settings import ExportSettings
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from edgetree.manifest import Manifest
+    from edgetree.model_file.manifest import Manifest
     from perceptree.models import TreeRCNN
 
 __all__ = ["UNTRAINED", "load_model", "settings_of", "untrained_model", "with_settings"]

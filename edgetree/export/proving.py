@@ -21,8 +21,8 @@ from edgetree.export.parity import (
     limits_of,
 )
 from edgetree.export.prepare import UNTRAINED
-from edgetree.manifest import Manifest
-from edgetree.session import InferenceSession
+from edgetree.model_file.manifest import Manifest
+from edgetree.runtime.session import InferenceSession
 
 if TYPE_CHECKING:
     from perceptree.models import TreeRCNN

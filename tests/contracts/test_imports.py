@@ -130,6 +130,45 @@ def test_edgetree_reaches_the_training_side_from_few_places_only() -> None:
     assert strangers == set()
 
 
+def circle_in(arrows: dict[str, set[str]]) -> list[str]:
+    """Nodes that lead back to the first of them; none if there is no circle."""
+    done: set[str] = set()
+
+    def walk(node: str, path: list[str]) -> list[str]:
+        if node in path:
+            return [*path[path.index(node) :], node]
+        if node in done:
+            return []
+        for target in sorted(arrows.get(node, ())):
+            if found := walk(target, [*path, node]):
+                return found
+        done.add(node)
+        return []
+
+    return next((found for node in sorted(arrows) if (found := walk(node, []))), [])
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_no_two_folders_of_a_package_need_each_other(package: str) -> None:
+    arrows: dict[str, set[str]] = {}
+    for module, found in all_imports():
+        start, end = module.split("."), found.target.split(".")
+        inside = start[0] == end[0] == package and len(start) > 1 and len(end) > 1
+        if inside and start[1] != end[1] and is_module(package, end[1]):
+            arrows.setdefault(start[1], set()).add(end[1])
+    assert circle_in(arrows) == []
+
+
+def is_module(package: str, name: str) -> bool:
+    """Whether a name of a package is a folder or file, and no object of its `__init__`."""
+    return (ROOT / package / name).is_dir() or (ROOT / package / f"{name}.py").is_file()
+
+
+def test_the_search_for_circles_can_fail() -> None:
+    assert circle_in({"a": {"b"}, "b": {"c"}, "c": {"b"}}) == ["b", "c", "b"]
+    assert circle_in({"a": {"b", "c"}, "b": {"c"}}) == []
+
+
 def is_command_line(target: str) -> bool:
     """Whether a dotted name is, or lies in, a package's command line."""
     parts = target.split(".")

@@ -17,7 +17,7 @@ import calib
 from edgetree import cli
 from edgetree.detections import KEYPOINT_NAMES
 from edgetree.doctor.onnx_bytes import Node, TensorType, onnx_bytes
-from edgetree.manifest import (
+from edgetree.model_file.manifest import (
     METADATA_KEY,
     Manifest,
     ResizeRule,
@@ -25,7 +25,7 @@ from edgetree.manifest import (
     standard_input,
     standard_outputs,
 )
-from edgetree.session import FakeSession
+from edgetree.runtime.session import FakeSession
 
 ModelWriter = Callable[..., Path]
 

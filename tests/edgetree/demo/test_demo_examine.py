@@ -14,9 +14,9 @@ from edgetree.demo import demonstrate, write_report
 from edgetree.demo.examine import examine
 from edgetree.demo.held_out import held_out_frames
 from edgetree.errors import InputError
-from edgetree.manifest import Manifest
-from edgetree.runtime import TreeDetector
-from edgetree.session import FakeSession
+from edgetree.model_file.manifest import Manifest
+from edgetree.runtime.detector import TreeDetector
+from edgetree.runtime.session import FakeSession
 
 WIDTH, HEIGHT = 640, 384
 

@@ -20,7 +20,7 @@ from edgetree.export import (
     verify_model,
 )
 from edgetree.export.frames import find_frames
-from edgetree.runtime import TreeDetector
+from edgetree.runtime.detector import TreeDetector
 from perceptree.models import load_checkpoint, save_checkpoint
 
 INT8 = ExportSettings(precision="int8")

@@ -8,7 +8,7 @@ import torch
 
 from edgetree.export import ExportReport, ExportSettings, export_preset
 from edgetree.export.prepare import untrained_model
-from edgetree.runtime import TreeDetector
+from edgetree.runtime.detector import TreeDetector
 from perceptree.models import PRESETS
 from perceptree.models.cost import classifier_cost, multiply_adds, parameters
 

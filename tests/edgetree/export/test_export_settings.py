@@ -18,8 +18,8 @@ from edgetree.export import (
     verify_model,
 )
 from edgetree.export.prepare import with_settings
-from edgetree.manifest import METADATA_KEY
-from edgetree.runtime import TreeDetector
+from edgetree.model_file.manifest import METADATA_KEY
+from edgetree.runtime.detector import TreeDetector
 from perceptree.models import load_checkpoint
 from perceptree.models.cost import multiply_adds
 
@@ -99,7 +99,7 @@ def test_choices_are_told_by_the_manifest_and_the_record(
 def test_no_score_is_under_the_lowest_one(
     chosen: tuple[Path, dict[str, Any]], exported: ExportReport, frame_folder: Path
 ) -> None:
-    from edgetree.sources import read_image
+    from edgetree.frames.sources import read_image
 
     image = read_image(frame_folder / "images" / "000000.png")
     every = TreeDetector.load(exported.path, score_threshold=0.0).detect(image)

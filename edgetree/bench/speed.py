@@ -1,0 +1,145 @@
+"""How fast a model is here, on real frames, and what it takes."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edgetree.model_file.manifest import Manifest
+from edgetree.runtime.detector import TreeDetector
+
+__all__ = ["BenchResult", "bench_detector", "model_record", "peak_memory_mib"]
+
+_WARMUP: Final = 3
+_FEWEST_RUNS: Final = 5
+
+
+@dataclass(frozen=True)
+class BenchResult:
+    """Figures of one bench, from the image in memory to the trees: resizing, graph, reading out.
+
+    Attributes:
+        runs: timed detections.
+        threads: threads of one inference.
+        detect_p50_ms: median time of one.
+        detect_p90_ms: time that nine of ten stay below.
+        fps: detections per second, one after the other.
+        trees_per_frame: mean number of trees found.
+        peak_memory_mib: highest memory of this process so far; None where the system does not say.
+    """
+
+    runs: int
+    threads: int
+    detect_p50_ms: float
+    detect_p90_ms: float
+    fps: float
+    trees_per_frame: float
+    peak_memory_mib: float | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """The figures, rounded, as a JSON object."""
+        values = asdict(self)
+        return {
+            name: round(value, 2) if isinstance(value, float) else value
+            for name, value in values.items()
+        }
+
+
+def bench_detector(
+    detector: TreeDetector,
+    images: Sequence[NDArray[Any]],
+    *,
+    duration_s: float = 5.0,
+    on_run: Callable[[float], None] = lambda _: None,
+) -> BenchResult:
+    """Detect on the images in turn for `duration_s` seconds, after a few rounds to warm up.
+
+    Args:
+        detector: the model.
+        images: as `TreeDetector.detect` takes them, at least one.
+        duration_s: time to measure for; at least five detections are made.
+        on_run: called after each detection with the part of the time gone, 0 to 1.
+    """
+    if not images:
+        raise ValueError("images is empty: expected at least one")
+    for index in range(_WARMUP):
+        detector.detect(images[index % len(images)])
+    times_ms: list[float] = []
+    trees = 0
+    begin = time.perf_counter()
+    gone_s = 0.0
+    while gone_s < duration_s or len(times_ms) < _FEWEST_RUNS:
+        start = time.perf_counter()
+        trees += len(detector.detect(images[len(times_ms) % len(images)]))
+        times_ms.append((time.perf_counter() - start) * 1000)
+        gone_s = time.perf_counter() - begin
+        on_run(min(gone_s / duration_s, 1.0) if duration_s > 0 else 1.0)
+    runs = len(times_ms)
+    return BenchResult(
+        runs=runs,
+        threads=detector.session.threads,
+        detect_p50_ms=float(np.percentile(times_ms, 50)),
+        detect_p90_ms=float(np.percentile(times_ms, 90)),
+        fps=runs / sum(times_ms) * 1000,
+        trees_per_frame=trees / runs,
+        peak_memory_mib=peak_memory_mib(),
+    )
+
+
+def model_record(manifest: Manifest) -> dict[str, Any]:
+    """What a file says it costs, as a JSON object; None where an older file does not say.
+
+    `multiply_adds` and `flops`, two per multiply-add, are of the whole graph at its input, with
+    `proposals` boxes looked at and `detections` rows given out; `classifier` is the backbone alone
+    as an ImageNet classifier at 224x224 px, which is what papers print.
+    """
+    classifier = manifest.classifier
+    boxes = next(output for output in manifest.outputs if output.name == "boxes")
+    precision = (manifest.parity or {}).get("average_precision", {})
+    return {
+        "name": manifest.name,
+        "backbone": manifest.backbone,
+        "modality": manifest.modality,
+        "target": manifest.target,
+        "precision": manifest.precision,
+        "input_px": [manifest.input.width, manifest.input.height],
+        "parameters": manifest.parameters,
+        "multiply_adds": manifest.multiply_adds,
+        "flops": _flops(manifest.multiply_adds),
+        "proposals": manifest.proposals,
+        "detections": boxes.shape[1],
+        "classifier": classifier
+        and {
+            "input_px": [224, 224],
+            "parameters": classifier.parameters,
+            "multiply_adds": classifier.multiply_adds,
+            "flops": _flops(classifier.multiply_adds),
+        },
+        "trained": manifest.training_data != "untrained",
+        "box_ap": precision.get("box", {}).get("file"),
+    }
+
+
+def _flops(multiply_adds: int | None) -> int | None:
+    return None if multiply_adds is None else 2 * multiply_adds
+
+
+def peak_memory_mib() -> float | None:
+    """Highest resident memory of this process so far, in MiB; None if the system does not say."""
+    status = Path("/proc/self/status")
+    if status.is_file():
+        for line in status.read_text(encoding="ascii", errors="replace").splitlines():
+            if line.startswith("VmHWM:"):
+                return float(line.split()[1]) / 1024
+    try:
+        import resource
+    except ImportError:
+        return None
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / 1024**2  # bytes, as macOS counts; Linux took the way above

@@ -1,0 +1,83 @@
+"""Lines, dots and text on a picture, in continuous coordinates: (0, 0) is its outer corner."""
+
+from __future__ import annotations
+
+from typing import Final, TypeAlias
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from edgetree.drawing.label_placement import Rect
+
+__all__ = [
+    "DARK",
+    "Colour",
+    "Picture",
+    "Point",
+    "darken",
+    "draw_dot",
+    "draw_line",
+    "text_size",
+    "write_text",
+]
+
+Picture: TypeAlias = NDArray[np.uint8]
+Colour: TypeAlias = tuple[int, int, int]
+Point: TypeAlias = tuple[float, float]
+
+DARK: Final[Colour] = (24, 24, 24)
+_FONT: Final = cv2.FONT_HERSHEY_SIMPLEX
+_SHIFT: Final = 4  # OpenCV draws with fixed point coordinates of 1/16 px
+_FARTHEST_PX: Final = 1e6  # farther out, they would not hold
+
+
+def darken(canvas: Picture, rect: Rect) -> None:
+    """Make a ground for text of what lies within the picture."""
+    x0, y0, x1, y1 = (max(value, 0) for value in rect)
+    ground = canvas[y0:y1, x0:x1]
+    ground[:] = (ground * 0.2 + np.array(DARK) * 0.8).astype(np.uint8)
+
+
+def write_text(
+    canvas: Picture, text: str, origin: tuple[int, int], font_scale: float, ink: Colour
+) -> None:
+    """One line of text from the lower left corner of its first letter on."""
+    cv2.putText(canvas, _printable(text), origin, _FONT, font_scale, ink, 1, cv2.LINE_AA)
+
+
+def text_size(text: str, font_scale: float) -> tuple[int, int]:
+    """Width and height in px."""
+    width, height = cv2.getTextSize(_printable(text), _FONT, font_scale, 1)[0]
+    return width, height
+
+
+def _printable(text: str) -> str:
+    """OpenCV 4's fonts know only ASCII; from 5 on they have the signs used here."""
+    if hasattr(cv2, "FontFace"):
+        return text
+    return text.replace("±", "+-").replace("Ø", "D").replace("°", " deg")
+
+
+def _fixed(value_px: float) -> int:
+    """From continuous coordinates to OpenCV's fixed point ones, with centres on whole numbers."""
+    within_px = min(max(value_px, -_FARTHEST_PX), _FARTHEST_PX)
+    return round((within_px - 0.5) * 2**_SHIFT)
+
+
+def draw_line(
+    canvas: Picture,
+    start: Point,
+    end: Point,
+    colour: Colour,
+    width: int,
+) -> None:
+    """A smooth line of a whole number of pixels."""
+    first, second = ((_fixed(x), _fixed(y)) for x, y in (start, end))
+    cv2.line(canvas, first, second, colour, width, cv2.LINE_AA, _SHIFT)
+
+
+def draw_dot(canvas: Picture, centre: Point, radius_px: float, colour: Colour) -> None:
+    """A smooth filled circle."""
+    place = (_fixed(centre[0]), _fixed(centre[1]))
+    cv2.circle(canvas, place, round(radius_px * 2**_SHIFT), colour, -1, cv2.LINE_AA, _SHIFT)

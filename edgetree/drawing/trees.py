@@ -1,0 +1,238 @@
+"""Trees drawn on their picture: box, mask, axis, felling cut, diameter, and a label each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from edgetree.detections import TreeDetections
+from edgetree.drawing.label_placement import Rect, place_plate
+from edgetree.drawing.primitives import (
+    DARK,
+    Colour,
+    Picture,
+    Point,
+    darken,
+    draw_dot,
+    draw_line,
+    text_size,
+    write_text,
+)
+
+__all__ = ["WARNING_SIGN", "CutMark", "draw_trees", "picture_of_depth"]
+
+WARNING_SIGN: Final = "!"
+
+# BGR, light enough to stand out in a dark forest, far apart in hue.
+_PALETTE: Final[tuple[Colour, ...]] = (
+    (80, 175, 255),
+    (230, 200, 70),
+    (120, 220, 130),
+    (200, 130, 255),
+    (90, 225, 245),
+    (255, 160, 130),
+    (150, 150, 255),
+    (190, 235, 190),
+)
+_CUT: Final[Colour] = (60, 60, 255)
+_WHITE: Final[Colour] = (255, 255, 255)
+_AMBER: Final[Colour] = (60, 190, 255)
+_GAP_PX: Final = 6
+
+
+class CutMark(NamedTuple):
+    """A felling cut that was measured: where it is in the picture, and what stands beside it."""
+
+    xy_px: Point
+    text: str
+
+
+def draw_trees(
+    picture: Picture,
+    trees: TreeDetections,
+    labels: Sequence[Sequence[str]] | None = None,
+    *,
+    masks: Sequence[NDArray[np.bool_]] | None = None,
+    cuts: Sequence[CutMark | None] | None = None,
+) -> Picture:
+    """A copy of the picture with the trees drawn on it.
+
+    Args:
+        picture: (H, W, 3) uint8 BGR, of the size that the detections are for.
+        trees: what to draw; masks and keypoints where they are there.
+        labels: lines of text per tree; the scores if None. They are amber from one that starts
+            with `WARNING_SIGN` on.
+        masks: per tree its (H, W) pixels, in place of the detections' own.
+        cuts: per tree its felling cut, where that was measured; else its keypoint is drawn.
+
+    Returns:
+        (H, W, 3) uint8 BGR. Lines and text grow with the picture's height.
+    """
+    canvas = picture.copy()
+    scale = max(picture.shape[0] / 720, 0.75)
+    far_first = [int(index) for index in np.argsort(trees.boxes_px[:, 3], kind="stable")]
+    for index in far_first:
+        if masks is not None or trees.masks is not None:
+            mask = trees.mask(index) if masks is None else masks[index]
+            _draw_mask(canvas, mask, _colour(index))
+    marks: list[CutMark | None] = list(cuts) if cuts is not None else [None] * len(trees)
+    taken: list[Rect] = []
+    for index in far_first:
+        _draw_box(canvas, trees.boxes_px[index], _colour(index), scale)
+        if trees.keypoints_px is not None:
+            points_px = trees.keypoints_px[index, :, :2]
+            taken.append(_draw_keypoints(canvas, points_px, _colour(index), scale))
+            x, y, _ = trees.keypoints_px[index, 0]
+            marks[index] = marks[index] or CutMark((float(x), float(y)), "")
+    taken += [_draw_cut(canvas, mark, scale) for mark in marks if mark is not None]
+    texts = labels if labels is not None else [[f"{score:.0%}"] for score in trees.scores]
+    _draw_labels(canvas, trees, texts, taken, scale)
+    return canvas
+
+
+def picture_of_depth(depth_m: NDArray[np.float32], far_m: float = 20.0) -> Picture:
+    """Depth (H, W) in metres as muted colours, near ones bright; black where it has no reading."""
+    nearness = np.clip(1.0 - depth_m / far_m, 0.0, 1.0)
+    colours = cv2.applyColorMap((32 + nearness * 168).astype(np.uint8), cv2.COLORMAP_BONE)
+    colours[depth_m <= 0.0] = 0
+    return np.asarray(colours, dtype=np.uint8)
+
+
+def _colour(index: int) -> Colour:
+    return _PALETTE[index % len(_PALETTE)]
+
+
+def _draw_mask(canvas: Picture, mask: NDArray[np.bool_], colour: Colour) -> None:
+    tinted = canvas[mask] * 0.68 + np.array(colour) * 0.32
+    canvas[mask] = tinted.astype(np.uint8)
+    outlines, _ = cv2.findContours(
+        mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE
+    )
+    cv2.drawContours(canvas, outlines, -1, colour, 1, cv2.LINE_AA)
+
+
+def _draw_box(canvas: Picture, box_px: NDArray[np.float32], colour: Colour, scale: float) -> None:
+    """The four corners of the box: they frame the tree and hide little of it."""
+    x0, y0, x1, y1 = (float(value) for value in box_px)
+    reach = min(18 * scale, (x1 - x0) / 3, (y1 - y0) / 3)
+    width = max(round(2 * scale), 1)
+    for x, dx in ((x0, reach), (x1, -reach)):
+        for y, dy in ((y0, reach), (y1, -reach)):
+            draw_line(canvas, (x, y), (x + dx, y), colour, width)
+            draw_line(canvas, (x, y), (x, y + dy), colour, width)
+
+
+def _draw_keypoints(
+    canvas: Picture, points_px: NDArray[np.float32], colour: Colour, scale: float
+) -> Rect:
+    """The axis through its three points, the diameter between its two; what that one takes."""
+    cut, left, right, middle, top = ((float(x), float(y)) for x, y in points_px)
+    thin, radius = max(round(2 * scale), 1), 3.5 * scale
+    for start, end, line_colour in (
+        (cut, middle, colour),
+        (middle, top, colour),
+        (left, right, _WHITE),
+    ):
+        draw_line(canvas, start, end, DARK, thin + 2)
+        draw_line(canvas, start, end, line_colour, thin)
+    for point, dot_colour in ((middle, colour), (top, colour), (left, _WHITE), (right, _WHITE)):
+        draw_dot(canvas, point, radius + 1.2, DARK)
+        draw_dot(canvas, point, radius, dot_colour)
+    (x0, x1), (y0, y1) = (sorted((round(a), round(b))) for a, b in zip(left, right, strict=True))
+    return _grown((x0, y0, x1, y1), round(5 * scale))
+
+
+def _draw_cut(canvas: Picture, mark: CutMark, scale: float) -> Rect:
+    """A ring at the felling cut, with its height to the right; the place that both take."""
+    for ring, colour in ((8.5, DARK), (7.2, _WHITE), (5.2, _CUT)):
+        draw_dot(canvas, mark.xy_px, ring * scale, colour)
+    x, y, reach = round(mark.xy_px[0]), round(mark.xy_px[1]), round(10 * scale)
+    inside = 0 <= x < canvas.shape[1] and 0 <= y < canvas.shape[0]
+    if not (mark.text and inside):
+        return x - reach, y - reach, x + reach, y + reach
+    pad = round(3 * scale)
+    width, height = (side + 2 * pad for side in text_size(mark.text, 0.45 * scale))
+    left = x + reach if x + reach + width <= canvas.shape[1] else x - reach - width
+    top = round(_within(y - height / 2, 0, max(canvas.shape[0] - height, 0)))
+    tag = (left, top, left + width, top + height)
+    darken(canvas, tag)
+    write_text(canvas, mark.text, (left + pad, tag[3] - pad), 0.45 * scale, _WHITE)
+    return min(x - reach, left), min(y - reach, top), max(x + reach, tag[2]), y + reach
+
+
+def _draw_labels(
+    canvas: Picture,
+    trees: TreeDetections,
+    texts: Sequence[Sequence[str]],
+    taken: list[Rect],
+    scale: float,
+) -> None:
+    """A dark plate with each tree's text, beside its diameter, clear of what is taken."""
+    plates: list[tuple[int, Rect, list[str]]] = []
+    for index in np.argsort(-trees.boxes_px[:, 3], kind="stable"):
+        lines = [text for text in texts[index] if text]
+        if lines:
+            plate = _place(trees, int(index), _plate_size(lines, scale), taken, canvas.shape)
+            taken.append(_grown(plate, round(3 * scale)))
+            plates.append((int(index), plate, lines))
+    for index, plate, _ in plates:
+        _draw_leader(canvas, trees.boxes_px[index], plate, _colour(index))
+    for index, plate, lines in plates:
+        _draw_plate(canvas, plate, lines, _colour(index), scale)
+
+
+def _grown(rect: Rect, margin_px: int) -> Rect:
+    x0, y0, x1, y1 = rect
+    return x0 - margin_px, y0 - margin_px, x1 + margin_px, y1 + margin_px
+
+
+def _plate_size(lines: Sequence[str], scale: float) -> tuple[int, int]:
+    """Width and height in px."""
+    width = max(text_size(line, 0.5 * scale)[0] for line in lines)
+    pad = round(6 * scale)
+    return width + 2 * pad + round(4 * scale), len(lines) * round(19 * scale) + pad
+
+
+def _draw_plate(
+    canvas: Picture, plate: Rect, lines: Sequence[str], colour: Colour, scale: float
+) -> None:
+    darken(canvas, plate)
+    x, y, _, bottom = plate
+    canvas[y:bottom, x : x + round(4 * scale)] = colour
+    ink = _WHITE
+    for row, line in enumerate(lines, start=1):
+        ink = _AMBER if line.startswith(WARNING_SIGN) else ink
+        origin = (x + round(10 * scale), y + row * round(19 * scale) - round(4 * scale))
+        write_text(canvas, line, origin, 0.5 * scale, ink)
+
+
+def _draw_leader(canvas: Picture, box_px: NDArray[np.float32], plate: Rect, colour: Colour) -> None:
+    """A thin line by the shortest way from the plate to the box that it belongs to."""
+    x0, y0, x1, y1 = (float(value) for value in box_px)
+    start = (_within((x0 + x1) / 2, plate[0], plate[2]), _within((y0 + y1) / 2, plate[1], plate[3]))
+    draw_line(canvas, start, (_within(start[0], x0, x1), _within(start[1], y0, y1)), colour, 1)
+
+
+def _place(
+    trees: TreeDetections,
+    index: int,
+    size_px: tuple[int, int],
+    taken: list[Rect],
+    shape: tuple[int, ...],
+) -> Rect:
+    """Where a plate stands: beside the diameter, where that is known, or low beside the stem."""
+    x0, y0, x1, y1 = (float(value) for value in trees.boxes_px[index])
+    level = y1 - 0.2 * (y1 - y0)
+    if trees.keypoints_px is not None:
+        level = float(trees.keypoints_px[index, 1:3, 1].mean())
+    level = _within(level, 0, shape[0])
+    edges = (x0 - _GAP_PX, x1 + _GAP_PX)
+    return place_plate(size_px, (*edges, level), taken, trees.boxes_px, (shape[1], shape[0]))
+
+
+def _within(value: float, lowest: float, highest: float) -> float:
+    return min(max(value, lowest), highest)

@@ -1,0 +1,7 @@
+"""Where frames come from, which cameras took them, and their way to trees and metres."""
+
+from edgetree.frames.pipeline import FrameResult, process
+from edgetree.frames.rig import Rig
+from edgetree.frames.sources import Frame, FrameSource, open_source
+
+__all__ = ["Frame", "FrameResult", "FrameSource", "Rig", "open_source", "process"]

@@ -1,0 +1,83 @@
+"""Trees that someone else has found: a mask image, drawn by hand or by another segmentation."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from edgetree.detections import TreeDetections
+from edgetree.errors import InputError
+from edgetree.frames.pipeline import FoundTrees
+from edgetree.frames.sources import is_cut_off
+
+__all__ = ["read_masks"]
+
+_LOSSLESS: Final = (".png", ".tif", ".tiff", ".bmp", ".pgm")
+_MOST_TREES: Final = 100
+
+
+def read_masks(path: Path, size_px: tuple[int, int]) -> FoundTrees:
+    """Read a mask image: 0 is no tree, and every other value is one tree and its number.
+
+    Args:
+        path: an image of one channel with 8 or 16 bits that keeps its values, such as a PNG.
+        size_px: width and height of the image that the mask is for.
+
+    Returns:
+        The trees by number, each with a score of 1 and without keypoints.
+
+    Raises:
+        InputError: the file cannot be read, is of another kind or size, or has no tree, or more
+            than a hundred.
+    """
+    values = _read_values(path)
+    height, width = values.shape
+    if (width, height) != size_px:
+        raise InputError(
+            f"mask {path} is {width}x{height} px: expected {size_px[0]}x{size_px[1]} px,"
+            " as the image"
+        )
+    numbers = [int(value) for value in np.unique(values) if value]
+    if not 1 <= len(numbers) <= _MOST_TREES:
+        raise InputError(
+            f"mask {path} holds {len(numbers)} values beside 0: expected one for each tree,"
+            f" 1 to {_MOST_TREES}"
+        )
+    masks = np.stack([values == number for number in numbers])
+    trees = TreeDetections(
+        boxes_px=np.array([_box(mask) for mask in masks], np.float32),
+        scores=np.ones(len(numbers), np.float32),
+        keypoints_px=None,
+        masks=None,
+        image_width=width,
+        image_height=height,
+    )
+    return FoundTrees(trees, tuple(numbers), masks)
+
+
+def _read_values(path: Path) -> NDArray[np.integer]:
+    """(H, W) the values of a mask image."""
+    expected = "expected one channel of 8 or 16 bits, 0 beside the trees and a number on each"
+    if path.suffix.lower() not in _LOSSLESS:
+        raise InputError(f"mask {path} is no kind of file that keeps its values: expected a PNG")
+    try:
+        data = np.fromfile(path, dtype=np.uint8)
+    except OSError as error:
+        raise InputError(f"mask {path} cannot be read ({error.strerror}): {expected}") from error
+    values = None if is_cut_off(data) else cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+    if values is None:
+        raise InputError(f"mask {path} cannot be read ({data.size} bytes): {expected}")
+    if values.ndim != 2 or values.dtype not in (np.uint8, np.uint16):
+        channels = 1 if values.ndim == 2 else values.shape[2]
+        raise InputError(f"mask {path} has {channels} channel(s) of {values.dtype}: {expected}")
+    return np.asarray(values)
+
+
+def _box(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:
+    """x0, y0, x1, y1 around the set pixels."""
+    rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
+    return int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1

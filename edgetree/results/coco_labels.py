@@ -1,0 +1,50 @@
+"""What a model finds as COCO labels, so that people correct instead of draw."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Final
+
+from calib import CocoLabels
+from edgetree.detections import KEYPOINT_NAMES
+from edgetree.frames.pipeline import FrameResult
+from edgetree.results.atomic_files import text_file
+
+__all__ = ["labels_file"]
+
+# The stem's axis from the felling cut up, and the diameter, as indices of KEYPOINT_NAMES.
+_SKELETON: Final = ((0, 3), (3, 4), (1, 2))
+
+
+@contextmanager
+def labels_file(
+    path: Path, model: str, score_threshold: float
+) -> Iterator[Callable[[FrameResult], None]]:
+    """A COCO file that is there when the block has ended well; gives what adds a frame to it.
+
+    Args:
+        path: of the file.
+        model: name of the model file, and
+        score_threshold: of the detector, for the labels to say where they come from.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    found = f"trees that {model} finds with a score of at least {score_threshold:g}"
+    labels = CocoLabels("tree", KEYPOINT_NAMES, _SKELETON, f"{found}, to be corrected")
+    with text_file(path) as stream:
+        yield lambda result: _add_frame(labels, result)
+        json.dump(labels.to_dict(), stream, allow_nan=False)
+
+
+def _add_frame(labels: CocoLabels, result: FrameResult) -> None:
+    """A frame and its trees, under the name of the frame's file."""
+    trees = result.trees
+    labels.add_image(result.frame.path.name, trees.image_width, trees.image_height)
+    for index, score in enumerate(trees.scores):
+        points_px = None if trees.keypoints_px is None else trees.keypoints_px[index]
+        box_px = trees.boxes_px[index].clip(0, [trees.image_width, trees.image_height] * 2)
+        labels.add(box_px, float(score), result.found.mask(index), points_px)

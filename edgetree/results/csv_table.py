@@ -1,0 +1,93 @@
+"""Measured trees as a table for spreadsheets: one row per tree, units in the columns' names."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, Final, TextIO
+
+from edgetree.frames.pipeline import FrameResult
+from edgetree.measure import QUANTITIES, TreeMeasurement
+
+__all__ = ["COLUMNS", "write_header", "write_rows"]
+
+_BOX: Final = ("box_x0_px", "box_y0_px", "box_x1_px", "box_y1_px")
+_POINTS: Final = {"cut_point": "cut_point_camera", "cut_point_machine": "cut_point_machine"}
+_EVIDENCE: Final = ("method", "arc_deg", "valid_depth_share", "visible_share", "ground", "warnings")
+_FORMULA_SIGNS: Final = ("=", "+", "-", "@", "\t", "\r")
+_DIGITS: Final = 5
+
+
+def _quantity_columns(quantity: str) -> tuple[str, ...]:
+    """The columns of a quantity, as `TreeMeasurement.to_dict` names them."""
+    name, unit = quantity.rsplit("_", 1)
+    spread = (f"{name}_{what}_{unit}" for what in ("std", "low95", "high95"))
+    return (quantity, *spread, f"{name}_failure")
+
+
+def _point_columns(name: str) -> tuple[str, ...]:
+    return (*(f"{name}_{axis}_m" for axis in "xyz"), f"{name}_failure")
+
+
+COLUMNS: Final = (
+    "frame",
+    "tree",
+    "score",
+    *_BOX,
+    *(column for quantity in QUANTITIES for column in _quantity_columns(quantity)),
+    *(column for name in _POINTS.values() for column in _point_columns(name)),
+    *_EVIDENCE,
+)
+
+
+def write_header(stream: TextIO) -> None:
+    """Write the columns' names; the stream was opened with `newline=""`."""
+    csv.writer(stream).writerow(COLUMNS)
+
+
+def write_rows(stream: TextIO, result: FrameResult) -> None:
+    """Write one row for each tree of a frame: what is not known is empty, and its `_failure` says
+    why.
+    """
+    writer = csv.DictWriter(stream, COLUMNS)
+    writer.writerows({name: _cell(value) for name, value in row.items()} for row in _rows(result))
+    stream.flush()
+
+
+def _rows(result: FrameResult) -> Iterator[dict[str, Any]]:
+    trees = result.trees
+    for index, number in enumerate(result.found.numbers):
+        if result.measurements is not None:
+            measured = result.measurements[index]
+        else:
+            measured = TreeMeasurement.failed(f"metres {result.metres_need}")
+        yield {
+            "frame": result.frame.name,
+            "tree": number,
+            "score": float(trees.scores[index]),
+            **dict(zip(_BOX, trees.boxes_px[index].tolist(), strict=True)),
+            **_metres(measured.to_dict()),
+        }
+
+
+def _metres(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The entries of `TreeMeasurement.to_dict` under the columns' names."""
+    row = {name: value for name, value in values.items() if name in COLUMNS}
+    for name, column in _POINTS.items():
+        x, y, z, failure = _point_columns(column)
+        row |= zip((x, y, z), values.get(f"{name}_m", ()), strict=False)
+        row[failure] = values.get(f"{name}_failure")
+    evidence = values["evidence"]
+    return {**row, **{name: evidence[name] for name in _EVIDENCE}}
+
+
+def _cell(value: object) -> object:
+    """Numbers to a hundredth of a millimetre; text on one line, and never a formula."""
+    if isinstance(value, float):
+        return round(value, _DIGITS)
+    if isinstance(value, Iterable) and not isinstance(value, str):
+        value = "; ".join(map(str, value))
+    if not isinstance(value, str):
+        return value
+    text = " ".join(value.split())
+    return f"'{text}" if text.startswith(_FORMULA_SIGNS) else text

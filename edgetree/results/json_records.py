@@ -1,0 +1,70 @@
+"""Results as JSON values. Every number's unit is in its name or in its parent's."""
+
+from __future__ import annotations
+
+import json
+from typing import Any, Final, TextIO
+
+from calib import encode_rle
+from edgetree.detections import KEYPOINT_NAMES
+from edgetree.frames.pipeline import FrameResult
+
+__all__ = ["FRAME_SCHEMA", "frame_record", "write_json_line"]
+
+FRAME_SCHEMA: Final = "edgetree.frame/1"
+
+
+def frame_record(result: FrameResult) -> dict[str, Any]:
+    """One frame as a JSON object.
+
+    Pixels are continuous image coordinates, (0, 0) at the outer corner of the first pixel.
+    `tree` is the number in tables and pictures. `box_px` is x0, y0, x1, y1; a keypoint is x, y
+    and a score; `mask_rle` is a compressed COCO mask of the image's size. `metres` holds the
+    measurement, or is null, and then `metres_need` says what to add.
+    """
+    trees = result.trees
+    record: dict[str, Any] = {
+        "schema": FRAME_SCHEMA,
+        "frame": result.frame.name,
+        "path": str(result.frame.path),
+        "image_width_px": trees.image_width,
+        "image_height_px": trees.image_height,
+        "detect_ms": round(result.detect_ms, 1),
+        "trees": [_tree_record(result, index) for index in range(len(trees))],
+    }
+    if result.frame.time_s is not None:
+        record["time_s"] = result.frame.time_s
+    return record
+
+
+def _tree_record(result: FrameResult, index: int) -> dict[str, Any]:
+    trees = result.trees
+    record: dict[str, Any] = {
+        "tree": result.found.numbers[index],
+        "score": _rounded(trees.scores[index], 4),
+        "box_px": [_rounded(value, 2) for value in trees.boxes_px[index]],
+    }
+    if trees.keypoints_px is not None:
+        record["keypoints_px"] = {
+            name: [_rounded(x, 2), _rounded(y, 2), _rounded(score, 4)]
+            for name, (x, y, score) in zip(KEYPOINT_NAMES, trees.keypoints_px[index], strict=True)
+        }
+    mask = result.found.mask(index)
+    if mask is not None:
+        record["mask_rle"] = encode_rle(mask)
+    record["metres"] = None
+    if result.measurements is not None:
+        record["metres"] = result.measurements[index].to_dict()
+    else:
+        record["metres_need"] = result.metres_need
+    return record
+
+
+def _rounded(value: float, digits: int) -> float:
+    return round(float(value), digits)
+
+
+def write_json_line(stream: TextIO, record: dict[str, Any]) -> None:
+    """Write one record on one line, at once, so that a program that reads along gets it now."""
+    stream.write(json.dumps(record, allow_nan=False) + "\n")
+    stream.flush()

@@ -1,0 +1,68 @@
+"""Frames drawn with their trees, and written as picture files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+import cv2
+
+from edgetree.drawing.primitives import Picture
+from edgetree.drawing.trees import draw_trees, picture_of_depth
+from edgetree.errors import InputError
+from edgetree.frames.pipeline import FrameResult
+from edgetree.results.atomic_files import replacing
+from edgetree.results.tree_labels import cut_marks, numbered, tree_labels
+
+__all__ = [
+    "PICTURE_SUFFIXES",
+    "draw_frame",
+    "encode_picture",
+    "write_picture",
+]
+
+PICTURE_SUFFIXES: Final = (".jpg", ".jpeg", ".png")
+
+
+def draw_frame(result: FrameResult) -> Picture:
+    """A frame with its trees, their numbers and what was measured of them.
+
+    Raises:
+        InputError: there is nothing to draw on.
+    """
+    frame, found = result.frame, result.found
+    picture = frame.image
+    if picture is None and frame.depth_m is not None:
+        picture = picture_of_depth(frame.depth_m)
+    if picture is None:
+        raise InputError(f"frame {frame.name} has neither image nor depth: nothing to draw on")
+    measurements, camera = result.measurements, result.camera
+    return draw_trees(
+        picture,
+        found.trees,
+        numbered(tree_labels(found.trees, measurements), found.numbers),
+        masks=None if found.masks is None else list(found.masks),
+        cuts=None if measurements is None or camera is None else cut_marks(measurements, camera),
+    )
+
+
+def encode_picture(picture: Picture, suffix: str) -> bytes:
+    """A picture as the content of a file with one of `PICTURE_SUFFIXES`."""
+    quality = [] if suffix == ".png" else [cv2.IMWRITE_JPEG_QUALITY, 92]
+    return cv2.imencode(suffix, picture, quality)[1].tobytes()
+
+
+def write_picture(folder: Path, result: FrameResult) -> Path:
+    """Draw a frame's trees with their labels into `folder`.
+
+    Returns:
+        The file, named after the frame: `<name>_trees.jpg`.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    path = folder / f"{result.frame.name}_trees.jpg"
+    data = encode_picture(draw_frame(result), path.suffix)
+    with replacing(path) as temporary:
+        temporary.write_bytes(data)
+    return path

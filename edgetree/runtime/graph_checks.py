@@ -1,0 +1,162 @@
+"""Checks that a graph and its outputs match the manifest."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+import calib
+from edgetree.errors import ModelFileError
+from edgetree.model_file.manifest import METADATA_KEY, Manifest, standard_outputs
+from edgetree.model_file.safety_check import MAX_ELEMENTS, Shape
+from edgetree.runtime.session import InferenceSession
+
+__all__ = ["Answer", "check_answer", "read_manifest"]
+
+_ROUNDING: Final = 1e-3  # that a probability of an engine of less precision may lie beside 0 to 1
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """The rows in use of one image, in the model's own pixels.
+
+    Attributes:
+        boxes: (N, 4) x0, y0, x1, y1.
+        scores: (N,) in [0, 1].
+        keypoints: (N, 5, 3) x, y, score, or None.
+        masks: (N, 28, 28), or None.
+    """
+
+    boxes: NDArray[np.float32]
+    scores: NDArray[np.float32]
+    keypoints: NDArray[np.float32] | None
+    masks: NDArray[np.float32] | None
+
+
+def read_manifest(session: InferenceSession) -> Manifest:
+    """The manifest of a model, held against its graph.
+
+    Raises:
+        ModelFileError: there is none, it is none of ours, or the graph is another one.
+    """
+    try:
+        return _read_manifest(session)
+    except (ModelFileError, calib.CalibError) as error:
+        raise ModelFileError(f"model {session.name}: {error}") from error
+
+
+def _read_manifest(session: InferenceSession) -> Manifest:
+    text = session.metadata.get(METADATA_KEY)
+    if text is None:
+        raise ModelFileError(
+            f"an ONNX model without a manifest (metadata {METADATA_KEY!r}):"
+            " expected a file made by `edgetree export`"
+        )
+    try:
+        manifest = Manifest.from_json(text)
+    except RecursionError as error:
+        raise ModelFileError("manifest: not JSON of ours (nested too deeply)") from error
+    if manifest.depth_encoding is not None:
+        calib.DepthEncoding.from_dict(dict(manifest.depth_encoding))
+    expected = manifest.input.image_shape
+    shapes = session.input_shapes
+    found = shapes.get(manifest.input.name, ())
+    if set(shapes) != {manifest.input.name} or found[1:] != expected:
+        raise ModelFileError(
+            f"the graph's inputs are {dict(shapes)}: expected, as its manifest says,"
+            f" {manifest.input.name!r} of (batch, {', '.join(map(str, expected))})"
+        )
+    _check_size(manifest.input.name, found)
+    if set(session.output_shapes) != set(manifest.output_names):
+        raise ModelFileError(
+            f"the graph's outputs are {tuple(session.output_shapes)}: expected, as its manifest"
+            f" says, {manifest.output_names}"
+        )
+    _check_outputs(manifest, session.output_shapes)
+    return manifest
+
+
+def _check_outputs(manifest: Manifest, shapes: Mapping[str, Shape]) -> None:
+    """The manifest's outputs are those that the runtime reads, and the graph's."""
+    stated = {output.name: output.shape for output in manifest.outputs}
+    rows = stated["scores"][1:]
+    if len(rows) != 1 or not isinstance(rows[0], int) or rows[0] < 1:
+        raise ModelFileError(f"manifest: output scores is {stated['scores']}: expected (B, rows)")
+    for output in standard_outputs(rows[0]):
+        shape = stated.get(output.name)
+        if shape is None:
+            continue
+        if shape != output.shape:
+            raise ModelFileError(
+                f"manifest: output {output.name} is {shape}: expected {output.shape}"
+            )
+        _check_size(output.name, shape)
+        found = shapes[output.name]
+        pairs = zip(found[1:], shape[1:], strict=False)
+        if len(found) != len(shape) or any(a != b for a, b in pairs if isinstance(a, int)):
+            raise ModelFileError(
+                f"the graph's output {output.name} is {found}: expected, as its manifest says,"
+                f" {shape}"
+            )
+
+
+def _check_size(name: str, shape: Shape) -> None:
+    known = [size for size in shape if isinstance(size, int)]
+    if math.prod(known) > MAX_ELEMENTS:
+        raise ModelFileError(f"{name} is {shape}: expected at most {MAX_ELEMENTS} elements")
+
+
+def check_answer(
+    outputs: Mapping[str, NDArray[Any]], manifest: Manifest, batch: int, name: str
+) -> list[Answer]:
+    """What the graph answered, image by image, if it is what the manifest promises.
+
+    Args:
+        outputs: by name.
+        manifest: of the model.
+        batch: number of images that went in.
+        name: what errors call the model.
+
+    Raises:
+        ModelFileError: an output is missing or of another shape or type, there are more rows in
+            use than rows, or a value in use is no number or no probability.
+    """
+    for output in manifest.outputs:
+        shape = (batch, *output.shape[1:])
+        values = outputs.get(output.name)
+        found = "missing" if values is None else f"{values.dtype} {values.shape}"
+        if values is None or values.shape != shape or values.dtype != output.dtype:
+            raise ModelFileError(
+                f"model {name} gave {output.name} as {found}:"
+                f" expected {output.dtype} {shape}, as its manifest says"
+            )
+    return [_answer_of(outputs, index, name) for index in range(batch)]
+
+
+def _answer_of(outputs: Mapping[str, NDArray[Any]], index: int, name: str) -> Answer:
+    """The rows in use of one image."""
+    count = int(outputs["num_detections"][index])
+    rows = outputs["scores"].shape[1]
+    if not 0 <= count <= rows:
+        raise ModelFileError(f"model {name} gave {count} detections: expected 0 to {rows}")
+    used = {
+        output: values[index, :count]
+        for output, values in outputs.items()
+        if output in ("boxes", "scores", "keypoints", "masks")
+    }
+    for output, values in used.items():
+        if not np.isfinite(values).all():
+            raise ModelFileError(
+                f"model {name} gave {output} with NaN or infinity: expected numbers"
+            )
+    scores = used["scores"]
+    if count and not (scores.min() >= -_ROUNDING and scores.max() <= 1 + _ROUNDING):
+        raise ModelFileError(
+            f"model {name} gave scores of {scores.min():g} to {scores.max():g}: expected 0 to 1"
+        )
+    return Answer(used["boxes"], np.clip(scores, 0, 1), used.get("keypoints"), used.get("masks"))

@@ -1,0 +1,137 @@
+"""Opening a model file in onnxruntime, on a provider that then really is in use."""
+
+from __future__ import annotations
+
+import logging
+import re
+from pathlib import Path
+from typing import Any
+
+from edgetree.errors import InputError, ModelFileError
+from edgetree.runtime.providers import (
+    AUTO,
+    CPU,
+    PROVIDERS,
+    Provider,
+    SessionSettings,
+    candidates,
+    import_onnxruntime,
+)
+
+__all__ = ["open_session", "placement_of", "reason_of"]
+
+_log = logging.getLogger(__name__)
+
+
+class _NotStarted(Exception):
+    """A provider cannot be used for this model; says why."""
+
+
+def open_session(path: Path, settings: SessionSettings, threads: int) -> tuple[Any, Provider]:
+    """onnxruntime's session, and the provider in use.
+
+    onnxruntime goes on with the processor where a provider does not start, and leaves it what a
+    provider does not know, without an error; strict settings make one of both, others a warning.
+
+    Raises:
+        ModelFileError: onnxruntime cannot load the model.
+        InputError: the provider asked for is not installed, did not start or takes no part of the
+            graph; or the cache folder cannot be made.
+        MissingDependency: onnxruntime is not installed.
+    """
+    _make_folder(settings.cache_folder)
+    tried = candidates(settings)
+    if settings.provider not in (AUTO, tried[0].name):
+        _log.warning("provider %r is not installed: taking the processor", settings.provider)
+    for provider in tried:
+        try:
+            return _start(path, provider, settings, threads), provider
+        except _NotStarted as problem:
+            if settings.strict and settings.provider != AUTO:
+                raise InputError(
+                    f"provider {provider.name!r} cannot be used for model {path} ({problem}):"
+                    " expected it to start and to take a part of the graph; or use 'cpu'"
+                ) from problem
+            _log.warning("provider %r cannot be used (%s): taking another", provider.name, problem)
+    raise AssertionError("the processor is always among the candidates")
+
+
+def _start(path: Path, provider: Provider, settings: SessionSettings, threads: int) -> Any:
+    """onnxruntime's session on one provider, in use and not just asked for."""
+    onnxruntime = import_onnxruntime()
+    asked = [(provider.ort_name, provider.options_for(threads, settings.cache_folder))]
+    if provider.name != CPU:
+        listed = onnxruntime.get_available_providers()
+        asked += [(name, {}) for name in provider.helpers if name in listed]
+        asked.append((PROVIDERS[CPU].ort_name, {}))
+    try:
+        session = onnxruntime.InferenceSession(
+            str(path),
+            sess_options=_options(onnxruntime, provider, settings, threads),
+            providers=asked,
+            enable_fallback=0,
+        )
+    except Exception as error:  # onnxruntime's errors share no base of their own
+        if provider.name != CPU:
+            raise _NotStarted(reason_of(error)) from error
+        raise ModelFileError(
+            f"model {path} is not an ONNX model that onnxruntime can load ({reason_of(error)}):"
+            " expected a file made by `edgetree export`"
+        ) from error
+    if provider.ort_name not in session.get_providers():
+        raise _NotStarted("onnxruntime left it out, most often as its libraries or driver are away")
+    placement = placement_of(session, provider)
+    if placement and provider.name not in placement:
+        raise _NotStarted("it takes no part of the graph")
+    return session
+
+
+def _options(onnxruntime: Any, provider: Provider, settings: SessionSettings, threads: int) -> Any:
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = threads
+    options.inter_op_num_threads = 1
+    options.log_severity_level = 4  # what fails is raised
+    options.enable_mem_pattern = not provider.one_at_a_time
+    entries = {
+        "session.intra_op.allow_spinning": str(int(settings.spinning)),
+        "session.load_model_format": "ONNX",
+    }
+    if provider.name != CPU:
+        entries["session.record_ep_graph_assignment_info"] = "1"
+    for key, value in entries.items():
+        options.add_session_config_entry(key, value)
+    return options
+
+
+def placement_of(session: Any, provider: Provider) -> dict[str, dict[str, int]]:
+    """Number of nodes by provider and operator; empty where that is not known."""
+    if provider.name == CPU or not hasattr(session, "get_provider_graph_assignment_info"):
+        return {}
+    names = {each.ort_name: each.name for each in PROVIDERS.values()}
+    found: dict[str, dict[str, int]] = {}
+    for part in session.get_provider_graph_assignment_info():
+        operators = found.setdefault(names.get(part.ep_name, part.ep_name), {})
+        for node in part.get_nodes():
+            operators[node.op_type] = operators.get(node.op_type, 0) + 1
+    return found
+
+
+def _make_folder(folder: Path | None) -> None:
+    if folder is None:
+        return
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"cache folder {folder} cannot be made ({error.strerror}):"
+            " expected a folder that is there or can be made"
+        ) from error
+
+
+def reason_of(error: Exception) -> str:
+    """The part of onnxruntime's message that says what is wrong, in one line."""
+    text = (str(error).strip().splitlines() or [type(error).__name__])[0]
+    for mark in ("Status Message:", "failed:"):
+        text = text.rpartition(mark)[2].strip()
+    text = re.sub(r"^\[ONNXRuntimeError\] : \d+ : \w+ : ", "", text)
+    return re.sub(r"^\S+:\d+ .*?\) ", "", text)  # a place in its source, and a function there

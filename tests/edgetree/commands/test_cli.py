@@ -1,0 +1,365 @@
+"""The command line as its users meet it: what it prints, writes and refuses."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, NoReturn
+
+import cv2
+import numpy as np
+import pytest
+import typer
+
+import edgetree.doctor
+import edgetree.runtime.session
+from edgetree import cli
+from edgetree.bench import files as bench_files
+from edgetree.doctor import Findings, Libraries, Machine, ProviderResult, Speed
+from edgetree.errors import CheckFailed
+from edgetree.frames import pipeline
+from edgetree.model_file.manifest import Manifest
+
+MAIN = "from edgetree.cli import main; main()"
+
+
+Cli = Callable[..., Any]
+
+
+def _lines(text: str) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in text.splitlines()]
+
+
+def test_run_prints_one_json_line_per_frame(run_cli: Cli, model: Path, images: Path) -> None:
+    done = run_cli("run", images, "--model", model)
+    assert done.code == 0, done.err
+    first, second = _lines(done.out)
+    assert [first["frame"], second["frame"]] == ["a", "b"]
+    assert (first["image_width_px"], first["image_height_px"]) == (640, 360)
+    (tree,) = first["trees"]
+    assert tree["box_px"] == [100.0, 50.0, 120.0, 310.0]
+    assert tree["keypoints_px"]["felling_cut"] == [110.0, 300.0, 0.9]
+    assert tree["score"] == 0.9
+    assert tree["mask_rle"]["size"] == [360, 640]
+    assert "2 trees in 2 frame(s)" in done.err
+
+
+def test_without_depth_each_tree_says_that_metres_need_it(
+    run_cli: Cli, model: Path, images: Path
+) -> None:
+    (line,) = _lines(run_cli("run", images / "a.jpg", "--model", model).out)
+    assert line["trees"][0]["metres"] is None
+    assert line["trees"][0]["metres_need"] == "need depth: pass --depth and --camera"
+    depth = images.parent / "depth" / "a.png"
+    (line,) = _lines(run_cli("run", images / "a.jpg", "--model", model, "--depth", depth).out)
+    assert line["trees"][0]["metres_need"] == "need the camera: pass --camera"
+
+
+def test_with_depth_and_camera_each_tree_has_metres(
+    run_cli: Cli, model: Path, images: Path
+) -> None:
+    folder = images.parent
+    extra = ("--depth", folder / "depth", "--camera", folder / "camera.json")
+    done = run_cli("run", images, "--model", model, "--out", folder / "out", *extra)
+    assert done.code == 0, done.err
+    tree = _lines(done.out)[0]["trees"][0]
+    assert "metres_need" not in tree
+    # The stem is 20 px wide at 4 m and f = 400 px: by tangents about 0.2 m.
+    assert tree["metres"]["diameter_m"] == pytest.approx(0.2, abs=0.02)
+    assert tree["metres"]["diameter_std_m"] > 0
+
+
+def test_the_users_up_is_what_inclinations_refer_to(
+    run_cli: Cli, model: Path, images: Path
+) -> None:
+    folder = images.parent
+    files = ("--depth", folder / "depth" / "a.png", "--camera", folder / "camera.json")
+    inclinations_deg = []
+    for up in ("0,-1,0", "0.5,-0.866,0"):
+        done = run_cli("run", images / "a.jpg", "--model", model, *files, "--up", up)
+        metres = _lines(done.out)[0]["trees"][0]["metres"]
+        inclinations_deg.append(metres["inclination_deg"])
+    assert inclinations_deg == pytest.approx([0, 30], abs=1.0)
+
+
+def test_a_depth_model_takes_depth_alone(
+    run_cli: Cli, depth_manifest: Manifest, write_model: Callable[..., Path], images: Path
+) -> None:
+    model, depth = write_model(depth_manifest, "depth.onnx"), images.parent / "depth"
+    alone = run_cli("run", depth, "--model", model, "--out", images.parent / "out")
+    assert alone.code == 0, alone.err
+    assert len(_lines(alone.out)) == 2
+    assert (images.parent / "out" / "a_trees.jpg").exists()
+    beside = run_cli("run", images, "--model", model, "--depth", depth)
+    trees = [line["trees"][0]["box_px"] for line in _lines(beside.out)]
+    assert trees == [line["trees"][0]["box_px"] for line in _lines(alone.out)]
+
+
+def test_json_prints_one_object(run_cli: Cli, model: Path, images: Path) -> None:
+    done = run_cli("run", images, "--model", model, "--json")
+    record = json.loads(done.out)
+    assert record["schema"] == "edgetree.run/1"
+    assert record["model"]["name"] == "test-rgb"
+    assert [frame["frame"] for frame in record["frames"]] == ["a", "b"]
+
+
+def test_lines_and_pictures_go_where_they_should(
+    run_cli: Cli, model: Path, images: Path, tmp_path: Path
+) -> None:
+    out, jsonl = tmp_path / "new" / "out", tmp_path / "trees.jsonl"
+    done = run_cli("run", images, "--model", model, "--out", out, "--jsonl", jsonl)
+    assert done.code == 0, done.err
+    assert done.out == ""
+    assert [line["frame"] for line in _lines(jsonl.read_text())] == ["a", "b"]
+    assert sorted(path.name for path in out.iterdir()) == ["a_trees.jpg", "b_trees.jpg"]
+    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
+    drawn, plain = cv2.imread(str(out / "a_trees.jpg")), cv2.imread(str(images / "a.jpg"))
+    assert drawn is not None
+    assert plain is not None
+    assert drawn.shape == plain.shape
+    assert np.abs(drawn[60:300, 100:120].astype(int) - plain[60:300, 100:120]).mean() > 20
+    assert f"pictures: {out}" in done.err
+    following = done.err.splitlines()[-1].removeprefix("next: edgetree ")
+    assert run_cli(*following.split(), "--seconds", 0).code == 0
+
+
+def test_the_threshold_is_the_users(run_cli: Cli, model: Path, images: Path) -> None:
+    done = run_cli("run", images / "a.jpg", "--model", model, "--score-threshold", 0.2)
+    assert len(_lines(done.out)[0]["trees"]) == 2
+
+
+def test_without_a_command_it_shows_the_help(run_cli: Cli) -> None:
+    shown = run_cli()
+    assert (shown.code, shown.err) == (0, "")
+    assert shown.out == run_cli("--help").out
+    assert "measure" in shown.out
+
+
+def test_it_says_its_version(run_cli: Cli) -> None:
+    assert run_cli("--version") == (0, f"edgetree {version('edgetree')}\n", "")
+
+
+def test_an_interrupt_is_one_line_and_leaves_nothing(
+    run_cli: Cli, model: Path, images: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object) -> NoReturn:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(pipeline, "process", interrupted)
+    jsonl, out = tmp_path / "trees.jsonl", tmp_path / "out"
+    done = run_cli("run", images, "--model", model, "--jsonl", jsonl, "--out", out)
+    assert done == (130, "", "edgetree: interrupted\n")
+    assert not jsonl.exists()
+    assert not out.exists()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT to send")
+def test_a_real_interrupt_in_the_middle_leaves_nothing(
+    model: Path, images: Path, tmp_path: Path
+) -> None:
+    for number in range(200):
+        (images / f"c{number}.jpg").write_bytes((images / "a.jpg").read_bytes())
+    out, jsonl = tmp_path / "out", tmp_path / "trees.jsonl"
+    command = [sys.executable, "-c", MAIN, "run", images, "--model", model]
+    process = subprocess.Popen(
+        [*map(str, command), "--out", str(out), "--jsonl", str(jsonl)],
+        stderr=subprocess.PIPE,
+        text=True,
+        # A runner in the background ignores the signal, and would have it ignored below.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    while process.poll() is None and not (out.is_dir() and list(out.glob("*.jpg"))):
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=30)
+    assert (process.returncode, errors) == (130, "edgetree: interrupted\n")
+    assert not jsonl.exists()
+    assert not list(tmp_path.glob(".*"))
+    pictures = [path for path in out.iterdir() if cv2.imread(str(path)) is not None]
+    assert sorted(pictures) == sorted(out.iterdir()), "only whole pictures are left"
+
+
+def test_an_interrupt_that_typer_reports_is_the_same(
+    run_cli: Cli, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def aborted(*_: object) -> NoReturn:
+        raise typer.Abort
+
+    monkeypatch.setattr(typer.main, "get_command", aborted)
+    assert run_cli("run", "x") == (130, "", "edgetree: interrupted\n")
+
+
+class _ForeignError(Exception):
+    exit_code = 2
+
+
+@pytest.mark.parametrize(
+    ("error", "code"), [(CheckFailed("off by 3 px"), 1), (_ForeignError("off by 3 px"), 2)]
+)
+def test_errors_for_the_user_become_one_line(
+    run_cli: Cli, images: Path, monkeypatch: pytest.MonkeyPatch, error: Exception, code: int
+) -> None:
+    def fail(*_: object, **__: object) -> NoReturn:
+        raise error
+
+    monkeypatch.setattr(edgetree.TreeDetector, "load", fail)
+    assert run_cli("run", images) == (code, "", "edgetree: off by 3 px\n")
+
+
+def test_a_fault_of_ours_keeps_its_traceback(images: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object, **__: object) -> NoReturn:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(edgetree.TreeDetector, "load", fail)
+    monkeypatch.setattr(sys, "argv", ["edgetree", "run", str(images)])
+    with pytest.raises(ZeroDivisionError):
+        cli.main()
+
+
+def test_a_reader_that_has_enough_sees_no_traceback(model: Path, images: Path) -> None:
+    for number in range(40):
+        (images / f"c{number}.jpg").write_bytes((images / "a.jpg").read_bytes())
+    command = [sys.executable, "-c", MAIN, "run", str(images), "--model", str(model)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.read(1)
+        process.stdout.close()
+        errors = process.stderr.read()
+    assert errors == b""
+
+
+def test_help_takes_half_a_second_of_one_core_at_most() -> None:
+    # Processor time, as tests share their machine with others; the clock shows no more when idle.
+    resource = pytest.importorskip("resource", reason="this system counts no processor time")
+    times_s = []
+    for _ in range(3):
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        subprocess.run([sys.executable, "-c", MAIN, "--help"], check=True, capture_output=True)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        times_s.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+    assert min(times_s) < 0.5
+
+
+def test_help_loads_nothing_heavy() -> None:
+    code = "import sys, edgetree.cli; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    heavy = {"numpy", "cv2", "onnxruntime", "torch", "perceptree", "calib", "rich"}
+    assert heavy & set(done.stdout.split()) == set()
+
+
+def test_bench_reports_this_machine(run_cli: Cli, model: Path, images: Path) -> None:
+    done = run_cli("bench", images, "--model", model, "--seconds", 0, "--threads", 1, "--json")
+    assert done.code == 0, done.err
+    record = json.loads(done.out)
+    assert record["input_px"] == [640, 384]
+    assert record["file_bytes"] == model.stat().st_size
+    assert record["parameters"] == 1234
+    assert (record["frames"], record["runs"], record["threads"]) == (2, 5, 1)
+    assert 0 < record["detect_p50_ms"] <= record["detect_p90_ms"]
+    assert record["fps"] == pytest.approx(1000 / record["detect_p50_ms"], rel=0.9)
+    assert record["trees_per_frame"] == 1.0
+    assert record["peak_memory_mib"] > 20
+    assert (record["provider"], record["nodes"]) == ("cpu", {})
+    table = run_cli("bench", images, "--model", model, "--seconds", 0)
+    assert "detect_p50_ms" in table.out
+
+
+def test_bench_says_which_nodes_fell_to_the_processor(
+    run_cli: Cli, model: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    placement = {"cuda": {"Conv": 50, "Relu": 40}, "cpu": {"NonMaxSuppression": 2, "Gather": 1}}
+    monkeypatch.setattr(edgetree.runtime.session.OrtSession, "placement", placement)
+    lines = run_cli("bench", "--model", model, "--seconds", 0).out.splitlines()
+    shown = dict(line.split(maxsplit=1) for line in lines)
+    assert shown["nodes_on_cuda"] == "90"
+    assert shown["nodes_on_cpu"] == "3 (Gather 1, NonMaxSuppression 2)"
+
+
+def test_bench_of_backbones_prints_the_papers_table(
+    run_cli: Cli,
+    rgb_manifest: Manifest,
+    write_model: Callable[..., Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(bench_files, "ROUNDS", 1)
+    for name in ("r50", "edge-n"):
+        manifest = dataclasses.replace(rgb_manifest, multiply_adds=2_000_000_000)
+        write_model(manifest, f"{name}-fp32-640x384.onnx")
+    size = ("--height", 384, "--width", 640, "--seconds", 0, "--threads", 1)
+    arguments = ("bench", "--backbones", "r50,edge-n", "--models", tmp_path, *size)
+    done = run_cli(*arguments, "--json")
+    assert done.code == 0, done.err
+    record = json.loads(done.out)
+    assert record["schema"] == "edgetree.bench-table/1"
+    first, second = record["rows"]
+    assert (first["backbone"], first["paper"]["fps"]) == ("r50", 18)
+    assert (second["backbone"], second["paper"]) == ("edge-n", None)
+    assert second["bench"]["flops"] == 4_000_000_000
+    assert f"models: {tmp_path}" in done.err
+    table = run_cli(*arguments).out
+    assert re.search(r"^r50 .* 18 ", table, flags=re.MULTILINE)
+    assert "{" not in table
+
+
+HEALTHY = Findings(
+    Machine("Linux x86_64", "x86_64", None, None, 4, 2, 1.5, 3.0, 8192.0, None, False),
+    Libraries("3.11.7", {"numpy": "2.4.6", "onnxruntime": "1.31.1"}),
+    (ProviderResult("cuda", False, "libcudnn.so.9 is not there"), ProviderResult("cpu", True)),
+    Speed(2, 21.4, 39.8),
+)
+SICK = dataclasses.replace(HEALTHY, providers=(), speed=None)
+
+
+def test_the_doctor_tells_a_person_what_works(
+    run_cli: Cli, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(edgetree.doctor, "examine", lambda: HEALTHY)
+    done = run_cli("doctor")
+    assert done.code == 0
+    assert "2 of 4 usable, limited to the time of 1.5, 3.0 busy" in done.out
+    assert "cuda does not run: libcudnn.so.9 is not there" in done.out
+    assert "21 frames per second on 1 thread, 40 on 2" in done.out
+    assert "pass --threads 1" in done.out
+    assert "nothing is broken" in done.out
+    assert max(map(len, done.out.splitlines())) <= 100
+
+
+def test_the_doctor_fails_where_something_is_broken(
+    run_cli: Cli, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(edgetree.doctor, "examine", lambda: SICK)
+    done = run_cli("doctor")
+    assert done.code == 1
+    assert re.search(r"^broken +no provider of onnxruntime runs", done.out, flags=re.MULTILINE)
+    assert "nothing is broken" not in done.out
+    record = json.loads(run_cli("doctor", "--json").out)
+    assert (record["schema"], record["healthy"]) == ("edgetree.doctor/1", False)
+    assert record["advice"][0]["level"] == "broken"
+    assert record["machine"]["instructions"] is None
+
+
+def test_the_doctor_looks_at_this_machine(run_cli: Cli) -> None:
+    done = run_cli("doctor", "--json")
+    record = json.loads(done.out)
+    assert {"name": "cpu", "works": True, "reason": ""} in record["providers"]
+    assert record["speed"]["fps_one_thread"] > 0
+    libraries = record["libraries"]
+    assert {"numpy", "onnxruntime", "typer"} <= libraries["versions"].keys()
+    assert libraries["minima"]["numpy"]
+    assert done.code == (0 if record["healthy"] else 1)
+
+
+def test_python_can_run_the_package() -> None:
+    command = [sys.executable, "-m", "edgetree", "--help"]
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    assert done.stdout.startswith("Usage: edgetree ")

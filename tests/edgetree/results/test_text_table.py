@@ -1,0 +1,89 @@
+"""The table for a forester: values with ±, reasons, warnings, and what they rest on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from edgetree.measure import Estimate, Evidence, Failure, TreeMeasurement
+from edgetree.results.text_table import table_lines
+from edgetree.results.units import AMOUNTS, direction_words
+
+MEASURED = TreeMeasurement(
+    diameter_m=Estimate(0.3124, 0.0081),
+    dbh_m=Failure("no ground in view"),
+    cut_height_m=Failure("no ground in view"),
+    inclination_deg=Estimate(4.1, 0.9),
+    lean_direction_deg=Estimate(93.0, 10.0),
+    distance_m=Estimate(5.257, 0.05),
+    cut_point_m=Failure("x"),
+    cut_point_machine_m=Failure("x"),
+    evidence=Evidence("mask + depth", {}, {}, 92.4, 0.83, 0.95, "no ground", ("a warning",)),
+)
+
+
+def test_a_tree_has_a_row_and_notes_below() -> None:
+    header, row, *notes, last = table_lines([MEASURED], (3,))
+    names = ["tree", "diameter", "DBH", "cut height", "lean", "distance"]
+    assert [name for name in names if name not in header] == []
+    cells = ["3", "31.2 ± 0.8 cm", "–", "–", "4.1 ± 0.9° right", "5.26 ± 0.05 m"]
+    assert [cell.strip() for cell in row.split("  ") if cell.strip()] == cells
+    assert [note.strip() for note in notes] == [
+        "no DBH, cut height: no ground in view",
+        "beware: a warning",
+        "from mask + depth; 95% of the stem visible, depth at 83% of it, 92° of its round seen",
+    ]
+    assert "one standard deviation" in last
+
+
+def test_columns_stand_below_their_names() -> None:
+    header, row, *_ = table_lines([MEASURED], (12,))
+    assert header.index("diameter") == row.index("31.2")
+    assert header.index("lean") == row.index("4.1")
+    assert header.index("distance") == row.index("5.26")
+
+
+def test_the_ground_is_named_where_no_reason_tells_it() -> None:
+    told = replace(MEASURED, evidence=replace(MEASURED.evidence, ground="a plane of 80 points"))
+    assert "      ground: a plane of 80 points" in list(table_lines([told], (1,)))
+
+
+def test_a_tree_of_which_nothing_is_known_says_so_once() -> None:
+    lines = list(table_lines([TreeMeasurement.failed("no depth on the stem")], (1,)))
+    assert lines[2].strip() == "not measured: no depth on the stem"
+    assert len(lines) == 4
+
+
+def test_long_reasons_are_wrapped() -> None:
+    lines = list(table_lines([TreeMeasurement.failed("because of this " * 20)], (1,)))
+    assert max(map(len, lines)) <= 100
+
+
+def test_no_trees_is_said() -> None:
+    assert list(table_lines([], ())) == ["no trees"]
+
+
+@pytest.mark.parametrize(
+    ("direction_deg", "words"),
+    [
+        (0.0, "away"),
+        (88.0, "right"),
+        (-88.0, "left"),
+        (179.0, "towards"),
+        (-179.0, "towards"),
+        (40.0, "away, right"),
+        (-140.0, "towards, left"),
+    ],
+)
+def test_directions_are_words(direction_deg: float, words: str) -> None:
+    assert direction_words(Estimate(5.0, 1.0), Estimate(direction_deg, 9.0)) == words
+
+
+def test_an_upright_stem_leans_nowhere() -> None:
+    assert direction_words(Estimate(1.0, 1.0), Estimate(90.0, 9.0)) == ""
+    assert direction_words(Estimate(5.0, 1.0), Failure("not known")) == ""
+
+
+def test_no_standard_deviation_is_written_as_zero() -> None:
+    assert AMOUNTS["diameter_m"].with_std(Estimate(0.3, 0.0001)) == "30.0 ± 0.1 cm"

@@ -1,0 +1,74 @@
+"""Labels say what was measured, and why not where it was not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib import PinholeCamera
+from edgetree.detections import TreeDetections
+from edgetree.measure import Estimate, Evidence, Failure, PointEstimate, TreeMeasurement
+from edgetree.results.tree_labels import cut_marks, numbered, tree_labels
+
+TREES = TreeDetections(
+    boxes_px=np.array([[1, 1, 5, 9]], np.float32),
+    scores=np.array([0.873], np.float32),
+    keypoints_px=None,
+    masks=None,
+    image_width=20,
+    image_height=10,
+)
+MEASURED = replace(
+    TreeMeasurement.failed("not looked at"),
+    diameter_m=Estimate(0.3124, 0.0081),
+    dbh_m=Estimate(0.289, 0.0112),
+    cut_height_m=Estimate(0.148, 0.02),
+    distance_m=Estimate(5.26, 0.05),
+    cut_point_m=PointEstimate(np.array([0.5, 0.25, 5.0]), np.full(3, 0.02)),
+)
+
+
+def test_without_metres_a_label_gives_the_score() -> None:
+    assert tree_labels(TREES) == [["tree 87%"]]
+
+
+def test_metres_stand_with_their_uncertainty() -> None:
+    (label,) = tree_labels(TREES, [MEASURED])
+    assert label == ["Ø 31.2 ±0.8 cm", "DBH 28.9 ±1.1 cm", "cut 15 cm  dist 5.26 m"]
+
+
+def test_what_was_not_measured_is_left_out_but_a_missing_cut_says_why() -> None:
+    partly = replace(MEASURED, dbh_m=Failure("too low"), cut_height_m=Failure("no ground"))
+    (label,) = tree_labels(TREES, [partly])
+    assert label == ["Ø 31.2 ±0.8 cm", "dist 5.26 m", "cut ? no ground"]
+
+
+@pytest.mark.parametrize(
+    ("reason", "lines"),
+    [
+        ("no depth at the stem", ["Ø ? no depth at the stem"]),
+        ("hidden " * 12, ["Ø ? hidden hidden hidden hidden", "hidden hidden hidden hidden ..."]),
+    ],
+)
+def test_a_failure_says_why_in_two_lines_at_most(reason: str, lines: list[str]) -> None:
+    assert tree_labels(TREES, [TreeMeasurement.failed(reason)]) == [lines]
+
+
+def test_the_first_warning_is_shown_and_marked() -> None:
+    warned = replace(MEASURED, evidence=Evidence(warnings=("the stump is high", "and more")))
+    assert tree_labels(TREES, [warned])[0][-1] == "! the stump is high"
+
+
+def test_numbers_open_the_labels() -> None:
+    assert numbered([["a", "b"], ["c"]], (7, "?")) == [["7  a", "b"], ["?  c"]]
+
+
+def test_the_cut_is_marked_where_it_was_measured() -> None:
+    camera = PinholeCamera(200, 100, 100.0, 100.0, 99.5, 49.5)
+    mark, none = cut_marks([MEASURED, TreeMeasurement.failed("no depth")], camera)
+    assert none is None
+    assert mark is not None
+    assert mark.xy_px == pytest.approx((110, 55))
+    assert mark.text == "15 cm"

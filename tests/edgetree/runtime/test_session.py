@@ -1,0 +1,120 @@
+"""onnxruntime's session and the fake one answer alike, and bad files are named."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from edgetree.doctor.onnx_bytes import Node, TensorType, onnx_bytes
+from edgetree.errors import InputError, MissingDependency, ModelFileError
+from edgetree.model_file.manifest import METADATA_KEY, Manifest
+from edgetree.runtime.providers import SessionSettings
+from edgetree.runtime.session import FakeSession, InferenceSession, OrtSession, usable_cores
+
+
+def test_both_sessions_answer_alike(
+    rgb_manifest: Manifest,
+    two_trees: dict[str, NDArray[np.float32]],
+    write_model: Callable[..., Path],
+) -> None:
+    real: InferenceSession = OrtSession(write_model(rgb_manifest))
+    fake: InferenceSession = FakeSession.with_trees(rgb_manifest, **two_trees)
+    assert real.metadata[METADATA_KEY] == fake.metadata[METADATA_KEY]
+    assert real.input_shapes == fake.input_shapes == {"image": ("batch", 384, 640, 3)}
+    assert list(real.output_shapes) == list(fake.output_shapes)
+    image = {"image": np.zeros((1, 384, 640, 3), np.uint8)}
+    answers = real.run(image)
+    for name, value in fake.run(image).items():
+        np.testing.assert_array_equal(answers[name], value)
+        assert answers[name].dtype == value.dtype
+
+
+def test_threads_are_the_usable_cores_unless_given(
+    rgb_manifest: Manifest, write_model: Callable[..., Path]
+) -> None:
+    path = write_model(rgb_manifest)
+    assert OrtSession(path).threads == usable_cores()
+    assert OrtSession(path, SessionSettings(threads=1, spinning=True)).threads == 1
+    with pytest.raises(InputError, match="threads is 0: expected 1 or more"):
+        SessionSettings(threads=0)
+
+
+def test_idle_threads_do_not_spin_unless_asked(
+    rgb_manifest: Manifest, write_model: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import onnxruntime
+
+    seen: dict[str, str] = {}
+
+    class Options(onnxruntime.SessionOptions):  # type: ignore[misc]
+        def add_session_config_entry(self, key: str, value: str) -> None:
+            seen[key] = value
+            super().add_session_config_entry(key, value)
+
+    monkeypatch.setattr(onnxruntime, "SessionOptions", Options)
+    path = write_model(rgb_manifest)
+    OrtSession(path)
+    assert seen["session.intra_op.allow_spinning"] == "0"
+    OrtSession(path, SessionSettings(spinning=True))
+    assert seen["session.intra_op.allow_spinning"] == "1"
+
+
+@pytest.mark.parametrize("content", [b"", b"not a model\n" * 50, b"\x89PNG\r\n\x1a\n" + b"\0" * 99])
+def test_what_is_no_onnx_model_is_named(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "trees.onnx"
+    path.write_bytes(content)
+    with pytest.raises(ModelFileError, match=r"trees\.onnx is not an ONNX model .*: expected"):
+        OrtSession(path)
+
+
+def test_a_missing_model_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ModelFileError, match=r"none\.onnx is not there: expected an \.onnx file"):
+        OrtSession(tmp_path / "none.onnx")
+    with pytest.raises(ModelFileError, match="is a folder: expected"):
+        OrtSession(tmp_path)
+
+
+def test_without_onnxruntime_one_line_says_what_to_install(
+    rgb_manifest: Manifest, write_model: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_model(rgb_manifest)
+    monkeypatch.setitem(sys.modules, "onnxruntime", None)
+    with pytest.raises(MissingDependency, match=r"edgetree\[cpu\].*edgetree\[gpu\]") as caught:
+        OrtSession(path)
+    assert caught.value.exit_code == 2
+
+
+def test_a_run_that_fails_is_one_line_and_the_session_goes_on(
+    rgb_manifest: Manifest, write_model: Callable[..., Path]
+) -> None:
+    session = OrtSession(write_model(rgb_manifest, "trees.onnx"))
+    with pytest.raises(ModelFileError, match=r"trees\.onnx failed as it ran on 'cpu' \(") as caught:
+        session.run({"image": np.zeros((1, 384, 640), np.uint8)})
+    assert "\n" not in str(caught.value)
+    assert len(session.run({"image": np.zeros((1, 384, 640, 3), np.uint8)})) == 5
+
+
+def test_a_graph_that_asks_for_endless_memory_fails_in_one_line(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "greedy.onnx"
+    kind = TensorType("float32", ("n",))
+    path.write_bytes(
+        onnx_bytes(
+            [Node("ConstantOfShape", ("size",), ("big",)), Node("ReduceSum", ("big",), ("y",))],
+            inputs={"size": TensorType("int64", (1,))},
+            outputs={"y": kind},
+            constants={},
+        )
+    )
+    session = OrtSession(path, SessionSettings(threads=1))
+    message = r"greedy\.onnx failed as it ran on 'cpu' \(Failed to allocate memory"
+    with pytest.raises(ModelFileError, match=message):
+        session.run({"size": np.array([10**15], np.int64)})
+    assert session.run({"size": np.array([3], np.int64)})["y"] == 0
+    assert capfd.readouterr() == ("", "")
