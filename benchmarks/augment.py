@@ -39,23 +39,52 @@ HEIGHT_PX, WIDTH_PX, TREES = 384, 640, 4
 ROUNDS = 8
 TARGET_MS = {"depth": 3.0, "rgb": 6.0}
 STILL = AugmentSettings(
-    flip_share=0, scale=(1, 1), saturation=0, tone_share=0, noise_share=0, blur_share=0,
-    depth_gain=0, depth_noise=0, holes=0,
-)  # fmt: skip
+    flip_share=0,
+    scale=(1, 1),
+    saturation=0,
+    tone_share=0,
+    noise_share=0,
+    blur_share=0,
+    depth_gain=0,
+    depth_noise=0,
+    holes=0,
+)
 TONE: dict[str, Any] = {"tone_share": 1, "brightness": 0.3, "contrast": 0.3, "gamma": 0, "tint": 0}
 ALL: dict[str, Any] = {
-    "flip_share": 0.5, "scale": (0.8, 1.4), "rotation_deg": 5, "perspective": 0.12,
-    "perspective_share": 0.2, "saturation": 0.5, "noise_share": 1, "noise": 8, **TONE,
-}  # fmt: skip
+    "flip_share": 0.5,
+    "scale": (0.8, 1.4),
+    "rotation_deg": 5,
+    "perspective": 0.12,
+    "perspective_share": 0.2,
+    "saturation": 0.5,
+    "noise_share": 1,
+    "noise": 8,
+    **TONE,
+}
 FAULTS = replace(
-    AugmentSettings(), far_noise_m=0.3, far_step_m=0.5, range_loss=0.4, stereo_px_m=35,
-    edge_loss_px=3, hole_area=0.1,
-)  # fmt: skip
+    AugmentSettings(),
+    far_noise_m=0.3,
+    far_step_m=0.5,
+    range_loss=0.4,
+    stereo_px_m=35,
+    edge_loss_px=3,
+    hole_area=0.1,
+)
 STRONG = replace(
-    AugmentSettings(), shadow=0.6, vignette=0.5, hue_deg=20, grey_share=0.05, curves=0.4,
-    channel_shuffle_share=0.05, blur_px=1.5, motion_blur_px=6, sharpening=1, cutouts=4,
-    chroma_noise=5, jpeg_share=0.3,
-)  # fmt: skip
+    AugmentSettings(),
+    shadow=0.6,
+    vignette=0.5,
+    hue_deg=20,
+    grey_share=0.05,
+    curves=0.4,
+    channel_shuffle_share=0.05,
+    blur_px=1.5,
+    motion_blur_px=6,
+    sharpening=1,
+    cutouts=4,
+    chroma_noise=5,
+    jpeg_share=0.3,
+)
 
 
 @dataclass(frozen=True)
@@ -73,10 +102,12 @@ def pairs() -> dict[str, Pair]:
     bend = v2.RandomPerspective(0.24, p=1)
     jitter = v2.ColorJitter(brightness=0.3, contrast=0.3, saturation=0.5)
     noise = v2.Compose(
-        [v2.ToDtype({tv_tensors.Image: torch.float32, "others": None}, scale=True),
-         v2.GaussianNoise(sigma=8 / 255 / 2),
-         v2.ToDtype({tv_tensors.Image: torch.uint8, "others": None}, scale=True)]
-    )  # fmt: skip
+        [
+            v2.ToDtype({tv_tensors.Image: torch.float32, "others": None}, scale=True),
+            v2.GaussianNoise(sigma=8 / 255 / 2),
+            v2.ToDtype({tv_tensors.Image: torch.uint8, "others": None}, scale=True),
+        ]
+    )
     everything = v2.Compose(
         [v2.RandomHorizontalFlip(0.5), turn, v2.RandomPerspective(0.24, p=0.2), jitter, noise]
     )
@@ -103,8 +134,9 @@ def frame(modality: str) -> Sample:
     boxes = np.array([[40.0 + 150 * row, 60, 80 + 150 * row, 330] for row in range(TREES)])
     for mask, (x0, y0, x1, y1) in zip(masks, boxes.astype(int), strict=True):
         mask[y0:y1, x0:x1] = True
-    keypoints = np.concatenate([np.tile(boxes[:, None, :2] + 20, (1, 5, 1)),
-                                np.full((TREES, 5, 1), 2.0)], -1)  # fmt: skip
+    keypoints = np.concatenate(
+        [np.tile(boxes[:, None, :2] + 20, (1, 5, 1)), np.full((TREES, 5, 1), 2.0)], -1
+    )
     return Sample(image if modality == "rgb" else image[..., 0].copy(), boxes, keypoints, masks)
 
 

@@ -64,9 +64,13 @@ def run(name: str, arguments: argparse.Namespace) -> dict[str, Any]:
     sys.stderr.write(f"{name}: training\n")
     minutes = arguments.minutes / (1 if whole else 2)
     settings = recipe_settings(
-        "scratch", minutes=minutes, learning_rate=RATE, schedule="decay",
-        evaluate_every_steps=NEVER, seed=int(seed or 0),
-    )  # fmt: skip
+        "scratch",
+        minutes=minutes,
+        learning_rate=RATE,
+        schedule="decay",
+        evaluate_every_steps=NEVER,
+        seed=int(seed or 0),
+    )
     start = arguments.start
     spec = make_spec("edge-n", "rgb") if start is None else load_checkpoint(start)[0].spec
     report = train(spec, settings, data, folder, init=start)
@@ -90,10 +94,19 @@ def real(checkpoint: Path, data: Path, folder: Path, pictures: Path) -> dict[str
     )
     script = Path(__file__).with_name("real_pictures.py")
     told = subprocess.run(
-        [sys.executable, str(script), str(pictures), "--model", str(file), "--drawn",
-         str(folder / "real")],
-        check=True, capture_output=True, text=True,
-    )  # fmt: skip
+        [
+            sys.executable,
+            str(script),
+            str(pictures),
+            "--model",
+            str(file),
+            "--drawn",
+            str(folder / "real"),
+        ],
+        check=True,
+        capture_output=True,
+        text=True,
+    )
     return dict(json.loads(told.stdout))
 
 
@@ -114,8 +127,10 @@ def main() -> None:
     for name in arguments.mixes.split(","):
         mix = name.partition("-")[0]
         if mix not in ("paper", "field", NONE, *FIELD_GROUPS):
-            parser.error(f"--mixes names {mix!r}: expected paper-N, field-N, {NONE} or one of"
-                         f" {', '.join(FIELD_GROUPS)}")  # fmt: skip
+            parser.error(
+                f"--mixes names {mix!r}: expected paper-N, field-N, {NONE} or one of"
+                f" {', '.join(FIELD_GROUPS)}"
+            )
     rows = {name: run(name, arguments) for name in arguments.mixes.split(",")}
     if arguments.result is not None:
         result = {"frames": arguments.frames, "start": arguments.start and arguments.start.name}

@@ -32,9 +32,14 @@ def main() -> None:
         sys.stderr.write(f"\r{done} of {total} frames")
 
     generate_dataset(
-        arguments.out, preset.frames, preset.settings, preset.seed, arguments.workers, progress,
+        arguments.out,
+        preset.frames,
+        preset.settings,
+        preset.seed,
+        arguments.workers,
+        progress,
         preset.files,
-    )  # fmt: skip
+    )
     frozen = describe_dataset(arguments.out, arguments.preset)
     place = Path(presets.__file__).with_name(frozen_file(arguments.preset))
     write_atomically(place, frozen.to_json().encode())

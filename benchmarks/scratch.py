@@ -34,33 +34,53 @@ MEASURES = ("box_ap", "mask_ap", "keypoint_ap", "diameter_error_px", "recall", "
 CANDIDATES: dict[str, tuple[str, dict[str, Any]]] = {
     "colours": (
         "strong colours: shadows, hue, curves, blur, patches, chroma noise, JPEG",
-        {"augment": AugmentSettings(
-            shadow=0.6, vignette=0.5, hue_deg=20, grey_share=0.05, curves=0.4,
-            channel_shuffle_share=0.05, blur_share=0.5, blur_px=1.5, motion_blur_px=6, sharpening=1,
-            cutouts=4, chroma_noise=5, jpeg_share=0.3,
-        )},
+        {
+            "augment": AugmentSettings(
+                shadow=0.6,
+                vignette=0.5,
+                hue_deg=20,
+                grey_share=0.05,
+                curves=0.4,
+                channel_shuffle_share=0.05,
+                blur_share=0.5,
+                blur_px=1.5,
+                motion_blur_px=6,
+                sharpening=1,
+                cutouts=4,
+                chroma_noise=5,
+                jpeg_share=0.3,
+            )
+        },
     ),
     "faults": (
         "faults of depth sensors: far noise and steps, range, occlusion shadows, holes",
-        {"augment": AugmentSettings(
-            far_noise_m=0.3, far_step_m=0.5, range_loss=0.4, stereo_px_m=35, edge_loss_px=3,
-            hole_area=0.1,
-        )},
+        {
+            "augment": AugmentSettings(
+                far_noise_m=0.3,
+                far_step_m=0.5,
+                range_loss=0.4,
+                stereo_px_m=35,
+                edge_loss_px=3,
+                hole_area=0.1,
+            )
+        },
     ),
     "paste": (
         "one to three trees of another frame pasted into half of the frames",
         {"augment": AugmentSettings(copy_paste_share=0.5)},
     ),
     "average": ("weights averaged over 5 times as many steps", {"ema_decay": 0.9996}),
-}  # fmt: skip
+}
 
 
 def settings_of(name: str, minutes: float) -> TrainSettings:
     """The recipe with a candidate's change."""
     changes: dict[str, Any] = {
-        "minutes": minutes, "learning_rate": RATE, "schedule": "decay",
+        "minutes": minutes,
+        "learning_rate": RATE,
+        "schedule": "decay",
         "evaluate_every_steps": NEVER,
-    }  # fmt: skip
+    }
     if name.startswith(BASE):
         changes["seed"] = int(name.removeprefix(BASE))
     else:

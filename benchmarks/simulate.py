@@ -27,10 +27,16 @@ from perceptree.simulator.dataset.frames import make_assets, simulate_frames
 SAMPLE_S = 1.0
 PROFILED_SCENES = 6
 STAGES = {
-    "scene": "describe_scene", "triangles": "assemble", "shadow map": "_draw_shadow",
-    "drawing": "draw", "colour sensor": "expose", "camera faults": "processed",
-    "precipitation": "draw_precipitation", "depth sensor": "measure_depth", "labels": "label_view",
-}  # fmt: skip
+    "scene": "describe_scene",
+    "triangles": "assemble",
+    "shadow map": "_draw_shadow",
+    "drawing": "draw",
+    "colour sensor": "expose",
+    "camera faults": "processed",
+    "precipitation": "draw_precipitation",
+    "depth sensor": "measure_depth",
+    "labels": "label_view",
+}
 
 
 def family(pid: int) -> list[int]:
@@ -112,9 +118,13 @@ def main() -> None:
     )
     memory, start_s = PeakMemory(), time.perf_counter()
     report = generate_dataset(
-        options.out, options.frames, settings, options.seed, options.workers,
+        options.out,
+        options.frames,
+        settings,
+        options.seed,
+        options.workers,
         files=preset.files,
-    )  # fmt: skip
+    )
     duration_s = time.perf_counter() - start_s
     frames = sum(report.frames.values())
     size = {
@@ -133,11 +143,13 @@ def main() -> None:
         "duration_s": round(duration_s, 1),
         "frames_per_minute": round(60 * frames / duration_s, 1),
         "peak_memory_mb": round(memory.stop()),
-        "kb_per_frame": {**{k: round(v, 1) for k, v in size.items()},
-                         "all": round(sum(size.values()), 1)},
+        "kb_per_frame": {
+            **{k: round(v, 1) for k, v in size.items()},
+            "all": round(sum(size.values()), 1),
+        },
         "trees_per_frame": round(sum(report.trees.values()) / frames, 3),
         "shares_of_time": shares_of_time(settings, options.seed),
-    }  # fmt: skip
+    }
     sys.stdout.write(json.dumps(result, indent=1) + "\n")
     if options.result:
         options.result.write_text(json.dumps(result, indent=1) + "\n")

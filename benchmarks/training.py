@@ -67,9 +67,12 @@ def frames_per_s(code: Path, data: Path, steps: int, precision: str) -> dict[str
     with tempfile.TemporaryDirectory() as out:
         done = subprocess.run(
             [sys.executable, "-c", RUN, str(data), out, str(steps), precision],
-            cwd=code, env=os.environ | {"PYTHONPATH": str(code)}, capture_output=True, text=True,
+            cwd=code,
+            env=os.environ | {"PYTHONPATH": str(code)},
+            capture_output=True,
+            text=True,
             check=True,
-        )  # fmt: skip
+        )
     found = json.loads(done.stdout.splitlines()[-1])
     marks = found["marks"]
     rate = BATCH * (len(marks) - LEFT_OUT_STEPS) / (marks[-1] - marks[LEFT_OUT_STEPS - 1])

@@ -34,20 +34,31 @@ def write_split(folder: Path, split: str, first: int, frames: int) -> None:
         name = f"depth8/{number:06d}.png"
         cv2.imwrite(str(folder / name), rng.integers(0, 256, (HEIGHT_PX, WIDTH_PX), np.uint8))
         images.append(
-            {"id": number, "file_name": name, "depth8_file": name,
-             "width": WIDTH_PX, "height": HEIGHT_PX}
-        )  # fmt: skip
+            {
+                "id": number,
+                "file_name": name,
+                "depth8_file": name,
+                "width": WIDTH_PX,
+                "height": HEIGHT_PX,
+            }
+        )
         for left in (8, 40):
             x0, x1, y0, y1 = left, left + 8, 4, 32
             points = [x0 + 4, y1 - 1, x0, y1 - 4, x1, y1 - 4, x0 + 4, y1 - 9, x0 + 4, y0 + 8]
             annotations.append(
-                {"id": len(annotations) + 1, "image_id": number, "category_id": 1,
-                 "bbox": [x0, y0, x1 - x0, y1 - y0], "iscrowd": 0,
-                 "area": (x1 - x0) * (y1 - y0),
-                 "segmentation": [[x0, y0, x1, y0, x1, y1, x0, y1]],
-                 "keypoints": [v for x, y in zip(points[::2], points[1::2], strict=True)
-                               for v in (x, y, 2)]}
-            )  # fmt: skip
+                {
+                    "id": len(annotations) + 1,
+                    "image_id": number,
+                    "category_id": 1,
+                    "bbox": [x0, y0, x1 - x0, y1 - y0],
+                    "iscrowd": 0,
+                    "area": (x1 - x0) * (y1 - y0),
+                    "segmentation": [[x0, y0, x1, y0, x1, y1, x0, y1]],
+                    "keypoints": [
+                        v for x, y in zip(points[::2], points[1::2], strict=True) for v in (x, y, 2)
+                    ],
+                }
+            )
     names = ["felling_cut", "diameter_left", "diameter_right", "axis_middle", "axis_top"]
     content = {
         "images": images,
@@ -97,10 +108,12 @@ def main() -> None:
             if step % (steps // 10) == 0:
                 memory_mib[str(step * BATCH)] = round(private_mib(), 1)
         result = {
-            "frames": arguments.frames, "cores": os.cpu_count(),
-            "making_cache_s": round(making_s, 1), "start_with_ready_cache_s": round(opening_s, 2),
+            "frames": arguments.frames,
+            "cores": os.cpu_count(),
+            "making_cache_s": round(making_s, 1),
+            "start_with_ready_cache_s": round(opening_s, 2),
             "private_memory_mib_by_frames": memory_mib,
-        }  # fmt: skip
+        }
     text = json.dumps(result, indent=1)
     arguments.result.write_text(text + "\n", "utf-8")
     sys.stdout.write(text + "\n")

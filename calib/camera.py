@@ -125,11 +125,16 @@ class PinholeCamera:
         if not isinstance(distortion, list | tuple):
             raise CameraError(f"camera field distortion is {distortion!r}: expected numbers")
         return cls(
-            int(width), int(height), fx, fy, cx, cy,
+            int(width),
+            int(height),
+            fx,
+            fy,
+            cx,
+            cy,
             tuple(_number("distortion", k) for k in distortion),
             str(values.get("distortion_model", RADTAN)),
             _number("focal_std_px", values.get("focal_std_px", 0.0)),
-        )  # fmt: skip
+        )
 
 
 def _number(name: str, value: Any) -> float:

@@ -164,9 +164,16 @@ class _Fits(NamedTuple):
         residual = float(np.sqrt(np.mean((points[support] @ normal + offset_m) ** 2)))
         independent = max(held / points_per_error, 1.0)
         return GroundPlane(
-            normal, offset_m, residual, share, held, independent,
-            self.centre[at], self.axes[at, :, 1:].T, np.sqrt(squares[1:]),
-        )  # fmt: skip
+            normal,
+            offset_m,
+            residual,
+            share,
+            held,
+            independent,
+            self.centre[at],
+            self.axes[at, :, 1:].T,
+            np.sqrt(squares[1:]),
+        )
 
 
 def _direction(up: ArrayLike) -> Float:

@@ -89,9 +89,13 @@ def _in_colour(
     along_u_px = 2 * (right_px[ahead] - centre_px)
     along_v_px = 2 * (below_px[ahead] - centre_px)
     return _Pieces(
-        centre_px, along_u_px, along_v_px,
-        near, 2 * (near_right[ahead] - near), 2 * (near_below[ahead] - near),
-    )  # fmt: skip
+        centre_px,
+        along_u_px,
+        along_v_px,
+        near,
+        2 * (near_right[ahead] - near),
+        2 * (near_below[ahead] - near),
+    )
 
 
 def _gradient(values: Float, axis: int) -> Float:

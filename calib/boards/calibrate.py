@@ -114,9 +114,10 @@ def _result(
         Parameter(name, value, float(std), "px" if i < 4 else "")
         for i, (name, value, std) in enumerate(zip(PARAMETERS[model], values, stds, strict=True))
     )
-    results = tuple(_view_result(*each) for each in zip(
-        views, solution.residuals_px, solution.poses, strict=True
-    ))  # fmt: skip
+    results = tuple(
+        _view_result(*each)
+        for each in zip(views, solution.residuals_px, solution.poses, strict=True)
+    )
     rms_px = _rms_px(np.concatenate(solution.residuals_px))
     coverage = coverage_of([view.image_px for view in views], size)
     return Calibration(

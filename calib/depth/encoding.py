@@ -59,9 +59,12 @@ class DepthEncoding:
             if isinstance(value, bool) or not isinstance(value, int | float):
                 raise DepthError(f"depth encoding field {name} is {value!r}: expected a number")
         return cls(
-            float(values["near_m"]), float(values["far_m"]), int(values["near_value"]),
-            int(values["far_value"]), int(values["invalid_value"]),
-        )  # fmt: skip
+            float(values["near_m"]),
+            float(values["far_m"]),
+            int(values["near_value"]),
+            int(values["far_value"]),
+            int(values["invalid_value"]),
+        )
 
 
 def encode_depth(depth_m: NDArray[np.floating[Any]], encoding: DepthEncoding) -> NDArray[np.uint8]:

@@ -19,9 +19,7 @@ from edgetree.runtime.providers import AUTO, CPU
 
 __all__ = ["BACKBONES", "ROUNDS", "TableSettings", "bench_in_turn", "cache_folder", "find_files"]
 
-BACKBONES: Final = (
-    "edge-n", "edge-s", "edge-m", "r50", "r101", "x101-32x8d", "x101-32x4d"
-)  # fmt: skip
+BACKBONES: Final = ("edge-n", "edge-s", "edge-m", "r50", "r101", "x101-32x8d", "x101-32x4d")
 ROUNDS: Final = 3
 _SMALLEST_PX: Final = 32
 _USAGE: Final = 2

@@ -85,9 +85,21 @@ _QUANTITIES: Final = (
     ("memory", 1),
 )
 _UNITS: Final = (
-    "backbone", "here", "paper", "here", "paper", "M", "posals", "adds G", "G", "ms", "ms",
-    "here", "paper", "MiB",
-)  # fmt: skip
+    "backbone",
+    "here",
+    "paper",
+    "here",
+    "paper",
+    "M",
+    "posals",
+    "adds G",
+    "G",
+    "ms",
+    "ms",
+    "here",
+    "paper",
+    "MiB",
+)
 
 
 def _count(value: float | None, unit: float, decimals: int) -> str:

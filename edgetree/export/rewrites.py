@@ -140,9 +140,12 @@ def _subpixel(layer: nn.ConvTranspose2d) -> nn.Sequential:
         raise ValueError(f"{layer}: expected stride 2 and an output twice as large")
     reach = int(padding + 1) // 2
     conv = nn.Conv2d(
-        layer.in_channels, 4 * layer.out_channels, 2 * reach + 1, padding=reach,
+        layer.in_channels,
+        4 * layer.out_channels,
+        2 * reach + 1,
+        padding=reach,
         bias=layer.bias is not None,
-    )  # fmt: skip
+    )
     conv.weight = nn.Parameter(_spread_taps(layer.weight.detach(), int(padding), reach))
     if layer.bias is not None:
         conv.bias = nn.Parameter(layer.bias.detach().repeat_interleave(4))

@@ -250,9 +250,16 @@ def _edges(
         mask_std_px = frame.mask_std_px()
     reach = np.linalg.norm(section.mean(1), axis=1)
     return StemEdges(
-        frame.camera, section, np.where(keypoints.has_section, std_px, np.inf), left, right,
-        left_valid, right_valid, mask_std_px, depth_m * reach,
-    )  # fmt: skip
+        frame.camera,
+        section,
+        np.where(keypoints.has_section, std_px, np.inf),
+        left,
+        right,
+        left_valid,
+        right_valid,
+        mask_std_px,
+        depth_m * reach,
+    )
 
 
 def _section_from_mask(strips: Strips, outline: Outline | None, keypoints: Keypoints) -> Float:

@@ -241,13 +241,27 @@ class _Work:
         evidence = self._evidence(place, ground, height if problem is None else problem, warnings)
         if problem is not None:
             return TreeMeasurement(
-                diameter, breast, problem, inclination, direction,
-                problem if offered else stem.distance(), problem, problem, evidence,
-            )  # fmt: skip
+                diameter,
+                breast,
+                problem,
+                inclination,
+                direction,
+                problem if offered else stem.distance(),
+                problem,
+                problem,
+                evidence,
+            )
         return TreeMeasurement(
-            diameter, breast, height, inclination, direction, stem.distance(), stem.cut_point(),
-            stem.cut_point_machine(mounting), evidence,
-        )  # fmt: skip
+            diameter,
+            breast,
+            height,
+            inclination,
+            direction,
+            stem.distance(),
+            stem.cut_point(),
+            stem.cut_point_machine(mounting),
+            evidence,
+        )
 
     def _placed(self, place: int, cut: Float) -> StemPlace:
         stems, sections = self.stems, self.stems.sections

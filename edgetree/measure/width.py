@@ -124,9 +124,13 @@ class StemEdges:
         height = slope * np.cos((right - left) / 2) - section_height[:, None]
         std_rad = self.mask_std_px * self._pixel_rad(frames) / np.sqrt(2)
         return MaskWidths(
-            height * self.distance_m[:, None], left, right, self.left_valid, self.right_valid,
+            height * self.distance_m[:, None],
+            left,
+            right,
+            self.left_valid,
+            self.right_valid,
             std_rad,
-        )  # fmt: skip
+        )
 
     def _std_rad(self, frames: AxisFrames) -> Float:
         return np.asarray(self.section_std_px * self._pixel_rad(frames) / np.sqrt(2))

@@ -25,12 +25,13 @@ def evaluate(
     split: Annotated[str, typer.Option(help="train, val or test.")] = "test",
     fold: Fold = None,
     entire_tree: EntireTree = False,
-    out: Annotated[Path | None, typer.Option(
-        help="Folder for report.json and report.html, with plots and pictures."
-    )] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for report.json and report.html, with plots and pictures."),
+    ] = None,
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
-) -> None:  # fmt: skip
+) -> None:
     """COCO AP of boxes, masks and keypoints, errors in pixels, by distance, weather and more."""
     from perceptree.data import SPLITS, FrameStore, read_dataset
     from perceptree.evaluation import (

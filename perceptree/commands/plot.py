@@ -13,13 +13,19 @@ _FILE = "plot.png"
 
 
 def plot(
-    runs: Annotated[list[Path], typer.Argument(
-        metavar="RUN...", help="Folder of a training; several are compared in one picture."
-    )],
-    out: Annotated[Path | None, typer.Option(
-        metavar="PICTURE", help="PNG to write; by default plot.png in the (first) folder."
-    )] = None,
-) -> None:  # fmt: skip
+    runs: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="RUN...", help="Folder of a training; several are compared in one picture."
+        ),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="PICTURE", help="PNG to write; by default plot.png in the (first) folder."
+        ),
+    ] = None,
+) -> None:
     """Draw losses, learning rate, speed and AP over the steps of a training, from its log."""
     from calib.writing import write_whole
     from perceptree.training.plot import draw_runs

@@ -14,16 +14,22 @@ from perceptree.errors import DatasetError, SettingsError
 _LABELS_FILE = "labels.json"
 _BATCH = 4
 
-_Folder = Annotated[Path, typer.Argument(
-    help="Folder of pictures; for a depth model depth images, 16-bit in millimetres, or 8-bit"
-    " encoded as it was trained."
-)]  # fmt: skip
-_Score = Annotated[float, typer.Option(
-    "--score-threshold", help="Leave out trees with a lower score."
-)]  # fmt: skip
-_Runs = Annotated[bool, typer.Option(
-    "--rle", help="Masks as exact run lengths, in place of polygons, which more tools can edit."
-)]  # fmt: skip
+_Folder = Annotated[
+    Path,
+    typer.Argument(
+        help="Folder of pictures; for a depth model depth images, 16-bit in millimetres, or 8-bit"
+        " encoded as it was trained."
+    ),
+]
+_Score = Annotated[
+    float, typer.Option("--score-threshold", help="Leave out trees with a lower score.")
+]
+_Runs = Annotated[
+    bool,
+    typer.Option(
+        "--rle", help="Masks as exact run lengths, in place of polygons, which more tools can edit."
+    ),
+]
 
 
 def predict(

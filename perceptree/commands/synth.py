@@ -58,9 +58,14 @@ def synth(
     if image_format is not None:
         files = dataclasses.replace(files, image_format=image_format)
     with typer.progressbar(
-        length=count, label=_LABEL, file=sys.stderr, hidden=as_json or not sys.stderr.isatty(),
-        show_eta=False, show_pos=True, item_show_func=lambda text: text,
-    ) as bar:  # fmt: skip
+        length=count,
+        label=_LABEL,
+        file=sys.stderr,
+        hidden=as_json or not sys.stderr.isatty(),
+        show_eta=False,
+        show_pos=True,
+        item_show_func=lambda text: text,
+    ) as bar:
         seed = start.seed if seed is None else seed
         report = generate_dataset(out, count, chosen, seed, workers, _Progress(bar), files)
     _tell(report, as_json, frozen)

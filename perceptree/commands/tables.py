@@ -16,40 +16,55 @@ from perceptree.errors import SettingsError
 if TYPE_CHECKING:
     from perceptree.tables import Watch
 
-_Table = Annotated[int, typer.Option(
-    help="2: three backbones on RGB and depth. 3: with and without masks and keypoints."
-)]  # fmt: skip
-_Model = Annotated[str | None, typer.Option(
-    help="Model, for table 2 several by commas; by default edge-n, for table 2 the paper's"
-    " r50,r101,x101-32x8d."
-)]  # fmt: skip
-_Modality = Annotated[str | None, typer.Option(
-    help="Of table 3: depth (the default) or rgb; the other is trained beside it."
-)]  # fmt: skip
-_Init = Annotated[str | None, typer.Option(
-    help="Starting weights: imagenet, coco, or a checkpoint, in whose name {model} and {modality}"
-    " are filled in. Random without."
-)]  # fmt: skip
+_Table = Annotated[
+    int,
+    typer.Option(
+        help="2: three backbones on RGB and depth. 3: with and without masks and keypoints."
+    ),
+]
+_Model = Annotated[
+    str | None,
+    typer.Option(
+        help="Model, for table 2 several by commas; by default edge-n, for table 2 the paper's"
+        " r50,r101,x101-32x8d."
+    ),
+]
+_Modality = Annotated[
+    str | None,
+    typer.Option(help="Of table 3: depth (the default) or rgb; the other is trained beside it."),
+]
+_Init = Annotated[
+    str | None,
+    typer.Option(
+        help="Starting weights: imagenet, coco, or a checkpoint, in whose name {model} and"
+        " {modality} are filled in. Random without."
+    ),
+]
 _Side = Annotated[int | None, typer.Option(help="Of the input, px; by default the model's own.")]
-_Test = Annotated[Path | None, typer.Option(
-    metavar="DIR", help="Dataset whose test frames are evaluated; by default DATA."
-)]  # fmt: skip
+_Test = Annotated[
+    Path | None,
+    typer.Option(metavar="DIR", help="Dataset whose test frames are evaluated; by default DATA."),
+]
 
 
 def tables(
     data: Annotated[Path, typer.Argument(metavar="DATA", help="Folder of a dataset.")],
-    out: Annotated[Path, typer.Option(
-        metavar="FOLDER", help="Folder of the runs and the tables; what is finished there stays."
-    )],
+    out: Annotated[
+        Path,
+        typer.Option(
+            metavar="FOLDER",
+            help="Folder of the runs and the tables; what is finished there stays.",
+        ),
+    ],
     table: _Table,
     model: _Model = None,
     modality: _Modality = None,
     minutes: Annotated[float | None, typer.Option(help="Training time of a run.")] = None,
     steps: Annotated[int | None, typer.Option(help="Or the steps of a run.")] = None,
     seeds: Annotated[str, typer.Option(help="Each run once for each seed.")] = "0,1",
-    recipe: Annotated[str | None, typer.Option(
-        help="scratch or paper; by default that of the model."
-    )] = None,
+    recipe: Annotated[
+        str | None, typer.Option(help="scratch or paper; by default that of the model.")
+    ] = None,
     init: _Init = None,
     height: _Side = None,
     width: _Side = None,
@@ -58,7 +73,7 @@ def tables(
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
     precision: Annotated[str, typer.Option(help="fp32, bf16, or auto: the faster one.")] = "auto",
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
-) -> None:  # fmt: skip
+) -> None:
     """Train and evaluate the models of a table of the paper, and print ours beside the paper's.
 
     Goes on where it was stopped.
@@ -69,11 +84,18 @@ def tables(
     if table == 2 and modality is not None:
         raise SettingsError(f"--modality is {modality!r}: table 2 has both, expected none")
     settings = TableSettings(
-        table=table, models=tuple(model.split(",")) if model else (),
+        table=table,
+        models=tuple(model.split(",")) if model else (),
         modality=modality or "depth",  # type: ignore[arg-type]
-        seeds=_numbers(seeds), steps=steps, minutes=minutes, recipe=recipe, init=init,
-        height=height, width=width, batch=batch,
-    )  # fmt: skip
+        seeds=_numbers(seeds),
+        steps=steps,
+        minutes=minutes,
+        recipe=recipe,
+        init=init,
+        height=height,
+        width=width,
+        batch=batch,
+    )
     engine = Engine(device=device, precision=precision)  # type: ignore[arg-type]
     record = build_table(settings, data, test or data, out, engine, _watch(not as_json))
     if as_json:

@@ -21,64 +21,106 @@ if TYPE_CHECKING:
 _DEFAULT_MODEL = "edge-n"
 _PAPER_FREEZE_LEVEL = 2
 _STEPS = 20_000
-_SETTINGS = ("steps", "minutes", "patience", "batch", "accumulate", "learning_rate",
-             "evaluate_every_steps", "seed", "freeze_level", "frozen_norms")  # fmt: skip
+_SETTINGS = (
+    "steps",
+    "minutes",
+    "patience",
+    "batch",
+    "accumulate",
+    "learning_rate",
+    "evaluate_every_steps",
+    "seed",
+    "freeze_level",
+    "frozen_norms",
+)
 
-_Model = Annotated[str | None, typer.Option(
-    "--model",
-    help="edge-n (the default), edge-s, edge-m, or the paper's r50, r101, x101-32x8d, x101-32x4d.",
-)]  # fmt: skip
-_Init = Annotated[str | None, typer.Option(
-    "--init", help="Starting weights: imagenet, coco, or a checkpoint. Random without."
-)]  # fmt: skip
-_Modality = Annotated[str | None, typer.Option(
-    help="What the model sees: depth (the default) or rgb."
-)]  # fmt: skip
+_Model = Annotated[
+    str | None,
+    typer.Option(
+        "--model",
+        help="edge-n (the default), edge-s, edge-m, or the paper's r50, r101, x101-32x8d,"
+        " x101-32x4d.",
+    ),
+]
+_Init = Annotated[
+    str | None,
+    typer.Option(
+        "--init", help="Starting weights: imagenet, coco, or a checkpoint. Random without."
+    ),
+]
+_Modality = Annotated[
+    str | None, typer.Option(help="What the model sees: depth (the default) or rgb.")
+]
 _Side = Annotated[int | None, typer.Option(help="Of the input, px; by default the model's own.")]
 _Branch = Annotated[bool | None, typer.Option(help="Train the branch; by default the model's.")]
-_FreezeLevel = Annotated[int | None, typer.Option(
-    help="Keep the backbone up to stride 2**N as it is; by default 2 for the paper's backbones"
-    " with starting weights, else 0."
-)]  # fmt: skip
-_FrozenNorms = Annotated[bool | None, typer.Option(
-    "--frozen-norms/--trained-norms",
-    help="Keep the backbone's batch norms as they are; by default for the paper's backbones"
-    " with starting weights.",
-)]  # fmt: skip
+_FreezeLevel = Annotated[
+    int | None,
+    typer.Option(
+        help="Keep the backbone up to stride 2**N as it is; by default 2 for the paper's backbones"
+        " with starting weights, else 0."
+    ),
+]
+_FrozenNorms = Annotated[
+    bool | None,
+    typer.Option(
+        "--frozen-norms/--trained-norms",
+        help="Keep the backbone's batch norms as they are; by default for the paper's backbones"
+        " with starting weights.",
+    ),
+]
 
-_Recipe = Annotated[str | None, typer.Option(
-    help="How to train: scratch (light networks from random weights; the default) or paper (the"
-    " default for the paper's backbones)."
-)]  # fmt: skip
-_Steps = Annotated[int | None, typer.Option(
-    help="End after so many steps; more than before extends a run. [20000, paper 60000]"
-)]  # fmt: skip
+_Recipe = Annotated[
+    str | None,
+    typer.Option(
+        help="How to train: scratch (light networks from random weights; the default) or paper (the"
+        " default for the paper's backbones)."
+    ),
+]
+_Steps = Annotated[
+    int | None,
+    typer.Option(
+        help="End after so many steps; more than before extends a run. [20000, paper 60000]"
+    ),
+]
 _Batch = Annotated[int | None, typer.Option(help="Frames per step, of all processes. [8]")]
 _Rate = Annotated[float | None, typer.Option(help="Peak of the schedule; by default the recipe's.")]
-_Patience = Annotated[int | None, typer.Option(
-    help="End when the box AP on val has not risen over so many evaluations."
-)]  # fmt: skip
-_EvaluateEvery = Annotated[int | None, typer.Option(
-    "--evaluate-every",
-    help="Steps from one evaluation on val to the next; by default the recipe's.",
-)]  # fmt: skip
-_From = Annotated[Path | None, typer.Option(
-    "--branch", help="Folder of a run: go on from its state, the rate falling to nothing over"
-    " this run's steps or minutes."
-)]  # fmt: skip
-_Simulate = Annotated[int | None, typer.Option(
-    help="Meanwhile extend DATA, a folder of perceptree synth, to so many frames; half of the"
-    " cores simulate. Takes --minutes."
-)]  # fmt: skip
+_Patience = Annotated[
+    int | None,
+    typer.Option(help="End when the box AP on val has not risen over so many evaluations."),
+]
+_EvaluateEvery = Annotated[
+    int | None,
+    typer.Option(
+        "--evaluate-every",
+        help="Steps from one evaluation on val to the next; by default the recipe's.",
+    ),
+]
+_From = Annotated[
+    Path | None,
+    typer.Option(
+        "--branch",
+        help="Folder of a run: go on from its state, the rate falling to nothing over"
+        " this run's steps or minutes.",
+    ),
+]
+_Simulate = Annotated[
+    int | None,
+    typer.Option(
+        help="Meanwhile extend DATA, a folder of perceptree synth, to so many frames; half of the"
+        " cores simulate. Takes --minutes."
+    ),
+]
 _Device = Annotated[str, typer.Option(help="cpu or cuda; several processes by torchrun.")]
 _Precision = Annotated[str, typer.Option(help="fp32, bf16, or auto: what is faster here.")]
-_Workers = Annotated[int | None, typer.Option(
-    help="Processes that prepare batches; by default as many as the cores allow."
-)]  # fmt: skip
+_Workers = Annotated[
+    int | None,
+    typer.Option(help="Processes that prepare batches; by default as many as the cores allow."),
+]
 _Compile = Annotated[bool, typer.Option(help="Compile the network first; pays on GPUs.")]
-_Cache = Annotated[Path | None, typer.Option(
-    help="Folder for the decoded frames; by default .frame-cache beside the data."
-)]  # fmt: skip
+_Cache = Annotated[
+    Path | None,
+    typer.Option(help="Folder for the decoded frames; by default .frame-cache beside the data."),
+]
 
 
 def train(
@@ -131,9 +173,11 @@ def _run(options: dict[str, Any]) -> None:
     settings = _settings(spec, options, start)
     engine = Engine(
         cache=None if options["cache"] is None else str(options["cache"]),
-        **{name: options[name]
-           for name in ("device", "precision", "workers", "compile", "skip_broken")},
-    )  # fmt: skip
+        **{
+            name: options[name]
+            for name in ("device", "precision", "workers", "compile", "skip_broken")
+        },
+    )
     # Of the processes that torchrun started, one speaks.
     leads = os.environ.get("RANK", "0") == "0"
     shown = leads and not options["as_json"]
@@ -142,14 +186,28 @@ def _run(options: dict[str, Any]) -> None:
         preparing = Preparing(cached, say if leads else lambda line: None)
         if options["simulate"] is None:
             report = run_training(
-                spec, settings, source, options["out"], TrainingBar(shown), start, engine,
-                options["branch"], preparing,
-            )  # fmt: skip
+                spec,
+                settings,
+                source,
+                options["out"],
+                TrainingBar(shown),
+                start,
+                engine,
+                options["branch"],
+                preparing,
+            )
         else:
             report = train_while_simulating(
-                spec, settings, options["data"], options["simulate"], options["out"],
-                TrainingBar(shown), start, engine, preparing,
-            )  # fmt: skip
+                spec,
+                settings,
+                options["data"],
+                options["simulate"],
+                options["out"],
+                TrainingBar(shown),
+                start,
+                engine,
+                preparing,
+            )
     if leads:
         _tell(report, options["data"], options["as_json"])
 

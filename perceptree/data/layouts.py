@@ -33,13 +33,31 @@ from perceptree.data.coco import SPLITS
 from perceptree.errors import DatasetError
 
 SPLIT_WORDS = {
-    "train": "train", "training": "train", "val": "val", "valid": "val", "validation": "val",
-    "test": "test", "testing": "test",
-}  # fmt: skip
-_NOT_LABELS = frozenset((
-    "captions", "panoptic", "stuff", "info", "results", "result", "predictions", "detections",
-    "settings", "statistics", "metrics", "report", "log",
-))  # fmt: skip
+    "train": "train",
+    "training": "train",
+    "val": "val",
+    "valid": "val",
+    "validation": "val",
+    "test": "test",
+    "testing": "test",
+}
+_NOT_LABELS = frozenset(
+    (
+        "captions",
+        "panoptic",
+        "stuff",
+        "info",
+        "results",
+        "result",
+        "predictions",
+        "detections",
+        "settings",
+        "statistics",
+        "metrics",
+        "report",
+        "log",
+    )
+)
 # Files that name no split themselves: their folder does, or the set is one for looking and testing.
 _PLAIN_STEMS = frozenset(
     ("_annotations.coco", "annotations", "instances", "instances_default", "labels", "coco")

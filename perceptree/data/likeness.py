@@ -71,12 +71,14 @@ class Comparison:
             "simulated": len(self.simulated),
             "measures": {
                 d.measure.name: {
-                    "real": _quantiles(d.real), "simulated": _quantiles(d.simulated),
-                    "separation": round(d.separation, 3), "shift": round(d.shift, 3),
+                    "real": _quantiles(d.real),
+                    "simulated": _quantiles(d.simulated),
+                    "separation": round(d.separation, 3),
+                    "shift": round(d.shift, 3),
                 }
                 for d in self.differences
             },
-        }  # fmt: skip
+        }
 
 
 def find_pictures(folder: Path, most: int) -> list[Path]:
@@ -176,24 +178,41 @@ def _above_below(grey: Float) -> float:
 MEASURES: tuple[Measure, ...] = (
     Measure("lightness", "Lightness, mean grey level", lambda tones: float(tones.grey.mean())),
     Measure("contrast", "Contrast, deviation of grey", lambda tones: float(tones.grey.std())),
-    Measure("blown", "Blown out, % of pixels over 250",
-            lambda tones: 100 * float((tones.grey > 250).mean())),
-    Measure("black", "Black, % of pixels under 8",
-            lambda tones: 100 * float((tones.grey < 8).mean())),
-    Measure("sky_over_ground", "Upper third lighter than the lower, grey levels",
-            lambda tones: _above_below(tones.grey)),
+    Measure(
+        "blown",
+        "Blown out, % of pixels over 250",
+        lambda tones: 100 * float((tones.grey > 250).mean()),
+    ),
+    Measure(
+        "black", "Black, % of pixels under 8", lambda tones: 100 * float((tones.grey < 8).mean())
+    ),
+    Measure(
+        "sky_over_ground",
+        "Upper third lighter than the lower, grey levels",
+        lambda tones: _above_below(tones.grey),
+    ),
     Measure("chroma", "Colourfulness, mean chroma", lambda tones: float(tones.chroma.mean())),
-    Measure("chroma_spread", "Variety of colour, deviation of chroma",
-            lambda tones: float(tones.chroma.std())),
+    Measure(
+        "chroma_spread",
+        "Variety of colour, deviation of chroma",
+        lambda tones: float(tones.chroma.std()),
+    ),
     Measure("green_red", "Red against green, mean a*", lambda tones: float(tones.green_red.mean())),
-    Measure("blue_yellow", "Yellow against blue, mean b*",
-            lambda tones: float(tones.blue_yellow.mean())),
+    Measure(
+        "blue_yellow", "Yellow against blue, mean b*", lambda tones: float(tones.blue_yellow.mean())
+    ),
     Measure("finest", "Finest detail and noise, below 1 px", lambda tones: _band(tones.grey, 0.0)),
     Measure("fine", "Fine texture, 1 to 2 px", lambda tones: _band(tones.grey, 1.0)),
     Measure("medium", "Texture of 4 to 8 px", lambda tones: _band(tones.grey, 4.0)),
     Measure("coarse", "Texture of 16 to 32 px", lambda tones: _band(tones.grey, 16.0)),
-    Measure("upright_edges", "Upright edges, share",
-            lambda tones: _share_of_edges(tones.grey, upright=True)),
-    Measure("level_edges", "Level edges, share",
-            lambda tones: _share_of_edges(tones.grey, upright=False)),
-)  # fmt: skip
+    Measure(
+        "upright_edges",
+        "Upright edges, share",
+        lambda tones: _share_of_edges(tones.grey, upright=True),
+    ),
+    Measure(
+        "level_edges",
+        "Level edges, share",
+        lambda tones: _share_of_edges(tones.grey, upright=False),
+    ),
+)

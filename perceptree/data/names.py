@@ -13,17 +13,72 @@ from perceptree.data.entries import EntryError, refuse, rows
 from perceptree.errors import DatasetError
 from perceptree.models import KEYPOINT_NAMES
 
-_TREES = frozenset((
-    "tree", "trees", "trunk", "trunks", "stem", "stems", "bole", "boles", "treetrunk",
-    "treetrunks", "conifer", "conifers", "spruce", "pine", "fir", "larch", "cedar", "hemlock",
-    "douglas", "birch", "beech", "maple", "oak", "aspen", "poplar", "alder", "ash", "picea",
-    "pinus", "abies", "larix", "betula", "fagus", "acer", "quercus", "populus", "alnus",
-    "fraxinus",
-))  # fmt: skip
-_NOT_STANDING = frozenset((
-    "stump", "stumps", "branch", "branches", "crown", "crowns", "canopy", "root", "roots", "leaf",
-    "leaves", "log", "logs", "fallen", "felled", "lying", "deadwood", "non", "no", "not",
-))  # fmt: skip
+_TREES = frozenset(
+    (
+        "tree",
+        "trees",
+        "trunk",
+        "trunks",
+        "stem",
+        "stems",
+        "bole",
+        "boles",
+        "treetrunk",
+        "treetrunks",
+        "conifer",
+        "conifers",
+        "spruce",
+        "pine",
+        "fir",
+        "larch",
+        "cedar",
+        "hemlock",
+        "douglas",
+        "birch",
+        "beech",
+        "maple",
+        "oak",
+        "aspen",
+        "poplar",
+        "alder",
+        "ash",
+        "picea",
+        "pinus",
+        "abies",
+        "larix",
+        "betula",
+        "fagus",
+        "acer",
+        "quercus",
+        "populus",
+        "alnus",
+        "fraxinus",
+    )
+)
+_NOT_STANDING = frozenset(
+    (
+        "stump",
+        "stumps",
+        "branch",
+        "branches",
+        "crown",
+        "crowns",
+        "canopy",
+        "root",
+        "roots",
+        "leaf",
+        "leaves",
+        "log",
+        "logs",
+        "fallen",
+        "felled",
+        "lying",
+        "deadwood",
+        "non",
+        "no",
+        "not",
+    )
+)
 _NO_CATEGORIES = "the file has no categories: all its labels are taken as trees"
 # The published names are those of PercepTreeV1's demo and training scripts.
 _ALIASES = {

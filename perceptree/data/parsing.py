@@ -192,13 +192,18 @@ class Parser:
         boxes[:, 2:] += boxes[:, :2]
         return [
             TreeRecord(
-                entry["id"], box, points, entry.get("segmentation") or None,
-                bool(entry.get("iscrowd", 0)), truth, _species(entry),
+                entry["id"],
+                box,
+                points,
+                entry.get("segmentation") or None,
+                bool(entry.get("iscrowd", 0)),
+                truth,
+                _species(entry),
             )
             for entry, box, points, truth in zip(
                 found.entries, boxes, self._place(found), found.truths, strict=True
             )
-        ]  # fmt: skip
+        ]
 
     def _place(self, found: _Found) -> NDArray[np.float64]:
         """Keypoints (N, 5, 3) from pixel indices on disk to corner-based px, within their frames.

@@ -50,11 +50,18 @@ class Spread:
         size = np.abs(values)
         return cls(
             len(values),
-            *(float(value) for value in (
-                values.mean(), np.median(values), np.median(size), size.mean(), values.std(),
-                np.percentile(size, 90),
-            )),
-        )  # fmt: skip
+            *(
+                float(value)
+                for value in (
+                    values.mean(),
+                    np.median(values),
+                    np.median(size),
+                    size.mean(),
+                    values.std(),
+                    np.percentile(size, 90),
+                )
+            ),
+        )
 
     def to_dict(self) -> dict[str, float]:
         """JSON-ready, rounded to a thousandth of a px."""

@@ -74,13 +74,13 @@ def figures_of(measured: Measured, about: About) -> Figures:
         },
         "boxes_by_score": measured.scorer.by_score("bbox"),
         "keypoint_error_px": None if errors is None else _keypoint_figures(errors),
-        "felling_cut_density": None if errors is None else density(
-            errors.of(0, "horizontal"), errors.of(0, "vertical")
-        ),
+        "felling_cut_density": None
+        if errors is None
+        else density(errors.of(0, "horizontal"), errors.of(0, "vertical")),
         "diameter_error_px": None if errors is None else _spread(errors.width),
         "by": {name: axis for name, axis in by.items() if axis["groups"]},
         "left_out": _left_out(measured, [a.title for a in AXES if not by[a.name]["groups"]]),
-    }  # fmt: skip
+    }
 
 
 def _data_figures(measured: Measured, about: About) -> Figures:
@@ -156,9 +156,11 @@ def _left_out(measured: Measured, axes: list[str]) -> list[str]:
     said = []
     for kind, labelled in (
         ("masks", any(tree.segmentation for f in measured.store.frames for tree in f.trees)),
-        ("keypoints", any((t.keypoints[:, 2] > 0).any() for f in measured.store.frames
-                          for t in f.trees)),
-    ):  # fmt: skip
+        (
+            "keypoints",
+            any((t.keypoints[:, 2] > 0).any() for f in measured.store.frames for t in f.trees),
+        ),
+    ):
         if any(getattr(prediction, kind) is None for prediction in measured.predictions):
             said.append(f"{kind}: the model gives none")
         elif not labelled:

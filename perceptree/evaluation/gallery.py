@@ -58,10 +58,14 @@ def galleries(measured: Measured) -> dict[str, list[Exhibit]]:
     pairs = measured.matches.found
     fits = sorted(((_fit(measured, pair), place) for place, pair in enumerate(pairs)), reverse=True)
     found = [
-        _Case(pairs[place].frame, pairs[place].tree, pairs[place].row,
-              _found_caption(measured, place, fit))
+        _Case(
+            pairs[place].frame,
+            pairs[place].tree,
+            pairs[place].row,
+            _found_caption(measured, place, fit),
+        )
         for fit, place in fits
-    ]  # fmt: skip
+    ]
     return {
         "best": _exhibits(measured, found),
         "worst": _exhibits(measured, found[: _EACH - 1 : -1]),

@@ -53,18 +53,39 @@ def _scene(name: str) -> Callable[[FrameRecord, TreeRecord | None], Any]:
 
 
 AXES = (
-    Axis("distance_m", "Distance", _truth("distance_m"), (0, 2.5, 5, 7.5, 10, _INFINITY),
-         unit="m"),
-    Axis("visible_fraction", "Visible part of the lower stem", _truth("visible_fraction"),
-         (0, 0.25, 0.5, 0.75, _INFINITY), unit="%", per_unit=100),
+    Axis("distance_m", "Distance", _truth("distance_m"), (0, 2.5, 5, 7.5, 10, _INFINITY), unit="m"),
+    Axis(
+        "visible_fraction",
+        "Visible part of the lower stem",
+        _truth("visible_fraction"),
+        (0, 0.25, 0.5, 0.75, _INFINITY),
+        unit="%",
+        per_unit=100,
+    ),
     Axis("species", "Species", lambda _, tree: None if tree is None else tree.species),
-    Axis("weather", "Weather", _scene("weather"), of_frames=True,
-         order=("clear", "snow", "wet", "fog", "rain", "snowfall")),
-    Axis("light", "Light", _scene("light"), of_frames=True,
-         order=("morning", "daylight", "evening", "dusk")),
-    Axis("slope_deg", "Slope of the ground", _scene("slope_deg"), (0, 10, 20, 30, _INFINITY),
-         unit="°", of_frames=True),
-)  # fmt: skip
+    Axis(
+        "weather",
+        "Weather",
+        _scene("weather"),
+        of_frames=True,
+        order=("clear", "snow", "wet", "fog", "rain", "snowfall"),
+    ),
+    Axis(
+        "light",
+        "Light",
+        _scene("light"),
+        of_frames=True,
+        order=("morning", "daylight", "evening", "dusk"),
+    ),
+    Axis(
+        "slope_deg",
+        "Slope of the ground",
+        _scene("slope_deg"),
+        (0, 10, 20, 30, _INFINITY),
+        unit="°",
+        of_frames=True,
+    ),
+)
 
 
 def groups_of(frames: Sequence[FrameRecord], axis: Axis) -> list[Group]:

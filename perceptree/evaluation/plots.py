@@ -21,9 +21,13 @@ _PAGE_COLOURS = {"#5a675e": "var(--soft)", "#dfded4": "var(--line)", "#2c6a48": 
 _SOFT, _LINE, _ACCENT = _PAGE_COLOURS
 BLUE, ORANGE = "#3b7dc4", "#e08a2e"
 _PANELS = (
-    ("a", "felling_cut"), ("b", "diameter_right"), ("c", "axis_middle"),
-    (None, None), ("e", "diameter_left"), ("f", "axis_top"),
-)  # fmt: skip
+    ("a", "felling_cut"),
+    ("b", "diameter_right"),
+    ("c", "axis_middle"),
+    (None, None),
+    ("e", "diameter_left"),
+    ("f", "axis_top"),
+)
 _PAGE_STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",
     "font.family": "sans-serif",
@@ -54,8 +58,12 @@ def curves_svg(figures: Figures) -> str:
             if curve is not None:
                 recalls = np.linspace(0, 100, len(curve))
                 axes.plot(recalls, 100 * np.array(curve), color=colours[kind], label=kind, lw=2)
-        axes.set(xlim=(0, 100), ylim=(0, 102), xlabel="of 100 trees, found",
-                 ylabel="of 100 reported, trees")  # fmt: skip
+        axes.set(
+            xlim=(0, 100),
+            ylim=(0, 102),
+            xlabel="of 100 trees, found",
+            ylabel="of 100 reported, trees",
+        )
         axes.legend(loc="lower left")
         return _svg(figure)
 
@@ -115,8 +123,13 @@ def diameters_svg(figures: Figures, errors: PixelErrors) -> str:
         most = 1.05 * float(np.percentile(np.concatenate([true, found]), 99.5))
         axes.plot([0, most], [0, most], color=_SOFT, lw=1, ls="--")
         axes.plot(np.minimum(true, most), np.minimum(found, most), ".", color=_ACCENT, alpha=0.5)
-        axes.set(xlim=(0, most), ylim=(0, most), xlabel="true diameter, px",
-                 ylabel="found diameter, px", aspect="equal")  # fmt: skip
+        axes.set(
+            xlim=(0, most),
+            ylim=(0, most),
+            xlabel="true diameter, px",
+            ylabel="found diameter, px",
+            aspect="equal",
+        )
         axes = figure.add_subplot(1, 2, 2)
         _bars(axes, figures["diameter_error_px"]["histogram"], _ACCENT, None)
         axes.set(xlabel="too narrow  ←  px  →  too wide", ylabel="trees")

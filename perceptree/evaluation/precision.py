@@ -17,8 +17,12 @@ from perceptree.evaluation.predictions import FramePrediction
 from perceptree.models import KEYPOINT_NAMES
 
 KINDS: tuple[Kind, ...] = ("bbox", "segm", "keypoints")
-SIZES_PX2 = {"all": (0.0, 1e10), "small": (0.0, 32.0**2), "medium": (32.0**2, 96.0**2),
-             "large": (96.0**2, 1e10)}  # fmt: skip
+SIZES_PX2 = {
+    "all": (0.0, 1e10),
+    "small": (0.0, 32.0**2),
+    "medium": (32.0**2, 96.0**2),
+    "large": (96.0**2, 1e10),
+}
 """COCO's sizes, by the area of the mask in the picture's own px², or of the box without masks."""
 
 _THRESHOLDS = tuple(round(0.05 * step, 2) for step in range(1, 20))

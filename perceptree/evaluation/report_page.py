@@ -26,15 +26,25 @@ if TYPE_CHECKING:
 Figures = dict[str, Any]
 
 _PRECISIONS = {
-    "ap": "AP", "ap50": "AP50", "ap75": "AP75", "ap_small": "small", "ap_medium": "medium",
+    "ap": "AP",
+    "ap50": "AP50",
+    "ap75": "AP75",
+    "ap_small": "small",
+    "ap_medium": "medium",
     "ap_large": "large",
-}  # fmt: skip
+}
 _GROUP_COLUMNS = {
-    "frames": "pictures", "trees": "trees", "recall": "found", "precision": "reported rightly",
-    "boxes_ap": "box AP", "masks_ap": "mask AP", "keypoints_ap": "keypoint AP",
-    "felling_cut_median_px": "cut off, px", "diameter_mean_abs_px": "diameter off, px",
+    "frames": "pictures",
+    "trees": "trees",
+    "recall": "found",
+    "precision": "reported rightly",
+    "boxes_ap": "box AP",
+    "masks_ap": "mask AP",
+    "keypoints_ap": "keypoint AP",
+    "felling_cut_median_px": "cut off, px",
+    "diameter_mean_abs_px": "diameter off, px",
     "diameter_bias_px": "diameter bias, px",
-}  # fmt: skip
+}
 _SHARES = ("recall", "precision")
 _FEW_TREES = 20
 _AXES_IN_WORDS = 3

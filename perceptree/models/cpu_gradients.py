@@ -40,15 +40,29 @@ class _Depthwise(torch.autograd.Function):
         of_input = None
         if ctx.needs_input_grad[0]:
             of_input = torch.ops.aten.convolution_backward(
-                gradient, x, weight, None, [ctx.stride] * 2, [ctx.padding] * 2,
-                [1, 1], False, [0, 0], len(weight), [True, False, False],
-            )[0]  # fmt: skip
+                gradient,
+                x,
+                weight,
+                None,
+                [ctx.stride] * 2,
+                [ctx.padding] * 2,
+                [1, 1],
+                False,
+                [0, 0],
+                len(weight),
+                [True, False, False],
+            )[0]
         side, channels = weight.shape[2], len(weight)
         of_weight = torch.empty(side, side, channels)
         _run_parts(
-            depthwise_weight_gradient, channels, _channels_last(x), _channels_last(gradient),
-            ctx.stride, ctx.padding, of_weight.numpy(),
-        )  # fmt: skip
+            depthwise_weight_gradient,
+            channels,
+            _channels_last(x),
+            _channels_last(gradient),
+            ctx.stride,
+            ctx.padding,
+            of_weight.numpy(),
+        )
         return of_input, of_weight.permute(2, 0, 1)[:, None], None, None
 
 
@@ -103,7 +117,12 @@ class _WeightedSums(torch.autograd.Function):
         out = torch.zeros(ctx.count, gradient.shape[1])
         ends = torch.cat((starts, starts.new_tensor([len(places)])))
         _run_parts(
-            weighted_sums_gradient, out.shape[1], gradient.contiguous().numpy(), places.numpy(),
-            ends.numpy(), weights.numpy(), out.numpy(),
-        )  # fmt: skip
+            weighted_sums_gradient,
+            out.shape[1],
+            gradient.contiguous().numpy(),
+            places.numpy(),
+            ends.numpy(),
+            weights.numpy(),
+            out.numpy(),
+        )
         return out, None, None, None

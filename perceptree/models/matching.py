@@ -39,9 +39,11 @@ class SampleSettings:
             if getattr(self, name) < 1:
                 raise SettingsError(f"{name} is {getattr(self, name)}: expected at least 1")
         for name in (
-            "anchor_positive_share", "anchor_positive_iou", "region_positive_share",
+            "anchor_positive_share",
+            "anchor_positive_iou",
+            "region_positive_share",
             "region_positive_iou",
-        ):  # fmt: skip
+        ):
             if not 0.0 < getattr(self, name) <= 1.0:
                 raise SettingsError(f"{name} is {getattr(self, name)}: expected over 0, at most 1")
         if not 0.0 <= self.anchor_negative_iou <= self.anchor_positive_iou:

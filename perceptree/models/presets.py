@@ -105,8 +105,11 @@ def make_spec(
     }
     try:
         return ModelSpec(
-            name=f"{preset}-{modality}", modality=modality, height=height, width=width,
+            name=f"{preset}-{modality}",
+            modality=modality,
+            height=height,
+            width=width,
             **(values | changes),
-        )  # fmt: skip
+        )
     except TypeError as error:
         raise SpecError(f"not a model setting: {error}") from error

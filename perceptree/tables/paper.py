@@ -10,8 +10,13 @@ from dataclasses import dataclass
 
 from perceptree.models.spec import Modality
 
-MEASURES = {"box_ap": "AP bb", "mask_ap": "AP mask", "keypoint_ap": "AP kp",
-            "box_ap50": "AP50 bb", "mask_ap50": "AP50 mask"}  # fmt: skip
+MEASURES = {
+    "box_ap": "AP bb",
+    "mask_ap": "AP mask",
+    "keypoint_ap": "AP kp",
+    "box_ap50": "AP50 bb",
+    "mask_ap50": "AP50 mask",
+}
 """Names of `perceptree.evaluation.Metrics` -> how the paper writes them."""
 
 MASK_ONLY, BOTH, KEYPOINT_ONLY = "mask-only", "keypoint & mask", "keypoint-only"

@@ -179,9 +179,13 @@ class TableSettings:
     def training(self, model: TableModel, seed: int) -> TrainSettings:
         """How one run is trained: the recipe, its rate falling along a cosine to the end."""
         changes: dict[str, Any] = {
-            "steps": self.steps, "minutes": self.minutes, "seed": seed, "schedule": "cosine",
-            "rate_steps": (), "evaluate_every_steps": _NEVER,
-        }  # fmt: skip
+            "steps": self.steps,
+            "minutes": self.minutes,
+            "seed": seed,
+            "schedule": "cosine",
+            "rate_steps": (),
+            "evaluate_every_steps": _NEVER,
+        }
         if self.batch is not None:
             changes["batch"] = self.batch
         if model.preset in PAPER_PRESETS and self.init is not None:

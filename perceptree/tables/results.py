@@ -73,8 +73,10 @@ class TableData:
 def _complete(folder: Path, split: str) -> Dataset:
     found = read_dataset(folder, split)
     held = {
-        "masks": found.has_masks, "keypoints": found.has_keypoints, "depth": found.has_depth,
-    }  # fmt: skip
+        "masks": found.has_masks,
+        "keypoints": found.has_keypoints,
+        "depth": found.has_depth,
+    }
     missing = [name for name, there in held.items() if not there]
     if missing:
         raise DatasetError(
@@ -122,9 +124,15 @@ def make_result(
         result = {"schema": _SCHEMA, "training": wanted, "made": known["made"]}
     else:
         report = train(
-            spec, settings.training(model, seed), data.folder, folder, watch.training,
-            settings.start(model), engine, preparing=watch.preparing,
-        )  # fmt: skip
+            spec,
+            settings.training(model, seed),
+            data.folder,
+            folder,
+            watch.training,
+            settings.start(model),
+            engine,
+            preparing=watch.preparing,
+        )
         made = _made(report, engine.device)
         result = {"schema": _SCHEMA, "training": wanted, "made": made}
     metrics = _score(folder / "best.safetensors", data.test, engine.device, watch)

@@ -175,9 +175,13 @@ def _start_simulating(data: Path, frames: int, workers: int) -> subprocess.Popen
             f"{path}: expected the settings of a dataset of perceptree synth, which is extended"
         ) from error
     options = {
-        "--out": data, "--settings": path, "--seed": seed, "--image-format": image_format,
-        "--frames": frames, "--workers": workers,
-    }  # fmt: skip
+        "--out": data,
+        "--settings": path,
+        "--seed": seed,
+        "--image-format": image_format,
+        "--frames": frames,
+        "--workers": workers,
+    }
     command = [sys.executable, "-m", "perceptree", "synth", "--json"]
     for name, value in options.items():
         command += [name, str(value)]

@@ -28,8 +28,11 @@ _LEFT_IN, _RIGHT_IN, _BOTTOM_IN = 0.65, 0.2, 0.5
 _HEAD_IN, _LEGEND_LINE_IN = 0.85, 0.22
 _DOTS_PER_INCH = 110
 _SECONDS_PER_HOUR = 3600.0
-_AP = {"box_ap": "AP of boxes on val", "mask_ap": "AP of masks on val",
-       "keypoint_ap": "AP of keypoints on val"}  # fmt: skip
+_AP = {
+    "box_ap": "AP of boxes on val",
+    "mask_ap": "AP of masks on val",
+    "keypoint_ap": "AP of keypoints on val",
+}
 _PACE = {"rate": "learning rate", "frames_per_s": "frames per second"}
 _LOSS = "loss"
 _FEW_POINTS = 6
@@ -131,10 +134,15 @@ def _grid(rows: int, head_in: float) -> tuple[Figure, GridSpec]:
     height_in = head_in + rows * high + (rows - 1) * below + _BOTTOM_IN
     figure = Figure(figsize=(width_in, height_in), dpi=_DOTS_PER_INCH)
     grid = figure.add_gridspec(
-        rows, _COLUMNS, left=_LEFT_IN / width_in, right=1 - _RIGHT_IN / width_in,
-        bottom=_BOTTOM_IN / height_in, top=1 - head_in / height_in, wspace=beside / wide,
+        rows,
+        _COLUMNS,
+        left=_LEFT_IN / width_in,
+        right=1 - _RIGHT_IN / width_in,
+        bottom=_BOTTOM_IN / height_in,
+        top=1 - head_in / height_in,
+        wspace=beside / wide,
         hspace=below / high,
-    )  # fmt: skip
+    )
     return figure, grid
 
 

@@ -18,8 +18,17 @@ from perceptree.models import SampleSettings
 
 Schedule = Literal["constant", "steps", "cosine", "decay"]
 
-_POSITIVE = ("steps", "minutes", "patience", "batch", "accumulate", "learning_rate",
-             "warmup_steps", "clip_norm", "evaluate_every_steps")  # fmt: skip
+_POSITIVE = (
+    "steps",
+    "minutes",
+    "patience",
+    "batch",
+    "accumulate",
+    "learning_rate",
+    "warmup_steps",
+    "clip_norm",
+    "evaluate_every_steps",
+)
 _SHARES = ("final_rate_share", "rate_drop")
 _CHOICES = {"optimizer": ("adamw", "sgd"), "schedule": ("constant", "steps", "cosine", "decay")}
 _LAST_LEVEL = 5  # of a backbone

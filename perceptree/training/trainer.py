@@ -267,10 +267,15 @@ class Trainer:
     def _status(self) -> Status:
         steps, elapsed_s = self.step - self.first_step, max(self.elapsed_s, 1e-9)
         return Status(
-            self.done, self.step, dict(self.means), self.elapsed_s, self.waited_s / elapsed_s,
-            steps * self.settings.batch / elapsed_s, self.optimizer.param_groups[0]["lr"],
+            self.done,
+            self.step,
+            dict(self.means),
+            self.elapsed_s,
+            self.waited_s / elapsed_s,
+            steps * self.settings.batch / elapsed_s,
+            self.optimizer.param_groups[0]["lr"],
             self._newest_ap,
-        )  # fmt: skip
+        )
 
     def _write(self, more: dict[str, Any]) -> None:
         if self._log is not None:

@@ -85,8 +85,10 @@ def test_cropping_moves_the_principal_point() -> None:
     assert (part.fx, part.fy, part.distortion) == (CAMERA.fx, CAMERA.fy, CAMERA.distortion)
 
 
-@pytest.mark.parametrize("part", [(-1, 0, 9, 9), (0, -1, 9, 9), (1275, 0, 9, 9), (0, 715, 9, 9),
-                                  (0, 0, 0, 9), (0, 0, 9, 0)])  # fmt: skip
+@pytest.mark.parametrize(
+    "part",
+    [(-1, 0, 9, 9), (0, -1, 9, 9), (1275, 0, 9, 9), (0, 715, 9, 9), (0, 0, 0, 9), (0, 0, 9, 0)],
+)
 def test_a_part_beyond_the_image_is_refused(part: tuple[int, int, int, int]) -> None:
     with pytest.raises(CameraError, match="expected one within the camera's 1280x720"):
         CAMERA.cropped(*part)

@@ -123,10 +123,22 @@ KNOWN = [
     ("opencv.yml", OPENCV, None, OPENCV_CAMERA),
     ("opencv5.yml", OPENCV.replace("%YAML:1.0", "%YAML 1.2"), None, OPENCV_CAMERA),
     ("opencv.xml", OPENCV_XML, None, OPENCV_CAMERA),
-    ("sensors.yaml", PARAMETERS, "cam_front",
-     PinholeCamera(1440, 1080, 693.89, 693.39, 719.56, 533.91,
-                   (-0.0346, -0.0099, 0.0072, -0.0024), "fisheye")),
-]  # fmt: skip
+    (
+        "sensors.yaml",
+        PARAMETERS,
+        "cam_front",
+        PinholeCamera(
+            1440,
+            1080,
+            693.89,
+            693.39,
+            719.56,
+            533.91,
+            (-0.0346, -0.0099, 0.0072, -0.0024),
+            "fisheye",
+        ),
+    ),
+]
 
 
 def write(folder: Path, name: str, text: str) -> Path:
@@ -214,28 +226,40 @@ BROKEN = [
     (OPENCV, "left", "has no camera 'left', expected the file without a name"),
     # models that are no pinhole with these lenses
     (ROS.replace("plumb_bob", "thin_prism"), None, "distortion_model is 'thin_prism': expected"),
-    (OPENCV.replace("rows: 5", "rows: 14").replace(", 0. ]", ", 0." + ", 1." * 9 + " ]"), None,
-     "distortion has 14 terms: expected none, 4"),
+    (
+        OPENCV.replace("rows: 5", "rows: 14").replace(", 0. ]", ", 0." + ", 1." * 9 + " ]"),
+        None,
+        "distortion has 14 terms: expected none, 4",
+    ),
     (ROS.replace("plumb_bob", "[plumb_bob]"), None, "distortion_model is ['plumb_bob']: expected"),
     # fields that are missing or no numbers
     (ROS.replace("image_width: 640\n", ""), None, "image_width is missing: expected a number"),
     (OPENCV.replace("image_width: 1280\nimage_height: 720\n", ""), None, "size is not given"),
     (ROS.replace("image_width: 640", "image_width: wide"), None, "image_width is 'wide'"),
     (ROS.replace("image_width: 640", "image_width: 640.5"), None, "expected whole pixels"),
-    (OPENCV.replace("distortion_coefficients", "lens"), None,
-     "distortion_coefficients or distCoeffs"),
+    (
+        OPENCV.replace("distortion_coefficients", "lens"),
+        None,
+        "distortion_coefficients or distCoeffs",
+    ),
     # fields that contradict each other
     (ROS.replace("0, 0, 1]\ndist", "0, 0, 1, 0]\ndist"), None, "has 10 numbers: expected 9"),
-    (ROS.replace("rows: 3\n  cols: 3\n  data: [526.69, 0,", "data: [526.69,"), None,
-     "camera_matrix has 8 numbers: expected 3x3"),
+    (
+        ROS.replace("rows: 3\n  cols: 3\n  data: [526.69, 0,", "data: [526.69,"),
+        None,
+        "camera_matrix has 8 numbers: expected 3x3",
+    ),
     (ROS.replace("[526.69, 0,", "[526.69, 0.5,"), None, "camera_matrix has a skew of 0.5"),
     (PARAMETERS.replace("0.0, 0.0, 1.0]", "0.0, 0.0, 2.0]"), "cam_left", "as its last row"),
     (OPENCV + "cameraMatrix: [1]\n", None, "camera_matrix and cameraMatrix are both given"),
     (ROS + "distortion_coeffs: [0, 0, 0, 0]\n", None, "are both given: expected one of them"),
     (ROS + "image_width: 320\n", None, "image_width is given twice"),
     (ROS + "resolution: [320, 240]\n", None, "the image size is 320x240 and 640x480: expected"),
-    (PARAMETERS.replace("      cam_left:", "        radtan: {K: [1], D: [1]}\n      cam_left:"),
-     "cam_front", "fisheye and radtan both hold K and D"),
+    (
+        PARAMETERS.replace("      cam_left:", "        radtan: {K: [1], D: [1]}\n      cam_left:"),
+        "cam_front",
+        "fisheye and radtan both hold K and D",
+    ),
     (ROS.replace("data: [526.69", "values: [526.69"), None, "camera_matrix is None: expected a"),
     (OPENCV.replace("fisheye_model: 0", "fisheye_model: 7"), None, "fisheye_model is 7"),
     # text that is nothing of the kind
@@ -247,7 +271,7 @@ BROKEN = [
     ("<s><a>1</a><a>2</a></s>", None, "a is given twice"),
     ("[LEFT_CAM_HD]\nfx\n", None, "not INI"),
     ('{"schema": 1, "schema": 2}', None, "schema is given twice"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("text", "name", "message"), BROKEN)

@@ -38,9 +38,16 @@ def random_camera(seed: int) -> PinholeCamera:
     scatter = rng.uniform(0.5, 1.5, len(terms))
     cx, cy = np.array([width, height]) * rng.uniform(0.45, 0.55, 2)
     return PinholeCamera(
-        width, height, fx, fx * rng.uniform(0.97, 1.03), cx, cy,
-        tuple(np.multiply(terms, scatter)), model, rng.uniform(0, 3),
-    )  # fmt: skip
+        width,
+        height,
+        fx,
+        fx * rng.uniform(0.97, 1.03),
+        cx,
+        cy,
+        tuple(np.multiply(terms, scatter)),
+        model,
+        rng.uniform(0, 3),
+    )
 
 
 def random_pixels(camera: PinholeCamera, seed: int) -> np.ndarray:

@@ -107,9 +107,15 @@ REALSENSE_PRINTED = (
     "[ 640x480  p[313.947 236.609]  f[612.916 613.482]  Inverse Brown Conrady [0 0 0 0 0] ]\n"
 )
 REALSENSE_JSON: dict[str, Any] = {
-    "width": 848, "height": 480, "fx": 423.1, "fy": 423.2, "ppx": 425.3, "ppy": 237.8,
-    "model": "distortion.brown_conrady", "coeffs": [0.1, -0.2, 0.001, 0.002, 0.03],
-}  # fmt: skip
+    "width": 848,
+    "height": 480,
+    "fx": 423.1,
+    "fy": 423.2,
+    "ppx": 425.3,
+    "ppy": 237.8,
+    "model": "distortion.brown_conrady",
+    "coeffs": [0.1, -0.2, 0.001, 0.002, 0.03],
+}
 
 ZED = """\
 [LEFT_CAM_HD]
@@ -173,43 +179,102 @@ k4 = 0.002
 """
 
 HD = PinholeCamera(
-    1280, 720, 701.88, 701.7, 641.285, 344.1835,
+    1280,
+    720,
+    701.88,
+    701.7,
+    641.285,
+    344.1835,
     (-0.175286, 0.0283094, 6.68414e-05, -0.000150431, 4.06032e-11),
-)  # fmt: skip
+)
 KNOWN = [
     ("camchain.yaml", KALIBR, "cam0", KALIBR_CAMERA),
-    ("camchain.yaml", KALIBR, "cam1",
-     PinholeCamera(1024, 1024, 378.8, 378.5, 505.8, 509.5, (-0.0347, -0.01, 0.0072, -0.0024),
-                   "fisheye")),
-    ("camera.yaml", CAMODOCAL, None,
-     PinholeCamera(752, 480, 461.6, 460.3, 363, 248.1, (-0.29, 0.083, 1.8e-4, -2.8e-5))),
-    ("camera.yaml", KANNALA, "front",
-     PinholeCamera(1280, 1024, 610, 609, 632, 520, (-0.012, 0.004, -0.003, 5e-4), "fisheye")),
-    ("realsense.txt", REALSENSE, "Depth 848x480",
-     PinholeCamera(848, 480, 423.171264648438, 423.171264648438, 425.271423339844,
-                   237.838577270508)),
-    ("realsense.txt", REALSENSE.replace(" / ", "   ").replace("\n  ", "\n"), "Depth 848x480",
-     PinholeCamera(848, 480, 423.171264648438, 423.171264648438, 425.271423339844,
-                   237.838577270508)),
-    ("printed.txt", REALSENSE_PRINTED, None,
-     PinholeCamera(640, 480, 612.916, 613.482, 313.947, 236.609)),
-    ("realsense.json", json.dumps(REALSENSE_JSON), None,
-     PinholeCamera(848, 480, 423.1, 423.2, 425.3, 237.8, (0.1, -0.2, 0.001, 0.002, 0.03))),
-    ("realsense.json", json.dumps({"left": REALSENSE_JSON, "right": REALSENSE_JSON}), "right",
-     PinholeCamera(848, 480, 423.1, 423.2, 425.3, 237.8, (0.1, -0.2, 0.001, 0.002, 0.03))),
+    (
+        "camchain.yaml",
+        KALIBR,
+        "cam1",
+        PinholeCamera(
+            1024, 1024, 378.8, 378.5, 505.8, 509.5, (-0.0347, -0.01, 0.0072, -0.0024), "fisheye"
+        ),
+    ),
+    (
+        "camera.yaml",
+        CAMODOCAL,
+        None,
+        PinholeCamera(752, 480, 461.6, 460.3, 363, 248.1, (-0.29, 0.083, 1.8e-4, -2.8e-5)),
+    ),
+    (
+        "camera.yaml",
+        KANNALA,
+        "front",
+        PinholeCamera(1280, 1024, 610, 609, 632, 520, (-0.012, 0.004, -0.003, 5e-4), "fisheye"),
+    ),
+    (
+        "realsense.txt",
+        REALSENSE,
+        "Depth 848x480",
+        PinholeCamera(
+            848, 480, 423.171264648438, 423.171264648438, 425.271423339844, 237.838577270508
+        ),
+    ),
+    (
+        "realsense.txt",
+        REALSENSE.replace(" / ", "   ").replace("\n  ", "\n"),
+        "Depth 848x480",
+        PinholeCamera(
+            848, 480, 423.171264648438, 423.171264648438, 425.271423339844, 237.838577270508
+        ),
+    ),
+    (
+        "printed.txt",
+        REALSENSE_PRINTED,
+        None,
+        PinholeCamera(640, 480, 612.916, 613.482, 313.947, 236.609),
+    ),
+    (
+        "realsense.json",
+        json.dumps(REALSENSE_JSON),
+        None,
+        PinholeCamera(848, 480, 423.1, 423.2, 425.3, 237.8, (0.1, -0.2, 0.001, 0.002, 0.03)),
+    ),
+    (
+        "realsense.json",
+        json.dumps({"left": REALSENSE_JSON, "right": REALSENSE_JSON}),
+        "right",
+        PinholeCamera(848, 480, 423.1, 423.2, 425.3, 237.8, (0.1, -0.2, 0.001, 0.002, 0.03)),
+    ),
     ("SN1234.conf", ZED, "LEFT_CAM_HD", HD),
-    ("SN1234.conf", ZED, "RIGHT_CAM_HD",
-     PinholeCamera(1280, 720, 700.965, 701.11, 633.515, 359.3135,
-                   (-0.172795, 0.0265223, 0, 0, 0))),
-    ("SN1234.conf", ZED, "LEFT_CAM_VGA",
-     PinholeCamera(672, 376, 350.94, 350.85, 336.1425, 179.59175,
-                   (-0.175286, 0.0283094, 0, 0, 0))),
-    ("SN4567.conf", ZED_X, "LEFT_CAM_FHD1200",
-     PinholeCamera(1920, 1200, 950.1, 951.2, 960.5, 600.5,
-                   (0.6, 0.1, 0.001, -0.001, 0.01, 0.7, 0.15, 0.02))),
-    ("SN4567.conf", ZED_X, "RIGHT_CAM_SVGA",
-     PinholeCamera(960, 600, 475, 476, 480, 300, (-0.03, 0.01, -0.01, 0.002), "fisheye")),
-]  # fmt: skip
+    (
+        "SN1234.conf",
+        ZED,
+        "RIGHT_CAM_HD",
+        PinholeCamera(
+            1280, 720, 700.965, 701.11, 633.515, 359.3135, (-0.172795, 0.0265223, 0, 0, 0)
+        ),
+    ),
+    (
+        "SN1234.conf",
+        ZED,
+        "LEFT_CAM_VGA",
+        PinholeCamera(
+            672, 376, 350.94, 350.85, 336.1425, 179.59175, (-0.175286, 0.0283094, 0, 0, 0)
+        ),
+    ),
+    (
+        "SN4567.conf",
+        ZED_X,
+        "LEFT_CAM_FHD1200",
+        PinholeCamera(
+            1920, 1200, 950.1, 951.2, 960.5, 600.5, (0.6, 0.1, 0.001, -0.001, 0.01, 0.7, 0.15, 0.02)
+        ),
+    ),
+    (
+        "SN4567.conf",
+        ZED_X,
+        "RIGHT_CAM_SVGA",
+        PinholeCamera(960, 600, 475, 476, 480, 300, (-0.03, 0.01, -0.01, 0.002), "fisheye"),
+    ),
+]
 
 
 def write(folder: Path, name: str, text: str) -> Path:
@@ -253,7 +318,7 @@ BROKEN = [
     (KALIBR.replace("[461.629, ", "["), "cam0", "intrinsics has 3 numbers: expected fu, fv"),
     (KALIBR.replace("[-0.27695497, ", "["), "cam0", "distortion_coeffs has 3 terms: not those"),
     (REALSENSE.replace("Width:      \t848", "Width: 640"), "Depth 848x480", "640x480 and 848x480"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("text", "name", "message"), BROKEN)

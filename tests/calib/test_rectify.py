@@ -9,9 +9,7 @@ from calib import CameraError, PinholeCamera, depth_to_points, pixels_to_rays, r
 
 PLAIN = PinholeCamera(320, 240, 180.0, 181.0, 158.0, 121.0, focal_std_px=0.5)
 BARREL = replace(PLAIN, distortion=(-0.3, 0.1, 1e-3, -2e-3))
-FISHEYE = replace(
-    PLAIN, distortion=(-0.03, -0.01, 0.007, -0.002), distortion_model="fisheye"
-)  # fmt: skip
+FISHEYE = replace(PLAIN, distortion=(-0.03, -0.01, 0.007, -0.002), distortion_model="fisheye")
 
 
 def smooth_image(camera: PinholeCamera) -> np.ndarray:

@@ -120,15 +120,21 @@ SIDEWAYS = {"position_m": [1, 0, 2], "yaw_deg": 90}
 @pytest.mark.parametrize(
     ("fields", "expected"),
     [
-        ({"rotation": np.eye(3).tolist(), "translation_m": [1, 2, 3]},
-         RigidTransform(np.eye(3), np.array([1, 2, 3]))),
-        ({"quaternion_xyzw": [0.5, 0.5, 0.5, 0.5], "translation_m": ZERO},
-         RigidTransform.from_quaternion([0.5, 0.5, 0.5, 0.5], ZERO)),
-        ({"roll_pitch_yaw_deg": [10, 20, 30], "translation_m": ZERO},
-         RigidTransform.from_euler_deg(10, 20, 30, ZERO)),
+        (
+            {"rotation": np.eye(3).tolist(), "translation_m": [1, 2, 3]},
+            RigidTransform(np.eye(3), np.array([1, 2, 3])),
+        ),
+        (
+            {"quaternion_xyzw": [0.5, 0.5, 0.5, 0.5], "translation_m": ZERO},
+            RigidTransform.from_quaternion([0.5, 0.5, 0.5, 0.5], ZERO),
+        ),
+        (
+            {"roll_pitch_yaw_deg": [10, 20, 30], "translation_m": ZERO},
+            RigidTransform.from_euler_deg(10, 20, 30, ZERO),
+        ),
         ({"mounting": SIDEWAYS}, RigidTransform.mounting([1, 0, 2], yaw_deg=90)),
     ],
-)  # fmt: skip
+)
 def test_a_file_may_say_it_in_any_of_the_ways(
     tmp_path: Path, fields: dict[str, Any], expected: RigidTransform
 ) -> None:
@@ -142,8 +148,10 @@ def test_a_file_may_say_it_in_any_of_the_ways(
     [
         ({"translation_m": ZERO}, "expected translation_m and one of rotation"),
         ({"rotation": np.eye(3).tolist()}, "expected translation_m and one of rotation"),
-        ({"rotation": np.eye(3).tolist(), "roll_pitch_yaw_deg": ZERO, "translation_m": ZERO},
-         "the fields are ['roll_pitch_yaw_deg', 'rotation', 'translation_m']: expected"),
+        (
+            {"rotation": np.eye(3).tolist(), "roll_pitch_yaw_deg": ZERO, "translation_m": ZERO},
+            "the fields are ['roll_pitch_yaw_deg', 'rotation', 'translation_m']: expected",
+        ),
         ({"roll_pitch_yaw_deg": ZERO, "translation_m": ZERO, "unit": "mm"}, "expected"),
         ({"roll_pitch_yaw_deg": 5, "translation_m": ZERO}, "expected three numbers"),
         ({"quaternion_xyzw": [0, 0, 1], "translation_m": ZERO}, "expected 4 finite numbers"),
@@ -153,11 +161,13 @@ def test_a_file_may_say_it_in_any_of_the_ways(
         ({"mounting": [1, 2, 3]}, "mounting has [1, 2, 3]: expected position_m"),
         ({"mounting": {**SIDEWAYS, "yaw_deg": "left"}}, "yaw_deg is 'left': expected a finite"),
         ({"mounting": {"position_m": [True, 2, 3]}}, "position_m is [True, 2, 3]: expected 3"),
-        ({"roll_pitch_yaw_deg": [0, "5", 0], "translation_m": ZERO},
-         "roll_pitch_yaw_deg is [0, '5', 0]: expected 3 finite numbers"),
+        (
+            {"roll_pitch_yaw_deg": [0, "5", 0], "translation_m": ZERO},
+            "roll_pitch_yaw_deg is [0, '5', 0]: expected 3 finite numbers",
+        ),
         ({"quaternion_xyzw": [0, 0, 0, 1], "translation_m": [True, 2, 3]}, "is [True, 2, 3]"),
     ],
-)  # fmt: skip
+)
 def test_contradictory_files_are_named(
     tmp_path: Path, fields: dict[str, Any], message: str
 ) -> None:

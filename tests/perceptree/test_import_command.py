@@ -121,12 +121,13 @@ MISTAKES: dict[str, tuple[tuple[object, ...], str]] = {
     "hostile": (("{}/hostile.pkl",), "hostile.pkl: refused, it wants to use "),
     "other network": (("{}/other.pth",), "other.pth: a torchvision detector with backbone.body"),
     "over itself": (
-        ("{}/other.pth", "--out", "{}/x/../other.pth"), "would be written over the input"
+        ("{}/other.pth", "--out", "{}/x/../other.pth"),
+        "would be written over the input",
     ),
     "modality": (("{}/other.pth", "--modality", "x"), "--modality is 'x', expected one of: rgb"),
     "stride": (("{}/other.pth", "--stride-in", "x"), "--stride-in is 'x', expected one of: auto"),
     "option": (("{}/other.pth", "--speed", "9"), "--speed"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)

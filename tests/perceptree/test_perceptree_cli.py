@@ -93,19 +93,22 @@ MISTAKES = {
     "modality": (("train", "{}", "--out", "{}/run", "--modality", "x"), "--modality is 'x'"),
     "size": (("train", "{}", "--out", "{}/run", "--height", 20), "expected 32 to 8192 px"),
     "two ends": (
-        ("train", "{}", "--out", "{}/run", "--steps", 3, "--minutes", 1), "expected exactly one"
+        ("train", "{}", "--out", "{}/run", "--steps", 3, "--minutes", 1),
+        "expected exactly one",
     ),
     "scene's folder": (
-        ("scene", "--out", "{}/train_RGB.json/x.glb"), "x.glb: its folder cannot be made"
+        ("scene", "--out", "{}/train_RGB.json/x.glb"),
+        "x.glb: its folder cannot be made",
     ),
     "batch": (("train", "{}", "--out", "{}/run", "--batch", 0), "batch is 0"),
     "no checkpoint": (("eval", "{}/no.safetensors", "{}"), "no.safetensors: no such file"),
     "not a checkpoint": (
-        ("eval", "{}/train_RGB.json", "{}"), "train_RGB.json: not a readable safetensors file"
+        ("eval", "{}/train_RGB.json", "{}"),
+        "train_RGB.json: not a readable safetensors file",
     ),
     "split": (("eval", "{}/x", "{}", "--split", "spring"), "--split is 'spring'"),
     "option": (("train", "{}", "--speed", "9"), "--speed"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)

@@ -66,8 +66,11 @@ def test_a_folder_is_drawn_and_labelled(
     assert [image["file_name"] for image in labels["images"]] == ["a.jpg", "a.png", "b.png"]
     assert [image["width"] for image in labels["images"]] == [120, 96, 60]
     assert sorted(path.name for path in out.iterdir()) == [
-        "a.jpg_trees.jpg", "a.png_trees.jpg", "b_trees.jpg", "labels.json"
-    ]  # fmt: skip
+        "a.jpg_trees.jpg",
+        "a.png_trees.jpg",
+        "b_trees.jpg",
+        "labels.json",
+    ]
     assert cv2.imread(str(out / "b_trees.jpg")).shape[1] == 60
     assert all(annotation["score"] >= 0.5 for annotation in labels["annotations"])
     assert labels["categories"][0]["keypoints"] == list(KEYPOINT_NAMES)

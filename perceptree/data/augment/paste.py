@@ -62,9 +62,12 @@ def paste_trees(
 
 
 def _paste_one(
-    image: NDArray[np.uint8], other: Sample, mask: Mask, keypoints: Float,
+    image: NDArray[np.uint8],
+    other: Sample,
+    mask: Mask,
+    keypoints: Float,
     encoding: DepthEncoding | None,
-) -> _Pasted | None:  # fmt: skip
+) -> _Pasted | None:
     """Puts one tree into ``image`` itself; None where too little of it would show."""
     pixels = cv2.countNonZero(mask.view(np.uint8))
     if pixels < LEAST_PIXELS:

@@ -173,12 +173,31 @@ class AugmentSettings(GeometrySettings, ColourSettings, DepthSettings):
 
 
 PAPER_AUGMENT = AugmentSettings(
-    flip_share=0.5, scale=(0.8, 1.25), crop_share=1.0, crop=(0.5625, 1.0), rotation_deg=5.0,
-    shear_deg=5.0, perspective_share=0.2, perspective=0.12, saturation_share=0.3, saturation=0.25,
-    tone_share=0.3, brightness=0.1, contrast=0.2, gamma=0.0, tint=0.0, blur_share=0.3, blur_px=1.0,
-    motion_blur_px=7.0, noise_share=0.4, noise=7.0, chroma_noise=7.0, depth_gain=0.0,
-    depth_noise=0.0, holes=0,
-)  # fmt: skip
+    flip_share=0.5,
+    scale=(0.8, 1.25),
+    crop_share=1.0,
+    crop=(0.5625, 1.0),
+    rotation_deg=5.0,
+    shear_deg=5.0,
+    perspective_share=0.2,
+    perspective=0.12,
+    saturation_share=0.3,
+    saturation=0.25,
+    tone_share=0.3,
+    brightness=0.1,
+    contrast=0.2,
+    gamma=0.0,
+    tint=0.0,
+    blur_share=0.3,
+    blur_px=1.0,
+    motion_blur_px=7.0,
+    noise_share=0.4,
+    noise=7.0,
+    chroma_noise=7.0,
+    depth_gain=0.0,
+    depth_noise=0.0,
+    holes=0,
+)
 """The augmentation of the paper's training, after ``albumentations_mapper`` in
 ``train_synth_RGB.py`` of github.com/norlab-ulaval/PercepTreeV1 and the paper's text.
 

@@ -60,10 +60,13 @@ def picture_leaks(
 ) -> Iterator[str]:
     """Names of pictures that are nearly the same as one of an earlier split, with that one."""
     readable = {
-        split: [(frame, bits) for frame, bits in zip(frames, signatures[split], strict=True)
-                if bits is not None]
+        split: [
+            (frame, bits)
+            for frame, bits in zip(frames, signatures[split], strict=True)
+            if bits is not None
+        ]
         for split, frames in splits.items()
-    }  # fmt: skip
+    }
     for first, second in combinations(readable, 2):
         one, other = (_stacked(readable[split]) for split in (first, second))
         for row, nearest in _nearest(one, other):

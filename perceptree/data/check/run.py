@@ -123,7 +123,12 @@ def _look(frame: FrameRecord) -> tuple[Faults, Signature | None]:
 
 def _summary(split: str, dataset: Dataset) -> SplitSummary:
     return SplitSummary(
-        split, str(dataset.labels.path), len(dataset.frames),
+        split,
+        str(dataset.labels.path),
+        len(dataset.frames),
         sum(len(frame.trees) for frame in dataset.frames),
-        dataset.has_masks, dataset.has_keypoints, dataset.has_depth, dataset.notes,
-    )  # fmt: skip
+        dataset.has_masks,
+        dataset.has_keypoints,
+        dataset.has_depth,
+        dataset.notes,
+    )

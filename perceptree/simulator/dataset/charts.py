@@ -16,8 +16,10 @@ def histogram_svg(name: str, edges: Sequence[float], counts: Sequence[int], unit
     """Bars of the shares of all counts between the edges, which are written below."""
     total = max(1, sum(counts))
     ticks = [_number(edge) for edge in edges]
-    bars = [(f"{ticks[n]} to {ticks[n + 1]}{unit}", count / total, count)
-            for n, count in enumerate(counts)]  # fmt: skip
+    bars = [
+        (f"{ticks[n]} to {ticks[n + 1]}{unit}", count / total, count)
+        for n, count in enumerate(counts)
+    ]
     step = (_WIDTH - _LEFT - _RIGHT) / max(1, len(counts))
     every = math.ceil(len(edges) / _MAX_LABELS)
     labels = [(_LEFT + n * step, tick) for n, tick in enumerate(ticks) if n % every == 0]

@@ -55,8 +55,13 @@ def choose_frames(records: list[Record]) -> list[Record]:
     shown: Counter[tuple[str, str]] = Counter()
     turn = 0
     while len(chosen) < _CELLS and any(len(frames) > turn for frames in scenes.values()):
-        left = _spread([frames[(n + turn) % len(frames)] for n, frames in enumerate(scenes.values())
-                        if len(frames) > turn])  # fmt: skip
+        left = _spread(
+            [
+                frames[(n + turn) % len(frames)]
+                for n, frames in enumerate(scenes.values())
+                if len(frames) > turn
+            ]
+        )
         while left and len(chosen) < _CELLS:
             best = min(left, key=lambda record: sum(shown[c] for c in _conditions(record)))
             left.remove(best)
@@ -110,9 +115,12 @@ def _colour_cell(directory: Path, record: Record) -> Picture:
     keypoints[..., :2] = opencv_to_image(keypoints[..., :2])
     masks = (coco_mask.decode(tree["segmentation"]) for tree in trees)
     return draw_trees(
-        np.asarray(image, np.uint8), boxes=boxes, masks=masks, keypoints=keypoints,
+        np.asarray(image, np.uint8),
+        boxes=boxes,
+        masks=masks,
+        keypoints=keypoints,
         width_px=_CELL_WIDTH_PX,
-    )  # fmt: skip
+    )
 
 
 def _depth_cell(directory: Path, image: dict[str, Any]) -> Picture:

@@ -56,9 +56,13 @@ def simulate_frames(
     if scene.circuit is not None:
         settings = fixed_sensors(stream(seed, Stream.SENSORS), settings)
         drive = make_drive(
-            stream(seed, Stream.DRIVE), settings.drive, settings.camera, scene.terrain,
-            scene.circuit, views,
-        )  # fmt: skip
+            stream(seed, Stream.DRIVE),
+            settings.drive,
+            settings.camera,
+            scene.terrain,
+            scene.circuit,
+            views,
+        )
     for number in range(views):
         rng = stream(seed, Stream.VIEW, number)
         fault_rng = stream(seed, Stream.FAULTS, number if drive is None else 0)
@@ -78,17 +82,26 @@ def _motion(drive: Drive, number: int) -> Motion:
 
 
 def _frame(
-    rng: np.random.Generator, fault_rng: np.random.Generator, settings: SimulatorSettings,
-    scene: Scene, view: View, drawing: Drawing, motion: Motion | None,
-) -> Frame:  # fmt: skip
+    rng: np.random.Generator,
+    fault_rng: np.random.Generator,
+    settings: SimulatorSettings,
+    scene: Scene,
+    view: View,
+    drawing: Drawing,
+    motion: Motion | None,
+) -> Frame:
     """What the sensors and the labels make of a drawing."""
     weather, pose = scene.weather, view.pose
     faults = draw_faults(fault_rng, settings.imaging)
     image = expose(
-        rng, settings.rgb, drawing.samples, drawing.log_luminance, scene.light.darkness,
+        rng,
+        settings.rgb,
+        drawing.samples,
+        drawing.log_luminance,
+        scene.light.darkness,
         2.0**faults.exposure_stops,
         partial(through_lens, fault_rng, faults.strength) if faults.strength else None,
-    )  # fmt: skip
+    )
     image = draw_precipitation(
         rng,
         image,
@@ -113,13 +126,15 @@ def _frame(
         scene=_scene_record(scene),
         pose=PoseRecord(pose.carrier, pose.height_m, pose.pitch_deg, pose.roll_deg),
         depth_sensor={
-            "kind": measured.kind, "baseline_m": measured.baseline_m, "noise": measured.noise,
+            "kind": measured.kind,
+            "baseline_m": measured.baseline_m,
+            "noise": measured.noise,
             "range_m": measured.range_m,
         },
         exact_stride_px=stride,
         realism=_realism(settings, scene, faults),
         motion=motion,
-    )  # fmt: skip
+    )
 
 
 def _realism(
@@ -135,9 +150,10 @@ def _realism(
         values |= {"dead_twigs": scene.dead_twigs, "backdrop": scene.backdrop}
     if settings.imaging != ImagingSettings():
         values |= {
-            "camera_faults": faults.strength, "exposure_stops": faults.exposure_stops,
+            "camera_faults": faults.strength,
+            "exposure_stops": faults.exposure_stops,
             "infrared": faults.infrared,
-        }  # fmt: skip
+        }
     if settings.randomisation != RandomisationSettings():
         values["recoloured"] = scene.look.changed
     return values
@@ -145,7 +161,13 @@ def _realism(
 
 def _scene_record(scene: Scene) -> SceneRecord:
     return SceneRecord(
-        scene.seed, scene.terrain.ground, scene.terrain.slope_deg, scene.stems_per_ha,
-        scene.pattern, scene.weather.kind, scene.weather.strength, scene.light.time,
+        scene.seed,
+        scene.terrain.ground,
+        scene.terrain.slope_deg,
+        scene.stems_per_ha,
+        scene.pattern,
+        scene.weather.kind,
+        scene.weather.strength,
+        scene.light.time,
         scene.light.overcast,
-    )  # fmt: skip
+    )

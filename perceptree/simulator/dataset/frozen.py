@@ -89,9 +89,16 @@ def describe_dataset(directory: Path, name: str) -> FrozenSet:
     preset = PRESETS[name]
     trees_per_frame, occlusion = _label_figures(directory)
     return FrozenSet(
-        preset.name, preset.seed, preset.frames, preset_sha256(name), content_sha256(directory),
-        trees_per_frame, occlusion, _short_digests(directory), library_versions(),
-    )  # fmt: skip
+        preset.name,
+        preset.seed,
+        preset.frames,
+        preset_sha256(name),
+        content_sha256(directory),
+        trees_per_frame,
+        occlusion,
+        _short_digests(directory),
+        library_versions(),
+    )
 
 
 def compare_with_frozen(directory: Path, frozen: FrozenSet) -> Comparison:

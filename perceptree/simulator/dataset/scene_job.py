@@ -32,9 +32,14 @@ MAX_SCENES = 1_000_000
 
 _LIMIT_M = 65.535
 _IMU_COLUMNS = (
-    "time_s", "gyro_x_rad_per_s", "gyro_y_rad_per_s", "gyro_z_rad_per_s", "accel_x_m_per_s2",
-    "accel_y_m_per_s2", "accel_z_m_per_s2",
-)  # fmt: skip
+    "time_s",
+    "gyro_x_rad_per_s",
+    "gyro_y_rad_per_s",
+    "gyro_z_rad_per_s",
+    "accel_x_m_per_s2",
+    "accel_y_m_per_s2",
+    "accel_z_m_per_s2",
+)
 
 
 @dataclass(frozen=True)

@@ -100,8 +100,10 @@ def _split_figures(records: list[Record]) -> Figures:
 def _trees_per_frame(records: list[Record]) -> Figures:
     counts = [len(record["annotations"]) for record in records]
     histogram = np.bincount(counts) if counts else np.zeros(1, int)
-    return {"mean": round(float(np.mean(counts)), 3) if counts else 0.0,
-            "counts": histogram.tolist()}  # fmt: skip
+    return {
+        "mean": round(float(np.mean(counts)), 3) if counts else 0.0,
+        "counts": histogram.tolist(),
+    }
 
 
 def _tree_figures(trees: list[Record], images: list[Record]) -> Figures:

@@ -55,9 +55,14 @@ class _Assembly:
         self._vertex_count = 0
 
     def add(
-        self, mesh: Mesh, position_m: Float, rotation: Float, scale: Float, tint: Float,
+        self,
+        mesh: Mesh,
+        position_m: Float,
+        rotation: Float,
+        scale: Float,
+        tint: Float,
         object_id: int = 0,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Place one mesh n times: position (n, 3), rotation (n, 3, 3), scale and tint (n,)."""
         count, size = len(position_m), len(mesh.vertices)
         turn = rotation.astype(np.float32).transpose(0, 2, 1)
@@ -88,11 +93,18 @@ class _Assembly:
         columns = {name: np.concatenate(parts) for name, parts in self._columns.items()}
         starts = np.concatenate([[0], np.cumsum(np.concatenate(self._face_counts))])
         return SceneMesh(
-            columns["vertices"], columns["normals"], columns["uv"], columns["tint"],
+            columns["vertices"],
+            columns["normals"],
+            columns["uv"],
+            columns["tint"],
             sky_visibility(columns["vertices"], columns["faces"], columns["layer"]),
-            columns["faces"], columns["layer"], columns["object"].astype(np.int32), starts,
-            np.concatenate(self._centres), np.concatenate(self._radii),
-        )  # fmt: skip
+            columns["faces"],
+            columns["layer"],
+            columns["object"].astype(np.int32),
+            starts,
+            np.concatenate(self._centres),
+            np.concatenate(self._radii),
+        )
 
 
 def assemble(scene: Scene, prototypes: Prototypes) -> SceneMesh:
@@ -130,6 +142,9 @@ def _add_undergrowth(assembly: _Assembly, placement: Placement, meshes: list[Mes
         chosen = which == index
         if chosen.any():
             assembly.add(
-                mesh, placement.position_m[chosen], placement.rotation[chosen],
-                placement.scale[chosen], placement.tint[chosen],
-            )  # fmt: skip
+                mesh,
+                placement.position_m[chosen],
+                placement.rotation[chosen],
+                placement.scale[chosen],
+                placement.tint[chosen],
+            )

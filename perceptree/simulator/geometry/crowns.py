@@ -49,9 +49,17 @@ def sapling(rng: np.random.Generator, species: str) -> Mesh:
     """A young conifer 1 to 3 m high, with branches to the ground, its stem unlabelled."""
     habit = HABITS[species]
     small = replace(
-        habit, branches=30, twigs=4, forks=0, bare=0.1, reach_m=1.45 * habit.reach_m,
-        widest=0.05, twig_m=(2.2, 2.0), pointed=0.9, wood_m=2 * habit.wood_m,
-    )  # fmt: skip
+        habit,
+        branches=30,
+        twigs=4,
+        forks=0,
+        bare=0.1,
+        reach_m=1.45 * habit.reach_m,
+        widest=0.05,
+        twig_m=(2.2, 2.0),
+        pointed=0.9,
+        wood_m=2 * habit.wood_m,
+    )
     height = np.linspace(-0.8, CROWN_HEIGHT_M, 4)
     axis = np.stack([0 * height, 0 * height, height], -1)[None]
     radius = 0.22 * (1.02 - np.maximum(height, 0) / CROWN_HEIGHT_M)[None]
@@ -70,9 +78,14 @@ def fit_crown(crown: Mesh, stem: Stem, turn_rad: float, tint: float) -> Mesh:
     bent = stem.axis(vertices[:, 2])
     vertices[:, :2] += bent[:, :2]
     return Mesh(
-        vertices, crown.normals @ turn, crown.uv, crown.tint * tint, crown.faces, crown.layer,
+        vertices,
+        crown.normals @ turn,
+        crown.uv,
+        crown.tint * tint,
+        crown.faces,
+        crown.layer,
         crown.labelled,
-    )  # fmt: skip
+    )
 
 
 def _finer(habit: Habit) -> Habit:
@@ -121,9 +134,13 @@ def _grow(rng: np.random.Generator, habit: Habit, base_m: float, knots: int) -> 
 
 
 def _side_branches(
-    rng: np.random.Generator, habit: Habit, curves: Float, azimuth: Float, length_m: Float,
+    rng: np.random.Generator,
+    habit: Habit,
+    curves: Float,
+    azimuth: Float,
+    length_m: Float,
     rise: Float,
-) -> list[Mesh]:  # fmt: skip
+) -> list[Mesh]:
     shape = (len(curves), habit.forks)
     share = (np.arange(habit.forks) + rng.uniform(0.2, 0.8, shape)) / habit.forks
     share = 0.2 + 0.65 * share
@@ -132,16 +149,26 @@ def _side_branches(
     reach_m = length_m[:, None] * (1.05 - share) * rng.uniform(0.5, 0.8, shape)
     slope = 0.7 * rise[:, None] + rng.normal(0, 0.15, shape)
     grown = _curves(
-        rng, habit, _along(curves, share).reshape(-1, 3), turned.ravel(), reach_m.ravel(),
-        slope.ravel(), min(3, curves.shape[1]),
-    )  # fmt: skip
+        rng,
+        habit,
+        _along(curves, share).reshape(-1, 3),
+        turned.ravel(),
+        reach_m.ravel(),
+        slope.ravel(),
+        min(3, curves.shape[1]),
+    )
     return [_wood(habit, grown, reach_m.ravel()), _twigs(rng, habit, grown, reach_m.ravel())]
 
 
 def _curves(
-    rng: np.random.Generator, habit: Habit, foot: Float, azimuth: Float, length_m: Float,
-    rise: Float, knots: int,
-) -> Float:  # fmt: skip
+    rng: np.random.Generator,
+    habit: Habit,
+    foot: Float,
+    azimuth: Float,
+    length_m: Float,
+    rise: Float,
+    knots: int,
+) -> Float:
     """(n, knots, 3) curves of branches from their feet (n, 3) outwards."""
     share = np.linspace(0, 1, knots)
     slope = rise[:, None] * share - habit.droop * share**2 + habit.lift * share**3
@@ -184,9 +211,13 @@ def _twigs(rng: np.random.Generator, habit: Habit, curves: Float, length_m: Floa
     size_m = (first + (last - first) * share) * young * rng.uniform(0.8, 1.2, shape)
     tint = np.clip(0.5 + 0.6 * share, 0, 1.1) * rng.uniform(0.82, 1.15, shape)
     return _cards(
-        habit, _along(curves, share).reshape(-1, 3), axis.reshape(-1, 3),
-        rng.normal(0, habit.roll_rad, shape).ravel(), size_m.ravel(), tint.ravel(),
-    )  # fmt: skip
+        habit,
+        _along(curves, share).reshape(-1, 3),
+        axis.reshape(-1, 3),
+        rng.normal(0, habit.roll_rad, shape).ravel(),
+        size_m.ravel(),
+        tint.ravel(),
+    )
 
 
 def _cards(
@@ -223,10 +254,20 @@ def _cards(
 def dead_twigs(rng: np.random.Generator, count: int) -> Mesh:
     """Thin dry twigs all around the lower stem of a tree 16 m high, most of them bare."""
     dry = replace(
-        HABITS["spruce"], foliage=Layer.BARE_TWIG, wood=Layer.DEAD_WOOD, droop=0.35, lift=0.08,
-        wood_m=0.0045, twigs=2, bare=0.4, twig_m=(0.35, 0.45), ratio=0.6, fan_rad=0.6, hang=-0.1,
+        HABITS["spruce"],
+        foliage=Layer.BARE_TWIG,
+        wood=Layer.DEAD_WOOD,
+        droop=0.35,
+        lift=0.08,
+        wood_m=0.0045,
+        twigs=2,
+        bare=0.4,
+        twig_m=(0.35, 0.45),
+        ratio=0.6,
+        fan_rad=0.6,
+        hang=-0.1,
         fold=0.2,
-    )  # fmt: skip
+    )
     height_m = np.sort(rng.uniform(0.4, 7.0, count))
     length_m = 0.12 + 0.9 * rng.random(count) ** 1.5
     azimuth = rng.uniform(0, 2 * np.pi, count)
@@ -242,10 +283,20 @@ def _dead_branches(rng: np.random.Generator, count: int, base_m: float) -> list[
     if not count:
         return []
     dead = replace(
-        HABITS["fir"], foliage=Layer.BARE_TWIG, wood=Layer.DEAD_WOOD, droop=0.22, lift=0.05,
-        wood_m=0.010, twigs=2, bare=0.35, twig_m=(0.5, 0.6), ratio=0.7, fan_rad=0.5, hang=0.0,
+        HABITS["fir"],
+        foliage=Layer.BARE_TWIG,
+        wood=Layer.DEAD_WOOD,
+        droop=0.22,
+        lift=0.05,
+        wood_m=0.010,
+        twigs=2,
+        bare=0.35,
+        twig_m=(0.5, 0.6),
+        ratio=0.7,
+        fan_rad=0.5,
+        hang=0.0,
         fold=0.3,
-    )  # fmt: skip
+    )
     height_m = np.sort(rng.uniform(_LOWEST_DEAD_M, base_m + 0.6, count))
     length_m = 0.28 + 1.3 * rng.random(count) ** 1.7 * np.clip(height_m / base_m, 0.45, 1.0)
     azimuth = _GOLDEN_RAD * np.arange(count) + rng.normal(0, 0.5, count)

@@ -22,9 +22,14 @@ from perceptree.simulator.vectors import UP, unit
 Float = NDArray[np.floating[Any]]
 
 _BARKS = (
-    Layer.SPRUCE_GREY, Layer.FIR_MOSSY, Layer.PINE_PLATED, Layer.SPRUCE_LICHEN, Layer.BEECH_MOSSY,
-    Layer.BIRCH_WHITE, Layer.MAPLE_MOSSY,
-)  # fmt: skip
+    Layer.SPRUCE_GREY,
+    Layer.FIR_MOSSY,
+    Layer.PINE_PLATED,
+    Layer.SPRUCE_LICHEN,
+    Layer.BEECH_MOSSY,
+    Layer.BIRCH_WHITE,
+    Layer.MAPLE_MOSSY,
+)
 _ROOT_BARKS = (Layer.SPRUCE_SCALY, Layer.SPRUCE_GREY, Layer.FIR_RESIN)
 _ROTTEN = 0.3
 _BRUSHY, _LITTER, _BARKED = 0.25, 0.45, 0.65
@@ -88,8 +93,9 @@ def stump(rng: np.random.Generator) -> Mesh:
     flare = np.exp(-np.maximum(level, -0.06)[:, None] / 0.11) * (0.10 + 0.30 * lobes)
     oval = 1 + 0.06 * np.cos(2 * angle + rng.uniform(0, 6))
     reach = radius * (oval + flare)
-    grid = np.stack(np.broadcast_arrays(reach * np.cos(angle), reach * np.sin(angle),
-                                        level[:, None]), -1)  # fmt: skip
+    grid = np.stack(
+        np.broadcast_arrays(reach * np.cos(angle), reach * np.sin(angle), level[:, None]), -1
+    )
     torn = rng.normal(0, 0.15 if rotten else 0.006, sides + 1) * height
     torn[-1] = torn[0]
     slope = rng.normal(0, 0.06, 2) if not rotten else np.zeros(2)
@@ -99,8 +105,14 @@ def stump(rng: np.random.Generator) -> Mesh:
     centres = np.stack([0 * level, 0 * level, level], -1)
     repeats = max(1, round(2 * np.pi * radius / 0.5))
     bark = surface_mesh(grid[None], centres[None], layer, repeats, 0.6, rng.uniform(0.55, 0.9))
-    return merge([bark, _hollow(grid[-1, :-1], height) if rotten else
-                  _cap(grid[-1, :-1], UP, rng.uniform(0.2, 0.75))])  # fmt: skip
+    return merge(
+        [
+            bark,
+            _hollow(grid[-1, :-1], height)
+            if rotten
+            else _cap(grid[-1, :-1], UP, rng.uniform(0.2, 0.75)),
+        ]
+    )
 
 
 def rock(rng: np.random.Generator) -> Mesh:
@@ -109,9 +121,13 @@ def rock(rng: np.random.Generator) -> Mesh:
     azimuth = np.linspace(0, 2 * np.pi, columns + 1)[:-1]
     polar = np.linspace(0, 0.78 * np.pi, rings)[1:]
     ring = np.stack(
-        np.broadcast_arrays(np.sin(polar)[:, None] * np.cos(azimuth),
-                            np.sin(polar)[:, None] * np.sin(azimuth), np.cos(polar)[:, None]), -1,
-    )  # fmt: skip
+        np.broadcast_arrays(
+            np.sin(polar)[:, None] * np.cos(azimuth),
+            np.sin(polar)[:, None] * np.sin(azimuth),
+            np.cos(polar)[:, None],
+        ),
+        -1,
+    )
     towards = np.concatenate([UP[None], ring.reshape(-1, 3)])
     normals = unit(rng.normal(0, 1, (13, 3)))
     gap = rng.uniform(0.55, 1.0, 13)
@@ -133,9 +149,13 @@ def rock(rng: np.random.Generator) -> Mesh:
     bearing = towards[:, :2] / np.maximum(1e-6, np.linalg.norm(towards[:, :2], axis=-1))[:, None]
     uv = bearing * np.arccos(np.clip(towards[:, 2], -1, 1))[:, None] * half / 0.6
     return make_mesh(
-        vertices, _smooth_normals(vertices, faces), uv + rng.random(2), faces, Layer.ROCK,
+        vertices,
+        _smooth_normals(vertices, faces),
+        uv + rng.random(2),
+        faces,
+        Layer.ROCK,
         rng.uniform(0.6, 0.95),
-    )  # fmt: skip
+    )
 
 
 def surface_roots(rng: np.random.Generator) -> Mesh:
@@ -162,10 +182,13 @@ def surface_roots(rng: np.random.Generator) -> Mesh:
     along = (length[:, None] * share / 0.5)[..., None]
     uv = np.stack(np.broadcast_arrays(np.linspace(0, 0.5, 4), along), -1)
     return make_mesh(
-        vertices.reshape(-1, 3), outwards.reshape(-1, 3), uv.reshape(-1, 2),
-        tube_faces(count, segments + 1, 3), _ROOT_BARKS[rng.integers(len(_ROOT_BARKS))],
+        vertices.reshape(-1, 3),
+        outwards.reshape(-1, 3),
+        uv.reshape(-1, 2),
+        tube_faces(count, segments + 1, 3),
+        _ROOT_BARKS[rng.integers(len(_ROOT_BARKS))],
         rng.uniform(0.4, 0.6),
-    )  # fmt: skip
+    )
 
 
 def _bark(rng: np.random.Generator) -> Layer:
@@ -211,9 +234,16 @@ def _dry_needles(rng: np.random.Generator, wood: Mesh) -> Mesh:
     size = rng.uniform(0.25, 0.5, count)
     layer = (Layer.FIR_TWIG, Layer.SPRUCE_TWIG, Layer.PINE_TWIG, Layer.BARE_TWIG)[rng.integers(4)]
     return cards_mesh(
-        origins, unit(axes), unit(sides), size, 0.7 * size, origins - UP, layer,
-        np.full(count, rng.uniform(0.6, 0.95)), 0.15,
-    )  # fmt: skip
+        origins,
+        unit(axes),
+        unit(sides),
+        size,
+        0.7 * size,
+        origins - UP,
+        layer,
+        np.full(count, rng.uniform(0.6, 0.95)),
+        0.15,
+    )
 
 
 def _cap(rim: Float, outwards: Float, tint: float) -> Mesh:
@@ -226,9 +256,12 @@ def _cap(rim: Float, outwards: Float, tint: float) -> Mesh:
     number = np.arange(count)
     return make_mesh(
         np.concatenate([rim, centre[None]]),
-        np.tile(normal * np.sign(normal @ outwards), (count + 1, 1)), uv,
-        np.stack([number, (number + 1) % count, np.full(count, count)], -1), Layer.CUT_WOOD, tint,
-    )  # fmt: skip
+        np.tile(normal * np.sign(normal @ outwards), (count + 1, 1)),
+        uv,
+        np.stack([number, (number + 1) % count, np.full(count, count)], -1),
+        Layer.CUT_WOOD,
+        tint,
+    )
 
 
 def _hollow(rim: Float, height_m: float) -> Mesh:
@@ -241,11 +274,13 @@ def _hollow(rim: Float, height_m: float) -> Mesh:
     count = len(rim)
     number = np.arange(count)
     after = (number + 1) % count
-    faces = np.concatenate([
-        np.stack([number, after, count + after], -1),
-        np.stack([number, count + after, count + number], -1),
-        np.stack([count + number, count + after, np.full(count, 2 * count)], -1),
-    ])  # fmt: skip
+    faces = np.concatenate(
+        [
+            np.stack([number, after, count + after], -1),
+            np.stack([number, count + after, count + number], -1),
+            np.stack([count + number, count + after, np.full(count, 2 * count)], -1),
+        ]
+    )
     tint = np.concatenate([np.full(count, 0.8), np.full(count, 0.4), [0.25]])
     uv = vertices[:, [0, 2]] + vertices[:, [1, 1]]
     return make_mesh(

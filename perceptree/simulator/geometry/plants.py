@@ -33,10 +33,16 @@ def fern(rng: np.random.Generator) -> Mesh:
     length = rng.uniform(0.5, 0.78, count)
     across = _level(azimuth + np.pi / 2) + UP * rng.normal(0, 0.2, (count, 1))
     return _strips(
-        0.04 * outwards - 0.02 * UP, unit(outwards + rise * UP), unit(across), length,
-        length * rng.uniform(0.36, 0.46, count), 3, 0.32 + 0.1 * rise[:, 0], Layer.FERN,
+        0.04 * outwards - 0.02 * UP,
+        unit(outwards + rise * UP),
+        unit(across),
+        length,
+        length * rng.uniform(0.36, 0.46, count),
+        3,
+        0.32 + 0.1 * rise[:, 0],
+        Layer.FERN,
         (0.5, 1.0),
-    )  # fmt: skip
+    )
 
 
 def scrub(rng: np.random.Generator) -> Mesh:
@@ -54,9 +60,16 @@ def scrub(rng: np.random.Generator) -> Mesh:
     side = unit(np.cross(axis, rng.normal(0, 1, (count, 3))))
     length = height * dome * (1 - 0.75 * share) * rng.uniform(0.75, 1.1, count)
     return _strips(
-        foot, axis, side, length, length * rng.uniform(0.75, 1.0, count), 2,
-        rng.uniform(0.0, 0.25, count), Layer.SCRUB, (0.5, 1.1),
-    )  # fmt: skip
+        foot,
+        axis,
+        side,
+        length,
+        length * rng.uniform(0.75, 1.0, count),
+        2,
+        rng.uniform(0.0, 0.25, count),
+        Layer.SCRUB,
+        (0.5, 1.1),
+    )
 
 
 def seedling(rng: np.random.Generator) -> Mesh:
@@ -97,9 +110,16 @@ def _rosette(
     axis = unit(UP + _level(azimuth) * spread * rng.uniform(0.6, 1.4, (count, 1)))
     length = size_m * rng.uniform(0.75, 1.25, count)
     return _strips(
-        0.03 * _level(azimuth) - 0.02 * UP, axis, _level(azimuth + np.pi / 2), length,
-        length * rng.uniform(0.9, 1.3, count), 2, np.full(count, droop), layer, (0.45, 1.15),
-    )  # fmt: skip
+        0.03 * _level(azimuth) - 0.02 * UP,
+        axis,
+        _level(azimuth + np.pi / 2),
+        length,
+        length * rng.uniform(0.9, 1.3, count),
+        2,
+        np.full(count, droop),
+        layer,
+        (0.45, 1.15),
+    )
 
 
 def _tuft(rng: np.random.Generator, layer: Layer, size_m: float, lean: float) -> Mesh:
@@ -110,9 +130,16 @@ def _tuft(rng: np.random.Generator, layer: Layer, size_m: float, lean: float) ->
     axis = unit(UP + _level(rng.uniform(0, 2 * np.pi, count)) * lean)
     length = size_m * rng.uniform(0.75, 1.15, count)
     return _strips(
-        foot, axis, _level(azimuth), length, length * rng.uniform(0.9, 1.2, count), 2,
-        rng.uniform(0.05, 0.35, count), layer, (0.45, 1.1),
-    )  # fmt: skip
+        foot,
+        axis,
+        _level(azimuth),
+        length,
+        length * rng.uniform(0.9, 1.2, count),
+        2,
+        rng.uniform(0.05, 0.35, count),
+        layer,
+        (0.45, 1.1),
+    )
 
 
 def _level(azimuth_rad: Float) -> Float:
@@ -121,9 +148,16 @@ def _level(azimuth_rad: Float) -> Float:
 
 
 def _strips(
-    feet: Float, axes: Float, sides: Float, length_m: Float, width_m: Float, segments: int,
-    droop: Float, layer: int, tint: tuple[float, float],
-) -> Mesh:  # fmt: skip
+    feet: Float,
+    axes: Float,
+    sides: Float,
+    length_m: Float,
+    width_m: Float,
+    segments: int,
+    droop: Float,
+    layer: int,
+    tint: tuple[float, float],
+) -> Mesh:
     """n bent cards of 2 * segments faces: feet, axes and sides (n, 3), the others (n,).
 
     The tip hangs ``droop`` lengths below the straight line. The texture's u runs along a card,
@@ -141,8 +175,10 @@ def _strips(
     u, v = np.broadcast_arrays(share, np.array([0.0, 1.0]))
     count = len(feet)
     return make_mesh(
-        vertices.reshape(-1, 3), normals.reshape(-1, 3),
+        vertices.reshape(-1, 3),
+        normals.reshape(-1, 3),
         np.tile(np.stack([u, v], -1).reshape(-1, 2), (count, 1)),
-        tube_faces(count, segments + 1, 1), layer,
+        tube_faces(count, segments + 1, 1),
+        layer,
         np.tile(np.interp(u.ravel(), [0, 1], tint), count),
-    )  # fmt: skip
+    )

@@ -58,9 +58,12 @@ def ball(centre: ArrayLike, radii: Sequence[float], layer: Layer = Layer.PAINT) 
 
 
 def limb(
-    points: ArrayLike, radii: Sequence[float], sides: int, layer: Layer = Layer.DEAD_WOOD,
+    points: ArrayLike,
+    radii: Sequence[float],
+    sides: int,
+    layer: Layer = Layer.DEAD_WOOD,
     flat: float = 1.0,
-) -> Mesh:  # fmt: skip
+) -> Mesh:
     """A tube through points (n, 3) with closed ends, ``flat`` times as thick along x."""
     path = np.asarray(points, float)
     path = np.concatenate([path[:1], path, path[-1:]])

@@ -58,8 +58,10 @@ def frame_record(frame: Frame, image_id: int, files: FileSettings) -> dict[str, 
 
 def _rounded(values: dict[str, Any]) -> dict[str, Any]:
     """The same values as plain JSON: numpy's scalars unpacked, numbers rounded."""
-    plain = {key: value.item() if isinstance(value, np.generic) else value
-             for key, value in values.items()}  # fmt: skip
+    plain = {
+        key: value.item() if isinstance(value, np.generic) else value
+        for key, value in values.items()
+    }
     return {
         key: round(value, _SETTING_DECIMALS) if isinstance(value, float) else value
         for key, value in plain.items()

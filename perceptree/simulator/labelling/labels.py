@@ -71,20 +71,35 @@ def label_view(
 
 
 def _label(
-    view: View, tree: Tree, mask: NDArray[np.bool_], distance_m: float, fraction: float,
+    view: View,
+    tree: Tree,
+    mask: NDArray[np.bool_],
+    distance_m: float,
+    fraction: float,
     number: int,
-) -> TreeLabel:  # fmt: skip
+) -> TreeLabel:
     columns, rows = np.nonzero(mask.any(0))[0], np.nonzero(mask.any(1))[0]
     box = np.array([columns[0], rows[0], columns[-1] + 1, rows[-1] + 1], float)
     lower_axis = tree.point(tree.top_z_m / 2) - tree.point(tree.cut_z_m)
     inclination = float(np.degrees(np.arccos(unit(lower_axis)[2])))
     cut, stem = tree.point(tree.cut_z_m), tree.stem
     return TreeLabel(
-        mask, box, _keypoints(view, tree, mask), distance_m, view.to_camera(cut), cut,
-        stem.girth_diameter_m(tree.diameter_z_m), tree.diameter_height_m,
-        stem.girth_diameter_m(tree.uphill_m + BREAST_HEIGHT_M), tree.cut_height_m, inclination,
-        fraction, stem.model.species, stem.model.name, number,
-    )  # fmt: skip
+        mask,
+        box,
+        _keypoints(view, tree, mask),
+        distance_m,
+        view.to_camera(cut),
+        cut,
+        stem.girth_diameter_m(tree.diameter_z_m),
+        tree.diameter_height_m,
+        stem.girth_diameter_m(tree.uphill_m + BREAST_HEIGHT_M),
+        tree.cut_height_m,
+        inclination,
+        fraction,
+        stem.model.species,
+        stem.model.name,
+        number,
+    )
 
 
 def _keypoints(view: View, tree: Tree, mask: NDArray[np.bool_]) -> Float:

@@ -63,33 +63,85 @@ class Leaves:
 
 
 _FIR = Needles(
-    ((40, 64, 42), (72, 94, 58)), (84, 72, 58), 10, (0.70, 1.05), 0.58, 0.35, 0.65, 25, 4, 7.0,
-    (1.05, 1.35), 1.0,
-)  # fmt: skip
+    ((40, 64, 42), (72, 94, 58)),
+    (84, 72, 58),
+    10,
+    (0.70, 1.05),
+    0.58,
+    0.35,
+    0.65,
+    25,
+    4,
+    7.0,
+    (1.05, 1.35),
+    1.0,
+)
 _SPRUCE = Needles(
-    ((38, 54, 36), (64, 80, 48)), (92, 66, 46), 15, (0.40, 1.10), 0.54, 0.60, 0.50, 21, 4, 4.4,
-    (0.35, 1.15), 1.0,
-)  # fmt: skip
+    ((38, 54, 36), (64, 80, 48)),
+    (92, 66, 46),
+    15,
+    (0.40, 1.10),
+    0.54,
+    0.60,
+    0.50,
+    21,
+    4,
+    4.4,
+    (0.35, 1.15),
+    1.0,
+)
 _PINE = Needles(
-    ((58, 78, 58), (94, 108, 74)), (110, 82, 58), 8, (0.45, 0.95), 0.55, 0.45, 0.40, 88, 4, 3.8,
-    (0.25, 0.85), 0.42,
-)  # fmt: skip
+    ((58, 78, 58), (94, 108, 74)),
+    (110, 82, 58),
+    8,
+    (0.45, 0.95),
+    0.55,
+    0.45,
+    0.40,
+    88,
+    4,
+    3.8,
+    (0.25, 0.85),
+    0.42,
+)
 _BEECH = Leaves(
-    ((60, 88, 34), (102, 126, 58)), (88, 78, 66),
-    ((0, 0), (0.12, 0.14), (0.35, 0.30), (0.6, 0.27), (0.82, 0.14), (1, 0)), 9, 11, (64, 98), 0.50,
-)  # fmt: skip
+    ((60, 88, 34), (102, 126, 58)),
+    (88, 78, 66),
+    ((0, 0), (0.12, 0.14), (0.35, 0.30), (0.6, 0.27), (0.82, 0.14), (1, 0)),
+    9,
+    11,
+    (64, 98),
+    0.50,
+)
 _BIRCH = Leaves(
-    ((78, 102, 46), (126, 142, 74)), (74, 56, 48),
-    ((0, 0), (0.04, 0.16), (0.2, 0.38), (0.42, 0.30), (0.7, 0.13), (1, 0)), 12, 13, (42, 66), 0.50,
-)  # fmt: skip
+    ((78, 102, 46), (126, 142, 74)),
+    (74, 56, 48),
+    ((0, 0), (0.04, 0.16), (0.2, 0.38), (0.42, 0.30), (0.7, 0.13), (1, 0)),
+    12,
+    13,
+    (42, 66),
+    0.50,
+)
 _MAPLE = Leaves(
-    ((54, 82, 34), (98, 118, 54)), (96, 74, 58),
+    ((54, 82, 34), (98, 118, 54)),
+    (96, 74, 58),
     (
-        (0.0, 0.0), (-0.06, 0.22), (0.10, 0.20), (0.14, 0.48), (0.32, 0.40), (0.52, 0.58),
-        (0.56, 0.38), (0.54, 0.14), (0.78, 0.20), (1.0, 0.0),
+        (0.0, 0.0),
+        (-0.06, 0.22),
+        (0.10, 0.20),
+        (0.14, 0.48),
+        (0.32, 0.40),
+        (0.52, 0.58),
+        (0.56, 0.38),
+        (0.54, 0.14),
+        (0.78, 0.20),
+        (1.0, 0.0),
     ),
-    7, 7, (95, 150), 0.50,
-)  # fmt: skip
+    7,
+    7,
+    (95, 150),
+    0.50,
+)
 _DRY: Rgb = (82, 75, 68)
 
 
@@ -119,9 +171,15 @@ def _tone(rng: np.random.Generator, colours: tuple[Rgb, Rgb]) -> tuple[float, fl
 
 
 def _shoots(
-    rng: np.random.Generator, size: int, count: int, angle_rad: tuple[float, float],
-    reach: float, pointed: float, ragged: float, margin_px: float,
-) -> list[tuple[Float, Float]]:  # fmt: skip
+    rng: np.random.Generator,
+    size: int,
+    count: int,
+    angle_rad: tuple[float, float],
+    reach: float,
+    pointed: float,
+    ragged: float,
+    margin_px: float,
+) -> list[tuple[Float, Float]]:
     """Start and end (2,) px of side shoots on both sides, then of the twig itself."""
     shoots = []
     for share in 0.05 + 0.86 * (np.arange(count) + rng.uniform(0, 0.3, count)) / count:
@@ -140,9 +198,15 @@ def _shoots(
 def _draw_needles(rng: np.random.Generator, canvas: NDArray[np.float32], kind: Needles) -> None:
     size = canvas.shape[0]
     shoots = _shoots(
-        rng, size, kind.shoots, kind.angle_rad, kind.reach, kind.pointed, kind.ragged,
+        rng,
+        size,
+        kind.shoots,
+        kind.angle_rad,
+        kind.reach,
+        kind.pointed,
+        kind.ragged,
         0.8 * kind.needle_px,
-    )  # fmt: skip
+    )
     for number, (start, end) in enumerate(shoots):
         last = number == len(shoots) - 1
         cv2.line(canvas, point(*start), point(*end), ink(kind.bark, 0.9), 9 if last else 5)
@@ -179,9 +243,13 @@ def _draw_leaves(rng: np.random.Generator, canvas: NDArray[np.float32], kind: Le
 
 
 def _draw_leaf(
-    rng: np.random.Generator, canvas: NDArray[np.float32], kind: Leaves, outline: Float,
-    foot: Float, turn_rad: float,
-) -> None:  # fmt: skip
+    rng: np.random.Generator,
+    canvas: NDArray[np.float32],
+    kind: Leaves,
+    outline: Float,
+    foot: Float,
+    turn_rad: float,
+) -> None:
     """One leaf with its middle rib; its width varies with how it is turned to the eye."""
     length = rng.uniform(*kind.length_px)
     along = length * np.array([np.cos(turn_rad), np.sin(turn_rad)])

@@ -22,11 +22,20 @@ Canvas = NDArray[np.uint8]
 Rgb = tuple[int, int, int]
 
 _NEEDLES: tuple[Rgb, ...] = (
-    (122, 96, 68), (98, 72, 52), (142, 118, 88), (82, 64, 50), (112, 98, 72),
-)  # fmt: skip
+    (122, 96, 68),
+    (98, 72, 52),
+    (142, 118, 88),
+    (82, 64, 50),
+    (112, 98, 72),
+)
 _LEAVES: tuple[Rgb, ...] = (
-    (128, 96, 64), (104, 76, 54), (146, 120, 88), (84, 66, 52), (116, 92, 72), (98, 90, 62),
-)  # fmt: skip
+    (128, 96, 64),
+    (104, 76, 54),
+    (146, 120, 88),
+    (84, 66, 52),
+    (116, 92, 72),
+    (98, 90, 62),
+)
 _TWIGS: tuple[Rgb, ...] = ((92, 78, 62), (106, 94, 78), (72, 58, 46))
 _ROOTS: tuple[Rgb, ...] = ((96, 72, 52), (116, 92, 70), (84, 64, 50), (106, 86, 72))
 _PEBBLES: tuple[Rgb, ...] = ((120, 114, 106), (98, 90, 82), (138, 130, 118))
@@ -88,8 +97,13 @@ def _strew_needles(rng: np.random.Generator, canvas: Canvas, count: int) -> None
     for number, (foot, turn) in enumerate(zip(feet, turns, strict=True)):
         share = number / count
         ends = np.stack([foot, foot + rng.uniform(5, 10) * _heading(turn)])
-        _line(canvas, ends, _tone(rng, _NEEDLES, 0.4 + 0.35 * share, 0.7 + 0.45 * share),
-              40 + 120 * share, 1)  # fmt: skip
+        _line(
+            canvas,
+            ends,
+            _tone(rng, _NEEDLES, 0.4 + 0.35 * share, 0.7 + 0.45 * share),
+            40 + 120 * share,
+            1,
+        )
 
 
 def _strew_leaves(rng: np.random.Generator, canvas: Canvas, count: int, high: int) -> None:
@@ -214,8 +228,12 @@ def _mud(rng: np.random.Generator) -> tuple[Float, Float]:
     for _ in range(30):
         radii = rng.uniform(1.5, 4.5) * rng.uniform(0.7, 1.0, (9, 1))
         around = np.stack([np.cos(np.arange(9) * 0.7), np.sin(np.arange(9) * 0.7)], -1)
-        _polygon(canvas, rng.uniform(0, SIZE_PX, 2) + radii * around,
-                 _tone(rng, _PEBBLES, 0.5, 0.85), 150)  # fmt: skip
+        _polygon(
+            canvas,
+            rng.uniform(0, SIZE_PX, 2) + radii * around,
+            _tone(rng, _PEBBLES, 0.5, 0.85),
+            150,
+        )
     drawn, pressed = _split(canvas, 2.5)
     wet = np.maximum(height, -2.6) + 0.05 * fine * (1 - pool)
     return drawn, 0.9 * wet + 0.6 * pressed

@@ -61,9 +61,13 @@ class Drive:
 
 
 def make_drive(
-    rng: np.random.Generator, settings: DriveSettings, camera: CameraSettings, terrain: Terrain,
-    circuit: Circuit, frames: int,
-) -> Drive:  # fmt: skip
+    rng: np.random.Generator,
+    settings: DriveSettings,
+    camera: CameraSettings,
+    terrain: Terrain,
+    circuit: Circuit,
+    frames: int,
+) -> Drive:
     """Drive around ``circuit`` while ``frames`` frames are taken."""
     margin = round(_MARGIN_S * IMU_HZ)
     count = round((frames - 1) / settings.rate_hz * IMU_HZ) + 1 + 2 * margin
@@ -95,10 +99,15 @@ def make_drive(
     gyro, accel = _imu(origin, rotation)
     kept = slice(margin, count - margin)
     poses = [
-        Pose("drive", float(origin[n, 2] - terrain.height_m(*place[n])), float(pitch_deg[n]),
-             float(roll_deg[n]), float(yaw_deg[n] % 360))
+        Pose(
+            "drive",
+            float(origin[n, 2] - terrain.height_m(*place[n])),
+            float(pitch_deg[n]),
+            float(roll_deg[n]),
+            float(yaw_deg[n] % 360),
+        )
         for n in (margin + round(k / settings.rate_hz * IMU_HZ) for k in range(frames))
-    ]  # fmt: skip
+    ]
     return Drive(
         settings.rate_hz, origin[kept], rotation[kept], gyro[kept], accel[kept], poses, camera
     )
@@ -133,11 +142,12 @@ def _rotations(camera: CameraSettings, yaw: Float, pitch: Float, roll: Float) ->
     origin = np.zeros(3)
     return np.stack(
         [
-            look_from(camera.intrinsics, origin, Pose("drive", 0.0, float(p), float(r), float(y)))
-            .rotation
+            look_from(
+                camera.intrinsics, origin, Pose("drive", 0.0, float(p), float(r), float(y))
+            ).rotation
             for y, p, r in zip(yaw, pitch, roll, strict=True)
         ]
-    )  # fmt: skip
+    )
 
 
 def _imu(origin_m: Float, rotation: Float) -> tuple[Float, Float]:

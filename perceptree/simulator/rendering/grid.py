@@ -48,8 +48,9 @@ class SampleGrid:
             return np.ascontiguousarray(buffer[::SUPERSAMPLING, ::SUPERSAMPLING])
         column = np.rint(self.columns[::SUPERSAMPLING, ::SUPERSAMPLING]).astype(np.intp)
         row = np.rint(self.rows[::SUPERSAMPLING, ::SUPERSAMPLING]).astype(np.intp)
-        return np.asarray(buffer[np.clip(row, 0, self.height - 1),
-                                 np.clip(column, 0, self.width - 1)])  # fmt: skip
+        return np.asarray(
+            buffer[np.clip(row, 0, self.height - 1), np.clip(column, 0, self.width - 1)]
+        )
 
     def nearness(self, corners: Float) -> Float:
         """1 / z (H, W) on the rays of a distorted image's pixels, from the faces seen there.
@@ -78,9 +79,11 @@ class SampleGrid:
         if self.columns is None or self.rows is None:
             return samples
         return np.asarray(
-            cv2.remap(samples, self.columns, self.rows, cv2.INTER_LINEAR,
-                      borderMode=cv2.BORDER_REPLICATE), np.float32,
-        )  # fmt: skip
+            cv2.remap(
+                samples, self.columns, self.rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+            ),
+            np.float32,
+        )
 
 
 def sample_grid(view: View) -> SampleGrid:
@@ -92,9 +95,15 @@ def sample_grid(view: View) -> SampleGrid:
     scale = SUPERSAMPLING
     if not camera.distortion:
         return SampleGrid(
-            camera.width * scale, camera.height * scale, camera.fx * scale, camera.fy * scale,
-            (camera.cx + 0.5) * scale - 0.5, (camera.cy + 0.5) * scale - 0.5, None, None,
-        )  # fmt: skip
+            camera.width * scale,
+            camera.height * scale,
+            camera.fx * scale,
+            camera.fy * scale,
+            (camera.cx + 0.5) * scale - 0.5,
+            (camera.cy + 0.5) * scale - 0.5,
+            None,
+            None,
+        )
     return _distorted_grid(camera, view.ray_bounds)
 
 
@@ -110,7 +119,12 @@ def _distorted_grid(camera: PinholeCamera, bounds: tuple[float, float, float, fl
     pixels = (np.stack([columns, rows], -1) + 1.0) / scale
     rays = calib.pixels_to_rays(camera, pixels)
     return SampleGrid(
-        width, height, focal_x, focal_y, centre_x, centre_y,
+        width,
+        height,
+        focal_x,
+        focal_y,
+        centre_x,
+        centre_y,
         (rays[..., 0] * focal_x + centre_x - 0.5).astype(np.float32),
         (rays[..., 1] * focal_y + centre_y - 0.5).astype(np.float32),
-    )  # fmt: skip
+    )

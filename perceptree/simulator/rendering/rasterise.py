@@ -151,6 +151,16 @@ def draw_faces(screen, faces, uv, layer, alpha, offsets, counts, lists, perspect
         seen[top:bottom] = -1
         for entry in range(counts[band]):
             _draw_face(
-                lists[band, entry], top, bottom, screen, faces, uv, layer, alpha, offsets,
-                perspective, near, seen,
-            )  # fmt: skip
+                lists[band, entry],
+                top,
+                bottom,
+                screen,
+                faces,
+                uv,
+                layer,
+                alpha,
+                offsets,
+                perspective,
+                near,
+                seen,
+            )

@@ -101,9 +101,18 @@ class Renderer:
         near = np.empty((height, width), np.float32)
         seen = np.empty((height, width), np.int32)
         draw_faces(
-            self._screen, faces, mesh.uv, layer, textures.alpha, textures.offsets, counts, lists,
-            perspective, near, seen,
-        )  # fmt: skip
+            self._screen,
+            faces,
+            mesh.uv,
+            layer,
+            textures.alpha,
+            textures.offsets,
+            counts,
+            lists,
+            perspective,
+            near,
+            seen,
+        )
         return _Buffers(near, seen)
 
     def draw(self, view: View) -> Drawing:
@@ -111,9 +120,15 @@ class Renderer:
         grid = sample_grid(view)
         numbers = visible_faces(self._mesh, view)
         project_vertices(
-            self._mesh.vertices, view.rotation.astype(_f), view.origin.astype(_f),
-            _f(grid.focal_x), _f(grid.focal_y), _f(grid.centre_x), _f(grid.centre_y), self._screen,
-        )  # fmt: skip
+            self._mesh.vertices,
+            view.rotation.astype(_f),
+            view.origin.astype(_f),
+            _f(grid.focal_x),
+            _f(grid.focal_y),
+            _f(grid.centre_x),
+            _f(grid.centre_y),
+            self._screen,
+        )
         buffers = self._rasterise(numbers, grid.width, grid.height, perspective=True)
         samples, log_luminance = self._shade(view, grid, numbers, buffers)
         seen = np.asarray(grid.nearest(buffers.seen), np.int32)
@@ -134,18 +149,31 @@ class Renderer:
         samples = np.empty((grid.height, grid.width, 3), np.float32)
         log_sum = np.empty(grid.height // 2, np.float32)
         surface = Surface(
-            self._screen, mesh.faces[numbers], mesh.layer[numbers], self._corners,
-            self._ground_m, self._scene.terrain.cover.astype(_f),
-        )  # fmt: skip
+            self._screen,
+            mesh.faces[numbers],
+            mesh.layer[numbers],
+            self._corners,
+            self._ground_m,
+            self._scene.terrain.cover.astype(_f),
+        )
         maps = Maps(
-            textures.albedo, textures.normals, textures.offsets, self._scene.look.worn,
-            self._scene.look.gains.astype(_f), self._shadow, self._shadow_rows,
+            textures.albedo,
+            textures.normals,
+            textures.offsets,
+            self._scene.look.worn,
+            self._scene.look.gains.astype(_f),
+            self._shadow,
+            self._shadow_rows,
             _f(_SHADOW_BIAS_M / _SHADOW_DEPTH_M),
-        )  # fmt: skip
+        )
         eye = Eye(
-            view.origin.astype(_f), view.rotation.astype(_f), _f(grid.focal_x), _f(grid.focal_y),
-            _f(grid.centre_x), _f(grid.centre_y),
-        )  # fmt: skip
+            view.origin.astype(_f),
+            view.rotation.astype(_f),
+            _f(grid.focal_x),
+            _f(grid.focal_y),
+            _f(grid.centre_x),
+            _f(grid.centre_y),
+        )
         shade_samples(buffers.near, buffers.seen, surface, maps, eye, self._air, samples, log_sum)
         blocks = (grid.height // 2) * (grid.width // 2)
         return samples, float(log_sum.sum(dtype=np.float64) / blocks)
@@ -162,11 +190,17 @@ def _corners(mesh: SceneMesh) -> NDArray[np.float32]:
 def _air(scene: Scene) -> Air:
     light, weather, gains = scene.light, scene.weather, scene.look.sky_gains
     return Air(
-        light.sun.astype(_f), (light.sun_colour * gains).astype(_f),
-        (light.sky_colour * gains).astype(_f), (light.haze_colour * gains).astype(_f),
-        _f(weather.haze_per_m), _f(weather.snow), _f(weather.wet), _f(scene.backdrop),
-        _f(scene.seed % _BACKDROPS), _f(light.lamp),
-    )  # fmt: skip
+        light.sun.astype(_f),
+        (light.sun_colour * gains).astype(_f),
+        (light.sky_colour * gains).astype(_f),
+        (light.haze_colour * gains).astype(_f),
+        _f(weather.haze_per_m),
+        _f(weather.snow),
+        _f(weather.wet),
+        _f(scene.backdrop),
+        _f(scene.seed % _BACKDROPS),
+        _f(light.lamp),
+    )
 
 
 def _ground_grid(scene: Scene) -> NDArray[np.float32]:

@@ -86,9 +86,18 @@ def _shade_sample(x, y, near, seen, surface, maps, eye, air, scratch, shared):
             shared[1] = sunlit(point, normal, air.sun, maps)
             shared[2] = occlusion(near, x, y, ray, z, normal, eye, turn)
     illuminate(
-        colour, normal, world, length, shared[1], open_sky * shared[2], gloss, towards_sun,
-        z * length, foliage, air,
-    )  # fmt: skip
+        colour,
+        normal,
+        world,
+        length,
+        shared[1],
+        open_sky * shared[2],
+        gloss,
+        towards_sun,
+        z * length,
+        foliage,
+        air,
+    )
 
 
 @njit(parallel=True, cache=True, error_model="numpy")
@@ -102,9 +111,14 @@ def shade_samples(near, seen, surface, maps, eye, air, out, log_sum):
     for pair in prange(height // 2):
         colour = np.empty(3, np.float32)
         scratch = (
-            colour, np.empty(3, np.float32), np.empty(3, np.float32), np.empty(3, np.float32),
-            np.empty(3, np.float32), np.empty(4, np.float32), np.empty(3, np.float32),
-        )  # fmt: skip
+            colour,
+            np.empty(3, np.float32),
+            np.empty(3, np.float32),
+            np.empty(3, np.float32),
+            np.empty(3, np.float32),
+            np.empty(4, np.float32),
+            np.empty(3, np.float32),
+        )
         shared = np.zeros(4, np.float32)
         total = _f(0)
         for column in range(width // 2):

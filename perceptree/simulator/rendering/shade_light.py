@@ -114,8 +114,9 @@ def backdrop(colour, world, length, towards_sun, air):
 
 
 @njit(cache=True, error_model="numpy")
-def illuminate(colour, normal, world, length, lit, ambient, gloss, towards_sun, path_m, foliage,
-               air):  # fmt: skip
+def illuminate(
+    colour, normal, world, length, lit, ambient, gloss, towards_sun, path_m, foliage, air
+):
     """Sun, sky, bounced light, lamp and gloss on a surface, then haze along the path to it."""
     sun = air.sun
     facing = normal[0] * sun[0] + normal[1] * sun[1] + normal[2] * sun[2]

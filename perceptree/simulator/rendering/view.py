@@ -91,9 +91,12 @@ def _random_pose(rng: np.random.Generator, settings: CameraSettings) -> Pose:
     on_mast = rng.random() < settings.mast_share
     ranges: PoseSettings = settings.mast if on_mast else settings.hand
     return Pose(
-        "mast" if on_mast else "hand", rng.uniform(*ranges.height_m),
-        rng.uniform(*ranges.pitch_deg), rng.uniform(*ranges.roll_deg), rng.uniform(0.0, 360.0),
-    )  # fmt: skip
+        "mast" if on_mast else "hand",
+        rng.uniform(*ranges.height_m),
+        rng.uniform(*ranges.pitch_deg),
+        rng.uniform(*ranges.roll_deg),
+        rng.uniform(0.0, 360.0),
+    )
 
 
 def random_view(rng: np.random.Generator, settings: CameraSettings, scene: Scene) -> View:

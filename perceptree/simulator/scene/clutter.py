@@ -36,9 +36,12 @@ def cover_ground(
 
 
 def surround_feet(
-    rng: np.random.Generator, settings: ClutterSettings, terrain: Terrain, feet_m: Float,
+    rng: np.random.Generator,
+    settings: ClutterSettings,
+    terrain: Terrain,
+    feet_m: Float,
     radii_m: Float,
-) -> list[Placement]:  # fmt: skip
+) -> list[Placement]:
     """Plants, branches, stones and stumps against the stems that stand at ``feet_m`` (n, 2)."""
     share = rng.uniform(*settings.foot)
     chosen = np.nonzero(rng.random(len(feet_m)) < share)[0]
@@ -55,12 +58,18 @@ def surround_feet(
 
 
 def _placed(
-    rng: np.random.Generator, kind: str, terrain: Terrain, places: Float,
+    rng: np.random.Generator,
+    kind: str,
+    terrain: Terrain,
+    places: Float,
     scale: tuple[float, float],
-) -> Placement:  # fmt: skip
+) -> Placement:
     x, y = places.T
     return Placement(
-        kind, np.stack([x, y, terrain.height_m(x, y)], -1),
-        turned(rng.uniform(0, 2 * np.pi, len(x))), rng.uniform(*scale, len(x)),
-        rng.uniform(0.7, 1.2, len(x)), rng.random(len(x)),
-    )  # fmt: skip
+        kind,
+        np.stack([x, y, terrain.height_m(x, y)], -1),
+        turned(rng.uniform(0, 2 * np.pi, len(x))),
+        rng.uniform(*scale, len(x)),
+        rng.uniform(0.7, 1.2, len(x)),
+        rng.random(len(x)),
+    )

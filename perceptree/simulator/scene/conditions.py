@@ -86,9 +86,14 @@ def make_weather(rng: np.random.Generator, settings: WeatherSettings) -> Weather
     wet = {"wet": strength, "rain": rng.uniform(0.5, 1.0)}.get(kind, 0.0)
     rain = strength if kind == "rain" else 0.0
     return Weather(
-        kind, 0.0 if kind == "clear" else strength, float(snow), float(wet), rain,
-        strength if kind == "snowfall" else 0.0, float(haze),
-    )  # fmt: skip
+        kind,
+        0.0 if kind == "clear" else strength,
+        float(snow),
+        float(wet),
+        rain,
+        strength if kind == "snowfall" else 0.0,
+        float(haze),
+    )
 
 
 def make_light(rng: np.random.Generator, settings: LightSettings, weather: Weather) -> Light:

@@ -158,12 +158,22 @@ def describe_scene(settings: SimulatorSettings, seed: int) -> Scene:
     if settings.labels.cut_rule == "visible":
         trees = [_cut_where_seen(tree, undergrowth) for tree in trees]
     return Scene(
-        seed, terrain, stems_per_ha, pattern, trees,
+        seed,
+        terrain,
+        stems_per_ha,
+        pattern,
+        trees,
         undergrowth + large.placements + small.placements,
-        weather.snow < _LEAFLESS_SNOW, weather, light, small.circles,
-        float(added.uniform(*clutter.dead_twigs)), float(added.uniform(*clutter.backdrop)),
-        random_look(added, settings.randomisation), stand.fine_crowns, circuit,
-    )  # fmt: skip
+        weather.snow < _LEAFLESS_SNOW,
+        weather,
+        light,
+        small.circles,
+        float(added.uniform(*clutter.dead_twigs)),
+        float(added.uniform(*clutter.backdrop)),
+        random_look(added, settings.randomisation),
+        stand.fine_crowns,
+        circuit,
+    )
 
 
 def _outside(places_m: Float, circles: Float) -> NDArray[np.bool_]:
@@ -247,16 +257,27 @@ def _diameter_m(rng: np.random.Generator, stand: StandSettings, median_m: float)
 
 
 def _plant(
-    rng: np.random.Generator, stem: Stem, x: float, y: float, terrain: Terrain,
+    rng: np.random.Generator,
+    stem: Stem,
+    x: float,
+    y: float,
+    terrain: Terrain,
     labels: LabelSettings,
-) -> Tree:  # fmt: skip
+) -> Tree:
     """Set a stem on the ground, its label heights above the uphill side."""
     foot = np.array([x, y, float(terrain.height_m(x, y))])
     radius = 0.6 * stem.diameter_m
     angle = np.linspace(0, 2 * np.pi, 24, endpoint=False)
     around = terrain.height_m(x + radius * np.cos(angle), y + radius * np.sin(angle))
     return Tree(
-        stem, foot, max(0.0, float(around.max()) - float(foot[2])), labels.cut_height_m,
-        labels.diameter_height_m, labels.stem_height_m, bool(np.hypot(x, y) < NEAR_M),
-        float(rng.random()), float(rng.uniform(0, 2 * np.pi)), float(rng.uniform(0.75, 1.15)),
-    )  # fmt: skip
+        stem,
+        foot,
+        max(0.0, float(around.max()) - float(foot[2])),
+        labels.cut_height_m,
+        labels.diameter_height_m,
+        labels.stem_height_m,
+        bool(np.hypot(x, y) < NEAR_M),
+        float(rng.random()),
+        float(rng.uniform(0, 2 * np.pi)),
+        float(rng.uniform(0.75, 1.15)),
+    )

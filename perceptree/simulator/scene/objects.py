@@ -63,17 +63,24 @@ def place_large(
 
 
 def place_small(
-    rng: np.random.Generator, settings: ObjectSettings, terrain: Terrain, taken_m: Float,
+    rng: np.random.Generator,
+    settings: ObjectSettings,
+    terrain: Terrain,
+    taken_m: Float,
     circles: Float,
-) -> Objects:  # fmt: skip
+) -> Objects:
     """All other objects, clear of stems and other places (n, 2) and of circles (n, 3)."""
     return _place(rng, settings, terrain, taken_m, circles, large=False)
 
 
 def _place(
-    rng: np.random.Generator, settings: ObjectSettings, terrain: Terrain, taken_m: Float,
-    circles: Float, large: bool,
-) -> Objects:  # fmt: skip
+    rng: np.random.Generator,
+    settings: ObjectSettings,
+    terrain: Terrain,
+    taken_m: Float,
+    circles: Float,
+    large: bool,
+) -> Objects:
     """Draw how many of each kind, and where: clear of each other."""
     placements = []
     for name, kind in _KINDS.items():
@@ -113,6 +120,10 @@ def _placement(
     turn = rng.uniform(0, 2 * np.pi, len(x))
     rotation = lying(terrain, x, y, turn) if kind.lying else turned(turn)
     return Placement(
-        name, np.stack([x, y, terrain.height_m(x, y)], -1), rotation,
-        rng.uniform(*kind.scale, len(x)), rng.uniform(0.7, 1.2, len(x)), rng.random(len(x)),
-    )  # fmt: skip
+        name,
+        np.stack([x, y, terrain.height_m(x, y)], -1),
+        rotation,
+        rng.uniform(*kind.scale, len(x)),
+        rng.uniform(0.7, 1.2, len(x)),
+        rng.random(len(x)),
+    )

@@ -115,9 +115,13 @@ def _placement(
     turn = rng.uniform(0, 2 * np.pi, len(x))
     rotation = lying(terrain, x, y, turn) if habit.lying else turned(turn)
     return Placement(
-        kind, np.stack([x, y, terrain.height_m(x, y)], -1), rotation,
-        rng.uniform(*habit.scale, len(x)), rng.uniform(*_TINT, len(x)), rng.random(len(x)),
-    )  # fmt: skip
+        kind,
+        np.stack([x, y, terrain.height_m(x, y)], -1),
+        rotation,
+        rng.uniform(*habit.scale, len(x)),
+        rng.uniform(*_TINT, len(x)),
+        rng.random(len(x)),
+    )
 
 
 def roots_at(rng: np.random.Generator, terrain: Terrain, feet_m: Float) -> Placement:

@@ -51,9 +51,12 @@ class MeasuredDepth:
 
 
 def measure_depth(
-    rng: np.random.Generator, settings: DepthSettings, depth_m: Float32, camera: PinholeCamera,
+    rng: np.random.Generator,
+    settings: DepthSettings,
+    depth_m: Float32,
+    camera: PinholeCamera,
     haze_per_m: float = 0.0,
-) -> MeasuredDepth:  # fmt: skip
+) -> MeasuredDepth:
     """A depth camera's reading of ``depth_m`` (H, W), exact along the optical axis, 0 on sky.
 
     H and W must be even where the sensor has half the resolution. ``haze_per_m`` is the air's
@@ -166,9 +169,13 @@ def _time_of_flight(
 
 
 def _returns(
-    rng: np.random.Generator, depth: Float32, camera: PinholeCamera, reach: float, holes: float,
+    rng: np.random.Generator,
+    depth: Float32,
+    camera: PinholeCamera,
+    reach: float,
+    holes: float,
     haze: np.float32,
-) -> tuple[Float32, Mask]:  # fmt: skip
+) -> tuple[Float32, Mask]:
     """Depths (H, W) with flying pixels at edges, and where a return is mixed or too weak.
 
     A return is as strong as reflectance times the cosine of incidence over z², less what the

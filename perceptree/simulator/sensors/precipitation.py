@@ -77,9 +77,7 @@ def _snow(
     diameter_mm = 3 + np.minimum(rng.exponential(2 + 2 * strength, len(position)), 14)
     swirl = rng.normal(0, 0.3, (len(position), 3))
     velocity = 0.5 * _wind(rng, up) + swirl - up * rng.uniform(0.7, 1.6, (len(position), 1))
-    return _Particles(
-        position, velocity, diameter_mm / 1000, _FLAKE_EXPOSURE_S, _FLAKE_OPACITY
-    )  # fmt: skip
+    return _Particles(position, velocity, diameter_mm / 1000, _FLAKE_EXPOSURE_S, _FLAKE_OPACITY)
 
 
 def _light(image: NDArray[np.uint8]) -> NDArray[np.float32]:
@@ -110,10 +108,15 @@ def _draw(
     radius = np.maximum(sharp, 0.35)
     thin = np.minimum(sharp / radius, 1.0) * np.sqrt(np.minimum(2 * radius / soft, 1.0))
     draw_particles(
-        image, depth_m, project_points(camera, ends).astype(np.float32), z.astype(np.float32),
-        radius.astype(np.float32), soft.astype(np.float32),
-        (particles.opacity * thin).astype(np.float32), _light(image),
-    )  # fmt: skip
+        image,
+        depth_m,
+        project_points(camera, ends).astype(np.float32),
+        z.astype(np.float32),
+        radius.astype(np.float32),
+        soft.astype(np.float32),
+        (particles.opacity * thin).astype(np.float32),
+        _light(image),
+    )
 
 
 def draw_precipitation(

@@ -22,9 +22,7 @@ _READ_NOISE = 0.01
 _GAMMA = 2.2
 _LUT_SIZE = 4096
 _LEAST_BLUR_PX = 0.2
-_NORMALS = np.array(
-    [NormalDist().inv_cdf((i + 0.5) / 256) for i in range(256)], np.float32
-)  # fmt: skip
+_NORMALS = np.array([NormalDist().inv_cdf((i + 0.5) / 256) for i in range(256)], np.float32)
 
 
 def _filmic(light: Float) -> Float:

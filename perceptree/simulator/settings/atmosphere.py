@@ -27,9 +27,14 @@ class WeatherSettings:
 
     kinds: Shares = field(
         default_factory=lambda: {
-            "clear": 4.0, "snow": 1.0, "wet": 1.0, "fog": 1.0, "rain": 1.0, "snowfall": 1.0,
+            "clear": 4.0,
+            "snow": 1.0,
+            "wet": 1.0,
+            "fog": 1.0,
+            "rain": 1.0,
+            "snowfall": 1.0,
         }
-    )  # fmt: skip
+    )
     strength: Range = (0.2, 1.0)
 
     def __post_init__(self) -> None:

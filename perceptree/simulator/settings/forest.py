@@ -64,9 +64,14 @@ class StandSettings:
     max_slope_deg: float = 42.0
     species: Shares = field(
         default_factory=lambda: {
-            "fir": 3.0, "spruce": 3.0, "pine": 1.5, "beech": 2.0, "birch": 1.5, "maple": 1.0,
+            "fir": 3.0,
+            "spruce": 3.0,
+            "pine": 1.5,
+            "beech": 2.0,
+            "birch": 1.5,
+            "maple": 1.0,
         }
-    )  # fmt: skip
+    )
     species_per_scene: int = 3
     diameter_m: Range = (0.05, 0.60)
     diameter_median_m: Range = (0.16, 0.28)

@@ -78,8 +78,12 @@ def poses(
     found = []
     for i in range(count):
         column, row = (i % 4 + 0.5) / 4 - 0.5, (i // 4 % 3 + 0.5) / 3 - 0.5
-        at_px = np.array([camera.width * (0.5 + column * spread * 1.1),
-                          camera.height * (0.5 + row * spread * 1.1)])  # fmt: skip
+        at_px = np.array(
+            [
+                camera.width * (0.5 + column * spread * 1.1),
+                camera.height * (0.5 + row * spread * 1.1),
+            ]
+        )
         x, y = undistorted(camera, at_px)
         ray = np.array([x, y, 1]) / np.sqrt(1 + x * x + y * y)
         turn_rad = rng.uniform(0, 2 * np.pi)

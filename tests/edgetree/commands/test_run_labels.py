@@ -43,9 +43,17 @@ def test_a_lower_threshold_labels_more_and_says_so(
 ) -> None:
     labels = tmp_path / "labels.json"
     done = run_cli(
-        "run", images, "--model", model, "--coco", labels, "--score-threshold", "0.2", "--jsonl",
+        "run",
+        images,
+        "--model",
+        model,
+        "--coco",
+        labels,
+        "--score-threshold",
+        "0.2",
+        "--jsonl",
         tmp_path / "lines",
-    )  # fmt: skip
+    )
     assert done.code == 0
     assert f"labels: {labels}" in done.err
     content = json.loads(labels.read_text())

@@ -15,9 +15,16 @@ DATA = Path(__file__).resolve().parents[3] / ".." / "shared" / "data"
 TREES, FOREST = DATA / "tof_trees", DATA / "forest_rgbd"
 # The outline of the straight stem in the colour picture, drawn by hand, px.
 DRAWN = [
-    (275, 0), (302, 0), (305, 60), (307, 120), (307, 240), (309, 420), (272, 420), (272, 240),
+    (275, 0),
+    (302, 0),
+    (305, 60),
+    (307, 120),
+    (307, 240),
+    (309, 420),
+    (272, 420),
+    (272, 240),
     (275, 120),
-]  # fmt: skip
+]
 
 
 def largest_part(depth_m: np.ndarray) -> np.ndarray:

@@ -17,14 +17,25 @@ STILL = AugmentSettings(
     flip_share=0, scale=(1, 1), brightness=0, contrast=0, gamma=0, tint=0, saturation=0, noise=0
 )
 CHANGES: dict[str, dict[str, Any]] = {
-    "shadow": {"shadow": 0.8}, "vignette": {"vignette": 0.8}, "saturation": {"saturation": 0.8},
-    "hue": {"hue_deg": 90.0}, "grey": {"grey_share": 1.0},
+    "shadow": {"shadow": 0.8},
+    "vignette": {"vignette": 0.8},
+    "saturation": {"saturation": 0.8},
+    "hue": {"hue_deg": 90.0},
+    "grey": {"grey_share": 1.0},
     "shuffle": {"channel_shuffle_share": 1.0},
-    "brightness": {"brightness": 0.5}, "contrast": {"contrast": 0.5}, "gamma": {"gamma": 0.5},
-    "tint": {"tint": 0.4}, "curves": {"curves": 0.8}, "blur": {"blur_px": 3.0},
-    "motion": {"motion_blur_px": 9.0}, "sharpening": {"sharpening": 1.5}, "cutouts": {"cutouts": 9},
-    "noise": {"noise": 9.0}, "chroma noise": {"chroma_noise": 9.0}, "jpeg": {"jpeg_share": 1.0},
-}  # fmt: skip
+    "brightness": {"brightness": 0.5},
+    "contrast": {"contrast": 0.5},
+    "gamma": {"gamma": 0.5},
+    "tint": {"tint": 0.4},
+    "curves": {"curves": 0.8},
+    "blur": {"blur_px": 3.0},
+    "motion": {"motion_blur_px": 9.0},
+    "sharpening": {"sharpening": 1.5},
+    "cutouts": {"cutouts": 9},
+    "noise": {"noise": 9.0},
+    "chroma noise": {"chroma_noise": 9.0},
+    "jpeg": {"jpeg_share": 1.0},
+}
 
 
 def picture() -> Sample:
@@ -141,8 +152,15 @@ def test_a_blur_smooths_and_sharpening_does_not() -> None:
 
 
 def test_the_papers_changes_keep_to_their_shares() -> None:
-    still = replace(PAPER_AUGMENT, flip_share=0, scale=(1, 1), crop_share=0, rotation_deg=0,
-                    shear_deg=0, perspective_share=0)  # fmt: skip
+    still = replace(
+        PAPER_AUGMENT,
+        flip_share=0,
+        scale=(1, 1),
+        crop_share=0,
+        rotation_deg=0,
+        shear_deg=0,
+        perspective_share=0,
+    )
     same = sum(
         (
             augment(np.random.default_rng(seed), picture(), SPEC, still).image == picture().image

@@ -35,9 +35,11 @@ def scene(post_m: float = 3.0) -> Sample:
     masks = np.zeros((1, HEIGHT_PX, WIDTH_PX), bool)
     masks[0, 20:170, 150:180] = True
     return Sample(
-        np.rint(image).astype(np.uint8), np.array([[150.0, 20, 180, 170]]),
-        np.zeros((1, 5, 3)), masks,
-    )  # fmt: skip
+        np.rint(image).astype(np.uint8),
+        np.array([[150.0, 20, 180, 170]]),
+        np.zeros((1, 5, 3)),
+        masks,
+    )
 
 
 def faulty(seed: int, sample: Sample | None = None, **settings: Any) -> Sample:

@@ -26,17 +26,27 @@ MOVES = {
     "shear": {"shear_deg": 15.0},
     "perspective": {"perspective": 0.15},
     "all": {
-        "flip_share": 0.5, "scale": (0.7, 1.5), "crop_share": 0.5, "crop": (0.6, 0.9),
-        "rotation_deg": 12.0, "shear_deg": 10.0, "perspective": 0.12, "perspective_share": 0.5,
+        "flip_share": 0.5,
+        "scale": (0.7, 1.5),
+        "crop_share": 0.5,
+        "crop": (0.6, 0.9),
+        "rotation_deg": 12.0,
+        "shear_deg": 10.0,
+        "perspective": 0.12,
+        "perspective_share": 0.5,
     },
-}  # fmt: skip
+}
 
 
 def keypoints_of(x0: int, y0: int, x1: int, y1: int) -> list[list[float]]:
     middle = (x0 + x1) / 2
     return [
-        [middle, y1 - 10, 2], [x0, y1 - 20, 2], [x1, y1 - 20, 2], [middle, y1 - 50, 1], [0, 0, 0],
-    ]  # fmt: skip
+        [middle, y1 - 10, 2],
+        [x0, y1 - 20, 2],
+        [x1, y1 - 20, 2],
+        [middle, y1 - 50, 1],
+        [0, 0, 0],
+    ]
 
 
 def posts() -> Sample:
@@ -201,9 +211,11 @@ def test_many_masks_and_masks_that_overlap_are_moved_one_by_one() -> None:
 
 def test_a_frame_without_trees_stays_one() -> None:
     empty = Sample(
-        posts().image, np.zeros((0, 4)), np.zeros((0, 5, 3)),
+        posts().image,
+        np.zeros((0, 4)),
+        np.zeros((0, 5, 3)),
         np.zeros((0, HEIGHT_PX, WIDTH_PX), bool),
-    )  # fmt: skip
+    )
     for name in MOVES:
         for sample in (empty, replace(empty, masks=None)):
             moved = augment(np.random.default_rng(1), sample, SPEC, replace(STILL, **MOVES[name]))

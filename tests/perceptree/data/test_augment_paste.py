@@ -12,9 +12,16 @@ from perceptree.models import ModelSpec, make_spec
 WIDTH_PX, HEIGHT_PX = 160, 96
 NONE = 255
 STILL = AugmentSettings(
-    flip_share=0, scale=(1, 1), depth_gain=0, depth_noise=0, holes=0, saturation_share=0,
-    tone_share=0, noise_share=0, copy_paste_share=1.0,
-)  # fmt: skip
+    flip_share=0,
+    scale=(1, 1),
+    depth_gain=0,
+    depth_noise=0,
+    holes=0,
+    saturation_share=0,
+    tone_share=0,
+    noise_share=0,
+    copy_paste_share=1.0,
+)
 
 
 def spec_of(modality: Any) -> ModelSpec:
@@ -109,8 +116,10 @@ def test_colours_are_pasted_on_top_with_soft_edges() -> None:
 def test_one_to_three_trees_come_from_the_other_frame(modality: Any) -> None:
     single = [post(x, x + 12, 40 + x // 2, modality) for x in range(8, 148, 24)]
     image = np.min([one.image for one in single], axis=0)
-    parts = [np.concatenate([getattr(one, name) for one in single]) for name in
-             ("boxes", "keypoints", "masks")]  # fmt: skip
+    parts = [
+        np.concatenate([getattr(one, name) for one in single])
+        for name in ("boxes", "keypoints", "masks")
+    ]
     other, counts = Sample(image, *parts), set()
     empty = Sample(np.full_like(image, 200), parts[0][:0], parts[1][:0], parts[2][:0])
     for seed in range(20):

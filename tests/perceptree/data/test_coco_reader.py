@@ -54,9 +54,7 @@ def test_uncompressed_runs_read_as_compressed_ones(posts: Path, edit_split: Edit
     flat = mask.ravel(order="F").astype(int)
     ends = np.flatnonzero(np.diff(flat)) + 1
     counts = np.diff([0, *ends.tolist(), flat.size]).tolist()
-    edit_split(
-        posts, "test", lambda c: c["annotations"][0]["segmentation"].update(counts=counts)
-    )  # fmt: skip
+    edit_split(posts, "test", lambda c: c["annotations"][0]["segmentation"].update(counts=counts))
     again = read_split(posts, "test")[0]
     assert (again.mask(again.trees[0]) == mask).all()
 
@@ -130,9 +128,7 @@ def test_missing_and_unreadable_files_are_named(tmp_path: Path) -> None:
 def test_runs_that_do_not_fill_the_frame_are_refused(
     posts: Path, edit_split: Edit, counts: Any
 ) -> None:
-    edit_split(
-        posts, "test", lambda c: c["annotations"][0]["segmentation"].update(counts=counts)
-    )  # fmt: skip
+    edit_split(posts, "test", lambda c: c["annotations"][0]["segmentation"].update(counts=counts))
     frame = read_split(posts, "test")[0]
     with pytest.raises(DatasetError, match="segmentation of annotation 1 is broken"):
         frame.mask(frame.trees[0])

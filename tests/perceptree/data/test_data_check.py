@@ -114,25 +114,30 @@ FAULTS: dict[str, tuple[Damage, str, str]] = {
     "box": (_set(0, "bbox", [10, 8, 200, 52]), "box_outside", "val 000006.png annotation 1"),
     "runs": (
         _set(0, "segmentation", {"size": [72, 128], "counts": [5, 5]}),
-        "mask_broken", "val 000006.png annotation 1",
+        "mask_broken",
+        "val 000006.png annotation 1",
     ),
     "empty": (_mask(slice(0), slice(0)), "mask_empty", "val 000006.png annotation 1"),
     "elsewhere": (
-        _mask(slice(60, 70), slice(100, 127)), "mask_outside_box", "val 000006.png annotation 1",
+        _mask(slice(60, 70), slice(100, 127)),
+        "mask_outside_box",
+        "val 000006.png annotation 1",
     ),
     "far": (_points(k0=[99999, 20, 2]), "keypoint_outside", "val annotation 1 at 99999, 20"),
     "swapped": (_swap, "left_right_swapped", "val 000007.png annotation 3"),
     "cut": (_points(k0=[40, 20, 2]), "cut_above_middle", "val 000006.png annotation 1"),
     "middle": (_points(k4=[40, 50, 1]), "middle_above_top", "val 000006.png annotation 1"),
-}  # fmt: skip
+}
 
 
 def test_a_clean_set_has_no_findings(posts: Path) -> None:
     report = Check(posts).run()
     assert report.findings == ()
     assert [(split.split, split.frames, split.trees) for split in report.splits] == [
-        ("train", 6, 9), ("val", 3, 4), ("test", 2, 3),
-    ]  # fmt: skip
+        ("train", 6, 9),
+        ("val", 3, 4),
+        ("test", 2, 3),
+    ]
     assert report.compared_by == "picture"
 
 
@@ -187,7 +192,7 @@ def _reuse(change: Callable[[Picture], Picture]) -> Damage:
         lambda image: cv2.imdecode(cv2.imencode(".jpg", image)[1], cv2.IMREAD_COLOR),
     ],
     ids=["copied", "brightened", "packed"],
-)  # fmt: skip
+)
 def test_a_picture_that_is_nearly_the_same_in_another_split_is_found(
     posts: Path,
     edit_split: Edit,

@@ -51,7 +51,7 @@ def test_the_command_writes_as_many_pages_as_asked_for(
     out = tmp_path / "new/pages"
     code, printed, _ = call(
         "data", "show", posts, "--out", out, "--pages", 2, "--per-page", 3, "--split", "train"
-    )  # fmt: skip
+    )
     assert code == 0
     assert printed.split() == [str(out / "page_001.jpg"), str(out / "page_002.jpg")]
     assert sorted(path.name for path in out.iterdir()) == ["page_001.jpg", "page_002.jpg"]

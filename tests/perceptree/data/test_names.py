@@ -31,11 +31,21 @@ def _trees(dataset: Dataset) -> int:
 @pytest.mark.parametrize(
     ("name", "tree"),
     [
-        ("tree", True), ("Tree", True), ("tree_trunk", True), ("TreeStem", True), ("trunks", True),
-        ("Norway spruce", True), ("stump", False), ("tree stump", False), ("fallen tree", False),
-        ("person", False), ("street", False), ("system", False), ("tree-crown", False),
+        ("tree", True),
+        ("Tree", True),
+        ("tree_trunk", True),
+        ("TreeStem", True),
+        ("trunks", True),
+        ("Norway spruce", True),
+        ("stump", False),
+        ("tree stump", False),
+        ("fallen tree", False),
+        ("person", False),
+        ("street", False),
+        ("system", False),
+        ("tree-crown", False),
     ],
-)  # fmt: skip
+)
 def test_names_that_mean_a_standing_tree(name: str, tree: bool) -> None:
     assert means_tree(name) == tree
 

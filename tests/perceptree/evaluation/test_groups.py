@@ -47,8 +47,10 @@ def test_weather_is_of_frames_in_its_usual_order() -> None:
 
 def test_species_and_visible_parts() -> None:
     frames = [frame(None, tree("fir", visible_fraction=1.0), tree("ash", visible_fraction=0.1))]
-    names = {name: [g.name for g in groups_of(frames, BY_NAME[name])]
-             for name in ("species", "visible_fraction")}  # fmt: skip
+    names = {
+        name: [g.name for g in groups_of(frames, BY_NAME[name])]
+        for name in ("species", "visible_fraction")
+    }
     assert names == {"species": ["ash", "fir"], "visible_fraction": ["0 to 25 %", "from 75 %"]}
 
 

@@ -63,8 +63,13 @@ def leaning(rng: np.random.Generator) -> np.ndarray:
     angle = rng.uniform(-0.5, 0.5)
     up, right = np.array([np.sin(angle), -np.cos(angle)]), np.array([np.cos(angle), np.sin(angle)])
     cut, half = rng.uniform(50, 100, 2), rng.uniform(3, 9)
-    xy = [cut, cut + 5 * up - half * right, cut + 5 * up + half * right, cut + 20 * up,
-          cut + 45 * up]  # fmt: skip
+    xy = [
+        cut,
+        cut + 5 * up - half * right,
+        cut + 5 * up + half * right,
+        cut + 20 * up,
+        cut + 45 * up,
+    ]
     return np.column_stack([xy, np.full(5, 2)])
 
 

@@ -105,9 +105,7 @@ def test_precision_is_that_of_pycocotools_called_by_hand(
     posts = write_dataset(train=30)
     store = store_of(posts)
     raws: list[RawDetections] = []
-    predictions = list(
-        predict_frames(remembering(oracle(store, worse(4)), raws), store, batch=1)
-    )  # fmt: skip
+    predictions = list(predict_frames(remembering(oracle(store, worse(4)), raws), store, batch=1))
     found = Scorer(store.frames, predictions).precision(kind)  # type: ignore[arg-type]
     assert found is not None
     hand = by_hand(posts, raws, kind).stats

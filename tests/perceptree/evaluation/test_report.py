@@ -100,8 +100,9 @@ def test_a_folder_has_the_figures_and_a_page_that_needs_nothing_else(
     page = report.write(tmp_path)
     assert json.loads((tmp_path / "report.json").read_text()) == report.figures
     assert sorted(path.name for path in tmp_path.glob("*.*") if path.is_file()) == [
-        "report.html", "report.json"
-    ]  # fmt: skip
+        "report.html",
+        "report.json",
+    ]
     html = page.read_text("utf-8")
     found = Page(html)
     assert all(source.startswith(("data:", "#")) for source in found.sources)

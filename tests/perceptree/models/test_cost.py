@@ -103,8 +103,12 @@ def test_an_absent_branch_costs_nothing_and_counting_changes_nothing() -> None:
     model = TreeRCNN(spec).train()
     before = {name: value.clone() for name, value in model.state_dict().items()}
     assert set(multiply_adds_by_part(model)) == {
-        "backbone", "pyramid", "proposals", "box_head", "keypoint_head",
-    }  # fmt: skip
+        "backbone",
+        "pyramid",
+        "proposals",
+        "box_head",
+        "keypoint_head",
+    }
     assert all(bool((before[name] == value).all()) for name, value in model.state_dict().items())
 
 

@@ -12,8 +12,11 @@ SAMPLING = SampleSettings(
     proposals_per_level=20, proposals=20, anchors=5000, regions=8, region_positive_share=0.5
 )
 NARROW = {
-    "fpn_width": 16, "box_head_width": 16, "mask_head_widths": (8,), "keypoint_head_widths": (8,)
-}  # fmt: skip
+    "fpn_width": 16,
+    "box_head_width": 16,
+    "mask_head_widths": (8,),
+    "keypoint_head_widths": (8,),
+}
 
 
 def light_spec() -> ModelSpec:

@@ -107,9 +107,10 @@ def test_mask_targets_are_torchvisions_but_for_cells_on_the_outline() -> None:
 def targets(boxes: list[list[float]]) -> TreeTargets:
     count = len(boxes)
     return TreeTargets(
-        torch.tensor(boxes).reshape(-1, 4), torch.zeros(count, 5, 3),
+        torch.tensor(boxes).reshape(-1, 4),
+        torch.zeros(count, 5, 3),
         torch.zeros(count, 4, 4, dtype=torch.bool),
-    )  # fmt: skip
+    )
 
 
 def test_anchors_are_matched_by_overlap_and_every_tree_has_one() -> None:

@@ -41,9 +41,11 @@ def stir_norms(module: nn.Module) -> None:
     for part in module.modules():
         if isinstance(part, nn.BatchNorm2d | FrozenBatchNorm2d):
             for value, low, high in (
-                (part.running_mean, -0.2, 0.2), (part.running_var, 0.3, 1.5),
-                (part.weight.data, 0.7, 1.3), (part.bias.data, -0.2, 0.2),
-            ):  # fmt: skip
+                (part.running_mean, -0.2, 0.2),
+                (part.running_var, 0.3, 1.5),
+                (part.weight.data, 0.7, 1.3),
+                (part.bias.data, -0.2, 0.2),
+            ):
                 value.uniform_(low, high, generator=generator)
 
 

@@ -104,9 +104,14 @@ def forests(prototypes: Prototypes) -> list[tuple[Scene, SceneMesh]]:
 def field_settings() -> SimulatorSettings:
     """The preset "field" at 320x180, with some of every object."""
     some = ObjectSettings(
-        people=(3, 3), animals=(3, 3), machines=(1, 1), posts=(4, 4), logs=(3, 3), walls=(2, 2),
+        people=(3, 3),
+        animals=(3, 3),
+        machines=(1, 1),
+        posts=(4, 4),
+        logs=(3, 3),
+        walls=(2, 2),
         shapes=(3, 3),
-    )  # fmt: skip
+    )
     camera = CameraSettings.of_size(320, 180)
     return replace(PRESETS["field"].settings, camera=camera, objects=some)
 

@@ -64,16 +64,26 @@ def fake_frame(settings: SimulatorSettings, seed: int, number: int) -> Frame:
     exact[10:] = np.linspace(2, 20, camera.height - 10, dtype=np.float32)[:, None]
     measured = np.where(rng.random(shape) < 0.1, 0, exact).astype(np.float32)
     scene = SceneRecord(
-        seed, GROUNDS[seed % 4], 12.5, 432.1, "regular", WEATHERS[seed % 6], 0.25, TIMES[seed % 4],
+        seed,
+        GROUNDS[seed % 4],
+        12.5,
+        432.1,
+        "regular",
+        WEATHERS[seed % 6],
+        0.25,
+        TIMES[seed % 4],
         bool(seed % 2),
-    )  # fmt: skip
+    )
     return Frame(
-        rng.integers(0, 255, (*shape, 3), np.uint8), measured, exact,
+        rng.integers(0, 255, (*shape, 3), np.uint8),
+        measured,
+        exact,
         [fake_label(shape, rng, place) for place in range(1 + number % 2)],
         SimpleNamespace(intrinsics=camera, up=np.array([0.0, -1.0, 0.0])),
-        scene, PoseRecord("mast", 2.5, -10.0, 1.0),
+        scene,
+        PoseRecord("mast", 2.5, -10.0, 1.0),
         {"kind": "tof", "baseline_m": 0.0, "noise": 0.00025, "range_m": 9.0},
-    )  # fmt: skip
+    )
 
 
 def fake_label(shape: tuple[int, int], rng: np.random.Generator, place: int) -> SimpleNamespace:
@@ -81,16 +91,26 @@ def fake_label(shape: tuple[int, int], rng: np.random.Generator, place: int) -> 
     left = 10 + 50 * place
     mask = np.zeros(shape, bool)
     mask[8:60, left : left + 12] = True
-    keypoints = np.array([[left + 6, 58, 2], [left, 55, 2], [left + 12, 55, 2],
-                          [left + 6, 46, 1], [0, 0, 0]], float)  # fmt: skip
+    keypoints = np.array(
+        [[left + 6, 58, 2], [left, 55, 2], [left + 12, 55, 2], [left + 6, 46, 1], [0, 0, 0]], float
+    )
     diameter_m = float(rng.uniform(0.1, 0.5))
     return SimpleNamespace(
-        mask=mask, box_px=np.array([left, 8, left + 12, 60], float), keypoints=keypoints,
-        distance_m=5.0, diameter_m=diameter_m, diameter_height_m=0.3,
-        diameter_breast_m=0.8 * diameter_m, cut_height_m=0.2, inclination_deg=3.0,
-        position_camera_m=np.array([0.5, 1.0, 4.9]), position_world_m=np.array([3.0, 4.0, 0.1]),
-        visible_fraction=float(rng.uniform(0.1, 1.0)), species="beech", model="beech_smooth",
-    )  # fmt: skip
+        mask=mask,
+        box_px=np.array([left, 8, left + 12, 60], float),
+        keypoints=keypoints,
+        distance_m=5.0,
+        diameter_m=diameter_m,
+        diameter_height_m=0.3,
+        diameter_breast_m=0.8 * diameter_m,
+        cut_height_m=0.2,
+        inclination_deg=3.0,
+        position_camera_m=np.array([0.5, 1.0, 4.9]),
+        position_world_m=np.array([3.0, 4.0, 0.1]),
+        visible_fraction=float(rng.uniform(0.1, 1.0)),
+        species="beech",
+        model="beech_smooth",
+    )
 
 
 def small_settings(views: int = 2) -> SimulatorSettings:

@@ -116,9 +116,10 @@ def test_a_stand_has_its_species_diameters_and_leans():
 def test_snow_bares_the_broadleaves_and_labels_stand_above_the_uphill_side():
     steep = TerrainSettings(slope_deg=(25.0, 25.0))
     settings = SimulatorSettings(
-        terrain=steep, weather=WeatherSettings({"snow": 1.0}, (0.8, 0.8)),
+        terrain=steep,
+        weather=WeatherSettings({"snow": 1.0}, (0.8, 0.8)),
         labels=LabelSettings(cut_height_m=0.25, diameter_height_m=0.4),
-    )  # fmt: skip
+    )
     scene = describe_scene(settings, 3)
     assert not scene.leaves
     for tree in scene.near_trees[:20]:

@@ -95,7 +95,5 @@ def test_saplings_are_low_branched_to_the_ground_and_never_labelled(species: str
 
 
 def test_the_same_seed_grows_the_same_tree():
-    first, second = (
-        crown(np.random.default_rng(9), MODELS[4], True).vertices for _ in range(2)
-    )  # fmt: skip
+    first, second = (crown(np.random.default_rng(9), MODELS[4], True).vertices for _ in range(2))
     np.testing.assert_array_equal(first, second)

@@ -34,17 +34,22 @@ def opaque_part(mesh: SceneMesh) -> SceneMesh:
     kept = (mesh.layer < FIRST_CUTOUT) | (mesh.layer >= FIRST_OBJECT)
     before = np.concatenate([[0], np.cumsum(kept)])
     return dataclasses.replace(
-        mesh, faces=mesh.faces[kept], layer=mesh.layer[kept], object_id=mesh.object_id[kept],
+        mesh,
+        faces=mesh.faces[kept],
+        layer=mesh.layer[kept],
+        object_id=mesh.object_id[kept],
         instance_start=before[mesh.instance_start],
-    )  # fmt: skip
+    )
 
 
 def seen(mesh: SceneMesh, face: np.ndarray, depth_m: np.ndarray) -> Seen:
     instances = np.repeat(np.arange(len(mesh.instance_centre)), np.diff(mesh.instance_start))
     return Seen(
-        face, np.where(face >= 0, instances[face], -1),
-        np.where(face >= 0, mesh.object_id[face], 0), depth_m,
-    )  # fmt: skip
+        face,
+        np.where(face >= 0, instances[face], -1),
+        np.where(face >= 0, mesh.object_id[face], 0),
+        depth_m,
+    )
 
 
 def drawn(textures: Textures, scene: Scene, mesh: SceneMesh, views: list[View]) -> list[Seen]:

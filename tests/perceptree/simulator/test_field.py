@@ -26,9 +26,13 @@ OLDER = {
     "plain": "786aa32f9fe3121a",
 }
 FOLIAGE = [
-    Layer.FIR_TWIG, Layer.SPRUCE_TWIG, Layer.PINE_TWIG, Layer.BEECH_LEAVES, Layer.BIRCH_LEAVES,
+    Layer.FIR_TWIG,
+    Layer.SPRUCE_TWIG,
+    Layer.PINE_TWIG,
+    Layer.BEECH_LEAVES,
+    Layer.BIRCH_LEAVES,
     Layer.MAPLE_LEAVES,
-]  # fmt: skip
+]
 MADE_WITH = {"numpy": "2.4.6", "opencv-python-headless": "5.0.0.93", "numba": "0.68.1"}
 
 
@@ -56,8 +60,14 @@ def test_objects_stand_clear_of_stems_and_cameras_clear_of_objects(field_setting
     scene = field_forest[0]
     counts = {p.kind: len(p.scale) for p in scene.undergrowth if p.kind in OBJECT_KINDS}
     assert counts == {
-        "person": 3, "animal": 3, "machine": 1, "post": 4, "timber": 3, "wall": 2, "shape": 3
-    }  # fmt: skip
+        "person": 3,
+        "animal": 3,
+        "machine": 1,
+        "post": 4,
+        "timber": 3,
+        "wall": 2,
+        "shape": 3,
+    }
     feet = np.array([tree.position_m[:2] for tree in scene.trees])
     for x, y, radius in scene.obstacles:
         assert np.hypot(*(feet - [x, y]).T).min() > radius
@@ -121,9 +131,12 @@ def test_a_lamp_lights_what_is_near_and_leaves_the_rest_black(
 ):
     scene, mesh = field_forest
     dark = dataclasses.replace(
-        scene.light, lamp=20.0, sun_colour=np.zeros(3), sky_colour=np.full(3, 0.005),
+        scene.light,
+        lamp=20.0,
+        sun_colour=np.zeros(3),
+        sky_colour=np.full(3, 0.005),
         haze_colour=np.full(3, 0.001),
-    )  # fmt: skip
+    )
     drawing = drawing_of(dataclasses.replace(scene, light=dark), mesh, textures, field_settings)
     light = picture(drawing).mean(-1)
     near = light[(drawing.depth_m > 0) & (drawing.depth_m < 5)]
@@ -189,9 +202,7 @@ def test_a_share_of_the_trees_is_dead_and_some_are_broken_above_their_labels(
 
 
 def _alive(tree):
-    return dataclasses.replace(
-        tree, dead=False, stem=dataclasses.replace(tree.stem, broken_m=None)
-    )  # fmt: skip
+    return dataclasses.replace(tree, dead=False, stem=dataclasses.replace(tree.stem, broken_m=None))
 
 
 def test_a_frame_says_what_it_holds_beyond_the_papers_conditions(field_settings, assets: Assets):

@@ -42,8 +42,14 @@ def settings(synth: ModuleType) -> SimulatorSettings:
 
 
 def command(out: Path, *more: object, frames: int = FRAMES) -> list[str]:
-    options = {"--out": out, "--frames": frames, "--seed": SEED, "--views": 2, "--width": 128,
-               "--height": 72}  # fmt: skip
+    options = {
+        "--out": out,
+        "--frames": frames,
+        "--seed": SEED,
+        "--views": 2,
+        "--width": 128,
+        "--height": 72,
+    }
     words = [str(word) for option in options.items() for word in option]
     return [sys.executable, str(SCRIPT), "synth", *words, *map(str, more)]
 
@@ -91,12 +97,22 @@ def test_records_carry_the_scene_the_pose_the_sensors_and_every_metre(dataset: P
     content = read(dataset, "train")
     image, tree = content["images"][0], content["annotations"][0]
     assert set(image["scene"]) == {
-        "seed", "terrain", "slope_deg", "stems_per_ha", "pattern", "weather", "weather_strength",
-        "light", "overcast",
-    }  # fmt: skip
+        "seed",
+        "terrain",
+        "slope_deg",
+        "stems_per_ha",
+        "pattern",
+        "weather",
+        "weather_strength",
+        "light",
+        "overcast",
+    }
     assert image["pose"] == {
-        "carrier": "mast", "height_m": 2.5, "pitch_deg": -10.0, "roll_deg": 1.0
-    }  # fmt: skip
+        "carrier": "mast",
+        "height_m": 2.5,
+        "pitch_deg": -10.0,
+        "roll_deg": 1.0,
+    }
     assert image["depth_sensor"] == {
         "kind": "tof",
         "baseline_m": 0.0,
@@ -112,8 +128,14 @@ def test_records_carry_the_scene_the_pose_the_sensors_and_every_metre(dataset: P
     assert tree["bbox"] == [10, 8, 12, 52]
     assert (tree["species"], tree["model"]) == ("beech", "beech_smooth")
     assert tree["diameter_breast_m"] == pytest.approx(0.8 * tree["diameter_m"], abs=1e-5)
-    expected = {"distance_m": 5.0, "diameter_height_m": 0.3, "cut_height_m": 0.2,
-                "inclination_deg": 3.0, "area": 624, "iscrowd": 0}  # fmt: skip
+    expected = {
+        "distance_m": 5.0,
+        "diameter_height_m": 0.3,
+        "cut_height_m": 0.2,
+        "inclination_deg": 3.0,
+        "area": 624,
+        "iscrowd": 0,
+    }
     assert {name: tree[name] for name in expected} == expected
 
 
@@ -132,9 +154,11 @@ def test_killed_in_the_middle_it_resumes_to_the_same_bytes(
 ):
     out = tmp_path / "forest"
     process = subprocess.Popen(
-        command(out, "--workers", 2), env=os.environ | {PACE: "0.15"},
-        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
+        command(out, "--workers", 2),
+        env=os.environ | {PACE: "0.15"},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
     images = out / "images"
     deadline_s = time.monotonic() + 60
     while not (images.is_dir() and len(list(images.glob("*.jpg"))) >= 3):
@@ -152,8 +176,10 @@ def test_killed_in_the_middle_it_resumes_to_the_same_bytes(
 def test_processes_end_with_the_one_that_started_them(tmp_path: Path):
     process = subprocess.Popen(
         command(tmp_path, "--workers", 1, "--json", frames=400),
-        env=os.environ | {PACE: "0.05"}, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
+        env=os.environ | {PACE: "0.05"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+    )
     while not list((tmp_path / "scenes").glob("*.json")):
         assert process.poll() is None
         time.sleep(0.01)
@@ -271,9 +297,13 @@ def test_workers_make_no_difference_and_a_killed_one_is_one_line(
 
 def test_ctrl_c_ends_every_process_at_once_and_says_how_to_go_on(tmp_path: Path):
     process = subprocess.Popen(
-        command(tmp_path, "--workers", 2, frames=400), env=os.environ | {PACE: "0.1"},
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, process_group=0,
-    )  # fmt: skip
+        command(tmp_path, "--workers", 2, frames=400),
+        env=os.environ | {PACE: "0.1"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        process_group=0,
+    )
     while not list((tmp_path / "scenes").glob("*.json")):
         assert process.poll() is None
         time.sleep(0.01)

@@ -31,16 +31,25 @@ def small_scene() -> SimpleNamespace:
     instances, strip = 6, 6
     corners = np.array([[n, n + 1, n + 2] for n in range(strip - 2)])
     faces = np.concatenate([corners + strip * n for n in range(instances)])
-    layers = [Layer.MOSS, Layer.FIR_GREY, Layer.FIR_TWIG, Layer.BEECH_SMOOTH, Layer.BEECH_LEAVES,
-              Layer.GRASS]  # fmt: skip
+    layers = [
+        Layer.MOSS,
+        Layer.FIR_GREY,
+        Layer.FIR_TWIG,
+        Layer.BEECH_SMOOTH,
+        Layer.BEECH_LEAVES,
+        Layer.GRASS,
+    ]
     vertices = rng.uniform(-20, 20, (instances * strip, 3)).astype(np.float32)
     normals = rng.normal(size=vertices.shape).astype(np.float32)
     return SimpleNamespace(
-        vertices=vertices, normals=normals, uv=rng.random((len(vertices), 2)).astype(np.float32),
-        tint=np.linspace(0.2, 1.2, len(vertices), dtype=np.float32), faces=faces.astype(np.int32),
+        vertices=vertices,
+        normals=normals,
+        uv=rng.random((len(vertices), 2)).astype(np.float32),
+        tint=np.linspace(0.2, 1.2, len(vertices), dtype=np.float32),
+        faces=faces.astype(np.int32),
         layer=np.repeat(np.array(layers, np.uint8), strip - 2),
         instance_start=np.arange(instances + 1) * (strip - 2),
-    )  # fmt: skip
+    )
 
 
 def flat_textures() -> SimpleNamespace:
@@ -76,9 +85,11 @@ class Glb:
         width, dtype = WIDTHS[accessor["type"]], COMPONENTS[accessor["componentType"]]
         assert accessor["byteOffset"] % 4 == 0
         values = np.frombuffer(
-            self.view(accessor["bufferView"]), dtype, accessor["count"] * width,
+            self.view(accessor["bufferView"]),
+            dtype,
+            accessor["count"] * width,
             accessor["byteOffset"],
-        )  # fmt: skip
+        )
         return values.reshape(-1, width)
 
 
@@ -96,8 +107,12 @@ def test_ground_trees_and_undergrowth_are_nodes_by_name(glb: Glb):
         [document["materials"][p["material"]]["name"] for p in mesh["primitives"]]
         for mesh in document["meshes"]
     ]
-    assert layers == [["moss"], ["fir_grey", "fir_twig"], ["beech_smooth", "beech_leaves"],
-                      ["grass"]]  # fmt: skip
+    assert layers == [
+        ["moss"],
+        ["fir_grey", "fir_twig"],
+        ["beech_smooth", "beech_leaves"],
+        ["grass"],
+    ]
 
 
 def test_triangles_are_the_scenes_with_y_up(glb: Glb):

@@ -17,9 +17,16 @@ from perceptree.simulator.settings import ImagingSettings
 
 LENS = ("_bloom", "_veil", "_defocus", "_fringes", "_drops", "_dirt")
 PROCESSING = (
-    "_white_balance", "_saturation", "_chroma_noise", "_curve", "_smear", "_low_resolution",
-    "_sharpen", "_banner", "_jpeg",
-)  # fmt: skip
+    "_white_balance",
+    "_saturation",
+    "_chroma_noise",
+    "_curve",
+    "_smear",
+    "_low_resolution",
+    "_sharpen",
+    "_banner",
+    "_jpeg",
+)
 
 
 def stems() -> np.ndarray:

@@ -36,16 +36,31 @@ class RoundStem(Stem):
 def round_stem(diameter_m: float, lean=(0.0, 0.0)) -> RoundStem:
     none = np.zeros(2)
     return RoundStem(
-        MODELS[0], diameter_m, 18.0, np.array(lean), none, none, none, np.zeros((0, 4)),
+        MODELS[0],
+        diameter_m,
+        18.0,
+        np.array(lean),
+        none,
+        none,
+        none,
         np.zeros((0, 4)),
-    )  # fmt: skip
+        np.zeros((0, 4)),
+    )
 
 
 def planted(stem: Stem, x_m: float, y_m: float = 0.0, uphill_m: float = 0.0) -> Tree:
     return Tree(
-        stem, np.array([x_m, y_m, 0.0]), uphill_m, LABELS.cut_height_m, LABELS.diameter_height_m,
-        LABELS.stem_height_m, True, 0.0, 0.0, 1.0,
-    )  # fmt: skip
+        stem,
+        np.array([x_m, y_m, 0.0]),
+        uphill_m,
+        LABELS.cut_height_m,
+        LABELS.diameter_height_m,
+        LABELS.stem_height_m,
+        True,
+        0.0,
+        0.0,
+        1.0,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -71,10 +86,18 @@ def draw(textures, plain):
         whole = merge(parts)
         ones = np.ones(len(whole.vertices), np.float32)
         mesh = SceneMesh(
-            whole.vertices, whole.normals, whole.uv, ones, ones, whole.faces, whole.layer,
-            np.concatenate(owners).astype(np.int32), np.array([0, len(whole.faces)]),
-            np.zeros((1, 3)), np.array([500.0]),
-        )  # fmt: skip
+            whole.vertices,
+            whole.normals,
+            whole.uv,
+            ones,
+            ones,
+            whole.faces,
+            whole.layer,
+            np.concatenate(owners).astype(np.int32),
+            np.array([0, len(whole.faces)]),
+            np.zeros((1, 3)),
+            np.array([500.0]),
+        )
         return Renderer(textures, plain, mesh).draw(view)
 
     return drawn

@@ -41,8 +41,10 @@ def test_the_figures_count_what_the_coco_files_hold(dataset: Path, figures: dict
     images, trees = coco(dataset)
     splits = figures["splits"]
     assert {name: split["frames"] for name, split in splits.items()} == {
-        "train": 48, "val": 6, "test": 6
-    }  # fmt: skip
+        "train": 48,
+        "val": 6,
+        "test": 6,
+    }
     assert sum(split["trees"] for split in splits.values()) == len(trees)
     assert figures["trees_per_frame"]["mean"] == pytest.approx(len(trees) / len(images))
     assert figures["trees_per_frame"]["counts"] == [0, 30, 30]

@@ -72,11 +72,13 @@ def test_faces_handed_to_the_rasteriser_grow_with_the_view_and_not_with_the_fore
     view = standing(scene, ideal_camera(320, 180))
     behind = 200.0 * view.rotation[2]
     moved = dataclasses.replace(
-        mesh, instance_start=np.concatenate([mesh.instance_start,
-                                             mesh.instance_start[-1] + mesh.instance_start[1:]]),
+        mesh,
+        instance_start=np.concatenate(
+            [mesh.instance_start, mesh.instance_start[-1] + mesh.instance_start[1:]]
+        ),
         instance_centre=np.concatenate([mesh.instance_centre, mesh.instance_centre - behind]),
         instance_radius=np.tile(mesh.instance_radius, 2),
-    )  # fmt: skip
+    )
     assert np.array_equal(visible_faces(moved, view), visible_faces(mesh, view))
 
 

@@ -18,14 +18,22 @@ SHAPE = (180, 320)
 BASELINE_M = 0.12
 FB = CAMERA.fx * BASELINE_M
 STEREO = DepthSettings(
-    kinds={"stereo": 1.0}, baseline_m=(BASELINE_M, BASELINE_M), disparity_noise_px=(0.0, 0.0),
-    disparity_step_px=0.001, stereo_range_m=(20.0, 20.0), holes=(0.0, 0.0), half_resolution=False,
-)  # fmt: skip
+    kinds={"stereo": 1.0},
+    baseline_m=(BASELINE_M, BASELINE_M),
+    disparity_noise_px=(0.0, 0.0),
+    disparity_step_px=0.001,
+    stereo_range_m=(20.0, 20.0),
+    holes=(0.0, 0.0),
+    half_resolution=False,
+)
 TOF = replace(STEREO, kinds={"tof": 1.0}, tof_noise_per_m=(0.0, 0.0), tof_range_m=(10.0, 10.0))
 PLAIN = RgbSettings(
-    exposure=(0.7, 0.7), noise=(0.0, 0.0), blur_px=(0.0, 0.0), motion_share=0.0,
+    exposure=(0.7, 0.7),
+    noise=(0.0, 0.0),
+    blur_px=(0.0, 0.0),
+    motion_share=0.0,
     white_balance=(0.0, 0.0),
-)  # fmt: skip
+)
 
 
 def flat(depth_m: float) -> np.ndarray:
@@ -135,9 +143,10 @@ def test_sky_far_and_very_near_surfaces_have_no_reading(
 def test_holes_of_stereo_lie_on_the_occluded_side_of_near_things():
     exact = post()
     strip_px = FB / 2.0 - FB / 6.0
-    hole = np.mean([
-        measure(exact, replace(STEREO, holes=(1.0, 1.0)), seed).depth_m == 0 for seed in range(8)
-    ], axis=(0, 1))  # fmt: skip
+    hole = np.mean(
+        [measure(exact, replace(STEREO, holes=(1.0, 1.0)), seed).depth_m == 0 for seed in range(8)],
+        axis=(0, 1),
+    )
     beside = int(strip_px) - 1
     assert hole[150 - beside : 149].mean() > 0.6
     assert hole[151:169].max() < 0.2

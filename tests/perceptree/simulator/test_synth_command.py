@@ -43,8 +43,11 @@ def test_it_says_what_was_made_where_to_look_and_what_to_type_next(call: Call, t
     code, printed, told = call("synth", "--out", out, "--frames", 8, *SMALL)
     assert (code, told) == (0, "")
     lines = printed.splitlines()
-    assert lines[:3] == ["train: 4 frames, 6 trees", "val: 2 frames, 3 trees",
-                         "test: 2 frames, 3 trees"]  # fmt: skip
+    assert lines[:3] == [
+        "train: 4 frames, 6 trees",
+        "val: 2 frames, 3 trees",
+        "test: 2 frames, 3 trees",
+    ]
     assert lines[3:8] == [
         "frames by weather: clear 2, snow 2, wet 2, fog 2",
         "frames by light: morning 2, daylight 2, evening 2, dusk 2",
@@ -153,9 +156,7 @@ def test_labels_that_differ_from_the_frozen_ones_exit_with_one(
     monkeypatch.setattr(frozen, "read_frozen", lambda name: other)
     code, printed, told = call("synth", "--out", tmp_path, "--preset", "test", "--json")
     assert (code, told) == (1, "")
-    assert json.loads(printed)["frozen"]["complaints"] == [
-        "1.500 trees a frame, expected 3.800"
-    ]  # fmt: skip
+    assert json.loads(printed)["frozen"]["complaints"] == ["1.500 trees a frame, expected 3.800"]
     code, printed, _ = call("synth", "--out", tmp_path, "--preset", "test")
     assert code == 1
     assert "its labels differ: 1.500 trees a frame, expected 3.800" in printed

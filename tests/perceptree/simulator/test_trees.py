@@ -26,9 +26,7 @@ def drawn(model: TreeModel, seed: int = 3, diameter_m: float = 0.3, **settings: 
 def plain(bumps: np.ndarray, diameter_m: float = 0.4) -> Stem:
     """An upright stem without root collar whose section is only what ``bumps`` make it."""
     none = np.zeros(2)
-    return Stem(
-        MODELS[0], diameter_m, 20.0, none, none, none, none, np.zeros((0, 4)), bumps, None
-    )  # fmt: skip
+    return Stem(MODELS[0], diameter_m, 20.0, none, none, none, none, np.zeros((0, 4)), bumps, None)
 
 
 def forked(stem: Stem, height_m: float = 2.2) -> Stem:
@@ -306,9 +304,11 @@ def test_birch_is_pale_and_moss_and_lichen_show_where_named(barks):
     tone = {layer: colour.mean((0, 1)) for layer, (colour, _) in barks.items()}
     assert tone[Layer.BIRCH_WHITE].mean() > 1.4 * tone[Layer.BEECH_SMOOTH].mean()
     for mossy, clean in (
-        (Layer.FIR_MOSSY, Layer.FIR_GREY), (Layer.BEECH_MOSSY, Layer.BEECH_SMOOTH),
-        (Layer.BIRCH_MOSSY, Layer.BIRCH_WHITE), (Layer.MAPLE_MOSSY, Layer.MAPLE_FURROWED),
-    ):  # fmt: skip
+        (Layer.FIR_MOSSY, Layer.FIR_GREY),
+        (Layer.BEECH_MOSSY, Layer.BEECH_SMOOTH),
+        (Layer.BIRCH_MOSSY, Layer.BIRCH_WHITE),
+        (Layer.MAPLE_MOSSY, Layer.MAPLE_FURROWED),
+    ):
         green = [tone[layer][1] - tone[layer][[0, 2]].mean() for layer in (mossy, clean)]
         assert green[0] > green[1] + 0.01
     pale = [

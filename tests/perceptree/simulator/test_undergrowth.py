@@ -13,13 +13,27 @@ from perceptree.simulator.materials.plants import plant_layers
 
 FORMS = 12
 MOST_FACES = {
-    "grass": 12, "dry_grass": 12, "fern": 70, "scrub": 120, "seedling": 70, "branch": 150,
-    "log": 150, "stump": 300, "rock": 200, "root": 300,
-}  # fmt: skip
+    "grass": 12,
+    "dry_grass": 12,
+    "fern": 70,
+    "scrub": 120,
+    "seedling": 70,
+    "branch": 150,
+    "log": 150,
+    "stump": 300,
+    "rock": 200,
+    "root": 300,
+}
 HEIGHT_M = {
-    "grass": (0.15, 0.5), "dry_grass": (0.1, 0.5), "fern": (0.25, 0.9), "scrub": (0.3, 1.0),
-    "seedling": (0.45, 1.2), "log": (0.08, 0.6), "stump": (0.14, 0.9), "rock": (0.03, 0.6),
-}  # fmt: skip
+    "grass": (0.15, 0.5),
+    "dry_grass": (0.1, 0.5),
+    "fern": (0.25, 0.9),
+    "scrub": (0.3, 1.0),
+    "seedling": (0.45, 1.2),
+    "log": (0.08, 0.6),
+    "stump": (0.14, 0.9),
+    "rock": (0.03, 0.6),
+}
 TILING = [Layer.LITTER, Layer.MOSS, Layer.ROOTS, Layer.MUD, Layer.ROCK, Layer.DEAD_WOOD]
 
 

@@ -15,11 +15,13 @@ Scores = dict[tuple[str, str], dict[str, Sequence[float]]]
 ABLATION: Scores = {
     ("depth", MASK_ONLY): {"box_ap": (50.0, 50.2), "mask_ap": (40.0, 40.2)},
     ("depth", BOTH): {
-        "box_ap": (47.0, 47.2), "mask_ap": (40.1, 40.3), "keypoint_ap": (60.0, 60.2),
+        "box_ap": (47.0, 47.2),
+        "mask_ap": (40.1, 40.3),
+        "keypoint_ap": (60.0, 60.2),
     },
     ("depth", KEYPOINT_ONLY): {"box_ap": (49.0, 49.2), "keypoint_ap": (55.0, 55.2)},
     ("rgb", BOTH): {"box_ap": (30.0, 30.2), "mask_ap": (20.0, 20.2), "keypoint_ap": (40.0, 40.2)},
-}  # fmt: skip
+}
 
 
 def made_result(
@@ -31,13 +33,15 @@ def made_result(
     training = settings.training(model, seed).to_dict()
     return {
         "training": {
-            "spec": settings.spec(model).to_dict(), "settings": training,
-            "init": {"name": "random"}, "data": {"folder": "forest"},
+            "spec": settings.spec(model).to_dict(),
+            "settings": training,
+            "init": {"name": "random"},
+            "data": {"folder": "forest"},
         },
         "made": {"steps": 900 + seed, "frames": 9000, "precision": "fp32", "device": "2 CPU cores"},
         "test": {"folder": "frozen"},
         "metrics": metrics | {"frames": 400, "trees": 1600},
-    }  # fmt: skip
+    }
 
 
 @pytest.fixture

@@ -22,9 +22,16 @@ def row_of(lines: list[str], *starts: str) -> list[str]:
 def test_a_row_has_ours_with_spread_beside_the_papers_network(made_table: MadeTable) -> None:
     lines = list(table_lines(made_table()))
     assert row_of(lines, "edge-n, Depth", "keypoint & mask")[2:] == [
-        "2", "900", "47.1 ± 0.1", "40.2 ± 0.1", "60.1 ± 0.1", "X-101, RGB",
-        "58.34", "31.77", "80.19",
-    ]  # fmt: skip
+        "2",
+        "900",
+        "47.1 ± 0.1",
+        "40.2 ± 0.1",
+        "60.1 ± 0.1",
+        "X-101, RGB",
+        "58.34",
+        "31.77",
+        "80.19",
+    ]
     assert row_of(lines, "edge-n, Depth", "mask-only")[6] == "–"
     assert row_of(lines, "edge-n, RGB", "keypoint & mask")[4] == "30.1 ± 0.1"
 
@@ -42,8 +49,12 @@ def test_every_claim_of_the_paper_is_judged(made_table: MadeTable) -> None:
     signed = [round(claim["paper_difference"], 2) for claim in claims.values()]
     assert signed == [0.63, 0.06, -0.91, -0.88, 5.56]
     assert [round(claim["difference"], 2) for claim in claims.values()] == [
-        -2.0, 5.0, -3.0, 0.1, 17.0,
-    ]  # fmt: skip
+        -2.0,
+        5.0,
+        -3.0,
+        0.1,
+        17.0,
+    ]
 
 
 def test_with_one_seed_nothing_is_decided_and_no_spread_is_shown(made_table: MadeTable) -> None:
@@ -56,11 +67,19 @@ def test_with_one_seed_nothing_is_decided_and_no_spread_is_shown(made_table: Mad
 def test_conditions_of_both_are_told(made_table: MadeTable) -> None:
     text = " ".join(table_lines(made_table()))
     for part in (
-        "trained on 9,000 frames of forest", "400 test frames (1,600 trees) of frozen",
-        "10 minutes a run", "batches of 8", "640x384 px", "recipe scratch", "cosine",
-        "random weights", "fp32 on 2 CPU cores", "seeds 0, 1: the mean ± the standard deviation",
-        "SynthTree43k: 40,000 frames", "table 3 is of ResNeXt-101 on RGB",
-    ):  # fmt: skip
+        "trained on 9,000 frames of forest",
+        "400 test frames (1,600 trees) of frozen",
+        "10 minutes a run",
+        "batches of 8",
+        "640x384 px",
+        "recipe scratch",
+        "cosine",
+        "random weights",
+        "fp32 on 2 CPU cores",
+        "seeds 0, 1: the mean ± the standard deviation",
+        "SynthTree43k: 40,000 frames",
+        "table 3 is of ResNeXt-101 on RGB",
+    ):
         assert part in text, part
     assert "So far" not in text
 
@@ -77,17 +96,26 @@ def test_an_unfinished_table_says_so(made_table: MadeTable) -> None:
 def test_table_2_pairs_its_models_with_the_papers(made_table: MadeTable) -> None:
     scores = {
         (modality, "keypoint & mask"): {
-            "box_ap": (value, value + 0.1), "mask_ap": (value / 2, value / 2), "box_ap50": (80, 81),
+            "box_ap": (value, value + 0.1),
+            "mask_ap": (value / 2, value / 2),
+            "box_ap50": (80, 81),
             "mask_ap50": (70, 70),
         }
         for modality, value in (("rgb", 55.0), ("depth", 50.0))
-    }  # fmt: skip
+    }
     record = made_table(scores, table=2, models=("r50", "edge-s"), minutes=None, steps=1)
     lines = list(table_lines(record))
     assert row_of(lines, "r50, Depth")[4:] == [
-        "50.0 ± 0.1", "25.0 ± 0.0", "80.5 ± 0.7", "70.0 ± 0.0", "R-50, Depth",
-        "66.70", "31.52", "89.67", "70.66",
-    ]  # fmt: skip
+        "50.0 ± 0.1",
+        "25.0 ± 0.0",
+        "80.5 ± 0.7",
+        "70.0 ± 0.0",
+        "R-50, Depth",
+        "66.70",
+        "31.52",
+        "89.67",
+        "70.66",
+    ]
     assert row_of(lines, "edge-s, RGB")[8:] == ["–"] * 5
     assert [claim["word"] for claim in record["claims"]] == ["disagrees"] * 2
     assert record["claims"][0]["paper_difference"] == pytest.approx(11.5)

@@ -20,8 +20,13 @@ Call = Callable[..., tuple[int, str, str]]
 Edit = Callable[[Path, str, Callable[[dict[str, Any]], None]], None]
 
 TINY: dict[str, Any] = {
-    "table": 2, "models": ("edge-n",), "seeds": (0,), "height": 64, "width": 96, "batch": 2,
-}  # fmt: skip
+    "table": 2,
+    "models": ("edge-n",),
+    "seeds": (0,),
+    "height": 64,
+    "width": 96,
+    "batch": 2,
+}
 ENGINE = Engine(precision="fp32", workers=0)
 BOTH = "keypoint & mask"
 
@@ -87,8 +92,22 @@ def test_a_result_is_what_the_checkpoint_scores_on_the_test_frames(
     call: Call, posts: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
-    options = ("--table", 3, "--steps", 1, "--seeds", 3, "--height", 64, "--width", 96,
-               "--batch", 2, "--precision", "fp32")  # fmt: skip
+    options = (
+        "--table",
+        3,
+        "--steps",
+        1,
+        "--seeds",
+        3,
+        "--height",
+        64,
+        "--width",
+        96,
+        "--batch",
+        2,
+        "--precision",
+        "fp32",
+    )
     code, printed, told = call("tables", posts, "--out", out, *options)
     assert code == 0
     assert "| edge-n, Depth | keypoint-only" in printed
@@ -110,15 +129,30 @@ def test_a_result_is_what_the_checkpoint_scores_on_the_test_frames(
 def test_the_papers_six_models_are_trained_and_told(
     call: Call, posts: Path, tmp_path: Path
 ) -> None:
-    options = ("--table", 2, "--steps", 1, "--seeds", 0, "--height", 64, "--width", 96,
-               "--batch", 2, "--precision", "fp32")  # fmt: skip
+    options = (
+        "--table",
+        2,
+        "--steps",
+        1,
+        "--seeds",
+        0,
+        "--height",
+        64,
+        "--width",
+        96,
+        "--batch",
+        2,
+        "--precision",
+        "fp32",
+    )
     code, printed, _ = call("tables", posts, "--out", tmp_path / "out", *options, "--json")
     assert code == 0
     rows = json.loads(printed)["rows"]
     assert [(row["paper"]["backbone"], row["paper"]["modality"]) for row in rows] == [
-        (backbone, modality) for backbone in ("R-50", "R-101", "X-101")
+        (backbone, modality)
+        for backbone in ("R-50", "R-101", "X-101")
         for modality in ("RGB", "Depth")
-    ]  # fmt: skip
+    ]
     assert all(row["scores"]["mask_ap50"]["mean"] >= 0 for row in rows)
 
 
@@ -139,9 +173,15 @@ def test_the_models_of_table_3_differ_in_their_branches_alone() -> None:
 
 def test_starting_files_are_found_by_model_and_modality(tmp_path: Path) -> None:
     spec = make_spec(
-        "edge-n", "rgb", 96, 160, fpn_width=16, box_head_width=16, mask_head_widths=(8,),
+        "edge-n",
+        "rgb",
+        96,
+        160,
+        fpn_width=16,
+        box_head_width=16,
+        mask_head_widths=(8,),
         keypoint_head_widths=(8,),
-    )  # fmt: skip
+    )
     torch.manual_seed(0)
     save_checkpoint(tmp_path / "edge-n-rgb.safetensors", TreeRCNN(spec), {})
     settings = two_steps(init=str(tmp_path / "{model}-{modality}.safetensors"))
@@ -249,15 +289,44 @@ def test_the_commands_options_become_settings(
     monkeypatch.setattr(perceptree.tables, "build_table", record)
     other = tmp_path / "other"
     code, _, told = call(
-        "tables", posts, "--out", "o", "--table", 2, "--model", "r50,edge-s", "--minutes", 3,
-        "--seeds", "4,5", "--recipe", "scratch", "--init", "coco", "--batch", 4, "--test", other,
-        "--device", "cuda", "--precision", "bf16",
-    )  # fmt: skip
+        "tables",
+        posts,
+        "--out",
+        "o",
+        "--table",
+        2,
+        "--model",
+        "r50,edge-s",
+        "--minutes",
+        3,
+        "--seeds",
+        "4,5",
+        "--recipe",
+        "scratch",
+        "--init",
+        "coco",
+        "--batch",
+        4,
+        "--test",
+        other,
+        "--device",
+        "cuda",
+        "--precision",
+        "bf16",
+    )
     assert (code, told) == (130, "perceptree: interrupted; type the same command to go on\n")
     assert asked[:5] == [
         TableSettings(
-            table=2, models=("r50", "edge-s"), seeds=(4, 5), minutes=3.0, recipe="scratch",
-            init="coco", batch=4,
+            table=2,
+            models=("r50", "edge-s"),
+            seeds=(4, 5),
+            minutes=3.0,
+            recipe="scratch",
+            init="coco",
+            batch=4,
         ),
-        posts, other, Path("o"), Engine(device="cuda", precision="bf16"),
-    ]  # fmt: skip
+        posts,
+        other,
+        Path("o"),
+        Engine(device="cuda", precision="bf16"),
+    ]

@@ -17,9 +17,16 @@ def narrow() -> Callable[..., ModelSpec]:
 
     def make(modality: Any = "depth", **changes: Any) -> ModelSpec:
         return make_spec(
-            "edge-n", modality, 64, 128, fpn_width=16, box_head_width=16, mask_head_widths=(8,),
-            keypoint_head_widths=(8,), **changes,
-        )  # fmt: skip
+            "edge-n",
+            modality,
+            64,
+            128,
+            fpn_width=16,
+            box_head_width=16,
+            mask_head_widths=(8,),
+            keypoint_head_widths=(8,),
+            **changes,
+        )
 
     return make
 
@@ -30,8 +37,11 @@ def plan() -> Callable[..., TrainSettings]:
 
     def make(**changes: Any) -> TrainSettings:
         values: dict[str, Any] = {
-            "steps": 4, "batch": 2, "warmup_steps": 2, "evaluate_every_steps": 100
-        }  # fmt: skip
+            "steps": 4,
+            "batch": 2,
+            "warmup_steps": 2,
+            "evaluate_every_steps": 100,
+        }
         if "minutes" in changes:
             values["steps"] = None
         return TrainSettings(**values | changes)

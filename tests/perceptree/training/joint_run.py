@@ -24,23 +24,39 @@ def main() -> None:
     data, out, dies_at = Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3])
     torch.set_num_threads(1)
     spec = make_spec(
-        "edge-n", "depth", 64, 128, fpn_width=16, box_head_width=16, mask_head_widths=(8,),
-        keypoint_head_widths=(8,), proposal_nms_iou=1.0,
-    )  # fmt: skip
+        "edge-n",
+        "depth",
+        64,
+        128,
+        fpn_width=16,
+        box_head_width=16,
+        mask_head_widths=(8,),
+        keypoint_head_widths=(8,),
+        proposal_nms_iou=1.0,
+    )
     settings = TrainSettings(
-        steps=STEPS, batch=4, warmup_steps=20, optimizer="sgd", learning_rate=1e-4, ema_decay=0.0,
-        evaluate_every_steps=1000, augment=AugmentSettings(holes=2), sampling=ALL_PROPOSALS,
-    )  # fmt: skip
+        steps=STEPS,
+        batch=4,
+        warmup_steps=20,
+        optimizer="sgd",
+        learning_rate=1e-4,
+        ema_decay=0.0,
+        evaluate_every_steps=1000,
+        augment=AugmentSettings(holes=2),
+        sampling=ALL_PROPOSALS,
+    )
     told: list[dict[str, float]] = []
     last: dict[str, float] = {}
 
     def note(status: Status) -> None:
         # The trainer tells running means, which are plain means over so few steps.
         number = len(told) + 1
-        told.append({
-            name: number * value - (number - 1) * last.get(name, 0.0)
-            for name, value in status.losses.items()
-        })  # fmt: skip
+        told.append(
+            {
+                name: number * value - (number - 1) * last.get(name, 0.0)
+                for name, value in status.losses.items()
+            }
+        )
         last.update(status.losses)
         if status.step == dies_at and os.environ.get("RANK") == "1":
             raise RuntimeError("this process dies")

@@ -56,8 +56,10 @@ def test_killed_at_any_step_it_ends_with_the_same_weights(
     )
     process = subprocess.Popen(
         [sys.executable, "-c", script, str(posts), str(killed)],
-        stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
-    )  # fmt: skip
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
     assert process.stdout is not None
     assert process.stdout.readline() == "three\n"
     process.send_signal(signal.SIGKILL)
@@ -83,8 +85,10 @@ def test_the_workers_end_with_a_killed_trainer(posts: Path, tmp_path: Path) -> N
     )
     process = subprocess.Popen(
         [sys.executable, "-c", script, str(posts), str(tmp_path / "run")],
-        stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
-    )  # fmt: skip
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
     assert process.stdout is not None
     workers = [int(word) for word in process.stdout.readline().split()]
     assert workers
@@ -114,9 +118,13 @@ def test_broken_frames_are_left_out_when_asked_and_counted(
         train(narrow(), plan(), posts, tmp_path / "run")
     said: list[str] = []
     train(
-        narrow(), plan(steps=1), posts, tmp_path / "run", engine=Engine(skip_broken=True),
+        narrow(),
+        plan(steps=1),
+        posts,
+        tmp_path / "run",
+        engine=Engine(skip_broken=True),
         preparing=Preparing(say=said.append),
-    )  # fmt: skip
+    )
     assert [line for line in said if "left out 1 broken frames" in line and "000003" in line]
 
 
@@ -128,9 +136,14 @@ def test_broken_frames_are_left_out_when_asked_and_counted(
     ],
 )
 def test_data_that_lacks_what_the_model_learns_is_refused(
-    posts: Path, tmp_path: Path, narrow: Make, plan: Make, edit_split: Make, field: str,
+    posts: Path,
+    tmp_path: Path,
+    narrow: Make,
+    plan: Make,
+    edit_split: Make,
+    field: str,
     expected: str,
-) -> None:  # fmt: skip
+) -> None:
     def strip(content: dict[str, Any]) -> None:
         for annotation in content["annotations"]:
             del annotation[field]

@@ -137,8 +137,9 @@ def test_simulate_goes_with_neither_branch_nor_fold(call: Make) -> None:
         "train", "data", "--out", "run", "--simulate", 9, "--minutes", 1, "--branch", "run"
     )
     assert (code, told) == (
-        2, "perceptree: --simulate goes without --branch: expected one of the two\n"
-    )  # fmt: skip
+        2,
+        "perceptree: --simulate goes without --branch: expected one of the two\n",
+    )
 
 
 @pytest.mark.slow
@@ -146,9 +147,24 @@ def test_the_command_simulates_and_trains_at_once(call: Make, tmp_path: Path) ->
     size = ("--width", 160, "--height", 96, "--views", 1)
     assert call("synth", "--out", tmp_path / "data", "--frames", 8, *size)[0] == 0
     code, out, told = call(
-        "train", tmp_path / "data", "--out", tmp_path / "run", "--simulate", 16, "--minutes", 2,
-        "--width", 128, "--height", 64, "--batch", 2, "--evaluate-every", 20, "--json",
-    )  # fmt: skip
+        "train",
+        tmp_path / "data",
+        "--out",
+        tmp_path / "run",
+        "--simulate",
+        16,
+        "--minutes",
+        2,
+        "--width",
+        128,
+        "--height",
+        64,
+        "--batch",
+        2,
+        "--evaluate-every",
+        20,
+        "--json",
+    )
     assert code == 0, told
     assert json.loads(out)["checkpoint"] == str(tmp_path / "run/stage-2/best.safetensors")
     assert "stage-2: 16 frames" in told

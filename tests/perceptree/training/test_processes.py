@@ -31,8 +31,11 @@ def run_processes(
         start += ["-m", "torch.distributed.run", "--standalone", f"--nproc-per-node={number}"]
     return subprocess.run(
         [*start, str(SCRIPT), str(data), str(out), str(dies_at)],
-        capture_output=True, text=True, check=False, timeout=300,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )
 
 
 def losses(out: Path) -> list[dict[str, float]]:

@@ -28,9 +28,11 @@ _STATISTICS = ("running_mean", "running_var", "num_batches_tracked")
 
 def small_spec(height: int = 64, width: int = 128, **changes: Any) -> ModelSpec:
     values = {
-        "fpn_width": 16, "box_head_width": 16, "mask_head_widths": (8,),
+        "fpn_width": 16,
+        "box_head_width": 16,
+        "mask_head_widths": (8,),
         "keypoint_head_widths": (8,),
-    } | changes  # fmt: skip
+    } | changes
     return make_spec("edge-n", "depth", height, width, **values)
 
 
@@ -90,7 +92,7 @@ def test_a_branch_that_only_one_has_is_left_out_or_stays_random(tmp_path: Path) 
         ({"backbone": "resnet18"}, "its backbone is mobilenetv4_conv_small, expected the model's"),
         ({"std": (1.0,)}, r"its std is \(80.0,\), expected the model's, \(1.0,\)"),
     ],
-)  # fmt: skip
+)
 def test_a_checkpoint_that_does_not_fit_is_refused_in_one_line(
     tmp_path: Path, changes: dict[str, Any], expected: str
 ) -> None:
@@ -149,9 +151,13 @@ def test_what_is_frozen_stays_and_all_else_is_trained(posts: Path, tmp_path: Pat
     file = tmp_path / "start.safetensors"
     start = write_start(file, small_spec())
     plan = settings(
-        steps=2, freeze_level=2, frozen_norms=True, learning_rate=1e-2, warmup_steps=1,
+        steps=2,
+        freeze_level=2,
+        frozen_norms=True,
+        learning_rate=1e-2,
+        warmup_steps=1,
         sampling=SampleSettings(anchors=2000),
-    )  # fmt: skip
+    )
     report = train(small_spec(), plan, posts, tmp_path / "run", init=file)
     made = load_checkpoint(report.checkpoint)[0].state_dict()
     same = {name for name, value in start.items() if torch.equal(value, made[name])}

@@ -51,16 +51,25 @@ def asked(
     told: list[Asked] = []
 
     def record(
-        spec: Any, settings: Any, data: Any, out: Any, progress: Any, init: Any, engine: Any,
-        branch: Any, preparing: Any,
-    ) -> None:  # fmt: skip
+        spec: Any,
+        settings: Any,
+        data: Any,
+        out: Any,
+        progress: Any,
+        init: Any,
+        engine: Any,
+        branch: Any,
+        preparing: Any,
+    ) -> None:
         told.append(Asked(spec, settings, init, engine, branch, data))
         raise Stopped("far enough")
 
     def ask(*options: object) -> Asked:
         assert call("train", "posts", "--out", "run", *options) == (
-            2, "", "perceptree: far enough\n"
-        )  # fmt: skip
+            2,
+            "",
+            "perceptree: far enough\n",
+        )
         return told[-1]
 
     monkeypatch.setattr(perceptree.training, "train", record)
@@ -69,9 +78,16 @@ def asked(
 
 def write_start(path: Path, **changes: Any) -> ModelSpec:
     spec = make_spec(
-        "edge-n", "depth", 96, 160, fpn_width=16, box_head_width=16, mask_head_widths=(8,),
-        keypoint_head_widths=(8,), **changes,
-    )  # fmt: skip
+        "edge-n",
+        "depth",
+        96,
+        160,
+        fpn_width=16,
+        box_head_width=16,
+        mask_head_widths=(8,),
+        keypoint_head_widths=(8,),
+        **changes,
+    )
     save_checkpoint(path, TreeRCNN(spec), {})
     return spec
 
@@ -144,9 +160,25 @@ def test_a_files_training_without_masks_runs_to_its_end(
     file = tmp_path / "start.safetensors"
     write_start(file)
     code, printed, told = call(
-        "train", posts, "--out", tmp_path / "run", "--init", file, "--height", 64, "--width", 128,
-        "--no-masks", "--freeze-level", 2, "--steps", 1, "--batch", 2, "--json",
-    )  # fmt: skip
+        "train",
+        posts,
+        "--out",
+        tmp_path / "run",
+        "--init",
+        file,
+        "--height",
+        64,
+        "--width",
+        128,
+        "--no-masks",
+        "--freeze-level",
+        2,
+        "--steps",
+        1,
+        "--batch",
+        2,
+        "--json",
+    )
     assert (code, told) == (0, "")
     report = json.loads(printed)
     model, record = load_checkpoint(report["checkpoint"])
@@ -159,7 +191,8 @@ def test_a_files_training_without_masks_runs_to_its_end(
 MISTAKES = {
     "model": (("--model", "r51"), "model is 'r51', expected one of: edge-n"),
     "start": (
-        ("--init", "imagnet"), "--init is 'imagnet': expected imagenet, coco or a checkpoint file"
+        ("--init", "imagnet"),
+        "--init is 'imagnet': expected imagenet, coco or a checkpoint file",
     ),
     "not a checkpoint": (("--init", "{}/train_RGB.json"), "not a readable safetensors file"),
     "another model": (
@@ -167,7 +200,8 @@ MISTAKES = {
         "--model is r50, of backbone resnet50, but",
     ),
     "another modality": (
-        ("--init", "{}/start.safetensors", "--modality", "rgb"), "--modality is rgb, but"
+        ("--init", "{}/start.safetensors", "--modality", "rgb"),
+        "--modality is rgb, but",
     ),
     "size": (("--height", 20), "the input is 20x640, expected 32 to 8192 px"),
     "freeze level": (("--freeze-level", 6), "freeze_level is 6: expected 0 to 5"),
@@ -177,7 +211,7 @@ MISTAKES = {
         ("--init", "imagenet", "--height", 64, "--width", 128),
         "mobilenetv4_conv_small.e2400_r224_in1k could not be fetched by timm (<urlopen error",
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
@@ -209,14 +243,43 @@ def test_a_mistake_is_one_line_and_exit_code_two(
 
 def test_options_reach_settings_and_engine(asked: Callable[..., Asked], tmp_path: Path) -> None:
     found = asked(
-        "--recipe", "paper", "--minutes", 3, "--patience", 4, "--batch", 12, "--accumulate", 3,
-        "--learning-rate", 0.01, "--evaluate-every", 70, "--seed", 5, "--precision", "fp32",
-        "--workers", 2, "--cache", tmp_path, "--skip-broken", "--fold", 3, "--entire-tree",
-    )  # fmt: skip
+        "--recipe",
+        "paper",
+        "--minutes",
+        3,
+        "--patience",
+        4,
+        "--batch",
+        12,
+        "--accumulate",
+        3,
+        "--learning-rate",
+        0.01,
+        "--evaluate-every",
+        70,
+        "--seed",
+        5,
+        "--precision",
+        "fp32",
+        "--workers",
+        2,
+        "--cache",
+        tmp_path,
+        "--skip-broken",
+        "--fold",
+        3,
+        "--entire-tree",
+    )
     assert found.settings == recipe_settings(
-        "paper", minutes=3.0, patience=4, batch=12, accumulate=3, learning_rate=0.01,
-        evaluate_every_steps=70, seed=5,
-    )  # fmt: skip
+        "paper",
+        minutes=3.0,
+        patience=4,
+        batch=12,
+        accumulate=3,
+        learning_rate=0.01,
+        evaluate_every_steps=70,
+        seed=5,
+    )
     assert found.source == DataSource(Path("posts"), 3, True)
     assert found.engine == Engine(
         precision="fp32", workers=2, cache=str(tmp_path), skip_broken=True

@@ -22,15 +22,19 @@ Edit = Callable[[Path, str, Callable[[dict[str, Any]], None]], None]
 
 def small_spec(modality: Any = "depth") -> ModelSpec:
     return make_spec(
-        "edge-n", modality, 64, 128, fpn_width=16, box_head_width=16, mask_head_widths=(8,),
+        "edge-n",
+        modality,
+        64,
+        128,
+        fpn_width=16,
+        box_head_width=16,
+        mask_head_widths=(8,),
         keypoint_head_widths=(8,),
-    )  # fmt: skip
+    )
 
 
 def settings(**changes: Any) -> TrainSettings:
-    values: dict[str, Any] = {
-        "steps": 4, "batch": 2, "warmup_steps": 2, "evaluate_every_steps": 2
-    }  # fmt: skip
+    values: dict[str, Any] = {"steps": 4, "batch": 2, "warmup_steps": 2, "evaluate_every_steps": 2}
     if "minutes" in changes:
         values["steps"] = None
     return TrainSettings(**values | changes)
@@ -114,9 +118,12 @@ def test_the_losses_fall(posts: Path, tmp_path: Path) -> None:
     plan = settings(steps=25, learning_rate=3e-3)
     history: list[float] = []
     train(
-        small_spec(), plan, posts, tmp_path / "run",
+        small_spec(),
+        plan,
+        posts,
+        tmp_path / "run",
         lambda status: history.append(sum(status.losses.values())),
-    )  # fmt: skip
+    )
     # The first losses told are means from the start: the last five of 25 steps by difference.
     last = (25 * history[24] - 20 * history[19]) / 5
     assert last < 0.8 * history[0]
@@ -125,9 +132,13 @@ def test_the_losses_fall(posts: Path, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_posts_are_learned(write_dataset: Callable[..., Path], tmp_path: Path) -> None:
     plan = TrainSettings(
-        steps=150, batch=4, warmup_steps=10, learning_rate=3e-3, ema_decay=0.95,
+        steps=150,
+        batch=4,
+        warmup_steps=10,
+        learning_rate=3e-3,
+        ema_decay=0.95,
         augment=AugmentSettings(scale=(0.9, 1.1), holes=0),
-    )  # fmt: skip
+    )
     data = write_dataset(train=12, val=6)
     report = train(make_spec("edge-n", "depth", 64, 128), plan, data, tmp_path / "run")
     assert report.metrics.box_ap50 > 60
@@ -143,8 +154,9 @@ def test_other_settings_data_or_files_are_refused(
         train(small_spec(), settings(batch=3), posts, out)
     with pytest.raises(CheckpointError, match="other model settings"):
         train(small_spec("rgb"), settings(), posts, out)
-    edit_split(posts, "train", lambda content: content["images"].append(content["images"][0] | {
-        "id": 99}))  # fmt: skip
+    edit_split(
+        posts, "train", lambda content: content["images"].append(content["images"][0] | {"id": 99})
+    )
     with pytest.raises(CheckpointError, match=r"other data: frames hash was .*; train was 6, is 7"):
         train(small_spec(), settings(), posts, out)
     for content in (b"", b"nothing like it", b"PK\x03\x04"):

@@ -87,8 +87,10 @@ def test_a_pickle_of_python_2_gives_its_arrays(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("zipped", [True, False])
 def test_both_formats_of_torch_give_their_tensors(zipped: bool, tmp_path: Path) -> None:
-    values = {name: torch.tensor(value.astype(value.dtype.newbyteorder("=")))
-              for name, value in arrays().items()}  # fmt: skip
+    values = {
+        name: torch.tensor(value.astype(value.dtype.newbyteorder("=")))
+        for name, value in arrays().items()
+    }
     values["shared"] = torch.nn.Parameter(values["plain"][0])
     content = {
         "model": OrderedDict(values),
