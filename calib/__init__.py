@@ -1,12 +1,11 @@
 """Cameras and depth: intrinsics, lenses, files, depth maps, the ground. Knows no trees."""
 
+from calib.boxes import box_iou
 from calib.camera import PinholeCamera
 from calib.depth import (
     DepthEncoding,
     DepthFailure,
     DepthReport,
-    StereoNoise,
-    TofNoise,
     check_depth,
     decode_depth,
     depth_to_disparity,
@@ -64,9 +63,8 @@ __all__ = [
     "PinholeCamera",
     "Rectification",
     "RigidTransform",
-    "StereoNoise",
     "TargetReadings",
-    "TofNoise",
+    "box_iou",
     "check_depth",
     "decode_depth",
     "depth_to_disparity",

@@ -1,21 +1,46 @@
-"""Writing a file so that a reader sees the old one or the new one, never a half."""
+"""Write files whole: a reader sees the old file or the new one, never half of one."""
 
 from __future__ import annotations
 
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from calib.errors import InputFileError
 
 
-def write_whole(path: Path, data: bytes) -> None:
-    """Write beside ``path``, then rename; raises InputFileError where it cannot be written."""
-    beside = path.with_name(path.name + ".part")
+@contextmanager
+def replacing(path: Path, beside: Path | None = None) -> Iterator[Path]:
+    """Give the block a file to write, which becomes ``path`` when the block ends without an error.
+
+    If the block raises, the file is removed and ``path`` is as it was.
+
+    Args:
+        path: the file to write or replace.
+        beside: the file that the block writes, in the same folder; ``path`` with ``.part`` at its
+            end if not given. Where several processes may write the same ``path`` at once, each
+            must give a name of its own.
+
+    Raises:
+        OSError: the file cannot be renamed; and whatever the block raises.
+    """
+    beside = path.with_name(f"{path.name}.part") if beside is None else beside
     try:
-        beside.write_bytes(data)
+        yield beside
         beside.replace(path)
-    except OSError as error:
-        raise InputFileError(f"{path}: cannot be written ({error.strerror})") from error
     finally:
         with suppress(OSError):
-            beside.unlink()
+            beside.unlink(missing_ok=True)
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write a file at once or not at all.
+
+    Raises:
+        InputFileError: it cannot be written.
+    """
+    try:
+        with replacing(path) as beside:
+            beside.write_bytes(data)
+    except OSError as error:
+        raise InputFileError(f"{path}: cannot be written ({error.strerror})") from error

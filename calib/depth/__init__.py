@@ -9,14 +9,11 @@ from calib.depth.conversion import (
 )
 from calib.depth.encoding import DepthEncoding, decode_depth, encode_depth
 from calib.depth.files import read_depth, write_depth
-from calib.depth.noise import StereoNoise, TofNoise
 
 __all__ = [
     "DepthEncoding",
     "DepthFailure",
     "DepthReport",
-    "StereoNoise",
-    "TofNoise",
     "check_depth",
     "decode_depth",
     "depth_to_disparity",

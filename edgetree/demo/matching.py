@@ -7,7 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Match", "box_iou", "match_boxes"]
+from calib import box_iou
+
+__all__ = ["Match", "match_boxes"]
 
 
 class Match(NamedTuple):
@@ -16,33 +18,6 @@ class Match(NamedTuple):
     detection: int
     truth: int
     iou: float
-
-
-def box_iou(first_px: NDArray[np.floating], second_px: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Intersection over union of every pair of boxes.
-
-    Args:
-        first_px: (N, 4) x0, y0, x1, y1.
-        second_px: (M, 4) likewise.
-
-    Returns:
-        (N, M) in [0, 1]; 0 where a pair covers no area at all.
-    """
-    first = np.asarray(first_px, dtype=np.float64).reshape(-1, 1, 4)
-    second = np.asarray(second_px, dtype=np.float64).reshape(1, -1, 4)
-    corners = (
-        np.maximum(first[..., :2], second[..., :2]),
-        np.minimum(first[..., 2:], second[..., 2:]),
-    )
-    shared = _area(*corners)
-    union = _area(first[..., :2], first[..., 2:]) + _area(second[..., :2], second[..., 2:]) - shared
-    return np.divide(shared, union, out=np.zeros_like(shared), where=union > 0.0)
-
-
-def _area(low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Area between two corners (..., 2); 0 where they are in the wrong order."""
-    sides: NDArray[np.float64] = np.clip(high - low, 0.0, None)
-    return sides[..., 0] * sides[..., 1]
 
 
 def match_boxes(

@@ -27,7 +27,8 @@ __all__ = ["describe"]
 
 def describe(model: TreeRCNN, training_data: str, settings: ExportSettings) -> Manifest:
     """What the file of ``model``, made as ``settings`` say, tells about itself."""
-    from perceptree.models import CLASS_NAMES, KEYPOINT_FLIP_PAIRS, KEYPOINT_NAMES
+    from perceptree.keypoints import KEYPOINT_FLIP_PAIRS, KEYPOINT_NAMES
+    from perceptree.models import CLASS_NAMES
     from perceptree.models.cost import classifier_cost, multiply_adds, parameters
 
     spec: ModelSpec = model.spec

@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from calib import box_iou
 from edgetree.errors import CheckFailed
 
 __all__ = [
@@ -256,7 +257,7 @@ def compare_frame(
     (N, 28, 28), and ``rows``, the most there could be.
     """
     limits = limits_of(precision)
-    overlap = _iou(expected["boxes"], found["boxes"])
+    overlap = box_iou(expected["boxes"], found["boxes"])
     if precision == "float32":
         slack = limits.score or 0.0
         low = [_lowest_certain(side, threshold, slack) for side in (expected, found)]
@@ -325,12 +326,3 @@ def _mask_iou(first: NDArray[Any], second: NDArray[Any]) -> float:
     union = (a | b).sum(axis=(1, 2))
     both = (a & b).sum(axis=(1, 2))
     return float(np.where(union > 0, both / np.maximum(union, 1), 1.0).min())
-
-
-def _iou(first: NDArray[Any], second: NDArray[Any]) -> NDArray[np.float64]:
-    low = np.maximum(first[:, None, :2], second[None, :, :2])
-    high = np.minimum(first[:, None, 2:], second[None, :, 2:])
-    overlap = np.clip(high - low, 0.0, None).prod(axis=2, dtype=np.float64)
-    area = [(boxes[:, 2:] - boxes[:, :2]).prod(axis=1) for boxes in (first, second)]
-    union = area[0][:, None] + area[1][None, :] - overlap
-    return np.where(overlap > 0, overlap / np.maximum(union, 1e-9), 0.0)

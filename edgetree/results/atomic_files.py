@@ -9,6 +9,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TextIO
 
+from calib import writing
 from edgetree.errors import InputError
 
 __all__ = ["check_paths", "output_folder", "replacing", "text_file"]
@@ -58,9 +59,8 @@ def replacing(path: Path) -> Iterator[Path]:
     """
     if path.is_dir():
         raise InputError(f"{path} is a folder: expected the name of a file to write")
-    # Named before it is made, so that an interrupt at any moment finds it.
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
-    try:
+    unique = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
+    with writing.replacing(path, unique) as temporary:
         try:
             temporary.touch(exist_ok=False)
             temporary.unlink()
@@ -70,10 +70,6 @@ def replacing(path: Path) -> Iterator[Path]:
                 " expected a file in a folder that is there and can be written"
             ) from error
         yield temporary
-        temporary.replace(path)
-    finally:
-        with suppress(OSError):
-            temporary.unlink(missing_ok=True)
 
 
 @contextmanager

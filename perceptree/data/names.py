@@ -11,7 +11,7 @@ from typing import Any
 from perceptree.data.coco import KEYPOINTS
 from perceptree.data.entries import EntryError, refuse, rows
 from perceptree.errors import DatasetError
-from perceptree.models import KEYPOINT_NAMES
+from perceptree.keypoints import KEYPOINT_NAMES
 
 _TREES = frozenset(
     (

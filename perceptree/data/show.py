@@ -11,7 +11,7 @@ from perceptree.data.coco import FrameRecord
 from perceptree.data.dataset import Dataset
 from perceptree.data.frames import read_frame
 from perceptree.drawing import PAPER, Picture, draw_trees, grid, keypoint_legend, with_caption
-from perceptree.models import KEYPOINT_NAMES
+from perceptree.keypoints import KEYPOINT_NAMES
 
 _CELL_PX = (480, 360)
 

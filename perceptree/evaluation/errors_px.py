@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from perceptree.data import FrameRecord
 from perceptree.evaluation.matching import Pair
 from perceptree.evaluation.predictions import FramePrediction
-from perceptree.models import KEYPOINT_NAMES
+from perceptree.keypoints import KEYPOINT_NAMES
 
 Float = NDArray[np.floating[Any]]
 

@@ -23,7 +23,7 @@ from perceptree.evaluation.groups import AXES, Axis, Group, groups_of
 from perceptree.evaluation.matching import DISPLAY_SCORE, MATCH_IOU
 from perceptree.evaluation.metrics import Measured
 from perceptree.evaluation.precision import KINDS
-from perceptree.models import KEYPOINT_NAMES
+from perceptree.keypoints import KEYPOINT_NAMES
 
 SCHEMA = "perceptree.evaluation/1"
 KIND_NAMES: dict[Kind, str] = {"bbox": "boxes", "segm": "masks", "keypoints": "keypoints"}

@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pycocotools import mask as coco_mask
 
+from calib import box_iou
 from perceptree.data import FrameRecord, TreeRecord, read_frame
 from perceptree.drawing import Colour, Picture, draw_trees
 from perceptree.errors import DatasetError
-from perceptree.evaluation.matching import DISPLAY_SCORE, Pair, overlaps
+from perceptree.evaluation.matching import DISPLAY_SCORE, Pair
 from perceptree.evaluation.metrics import Measured
 from perceptree.evaluation.predictions import FramePrediction, read_ahead
 
@@ -129,7 +130,7 @@ def _invented(measured: Measured) -> list[_Case]:
 
 def _nearest(box: Float, others: Float, name: str) -> list[str]:
     """How much of it is shared with another, where that is something."""
-    most = float(overlaps(box, others).max(initial=0.0))
+    most = float(box_iou(box, others).max(initial=0.0))
     return [f"overlaps {name} by {most:.2f}"] if most >= _WORTH_SAYING else []
 
 

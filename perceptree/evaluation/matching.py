@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from calib import box_iou
 from perceptree.data import FrameRecord
 from perceptree.evaluation.predictions import FramePrediction
 
@@ -63,7 +64,7 @@ def _match_frame(number: int, frame: FrameRecord, found: FramePrediction, matche
     boxes = np.array([frame.trees[place].box_px for place in trees]).reshape(-1, 4)
     free = np.ones(len(trees), bool)
     for row in _shown_rows(found):
-        overlap = np.where(free, overlaps(found.boxes[row], boxes), -1.0)
+        overlap = np.where(free, box_iou(found.boxes[row], boxes)[0], -1.0)
         best = int(overlap.argmax()) if len(trees) else -1
         if best >= 0 and overlap[best] >= MATCH_IOU:
             free[best] = False
@@ -80,19 +81,8 @@ def _shown_rows(found: FramePrediction) -> Iterator[int]:
             yield int(row)
 
 
-def overlaps(box: Float, boxes: Float) -> Float:
-    """(N,) intersection over union of one xyxy box with (N, 4)."""
-    shared = _shared(box, boxes)
-    areas = (boxes[:, 2:] - boxes[:, :2]).prod(1) + (box[2:] - box[:2]).prod()
-    return np.asarray(shared / np.maximum(areas - shared, 1e-9))
-
-
-def _shared(box: Float, boxes: Float) -> Float:
-    low, high = np.maximum(box[:2], boxes[:, :2]), np.minimum(box[2:], boxes[:, 2:])
-    return np.asarray(np.clip(high - low, 0, None).prod(1))
-
-
 def _share_within(box: Float, other: Float) -> float:
     """The part of a box that lies in another."""
     area = max(float((box[2:] - box[:2]).prod()), 1e-9)
-    return float(_shared(box, other[None])[0]) / area
+    low, high = np.maximum(box[:2], other[:2]), np.minimum(box[2:], other[2:])
+    return float(np.clip(high - low, 0, None).prod()) / area

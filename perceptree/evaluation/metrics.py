@@ -13,7 +13,7 @@ from perceptree.evaluation.errors_px import PixelErrors, Spread, measure_errors
 from perceptree.evaluation.matching import Matches, match_trees
 from perceptree.evaluation.precision import Precision, Scorer
 from perceptree.evaluation.predictions import FramePrediction, Predict, predict_frames
-from perceptree.models import KEYPOINT_NAMES
+from perceptree.keypoints import KEYPOINT_NAMES
 
 Progress = Callable[[int], None]
 

@@ -24,7 +24,8 @@ from perceptree.evaluation.predictions import (
     predict_images,
     read_ahead,
 )
-from perceptree.models import KEYPOINT_NAMES, ModelSpec
+from perceptree.keypoints import KEYPOINT_NAMES
+from perceptree.models import ModelSpec
 
 PICTURE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 SKELETON = ((0, 3), (3, 4), (1, 2))

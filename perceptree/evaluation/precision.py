@@ -14,7 +14,7 @@ from pycocotools.coco import COCO
 from perceptree.data import FrameRecord
 from perceptree.evaluation.coco_matching import HALF, Evaluation, Kind
 from perceptree.evaluation.predictions import FramePrediction
-from perceptree.models import KEYPOINT_NAMES
+from perceptree.keypoints import KEYPOINT_NAMES
 
 KINDS: tuple[Kind, ...] = ("bbox", "segm", "keypoints")
 SIZES_PX2 = {

@@ -17,7 +17,7 @@ from perceptree.evaluation.plots import (
     stem_directions_svg,
 )
 from perceptree.evaluation.summary import title_of
-from perceptree.models import KEYPOINT_NAMES
+from perceptree.keypoints import KEYPOINT_NAMES
 from perceptree.page import card, render_page, tiles
 
 if TYPE_CHECKING:

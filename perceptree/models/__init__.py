@@ -6,8 +6,6 @@ from perceptree.models.matching import PAPER_SAMPLING, SampleSettings
 from perceptree.models.presets import EDGE_PRESETS, PAPER_PRESETS, PRESETS, make_spec
 from perceptree.models.spec import (
     CLASS_NAMES,
-    KEYPOINT_FLIP_PAIRS,
-    KEYPOINT_NAMES,
     ModelSpec,
     SpecError,
 )
@@ -16,8 +14,6 @@ from perceptree.models.targets import TreeTargets
 __all__ = [
     "CLASS_NAMES",
     "EDGE_PRESETS",
-    "KEYPOINT_FLIP_PAIRS",
-    "KEYPOINT_NAMES",
     "PAPER_PRESETS",
     "PAPER_SAMPLING",
     "PRESETS",

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -13,6 +11,7 @@ import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 
+from calib.writing import replacing
 from perceptree.errors import CheckpointError
 from perceptree.models.detector import TreeRCNN
 from perceptree.models.spec import ModelSpec, SpecError
@@ -26,16 +25,12 @@ def save_checkpoint(path: str | Path, model: TreeRCNN, training: dict[str, Any])
     path = Path(path)
     record = {"schema": SCHEMA, "spec": model.spec.to_dict(), "training": training}
     tensors = {name: value.contiguous() for name, value in model.state_dict().items()}
-    beside = path.with_name(path.name + ".part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        beside.write_bytes(save(tensors, metadata={METADATA_KEY: json.dumps(record)}))
-        os.replace(beside, path)
+        with replacing(path) as beside:
+            beside.write_bytes(save(tensors, metadata={METADATA_KEY: json.dumps(record)}))
     except OSError as error:
         raise CheckpointError(f"{path}: cannot be written ({error.strerror or error})") from error
-    finally:
-        with contextlib.suppress(OSError):
-            beside.unlink()
 
 
 def load_checkpoint(path: str | Path) -> tuple[TreeRCNN, dict[str, Any]]:

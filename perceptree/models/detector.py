@@ -9,6 +9,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from perceptree.keypoints import KEYPOINT_NAMES
 from perceptree.models import losses
 from perceptree.models.backbones import Backbone
 from perceptree.models.boxes import clip_boxes, decode_boxes, enlarge_boxes, suppress
@@ -33,7 +34,7 @@ from perceptree.models.matching import (
 )
 from perceptree.models.roi_align import RegionPooler
 from perceptree.models.rpn import ProposalMaps, ProposalNetwork
-from perceptree.models.spec import KEYPOINT_NAMES, MASK_CELLS, STRIDE_5, ModelSpec
+from perceptree.models.spec import MASK_CELLS, STRIDE_5, ModelSpec
 from perceptree.models.targets import TreeTargets, pad_boxes
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from torch import Tensor, nn
 from torch.nn import functional
 
-from perceptree.models.spec import CLASS_NAMES, KEYPOINT_NAMES
+from perceptree.keypoints import KEYPOINT_NAMES
+from perceptree.models.spec import CLASS_NAMES
 
 BOX_CELLS = 7
 BOX_WEIGHTS = (10.0, 10.0, 5.0, 5.0)

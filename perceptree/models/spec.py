@@ -8,8 +8,6 @@ from typing import Any, Literal, get_args
 
 from perceptree.errors import PerceptreeError
 
-KEYPOINT_NAMES = ("felling_cut", "diameter_left", "diameter_right", "axis_middle", "axis_top")
-KEYPOINT_FLIP_PAIRS = ((1, 2),)
 CLASS_NAMES = ("tree",)
 
 MASK_CELLS = 28

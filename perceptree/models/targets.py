@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from perceptree.models.spec import KEYPOINT_NAMES
+from perceptree.keypoints import KEYPOINT_NAMES
 
 
 @dataclasses.dataclass(frozen=True)

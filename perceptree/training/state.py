@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import pickle
 import signal
 import threading
@@ -15,6 +14,7 @@ from typing import Any
 
 import torch
 
+from calib.writing import replacing
 from perceptree.errors import CheckpointError
 
 STATE_NAME = "state.pt"
@@ -30,16 +30,12 @@ def write_state(path: Path, state: Mapping[str, Any], identity: Identity) -> Non
 
     Raises CheckpointError where it cannot be written; a file that was there stays whole.
     """
-    beside = path.with_name(path.name + ".part")
     record = {"version": _VERSION, "identity": json.dumps(identity)}
     try:
-        torch.save({**state, **record}, beside)
-        os.replace(beside, path)
+        with replacing(path) as beside:
+            torch.save({**state, **record}, beside)
     except (OSError, RuntimeError) as error:  # torch reports a full disk as RuntimeError
         raise CheckpointError(f"{path}: cannot be written ({error})") from error
-    finally:
-        with contextlib.suppress(OSError):
-            beside.unlink(missing_ok=True)
 
 
 def read_state(path: Path, identity: Identity, defaults: Identity | None = None) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from pycocotools import mask as coco_mask
 
 import calib
 from perceptree.cli import main
-from perceptree.models import KEYPOINT_NAMES
+from perceptree.keypoints import KEYPOINT_NAMES
 
 WIDTH_PX, HEIGHT_PX = 128, 72
 DatasetWriter = Callable[..., Path]

@@ -12,7 +12,8 @@ import torch
 
 import calib
 from perceptree.data import read_split
-from perceptree.models import KEYPOINT_NAMES, TreeRCNN, make_spec, save_checkpoint
+from perceptree.keypoints import KEYPOINT_NAMES
+from perceptree.models import TreeRCNN, make_spec, save_checkpoint
 
 Result = tuple[int, str, str]
 Call = Callable[..., Result]

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from perceptree.models import KEYPOINT_FLIP_PAIRS
+from perceptree.keypoints import KEYPOINT_FLIP_PAIRS
 
 Float = NDArray[np.floating[Any]]
 Bytes = NDArray[np.uint8]

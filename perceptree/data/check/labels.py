@@ -8,7 +8,7 @@ import numpy as np
 
 from perceptree.data.coco import FrameRecord, TreeRecord
 from perceptree.errors import DatasetError
-from perceptree.models import KEYPOINT_NAMES
+from perceptree.keypoints import KEYPOINT_NAMES
 
 _OUTSIDE_PX = 1.0
 _ORDER_PX = 1.0

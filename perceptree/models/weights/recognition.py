@@ -10,8 +10,9 @@ from typing import Any, Literal
 from torch import Tensor
 
 from perceptree.errors import CheckpointError
+from perceptree.keypoints import KEYPOINT_NAMES
 from perceptree.models.presets import IMAGENET_MEAN, IMAGENET_STD, UNIT_STD, make_spec
-from perceptree.models.spec import CLASS_NAMES, KEYPOINT_NAMES, Modality, ModelSpec, SpecError
+from perceptree.models.spec import CLASS_NAMES, Modality, ModelSpec, SpecError
 from perceptree.models.weights.anchors import anchor_layout
 from perceptree.models.weights.reading import Tensors
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from perceptree.simulator.labelling.annotate import KEYPOINT_NAMES
+from perceptree.keypoints import KEYPOINT_NAMES
 from perceptree.simulator.settings import DEPTH_KINDS, GROUNDS, SPECIES, TIMES, WEATHERS
 
 Record = dict[str, Any]

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.writing import replacing
 from perceptree.errors import DatasetError
 
 FRAME_FOLDERS = ("images", "depth", "depth8", "depth_exact")
@@ -29,12 +30,10 @@ def write_atomically(path: Path, data: bytes) -> None:
 
     Raises OSError with the file's name.
     """
-    beside = path.with_name(f"{path.name}.{os.getpid()}{_PART}")
     try:
-        beside.write_bytes(data)
-        beside.replace(path)
+        with replacing(path, path.with_name(f"{path.name}.{os.getpid()}{_PART}")) as beside:
+            beside.write_bytes(data)
     except OSError as error:
-        beside.unlink(missing_ok=True)
         raise OSError(error.errno, os.strerror(error.errno or errno.EIO), str(path)) from error
 
 

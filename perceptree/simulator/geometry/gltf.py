@@ -19,6 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.writing import replacing
 from perceptree.errors import DatasetError
 from perceptree.simulator.materials.layers import SIZE_PX, Layer, is_cutout
 
@@ -62,13 +63,10 @@ def write_gltf(path: Path, mesh: SceneMesh, nodes: Sequence[Node], textures: Tex
     Raises DatasetError where the file cannot be written.
     """
     data = gltf_bytes(mesh, nodes, textures)
-    beside = path.with_name(f"{path.name}.part")
     try:
-        beside.write_bytes(data)
-        beside.replace(path)
+        with replacing(path) as beside:
+            beside.write_bytes(data)
     except OSError as error:
-        if beside.is_file():
-            beside.unlink()
         reason = os.strerror(error.errno or 0)
         raise DatasetError(f"{path}: cannot be written ({reason})") from error
 

@@ -10,13 +10,12 @@ from numpy.typing import NDArray
 from pycocotools import mask as coco_mask
 
 import calib
+from perceptree.keypoints import KEYPOINT_NAMES
 from perceptree.simulator.labelling.frame import Frame
 from perceptree.simulator.settings.files import FileSettings
 
 if TYPE_CHECKING:
     from perceptree.simulator.labelling.labels import TreeLabel
-
-KEYPOINT_NAMES = ("felling_cut", "diameter_left", "diameter_right", "axis_middle", "axis_top")
 
 _DECIMALS = 4
 _SETTING_DECIMALS = 6
@@ -76,9 +75,9 @@ def _annotation(label: TreeLabel, image_id: int) -> dict[str, Any]:
     encoded = coco_mask.encode(np.asfortranarray(label.mask, dtype=np.uint8))
     x0, y0, x1, y1 = label.box_px.tolist()
     keypoints: list[float] = []
-    for x, y, flag in label.keypoints.tolist():
-        labelled = flag > 0
-        keypoints += [round(x - 0.5, 3), round(y - 0.5, 3), int(flag)] if labelled else [0, 0, 0]
+    for xy_px, flag in zip(label.keypoints[:, :2], label.keypoints[:, 2].tolist(), strict=True):
+        x, y = calib.image_to_opencv(xy_px).tolist()
+        keypoints += [round(x, 3), round(y, 3), int(flag)] if flag > 0 else [0, 0, 0]
     return {
         "image_id": image_id,
         "category_id": 1,

@@ -14,7 +14,7 @@ from calib import CocoLabels
 from edgetree import TreeDetector
 from edgetree.export import ExportReport
 from perceptree.cli import main as perceptree_main
-from perceptree.models import KEYPOINT_NAMES
+from perceptree.keypoints import KEYPOINT_NAMES
 
 Cli = Callable[..., Any]
 SHARE_OF_TREES = 0.6
