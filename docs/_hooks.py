@@ -1,7 +1,8 @@
 """Hooks of mkdocs: pages that are generated, so that they always match the code.
 
 In a page, a line `<!-- commands: edgetree -->` becomes the help of every command of that program,
-and `<!-- api: calib.boards -->` the reference of every name in that package's `__all__`.
+and `<!-- api: calib.boards -->` the reference of every name in that package's `__all__`. With
+`except PACKAGE`, names that are also in the `__all__` of that package are left out.
 """
 
 from __future__ import annotations
@@ -26,8 +27,8 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
         flags=re.MULTILINE,
     )
     return re.sub(
-        r"^<!-- api: ([\w.]+) -->$",
-        lambda found: "\n".join(_api_directives(found[1])),
+        r"^<!-- api: ([\w.]+)(?: except ([\w.]+))? -->$",
+        lambda found: "\n".join(_api_directives(found[1], found[2])),
         markdown,
         flags=re.MULTILINE,
     )
@@ -52,15 +53,18 @@ def _helps(command: Any, words: tuple[str, ...]) -> Iterator[tuple[tuple[str, ..
         yield from _helps(child, (*words, name))
 
 
-def _api_directives(package: str) -> Iterator[str]:
+def _api_directives(package: str, other: str | None) -> Iterator[str]:
     """A directive of mkdocstrings for every public name of a package, in the order of `__all__`."""
-    tree = ast.parse((_ROOT / package.replace(".", "/") / "__init__.py").read_text("utf-8"))
-    for name in _public_names(tree):
-        yield f"::: {package}.{name}\n"
+    known = [] if other is None else _public_names(other)
+    for name in _public_names(package):
+        if name not in known:
+            yield f"::: {package}.{name}\n"
 
 
-def _public_names(tree: ast.Module) -> list[str]:
-    for node in tree.body:
+def _public_names(package: str) -> list[str]:
+    """The names in a package's `__all__`, read without importing it."""
+    path = _ROOT / package.replace(".", "/") / "__init__.py"
+    for node in ast.parse(path.read_text("utf-8")).body:
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
             return list(ast.literal_eval(node.value))
-    raise ValueError("expected an assignment to __all__")
+    raise ValueError(f"{path}: expected an assignment to __all__")
