@@ -44,7 +44,7 @@ def examples(language: str) -> Iterator[tuple[str, str]]:
 
 def typed_commands(block: str) -> Iterator[list[str]]:
     """The words of every call of one of the programs, also by the path of an environment."""
-    for part in re.split(r"\n|&&", block):
+    for part in re.split(r"\n|&&", block.replace("\\\n", " ")):
         words = shlex.split(part, comments=True)
         if words and Path(words[0]).name in PROGRAMS:
             yield [Path(words[0]).name, *words[1:]]
@@ -138,6 +138,19 @@ def test_a_link_to_a_file_leads_somewhere(page: str) -> None:
     links = [link for link in re.findall(r"\]\(([^)#]+)", text) if "://" not in link]
     assert len(links) > 2
     assert [link for link in links if not (ROOT / link).exists()] == []
+
+
+def test_a_named_file_of_the_repository_is_there() -> None:
+    tops = "benchmarks|calib|checkpoints|docs|edgetree|perceptree|requirements|tests"
+    missing = set()
+    for page in PAGES:
+        text = re.sub(
+            r"^ *```.*?^ *```$", "", page.read_text("utf-8"), flags=re.DOTALL | re.MULTILINE
+        )
+        for name in re.findall(rf"`((?:{tops})/[\w./-]+)`", text):
+            if not (ROOT / name).exists():
+                missing.add((page.name, name))
+    assert missing == set()
 
 
 def names_in_all(package: str) -> set[str]:
