@@ -41,9 +41,9 @@ def test_continuous_integration_runs_the_readmes_second_command() -> None:
     assert setup_commands()[1] in CI_COMMANDS
 
 
-def test_continuous_integration_holds_style_and_types() -> None:
+def test_continuous_integration_holds_style_types_and_documentation() -> None:
     parts = {part.strip() for part in CI_COMMANDS[-1].split("&&")}
-    tools = ("ruff check .", "ruff format --check .", "mypy")
+    tools = ("ruff check .", "ruff format --check .", "mypy", "mkdocs build --strict")
     assert {f".venv-dev/bin/{tool}" for tool in tools} <= parts
 
 
