@@ -1,4 +1,4 @@
-"""Writing a file so that a reader sees the old one or the new one, never a half."""
+"""Write files atomically: a reader sees the old or the new file, never a part."""
 
 from __future__ import annotations
 
@@ -9,7 +9,11 @@ from calib.errors import InputFileError
 
 
 def write_whole(path: Path, data: bytes) -> None:
-    """Write beside ``path``, then rename; raises InputFileError where it cannot be written."""
+    """Write to a file beside ``path``, then rename it.
+
+    Raises:
+        InputFileError: If the file cannot be written.
+    """
     beside = path.with_name(path.name + ".part")
     try:
         beside.write_bytes(data)

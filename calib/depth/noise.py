@@ -1,4 +1,4 @@
-"""How far depth readings scatter, by the way they were made."""
+"""Noise models of depth sensors."""
 
 from __future__ import annotations
 
@@ -16,14 +16,22 @@ Float = NDArray[np.floating[Any]]
 
 
 class _Noise(ABC):
-    """What the models share: their standard deviation decides how readings scatter."""
+    """Base class: Gaussian noise with a standard deviation that depends on the depth."""
 
     @abstractmethod
     def std_m(self, depth_m: ArrayLike) -> Float:
         """(...) metres of standard deviation at (...) metres along z; 0 where no reading is."""
 
     def sample(self, depth_m: ArrayLike, rng: np.random.Generator) -> NDArray[np.float32]:
-        """(...) true metres as the sensor might read them; a reading below 0 is lost."""
+        """Add noise to true depths.
+
+        Args:
+            depth_m: (...) true metres along z, 0 for no reading.
+            rng: Source of the random numbers.
+
+        Returns:
+            (...) float32 noisy metres; results below 0 become 0, no reading.
+        """
         depths = np.asarray(depth_m, np.float64)
         read_m = depths + self.std_m(depths) * rng.standard_normal(depths.shape)
         return np.asarray(np.maximum(read_m, 0), np.float32)
@@ -31,9 +39,17 @@ class _Noise(ABC):
 
 @dataclass(frozen=True)
 class StereoNoise(_Noise):
-    """A stereo pair matched to ``disparity_std_px``: the scatter grows with z squared.
+    """Stereo camera: the standard deviation grows with the square of the depth.
 
-    From z = f b / d: std(z) = z^2 std(d) / (f b). Raises DepthError for values not above 0.
+    From z = f b / d: std(z) = z^2 std(d) / (f b).
+
+    Attributes:
+        baseline_m: Distance between the two cameras in metres.
+        fx_px: Focal length in px.
+        disparity_std_px: Standard deviation of the disparity in px.
+
+    Raises:
+        DepthError: If a value is not above 0.
     """
 
     baseline_m: float
@@ -54,9 +70,14 @@ class StereoNoise(_Noise):
 
 @dataclass(frozen=True)
 class TofNoise(_Noise):
-    """A time-of-flight sensor: ``offset_m`` of scatter and ``per_m`` more for each metre.
+    """Time-of-flight camera: the standard deviation grows linearly with the depth.
 
-    Raises DepthError for negative values.
+    Attributes:
+        offset_m: Standard deviation at zero depth, in metres.
+        per_m: Increase of the standard deviation per metre of depth.
+
+    Raises:
+        DepthError: If a value is negative.
     """
 
     offset_m: float

@@ -8,7 +8,7 @@ from types import ModuleType
 
 import pytest
 
-from calib.boards import Picture, Sightings, find_boards
+from calib.boards import BoardDetections, Picture, find_boards
 
 
 @pytest.fixture(scope="session")
@@ -40,11 +40,11 @@ def pictures(fake: ModuleType) -> Callable[[str, str], list[Picture]]:
 @pytest.fixture(scope="session")
 def seen(
     fake: ModuleType, pictures: Callable[[str, str], list[Picture]]
-) -> Callable[[str, str], Sightings]:
+) -> Callable[[str, str], BoardDetections]:
     """Finds the boards in these pictures."""
 
     @cache
-    def find(board: str, model: str) -> Sightings:
+    def find(board: str, model: str) -> BoardDetections:
         return find_boards(pictures(board, model), fake.BOARDS[board])
 
     return find

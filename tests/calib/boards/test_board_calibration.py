@@ -10,10 +10,10 @@ import pytest
 
 from calib import CameraError
 from calib.boards import (
+    BoardDetections,
     BoardView,
     Calibration,
     CalibrationFailure,
-    Sightings,
     calibrate_camera,
 )
 
@@ -37,7 +37,7 @@ def errors_in_stds(result: Calibration | CalibrationFailure, truth: object) -> l
 )
 def test_pictures_give_their_camera(
     fake: ModuleType,
-    seen: Callable[[str, str], Sightings],
+    seen: Callable[[str, str], BoardDetections],
     board: str,
     model: str,
     within_px: float,
@@ -108,7 +108,7 @@ def test_wrong_views_and_points_are_dropped_and_named(fake: ModuleType, wrong_vi
     named = {(dropped.view, dropped.points) for dropped in result.dropped}
     assert named == {(view.name, ()) for view in views[:wrong_views]} | {(views[-1].name, (4, 20))}
     for dropped in result.dropped:
-        assert "px off, expected" in dropped.reason or "off by more than" in dropped.reason
+        assert "residual" in dropped.reason or "off by more than" in dropped.reason
 
 
 def test_a_blurred_view_is_dropped(fake: ModuleType) -> None:

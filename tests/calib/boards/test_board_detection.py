@@ -10,11 +10,11 @@ import pytest
 from calib import CalibError
 from calib.boards import (
     Board,
+    BoardDetections,
     CharucoBoard,
     Checkerboard,
     CircleGrid,
     Picture,
-    Sightings,
     find_boards,
     parse_board,
 )
@@ -35,7 +35,7 @@ from calib.boards import (
 )
 def test_points_are_where_the_camera_sees_them(
     fake: ModuleType,
-    seen: Callable[[str, str], Sightings],
+    seen: Callable[[str, str], BoardDetections],
     board: str,
     model: str,
     rms_px: float,
