@@ -126,7 +126,7 @@ def _with(field: str, other: str) -> str:
     ("text", "message"),
     [
         ("{", "not JSON"),
-        ("[1]", "holds no known camera, expected one of calib.camera/1, ROS camera_info"),
+        ("[1]", "no known camera format, expected one of calib.camera/1, ROS camera_info"),
         ('{"schema": "other/1"}', "schema is 'other/1', expected 'calib.camera/1'"),
         ('{"schema": "calib.camera/1", "width": 3}', "camera field height is None"),
         (_with('"width": 640', '"width": NaN'), "width is nan: expected whole pixels"),

@@ -223,7 +223,7 @@ def test_published_rigs_are_read() -> None:
 
 BROKEN = [
     # several cameras, or none of that name
-    (OPENCV, "left", "has no camera 'left', expected the file without a name"),
+    (OPENCV, "left", "has no camera 'left', expected no name for its only camera"),
     # models that are no pinhole with these lenses
     (ROS.replace("plumb_bob", "thin_prism"), None, "distortion_model is 'thin_prism': expected"),
     (
@@ -263,9 +263,9 @@ BROKEN = [
     (ROS.replace("data: [526.69", "values: [526.69"), None, "camera_matrix is None: expected a"),
     (OPENCV.replace("fisheye_model: 0", "fisheye_model: 7"), None, "fisheye_model is 7"),
     # text that is nothing of the kind
-    ("", None, "holds no known camera, expected one of calib.camera/1, ROS camera_info, OpenCV"),
-    ("just words", None, "holds no known camera"),
-    ("width: 640\nheight: 480\n", None, "holds no known camera"),
+    ("", None, "no known camera format, expected one of calib.camera/1, ROS camera_info, OpenCV"),
+    ("just words", None, "no known camera format"),
+    ("width: 640\nheight: 480\n", None, "no known camera format"),
     ("a: [1, 2", None, "not YAML"),
     ("<opencv_storage><a></opencv_storage>", None, "not XML"),
     ("<s><a>1</a><a>2</a></s>", None, "a is given twice"),

@@ -68,7 +68,7 @@ def test_an_encoding_survives_its_dict() -> None:
         ({"near_m": 20.0}, "expected 0 <= near_m < far_m"),
         ({"far_m": math.inf}, "expected 0 <= near_m < far_m"),
         ({"far_value": 256}, "far_value is 256: expected 0 to 255"),
-        ({"far_value": 0}, "near_value and far_value are both 0: expected two"),
+        ({"far_value": 0}, "near_value and far_value are both 0: expected different values"),
         ({"near_m": "0"}, "depth encoding field near_m is '0': expected a number"),
         ({"extra": 1}, "depth encoding has fields"),
     ],

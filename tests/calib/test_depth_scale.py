@@ -108,7 +108,7 @@ def test_stray_pixels_and_a_wrong_target_do_not_count() -> None:
     [
         ((1.0, 2.0, 3.0), "3 targets with depth that agree with each other, expected at least 4"),
         ((1.0, 1.0, 1.0, 2.0, 2.0), "expected at least 3 distances, the farthest 1.5 times"),
-        ((1.0, 1.1, 1.2, 1.3, 1.35), "to tell offset from scale"),
+        ((1.0, 1.1, 1.2, 1.3, 1.35), "to separate offset and scale"),
     ],
 )
 def test_too_few_distances_are_refused(distances_m: tuple[float, ...], message: str) -> None:

@@ -294,10 +294,10 @@ def test_known_files_are_recognised_by_their_content(
 REALSENSE_INVERSE = {**REALSENSE_JSON, "model": "distortion.inverse_brown_conrady"}
 BROKEN = [
     # several cameras, or none of that name
-    (KALIBR, None, "holds 3 cameras, expected a name of 'cam0', 'cam1', 'cam2'"),
-    (KALIBR, "cam7", "has no camera 'cam7', expected 'cam0', 'cam1', 'cam2'"),
-    (REALSENSE, None, "expected a name of 'Depth 848x480', 'Color 640x480'"),
-    (ZED, None, "expected a name of 'LEFT_CAM_HD', 'RIGHT_CAM_HD', 'LEFT_CAM_VGA'"),
+    (KALIBR, None, "holds 3 cameras, expected one of the names 'cam0', 'cam1', 'cam2'"),
+    (KALIBR, "cam7", "has no camera 'cam7', expected one of 'cam0', 'cam1', 'cam2'"),
+    (REALSENSE, None, "expected one of the names 'Depth 848x480', 'Color 640x480'"),
+    (ZED, None, "expected one of the names 'LEFT_CAM_HD', 'RIGHT_CAM_HD', 'LEFT_CAM_VGA'"),
     # models that are no pinhole with these lenses
     (KALIBR, "cam2", "(cam2): camera_model is 'omni': expected pinhole"),
     (KALIBR.replace("radtan", "fov"), "cam0", "distortion_model is 'fov': expected radtan"),
@@ -316,7 +316,7 @@ BROKEN = [
     # fields that contradict each other
     (KALIBR.replace("[752, 480]", "[752]"), "cam0", "resolution is [752.0]: expected width"),
     (KALIBR.replace("[461.629, ", "["), "cam0", "intrinsics has 3 numbers: expected fu, fv"),
-    (KALIBR.replace("[-0.27695497, ", "["), "cam0", "distortion_coeffs has 3 terms: not those"),
+    (KALIBR.replace("[-0.27695497, ", "["), "cam0", "distortion_coeffs has 3 terms: expected 4"),
     (REALSENSE.replace("Width:      \t848", "Width: 640"), "Depth 848x480", "640x480 and 848x480"),
 ]
 
