@@ -188,7 +188,7 @@ def _tree_categories(
     real = [c for c in categories if counts[c["id"]] or c["name"] not in parents] or categories
     if len(real) == 1:
         known = means_tree(real[0]["name"])
-        messages = f"category {real[0]['name']!r}, the only one, is taken as tree"
+        messages = f"category {real[0]['name']!r}, the only one, is taken as trees"
         return real, [] if known else [messages]
     chosen = [category for category in real if means_tree(category["name"])]
     if not chosen:

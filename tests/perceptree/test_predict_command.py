@@ -132,7 +132,7 @@ def test_depth_is_read_in_millimetres_and_as_eight_bits(
 
 MISTAKES = {
     "no folder": (("{f}/none", "--out", "{t}/o"), "none: no such folder"),
-    "no pictures": (("{t}", "--out", "{t}/o"), "no pictures, expected .jpg"),
+    "no pictures": (("{t}", "--out", "{t}/o"), "no images, expected .jpg"),
     "over itself": (("{f}", "--out", "{f}"), "the folder of the pictures: expected another"),
     "score": (("{f}", "--out", "{t}/o", "--score-threshold", "7"), "is 7.0: expected 0 to 1"),
     "device": (("{f}", "--out", "{t}/o", "--device", "tpu"), "--device is 'tpu'"),
@@ -156,8 +156,8 @@ def test_wrong_pictures_are_named(
 ) -> None:
     code, _, told = call("predict", checkpoints["depth"], pictures, "--out", tmp_path / "o")
     assert code == 2
-    assert "a.jpg: a colour picture, expected depth for this model: one channel of 16 bits" in told
+    assert "a.jpg: a colour image, expected depth for this model: one channel, 16-bit" in told
     (pictures / "broken.jpg").write_bytes(b"no picture at all")
     code, _, told = call("predict", checkpoints["rgb"], pictures, "--out", tmp_path / "o")
     assert code == 2
-    assert "broken.jpg: not a readable picture" in told
+    assert "broken.jpg: not a readable image" in told

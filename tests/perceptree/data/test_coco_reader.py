@@ -92,7 +92,7 @@ FAULTS = {
     "width": (_set("images", 0, "width", 0), "width of image 0 is 0"),
     "name": (_drop("images", 0, "file_name"), "file_name of image 0 is missing"),
     "depth8": (_set("images", 0, "depth8_file", 5), "depth8_file of image 0 is 5"),
-    "twice": (_set("images", 1, "id", 0), "share an id"),
+    "twice": (_set("images", 1, "id", 0), "have the id"),
     "no_images": (lambda c: c["images"].clear(), "holds no images"),
     "no_list": (lambda c: c.update(annotations=3), "a list of annotations"),
 }

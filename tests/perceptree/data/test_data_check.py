@@ -202,7 +202,7 @@ def test_a_picture_that_is_nearly_the_same_in_another_split_is_found(
     monkeypatch.setattr(leakage, "_PAIRS_AT_ONCE", 6)  # a picture of test at a time
     _reuse(change)(posts, edit_split)
     assert _found(posts) == {
-        "picture_in_splits": (1, "000010.png of test like 000002.png of train")
+        "picture_in_splits": (1, "000010.png of test is like 000002.png of train")
     }
 
 
@@ -261,7 +261,7 @@ def test_the_command_says_what_it_found_and_by_exit_code(
     (posts / "images/000001.png").unlink()
     code, out, _ = call("data", "check", posts)
     assert code == 1
-    assert f"1 colour pictures missing: train {posts / 'images/000001.png'}" in out
+    assert f"1 colour images missing: train {posts / 'images/000001.png'}" in out
     code, out, _ = call("data", "check", posts, "--json")
     assert code == 1
     report = json.loads(out)

@@ -78,7 +78,9 @@ def test_a_damaged_cache_is_named(posts: Path, tmp_path: Path) -> None:
     pictures.write_bytes(content)
     cache = opened(posts, tmp_path / "cache")
     assert cache[2].image.shape == (64, 128)
-    with pytest.raises(DatasetError, match=r"cache: the cached frame 000003\.png is damaged"):
+    with pytest.raises(
+        DatasetError, match=r"cache: the cached frame 000003\.png does not match its checksum"
+    ):
         cache[3]
 
 

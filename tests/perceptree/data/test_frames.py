@@ -116,5 +116,5 @@ def test_a_dataset_without_depth_trains_colour_only(posts: Path, edit_split: Edi
     edit_split(posts, "train", change)
     frames = read_split(posts, "train")
     assert FrameStore(frames, make_spec("edge-n", "rgb", 64, 96))[0].image.shape == (64, 96, 3)
-    with pytest.raises(DatasetError, match=r"gives no 8-bit depth beside it; .*--modality rgb"):
+    with pytest.raises(DatasetError, match=r"has no 8-bit depth image for it; .*--modality rgb"):
         FrameStore(frames, make_spec("edge-n", "depth", 64, 96))[0]

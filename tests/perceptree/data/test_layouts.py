@@ -82,7 +82,7 @@ def test_synthtree43ks_labels_of_entire_trees_are_chosen(posts: Path, tmp_path: 
     assert dataset.frames[0].trees[0].box_px[1] == 0
     for split in SPLITS:
         (directory / f"{split}_RGB.json").unlink()
-    with pytest.raises(DatasetError, match="--entire-tree chooses labels of entire trees"):
+    with pytest.raises(DatasetError, match="use --entire-tree for labels of entire trees"):
         read_dataset(directory, "val")
 
 
@@ -106,7 +106,7 @@ def test_depth_pictures_are_found_by_their_names(posts: Path, tmp_path: Path, pl
     dataset = read_dataset(directory, "train")
     assert dataset.has_depth
     assert dataset.frames[3].depth8_path == tmp_path / place.format(3)
-    assert "nothing says which grey is how many metres" in " ".join(dataset.notes)
+    assert "their depth encoding is unknown" in " ".join(dataset.notes)
 
 
 def test_depth_that_is_not_8_bit_is_left_out_and_said(posts: Path, tmp_path: Path) -> None:
@@ -116,7 +116,7 @@ def test_depth_that_is_not_8_bit_is_left_out_and_said(posts: Path, tmp_path: Pat
         shutil.copy(frame.depth_path or "", directory / f"depth/image_{frame.image_id:05d}_RGB.png")
     dataset = read_dataset(directory, "train")
     assert not dataset.has_depth
-    assert "is not an 8-bit picture of one channel" in " ".join(dataset.notes)
+    assert "is not an 8-bit single-channel image" in " ".join(dataset.notes)
 
 
 def _folds(posts: Path, out: Path, name: str) -> Path:
@@ -229,7 +229,9 @@ def test_roboflow(posts: Path, tmp_path: Path) -> None:
 
 def test_one_label_file_stands_for_the_split_it_names(posts: Path) -> None:
     assert len(read_split(posts / "val_RGB.json", "val")) == 3
-    with pytest.raises(DatasetError, match="one label file of val, expected a dataset's folder"):
+    with pytest.raises(
+        DatasetError, match="is a label file of split val, expected one of split train or a folder"
+    ):
         read_split(posts / "val_RGB.json", "train")
     (posts / "test_RGB.json").rename(posts / "stand 7.json")
     assert len(read_split(posts / "stand 7.json", "test")) == 2
@@ -248,7 +250,7 @@ def test_what_there_is_is_listed_where_a_split_is_missing_or_ambiguous(posts: Pa
     (posts / "test_RGB.json").unlink()
     with pytest.raises(DatasetError) as missing:
         read_split(posts, "test")
-    assert "expected labels of test, say test_RGB.json; found train_RGB.json, val" in str(
+    assert "expected labels of test, like test_RGB.json; found train_RGB.json, val" in str(
         missing.value
     )
     for name in ("instances_test.json", "person_keypoints_test.json"):

@@ -110,12 +110,12 @@ def test_wrong_folders_are_named_in_one_line(tmp_path: Path, call: Call):
     empty.mkdir()
     code, _, told = call("data", "compare", real, empty)
     assert code == 2
-    assert told.strip() == f"perceptree: {empty}: holds 0 pictures, expected at least 3"
+    assert told.strip() == f"perceptree: {empty}: holds 0 images, expected at least 3"
     code, _, told = call("data", "compare", tmp_path / "none", real)
     assert code == 2
     assert (
         told.strip()
-        == f"perceptree: {tmp_path / 'none'}: no such folder, expected one with pictures"
+        == f"perceptree: {tmp_path / 'none'}: no such folder, expected a folder with images"
     )
     (real / "000.png").write_bytes(b"no picture")
     code, _, told = call("data", "compare", real, real)

@@ -78,7 +78,7 @@ def test_no_category_named_tree_is_one_line_that_names_them(reread: Reread) -> N
     def change(content: Content) -> None:
         content["categories"] = [{"id": 1, "name": "car"}, {"id": 2, "name": "person"}]
 
-    with pytest.raises(DatasetError, match=r"categories 'car', 'person' is called tree.*renamed"):
+    with pytest.raises(DatasetError, match=r"categories 'car', 'person' means tree.*named 'tree'"):
         reread(change)
 
 
@@ -157,8 +157,8 @@ def test_a_keypoint_far_outside_its_frame_is_not_labelled_and_counted(reread: Re
     assert second.keypoints[2].tolist() == [128, 72, 2]
     assert dataset.outside == [(1, 99999, 20), (2, 40, -8)]
     assert dataset.notes == (
-        "2 keypoints lie outside their frame and count as not labelled, first x = 99999, y = 20 of"
-        " annotation 1",
+        "2 keypoints are outside their frame and count as not labelled, the first at x = 99999,"
+        " y = 20 of annotation 1",
     )
 
 

@@ -69,7 +69,7 @@ def test_the_figures_are_those_of_the_flaws(posts: Path, store_of: Any, oracle: 
     assert group["boxes_ap"] == pytest.approx(figures["average_precision"]["boxes"]["ap"])
     assert [g["name"] for g in figures["by"]["species"]["groups"]] == ["post"]
     assert figures["left_out"] == [
-        "figures by weather, light, slope of the ground: the data does not say"
+        "results by weather, light, slope of the ground: the data has no such field"
     ]
 
 
@@ -143,8 +143,8 @@ def test_boxes_alone_give_a_report_that_says_what_is_left_out(
     assert report.figures["diameter_error_px"] is None
     assert report.figures["by"] == {}
     left_out = "; ".join(report.figures["left_out"])
-    assert "masks: no tree of the data has any" in left_out
-    assert "keypoints: no tree of the data has any" in left_out
+    assert "masks: no tree in the data is labelled with them" in left_out
+    assert "keypoints: no tree in the data is labelled with them" in left_out
     assert "Of 100 of them" in report.write(tmp_path).read_text("utf-8")
 
 
@@ -154,7 +154,9 @@ def test_a_model_without_branches_is_not_blamed_on_the_data(
     store = store_of(posts)
     boxes_only = oracle(store, lambda raw: raw._replace(keypoints=None, masks=None))
     left_out = report_of(boxes_only, store).figures["left_out"]
-    assert left_out[:2] == ["masks: the model gives none", "keypoints: the model gives none"]
+    assert left_out[:2] == [
+        f"{kind}: the model does not predict them" for kind in ("masks", "keypoints")
+    ]
 
 
 def test_nothing_found_is_a_report_too(
@@ -179,11 +181,11 @@ def test_the_summary_fits_a_terminal_and_says_what_matters(
     assert lines[0] == "oracle (rgb, float32, 160x96) on posts, train"
     assert max(map(len, lines)) <= 100
     assert any(line.startswith("boxes ") for line in lines)
-    found = "at score 0.5: 6 of 9 trees found (67%), 6 of 12 reported are no labelled tree"
+    found = "at score 0.5: 6 of 9 trees found (67%), 6 of 12 detections are false positives"
     assert found in lines
-    assert any("4.0 px off (mean)" in line and "4.0 too wide" in line for line in lines)
+    assert any("4.0 px error (mean)" in line and "4.0 too wide" in line for line in lines)
     [unseen] = [line for line in lines if line.startswith("axis top")]
-    assert unseen.endswith("no tree that was found has it in view")
+    assert unseen.endswith("not labelled on any tree that was found")
 
 
 def test_figures_hold_numbers_only(posts: Path, store_of: Any, oracle: Any) -> None:
