@@ -1,4 +1,4 @@
-"""Depth from disparity and from ranges, and how far readings scatter."""
+"""Conversions of disparity and range to depth, and noise models."""
 
 import math
 from dataclasses import replace
@@ -32,7 +32,7 @@ def test_a_disparity_becomes_depth() -> None:
 
 
 @pytest.mark.parametrize(("fx_px", "baseline_m"), [(0.0, 0.1), (700.0, -0.1), (math.nan, 0.1)])
-def test_a_pair_without_width_is_refused(fx_px: float, baseline_m: float) -> None:
+def test_invalid_stereo_parameters_are_rejected(fx_px: float, baseline_m: float) -> None:
     with pytest.raises(DepthError, match="expected a positive number"):
         disparity_to_depth([[1.0]], fx_px, baseline_m)
 
@@ -49,7 +49,7 @@ def test_ranges_are_the_distances_of_the_points(camera: PinholeCamera) -> None:
         range_to_depth(np.ones((4, 6)), camera)
 
 
-def test_stereo_scatters_with_the_square_of_the_depth() -> None:
+def test_stereo_noise_grows_with_the_square_of_the_depth() -> None:
     noise = StereoNoise(baseline_m=0.12, fx_px=700.0, disparity_std_px=0.1)
     np.testing.assert_allclose(noise.std_m([0.0, 4.0, 8.0]), [0, 0.019047619, 0.076190476])
     disparity = depth_to_disparity([[8.0]], 700.0, 0.12)
@@ -57,12 +57,12 @@ def test_stereo_scatters_with_the_square_of_the_depth() -> None:
     assert shifted.item() - 8 == pytest.approx(noise.std_m(8.0), rel=0.02)
 
 
-def test_time_of_flight_scatters_with_the_depth() -> None:
+def test_time_of_flight_noise_grows_with_the_depth() -> None:
     np.testing.assert_allclose(TofNoise(0.005, 0.002).std_m([0.0, 1.0, 5.0]), [0, 0.007, 0.015])
 
 
 @pytest.mark.parametrize("noise", [StereoNoise(0.12, 700.0, 0.2), TofNoise(0.01, 0.004)])
-def test_samples_scatter_as_the_model_says(noise: StereoNoise | TofNoise) -> None:
+def test_samples_have_the_models_standard_deviation(noise: StereoNoise | TofNoise) -> None:
     depth_m = np.full((200, 200), 6.0, np.float32)
     depth_m[:, :50] = 0
     samples = noise.sample(depth_m, np.random.default_rng(5))
@@ -86,7 +86,7 @@ def test_a_reading_is_never_negative() -> None:
         ((0.1, 700.0, -1.0), "disparity_std_px is -1.0: expected a positive number"),
     ],
 )
-def test_impossible_noise_is_refused(values: tuple[float, ...], message: str) -> None:
+def test_invalid_noise_models_are_rejected(values: tuple[float, ...], message: str) -> None:
     with pytest.raises(DepthError) as caught:
         StereoNoise(*values)
     assert str(caught.value) == message

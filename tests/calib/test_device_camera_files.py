@@ -1,4 +1,4 @@
-"""Cameras of calibration tools and of devices, from files by their own rules."""
+"""Camera files of calibration tools and devices."""
 
 import json
 from pathlib import Path
@@ -298,7 +298,7 @@ BROKEN = [
     (KALIBR, "cam7", "has no camera 'cam7', expected one of 'cam0', 'cam1', 'cam2'"),
     (REALSENSE, None, "expected one of the names 'Depth 848x480', 'Color 640x480'"),
     (ZED, None, "expected one of the names 'LEFT_CAM_HD', 'RIGHT_CAM_HD', 'LEFT_CAM_VGA'"),
-    # models that are no pinhole with these lenses
+    # unsupported camera models
     (KALIBR, "cam2", "(cam2): camera_model is 'omni': expected pinhole"),
     (KALIBR.replace("radtan", "fov"), "cam0", "distortion_model is 'fov': expected radtan"),
     (KANNALA.replace("KANNALA_BRANDT", "MEI"), None, "model_type is 'MEI': expected PINHOLE"),
@@ -307,13 +307,13 @@ BROKEN = [
     (json.dumps(REALSENSE_INVERSE), None, "expected Brown Conrady"),
     (json.dumps({**REALSENSE_JSON, "model": "ftheta"}), None, "model is 'ftheta': expected none"),
     (ZED.replace("k3=4.06032e-11", "s1=0.1"), "LEFT_CAM_HD", "s1 is 0.1: expected no thin prism"),
-    # fields that are missing or no numbers
+    # missing fields, or values that are not numbers
     (ZED.replace("k1=-0.175286\n", ""), "LEFT_CAM_HD", "k1 is missing: expected a number"),
     (ZED.replace("fx=701.88", "fx=a"), "LEFT_CAM_HD", "fx is 'a': expected a number"),
     (KANNALA.replace("   mu: 6.1e+02\n", ""), None, "mu is missing: expected a number"),
     (CAMODOCAL.replace("distortion_parameters", "distortion"), None, "distortion_parameters is"),
     (json.dumps({**REALSENSE_JSON, "coeffs": None}), None, "coeffs is None: expected a list"),
-    # fields that contradict each other
+    # contradictory fields
     (KALIBR.replace("[752, 480]", "[752]"), "cam0", "resolution is [752.0]: expected width"),
     (KALIBR.replace("[461.629, ", "["), "cam0", "intrinsics has 3 numbers: expected fu, fv"),
     (KALIBR.replace("[-0.27695497, ", "["), "cam0", "distortion_coeffs has 3 terms: expected 4"),

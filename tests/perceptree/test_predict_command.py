@@ -1,4 +1,4 @@
-"""``perceptree predict``: pictures drawn, and labels that people correct instead of draw."""
+"""``perceptree predict``: annotated images and COCO labels."""
 
 import json
 import shutil
@@ -19,7 +19,7 @@ Call = Callable[..., Result]
 
 
 def sure_model(modality: str) -> TreeRCNN:
-    """Random weights that are sure of everything they see."""
+    """Random weights that detect trees everywhere with high scores."""
     torch.manual_seed(3)
     spec = make_spec("edge-n", modality, 64, 96, fpn_width=32)  # type: ignore[arg-type]
     model = TreeRCNN(spec)
@@ -39,7 +39,7 @@ def checkpoints(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 @pytest.fixture
 def pictures(tmp_path: Path) -> Path:
-    """Two pictures of different sizes, of which one shares its stem with a third."""
+    """Images of different sizes, two of which share a stem."""
     folder = tmp_path / "pictures"
     folder.mkdir()
     rng = np.random.default_rng(0)
@@ -53,7 +53,7 @@ def pictures(tmp_path: Path) -> Path:
     return folder
 
 
-def test_a_folder_is_drawn_and_labelled(
+def test_a_folder_gives_drawings_and_labels(
     call: Call, checkpoints: dict[str, Path], pictures: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
@@ -82,7 +82,7 @@ def test_a_folder_is_drawn_and_labelled(
 def test_corrected_labels_can_be_trained_on(
     call: Call, checkpoints: dict[str, Path], pictures: Path, tmp_path: Path
 ) -> None:
-    """The data reader takes what was written, in the pixels in which it was found."""
+    """The data reader accepts the written labels, with the same coordinates."""
     for more in ((), ("--rle",)):
         out = tmp_path / f"out{len(more)}"
         assert call("predict", checkpoints["rgb"], pictures, "--out", out, *more)[0] == 0
@@ -99,7 +99,7 @@ def test_corrected_labels_can_be_trained_on(
         (pictures / "train_RGB.json").unlink()
 
 
-def test_a_higher_score_leaves_less(
+def test_a_higher_threshold_keeps_fewer_trees(
     call: Call, checkpoints: dict[str, Path], pictures: Path, tmp_path: Path
 ) -> None:
     counts = []
@@ -110,7 +110,7 @@ def test_a_higher_score_leaves_less(
     assert trees[0] >= trees[1] > trees[2] == 0
 
 
-def test_depth_is_read_in_millimetres_and_as_eight_bits(
+def test_depth_is_read_in_millimetres_and_8_bit(
     call: Call, checkpoints: dict[str, Path], tmp_path: Path
 ) -> None:
     depth_m = np.tile(np.linspace(0.5, 19, 96, dtype=np.float32), (64, 1))
@@ -140,7 +140,7 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
-def test_a_mistake_is_one_line(
+def test_an_error_is_one_line(
     call: Call, checkpoints: dict[str, Path], pictures: Path, tmp_path: Path, mistake: str
 ) -> None:
     arguments, expected = MISTAKES[mistake]
@@ -151,7 +151,7 @@ def test_a_mistake_is_one_line(
     assert expected in told
 
 
-def test_wrong_pictures_are_named(
+def test_invalid_images_are_named(
     call: Call, checkpoints: dict[str, Path], pictures: Path, tmp_path: Path
 ) -> None:
     code, _, told = call("predict", checkpoints["depth"], pictures, "--out", tmp_path / "o")

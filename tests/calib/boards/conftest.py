@@ -1,4 +1,4 @@
-"""What the tests of boards share: the module that draws them, and what is drawn once."""
+"""Fixtures of the board tests: synthetic images of boards."""
 
 import importlib.util
 from collections.abc import Callable
@@ -26,7 +26,7 @@ def fake() -> ModuleType:
 
 @pytest.fixture(scope="session")
 def pictures(fake: ModuleType) -> Callable[[str, str], list[Picture]]:
-    """Makes 14 pictures of a board of ``fake_boards.BOARDS`` by the camera of a lens model."""
+    """Render 14 images of a board of ``fake_boards.BOARDS`` with a distortion model."""
 
     @cache
     def make(board: str, model: str) -> list[Picture]:
@@ -41,7 +41,7 @@ def pictures(fake: ModuleType) -> Callable[[str, str], list[Picture]]:
 def seen(
     fake: ModuleType, pictures: Callable[[str, str], list[Picture]]
 ) -> Callable[[str, str], BoardDetections]:
-    """Finds the boards in these pictures."""
+    """Detect the boards in these images."""
 
     @cache
     def find(board: str, model: str) -> BoardDetections:

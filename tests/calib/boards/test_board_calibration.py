@@ -1,4 +1,4 @@
-"""A camera comes out as it went in, with honest standard deviations; what is wrong is named."""
+"""Board calibration: accuracy, standard deviations, outliers and failures."""
 
 import json
 from collections.abc import Callable
@@ -21,7 +21,7 @@ SIZE = (640, 480)
 
 
 def errors_in_stds(result: Calibration | CalibrationFailure, truth: object) -> list[float]:
-    """How far fx, fy, cx, cy are off, in their stated standard deviations."""
+    """Errors of fx, fy, cx, cy in units of their standard deviations."""
     assert isinstance(result, Calibration)
     return [(p.value - getattr(truth, p.name)) / p.std for p in result.parameters[:4]]
 
@@ -35,7 +35,7 @@ def errors_in_stds(result: Calibration | CalibrationFailure, truth: object) -> l
         ("asymmetric", "radtan", 2.0),
     ],
 )
-def test_pictures_give_their_camera(
+def test_the_camera_is_recovered_from_images(
     fake: ModuleType,
     seen: Callable[[str, str], BoardDetections],
     board: str,
@@ -60,11 +60,11 @@ def test_pictures_give_their_camera(
 
 
 @pytest.mark.parametrize("model", ["radtan", "fisheye"])
-def test_standard_deviations_are_honest(fake: ModuleType, model: str) -> None:
+def test_standard_deviations_match_the_errors(fake: ModuleType, model: str) -> None:
     truth = fake.TRUTH[model]
     off = []
     for seed in range(12):
-        # Few views, as many would also tell by how these differ among themselves.
+        # Few views: with many, their differences would also reveal the uncertainty.
         views = fake.seen_points(truth, fake.poses(truth, 12, seed), seed)[:9]
         result = calibrate_camera(views, SIZE, model)
         off.append(errors_in_stds(result, truth))
@@ -72,7 +72,7 @@ def test_standard_deviations_are_honest(fake: ModuleType, model: str) -> None:
     assert 0.4 < np.mean(np.square(off)) < 1.2
 
 
-def test_each_view_tells_where_its_board_was(fake: ModuleType) -> None:
+def test_each_view_gives_its_boards_pose(fake: ModuleType) -> None:
     poses = fake.poses(fake.RADTAN, 16, seed=2)
     views = fake.seen_points(fake.RADTAN, poses, 0)
     result = calibrate_camera(views, SIZE)
@@ -123,7 +123,7 @@ def test_a_blurred_view_is_dropped(fake: ModuleType) -> None:
     assert dropped.reason.startswith("its median residual is 0.39 px")
 
 
-def test_too_few_views_are_refused(fake: ModuleType) -> None:
+def test_too_few_views_are_rejected(fake: ModuleType) -> None:
     views = fake.seen_points(fake.RADTAN, fake.poses(fake.RADTAN, 20, seed=3), 1)
     failure = calibrate_camera(views[:7], SIZE)
     assert not failure
@@ -134,7 +134,7 @@ def test_too_few_views_are_refused(fake: ModuleType) -> None:
     assert none.reason == "0 views of the board, expected at least 8"
 
 
-def test_views_that_contradict_each_other_are_refused(fake: ModuleType) -> None:
+def test_contradictory_views_are_rejected(fake: ModuleType) -> None:
     views = fake.seen_points(fake.RADTAN, fake.poses(fake.RADTAN, 20, seed=3), 1)[:9]
     rng = np.random.default_rng(0)
     for i in range(3):
@@ -146,7 +146,7 @@ def test_views_that_contradict_each_other_are_refused(fake: ModuleType) -> None:
 
 
 @pytest.mark.parametrize("model", ["radtan", "fisheye"])
-def test_a_board_held_at_one_angle_is_refused(fake: ModuleType, model: str) -> None:
+def test_a_single_board_orientation_is_rejected(fake: ModuleType, model: str) -> None:
     frontal = fake.poses(fake.RADTAN, 20, seed=3, tilt_deg=5)
     failure = calibrate_camera(fake.seen_points(fake.RADTAN, frontal, 1), SIZE, model)
     assert isinstance(failure, CalibrationFailure)
@@ -154,7 +154,7 @@ def test_a_board_held_at_one_angle_is_refused(fake: ModuleType, model: str) -> N
     assert failure.advice == ("tilt the board by 20 to 45 degrees in all directions",)
 
 
-def test_points_in_the_middle_alone_are_refused(fake: ModuleType) -> None:
+def test_points_only_in_the_middle_are_rejected(fake: ModuleType) -> None:
     poses = fake.poses(fake.RADTAN, 20, seed=3, spread=0.02)
     far = [pose._replace(translation_m=pose.translation_m * 2) for pose in poses]
     failure = calibrate_camera(fake.seen_points(fake.RADTAN, far, 1), SIZE)
@@ -193,7 +193,7 @@ def test_poor_calibrations_do_not_pass(fake: ModuleType) -> None:
     assert any(reason.endswith("of the image, expected at least 50%") for reason in left.reasons)
 
 
-def test_a_lens_that_refocuses_is_not_trusted(fake: ModuleType) -> None:
+def test_a_lens_that_refocuses_does_not_pass(fake: ModuleType) -> None:
     views = fake.seen_points(fake.RADTAN, fake.poses(fake.RADTAN, 20, seed=3), 1)
     centre_px = (fake.RADTAN.cx, fake.RADTAN.cy)
     for i, view in enumerate(views):
@@ -215,6 +215,6 @@ def test_results_are_plain_json_values(fake: ModuleType) -> None:
     assert values["reasons"] == ["3 views of the board, expected at least 8"]
 
 
-def test_another_lens_model_is_refused() -> None:
+def test_an_unknown_lens_model_is_rejected() -> None:
     with pytest.raises(CameraError, match="model is 'pinhole': expected one of radtan, fisheye"):
         calibrate_camera([BoardView("a", np.zeros((9, 2)), np.zeros((9, 3)))], SIZE, "pinhole")

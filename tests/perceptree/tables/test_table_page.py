@@ -1,4 +1,4 @@
-"""What a table says: ours and the paper's apart, conditions, spread, what becomes of claims."""
+"""Tables as Markdown: our results and the paper's, conditions, claims."""
 
 import json
 from collections.abc import Callable
@@ -13,13 +13,13 @@ MadeTable = Callable[..., dict[str, Any]]
 
 
 def row_of(lines: list[str], *starts: str) -> list[str]:
-    """The cells of the one row whose first cells are these."""
+    """Return the cells of the only row that starts with these cells."""
     rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
     (found,) = [row for row in rows if tuple(row[: len(starts)]) == starts]
     return found
 
 
-def test_a_row_has_ours_with_spread_beside_the_papers_network(made_table: MadeTable) -> None:
+def test_a_row_has_our_scores_and_the_papers(made_table: MadeTable) -> None:
     lines = list(table_lines(made_table()))
     assert row_of(lines, "edge-n, Depth", "keypoint & mask")[2:] == [
         "2",
@@ -57,14 +57,14 @@ def test_every_claim_of_the_paper_is_judged(made_table: MadeTable) -> None:
     ]
 
 
-def test_with_one_seed_nothing_is_decided_and_no_spread_is_shown(made_table: MadeTable) -> None:
+def test_one_seed_decides_nothing_and_has_no_deviation(made_table: MadeTable) -> None:
     record = made_table(seeds=1)
     assert {claim["word"] for claim in record["claims"]} == {"undecided"}
     lines = list(table_lines(record))
     assert row_of(lines, "edge-n, Depth", "mask-only")[4] == "50.0"
 
 
-def test_conditions_of_both_are_told(made_table: MadeTable) -> None:
+def test_conditions_of_both_are_listed(made_table: MadeTable) -> None:
     text = " ".join(table_lines(made_table()))
     for part in (
         "trained on 9,000 frames of forest",
@@ -93,7 +93,7 @@ def test_an_unfinished_table_says_so(made_table: MadeTable) -> None:
     assert {claim["word"] for claim in record["claims"]} == {"undecided"}
 
 
-def test_table_2_pairs_its_models_with_the_papers(made_table: MadeTable) -> None:
+def test_table_2_pairs_our_models_with_the_papers(made_table: MadeTable) -> None:
     scores = {
         (modality, "keypoint & mask"): {
             "box_ap": (value, value + 0.1),
@@ -123,7 +123,7 @@ def test_table_2_pairs_its_models_with_the_papers(made_table: MadeTable) -> None
     assert "1 step a run" in " ".join(lines)
 
 
-def test_both_tables_stand_on_one_page(made_table: MadeTable) -> None:
+def test_both_tables_are_on_one_page(made_table: MadeTable) -> None:
     record = json.loads(json.dumps(made_table()))
     page = markdown({"3": record, "2": record | {"table": 2, "rows": [], "claims": []}})
     assert page.index("# The paper's table 2") < page.index("# The paper's table 3")
