@@ -129,7 +129,7 @@ class DepthScale:
         return np.asarray(np.sqrt(np.maximum(variance, 0)))
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON-ready values."""
+        """Return JSON-ready values."""
         values = asdict(self)
         return {**values, "targets": list(values["targets"]), "dropped": list(self.dropped)}
 

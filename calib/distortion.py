@@ -16,7 +16,7 @@ from calib.camera import FISHEYE, PinholeCamera
 Float = NDArray[np.floating[Any]]
 
 _MAX_STEPS = 12
-_CONVERGED = 1e-9  # convergence is quadratic: the next step would be denominator rounding
+_CONVERGED = 1e-9  # convergence is quadratic: the next step would be below rounding
 _MIN_DETERMINANT = 0.05
 _MAX_STEP = 0.3
 _MAX_RADTAN = 5.0  # bounds of normalised coordinates

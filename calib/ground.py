@@ -31,7 +31,7 @@ class GroundPlane:
         normal: (3,) unit vector pointing up.
         offset_m: Height of the camera above the plane, in metres.
         residual_std_m: Root mean square distance of the inliers from the plane.
-        inlier_fraction: Share of the given points that are inliers.
+        inlier_fraction: Share of the usable points that are inliers.
         points: Number of inliers.
         independent_points: Number of inliers with independent errors.
         centre_m: (3,) mean of the inliers.

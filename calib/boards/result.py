@@ -94,7 +94,7 @@ class Calibration:
         return not self.reasons
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON-ready values."""
+        """Return JSON-ready values."""
         return {
             "passed": self.passed,
             "reasons": list(self.reasons),
@@ -127,7 +127,7 @@ class CalibrationFailure:
         return False
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON-ready values."""
+        """Return JSON-ready values."""
         return {
             "passed": False,
             "reasons": [self.reason],

@@ -53,7 +53,7 @@ class DepthEncoding:
             )
 
     def to_dict(self) -> dict[str, float]:
-        """JSON-ready values."""
+        """Return JSON-ready values."""
         return asdict(self)
 
     @classmethod
@@ -81,7 +81,15 @@ class DepthEncoding:
 
 
 def encode_depth(depth_m: NDArray[np.floating[Any]], encoding: DepthEncoding) -> NDArray[np.uint8]:
-    """Encode (H, W) metres as (H, W) uint8; values of 0 or not finite become ``invalid_value``."""
+    """Encode a depth map in 8 bits.
+
+    Args:
+        depth_m: (H, W) metres; values that are not positive and finite are missing.
+        encoding: The encoding.
+
+    Returns:
+        (H, W) uint8, ``invalid_value`` for missing readings.
+    """
     metres = np.ascontiguousarray(depth_m, np.float32)
     low, high = sorted((encoding.near_value, encoding.far_value))
     per_m = (encoding.far_value - encoding.near_value) / (encoding.far_m - encoding.near_m)
@@ -94,10 +102,15 @@ def encode_depth(depth_m: NDArray[np.floating[Any]], encoding: DepthEncoding) ->
 
 
 def decode_depth(grey: NDArray[np.uint8], encoding: DepthEncoding) -> NDArray[np.float32]:
-    """Decode (H, W) uint8 to (H, W) float32 metres.
+    """Decode an 8-bit depth map.
 
-    Pixels with ``invalid_value`` or at and beyond ``far_value`` become 0: a clamped depth is
-    unknown.
+    Args:
+        grey: (H, W) uint8.
+        encoding: The encoding.
+
+    Returns:
+        (H, W) float32 metres. Pixels with ``invalid_value``, at or beyond ``far_value``, or on the
+        other side of ``near_value`` become 0, because their depth is unknown.
     """
     share = (grey.astype(np.float32) - encoding.near_value) / (
         encoding.far_value - encoding.near_value

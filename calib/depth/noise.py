@@ -20,7 +20,7 @@ class _Noise(ABC):
 
     @abstractmethod
     def std_m(self, depth_m: ArrayLike) -> Float:
-        """(...) metres of standard deviation at (...) metres along z; 0 where no reading is."""
+        """Return (...) standard deviations in metres at (...) metres along z; 0 for no reading."""
 
     def sample(self, depth_m: ArrayLike, rng: np.random.Generator) -> NDArray[np.float32]:
         """Add noise to true depths.
@@ -63,7 +63,7 @@ class StereoNoise(_Noise):
                 raise DepthError(f"{field.name} is {value}: expected a positive number")
 
     def std_m(self, depth_m: ArrayLike) -> Float:
-        """(...) metres of standard deviation at (...) metres along z; 0 where no reading is."""
+        """Return (...) standard deviations in metres at (...) metres along z; 0 for no reading."""
         depths = np.asarray(depth_m, np.float64)
         return np.asarray(depths**2 * (self.disparity_std_px / (self.fx_px * self.baseline_m)))
 
@@ -90,6 +90,6 @@ class TofNoise(_Noise):
                 raise DepthError(f"{field.name} is {value}: expected 0 or more")
 
     def std_m(self, depth_m: ArrayLike) -> Float:
-        """(...) metres of standard deviation at (...) metres along z; 0 where no reading is."""
+        """Return (...) standard deviations in metres at (...) metres along z; 0 for no reading."""
         depths = np.asarray(depth_m, np.float64)
         return np.where(depths > 0, self.offset_m + self.per_m * depths, 0.0)

@@ -77,5 +77,5 @@ def _cell(split: str, frame: FrameRecord) -> Picture:
     cell = np.full((drawn.shape[0], width, 3), PAPER, np.uint8)
     cell[:, left : left + drawn.shape[1]] = drawn
     crowds = sum(tree.crowd for tree in trees)
-    said = f"{len(trees)} trees" + (f", {crowds} crowds" if crowds else "")
-    return with_caption(cell, f"{split}  {frame.image_path.name}  {said}")
+    counts = f"{len(trees)} trees" + (f", {crowds} crowds" if crowds else "")
+    return with_caption(cell, f"{split}  {frame.image_path.name}  {counts}")

@@ -108,12 +108,12 @@ def _found_caption(measured: Measured, place: int, fit: float) -> str:
 
 def _describe_label(tree: TreeRecord) -> list[str]:
     """Return what the label tells about a tree, for the caption."""
-    said = [] if tree.species is None else [tree.species]
+    facts = [] if tree.species is None else [tree.species]
     if "distance_m" in tree.truth:
-        said.append(f"{tree.truth['distance_m']:.1f} m away")
+        facts.append(f"{tree.truth['distance_m']:.1f} m away")
     if "visible_fraction" in tree.truth:
-        said.append(f"{tree.truth['visible_fraction']:.0%} visible")
-    return said
+        facts.append(f"{tree.truth['visible_fraction']:.0%} visible")
+    return facts
 
 
 def _missed(measured: Measured) -> list[_Case]:

@@ -55,7 +55,7 @@ class Metrics:
     precision: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON-ready values."""
+        """Return JSON-ready values."""
         return dataclasses.asdict(self)
 
 

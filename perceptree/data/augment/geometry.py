@@ -103,12 +103,16 @@ class Move:
             return self._resize_and_place(image, pad_value, nearest)
         x0, y0, x1, y1 = self.window
         matrix = _to_opencv(self.matrix @ np.array([[1.0, 0, x0], [0, 1, y0], [0, 0, 1]]))
-        way = cv2.INTER_NEAREST if nearest else cv2.INTER_LINEAR
+        interpolation = cv2.INTER_NEAREST if nearest else cv2.INTER_LINEAR
         patch, size, border = image[y0:y1, x0:x1], (self.width, self.height), (pad_value,) * 3
         if np.allclose(matrix[2], (0, 0, 1)):
-            warped = cv2.warpAffine(patch, matrix[:2], size, flags=way, borderValue=border)
+            warped = cv2.warpAffine(
+                patch, matrix[:2], size, flags=interpolation, borderValue=border
+            )
         else:
-            warped = cv2.warpPerspective(patch, matrix, size, flags=way, borderValue=border)
+            warped = cv2.warpPerspective(
+                patch, matrix, size, flags=interpolation, borderValue=border
+            )
         return np.asarray(warped, np.uint8)
 
     def _resize_and_place(
@@ -117,10 +121,10 @@ class Move:
         """Do the same for axis-aligned rectangles, five times as fast as a warp."""
         x0, y0, x1, y1 = self.source
         u0, v0, u1, v1 = self.target
-        way = cv2.INTER_NEAREST_EXACT if nearest else cv2.INTER_LINEAR
+        interpolation = cv2.INTER_NEAREST_EXACT if nearest else cv2.INTER_LINEAR
         patch, size = image[y0:y1, x0:x1], (u1 - u0, v1 - v0)
         if size != (x1 - x0, y1 - y0):
-            patch = np.asarray(cv2.resize(patch, size, interpolation=way), np.uint8)
+            patch = np.asarray(cv2.resize(patch, size, interpolation=interpolation), np.uint8)
         if self.mirrored:
             patch, u0, u1 = (
                 np.asarray(cv2.flip(patch, 1), np.uint8),

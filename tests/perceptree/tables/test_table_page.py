@@ -76,7 +76,7 @@ def test_conditions_of_both_are_listed(made_table: MadeTable) -> None:
         "cosine",
         "random weights",
         "fp32 on 2 CPU cores",
-        "seeds 0, 1: the mean ± the standard deviation",
+        "seeds 0, 1: mean ± standard deviation",
         "SynthTree43k: 40,000 frames",
         "table 3 is of ResNeXt-101 on RGB",
     ):

@@ -84,7 +84,7 @@ def test_finished_runs_are_kept_and_an_interrupted_one_is_resumed(
     with pytest.raises(CheckpointError, match="other settings: steps was 2, is 3"):
         build_table(two_steps(steps=3), *arguments)
     (out / rgb / "result.json").write_text("{}")
-    with pytest.raises(CheckpointError, match=r"result\.json: not the result of a table's run"):
+    with pytest.raises(CheckpointError, match=r"result\.json: not a result of a table's run"):
         build_table(two_steps(), *arguments)
 
 
