@@ -52,11 +52,14 @@ def test_the_recognised_model_and_next_steps_are_printed(
     assert code == 0
     assert printed.splitlines()[0] == "r50: resnet50, stride in the 1x1"
     assert "input: rgb, 1280x720, pixel std 1, 1, 1" in printed
-    assert "finds: boxes, keypoints; 3 anchors a cell, " in printed
+    assert "predicts: boxes, keypoints; 3 anchors per cell, " in printed
     assert "next: perceptree eval model_final.safetensors DATA\n" in printed
     assert "edgetree export model_final.safetensors --data DATA --out model.onnx\n" in printed
     assert told.count("\n") == 1
-    assert f"{checkpoint} does not say, so assumed: pixel mean of ImageNet, stride" in told
+    assert (
+        f"{checkpoint} does not contain these settings, assumed: pixel mean of ImageNet, stride"
+        in told
+    )
     assert [path.name for path in folder.iterdir()] == ["model_final.safetensors"]
 
 
@@ -124,7 +127,7 @@ MISTAKES: dict[str, tuple[tuple[object, ...], str]] = {
     "other network": (("{}/other.pth",), "other.pth: a torchvision detector with backbone.body"),
     "over itself": (
         ("{}/other.pth", "--out", "{}/x/../other.pth"),
-        "would be written over the input",
+        "is the input file",
     ),
     "modality": (("{}/other.pth", "--modality", "x"), "--modality is 'x', expected one of: rgb"),
     "stride": (("{}/other.pth", "--stride-in", "x"), "--stride-in is 'x', expected one of: auto"),

@@ -84,7 +84,7 @@ def test_an_interrupted_training_says_how_to_continue(
     size = ("--height", 64, "--width", 128)
     code, printed, told = call("train", posts, "--out", tmp_path / "run", *size, "--steps", 3)
     assert (code, printed) == (130, "")
-    assert told == "perceptree: interrupted; type the same command to go on\n"
+    assert told == "perceptree: interrupted; repeat the command to continue\n"
     assert (tmp_path / "run/state.pt").is_file()
 
 
@@ -98,7 +98,7 @@ MISTAKES = {
     ),
     "scene's folder": (
         ("scene", "--out", "{}/train_RGB.json/x.glb"),
-        "x.glb: its folder cannot be made",
+        "x.glb: cannot create its folder",
     ),
     "batch": (("train", "{}", "--out", "{}/run", "--batch", 0), "batch is 0"),
     "no checkpoint": (("eval", "{}/no.safetensors", "{}"), "no.safetensors: no such file"),

@@ -133,7 +133,7 @@ def test_depth_is_read_in_millimetres_and_8_bit(
 MISTAKES = {
     "no folder": (("{f}/none", "--out", "{t}/o"), "none: no such folder"),
     "no pictures": (("{t}", "--out", "{t}/o"), "no images, expected .jpg"),
-    "over itself": (("{f}", "--out", "{f}"), "the folder of the pictures: expected another"),
+    "over itself": (("{f}", "--out", "{f}"), "the folder of the images: expected another"),
     "score": (("{f}", "--out", "{t}/o", "--score-threshold", "7"), "is 7.0: expected 0 to 1"),
     "device": (("{f}", "--out", "{t}/o", "--device", "tpu"), "--device is 'tpu'"),
 }

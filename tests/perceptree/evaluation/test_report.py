@@ -112,7 +112,7 @@ def test_a_folder_has_the_results_and_a_self_contained_page(
     assert len(pictures) == 6 + 3 + 6  # best, missed, invented
     words = " ".join(found.words.split())
     assert "The detector finds 67 of 100 of them." in words
-    assert "4.0 pixels off on average" in words
+    assert "mean absolute error of 4.0 pixels" in words
     assert "000000.png: score 0.90" in words
     assert "read so" in words
 

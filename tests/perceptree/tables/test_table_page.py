@@ -44,7 +44,7 @@ def test_every_claim_of_the_paper_is_judged(made_table: MadeTable) -> None:
         "the mask branch raises AP kp": "agrees",
         "the keypoint branch lowers AP bb": "agrees",
         "the keypoint branch lowers AP mask": "undecided",
-        "edge-n: depth has more AP bb than RGB": "agrees",
+        "edge-n: depth has a higher AP bb than RGB": "agrees",
     }
     signed = [round(claim["paper_difference"], 2) for claim in claims.values()]
     assert signed == [0.63, 0.06, -0.91, -0.88, 5.56]
@@ -69,7 +69,7 @@ def test_conditions_of_both_are_listed(made_table: MadeTable) -> None:
     for part in (
         "trained on 9,000 frames of forest",
         "400 test frames (1,600 trees) of frozen",
-        "10 minutes a run",
+        "10 minutes per run",
         "batches of 8",
         "640x384 px",
         "recipe scratch",
@@ -78,17 +78,17 @@ def test_conditions_of_both_are_listed(made_table: MadeTable) -> None:
         "fp32 on 2 CPU cores",
         "seeds 0, 1: mean ± standard deviation",
         "SynthTree43k: 40,000 frames",
-        "table 3 is of ResNeXt-101 on RGB",
+        "table 3 is for ResNeXt-101 on RGB",
     ):
         assert part in text, part
-    assert "So far" not in text
+    assert "so far" not in text
 
 
 def test_an_unfinished_table_says_so(made_table: MadeTable) -> None:
     both = {"box_ap": (47.0, 47.2), "mask_ap": (40.1, 40.3), "keypoint_ap": (60.0, 60.2)}
     record = made_table({("depth", "keypoint & mask"): both})
     lines = list(table_lines(record))
-    assert "So far 2 of 8 runs are finished" in " ".join(lines)
+    assert "2 of 8 runs are finished so far" in " ".join(lines)
     assert row_of(lines, "edge-n, RGB")[2:7] == ["0", "–", "–", "–", "–"]
     assert {claim["word"] for claim in record["claims"]} == {"undecided"}
 
@@ -120,10 +120,10 @@ def test_table_2_pairs_our_models_with_the_papers(made_table: MadeTable) -> None
     assert [claim["word"] for claim in record["claims"]] == ["disagrees"] * 2
     assert record["claims"][0]["paper_difference"] == pytest.approx(11.5)
     assert record["claims"][1]["paper_difference"] is None
-    assert "1 step a run" in " ".join(lines)
+    assert "1 step per run" in " ".join(lines)
 
 
 def test_both_tables_are_on_one_page(made_table: MadeTable) -> None:
     record = json.loads(json.dumps(made_table()))
     page = markdown({"3": record, "2": record | {"table": 2, "rows": [], "claims": []}})
-    assert page.index("# The paper's table 2") < page.index("# The paper's table 3")
+    assert page.index("# Table 2 of the paper") < page.index("# Table 3 of the paper")

@@ -229,10 +229,13 @@ MISTAKES = {
     "two ends": (("--table", 3, "--steps", 1, "--minutes", 1), "expected exactly one of them"),
     "model": (("--table", 3, "--steps", 1, "--model", "edge-x"), "model is 'edge-x', expected one"),
     "models": (("--table", 3, "--steps", 1, "--model", "r50,r101"), "expected one for table 3"),
-    "twice": (("--table", 2, "--steps", 1, "--model", "r50,r50"), "expected at least one, each"),
+    "twice": (("--table", 2, "--steps", 1, "--model", "r50,r50"), "expected at least one, without"),
     "modality": (("--table", 3, "--steps", 1, "--modality", "x"), "modality is 'x'"),
     "both": (("--table", 2, "--steps", 1, "--modality", "rgb"), "table 2 has both"),
-    "seeds": (("--table", 3, "--steps", 1, "--seeds", "0;1"), "--seeds is '0;1': expected whole"),
+    "seeds": (
+        ("--table", 3, "--steps", 1, "--seeds", "0;1"),
+        "--seeds is '0;1': expected integers",
+    ),
     "negative": (("--table", 3, "--steps", 1, "--seeds", "-1"), "seed is -1"),
     "recipe": (("--table", 3, "--steps", 1, "--recipe", "x"), "recipe is 'x': expected one of"),
     "init": (("--table", 3, "--steps", 1, "--init", "x"), "init is 'x': expected imagenet, coco"),
@@ -266,14 +269,14 @@ def test_data_without_masks_or_depth_are_rejected_before_training(
     edit_split(posts, "test", strip)
     code, _, told = call("tables", posts, "--out", tmp_path / "out", "--table", 3, "--steps", 1)
     assert (code, told.count("\n")) == (2, 1)
-    assert "test_RGB.json: has not everywhere masks and depth; expected masks" in told
+    assert "test_RGB.json: masks and depth missing or incomplete; expected masks" in told
 
 
 def test_several_processes_are_rejected(
     posts: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("WORLD_SIZE", "2")
-    with pytest.raises(SettingsError, match="expected a table to run in one process"):
+    with pytest.raises(SettingsError, match="expected a single process for tables"):
         build_table(two_steps(), posts, posts, tmp_path / "out", ENGINE)
 
 
@@ -314,7 +317,7 @@ def test_the_commands_options_become_settings(
         "--precision",
         "bf16",
     )
-    assert (code, told) == (130, "perceptree: interrupted; type the same command to go on\n")
+    assert (code, told) == (130, "perceptree: interrupted; repeat the command to continue\n")
     assert asked[:5] == [
         TableSettings(
             table=2,
