@@ -33,7 +33,7 @@ _LINE_WEIGHT, _POINT_WEIGHT = 4.0, 2.6
 
 
 @dataclass(frozen=True)
-class Exhibit:
+class ExampleImage:
     """An example image.
 
     Attributes:
@@ -59,7 +59,7 @@ class _Case:
     caption: str
 
 
-def galleries(measured: Measured) -> dict[str, list[Exhibit]]:
+def example_images(measured: Measured) -> dict[str, list[ExampleImage]]:
     """Make the example images, at most eight per gallery and two per frame.
 
     Returns:
@@ -78,10 +78,10 @@ def galleries(measured: Measured) -> dict[str, list[Exhibit]]:
         for fit, place in fits
     ]
     return {
-        "best": _exhibits(measured, found),
-        "worst": _exhibits(measured, found[: _PER_GALLERY - 1 : -1]),
-        "missed": _exhibits(measured, _missed(measured)),
-        "invented": _exhibits(measured, _invented(measured)),
+        "best": _make_examples(measured, found),
+        "worst": _make_examples(measured, found[: _PER_GALLERY - 1 : -1]),
+        "missed": _make_examples(measured, _missed(measured)),
+        "invented": _make_examples(measured, _invented(measured)),
     }
 
 
@@ -144,7 +144,7 @@ def _nearest(box: Float, others: Float, name: str) -> list[str]:
     return [f"overlaps {name} by {most:.2f}"] if most >= _MIN_MENTIONED_OVERLAP else []
 
 
-def _exhibits(measured: Measured, cases: Sequence[_Case]) -> list[Exhibit]:
+def _make_examples(measured: Measured, cases: Sequence[_Case]) -> list[ExampleImage]:
     """Make images of the first cases, with a limit per frame."""
     chosen: list[_Case] = []
     for case in cases:
@@ -152,10 +152,10 @@ def _exhibits(measured: Measured, cases: Sequence[_Case]) -> list[Exhibit]:
             chosen.append(case)
         if len(chosen) == _PER_GALLERY:
             break
-    return list(read_ahead(lambda case: _exhibit(measured, case), chosen))
+    return list(read_ahead(lambda case: _make_example(measured, case), chosen))
 
 
-def _exhibit(measured: Measured, case: _Case) -> Exhibit:
+def _make_example(measured: Measured, case: _Case) -> ExampleImage:
     frame = measured.store.frames[case.frame]
     found = measured.predictions[case.frame]
     x0, y0, x1, y1 = _region(frame, found, case)
@@ -167,7 +167,7 @@ def _exhibit(measured: Measured, case: _Case) -> Exhibit:
     drawn = np.concatenate(panels, axis=1)
     jpeg = cv2.imencode(".jpg", drawn, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes()
     caption = f"{frame.image_path.name}: {case.caption}"
-    return Exhibit(caption, jpeg, drawn.shape[1], drawn.shape[0])
+    return ExampleImage(caption, jpeg, drawn.shape[1], drawn.shape[0])
 
 
 def _pictures(frame: FrameRecord, modality: str) -> Iterator[Picture]:

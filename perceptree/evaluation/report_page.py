@@ -8,7 +8,7 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 from perceptree.drawing import KEYPOINT_COLOURS
-from perceptree.evaluation.gallery import FOUND, TRUTH, Exhibit, galleries
+from perceptree.evaluation.gallery import FOUND, TRUTH, ExampleImage, example_images
 from perceptree.evaluation.plots import (
     curves_svg,
     diameters_svg,
@@ -312,7 +312,7 @@ def _group_cell(name: str, value: float | None) -> str:
 
 
 def _pictures(report: Report) -> str:
-    shown = galleries(report.measured)
+    shown = example_images(report.measured)
     wide = " wide" if report.measured.store.spec.modality == "depth" else ""
     depth = " Left: colour image. Right: depth, near is bright." if wide else ""
     truth, found = (f"rgb({red}, {green}, {blue})" for blue, green, red in (TRUTH, FOUND))
@@ -323,7 +323,7 @@ def _pictures(report: Report) -> str:
         f"{depth} Other boxes are drawn faintly.<br>{_point_legend()}</p>"
     ]
     for name, (title, note) in _GALLERIES.items():
-        tiles_ = "".join(_exhibit(exhibit) for exhibit in shown[name]) or "<p>None.</p>"
+        tiles_ = "".join(_example_figure(example) for example in shown[name]) or "<p>None.</p>"
         parts.append(
             f'<h3>{title}</h3><p class="note">{note}</p><div class="gallery{wide}">{tiles_}</div>'
         )
@@ -339,12 +339,12 @@ def _point_legend() -> str:
     )
 
 
-def _exhibit(exhibit: Exhibit) -> str:
-    data = base64.b64encode(exhibit.jpeg).decode("ascii")
-    caption = escape(exhibit.caption)
+def _example_figure(example: ExampleImage) -> str:
+    data = base64.b64encode(example.jpeg).decode("ascii")
+    caption = escape(example.caption)
     return (
-        f'<figure><img src="data:image/jpeg;base64,{data}" width="{exhibit.width_px}"'
-        f' height="{exhibit.height_px}" alt="{caption}"><figcaption>{caption}</figcaption></figure>'
+        f'<figure><img src="data:image/jpeg;base64,{data}" width="{example.width_px}"'
+        f' height="{example.height_px}" alt="{caption}"><figcaption>{caption}</figcaption></figure>'
     )
 
 

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from perceptree.data.augment.randomness import (
     add_levels,
-    either_side,
-    happens,
+    is_drawn,
     normal_levels,
     smooth_field,
-    strength,
+    uniform_symmetric,
+    uniform_up_to,
 )
 from perceptree.data.augment.settings import ColourSettings
 
@@ -45,17 +45,17 @@ def recolour(rng: np.random.Generator, image: Bytes, settings: ColourSettings) -
         (H, W, 3) BGR uint8.
     """
     image = _vary_light(rng, image, settings)
-    toned = happens(rng, settings.tone_share)
+    toned = is_drawn(rng, settings.tone_share)
     image = _mix_channels(rng, image, settings, settings.tint if toned else 0.0)
     if toned:
         image = _tone(rng, image, settings)
-    if happens(rng, settings.blur_share):
+    if is_drawn(rng, settings.blur_share):
         image = _vary_sharpness(rng, image, settings)
     if settings.cutouts:
         image = _add_cutouts(rng, image, settings.cutouts)
-    if happens(rng, settings.noise_share):
+    if is_drawn(rng, settings.noise_share):
         image = _add_noise(rng, image, settings)
-    if happens(rng, settings.jpeg_share):
+    if is_drawn(rng, settings.jpeg_share):
         quality = round(float(rng.uniform(*settings.jpeg_quality)))
         _, packed = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
         image = np.asarray(cv2.imdecode(packed, cv2.IMREAD_COLOR), np.uint8)
@@ -70,9 +70,9 @@ def _vary_light(rng: np.random.Generator, image: Bytes, settings: ColourSettings
     rows, columns = (max(2, side // _LIGHT_CELL_PX) for side in (height, width))
     hardness = float(rng.uniform(0.5, 4))
     field = smooth_field(rng, rows, columns, float(rng.uniform(0.15, 0.6)) * rows)
-    log_gain = strength(rng, settings.shadow) * np.tanh(hardness * field)
+    log_gain = uniform_up_to(rng, settings.shadow) * np.tanh(hardness * field)
     y, x = np.mgrid[-1 : 1 : rows * 1j, -1 : 1 : columns * 1j]
-    corner = 1 - strength(rng, settings.vignette) * (x**2 + y**2) / 2
+    corner = 1 - uniform_up_to(rng, settings.vignette) * (x**2 + y**2) / 2
     gain = np.clip(np.exp(log_gain) * corner * _LIGHT_ONE, 0, 255).astype(np.uint8)
     gain = cv2.resize(gain, (width, height))
     lit = cv2.multiply(image, cv2.merge([gain] * 3), scale=1 / _LIGHT_ONE)
@@ -84,13 +84,13 @@ def _mix_channels(
 ) -> Bytes:
     """Change saturation, hue, channel order and tint by one 3x3 matrix."""
     keep = 1.0
-    if settings.saturation and happens(rng, settings.saturation_share):
+    if settings.saturation and is_drawn(rng, settings.saturation_share):
         keep += float(rng.uniform(-settings.saturation, 0.5 * settings.saturation))
-    angle = math.radians(either_side(rng, settings.hue_deg))
-    if happens(rng, settings.grey_share):
+    angle = math.radians(uniform_symmetric(rng, settings.hue_deg))
+    if is_drawn(rng, settings.grey_share):
         keep = 0.0
     order = [0, 1, 2]
-    if happens(rng, settings.channel_shuffle_share):
+    if is_drawn(rng, settings.channel_shuffle_share):
         order = rng.permutation(3).tolist()
     if keep == 1.0 and not angle and not tint and order == [0, 1, 2]:
         return image
@@ -110,10 +110,10 @@ def _tone(rng: np.random.Generator, image: Bytes, settings: ColourSettings) -> B
         return image
     level: Float = np.linspace(0, 1, 256)[:, None]
     if settings.curves:
-        level = _curves(rng, strength(rng, settings.curves))
-    gain = math.exp(either_side(rng, settings.brightness))
-    contrast = math.exp(either_side(rng, settings.contrast))
-    gamma = math.exp(either_side(rng, settings.gamma))
+        level = _curves(rng, uniform_up_to(rng, settings.curves))
+    gain = math.exp(uniform_symmetric(rng, settings.brightness))
+    contrast = math.exp(uniform_symmetric(rng, settings.contrast))
+    gamma = math.exp(uniform_symmetric(rng, settings.gamma))
     table = level**gamma * gain
     table = (table - _CONTRAST_CENTRE) * contrast + _CONTRAST_CENTRE
     table8 = np.rint(np.clip(table * 255, 0, 255)).astype(np.uint8)
@@ -138,7 +138,7 @@ def _vary_sharpness(rng: np.random.Generator, image: Bytes, settings: ColourSett
     if not choices:
         return image
     method, maximum = choices[int(rng.integers(len(choices)))]
-    return method(rng, image, strength(rng, maximum))
+    return method(rng, image, uniform_up_to(rng, maximum))
 
 
 def _blur(rng: np.random.Generator, image: Bytes, deviation_px: float) -> Bytes:
@@ -176,10 +176,10 @@ def _add_cutouts(rng: np.random.Generator, image: Bytes, maximum: int) -> Bytes:
 
 
 def _add_noise(rng: np.random.Generator, image: Bytes, settings: ColourSettings) -> Bytes:
-    deviation = strength(rng, settings.noise)
+    deviation = uniform_up_to(rng, settings.noise)
     if deviation:
         image = add_levels(image, normal_levels(rng, image.shape, deviation))
-    deviation = strength(rng, settings.chroma_noise)
+    deviation = uniform_up_to(rng, settings.chroma_noise)
     if deviation:
         height, width = image.shape[:2]
         coarse = (-(-height // _CHROMA_CELL_PX), -(-width // _CHROMA_CELL_PX), 3)

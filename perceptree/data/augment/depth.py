@@ -14,10 +14,10 @@ from calib import DepthEncoding, encode_depth
 from perceptree.data.augment.randomness import (
     add_levels,
     blobs,
-    either_side,
     normal,
     normal_levels,
-    strength,
+    uniform_symmetric,
+    uniform_up_to,
 )
 from perceptree.data.augment.settings import DepthSettings
 
@@ -70,11 +70,11 @@ def disturb_depth(
     faulty = _quantise_and_limit(rng, faulty, encoding, settings)
     lost: list[NDArray[np.bool_]] = []
     if settings.stereo_px_m:
-        lost.append(_stereo_occlusion(image, metres_of, strength(rng, settings.stereo_px_m)))
+        lost.append(_stereo_occlusion(image, metres_of, uniform_up_to(rng, settings.stereo_px_m)))
     if settings.edge_loss_px:
         lost.append(_edge_loss(rng, image, metres_of, int(rng.integers(settings.edge_loss_px + 1))))
     if settings.hole_area:
-        share = strength(rng, settings.hole_area)
+        share = uniform_up_to(rng, settings.hole_area)
         lost.append(blobs(rng, image.shape, share, float(rng.uniform(12, 80))))
     if faulty is image:
         faulty = image.copy()
@@ -91,13 +91,13 @@ def _disturb_readings(
     rng: np.random.Generator, image: Bytes, encoding: DepthEncoding, settings: DepthSettings
 ) -> Bytes:
     """Apply the gain and both kinds of noise."""
-    gain = 1 + either_side(rng, settings.depth_gain)
+    gain = 1 + uniform_symmetric(rng, settings.depth_gain)
     if gain != 1:
         image = _map_levels(image, level_metres(encoding) * np.float32(gain), encoding)
-    deviation = strength(rng, settings.depth_noise)
+    deviation = uniform_up_to(rng, settings.depth_noise)
     if deviation:
         image = add_levels(image, normal_levels(rng, image.shape, deviation))
-    deviation_m = strength(rng, settings.far_noise_m)
+    deviation_m = uniform_up_to(rng, settings.far_noise_m)
     if deviation_m:
         per_m = (encoding.far_value - encoding.near_value) / (encoding.far_m - encoding.near_m)
         spread = abs(per_m) * deviation_m * (level_metres(encoding) / _REFERENCE_M) ** 2
@@ -112,8 +112,8 @@ def _quantise_and_limit(
     rng: np.random.Generator, image: Bytes, encoding: DepthEncoding, settings: DepthSettings
 ) -> Bytes:
     """Quantise the readings evenly in disparity, and remove those beyond a maximum depth."""
-    step_m = strength(rng, settings.far_step_m)
-    loss = strength(rng, settings.range_loss)
+    step_m = uniform_up_to(rng, settings.far_step_m)
+    loss = uniform_up_to(rng, settings.range_loss)
     if not step_m and not loss:
         return image
     metres = level_metres(encoding).copy()

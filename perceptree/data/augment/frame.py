@@ -10,9 +10,9 @@ import numpy as np
 from calib import DepthEncoding
 from perceptree.data.augment.colour import recolour
 from perceptree.data.augment.depth import disturb_depth, trees_still_read
-from perceptree.data.augment.geometry import draw_move, flip, move_sample
+from perceptree.data.augment.geometry import draw_transform, flip, transform_sample
 from perceptree.data.augment.paste import paste_trees
-from perceptree.data.augment.randomness import happens
+from perceptree.data.augment.randomness import is_drawn
 from perceptree.data.augment.settings import AugmentSettings
 from perceptree.data.frames import Sample
 from perceptree.models import ModelSpec
@@ -41,10 +41,10 @@ def augment(
     encoding = None
     if spec.depth_encoding is not None:
         encoding = DepthEncoding.from_dict(spec.depth_encoding)
-    if other is not None and happens(rng, settings.copy_paste_share):
+    if other is not None and is_drawn(rng, settings.copy_paste_share):
         sample = _paste_from(rng, sample, other(), encoding)
     height, width = sample.image.shape[:2]
-    sample = move_sample(sample, draw_move(rng, width, height, settings), spec.pad_value)
+    sample = transform_sample(sample, draw_transform(rng, width, height, settings), spec.pad_value)
     if encoding is None:
         return replace(sample, image=recolour(rng, sample.image, settings))
     image = disturb_depth(rng, sample.image, encoding, settings)
@@ -64,6 +64,6 @@ def _paste_from(
     rng: np.random.Generator, sample: Sample, other: Sample, encoding: DepthEncoding | None
 ) -> Sample:
     """Paste trees of the other frame, which may be mirrored."""
-    if happens(rng, 0.5):
+    if is_drawn(rng, 0.5):
         other = flip(other)
     return paste_trees(rng, sample, other, encoding)

@@ -15,8 +15,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from perceptree.data.augment.labels import flip_keypoints, move_boxes, move_keypoints, move_masks
-from perceptree.data.augment.randomness import either_side, happens
+from perceptree.data.augment.labels import (
+    flip_keypoints,
+    transform_boxes,
+    transform_keypoints,
+    transform_masks,
+)
+from perceptree.data.augment.randomness import is_drawn, uniform_symmetric
 from perceptree.data.augment.settings import GeometrySettings
 from perceptree.data.frames import Sample
 
@@ -46,7 +51,7 @@ def _mirrored(masks: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 @dataclass(frozen=True, eq=False)
-class Move:
+class Transform:
     """A geometric transform of an image to one of the same size.
 
     First ``window`` is cut out and, if given, ``warp`` is applied. Then ``source`` is resized to
@@ -138,13 +143,13 @@ class Move:
         return placed
 
 
-def draw_move(
+def draw_transform(
     rng: np.random.Generator, width: int, height: int, settings: GeometrySettings
-) -> Move:
+) -> Transform:
     """Draw a random transform of an image of this size."""
-    mirrored = happens(rng, settings.flip_share)
+    mirrored = is_drawn(rng, settings.flip_share)
     sides, window = (width, height), (0, 0, width, height)
-    if happens(rng, settings.crop_share):
+    if is_drawn(rng, settings.crop_share):
         kept = [max(1, round(n * share)) for n, share in zip(sides, settings.crop, strict=True)]
         x0, y0 = (int(rng.integers(n - k + 1)) for n, k in zip(sides, kept, strict=True))
         window = (x0, y0, x0 + kept[0], y0 + kept[1])
@@ -154,31 +159,35 @@ def draw_move(
     down = _draw_span(rng, window[1], tall, height, scale)
     source, target = ((across[k], down[k], across[k + 1], down[k + 1]) for k in (0, 2))
     warp = _draw_warp(rng, window, settings)
-    return Move(width, height, window, source, target, mirrored, warp)
+    return Transform(width, height, window, source, target, mirrored, warp)
 
 
-def move_sample(sample: Sample, move: Move, pad_value: int) -> Sample:
+def transform_sample(sample: Sample, transform: Transform, pad_value: int) -> Sample:
     """Transform image and labels; trees of which too little remains are removed.
 
     Args:
         sample: The frame.
-        move: The transform.
+        transform: The transform.
         pad_value: Grey value where the image is empty.
     """
-    if move.is_identity:
+    if transform.is_identity:
         return sample
-    matrix = move.matrix
-    image = move.apply(sample.image, pad_value, nearest=False)
+    matrix = transform.matrix
+    image = transform.apply(sample.image, pad_value, nearest=False)
     if sample.masks is None:
-        boxes, kept = move_boxes(sample.boxes, matrix, move.window, move.width, move.height)
+        boxes, kept = transform_boxes(
+            sample.boxes, matrix, transform.window, transform.width, transform.height
+        )
         masks = None
     else:
-        move_plane = partial(move.apply, pad_value=0, nearest=True)
-        boxes, masks, kept = move_masks(sample.masks, sample.boxes, matrix, move_plane)
+        transform_plane = partial(transform.apply, pad_value=0, nearest=True)
+        boxes, masks, kept = transform_masks(sample.masks, sample.boxes, matrix, transform_plane)
     keypoints = sample.keypoints[kept]
-    if move.mirrored:
+    if transform.mirrored:
         keypoints = flip_keypoints(keypoints)
-    keypoints = move_keypoints(keypoints, matrix, move.window, move.width, move.height)
+    keypoints = transform_keypoints(
+        keypoints, matrix, transform.window, transform.width, transform.height
+    )
     return replace(sample, image=image, boxes=boxes, keypoints=keypoints, masks=masks)
 
 
@@ -210,15 +219,15 @@ def _draw_warp(
 ) -> Float | None:
     """Draw rotation and shear about a window's centre, then perspective; None if all are off."""
     start, size = np.array(window[:2], np.float64), np.subtract(window[2:], window[:2])
-    angle = math.radians(either_side(rng, settings.rotation_deg))
-    slope = math.tan(math.radians(either_side(rng, settings.shear_deg)))
+    angle = math.radians(uniform_symmetric(rng, settings.rotation_deg))
+    slope = math.tan(math.radians(uniform_symmetric(rng, settings.shear_deg)))
     warp = np.eye(3)
     if angle or slope:
         turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
         warp[:2, :2] = turn @ np.array([[1, slope], [0, 1]])
         centre = start + size / 2
         warp[:2, 2] = centre - warp[:2, :2] @ centre
-    if settings.perspective > 0 and happens(rng, settings.perspective_share):
+    if settings.perspective > 0 and is_drawn(rng, settings.perspective_share):
         corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
         inwards = rng.uniform(0, settings.perspective, (4, 2)) * (1 - 2 * corners)
         inner, outer = (start + share * size for share in (corners + inwards, corners))

@@ -28,13 +28,13 @@ def flip_keypoints(keypoints: Float) -> Float:
     return swapped
 
 
-def move_points(points: Float, matrix: Float) -> Float:
+def transform_points(points: Float, matrix: Float) -> Float:
     """Transform (..., 2) points by a (3, 3) matrix."""
     homogeneous = points @ matrix[:, :2].T + matrix[:, 2]
     return np.asarray(homogeneous[..., :2] / homogeneous[..., 2:])
 
 
-def move_keypoints(
+def transform_keypoints(
     keypoints: Float, matrix: Float, window: tuple[int, int, int, int], width: int, height: int
 ) -> Float:
     """Transform keypoints; those that leave the window or the image become zeros.
@@ -47,7 +47,7 @@ def move_keypoints(
         height: Image height in px.
     """
     found, before = keypoints.copy(), keypoints[..., :2]
-    found[..., :2] = move_points(before, matrix)
+    found[..., :2] = transform_points(before, matrix)
     kept = (
         (keypoints[..., 2] > 0)
         & (before >= window[:2]).all(-1)
@@ -59,7 +59,7 @@ def move_keypoints(
     return found
 
 
-def move_boxes(
+def transform_boxes(
     boxes: Float, matrix: Float, window: tuple[int, int, int, int], width: int, height: int
 ) -> tuple[Float, list[int]]:
     """Transform boxes without masks.
@@ -86,8 +86,8 @@ def move_boxes(
     return seen[kept], kept
 
 
-def move_masks(
-    masks: Masks, boxes: Float, matrix: Float, move_plane: Callable[[Bytes], Bytes]
+def transform_masks(
+    masks: Masks, boxes: Float, matrix: Float, transform_plane: Callable[[Bytes], Bytes]
 ) -> tuple[Float, Masks, list[int]]:
     """Transform masks, eight at a time.
 
@@ -98,13 +98,13 @@ def move_masks(
         masks: (N, H, W) bool.
         boxes: (N, 4) approximate boxes of the masks.
         matrix: (3, 3) transform of continuous px.
-        move_plane: Transforms an (H, W) uint8 image by nearest-neighbour sampling.
+        transform_plane: Transforms an (H, W) uint8 image by nearest-neighbour sampling.
 
     Returns:
         Boxes (M, 4) and masks (M, H, W) of the trees that are kept, and their indices.
     """
     starts = range(0, len(masks), _BITS)
-    planes = [move_plane(_plane(masks[start : start + _BITS])) for start in starts]
+    planes = [transform_plane(_plane(masks[start : start + _BITS])) for start in starts]
     found, bits = np.empty_like(masks), np.empty(masks.shape[1:], np.uint8)
     moved_boxes: list[tuple[int, int, int, int]] = []
     kept: list[int] = []
@@ -140,7 +140,7 @@ def _plane(masks: Masks) -> Bytes:
 
 def _bounding_boxes(boxes: Float, matrix: Float) -> Float:
     """Return (N, 4) boxes that bound the transformed corners of boxes."""
-    corners = move_points(boxes[:, [[0, 1], [2, 1], [2, 3], [0, 3]]], matrix)
+    corners = transform_points(boxes[:, [[0, 1], [2, 1], [2, 3], [0, 3]]], matrix)
     return np.concatenate([corners.min(1), corners.max(1)], axis=-1)
 
 

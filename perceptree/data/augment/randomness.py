@@ -17,17 +17,17 @@ _NORMAL = NormalDist()
 _QUANTILES = np.array([_NORMAL.inv_cdf((row + 0.5) / 256) for row in range(256)], np.float32)
 
 
-def happens(rng: np.random.Generator, share: float) -> bool:
+def is_drawn(rng: np.random.Generator, share: float) -> bool:
     """Return True with probability ``share``; draws nothing if the result is certain."""
     return share >= 1 or (share > 0 and bool(rng.random() < share))
 
 
-def strength(rng: np.random.Generator, limit: float) -> float:
+def uniform_up_to(rng: np.random.Generator, limit: float) -> float:
     """Draw uniformly from 0 to ``limit``; draws nothing if it is 0."""
     return float(rng.uniform(0, limit)) if limit > 0 else 0.0
 
 
-def either_side(rng: np.random.Generator, limit: float) -> float:
+def uniform_symmetric(rng: np.random.Generator, limit: float) -> float:
     """Draw uniformly from ``-limit`` to ``limit``; draws nothing if it is 0."""
     return float(rng.uniform(-limit, limit)) if limit > 0 else 0.0
 
