@@ -228,7 +228,7 @@ def fit_depth_scale(targets: Sequence[TargetReadings]) -> DepthScale | DepthScal
         return DepthScaleFailure(reason)
     line, covariance, _ = _fit_line(means)
     if line[0] <= 0:
-        return DepthScaleFailure(f"readings change by {line[0]:.2g} m for each metre of distance")
+        return DepthScaleFailure(f"the fitted scale is {line[0]:.2g}: expected more than 0")
     stretch = max(target.focal_std_share for target in targets) * line
     covariance = covariance + np.outer(stretch, stretch)
     return _result(means, line, covariance, [t.name for t in targets if t.name in dropped])

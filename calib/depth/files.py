@@ -68,7 +68,9 @@ def _read_array(path: Path) -> NDArray[Any]:
     try:
         values = np.load(path, allow_pickle=False)
     except (OSError, ValueError, EOFError) as error:
-        raise InputFileError(f"{path}: not a readable .npy array of depth") from error
+        raise InputFileError(
+            f"{path}: not a readable .npy file, expected one (H, W) array of depth"
+        ) from error
     if not isinstance(values, np.ndarray):
         raise InputFileError(f"{path}: several arrays, expected one (H, W) array of depth")
     return values.astype(values.dtype.newbyteorder("="), copy=False)

@@ -23,7 +23,7 @@ def one_of(values: Values, *names: str) -> str:
     if len(found) > 1:
         raise CameraError(f"{' and '.join(found)} are both given: expected one of them")
     if not found:
-        raise CameraError(f"{' or '.join(names)} is missing")
+        raise CameraError(f"{' or '.join(names)} is missing: expected one of them")
     return found[0]
 
 

@@ -76,7 +76,9 @@ class FrameRecord:
         """
         segmentation = tree.segmentation
         if segmentation is None:
-            raise DatasetError(f"{self.image_path}: annotation {tree.number} has no mask")
+            raise DatasetError(
+                f"{self.image_path}: annotation {tree.number} has no mask, expected one"
+            )
         try:
             if isinstance(segmentation, list):
                 parts = coco_mask.frPyObjects(segmentation, self.height, self.width)

@@ -50,7 +50,7 @@ def read_dataset(
         directory: The dataset's folder, or one label file.
         split: "train", "val" or "test".
         fold: Which fold of a dataset with several.
-        entire_tree: Read the labels of entire trees instead of visible trunks.
+        entire_tree: Read the labels of entire trees (SynthTree43k).
 
     Raises:
         DatasetError: If a file is missing or not COCO, or a label is invalid.
@@ -100,7 +100,7 @@ def _load(path: Path) -> Any:
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
-        raise DatasetError(f"not readable JSON ({error})") from error
+        raise DatasetError(f"not readable JSON ({error}), expected a COCO file") from error
 
 
 @contextmanager

@@ -149,7 +149,7 @@ def read_frame(frame: FrameRecord, modality: str) -> NDArray[np.uint8]:
     flag = cv2.IMREAD_COLOR if modality == "rgb" else cv2.IMREAD_UNCHANGED
     image = cv2.imread(str(path), flag) if path.is_file() else None
     if image is None:
-        raise DatasetError(f"{path}: missing or not a readable image")
+        raise DatasetError(f"{path}: missing or not a readable image, expected one")
     if image.shape[:2] != (frame.height, frame.width):
         raise DatasetError(
             f"{path}: is {image.shape[1]}x{image.shape[0]} px, expected"

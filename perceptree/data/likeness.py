@@ -135,7 +135,7 @@ def read_small(path: Path) -> Picture:
     """
     image = cv2.imread(str(path), cv2.IMREAD_COLOR)
     if image is None:
-        raise DatasetError(f"{path}: not a readable image")
+        raise DatasetError(f"{path}: not a readable image, expected one")
     height = round(image.shape[0] * _WIDTH_PX / image.shape[1])
     small = cv2.resize(image, (_WIDTH_PX, height), interpolation=cv2.INTER_AREA)
     return np.asarray(small, np.uint8)

@@ -150,7 +150,7 @@ def _decoded(path: Path, flag: int) -> NDArray[Any]:
     except cv2.error:
         image = None
     if image is None:
-        raise DatasetError(f"{path}: not a readable image")
+        raise DatasetError(f"{path}: not a readable image, expected one")
     return image
 
 

@@ -168,7 +168,7 @@ def test_unreadable_files_are_named(tmp_path: Path) -> None:
         read_depth(tmp_path / "text.png")
     for content in (b"no array", b"", b"\x93NUMPY\x01\x00"):
         (tmp_path / "text.npy").write_bytes(content)
-        with pytest.raises(InputFileError, match=r"text\.npy: not a readable \.npy array"):
+        with pytest.raises(InputFileError, match=r"text\.npy: not a readable \.npy file"):
             read_depth(tmp_path / "text.npy")
     np.savez(tmp_path / "two.npz", STEPS, METRES)
     (tmp_path / "two.npz").rename(tmp_path / "two.npy")

@@ -33,7 +33,7 @@ def flawed(raw: RawDetections) -> RawDetections:
 
 
 class Page(HTMLParser):
-    """What a page shows, and what it would fetch."""
+    """Collects the text of a page and the addresses it would load."""
 
     def __init__(self, html: str) -> None:
         super().__init__()

@@ -36,7 +36,7 @@ def two_steps(**changes: Any) -> TableSettings:
 
 
 class Told:
-    """Which runs were begun, and the steps that were made in each."""
+    """Records the runs that were started and the steps of each."""
 
     def __init__(self, stop_in: str = "", stop_at: int = 1) -> None:
         self.steps: dict[str, list[int]] = {}
