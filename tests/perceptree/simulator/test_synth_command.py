@@ -205,7 +205,7 @@ def test_the_bar_tells_rate_and_time_left_of_this_run_alone(monkeypatch: pytest.
 
 
 SCENE_MISTAKES = {
-    "ending": (("--out", "scene.obj"), "--out is scene.obj: expected a name that ends in .glb"),
+    "ending": (("--out", "scene.obj"), "--out is scene.obj: expected a name ending in .glb"),
     "seed": (("--out", "scene.glb", "--seed", -1), "--seed is -1: expected at least 0"),
     "preset": (("--out", "scene.glb", "--preset", "x"), "--preset is 'x'"),
 }

@@ -77,7 +77,7 @@ def test_conditions_of_both_are_listed(made_table: MadeTable) -> None:
         "random weights",
         "fp32 on 2 CPU cores",
         "seeds 0, 1: mean ± standard deviation",
-        "SynthTree43k: 40,000 frames",
+        "SynthTree43k: 40,000 training frames",
         "table 3 is for ResNeXt-101 on RGB",
     ):
         assert part in text, part
