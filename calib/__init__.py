@@ -1,4 +1,9 @@
-"""Cameras and depth: intrinsics, lenses, files, depth maps, the ground. Knows no trees."""
+"""Cameras and depth: intrinsics, distortion, files, depth maps and the ground plane.
+
+General-purpose: nothing here is specific to trees. Lengths are metres. Camera coordinates are x
+right, y down, z forward. Image coordinates are continuous pixels: (0, 0) is the outer corner of the
+first pixel, whose centre is (0.5, 0.5).
+"""
 
 from calib.boxes import box_iou
 from calib.camera import PinholeCamera

@@ -1,4 +1,4 @@
-"""A pinhole camera with radial-tangential or fisheye distortion."""
+"""Pinhole camera with Brown-Conrady ("radtan") or Kannala-Brandt ("fisheye") distortion."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from calib.errors import CameraError
 
 _ASPECT_TOLERANCE = 0.01
 RADTAN, FISHEYE = "radtan", "fisheye"
-_TERMS = {RADTAN: (0, 4, 5, 8), FISHEYE: (4,)}
-_NAMES = {
+_TERM_COUNTS = {RADTAN: (0, 4, 5, 8), FISHEYE: (4,)}
+_TERM_NAMES = {
     RADTAN: "none, 4 (k1 k2 p1 p2), 5 (and k3) or 8 (and k4 k5 k6)",
     FISHEYE: "4 (k1 k2 k3 k4)",
 }
@@ -21,13 +21,26 @@ _NAMES = {
 
 @dataclass(frozen=True)
 class PinholeCamera:
-    """Intrinsics of an image of ``width`` x ``height`` px.
+    """Intrinsics and distortion of a camera.
 
-    ``fx``, ``fy``, ``cx``, ``cy`` in px follow OpenCV: pixel centres on whole numbers.
-    ``distortion`` holds the terms of OpenCV's ``distortion_model``: none, four, five or eight of
-    k1, k2, p1, p2, k3, k4, k5, k6 of "radtan", or k1, k2, k3, k4 of "fisheye". ``focal_std_px``
-    is how well fx and fy are known; 0 where nobody said.
-    Raises CameraError for values that no camera has.
+    The parameters follow OpenCV, where a pixel's centre has whole-number coordinates.
+    ``calib.pixels`` converts to the continuous pixels used elsewhere.
+
+    Attributes:
+        width: Image width in px.
+        height: Image height in px.
+        fx: Focal length along x in px.
+        fy: Focal length along y in px.
+        cx: Principal point's x in px, OpenCV's convention.
+        cy: Principal point's y in px, OpenCV's convention.
+        distortion: Distortion coefficients in OpenCV's order: none, 4, 5 or 8 of k1, k2, p1, p2,
+            k3, k4, k5, k6 for "radtan"; k1, k2, k3, k4 for "fisheye".
+        distortion_model: "radtan" (Brown-Conrady, as ``cv2.projectPoints``) or "fisheye"
+            (Kannala-Brandt, as ``cv2.fisheye``).
+        focal_std_px: Standard deviation of fx and fy in px; 0 if unknown.
+
+    Raises:
+        CameraError: If a value is out of range or not finite.
     """
 
     width: int
@@ -51,14 +64,14 @@ class PinholeCamera:
             if not (math.isfinite(value) and -size <= value <= 2 * size):
                 raise CameraError(f"{name} is {value}: expected a point near the image, {size} px")
         object.__setattr__(self, "distortion", tuple(float(k) for k in self.distortion))
-        if self.distortion_model not in _TERMS:
+        if self.distortion_model not in _TERM_COUNTS:
             raise CameraError(
                 f"distortion_model is {self.distortion_model!r}: expected {RADTAN} or {FISHEYE}"
             )
-        if len(self.distortion) not in _TERMS[self.distortion_model]:
+        if len(self.distortion) not in _TERM_COUNTS[self.distortion_model]:
             raise CameraError(
                 f"distortion has {len(self.distortion)} terms: expected"
-                f" {_NAMES[self.distortion_model]} of the {self.distortion_model} model"
+                f" {_TERM_NAMES[self.distortion_model]} of the {self.distortion_model} model"
             )
         if not all(math.isfinite(k) for k in self.distortion):
             raise CameraError(f"distortion is {self.distortion}: expected finite numbers")
@@ -66,10 +79,13 @@ class PinholeCamera:
             raise CameraError(f"focal_std_px is {self.focal_std_px}: expected 0 or more")
 
     def scaled(self, width: int, height: int) -> PinholeCamera:
-        """The same camera for the image resized to ``width`` x ``height``.
+        """Return the camera of the image resized to ``width`` x ``height`` px.
 
-        With scale s, cx becomes s (cx + 0.5) - 0.5. Raises CameraError where the aspect changes
-        by more than 1 %: then the image was cropped and the intrinsics do not follow.
+        Pixel centres are at whole numbers, so a scale s moves cx to s (cx + 0.5) - 0.5.
+
+        Raises:
+            CameraError: If the size is below 1x1, or the aspect ratio changes by more than 1 %. In
+                that case the image was cropped, and scaling the intrinsics would be wrong.
         """
         if width < 1 or height < 1:
             raise CameraError(f"image size is {width}x{height}: expected at least 1x1")
@@ -77,7 +93,7 @@ class PinholeCamera:
         if abs(sx / sy - 1) > _ASPECT_TOLERANCE:
             raise CameraError(
                 f"the camera is for {self.width}x{self.height} px and the image is"
-                f" {width}x{height}: expected the same aspect"
+                f" {width}x{height}: expected the same aspect ratio"
             )
         return replace(
             self,
@@ -91,20 +107,27 @@ class PinholeCamera:
         )
 
     def cropped(self, x_px: int, y_px: int, width: int, height: int) -> PinholeCamera:
-        """The same camera for the part of the image whose first pixel is (``x_px``, ``y_px``).
+        """Return the camera of a crop of the image.
 
-        Raises CameraError where the part does not lie within the image.
+        Args:
+            x_px: Column of the crop's first pixel.
+            y_px: Row of the crop's first pixel.
+            width: Width of the crop in px.
+            height: Height of the crop in px.
+
+        Raises:
+            CameraError: If the crop is not inside the image.
         """
         inside = x_px >= 0 and y_px >= 0 and width >= 1 and height >= 1
         if not inside or x_px + width > self.width or y_px + height > self.height:
             raise CameraError(
-                f"the part is {width}x{height} px at ({x_px}, {y_px}): expected one within the"
+                f"the crop is {width}x{height} px at ({x_px}, {y_px}): expected one inside the"
                 f" camera's {self.width}x{self.height}"
             )
         return replace(self, width=width, height=height, cx=self.cx - x_px, cy=self.cy - y_px)
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON-ready values; the fields that most cameras lack only where they say something."""
+        """Return JSON-ready values; optional fields are left out at their defaults."""
         values = {**asdict(self), "distortion": list(self.distortion)}
         if self.distortion_model == RADTAN:
             del values["distortion_model"]
@@ -114,7 +137,11 @@ class PinholeCamera:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> PinholeCamera:
-        """From ``to_dict``'s values; raises CameraError for what is missing or not a number."""
+        """Create a camera from the values of ``to_dict``.
+
+        Raises:
+            CameraError: If a field is missing or has the wrong type.
+        """
         width, height, fx, fy, cx, cy = (
             _number(name, values.get(name)) for name in ("width", "height", "fx", "fy", "cx", "cy")
         )
@@ -138,7 +165,7 @@ class PinholeCamera:
 
 
 def _number(name: str, value: Any) -> float:
-    """A field's number; a whole one may have more digits than a float holds."""
+    """Return a field as float; integers too large for a float are rejected."""
     if not isinstance(value, bool) and isinstance(value, int | float):
         with suppress(OverflowError):
             return float(value)

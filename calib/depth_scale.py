@@ -1,4 +1,4 @@
-"""A depth camera's scale and offset, from a flat target seen at known distances."""
+"""Scale and offset of a depth camera, fitted to a flat target at known distances."""
 
 from __future__ import annotations
 
@@ -24,16 +24,23 @@ Float = NDArray[np.floating[Any]]
 
 SCHEMA: Final = "calib.depth_scale/1"
 _EXPECTED: Final = "a depth scale as JSON"
-_LEAST_READINGS, _LEAST_TARGETS, _LEAST_DISTANCES = 50, 4, 3
-_SAME_DISTANCE, _LEAST_RANGE, _LEAST_FOLLOWING = 1.1, 1.5, 1.2
-_MEDIAN_TO_STD, _FAR_OFF, _NEVER_BELOW = 1.4826, 4.0, 0.002
+_MIN_READINGS, _MIN_TARGETS, _MIN_DISTANCES = 50, 4, 3
+# Ratios: of distances that count as one, of farthest to nearest target, of their readings.
+_SAME_DISTANCE_RATIO, _MIN_DISTANCE_RATIO, _MIN_READING_RATIO = 1.1, 1.5, 1.2
+# Outliers lie more than _OUTLIER_STDS away; a standard deviation is taken as at least _STD_FLOOR.
+_MAD_TO_STD, _OUTLIER_STDS, _STD_FLOOR = 1.4826, 4.0, 0.002
 
 
 @dataclass(frozen=True, eq=False)
 class TargetReadings:
-    """A flat target as one depth map shows it: (N,) ``true_m`` and ``measured_m`` along z of the
-    same pixels. What was measured as 0 or is not finite is no reading. ``focal_std_share`` is the
-    standard deviation of the camera's focal length as a share of it: ``true_m`` is off by as much.
+    """Readings of one depth map on a flat target, with the true depths.
+
+    Attributes:
+        name: Name for messages, such as the file's.
+        true_m: (N,) true metres along z of the pixels on the target.
+        measured_m: (N,) readings of the same pixels in metres; 0 or not finite is no reading.
+        focal_std_share: Relative standard deviation of the camera's focal length. It is also the
+            relative error of ``true_m``, which comes from the target's size in the image.
     """
 
     name: str
@@ -44,10 +51,14 @@ class TargetReadings:
 
 @dataclass(frozen=True)
 class TargetResidual:
-    """What the fit leaves of one target.
+    """What the fit leaves for one target.
 
-    ``residual_m`` is the corrected mean reading less the true distance; ``noise_std_m`` how far
-    the readings of its ``pixels`` scatter about their plane.
+    Attributes:
+        name: Name of the target.
+        distance_m: Mean true depth in metres.
+        residual_m: Mean corrected reading minus mean true depth.
+        noise_std_m: Standard deviation of the readings about a line through them.
+        pixels: Number of readings used.
     """
 
     name: str
@@ -59,9 +70,21 @@ class TargetResidual:
 
 @dataclass(frozen=True)
 class DepthScale:
-    """True depth = ``scale`` x reading + ``offset_m``, fitted to targets between ``nearest_m`` and
-    ``farthest_m``. ``correlation`` is that of the errors of the two; ``dropped`` names the targets
-    that did not agree with the others. Raises DepthError for values that no fit gives.
+    """Linear correction: true depth = ``scale`` x reading + ``offset_m``.
+
+    Attributes:
+        scale: True metres per metre of reading.
+        offset_m: Offset in metres.
+        scale_std: Standard deviation of ``scale``.
+        offset_std_m: Standard deviation of ``offset_m``.
+        correlation: Correlation of the errors of scale and offset, -1 to 1.
+        nearest_m: Distance of the nearest target used.
+        farthest_m: Distance of the farthest target used.
+        targets: Residuals of the targets used.
+        dropped: Names of the targets left out as outliers or for lack of readings.
+
+    Raises:
+        DepthError: If a value is out of range or not finite.
     """
 
     scale: float
@@ -86,28 +109,37 @@ class DepthScale:
             raise DepthError(f"correlation is {self.correlation}: expected -1 to 1")
 
     def apply(self, depth_m: NDArray[np.floating[Any]]) -> NDArray[np.float32]:
-        """(...) readings in metres, 0 = none, to true metres; what would come to lie behind the
-        camera becomes no reading.
+        """Correct (...) readings in metres.
+
+        Args:
+            depth_m: (...) readings, 0 for none.
+
+        Returns:
+            (...) corrected metres; 0 where there is no reading or the result is not above 0.
         """
         depths = np.asarray(depth_m, np.float32)
         true_m = depths * np.float32(self.scale) + np.float32(self.offset_m)
         return np.where((depths > 0) & np.isfinite(depths) & (true_m > 0), true_m, 0)
 
     def std_m(self, depth_m: ArrayLike) -> Float:
-        """(...) standard deviation that the fit adds to corrected readings of (...) metres."""
+        """Return the (...) standard deviation that the fit adds to readings of (...) metres."""
         depths = np.asarray(depth_m, np.float64)
         mixed = 2 * self.correlation * self.scale_std * self.offset_std_m
         variance = (depths * self.scale_std) ** 2 + mixed * depths + self.offset_std_m**2
         return np.asarray(np.sqrt(np.maximum(variance, 0)))
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON-ready values."""
+        """Return JSON-ready values."""
         values = asdict(self)
         return {**values, "targets": list(values["targets"]), "dropped": list(self.dropped)}
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> DepthScale:
-        """From ``to_dict``'s values; raises DepthError for what is missing or of another kind."""
+        """Create a depth scale from the values of ``to_dict``.
+
+        Raises:
+            DepthError: If a field is missing or has the wrong type.
+        """
         targets, dropped = values.get("targets", []), values.get("dropped", [])
         if not isinstance(targets, list) or not all(isinstance(t, Mapping) for t in targets):
             raise DepthError(f"targets is {targets!r}: expected a list of objects")
@@ -123,7 +155,7 @@ class DepthScale:
 
 @dataclass(frozen=True)
 class DepthScaleFailure:
-    """No depth scale, and why. Falsy."""
+    """The reason why no depth scale could be fitted. Falsy."""
 
     reason: str
 
@@ -138,10 +170,17 @@ def read_target(
     points_px: ArrayLike,
     depth_m: NDArray[np.floating[Any]],
 ) -> TargetReadings:
-    """The readings of a board whose ``pose`` (rotation vector and metres, board to camera) is
-    known, inside the hull of its (N, 2) corner-based points.
+    """Collect the readings on a calibration board with a known pose.
 
-    ``depth_m`` (H, W) lies in the camera's pixels. Raises CameraError where it has another size.
+    Args:
+        name: Name for messages.
+        camera: Camera of the depth map.
+        pose: Rotation vector and translation in metres (6 numbers), board to camera coordinates.
+        points_px: (N, 2) continuous px of board points; pixels inside their convex hull are used.
+        depth_m: (H, W) metres along z in the camera's pixels.
+
+    Raises:
+        CameraError: If the depth map does not have the camera's size.
     """
     height, width = depth_m.shape
     if (width, height) != (camera.width, camera.height):
@@ -161,19 +200,26 @@ def read_target(
 
 
 def fit_depth_scale(targets: Sequence[TargetReadings]) -> DepthScale | DepthScaleFailure:
-    """Scale and offset from flat targets, each of which counts once, whatever its pixels.
+    """Fit scale and offset to flat targets at different distances.
 
-    The readings of one target share the errors of its place and of the sensor's pattern, so the
-    targets' scatter about the line, and not that of the pixels, gives the standard deviations.
-    The error of the focal length stretches the distances of all targets alike, and so the line.
-    Errors are taken to grow with the distance. Targets that do not agree are left out. A failure
-    where there are fewer than 4 targets with readings, at fewer than 3 distances, or where the
-    farthest is not 1.5 times as far as the nearest: offset and scale cannot be told apart.
+    The fit minimises the relative errors of the targets' mean depths. Each target has the same
+    weight, whatever its number of pixels: readings of one target share its placement error and the
+    sensor's pattern error. The standard deviations therefore come from the targets' scatter about
+    the line. The focal length's uncertainty, which scales all true depths alike, is added. Outlying
+    targets are left out and named.
+
+    Args:
+        targets: Readings of each target.
+
+    Returns:
+        A DepthScale, or a falsy DepthScaleFailure if fewer than 4 targets agree, if they stood at
+        fewer than 3 distances, or if the farthest is less than 1.5 times as far as the nearest,
+        because then offset and scale cannot be separated.
     """
     means = [mean for mean in map(_mean_of, targets) if mean is not None]
     dropped = {target.name for target in targets} - {mean.name for mean in means}
-    while (reason := _too_little(means)) is None:
-        wrong = _disagreeing(means)
+    while (reason := _insufficient(means)) is None:
+        wrong = _find_outlier(means)
         if wrong is None:
             break
         dropped.add(wrong.name)
@@ -182,7 +228,7 @@ def fit_depth_scale(targets: Sequence[TargetReadings]) -> DepthScale | DepthScal
         return DepthScaleFailure(reason)
     line, covariance, _ = _fit_line(means)
     if line[0] <= 0:
-        return DepthScaleFailure(f"readings change by {line[0]:.2g} m for each metre of distance")
+        return DepthScaleFailure(f"the fitted scale is {line[0]:.2g}: expected more than 0")
     stretch = max(target.focal_std_share for target in targets) * line
     covariance = covariance + np.outer(stretch, stretch)
     return _result(means, line, covariance, [t.name for t in targets if t.name in dropped])
@@ -190,7 +236,7 @@ def fit_depth_scale(targets: Sequence[TargetReadings]) -> DepthScale | DepthScal
 
 @dataclass(frozen=True)
 class _Mean:
-    """One target's mean true and measured depth, without stray pixels."""
+    """Mean true and measured depth of one target, outlying pixels removed."""
 
     name: str
     true_m: float
@@ -199,20 +245,23 @@ class _Mean:
     pixels: int
 
     def relative(self) -> Float:
-        """(2,) that scale and offset make 1 of, if they are right."""
+        """Return the (2,) row of the least-squares system: row @ (scale, offset) should be 1."""
         return np.array([self.measured_m, 1.0]) / self.true_m
 
 
 def _mean_of(target: TargetReadings) -> _Mean | None:
-    """None where there are too few readings. Stray ones are those of another ratio."""
+    """Average one target; None if it has too few readings.
+
+    Pixels are outliers if their ratio of measured to true depth is far from the median ratio.
+    """
     valid = np.isfinite(target.measured_m) & (target.measured_m > 0) & (target.true_m > 0)
     true_m, measured_m = target.true_m[valid], target.measured_m[valid]
-    if len(true_m) < _LEAST_READINGS:
+    if len(true_m) < _MIN_READINGS:
         return None
     ratio = measured_m / true_m
     middle = float(np.median(ratio))
-    spread = _MEDIAN_TO_STD * float(np.median(np.abs(ratio - middle)))
-    near = np.abs(ratio - middle) <= max(_FAR_OFF * spread, _NEVER_BELOW)
+    spread = _MAD_TO_STD * float(np.median(np.abs(ratio - middle)))
+    near = np.abs(ratio - middle) <= max(_OUTLIER_STDS * spread, _STD_FLOOR)
     true_m, measured_m = true_m[near], measured_m[near]
     along_m, off_m = true_m - true_m.mean(), measured_m - measured_m.mean()
     slope = float(along_m @ off_m) / max(float(along_m @ along_m), 1e-12)
@@ -222,26 +271,26 @@ def _mean_of(target: TargetReadings) -> _Mean | None:
     )
 
 
-def _too_little(means: Sequence[_Mean]) -> str | None:
-    """Why these targets give no line, if they give none."""
-    if len(means) < _LEAST_TARGETS:
+def _insufficient(means: Sequence[_Mean]) -> str | None:
+    """Return why a line cannot be fitted to these targets, or None if it can."""
+    if len(means) < _MIN_TARGETS:
         return (
             f"{len(means)} targets with depth that agree with each other,"
-            f" expected at least {_LEAST_TARGETS}"
+            f" expected at least {_MIN_TARGETS}"
         )
     distances_m = sorted(mean.true_m for mean in means)
-    apart = [distances_m[0]]
+    distinct_m = [distances_m[0]]
     for distance_m in distances_m:
-        if distance_m > _SAME_DISTANCE * apart[-1]:
-            apart.append(distance_m)
-    if len(apart) < _LEAST_DISTANCES or distances_m[-1] < _LEAST_RANGE * distances_m[0]:
+        if distance_m > _SAME_DISTANCE_RATIO * distinct_m[-1]:
+            distinct_m.append(distance_m)
+    if len(distinct_m) < _MIN_DISTANCES or distances_m[-1] < _MIN_DISTANCE_RATIO * distances_m[0]:
         return (
             f"the target was {distances_m[0]:.2f} to {distances_m[-1]:.2f} m away: expected at"
-            f" least {_LEAST_DISTANCES} distances, the farthest {_LEAST_RANGE} times the nearest,"
-            " to tell offset from scale"
+            f" least {_MIN_DISTANCES} distances, the farthest {_MIN_DISTANCE_RATIO} times the"
+            " nearest, to separate offset and scale"
         )
     readings_m = [mean.measured_m for mean in means]
-    if max(readings_m) < _LEAST_FOLLOWING * min(readings_m):
+    if max(readings_m) < _MIN_READING_RATIO * min(readings_m):
         return (
             f"the readings went from {min(readings_m):.2f} to {max(readings_m):.2f} m as the target"
             f" went from {distances_m[0]:.2f} to {distances_m[-1]:.2f} m"
@@ -250,8 +299,10 @@ def _too_little(means: Sequence[_Mean]) -> str | None:
 
 
 def _fit_line(means: Sequence[_Mean]) -> tuple[Float, Float, float]:
-    """(2,) scale and offset of least squared relative errors, their (2, 2) covariance, and the
-    variance of those errors.
+    """Minimise the squared relative errors.
+
+    Returns:
+        (2,) scale and offset, their (2, 2) covariance, and the variance of the relative errors.
     """
     rows = np.array([mean.relative() for mean in means])
     line = np.linalg.lstsq(rows, np.ones(len(means)))[0]
@@ -259,19 +310,25 @@ def _fit_line(means: Sequence[_Mean]) -> tuple[Float, Float, float]:
     return line, variance * np.linalg.pinv(rows.T @ rows), variance
 
 
-def _disagreeing(means: Sequence[_Mean]) -> _Mean | None:
-    """The target farthest from what the others say, by its standard deviations there, if that is
-    far; the fewer the others are, the less they know of how targets scatter.
+def _find_outlier(means: Sequence[_Mean]) -> _Mean | None:
+    """Return the target that deviates most from the fit to the others, if it is an outlier.
+
+    The deviation is measured in standard deviations of the prediction. The threshold is higher when
+    there are few other targets, because their scatter is then poorly known.
     """
-    freedom = len(means) - 3
-    far_off = []
+    degrees_of_freedom = len(means) - 3
+    deviations = []
     for i, mean in enumerate(means):
         line, covariance, variance = _fit_line([*means[:i], *means[i + 1 :]])
         row = mean.relative()
-        std = max(math.sqrt(variance + row @ covariance @ row), _NEVER_BELOW)
-        far_off.append(abs(float(row @ line) - 1) / std)
-    worst = int(np.argmax(far_off))
-    return means[worst] if far_off[worst] > _FAR_OFF * (1 + _FAR_OFF / freedom) else None
+        std = max(math.sqrt(variance + row @ covariance @ row), _STD_FLOOR)
+        deviations.append(abs(float(row @ line) - 1) / std)
+    worst = int(np.argmax(deviations))
+    return (
+        means[worst]
+        if deviations[worst] > _OUTLIER_STDS * (1 + _OUTLIER_STDS / degrees_of_freedom)
+        else None
+    )
 
 
 def _result(
@@ -313,7 +370,12 @@ def _target(values: Mapping[str, Any]) -> TargetResidual:
 
 
 def load_depth_scale(path: Path | str) -> DepthScale:
-    """Read a depth scale; raises InputFileError or DepthError with the file's name."""
+    """Read a depth scale.
+
+    Raises:
+        InputFileError: If the file is missing, unreadable or has another schema.
+        DepthError: If a value is invalid; the message names the file.
+    """
     path = Path(path)
     values = parse(path, read_text(path, _EXPECTED), _EXPECTED)
     found = values.get("schema") if isinstance(values, Mapping) else type(values).__name__
@@ -326,6 +388,10 @@ def load_depth_scale(path: Path | str) -> DepthScale:
 
 
 def save_depth_scale(path: Path | str, depth_scale: DepthScale) -> None:
-    """Write a depth scale; raises InputFileError where the file cannot be written."""
+    """Write a depth scale as JSON.
+
+    Raises:
+        InputFileError: If the file cannot be written.
+    """
     text = json.dumps({"schema": SCHEMA, **depth_scale.to_dict()}, indent=1)
     write_whole(Path(path), f"{text}\n".encode())

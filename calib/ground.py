@@ -1,4 +1,4 @@
-"""The ground as a plane, fitted robustly to camera points."""
+"""Robust fit of the ground plane to camera points."""
 
 from __future__ import annotations
 
@@ -14,23 +14,29 @@ Float = NDArray[np.floating[Any]]
 Flags = NDArray[np.bool_]
 
 CAMERA_UP = (0.0, -1.0, 0.0)
-_LEAST_POINTS = 12
+_MIN_POINTS = 12
 _TRIALS = 40
-_LEAST_INLIERS = 0.3
+_MIN_INLIER_SHARE = 0.3
 _REFINEMENTS = 2
-_NARROWEST = 0.01
-# Plants stand on the ground and nothing lies below it: a point below a plane counts against it.
-_BELOW = 0.7
+_MIN_WIDTH_RATIO = 0.01  # of the points' spread across to the spread along
+# Plants stand above the ground and nothing lies below it: points below a plane reduce its score.
+_PENALTY_BELOW = 0.7
 
 
 @dataclass(frozen=True, eq=False)
 class GroundPlane:
-    """Points p with ``normal`` . p + ``offset_m`` = 0 in the camera frame.
+    """Plane of the points p with ``normal`` . p + ``offset_m`` = 0, in camera coordinates.
 
-    ``normal`` (3,) is a unit vector pointing up; ``residual_std_m`` the spread of the inliers
-    about the plane; ``inlier_fraction`` their share of the points given; ``points`` their number,
-    of which ``independent_points`` err independently. The inliers lie around ``centre_m`` (3,),
-    spread by ``extents_m`` (2,) along the plane's directions ``axes`` (2, 3).
+    Attributes:
+        normal: (3,) unit vector pointing up.
+        offset_m: Height of the camera above the plane, in metres.
+        residual_std_m: Root mean square distance of the inliers from the plane.
+        inlier_fraction: Share of the usable points that are inliers.
+        points: Number of inliers.
+        independent_points: Number of inliers with independent errors.
+        centre_m: (3,) mean of the inliers.
+        axes: (2, 3) unit vectors in the plane: the principal axes of the inliers.
+        extents_m: (2,) standard deviations of the inliers along ``axes``.
     """
 
     normal: Float
@@ -44,14 +50,14 @@ class GroundPlane:
     extents_m: Float
 
     def height_m(self, points_m: ArrayLike) -> Float:
-        """(...) metres above the plane, across it, of (..., 3) camera points."""
+        """Return the (...) metres above the plane, along its normal, of (..., 3) camera points."""
         return np.asarray(np.asarray(points_m, np.float64) @ self.normal + self.offset_m)
 
     def height_std_m(self, points_m: ArrayLike) -> Float:
-        """(...) standard deviation of the plane's own height under (..., 3) camera points.
+        """Return the (...) standard deviation of the plane's height at (..., 3) camera points.
 
-        That of a regression plane: residual * sqrt((1 + (u / su)² + (v / sv)²) / n), with the
-        place u, v along the axes and the points' extents there.
+        The prediction error of a regression plane: residual * sqrt((1 + (u / su)² + (v / sv)²) /
+        n), where u, v are the point's coordinates along the axes and su, sv the extents.
         """
         place = (np.asarray(points_m, np.float64) - self.centre_m) @ self.axes.T
         leverage = 1 + ((place / self.extents_m) ** 2).sum(-1)
@@ -59,14 +65,14 @@ class GroundPlane:
 
     @property
     def tilt_std_deg(self) -> float:
-        """Standard deviation of the normal's direction, in the worse of its two."""
+        """Standard deviation of the normal's direction along its less certain axis."""
         least = float(self.extents_m.min())
         return float(np.degrees(self.residual_std_m / (least * np.sqrt(self.independent_points))))
 
 
 @dataclass(frozen=True)
 class GroundPlaneFailure:
-    """No plane, and why. Falsy."""
+    """The reason why no ground plane was found. Falsy."""
 
     reason: str
 
@@ -80,13 +86,23 @@ def fit_ground_plane(
     max_slope_deg: float = 45.0,
     tolerance_m: float = 0.06,
 ) -> GroundPlane | GroundPlaneFailure:
-    """Fit a plane to (N, 3) camera points: random samples of three, then least squares.
+    """Fit a plane by RANSAC (random samples of three points), then least squares.
 
-    ``up`` (3,) is the direction away from gravity in the camera frame, from an IMU or the
-    mounting (default: the camera's own up); planes steeper than ``max_slope_deg`` against it are
-    not ground. ``tolerance_m`` is how far a point may lie from the plane to support it.
-    Deterministic. Returns a falsy GroundPlaneFailure where there are too few points or no plane
-    holds 30 % of them. Raises CalibError where ``up`` is no direction.
+    The result is deterministic.
+
+    Args:
+        points_m: (N, 3) camera points in metres; rows that are not finite are ignored.
+        up: (3,) direction away from gravity in camera coordinates, from an IMU or the mounting. The
+            default is the camera's own up, (0, -1, 0).
+        max_slope_deg: Largest angle between the plane's normal and ``up``.
+        tolerance_m: Largest distance of an inlier from the plane.
+
+    Returns:
+        The plane, or a falsy GroundPlaneFailure if there are fewer than 12 points, if they lie on a
+        line, if every plane is too steep, or if less than 30 % of the points are inliers.
+
+    Raises:
+        CalibError: If ``up`` is not a direction.
     """
     points = np.asarray(points_m, np.float64).reshape(1, -1, 3)
     usable = np.asarray(np.isfinite(points).all(axis=2))
@@ -101,25 +117,38 @@ def fit_ground_planes(
     tolerance_m: float = 0.06,
     points_per_error: float = 1.0,
 ) -> list[GroundPlane | GroundPlaneFailure]:
-    """``fit_ground_plane`` for (T, N, 3) points of T places at once, of which (T, N) are usable.
+    """Fit a plane at each of T places at once; see ``fit_ground_plane``.
 
-    ``points_per_error`` is how many neighbours share one error of the sensor.
+    Args:
+        points_m: (T, N, 3) camera points in metres.
+        usable: (T, N) bool, the points to use.
+        up: (3,) direction away from gravity in camera coordinates.
+        max_slope_deg: Largest angle between a plane's normal and ``up``.
+        tolerance_m: Largest distance of an inlier from its plane.
+        points_per_error: Number of neighbouring points that share one error of the sensor; it
+            lowers ``independent_points``.
+
+    Returns:
+        A plane or a GroundPlaneFailure for each place.
+
+    Raises:
+        CalibError: If ``up`` is not a direction.
     """
     vertical = _direction(CAMERA_UP if up is None else up)
     if not points_m.shape[1]:
-        few = f"0 ground points, expected at least {_LEAST_POINTS}"
+        few = f"0 ground points, expected at least {_MIN_POINTS}"
         return [GroundPlaneFailure(few)] * len(points_m)
     least_cosine = float(np.cos(np.radians(max_slope_deg)))
     points = np.where(usable[..., None], points_m, 0.0)
     count = usable.sum(1)
     support, flat = _best_support(points, usable, vertical, least_cosine, tolerance_m)
     for _ in range(_REFINEMENTS):
-        centre, squares, axes = _spread(points, support)
+        centre, variances, axes = _principal_axes(points, support)
         normal = axes[:, :, 0] * np.where(axes[:, :, 0] @ vertical < 0, -1.0, 1.0)[:, None]
         offset = -(normal * centre).sum(1)
-        away = np.matmul(points, normal[..., None])[..., 0] + offset[:, None]
-        support = usable & (np.abs(away) < tolerance_m)
-    fits = _Fits(count, flat, squares, axes, centre, normal, offset, support)
+        distances = np.matmul(points, normal[..., None])[..., 0] + offset[:, None]
+        support = usable & (np.abs(distances) < tolerance_m)
+    fits = _Fits(count, flat, variances, axes, centre, normal, offset, support)
     return [
         fits.plane(place, points[place], points_per_error, max_slope_deg, vertical)
         for place in range(len(points))
@@ -127,13 +156,22 @@ def fit_ground_planes(
 
 
 class _Fits(NamedTuple):
-    """Planes of T places: (T,) number of ``usable`` points and whether any trial was ``flat``; mean
-    ``squares`` (T, 3) along ``axes`` (T, 3, 3) about ``centre`` (T, 3) of the ``support`` (T, N).
+    """Planes fitted at T places.
+
+    Attributes:
+        usable: (T,) number of usable points.
+        flat: (T,) whether any trial plane was flat enough.
+        variances: (T, 3) variances along ``axes``, ascending.
+        axes: (T, 3, 3) principal axes in columns.
+        centre: (T, 3) means of the inliers.
+        normal: (T, 3) unit normals pointing up.
+        offset: (T,) plane offsets in metres.
+        support: (T, N) inliers.
     """
 
     usable: NDArray[np.intp]
     flat: Flags
-    squares: Float
+    variances: Float
     axes: Float
     centre: Float
     normal: Float
@@ -143,20 +181,20 @@ class _Fits(NamedTuple):
     def plane(
         self, at: int, points: Float, points_per_error: float, max_slope_deg: float, vertical: Float
     ) -> GroundPlane | GroundPlaneFailure:
-        """One of them, or why there is none."""
-        support, normal, squares = self.support[at], self.normal[at], self.squares[at]
+        """Return the plane at place ``at``, or the reason why there is none."""
+        support, normal, variances = self.support[at], self.normal[at], self.variances[at]
         held = int(support.sum())
         share = held / max(int(self.usable[at]), 1)
-        if self.usable[at] < _LEAST_POINTS:
-            few = f"{self.usable[at]} ground points, expected at least {_LEAST_POINTS}"
+        if self.usable[at] < _MIN_POINTS:
+            few = f"{self.usable[at]} ground points, expected at least {_MIN_POINTS}"
             return GroundPlaneFailure(few)
         if not self.flat[at]:
             return GroundPlaneFailure(f"no plane flatter than {max_slope_deg:g} degrees")
-        if squares[1] < _NARROWEST**2 * squares[2]:
+        if variances[1] < _MIN_WIDTH_RATIO**2 * variances[2]:
             return GroundPlaneFailure("the ground points lie on one line")
-        if share < _LEAST_INLIERS:
+        if share < _MIN_INLIER_SHARE:
             return GroundPlaneFailure(
-                f"the best plane holds {share:.0%} of the points, expected {_LEAST_INLIERS:.0%}"
+                f"the best plane holds {share:.0%} of the points, expected {_MIN_INLIER_SHARE:.0%}"
             )
         if normal @ vertical < np.cos(np.radians(max_slope_deg)):
             return GroundPlaneFailure(f"no plane flatter than {max_slope_deg:g} degrees")
@@ -172,12 +210,12 @@ class _Fits(NamedTuple):
             independent,
             self.centre[at],
             self.axes[at, :, 1:].T,
-            np.sqrt(squares[1:]),
+            np.sqrt(variances[1:]),
         )
 
 
 def _direction(up: ArrayLike) -> Float:
-    """``up`` at unit length."""
+    """Return ``up`` normalised to unit length."""
     vertical = np.asarray(up, np.float64)
     length = float(np.linalg.norm(vertical)) if vertical.shape == (3,) else 0.0
     if not (np.isfinite(length) and length > 0):
@@ -185,23 +223,28 @@ def _direction(up: ArrayLike) -> Float:
     return vertical / length
 
 
-def _spread(points: Float, support: Flags) -> tuple[Float, Float, Float]:
-    """Centres (T, 3) of the supporting points, their mean squares (T, 3) along the axes, from
-    least to most, and the axes (T, 3, 3) in columns.
+def _principal_axes(points: Float, support: Flags) -> tuple[Float, Float, Float]:
+    """Return the principal axes of the supporting points at each place.
+
+    Returns:
+        Means (T, 3), variances along the axes (T, 3) in ascending order, and axes (T, 3, 3) in
+        columns.
     """
     weight = support / np.maximum(support.sum(1, keepdims=True), 1)
     centre = np.matmul(weight[:, None], points)[:, 0]
     offset = np.where(support[..., None], points - centre[:, None], 0.0)
     scatter = np.matmul((offset * weight[..., None]).transpose(0, 2, 1), offset)
-    squares, axes = np.linalg.eigh(scatter)
-    return centre, np.maximum(squares, 1e-18), axes
+    variances, axes = np.linalg.eigh(scatter)
+    return centre, np.maximum(variances, 1e-18), axes
 
 
 def _best_support(
     points: Float, usable: Flags, vertical: Float, least_cosine: float, tolerance_m: float
 ) -> tuple[Flags, Flags]:
-    """(T, N) which points lie near the best of many planes through three of them, and (T,)
-    whether any of these planes was flat enough.
+    """Find the best of many planes through three random points at each place.
+
+    Returns:
+        (T, N) inliers of the best plane, and (T,) whether any plane was flat enough.
     """
     order = np.argsort(~usable, axis=1, kind="stable")
     count = np.maximum(usable.sum(1), 1)
@@ -219,5 +262,5 @@ def _best_support(
     within = usable[:, None] & flat[..., None]
     near = (np.abs(height) < tolerance_m) & within
     below = (height <= -tolerance_m) & within
-    best = (near.sum(2) - _BELOW * below.sum(2)).argmax(1)
+    best = (near.sum(2) - _PENALTY_BELOW * below.sum(2)).argmax(1)
     return np.asarray(near[np.arange(len(points)), best]), np.asarray(flat.any(axis=1))

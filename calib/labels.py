@@ -1,4 +1,4 @@
-"""What a detector found as COCO JSON that labelling tools read, so that people only correct it."""
+"""Detections as COCO JSON for labelling tools, so that people only have to correct them."""
 
 from __future__ import annotations
 
@@ -14,16 +14,23 @@ from calib.pixels import image_to_opencv
 
 Float = NDArray[np.floating[Any]]
 
-_LABELLED = 2  # COCO's flag of a keypoint that is labelled and visible
+_LABELLED = 2  # COCO's visibility flag: labelled and visible
 _CATEGORY_ID = 1
 
 
 @dataclass
 class CocoLabels:
-    """Pictures and the objects found in them, of one category, as a COCO data set.
+    """Builds a COCO data set of one category from detections.
 
-    ``keypoint_names`` are the category's, ``skeleton`` pairs of their indices to be joined by
-    lines. With ``runs`` masks are exact run lengths, else polygons, which more tools can edit.
+    Call ``add_image`` for each image, then ``add`` for each object in it.
+
+    Attributes:
+        category: Name of the category.
+        keypoint_names: Names of the category's keypoints, in order.
+        skeleton: Pairs of keypoint indices, from 0, to be joined by lines.
+        description: Description of the data set.
+        runs: Whether masks are written as exact COCO run lengths. The default is polygons, which
+            more tools can edit.
     """
 
     category: str
@@ -35,7 +42,7 @@ class CocoLabels:
     _annotations: list[dict[str, Any]] = field(default_factory=list, init=False)
 
     def add_image(self, file_name: str, width_px: int, height_px: int) -> None:
-        """Start the next picture; what is added from now on lies in it."""
+        """Start a new image; objects added from now on belong to it."""
         number = len(self._images) + 1
         self._images.append(
             {"id": number, "file_name": file_name, "width": width_px, "height": height_px}
@@ -48,12 +55,16 @@ class CocoLabels:
         mask: NDArray[np.bool_] | None = None,
         keypoints_px: Float | None = None,
     ) -> None:
-        """Add an object to the last picture.
+        """Add an object to the current image.
 
-        ``box_px`` (4,) xyxy and ``keypoints_px`` (K, 2) or more columns have (0, 0) at the outer
-        corner of the first pixel; ``mask`` (H, W) is of the picture's size, and where it is empty
-        the box stands for it. On disk keypoints are pixel indices, as COCO has them; those outside
-        the picture are not labelled.
+        In the file, keypoints are pixel indices as in COCO. Keypoints outside the image are not
+        labelled.
+
+        Args:
+            box_px: (4,) x0, y0, x1, y1 in continuous px.
+            score: Detection score, 0 to 1.
+            mask: (H, W) bool of the image's size. If it is empty, the box is used as the mask.
+            keypoints_px: (K, 2 or more) continuous px; columns after x and y are ignored.
         """
         image = self._images[-1]
         x0, y0, x1, y1 = (round(float(value), 2) for value in box_px)
@@ -85,11 +96,11 @@ class CocoLabels:
         return [*(round(float(value), 2) for value in on_disk), _LABELLED]
 
     def to_dict(self) -> dict[str, Any]:
-        """The whole data set, JSON-ready."""
+        """Return the data set as JSON-ready values."""
         category: dict[str, Any] = {"id": _CATEGORY_ID, "name": self.category, "supercategory": ""}
         if self.keypoint_names:
             category["keypoints"] = list(self.keypoint_names)
-            category["skeleton"] = _joints(self.skeleton)
+            category["skeleton"] = _one_based(self.skeleton)
         return {
             "info": {"description": self.description},
             "licenses": [],
@@ -100,13 +111,13 @@ class CocoLabels:
 
 
 def _box_mask(box_px: Float, shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    """All pixels that a box touches."""
+    """Return the (H, W) mask of all pixels that a box touches."""
     mask = np.zeros(shape, np.bool_)
     (x0, y0), (x1, y1) = np.floor(box_px[:2]).astype(int), np.ceil(box_px[2:]).astype(int)
     mask[max(y0, 0) : y1, max(x0, 0) : x1] = True
     return mask
 
 
-def _joints(skeleton: Sequence[tuple[int, int]]) -> list[list[int]]:
-    """COCO counts keypoints from 1 here."""
+def _one_based(skeleton: Sequence[tuple[int, int]]) -> list[list[int]]:
+    """Number the keypoints from 1, as COCO's skeleton does."""
     return [[first + 1, second + 1] for first, second in skeleton]

@@ -1,4 +1,4 @@
-"""Fitting an image of any size into a model's input, and points back."""
+"""Resize an image to a model's input size and map points back."""
 
 from __future__ import annotations
 
@@ -16,10 +16,17 @@ Float = NDArray[np.floating[Any]]
 
 @dataclass(frozen=True)
 class Letterbox:
-    """Resize by one scale, place top-left, pad the rest.
+    """Resize with the aspect ratio kept, place at the top left, pad the rest.
 
-    Sizes in px: ``source`` image, ``resized`` copy of it, and the ``width`` x ``height`` it is
-    placed in. Coordinates are corner-based, so that they only scale.
+    Coordinates are continuous px, so that mapping them is a scaling alone.
+
+    Attributes:
+        source_width: Width of the source image in px.
+        source_height: Height of the source image in px.
+        resized_width: Width of the resized image in px.
+        resized_height: Height of the resized image in px.
+        width: Width of the padded image, the model's input, in px.
+        height: Height of the padded image in px.
     """
 
     source_width: int
@@ -31,7 +38,11 @@ class Letterbox:
 
     @classmethod
     def fit(cls, source_width: int, source_height: int, width: int, height: int) -> Letterbox:
-        """The largest copy of the source that fits, its sides rounded to whole pixels."""
+        """Create the letterbox with the largest scale that fits; sides are rounded to whole px.
+
+        Raises:
+            CameraError: If a size is below 1.
+        """
         if min(source_width, source_height, width, height) < 1:
             raise CameraError(
                 f"cannot fit {source_width}x{source_height} px into {width}x{height}:"
@@ -49,16 +60,25 @@ class Letterbox:
 
     @property
     def scale(self) -> Float:
-        """(2,) model px per source px along x and y."""
+        """(2,) model px per source px along x and y; they differ by rounding."""
         return np.array(
             [self.resized_width / self.source_width, self.resized_height / self.source_height]
         )
 
     def apply(self, image: NDArray[np.uint8], pad_value: int) -> NDArray[np.uint8]:
-        """(H, W) or (H, W, C) uint8 source to the same kind of ``height`` x ``width``.
+        """Resize and pad an image.
 
-        Area-averaged when shrinking, bilinear when growing. Raises CameraError for an image of
-        another size.
+        Uses area averaging to shrink and bilinear interpolation to enlarge.
+
+        Args:
+            image: (source_height, source_width) or (source_height, source_width, C) uint8.
+            pad_value: Grey value of the padding, 0 to 255.
+
+        Returns:
+            (height, width) or (height, width, C) uint8.
+
+        Raises:
+            CameraError: If the image does not have the source's size.
         """
         if image.shape[:2] != (self.source_height, self.source_width):
             raise CameraError(
@@ -76,9 +96,9 @@ class Letterbox:
         return padded
 
     def to_model(self, xy_px: ArrayLike) -> Float:
-        """(..., 2) source px to model px."""
+        """Map (..., 2) source px to model px."""
         return np.asarray(xy_px, np.float64) * self.scale
 
     def to_source(self, xy_px: ArrayLike) -> Float:
-        """(..., 2) model px to source px."""
+        """Map (..., 2) model px to source px."""
         return np.asarray(xy_px, np.float64) / self.scale

@@ -1,7 +1,8 @@
-"""The two conventions of image coordinates, and the one place where they meet.
+"""Convert between the two conventions of image coordinates.
 
-In memory (0, 0) is the outer corner of the first pixel, whose centre is at (0.5, 0.5). OpenCV,
-camera matrices and COCO keypoints put (0, 0) at that centre.
+Continuous px, used throughout this project: (0, 0) is the outer corner of the first pixel, whose
+centre is (0.5, 0.5). OpenCV's px, also used by camera matrices and COCO keypoints: (0, 0) is the
+first pixel's centre.
 """
 
 from __future__ import annotations
@@ -15,10 +16,10 @@ Float = NDArray[np.floating[Any]]
 
 
 def image_to_opencv(xy_px: ArrayLike) -> Float:
-    """(..., 2) corner-based px to px with centres on whole numbers."""
+    """Convert (..., 2) continuous px to OpenCV's px."""
     return np.asarray(xy_px, np.float64) - 0.5
 
 
 def opencv_to_image(xy_px: ArrayLike) -> Float:
-    """(..., 2) px with centres on whole numbers to corner-based px."""
+    """Convert (..., 2) OpenCV's px to continuous px."""
     return np.asarray(xy_px, np.float64) + 0.5

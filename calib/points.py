@@ -1,4 +1,4 @@
-"""Between pixels, rays and camera points: x right, y down, z forward, metres."""
+"""Convert between pixels, rays and camera points (x right, y down, z forward, metres)."""
 
 from __future__ import annotations
 
@@ -14,15 +14,20 @@ from calib.errors import CameraError
 
 Float = NDArray[np.floating[Any]]
 
-_BLOCK = 8192  # points whose temporaries stay in the processor's cache
-_KEPT_CAMERAS = 4
+_BLOCK = 8192  # points per block: small enough for the processor's cache
+_CACHED_CAMERAS = 4
 
 
 def pixels_to_rays(camera: PinholeCamera, xy_px: ArrayLike) -> Float:
-    """(..., 2) corner-based px to (..., 3) rays with z = 1, distortion removed.
+    """Convert pixels to rays with the distortion removed.
 
-    Where the lens model folds back and no ray reaches a pixel, the ray is one near the fold. A
-    fisheye's rays are at most 89 degrees off the axis.
+    Args:
+        camera: Camera of the pixels.
+        xy_px: (..., 2) continuous px.
+
+    Returns:
+        (..., 3) rays (x / z, y / z, 1). Where the distortion model is not invertible, the ray is
+        one near the limit; rays of a fisheye are at most 89 degrees off the axis.
     """
     pixels = np.asarray(xy_px, np.float64)
     flat: Float = pixels.reshape(-1, 2)
@@ -38,12 +43,21 @@ def pixels_to_rays(camera: PinholeCamera, xy_px: ArrayLike) -> Float:
 
 
 def pixels_to_points(camera: PinholeCamera, xy_px: ArrayLike, depth_m: ArrayLike) -> Float:
-    """(..., 2) corner-based px and (...) metres along z to (..., 3) camera points, metres."""
+    """Convert pixels with depth to camera points.
+
+    Args:
+        camera: Camera of the pixels.
+        xy_px: (..., 2) continuous px.
+        depth_m: (...) metres along z.
+
+    Returns:
+        (..., 3) camera points in metres.
+    """
     return np.asarray(pixels_to_rays(camera, xy_px) * np.asarray(depth_m, np.float64)[..., None])
 
 
 def project_points(camera: PinholeCamera, points_m: ArrayLike) -> Float:
-    """(..., 3) camera points to (..., 2) corner-based px; points at z <= 0 become infinite."""
+    """Project (..., 3) camera points to (..., 2) continuous px; infinite where z <= 0."""
     points = np.asarray(points_m, np.float64)
     flat = points.reshape(-1, 3)
     pixels = np.empty((len(flat), 2))
@@ -54,7 +68,7 @@ def project_points(camera: PinholeCamera, points_m: ArrayLike) -> Float:
 
 
 def _project(camera: PinholeCamera, points: Float, pixels: Float) -> None:
-    """Fill (N, 2) ``pixels`` with those of (N, 3) ``points``."""
+    """Write the px of (N, 3) ``points`` to the (N, 2) array ``pixels``."""
     z = points[:, 2]
     ahead = z > 0
     all_ahead = bool(ahead.all())
@@ -74,9 +88,12 @@ def _project(camera: PinholeCamera, points: Float, pixels: Float) -> None:
         pixels[~ahead] = np.inf
 
 
-@lru_cache(maxsize=_KEPT_CAMERAS)
+@lru_cache(maxsize=_CACHED_CAMERAS)
 def image_rays(camera: PinholeCamera) -> tuple[Float, Float]:
-    """x and y of the rays with z = 1 of all pixel centres, read-only; they broadcast to (H, W)."""
+    """Return x / z and y / z of the rays of all pixel centres.
+
+    The arrays are read-only, cached, and broadcast to (H, W).
+    """
     columns, rows = np.arange(camera.width), np.arange(camera.height)
     if not camera.distortion:
         x: Float = ((columns - camera.cx) / camera.fx)[None]
@@ -92,9 +109,17 @@ def image_rays(camera: PinholeCamera) -> tuple[Float, Float]:
 
 
 def depth_to_points(camera: PinholeCamera, depth_m: NDArray[np.floating[Any]]) -> Float:
-    """(H, W) metres to (H, W, 3) camera points; pixels without a reading become (0, 0, 0).
+    """Convert a depth map to camera points.
 
-    Raises CameraError where the map's size is not the camera's.
+    Args:
+        camera: Camera of the map.
+        depth_m: (H, W) metres along z, 0 for no reading.
+
+    Returns:
+        (H, W, 3) camera points in metres; (0, 0, 0) for pixels without a reading.
+
+    Raises:
+        CameraError: If the map does not have the camera's size.
     """
     check_size(camera, depth_m)
     x, y = image_rays(camera)
@@ -106,7 +131,11 @@ def depth_to_points(camera: PinholeCamera, depth_m: NDArray[np.floating[Any]]) -
 
 
 def check_size(camera: PinholeCamera, depth_m: NDArray[np.floating[Any]]) -> None:
-    """Raise CameraError where a (H, W) depth map is not of the camera's size."""
+    """Check that an (H, W) depth map has the camera's size.
+
+    Raises:
+        CameraError: If it does not.
+    """
     if depth_m.shape != (camera.height, camera.width):
         found = "x".join(str(side) for side in reversed(depth_m.shape))
         raise CameraError(

@@ -1,4 +1,4 @@
-"""Images and depth maps as a camera without a lens's bending would have them."""
+"""Remove the lens distortion from images and depth maps."""
 
 from __future__ import annotations
 
@@ -15,15 +15,19 @@ from calib.errors import CameraError
 from calib.pixels import image_to_opencv
 from calib.points import check_size, image_rays, pixels_to_rays, project_points
 
-_SAME_RAY = 1e-6
-_OUTSIDE = -10.0
+_RAY_TOLERANCE = 1e-6
+_OUTSIDE_PX = -10.0
 
 
 @dataclass(frozen=True, eq=False)
 class Rectification:
-    """The straight ``camera``, and where each of its pixels is in the image of the ``source``.
+    """Maps an image of ``source`` to one without distortion.
 
-    ``map_x`` and ``map_y`` (H, W) float32 are what ``cv2.remap`` takes.
+    Attributes:
+        source: The camera with distortion.
+        camera: The camera without distortion, of the rectified image.
+        map_x: (H, W) float32 column in the source image of each rectified pixel, for ``cv2.remap``.
+        map_y: (H, W) float32 row in the source image of each rectified pixel.
     """
 
     source: PinholeCamera
@@ -32,9 +36,16 @@ class Rectification:
     map_y: NDArray[np.float32]
 
     def image(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """(H, W) or (H, W, C) uint8 of the source, bilinear; 0 where it saw nothing.
+        """Rectify an image by bilinear interpolation.
 
-        Raises CameraError for an image of another size.
+        Args:
+            image: (H, W) or (H, W, C) uint8 of the source camera.
+
+        Returns:
+            The same shape; 0 outside the source image.
+
+        Raises:
+            CameraError: If the image does not have the source camera's size.
         """
         height, width = image.shape[:2]
         if (width, height) != (self.source.width, self.source.height):
@@ -42,30 +53,43 @@ class Rectification:
                 f"the image is {width}x{height} px: expected the camera's"
                 f" {self.source.width}x{self.source.height}"
             )
-        straight = cv2.remap(image, self.map_x, self.map_y, cv2.INTER_LINEAR)
-        return cast("NDArray[np.uint8]", straight)
+        undistorted = cv2.remap(image, self.map_x, self.map_y, cv2.INTER_LINEAR)
+        return cast("NDArray[np.uint8]", undistorted)
 
     def depth(self, depth_m: NDArray[np.floating[Any]]) -> NDArray[np.float32]:
-        """(H, W) metres along z of the source: the nearest pixel's; 0 where it saw nothing.
+        """Rectify a depth map by taking the nearest pixel.
 
-        The optical axis stays, so that depths keep their values. Raises CameraError for a map of
-        another size.
+        The optical axis is unchanged, so depths along z keep their values.
+
+        Args:
+            depth_m: (H, W) metres along z of the source camera.
+
+        Returns:
+            (H, W) float32 metres; 0 outside the source map.
+
+        Raises:
+            CameraError: If the map does not have the source camera's size.
         """
         check_size(self.source, depth_m)
         metres = np.asarray(depth_m, np.float32)
-        straight = cv2.remap(metres, self.map_x, self.map_y, cv2.INTER_NEAREST)
-        return cast("NDArray[np.float32]", straight)
+        undistorted = cv2.remap(metres, self.map_x, self.map_y, cv2.INTER_NEAREST)
+        return cast("NDArray[np.float32]", undistorted)
 
 
 def rectify(camera: PinholeCamera, focal_scale: float = 1.0) -> Rectification:
-    """The camera of the same size and principal point without distortion, and the way there.
+    """Prepare to remove a camera's distortion; size and principal point are kept.
 
-    A ``focal_scale`` below 1 shows more of what a wide lens sees, above 1 less. Raises
-    CameraError for one that is not above 0.
+    Args:
+        camera: Camera with distortion.
+        focal_scale: Focal length of the rectified camera relative to the source. Below 1 more of a
+            wide lens's view is kept, above 1 less.
+
+    Raises:
+        CameraError: If ``focal_scale`` is not above 0.
     """
     if not (math.isfinite(focal_scale) and focal_scale > 0):
         raise CameraError(f"focal_scale is {focal_scale}: expected a positive number")
-    straight = replace(
+    undistorted = replace(
         camera,
         fx=camera.fx * focal_scale,
         fy=camera.fy * focal_scale,
@@ -73,11 +97,11 @@ def rectify(camera: PinholeCamera, focal_scale: float = 1.0) -> Rectification:
         distortion_model=RADTAN,
         focal_std_px=camera.focal_std_px * focal_scale,
     )
-    x, y = np.broadcast_arrays(*image_rays(straight))
+    x, y = np.broadcast_arrays(*image_rays(undistorted))
     pixels = project_points(camera, np.stack([x, y, np.ones_like(x)], -1))
     back = pixels_to_rays(camera, pixels)
-    # Far out a model may fold back: a pixel that belongs to another ray is none of this one's.
-    same = np.hypot(back[..., 0] - x, back[..., 1] - y) < _SAME_RAY * (1 + np.hypot(x, y))
-    centred = np.where(same[..., None], image_to_opencv(pixels), _OUTSIDE).astype(np.float32)
+    # Far from the centre the model may map two rays to one pixel: drop pixels of another ray.
+    same = np.hypot(back[..., 0] - x, back[..., 1] - y) < _RAY_TOLERANCE * (1 + np.hypot(x, y))
+    centred = np.where(same[..., None], image_to_opencv(pixels), _OUTSIDE_PX).astype(np.float32)
     maps = (np.ascontiguousarray(centred[..., axis]) for axis in (0, 1))
-    return Rectification(camera, straight, *maps)
+    return Rectification(camera, undistorted, *maps)

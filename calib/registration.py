@@ -1,4 +1,4 @@
-"""Depth of one camera as another camera sees it."""
+"""Register a depth map to another camera."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from calib.transform import RigidTransform
 
 Float = NDArray[np.floating[Any]]
 
-_STEEPEST = 0.1  # change of nearness from pixel to pixel, as a share, on one surface
-_REACH_PX = 0.6  # from a depth pixel's centre: noise would open seams between halves
-_LARGEST_FOOTPRINT_PX = 32
-_LEAST_AREA_PX = 1e-3
+_MAX_RELATIVE_STEP = 0.1  # of inverse depth between neighbouring pixels of one surface
+_HALF_WIDTH_PX = 0.6  # of a patch in depth px; more than 0.5, or noise would open gaps
+_MAX_FOOTPRINT_PX = 32
+_MIN_AREA_PX = 1e-3
 _BLOCK = 4096
 
 
@@ -27,68 +27,88 @@ def register_depth(
     colour_camera: PinholeCamera,
     depth_to_colour: RigidTransform,
 ) -> NDArray[np.float32]:
-    """(H, W) metres of the depth camera to (H, W) metres along z of the colour camera.
+    """Transform a depth map into the view of another camera.
 
-    Each depth pixel is a small piece of plane, tilted as its neighbours say, and covers the colour
-    pixels whose centres it projects onto; where several cover one, the nearest wins. Nothing is
-    stretched across an edge of depth: what only the colour camera sees is 0, no reading. Raises
-    CameraError where the map's size is not the depth camera's.
+    Each depth pixel becomes a small planar patch, tilted according to its neighbours. It covers the
+    colour pixels whose centres it projects onto; where several patches cover a pixel, the nearest
+    wins. Patches do not bridge depth edges: parts that only the colour camera sees are 0.
+
+    Args:
+        depth_m: (H, W) metres along z of the depth camera, 0 for no reading.
+        depth_camera: Camera of the depth map.
+        colour_camera: Camera of the result.
+        depth_to_colour: Transform from depth to colour camera coordinates.
+
+    Returns:
+        (H, W) float32 metres along z of the colour camera, 0 for no reading.
+
+    Raises:
+        CameraError: If the map does not have the depth camera's size.
     """
     check_size(depth_camera, depth_m)
-    nearness = np.zeros(colour_camera.height * colour_camera.width)
-    pieces = _in_colour(depth_m, depth_camera, colour_camera, depth_to_colour)
-    for start in range(0, len(pieces.nearness), _BLOCK):
-        block = _Pieces(*(values[start : start + _BLOCK] for values in pieces))
-        _splat(block, nearness, colour_camera)
-    registered = np.divide(1.0, nearness, out=np.zeros_like(nearness), where=nearness > 0)
+    inverse_depth = np.zeros(colour_camera.height * colour_camera.width)
+    patches = _project_patches(depth_m, depth_camera, colour_camera, depth_to_colour)
+    for start in range(0, len(patches.inverse_depth), _BLOCK):
+        block = _Patches(*(values[start : start + _BLOCK] for values in patches))
+        _splat(block, inverse_depth, colour_camera)
+    registered = np.divide(
+        1.0, inverse_depth, out=np.zeros_like(inverse_depth), where=inverse_depth > 0
+    )
     shape = (colour_camera.height, colour_camera.width)
     return registered.reshape(shape).astype(np.float32)
 
 
-class _Pieces(NamedTuple):
-    """Depth pixels in the colour image: where they are, and what one depth pixel changes.
+class _Patches(NamedTuple):
+    """Depth pixels projected into the colour image, with their derivatives.
 
-    ``centre_px``, ``along_u_px``, ``along_v_px`` (N, 2) colour px, per depth pixel to the right
-    and down; ``nearness``, ``along_u``, ``along_v`` (N,) the same of 1 / z.
+    u and v are the column and row of a depth pixel.
+
+    Attributes:
+        centre_px: (N, 2) centres in colour px.
+        along_u_px: (N, 2) derivative of ``centre_px`` with respect to u.
+        along_v_px: (N, 2) derivative of ``centre_px`` with respect to v.
+        inverse_depth: (N,) 1 / z in the colour camera.
+        along_u: (N,) derivative of ``inverse_depth`` with respect to u.
+        along_v: (N,) derivative of ``inverse_depth`` with respect to v.
     """
 
     centre_px: Float
     along_u_px: Float
     along_v_px: Float
-    nearness: Float
+    inverse_depth: Float
     along_u: Float
     along_v: Float
 
 
-def _in_colour(
+def _project_patches(
     depth_m: NDArray[np.floating[Any]],
     depth_camera: PinholeCamera,
     colour_camera: PinholeCamera,
     depth_to_colour: RigidTransform,
-) -> _Pieces:
-    """The pieces of plane that lie ahead of the colour camera and show it their front."""
+) -> _Patches:
+    """Return the patches that lie in front of the colour camera."""
     reading = np.isfinite(depth_m) & (depth_m > 0)
-    nearness = np.divide(1.0, depth_m, out=np.zeros(depth_m.shape), where=reading)
+    inverse_depth = np.divide(1.0, depth_m, out=np.zeros(depth_m.shape), where=reading)
     rays = image_rays(depth_camera)
 
     def moved(axis: int | None) -> tuple[Float, Float]:
-        """px and nearness of the centres, or half a depth pixel further along an axis."""
-        values = [*rays, nearness]
+        """Return px and 1 / z of the centres, or of points half a depth pixel along an axis."""
+        values = [*rays, inverse_depth]
         if axis is not None:
-            steps = [_gradient(rays[0], axis), _gradient(rays[1], axis), _tilt(nearness, axis)]
+            steps = [_gradient(rays[0], axis), _gradient(rays[1], axis), _tilt(inverse_depth, axis)]
             values = [value + 0.5 * step for value, step in zip(values, steps, strict=True)]
         x, y, near = (np.broadcast_to(value, depth_m.shape)[reading] for value in values)
         points = depth_to_colour.apply(np.stack([x / near, y / near, 1 / near], -1))
         z = points[:, 2]
-        nearness_there = np.divide(1.0, z, out=np.zeros_like(z), where=z > 0)
-        return project_points(colour_camera, points), nearness_there
+        inverse_there = np.divide(1.0, z, out=np.zeros_like(z), where=z > 0)
+        return project_points(colour_camera, points), inverse_there
 
     (centre_px, near), (right_px, near_right), (below_px, near_below) = map(moved, (None, 1, 0))
     ahead = (near > 0) & (near_right > 0) & (near_below > 0)
     centre_px, near = centre_px[ahead], near[ahead]
     along_u_px = 2 * (right_px[ahead] - centre_px)
     along_v_px = 2 * (below_px[ahead] - centre_px)
-    return _Pieces(
+    return _Patches(
         centre_px,
         along_u_px,
         along_v_px,
@@ -99,21 +119,22 @@ def _in_colour(
 
 
 def _gradient(values: Float, axis: int) -> Float:
-    """Change per pixel; 0 in an image of one pixel."""
+    """Return the change per pixel along an axis; 0 if the image has one pixel there."""
     if values.shape[axis] == 1:
         return np.zeros_like(values)
     return np.asarray(np.gradient(values, axis=axis))
 
 
-def _tilt(nearness: Float, axis: int) -> Float:
-    """Change of nearness per pixel within a surface: the smaller of those to both neighbours.
+def _tilt(inverse_depth: Float, axis: int) -> Float:
+    """Return the change of inverse depth per pixel within a surface.
 
-    In the image of a plane the nearness changes evenly. 0 where no neighbour is near enough.
+    In the image of a plane, inverse depth changes linearly. The smaller of the changes to both
+    neighbours is used; 0 if neither neighbour lies on the same surface.
     """
-    rows = nearness if axis == 0 else nearness.T
+    rows = inverse_depth if axis == 0 else inverse_depth.T
     step = np.diff(rows, axis=0)
-    nearer = np.maximum(rows[1:], rows[:-1])
-    step[(np.abs(step) > _STEEPEST * nearer) | (rows[1:] == 0) | (rows[:-1] == 0)] = np.inf
+    larger = np.maximum(rows[1:], rows[:-1])
+    step[(np.abs(step) > _MAX_RELATIVE_STEP * larger) | (rows[1:] == 0) | (rows[:-1] == 0)] = np.inf
     edge = np.full((1, rows.shape[1]), np.inf)
     before, after = np.concatenate([edge, step]), np.concatenate([step, edge])
     tilt = np.where(np.abs(before) < np.abs(after), before, after)
@@ -121,30 +142,30 @@ def _tilt(nearness: Float, axis: int) -> Float:
     return tilt if axis == 0 else tilt.T
 
 
-def _splat(pieces: _Pieces, nearness: Float, camera: PinholeCamera) -> None:
-    """Raise ``nearness`` (H x W,) of the colour pixels to that of the pieces covering them."""
-    (ux, uy), (vx, vy) = pieces.along_u_px.T, pieces.along_v_px.T
+def _splat(patches: _Patches, inverse_depth: Float, camera: PinholeCamera) -> None:
+    """Update ``inverse_depth`` (H x W,) of the colour pixels with the patches that cover them."""
+    (ux, uy), (vx, vy) = patches.along_u_px.T, patches.along_v_px.T
     area = ux * vy - uy * vx
-    centre = image_to_opencv(pieces.centre_px)
-    reach = _REACH_PX * (np.abs(pieces.along_u_px) + np.abs(pieces.along_v_px))
+    centre = image_to_opencv(patches.centre_px)
+    reach = _HALF_WIDTH_PX * (np.abs(patches.along_u_px) + np.abs(patches.along_v_px))
     size = (camera.width, camera.height)
     first = np.ceil(np.clip(centre - reach, 0, size)).astype(np.int64)
     last = np.floor(np.clip(centre + reach, -1, np.subtract(size, 1))).astype(np.int64)
-    columns, rows = np.minimum(last - first + 1, _LARGEST_FOOTPRINT_PX).T
-    seen = np.flatnonzero((area > _LEAST_AREA_PX) & (columns > 0) & (rows > 0))
-    # What a colour pixel to the right or down changes of u, v (in depth px) and of the nearness.
-    right = np.stack([vy, -uy, vy * pieces.along_u - uy * pieces.along_v])[:, seen] / area[seen]
-    down = np.stack([-vx, ux, ux * pieces.along_v - vx * pieces.along_u])[:, seen] / area[seen]
+    columns, rows = np.minimum(last - first + 1, _MAX_FOOTPRINT_PX).T
+    seen = np.flatnonzero((area > _MIN_AREA_PX) & (columns > 0) & (rows > 0))
+    # Changes of u, v (in depth px) and inverse depth per colour pixel to the right and down.
+    right = np.stack([vy, -uy, vy * patches.along_u - uy * patches.along_v])[:, seen] / area[seen]
+    down = np.stack([-vx, ux, ux * patches.along_v - vx * patches.along_u])[:, seen] / area[seen]
     dx, dy = (first - centre)[seen].T
     start = right * dx + down * dy
-    start[2] += pieces.nearness[seen]
+    start[2] += patches.inverse_depth[seen]
     index = first[seen, 1] * camera.width + first[seen, 0]
     for row in range(rows[seen].max(initial=0)):
         use = np.flatnonzero(rows[seen] > row)
         state, step, width = start[:, use] + row * down[:, use], right[:, use], columns[seen][use]
         for column in range(width.max()):
-            covered = (np.abs(state[0]) <= _REACH_PX) & (np.abs(state[1]) <= _REACH_PX)
+            covered = (np.abs(state[0]) <= _HALF_WIDTH_PX) & (np.abs(state[1]) <= _HALF_WIDTH_PX)
             covered &= width > column
             pixel = index[use[covered]] + (row * camera.width + column)
-            np.maximum.at(nearness, pixel, state[2, covered])
+            np.maximum.at(inverse_depth, pixel, state[2, covered])
             state += step

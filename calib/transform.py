@@ -1,4 +1,4 @@
-"""Rigid motions between frames: from one camera to another, from a camera to its machine."""
+"""Rigid transforms between coordinate frames, such as camera to camera or camera to machine."""
 
 from __future__ import annotations
 
@@ -15,17 +15,21 @@ from calib.errors import CalibError
 Float = NDArray[np.floating[Any]]
 
 _ORTHONORMAL_TOLERANCE = 1e-3
-# A level camera that looks along the machine's x: its right, down and forward in that frame.
+# Columns: right, down and forward of a level camera that looks along the machine's x.
 _LEVEL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
 
 @dataclass(frozen=True, eq=False)
 class RigidTransform:
-    """Points p of one frame become ``rotation`` p + ``translation_m`` of another.
+    """Transforms points p of one frame to ``rotation`` p + ``translation_m`` of another.
 
-    ``rotation`` (3, 3) may be orthonormal to 1e-3, as files round it: the nearest rotation is
-    kept. ``translation_m`` (3,) is the first frame's origin in the second. Raises CalibError for
-    anything else.
+    Attributes:
+        rotation: (3, 3) rotation matrix. Values may be rounded: a matrix orthonormal to 1e-3 is
+            replaced by the nearest rotation.
+        translation_m: (3,) origin of the first frame in the second, in metres.
+
+    Raises:
+        CalibError: If a value has the wrong shape, is not finite, or is not a rotation.
     """
 
     rotation: Float
@@ -33,8 +37,8 @@ class RigidTransform:
 
     def __post_init__(self) -> None:
         rotation = _numbers("rotation", self.rotation, (3, 3))
-        miss = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
-        if not miss <= _ORTHONORMAL_TOLERANCE or np.linalg.det(rotation) < 0:
+        deviation = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+        if not deviation <= _ORTHONORMAL_TOLERANCE or np.linalg.det(rotation) < 0:
             raise CalibError(
                 f"rotation is {rotation.tolist()}: expected an orthonormal, right-handed matrix"
             )
@@ -46,12 +50,20 @@ class RigidTransform:
 
     @classmethod
     def identity(cls) -> RigidTransform:
-        """Both frames are the same."""
+        """Return the transform that changes nothing."""
         return cls(np.eye(3), np.zeros(3))
 
     @classmethod
     def from_quaternion(cls, xyzw: ArrayLike, translation_m: ArrayLike) -> RigidTransform:
-        """From a quaternion, its scalar last; it may be off unit length by 1e-3."""
+        """Create a transform from a quaternion.
+
+        Args:
+            xyzw: (4,) quaternion, scalar last, of unit length to within 1e-3.
+            translation_m: (3,) metres.
+
+        Raises:
+            CalibError: If a value is invalid.
+        """
         quaternion = _numbers("quaternion_xyzw", xyzw, (4,))
         length = float(np.linalg.norm(quaternion))
         if abs(length - 1) > _ORTHONORMAL_TOLERANCE:
@@ -65,7 +77,20 @@ class RigidTransform:
     def from_euler_deg(
         cls, roll: float, pitch: float, yaw: float, translation_m: ArrayLike
     ) -> RigidTransform:
-        """Turned by roll about x, then pitch about y, then yaw about z, the second frame's axes."""
+        """Create a transform from roll, pitch and yaw in degrees.
+
+        The rotations are about the second frame's fixed axes: first x (roll), then y (pitch), then
+        z (yaw).
+
+        Args:
+            roll: Rotation about x in degrees.
+            pitch: Rotation about y in degrees.
+            yaw: Rotation about z in degrees.
+            translation_m: (3,) metres.
+
+        Raises:
+            CalibError: If a value is invalid.
+        """
         angles = np.radians(_numbers("roll_pitch_yaw_deg", (roll, pitch, yaw), (3,)))
         (sr, sp, sy), (cr, cp, cy) = np.sin(angles), np.cos(angles)
         about_x = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
@@ -81,13 +106,21 @@ class RigidTransform:
         pitch_deg: float = 0.0,
         yaw_deg: float = 0.0,
     ) -> RigidTransform:
-        """From a camera (x right, y down, z forward) to its machine (x forward, y left, z up).
+        """Create the transform from a camera to the machine that carries it.
 
-        With all angles 0 the camera is level and looks forward. The angles are right-handed turns
-        about the machine's axes, in the order of ``from_euler_deg``: positive roll leans the
-        camera to its right, positive pitch makes it look down, positive yaw to the left.
-        ``position_m`` (3,) is the camera in the machine's frame; its third is the height above
-        that frame's origin.
+        Camera: x right, y down, z forward. Machine: x forward, y left, z up. With all angles 0 the
+        camera is level and looks forward. The angles are right-handed rotations about the machine's
+        axes, in the order of ``from_euler_deg``.
+
+        Args:
+            position_m: (3,) position of the camera in the machine's frame, in metres; the third
+                number is its height above the frame's origin.
+            roll_deg: Positive leans the camera to its right.
+            pitch_deg: Positive makes the camera look down.
+            yaw_deg: Positive makes the camera look to the left.
+
+        Raises:
+            CalibError: If a value is invalid.
         """
         angles = {"roll_deg": roll_deg, "pitch_deg": pitch_deg, "yaw_deg": yaw_deg}
         roll, pitch, yaw = (float(_numbers(name, angle, ())) for name, angle in angles.items())
@@ -95,24 +128,24 @@ class RigidTransform:
         return cls(turned.rotation @ _LEVEL, _numbers("position_m", position_m, (3,)))
 
     def apply(self, points_m: ArrayLike) -> Float:
-        """(..., 3) points of the first frame to those of the second."""
+        """Transform (..., 3) points in metres."""
         return self.rotate(points_m) + self.translation_m
 
     def rotate(self, directions: ArrayLike) -> Float:
-        """(..., 3) directions of the first frame to those of the second."""
+        """Rotate (..., 3) directions."""
         return np.asarray(np.asarray(directions, np.float64) @ self.rotation.T)
 
     def inverse(self) -> RigidTransform:
-        """From the second frame to the first."""
+        """Return the transform from the second frame to the first."""
         return RigidTransform(self.rotation.T, -self.rotation.T @ self.translation_m)
 
     def then(self, other: RigidTransform) -> RigidTransform:
-        """This motion first, then ``other``."""
+        """Return the transform that applies this one first, then ``other``."""
         return RigidTransform(other.rotation @ self.rotation, other.apply(self.translation_m))
 
 
 def _numbers(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Float:
-    """``values`` as finite numbers of that shape; neither text nor truth values count as such."""
+    """Convert ``values`` to finite float64 of the given shape; strings and bools are rejected."""
     found = np.asarray(values, object)
     real = all(isinstance(each, Real) and not isinstance(each, bool) for each in found.flat)
     if real and found.shape == shape:

@@ -22,7 +22,7 @@ def replacing(path: Path, beside: Path | None = None) -> Iterator[Path]:
             must give a name of its own.
 
     Raises:
-        OSError: the file cannot be renamed; and whatever the block raises.
+        OSError: If the file cannot be renamed; and whatever the block raises.
     """
     beside = path.with_name(f"{path.name}.part") if beside is None else beside
     try:
@@ -37,7 +37,7 @@ def write_whole(path: Path, data: bytes) -> None:
     """Write a file at once or not at all.
 
     Raises:
-        InputFileError: it cannot be written.
+        InputFileError: If it cannot be written.
     """
     try:
         with replacing(path) as beside:

@@ -1,4 +1,4 @@
-"""The core trainer: simulator, datasets, models, training and evaluation."""
+"""Simulator, datasets, models, training and evaluation of tree detectors."""
 
 from perceptree.errors import CheckpointError, DatasetError, PerceptreeError, SettingsError
 

@@ -1,4 +1,4 @@
-"""``python -m perceptree``, and ``torchrun -m perceptree``: the command line."""
+"""Entry point of ``python -m perceptree`` and ``torchrun -m perceptree``."""
 
 from perceptree.cli import main
 

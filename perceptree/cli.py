@@ -1,4 +1,4 @@
-"""The command line ``perceptree``."""
+"""The ``perceptree`` command line."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from perceptree.commands.train import train
 
 app = typer.Typer(
     name="perceptree",
-    help="Simulate forests, train tree detectors on them, and say how good they are.",
+    help="Simulate forests, train tree detectors and evaluate them.",
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
@@ -54,15 +54,16 @@ def options(
         ),
     ] = False,
 ) -> None:
-    """Without a command: the help."""
+    """Print the help if no command is given."""
     if context.invoked_subcommand is None:
         typer.echo(context.get_help())
 
 
 def main() -> None:
-    """Run the command line and exit: 0 done, 2 wrong usage or bad input, 130 interrupted.
+    """Run the command line and exit.
 
-    Errors that carry an ``exit_code`` are for the user: they become one line on stderr.
+    Exit codes: 0 success, 1 a check failed, 2 wrong usage or bad input, 130 interrupted. An error
+    with an ``exit_code`` is printed as one line on stderr; any other error is raised.
     """
     try:
         code = typer.main.get_command(app).main(prog_name="perceptree", standalone_mode=False) or 0
@@ -76,13 +77,13 @@ def main() -> None:
         if code is None:
             raise
         typer.echo(f"perceptree: {_one_line(error)}", err=True)
-    if code == _INTERRUPTED:  # typer turns Ctrl-C within a command into this code
-        typer.echo("perceptree: interrupted; type the same command to go on", err=True)
+    if code == _INTERRUPTED:  # typer returns this code for Ctrl-C inside a command
+        typer.echo("perceptree: interrupted; repeat the command to continue", err=True)
     sys.exit(code)
 
 
 def _one_line(error: Exception) -> str:
-    """The message; typer's own errors about usage make theirs in a method, and know the command."""
+    """Return the message as one line, with a hint for typer's usage errors."""
     message = error.format_message() if hasattr(error, "format_message") else str(error)
     context = getattr(error, "ctx", None)
     hint = f" (see `{context.command_path} --help`)" if context is not None else ""

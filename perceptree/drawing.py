@@ -1,4 +1,4 @@
-"""Trees drawn on pictures, and pictures put together to pages."""
+"""Draw trees on images, and arrange images on pages."""
 
 from __future__ import annotations
 
@@ -41,13 +41,20 @@ def draw_trees(
     width_px: int | None = None,
     weight: float = 1.0,
 ) -> Picture:
-    """A copy of a picture (H, W, 3) BGR uint8, or grey (H, W), with trees drawn on it.
+    """Draw boxes, masks and keypoints on a copy of an image.
 
-    ``boxes`` (N, 4) xyxy px and ``keypoints`` (N, 5, 3) x, y, flag have (0, 0) at the outer corner
-    of the first pixel; ``masks`` holds (H, W) arrays, drawn as outlines where they are not 0. A
-    keypoint of flag 2 is a disc, of 1 (hidden) a ring, of 0 nothing. ``colour`` is for boxes and
-    outlines alike, each its own by default. ``width_px`` scales picture and labels to that width,
-    ``weight`` makes lines and points stronger.
+    Args:
+        image: (H, W, 3) BGR or (H, W) grey, uint8.
+        boxes: (N, 4) x0, y0, x1, y1 in continuous px.
+        masks: (H, W) arrays, non-zero inside; drawn as outlines. None entries are skipped.
+        keypoints: (N, 5, 3) x, y, COCO visibility flag: 2 is drawn as a disc, 1 (hidden) as a ring,
+            0 not at all.
+        colour: BGR colour of boxes and outlines; by default they have separate colours.
+        width_px: Width of the result; image and labels are scaled.
+        weight: Factor of line widths and point sizes.
+
+    Returns:
+        (H, W, 3) BGR uint8.
     """
     scale = 1.0 if width_px is None else width_px / image.shape[1]
     shown = fitted(image, image.shape[1] if width_px is None else width_px)
@@ -81,7 +88,10 @@ def _draw_keypoints(drawn: Picture, points: Float, scale: float, weight: float) 
 
 
 def fitted(image: NDArray[Any], width_px: int, interpolation: int = cv2.INTER_AREA) -> NDArray[Any]:
-    """A picture scaled to a width, its aspect kept; the same picture where it has that width."""
+    """Resize an image to a width with its aspect ratio kept.
+
+    Returns the image itself if it already has that width.
+    """
     if image.shape[1] == width_px:
         return image
     height_px = max(1, round(image.shape[0] * width_px / image.shape[1]))
@@ -89,7 +99,7 @@ def fitted(image: NDArray[Any], width_px: int, interpolation: int = cv2.INTER_AR
 
 
 def with_caption(cell: Picture, text: str) -> Picture:
-    """A picture (H, W, 3) with a line of text below it; what does not fit ends in dots."""
+    """Add a line of text below an image (H, W, 3); text that does not fit is cut off with dots."""
     while len(text) > 4 and cv2.getTextSize(text, _FONT, 0.42, 1)[0][0] > cell.shape[1] - 4:
         text = text[:-4] + "..."
     strip = np.full((CAPTION_PX, cell.shape[1], 3), PAPER, np.uint8)
@@ -98,7 +108,7 @@ def with_caption(cell: Picture, text: str) -> Picture:
 
 
 def grid(cells: Sequence[Picture], columns: int) -> Picture:
-    """Pictures of equal width (H, W, 3) in rows from the left, gaps between them."""
+    """Arrange images (H, W, 3) of equal width in rows, with gaps."""
     columns = min(columns, len(cells))
     rows = -(-len(cells) // columns)
     height = max(cell.shape[0] for cell in cells)
@@ -114,7 +124,7 @@ def grid(cells: Sequence[Picture], columns: int) -> Picture:
 
 
 def keypoint_legend(names: Sequence[str], width_px: int) -> Picture:
-    """A strip (CAPTION_PX, W, 3) with every keypoint's colour and name."""
+    """Return a strip (CAPTION_PX, W, 3) with the colour and name of every keypoint."""
     strip = np.full((CAPTION_PX, width_px, 3), PAPER, np.uint8)
     left = 12
     for name, colour in zip(names, KEYPOINT_COLOURS, strict=True):

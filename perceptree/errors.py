@@ -1,27 +1,27 @@
 """Errors of perceptree.
 
 PerceptreeError
-├── SettingsError      a setting out of its range
-├── DatasetError       frames or labels that are missing, unreadable or contradict each other
-└── CheckpointError    a file that is not a checkpoint of this project, or cannot be written
+├── SettingsError      invalid setting
+├── DatasetError       missing, unreadable or inconsistent frames or labels
+└── CheckpointError    not a checkpoint of this project, or not writable
 """
 
 from __future__ import annotations
 
 
 class PerceptreeError(Exception):
-    """Anything that perceptree refuses; its text is one line for the user."""
+    """Base class of perceptree's errors; the message is one line meant for the user."""
 
     exit_code = 2
 
 
 class SettingsError(PerceptreeError):
-    """A setting out of its range."""
+    """Invalid setting."""
 
 
 class DatasetError(PerceptreeError):
-    """Frames or labels that are missing, unreadable or contradict each other."""
+    """Missing, unreadable or inconsistent frames or labels."""
 
 
 class CheckpointError(PerceptreeError):
-    """A file that is not a checkpoint of this project, or cannot be written."""
+    """A file that is not a checkpoint of this project, or that cannot be written."""

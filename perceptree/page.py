@@ -1,4 +1,4 @@
-"""A page of figures that needs nothing else: no network, no script; readable in light and dark."""
+"""Self-contained HTML pages: no network, no scripts, light and dark theme."""
 
 from __future__ import annotations
 
@@ -8,7 +8,12 @@ from pathlib import Path
 
 
 def render_page(title: str, body: str) -> str:
-    """A whole page as HTML text, its style included; ``body`` is HTML, ``title`` plain text."""
+    """Return a complete HTML page with its style.
+
+    Args:
+        title: Plain text.
+        body: HTML.
+    """
     style = Path(__file__).with_name("page.css").read_text("utf-8")
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
@@ -19,17 +24,17 @@ def render_page(title: str, body: str) -> str:
 
 
 def tiles(entries: Iterable[tuple[str, str]]) -> str:
-    """Large figures with what they are, both as HTML."""
+    """Return large figures with their descriptions, given as HTML, as a row of tiles."""
     shown = "".join(f'<div class="tile"><b>{v}</b><span>{t}</span></div>' for v, t in entries)
     return f'<div class="tiles">{shown}</div>'
 
 
 def card(title: str, content: str, note: str = "") -> str:
-    """A box with a heading over ``content``, which is HTML, and a plain note below."""
+    """Return a box with a heading, HTML content and a note in plain text."""
     below = f'<p class="note">{escape(note)}</p>' if note else ""
     return f'<div class="card"><h3>{escape(title)}</h3>{content}{below}</div>'
 
 
 def grid(cards: Sequence[str]) -> str:
-    """Cards side by side, as many as fit."""
+    """Return cards side by side, as many as fit."""
     return f'<div class="grid">{"".join(cards)}</div>'

@@ -1,4 +1,4 @@
-"""Calibration boards: what is printed on them, and finding it in an image."""
+"""Calibration boards: their geometry and their detection in an image."""
 
 from __future__ import annotations
 
@@ -17,26 +17,36 @@ Float = NDArray[np.floating[Any]]
 Grey = NDArray[np.uint8]
 
 LEAST_POINTS: Final = 8
-_MOST, _LONGEST_M = 100, 2.0
-_CORNER_WINDOW, _LEAST_WINDOW_PX, _MOST_WINDOW_PX = 0.35, 2, 30
-_REFINE_UNTIL = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 40, 1e-3)
-_SEARCHED_PX, _LEAST_BLOB_PX2 = 1600, 25.0
+_MAX_COUNT, _MAX_LENGTH_M = 100, 2.0
+_WINDOW_SHARE, _MIN_WINDOW_PX, _MAX_WINDOW_PX = 0.35, 2, 30
+_REFINE_CRITERIA = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 40, 1e-3)
+_SEARCH_SIZE_PX, _MIN_BLOB_PX2 = 1600, 25.0
 
 
 class Board(Protocol):
-    """A flat target with points at known places."""
+    """A flat calibration target with points at known positions."""
 
     def detect(self, grey: Grey) -> tuple[Float, Float] | None:
         """Find the board in an (H, W) uint8 image.
 
-        Returns (N, 2) corner-based px and, of the same points, (N, 3) metres on the board with
-        z = 0; None where the board is not found.
+        Returns:
+            The points in the image, (N, 2) continuous px, and on the board, (N, 3) metres with z =
+            0; None if the board is not found.
         """
 
 
 @dataclass(frozen=True)
 class Checkerboard:
-    """A checkerboard with ``columns`` x ``rows`` inner corners; all of them must be in view."""
+    """A checkerboard; all its inner corners must be visible.
+
+    Attributes:
+        columns: Number of inner corners in a row.
+        rows: Number of rows of inner corners.
+        square_m: Side of a square in metres.
+
+    Raises:
+        CalibError: If a value is out of range.
+    """
 
     columns: int
     rows: int
@@ -47,12 +57,12 @@ class Checkerboard:
         _check_lengths(square_m=self.square_m)
 
     def detect(self, grey: Grey) -> tuple[Float, Float] | None:
-        """See ``Board``.
+        """Find the board; see ``Board.detect``.
 
-        Large images are searched at a smaller size. The corners found by sectors are refined on
-        the gradients around them, which leaves a fifth of their error.
+        Large images are searched at a reduced size. The corners of ``findChessboardCornersSB`` are
+        refined on the image gradients at full size, which reduces their error to about a fifth.
         """
-        scale = min(1.0, _SEARCHED_PX / max(grey.shape))
+        scale = min(1.0, _SEARCH_SIZE_PX / max(grey.shape))
         small = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
         found, corners = cv2.findChessboardCornersSB(
             small, (self.columns, self.rows), flags=cv2.CALIB_CB_NORMALIZE_IMAGE
@@ -60,17 +70,25 @@ class Checkerboard:
         if not found:
             return None
         shrunk = np.array(small.shape[::-1]) / grey.shape[::-1]
-        centred = (np.asarray(corners, np.float64).reshape(-1, 2) + 0.5) / shrunk - 0.5
-        window_px = _CORNER_WINDOW * _least_step_px(centred.reshape(self.rows, self.columns, 2))
+        corners_px = (np.asarray(corners, np.float64).reshape(-1, 2) + 0.5) / shrunk - 0.5
+        window_px = _WINDOW_SHARE * _min_spacing_px(corners_px.reshape(self.rows, self.columns, 2))
         object_m = _grid(self.columns, self.rows) * self.square_m
-        return opencv_to_image(_refined(grey, centred, window_px)), object_m
+        return opencv_to_image(_refine_corners(grey, corners_px, window_px)), object_m
 
 
 @dataclass(frozen=True)
 class CharucoBoard:
-    """``columns`` x ``rows`` squares with ArUco markers in the white ones; a part may be in view.
+    """A checkerboard with ArUco markers in its white squares; a part of it may be visible.
 
-    ``dictionary`` is OpenCV's name of the markers, such as 4x4_50.
+    Attributes:
+        columns: Number of squares in a row.
+        rows: Number of rows of squares.
+        square_m: Side of a square in metres.
+        marker_m: Side of a marker in metres.
+        dictionary: OpenCV's marker dictionary in lower case, such as "4x4_50".
+
+    Raises:
+        CalibError: If a value is out of range or the dictionary is unknown or too small.
     """
 
     columns: int
@@ -99,34 +117,41 @@ class CharucoBoard:
             )
 
     def detect(self, grey: Grey) -> tuple[Float, Float] | None:
-        """See ``Board``.
+        """Find the board; see ``Board.detect``.
 
-        The corners are refined once more here, as some versions of OpenCV hand them out half a
-        pixel off; the window stays clear of the markers.
+        The corners are refined again because some versions of OpenCV return them half a pixel off.
+        The refinement window does not reach the markers.
         """
         board, detector = _charuco(self)
         corners, ids, _, _ = detector.detectBoard(grey)
         if ids is None or len(ids) < LEAST_POINTS or board.checkCharucoCornersCollinear(ids):
             return None
         object_m = np.asarray(board.getChessboardCorners(), np.float64)[ids.ravel()]
-        centred = np.asarray(corners, np.float64).reshape(-1, 2)
+        corners_px = np.asarray(corners, np.float64).reshape(-1, 2)
         gap = (1 - self.marker_m / self.square_m) / 2
-        apart_px = np.linalg.norm(centred[:, None] - centred, axis=-1)
+        apart_px = np.linalg.norm(corners_px[:, None] - corners_px, axis=-1)
         step_px = float(np.min(apart_px[apart_px > 0]))
-        window_px = min(gap, _CORNER_WINDOW) * step_px
-        return opencv_to_image(_refined(grey, centred, window_px)), object_m
+        window_px = min(gap, _WINDOW_SHARE) * step_px
+        return opencv_to_image(_refine_corners(grey, corners_px, window_px)), object_m
 
 
 @dataclass(frozen=True)
 class CircleGrid:
-    """A grid of dark circles on white; all of them must be in view.
+    """A grid of dark circles on white; all of them must be visible.
 
-    ``columns`` circles in each of ``rows`` rows. ``spacing_m`` lies between the centres of
-    neighbouring rows; between those of one row it is the same, or twice as much where
-    ``asymmetric``: then every second row is shifted by ``spacing_m``.
+    The detected points are the centres of the circles' ellipses in the image. Near a wide-angle
+    lens these differ from the projected circle centres by up to some tenths of a pixel; prefer
+    boards with corners there.
 
-    What is found is the middle of each circle's ellipse, which near a wide lens lies up to some
-    tenths of a pixel beside the circle's centre: there, boards with corners are better.
+    Attributes:
+        columns: Number of circles in a row.
+        rows: Number of rows.
+        spacing_m: Distance between neighbouring rows in metres. Within a row the distance is the
+            same, or twice as much if asymmetric.
+        asymmetric: Whether every second row is shifted by ``spacing_m``.
+
+    Raises:
+        CalibError: If a value is out of range.
     """
 
     columns: int
@@ -139,11 +164,11 @@ class CircleGrid:
         _check_lengths(spacing_m=self.spacing_m)
 
     def detect(self, grey: Grey) -> tuple[Float, Float] | None:
-        """See ``Board``."""
+        """Find the board; see ``Board.detect``."""
         kind = cv2.CALIB_CB_ASYMMETRIC_GRID if self.asymmetric else cv2.CALIB_CB_SYMMETRIC_GRID
         blobs = cv2.SimpleBlobDetector.Params()
-        blobs.minArea = _LEAST_BLOB_PX2
-        blobs.maxArea = max(2 * _LEAST_BLOB_PX2, grey.size / (self.columns * self.rows))
+        blobs.minArea = _MIN_BLOB_PX2
+        blobs.maxArea = max(2 * _MIN_BLOB_PX2, grey.size / (self.columns * self.rows))
         found, centres = cv2.findCirclesGrid(
             grey,
             (self.columns, self.rows),
@@ -160,7 +185,7 @@ class CircleGrid:
 
 @cache
 def _dictionaries() -> dict[str, int]:
-    """OpenCV's sets of markers by name."""
+    """Return OpenCV's marker dictionaries by lower-case name."""
     start = "DICT_"
     names = [name for name in dir(cv2.aruco) if name.startswith(start)]
     return {name.removeprefix(start).lower(): getattr(cv2.aruco, name) for name in names}
@@ -179,34 +204,34 @@ def _charuco(board: CharucoBoard) -> tuple[cv2.aruco.CharucoBoard, cv2.aruco.Cha
 
 def _check_counts(columns: int, rows: int, what: str) -> None:
     for name, count in (("columns", columns), ("rows", rows)):
-        if not 3 <= count <= _MOST:
-            raise CalibError(f"{name} is {count}: expected 3 to {_MOST} {what}")
+        if not 3 <= count <= _MAX_COUNT:
+            raise CalibError(f"{name} is {count}: expected 3 to {_MAX_COUNT} {what}")
 
 
 def _check_lengths(**lengths_m: float) -> None:
     for name, length_m in lengths_m.items():
-        if not 0 < length_m <= _LONGEST_M:
+        if not 0 < length_m <= _MAX_LENGTH_M:
             raise CalibError(
-                f"{name} is {length_m:g}: expected metres, more than 0 and up to {_LONGEST_M:g}"
+                f"{name} is {length_m:g}: expected metres, more than 0 and up to {_MAX_LENGTH_M:g}"
             )
 
 
 def _grid(columns: int, rows: int) -> Float:
-    """(rows * columns, 3) whole steps along x and y, row by row."""
+    """Return (rows * columns, 3) integer grid points, row by row, z = 0."""
     y, x = np.mgrid[0:rows, 0:columns].reshape(2, -1)
     return np.stack([x, y, np.zeros_like(x)], -1).astype(np.float64)
 
 
-def _least_step_px(grid_px: Float) -> float:
-    """The smallest distance between neighbours of a (rows, columns, 2) grid."""
+def _min_spacing_px(grid_px: Float) -> float:
+    """Return the smallest distance between neighbours of a (rows, columns, 2) grid."""
     along = np.linalg.norm(np.diff(grid_px, axis=1), axis=-1)
     across = np.linalg.norm(np.diff(grid_px, axis=0), axis=-1)
     return float(min(along.min(), across.min()))
 
 
-def _refined(grey: Grey, centred_px: Float, window_px: float) -> Float:
-    """Corners, in OpenCV's px, moved to where the gradients around them meet."""
-    half = int(np.clip(window_px, _LEAST_WINDOW_PX, _MOST_WINDOW_PX))
-    corners = np.array(centred_px, np.float32).reshape(-1, 1, 2)  # OpenCV changes it in place
-    refined = cv2.cornerSubPix(grey, corners, (half, half), (-1, -1), _REFINE_UNTIL)
+def _refine_corners(grey: Grey, corners_px: Float, window_px: float) -> Float:
+    """Refine corners, in OpenCV's px, to sub-pixel accuracy on the image gradients."""
+    half = int(np.clip(window_px, _MIN_WINDOW_PX, _MAX_WINDOW_PX))
+    corners = np.array(corners_px, np.float32).reshape(-1, 1, 2)  # OpenCV changes it in place
+    refined = cv2.cornerSubPix(grey, corners, (half, half), (-1, -1), _REFINE_CRITERIA)
     return np.asarray(refined, np.float64).reshape(-1, 2)

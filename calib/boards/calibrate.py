@@ -1,4 +1,4 @@
-"""A camera from views of a board, with a judgement."""
+"""Calibrate a camera from views of a board and judge the result."""
 
 from __future__ import annotations
 
@@ -18,42 +18,51 @@ from calib.errors import CameraError
 
 Float = NDArray[np.floating[Any]]
 
-LEAST_VIEWS: Final = 8
-_LEAST_TURN_DEG, _TURNED_VIEWS, _WELL_TURNED_DEG = 10.0, 3, 20.0
-_NARROW_COVERAGE, _LEAST_COVERAGE = 0.25, 0.5
-_MOST_RMS_PX = 0.8
-_MOST_FOCAL_SHARE, _MOST_DROPPED = 0.005, 0.3
-_NARROW_DISTANCES = 1.3
+MIN_VIEWS: Final = 8
+_MIN_TILT_DEG, _MIN_TILTED_VIEWS, _GOOD_TILT_DEG = 10.0, 3, 20.0
+_MIN_COVERAGE_TO_SOLVE, _MIN_COVERAGE_TO_PASS = 0.25, 0.5
+_MAX_RMS_PX = 0.8
+_MAX_FOCAL_STD_SHARE, _MAX_DROPPED_SHARE = 0.005, 0.3
+_MIN_DISTANCE_RATIO = 1.3
 
 
 def calibrate_camera(
     views: Sequence[BoardView], size: tuple[int, int], model: str = "radtan"
 ) -> Calibration | CalibrationFailure:
-    """The camera of ``size`` (width, height) px that explains all views best.
+    """Estimate intrinsics and distortion from views of a board.
 
-    ``model`` is "radtan" (k1, k2, p1, p2, k3) or "fisheye" (k1 to k4), as OpenCV defines them.
-    Views and points that do not agree with the others are left out and named. A failure where
-    there are fewer than 8 views, where the board stood at one angle in all of them (focal length
-    and distance cannot be told apart), or where its points leave most of the picture empty.
-    Raises CameraError for another model.
+    Views and points that do not agree with the others are left out and named.
+
+    Args:
+        views: Points of the board in each image, from ``find_boards``.
+        size: Width and height of the images in px.
+        model: "radtan" (k1, k2, p1, p2, k3) or "fisheye" (k1 to k4), as OpenCV defines them.
+
+    Returns:
+        A Calibration, or a falsy CalibrationFailure if fewer than 8 views agree, if the board had
+        nearly the same orientation in all of them (then focal length and distance cannot be
+        separated), or if its points cover less than a quarter of the image.
+
+    Raises:
+        CameraError: If ``model`` is unknown.
     """
     if model not in PARAMETERS:
         raise CameraError(f"model is {model!r}: expected one of {', '.join(PARAMETERS)}")
-    if len(views) < LEAST_VIEWS:
+    if len(views) < MIN_VIEWS:
         return _too_few(len(views), ())
     coverage = coverage_of([view.image_px for view in views], size)
-    if coverage.share < _NARROW_COVERAGE:
+    if coverage.share < _MIN_COVERAGE_TO_SOLVE:
         return CalibrationFailure(
-            f"the points lie in {coverage.share:.0%} of the picture, expected at least"
-            f" {_NARROW_COVERAGE:.0%}: what the lens does elsewhere cannot be told",
+            f"the points cover {coverage.share:.0%} of the image, expected at least"
+            f" {_MIN_COVERAGE_TO_SOLVE:.0%}: the distortion elsewhere is unknown",
             tuple(coverage.advice()),
         )
-    kept, solution, dropped = solve_robustly(views, size, model, LEAST_VIEWS)
+    kept, solution, dropped = solve_robustly(views, size, model, MIN_VIEWS)
     if solution is None:
         return _too_few(len(kept), tuple(dropped))
     reason = _undetermined(solution)
     if reason is not None:
-        advice = ("tilt the board by 20 to 45 degrees, to all sides",)
+        advice = ("tilt the board by 20 to 45 degrees in all directions",)
         return CalibrationFailure(reason, advice, tuple(dropped))
     return _result(kept, solution, dropped, size, model)
 
@@ -61,36 +70,37 @@ def calibrate_camera(
 def _too_few(count: int, dropped: tuple[Dropped, ...]) -> CalibrationFailure:
     agreeing = " that agree with each other" if dropped else ""
     return CalibrationFailure(
-        f"{count} views of the board{agreeing}, expected at least {LEAST_VIEWS}",
-        ("take 15 to 30 pictures of the whole board, near and far, tilted to all sides",),
+        f"{count} views of the board{agreeing}, expected at least {MIN_VIEWS}",
+        ("take 15 to 30 images of the whole board, near and far, tilted in all directions",),
         dropped,
     )
 
 
 def _normals(poses: Float) -> Float:
-    """(V, 3) unit vectors across the boards, away from the camera."""
+    """Return the (V, 3) unit normals of the boards, pointing away from the camera."""
     normals = np.array([cv2.Rodrigues(pose[:3])[0][:, 2] for pose in poses])
     return np.asarray(normals * np.where(normals[:, 2:] < 0, -1.0, 1.0))
 
 
-def _turns_deg(poses: Float) -> Float:
-    """(V,) angles between each board and their mean orientation."""
+def _tilts_deg(poses: Float) -> Float:
+    """Return the (V,) angles between each board and the mean orientation."""
     normals = _normals(poses)
     mean = normals.mean(0) / np.linalg.norm(normals.mean(0))
     return np.asarray(np.degrees(np.arccos(np.clip(normals @ mean, -1, 1))))
 
 
 def _undetermined(solution: Solution) -> str | None:
-    """Why these views cannot tell the camera, if they cannot."""
-    turn_deg = float(np.sort(_turns_deg(solution.poses))[-_TURNED_VIEWS])
-    if turn_deg < _LEAST_TURN_DEG:
+    """Return why these views do not determine the camera, or None if they do."""
+    tilt_deg = float(np.sort(_tilts_deg(solution.poses))[-_MIN_TILTED_VIEWS])
+    if tilt_deg < _MIN_TILT_DEG:
         return (
-            f"the board stood at nearly one angle in all views (within {turn_deg:.0f} degrees,"
-            f" expected {_TURNED_VIEWS} views or more turned by {_LEAST_TURN_DEG:.0f}):"
-            " focal length and distance cannot be told apart"
+            "the board had nearly the same orientation in all views (within"
+            f" {tilt_deg:.0f} degrees, expected {_MIN_TILTED_VIEWS} views or more tilted by"
+            f" {_MIN_TILT_DEG:.0f}):"
+            " focal length and distance cannot be separated"
         )
     if solution.stds is None:
-        return "the views do not determine the camera: they are too much alike"
+        return "the views do not determine the camera: they are too similar"
     return None
 
 
@@ -109,7 +119,9 @@ def _result(
     try:
         camera = PinholeCamera(*size, fx, fy, cx, cy, tuple(terms), model, focal_std_px)
     except CameraError as error:
-        return CalibrationFailure(f"the views fit no real camera: {error}", (), tuple(dropped))
+        return CalibrationFailure(
+            f"the solution is not a valid camera: {error}", (), tuple(dropped)
+        )
     parameters = tuple(
         Parameter(name, value, float(std), "px" if i < 4 else "")
         for i, (name, value, std) in enumerate(zip(PARAMETERS[model], values, stds, strict=True))
@@ -127,8 +139,8 @@ def _result(
         results,
         tuple(dropped),
         coverage,
-        tuple(_shortcomings(camera, rms_px, coverage, len(results), dropped)),
-        tuple(_advice(results, coverage, _turns_deg(solution.poses))),
+        tuple(_reasons_to_fail(camera, rms_px, coverage, len(results), dropped)),
+        tuple(_advice(results, coverage, _tilts_deg(solution.poses))),
     )
 
 
@@ -147,49 +159,53 @@ def _view_result(view: BoardView, residuals_px: Float, pose: Float) -> ViewResul
 
 
 def _rms_px(residuals_px: Float) -> float:
-    """Of the distances, not of their two components."""
+    """Return the root mean square of the residual vectors' lengths."""
     return float(np.sqrt((residuals_px**2).sum(1).mean()))
 
 
-def _shortcomings(
+def _reasons_to_fail(
     camera: PinholeCamera,
     rms_px: float,
     coverage: Coverage,
     views: int,
     dropped: Sequence[Dropped],
 ) -> list[str]:
-    """Why this calibration is not good enough to measure with."""
+    """Return why the calibration is not good enough to measure with."""
     reasons = []
     whole = sum(not each.points for each in dropped)
-    if whole > _MOST_DROPPED * (views + whole):
+    if whole > _MAX_DROPPED_SHARE * (views + whole):
         reasons.append(f"{whole} of {views + whole} views do not agree with the others")
-    if rms_px > _MOST_RMS_PX:
-        reasons.append(f"the points are {rms_px:.2f} px off (RMS), expected {_MOST_RMS_PX} or less")
-    focal_share = camera.focal_std_px / min(camera.fx, camera.fy)
-    if focal_share > _MOST_FOCAL_SHARE:
+    if rms_px > _MAX_RMS_PX:
         reasons.append(
-            f"the focal length is known to {focal_share:.1%}, expected {_MOST_FOCAL_SHARE:.1%}"
+            f"the RMS reprojection error is {rms_px:.2f} px, expected {_MAX_RMS_PX} or less"
         )
-    if coverage.share < _LEAST_COVERAGE:
+    focal_share = camera.focal_std_px / min(camera.fx, camera.fy)
+    if focal_share > _MAX_FOCAL_STD_SHARE:
         reasons.append(
-            f"the points reach {coverage.share:.0%} of the picture, expected {_LEAST_COVERAGE:.0%}"
+            f"the focal length has a standard deviation of {focal_share:.1%},"
+            f" expected {_MAX_FOCAL_STD_SHARE:.1%} or less"
+        )
+    if coverage.share < _MIN_COVERAGE_TO_PASS:
+        reasons.append(
+            f"the points cover {coverage.share:.0%} of the image, expected at least"
+            f" {_MIN_COVERAGE_TO_PASS:.0%}"
         )
     return reasons
 
 
-def _advice(views: Sequence[ViewResult], coverage: Coverage, turns_deg: Float) -> list[str]:
-    """What further views would help."""
+def _advice(views: Sequence[ViewResult], coverage: Coverage, tilts_deg: Float) -> list[str]:
+    """Return what further views would help."""
     lines = coverage.advice()
-    well_turned = int((turns_deg >= _WELL_TURNED_DEG).sum())
-    if 3 * well_turned < len(views):
+    well_tilted = int((tilts_deg >= _GOOD_TILT_DEG).sum())
+    if 3 * well_tilted < len(views):
         lines.append(
-            f"{well_turned} of {len(views)} views are turned by {_WELL_TURNED_DEG:.0f} degrees or"
-            " more: tilt the board further, to all sides"
+            f"{well_tilted} of {len(views)} views are tilted by {_GOOD_TILT_DEG:.0f} degrees or"
+            " more: tilt the board further, in all directions"
         )
     distances_m = [view.distance_m for view in views]
-    if max(distances_m) < _NARROW_DISTANCES * min(distances_m):
+    if max(distances_m) < _MIN_DISTANCE_RATIO * min(distances_m):
         lines.append(
             f"the board was always {min(distances_m):.2f} to {max(distances_m):.2f} m away:"
-            " hold it nearer and farther too"
+            " also hold it nearer and farther"
         )
     return lines

@@ -1,4 +1,4 @@
-"""Boards as a user types them."""
+"""Parse descriptions of boards from the command line."""
 
 from __future__ import annotations
 
@@ -10,12 +10,17 @@ from calib.errors import CalibError
 BOARD_FORMS: Final = (
     "checkerboard:9x6:0.025 (inner corners, side of a square in metres),"
     " charuco:8x6:0.03:0.022:4x4_50 (squares, sides of square and marker, dictionary),"
-    " circles:7x5:0.02 or circles:4x11:0.02:asymmetric (circles per row x rows, between rows)"
+    " circles:7x5:0.02 or circles:4x11:0.02:asymmetric (circles per row x rows, row spacing"
+    " in metres)"
 )
 
 
 def parse_board(text: str) -> Board:
-    """A board from a text such as one of ``BOARD_FORMS``; raises CalibError with the text."""
+    """Create a board from a text in one of the forms of ``BOARD_FORMS``.
+
+    Raises:
+        CalibError: If the text has no known form or a value is invalid; the message quotes it.
+    """
     kind, *parts = text.strip().lower().split(":")
     try:
         if kind == "checkerboard" and len(parts) == 2:

@@ -1,4 +1,4 @@
-"""What a calibration from boards gives: a camera with its uncertainty, or the reason for none."""
+"""Results of a board calibration: a camera with uncertainties, or a failure."""
 
 from __future__ import annotations
 
@@ -11,7 +11,14 @@ from calib.camera import PinholeCamera
 
 @dataclass(frozen=True)
 class Parameter:
-    """One intrinsic parameter with its standard deviation; ``unit`` is "px", or "" for none."""
+    """One intrinsic parameter.
+
+    Attributes:
+        name: fx, fy, cx, cy or the name of a distortion coefficient.
+        value: Estimated value.
+        std: Standard deviation of the value.
+        unit: "px", or "" for coefficients without a unit.
+    """
 
     name: str
     value: float
@@ -21,11 +28,16 @@ class Parameter:
 
 @dataclass(frozen=True)
 class ViewResult:
-    """How well one view fits: ``rms_px`` and ``worst_px`` of the distances between its ``points``
-    used and where the camera has them.
+    """The fit of one view.
 
-    ``pose`` is a rotation vector and metres, from board to camera points; ``distance_m`` that of
-    the board's middle along the optical axis, ``tilt_deg`` between that axis and the board's.
+    Attributes:
+        name: Name of the image.
+        points: Number of points used.
+        rms_px: RMS reprojection error of the points used.
+        worst_px: Largest reprojection error of the points used.
+        distance_m: Distance of the board's centre along the optical axis in metres.
+        tilt_deg: Angle between the optical axis and the board's normal.
+        pose: Rotation vector and translation in metres (6 numbers), board to camera coordinates.
     """
 
     name: str
@@ -39,7 +51,13 @@ class ViewResult:
 
 @dataclass(frozen=True)
 class Dropped:
-    """What was left out: ``points`` (their indices) of a view, or all of it if there are none."""
+    """A view, or some of its points, left out of the calibration.
+
+    Attributes:
+        view: Name of the image.
+        points: Indices of the points left out; empty if the whole view was.
+        reason: Why it was left out.
+    """
 
     view: str
     points: tuple[int, ...]
@@ -48,10 +66,17 @@ class Dropped:
 
 @dataclass(frozen=True)
 class Calibration:
-    """A camera and how far to trust it; truthy even where it did not pass.
+    """A calibrated camera with its quality. Truthy even if it did not pass.
 
-    ``rms_px`` is over all points used. ``reasons`` says why it did not pass, and is empty if it
-    did; ``advice`` says what further views would help.
+    Attributes:
+        camera: The camera.
+        parameters: Intrinsic parameters with standard deviations.
+        rms_px: RMS reprojection error of all points used.
+        views: Fit of each view used.
+        dropped: Views and points left out.
+        coverage: Coverage of the image by the views used.
+        reasons: Why the calibration did not pass; empty if it did.
+        advice: What further views would help.
     """
 
     camera: PinholeCamera
@@ -69,7 +94,7 @@ class Calibration:
         return not self.reasons
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON-ready values."""
+        """Return JSON-ready values."""
         return {
             "passed": self.passed,
             "reasons": list(self.reasons),
@@ -86,7 +111,13 @@ class Calibration:
 
 @dataclass(frozen=True)
 class CalibrationFailure:
-    """No camera, and why; ``advice`` says what would help. Falsy."""
+    """No camera could be estimated. Falsy.
+
+    Attributes:
+        reason: Why.
+        advice: What would help.
+        dropped: Views and points left out before the failure.
+    """
 
     reason: str
     advice: tuple[str, ...] = ()
@@ -96,7 +127,7 @@ class CalibrationFailure:
         return False
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON-ready values."""
+        """Return JSON-ready values."""
         return {
             "passed": False,
             "reasons": [self.reason],

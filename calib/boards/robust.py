@@ -1,4 +1,4 @@
-"""Solving with some views and points wrong: they are found, named and left out."""
+"""Robust calibration: find, name and leave out wrong views and points."""
 
 from __future__ import annotations
 
@@ -11,19 +11,27 @@ from numpy.typing import NDArray
 
 from calib.boards.board import LEAST_POINTS
 from calib.boards.result import Dropped
-from calib.boards.solve import BoardView, Solution, first_guess, misses_px, pose_of, refine
+from calib.boards.solve import (
+    BoardView,
+    Solution,
+    estimate_pose,
+    initial_estimate,
+    refine,
+    residual_lengths_px,
+)
 
 Float = NDArray[np.floating[Any]]
 
-_ROUNDS: Final = 15
-_LINEAR_BEYOND, _VIEW_LIMIT, _POINT_LIMIT = 2.0, 3.0, 5.0
-_NEVER_BELOW_PX = 0.3
-_MOST_POINTS_LOST = 0.3
+_MAX_ROUNDS: Final = 15
+# In units of the typical view's median residual.
+_HUBER_FACTOR, _VIEW_FACTOR, _POINT_FACTOR = 2.0, 3.0, 5.0
+_MIN_LIMIT_PX = 0.3
+_MAX_SHARE_OF_WRONG_POINTS = 0.3
 
 
 @dataclass(frozen=True, eq=False)
-class _Verdict:
-    """Which points of a view agree with the others, none of a view that does not; and why."""
+class _ViewCheck:
+    """Which points of a view agree with the other views (none if the view does not), and why."""
 
     right: NDArray[np.bool_]
     reason: str
@@ -34,86 +42,105 @@ class _Verdict:
 
 
 def solve_robustly(
-    views: Sequence[BoardView], size: tuple[int, int], model: str, least_views: int
+    views: Sequence[BoardView], size: tuple[int, int], model: str, min_views: int
 ) -> tuple[list[BoardView], Solution | None, list[Dropped]]:
-    """The least-squares solution of the views and points that agree, with what was left out.
+    """Solve by least squares with wrong views and points left out.
 
-    A view goes where its median residual is 3 times that of the typical view, a point where its
-    residual is 5 times as large. Each round tries all of them anew against what those that agreed
-    in the last one say; residuals beyond twice the typical one count linearly until that settles.
-    No solution where fewer than ``least_views`` agree.
+    A view is left out if its median residual exceeds 3 times that of the typical view, a point if
+    its residual exceeds 5 times that. Every round tests all views and points again with the camera
+    fitted to those kept in the round before. During the rounds, residuals beyond twice the typical
+    one have linear weight (Huber); the final solution is plain least squares.
+
+    Args:
+        views: Points of the board in each image.
+        size: Width and height of the images in px.
+        model: "radtan" or "fisheye".
+        min_views: Smallest number of views to solve with.
+
+    Returns:
+        The views used, without wrong points; the solution, None if fewer than ``min_views`` are
+        left; and what was left out.
     """
-    intrinsics, poses = first_guess(views, size, model)
-    before: list[_Verdict] = []
-    for _ in range(_ROUNDS):
-        misses = [
-            misses_px(view, model, intrinsics, pose)
+    intrinsics, poses = initial_estimate(views, size, model)
+    before: list[_ViewCheck] = []
+    for _ in range(_MAX_ROUNDS):
+        residuals_px = [
+            residual_lengths_px(view, model, intrinsics, pose)
             for view, pose in zip(views, poses, strict=True)
         ]
-        typical_px = float(np.median([np.median(miss_px) for miss_px in misses]))
-        verdicts = [_verdict(miss_px, typical_px) for miss_px in misses]
-        kept = [i for i, verdict in enumerate(verdicts) if verdict.kept]
-        if len(kept) < least_views:
-            return [views[i] for i in kept], None, _dropped(views, verdicts)
-        subset = [_part(views[i], verdicts[i].right) for i in kept]
+        typical_px = float(np.median([np.median(residual_px) for residual_px in residuals_px]))
+        checks = [_check_view(residual_px, typical_px) for residual_px in residuals_px]
+        kept = [i for i, check in enumerate(checks) if check.kept]
+        if len(kept) < min_views:
+            return [views[i] for i in kept], None, _dropped(views, checks)
+        subset = [_part(views[i], checks[i].right) for i in kept]
         start = np.array([poses[i] for i in kept])
-        if [list(v.right) for v in before] == [list(v.right) for v in verdicts]:
+        if [list(v.right) for v in before] == [list(v.right) for v in checks]:
             break
-        tolerance_px = max(_LINEAR_BEYOND * typical_px, _NEVER_BELOW_PX)
+        tolerance_px = max(_HUBER_FACTOR * typical_px, _MIN_LIMIT_PX)
         solution = refine(subset, model, intrinsics, start, tolerance_px)
-        intrinsics, before = solution.intrinsics, verdicts
+        intrinsics, before = solution.intrinsics, checks
         refined = dict(zip(kept, solution.poses, strict=True))
         poses = [
             _better_pose(view, model, intrinsics, refined.get(i)) for i, view in enumerate(views)
         ]
-    return subset, refine(subset, model, intrinsics, start), _dropped(views, verdicts)
+    return subset, refine(subset, model, intrinsics, start), _dropped(views, checks)
 
 
-def _verdict(miss_px: Float, typical_px: float) -> _Verdict:
-    view_limit_px = max(_VIEW_LIMIT * typical_px, _NEVER_BELOW_PX)
-    point_limit_px = max(_POINT_LIMIT * typical_px, _NEVER_BELOW_PX)
-    nothing = np.zeros(len(miss_px), bool)
-    median_px = float(np.median(miss_px))
+def _check_view(residual_px: Float, typical_px: float) -> _ViewCheck:
+    view_limit_px = max(_VIEW_FACTOR * typical_px, _MIN_LIMIT_PX)
+    point_limit_px = max(_POINT_FACTOR * typical_px, _MIN_LIMIT_PX)
+    nothing = np.zeros(len(residual_px), bool)
+    median_px = float(np.median(residual_px))
     if not np.isfinite(median_px):
-        return _Verdict(nothing, "no place of the board explains its points")
+        return _ViewCheck(nothing, "no pose of the board fits its points")
     if median_px > view_limit_px:
-        return _Verdict(
-            nothing, f"its points are {median_px:.2g} px off, expected {view_limit_px:.2g}"
+        return _ViewCheck(
+            nothing,
+            f"its median residual is {median_px:.2g} px, expected {view_limit_px:.2g} or less",
         )
-    right = miss_px <= point_limit_px
+    right = residual_px <= point_limit_px
     wrong = len(right) - int(right.sum())
-    if len(right) - wrong < LEAST_POINTS or wrong > _MOST_POINTS_LOST * len(right):
-        return _Verdict(
+    if len(right) - wrong < LEAST_POINTS or wrong > _MAX_SHARE_OF_WRONG_POINTS * len(right):
+        return _ViewCheck(
             nothing,
             f"{wrong} of its {len(right)} points are off by more than {point_limit_px:.2g} px",
         )
-    return _Verdict(right, f"up to {miss_px.max():.2g} px off, expected {point_limit_px:.2g}")
+    return _ViewCheck(
+        right, f"residuals up to {residual_px.max():.2g} px, expected {point_limit_px:.2g} or less"
+    )
 
 
 def _better_pose(
     view: BoardView, model: str, intrinsics: Float, refined: Float | None
 ) -> Float | None:
-    """The refined pose, or one found anew where that fits better: a flat board seen nearly from
-    the front has two, and refining never leads from one to the other.
+    """Return the refined pose, or a newly estimated one if it fits better.
+
+    A flat board seen nearly from the front has two plausible poses, and refinement does not move
+    from one to the other.
     """
-    anew = pose_of(view, intrinsics, model)
+    anew = estimate_pose(view, intrinsics, model)
     if refined is None or anew is None:
         return anew if refined is None else refined
-    anew_px = float(np.median(misses_px(view, model, intrinsics, anew)))
-    return anew if anew_px < np.median(misses_px(view, model, intrinsics, refined)) else refined
+    anew_px = float(np.median(residual_lengths_px(view, model, intrinsics, anew)))
+    return (
+        anew
+        if anew_px < np.median(residual_lengths_px(view, model, intrinsics, refined))
+        else refined
+    )
 
 
 def _part(view: BoardView, right: NDArray[np.bool_]) -> BoardView:
     return BoardView(view.name, view.image_px[right], view.object_m[right])
 
 
-def _dropped(views: Sequence[BoardView], verdicts: Sequence[_Verdict]) -> list[Dropped]:
+def _dropped(views: Sequence[BoardView], checks: Sequence[_ViewCheck]) -> list[Dropped]:
     return [
         Dropped(
             view.name,
-            tuple(int(i) for i in np.flatnonzero(~verdict.right)) if verdict.kept else (),
-            verdict.reason,
+            tuple(int(i) for i in np.flatnonzero(~check.right)) if check.kept else (),
+            check.reason,
         )
-        for view, verdict in zip(views, verdicts, strict=True)
-        if not verdict.right.all()
+        for view, check in zip(views, checks, strict=True)
+        if not check.right.all()
     ]

@@ -1,4 +1,8 @@
-"""Depth maps: metres along z in memory, float32, 0 = no reading; many forms on disk."""
+"""Depth maps: conversion, encoding, files, noise models and plausibility checks.
+
+In memory a depth map is (H, W) float32, metres along the camera's z axis, with 0 for pixels without
+a reading.
+"""
 
 from calib.depth.checks import DepthFailure, DepthReport, check_depth, mask_by_confidence
 from calib.depth.conversion import (

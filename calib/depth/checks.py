@@ -1,4 +1,4 @@
-"""Whether an array can be a depth map in metres, before anything is measured in it."""
+"""Check that an array is a plausible depth map in metres."""
 
 from __future__ import annotations
 
@@ -10,15 +10,22 @@ from numpy.typing import NDArray
 
 from calib.errors import DepthError
 
-_FARTHEST_MEDIAN_M = 60.0
-_NEAREST_MEDIAN_M = 0.05
-_LARGEST_SHARE_AT_MAXIMUM = 0.5
-_ENOUGH = 50_000
+_MAX_MEDIAN_M = 60.0
+_MIN_MEDIAN_M = 0.05
+_MAX_SHARE_AT_MAXIMUM = 0.5
+_SAMPLED_PIXELS = 50_000
 
 
 @dataclass(frozen=True)
 class DepthReport:
-    """A usable depth map: the share of pixels with a reading, and the readings' metres."""
+    """Statistics of a plausible depth map.
+
+    Attributes:
+        valid_share: Share of the pixels that have a reading, 0 to 1.
+        nearest_m: Smallest reading.
+        median_m: Median of the readings.
+        farthest_m: Largest reading.
+    """
 
     valid_share: float
     nearest_m: float
@@ -28,7 +35,7 @@ class DepthReport:
 
 @dataclass(frozen=True)
 class DepthFailure:
-    """No usable depth map, and why. Falsy."""
+    """The reason why an array is not a plausible depth map. Falsy."""
 
     reason: str
 
@@ -37,11 +44,17 @@ class DepthFailure:
 
 
 def check_depth(depth_m: NDArray[Any], min_share: float = 0.05) -> DepthReport | DepthFailure:
-    """What an (H, W) float array holds, or why it is no depth map in metres.
+    """Check that an array is a plausible depth map in metres.
 
-    A reading is finite and above 0. Fewer than ``min_share`` of the pixels, one and the same value,
-    a sensor at its limit and the median of another unit are failures. Of a large map every n-th
-    reading is looked at.
+    A reading is a finite value above 0. Large maps are subsampled.
+
+    Args:
+        depth_m: (H, W) floating-point array.
+        min_share: Smallest accepted share of pixels with a reading.
+
+    Returns:
+        A DepthReport, or a falsy DepthFailure if there are too few readings, if all are equal, if
+        more than half are saturated at the largest value, or if the median suggests another unit.
     """
     if depth_m.ndim != 2 or depth_m.size == 0:
         return DepthFailure(f"the depth map has shape {depth_m.shape}: expected (H, W)")
@@ -49,9 +62,9 @@ def check_depth(depth_m: NDArray[Any], min_share: float = 0.05) -> DepthReport |
         return DepthFailure(
             f"the depth map is {depth_m.dtype}: expected metres as float32, which read_depth gives"
         )
-    seen = depth_m.ravel()[:: max(1, depth_m.size // _ENOUGH)]
-    readings = seen[np.isfinite(seen) & (seen > 0)]
-    share = readings.size / seen.size
+    sampled = depth_m.ravel()[:: max(1, depth_m.size // _SAMPLED_PIXELS)]
+    readings = sampled[np.isfinite(sampled) & (sampled > 0)]
+    share = readings.size / sampled.size
     if share < min_share or readings.size == 0:
         return DepthFailure(f"{share:.1%} of the pixels have depth: expected {min_share:.1%}")
     nearest, median, farthest = (float(value) for value in np.quantile(readings, [0, 0.5, 1]))
@@ -60,17 +73,17 @@ def check_depth(depth_m: NDArray[Any], min_share: float = 0.05) -> DepthReport |
 
 
 def _implausible(nearest: float, median: float, farthest: float, at_maximum: float) -> str:
-    """What no scene looks like; empty where nothing speaks against the readings."""
+    """Return why the readings are implausible, or an empty string."""
     if nearest == farthest:
         return f"every reading is {farthest:g} m: expected different depths"
-    if at_maximum > _LARGEST_SHARE_AT_MAXIMUM:
+    if at_maximum > _MAX_SHARE_AT_MAXIMUM:
         return f"{at_maximum:.0%} of the readings are the largest, {farthest:g} m: saturated"
-    if median > _FARTHEST_MEDIAN_M:
+    if median > _MAX_MEDIAN_M:
         return (
             f"the median depth is {median:g} m: expected metres; the values look like"
             " millimetres, to be read with a scale of 0.001"
         )
-    if median < _NEAREST_MEDIAN_M:
+    if median < _MIN_MEDIAN_M:
         return (
             f"the median depth is {median:g} m: expected metres; the values look like metres"
             " that were read as millimetres"
@@ -81,9 +94,18 @@ def _implausible(nearest: float, median: float, farthest: float, at_maximum: flo
 def mask_by_confidence(
     depth_m: NDArray[np.floating[Any]], confidence: NDArray[Any], least: float
 ) -> NDArray[np.float32]:
-    """(H, W) metres without the readings whose (H, W) confidence is below ``least``.
+    """Set readings with low confidence to 0.
 
-    For sensors whose confidence rises with trust. Raises DepthError where the sizes differ.
+    Args:
+        depth_m: (H, W) metres.
+        confidence: (H, W) confidence map in which larger values are more reliable.
+        least: Smallest confidence that keeps a reading.
+
+    Returns:
+        (H, W) float32 metres.
+
+    Raises:
+        DepthError: If the two shapes differ.
     """
     if confidence.shape != depth_m.shape:
         raise DepthError(

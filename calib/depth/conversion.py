@@ -1,4 +1,4 @@
-"""Between depth along z, disparity of a rectified stereo pair, and range along the ray."""
+"""Convert between depth along z, stereo disparity, and range along the ray."""
 
 from __future__ import annotations
 
@@ -16,50 +16,68 @@ from calib.points import check_size, image_rays
 def disparity_to_depth(
     disparity_px: ArrayLike, fx_px: float, baseline_m: float
 ) -> NDArray[np.float32]:
-    """(H, W) px between the views of a rectified pair to (H, W) metres along z.
+    """Convert stereo disparity to depth: z = fx b / d.
 
-    z = fx b / d. What is not above 0 is no reading. Raises DepthError for a pair without width.
+    Args:
+        disparity_px: (H, W) disparity of a rectified stereo pair in px; values that are not above 0
+            are missing.
+        fx_px: Focal length of the rectified pair in px.
+        baseline_m: Distance between the two cameras in metres.
+
+    Returns:
+        (H, W) float32 metres along z, 0 where the disparity is missing.
+
+    Raises:
+        DepthError: If ``fx_px`` or ``baseline_m`` is not above 0.
     """
-    return _divide(_pair(fx_px, baseline_m), disparity_px)
+    return _divide_valid(_focal_baseline(fx_px, baseline_m), disparity_px)
 
 
 def depth_to_disparity(depth_m: ArrayLike, fx_px: float, baseline_m: float) -> NDArray[np.float32]:
-    """The inverse of ``disparity_to_depth``."""
-    return _divide(_pair(fx_px, baseline_m), depth_m)
+    """Convert (H, W) metres along z to (H, W) px; inverse of ``disparity_to_depth``."""
+    return _divide_valid(_focal_baseline(fx_px, baseline_m), depth_m)
 
 
 def range_to_depth(range_m: ArrayLike, camera: PinholeCamera) -> NDArray[np.float32]:
-    """(H, W) metres along each pixel's ray to (H, W) metres along z; 0 stays no reading.
+    """Convert distance along each pixel's ray to depth along z.
 
-    Raises CameraError where the map's size is not the camera's.
+    Args:
+        range_m: (H, W) metres along the ray, 0 for no reading.
+        camera: Camera of the map.
+
+    Returns:
+        (H, W) float32 metres along z, 0 for no reading.
+
+    Raises:
+        CameraError: If the map does not have the camera's size.
     """
     ranges = np.asarray(range_m, np.float64)
     return np.asarray(ranges / _ray_lengths(camera, ranges), np.float32)
 
 
 def depth_to_range(depth_m: ArrayLike, camera: PinholeCamera) -> NDArray[np.float32]:
-    """The inverse of ``range_to_depth``."""
+    """Convert (H, W) metres along z to metres along the ray; inverse of ``range_to_depth``."""
     depths = np.asarray(depth_m, np.float64)
     return np.asarray(depths * _ray_lengths(camera, depths), np.float32)
 
 
 def _ray_lengths(camera: PinholeCamera, values: NDArray[Any]) -> NDArray[Any]:
-    """(H, W) lengths of the rays with z = 1."""
+    """Return the (H, W) lengths of the rays with z = 1."""
     check_size(camera, values)
     x, y = image_rays(camera)
     return np.asarray(np.sqrt(1 + x * x + y * y))
 
 
-def _pair(fx_px: float, baseline_m: float) -> float:
-    """fx b of a stereo pair."""
+def _focal_baseline(fx_px: float, baseline_m: float) -> float:
+    """Return fx b of a stereo pair after checking both values."""
     for name, value in (("fx_px", fx_px), ("baseline_m", baseline_m)):
         if not (math.isfinite(value) and value > 0):
             raise DepthError(f"{name} is {value}: expected a positive number")
     return fx_px * baseline_m
 
 
-def _divide(product: float, values: ArrayLike) -> NDArray[np.float32]:
-    """``product`` over what is finite and above 0; 0 elsewhere."""
+def _divide_valid(product: float, values: ArrayLike) -> NDArray[np.float32]:
+    """Divide ``product`` by the finite values above 0; return 0 elsewhere."""
     divisors = np.asarray(values, np.float64)
     usable = np.isfinite(divisors) & (divisors > 0)
     quotients = np.divide(product, divisors, out=np.zeros(divisors.shape), where=usable)

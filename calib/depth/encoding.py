@@ -1,4 +1,4 @@
-"""Depth in 8 bits, as networks are fed with it."""
+"""Depth maps as 8-bit images, the input format of the networks."""
 
 from __future__ import annotations
 
@@ -13,15 +13,22 @@ from numpy.typing import NDArray
 
 from calib.errors import DepthError
 
-_SMALLEST_M, _LARGEST_M = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
+_MIN_READING_M, _MAX_READING_M = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
 
 
 @dataclass(frozen=True)
 class DepthEncoding:
-    """The rule between metres and 8 bits: linear from near to far, clamped beyond.
+    """Linear mapping from metres to 8-bit values, clamped outside the range.
 
-    ``near_value`` and ``far_value`` are the greys at ``near_m`` and ``far_m``;
-    ``invalid_value`` stands for no reading.
+    Attributes:
+        near_m: Depth encoded as ``near_value``, in metres.
+        far_m: Depth encoded as ``far_value``, in metres.
+        near_value: Grey value of ``near_m`` and nearer, 0 to 255.
+        far_value: Grey value of ``far_m`` and farther, 0 to 255.
+        invalid_value: Grey value of pixels without a reading, 0 to 255.
+
+    Raises:
+        DepthError: If a value is out of range, or if near and far coincide.
     """
 
     near_m: float = 0.0
@@ -41,15 +48,21 @@ class DepthEncoding:
             if not 0 <= getattr(self, name) <= 255:
                 raise DepthError(f"{name} is {getattr(self, name)}: expected 0 to 255")
         if self.near_value == self.far_value:
-            raise DepthError(f"near_value and far_value are both {self.far_value}: expected two")
+            raise DepthError(
+                f"near_value and far_value are both {self.far_value}: expected different values"
+            )
 
     def to_dict(self) -> dict[str, float]:
-        """JSON-ready values."""
+        """Return JSON-ready values."""
         return asdict(self)
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> DepthEncoding:
-        """From ``to_dict``'s values; raises DepthError for other fields or types."""
+        """Create an encoding from the values of ``to_dict``.
+
+        Raises:
+            DepthError: If a field is missing, unknown or not a number.
+        """
         names = {field.name for field in fields(cls)}
         if set(values) != names:
             raise DepthError(
@@ -68,20 +81,37 @@ class DepthEncoding:
 
 
 def encode_depth(depth_m: NDArray[np.floating[Any]], encoding: DepthEncoding) -> NDArray[np.uint8]:
-    """(H, W) metres to (H, W) uint8; 0 and anything not finite is no reading."""
+    """Encode a depth map in 8 bits.
+
+    Args:
+        depth_m: (H, W) metres; values that are not positive and finite are missing.
+        encoding: The encoding.
+
+    Returns:
+        (H, W) uint8, ``invalid_value`` for missing readings.
+    """
     metres = np.ascontiguousarray(depth_m, np.float32)
     low, high = sorted((encoding.near_value, encoding.far_value))
     per_m = (encoding.far_value - encoding.near_value) / (encoding.far_m - encoding.near_m)
     offset = encoding.near_value - encoding.near_m * per_m
     grey = cv2.addWeighted(metres, per_m, metres, 0.0, offset, dtype=cv2.CV_8U)
     grey = np.clip(grey, low, high, out=grey)
-    reading = cv2.inRange(metres, _SMALLEST_M, _LARGEST_M)  # false of NaN and infinities
+    reading = cv2.inRange(metres, _MIN_READING_M, _MAX_READING_M)  # 0 for NaN and infinity
     unknown = np.full(metres.shape, encoding.invalid_value, np.uint8)
     return cast("NDArray[np.uint8]", cv2.copyTo(grey, reading, unknown))
 
 
 def decode_depth(grey: NDArray[np.uint8], encoding: DepthEncoding) -> NDArray[np.float32]:
-    """(H, W) uint8 to (H, W) metres; the greys of far and of no reading become 0."""
+    """Decode an 8-bit depth map.
+
+    Args:
+        grey: (H, W) uint8.
+        encoding: The encoding.
+
+    Returns:
+        (H, W) float32 metres. Pixels with ``invalid_value``, at or beyond ``far_value``, or on the
+        other side of ``near_value`` become 0, because their depth is unknown.
+    """
     share = (grey.astype(np.float32) - encoding.near_value) / (
         encoding.far_value - encoding.near_value
     )

@@ -1,4 +1,4 @@
-"""Depth maps on disk: 16-bit images in steps of a scale, and floats in metres."""
+"""Read and write depth maps: 16-bit images with a scale, or floats in metres."""
 
 from __future__ import annotations
 
@@ -15,16 +15,24 @@ from calib.writing import write_whole
 
 _MM_PER_M = 1000.0
 _MAX_MM = 65535
-_LARGEST_M = float(np.finfo(np.float32).max)
+_MAX_READING_M = float(np.finfo(np.float32).max)
 
 
 def read_depth(path: Path | str, scale: float = 1 / _MM_PER_M) -> NDArray[np.float32]:
-    """(H, W) metres from one channel of a file, 0 where it has no reading.
+    """Read a depth map.
 
-    uint16 (PNG, TIFF, .npy) holds steps of ``scale`` metres, millimetres unless said otherwise;
-    float32 and float64 (TIFF, .npy) hold metres, of which those above 0 that float32 can hold are
-    readings.
-    Raises InputFileError for a missing or unreadable file, DepthError for another kind of image.
+    Args:
+        path: Single-channel PNG, TIFF or .npy file. uint16 values are multiplied by ``scale``;
+            float32 and float64 values are metres.
+        scale: Metres per step of a uint16 file; the default is millimetres.
+
+    Returns:
+        (H, W) float32 metres along z. Values that are not positive, not finite or too large for
+        float32 become 0, no reading.
+
+    Raises:
+        InputFileError: If the file is missing or unreadable.
+        DepthError: If ``scale`` is not positive, or the file has another dtype or several channels.
     """
     path = Path(path)
     if not (math.isfinite(scale) and scale > 0):
@@ -41,11 +49,15 @@ def read_depth(path: Path | str, scale: float = 1 / _MM_PER_M) -> NDArray[np.flo
     values = values.reshape(values.shape[:2])
     if values.dtype == np.uint16:
         return _in_metres(values, scale)
-    return np.where((values > 0) & (values <= _LARGEST_M), values, 0).astype(np.float32)
+    return np.where((values > 0) & (values <= _MAX_READING_M), values, 0).astype(np.float32)
 
 
 def _in_metres(steps: NDArray[Any], scale: float) -> NDArray[np.float32]:
-    """Divided where the steps of a metre are whole, so that 1234 mm become what 1.234 is."""
+    """Convert uint16 steps to metres.
+
+    If 1 / scale is a whole number, divide by it: the result is then the float32 nearest to the
+    exact value.
+    """
     per_m = 1 / scale
     if abs(per_m - round(per_m)) < 1e-6 * per_m:
         return steps.astype(np.float32) / np.float32(round(per_m))
@@ -56,7 +68,9 @@ def _read_array(path: Path) -> NDArray[Any]:
     try:
         values = np.load(path, allow_pickle=False)
     except (OSError, ValueError, EOFError) as error:
-        raise InputFileError(f"{path}: not a readable .npy array of depth") from error
+        raise InputFileError(
+            f"{path}: not a readable .npy file, expected one (H, W) array of depth"
+        ) from error
     if not isinstance(values, np.ndarray):
         raise InputFileError(f"{path}: several arrays, expected one (H, W) array of depth")
     return values.astype(values.dtype.newbyteorder("="), copy=False)
@@ -73,9 +87,13 @@ def _read_image(path: Path) -> NDArray[Any]:
 
 
 def write_depth(path: Path | str, depth_m: NDArray[np.floating[Any]]) -> None:
-    """Write (H, W) metres as a 16-bit PNG in millimetres; beyond 65.535 m is no reading.
+    """Write (H, W) metres as a 16-bit PNG in millimetres.
 
-    Raises InputFileError where the file cannot be written; a file that was there stays whole.
+    Readings that are not finite, negative or beyond 65.535 m are written as 0, no reading. The file
+    is replaced atomically.
+
+    Raises:
+        InputFileError: If the file cannot be written.
     """
     millimetres = np.where(np.isfinite(depth_m), np.rint(depth_m * _MM_PER_M), 0)
     millimetres = np.where((millimetres < 0) | (millimetres > _MAX_MM), 0, millimetres)

@@ -1,4 +1,4 @@
-"""Cameras and transforms on disk: the project's own files, and the cameras of other tools."""
+"""Read and write camera and transform files, including the camera files of other tools."""
 
 from calib.files.cameras import load_camera, save_camera
 from calib.files.transforms import load_transform, save_transform

@@ -1,4 +1,4 @@
-"""Reading a camera from any of the known files, and writing the project's own."""
+"""Read a camera from any known file format; write the project's own."""
 
 from __future__ import annotations
 
@@ -27,14 +27,20 @@ _EXPECTED = "a camera file"
 
 
 class _Format(NamedTuple):
-    """How one tool's file is known, which cameras it holds, and how one becomes ours."""
+    """A camera file format.
+
+    Attributes:
+        title: Name for messages.
+        find: Returns the cameras in a file's values by name; empty for another format.
+        build: Creates a PinholeCamera from one camera's values.
+    """
 
     title: str
     find: Callable[[Values], dict[str, Values]]
     build: Callable[[Values], PinholeCamera]
 
 
-# The first that finds a camera reads the file: ROS's camera_info is OpenCV's with more in it.
+# In order of trial: ROS's camera_info also matches OpenCV's less specific format.
 _FORMATS = (
     _Format(own.SCHEMA, own.find, own.build),
     _Format("ROS camera_info", ros_camera_info.find, ros_camera_info.build),
@@ -48,11 +54,19 @@ _FORMATS = (
 
 
 def load_camera(path: Path | str, *, name: str | None = None) -> PinholeCamera:
-    """Read a camera file, recognised by its content.
+    """Read a camera file; the format is recognised by the content.
 
-    Known are the project's own JSON, ROS camera_info and parameter files, OpenCV's FileStorage
-    (YAML, XML), Kalibr camchains, CamOdoCal, RealSense (text, JSON) and ZED factory files. ``name``
-    chooses among several cameras. Raises InputFileError or CameraError with the file's name.
+    Supported: the project's own JSON, ROS camera_info and parameter files, OpenCV FileStorage
+    (YAML, XML), Kalibr camchains, CamOdoCal, RealSense (text, JSON) and ZED factory calibration.
+
+    Args:
+        path: The file.
+        name: Which camera of a file with several.
+
+    Raises:
+        InputFileError: If the file is missing, unreadable or of no known format, or if ``name``
+            does not select one camera.
+        CameraError: If a value is invalid; the message names the file.
     """
     path = Path(path)
     text = read_text(path, _EXPECTED)
@@ -66,22 +80,30 @@ def load_camera(path: Path | str, *, name: str | None = None) -> PinholeCamera:
                 of_camera = f" ({chosen})" if chosen else ""
                 raise CameraError(f"{path}{of_camera}: {error}") from error
     known = ", ".join(form.title for form in _FORMATS)
-    raise InputFileError(f"{path}: holds no known camera, expected one of {known}")
+    raise InputFileError(f"{path}: no known camera format, expected one of {known}")
 
 
 def _choose(path: Path, cameras: Mapping[str, Values], name: str | None) -> str:
-    """The name of the camera that is meant."""
+    """Return the name of the selected camera."""
     names = ", ".join(repr(known) for known in cameras)
     if name is None and len(cameras) > 1:
-        raise InputFileError(f"{path}: holds {len(cameras)} cameras, expected a name of {names}")
+        raise InputFileError(
+            f"{path}: holds {len(cameras)} cameras, expected one of the names {names}"
+        )
     if name is not None and set(cameras) == {""}:
-        raise InputFileError(f"{path}: has no camera {name!r}, expected the file without a name")
+        raise InputFileError(
+            f"{path}: has no camera {name!r}, expected no name for its only camera"
+        )
     if name is not None and name not in cameras:
-        raise InputFileError(f"{path}: has no camera {name!r}, expected {names}")
+        raise InputFileError(f"{path}: has no camera {name!r}, expected one of {names}")
     return next(iter(cameras)) if name is None else name
 
 
 def save_camera(path: Path | str, camera: PinholeCamera) -> None:
-    """Write a camera; raises InputFileError where the file cannot be written."""
+    """Write a camera as JSON.
+
+    Raises:
+        InputFileError: If the file cannot be written.
+    """
     text = json.dumps({"schema": own.SCHEMA, **camera.to_dict()}, indent=1)
     write_whole(Path(path), f"{text}\n".encode())

@@ -1,4 +1,4 @@
-"""CamOdoCal's camera YAML, also of VINS: PINHOLE and KANNALA_BRANDT."""
+"""Camera YAML of CamOdoCal and VINS: models PINHOLE and KANNALA_BRANDT."""
 
 from __future__ import annotations
 
@@ -10,13 +10,16 @@ from calib.files.fields import Values, camera, number, size
 
 
 def find(values: Values) -> dict[str, Values]:
-    """A model type with projection parameters."""
+    """Return the camera if the values have a model type and projection parameters."""
     known = "model_type" in values and "projection_parameters" in values
     return {str(values.get("camera_name", "")): values} if known else {}
 
 
 def build(values: Values) -> PinholeCamera:
-    """k2 to k5 of KANNALA_BRANDT multiply the angle's powers 3, 5, 7, 9: OpenCV's k1 to k4."""
+    """Create the camera.
+
+    KANNALA_BRANDT's k2 to k5 multiply the powers 3, 5, 7, 9 of the angle: OpenCV's k1 to k4.
+    """
     kind = values["model_type"]
     projection = _group(values, "projection_parameters")
     if kind == "PINHOLE":

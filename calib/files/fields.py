@@ -1,4 +1,7 @@
-"""Typed values out of the nested ones of a camera file; CameraError names what is wrong."""
+"""Extract typed values from the nested values of a camera file.
+
+Invalid values raise CameraError with a message that names the field.
+"""
 
 from __future__ import annotations
 
@@ -11,21 +14,21 @@ from calib.errors import CameraError
 
 Values = Mapping[str, Any]
 
-_FULL_RATIONAL = 8  # of the terms OpenCV writes, the further ones bend for tilted sensors
+_FULL_RATIONAL = 8  # OpenCV's further terms are thin prisms and tilted sensors
 
 
 def one_of(values: Values, *names: str) -> str:
-    """Which of several names for the same thing is used."""
+    """Return which of several alternative names is present."""
     found = [name for name in names if name in values]
     if len(found) > 1:
         raise CameraError(f"{' and '.join(found)} are both given: expected one of them")
     if not found:
-        raise CameraError(f"{' or '.join(names)} is missing")
+        raise CameraError(f"{' or '.join(names)} is missing: expected one of them")
     return found[0]
 
 
 def number(values: Values, name: str) -> float:
-    """A number; text that spells one counts, as INI, XML and YAML's 1e-5 come as text."""
+    """Return a number; a string that spells one is accepted (INI, XML and YAML's 1e-5)."""
     if name not in values:
         raise CameraError(f"{name} is missing: expected a number")
     return _number(name, values[name])
@@ -41,7 +44,10 @@ def _number(name: str, value: Any) -> float:
 
 
 def numbers(values: Values, name: str) -> tuple[float, ...]:
-    """A list of numbers: flat, by rows, as text, or the data of a matrix with rows and cols."""
+    """Return a list of numbers.
+
+    Accepted: a flat list, a list of rows, a string, or the data of a matrix with rows and cols.
+    """
     found = values.get(name)
     if isinstance(found, Mapping):
         data = numbers({name: found.get("data")}, name)
@@ -59,7 +65,7 @@ def numbers(values: Values, name: str) -> tuple[float, ...]:
 
 
 def flag(values: Values, name: str) -> bool:
-    """Whether a switch is on; off where it is missing."""
+    """Return whether a 0/1 or true/false field is on; off if missing."""
     value = values.get(name, False)
     if str(value).lower() not in ("0", "1", "true", "false"):
         raise CameraError(f"{name} is {value!r}: expected 0 or 1")
@@ -67,7 +73,10 @@ def flag(values: Values, name: str) -> bool:
 
 
 def size(values: Values) -> tuple[int, int]:
-    """Width and height from image_width and image_height, width and height, or resolution."""
+    """Return width and height in px.
+
+    Read from image_width and image_height, width and height, or resolution.
+    """
     sizes = set()
     for width, height in (("image_width", "image_height"), ("width", "height")):
         if width in values or height in values:
@@ -90,7 +99,7 @@ def size(values: Values) -> tuple[int, int]:
 
 
 def matrix(values: Values, name: str) -> tuple[float, float, float, float]:
-    """fx, fy, cx, cy of a 3x3 camera matrix in rows."""
+    """Return fx, fy, cx, cy of a row-major 3x3 camera matrix."""
     found = numbers(values, name)
     if len(found) != 9:
         raise CameraError(f"{name} has {len(found)} numbers: expected 3x3")
@@ -108,7 +117,7 @@ def camera(
     terms: Sequence[float],
     model: str = RADTAN,
 ) -> PinholeCamera:
-    """A camera; terms of OpenCV's larger models, and a list of nothing but zeros, fall away."""
+    """Create a camera; zero distortion and zero terms of OpenCV's larger models are dropped."""
     fx, fy, cx, cy = focal_and_centre_px
     if model == RADTAN and not any(terms):
         terms = ()
@@ -118,7 +127,7 @@ def camera(
 
 
 def lens_model(name: str, value: Any, models: Mapping[str, str]) -> str:
-    """The distortion model that a tool's word for it stands for."""
+    """Return the distortion model for a tool's name of it."""
     if not isinstance(value, str) or value not in models:
         raise CameraError(f"{name} is {value!r}: expected {', '.join(models)}")
     return models[value]

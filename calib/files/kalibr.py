@@ -1,4 +1,4 @@
-"""Kalibr's camchain YAML: cam0, cam1, ... with intrinsics, model and resolution."""
+"""Kalibr camchain YAML: cam0, cam1, ... with intrinsics, model and resolution."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _TERMS = 4
 
 
 def find(values: Values) -> dict[str, Values]:
-    """Every map at the top that holds intrinsics."""
+    """Return every top-level map that has intrinsics."""
     return {
         str(name): camera_values
         for name, camera_values in values.items()
@@ -22,7 +22,7 @@ def find(values: Values) -> dict[str, Values]:
 
 
 def build(values: Values) -> PinholeCamera:
-    """Pinhole intrinsics are fu, fv, pu, pv; both models have four terms, OpenCV's."""
+    """Create the camera; intrinsics are fu, fv, pu, pv, distortions OpenCV's first four terms."""
     kind = values.get("camera_model")
     if kind != "pinhole":
         raise CameraError(f"camera_model is {kind!r}: expected pinhole")
@@ -32,6 +32,7 @@ def build(values: Values) -> PinholeCamera:
     name = values.get("distortion_model")
     model = lens_model("distortion_model", name, _MODELS)
     terms = numbers(values, one_of(values, "distortion_coeffs", "distortion_coefficients"))
-    if len(terms) != (0 if name == "none" else _TERMS):
-        raise CameraError(f"distortion_coeffs has {len(terms)} terms: not those of {name}")
+    expected = 0 if name == "none" else _TERMS
+    if len(terms) != expected:
+        raise CameraError(f"distortion_coeffs has {len(terms)} terms: expected {expected}")
     return camera(size(values), intrinsics, terms, model)

@@ -1,4 +1,4 @@
-"""OpenCV's FileStorage as its calibration programs write it, YAML or XML."""
+"""OpenCV FileStorage of its calibration programs, YAML or XML."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ _TERMS = (
 
 
 def find(values: Values) -> dict[str, Values]:
-    """A camera matrix at the top, under one of the names in use."""
+    """Return the camera if there is a camera matrix under one of its usual names."""
     known = any(name in values for name in _MATRIX)
     return {str(values.get("camera_name", "")): values} if known else {}
 
 
 def build(values: Values) -> PinholeCamera:
-    """The order of the terms is OpenCV's own; ``fisheye_model`` 1 means its fisheye module."""
+    """Create the camera; ``fisheye_model`` 1 means the fisheye model."""
     model = FISHEYE if flag(values, "fisheye_model") else RADTAN
     return camera(
         size(values),

@@ -10,12 +10,12 @@ SCHEMA = "calib.camera/1"
 
 
 def find(values: Values) -> dict[str, Values]:
-    """Any file that names a schema."""
+    """Return the values if they name a schema."""
     return {"": values} if "schema" in values else {}
 
 
 def build(values: Values) -> PinholeCamera:
-    """From what ``PinholeCamera.to_dict`` gives."""
+    """Create the camera from the values of ``PinholeCamera.to_dict``."""
     if values["schema"] != SCHEMA:
         raise CameraError(f"schema is {values['schema']!r}, expected {SCHEMA!r}")
     return PinholeCamera.from_dict(values)

@@ -1,4 +1,4 @@
-"""RealSense intrinsics: text of ``rs-enumerate-devices -c`` or pyrealsense2, or fields as JSON."""
+"""RealSense intrinsics: text of ``rs-enumerate-devices -c`` or pyrealsense2, or JSON."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ _PRINTED = re.compile(
     r"\[ *(?P<width>\d+)x(?P<height>\d+) +p\[(?P<ppx>\S+) (?P<ppy>\S+)\]"
     r" +f\[(?P<fx>\S+) (?P<fy>\S+)\] +(?P<model>[\w -]+?) +\[(?P<coeffs>[^\]]*)\] *\]"
 )
-_EXACT = {"none": RADTAN, "brown conrady": RADTAN, "kannala brandt4": FISHEYE}
-_OTHER = {"inverse brown conrady": RADTAN, "modified brown conrady": RADTAN}
+_SUPPORTED = {"none": RADTAN, "brown conrady": RADTAN, "kannala brandt4": FISHEYE}
+_UNSUPPORTED = {"inverse brown conrady": RADTAN, "modified brown conrady": RADTAN}
 
 
 def parse_text(text: str) -> dict[str, Values]:
-    """The streams in the text, named like "Depth 1280x720"; empty where it is another text.
+    """Return the streams in a text by name, such as "Depth 1280x720"; empty for another text.
 
-    What pyrealsense2 prints does not tell the stream: size and model are its name.
+    pyrealsense2 does not print the stream's name: there the name is size and model.
     """
     streams: dict[str, Values] = {
         "{width}x{height} {model}".format(**printed.groupdict()): printed.groupdict()
@@ -42,7 +42,7 @@ def parse_text(text: str) -> dict[str, Values]:
 
 
 def find(values: Values) -> dict[str, Values]:
-    """One stream's fields, or several under their names."""
+    """Return one unnamed stream, or several by name."""
     if "ppx" in values:
         return {"": values}
     return {
@@ -53,21 +53,22 @@ def find(values: Values) -> dict[str, Values]:
 
 
 def build(values: Values) -> PinholeCamera:
-    """coeffs are k1, k2, p1, p2, k3 of OpenCV for Brown Conrady; k1 to k4 and 0 for Kannala Brandt.
+    """Create the camera.
 
-    The inverse and the modified model are other formulas: without terms they are no lens at all,
-    with terms there is no camera for them here.
+    Brown Conrady's coeffs are OpenCV's k1, k2, p1, p2, k3; Kannala Brandt's are k1 to k4 and 0. The
+    inverse and modified Brown Conrady models have other formulas and are accepted only if all terms
+    are 0.
     """
-    word = str(values.get("model", values.get("distortion")))
-    name = re.sub(r"^(distortion\.|rs2_distortion_)", "", word.lower()).replace("_", " ")
+    given = str(values.get("model", values.get("distortion")))
+    name = re.sub(r"^(distortion\.|rs2_distortion_)", "", given.lower()).replace("_", " ")
     terms = numbers(values, "coeffs")
     if len(terms) != 5:
         raise CameraError(f"coeffs has {len(terms)} numbers: expected 5")
-    if name in _OTHER and any(terms):
+    if name in _UNSUPPORTED and any(terms):
         raise CameraError(
-            f"the model is {word} with terms {list(terms)}: expected Brown Conrady, as the"
-            " terms of another model mean something else; calibrate it with a board"
+            f"the model is {given} with terms {list(terms)}: expected Brown Conrady, because the"
+            " terms of this model have another meaning; calibrate the camera with a board"
         )
-    model = lens_model("model", name, {**_EXACT, **_OTHER})
+    model = lens_model("model", name, {**_SUPPORTED, **_UNSUPPORTED})
     focal = [number(values, field) for field in ("fx", "fy", "ppx", "ppy")]
     return camera(size(values), focal, terms[:4] if model == FISHEYE else terms, model)

@@ -1,4 +1,4 @@
-"""camera_info YAML of ROS, as camera_calibration writes and camera_calibration_parsers reads it."""
+"""ROS camera_info YAML, as written by camera_calibration and camera_calibration_parsers."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ _MODELS = {"plumb_bob": RADTAN, "rational_polynomial": RADTAN, "equidistant": FI
 
 
 def find(values: Values) -> dict[str, Values]:
-    """A camera matrix with ROS's model name or projection beside it."""
+    """Return the camera if a camera matrix comes with ROS's model name or projection matrix."""
     ros = "distortion_model" in values or "projection_matrix" in values
     return {str(values.get("camera_name", "")): values} if ros and "camera_matrix" in values else {}
 
 
 def build(values: Values) -> PinholeCamera:
-    """The raw image's camera; a missing model name means plumb_bob, as for ROS itself."""
+    """Create the camera of the raw image; as in ROS, the default model is plumb_bob."""
     name = values.get("distortion_model", "plumb_bob")
     return camera(
         size(values),

@@ -1,4 +1,4 @@
-"""Cameras in a ROS parameter file: image size beside a map named after the model, with K and D."""
+"""Cameras in ROS parameter files: an image size and a map named after the model, with K and D."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _MODELS = {"fisheye": FISHEYE, "equidistant": FISHEYE, "radtan": RADTAN, "plumb_
 
 
 def find(values: Values) -> dict[str, Values]:
-    """Every map, however deep, with an image size and a lens."""
+    """Return every map, at any depth, that has an image size and a lens."""
     found: dict[str, Values] = {}
     for name, inner in values.items():
         if isinstance(inner, Mapping):
@@ -22,7 +22,7 @@ def find(values: Values) -> dict[str, Values]:
 
 
 def _lenses(values: Values) -> list[str]:
-    """The names of the maps with K and D."""
+    """Return the names of the maps with K and D."""
     return [
         name
         for name, lens in values.items()
@@ -31,7 +31,7 @@ def _lenses(values: Values) -> list[str]:
 
 
 def build(values: Values) -> PinholeCamera:
-    """For the image size in the file: images of another size need ``scaled``."""
+    """Create the camera for the image size in the file; use ``scaled`` for other sizes."""
     lenses = _lenses(values)
     if len(lenses) > 1:
         raise CameraError(f"{' and '.join(lenses)} both hold K and D: expected one lens")

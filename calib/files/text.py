@@ -1,4 +1,4 @@
-"""From a file's text to nested values, by what the text looks like."""
+"""Parse a text file as JSON, XML, INI or YAML, recognised by its content."""
 
 from __future__ import annotations
 
@@ -17,7 +17,15 @@ _OLD_OPENCV_HEADER = re.compile(r"\s*%YAML:1\.0[^\n]*\n")
 
 
 def read_text(path: Path, expected: str) -> str:
-    """A file's text; raises InputFileError with what was expected there."""
+    """Read a UTF-8 text file.
+
+    Args:
+        path: The file.
+        expected: What the file should be, for messages.
+
+    Raises:
+        InputFileError: If the file is missing, unreadable or not text.
+    """
     try:
         return path.read_text(encoding="utf-8-sig")
     except FileNotFoundError as error:
@@ -29,7 +37,16 @@ def read_text(path: Path, expected: str) -> str:
 
 
 def parse(path: Path, text: str, expected: str) -> Any:
-    """The values in JSON, XML, INI or YAML; raises InputFileError for a broken one."""
+    """Parse JSON, XML, INI or YAML.
+
+    Args:
+        path: The file, for messages.
+        text: Its content.
+        expected: What the file should be, for messages.
+
+    Raises:
+        InputFileError: If the text cannot be parsed.
+    """
     start = text.lstrip()[:1]
     kind: str = "YAML"
     parser: Callable[[str], Any] = _parse_yaml
@@ -46,8 +63,8 @@ def parse(path: Path, text: str, expected: str) -> Any:
         raise InputFileError(f"{path}: not {kind} ({reason}), expected {expected}") from error
 
 
-def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """A map of what comes once."""
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return the pairs as a dict; ValueError if a key is repeated."""
     values = dict(pairs)
     if len(values) < len(pairs):
         names = [name for name, _ in pairs]
@@ -56,40 +73,40 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _parse_json(text: str) -> Any:
-    return json.loads(text, object_pairs_hook=_once)
+    return json.loads(text, object_pairs_hook=_unique)
 
 
 def _parse_ini(text: str) -> dict[str, dict[str, str]]:
-    """Sections of an INI file, their fields in lower case."""
+    """Return the sections of an INI file; field names are lower case."""
     parser = configparser.ConfigParser(interpolation=None)
     parser.read_string(text)
     return {name: dict(parser[name]) for name in parser.sections()}
 
 
 def _parse_xml(text: str) -> Any:
-    """What OpenCV's FileStorage wrote: elements by name, the text of leaves as it is."""
+    """Parse XML of OpenCV's FileStorage; leaves stay strings."""
 
     def values(element: ElementTree.Element) -> Any:
         if not len(element):
             return (element.text or "").strip().strip('"')
-        if element[0].tag == "_":  # the name of what is in a list
+        if element[0].tag == "_":  # the tag of list items
             return [values(child) for child in element]
-        return _once([(child.tag, values(child)) for child in element])
+        return _unique([(child.tag, values(child)) for child in element])
 
     return values(ElementTree.fromstring(text))
 
 
 def _parse_yaml(text: str) -> Any:
-    """Plain YAML, and OpenCV's: its matrices become maps. A key that comes twice is an error."""
+    """Parse YAML, including OpenCV's matrices, which become maps. Repeated keys are an error."""
     import yaml
 
     class Loader(yaml.SafeLoader):
-        """Strict about keys."""
+        """Rejects repeated keys."""
 
         def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-            """As the base does, after a look at the keys."""
+            """Check the keys, then do as the base class."""
             keys = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
-            _once([(key, None) for key in keys])
+            _unique([(key, None) for key in keys])
             return super().construct_mapping(node, deep)
 
     Loader.add_constructor(

@@ -1,4 +1,4 @@
-"""Rigid transforms on disk: versioned JSON."""
+"""Read and write rigid transforms as versioned JSON."""
 
 from __future__ import annotations
 
@@ -15,16 +15,20 @@ from calib.writing import write_whole
 SCHEMA = "calib.transform/1"
 
 _EXPECTED = "a transform as JSON"
-_TURNS = ("rotation", "quaternion_xyzw", "roll_pitch_yaw_deg")
+_ROTATIONS = ("rotation", "quaternion_xyzw", "roll_pitch_yaw_deg")
 _ANGLES = ("roll_deg", "pitch_deg", "yaw_deg")
 
 
 def load_transform(path: Path | str) -> RigidTransform:
-    """Read a transform: ``translation_m`` and one kind of turn, or a ``mounting``.
+    """Read a transform.
 
-    The turn is ``rotation`` (3x3), ``quaternion_xyzw`` or ``roll_pitch_yaw_deg``; a mounting holds
-    ``position_m`` and the angles of ``RigidTransform.mounting``. Raises InputFileError for a file
-    that is none, CalibError with the file's name for values that are no transform.
+    The file holds either ``translation_m`` and one of ``rotation`` (3x3), ``quaternion_xyzw`` and
+    ``roll_pitch_yaw_deg``, or a ``mounting`` with ``position_m`` and the angles of
+    ``RigidTransform.mounting``.
+
+    Raises:
+        InputFileError: If the file is missing, unreadable or has another schema.
+        CalibError: If a value is invalid; the message names the file.
     """
     path = Path(path)
     values = parse(path, read_text(path, _EXPECTED), _EXPECTED)
@@ -39,22 +43,22 @@ def load_transform(path: Path | str) -> RigidTransform:
 
 def _build(values: Mapping[str, Any]) -> RigidTransform:
     given = sorted(set(values) - {"schema"})
-    turns = [name for name in _TURNS if name in values]
+    rotations = [name for name in _ROTATIONS if name in values]
     if given == ["mounting"]:
         return _mounting(values["mounting"])
-    if len(turns) != 1 or given != sorted([*turns, "translation_m"]):
+    if len(rotations) != 1 or given != sorted([*rotations, "translation_m"]):
         raise CalibError(
-            f"the fields are {given}: expected translation_m and one of {', '.join(_TURNS)},"
+            f"the fields are {given}: expected translation_m and one of {', '.join(_ROTATIONS)},"
             " or mounting alone"
         )
-    turn, translation_m = values[turns[0]], values["translation_m"]
-    if turns[0] == "rotation":
-        return RigidTransform(turn, translation_m)
-    if turns[0] == "quaternion_xyzw":
-        return RigidTransform.from_quaternion(turn, translation_m)
-    if not isinstance(turn, list) or len(turn) != 3:
-        raise CalibError(f"roll_pitch_yaw_deg is {turn!r}: expected three numbers")
-    roll, pitch, yaw = turn
+    rotation, translation_m = values[rotations[0]], values["translation_m"]
+    if rotations[0] == "rotation":
+        return RigidTransform(rotation, translation_m)
+    if rotations[0] == "quaternion_xyzw":
+        return RigidTransform.from_quaternion(rotation, translation_m)
+    if not isinstance(rotation, list) or len(rotation) != 3:
+        raise CalibError(f"roll_pitch_yaw_deg is {rotation!r}: expected three numbers")
+    roll, pitch, yaw = rotation
     return RigidTransform.from_euler_deg(roll, pitch, yaw, translation_m)
 
 
@@ -68,7 +72,11 @@ def _mounting(values: Any) -> RigidTransform:
 
 
 def save_transform(path: Path | str, transform: RigidTransform) -> None:
-    """Write a transform as its matrix; raises InputFileError where that cannot be done."""
+    """Write a transform as JSON, with its rotation as a matrix.
+
+    Raises:
+        InputFileError: If the file cannot be written.
+    """
     values = {
         "schema": SCHEMA,
         "rotation": transform.rotation.tolist(),

@@ -1,4 +1,4 @@
-"""Factory calibration of a ZED, SNxxxx.conf: a section for each eye and resolution."""
+"""ZED factory calibration, SNxxxx.conf: a section for each eye and resolution."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _SECTION = re.compile(r"(?P<eye>LEFT|RIGHT)_CAM_(?P<size>\w+)")
 
 
 def find(values: Values) -> dict[str, Values]:
-    """Every eye at every known resolution, newer files' distortion (LEFT_DISTO) put in."""
+    """Return every eye at every known resolution, with the distortion of newer files merged in."""
     found: dict[str, Values] = {}
     for name, section in values.items():
         match = _SECTION.fullmatch(str(name))
@@ -34,9 +34,10 @@ def find(values: Values) -> dict[str, Values]:
 
 
 def build(values: Values) -> PinholeCamera:
-    """The section's name gives the size of the image. A lens of k1 to k4 alone is a fisheye.
+    """Create the camera; the section's name gives the image size.
 
-    Fields that a file leaves out are 0, but for k1 and k2: those are in every one.
+    A lens with k1 to k4 alone is a fisheye. Missing fields are 0, except k1 and k2, which are
+    required.
     """
     prism = [name for name in ("s1", "s2", "s3", "s4") if number({name: 0, **values}, name)]
     if prism:

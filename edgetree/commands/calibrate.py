@@ -16,12 +16,12 @@ from edgetree.console import note, print_json, track
 if TYPE_CHECKING:
     from calib.boards import (
         Board,
+        BoardDetections,
         Calibration,
         CalibrationFailure,
         Dropped,
         Parameter,
         Picture,
-        Sightings,
     )
     from calib.depth_scale import DepthScale, DepthScaleFailure
     from edgetree.frames.sources import FrameSource
@@ -102,7 +102,7 @@ def calibrate(
 class _Work:
     """What came of it; no `depth` where none was asked for, or no camera found."""
 
-    sightings: Sightings
+    sightings: BoardDetections
     result: Calibration | CalibrationFailure
     depth: DepthScale | DepthScaleFailure | None
 
@@ -192,7 +192,7 @@ def _pictures(frames: FrameSource) -> Iterator[Picture]:
 
 
 def _depth_scale(
-    frames: FrameSource, seen: Sightings, result: Calibration
+    frames: FrameSource, seen: BoardDetections, result: Calibration
 ) -> DepthScale | DepthScaleFailure:
     from calib import fit_depth_scale, read_target
 

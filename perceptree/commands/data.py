@@ -1,4 +1,4 @@
-"""``perceptree data``: look at a dataset before training on it."""
+"""``perceptree data``: inspect datasets before training."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ import typer
 
 from perceptree.errors import DatasetError, SettingsError
 
-app = typer.Typer(help="Look at a dataset before training on it.", rich_markup_mode=None)
+app = typer.Typer(help="Inspect datasets before training.", rich_markup_mode=None)
 
 
 @app.callback(invoke_without_command=True)
 def data(context: typer.Context) -> None:
-    """Without a command: the help."""
+    """Print the help if no command is given."""
     if context.invoked_subcommand is None:
         typer.echo(context.get_help())
 
 
 Directory = Annotated[Path, typer.Argument(help="Folder of a dataset, or one COCO file.")]
-Fold = Annotated[int | None, typer.Option(help="Which fold, where there are several.")]
+Fold = Annotated[int | None, typer.Option(help="Which fold of a dataset with several.")]
 EntireTree = Annotated[
-    bool, typer.Option("--entire-tree", help="Labels of entire trees (SynthTree43k).")
+    bool, typer.Option("--entire-tree", help="Use the labels of entire trees (SynthTree43k).")
 ]
 
 
@@ -35,9 +35,9 @@ def check(
     entire_tree: EntireTree = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """Look for missing and broken files, wrong labels, and leakage between splits.
+    """Find missing and broken files, invalid labels, and leakage between splits.
 
-    Exit code 1 where anything was found.
+    Exit code 1 if anything is found.
     """
     from perceptree.data.check import Check
 
@@ -71,14 +71,14 @@ def check(
 def show(
     directory: Directory,
     out: Annotated[Path, typer.Option(help="Folder for the pages.")] = Path("pages"),
-    split: Annotated[str | None, typer.Option(help="train, val or test; all of them else.")] = None,
-    pages: Annotated[int, typer.Option(help="How many pages.")] = 1,
-    per_page: Annotated[int, typer.Option(help="Frames on a page.")] = 12,
-    seed: Annotated[int, typer.Option(help="Which frames are drawn.")] = 1,
+    split: Annotated[str | None, typer.Option(help="train, val or test; by default all.")] = None,
+    pages: Annotated[int, typer.Option(help="Number of pages.")] = 1,
+    per_page: Annotated[int, typer.Option(help="Frames per page.")] = 12,
+    seed: Annotated[int, typer.Option(help="Seed for the choice of frames.")] = 1,
     fold: Fold = None,
     entire_tree: EntireTree = False,
 ) -> None:
-    """Draw pages of labelled frames: boxes, outlines of masks, keypoints."""
+    """Draw pages of labelled frames: boxes, mask outlines, keypoints."""
     import cv2
 
     from calib.writing import write_whole
@@ -104,7 +104,9 @@ def show(
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise SettingsError(f"--out {out}: cannot be a folder ({error.strerror})") from None
+        raise SettingsError(
+            f"--out {out}: cannot be created ({error.strerror}), expected a writable folder"
+        ) from None
     chosen = choose_frames(datasets, pages * per_page, seed)
     for number, page in enumerate(labelled_pages(chosen, per_page), start=1):
         path = out / f"page_{number:03d}.jpg"
@@ -114,13 +116,13 @@ def show(
 
 @app.command()
 def compare(
-    real: Annotated[Path, typer.Argument(help="Folder of real pictures.")],
-    simulated: Annotated[Path, typer.Argument(help="Folder of perceptree synth, or of pictures.")],
-    out: Annotated[Path, typer.Option(help="Page to write.")] = Path("likeness.html"),
-    most: Annotated[int, typer.Option(help="Look at so many pictures of each folder.")] = 200,
+    real: Annotated[Path, typer.Argument(help="Folder of real images.")],
+    simulated: Annotated[Path, typer.Argument(help="Folder of perceptree synth, or of images.")],
+    out: Annotated[Path, typer.Option(help="HTML page to write.")] = Path("likeness.html"),
+    most: Annotated[int, typer.Option(help="Largest number of images per folder.")] = 200,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """Compare real pictures with simulated ones: colour, contrast, sharpness, edges, texture."""
+    """Compare real with simulated images: colour, contrast, sharpness, edges, texture."""
     from calib.writing import write_whole
     from perceptree.data.likeness import compare_pictures, find_pictures
     from perceptree.data.likeness_page import likeness_page
@@ -140,6 +142,6 @@ def compare(
     for difference in comparison.differences[:5]:
         typer.echo(
             f"{difference.measure.title}: separation {difference.separation:.2f},"
-            f" simulated {difference.shift:+.1f} deviations from real"
+            f" simulated {difference.shift:+.1f} standard deviations from real"
         )
     typer.echo(str(out))

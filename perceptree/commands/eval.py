@@ -1,4 +1,4 @@
-"""``perceptree eval``: how good a checkpoint is on a dataset's split."""
+"""``perceptree eval``: evaluate a checkpoint on a split of a dataset."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ def evaluate(
     entire_tree: EntireTree = False,
     out: Annotated[
         Path | None,
-        typer.Option(help="Folder for report.json and report.html, with plots and pictures."),
+        typer.Option(help="Folder for report.json and report.html, with plots and images."),
     ] = None,
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """COCO AP of boxes, masks and keypoints, errors in pixels, by distance, weather and more."""
+    """Evaluate a checkpoint: COCO AP, errors in pixels, results by distance, weather and more."""
     from perceptree.data import SPLITS, FrameStore, read_dataset
     from perceptree.evaluation import (
         About,
@@ -57,10 +57,10 @@ def evaluate(
         length=len(store), label="evaluating", file=sys.stderr, hidden=not shown
     ) as bar:
         report = make_report(predict_with(model), store, about, _BATCH, bar.update)
-    _tell(report, None if out is None else report.write(out), as_json)
+    _print_result(report, None if out is None else report.write(out), as_json)
 
 
-def _tell(report: Report, page: Path | None, as_json: bool) -> None:
+def _print_result(report: Report, page: Path | None, as_json: bool) -> None:
     from perceptree.evaluation import summary_lines
 
     if as_json:
@@ -68,7 +68,7 @@ def _tell(report: Report, page: Path | None, as_json: bool) -> None:
         return
     for line in summary_lines(report.figures):
         typer.echo(line)
-    hint = "next: the same with --out FOLDER, for plots and pictures"
+    hint = "next: add --out FOLDER for plots and images"
     typer.echo(hint if page is None else f"open: {page}")
 
 

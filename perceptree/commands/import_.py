@@ -1,4 +1,4 @@
-"""``perceptree import``: a published checkpoint becomes one of ours."""
+"""``perceptree import``: convert a published checkpoint."""
 
 from __future__ import annotations
 
@@ -16,32 +16,40 @@ if TYPE_CHECKING:
 
 def import_(
     checkpoint: Annotated[
-        Path, typer.Argument(metavar="CKPT", help="Detectron2's .pth, or .pkl of its model zoo.")
+        Path,
+        typer.Argument(
+            metavar="CKPT", help="Checkpoint of Detectron2, .pth, or of its model zoo, .pkl."
+        ),
     ],
     out: Annotated[
-        Path | None, typer.Option(help="File to write; in this folder, .safetensors, if not given.")
+        Path | None,
+        typer.Option(
+            help="File to write; by default CKPT's name with .safetensors, in this folder."
+        ),
     ] = None,
-    modality: Annotated[str, typer.Option(help="What the model sees: rgb or depth.")] = "rgb",
-    height: Annotated[int | None, typer.Option(help="Height of the frames, px: 720.")] = None,
-    width: Annotated[int | None, typer.Option(help="Width of the frames, px: 1280.")] = None,
+    modality: Annotated[str, typer.Option(help="Input of the model: rgb or depth.")] = "rgb",
+    height: Annotated[int | None, typer.Option(help="Height of the frames in px. [720]")] = None,
+    width: Annotated[int | None, typer.Option(help="Width of the frames in px. [1280]")] = None,
     stride_in: Annotated[
-        str, typer.Option(help="Convolution that halves the map: auto, 1x1 or 3x3.")
+        str, typer.Option(help="Convolution with the stride: auto, 1x1 or 3x3.")
     ] = "auto",
     pixel_std: Annotated[
-        str, typer.Option(help="What pixels are divided by: auto, unit or imagenet.")
+        str, typer.Option(help="Divisor of the pixels: auto, unit or imagenet.")
     ] = "auto",
     as_init: Annotated[
         bool,
-        typer.Option("--as-init", help="Take what fits, as starting weights for a training."),
+        typer.Option(
+            "--as-init", help="Keep matching tensors only, as starting weights for training."
+        ),
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """Import a checkpoint of Detectron2's Mask R-CNN; nothing in the file is executed."""
+    """Import a Detectron2 Mask R-CNN checkpoint; code in the file is not executed."""
     if not checkpoint.exists():
         raise CheckpointError(f"{checkpoint}: no such file, expected a .pth or .pkl file")
     out = out or Path(checkpoint.stem + ".safetensors")
     if out.resolve() == checkpoint.resolve():
-        raise CheckpointError(f"{out}: would be written over the input, expected another --out")
+        raise CheckpointError(f"{out}: is the input file, expected another --out")
 
     from perceptree.models import save_checkpoint
     from perceptree.models.weights import import_checkpoint
@@ -51,7 +59,10 @@ def import_(
     save_checkpoint(out, imported.model, imported.training)
     if imported.assumed:
         assumed = ", ".join(imported.assumed)
-        typer.echo(f"perceptree: {checkpoint} does not say, so assumed: {assumed}", err=True)
+        typer.echo(
+            f"perceptree: {checkpoint} does not contain these settings, assumed: {assumed}",
+            err=True,
+        )
     facts = _facts(imported, out)
     if as_json:
         typer.echo(json.dumps(facts))
@@ -60,7 +71,7 @@ def import_(
 
 
 def _facts(imported: Imported, out: Path) -> dict[str, Any]:
-    """What was recognised and written, as JSON values."""
+    """Return what was recognised and written, as JSON values."""
     spec, training = imported.model.spec, imported.training
     return {
         "checkpoint": str(out),
@@ -89,12 +100,12 @@ def _show(facts: dict[str, Any]) -> None:
     typer.echo(f"{facts['model']}: {facts['backbone']}, stride in the {facts['stride_in']}")
     typer.echo(f"input: {facts['modality']}, {facts['width']}x{facts['height']}, pixel std {std}")
     typer.echo(
-        f"finds: {', '.join(branches)}; {facts['anchors_per_cell']} anchors a cell, "
+        f"predicts: {', '.join(branches)}; {facts['anchors_per_cell']} anchors per cell, "
         f"{facts['parameters'] / 1e6:.2f} M parameters"
     )
     out = facts["checkpoint"]
     if facts["init_only"]:
-        typer.echo(f"fresh: {len(facts['fresh'])} tensors, to be learnt")
+        typer.echo(f"fresh: {len(facts['fresh'])} tensors with random values, to be trained")
     typer.echo(out)
     if facts["init_only"]:
         typer.echo(f"next: perceptree train DATA --init {out} --out RUN")

@@ -1,4 +1,4 @@
-"""``perceptree plot``: a picture of one or several trainings."""
+"""``perceptree plot``: plot one or several trainings."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ def plot(
     runs: Annotated[
         list[Path],
         typer.Argument(
-            metavar="RUN...", help="Folder of a training; several are compared in one picture."
+            metavar="RUN...", help="Folder of a training; several are compared in one plot."
         ),
     ],
     out: Annotated[
         Path | None,
         typer.Option(
-            metavar="PICTURE", help="PNG to write; by default plot.png in the (first) folder."
+            metavar="PICTURE", help="PNG file to write; by default plot.png in the (first) folder."
         ),
     ] = None,
 ) -> None:
-    """Draw losses, learning rate, speed and AP over the steps of a training, from its log."""
+    """Plot losses, learning rate, speed and AP of a training from its log."""
     from calib.writing import write_whole
     from perceptree.training.plot import draw_runs
 
     out = out or runs[0] / _FILE
     if out.suffix.lower() != ".png":
-        raise SettingsError(f"--out is {out}: expected a name that ends with .png")
+        raise SettingsError(f"--out is {out}: expected a name ending in .png")
     write_whole(out, draw_runs(runs))
     typer.echo(str(out))

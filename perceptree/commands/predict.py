@@ -1,4 +1,4 @@
-"""``perceptree predict``: the trees of any folder of pictures, drawn and as labels."""
+"""``perceptree predict``: detect trees in a folder of images; draw them and write labels."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ _BATCH = 4
 _Folder = Annotated[
     Path,
     typer.Argument(
-        help="Folder of pictures; for a depth model depth images, 16-bit in millimetres, or 8-bit"
-        " encoded as it was trained."
+        help="Folder of images; for a depth model depth images, 16-bit in millimetres or 8-bit in"
+        " the model's depth encoding."
     ),
 ]
 _Score = Annotated[
-    float, typer.Option("--score-threshold", help="Leave out trees with a lower score.")
+    float, typer.Option("--score-threshold", help="Leave out detections with a lower score.")
 ]
 _Runs = Annotated[
     bool,
     typer.Option(
-        "--rle", help="Masks as exact run lengths, in place of polygons, which more tools can edit."
+        "--rle", help="Masks as exact run lengths instead of polygons, which more tools can edit."
     ),
 ]
 
@@ -35,16 +35,16 @@ _Runs = Annotated[
 def predict(
     checkpoint: Annotated[Path, typer.Argument(help="A .safetensors checkpoint.")],
     folder: _Folder,
-    out: Annotated[Path, typer.Option(help="Folder for drawn pictures and labels.json.")],
+    out: Annotated[Path, typer.Option(help="Folder for annotated images and labels.json.")],
     score: _Score = 0.5,
     runs: _Runs = False,
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """Find the trees of a folder of pictures, to look at and to correct in a labelling tool.
+    """Detect trees in a folder of images, for review and correction in a labelling tool.
 
-    Writes each picture with its trees drawn on it, and one COCO file with boxes, outlines and
-    keypoints, which labelling tools read beside the pictures.
+    Writes each image with the detections drawn on it, and one COCO file with boxes, masks and
+    keypoints for labelling tools.
     """
     from calib.writing import write_whole
     from perceptree.evaluation import on_device, predict_with, report_folder
@@ -60,7 +60,7 @@ def predict(
     if not 0 <= score <= 1:
         raise SettingsError(f"--score-threshold is {score}: expected 0 to 1")
     if out.resolve() == folder.resolve():
-        raise DatasetError(f"--out is {out}, the folder of the pictures: expected another")
+        raise DatasetError(f"--out is {out}, the folder of the images: expected another")
     model, _ = load_checkpoint(checkpoint)
     model = on_device(model, device)
     paths = find_pictures(folder)
@@ -78,11 +78,11 @@ def predict(
             write_drawing(picture, out / names[picture.path])
             trees += len(picture.trees.scores)
     write_whole(out / _LABELS_FILE, json.dumps(labels.to_dict(), allow_nan=False).encode())
-    _tell(len(paths), trees, folder, out, as_json)
+    _print_result(len(paths), trees, folder, out, as_json)
 
 
 def _drawing_names(paths: list[Path]) -> dict[Path, str]:
-    """By stem, or by whole name where two pictures share a stem."""
+    """Name the drawings by stem, or by full file name if two images share a stem."""
     stems = [path.stem for path in paths]
     return {
         path: f"{path.stem if stems.count(path.stem) == 1 else path.name}_trees.jpg"
@@ -90,11 +90,13 @@ def _drawing_names(paths: list[Path]) -> dict[Path, str]:
     }
 
 
-def _tell(pictures: int, trees: int, folder: Path, out: Path, as_json: bool) -> None:
+def _print_result(pictures: int, trees: int, folder: Path, out: Path, as_json: bool) -> None:
     labels = out / _LABELS_FILE
     if as_json:
         result = {"pictures": pictures, "trees": trees, "out": str(out), "labels": str(labels)}
         typer.echo(json.dumps(result))
         return
-    typer.echo(f"{trees} trees in {pictures} pictures, drawn in {out}")
-    typer.echo(f"next: correct {labels} in a labelling tool that reads COCO, beside {folder}")
+    typer.echo(f"{trees} trees in {pictures} images, drawn in {out}")
+    typer.echo(
+        f"next: correct {labels} in a labelling tool that reads COCO, with the images in {folder}"
+    )

@@ -1,4 +1,4 @@
-"""Progress on stderr: a line that is rewritten on a terminal, now and then a new one else."""
+"""Progress on stderr: a line that is updated on a terminal, otherwise occasional lines."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ if TYPE_CHECKING:
 
 
 def say(line: str) -> None:
-    """A line for the user, beside the results."""
+    """Print a message for the user to stderr."""
     typer.echo(f"perceptree: {line}", err=True)
 
 
 @contextmanager
 def bar(label: str, shown: bool) -> Iterator[Callable[[int, int], None]]:
-    """A bar that appears with the first call of the yielded function, which takes done, total."""
+    """Yield a function (done, total) that shows a progress bar from its first call on."""
     drawn = None
 
     def tell(done: int, total: int) -> None:
@@ -39,14 +39,14 @@ def bar(label: str, shown: bool) -> Iterator[Callable[[int, int], None]]:
 
 
 class TrainingBar:
-    """Where a training stands, at most once a second (a minute without terminal)."""
+    """Shows the status of a training, at most once per second (per minute without a terminal)."""
 
     def __init__(self, shown: bool) -> None:
         self._shown, self._terminal = shown, sys.stderr.isatty()
         self._next_s = 0.0
 
     def __call__(self, status: Status) -> None:
-        """Show it."""
+        """Show the status if it is due."""
         now_s = time.monotonic()
         if not self._shown or (now_s < self._next_s and status.done < 1):
             return

@@ -1,4 +1,4 @@
-"""``perceptree scene``: one simulated scene as a file for 3D programs."""
+"""``perceptree scene``: export one simulated scene to a 3D file."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from perceptree.errors import SettingsError
 def scene(
     out: Annotated[Path, typer.Option(help="File to write, ending in .glb.")],
     seed: Annotated[
-        int, typer.Option(help="The scene's seed, as a dataset's COCO files give it for a frame.")
+        int, typer.Option(help="Seed of the scene, as in the scene field of a dataset's frames.")
     ] = 0,
     preset: Annotated[
         str | None,
-        typer.Option(help="Mix to draw from: paper, field, drive, plain, test."),
+        typer.Option(help="Preset of the simulator: paper, field, drive, plain, test."),
     ] = None,
 ) -> None:
-    """Export the forest of one seed as binary glTF: ground, trees by name, undergrowth."""
+    """Export the scene of one seed as binary glTF: ground, named trees, undergrowth."""
     if out.suffix != ".glb":
-        raise SettingsError(f"--out is {out}: expected a name that ends in .glb")
+        raise SettingsError(f"--out is {out}: expected a name ending in .glb")
     if seed < 0:
         raise SettingsError(f"--seed is {seed}: expected at least 0")
     settings = chosen_preset(preset).settings
@@ -31,7 +31,7 @@ def scene(
         out.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise SettingsError(
-            f"--out is {out}: its folder cannot be made ({error.strerror}), expected one that can"
+            f"--out is {out}: cannot create its folder ({error.strerror}), expected a writable one"
         ) from error
 
     from perceptree.simulator.geometry.export import export_scene

@@ -21,32 +21,39 @@ _LABEL = "simulating"
 
 
 def synth(
-    out: Annotated[Path, typer.Option(help="Folder to write; one with the same settings resumes.")],
+    out: Annotated[
+        Path, typer.Option(help="Folder to write; a folder with the same settings is resumed.")
+    ],
     frames: Annotated[
-        int | None, typer.Option(help="How many frames; more than before extends a dataset. [400]")
+        int | None, typer.Option(help="Number of frames; a larger number extends a dataset. [400]")
     ] = None,
-    seed: Annotated[int | None, typer.Option(help="With the settings, decides all. [0]")] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of the simulation. [0]")] = None,
     preset: Annotated[
         str | None,
-        typer.Option(help="Mix to start from: paper, field, drive, plain, test, field-test."),
+        typer.Option(help="Preset: paper, field, drive, plain, test, field-test."),
     ] = None,
     settings: Annotated[
-        Path | None, typer.Option(help="JSON file of settings that differ, as settings.json.")
+        Path | None,
+        typer.Option(help="JSON file with changed settings, in the form of settings.json."),
     ] = None,
     width: Annotated[int | None, typer.Option(help="Image width, px. [1280]")] = None,
     height: Annotated[int | None, typer.Option(help="Image height, px. [720]")] = None,
-    camera: Annotated[Path | None, typer.Option(help="Intrinsics and distortion, a file.")] = None,
-    views: Annotated[int | None, typer.Option(help="Frames drawn of each scene. [8]")] = None,
+    camera: Annotated[
+        Path | None, typer.Option(help="Camera file with intrinsics and distortion.")
+    ] = None,
+    views: Annotated[int | None, typer.Option(help="Frames per scene. [8]")] = None,
     reach: Annotated[
-        float | None, typer.Option(help="Label trees up to this distance, metres. [10]")
+        float | None, typer.Option(help="Label trees up to this distance in metres. [10]")
     ] = None,
     image_format: Annotated[
         str | None, typer.Option(help="Colour images as jpg or png. [jpg]")
     ] = None,
-    workers: Annotated[int | None, typer.Option(help="Processes; all cores without.")] = None,
+    workers: Annotated[
+        int | None, typer.Option(help="Number of processes; by default one per core.")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """Simulate forest frames: colour, depth, masks, boxes, keypoints and true metres."""
+    """Simulate forest frames with colour, depth, masks, boxes, keypoints and metric truth."""
     from perceptree.simulator.dataset.generate import generate_dataset
 
     changes = (frames, seed, settings, width, height, camera, views, reach, image_format)
@@ -68,11 +75,11 @@ def synth(
     ) as bar:
         seed = start.seed if seed is None else seed
         report = generate_dataset(out, count, chosen, seed, workers, _Progress(bar), files)
-    _tell(report, as_json, frozen)
+    _print_result(report, as_json, frozen)
 
 
 def _frozen(preset: str | None, options: tuple[object, ...]) -> str | None:
-    """The preset if it is a frozen one, which no option may change."""
+    """Return the preset if it is frozen; raise SettingsError if options would change it."""
     from perceptree.simulator.dataset.frozen import FROZEN_PRESETS
 
     if preset not in FROZEN_PRESETS:
@@ -80,16 +87,21 @@ def _frozen(preset: str | None, options: tuple[object, ...]) -> str | None:
     if any(option is not None for option in options):
         mix = "paper" if preset == "test" else "field"
         raise SettingsError(
-            f"--preset {preset} is frozen: expected no option beside --out, --workers and"
-            f" --json; the same mix with others is --preset {mix}"
+            f"--preset {preset} is frozen: expected no options besides --out, --workers and"
+            f" --json; use --preset {mix} to change settings"
         )
     return preset
 
 
 def chosen_preset(name: str | None, settings_file: Path | None = None) -> Preset:
-    """The preset of a name, the default settings for None, with what a settings file changes.
+    """Return a preset, with the changes of a settings file.
 
-    Raises SettingsError for a name that no preset has, and for a file that is no settings.
+    Args:
+        name: Name of the preset; None for the default settings.
+        settings_file: JSON file with changed settings.
+
+    Raises:
+        SettingsError: If the preset is unknown or the file is invalid.
     """
     from perceptree.simulator.settings import SimulatorSettings
     from perceptree.simulator.settings.presets import PRESETS, Preset
@@ -111,7 +123,15 @@ def changed_settings(
     views: int | None = None,
     reach: float | None = None,
 ) -> SimulatorSettings:
-    """Settings with what the options say."""
+    """Apply command line options to settings.
+
+    Args:
+        settings: The settings.
+        camera: Camera file.
+        size: Image width and height in px.
+        views: Frames per scene.
+        reach: Largest distance of labelled trees in metres.
+    """
     import calib
     from perceptree.simulator.settings import ideal_camera
 
@@ -131,9 +151,9 @@ def changed_settings(
 
 
 class _Progress:
-    """Moves a bar, and writes the rate and the time left beside it.
+    """Updates a progress bar with the rate and the remaining time.
 
-    Frames that were there before this run count as done, and not for the rate.
+    Frames from an earlier run count as done, but not for the rate.
     """
 
     def __init__(self, bar: Any) -> None:
@@ -159,7 +179,7 @@ def _duration(seconds: float) -> str:
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
-def _tell(report: SynthReport, as_json: bool, frozen: str | None) -> None:
+def _print_result(report: SynthReport, as_json: bool, frozen: str | None) -> None:
     from perceptree.simulator.dataset.contact_sheet import DEPTH_SHEET_FILE, SHEET_FILE
     from perceptree.simulator.dataset.pages import PAGE_FILE
 
@@ -176,13 +196,13 @@ def _tell(report: SynthReport, as_json: bool, frozen: str | None) -> None:
     ]
     lines += [
         f"{report.directory}",
-        f"look at {report.directory / SHEET_FILE}, {DEPTH_SHEET_FILE} beside it,"
-        f" and the figures in {report.directory / PAGE_FILE}",
+        f"see {report.directory / SHEET_FILE}, {DEPTH_SHEET_FILE} in the same folder,"
+        f" and the statistics in {report.directory / PAGE_FILE}",
     ]
     fails = False
     if frozen is not None:
-        values["frozen"], told, fails = _compare(report.directory, frozen)
-        lines += told
+        values["frozen"], messages, fails = _compare(report.directory, frozen)
+        lines += messages
     elif report.frames.get("train"):
         lines.append(f"next: perceptree train {report.directory} --out runs/depth --modality depth")
     else:
@@ -193,7 +213,7 @@ def _tell(report: SynthReport, as_json: bool, frozen: str | None) -> None:
 
 
 def _compare(directory: Path, preset: str) -> tuple[dict[str, Any], list[str], bool]:
-    """Values, lines and whether the labels are others than the frozen test set's."""
+    """Compare with the frozen test set; return values, lines, and whether the labels differ."""
     from perceptree.simulator.dataset.frozen import (
         compare_with_frozen,
         library_versions,
@@ -204,7 +224,7 @@ def _compare(directory: Path, preset: str) -> tuple[dict[str, Any], list[str], b
     comparison = compare_with_frozen(directory, frozen)
     values = dataclasses.asdict(comparison)
     if not comparison.differing:
-        return values, [f"equals the frozen test set, all {comparison.files} files"], False
+        return values, [f"all {comparison.files} files are equal to the frozen test set"], False
     made, here = (
         ", ".join(f"{name} {version}" for name, version in versions.items())
         for versions in (frozen.versions, library_versions())

@@ -1,4 +1,4 @@
-"""``perceptree tables``: the paper's tables 2 and 3 at a chosen scale."""
+"""``perceptree tables``: reproduce the paper's tables 2 and 3 at a chosen scale."""
 
 from __future__ import annotations
 
@@ -25,25 +25,27 @@ _Table = Annotated[
 _Model = Annotated[
     str | None,
     typer.Option(
-        help="Model, for table 2 several by commas; by default edge-n, for table 2 the paper's"
-        " r50,r101,x101-32x8d."
+        help="Model; for table 2 several, separated by commas. By default edge-n, for table 2 the"
+        " paper's r50,r101,x101-32x8d."
     ),
 ]
 _Modality = Annotated[
     str | None,
-    typer.Option(help="Of table 3: depth (the default) or rgb; the other is trained beside it."),
+    typer.Option(
+        help="Modality of table 3: depth (the default) or rgb; the other is trained for comparison."
+    ),
 ]
 _Init = Annotated[
     str | None,
     typer.Option(
         help="Starting weights: imagenet, coco, or a checkpoint, in whose name {model} and"
-        " {modality} are filled in. Random without."
+        " {modality} are replaced. By default random."
     ),
 ]
-_Side = Annotated[int | None, typer.Option(help="Of the input, px; by default the model's own.")]
+_Side = Annotated[int | None, typer.Option(help="Size of the input in px; by default the model's.")]
 _Test = Annotated[
     Path | None,
-    typer.Option(metavar="DIR", help="Dataset whose test frames are evaluated; by default DATA."),
+    typer.Option(metavar="DIR", help="Dataset with the test frames; by default DATA."),
 ]
 
 
@@ -53,17 +55,19 @@ def tables(
         Path,
         typer.Option(
             metavar="FOLDER",
-            help="Folder of the runs and the tables; what is finished there stays.",
+            help="Folder of the runs and the tables; finished runs are kept.",
         ),
     ],
     table: _Table,
     model: _Model = None,
     modality: _Modality = None,
-    minutes: Annotated[float | None, typer.Option(help="Training time of a run.")] = None,
-    steps: Annotated[int | None, typer.Option(help="Or the steps of a run.")] = None,
-    seeds: Annotated[str, typer.Option(help="Each run once for each seed.")] = "0,1",
+    minutes: Annotated[float | None, typer.Option(help="Training time per run in minutes.")] = None,
+    steps: Annotated[int | None, typer.Option(help="Steps per run, instead of minutes.")] = None,
+    seeds: Annotated[
+        str, typer.Option(help="Seeds, separated by commas; every model is trained with each.")
+    ] = "0,1",
     recipe: Annotated[
-        str | None, typer.Option(help="scratch or paper; by default that of the model.")
+        str | None, typer.Option(help="Training recipe: scratch or paper; by default the model's.")
     ] = None,
     init: _Init = None,
     height: _Side = None,
@@ -71,18 +75,18 @@ def tables(
     batch: Annotated[int | None, typer.Option(help="Frames per step. [8]")] = None,
     test: _Test = None,
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
-    precision: Annotated[str, typer.Option(help="fp32, bf16, or auto: the faster one.")] = "auto",
+    precision: Annotated[str, typer.Option(help="fp32, bf16, or auto (the faster one).")] = "auto",
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """Train and evaluate the models of a table of the paper, and print ours beside the paper's.
+    """Train and evaluate the models of one of the paper's tables; print ours and the paper's.
 
-    Goes on where it was stopped.
+    Continues where it was interrupted.
     """
     from perceptree.tables import TableSettings, build_table, table_lines
     from perceptree.training import Engine
 
     if table == 2 and modality is not None:
-        raise SettingsError(f"--modality is {modality!r}: table 2 has both, expected none")
+        raise SettingsError(f"--modality is {modality!r}: table 2 has both, expected no --modality")
     settings = TableSettings(
         table=table,
         models=tuple(model.split(",")) if model else (),
@@ -111,24 +115,24 @@ def _numbers(text: str) -> tuple[int, ...]:
         return tuple(int(part) for part in text.split(","))
     except ValueError:
         raise SettingsError(
-            f"--seeds is {text!r}: expected whole numbers, separated by commas"
+            f"--seeds is {text!r}: expected integers, separated by commas"
         ) from None
 
 
 def _watch(shown: bool) -> Watch:
-    """Tells on stderr which run it is and where it stands."""
+    """Return callbacks that report the runs and their progress on stderr."""
     from perceptree.tables import Watch
     from perceptree.training import Preparing
 
-    said: set[str] = set()
+    printed: set[str] = set()
 
     def tell_run(name: str, number: int, total: int) -> None:
         if shown:
             typer.echo(f"run {number} of {total}: {name}", err=True)
 
     def say_once(line: str) -> None:
-        if line not in said:  # every run reads the same data
-            said.add(line)
+        if line not in printed:  # every run reads the same data
+            printed.add(line)
             say(line)
 
     preparing = Preparing(_counter("caching", shown), say_once)
@@ -136,7 +140,7 @@ def _watch(shown: bool) -> Watch:
 
 
 def _counter(label: str, shown: bool) -> Callable[[int, int], None]:
-    """Counts frames in one line of a terminal."""
+    """Return a callback that counts frames in one line of a terminal."""
 
     def tell(done: int, total: int) -> None:
         if shown and sys.stderr.isatty():

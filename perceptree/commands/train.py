@@ -45,87 +45,89 @@ _Model = Annotated[
 _Init = Annotated[
     str | None,
     typer.Option(
-        "--init", help="Starting weights: imagenet, coco, or a checkpoint. Random without."
+        "--init", help="Starting weights: imagenet, coco, or a checkpoint. By default random."
     ),
 ]
 _Modality = Annotated[
-    str | None, typer.Option(help="What the model sees: depth (the default) or rgb.")
+    str | None, typer.Option(help="Input of the model: depth (the default) or rgb.")
 ]
-_Side = Annotated[int | None, typer.Option(help="Of the input, px; by default the model's own.")]
-_Branch = Annotated[bool | None, typer.Option(help="Train the branch; by default the model's.")]
+_Side = Annotated[int | None, typer.Option(help="Size of the input in px; by default the model's.")]
+_Branch = Annotated[
+    bool | None, typer.Option(help="Whether the model has this branch; by default the preset's.")
+]
 _FreezeLevel = Annotated[
     int | None,
     typer.Option(
-        help="Keep the backbone up to stride 2**N as it is; by default 2 for the paper's backbones"
-        " with starting weights, else 0."
+        help="Freeze the backbone up to stride 2**N; by default 2 for the paper's backbones with"
+        " starting weights, else 0."
     ),
 ]
 _FrozenNorms = Annotated[
     bool | None,
     typer.Option(
         "--frozen-norms/--trained-norms",
-        help="Keep the backbone's batch norms as they are; by default for the paper's backbones"
-        " with starting weights.",
+        help="Freeze the backbone's batch norms; by default only for the paper's backbones with"
+        " starting weights.",
     ),
 ]
 
 _Recipe = Annotated[
     str | None,
     typer.Option(
-        help="How to train: scratch (light networks from random weights; the default) or paper (the"
-        " default for the paper's backbones)."
+        help="Training recipe: scratch (small networks from random weights; the default) or paper"
+        " (the default for the paper's backbones)."
     ),
 ]
 _Steps = Annotated[
     int | None,
     typer.Option(
-        help="End after so many steps; more than before extends a run. [20000, paper 60000]"
+        help="Stop after this many steps; a larger number extends a run. [20000, paper 60000]"
     ),
 ]
-_Batch = Annotated[int | None, typer.Option(help="Frames per step, of all processes. [8]")]
-_Rate = Annotated[float | None, typer.Option(help="Peak of the schedule; by default the recipe's.")]
+_Batch = Annotated[int | None, typer.Option(help="Frames per step, over all processes. [8]")]
+_Rate = Annotated[float | None, typer.Option(help="Peak learning rate; by default the recipe's.")]
 _Patience = Annotated[
     int | None,
-    typer.Option(help="End when the box AP on val has not risen over so many evaluations."),
+    typer.Option(help="Stop if the box AP on val has not improved in this many evaluations."),
 ]
 _EvaluateEvery = Annotated[
     int | None,
     typer.Option(
         "--evaluate-every",
-        help="Steps from one evaluation on val to the next; by default the recipe's.",
+        help="Steps between evaluations on val; by default the recipe's.",
     ),
 ]
 _From = Annotated[
     Path | None,
     typer.Option(
         "--branch",
-        help="Folder of a run: go on from its state, the rate falling to nothing over"
-        " this run's steps or minutes.",
+        help="Folder of a run to continue from its state, with the learning rate decaying to 0"
+        " over this run's steps or minutes.",
     ),
 ]
 _Simulate = Annotated[
     int | None,
     typer.Option(
-        help="Meanwhile extend DATA, a folder of perceptree synth, to so many frames; half of the"
-        " cores simulate. Takes --minutes."
+        help="Extend DATA, a folder of perceptree synth, to this many frames while training; half"
+        " of the cores simulate. Needs --minutes."
     ),
 ]
-_Device = Annotated[str, typer.Option(help="cpu or cuda; several processes by torchrun.")]
-_Precision = Annotated[str, typer.Option(help="fp32, bf16, or auto: what is faster here.")]
+_Device = Annotated[str, typer.Option(help="cpu or cuda; use torchrun for several processes.")]
+_Precision = Annotated[str, typer.Option(help="fp32, bf16, or auto (the faster one).")]
 _Workers = Annotated[
     int | None,
-    typer.Option(help="Processes that prepare batches; by default as many as the cores allow."),
+    typer.Option(help="Processes that prepare batches; by default chosen by the number of cores."),
 ]
-_Compile = Annotated[bool, typer.Option(help="Compile the network first; pays on GPUs.")]
+_Compile = Annotated[bool, typer.Option(help="Compile the network first; worthwhile on GPUs.")]
 _Cache = Annotated[
     Path | None,
-    typer.Option(help="Folder for the decoded frames; by default .frame-cache beside the data."),
+    typer.Option(help="Folder for decoded frames; by default .frame-cache next to the data."),
 ]
 
 
 def train(
-    data: Annotated[Path, typer.Argument(help="Folder of a dataset, in any usual layout.")],
-    out: Annotated[Path, typer.Option(help="Folder of the run; one with a state is resumed.")],
+    data: Annotated[Path, typer.Argument(help="Folder of a dataset in any supported layout.")],
+    out: Annotated[Path, typer.Option(help="Folder of the run; an interrupted run is resumed.")],
     fold: Fold = None,
     entire_tree: EntireTree = False,
     recipe: _Recipe = None,
@@ -139,21 +141,25 @@ def train(
     keypoints: _Branch = None,
     freeze_level: _FreezeLevel = None,
     frozen_norms: _FrozenNorms = None,
-    minutes: Annotated[float | None, typer.Option(help="End after so much training time.")] = None,
+    minutes: Annotated[
+        float | None, typer.Option(help="Stop after this training time in minutes.")
+    ] = None,
     steps: _Steps = None,
     patience: _Patience = None,
     batch: _Batch = None,
-    accumulate: Annotated[int, typer.Option(help="Parts of a batch, one after another.")] = 1,
+    accumulate: Annotated[
+        int, typer.Option(help="Number of parts that a batch is split into, to save memory.")
+    ] = 1,
     learning_rate: _Rate = None,
     evaluate_every_steps: _EvaluateEvery = None,
     simulate: _Simulate = None,
-    seed: Annotated[int, typer.Option(help="Of weights, order and augmentation.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of weights, order and augmentation.")] = 0,
     device: _Device = "cpu",
     precision: _Precision = "auto",
     workers: _Workers = None,
     compile: _Compile = False,  # noqa: A002
     cache: _Cache = None,
-    skip_broken: Annotated[bool, typer.Option(help="Leave broken frames out.")] = False,
+    skip_broken: Annotated[bool, typer.Option(help="Leave out broken frames.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Train a detector from random or published weights; keeps the best by box AP on val."""
@@ -161,7 +167,7 @@ def train(
 
 
 def _run(options: dict[str, Any]) -> None:
-    """Train as the options of the command say."""
+    """Train with the options of the command."""
     _check_options(options)
     start = _starting_weights(options["init"])
 
@@ -178,12 +184,12 @@ def _run(options: dict[str, Any]) -> None:
             for name in ("device", "precision", "workers", "compile", "skip_broken")
         },
     )
-    # Of the processes that torchrun started, one speaks.
-    leads = os.environ.get("RANK", "0") == "0"
-    shown = leads and not options["as_json"]
+    # Only one of torchrun's processes prints.
+    is_main = os.environ.get("RANK", "0") == "0"
+    shown = is_main and not options["as_json"]
     source = DataSource(options["data"], options["fold"], options["entire_tree"])
     with bar("caching frames", shown) as cached:
-        preparing = Preparing(cached, say if leads else lambda line: None)
+        preparing = Preparing(cached, say if is_main else lambda line: None)
         if options["simulate"] is None:
             report = run_training(
                 spec,
@@ -208,12 +214,12 @@ def _run(options: dict[str, Any]) -> None:
                 engine,
                 preparing,
             )
-    if leads:
-        _tell(report, options["data"], options["as_json"])
+    if is_main:
+        _print_result(report, options["data"], options["as_json"])
 
 
 def _check_options(options: dict[str, Any]) -> None:
-    """Refuse what is plainly wrong before torch is loaded, which takes seconds."""
+    """Reject invalid options before torch is loaded, which takes seconds."""
     if options["modality"] not in (None, "rgb", "depth"):
         raise SettingsError(f"--modality is {options['modality']!r}: expected rgb or depth")
     if options["simulate"] is None:
@@ -226,7 +232,7 @@ def _check_options(options: dict[str, Any]) -> None:
     for name in ("branch", "fold", "entire_tree"):
         if options[name] not in (None, False):
             option = name.replace("_", "-")
-            raise SettingsError(f"--simulate goes without --{option}: expected one of the two")
+            raise SettingsError(f"--simulate excludes --{option}: expected one of the two")
 
 
 def _given(options: dict[str, Any]) -> dict[str, Any]:
@@ -234,7 +240,7 @@ def _given(options: dict[str, Any]) -> dict[str, Any]:
 
 
 def _settings(spec: ModelSpec, options: dict[str, Any], start: Init | None) -> TrainSettings:
-    """The recipe's settings with what the options say."""
+    """Return the recipe's settings with the changes from the options."""
     from perceptree.training import PAPER_STEPS, recipe_settings
 
     changes = _given({name: options[name] for name in _SETTINGS})
@@ -270,12 +276,12 @@ def _is_paper(spec: ModelSpec) -> bool:
 def _spec(
     model: str | None, modality: str | None, start: Init | None, changes: dict[str, Any]
 ) -> ModelSpec:
-    """The preset's spec, or that of the starting file; ``changes`` are fields of ModelSpec."""
+    """Return the spec of the preset or the starting file; ``changes`` are fields of ModelSpec."""
     from perceptree.models import load_checkpoint, make_spec
 
     named = make_spec(model or _DEFAULT_MODEL, "rgb" if modality == "rgb" else "depth", **changes)
     if not isinstance(start, Path):
-        # Published weights learned with the stride in the 3x3 convolutions.
+        # Published weights were trained with the stride in the 3x3 convolutions.
         return dataclasses.replace(named, stride_in_1x1=False) if start else named
     own = load_checkpoint(start)[0].spec
     if model is not None and named.backbone != own.backbone:
@@ -291,7 +297,7 @@ def _spec(
     return dataclasses.replace(own, **changes)
 
 
-def _tell(report: TrainReport, data: Path, as_json: bool) -> None:
+def _print_result(report: TrainReport, data: Path, as_json: bool) -> None:
     metrics = report.metrics
     if as_json:
         result = {

@@ -1,4 +1,4 @@
-"""Datasets: COCO files of tree frames, frames as models see them, augmentation."""
+"""Datasets: COCO files of tree frames, frames as model input, augmentation."""
 
 from perceptree.data.augment import PAPER_AUGMENT, AugmentSettings, augment, flip
 from perceptree.data.coco import SPLITS, FrameRecord, TreeRecord

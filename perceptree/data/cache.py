@@ -1,8 +1,8 @@
-"""Frames on disk as a model wants them: decoded and letterboxed once, then mapped into memory.
+"""On-disk cache of decoded, letterboxed frames, memory-mapped for training.
 
-A cache is a folder of plain arrays. It is made whole or not at all, belongs to one state of the
-labels and pictures, and is made again when they change. Every frame carries a checksum that is
-compared when it is read.
+A cache is a folder of plain arrays, written completely or not at all. Its key is a hash of the
+labels and image files, so a change of either rebuilds it. Each frame has a checksum that is
+verified when the frame is read.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from perceptree.models import ModelSpec
 _VERSION = 1
 _RECORD = "cache.json"
 _IMAGES, _MASKS = "images.bin", "masks.bin"
-# Of each array its type and the shape of one row.
+# dtype and row shape of each array.
 _ARRAYS: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
     "boxes": (np.float32, (4,)),
     "keypoints": (np.float32, (5, 3)),
@@ -39,21 +39,26 @@ _ARRAYS: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
     "mask_starts": (np.int64, ()),
     "checksums": (np.uint32, ()),
 }
-_AHEAD = 16
+_PREFETCH = 16
 
 Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
 class Skipped:
-    """A frame that was left out, and why."""
+    """A frame that was left out.
+
+    Attributes:
+        name: The image file's name.
+        reason: Why it was left out.
+    """
 
     name: str
     reason: str
 
 
 class FrameCache:
-    """The frames of a split, mapped from a folder that :func:`open_cache` made."""
+    """The cached frames of a split; create it with :func:`open_cache`."""
 
     def __init__(self, folder: Path) -> None:
         record = json.loads((folder / _RECORD).read_text("utf-8"))
@@ -62,8 +67,8 @@ class FrameCache:
         self.names: list[str] = record["names"]
         self.skipped = [Skipped(**entry) for entry in record["skipped"]]
         self.has_masks: bool = record["has_masks"]
-        self._images = _mapped(folder / _IMAGES).reshape(-1, *record["image_shape"])
-        self._masks = _mapped(folder / _MASKS)
+        self._images = _memory_map(folder / _IMAGES).reshape(-1, *record["image_shape"])
+        self._masks = _memory_map(folder / _MASKS)
         arrays: dict[str, NDArray[Any]] = {
             name: np.load(folder / f"{name}.npy", mmap_mode="r") for name in _ARRAYS
         }
@@ -76,18 +81,22 @@ class FrameCache:
 
     @property
     def trees(self) -> int:
-        """How many trees are labelled."""
+        """Number of labelled trees."""
         return len(self._boxes)
 
     def __getitem__(self, index: int) -> Sample:
-        """Raises DatasetError where the frame's bytes on disk are no longer those written."""
+        """Return frame ``index``.
+
+        Raises:
+            DatasetError: If the frame's bytes do not match their checksum.
+        """
         image = np.array(self._images[index])
         rows = slice(*self._tree_starts[index : index + 2].tolist())
         packed = np.array(self._masks[slice(*self._mask_starts[[rows.start, rows.stop]].tolist())])
         if zlib.crc32(packed.tobytes(), zlib.crc32(image.tobytes())) != self._checksums[index]:
             raise DatasetError(
-                f"{self.folder}: the cached frame {self.names[index]} is damaged; remove the"
-                " folder, it is made again"
+                f"{self.folder}: the cached frame {self.names[index]} does not match its checksum;"
+                " expected an undamaged cache: remove the folder to rebuild it"
             )
         masks = self._unpack(rows, packed, image.shape[:2]) if self.has_masks else None
         return Sample(image, self._boxes[rows].copy(), self._keypoints[rows].copy(), masks)
@@ -105,8 +114,8 @@ class FrameCache:
         return masks
 
 
-def _mapped(path: Path) -> NDArray[np.uint8]:
-    """The bytes of a file, which may be empty."""
+def _memory_map(path: Path) -> NDArray[np.uint8]:
+    """Map a file to memory as bytes; the file may be empty."""
     return np.memmap(path, np.uint8, "r") if path.stat().st_size else np.zeros(0, np.uint8)
 
 
@@ -117,11 +126,18 @@ def open_cache(
     skip_broken: bool = False,
     progress: Progress = lambda done, total: None,
 ) -> FrameCache:
-    """The cache of ``frames`` for the input of ``spec`` in ``folder``; made where it is missing.
+    """Open the cache of some frames; build it if it is missing or out of date.
 
-    With ``skip_broken``, frames whose files are missing or broken are left out and listed in
-    ``skipped``. Raises DatasetError for such a frame otherwise, and where the folder cannot be
-    written.
+    Args:
+        frames: Frames of a split.
+        spec: Model whose input size and modality the frames are prepared for.
+        folder: Folder of the cache.
+        skip_broken: Leave out frames whose files are missing or broken and list them in
+            ``skipped``, instead of raising an error.
+        progress: Called with the number of frames done and the total while building.
+
+    Raises:
+        DatasetError: If a frame is missing or broken, or the folder cannot be written.
     """
     key = _key(frames, spec, skip_broken)
     try:
@@ -131,13 +147,13 @@ def open_cache(
     except OSError as error:
         place = error.filename or folder
         raise DatasetError(
-            f"{place}: cannot be written ({error.strerror or error}); expected a folder with room"
-            " for the decoded frames, or another one with --cache"
+            f"{place}: cannot be written ({error.strerror or error}); expected a folder with"
+            " space for the decoded frames, or another folder with --cache"
         ) from error
 
 
 def _key(frames: Sequence[FrameRecord], spec: ModelSpec, skip_broken: bool) -> str:
-    """A hash of the labels, of the pictures' sizes and times, and of the input's form."""
+    """Hash the labels, the image files' sizes and modification times, and the input format."""
     form = [_VERSION, spec.modality, spec.height, spec.width, spec.pad_value, spec.depth_encoding]
     digest = hashlib.sha256(json.dumps([*form, skip_broken]).encode())
     for frame in frames:
@@ -147,8 +163,8 @@ def _key(frames: Sequence[FrameRecord], spec: ModelSpec, skip_broken: bool) -> s
             stamp = [status.st_size, status.st_mtime_ns]
         except OSError:
             stamp = []
-        said = [path.name, frame.width, frame.height, frame.extra.get("depth_encoding"), *stamp]
-        digest.update(json.dumps(said).encode())
+        identity = [path.name, frame.width, frame.height, frame.extra.get("depth_encoding"), *stamp]
+        digest.update(json.dumps(identity).encode())
         for tree in frame.trees:
             digest.update(tree.box_px.tobytes() + tree.keypoints.tobytes())
             digest.update(repr((tree.crowd, tree.segmentation)).encode())
@@ -171,14 +187,14 @@ def _build(
     skip_broken: bool,
     progress: Progress,
 ) -> None:
-    """Write beside ``folder``, then put it in its place."""
+    """Write to a temporary folder next to ``folder``, then rename it."""
     folder.parent.mkdir(parents=True, exist_ok=True)
-    beside = folder.with_name(f"{folder.name}.{os.getpid()}.part")
-    shutil.rmtree(beside, ignore_errors=True)
-    beside.mkdir()
+    partial_folder = folder.with_name(f"{folder.name}.{os.getpid()}.part")
+    shutil.rmtree(partial_folder, ignore_errors=True)
+    partial_folder.mkdir()
     try:
-        writer = _Writer(beside, spec)
-        for done, (frame, outcome) in enumerate(_loaded(frames, spec), start=1):
+        writer = _Writer(partial_folder, spec)
+        for done, (frame, outcome) in enumerate(_load_in_order(frames, spec), start=1):
             try:
                 writer.add(source_path(frame, spec.modality).name, outcome.result())
             except DatasetError as error:
@@ -188,21 +204,21 @@ def _build(
             progress(done, len(frames))
         writer.finish(key)
         shutil.rmtree(folder, ignore_errors=True)
-        os.replace(beside, folder)
+        os.replace(partial_folder, folder)
     finally:
-        shutil.rmtree(beside, ignore_errors=True)
+        shutil.rmtree(partial_folder, ignore_errors=True)
 
 
-def _loaded(
+def _load_in_order(
     frames: Sequence[FrameRecord], spec: ModelSpec
 ) -> Iterator[tuple[FrameRecord, Future[Sample]]]:
-    """Frames with their samples in order, a few decoded ahead."""
+    """Yield frames with their samples, in order, decoding a few ahead."""
     with ThreadPoolExecutor() as pool:
-        coming = iter(frames)
-        ahead = [(f, pool.submit(load_sample, f, spec)) for f in islice(coming, _AHEAD)]
-        while ahead:
-            first = ahead.pop(0)
-            ahead += [(f, pool.submit(load_sample, f, spec)) for f in islice(coming, 1)]
+        remaining = iter(frames)
+        pending = [(f, pool.submit(load_sample, f, spec)) for f in islice(remaining, _PREFETCH)]
+        while pending:
+            first = pending.pop(0)
+            pending += [(f, pool.submit(load_sample, f, spec)) for f in islice(remaining, 1)]
             yield first
 
 
@@ -222,7 +238,7 @@ class _Writer:
         self.skipped: list[Skipped] = []
 
     def add(self, name: str, sample: Sample) -> None:
-        """Append one frame."""
+        """Append a frame."""
         self._images.write(sample.image.tobytes())
         packed = b"".join(map(self._pack, sample.masks if sample.masks is not None else ()))
         if sample.masks is None:
@@ -237,7 +253,7 @@ class _Writer:
         self._rows["tree_starts"].append(len(self._rows["boxes"]))
 
     def _pack(self, mask: NDArray[np.bool_]) -> bytes:
-        """The bits of a mask within the rectangle that holds them, and where that is."""
+        """Pack the bits of a mask inside its bounding rectangle; record the rectangle."""
         columns, rows = np.nonzero(mask.any(0))[0], np.nonzero(mask.any(1))[0]
         rect = (columns[0], rows[0], columns[-1] + 1, rows[-1] + 1) if len(rows) else (0, 0, 0, 0)
         packed = np.packbits(mask[rect[1] : rect[3], rect[0] : rect[2]]).tobytes()
@@ -246,7 +262,7 @@ class _Writer:
         return packed
 
     def finish(self, key: str) -> None:
-        """Close the files and write the record that makes the cache whole."""
+        """Close the files and write the index, which completes the cache."""
         self._images.close()
         self._masks.close()
         for name, (kind, row) in _ARRAYS.items():

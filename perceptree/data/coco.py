@@ -1,4 +1,4 @@
-"""What a dataset says of frames and trees, as records."""
+"""Records of labelled frames and trees."""
 
 from __future__ import annotations
 
@@ -20,11 +20,16 @@ KEYPOINTS = 5
 
 @dataclass(frozen=True, eq=False, slots=True)
 class TreeRecord:
-    """One labelled tree, in source px with (0, 0) at the outer corner of the first pixel.
+    """One labelled tree. Coordinates are continuous px of the source image.
 
-    ``box_px`` (4,) xyxy; ``keypoints`` (5, 3) x, y, flag, zeros where there is no label;
-    ``segmentation`` as COCO has it, None in a set without masks; ``truth`` the metric truth that
-    the file gives, by field name; ``species`` where the file names it.
+    Attributes:
+        number: Annotation id.
+        box_px: (4,) x0, y0, x1, y1.
+        keypoints: (5, 3) x, y, COCO visibility flag; zeros where there is no label.
+        segmentation: COCO polygons or run lengths; None without a mask.
+        crowd: Whether the annotation is a group of trees (COCO's iscrowd).
+        truth: Metric ground truth by field name, as far as the file has it.
+        species: Species, if the file names it.
     """
 
     number: int
@@ -38,9 +43,17 @@ class TreeRecord:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class FrameRecord:
-    """One frame: where its files are, its size in px and its trees.
+    """One labelled frame.
 
-    ``extra`` holds what the file gives of camera, up_camera, depth_encoding and scene.
+    Attributes:
+        image_id: Image id in the label file.
+        image_path: Colour image.
+        depth_path: 16-bit depth image, if any.
+        depth8_path: 8-bit depth image, if any.
+        width: Image width in px.
+        height: Image height in px.
+        extra: The fields camera, up_camera, depth_encoding and scene, as far as the file has them.
+        trees: Labelled trees.
     """
 
     image_id: int
@@ -53,13 +66,19 @@ class FrameRecord:
     trees: tuple[TreeRecord, ...]
 
     def mask(self, tree: TreeRecord) -> NDArray[np.bool_]:
-        """(H, W) bool visible pixels of a tree, from RLE or polygons.
+        """Decode a tree's mask from polygons or run lengths.
 
-        Raises DatasetError for a tree without a mask, and for runs that do not fill the frame.
+        Returns:
+            (H, W) bool, the tree's visible pixels.
+
+        Raises:
+            DatasetError: If the tree has no mask, or its run lengths do not fill the frame.
         """
         segmentation = tree.segmentation
         if segmentation is None:
-            raise DatasetError(f"{self.image_path}: annotation {tree.number} has no mask")
+            raise DatasetError(
+                f"{self.image_path}: annotation {tree.number} has no mask, expected one"
+            )
         try:
             if isinstance(segmentation, list):
                 parts = coco_mask.frPyObjects(segmentation, self.height, self.width)
@@ -69,7 +88,7 @@ class FrameRecord:
             pixels = np.asarray(coco_mask.decode(segmentation))
         except (ValueError, TypeError, OverflowError) as error:
             self._refuse_runs(tree, error)
-        # Runs that end early leave memory as it was, which is no mask.
+        # If the runs end early, the decoder leaves the rest uninitialised.
         if pixels.sum(dtype=np.int64) != coco_mask.area(segmentation):
             self._refuse_runs(tree, None)
         return pixels.astype(bool)

@@ -1,4 +1,4 @@
-"""A split of a dataset: its frames, what to tell the user of it, what its labels hold."""
+"""Read one split of a dataset."""
 
 from __future__ import annotations
 
@@ -20,12 +20,16 @@ from perceptree.errors import DatasetError
 
 @dataclass(frozen=True, eq=False)
 class Dataset:
-    """One split as it was read.
+    """One split of a dataset.
 
-    ``labels`` is its label file; ``notes`` are lines for the user on what was mapped or left out;
-    ``has_masks`` says whether every tree has a mask (a crowd may do without), ``has_keypoints``
-    whether any tree has a labelled keypoint, ``has_depth`` whether every frame names an 8-bit
-    depth picture; ``outside`` holds (annotation, x, y) of keypoints that lie outside their frame.
+    Attributes:
+        labels: The label file.
+        frames: Its frames.
+        notes: Messages for the user about what was mapped or left out.
+        has_masks: Whether every tree has a mask; crowds need none.
+        has_keypoints: Whether any tree has a labelled keypoint.
+        has_depth: Whether every frame has an 8-bit depth image.
+        outside: (annotation id, x, y) of keypoints outside their frame.
     """
 
     labels: LabelFile
@@ -40,30 +44,39 @@ class Dataset:
 def read_dataset(
     directory: Path | str, split: str, fold: int | None = None, entire_tree: bool = False
 ) -> Dataset:
-    """A split of a dataset in any of the layouts of `perceptree.data.layouts`.
+    """Read a split of a dataset in any layout of `perceptree.data.layouts`.
 
-    ``directory`` is the dataset's folder, or one label file; ``fold`` chooses one where there are
-    several, ``entire_tree`` the labels of entire trees. Raises DatasetError, in one line, for a
-    missing file, one that is not COCO, or a label that contradicts its frame.
+    Args:
+        directory: The dataset's folder, or one label file.
+        split: "train", "val" or "test".
+        fold: Which fold of a dataset with several.
+        entire_tree: Read the labels of entire trees (SynthTree43k).
+
+    Raises:
+        DatasetError: If a file is missing or not COCO, or a label is invalid.
     """
     return read_labels(find_labels(Path(directory), split, fold, entire_tree))
 
 
 def read_split(directory: Path | str, split: str) -> list[FrameRecord]:
-    """The frames of a split; see `read_dataset`."""
+    """Return the frames of a split; see `read_dataset`."""
     return read_dataset(directory, split).frames
 
 
 def read_labels(labels: LabelFile, on_error: OnError | None = None) -> Dataset:
-    """What a label file holds.
+    """Read a label file.
 
-    Without ``on_error`` the first wrong entry is raised as DatasetError; with it, each wrong entry
-    is handed over and left out.
+    Args:
+        labels: The label file.
+        on_error: Called with each invalid entry, which is then left out. Without it, the first
+            invalid entry is raised.
+
+    Raises:
+        DatasetError: If the file is not readable COCO, or an entry is invalid.
     """
     try:
-        # A large file makes millions of objects that live on: searching them for cycles meanwhile
-        # takes as long as the reading.
-        with _no_cycle_search():
+        # A large file creates millions of objects: garbage collection would double the time.
+        with _no_garbage_collection():
             content = _load(labels.path)
             pictures = Pictures(labels, rows(content, "images"))
             parsed = Parser(pictures, on_error).parse(content)
@@ -87,12 +100,12 @@ def _load(path: Path) -> Any:
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
-        raise DatasetError(f"not readable JSON ({error})") from error
+        raise DatasetError(f"not readable JSON ({error}), expected a COCO file") from error
 
 
 @contextmanager
-def _no_cycle_search() -> Iterator[None]:
-    """Switch Python's search for reference cycles off for a while, if it was on."""
+def _no_garbage_collection() -> Iterator[None]:
+    """Disable the cyclic garbage collector temporarily."""
     was_on = gc.isenabled()
     gc.disable()
     try:

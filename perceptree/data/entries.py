@@ -1,4 +1,4 @@
-"""Entries of a COCO file: fields read and checked, each refusal one line that names the entry."""
+"""Read and check fields of COCO entries; errors are one line that names the entry."""
 
 from __future__ import annotations
 
@@ -15,7 +15,13 @@ _SHOWN = 60
 
 
 class EntryError(DatasetError):
-    """One entry of a file is wrong: ``kind`` (image or annotation), ``number`` (its id), field."""
+    """An invalid entry of a label file.
+
+    Attributes:
+        kind: "image" or "annotation".
+        number: The entry's id.
+        field: The invalid field.
+    """
 
     def __init__(self, entry: Entry, kind: str, field: str, expected: str) -> None:
         self.kind, self.field, self.number = kind, field, entry.get("id", "?")
@@ -25,12 +31,16 @@ class EntryError(DatasetError):
 
 
 def refuse(entry: Entry, kind: str, field: str, expected: str) -> NoReturn:
-    """Say which entry of the file has which field wrong."""
+    """Raise an EntryError for a field of an entry."""
     raise EntryError(entry, kind, field, expected)
 
 
 def rows(content: Any, name: str) -> list[Entry]:
-    """The file's list of that name, each an object. Raises DatasetError for anything else."""
+    """Return the file's list of that name.
+
+    Raises:
+        DatasetError: If it is missing or not a list of objects.
+    """
     if not isinstance(content, dict):
         raise DatasetError("expected a COCO file with images and annotations")
     found = content.get(name)
@@ -40,7 +50,7 @@ def rows(content: Any, name: str) -> list[Entry]:
 
 
 def whole(entry: Entry, kind: str, field: str) -> int:
-    """A field's whole number."""
+    """Return a field's integer; raises EntryError for anything else."""
     value = entry.get(field)
     if isinstance(value, bool) or not isinstance(value, int):
         refuse(entry, kind, field, "a whole number")
@@ -48,7 +58,7 @@ def whole(entry: Entry, kind: str, field: str) -> int:
 
 
 def numbers(annotation: Entry, field: str, count: int) -> list[float]:
-    """A field's list of ``count`` finite numbers."""
+    """Return a field's list of ``count`` finite numbers; raises EntryError for anything else."""
     values = annotation.get(field)
     if not isinstance(values, list) or len(values) != count or not are_numbers(values):
         refuse(annotation, "annotation", field, f"{count} finite numbers")
@@ -56,7 +66,7 @@ def numbers(annotation: Entry, field: str, count: int) -> list[float]:
 
 
 def named_numbers(annotation: Entry, fields: Sequence[str]) -> dict[str, float]:
-    """Those of the fields that the annotation has, each a finite number."""
+    """Return the fields that are present; raises EntryError unless all are finite numbers."""
     values = {name: annotation[name] for name in fields if name in annotation}
     if not are_numbers(list(values.values())):
         wrong = next(name for name, value in values.items() if not are_numbers([value]))
@@ -65,17 +75,17 @@ def named_numbers(annotation: Entry, fields: Sequence[str]) -> dict[str, float]:
 
 
 def are_numbers(values: Any) -> bool:
-    """Whether this is a list of finite numbers and nothing else; true and false are none."""
+    """Return whether ``values`` is a list of finite numbers; bools do not count."""
     if not isinstance(values, list) or not _NUMBERS.issuperset(map(type, values)):
         return False
     try:
         return math.isfinite(math.fsum(values))
-    except (OverflowError, ValueError):  # infinities of both signs, or numbers beyond a float
+    except (OverflowError, ValueError):  # both infinities, or too large for a float
         return False
 
 
 def check_segmentation(annotation: Entry, width: int, height: int) -> None:
-    """Raise EntryError unless it is polygons, or runs of the frame's size."""
+    """Raise EntryError unless the segmentation is polygons, or run lengths of the frame's size."""
     segmentation = annotation["segmentation"]
     if isinstance(segmentation, dict):
         runs, size = segmentation.get("counts"), segmentation.get("size")

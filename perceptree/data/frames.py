@@ -1,4 +1,4 @@
-"""Frames as a model sees them: decoded, letterboxed, with their labels in the same pixels."""
+"""Frames as model input: decoded and letterboxed, with labels in the same pixels."""
 
 from __future__ import annotations
 
@@ -22,10 +22,13 @@ Float = NDArray[np.floating[Any]]
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """One frame in model px.
+    """One frame in model px (continuous px of the letterboxed image).
 
-    ``image`` uint8 (H, W) or (H, W, 3), ``boxes`` (N, 4) xyxy, ``keypoints`` (N, 5, 3) x, y, flag,
-    ``masks`` (N, H, W) bool, None where the data has none.
+    Attributes:
+        image: (H, W) or (H, W, 3) uint8.
+        boxes: (N, 4) x0, y0, x1, y1.
+        keypoints: (N, 5, 3) x, y, COCO visibility flag.
+        masks: (N, H, W) bool; None if the data has none.
     """
 
     image: NDArray[np.uint8]
@@ -34,7 +37,7 @@ class Sample:
     masks: NDArray[np.bool_] | None
 
     def targets(self) -> TreeTargets:
-        """The trees as the model trains on them."""
+        """Return the labels as float32 training targets."""
         return TreeTargets(
             torch.from_numpy(np.asarray(self.boxes, np.float32).reshape(-1, 4)),
             torch.from_numpy(np.asarray(self.keypoints, np.float32).reshape(-1, 5, 3)),
@@ -43,7 +46,7 @@ class Sample:
 
 
 class FrameStore:
-    """The frames of a split as a model wants them, decoded when they are asked for."""
+    """The frames of a split as model input, decoded on access."""
 
     def __init__(self, frames: Sequence[FrameRecord], spec: ModelSpec) -> None:
         self.frames = list(frames)
@@ -53,20 +56,28 @@ class FrameStore:
         return len(self.frames)
 
     def __getitem__(self, index: int) -> Sample:
-        """Raises DatasetError for a frame whose files are missing or broken."""
+        """Return frame ``index``.
+
+        Raises:
+            DatasetError: If its files are missing or broken.
+        """
         return load_sample(self.frames[index], self.spec)
 
     def image(self, index: int) -> NDArray[np.uint8]:
-        """The picture of frame ``index`` without its labels; raises as indexing does."""
-        return _picture(self.frames[index], self.spec)
+        """Return the letterboxed image of frame ``index`` without its labels.
+
+        Raises:
+            DatasetError: If the file is missing or broken.
+        """
+        return _letterboxed_image(self.frames[index], self.spec)
 
     @property
     def trees(self) -> int:
-        """How many trees are labelled, crowds left out."""
+        """Number of labelled trees without crowds."""
         return sum(not tree.crowd for frame in self.frames for tree in frame.trees)
 
     def letterbox(self, index: int) -> Letterbox:
-        """How frame ``index`` was fitted into the model's input."""
+        """Return how frame ``index`` is fitted into the model's input."""
         return _letterbox(self.frames[index], self.spec)
 
 
@@ -74,18 +85,20 @@ def _letterbox(frame: FrameRecord, spec: ModelSpec) -> Letterbox:
     return Letterbox.fit(frame.width, frame.height, spec.width, spec.height)
 
 
-def _picture(frame: FrameRecord, spec: ModelSpec) -> NDArray[np.uint8]:
+def _letterboxed_image(frame: FrameRecord, spec: ModelSpec) -> NDArray[np.uint8]:
     _check_encoding(frame, spec)
     return _letterbox(frame, spec).apply(read_frame(frame, spec.modality), spec.pad_value)
 
 
 def load_sample(frame: FrameRecord, spec: ModelSpec) -> Sample:
-    """Decode a frame and fit it, with its labels, into the input of ``spec``.
+    """Decode a frame and letterbox it with its labels.
 
-    ``masks`` is None where a tree of the frame has no segmentation. Raises DatasetError for a
-    file that is missing, broken, of another size or of another depth encoding.
+    Crowds are left out. ``masks`` is None if a tree has no segmentation.
+
+    Raises:
+        DatasetError: If a file is missing or broken, or has another size or depth encoding.
     """
-    image, box = _picture(frame, spec), _letterbox(frame, spec)
+    image, box = _letterboxed_image(frame, spec), _letterbox(frame, spec)
     trees = [tree for tree in frame.trees if not tree.crowd]
     boxes = np.array([tree.box_px * np.tile(box.scale, 2) for tree in trees]).reshape(-1, 4)
     keypoints = np.array([tree.keypoints for tree in trees]).reshape(-1, 5, 3).copy()
@@ -100,7 +113,7 @@ def load_sample(frame: FrameRecord, spec: ModelSpec) -> Sample:
 
 
 def _check_encoding(frame: FrameRecord, spec: ModelSpec) -> None:
-    """A model of depth sees the greys that its spec says, and no others."""
+    """Raise DatasetError if the frame's depth encoding is not the model's."""
     wanted, found = spec.depth_encoding, frame.extra.get("depth_encoding")
     if wanted is not None and found is not None and found != wanted:
         raise DatasetError(
@@ -109,29 +122,34 @@ def _check_encoding(frame: FrameRecord, spec: ModelSpec) -> None:
 
 
 def source_path(frame: FrameRecord, modality: str) -> Path:
-    """The picture that a model of ``modality`` sees of a frame.
+    """Return the image file that a model of ``modality`` ("rgb" or "depth") reads.
 
-    Raises DatasetError where the frame has no depth.
+    Raises:
+        DatasetError: If the frame has no depth image.
     """
     path: Path | None = frame.image_path if modality == "rgb" else frame.depth8_path
     if path is None:
         raise DatasetError(
-            f"{frame.image_path}: the dataset gives no 8-bit depth beside it; expected depth,"
+            f"{frame.image_path}: the dataset has no 8-bit depth image for it; expected one,"
             " or --modality rgb"
         )
     return path
 
 
 def read_frame(frame: FrameRecord, modality: str) -> NDArray[np.uint8]:
-    """The frame's colour image (H, W, 3) BGR, or its 8-bit depth (H, W).
+    """Read a frame's image.
 
-    Raises DatasetError for a file that is missing, unreadable or of another size.
+    Returns:
+        For "rgb" the colour image (H, W, 3) BGR, for "depth" the 8-bit depth (H, W), uint8.
+
+    Raises:
+        DatasetError: If the file is missing, unreadable or of another size or type.
     """
     path = source_path(frame, modality)
     flag = cv2.IMREAD_COLOR if modality == "rgb" else cv2.IMREAD_UNCHANGED
     image = cv2.imread(str(path), flag) if path.is_file() else None
     if image is None:
-        raise DatasetError(f"{path}: missing or not a readable image")
+        raise DatasetError(f"{path}: missing or not a readable image, expected one")
     if image.shape[:2] != (frame.height, frame.width):
         raise DatasetError(
             f"{path}: is {image.shape[1]}x{image.shape[0]} px, expected"

@@ -1,25 +1,27 @@
-"""Where datasets keep their files: labels by split and fold, pictures, depth pictures.
+"""Find the label files of a dataset.
 
-Label files that are found by their names, within a dataset's folder or one folder below:
+Label files are recognised by their names, in a dataset's folder or one folder below:
 
 =============================================  =================================================
 ``train_RGB.json``                             the simulator; SynthTree43k as published
 ``train_RGB_entire_tree.json``                 SynthTree43k's labels of entire trees
-``annotations/trees_train.json``               SynthTree43k and CanaTree100 as later users keep them
+``annotations/trees_train.json``               common repackagings of SynthTree43k, CanaTree100
 ``fold_01/train_RGB.json``, ``train_1.json``   folds, by folder or by number
-``annotations/instances_train2017.json``       COCO, CVAT (there also ``instances_default.json``)
-``train/_annotations.coco.json``               Roboflow, where ``valid`` is val
+``annotations/instances_train2017.json``       COCO, CVAT
+``annotations/instances_default.json``         CVAT
+``train/_annotations.coco.json``               Roboflow, which calls val ``valid``
 =============================================  =================================================
 
-What is published of the authors' sets, in the README and ``train_synth_RGB.py`` of
-norlab-ulaval/PercepTreeV1: SynthTree43k is one folder of 1280x720 pictures named like
-``image_00000_RGB.png`` with ``train_RGB.json``, ``val_RGB.json`` and ``test_RGB.json``; masks are
-compressed runs, the one category is ``tree``, its five keypoints are kpCP, kpL, kpR, AX1, AX2. The
-depth pictures (8-bit, one channel) are an archive of their own, and so are three files
-``*_RGB_entire_tree.json`` for the same pictures. CanaTree100 has train, val and test for each of
-five folds; its models are named ``fold_01``. The archives themselves could not be looked into, so
-names are recognised by their words and not by one fixed pattern, and a depth picture is one of the
-same name in a folder called like depth, or one whose name says depth where the other says RGB.
+The README and ``train_synth_RGB.py`` of norlab-ulaval/PercepTreeV1 describe the published data.
+SynthTree43k is one folder of 1280x720 images named like ``image_00000_RGB.png`` with
+``train_RGB.json``, ``val_RGB.json`` and ``test_RGB.json``. Masks are compressed run lengths, the
+only category is ``tree``, and its keypoints are kpCP, kpL, kpR, AX1, AX2. The depth images (8-bit,
+one channel) and the three ``*_RGB_entire_tree.json`` files come as separate archives. CanaTree100
+has train, val and test for each of five folds; its models are named ``fold_01``.
+
+The archives' own contents were not available, so file names are matched by the words in them rather
+than by one fixed pattern. Depth images are found by name: in a folder whose name contains "depth",
+or with "depth" in place of "RGB" in the file name.
 """
 
 from __future__ import annotations
@@ -58,16 +60,24 @@ _NOT_LABELS = frozenset(
         "log",
     )
 )
-# Files that name no split themselves: their folder does, or the set is one for looking and testing.
+# Names without a split: the folder's name gives the split, else it is "test".
 _PLAIN_STEMS = frozenset(
     ("_annotations.coco", "annotations", "instances", "instances_default", "labels", "coco")
 )
-_NAMED = 8
+_MAX_LISTED = 8
 
 
 @dataclass(frozen=True, order=True)
 class LabelFile:
-    """A label file: of which split and fold, whether of entire trees, and the set's folder."""
+    """A label file.
+
+    Attributes:
+        split: "train", "val" or "test".
+        fold: Number of the fold, if any.
+        entire_tree: Whether the labels are of entire trees.
+        path: The file.
+        root: The dataset's folder.
+    """
 
     split: str
     fold: int | None
@@ -77,20 +87,20 @@ class LabelFile:
 
 
 def label_files(directory: Path) -> list[LabelFile]:
-    """All label files of a dataset's folder, those it holds and those one folder below."""
+    """Return all label files in a dataset's folder and one folder below."""
     found = [
         LabelFile(*recognised, path, directory)
         for pattern in ("*.json", "*/*.json", "fold*/annotations/*.json")
         for path in sorted(directory.glob(pattern))
         if (recognised := _recognise(path.relative_to(directory))) is not None
     ]
-    # Depth has the same labels as colour, where both have files.
+    # If there are label files for colour and depth, they are the same: use those for colour.
     colour = [file for file in found if "depth" not in file.path.stem.lower()]
     return sorted(colour or found, key=lambda file: (file.split, file.fold or 0, file.path))
 
 
 def _recognise(path: Path) -> tuple[str, int | None, bool] | None:
-    """(split, fold, entire tree) as a label file's name and folders say; None for other files."""
+    """Return (split, fold, entire tree) from a file's name and folders; None for other files."""
     stem = words(path.stem)
     if _NOT_LABELS & set(stem):
         return None
@@ -107,12 +117,12 @@ def _recognise(path: Path) -> tuple[str, int | None, bool] | None:
 
 
 def words(name: str) -> list[str]:
-    """The words and numbers of a name, in lower case."""
+    """Return the words and numbers in a name, in lower case."""
     return re.findall(r"[a-z]+|[0-9]+", name.lower())
 
 
 def _fold(name: list[str], after_split: bool) -> int | None:
-    """The number after the word fold, or the last of one or two digits after the split's word."""
+    """Return the number after "fold", or a final number of 1 or 2 digits after the split."""
     for word, following in pairwise(name):
         if word == "fold" and following.isdigit():
             return int(following)
@@ -123,12 +133,19 @@ def _fold(name: list[str], after_split: bool) -> int | None:
 def find_labels(
     directory: Path, split: str, fold: int | None = None, entire_tree: bool = False
 ) -> LabelFile:
-    """The one label file of a split. ``directory`` may be a label file itself.
+    """Find the label file of a split.
 
-    Raises DatasetError, in one line that says what there is, where none or several fit.
+    Args:
+        directory: The dataset's folder, or one label file.
+        split: "train", "val" or "test".
+        fold: Which fold of a dataset with several.
+        entire_tree: Find the labels of entire trees.
+
+    Raises:
+        DatasetError: If no label file or several match; the message lists what was found.
     """
     if directory.is_file():
-        return _single(directory, split)
+        return _explicit_file(directory, split)
     files = label_files(directory)
     named = _nearest(
         [file for file in files if file.split == split and file.entire_tree == entire_tree]
@@ -141,7 +158,7 @@ def find_labels(
             raise DatasetError(f"{directory}: holds folds {listed}, expected one: --fold NUMBER")
         fitting = named
     if not fitting:
-        raise DatasetError(_nothing_fits(directory, split, fold, entire_tree, files))
+        raise DatasetError(_not_found_message(directory, split, fold, entire_tree, files))
     colour = [file for file in fitting if "rgb" in words(file.path.stem)]
     fitting = colour if len(colour) == 1 else fitting
     if len(fitting) > 1:
@@ -153,7 +170,7 @@ def find_labels(
 
 
 def _nearest(files: list[LabelFile]) -> list[LabelFile]:
-    """Those in the set's folder itself; else in one named for labels; else in any below."""
+    """Return the files in the dataset's folder; else those in label folders; else all."""
 
     def distance(file: LabelFile) -> int:
         folders = words(file.path.parent.relative_to(file.root).as_posix())
@@ -167,16 +184,20 @@ def _nearest(files: list[LabelFile]) -> list[LabelFile]:
 def find_splits(
     directory: Path, fold: int | None = None, entire_tree: bool = False
 ) -> list[LabelFile]:
-    """The label files of all splits that a dataset has, train, val, test, as `find_labels` does."""
+    """Find the label files of all splits of a dataset, in the order train, val, test.
+
+    Raises:
+        DatasetError: As `find_labels`.
+    """
     if directory.is_file():
-        return [_single(directory, None)]
+        return [_explicit_file(directory, None)]
     files = label_files(directory)
     there = {file.split for file in files if file.entire_tree == entire_tree}
     wanted = [split for split in SPLITS if split in there] or ["train"]
     return [find_labels(directory, split, fold, entire_tree) for split in wanted]
 
 
-def _nothing_fits(
+def _not_found_message(
     directory: Path, split: str, fold: int | None, entire_tree: bool, files: list[LabelFile]
 ) -> str:
     name = f"{split}_RGB{'_entire_tree' * entire_tree}.json"
@@ -189,23 +210,23 @@ def _nothing_fits(
     wanted += "" if fold is None else f" in fold {fold}"
     hint = ""
     if not entire_tree and any(file.entire_tree and file.split == split for file in files):
-        hint = "; --entire-tree chooses labels of entire trees"
-    return f"{directory}: expected {wanted}, say {name}; found {_listed(directory, files)}{hint}"
+        hint = "; use --entire-tree for labels of entire trees"
+    return f"{directory}: expected {wanted}, like {name}; found {_listed(directory, files)}{hint}"
 
 
 def _listed(directory: Path, files: list[LabelFile]) -> str:
     names = [file.path.relative_to(directory).as_posix() for file in files]
-    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-    return ", ".join(names[:_NAMED]) + more
+    more = f" and {len(names) - _MAX_LISTED} more" if len(names) > _MAX_LISTED else ""
+    return ", ".join(names[:_MAX_LISTED]) + more
 
 
-def _single(path: Path, split: str | None) -> LabelFile:
-    """A label file that was named itself; where its name says no split, it is one for testing."""
+def _explicit_file(path: Path, split: str | None) -> LabelFile:
+    """Return a label file given by its path; the split is "test" if its name has none."""
     recognised = _recognise(Path(path.name))
     named = recognised[0] if recognised else "test"
     if split not in (None, named):
         raise DatasetError(
-            f"{path}: one label file of {named}, expected a dataset's folder to read {split}"
+            f"{path}: is a label file of split {named}, expected one of split {split} or a folder"
         )
     root = path.parent.parent if path.parent.name == "annotations" else path.parent
     return LabelFile(named, None, False, path, root)

@@ -1,4 +1,4 @@
-"""How far simulated pictures look like real ones: measures of colour, contrast and texture."""
+"""Compare simulated with real images by measures of colour, contrast and texture."""
 
 from __future__ import annotations
 
@@ -18,12 +18,19 @@ Picture = NDArray[np.uint8]
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 _WIDTH_PX = 640
-_FEWEST = 3
+_MIN_IMAGES = 3
 
 
 @dataclass(frozen=True)
 class Tones:
-    """A picture as grey levels (H, W) 0 to 255, its chroma (H, W), and a* and b* of CIELAB."""
+    """Brightness and colour of an image, each (H, W).
+
+    Attributes:
+        grey: Grey levels, 0 to 255.
+        chroma: Chroma, the length of (a*, b*) in CIELAB.
+        green_red: a* of CIELAB.
+        blue_yellow: b* of CIELAB.
+    """
 
     grey: Float
     chroma: Float
@@ -33,7 +40,13 @@ class Tones:
 
 @dataclass(frozen=True)
 class Measure:
-    """One property of a picture: ``title`` for people, ``of`` its value."""
+    """A scalar property of an image.
+
+    Attributes:
+        name: Key in JSON.
+        title: Description for people.
+        of: Computes the value.
+    """
 
     name: str
     title: str
@@ -42,11 +55,15 @@ class Measure:
 
 @dataclass(frozen=True)
 class Difference:
-    """A measure's values of the real and the simulated pictures.
+    """Values of a measure for the real and the simulated images.
 
-    ``separation`` is how surely it tells them apart, from 0 (not at all) to 1 (always): twice
-    the area under the ROC curve beyond one half. ``shift`` is the simulated median minus the
-    real one, in standard deviations of the real ones.
+    Attributes:
+        measure: The measure.
+        real: Values of the real images.
+        simulated: Values of the simulated images.
+        separation: How well the measure separates the two sets, 0 (not at all) to 1 (perfectly): |2
+            AUC - 1| with the area under the ROC curve.
+        shift: Simulated median minus real median, in standard deviations of the real values.
     """
 
     measure: Measure
@@ -58,14 +75,20 @@ class Difference:
 
 @dataclass(frozen=True)
 class Comparison:
-    """All measures, the most telling first, and the pictures' files."""
+    """The result of a comparison.
+
+    Attributes:
+        differences: All measures, largest separation first.
+        real: Files of the real images.
+        simulated: Files of the simulated images.
+    """
 
     differences: list[Difference]
     real: list[Path]
     simulated: list[Path]
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON-ready figures."""
+        """Return JSON-ready values."""
         return {
             "real": len(self.real),
             "simulated": len(self.simulated),
@@ -81,28 +104,38 @@ class Comparison:
         }
 
 
-def find_pictures(folder: Path, most: int) -> list[Path]:
-    """At most ``most`` pictures below a folder, spread evenly over their sorted names.
+def find_pictures(folder: Path, limit: int) -> list[Path]:
+    """Find images in a folder and its subfolders.
 
-    Of a simulated data set only its colour images are taken. Raises DatasetError for a folder
-    that is not there or has fewer than three pictures.
+    Of a simulated dataset only the colour images are taken.
+
+    Args:
+        folder: The folder.
+        limit: Largest number of images; they are chosen at even steps in the order of their names.
+
+    Raises:
+        DatasetError: If the folder does not exist or has fewer than three images.
     """
     if not folder.is_dir():
-        raise DatasetError(f"{folder}: no such folder, expected one with pictures")
+        raise DatasetError(f"{folder}: no such folder, expected a folder with images")
     images = folder / "images"
     inside = images if images.is_dir() and (folder / "scenes").is_dir() else folder
     found = sorted(path for path in inside.rglob("*") if path.suffix.lower() in SUFFIXES)
-    if len(found) < _FEWEST:
-        raise DatasetError(f"{folder}: holds {len(found)} pictures, expected at least {_FEWEST}")
-    chosen = np.unique(np.linspace(0, len(found) - 1, min(most, len(found))).round().astype(int))
+    if len(found) < _MIN_IMAGES:
+        raise DatasetError(f"{folder}: holds {len(found)} images, expected at least {_MIN_IMAGES}")
+    chosen = np.unique(np.linspace(0, len(found) - 1, min(limit, len(found))).round().astype(int))
     return [found[number] for number in chosen]
 
 
 def read_small(path: Path) -> Picture:
-    """A picture 640 px wide as BGR. Raises DatasetError where it cannot be read."""
+    """Read an image as BGR uint8, resized to a width of 640 px.
+
+    Raises:
+        DatasetError: If the file cannot be read.
+    """
     image = cv2.imread(str(path), cv2.IMREAD_COLOR)
     if image is None:
-        raise DatasetError(f"{path}: not a readable image")
+        raise DatasetError(f"{path}: not a readable image, expected one")
     height = round(image.shape[0] * _WIDTH_PX / image.shape[1])
     small = cv2.resize(image, (_WIDTH_PX, height), interpolation=cv2.INTER_AREA)
     return np.asarray(small, np.uint8)
@@ -113,7 +146,16 @@ def compare_pictures(
     simulated: Sequence[Path],
     progress: Callable[[int], None] = lambda n: None,
 ) -> Comparison:
-    """Measure all pictures, and order the measures by how surely each tells them apart."""
+    """Measure all images and sort the measures by separation.
+
+    Args:
+        real: Files of the real images, at least one.
+        simulated: Files of the simulated images, at least one.
+        progress: Called with 1 after each image.
+
+    Raises:
+        DatasetError: If an image cannot be read.
+    """
     values = []
     for paths in (real, simulated):
         rows = []
@@ -154,7 +196,7 @@ def _tones(image: Picture) -> Tones:
 
 
 def _share_of_edges(grey: Float, upright: bool) -> float:
-    """Share of the gradient's energy in edges within 15 degrees of upright, or of level."""
+    """Return the share of gradient energy within 15 degrees of vertical (or horizontal) edges."""
     soft = cv2.GaussianBlur(grey, (0, 0), 1.0)
     across, down = cv2.Sobel(soft, cv2.CV_32F, 1, 0), cv2.Sobel(soft, cv2.CV_32F, 0, 1)
     energy = across**2 + down**2
@@ -163,14 +205,17 @@ def _share_of_edges(grey: Float, upright: bool) -> float:
     return float(energy[near].sum() / max(float(energy.sum()), 1e-9))
 
 
-def _band(grey: Float, sigma_px: float) -> float:
-    """Standard deviation of the detail between two scales, in grey levels; 0 px is no blur."""
+def _texture(grey: Float, sigma_px: float) -> float:
+    """Return the standard deviation of the detail between two blur scales, in grey levels.
+
+    A ``sigma_px`` of 0 means no blur on the finer scale.
+    """
     finer = cv2.GaussianBlur(grey, (0, 0), sigma_px) if sigma_px else grey
     return float((finer - cv2.GaussianBlur(grey, (0, 0), max(2 * sigma_px, 1.0))).std())
 
 
 def _above_below(grey: Float) -> float:
-    """Mean lightness of the upper third minus that of the lower third."""
+    """Return the mean grey level of the upper third minus that of the lower third."""
     third = grey.shape[0] // 3
     return float(grey[:third].mean() - grey[-third:].mean())
 
@@ -180,7 +225,7 @@ MEASURES: tuple[Measure, ...] = (
     Measure("contrast", "Contrast, deviation of grey", lambda tones: float(tones.grey.std())),
     Measure(
         "blown",
-        "Blown out, % of pixels over 250",
+        "Overexposed, % of pixels over 250",
         lambda tones: 100 * float((tones.grey > 250).mean()),
     ),
     Measure(
@@ -188,31 +233,33 @@ MEASURES: tuple[Measure, ...] = (
     ),
     Measure(
         "sky_over_ground",
-        "Upper third lighter than the lower, grey levels",
+        "Upper third minus lower third, grey levels",
         lambda tones: _above_below(tones.grey),
     ),
     Measure("chroma", "Colourfulness, mean chroma", lambda tones: float(tones.chroma.mean())),
     Measure(
         "chroma_spread",
-        "Variety of colour, deviation of chroma",
+        "Colour variety, standard deviation of chroma",
         lambda tones: float(tones.chroma.std()),
     ),
     Measure("green_red", "Red against green, mean a*", lambda tones: float(tones.green_red.mean())),
     Measure(
         "blue_yellow", "Yellow against blue, mean b*", lambda tones: float(tones.blue_yellow.mean())
     ),
-    Measure("finest", "Finest detail and noise, below 1 px", lambda tones: _band(tones.grey, 0.0)),
-    Measure("fine", "Fine texture, 1 to 2 px", lambda tones: _band(tones.grey, 1.0)),
-    Measure("medium", "Texture of 4 to 8 px", lambda tones: _band(tones.grey, 4.0)),
-    Measure("coarse", "Texture of 16 to 32 px", lambda tones: _band(tones.grey, 16.0)),
+    Measure(
+        "finest", "Finest detail and noise, below 1 px", lambda tones: _texture(tones.grey, 0.0)
+    ),
+    Measure("fine", "Fine texture, 1 to 2 px", lambda tones: _texture(tones.grey, 1.0)),
+    Measure("medium", "Texture of 4 to 8 px", lambda tones: _texture(tones.grey, 4.0)),
+    Measure("coarse", "Texture of 16 to 32 px", lambda tones: _texture(tones.grey, 16.0)),
     Measure(
         "upright_edges",
-        "Upright edges, share",
+        "Vertical edges, share",
         lambda tones: _share_of_edges(tones.grey, upright=True),
     ),
     Measure(
         "level_edges",
-        "Level edges, share",
+        "Horizontal edges, share",
         lambda tones: _share_of_edges(tones.grey, upright=False),
     ),
 )

@@ -1,4 +1,4 @@
-"""The comparison of real and simulated pictures as a page that needs nothing else."""
+"""HTML report of the comparison of real and simulated images."""
 
 from __future__ import annotations
 
@@ -16,40 +16,41 @@ from perceptree.page import card, render_page, tiles
 _EXAMPLES = 12
 _EXAMPLE_PX = 320
 _SPAN_PX, _ROW_PX = 420, 15
-_TELLING = 0.5
+_CLEAR_SEPARATION = 0.5
 _COLOURS = {"real": "var(--accent)", "simulated": "#e08a2e"}
 
 
 def likeness_page(comparison: Comparison) -> str:
-    """The whole page as HTML text, with example pictures side by side."""
-    telling = sum(d.separation > _TELLING for d in comparison.differences)
+    """Render the comparison as a self-contained HTML page with example images."""
+    separating = sum(d.separation > _CLEAR_SEPARATION for d in comparison.differences)
     head = tiles(
         [
-            (f"{len(comparison.real):,}", "real pictures"),
-            (f"{len(comparison.simulated):,}", "simulated pictures"),
-            (f"{telling}", f"of {len(comparison.differences)} measures tell them apart clearly"),
+            (f"{len(comparison.real):,}", "real images"),
+            (f"{len(comparison.simulated):,}", "simulated images"),
+            (f"{separating}", f"of {len(comparison.differences)} measures separate them clearly"),
         ]
     )
     note = (
-        "Bars span half of the pictures, lines 90 %, the tick is the median. Separation is how"
-        " surely a measure alone tells real from simulated: 0 is chance, 1 always. Shift is the"
-        " simulated median minus the real one, in standard deviations of the real pictures."
-        " Pictures are compared at a width of 640 px; few real ones say little."
+        "Bars span half of the images, lines 90 %, the tick is the median. Separation is how"
+        " reliably a measure alone separates real from simulated images: 0 is chance, 1 is always."
+        " Shift is the simulated median minus the real median, in standard deviations of the real"
+        " images. Images are compared at a width of 640 px. With few real images the numbers are"
+        " uncertain."
     )
     return render_page(
-        "Real and simulated pictures",
-        "<h1>Real and simulated pictures</h1>"
+        "Real and simulated images",
+        "<h1>Real and simulated images</h1>"
         + head
-        + f'<h2>What differs most</h2><p class="note">{note}</p>'
+        + f'<h2>Differences</h2><p class="note">{note}</p>'
         + _table(comparison.differences)
-        + "<h2>Side by side</h2>"
+        + "<h2>Examples</h2>"
         + _examples(comparison),
     )
 
 
 def _table(differences: Sequence[Difference]) -> str:
     rows = "".join(
-        f"<tr><td>{escape(d.measure.title)}</td><td>{_strips(d)}</td>"
+        f"<tr><td>{escape(d.measure.title)}</td><td>{_box_plots(d)}</td>"
         f'<td style="--share:{100 * d.separation:.0f}%">{d.separation:.2f}</td>'
         f"<td>{d.shift:+.1f}</td><td>{np.median(d.real):.3g}</td>"
         f"<td>{np.median(d.simulated):.3g}</td></tr>"
@@ -67,8 +68,8 @@ def _table(differences: Sequence[Difference]) -> str:
     )
 
 
-def _strips(difference: Difference) -> str:
-    """Two strips on one axis."""
+def _box_plots(difference: Difference) -> str:
+    """Draw the two box plots of a measure on one axis."""
     both = np.concatenate([difference.real, difference.simulated])
     low, high = np.percentile(both, (1, 99))
     scale = (_SPAN_PX - 8) / max(float(high - low), 1e-9)
@@ -76,14 +77,14 @@ def _strips(difference: Difference) -> str:
     for row, (name, values) in enumerate(
         (("real", difference.real), ("simulated", difference.simulated))
     ):
-        drawn += _strip(values, float(low), scale, row * _ROW_PX, _COLOURS[name])
+        drawn += _box_plot(values, float(low), scale, row * _ROW_PX, _COLOURS[name])
     return (
         f'<svg viewBox="0 0 {_SPAN_PX} {2 * _ROW_PX}" style="width:{_SPAN_PX}px" role="img"'
         f' aria-label="{escape(difference.measure.title)}">{drawn}</svg>'
     )
 
 
-def _strip(values: Float, low: float, scale: float, top: float, colour: str) -> str:
+def _box_plot(values: Float, low: float, scale: float, top: float, colour: str) -> str:
     places = np.percentile(values, (5, 25, 50, 75, 95))
     first, left, middle, right, last = np.clip(4 + (places - low) * scale, 2, _SPAN_PX - 2)
     y = top + _ROW_PX / 2

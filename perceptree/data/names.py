@@ -1,4 +1,4 @@
-"""Names in other people's files: which categories are trees, which keypoints are which of ours."""
+"""Map category and keypoint names of other datasets to this project's."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ _NOT_STANDING = frozenset(
         "not",
     )
 )
-_NO_CATEGORIES = "the file has no categories: all its labels are taken as trees"
+_NO_CATEGORIES = "the file has no categories: all labels are taken as trees"
 # The published names are those of PercepTreeV1's demo and training scripts.
 _ALIASES = {
     "felling_cut": ("kpcp", "kpc", "cutpoint", "fellingpoint"),
@@ -90,19 +90,19 @@ _ALIASES = {
 }
 
 
-def _plain(name: str) -> str:
+def _normalise(name: str) -> str:
     return re.sub(r"[^a-z0-9]", "", name.lower())
 
 
 _KEYPOINT_OF = {
-    _plain(alias): number
+    _normalise(alias): number
     for number, name in enumerate(KEYPOINT_NAMES)
     for alias in (name, *_ALIASES[name])
 }
 
 
 def means_tree(name: str) -> bool:
-    """Whether a category's name says a standing tree, or a kind of one."""
+    """Return whether a category's name means a standing tree or a tree species."""
     spaced = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
     words = set(re.findall(r"[a-z]+", spaced.lower()))
     return bool(words & _TREES) and not words & _NOT_STANDING
@@ -110,10 +110,12 @@ def means_tree(name: str) -> bool:
 
 @dataclass(frozen=True)
 class KeypointMap:
-    """Where our keypoints stand in an annotation's list.
+    """Positions of this project's keypoints in an annotation's list.
 
-    ``count`` is how many keypoints an annotation lists; ``places[k]`` is the place of our
-    keypoint k among them, -1 where the file has none; None when none is used.
+    Attributes:
+        count: Number of keypoints in an annotation.
+        places: Index in that list of each of this project's keypoints, -1 if missing; None if none
+            are used.
     """
 
     count: int
@@ -122,10 +124,13 @@ class KeypointMap:
 
 @dataclass(frozen=True)
 class NameMap:
-    """Which categories are trees, and the keypoints of each, by category id; what to say of it.
+    """Which categories are trees, and their keypoints.
 
-    ``known`` are all ids of the file's categories; none where the file has no categories: then
-    everything is a tree, with the keypoints under None.
+    Attributes:
+        known: Ids of all categories; empty if the file has none. Then everything is a tree, with
+            its keypoints under None.
+        keypoints: Keypoints of each tree category, by category id.
+        notes: Messages for the user about the mapping.
     """
 
     known: frozenset[int]
@@ -133,9 +138,10 @@ class NameMap:
     notes: tuple[str, ...]
 
     def of(self, annotation: dict[str, Any]) -> KeypointMap | None:
-        """An annotation's keypoints; None where its category is not trees.
+        """Return the keypoints of an annotation; None if its category is not a tree.
 
-        Raises EntryError for an id that is none of the categories'.
+        Raises:
+            EntryError: If the category id is unknown.
         """
         category = annotation.get("category_id") if self.known else None
         if category is None and len(self.keypoints) == 1:
@@ -146,44 +152,50 @@ class NameMap:
 
 
 def map_names(content: dict[str, Any], annotations: Sequence[dict[str, Any]]) -> NameMap:
-    """How a file's categories and keypoints are ours.
+    """Map the categories and keypoints of a file.
 
-    One category of any name is trees; of several, those whose name means tree. Raises
-    DatasetError where none of several does.
+    A single category is taken as trees whatever its name; of several, those whose name means tree.
+
+    Args:
+        content: The file's content.
+        annotations: Its annotations.
+
+    Raises:
+        DatasetError: If none of several categories means tree.
     """
     if not content.get("categories"):
-        keypoints, said = _unnamed_keypoints(None, annotations)
-        return NameMap(frozenset(), {None: keypoints}, (_NO_CATEGORIES, *said))
+        keypoints, messages = _unnamed_keypoints(None, annotations)
+        return NameMap(frozenset(), {None: keypoints}, (_NO_CATEGORIES, *messages))
     categories = rows(content, "categories")
     for category in categories:
         if not isinstance(category.get("id"), int) or not isinstance(category.get("name"), str):
-            raise DatasetError("expected categories with a whole id and a name each")
+            raise DatasetError("expected categories that each have an integer id and a name")
     counts = Counter(annotation.get("category_id") for annotation in annotations)
-    chosen, notes = _choose(categories, counts)
+    chosen, notes = _tree_categories(categories, counts)
     maps: dict[int | None, KeypointMap] = {}
     for category in chosen:
-        maps[category["id"]], said = _map_keypoints(category, annotations)
-        notes += [note for note in said if note not in notes]
+        maps[category["id"]], messages = _map_keypoints(category, annotations)
+        notes += [note for note in messages if note not in notes]
     return NameMap(frozenset(category["id"] for category in categories), maps, tuple(notes))
 
 
-def _choose(
+def _tree_categories(
     categories: list[dict[str, Any]], counts: Counter[Any]
 ) -> tuple[list[dict[str, Any]], list[str]]:
-    """The categories that are trees, and what to say of the choice."""
+    """Return the categories that are trees, and messages about the choice."""
     parents = {category.get("supercategory") for category in categories}
-    # Some tools add a category without labels that only holds the others.
+    # Some tools add an unlabelled parent category.
     real = [c for c in categories if counts[c["id"]] or c["name"] not in parents] or categories
     if len(real) == 1:
         known = means_tree(real[0]["name"])
-        said = f"category {real[0]['name']!r}, the only one, is taken as trees"
-        return real, [] if known else [said]
+        messages = f"category {real[0]['name']!r}, the only one, is taken as trees"
+        return real, [] if known else [messages]
     chosen = [category for category in real if means_tree(category["name"])]
     if not chosen:
         named = ", ".join(repr(category["name"]) for category in real)
         raise DatasetError(
-            f"none of the categories {named} is called tree, trunk, stem or a kind of tree:"
-            " expected those that are trees to be renamed 'tree' in the file"
+            f"none of the categories {named} means tree, trunk, stem or a tree species:"
+            " expected tree categories to be named 'tree'"
         )
     left = [
         f"{category['name']!r} ({counts[category['id']]} labels)"
@@ -204,7 +216,7 @@ def _map_keypoints(
         return _unnamed_keypoints(category["id"], annotations)
     if not all(isinstance(name, str) for name in names):
         raise DatasetError(f"keypoints of category {category['name']!r}: expected their names")
-    found = [_KEYPOINT_OF.get(_plain(name)) for name in names]
+    found = [_KEYPOINT_OF.get(_normalise(name)) for name in names]
     places = tuple(found.index(k) if k in found else -1 for k in range(KEYPOINTS))
     if max(places) < 0:
         listed = ", ".join(names)
@@ -212,17 +224,17 @@ def _map_keypoints(
             f"keypoints are left out: {listed} are not {', '.join(KEYPOINT_NAMES)}"
         ]
     missing = [name for name, place in zip(KEYPOINT_NAMES, places, strict=True) if place < 0]
-    said = [f"the file has no keypoint {', '.join(missing)}"] if missing else []
+    messages = [f"the file has no keypoint {', '.join(missing)}"] if missing else []
     if len(names) > KEYPOINTS - len(missing):
         others = [name for name, known in zip(names, found, strict=True) if known is None]
-        said += [f"keypoints left out: {', '.join(others)}"] if others else []
-    return KeypointMap(len(names), places), said
+        messages += [f"keypoints left out: {', '.join(others)}"] if others else []
+    return KeypointMap(len(names), places), messages
 
 
 def _unnamed_keypoints(
     category_id: int | None, annotations: Sequence[dict[str, Any]]
 ) -> tuple[KeypointMap, list[str]]:
-    """Five without names are in the published order; another number is not ours."""
+    """Map keypoints without names: five are taken in the published order, others are not used."""
     for annotation in annotations:
         listed = annotation.get("keypoints")
         if listed and category_id in (None, annotation.get("category_id", category_id)):

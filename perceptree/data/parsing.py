@@ -1,4 +1,4 @@
-"""A COCO file's content becomes records of frames and trees."""
+"""Convert the content of a COCO file to records of frames and trees."""
 
 from __future__ import annotations
 
@@ -40,7 +40,14 @@ _NOTHING = [0.0] * (3 * KEYPOINTS)
 
 @dataclass(frozen=True, eq=False)
 class Parsed:
-    """A file's frames, what to say of them, and (number, x, y) of keypoints outside the frame."""
+    """The parsed content of a file.
+
+    Attributes:
+        frames: The frames.
+        notes: Messages for the user.
+        has_masks: Whether every tree has a mask.
+        outside: (annotation id, x, y) of keypoints outside their frame.
+    """
 
     frames: list[FrameRecord]
     notes: tuple[str, ...]
@@ -49,8 +56,8 @@ class Parsed:
 
 
 @dataclass(frozen=True, eq=False)
-class _Found:
-    """The checked annotations of some images, as they are on disk, and their images' sizes."""
+class _TreeEntries:
+    """Checked annotations of some images, as on disk, with the sizes of their images."""
 
     entries: list[Entry] = field(default_factory=list)
     boxes: list[list[float]] = field(default_factory=list)
@@ -62,7 +69,8 @@ class _Found:
 class Parser:
     """Reads the entries of one file.
 
-    Without ``on_error`` the first wrong entry is raised; with it, each is handed over and left out.
+    Without ``on_error`` the first invalid entry is raised. With it, each invalid entry is passed to
+    it and left out.
     """
 
     def __init__(self, pictures: Pictures, on_error: OnError | None = None) -> None:
@@ -74,9 +82,12 @@ class Parser:
         self.outside: list[tuple[int, float, float]] = []
 
     def parse(self, content: dict[str, Any]) -> Parsed:
-        """The frames of a file; empties ``content``, so that both are never held whole.
+        """Convert a file's content to frames.
 
-        Raises DatasetError.
+        Empties ``content`` as it goes, to save memory.
+
+        Raises:
+            DatasetError: If the content is not COCO or, without ``on_error``, an entry is invalid.
         """
         images, annotations = (rows(content, name) for name in ("images", "annotations"))
         if not images:
@@ -103,15 +114,15 @@ class Parser:
         notes = [*self._names.notes]
         if self.outside:
             notes.append(
-                f"{len(self.outside)} keypoints lie outside their frame and count as not labelled,"
-                f" first {_listed(self.outside)}"
+                f"{len(self.outside)} keypoints are outside their frame and count as not labelled,"
+                f" the first at {_example(self.outside)}"
             )
         if not self._with_masks:
             notes.append("the set has no masks")
         return tuple(notes)
 
     def _decide_masks(self, annotations: list[Entry]) -> bool:
-        """Whether the set has masks: as soon as one tree has."""
+        """Return whether any tree has a mask; then all trees must have one."""
         known, trees = self._names.known, self._names.keypoints
         return not annotations or any(
             annotation.get("segmentation")
@@ -125,7 +136,7 @@ class Parser:
             trees[whole(image, "image", "id")] = []
         if len(trees) < len(images):
             shared, times = Counter(image["id"] for image in images).most_common(1)[0]
-            raise DatasetError(f"{times} images share an id, {shared}, expected each once")
+            raise DatasetError(f"{times} images have the id {shared}, expected unique ids")
         for annotation in annotations:
             try:
                 owner = whole(annotation, "annotation", "image_id")
@@ -137,8 +148,8 @@ class Parser:
         return trees
 
     def _frames(self, images: list[Entry], trees: list[list[Entry]]) -> list[FrameRecord]:
-        """Records of some images; their trees' boxes and keypoints are rows of two arrays."""
-        found = _Found()
+        """Create the records of some images; boxes and keypoints are rows of two shared arrays."""
+        found = _TreeEntries()
         usable: list[Entry] = []
         ends: list[int] = []
         for image, labels in zip(images, trees, strict=True):
@@ -163,14 +174,18 @@ class Parser:
     def _frame(self, image: Entry, trees: tuple[TreeRecord, ...]) -> FrameRecord:
         extra = {name: image[name] for name in _FRAME_FIELDS if name in image}
         for name, value in self._last_extra.items():
-            if extra.get(name) == value:  # one object serves all frames, say of one camera
+            if extra.get(name) == value:  # frames share equal objects, such as one camera
                 extra[name] = value
         self._last_extra = extra
         paths = self._pictures.of(image)
         return FrameRecord(image["id"], *paths, image["width"], image["height"], extra, trees)
 
-    def _check_tree(self, annotation: Entry, image: Entry, found: _Found) -> None:
-        """Add an annotation to ``found``, if it is of a tree. Raises EntryError."""
+    def _check_tree(self, annotation: Entry, image: Entry, found: _TreeEntries) -> None:
+        """Add an annotation to ``found`` if it is a tree.
+
+        Raises:
+            EntryError: If it is invalid.
+        """
         keypoints = self._names.of(annotation)
         if keypoints is None:
             return
@@ -178,7 +193,7 @@ class Parser:
         if annotation.get("segmentation"):
             check_segmentation(annotation, image["width"], image["height"])
         elif self._with_masks and not annotation.get("iscrowd", 0):
-            expected = "polygons or runs, as other trees of the file have"
+            expected = "polygons or run lengths, because other trees in the file have them"
             refuse(annotation, "annotation", "segmentation", expected)
         truth = named_numbers(annotation, _TRUTH_FIELDS)
         found.entries.append(annotation)
@@ -187,7 +202,7 @@ class Parser:
         found.sizes.append((image["width"], image["height"]))
         found.truths.append(truth)
 
-    def _records(self, found: _Found) -> list[TreeRecord]:
+    def _records(self, found: _TreeEntries) -> list[TreeRecord]:
         boxes = np.array(found.boxes, float).reshape(-1, 4)
         boxes[:, 2:] += boxes[:, :2]
         return [
@@ -201,15 +216,18 @@ class Parser:
                 _species(entry),
             )
             for entry, box, points, truth in zip(
-                found.entries, boxes, self._place(found), found.truths, strict=True
+                found.entries, boxes, self._keypoints_in_frame(found), found.truths, strict=True
             )
         ]
 
-    def _place(self, found: _Found) -> NDArray[np.float64]:
-        """Keypoints (N, 5, 3) from pixel indices on disk to corner-based px, within their frames.
+    def _keypoints_in_frame(self, found: _TreeEntries) -> NDArray[np.float64]:
+        """Convert keypoints from pixel indices to continuous px inside their frames.
 
-        What lies at most 1 px outside is put on the border (a rounded coordinate); what lies
-        farther out is not labelled, as PercepTreeV1's own training has it.
+        Keypoints up to 1 px outside, such as rounded coordinates, are moved to the border.
+        Keypoints farther outside are treated as not labelled, as in PercepTreeV1's training.
+
+        Returns:
+            (N, 5, 3) x, y, flag.
         """
         places = np.array(found.points, np.float64).reshape(-1, KEYPOINTS, 3)
         sizes = np.array(found.sizes, np.float64).reshape(-1, 1, 2)
@@ -229,13 +247,13 @@ def _check_image(image: Entry) -> None:
     for key in _FILE_FIELDS:
         name = image.get(key)
         if not (isinstance(name, str) and name) and (key == "file_name" or name is not None):
-            refuse(image, "image", key, "the path of a file within the dataset")
+            refuse(image, "image", key, "the path of a file in the dataset")
     for key in ("width", "height"):
         if whole(image, "image", key) < 1:
             refuse(image, "image", key, "at least 1 px")
 
 
-def _listed(outside: list[tuple[int, float, float]]) -> str:
+def _example(outside: list[tuple[int, float, float]]) -> str:
     tree, x, y = outside[0]
     return f"x = {x:.6g}, y = {y:.6g} of annotation {tree}"
 
@@ -254,7 +272,7 @@ def _box(annotation: Entry) -> list[float]:
 
 
 def _points(annotation: Entry, keypoints: KeypointMap) -> list[float]:
-    """Our five keypoints as x, y, flag, ..., as they are on disk; zeros for what there is not."""
+    """Return the five keypoints as on disk, [x, y, flag, ...]; zeros for missing ones."""
     if not annotation.get("keypoints"):
         return _NOTHING
     listed = numbers(annotation, "keypoints", 3 * keypoints.count)

@@ -1,4 +1,4 @@
-"""Where the pictures of a label file are: found once, on its first images."""
+"""Find the image files of a label file."""
 
 from __future__ import annotations
 
@@ -14,32 +14,35 @@ import numpy as np
 
 from perceptree.data.layouts import SPLIT_WORDS, LabelFile, words
 
-_LOOKED_AT = 3
+_SAMPLED_IMAGES = 3
 _FOLDERS = re.compile(r"[/\\]")
 _DEPTH_FIELDS = ("depth_file", "depth8_file")
 
 
 class Pictures:
-    """Paths of a set's pictures; ``notes`` says where depth was found without a word of the labels.
+    """Paths of a dataset's images.
 
-    A set whose images name depth files is taken at its word; for any other, depth pictures are
-    looked for by their names.
+    If the label file names depth images, those are used; otherwise they are searched for by name.
+    The search runs once, for a few images.
+
+    Attributes:
+        notes: Messages for the user about depth images found by name.
     """
 
     def __init__(self, labels: LabelFile, images: list[dict[str, Any]]) -> None:
-        step = max(1, len(images) // _LOOKED_AT)
-        looked_at = [image for image in images[::step] if isinstance(image.get("file_name"), str)]
-        names = [image["file_name"] for image in looked_at]
+        step = max(1, len(images) // _SAMPLED_IMAGES)
+        sampled = [image for image in images[::step] if isinstance(image.get("file_name"), str)]
+        names = [image["file_name"] for image in sampled]
         self._root = labels.root
-        self._place = _place_rule(labels, names)
+        self._path_of = _find_path_rule(labels, names)
         self._depth8: _DepthRule | None = None
         self.notes: tuple[str, ...] = ()
-        if not any(image.get(field) for image in looked_at for field in _DEPTH_FIELDS):
-            self._find_depth([path for name in names if (path := self._place(name)).is_file()])
+        if not any(image.get(field) for image in sampled for field in _DEPTH_FIELDS):
+            self._find_depth([path for name in names if (path := self._path_of(name)).is_file()])
 
     def of(self, image: dict[str, Any]) -> tuple[Path, Path | None, Path | None]:
-        """An image's colour, 16-bit depth and 8-bit depth; None for what the set does not have."""
-        colour = self._place(image["file_name"])
+        """Return the paths of an image's colour, 16-bit depth and 8-bit depth; None if missing."""
+        colour = self._path_of(image["file_name"])
         if self._depth8 is not None:
             return colour, None, self._depth8(colour)
         depth, depth8 = (
@@ -56,20 +59,20 @@ class Pictures:
                 if image is not None and image.dtype == np.uint8 and image.ndim == 2:
                     self._depth8 = rule
                     self.notes = (
-                        f"depth pictures found like {first.relative_to(self._root.parent)}; nothing"
-                        " says which grey is how many metres: they are taken as they are",
+                        f"depth images found, such as {first.relative_to(self._root.parent)}; their"
+                        " depth encoding is unknown: the grey values are used unchanged",
                     )
                 else:
                     self.notes = (
                         f"depth is left out: {first.relative_to(self._root.parent)} is not an 8-bit"
-                        " picture of one channel",
+                        " single-channel image",
                     )
                 return
 
 
 @dataclass(frozen=True)
-class _Place:
-    """How picture names become paths: within a folder, the names' own folders kept or not."""
+class _PathRule:
+    """Converts an image's name to a path in ``folder``; ``flat`` drops folders in the name."""
 
     folder: Path
     flat: bool = False
@@ -78,18 +81,18 @@ class _Place:
         return self.folder / (_FOLDERS.split(name)[-1] if self.flat else name)
 
 
-def _place_rule(labels: LabelFile, names: list[str]) -> _Place:
-    """The first place that holds one of the named pictures."""
+def _find_path_rule(labels: LabelFile, names: list[str]) -> _PathRule:
+    """Return the first rule that finds one of the named images."""
     for flat in (False, True):
         for folder in _folders(labels):
-            place = _Place(folder, flat)
+            place = _PathRule(folder, flat)
             if any(place(name).is_file() for name in names):
                 return place
-    return _Place(labels.root)
+    return _PathRule(labels.root)
 
 
 def _folders(labels: LabelFile) -> Iterator[Path]:
-    """Folders in which a set may keep its pictures, the likely first; never another split's."""
+    """Yield folders that may hold the images, most likely first; never another split's."""
     beside = labels.path.parent
     yield from (labels.root, beside) if beside.name == "annotations" else (beside, labels.root)
     own: list[Path] = []
@@ -106,10 +109,14 @@ def _folders(labels: LabelFile) -> Iterator[Path]:
 
 @dataclass(frozen=True)
 class _DepthRule:
-    """How a picture's path becomes that of its depth picture.
+    """Converts an image's path to that of its depth image.
 
-    It lies in ``folder`` (None: beside the picture), there in a folder named like the picture's
-    where ``nested``; ``pattern`` in its name becomes ``word``; ``png`` where the picture is not.
+    Attributes:
+        folder: Folder of the depth images; None for the image's own.
+        nested: Whether the depth image is in a subfolder named like the image's folder.
+        pattern: Regular expression replaced in the file name.
+        word: Its replacement.
+        png: Whether the depth image is a PNG whatever the image is.
     """
 
     folder: Path | None
@@ -127,7 +134,7 @@ class _DepthRule:
 
 
 def _depth_rules(root: Path) -> Iterator[_DepthRule]:
-    """Ways from a picture to its depth picture: a folder called like depth, a name that says so."""
+    """Yield rules to try: folders named like depth, file names with "depth" in them."""
     places = [(None, False)] + [
         (folder, nested)
         for place, called in ((root, "depth"), (root.parent, f"{root.name.lower()}_depth"))

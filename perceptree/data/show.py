@@ -1,4 +1,4 @@
-"""Pages of a dataset's frames with their labels drawn on."""
+"""Draw pages of frames with their labels."""
 
 from __future__ import annotations
 
@@ -19,7 +19,16 @@ _CELL_PX = (480, 360)
 def choose_frames(
     datasets: Sequence[Dataset], count: int, seed: int
 ) -> list[tuple[str, FrameRecord]]:
-    """(split, frame) of at most ``count`` frames, from the splits in turn, drawn by the seed."""
+    """Choose frames at random, from the splits in turn.
+
+    Args:
+        datasets: The splits.
+        count: Largest number of frames.
+        seed: Seed of the choice.
+
+    Returns:
+        (split, frame) of each chosen frame.
+    """
     rng = np.random.default_rng(seed)
     drawn = [rng.permutation(len(dataset.frames))[:count] for dataset in datasets]
     turns = [
@@ -34,9 +43,17 @@ def choose_frames(
 
 
 def labelled_pages(chosen: Sequence[tuple[str, FrameRecord]], per_page: int) -> Iterator[Picture]:
-    """Pages (H, W, 3) BGR of frames with boxes, outlines of masks and keypoints.
+    """Draw pages of frames with boxes, mask outlines and keypoints.
 
-    Raises DatasetError for a picture that cannot be read.
+    Args:
+        chosen: (split, frame) from `choose_frames`.
+        per_page: Number of frames on a page.
+
+    Yields:
+        Pages (H, W, 3) BGR uint8.
+
+    Raises:
+        DatasetError: If an image cannot be read.
     """
     for first in range(0, len(chosen), per_page):
         cells = [_cell(split, frame) for split, frame in chosen[first : first + per_page]]
@@ -45,7 +62,7 @@ def labelled_pages(chosen: Sequence[tuple[str, FrameRecord]], per_page: int) -> 
 
 
 def _cell(split: str, frame: FrameRecord) -> Picture:
-    """A frame within a cell's size, its labels drawn on, split and name below."""
+    """Draw a frame with its labels at a cell's size, with a caption below."""
     width, height = _CELL_PX
     scale = min(width / frame.width, height / frame.height)
     trees = frame.trees
@@ -60,5 +77,5 @@ def _cell(split: str, frame: FrameRecord) -> Picture:
     cell = np.full((drawn.shape[0], width, 3), PAPER, np.uint8)
     cell[:, left : left + drawn.shape[1]] = drawn
     crowds = sum(tree.crowd for tree in trees)
-    said = f"{len(trees)} trees" + (f", {crowds} crowds" if crowds else "")
-    return with_caption(cell, f"{split}  {frame.image_path.name}  {said}")
+    counts = f"{len(trees)} trees" + (f", {crowds} crowds" if crowds else "")
+    return with_caption(cell, f"{split}  {frame.image_path.name}  {counts}")

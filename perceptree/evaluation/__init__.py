@@ -1,4 +1,4 @@
-"""How good a detector is: COCO's measures, errors in pixels, by conditions, as a page."""
+"""Evaluation of detectors: COCO's AP, errors in pixels, results by condition, HTML report."""
 
 from perceptree.evaluation.coco_matching import OKS_SIGMAS
 from perceptree.evaluation.figures import About

@@ -1,4 +1,7 @@
-"""pycocotools' evaluation in less time, with trees left out and overlaps that are known."""
+"""A faster pycocotools evaluation that can ignore trees and reuse overlaps.
+
+The results equal those of ``pycocotools.cocoeval.COCOeval``.
+"""
 
 from __future__ import annotations
 
@@ -16,16 +19,18 @@ from perceptree.keypoints import KEYPOINT_NAMES
 
 Kind = Literal["bbox", "segm", "keypoints"]
 Near = list[tuple[int, list[tuple[int, float]]]]
-"""Rows that overlap some tree enough for any threshold, each with these trees and overlaps."""
+"""(row, [(tree, overlap)]) of the detections that overlap a tree enough for any threshold."""
 
 OKS_SIGMAS = (0.25,) * len(KEYPOINT_NAMES)
 HALF, THREE_QUARTERS = 0, 5
-"""Where 0.50 and 0.75 stand among COCO's thresholds 0.50, 0.55 ... 0.95."""
+"""Indices of 0.50 and 0.75 in COCO's thresholds 0.50, 0.55 ... 0.95."""
 
 
 class Evaluation(COCOeval):  # type: ignore[misc]
-    """An evaluation of one kind. Of ``truth`` the ids ``ignored`` count neither as found nor as
-    missed; ``overlaps`` are those of an earlier evaluation of the same boxes."""
+    """A COCO evaluation of boxes, masks or keypoints.
+
+    Attributes are those of ``COCOeval``. OKS uses a sigma of 0.25 for every keypoint.
+    """
 
     def __init__(
         self,
@@ -36,6 +41,16 @@ class Evaluation(COCOeval):  # type: ignore[misc]
         ignored: Collection[int] = (),
         overlaps: Mapping[tuple[int, int], Any] | None = None,
     ) -> None:
+        """Prepare an evaluation.
+
+        Args:
+            truth: Ground truth.
+            found: Detections.
+            kind: "bbox", "segm" or "keypoints".
+            sizes: Names and limits of the area ranges in px².
+            ignored: Annotation ids that count neither as found nor as missed.
+            overlaps: Overlaps (``ious``) of an earlier evaluation of the same data.
+        """
         super().__init__(truth, found, kind)
         self.params.areaRng = [list(limits) for limits in sizes.values()]
         self.params.areaRngLbl = list(sizes)
@@ -45,13 +60,13 @@ class Evaluation(COCOeval):  # type: ignore[misc]
         self._known = overlaps
 
     def run(self) -> None:
-        """Match and accumulate, without a word."""
+        """Match and accumulate without printing."""
         with contextlib.redirect_stdout(io.StringIO()):
             self.evaluate()
             self.accumulate()
 
     def figures(self, size: str) -> tuple[float, float, float] | None:
-        """AP, AP50 and AP75 in percent of a size; None where there is no tree of it."""
+        """Return AP, AP50 and AP75 in percent for a size; None without a tree of that size."""
         precision = self.eval["precision"][:, :, 0, self.params.areaRngLbl.index(size), -1]
         values = 100 * precision.mean(axis=1)
         if values[HALF] < 0:
@@ -67,11 +82,11 @@ class Evaluation(COCOeval):  # type: ignore[misc]
                     tree["ignore"] = 1
 
     def computeIoU(self, image: int, category: int) -> Any:
-        """Overlaps of boxes or masks."""
+        """Return the IoU of boxes or masks, (detections, trees)."""
         return self._overlaps(super().computeIoU, image, category)
 
     def computeOks(self, image: int, category: int) -> Any:
-        """Similarity of keypoints."""
+        """Return the object keypoint similarity, (detections, trees)."""
         return self._overlaps(super().computeOks, image, category)
 
     def _overlaps(self, compute: Any, image: int, category: int) -> Any:
@@ -80,7 +95,7 @@ class Evaluation(COCOeval):  # type: ignore[misc]
     def evaluateImg(
         self, image: int, category: int, limits: Sequence[float], most: int
     ) -> dict[str, Any] | None:
-        """As pycocotools matches, but only what overlaps enough for any threshold is tried."""
+        """Match as pycocotools does, but try only pairs that overlap enough for any threshold."""
         trees, found = self._gts[image, category], self._dts[image, category]
         if not trees and not found:
             return None
@@ -93,21 +108,21 @@ class Evaluation(COCOeval):  # type: ignore[misc]
         crowds = [bool(tree["iscrowd"]) for tree in trees]
         shape = (len(self.params.iouThrs), len(found))
         matched = np.zeros(shape)
-        unseen = np.tile([not low <= one["area"] <= high for one in found], (shape[0], 1))
+        ignored_rows = np.tile([not low <= one["area"] <= high for one in found], (shape[0], 1))
         for step, threshold in enumerate(self.params.iouThrs if near else ()):
             for row, tree in _match(near, threshold, ignored, crowds):
                 matched[step, row] = trees[tree]["id"]
-                unseen[step, row] = ignored[tree]
+                ignored_rows[step, row] = ignored[tree]
         return {
             "dtMatches": matched,
             "dtScores": [one["score"] for one in found],
             "gtIgnore": np.array(ignored),
-            "dtIgnore": unseen.astype(bool),
+            "dtIgnore": ignored_rows.astype(bool),
         }
 
 
 def _near(table: Any, order: list[int], lowest: float) -> Near:
-    """Of a table of detections by trees the large overlaps, the trees in ``order``."""
+    """Select the overlaps of at least ``lowest``; trees are renumbered by ``order``."""
     if not len(table):
         return []
     values: NDArray[np.float64] = np.asarray(table)[:, order]
@@ -120,8 +135,14 @@ def _near(table: Any, order: list[int], lowest: float) -> Near:
 def _match(
     near: Near, threshold: float, ignored: list[int], crowds: list[bool]
 ) -> list[tuple[int, int]]:
-    """(row, tree) by falling score: each row takes the free tree that it overlaps most, and one
-    that is ignored only where there is no other. Ignored trees are the last; crowds stay free."""
+    """Match detections to trees at one threshold, as COCO does.
+
+    In order of falling score, each detection takes the free tree with the largest overlap; an
+    ignored tree only if no other fits. Ignored trees come last; crowds are never used up.
+
+    Returns:
+        (row, tree) pairs.
+    """
     least = min(threshold, 1 - 1e-10)
     pairs: list[tuple[int, int]] = []
     taken: set[int] = set()

@@ -1,4 +1,4 @@
-"""How far keypoints and diameters are off, in px of the pictures as they are on disk."""
+"""Errors of keypoints and diameters in px of the source images."""
 
 from __future__ import annotations
 
@@ -27,10 +27,16 @@ _SHOWN_PERCENT = 97.0
 
 @dataclass(frozen=True)
 class Spread:
-    """Errors of many trees, px: with their sign where they have one.
+    """Statistics of signed errors in px.
 
-    ``sigma`` is the standard deviation about the mean; ``p90_abs`` the size that nine of ten
-    errors stay below.
+    Attributes:
+        count: Number of errors.
+        mean: Mean.
+        median: Median.
+        median_abs: Median of the absolute errors.
+        mean_abs: Mean of the absolute errors.
+        sigma: Standard deviation about the mean.
+        p90_abs: 90th percentile of the absolute errors.
     """
 
     count: int
@@ -43,7 +49,7 @@ class Spread:
 
     @classmethod
     def of(cls, errors: Float) -> Spread | None:
-        """Of (N,) errors, NaN ones left out; None where there is none."""
+        """Compute the statistics of (N,) errors without NaN; None if there are none."""
         values = errors[np.isfinite(errors)]
         if not len(values):
             return None
@@ -64,17 +70,21 @@ class Spread:
         )
 
     def to_dict(self) -> dict[str, float]:
-        """JSON-ready, rounded to a thousandth of a px."""
+        """Return JSON-ready values, rounded to 0.001 px."""
         return {name: round(value, 3) for name, value in dataclasses.asdict(self).items()}
 
 
 @dataclass(frozen=True, eq=False)
 class PixelErrors:
-    """Of P trees that were found; NaN where the label lacks a keypoint.
+    """Errors of P matched trees in px; NaN where a keypoint is not labelled.
 
-    ``keypoints`` (P, 5, 5) by ``KEYPOINT_NAMES`` and ``DIRECTIONS``: distance; across the stem,
-    to the right for a standing tree; along it, to the top; horizontal, to the right; vertical,
-    down. ``true_width`` and ``found_width`` (P,) are distances of the two diameter keypoints.
+    Attributes:
+        keypoints: (P, 5, 5) predicted minus true, by ``KEYPOINT_NAMES`` and ``DIRECTIONS``:
+            distance; across the trunk's axis, positive to the right of an upright tree; along the
+            axis, positive towards the top; horizontal, positive to the right; vertical, positive
+            downwards.
+        true_width: (P,) true distance of the two diameter keypoints.
+        found_width: (P,) predicted distance of the two diameter keypoints.
     """
 
     keypoints: Float
@@ -83,43 +93,52 @@ class PixelErrors:
 
     @property
     def width(self) -> Float:
-        """(P,) found less true distance of the diameter keypoints, px."""
+        """(P,) predicted minus true distance of the diameter keypoints."""
         return np.asarray(self.found_width - self.true_width)
 
     def of(self, keypoint: int, direction: str) -> Float:
-        """(P,) errors of one keypoint in one of ``DIRECTIONS``."""
+        """Return the (P,) errors of a keypoint in one of ``DIRECTIONS``."""
         return np.asarray(self.keypoints[:, keypoint, DIRECTIONS.index(direction)])
 
 
 def measure_errors(
     frames: Sequence[FrameRecord], predictions: Sequence[FramePrediction], found: Sequence[Pair]
 ) -> PixelErrors | None:
-    """Of all pairs; None where the model gives no keypoints or no pair has a labelled one."""
+    """Compute the errors of all matched trees.
+
+    Args:
+        frames: Labelled frames.
+        predictions: Predictions of the frames.
+        found: Matched trees.
+
+    Returns:
+        The errors; None if the model has no keypoints or no matched tree has a labelled keypoint.
+    """
     if any(prediction.keypoints is None for prediction in predictions):
         return None
-    truth, guess = np.zeros((2, len(found), len(KEYPOINT_NAMES), 2))
+    truth, predicted = np.zeros((2, len(found), len(KEYPOINT_NAMES), 2))
     for place, pair in enumerate(found):
         labelled = frames[pair.frame].trees[pair.tree].keypoints
         truth[place] = np.where(labelled[:, 2:] > 0, labelled[:, :2], np.nan)
         keypoints = predictions[pair.frame].keypoints
-        guess[place] = 0 if keypoints is None else keypoints[pair.row, :, :2]
+        predicted[place] = 0 if keypoints is None else keypoints[pair.row, :, :2]
     if np.isnan(truth).all():
         return None
-    gap = guess - truth
+    error = predicted - truth
     along = _axes(truth)[:, None]
     right = np.stack([-along[..., 1], along[..., 0]], axis=-1)
-    parts = [np.hypot(*np.moveaxis(gap, -1, 0)), (gap * right).sum(-1), (gap * along).sum(-1)]
+    parts = [np.hypot(*np.moveaxis(error, -1, 0)), (error * right).sum(-1), (error * along).sum(-1)]
     true_width, found_width = (
-        np.linalg.norm(points[:, RIGHT] - points[:, LEFT], axis=-1) for points in (truth, guess)
+        np.linalg.norm(points[:, RIGHT] - points[:, LEFT], axis=-1) for points in (truth, predicted)
     )
-    errors = np.stack([*parts, gap[..., 0], gap[..., 1]], axis=-1)
+    errors = np.stack([*parts, error[..., 0], error[..., 1]], axis=-1)
     return PixelErrors(errors, true_width, np.where(np.isnan(true_width), np.nan, found_width))
 
 
 def _axes(truth: Float) -> Float:
-    """(P, 2) unit vectors up the true stems, from the cut to the top; NaN where unknown.
+    """Return (P, 2) unit vectors along the true axes, from the cut to the top; NaN if unknown.
 
-    Without one of these two, the middle stands in for it.
+    If one of the two points is not labelled, the middle point is used for it.
     """
     low, middle, high = truth[:, CUT], truth[:, MIDDLE], truth[:, TOP]
     start = np.where(np.isnan(low), middle, low)
@@ -130,7 +149,7 @@ def _axes(truth: Float) -> Float:
 
 
 def histogram(errors: Float, reach: float) -> dict[str, Any]:
-    """Counts of errors from -``reach`` to ``reach`` px; what lies beyond is counted as such."""
+    """Return counts of errors from -``reach`` to ``reach`` px, and the number outside."""
     values = errors[np.isfinite(errors)]
     edges = np.linspace(-reach, reach, _HISTOGRAM_BINS + 1)
     return {
@@ -142,7 +161,7 @@ def histogram(errors: Float, reach: float) -> dict[str, Any]:
 
 
 def density(horizontal: Float, vertical: Float) -> dict[str, Any] | None:
-    """Counts of errors in the plane, rows downwards, px; the paper's map of the felling cut."""
+    """Return a 2D histogram of errors in px, rows downwards; the paper's map of the felling cut."""
     known = np.isfinite(horizontal) & np.isfinite(vertical)
     if not known.any():
         return None
@@ -159,8 +178,8 @@ def density(horizontal: Float, vertical: Float) -> dict[str, Any] | None:
 
 
 def round_reach(errors: Float) -> float:
-    """A round number of px that most errors stay below."""
+    """Return a round number of px that exceeds 97 % of the absolute errors."""
     values = np.abs(errors[np.isfinite(errors)])
-    most = max(float(np.percentile(values, _SHOWN_PERCENT)) if len(values) else 0.0, 1.0)
-    step = 10.0 ** math.floor(math.log10(most))
-    return float(next(m for m in (1, 2, 3, 4, 5, 6, 8, 10) if m * step >= most) * step)
+    percentile = max(float(np.percentile(values, _SHOWN_PERCENT)) if len(values) else 0.0, 1.0)
+    step = 10.0 ** math.floor(math.log10(percentile))
+    return float(next(m for m in (1, 2, 3, 4, 5, 6, 8, 10) if m * step >= percentile) * step)

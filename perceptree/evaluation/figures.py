@@ -1,4 +1,4 @@
-"""All figures of an evaluation as one JSON-ready dictionary."""
+"""All results of an evaluation as one JSON-ready dictionary."""
 
 from __future__ import annotations
 
@@ -33,10 +33,14 @@ Figures = dict[str, Any]
 
 @dataclass(frozen=True)
 class About:
-    """What was measured on what: ``model`` says all that is known of it, JSON-ready.
+    """What was evaluated.
 
-    Of ``model``, ``name``, ``modality``, ``precision`` and ``input_px`` make the title. ``notes``
-    say what was mapped or left out in reading the data.
+    Attributes:
+        model: JSON-ready description of the model; the title uses ``name``, ``modality``,
+            ``precision`` and ``input_px``.
+        data: Folder of the dataset.
+        split: "train", "val" or "test".
+        notes: Messages about reading the data.
     """
 
     model: Mapping[str, Any]
@@ -46,7 +50,10 @@ class About:
 
 
 def figures_of(measured: Measured, about: About) -> Figures:
-    """Everything but pictures. AP is in percent, shares lie in 0 to 1, units are in the names."""
+    """Return all results except images.
+
+    AP is in percent, shares are 0 to 1, other units are in the names.
+    """
     matches, errors = measured.matches, measured.errors
     by = {axis.name: _axis_figures(measured, axis) for axis in AXES}
     return {
@@ -98,12 +105,14 @@ def _data_figures(measured: Measured, about: About) -> Figures:
 
 
 def _keypoint_figures(errors: PixelErrors) -> Figures:
-    """Per keypoint; the histograms of its two directions, of either kind, have one range."""
+    """Return the error statistics of each keypoint; its histograms share one range."""
     figures: Figures = {}
     for place, name in enumerate(KEYPOINT_NAMES):
-        ways = {direction: errors.of(place, direction) for direction in DIRECTIONS}
-        reach = round_reach(ways["distance"])
-        figures[name] = {way: _spread(values, reach) for way, values in ways.items()}
+        by_direction = {direction: errors.of(place, direction) for direction in DIRECTIONS}
+        reach = round_reach(by_direction["distance"])
+        figures[name] = {
+            direction: _spread(values, reach) for direction, values in by_direction.items()
+        }
     return figures
 
 
@@ -124,7 +133,7 @@ def _axis_figures(measured: Measured, axis: Axis) -> Figures:
 
 
 def _group_figures(measured: Measured, axis: Axis, group: Group) -> Figures:
-    """What was found and how well, of the trees of a group."""
+    """Return recall, precision, AP and errors of a group of trees."""
     first = np.cumsum([0, *(len(frame.trees) for frame in measured.store.frames)])
     matches, errors = measured.matches, measured.errors
     inside = np.array([first[p.frame] + p.tree in group.trees for p in matches.found], bool)
@@ -152,8 +161,8 @@ def _group_figures(measured: Measured, axis: Axis, group: Group) -> Figures:
 
 
 def _left_out(measured: Measured, axes: list[str]) -> list[str]:
-    """What is not in the figures, and why."""
-    said = []
+    """Return what is missing from the results, and why."""
+    reasons = []
     for kind, labelled in (
         ("masks", any(tree.segmentation for f in measured.store.frames for tree in f.trees)),
         (
@@ -162,17 +171,18 @@ def _left_out(measured: Measured, axes: list[str]) -> list[str]:
         ),
     ):
         if any(getattr(prediction, kind) is None for prediction in measured.predictions):
-            said.append(f"{kind}: the model gives none")
+            reasons.append(f"{kind}: the model does not predict them")
         elif not labelled:
-            said.append(f"{kind}: no tree of the data has any")
+            reasons.append(f"{kind}: no tree in the data is labelled with them")
         elif kind == "keypoints" and measured.errors is None:
-            said.append(
-                f"errors in px: no tree with keypoints was found at a score of {DISPLAY_SCORE}"
+            reasons.append(
+                "errors in px: no tree with keypoints was found with a score of at least"
+                f" {DISPLAY_SCORE}"
             )
     if axes:
         names = ", ".join(axis.lower() for axis in axes)
-        said.append(f"figures by {names}: the data does not say")
-    return said
+        reasons.append(f"results by {names}: the data has no such field")
+    return reasons
 
 
 def _rounded(values: Mapping[str, float | None]) -> dict[str, float | None]:

@@ -1,4 +1,4 @@
-"""Pictures of what went best and worst: single trees, cut out with label and detection."""
+"""Example images for the report: cut-outs of single trees with label and detection."""
 
 from __future__ import annotations
 
@@ -23,19 +23,26 @@ Float = NDArray[np.floating[Any]]
 
 TRUTH: Colour = (90, 220, 90)
 FOUND: Colour = (30, 150, 255)
-_EACH = 8
-_WORTH_SAYING = 0.1
+_PER_GALLERY = 8
+_MIN_MENTIONED_OVERLAP = 0.1
 _PER_FRAME = 2
 _CROP_PX = (330, 440)
-_MARGIN = 0.3
-_LEAST_PX = 90
+_MARGIN_SHARE = 0.3
+_MIN_REGION_PX = 90
 _JPEG_QUALITY = 82
 _LINE_WEIGHT, _POINT_WEIGHT = 4.0, 2.6
 
 
 @dataclass(frozen=True)
-class Exhibit:
-    """One tree or one false alarm, as a JPEG of ``width_px`` x ``height_px``, and what it is."""
+class ExampleImage:
+    """An example image.
+
+    Attributes:
+        caption: Description.
+        jpeg: JPEG data.
+        width_px: Width of the image.
+        height_px: Height of the image.
+    """
 
     caption: str
     jpeg: bytes
@@ -45,7 +52,7 @@ class Exhibit:
 
 @dataclass(frozen=True)
 class _Case:
-    """What to show: in which frame, which tree, which row; one of them may be None."""
+    """What to show: a frame, a tree (None for a false positive), a row (None for a missed tree)."""
 
     frame: int
     tree: int | None
@@ -53,9 +60,13 @@ class _Case:
     caption: str
 
 
-def galleries(measured: Measured) -> dict[str, list[Exhibit]]:
-    """Found trees that fit best and worst, missed trees from the largest on, and false alarms from
-    the surest on; at most eight of each, two of a frame."""
+def example_images(measured: Measured) -> dict[str, list[ExampleImage]]:
+    """Make the example images, at most eight per gallery and two per frame.
+
+    Returns:
+        "best" and "worst": matched trees by fit. "missed": missed trees, largest first. "invented":
+        false positives, highest score first.
+    """
     pairs = measured.matches.found
     fits = sorted(((_fit(measured, pair), place) for place, pair in enumerate(pairs)), reverse=True)
     found = [
@@ -68,15 +79,15 @@ def galleries(measured: Measured) -> dict[str, list[Exhibit]]:
         for fit, place in fits
     ]
     return {
-        "best": _exhibits(measured, found),
-        "worst": _exhibits(measured, found[: _EACH - 1 : -1]),
-        "missed": _exhibits(measured, _missed(measured)),
-        "invented": _exhibits(measured, _invented(measured)),
+        "best": _make_examples(measured, found),
+        "worst": _make_examples(measured, found[: _PER_GALLERY - 1 : -1]),
+        "missed": _make_examples(measured, _missed(measured)),
+        "invented": _make_examples(measured, _invented(measured)),
     }
 
 
 def _fit(measured: Measured, pair: Pair) -> float:
-    """Mean of what is known of the overlaps of boxes, masks and the similarity of keypoints."""
+    """Return the mean of box IoU, mask IoU and keypoint similarity, as far as known."""
     known = [
         measured.scorer.overlap(kind, pair.frame, pair.tree, pair.row)
         for kind in ("segm", "keypoints")
@@ -93,17 +104,17 @@ def _found_caption(measured: Measured, place: int, fit: float) -> str:
         parts += [f"cut {cut:.1f} px off"] if np.isfinite(cut) else []
         parts += [f"diameter {width:+.1f} px"] if np.isfinite(width) else []
     tree = measured.store.frames[pair.frame].trees[pair.tree]
-    return ", ".join([*parts, *_known(tree)])
+    return ", ".join([*parts, *_describe_label(tree)])
 
 
-def _known(tree: TreeRecord) -> list[str]:
-    """What the label says of a tree."""
-    said = [] if tree.species is None else [tree.species]
+def _describe_label(tree: TreeRecord) -> list[str]:
+    """Return what the label tells about a tree, for the caption."""
+    facts = [] if tree.species is None else [tree.species]
     if "distance_m" in tree.truth:
-        said.append(f"{tree.truth['distance_m']:.1f} m away")
+        facts.append(f"{tree.truth['distance_m']:.1f} m away")
     if "visible_fraction" in tree.truth:
-        said.append(f"{tree.truth['visible_fraction']:.0%} visible")
-    return said
+        facts.append(f"{tree.truth['visible_fraction']:.0%} visible")
+    return facts
 
 
 def _missed(measured: Measured) -> list[_Case]:
@@ -112,7 +123,7 @@ def _missed(measured: Measured) -> list[_Case]:
         tree, found = measured.store.frames[number].trees[place], measured.predictions[number]
         width, height = tree.box_px[2:] - tree.box_px[:2]
         near = _nearest(tree.box_px, found.boxes[found.scores >= DISPLAY_SCORE], "a detection")
-        caption = ", ".join([f"box {width:.0f}x{height:.0f} px", *_known(tree), *near])
+        caption = ", ".join([f"box {width:.0f}x{height:.0f} px", *_describe_label(tree), *near])
         cases.append((width * height, _Case(number, place, None, caption)))
     return [case for _, case in sorted(cases, key=lambda entry: -entry[0])]
 
@@ -129,23 +140,23 @@ def _invented(measured: Measured) -> list[_Case]:
 
 
 def _nearest(box: Float, others: Float, name: str) -> list[str]:
-    """How much of it is shared with another, where that is something."""
+    """Return a caption of the largest overlap with other boxes, if it is worth mentioning."""
     most = float(box_iou(box, others).max(initial=0.0))
-    return [f"overlaps {name} by {most:.2f}"] if most >= _WORTH_SAYING else []
+    return [f"overlaps {name} by {most:.2f}"] if most >= _MIN_MENTIONED_OVERLAP else []
 
 
-def _exhibits(measured: Measured, cases: Sequence[_Case]) -> list[Exhibit]:
-    """The first ones, not too many of one frame."""
+def _make_examples(measured: Measured, cases: Sequence[_Case]) -> list[ExampleImage]:
+    """Make images of the first cases, with a limit per frame."""
     chosen: list[_Case] = []
     for case in cases:
         if sum(other.frame == case.frame for other in chosen) < _PER_FRAME:
             chosen.append(case)
-        if len(chosen) == _EACH:
+        if len(chosen) == _PER_GALLERY:
             break
-    return list(read_ahead(lambda case: _exhibit(measured, case), chosen))
+    return list(read_ahead(lambda case: _make_example(measured, case), chosen))
 
 
-def _exhibit(measured: Measured, case: _Case) -> Exhibit:
+def _make_example(measured: Measured, case: _Case) -> ExampleImage:
     frame = measured.store.frames[case.frame]
     found = measured.predictions[case.frame]
     x0, y0, x1, y1 = _region(frame, found, case)
@@ -153,15 +164,15 @@ def _exhibit(measured: Measured, case: _Case) -> Exhibit:
     for picture in _pictures(frame, measured.store.spec.modality):
         scale = _CROP_PX[0] / (x1 - x0)
         crop = cv2.resize(picture[y0:y1, x0:x1], _CROP_PX, interpolation=cv2.INTER_LINEAR)
-        panels.append(_drawn(np.asarray(crop, np.uint8), frame, found, case, (x0, y0), scale))
+        panels.append(_draw_case(np.asarray(crop, np.uint8), frame, found, case, (x0, y0), scale))
     drawn = np.concatenate(panels, axis=1)
     jpeg = cv2.imencode(".jpg", drawn, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes()
     caption = f"{frame.image_path.name}: {case.caption}"
-    return Exhibit(caption, jpeg, drawn.shape[1], drawn.shape[0])
+    return ExampleImage(caption, jpeg, drawn.shape[1], drawn.shape[0])
 
 
 def _pictures(frame: FrameRecord, modality: str) -> Iterator[Picture]:
-    """The colour picture, where there is one, and the depth that a depth model sees."""
+    """Yield the colour image, if there is one, and for depth models the depth image."""
     try:
         yield read_frame(frame, "rgb")
     except DatasetError:
@@ -172,16 +183,25 @@ def _pictures(frame: FrameRecord, modality: str) -> Iterator[Picture]:
 
 
 def picture_of_grey(depth8: NDArray[np.uint8]) -> Picture:
-    """8-bit depth (H, W) as a muted picture, near things bright; black where it has no reading."""
+    """Colour an 8-bit depth image.
+
+    Args:
+        depth8: (H, W) uint8.
+
+    Returns:
+        (H, W, 3) BGR uint8, near pixels bright, pixels without a reading black.
+    """
     return np.asarray(cv2.applyColorMap(255 - depth8, cv2.COLORMAP_BONE), np.uint8)
 
 
 def _region(frame: FrameRecord, found: FramePrediction, case: _Case) -> tuple[int, int, int, int]:
-    """What to cut out: tree and detection with some surroundings, in the crop's proportions."""
+    """Return the rectangle to cut out: tree and detection with a margin, at the crop's aspect
+    ratio.
+    """
     boxes = [] if case.tree is None else [frame.trees[case.tree].box_px]
     boxes += [] if case.row is None else [found.boxes[case.row]]
     low, high = np.min(boxes, axis=0)[:2], np.max(boxes, axis=0)[2:]
-    width, height = np.maximum((high - low) * (1 + _MARGIN), _LEAST_PX)
+    width, height = np.maximum((high - low) * (1 + _MARGIN_SHARE), _MIN_REGION_PX)
     aspect = _CROP_PX[0] / _CROP_PX[1]
     width = min(max(width, height * aspect), frame.width, frame.height * aspect)
     size = np.array([width, width / aspect])
@@ -191,7 +211,7 @@ def _region(frame: FrameRecord, found: FramePrediction, case: _Case) -> tuple[in
     return x0, y0, min(x0 + across, frame.width), min(y0 + down, frame.height)
 
 
-def _drawn(
+def _draw_case(
     crop: Picture,
     frame: FrameRecord,
     found: FramePrediction,
@@ -199,14 +219,14 @@ def _drawn(
     corner: tuple[int, int],
     scale: float,
 ) -> Picture:
-    """All boxes in the crop, and outline and keypoints of what it is about."""
+    """Draw all boxes faintly, and outline and keypoints of the case."""
     origin = np.array(corner)
 
-    def moved(points: Float) -> Float:
+    def to_crop(points: Float) -> Float:
         return np.asarray((points - origin) * scale)
 
     def boxes_of(boxes: Float) -> Float:
-        return moved(np.asarray(boxes).reshape(-1, 2, 2)).reshape(-1, 4)
+        return to_crop(np.asarray(boxes).reshape(-1, 2, 2)).reshape(-1, 4)
 
     shown = found.scores >= DISPLAY_SCORE
     truths = np.array([tree.box_px for tree in frame.trees]).reshape(-1, 4)
@@ -216,21 +236,21 @@ def _drawn(
     if case.tree is not None:
         tree = frame.trees[case.tree]
         mask = frame.mask(tree) if tree.segmentation else None
-        rings = np.column_stack([moved(tree.keypoints[:, :2]), tree.keypoints[:, 2] > 0])
+        rings = np.column_stack([to_crop(tree.keypoints[:, :2]), tree.keypoints[:, 2] > 0])
         box = boxes_of(tree.box_px)
-        drawn = _marked(drawn, box, _cut_out(mask, corner, scale), rings, TRUTH)
+        drawn = _draw_instance(drawn, box, _crop_mask(mask, corner, scale), rings, TRUTH)
     if case.row is not None:
         mask = None if found.masks is None else coco_mask.decode(dict(found.masks[case.row]))
         discs = None
         if found.keypoints is not None:
-            points = moved(found.keypoints[case.row, :, :2])
+            points = to_crop(found.keypoints[case.row, :, :2])
             discs = np.column_stack([points, np.full(len(points), 2)])
         box = boxes_of(found.boxes[case.row])
-        drawn = _marked(drawn, box, _cut_out(mask, corner, scale), discs, FOUND)
+        drawn = _draw_instance(drawn, box, _crop_mask(mask, corner, scale), discs, FOUND)
     return drawn
 
 
-def _marked(
+def _draw_instance(
     drawn: Picture, box: Float, mask: NDArray[Any] | None, points: Float | None, colour: Colour
 ) -> Picture:
     drawn = draw_trees(drawn, boxes=box, masks=[mask], colour=colour, weight=_LINE_WEIGHT)
@@ -238,10 +258,10 @@ def _marked(
     return draw_trees(drawn, keypoints=keypoints, weight=_POINT_WEIGHT)
 
 
-def _cut_out(
+def _crop_mask(
     mask: NDArray[Any] | None, corner: tuple[int, int], scale: float
 ) -> NDArray[Any] | None:
-    """The part of a frame's mask that lies in the crop, in the crop's pixels."""
+    """Crop a frame's mask and resize it to the crop's size."""
     if mask is None:
         return None
     x0, y0 = corner

@@ -1,4 +1,4 @@
-"""Trees of one distance, frames of one weather...: which belong together, where labels say so."""
+"""Groups of trees or frames by labelled conditions, such as distance or weather."""
 
 from __future__ import annotations
 
@@ -14,11 +14,17 @@ _INFINITY = float("inf")
 
 @dataclass(frozen=True)
 class Axis:
-    """One way to part trees or frames: by a number's range, or by a name.
+    """A condition by which trees or frames are grouped: a numeric range or a name.
 
-    ``edges`` are the ranges' limits, a value on one belongs above it; without, each name is a
-    group, in the given ``order`` as far as that goes. ``unit`` is for what is shown, of which a
-    value of 1 has ``per_unit``. The value of an axis ``of_frames`` is asked without a tree.
+    Attributes:
+        name: Key in JSON.
+        title: Title for people.
+        value: Returns the condition of a tree, or of a frame if the tree is None.
+        edges: Limits of the ranges, lower limit included; empty for names.
+        order: Order in which names are listed; others follow alphabetically.
+        unit: Unit shown in range names.
+        per_unit: Factor from the value to the unit shown.
+        of_frames: Whether the condition belongs to frames rather than trees.
     """
 
     name: str
@@ -33,7 +39,13 @@ class Axis:
 
 @dataclass(frozen=True)
 class Group:
-    """Some trees by their place among all, and the frames that they are looked for in."""
+    """A group of trees.
+
+    Attributes:
+        name: Name or range.
+        trees: Indices of the trees among all trees of all frames.
+        frames: Indices of the frames in which they are searched for.
+    """
 
     name: str
     trees: frozenset[int]
@@ -56,7 +68,7 @@ AXES = (
     Axis("distance_m", "Distance", _truth("distance_m"), (0, 2.5, 5, 7.5, 10, _INFINITY), unit="m"),
     Axis(
         "visible_fraction",
-        "Visible part of the lower stem",
+        "Visible part of the lower trunk",
         _truth("visible_fraction"),
         (0, 0.25, 0.5, 0.75, _INFINITY),
         unit="%",
@@ -89,9 +101,11 @@ AXES = (
 
 
 def groups_of(frames: Sequence[FrameRecord], axis: Axis) -> list[Group]:
-    """The groups that have a tree; none where the labels do not say.
+    """Group the trees by a condition.
 
-    Trees of one distance and the like are looked for in all frames.
+    Returns:
+        The groups that have a tree; empty if the labels do not give the condition. For conditions
+        of trees, every group covers all frames.
     """
     trees: dict[str, set[int]] = {}
     own_frames: dict[str, set[int]] = {}
@@ -119,7 +133,7 @@ def _sorted_names(axis: Axis, found: dict[str, set[int]]) -> list[str]:
 
 
 def _label(axis: Axis, value: Any) -> str | None:
-    """The name of the group that a value belongs to; None for one that says nothing."""
+    """Return the name of the group of a value; None if the value is not usable."""
     if not axis.edges:
         return value if isinstance(value, str) and value else None
     if isinstance(value, bool) or not isinstance(value, int | float):

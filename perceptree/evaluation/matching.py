@@ -1,4 +1,4 @@
-"""Which tree each detection means, at the score from which detections are shown."""
+"""Match detections to trees at the default score threshold."""
 
 from __future__ import annotations
 
@@ -19,7 +19,14 @@ MATCH_IOU = 0.5
 
 
 class Pair(NamedTuple):
-    """A tree and the detection that found it: frame, tree of the frame, row, overlap of boxes."""
+    """A tree and its detection.
+
+    Attributes:
+        frame: Index of the frame.
+        tree: Index of the tree in the frame.
+        row: Index of the detection in the frame.
+        iou: Box IoU.
+    """
 
     frame: int
     tree: int
@@ -28,7 +35,13 @@ class Pair(NamedTuple):
 
 
 class Matches(NamedTuple):
-    """What was found, missed as (frame, tree), and invented as (frame, row)."""
+    """Result of matching.
+
+    Attributes:
+        found: True positives.
+        missed: False negatives as (frame, tree).
+        invented: False positives as (frame, row).
+    """
 
     found: list[Pair]
     missed: list[tuple[int, int]]
@@ -41,16 +54,20 @@ class Matches(NamedTuple):
 
     @property
     def precision(self) -> float | None:
-        """Share of what was reported that is a tree; None where nothing was reported."""
+        """Share of the detections that are trees; None without detections."""
         reported = len(self.found) + len(self.invented)
         return len(self.found) / reported if reported else None
 
 
 def match_trees(frames: Sequence[FrameRecord], predictions: Sequence[FramePrediction]) -> Matches:
-    """Pair detections of a score of at least 0.5 with trees, at an overlap of boxes of 0.5.
+    """Match detections with a score of at least 0.5 to trees with a box IoU of at least 0.5.
 
-    By falling score each takes the tree that it overlaps most, of those not yet taken. What lies
-    at least half within a crowd and is no tree's is neither found nor invented.
+    In order of falling score, each detection takes the unmatched tree with the largest IoU.
+    Unmatched detections of which at least half lies inside a crowd are ignored.
+
+    Args:
+        frames: Labelled frames.
+        predictions: Predictions of the frames.
     """
     matches = Matches([], [], [])
     for number, (frame, found) in enumerate(zip(frames, predictions, strict=True)):
@@ -75,7 +92,7 @@ def _match_frame(number: int, frame: FrameRecord, found: FramePrediction, matche
 
 
 def _shown_rows(found: FramePrediction) -> Iterator[int]:
-    """By falling score."""
+    """Yield the detections above the score threshold by falling score."""
     for row in np.argsort(-found.scores, kind="stable"):
         if found.scores[row] >= DISPLAY_SCORE:
             yield int(row)

@@ -1,4 +1,4 @@
-"""How good a detector is in a few numbers, as training and export ask for them."""
+"""Summary metrics of a detector, used by training and export."""
 
 from __future__ import annotations
 
@@ -20,12 +20,25 @@ Progress = Callable[[int], None]
 
 @dataclass(frozen=True)
 class Metrics:
-    """COCO AP and AP50 in percent, and what they were taken on; None without branch or labels.
+    """Summary metrics; None where the model has no such branch or the data no such labels.
 
-    ``keypoint_error_px`` is the median distance of each keypoint from the truth, in source px,
-    and ``diameter_error_px`` the mean by which the distance of the two diameter keypoints is off:
-    of trees matched at box IoU 0.5 with a score of at least 0.5, of all of which ``recall`` is
-    the share. ``precision`` is the share of trees among what has such a score.
+    Recall, precision and the errors in px refer to detections with a score of at least 0.5, matched
+    at a box IoU of at least 0.5.
+
+    Attributes:
+        frames: Number of frames.
+        trees: Number of labelled trees.
+        box_ap: COCO AP of boxes in percent.
+        box_ap50: AP of boxes at IoU 0.50 in percent.
+        mask_ap: COCO AP of masks in percent.
+        mask_ap50: AP of masks at IoU 0.50 in percent.
+        keypoint_ap: COCO AP of keypoints in percent.
+        keypoint_ap50: AP of keypoints at OKS 0.50 in percent.
+        keypoint_error_px: Median distance of each keypoint from the truth, in source px.
+        diameter_error_px: Mean absolute error of the distance of the two diameter keypoints, in
+            source px.
+        recall: Share of the trees that were found, 0 to 1.
+        precision: Share of the detections that are trees, 0 to 1.
     """
 
     frames: int
@@ -42,13 +55,21 @@ class Metrics:
     precision: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON-ready values."""
+        """Return JSON-ready values."""
         return dataclasses.asdict(self)
 
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """What a detector said of all frames, and what follows from it."""
+    """Predictions of all frames and the results computed from them.
+
+    Attributes:
+        store: The frames.
+        predictions: Prediction of each frame.
+        scorer: Average precision.
+        matches: Matched and unmatched trees and detections.
+        errors: Errors in px, None if there are none.
+    """
 
     store: FrameStore
     predictions: list[FramePrediction]
@@ -57,7 +78,7 @@ class Measured:
     errors: PixelErrors | None
 
     def metrics(self) -> Metrics:
-        """The few numbers."""
+        """Return the summary metrics."""
         none = Precision(0.0, 0.0, 0.0)
         boxes = self.scorer.precision("bbox") or none
         masks, keypoints = self.scorer.precision("segm"), self.scorer.precision("keypoints")
@@ -93,10 +114,16 @@ def evaluate(
     batch: int = 1,
     progress: Progress = lambda frames: None,
 ) -> Metrics:
-    """Average precision and pixel errors of ``predict`` over all frames of ``store``.
+    """Compute the metrics of a detector on all frames.
 
-    ``progress`` gets the number of frames done since its last call. Raises DatasetError where
-    ``store`` has no labelled tree: then precision means nothing.
+    Args:
+        predict: The detector.
+        store: Labelled frames.
+        batch: Batch size.
+        progress: Called with the number of frames done since its last call.
+
+    Raises:
+        DatasetError: If no tree is labelled.
     """
     return measure(predict, store, batch, progress).metrics()
 
@@ -104,9 +131,13 @@ def evaluate(
 def measure(
     predict: Predict, store: FrameStore, batch: int = 1, progress: Progress = lambda frames: None
 ) -> Measured:
-    """As ``evaluate``, but everything that it rests on. Raises DatasetError likewise."""
+    """Do as ``evaluate``, but return all intermediate results.
+
+    Raises:
+        DatasetError: If no tree is labelled.
+    """
     if store.trees == 0:
-        raise DatasetError(f"{len(store)} frames without a labelled tree: expected some trees")
+        raise DatasetError(f"{len(store)} frames without a labelled tree: expected at least one")
     predictions = []
     for prediction in predict_frames(predict, store, batch):
         predictions.append(prediction)

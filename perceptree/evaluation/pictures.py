@@ -1,4 +1,4 @@
-"""Pictures of a folder, without labels: found trees drawn on them, and as labels to correct."""
+"""Detect trees in a folder of unlabelled images; draw them and write them as COCO labels."""
 
 from __future__ import annotations
 
@@ -29,21 +29,27 @@ from perceptree.models import ModelSpec
 
 PICTURE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 SKELETON = ((0, 3), (3, 4), (1, 2))
-"""The stem's axis from the felling cut up, and the diameter, as indices of KEYPOINT_NAMES."""
+"""The trunk's axis upwards from the felling cut, and the diameter; indices of KEYPOINT_NAMES."""
 
 _JPEG_QUALITY = 92
 
 
 @dataclass(frozen=True, eq=False)
 class FoundTrees:
-    """One picture, (H, W, 3) BGR to draw on, and the trees of it that are sure enough."""
+    """Detections in one image.
+
+    Attributes:
+        path: The image file.
+        picture: (H, W, 3) BGR uint8, to draw on.
+        trees: Detections above the score threshold.
+    """
 
     path: Path
     picture: Picture
     trees: FramePrediction
 
     def masks(self) -> list[NDArray[np.bool_] | None]:
-        """One (H, W) per tree; None where the model gives none."""
+        """Return an (H, W) bool mask per tree; None for each if the model has no masks."""
         if self.trees.masks is None:
             return [None] * len(self.trees.scores)
         return [np.asarray(coco_mask.decode(dict(runs))).astype(bool) for runs in self.trees.masks]
@@ -57,35 +63,51 @@ class _Read(NamedTuple):
 
 
 def find_pictures(folder: Path) -> list[Path]:
-    """The pictures of a folder by name; raises DatasetError where there are none."""
+    """Return the images in a folder by name.
+
+    Raises:
+        DatasetError: If the folder does not exist or has no images.
+    """
     if not folder.is_dir():
-        raise DatasetError(f"{folder}: no such folder, expected one with pictures")
+        raise DatasetError(f"{folder}: no such folder, expected a folder with images")
     paths = sorted(
         path
         for path in folder.iterdir()
         if path.suffix.lower() in PICTURE_SUFFIXES and not path.name.startswith(".")
     )
     if not paths:
-        raise DatasetError(f"{folder}: no pictures, expected {', '.join(PICTURE_SUFFIXES)}")
+        raise DatasetError(f"{folder}: no images, expected {', '.join(PICTURE_SUFFIXES)}")
     return paths
 
 
 def detect_pictures(
     predict: Predict, spec: ModelSpec, paths: list[Path], score: float, batch: int
 ) -> Iterator[FoundTrees]:
-    """The trees of each picture whose score is at least ``score``, best first.
+    """Detect trees in images.
 
-    Raises DatasetError for a file that is no picture, DepthError for one that is no depth.
+    Args:
+        predict: The detector.
+        spec: Its model.
+        paths: Image files.
+        score: Smallest score to keep.
+        batch: Batch size.
+
+    Yields:
+        The trees of each image, highest score first.
+
+    Raises:
+        DatasetError: If a file is not a readable image of the model's modality.
+        DepthError: If a depth image has an unsupported type.
     """
-    waiting: deque[_Read] = deque()
+    pending: deque[_Read] = deque()
 
     def images() -> Iterator[tuple[NDArray[np.uint8], Letterbox]]:
         for read in read_ahead(lambda path: _read(path, spec), paths):
-            waiting.append(read)
+            pending.append(read)
             yield read.image, read.letterbox
 
     for found in predict_images(predict, images(), batch):
-        read = waiting.popleft()
+        read = pending.popleft()
         yield FoundTrees(read.path, read.picture, _above(found, score))
 
 
@@ -104,21 +126,21 @@ def _read(path: Path, spec: ModelSpec) -> _Read:
         source: NDArray[np.uint8] = _decoded(path, cv2.IMREAD_COLOR)
         picture: Picture = source
     else:
-        source = _read_grey(path, DepthEncoding.from_dict(spec.depth_encoding))
+        source = _read_depth(path, DepthEncoding.from_dict(spec.depth_encoding))
         picture = picture_of_grey(source)
     letterbox = Letterbox.fit(source.shape[1], source.shape[0], spec.width, spec.height)
     return _Read(path, picture, letterbox.apply(source, spec.pad_value), letterbox)
 
 
-def _read_grey(path: Path, encoding: DepthEncoding) -> NDArray[np.uint8]:
-    """8-bit depth as the model was trained on it, from that or from a depth image in metres."""
+def _read_depth(path: Path, encoding: DepthEncoding) -> NDArray[np.uint8]:
+    """Read an 8-bit depth image, or encode one in metres as the model expects."""
     values = _decoded(path, cv2.IMREAD_UNCHANGED)
     if values.dtype == np.uint8 and values.ndim == 2:
         return np.asarray(values, np.uint8)
     if values.dtype == np.uint8:
         raise DatasetError(
-            f"{path}: a colour picture, expected depth for this model: one channel of 16 bits in"
-            " millimetres, or of 8 bits encoded as the model was trained"
+            f"{path}: a colour image, expected depth for this model: one channel, 16-bit in"
+            " millimetres or 8-bit in the model's depth encoding"
         )
     return encode_depth(read_depth(path), encoding)
 
@@ -129,23 +151,23 @@ def _decoded(path: Path, flag: int) -> NDArray[Any]:
     except cv2.error:
         image = None
     if image is None:
-        raise DatasetError(f"{path}: not a readable picture")
+        raise DatasetError(f"{path}: not a readable image, expected one")
     return image
 
 
 def new_labels(checkpoint: str, score: float, runs: bool) -> CocoLabels:
-    """An empty set of labels that says where it comes from."""
+    """Create an empty COCO data set whose description names the checkpoint."""
     return CocoLabels(
         "tree",
         KEYPOINT_NAMES,
         SKELETON,
-        f"trees that {checkpoint} finds with a score of at least {score:g}, to be corrected",
+        f"trees found by {checkpoint} with a score of at least {score:g}, to be corrected",
         runs,
     )
 
 
 def add_labels(labels: CocoLabels, found: FoundTrees) -> None:
-    """The picture and its trees."""
+    """Add an image and its trees to the labels."""
     height, width = found.picture.shape[:2]
     labels.add_image(found.path.name, width, height)
     trees = found.trees
@@ -155,9 +177,10 @@ def add_labels(labels: CocoLabels, found: FoundTrees) -> None:
 
 
 def write_drawing(found: FoundTrees, path: Path) -> None:
-    """The picture with boxes, outlines and points, and the scores below, as JPEG.
+    """Write a JPEG of the image with boxes, outlines and keypoints, and the scores below.
 
-    Raises InputFileError where it cannot be written.
+    Raises:
+        InputFileError: If the file cannot be written.
     """
     trees, points = found.trees, None
     if trees.keypoints is not None:

@@ -1,4 +1,4 @@
-"""Plots of an evaluation as inline SVG, in the page's own colours, light and dark."""
+"""Plots of the evaluation report as inline SVG that follows the page's light or dark theme."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 Figures = dict[str, Any]
 
-# Stand for the page's own colours, which change with light and dark.
+# Placeholders for the page's theme colours.
 _PAGE_COLOURS = {"#5a675e": "var(--soft)", "#dfded4": "var(--line)", "#2c6a48": "var(--accent)"}
 _SOFT, _LINE, _ACCENT = _PAGE_COLOURS
 BLUE, ORANGE = "#3b7dc4", "#e08a2e"
@@ -49,7 +49,7 @@ _PAGE_STYLE: dict[Any, Any] = {
 
 
 def curves_svg(figures: Figures) -> str:
-    """Precision at each recall, for overlaps of one half."""
+    """Plot precision against recall at an overlap of 0.50."""
     with _style("curves"):
         figure = _figure(5.2, 3.6)
         axes = figure.add_subplot()
@@ -61,34 +61,33 @@ def curves_svg(figures: Figures) -> str:
         axes.set(
             xlim=(0, 100),
             ylim=(0, 102),
-            xlabel="of 100 trees, found",
-            ylabel="of 100 reported, trees",
+            xlabel="recall, % of trees found",
+            ylabel="precision, % of detections that are trees",
         )
         axes.legend(loc="lower left")
         return _svg(figure)
 
 
 def scores_svg(figures: Figures) -> str:
-    """What is found, and what is right of it, by the score from which detections are shown."""
+    """Plot recall and precision against the score threshold."""
     with _style("scores"):
         figure = _figure(5.2, 3.6)
         axes = figure.add_subplot()
         rows = figures["boxes_by_score"]
         scores = [row["score"] for row in rows]
         for name, colour, label in (
-            ("recall", _ACCENT, "of 100 trees, found"),
-            ("precision", ORANGE, "of 100 reported, trees"),
+            ("recall", _ACCENT, "recall, %"),
+            ("precision", ORANGE, "precision, %"),
         ):
             values = [float("nan") if row[name] is None else 100 * row[name] for row in rows]
             axes.plot(scores, values, color=colour, label=label, lw=2)
-        axes.set(xlim=(0, 1), ylim=(0, 102), xlabel="shown from this score on")
+        axes.set(xlim=(0, 1), ylim=(0, 102), xlabel="score threshold")
         axes.legend(loc="lower left")
         return _svg(figure)
 
 
 def directions_svg(figures: Figures) -> str:
-    """The paper's figure 4: horizontal and vertical errors of each keypoint, and where felling
-    cuts lie about the true one."""
+    """Plot the paper's figure 4: horizontal and vertical keypoint errors, felling cut density."""
     with _style("directions"):
         figure = _figure(10.4, 5.4)
         for place, (letter, name) in enumerate(_PANELS, start=1):
@@ -103,7 +102,7 @@ def directions_svg(figures: Figures) -> str:
 
 
 def stem_directions_svg(figures: Figures) -> str:
-    """Errors of each keypoint across and along the stem."""
+    """Plot the errors of each keypoint across and along the trunk's axis."""
     with _style("stem"):
         figure = _figure(10.4, 5.4)
         for place, (name, errors) in enumerate(figures["keypoint_error_px"].items(), start=1):
@@ -114,20 +113,22 @@ def stem_directions_svg(figures: Figures) -> str:
 
 
 def diameters_svg(figures: Figures, errors: PixelErrors) -> str:
-    """Found against true diameters in px, and the errors."""
+    """Plot predicted against true diameters in px, and a histogram of the errors."""
     with _style("diameters"):
         figure = _figure(10.4, 3.8)
         axes = figure.add_subplot(1, 2, 1)
         known = np.isfinite(errors.true_width)
         true, found = errors.true_width[known], errors.found_width[known]
-        most = 1.05 * float(np.percentile(np.concatenate([true, found]), 99.5))
-        axes.plot([0, most], [0, most], color=_SOFT, lw=1, ls="--")
-        axes.plot(np.minimum(true, most), np.minimum(found, most), ".", color=_ACCENT, alpha=0.5)
+        top_px = 1.05 * float(np.percentile(np.concatenate([true, found]), 99.5))
+        axes.plot([0, top_px], [0, top_px], color=_SOFT, lw=1, ls="--")
+        axes.plot(
+            np.minimum(true, top_px), np.minimum(found, top_px), ".", color=_ACCENT, alpha=0.5
+        )
         axes.set(
-            xlim=(0, most),
-            ylim=(0, most),
+            xlim=(0, top_px),
+            ylim=(0, top_px),
             xlabel="true diameter, px",
-            ylabel="found diameter, px",
+            ylabel="predicted diameter, px",
             aspect="equal",
         )
         axes = figure.add_subplot(1, 2, 2)
@@ -137,7 +138,7 @@ def diameters_svg(figures: Figures, errors: PixelErrors) -> str:
 
 
 def _two_histograms(axes: Axes, errors: Figures, first: str, second: str) -> None:
-    """Both over the same range, as outlines that let each other through."""
+    """Draw two histograms over the same range, semi-transparent."""
     for direction, colour in ((first, BLUE), (second, ORANGE)):
         spread = errors[direction]
         if spread is not None:
@@ -163,18 +164,18 @@ def _draw_density(axes: Axes, found: Figures | None) -> None:
     axes.imshow(counts, extent=(low, high, high, low), cmap="YlGnBu_r", interpolation="bilinear")
     axes.axhline(0, color="white", lw=0.6, alpha=0.7)
     axes.axvline(0, color="white", lw=0.6, alpha=0.7)
-    axes.set(xlabel="px to the right", ylabel="px too low")
+    axes.set(xlabel="px to the right", ylabel="px downwards")
 
 
 def _smoothed(counts: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Each count spread over its neighbours, so that few trees make a readable map."""
+    """Smooth the counts, so that few trees give a readable map."""
     import cv2
 
     return np.asarray(cv2.GaussianBlur(counts, (0, 0), 1.0), np.float64)
 
 
 def _style(name: str) -> Any:
-    """The settings of one plot; its name keeps its inner ids apart from other plots'."""
+    """Return the style of a plot; its name makes the SVG ids unique on the page."""
     import matplotlib
 
     return matplotlib.rc_context({**_PAGE_STYLE, "svg.hashsalt": name})
@@ -187,7 +188,7 @@ def _figure(width_in: float, height_in: float) -> Figure:
 
 
 def _svg(figure: Figure) -> str:
-    """The drawing alone, in the page's colours."""
+    """Return the plot as SVG in the page's colours."""
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None})
     text = buffer.getvalue()

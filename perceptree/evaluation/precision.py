@@ -1,4 +1,4 @@
-"""Average precision of boxes, masks and keypoints, as pycocotools counts it; also of a part."""
+"""COCO average precision of boxes, masks and keypoints, also for subsets of the trees."""
 
 from __future__ import annotations
 
@@ -23,14 +23,23 @@ SIZES_PX2 = {
     "medium": (32.0**2, 96.0**2),
     "large": (96.0**2, 1e10),
 }
-"""COCO's sizes, by the area of the mask in the picture's own px², or of the box without masks."""
+"""COCO's size classes: area of the mask, or of the box without masks, in source px²."""
 
 _THRESHOLDS = tuple(round(0.05 * step, 2) for step in range(1, 20))
 
 
 @dataclass(frozen=True)
 class Precision:
-    """COCO's average precision in percent; None where no labelled tree has such a size."""
+    """COCO average precision in percent.
+
+    Attributes:
+        ap: AP averaged over overlaps of 0.50 to 0.95.
+        ap50: AP at an overlap of 0.50.
+        ap75: AP at an overlap of 0.75.
+        ap_small: AP of small trees; None if there are none.
+        ap_medium: AP of medium trees; None if there are none.
+        ap_large: AP of large trees; None if there are none.
+    """
 
     ap: float
     ap50: float
@@ -41,7 +50,7 @@ class Precision:
 
 
 class Scorer:
-    """All trees and all that was found of some frames, to be scored as a whole and in parts."""
+    """Average precision of the predictions of some frames, overall and for subsets."""
 
     def __init__(
         self, frames: Sequence[FrameRecord], predictions: Sequence[FramePrediction]
@@ -52,7 +61,7 @@ class Scorer:
         self._whole: dict[Kind, Evaluation] = {}
 
     def precision(self, kind: Kind) -> Precision | None:
-        """Of all frames; None where model or labels have no such thing."""
+        """Return the AP over all frames; None if model or labels lack this kind."""
         whole = self._evaluation(kind)
         every = None if whole is None else whole.figures("all")
         if whole is None or every is None:
@@ -61,10 +70,16 @@ class Scorer:
         return Precision(*every, *(None if found is None else found[0] for found in sizes))
 
     def part(self, kind: Kind, trees: Collection[int], frames: Collection[int]) -> float | None:
-        """AP of some trees in some frames, both by their place among all.
+        """Return the AP in percent of some trees in some frames.
 
-        Other trees of these frames are ignored, so that they are neither found nor missed. What
-        was found where no tree is counts as false, as it belongs to no tree's kind.
+        Other trees in these frames are ignored: they count neither as found nor as missed.
+        Detections without a tree count as false positives in every subset, because they belong to
+        no group of trees.
+
+        Args:
+            kind: "bbox", "segm" or "keypoints".
+            trees: Indices among all trees.
+            frames: Indices of the frames.
         """
         whole = self._evaluation(kind)
         if whole is None:
@@ -79,7 +94,7 @@ class Scorer:
         return None if figures is None else figures[0]
 
     def curve(self, kind: Kind) -> list[float] | None:
-        """Precision at each of the recalls 0, 0.01 ... 1, for an overlap of at least one half."""
+        """Return the precision at recalls 0, 0.01 ... 1 at an overlap of 0.50."""
         whole = self._evaluation(kind)
         if whole is None:
             return None
@@ -87,10 +102,12 @@ class Scorer:
         return None if (values < 0).any() else [float(value) for value in values]
 
     def by_score(self, kind: Kind) -> list[dict[str, float | None]] | None:
-        """What would be found of all trees, and be right of all reported, from other scores on.
+        """Return recall and precision at score thresholds 0.05, 0.10 ... 0.95.
 
-        Shares in 0 to 1 for an overlap of at least one half; the second is None where nothing is
-        reported. All is None where model or labels have no such thing.
+        Shares 0 to 1 at an overlap of 0.50. Precision is None where nothing is detected.
+
+        Returns:
+            Rows with "score", "recall" and "precision"; None if model or labels lack this kind.
         """
         whole = self._evaluation(kind)
         if whole is None:
@@ -113,8 +130,10 @@ class Scorer:
         return rows
 
     def overlap(self, kind: Kind, frame: int, tree: int, row: int) -> float | None:
-        """How well a row of a frame's detections fits a tree of it: overlap, or similarity of
-        keypoints; None without such a label, or for a row beyond those that COCO looks at."""
+        """Return the IoU, or keypoint similarity, of a detection and a tree of a frame.
+
+        None without such a label, or for detections beyond COCO's limit per image.
+        """
         whole, label = self._evaluation(kind), self._frames[frame].trees[tree]
         unknown = {"segm": not label.segmentation, "keypoints": not label.keypoints[:, 2].any()}
         if whole is None or unknown.get(kind):
@@ -126,11 +145,11 @@ class Scorer:
 
     @property
     def trees(self) -> int:
-        """How many trees are labelled, crowds among them."""
+        """Number of labelled trees, crowds included."""
         return sum(len(frame.trees) for frame in self._frames)
 
     def _evaluation(self, kind: Kind) -> Evaluation | None:
-        """Of all frames, made once; None where the model has no branch or no tree the label."""
+        """Return the cached evaluation of all frames; None if model or labels lack this kind."""
         if kind not in self._whole:
             entries = _results(self._frames, self._predictions, kind)
             if entries is None:
@@ -179,7 +198,7 @@ def _ground_truth(frames: Sequence[FrameRecord]) -> COCO:
 
 
 def _loaded(truth: COCO, entries: list[dict[str, Any]]) -> COCO:
-    """Results as pycocotools holds them; it has no way to load none."""
+    """Convert results to a COCO object; pycocotools cannot load an empty list."""
     with contextlib.redirect_stdout(io.StringIO()):
         if entries:
             return truth.loadRes(entries)
@@ -192,7 +211,7 @@ def _loaded(truth: COCO, entries: list[dict[str, Any]]) -> COCO:
 def _results(
     frames: Sequence[FrameRecord], predictions: Sequence[FramePrediction], kind: Kind
 ) -> list[dict[str, Any]] | None:
-    """COCO's result entries; None where the model lacks the branch."""
+    """Return COCO result entries; None if the model lacks the branch."""
     entries = []
     for frame, found in zip(frames, predictions, strict=True):
         if (kind == "segm" and found.masks is None) or (

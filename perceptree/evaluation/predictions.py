@@ -1,4 +1,4 @@
-"""What a detector says of frames, in the frames' own pixels, whichever runtime said it."""
+"""Predictions of a detector in source px, independent of the runtime."""
 
 from __future__ import annotations
 
@@ -19,17 +19,22 @@ from perceptree.models import TreeRCNN
 
 Float = NDArray[np.floating[Any]]
 _Item = TypeVar("_Item")
-_Made = TypeVar("_Made")
+_Result = TypeVar("_Result")
 
 DEVICES = ("cpu", "cuda")
 _READERS = 3
-_AHEAD = 8
+_PREFETCH = 8
 
 
 class RawDetections(NamedTuple):
-    """A batch as the model gives it: (B, K, 4), (B, K), (B, K, 5, 3), (B, K, 28, 28), (B,).
+    """Output of a model for a batch of B images with up to K detections each, in model px.
 
-    ``keypoints`` or ``masks`` is None where the model has no such branch.
+    Attributes:
+        boxes: (B, K, 4) x0, y0, x1, y1.
+        scores: (B, K) scores, 0 to 1.
+        keypoints: (B, K, 5, 3) x, y, score; None without a keypoint branch.
+        masks: (B, K, 28, 28) probabilities inside the boxes; None without a mask branch.
+        num_detections: (B,) number of valid detections.
     """
 
     boxes: Float
@@ -43,8 +48,14 @@ Predict = Callable[[NDArray[np.uint8]], RawDetections]
 
 
 class FramePrediction(NamedTuple):
-    """One frame's trees in source px, best first: boxes (N, 4), scores (N,), keypoints (N, 5, 3)
-    x, y, score, and masks of the frame's size as COCO's runs."""
+    """Detections in one frame in continuous source px, highest score first.
+
+    Attributes:
+        boxes: (N, 4) x0, y0, x1, y1.
+        scores: (N,) scores, 0 to 1.
+        keypoints: (N, 5, 3) x, y, score; None without a keypoint branch.
+        masks: N masks of the frame's size as COCO run lengths; None without a mask branch.
+    """
 
     boxes: Float
     scores: Float
@@ -53,7 +64,11 @@ class FramePrediction(NamedTuple):
 
 
 def on_device(model: TreeRCNN, device: str) -> TreeRCNN:
-    """The model, moved to ``cpu`` or ``cuda``; raises SettingsError for what is not there."""
+    """Move a model to "cpu" or "cuda".
+
+    Raises:
+        SettingsError: If the device is unknown or not available.
+    """
     if device not in DEVICES:
         raise SettingsError(f"--device is {device!r}: expected {' or '.join(DEVICES)}")
     if device == "cuda" and not torch.cuda.is_available():
@@ -62,7 +77,7 @@ def on_device(model: TreeRCNN, device: str) -> TreeRCNN:
 
 
 def predict_with(model: TreeRCNN) -> Predict:
-    """A model in eval mode as a function of uint8 batches at its input size, on its own device."""
+    """Return a function that runs a model in eval mode on (B, H, W[, 3]) uint8 batches."""
 
     def predict(images: NDArray[np.uint8]) -> RawDetections:
         device = next(model.parameters()).device
@@ -81,9 +96,14 @@ def predict_with(model: TreeRCNN) -> Predict:
 
 
 def predict_frames(predict: Predict, store: FrameStore, batch: int) -> Iterator[FramePrediction]:
-    """Run ``predict`` over all frames, ``batch`` at a time; a last short batch is filled up.
+    """Run a detector on all frames.
 
-    Pictures are read a few ahead and kept no longer than they are needed.
+    Images are read a few ahead and not kept. The last batch is padded to full size.
+
+    Args:
+        predict: The detector.
+        store: The frames.
+        batch: Batch size.
     """
 
     def read(number: int) -> tuple[NDArray[np.uint8], Letterbox]:
@@ -95,28 +115,34 @@ def predict_frames(predict: Predict, store: FrameStore, batch: int) -> Iterator[
 def predict_images(
     predict: Predict, images: Iterable[tuple[NDArray[np.uint8], Letterbox]], batch: int
 ) -> Iterator[FramePrediction]:
-    """Run ``predict`` over pictures that have the model's size, and how they came to it."""
-    waiting = iter(images)
-    while together := list(islice(waiting, batch)):
-        pixels = [image for image, _ in together]
+    """Run a detector on letterboxed images.
+
+    Args:
+        predict: The detector.
+        images: Images at the model's input size, with their letterboxes.
+        batch: Batch size; the last batch is padded to full size.
+    """
+    remaining = iter(images)
+    while group := list(islice(remaining, batch)):
+        pixels = [image for image, _ in group]
         filled = pixels + pixels[-1:] * (batch - len(pixels))
         raw = predict(np.stack(filled))
-        for row, (_, letterbox) in enumerate(together):
+        for row, (_, letterbox) in enumerate(group):
             yield _in_source(raw, row, letterbox)
 
 
-def read_ahead(read: Callable[[_Item], _Made], items: Iterable[_Item]) -> Iterator[_Made]:
-    """``read`` of every item in turn, by a few threads, a few items ahead of who takes them."""
+def read_ahead(read: Callable[[_Item], _Result], items: Iterable[_Item]) -> Iterator[_Result]:
+    """Yield ``read(item)`` in order; a few threads read a few items ahead."""
     rest = iter(items)
     with ThreadPoolExecutor(_READERS) as pool:
-        pending: deque[Future[_Made]] = deque(
-            pool.submit(read, item) for item in islice(rest, _AHEAD)
+        pending: deque[Future[_Result]] = deque(
+            pool.submit(read, item) for item in islice(rest, _PREFETCH)
         )
         try:
             while pending:
-                made = pending.popleft().result()
+                result = pending.popleft().result()
                 pending.extend(pool.submit(read, item) for item in islice(rest, 1))
-                yield made
+                yield result
         finally:
             for future in pending:
                 future.cancel()
@@ -126,7 +152,7 @@ def _in_source(raw: RawDetections, row: int, letterbox: Letterbox) -> FramePredi
     count = int(raw.num_detections[row])
     size = letterbox.source_width, letterbox.source_height
     boxes = raw.boxes[row, :count].astype(np.float64) / np.tile(letterbox.scale, 2)
-    seen = (boxes[:, :2] < size).all(axis=1)  # the others lie in the padding
+    seen = (boxes[:, :2] < size).all(axis=1)  # the others are in the padding
     keypoints = None
     if raw.keypoints is not None:
         keypoints = raw.keypoints[row, :count][seen].astype(np.float64)

@@ -1,4 +1,4 @@
-"""An evaluation as a folder: ``report.json`` and a page that needs nothing else."""
+"""Write an evaluation to a folder: ``report.json`` and a self-contained HTML page."""
 
 from __future__ import annotations
 
@@ -20,15 +20,24 @@ JSON_FILE, PAGE_FILE = "report.json", "report.html"
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """``figures`` is JSON-ready; ``measured`` what they were taken from."""
+    """Result of an evaluation.
+
+    Attributes:
+        figures: JSON-ready results.
+        measured: Predictions and intermediate results.
+    """
 
     figures: dict[str, Any]
     measured: Measured
 
     def write(self, folder: Path) -> Path:
-        """Write both files into ``folder`` and return the page's path.
+        """Write both files into ``folder``.
 
-        Raises InputFileError where they cannot be written.
+        Returns:
+            Path of the HTML page.
+
+        Raises:
+            InputFileError: If a file cannot be written.
         """
         from perceptree.evaluation.report_page import report_page
 
@@ -46,25 +55,33 @@ def make_report(
     batch: int = 1,
     progress: Progress = lambda frames: None,
 ) -> Report:
-    """All that is to be said of ``predict`` on the frames of ``store``.
+    """Evaluate a detector on all frames.
 
-    ``progress`` gets the number of frames done since its last call. Raises DatasetError where
-    ``store`` has no labelled tree.
+    Args:
+        predict: The detector.
+        store: Labelled frames.
+        about: Description of model and data.
+        batch: Batch size.
+        progress: Called with the number of frames done since its last call.
+
+    Raises:
+        DatasetError: If no tree is labelled.
     """
     measured = measure(predict, store, batch, progress)
     return Report(figures_of(measured, about), measured)
 
 
 def report_folder(folder: Path) -> None:
-    """Make the folder of a report, before any work is done.
+    """Create a report's folder and check that it is writable, before any work is done.
 
-    Raises DatasetError where it cannot be made or written.
+    Raises:
+        DatasetError: If it cannot be created or written.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=folder).close()
     except OSError as error:
         raise DatasetError(
-            f"{folder}: cannot be written ({error.strerror}), expected a folder that is there or"
-            " can be made"
+            f"{folder}: cannot be written ({error.strerror}), expected a writable folder or one"
+            " that can be created"
         ) from error

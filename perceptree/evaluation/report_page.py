@@ -1,4 +1,4 @@
-"""The evaluation's page: for people who fell trees, and for people who train networks."""
+"""HTML page of an evaluation, for forestry and for machine learning readers."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 from perceptree.drawing import KEYPOINT_COLOURS
-from perceptree.evaluation.gallery import FOUND, TRUTH, Exhibit, galleries
+from perceptree.evaluation.gallery import FOUND, TRUTH, ExampleImage, example_images
 from perceptree.evaluation.plots import (
     curves_svg,
     diameters_svg,
@@ -34,43 +34,42 @@ _PRECISIONS = {
     "ap_large": "large",
 }
 _GROUP_COLUMNS = {
-    "frames": "pictures",
+    "frames": "images",
     "trees": "trees",
-    "recall": "found",
-    "precision": "reported rightly",
+    "recall": "recall",
+    "precision": "precision",
     "boxes_ap": "box AP",
     "masks_ap": "mask AP",
     "keypoints_ap": "keypoint AP",
-    "felling_cut_median_px": "cut off, px",
-    "diameter_mean_abs_px": "diameter off, px",
+    "felling_cut_median_px": "cut error (median), px",
+    "diameter_mean_abs_px": "diameter error (mean), px",
     "diameter_bias_px": "diameter bias, px",
 }
 _SHARES = ("recall", "precision")
 _FEW_TREES = 20
-_AXES_IN_WORDS = 3
+_AXES_IN_SUMMARY = 3
 _GALLERIES = {
     "best": (
-        "Found best",
-        "Fit is the mean of the overlaps of boxes and outlines and of the points’ similarity, at"
-        " most 1.",
+        "Best matches",
+        "Fit is the mean of box IoU, mask IoU and keypoint similarity, at most 1.",
     ),
-    "worst": ("Found worst", "Counted as found, but with the poorest fit."),
-    "missed": ("Missed", "Labelled trees that were not reported, largest first."),
+    "worst": ("Worst matches", "Counted as found, but with the lowest fit."),
+    "missed": ("Missed trees", "Labelled trees that were not detected, largest first."),
     "invented": (
-        "Invented",
-        "Reported, surest first, where no tree is labelled, or a second time on the same tree. Look"
-        " for real trees among them: beyond some distance data sets label none.",
+        "False positives",
+        "Detections without a labelled tree, or a second detection of the same tree, highest score"
+        " first. Some may be real trees: data sets do not label trees beyond some distance.",
     ),
 }
 
 
 def report_page(report: Report) -> str:
-    """The whole page as HTML text, plots and pictures included."""
+    """Render the whole page as HTML text with its plots and images."""
     figures = report.figures
     title = title_of(figures)
     parts = [
         _header(figures),
-        _plain_words(figures),
+        _summary(figures),
         _precision(figures),
         _keypoints(figures),
         _diameters(report),
@@ -78,48 +77,46 @@ def report_page(report: Report) -> str:
         _pictures(report),
         _method(figures),
     ]
-    return render_page(f"How good is {title}?", "".join(parts))
+    return render_page(f"Evaluation of {title}", "".join(parts))
 
 
 def _header(figures: Figures) -> str:
     data, shown, width = figures["data"], figures["at_score"], figures["diameter_error_px"]
     entries = [
-        (f"{shown['recall']:.0%}", f"of the trees found: {shown['found']:,} of {data['trees']:,}")
+        (f"{shown['recall']:.0%}", f"recall: {shown['found']:,} of {data['trees']:,} trees found")
     ]
     if shown["precision"] is not None:
-        invented = f"{shown['invented']:,} are not"
-        entries.append(
-            (f"{shown['precision']:.0%}", f"of what it reports are labelled trees; {invented}")
-        )
+        false = f"{shown['invented']:,} false positives"
+        entries.append((f"{shown['precision']:.0%}", f"precision: {false}"))
     entries += [
-        (f"{found['ap']:.1f}", f"average precision of {kind}, of 100")
+        (f"{found['ap']:.1f}", f"average precision of {kind}, out of 100")
         for kind, found in figures["average_precision"].items()
         if found is not None
     ]
     if width is not None:
-        entries.append((f"{width['mean_abs']:.1f} px", "mean error of the diameter"))
+        entries.append((f"{width['mean_abs']:.1f} px", "mean absolute error of the diameter"))
     return (
         f"<h1>{escape(title_of(figures))}</h1>"
-        f'<p class="lead">Held against the labels of {data["frames"]:,} pictures in'
+        f'<p class="lead">Compared with the labels of {data["frames"]:,} images in'
         f" {escape(str(data['folder']))}, {escape(data['split'])}.</p>" + tiles(entries)
     )
 
 
-def _plain_words(figures: Figures) -> str:
-    """For people who know trees rather than networks."""
+def _summary(figures: Figures) -> str:
+    """Return a summary in words, for readers who know trees rather than networks."""
     data, shown = figures["data"], figures["at_score"]
     reported = shown["found"] + shown["invented"]
     found = (
-        f"The pictures hold {data['trees']:,} labelled trees. Of 100 of them the detector finds"
-        f" {100 * shown['recall']:.0f}."
+        f"The images contain {data['trees']:,} labelled trees. The detector finds"
+        f" {100 * shown['recall']:.0f} of 100 of them."
     )
     if shown["precision"] is not None:
         found += (
-            f" Of 100 trees that it reports, {100 * shown['precision']:.0f} are labelled trees"
-            f" ({reported:,} reported in all)."
+            f" Of 100 detections, {100 * shown['precision']:.0f} are labelled trees"
+            f" ({reported:,} detections in total)."
         )
     texts = [found, " ".join(_keypoint_sentences(figures)), " ".join(_group_sentences(figures))]
-    return "<h2>In plain words</h2>" + "".join(f"<p>{text}</p>" for text in texts if text)
+    return "<h2>Summary</h2>" + "".join(f"<p>{text}</p>" for text in texts if text)
 
 
 def _keypoint_sentences(figures: Figures) -> Iterable[str]:
@@ -128,21 +125,21 @@ def _keypoint_sentences(figures: Figures) -> Iterable[str]:
     if cut is not None and cut["distance"] is not None:
         yield (
             (
-                "On half of the trees found, the point where the tree is to be cut lies within"
-                f" {cut['distance']['median']:.1f} pixels of the right one"
+                "For half of the trees found, the predicted felling cut is within"
+                f" {cut['distance']['median']:.1f} pixels of the true one"
             )
             + _by_direction(cut)
             + "."
         )
     if width is not None:
-        way = "wide" if width["mean"] >= 0 else "narrow"
+        bias = "wide" if width["mean"] >= 0 else "narrow"
         yield (
-            f"The stem's diameter is {width['mean_abs']:.1f} pixels off on average, and on the"
-            f" whole {abs(width['mean']):.1f} too {way}."
+            f"The diameter has a mean absolute error of {width['mean_abs']:.1f} pixels; on average"
+            f" it is {abs(width['mean']):.1f} pixels too {bias}."
         )
     if (cut is not None and cut["distance"] is not None) or width is not None:
         sizes = list(figures["data"]["picture_px"])
-        yield f"The pictures have {' or '.join(map(escape, sizes[:3]))} pixels" + (
+        yield f"The image size is {' or '.join(map(escape, sizes[:3]))} pixels" + (
             " and other sizes." if len(sizes) > 3 else "."
         )
 
@@ -151,22 +148,22 @@ def _by_direction(cut: Figures) -> str:
     if cut["across"] is None:
         return ""
     return (
-        f" ({cut['across']['median_abs']:.1f} across the stem,"
+        f" ({cut['across']['median_abs']:.1f} across the trunk,"
         f" {cut['along']['median_abs']:.1f} along it)"
     )
 
 
 def _group_sentences(figures: Figures) -> Iterable[str]:
-    """Where most is missed, of the axes that matter most."""
-    for axis in list(figures["by"].values())[:_AXES_IN_WORDS]:
+    """Return where recall is highest and lowest, for the most important conditions."""
+    for axis in list(figures["by"].values())[:_AXES_IN_SUMMARY]:
         groups = [group for group in axis["groups"] if group["trees"] >= _FEW_TREES]
         if len(groups) > 1:
             worst = min(groups, key=lambda group: group["recall"])
             best = max(groups, key=lambda group: group["recall"])
             if best["recall"] - worst["recall"] >= 0.1:
                 yield (
-                    f"By {escape(axis['title'].lower())}, most are found in"
-                    f" “{escape(best['name'])}” ({100 * best['recall']:.0f} of 100) and fewest in"
+                    f"By {escape(axis['title'].lower())}, recall is highest for"
+                    f" “{escape(best['name'])}” ({100 * best['recall']:.0f} of 100) and lowest for"
                     f" “{escape(worst['name'])}” ({100 * worst['recall']:.0f})."
                 )
 
@@ -184,24 +181,24 @@ def _precision(figures: Figures) -> str:
         f"<tbody>{rows}</tbody></table></div>"
     )
     note = (
-        "COCO's average precision, 0 to 100: how few false alarms it costs to find how many trees,"
-        " averaged over overlaps of 0.50 to 0.95 that count as found; AP50 and AP75 for an"
-        " overlap of 0.50 and 0.75 alone. Small is a visible stem of less than 32² px, large one"
-        " of more than 96² px. Keypoints overlap by their similarity, with sigmas of 0.25."
+        "COCO's average precision, 0 to 100: the area under the precision-recall curve, averaged"
+        " over overlap thresholds of 0.50 to 0.95. AP50 and AP75 use an overlap of 0.50 or 0.75."
+        " Small trees have a visible area of less than 32² px, large trees of more than 96² px. The"
+        " overlap of keypoints is the object keypoint similarity (OKS) with sigmas of 0.25."
     )
     curves = [
         card(
-            "The more it reports, the more of it is wrong",
+            "Precision and recall",
             f'<div class="plot">{curves_svg(figures)}</div>',
-            "From the surest detection on; an overlap of 0.50 counts as found.",
+            "At an overlap threshold of 0.50.",
         )
     ]
     if figures["boxes_by_score"] is not None:
         curves.append(
             card(
-                "What another score would show",
+                "Precision and recall by score threshold",
                 f'<div class="plot">{scores_svg(figures)}</div>',
-                "Boxes; 0.5 is the usual score from which detections are shown.",
+                "Boxes; detections are shown from a score of 0.5 by default.",
             )
         )
     return (
@@ -217,25 +214,26 @@ def _keypoints(figures: Figures) -> str:
         return ""
     rows = "".join(_keypoint_row(name, errors) for name, errors in keypoints.items())
     table = (
-        '<div class="card scroll"><table><thead><tr><th>point</th><th>trees</th>'
-        "<th>median, px</th><th>mean, px</th><th>90 % within, px</th>"
+        '<div class="card scroll"><table><thead><tr><th>keypoint</th><th>trees</th>'
+        "<th>median, px</th><th>mean, px</th><th>90th percentile, px</th>"
         "<th>across: mean&nbsp;±&nbsp;σ</th><th>along: mean&nbsp;±&nbsp;σ</th>"
         "<th>horizontal: mean&nbsp;±&nbsp;σ</th><th>vertical: mean&nbsp;±&nbsp;σ</th></tr></thead>"
         f"<tbody>{rows}</tbody></table>"
-        '<p class="note">Of trees found at a score of 0.5. Across the stem counts to the right,'
-        " along it to the top, vertical downwards.</p></div>"
+        '<p class="note">Trees found with a score of at least 0.5. Positive is to the right of the'
+        " trunk (across), towards the top (along), to the right (horizontal) and downwards"
+        " (vertical).</p></div>"
     )
     directions = card(
         "Horizontal and vertical errors, as in the paper’s figure 4",
         f'<div class="plot">{directions_svg(figures)}</div>',
     )
     stem = card(
-        "Errors across and along the stem",
+        "Errors across and along the trunk",
         f'<div class="plot">{stem_directions_svg(figures)}</div>',
-        "An error across the stem leads the head past the tree, one along it makes the stump too"
-        " high or too low.",
+        "An error across the trunk makes the felling head miss the tree; an error along it makes"
+        " the stump too high or too low.",
     )
-    return f"<h2>Where the points lie</h2>{table}<br>{directions}<br>{stem}"
+    return f"<h2>Keypoint errors</h2>{table}<br>{directions}<br>{stem}"
 
 
 def _keypoint_row(name: str, errors: Figures) -> str:
@@ -260,10 +258,10 @@ def _diameters(report: Report) -> str:
     if width is None or errors is None:
         return ""
     note = (
-        f"Mean error {width['mean_abs']:.2f} px, half within {width['median_abs']:.2f} px, 90 %"
-        f" within {width['p90_abs']:.2f} px; bias {width['mean']:+.2f} px, standard deviation"
-        f" {width['sigma']:.2f} px; {width['count']:,} trees. The paper gives a mean error of 5.2"
-        " px on its own data at 1280x720 px."
+        f"Absolute error: mean {width['mean_abs']:.2f} px, median {width['median_abs']:.2f} px,"
+        f" 90th percentile {width['p90_abs']:.2f} px; bias {width['mean']:+.2f} px, standard"
+        f" deviation {width['sigma']:.2f} px; {width['count']:,} trees. The paper reports a mean"
+        " error of 5.2 px on its own data at 1280x720 px."
     )
     plots = f'<div class="plot">{diameters_svg(report.figures, errors)}</div>'
     return f"<h2>Diameters</h2>{card('Distance of the two diameter points', plots, note)}"
@@ -273,12 +271,12 @@ def _groups(figures: Figures) -> str:
     if not figures["by"]:
         return ""
     note = (
-        "Trees of other groups count neither as found nor as missed. A false alarm belongs to no"
-        " distance or species, so in such a table each one counts in every row: compare a row with"
-        " the same row of another detector. Pale rows have fewer than 20 trees and say little."
+        "In each row, trees of other groups are ignored. A false positive has no distance or"
+        " species, so in such tables it counts in every row: compare a row with the same row of"
+        " another detector, not with other rows. Pale rows have fewer than 20 trees."
     )
     tables = "<br>".join(_group_table(axis) for axis in figures["by"].values())
-    return f'<h2>Under which conditions</h2><p class="note">{note}</p>{tables}'
+    return f'<h2>Results by condition</h2><p class="note">{note}</p>{tables}'
 
 
 def _group_table(axis: Figures) -> str:
@@ -314,18 +312,18 @@ def _group_cell(name: str, value: float | None) -> str:
 
 
 def _pictures(report: Report) -> str:
-    shown = galleries(report.measured)
+    shown = example_images(report.measured)
     wide = " wide" if report.measured.store.spec.modality == "depth" else ""
-    depth = " Left the colour picture, right the depth, near things bright." if wide else ""
+    depth = " Left: colour image. Right: depth, near is bright." if wide else ""
     truth, found = (f"rgb({red}, {green}, {blue})" for blue, green, red in (TRUTH, FOUND))
     parts = [
-        "<h2>Look at them</h2>"
-        f'<p class="note"><span class="mark" style="color:{truth}"></span>the label, its points as'
-        f' rings <span class="mark" style="color:{found}"></span>what the detector found, its'
-        f" points as discs.{depth} Boxes of neighbours are drawn faintly.<br>{_point_legend()}</p>"
+        "<h2>Examples</h2>"
+        f'<p class="note"><span class="mark" style="color:{truth}"></span>label, keypoints as'
+        f' rings <span class="mark" style="color:{found}"></span>detection, keypoints as discs.'
+        f"{depth} Other boxes are drawn faintly.<br>{_point_legend()}</p>"
     ]
     for name, (title, note) in _GALLERIES.items():
-        tiles_ = "".join(_exhibit(exhibit) for exhibit in shown[name]) or "<p>None.</p>"
+        tiles_ = "".join(_example_figure(example) for example in shown[name]) or "<p>None.</p>"
         parts.append(
             f'<h3>{title}</h3><p class="note">{note}</p><div class="gallery{wide}">{tiles_}</div>'
         )
@@ -333,7 +331,7 @@ def _pictures(report: Report) -> str:
 
 
 def _point_legend() -> str:
-    """Every keypoint's colour and name."""
+    """Return the colour and name of every keypoint."""
     return " ".join(
         f'<span class="dot" style="background:rgb({red}, {green}, {blue})"></span>'
         f"{name.replace('_', ' ')}"
@@ -341,32 +339,32 @@ def _point_legend() -> str:
     )
 
 
-def _exhibit(exhibit: Exhibit) -> str:
-    data = base64.b64encode(exhibit.jpeg).decode("ascii")
-    caption = escape(exhibit.caption)
+def _example_figure(example: ExampleImage) -> str:
+    data = base64.b64encode(example.jpeg).decode("ascii")
+    caption = escape(example.caption)
     return (
-        f'<figure><img src="data:image/jpeg;base64,{data}" width="{exhibit.width_px}"'
-        f' height="{exhibit.height_px}" alt="{caption}"><figcaption>{caption}</figcaption></figure>'
+        f'<figure><img src="data:image/jpeg;base64,{data}" width="{example.width_px}"'
+        f' height="{example.height_px}" alt="{caption}"><figcaption>{caption}</figcaption></figure>'
     )
 
 
 def _method(figures: Figures) -> str:
     shown = figures["at_score"]
     notes = [*figures["data"]["notes"], *(f"left out: {line}" for line in figures["left_out"])]
-    said = "".join(f"<li>{escape(line)}</li>" for line in notes)
+    notes_html = "".join(f"<li>{escape(line)}</li>" for line in notes)
     model = "".join(
         f"<tr><td>{escape(name.replace('_', ' '))}</td><td>{escape(str(value))}</td></tr>"
         for name, value in figures["model"].items()
         if value is not None
     )
     return (
-        "<h2>How it was measured</h2>"
+        "<h2>Method</h2>"
         f"<p>A tree counts as found if a detection with a score of at least {shown['score']}"
         f" overlaps its box by at least {shown['iou']} (intersection over union); each detection"
-        " finds one tree. Average precision looks at all scores, and is counted by pycocotools."
-        " The stem’s axis is that of the label, from the felling cut to the top point. Pixels are"
-        " those of the pictures as they are on disk.</p>"
-        + (f"<ul>{said}</ul>" if said else "")
+        " finds one tree. Average precision uses all scores and is computed as in pycocotools."
+        " The trunk’s axis is that of the label, from the felling cut to the top point. Pixels are"
+        " those of the source images.</p>"
+        + (f"<ul>{notes_html}</ul>" if notes_html else "")
         + f'<div class="card scroll"><h3>The model</h3><table class="words"><tbody>{model}'
         "</tbody></table></div>"
     )

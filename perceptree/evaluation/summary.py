@@ -1,4 +1,4 @@
-"""The figures of an evaluation as a few lines for a terminal."""
+"""Results of an evaluation as a few lines for a terminal."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ Figures = dict[str, Any]
 _PRECISIONS = ("ap", "ap50", "ap75", "ap_small", "ap_medium", "ap_large")
 _HEADS = ("AP", "AP50", "AP75", "small", "medium", "large")
 _FEW_TREES = 20
-_NAMED = 3
+_MAX_GROUPS = 3
 
 
 def title_of(figures: Figures) -> str:
-    """What was measured, in one line."""
+    """Return a one-line description of the model."""
     model = figures["model"]
     width, height = model["input_px"]
     return f"{model['name']} ({model['modality']}, {model['precision']}, {width}x{height})"
 
 
 def summary_lines(figures: Figures) -> Iterator[str]:
-    """What a person wants to know first."""
+    """Yield the most important results, one line each."""
     data, shown = figures["data"], figures["at_score"]
     yield f"{title_of(figures)} on {data['folder']}, {data['split']}"
     yield f"{data['frames']} frames, {data['trees']} trees"
@@ -36,8 +36,8 @@ def summary_lines(figures: Figures) -> Iterator[str]:
     reported = shown["found"] + shown["invented"]
     yield (
         f"at score {shown['score']}: {shown['found']} of {data['trees']} trees found"
-        f" ({shown['recall']:.0%}), {shown['invented']} of {reported} reported are no"
-        " labelled tree"
+        f" ({shown['recall']:.0%}), {shown['invented']} of {reported} detections are false"
+        " positives"
     )
     yield from _error_lines(figures)
     yield from _weakest(figures)
@@ -49,25 +49,25 @@ def _error_lines(figures: Figures) -> Iterator[str]:
     keypoints, width = figures["keypoint_error_px"], figures["diameter_error_px"]
     for name, found in (keypoints or {}).items():
         if found["distance"] is None:
-            yield f"{name.replace('_', ' '):15} {'–':>5} no tree that was found has it in view"
+            yield f"{name.replace('_', ' '):15} {'–':>5} not labelled on any tree that was found"
             continue
-        line = f"{name.replace('_', ' '):15} {found['distance']['median']:5.1f} px off (median)"
+        line = f"{name.replace('_', ' '):15} {found['distance']['median']:5.1f} px error (median)"
         if found["across"] is not None:
             line += (
-                f"; across the stem {found['across']['median_abs']:.1f},"
+                f"; across the trunk {found['across']['median_abs']:.1f},"
                 f" along it {found['along']['median_abs']:.1f}"
             )
         yield line
     if width is not None:
         yield (
-            f"{'diameter':15} {width['mean_abs']:5.1f} px off (mean), median"
+            f"{'diameter':15} {width['mean_abs']:5.1f} px error (mean), median"
             f" {width['median_abs']:.1f}, {abs(width['mean']):.1f} too"
             f" {'wide' if width['mean'] >= 0 else 'narrow'} on average"
         )
 
 
 def _weakest(figures: Figures) -> Iterator[str]:
-    """The groups that are found least, of those with some trees, one of an axis."""
+    """Yield the groups with the lowest recall, one per condition, without very small groups."""
     worst: list[tuple[float, str]] = []
     for axis in figures["by"].values():
         groups = [group for group in axis["groups"] if group["trees"] >= _FEW_TREES]
@@ -75,5 +75,5 @@ def _weakest(figures: Figures) -> Iterator[str]:
             least = min(groups, key=lambda group: group["recall"])
             worst.append((least["recall"], f"{axis['title'].lower()} {least['name']}"))
     if worst:
-        named = (f"{name} ({recall:.0%})" for recall, name in sorted(worst)[:_NAMED])
-        yield f"found least: {'; '.join(named)}"
+        named = (f"{name} ({recall:.0%})" for recall, name in sorted(worst)[:_MAX_GROUPS])
+        yield f"lowest recall: {'; '.join(named)}"

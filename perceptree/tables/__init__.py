@@ -1,4 +1,4 @@
-"""The paper's tables 2 and 3, at a chosen scale, beside the paper's own numbers."""
+"""Reproduce the paper's tables 2 and 3 at a chosen scale, next to the paper's numbers."""
 
 from perceptree.tables.build import build_table
 from perceptree.tables.page import table_lines

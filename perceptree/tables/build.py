@@ -1,4 +1,4 @@
-"""A table run by run: whatever is finished stays, and the table so far is written after each."""
+"""Build a table run by run; finished runs are kept and the table is written after each."""
 
 from __future__ import annotations
 
@@ -34,14 +34,31 @@ def build_table(
     engine: Engine,
     watch: Watch | None = None,
 ) -> Record:
-    """Train and evaluate every run of a table in folders of ``out``; the table as JSON values.
+    """Train and evaluate every run of a table.
 
-    Both files of ``out`` hold the table after each run, beside one of the other number. Seeds are
-    the outer loop, so that a whole table of one seed is there first. Raises DatasetError,
-    SettingsError and CheckpointError, before the first training where it can be known.
+    ``tables.json`` and ``tables.md`` in ``out`` are updated after each run; they may hold both
+    tables. Finished runs are reused. All models are trained for one seed before the next seed, so
+    that a complete table is available early.
+
+    Args:
+        settings: The table.
+        data: Folder of the training data.
+        test: Folder of the test data.
+        out: Folder of the runs and the tables.
+        engine: Device and precision.
+        watch: Progress callbacks.
+
+    Returns:
+        The table as JSON values.
+
+    Raises:
+        DatasetError: If data are missing or incomplete.
+        SettingsError: If a setting is invalid.
+        CheckpointError: If ``out`` holds other runs. Errors are raised before the first training
+            where possible.
     """
     if int(os.environ.get("WORLD_SIZE", "1")) > 1:
-        raise SettingsError("WORLD_SIZE is over 1: expected a table to run in one process")
+        raise SettingsError("WORLD_SIZE is above 1: expected a single process for tables")
     watch = watch or Watch()
     check_specs(settings)
     opened = TableData.open(data, test, watch.preparing)
@@ -69,11 +86,11 @@ def _read(path: Path) -> Record:
             return dict(known)
     except (OSError, ValueError, KeyError, TypeError):
         pass
-    raise CheckpointError(f"{path}: does not hold tables of this project, expected another folder")
+    raise CheckpointError(f"{path}: not a tables file of this project, expected another folder")
 
 
 def record_of(settings: TableSettings, results: Results) -> Record:
-    """A table of the runs that there are: conditions, rows, claims; at least one run."""
+    """Return the table of the finished runs, at least one, as JSON values."""
     done = [result for of_model in results.values() for result in of_model]
     return {
         "table": settings.table,
@@ -86,7 +103,7 @@ def record_of(settings: TableSettings, results: Results) -> Record:
 
 
 def _conditions(settings: TableSettings, done: Sequence[Result]) -> Record:
-    """What all runs have in common, and lists where they may differ."""
+    """Return the common conditions of all runs; lists where the runs may differ."""
 
     first = done[0]
     specs = [result["training"]["spec"] for result in done]
@@ -118,7 +135,7 @@ def _distinct(values: Iterable[Any]) -> list[Any]:
 
 
 def _scores(results: Sequence[Result], measure: str) -> list[float]:
-    """One for each seed; none where the model has no such branch."""
+    """Return one score per seed; empty if the model has no such branch."""
     values = (result["metrics"][measure] for result in results)
     return [float(value) for value in values if value is not None]
 
@@ -139,7 +156,7 @@ def _row(row: Row, settings: TableSettings, results: Sequence[Result]) -> Record
 
 
 def _summary(values: Sequence[float]) -> Record | None:
-    """Mean and, of several seeds, their sample standard deviation."""
+    """Return the mean and, for several seeds, the sample standard deviation."""
     if not values:
         return None
     deviation = statistics.stdev(values) if len(values) > 1 else None

@@ -1,4 +1,4 @@
-"""Tables as Markdown that is also readable in a terminal: ours beside the paper's."""
+"""Render tables as Markdown that is aligned for terminals."""
 
 from __future__ import annotations
 
@@ -15,40 +15,40 @@ _MODALITIES = {"rgb": "RGB", "depth": "Depth"}
 
 
 def markdown(tables: Mapping[str, Record]) -> str:
-    """All tables that there are, as one page."""
+    """Render all tables as one page."""
     parts = ["\n".join(table_lines(tables[number])) for number in sorted(tables)]
     return "\n\n".join(parts) + "\n"
 
 
 def table_lines(record: Record) -> Iterator[str]:
-    """One table with its conditions, the paper's, and what becomes of the paper's claims."""
+    """Yield the lines of one table with its conditions and the paper's claims."""
     number = record["table"]
-    yield f"# The paper's table {number}, ours beside it"
+    yield f"# Table {number} of the paper: our results and the paper's"
     yield ""
     yield (
-        "Ours and the paper's differ in data, networks and schedule: compare differences within"
-        " one half, not numbers across."
+        "Our runs and the paper's differ in data, networks and schedule: compare differences"
+        " within our results or within the paper's, not numbers between the two."
     )
     yield ""
-    yield from _ours(record["conditions"])
+    yield from _our_conditions(record["conditions"])
     yield f"- The paper (Grondin et al., 2022): {CONDITIONS['data']}; {CONDITIONS['schedule']};"
     yield f"  {CONDITIONS['seeds']}. {NOTES[number]}"
     if record["finished_runs"] < record["runs"]:
         yield (
-            f"- So far {record['finished_runs']} of {record['runs']} runs are finished; the same"
-            " command goes on."
+            f"- {record['finished_runs']} of {record['runs']} runs are finished so far; repeat the"
+            " command to continue."
         )
     yield ""
     yield from _aligned(_rows(record, TABLE_MEASURES[number]))
     yield ""
-    yield "What the paper concludes:"
+    yield "The paper's claims:"
     yield ""
     yield from _aligned(_claims(record["claims"]))
     yield ""
     yield RULE
 
 
-def _ours(found: Record) -> Iterator[str]:
+def _our_conditions(found: Record) -> Iterator[str]:
     amount, unit = (
         (found["steps"], "step") if found["minutes"] is None else (found["minutes"], "minute")
     )
@@ -61,15 +61,15 @@ def _ours(found: Record) -> Iterator[str]:
         f" {found['test']};"
     )
     yield (
-        f"  {budget} a run of batches of {_listed(found['batches'])}, input {sizes} px, recipe"
+        f"  {budget} per run with batches of {_listed(found['batches'])}, input {sizes} px, recipe"
         f" {_listed(found['recipes'])} with a {found['schedule']} schedule, from"
         f" {_listed(found['starting_weights'])} weights, {_listed(found['precisions'])} on"
         f" {_listed(found['devices'])};"
     )
     yield f"  {'seed' if seeds == 1 else 'seeds'} {_listed(found['seeds'])}: " + (
-        "one run each, without spread."
+        "one run each, without a standard deviation."
         if seeds == 1
-        else "the mean ± the standard deviation of the seeds."
+        else "mean ± standard deviation over the seeds."
     )
 
 
@@ -125,7 +125,7 @@ def _signed(value: float | None, digits: int) -> str:
 
 
 def _aligned(rows: Iterator[list[str]]) -> Iterator[str]:
-    """A Markdown table whose columns also line up as text."""
+    """Yield a Markdown table with aligned columns."""
     table = list(rows)
     widths = [max(len(row[place]) for row in table) for place in range(len(table[0]))]
     for number, row in enumerate(table):

@@ -1,4 +1,4 @@
-"""What a table asks for: its models, seeds, rows, the claims that it tests."""
+"""Definition of a table: models, seeds, rows and tested claims."""
 
 from __future__ import annotations
 
@@ -29,14 +29,20 @@ _DEPTH_AND_RGB: tuple[Modality, ...] = ("depth", "rgb")
 _DEFAULT_MODELS = {2: ("r50", "r101", "x101-32x8d"), 3: ("edge-n",)}
 _TASKS = {MASK_ONLY: "masks", BOTH: "both", KEYPOINT_ONLY: "keypoints"}
 _PUBLISHED = ("imagenet", "coco")
-# Only the end counts: the rate has fallen by then.
+# Evaluate at the end only, when the learning rate has decayed.
 _NEVER = 10**9
 _PAPER_FREEZE_LEVEL = 2
 
 
 @dataclass(frozen=True)
 class TableModel:
-    """A preset, what it sees and what it learns."""
+    """A model of a table.
+
+    Attributes:
+        preset: Model preset.
+        modality: "rgb" or "depth".
+        tasks: Which branches it has, in the paper's words.
+    """
 
     preset: str
     modality: Modality
@@ -44,13 +50,13 @@ class TableModel:
 
     @property
     def name(self) -> str:
-        """Of its runs' folders, before the seed."""
+        """Prefix of its runs' folder names, before the seed."""
         return f"{self.preset}-{self.modality}-{_TASKS[self.tasks]}"
 
 
 @dataclass(frozen=True)
 class Row:
-    """A model of ours, and the row of the paper that it stands beside, if there is one."""
+    """One of our models, and the corresponding row of the paper, if any."""
 
     model: TableModel
     paper: PaperRow | None
@@ -58,8 +64,16 @@ class Row:
 
 @dataclass(frozen=True)
 class Claim:
-    """That ``measure`` of ``model`` is higher (``rises``) or lower than that of ``other``, and by
-    how much it is higher in the paper."""
+    """The claim that a measure of one model is higher or lower than that of another.
+
+    Attributes:
+        text: The claim in words.
+        measure: Field of `perceptree.evaluation.Metrics`.
+        model: The first model.
+        other: The model it is compared with.
+        rises: Whether the claim is that ``model`` is higher.
+        paper_difference: Difference in the paper, if it gives both numbers.
+    """
 
     text: str
     measure: str
@@ -71,12 +85,25 @@ class Claim:
 
 @dataclass(frozen=True)
 class TableSettings:
-    """Table 2 or 3, made with ``models`` (presets; empty: the table's own) and ``seeds``.
+    """Settings of a table.
 
-    Each run lasts ``steps`` or ``minutes``. ``modality`` is that of table 3's ablation; the model
-    of both tasks on the other one is trained beside it. ``recipe`` None is that of each model;
-    ``init`` is imagenet, coco or a checkpoint file, in whose name {model} and {modality} are
-    filled in; None starts from random weights. Sizes and batch None are the model's and recipe's.
+    Attributes:
+        table: 2 or 3.
+        models: Model presets; empty for the table's defaults.
+        modality: Modality of table 3's ablation; the model with both tasks is also trained for the
+            other modality.
+        seeds: Seeds; each run is made once for each.
+        steps: Steps of a run.
+        minutes: Minutes of a run, instead of steps.
+        recipe: Training recipe; None for the model's default.
+        init: Starting weights: "imagenet", "coco" or a checkpoint file, in whose name {model} and
+            {modality} are replaced; None for random weights.
+        height: Input height in px; None for the model's default.
+        width: Input width in px; None for the model's default.
+        batch: Frames per step; None for the recipe's default.
+
+    Raises:
+        SettingsError: If a value is invalid.
     """
 
     table: int
@@ -101,14 +128,16 @@ class TableSettings:
         for name in ("models", "seeds"):
             values = getattr(self, name)
             if not values or len(set(values)) < len(values):
-                raise SettingsError(f"{name} are {values}: expected at least one, each once")
+                raise SettingsError(
+                    f"{name} are {values}: expected at least one, without repetitions"
+                )
         if self.table == 3 and len(self.models) > 1:
             raise SettingsError(f"models are {self.models}: expected one for table 3")
         for row, seed in itertools.product(self.rows(), self.seeds):
-            self.training(row.model, seed)  # refuses what is out of range
+            self.training(row.model, seed)  # raises SettingsError for values out of range
 
     def rows(self) -> list[Row]:
-        """In the order of the paper; table 3 has the other modality after its ablation."""
+        """Return the rows in the paper's order; table 3 ends with the other modality."""
         if self.table == 2:
             return [
                 Row(TableModel(preset, modality, BOTH), TABLE_2.get((preset, modality)))
@@ -124,7 +153,7 @@ class TableSettings:
         return [*ablation, Row(TableModel(self.models[0], other, BOTH), paper)]
 
     def claims(self) -> list[Claim]:
-        """What the paper concludes from the table; of table 3 also that depth beats RGB."""
+        """Return the paper's claims; table 3 also tests that depth is better than RGB."""
         modality_claims = [
             _depth_claim(preset, preset if self.table == 2 else "x101-32x8d")
             for preset in self.models
@@ -141,19 +170,27 @@ class TableSettings:
         return branch_claims + modality_claims
 
     def start(self, model: TableModel) -> Init | None:
-        """Where a model starts; raises SettingsError for a file that is not there."""
+        """Return a model's starting weights.
+
+        Raises:
+            SettingsError: If the checkpoint file does not exist.
+        """
         if self.init is None or self.init in _PUBLISHED:
             return self.init  # type: ignore[return-value]
         name = self.init.replace("{model}", model.preset).replace("{modality}", model.modality)
         if not Path(name).is_file():
             raise SettingsError(
                 f"init is {name!r}: expected imagenet, coco or a checkpoint file, in whose name"
-                " {model} and {modality} are filled in"
+                " {model} and {modality} are replaced"
             )
         return Path(name)
 
     def spec(self, model: TableModel) -> ModelSpec:
-        """What is trained for ``model``: its preset, or what its starting file holds."""
+        """Return the spec of a model: its preset, or that of its starting checkpoint.
+
+        Raises:
+            SettingsError: If the checkpoint has another backbone or modality.
+        """
         changes: dict[str, Any] = {
             "masks": model.tasks != KEYPOINT_ONLY,
             "keypoints": model.tasks != MASK_ONLY,
@@ -169,15 +206,15 @@ class TableSettings:
                     f" {named.backbone} for {named.modality}"
                 )
             return dataclasses.replace(own, **changes)
-        # Published weights learned with the stride in the 3x3 convolutions.
+        # Published weights were trained with the stride in the 3x3 convolutions.
         return dataclasses.replace(named, stride_in_1x1=False) if start else named
 
     def recipe_of(self, model: TableModel) -> str:
-        """The recipe's name."""
+        """Return the name of a model's training recipe."""
         return self.recipe or ("paper" if model.preset in PAPER_PRESETS else "scratch")
 
     def training(self, model: TableModel, seed: int) -> TrainSettings:
-        """How one run is trained: the recipe, its rate falling along a cosine to the end."""
+        """Return the training settings of a run; the learning rate decays along a cosine."""
         changes: dict[str, Any] = {
             "steps": self.steps,
             "minutes": self.minutes,
@@ -205,5 +242,5 @@ def _depth_claim(preset: str, paper_preset: str) -> Claim:
     of_paper = depth.scores["box_ap"] - rgb.scores["box_ap"] if depth and rgb else None
     compared = f" (the paper: {depth.backbone}, table 2)" if depth else ""
     model, other = (TableModel(preset, modality, BOTH) for modality in _DEPTH_AND_RGB)
-    text = f"{preset}: depth has more {MEASURES['box_ap']} than RGB{compared}"
+    text = f"{preset}: depth has a higher {MEASURES['box_ap']} than RGB{compared}"
     return Claim(text, "box_ap", model, other, True, of_paper)

@@ -1,4 +1,4 @@
-"""One run of a table: trained, evaluated on test frames, kept as ``result.json``."""
+"""One run of a table: train, evaluate on the test frames, store as ``result.json``."""
 
 from __future__ import annotations
 
@@ -33,7 +33,14 @@ Result = dict[str, Any]
 
 @dataclass(frozen=True)
 class Watch:
-    """Who is told: of a run (name, number, how many), trainings, preparations, frames evaluated."""
+    """Progress callbacks.
+
+    Attributes:
+        run: Called at the start of a run with its name, its number and the number of runs.
+        training: Called with the status of a training.
+        preparing: Callbacks while data are prepared.
+        evaluating: Called with the number of frames evaluated and the total.
+    """
 
     run: Callable[[str, int, int], None] = lambda name, number, total: None
     training: Callable[[Status], None] = lambda status: None
@@ -43,7 +50,14 @@ class Watch:
 
 @dataclass(frozen=True, eq=False)
 class TableData:
-    """The folder to train on, that of the test frames, and these; ``labels`` are hashes."""
+    """Data of a table.
+
+    Attributes:
+        folder: Folder of the training data.
+        test_folder: Folder of the test data.
+        test: The test frames.
+        labels: SHA-256 of each split's label file.
+    """
 
     folder: Path
     test_folder: Path
@@ -52,9 +66,13 @@ class TableData:
 
     @classmethod
     def open(cls, folder: Path, test_folder: Path, preparing: Preparing) -> TableData:
-        """Raises DatasetError where labels are missing, or some that a table needs."""
-        _complete(folder, "train")
-        test = _complete(test_folder, "test")
+        """Open the data.
+
+        Raises:
+            DatasetError: If label files are missing, or masks, keypoints or depth are incomplete.
+        """
+        _read_complete(folder, "train")
+        test = _read_complete(test_folder, "test")
         for note in test.notes:
             preparing.say(f"{test.labels.path}: {note}")
         places = {"train": folder, "val": folder, "test": test_folder}
@@ -66,11 +84,11 @@ class TableData:
 
     @property
     def test_identity(self) -> dict[str, Any]:
-        """What a result was taken on."""
+        """Identity of the test data, stored with a result."""
         return {"folder": _name(self.test_folder), "labels_sha256": self.labels["test"]}
 
 
-def _complete(folder: Path, split: str) -> Dataset:
+def _read_complete(folder: Path, split: str) -> Dataset:
     found = read_dataset(folder, split)
     held = {
         "masks": found.has_masks,
@@ -80,8 +98,8 @@ def _complete(folder: Path, split: str) -> Dataset:
     missing = [name for name, there in held.items() if not there]
     if missing:
         raise DatasetError(
-            f"{found.labels.path}: has not everywhere {' and '.join(missing)}; expected masks,"
-            " keypoints and depth, which the tables compare"
+            f"{found.labels.path}: {' and '.join(missing)} missing or incomplete; expected masks,"
+            " keypoints and depth for the tables"
         )
     return found
 
@@ -99,10 +117,22 @@ def make_result(
     engine: Engine,
     watch: Watch,
 ) -> Result:
-    """The result of one run in its folder of ``out``: kept from before, or made.
+    """Return the result of one run: the stored one, or a new one.
 
-    A training that was stopped goes on. Raises CheckpointError where the folder holds one of
-    other settings, and what `train` and `evaluate` raise.
+    An interrupted training is resumed.
+
+    Args:
+        settings: The table.
+        model: Model of the run.
+        seed: Seed of the run.
+        data: Training and test data.
+        out: Folder of the runs.
+        engine: Device and precision.
+        watch: Progress callbacks.
+
+    Raises:
+        CheckpointError: If the folder holds a run with other settings. `train` and `evaluate` may
+            raise further errors.
     """
     folder = out / f"{model.name}-seed{seed}"
     spec = settings.spec(model)
@@ -133,7 +163,7 @@ def make_result(
             engine,
             preparing=watch.preparing,
         )
-        made = _made(report, engine.device)
+        made = _training_facts(report, engine.device)
         result = {"schema": _SCHEMA, "training": wanted, "made": made}
     metrics = _score(folder / "best.safetensors", data.test, engine.device, watch)
     result |= {"test": data.test_identity, "metrics": metrics}
@@ -141,7 +171,7 @@ def make_result(
     return result
 
 
-def _made(report: TrainReport, device: str) -> dict[str, Any]:
+def _training_facts(report: TrainReport, device: str) -> dict[str, Any]:
     record = load_checkpoint(report.checkpoint)[1]["training"]
     name = torch.cuda.get_device_name() if device == "cuda" else f"{os.cpu_count()} CPU cores"
     return {
@@ -160,12 +190,12 @@ def _score(
     model = on_device(load_checkpoint(checkpoint)[0], device)
     store, done = FrameStore(frames, model.spec), 0
 
-    def tell(more: int) -> None:
+    def report_progress(more: int) -> None:
         nonlocal done
         done += more
         watch.evaluating(done, len(store))
 
-    return evaluate(predict_with(model), store, _BATCH, tell).to_dict()
+    return evaluate(predict_with(model), store, _BATCH, report_progress).to_dict()
 
 
 def _read(path: Path) -> Result | None:
@@ -177,9 +207,16 @@ def _read(path: Path) -> Result | None:
             return dict(result)
     except (OSError, ValueError, KeyError, TypeError):
         pass
-    raise CheckpointError(f"{path}: not the result of a table's run; remove it to make it again")
+    raise CheckpointError(
+        f"{path}: not a result of a table's run, expected one; remove the file to repeat the run"
+    )
 
 
 def check_specs(settings: TableSettings) -> list[ModelSpec]:
-    """The specs of all rows; raises SpecError or SettingsError for one that cannot be."""
+    """Return the specs of all rows.
+
+    Raises:
+        SpecError: If a spec is invalid.
+        SettingsError: If a starting checkpoint does not fit.
+    """
     return [settings.spec(row.model) for row in settings.rows()]

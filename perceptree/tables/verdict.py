@@ -1,4 +1,4 @@
-"""Whether trainings with several seeds bear a claim out: a t-test with a pooled deviation."""
+"""Test a claim with several seeds: Student's t-test with a pooled standard deviation."""
 
 from __future__ import annotations
 
@@ -11,19 +11,25 @@ from typing import Literal
 Word = Literal["agrees", "disagrees", "undecided"]
 
 RULE = (
-    "A claim is decided where the difference of the means is larger than its 95 % interval by"
-    " Student's t, with the deviation between seeds pooled over all rows of the table; otherwise,"
-    " and always with one seed, it is undecided. The interval says nothing of other test frames."
+    "A claim is decided if the difference of the means exceeds its 95 % confidence interval"
+    " (Student's t, standard deviation between seeds pooled over all rows of the table). Otherwise,"
+    " and always with one seed, it is undecided. The interval does not cover other test frames."
 )
 
-# Two-sided 95 % quantiles of Student's t at 1, 2, ... degrees of freedom; the last for all above.
+# Two-sided 95 % quantiles of Student's t for 1, 2, ... 10 degrees of freedom; 10 for more.
 _T95 = (12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228)
-_FEWEST_SEEDS = 2
+_MIN_SEEDS = 2
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """How much higher the first mean is, its 95 % interval (None for too few seeds), the word."""
+    """Result of testing a claim.
+
+    Attributes:
+        difference: First mean minus second mean; None without scores.
+        interval: Half width of its 95 % confidence interval; None with fewer than two seeds.
+        word: "agrees", "disagrees" or "undecided".
+    """
 
     difference: float | None
     interval: float | None
@@ -31,13 +37,16 @@ class Verdict:
 
 
 def pooled_deviation(groups: Iterable[Sequence[float]]) -> tuple[float, int]:
-    """The standard deviation within groups, and its degrees of freedom; (0, 0) without any."""
-    several = [group for group in groups if len(group) >= _FEWEST_SEEDS]
-    freedom = sum(len(group) - 1 for group in several)
-    if not freedom:
+    """Return the pooled standard deviation within groups and its degrees of freedom.
+
+    Groups with one value are left out; the result is (0, 0) without any other.
+    """
+    several = [group for group in groups if len(group) >= _MIN_SEEDS]
+    degrees_of_freedom = sum(len(group) - 1 for group in several)
+    if not degrees_of_freedom:
         return 0.0, 0
     squares = sum((len(group) - 1) * statistics.variance(group) for group in several)
-    return math.sqrt(squares / freedom), freedom
+    return math.sqrt(squares / degrees_of_freedom), degrees_of_freedom
 
 
 def judge(
@@ -46,17 +55,21 @@ def judge(
     groups: Iterable[Sequence[float]],
     rises: bool = True,
 ) -> Verdict:
-    """Whether ``scores`` are higher than ``others`` (or lower, without ``rises``), as claimed.
+    """Test whether ``scores`` are higher than ``others``.
 
-    ``groups`` are the scores of all rows of the table by seed; their deviation is pooled.
+    Args:
+        scores: Scores of the first model, by seed.
+        others: Scores of the second model, by seed.
+        groups: Scores of all rows of the table; their standard deviations are pooled.
+        rises: Whether the claim is "higher"; otherwise "lower".
     """
     if not scores or not others:
         return Verdict(None, None, "undecided")
     difference = statistics.fmean(scores) - statistics.fmean(others)
-    deviation, freedom = pooled_deviation(groups)
-    if min(len(scores), len(others)) < _FEWEST_SEEDS:
+    deviation, degrees_of_freedom = pooled_deviation(groups)
+    if min(len(scores), len(others)) < _MIN_SEEDS:
         return Verdict(difference, None, "undecided")
-    quantile = _T95[min(freedom, len(_T95)) - 1]
+    quantile = _T95[min(degrees_of_freedom, len(_T95)) - 1]
     interval = quantile * deviation * math.sqrt(1 / len(scores) + 1 / len(others))
     if abs(difference) <= interval:
         return Verdict(difference, interval, "undecided")

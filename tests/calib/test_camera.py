@@ -1,4 +1,4 @@
-"""Cameras refuse what no camera is, resize with their image and survive their file."""
+"""PinholeCamera: validation, scaling, cropping, and camera files."""
 
 import json
 import math
@@ -27,7 +27,7 @@ CAMERA = PinholeCamera(1280, 720, 700.0, 701.0, 641.5, 355.0, (-0.1, 0.02, 1e-3,
         ({"focal_std_px": -1.0}, "focal_std_px is -1.0: expected 0 or more"),
     ],
 )
-def test_impossible_cameras_are_refused(change: dict[str, object], message: str) -> None:
+def test_invalid_cameras_are_rejected(change: dict[str, object], message: str) -> None:
     with pytest.raises(CameraError) as caught:
         PinholeCamera.from_dict({**CAMERA.to_dict(), **change})
     assert message in str(caught.value)
@@ -45,18 +45,18 @@ def test_impossible_cameras_are_refused(change: dict[str, object], message: str)
         ({"focal_std_px": "1"}, "camera field focal_std_px is '1': expected a number"),
     ],
 )
-def test_fields_of_another_type_are_named(change: dict[str, object], message: str) -> None:
+def test_fields_of_the_wrong_type_are_named(change: dict[str, object], message: str) -> None:
     with pytest.raises(CameraError) as caught:
         PinholeCamera.from_dict({**CAMERA.to_dict(), **change})
     assert message in str(caught.value)
 
 
-def test_a_camera_cannot_change() -> None:
+def test_a_camera_is_immutable() -> None:
     with pytest.raises(FrozenInstanceError):
         CAMERA.fx = 1.0  # type: ignore[misc]
 
 
-def test_resizing_keeps_the_corners_where_they_are() -> None:
+def test_scaling_maps_image_corners_to_image_corners() -> None:
     half = CAMERA.scaled(640, 360)
     assert (half.width, half.height) == (640, 360)
     assert (half.fx, half.fy) == (350.0, 350.5)
@@ -67,12 +67,12 @@ def test_resizing_keeps_the_corners_where_they_are() -> None:
 
 
 @pytest.mark.parametrize("size", [(640, 480), (1280, 700), (0, 0), (10, 0)])
-def test_another_aspect_is_refused(size: tuple[int, int]) -> None:
+def test_another_aspect_ratio_is_rejected(size: tuple[int, int]) -> None:
     with pytest.raises(CameraError, match="expected"):
         CAMERA.scaled(*size)
 
 
-def test_another_size_is_named_beside_the_cameras() -> None:
+def test_the_error_names_both_image_sizes() -> None:
     with pytest.raises(CameraError) as caught:
         CAMERA.scaled(640, 480)
     assert "1280x720" in str(caught.value)
@@ -89,12 +89,12 @@ def test_cropping_moves_the_principal_point() -> None:
     "part",
     [(-1, 0, 9, 9), (0, -1, 9, 9), (1275, 0, 9, 9), (0, 715, 9, 9), (0, 0, 0, 9), (0, 0, 9, 0)],
 )
-def test_a_part_beyond_the_image_is_refused(part: tuple[int, int, int, int]) -> None:
-    with pytest.raises(CameraError, match="expected one within the camera's 1280x720"):
+def test_a_crop_outside_the_image_is_rejected(part: tuple[int, int, int, int]) -> None:
+    with pytest.raises(CameraError, match="expected one inside the camera's 1280x720"):
         CAMERA.cropped(*part)
 
 
-def test_an_uncertain_focal_length_grows_with_the_image() -> None:
+def test_focal_std_scales_with_the_image() -> None:
     assert replace(CAMERA, focal_std_px=3.0).scaled(640, 360).focal_std_px == 1.5
 
 
@@ -107,7 +107,7 @@ def test_an_uncertain_focal_length_grows_with_the_image() -> None:
         replace(CAMERA, distortion=(0.1, 0.2, 0.3, 0.4), distortion_model="fisheye"),
     ],
 )
-def test_a_camera_survives_its_file(tmp_path: Path, camera: PinholeCamera) -> None:
+def test_a_camera_file_round_trips(tmp_path: Path, camera: PinholeCamera) -> None:
     path = tmp_path / "camera.json"
     save_camera(path, camera)
     assert load_camera(path) == camera
@@ -126,7 +126,7 @@ def _with(field: str, other: str) -> str:
     ("text", "message"),
     [
         ("{", "not JSON"),
-        ("[1]", "holds no known camera, expected one of calib.camera/1, ROS camera_info"),
+        ("[1]", "no known camera format, expected one of calib.camera/1, ROS camera_info"),
         ('{"schema": "other/1"}', "schema is 'other/1', expected 'calib.camera/1'"),
         ('{"schema": "calib.camera/1", "width": 3}', "camera field height is None"),
         (_with('"width": 640', '"width": NaN'), "width is nan: expected whole pixels"),
@@ -145,7 +145,7 @@ def test_bad_camera_files_are_named(tmp_path: Path, text: str, message: str) -> 
     assert "\n" not in str(caught.value)
 
 
-def test_a_file_that_cannot_be_renamed_leaves_the_old_one_whole(
+def test_a_failed_rename_leaves_the_old_file_unchanged(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "camera.json"
@@ -157,7 +157,7 @@ def test_a_file_that_cannot_be_renamed_leaves_the_old_one_whole(
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_files_that_are_not_there_are_named(tmp_path: Path) -> None:
+def test_missing_files_are_named(tmp_path: Path) -> None:
     with pytest.raises(InputFileError, match=r"nothing\.json: no such file, expected a camera"):
         load_camera(tmp_path / "nothing.json")
     with pytest.raises(InputFileError, match="cannot be read"):

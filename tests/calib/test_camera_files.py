@@ -1,4 +1,4 @@
-"""Cameras of OpenCV and ROS, written by their own rules, become the same camera here."""
+"""Camera files of OpenCV and ROS."""
 
 from pathlib import Path
 from typing import Any
@@ -223,8 +223,8 @@ def test_published_rigs_are_read() -> None:
 
 BROKEN = [
     # several cameras, or none of that name
-    (OPENCV, "left", "has no camera 'left', expected the file without a name"),
-    # models that are no pinhole with these lenses
+    (OPENCV, "left", "has no camera 'left', expected no name for its only camera"),
+    # unsupported camera models
     (ROS.replace("plumb_bob", "thin_prism"), None, "distortion_model is 'thin_prism': expected"),
     (
         OPENCV.replace("rows: 5", "rows: 14").replace(", 0. ]", ", 0." + ", 1." * 9 + " ]"),
@@ -232,7 +232,7 @@ BROKEN = [
         "distortion has 14 terms: expected none, 4",
     ),
     (ROS.replace("plumb_bob", "[plumb_bob]"), None, "distortion_model is ['plumb_bob']: expected"),
-    # fields that are missing or no numbers
+    # missing fields, or values that are not numbers
     (ROS.replace("image_width: 640\n", ""), None, "image_width is missing: expected a number"),
     (OPENCV.replace("image_width: 1280\nimage_height: 720\n", ""), None, "size is not given"),
     (ROS.replace("image_width: 640", "image_width: wide"), None, "image_width is 'wide'"),
@@ -242,7 +242,7 @@ BROKEN = [
         None,
         "distortion_coefficients or distCoeffs",
     ),
-    # fields that contradict each other
+    # contradictory fields
     (ROS.replace("0, 0, 1]\ndist", "0, 0, 1, 0]\ndist"), None, "has 10 numbers: expected 9"),
     (
         ROS.replace("rows: 3\n  cols: 3\n  data: [526.69, 0,", "data: [526.69,"),
@@ -262,10 +262,10 @@ BROKEN = [
     ),
     (ROS.replace("data: [526.69", "values: [526.69"), None, "camera_matrix is None: expected a"),
     (OPENCV.replace("fisheye_model: 0", "fisheye_model: 7"), None, "fisheye_model is 7"),
-    # text that is nothing of the kind
-    ("", None, "holds no known camera, expected one of calib.camera/1, ROS camera_info, OpenCV"),
-    ("just words", None, "holds no known camera"),
-    ("width: 640\nheight: 480\n", None, "holds no known camera"),
+    # text in no known format
+    ("", None, "no known camera format, expected one of calib.camera/1, ROS camera_info, OpenCV"),
+    ("just words", None, "no known camera format"),
+    ("width: 640\nheight: 480\n", None, "no known camera format"),
     ("a: [1, 2", None, "not YAML"),
     ("<opencv_storage><a></opencv_storage>", None, "not XML"),
     ("<s><a>1</a><a>2</a></s>", None, "a is given twice"),
@@ -286,7 +286,7 @@ def test_broken_and_contradictory_files_get_one_line(
     assert "\n" not in str(caught.value)
 
 
-def test_files_that_are_no_text_are_named(tmp_path: Path) -> None:
+def test_binary_files_are_named(tmp_path: Path) -> None:
     path = tmp_path / "image.png"
     path.write_bytes(b"\x89PNG\xff\xfe")
     with pytest.raises(InputFileError, match=r"image\.png: not a text file, expected a camera"):

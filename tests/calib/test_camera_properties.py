@@ -1,4 +1,4 @@
-"""What holds of every camera: seeded random ones, of every lens model, in every use."""
+"""Properties that hold for every camera, tested with random cameras of every distortion model."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -23,7 +23,7 @@ SEEDS = range(12)
 
 
 def random_camera(seed: int) -> PinholeCamera:
-    """A camera as they are sold: 30 to 120 degrees wide, bent by any of the models."""
+    """A typical camera, 30 to 120 degrees wide, with one of the distortion models."""
     rng = np.random.default_rng(seed)
     width, height = (int(side) for side in rng.integers(40, 90, 2) * 16)
     fx = width * rng.uniform(0.45, 1.5)
@@ -55,7 +55,7 @@ def random_pixels(camera: PinholeCamera, seed: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_pixels_survive_the_way_into_space_and_back(seed: int) -> None:
+def test_pixels_round_trip_through_points(seed: int) -> None:
     camera = random_camera(seed)
     xy_px = random_pixels(camera, seed)
     rays = pixels_to_rays(camera, xy_px)
@@ -64,7 +64,7 @@ def test_pixels_survive_the_way_into_space_and_back(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_a_camera_survives_its_file_to_the_last_bit(seed: int, tmp_path: Path) -> None:
+def test_a_camera_file_round_trips_exactly(seed: int, tmp_path: Path) -> None:
     save_camera(tmp_path / "camera.json", random_camera(seed))
     assert load_camera(tmp_path / "camera.json") == random_camera(seed)
 
@@ -80,7 +80,7 @@ def test_a_resized_image_keeps_its_rays(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_a_part_of_the_image_keeps_its_rays(seed: int) -> None:
+def test_a_crop_keeps_its_rays(seed: int) -> None:
     camera = random_camera(seed)
     part = camera.cropped(64, 32, camera.width // 2, camera.height // 2)
     xy_px = random_pixels(part, seed)
@@ -109,7 +109,7 @@ def depth_of(camera: PinholeCamera, seed: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_ranges_survive_the_way_to_depth_and_back(seed: int) -> None:
+def test_ranges_round_trip_through_depth(seed: int) -> None:
     camera = small(seed)
     ranges = depth_of(camera, seed)
     np.testing.assert_allclose(
@@ -118,7 +118,7 @@ def test_ranges_survive_the_way_to_depth_and_back(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_depth_registered_to_its_own_camera_stays(seed: int) -> None:
+def test_depth_registered_to_its_own_camera_is_unchanged(seed: int) -> None:
     camera = small(seed)
     depth_m = depth_of(camera, seed)
     same = register_depth(depth_m, camera, camera, RigidTransform.identity())
@@ -127,7 +127,7 @@ def test_depth_registered_to_its_own_camera_stays(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("turn", ["quaternion", "euler"])
-def test_turns_keep_lengths_and_angles(seed: int, turn: str) -> None:
+def test_rotations_keep_lengths_and_angles(seed: int, turn: str) -> None:
     rng = np.random.default_rng(seed)
     quaternion = rng.normal(size=4)
     builders: dict[str, Callable[[], RigidTransform]] = {
@@ -149,7 +149,7 @@ def test_turns_keep_lengths_and_angles(seed: int, turn: str) -> None:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_a_plain_cameras_file_says_no_more_than_it_did(seed: int) -> None:
+def test_default_fields_are_not_written(seed: int) -> None:
     plain = replace(random_camera(seed), distortion=(), distortion_model="radtan", focal_std_px=0)
     names = ["width", "height", "fx", "fy", "cx", "cy", "distortion"]
     assert list(plain.to_dict()) == names

@@ -1,4 +1,4 @@
-"""Depth in metres, in the paper's 8 bits and in millimetres on disk."""
+"""Depth encoding in 8 bits, and depth files."""
 
 import math
 from pathlib import Path
@@ -25,14 +25,14 @@ def test_the_default_encoding_is_linear_to_20_metres() -> None:
     assert grey.tolist() == [[255, 0, 64, 128, 255, 255]]
 
 
-def test_values_that_are_no_reading_are_encoded_as_such() -> None:
+def test_missing_readings_are_encoded_as_invalid() -> None:
     encoding = DepthEncoding(1.0, 9.0, 10, 200, 3)
     depth_m = np.array([[0.0, -1.0, math.nan, math.inf, 0.5, 1.0, 9.0, 12.0]])
     assert encode_depth(depth_m, encoding).tolist() == [[3, 3, 3, 3, 10, 10, 200, 200]]
 
 
 @pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64])
-def test_each_row_of_a_tall_image_is_encoded_as_it_is_alone(dtype: type[np.floating]) -> None:
+def test_rows_are_encoded_independently(dtype: type[np.floating]) -> None:
     depth_m = np.random.default_rng(0).uniform(-5, 25, (101, 7)).astype(dtype)
     depth_m[::3, 2] = np.nan
     alone = [encode_depth(row[None], DepthEncoding()) for row in depth_m]
@@ -43,7 +43,7 @@ def test_each_row_of_a_tall_image_is_encoded_as_it_is_alone(dtype: type[np.float
     "encoding",
     [DepthEncoding(), DepthEncoding(0.5, 12.0, 250, 5, 0), DepthEncoding(0, 8, 1, 255, 0)],
 )
-def test_decoding_is_within_half_a_grey(encoding: DepthEncoding) -> None:
+def test_decoding_is_accurate_to_half_a_grey_level(encoding: DepthEncoding) -> None:
     step_m = (encoding.far_m - encoding.near_m) / abs(encoding.far_value - encoding.near_value)
     depth_m = np.linspace(encoding.near_m + 0.01, encoding.far_m - step_m, 500)[None]
     back = decode_depth(encode_depth(depth_m, encoding), encoding)
@@ -51,13 +51,13 @@ def test_decoding_is_within_half_a_grey(encoding: DepthEncoding) -> None:
     assert np.abs(back - depth_m).max() <= step_m / 2 + 1e-5
 
 
-def test_far_and_unknown_decode_to_no_reading() -> None:
+def test_far_and_invalid_values_decode_to_no_reading() -> None:
     encoding = DepthEncoding(0.0, 20.0, 10, 200, 3)
     grey = np.array([[3, 200, 255, 5, 105]], np.uint8)
     assert decode_depth(grey, encoding).tolist() == [[0.0, 0.0, 0.0, 0.0, 10.0]]
 
 
-def test_an_encoding_survives_its_dict() -> None:
+def test_an_encoding_dict_round_trips() -> None:
     encoding = DepthEncoding(0.5, 12.0, 250, 5, 0)
     assert DepthEncoding.from_dict(encoding.to_dict()) == encoding
 
@@ -68,18 +68,18 @@ def test_an_encoding_survives_its_dict() -> None:
         ({"near_m": 20.0}, "expected 0 <= near_m < far_m"),
         ({"far_m": math.inf}, "expected 0 <= near_m < far_m"),
         ({"far_value": 256}, "far_value is 256: expected 0 to 255"),
-        ({"far_value": 0}, "near_value and far_value are both 0: expected two"),
+        ({"far_value": 0}, "near_value and far_value are both 0: expected different values"),
         ({"near_m": "0"}, "depth encoding field near_m is '0': expected a number"),
         ({"extra": 1}, "depth encoding has fields"),
     ],
 )
-def test_impossible_encodings_are_refused(change: dict[str, object], message: str) -> None:
+def test_invalid_encodings_are_rejected(change: dict[str, object], message: str) -> None:
     with pytest.raises(DepthError) as caught:
         DepthEncoding.from_dict({**DepthEncoding().to_dict(), **change})
     assert message in str(caught.value)
 
 
-def test_depth_survives_its_file_to_the_millimetre(tmp_path: Path) -> None:
+def test_a_depth_file_round_trips_to_a_millimetre(tmp_path: Path) -> None:
     path = tmp_path / "depth.png"
     depth_m = np.array([[0.0, 1.2345, 65.535], [65.6, math.nan, -2.0]], np.float32)
     write_depth(path, depth_m)
@@ -93,7 +93,7 @@ def test_depth_survives_its_file_to_the_millimetre(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_other_images_are_named_with_what_they_are(tmp_path: Path) -> None:
+def test_unsupported_images_are_described(tmp_path: Path) -> None:
     path = tmp_path / "grey.png"
     cv2.imwrite(str(path), np.zeros((4, 4), np.uint8))
     with pytest.raises(DepthError, match=r"grey\.png: 1 channel\(s\) of uint8, expected one"):
@@ -119,7 +119,7 @@ METRES = np.array([[-1.0, 1.234], [math.nan, math.inf]], np.float32)
         (1 / 256, [[0.0, 4.8203125], [19.53125, 255.99609375]]),
     ],
 )
-def test_16_bits_are_steps_of_the_scale(
+def test_16_bit_values_are_multiplied_by_the_scale(
     tmp_path: Path, name: str, scale: float, expected: list[list[float]]
 ) -> None:
     save(tmp_path / name, STEPS)
@@ -137,7 +137,7 @@ def test_floats_are_metres_whatever_the_scale(tmp_path: Path, name: str) -> None
 
 
 @pytest.mark.filterwarnings("error")
-def test_numbers_of_another_machine_are_read(tmp_path: Path) -> None:
+def test_other_byte_orders_are_read(tmp_path: Path) -> None:
     path = tmp_path / "depth.npy"
     np.save(path, STEPS.astype(">u2"))
     np.testing.assert_allclose(read_depth(path), [[0.0, 1.234], [5.0, 65.535]], rtol=1e-7)
@@ -155,12 +155,12 @@ def save(path: Path, values: np.ndarray) -> None:
 
 
 @pytest.mark.parametrize("scale", [0.0, -0.001, math.nan])
-def test_a_scale_is_metres_per_step(tmp_path: Path, scale: float) -> None:
+def test_invalid_scales_are_rejected(tmp_path: Path, scale: float) -> None:
     with pytest.raises(DepthError, match="expected metres per step, above 0"):
         read_depth(tmp_path / "depth.png", scale)
 
 
-def test_files_that_cannot_be_used_are_named(tmp_path: Path) -> None:
+def test_unreadable_files_are_named(tmp_path: Path) -> None:
     with pytest.raises(InputFileError, match=r"nothing\.png: no such file"):
         read_depth(tmp_path / "nothing.png")
     (tmp_path / "text.png").write_text("no image")
@@ -168,7 +168,7 @@ def test_files_that_cannot_be_used_are_named(tmp_path: Path) -> None:
         read_depth(tmp_path / "text.png")
     for content in (b"no array", b"", b"\x93NUMPY\x01\x00"):
         (tmp_path / "text.npy").write_bytes(content)
-        with pytest.raises(InputFileError, match=r"text\.npy: not a readable \.npy array"):
+        with pytest.raises(InputFileError, match=r"text\.npy: not a readable \.npy file"):
             read_depth(tmp_path / "text.npy")
     np.savez(tmp_path / "two.npz", STEPS, METRES)
     (tmp_path / "two.npz").rename(tmp_path / "two.npy")

@@ -1,4 +1,4 @@
-"""Arrays that are no depth map in metres are told apart from those that are, and why."""
+"""Plausibility checks of depth maps."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def saturated() -> NDArray[np.float32]:
 
 
 @pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64])
-def test_a_scene_is_reported(dtype: type[np.floating]) -> None:
+def test_a_plausible_map_gives_a_report(dtype: type[np.floating]) -> None:
     report = check_depth(holes(0.25).astype(dtype))
     assert report
     assert report.valid_share == pytest.approx(0.75, abs=0.02)
@@ -28,7 +28,7 @@ def test_a_scene_is_reported(dtype: type[np.floating]) -> None:
     assert 11.9 < report.farthest_m < 12.1
 
 
-def test_what_is_not_finite_is_a_hole() -> None:
+def test_values_that_are_not_finite_are_missing() -> None:
     depth_m = SCENE.copy()
     depth_m[::2], depth_m[:30] = np.nan, np.inf
     report = check_depth(depth_m)
@@ -54,25 +54,25 @@ def test_what_is_not_finite_is_a_hole() -> None:
         (SCENE[:0], "the depth map has shape (0, 160): expected (H, W)"),
     ],
 )
-def test_what_is_no_depth_in_metres_is_said(depth: np.ndarray, reason: str) -> None:
+def test_implausible_maps_give_a_reason(depth: np.ndarray, reason: str) -> None:
     failure = check_depth(depth)
     assert not failure
     assert reason in failure.reason
 
 
-def test_the_least_share_can_be_chosen() -> None:
+def test_the_minimum_share_can_be_set() -> None:
     assert check_depth(holes(0.97), min_share=0.01)
     assert not check_depth(holes(0.25), min_share=0.9)
     assert not check_depth(np.zeros_like(SCENE), min_share=0.0)
 
 
-def test_a_large_map_is_judged_by_a_part_of_it() -> None:
+def test_a_large_map_is_subsampled() -> None:
     report = check_depth(np.tile(holes(0.5), (9, 9)))
     assert report
     assert report.valid_share == pytest.approx(0.5, abs=0.03)
 
 
-def test_readings_without_confidence_are_taken_out() -> None:
+def test_readings_with_low_confidence_are_removed() -> None:
     depth_m = np.array([[1.0, 2.0, 3.0]], np.float32)
     confidence = np.array([[10, 50, 90]], np.uint8)
     masked = mask_by_confidence(depth_m, confidence, 50)

@@ -1,4 +1,4 @@
-"""A depth camera's scale and offset come out with honest errors, or not at all."""
+"""Fit of a depth camera's scale and offset, with standard deviations."""
 
 import json
 import math
@@ -33,7 +33,7 @@ DISTANCES_M = (0.5, 0.8, 1.2, 1.6, 2.0, 2.5, 3.0, 4.0)
 def targets(
     seed: int = 0, distances_m: tuple[float, ...] = DISTANCES_M, place_share: float = 0.003
 ) -> list[TargetReadings]:
-    """Tilted targets read with noise that grows with z squared; each is a little off its place."""
+    """Tilted targets with noise that grows with z squared and small placement errors."""
     rng = np.random.default_rng(seed)
     found = []
     for i, distance_m in enumerate(distances_m):
@@ -64,7 +64,7 @@ def test_scale_and_offset_are_found() -> None:
         assert target.pixels > 290
 
 
-def test_standard_deviations_are_honest() -> None:
+def test_standard_deviations_match_the_errors() -> None:
     results = [fitted(targets(seed)) for seed in range(60)]
     scale_off = [(r.scale - SCALE) / r.scale_std for r in results]
     offset_off = [(r.offset_m - OFFSET_M) / r.offset_std_m for r in results]
@@ -74,7 +74,7 @@ def test_standard_deviations_are_honest() -> None:
         assert 0.7 < np.mean(np.square(off)) < 2.6
 
 
-def test_an_uncertain_focal_length_makes_all_of_it_uncertain() -> None:
+def test_the_focal_lengths_uncertainty_is_included() -> None:
     share, rng = 0.02, np.random.default_rng(1)
     off: list[list[float]] = []
     for seed in range(60):
@@ -88,7 +88,7 @@ def test_an_uncertain_focal_length_makes_all_of_it_uncertain() -> None:
     assert np.all(np.abs(np.mean(np.square(off), 0) - 1.1) < 0.5)
 
 
-def test_stray_pixels_and_a_wrong_target_do_not_count() -> None:
+def test_outlying_pixels_and_targets_are_ignored() -> None:
     readings = targets()
     for each in readings:
         each.measured_m[:60] = 0
@@ -108,17 +108,17 @@ def test_stray_pixels_and_a_wrong_target_do_not_count() -> None:
     [
         ((1.0, 2.0, 3.0), "3 targets with depth that agree with each other, expected at least 4"),
         ((1.0, 1.0, 1.0, 2.0, 2.0), "expected at least 3 distances, the farthest 1.5 times"),
-        ((1.0, 1.1, 1.2, 1.3, 1.35), "to tell offset from scale"),
+        ((1.0, 1.1, 1.2, 1.3, 1.35), "to separate offset and scale"),
     ],
 )
-def test_too_few_distances_are_refused(distances_m: tuple[float, ...], message: str) -> None:
+def test_too_few_distances_are_rejected(distances_m: tuple[float, ...], message: str) -> None:
     failure = fit_depth_scale(targets(distances_m=distances_m))
     assert not failure
     assert isinstance(failure, DepthScaleFailure)
     assert message in failure.reason
 
 
-def test_readings_that_do_not_follow_the_target_are_refused() -> None:
+def test_readings_that_do_not_follow_the_distance_are_rejected() -> None:
     stuck = [TargetReadings(t.name, t.true_m, np.full(300, 4.0)) for t in targets()]
     failure = fit_depth_scale(stuck)
     assert isinstance(failure, DepthScaleFailure)
@@ -127,7 +127,7 @@ def test_readings_that_do_not_follow_the_target_are_refused() -> None:
     assert isinstance(fit_depth_scale(backwards), DepthScaleFailure)
 
 
-def test_applying_keeps_what_is_no_reading() -> None:
+def test_apply_keeps_missing_readings() -> None:
     result = DepthScale(1.1, -0.5, 0.01, 0.02, -0.5, 1.0, 3.0)
     readings = np.array([[0.0, 0.4, 2.0], [np.nan, np.inf, 1.0]], np.float32)
     true_m = result.apply(readings)
@@ -138,7 +138,7 @@ def test_applying_keeps_what_is_no_reading() -> None:
 
 
 @pytest.mark.parametrize("model", ["radtan", "fisheye"])
-def test_a_boards_pose_tells_the_depth_of_its_pixels(model: str) -> None:
+def test_true_depths_follow_from_the_boards_pose(model: str) -> None:
     camera = PinholeCamera(
         320, 240, 200.0, 201.0, 161.0, 118.0, (-0.1, 0.02, 0.001, -0.001), model, focal_std_px=2.0
     )
@@ -155,7 +155,7 @@ def test_a_boards_pose_tells_the_depth_of_its_pixels(model: str) -> None:
         np.array(camera.distortion),
     )[0].reshape(-1, 2)
     z = (board_m @ cv2.Rodrigues(np.array(pose[:3]))[0].T + pose[3:])[:, 2]
-    # A depth map that holds at each pixel near a board point that point's true depth.
+    # A depth map with the true depth of each board point in the pixels around it.
     depth_m = np.zeros((240, 320), np.float32)
     columns, rows = np.rint(xy).astype(int).T
     depth_m[rows, columns] = z
@@ -168,14 +168,14 @@ def test_a_boards_pose_tells_the_depth_of_its_pixels(model: str) -> None:
     np.testing.assert_allclose(readings.true_m[read], readings.measured_m[read], atol=0.004)
 
 
-def test_depth_of_another_size_is_refused() -> None:
+def test_depth_of_another_size_is_rejected() -> None:
     camera = PinholeCamera(320, 240, 200.0, 200.0, 160.0, 120.0)
     square_px = [(10, 10), (50, 10), (50, 50), (10, 50)]
     with pytest.raises(CameraError, match=r"depth of a is 64x48 px: expected the camera's 320x240"):
         read_target("a", camera, (0, 0, 0, 0, 0, 1), square_px, np.ones((48, 64), np.float32))
 
 
-def test_a_depth_scale_survives_its_file(tmp_path: Path) -> None:
+def test_a_depth_scale_file_round_trips(tmp_path: Path) -> None:
     readings = targets()
     readings[2].measured_m[:] *= 1.1
     result = fitted(readings)

@@ -1,4 +1,4 @@
-"""The ground plane: exact, robust, deterministic, and no plane where there is none."""
+"""Ground plane fit: exact, robust, deterministic, and failures."""
 
 from typing import Any
 
@@ -38,7 +38,7 @@ def test_exact_points_give_their_plane() -> None:
     assert plane.residual_std_m < 1e-9
 
 
-def test_bushes_and_stems_on_the_ground_do_not_move_it() -> None:
+def test_bushes_and_trunks_do_not_move_the_plane() -> None:
     ground, normal = sloping_ground(600, noise_m=0.01)
     rng = np.random.default_rng(4)
     above = ground[:400] - np.outer(rng.uniform(0.15, 2.0, 400), [0.0, 1.0, 0.0])
@@ -51,7 +51,7 @@ def test_bushes_and_stems_on_the_ground_do_not_move_it() -> None:
     assert plane.residual_std_m == pytest.approx(0.01, rel=0.2)
 
 
-def test_a_wall_is_no_ground_whatever_it_holds() -> None:
+def test_a_wall_is_not_ground() -> None:
     rng = np.random.default_rng(5)
     wall = np.stack([rng.uniform(-2, 2, 900), rng.uniform(-2, 1.4, 900), np.full(900, 6.0)], -1)
     ground, normal = sloping_ground(500)
@@ -61,7 +61,7 @@ def test_a_wall_is_no_ground_whatever_it_holds() -> None:
     assert isinstance(fit_ground_plane(wall), GroundPlaneFailure)
 
 
-def test_up_decides_what_is_steep_and_where_the_normal_points() -> None:
+def test_up_sets_the_slope_and_the_normals_direction() -> None:
     points, normal = sloping_ground(300)
     sideways = np.array([1.0, 0.0, 0.0])
     failure = fit_ground_plane(points, up=10 * sideways)
@@ -72,7 +72,7 @@ def test_up_decides_what_is_steep_and_where_the_normal_points() -> None:
     np.testing.assert_allclose(upside_down.normal, -normal, atol=1e-9)
 
 
-def test_noise_does_not_make_a_steep_bank_flat_enough() -> None:
+def test_a_noisy_steep_bank_is_still_too_steep() -> None:
     rng = np.random.default_rng(8)
     x, rise = rng.uniform(-0.5, 0.5, (2, 400))
     bank = np.stack([x, 1.5 - rise, 5.0 + rise / np.tan(np.radians(47.0))], -1)
@@ -89,7 +89,7 @@ def test_the_same_points_give_the_same_plane() -> None:
     assert first.normal.tolist() == second.normal.tolist()
 
 
-def test_what_cannot_be_fitted_is_a_falsy_reason() -> None:
+def test_failures_are_falsy_with_a_reason() -> None:
     points, _ = sloping_ground(40)
     few = fit_ground_plane(np.concatenate([points[:11], np.full((9, 3), np.nan)]))
     assert not few
@@ -103,7 +103,7 @@ def test_what_cannot_be_fitted_is_a_falsy_reason() -> None:
     assert "of the points, expected 30%" in scattered.reason
 
 
-def test_points_near_one_line_give_no_plane() -> None:
+def test_points_on_a_line_give_no_plane() -> None:
     rng = np.random.default_rng(7)
     line = rng.normal([0.0, 1.5, 5.0], 0.002, (200, 3))
     line[:, 0] = np.linspace(-3, 3, 200)
@@ -113,13 +113,13 @@ def test_points_near_one_line_give_no_plane() -> None:
 
 
 @pytest.mark.parametrize("up", [[0, 0, 0], [0, 1], [0, np.nan, 1]])
-def test_an_up_that_is_no_direction_is_refused(up: list[float]) -> None:
+def test_an_invalid_up_is_rejected(up: list[float]) -> None:
     points, _ = sloping_ground(40)
     with pytest.raises(CalibError, match="expected a direction of three numbers"):
         fit_ground_plane(points, up=up)
 
 
-def test_a_low_cover_of_plants_is_not_the_ground() -> None:
+def test_low_plants_are_not_the_ground() -> None:
     ground, normal = sloping_ground(1000, noise_m=0.01)
     cover = ground[450:] - [0.0, 0.35, 0.0]
     plane = fit_ground_plane(np.concatenate([ground[:450], cover]))
@@ -129,13 +129,13 @@ def test_a_low_cover_of_plants_is_not_the_ground() -> None:
 
 
 @pytest.mark.parametrize("count", [0, 1])
-def test_hardly_any_points_are_too_few(count: int) -> None:
+def test_too_few_points_give_no_plane(count: int) -> None:
     failure = fit_ground_plane(np.ones((count, 3)))
     assert isinstance(failure, GroundPlaneFailure)
     assert failure.reason == f"{count} ground points, expected at least 12"
 
 
-def test_several_places_are_fitted_as_each_by_itself() -> None:
+def test_several_places_are_fitted_independently() -> None:
     level = np.stack([*np.random.default_rng(1).uniform(-2, 2, (2, 90)), np.full(90, 1.4)], -1)
     sloping, _ = sloping_ground(90, noise_m=0.01)
     rubbish = np.full((90, 3), np.nan)
@@ -155,7 +155,7 @@ def test_several_places_are_fitted_as_each_by_itself() -> None:
         assert plane.offset_m == pytest.approx(same.offset_m)
 
 
-def test_points_lie_around_their_centre_as_stated() -> None:
+def test_centre_and_extents_describe_the_points() -> None:
     points, normal = sloping_ground(400)
     plane = fit_ground_plane(points)
     assert isinstance(plane, GroundPlane)
@@ -166,7 +166,7 @@ def test_points_lie_around_their_centre_as_stated() -> None:
     np.testing.assert_allclose(plane.extents_m, spread)
 
 
-def test_heights_and_tilts_err_as_stated() -> None:
+def test_height_and_tilt_errors_match_their_standard_deviations() -> None:
     rng = np.random.default_rng(9)
     # Four neighbours share one error.
     x, z, noise_m = rng.standard_normal((3, 300, 15)).repeat(4, 2)

@@ -1,4 +1,4 @@
-"""What labelling tools read: a whole COCO data set, in COCO's own coordinates."""
+"""COCO labels for labelling tools."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from calib import CocoLabels
 
 
 def labels(runs: bool = False) -> CocoLabels:
-    """A picture with nothing, and one with a post that has a point outside the picture."""
+    """One image without objects, and one with a post that has a keypoint outside the image."""
     made = CocoLabels("post", ("foot", "tip"), ((0, 1),), "found by a test", runs)
     made.add_image("a.jpg", 40, 30)
     made.add_image("b.jpg", 20, 10)
@@ -22,7 +22,7 @@ def labels(runs: bool = False) -> CocoLabels:
     return made
 
 
-def test_labels_are_a_whole_coco_data_set() -> None:
+def test_labels_are_a_complete_coco_data_set() -> None:
     content = json.loads(json.dumps(labels().to_dict()))
     assert [image["file_name"] for image in content["images"]] == ["a.jpg", "b.jpg"]
     (post,) = content["annotations"]
@@ -38,13 +38,13 @@ def test_labels_are_a_whole_coco_data_set() -> None:
     assert category["skeleton"] == [[1, 2]]  # counted from 1
 
 
-def test_keypoints_are_pixel_indices_and_labelled_where_they_are_in_the_picture() -> None:
+def test_keypoints_are_pixel_indices_and_not_labelled_outside_the_image() -> None:
     (post,) = labels().to_dict()["annotations"]
     assert post["keypoints"] == [6.0, 8.0, 2, 0, 0, 0]
     assert post["num_keypoints"] == 1
 
 
-def test_the_coco_tools_read_both_kinds_of_masks() -> None:
+def test_pycocotools_reads_run_lengths_and_polygons() -> None:
     coco = pytest.importorskip("pycocotools.coco")
     for runs in (False, True):
         tools = coco.COCO()
@@ -65,7 +65,7 @@ def test_boxes_alone_are_labels_too() -> None:
     assert "keypoints" not in content["categories"][0]
 
 
-def test_the_box_stands_for_an_empty_mask() -> None:
+def test_an_empty_mask_is_replaced_by_the_box() -> None:
     made = CocoLabels("post")
     made.add_image("a.jpg", 40, 30)
     made.add(np.array([1.0, 2.0, 11.0, 22.0]), 0.5, np.zeros((30, 40), bool))

@@ -1,4 +1,4 @@
-"""Masks land on the right pixels, and on disk COCO's tools find the same ones."""
+"""Pasting masks, run lengths and polygons."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from calib import encode_rle, mask_polygons, paste_mask
 def _reference_paste(
     probability: NDArray[np.float32], box: NDArray[np.float32], width: int, height: int
 ) -> NDArray[np.float64]:
-    """The sampling rule written out for one pixel at a time."""
+    """The sampling rule, one pixel at a time."""
     padded = np.pad(probability.astype(np.float64), 1)
     cells = probability.shape[0]
     values = np.zeros((height, width))
@@ -57,7 +57,7 @@ def test_a_box_without_pixels_gives_an_empty_mask(box: tuple[float, ...]) -> Non
     assert not pasted.any()
 
 
-def test_rle_is_read_by_the_coco_tools() -> None:
+def test_pycocotools_reads_the_rle() -> None:
     coco = pytest.importorskip("pycocotools.mask")
     rng = np.random.default_rng(2)
     blob = np.zeros((720, 1280), dtype=bool)
@@ -77,7 +77,7 @@ def test_rle_of_a_known_mask() -> None:
 
 
 @pytest.mark.parametrize("seed", range(30))
-def test_rle_of_any_speckle_is_that_of_the_coco_tools(seed: int) -> None:
+def test_rle_of_random_masks_equals_pycocotools(seed: int) -> None:
     coco = pytest.importorskip("pycocotools.mask")
     rng = np.random.default_rng(seed)
     mask = rng.uniform(size=rng.integers(1, 90, 2)) < rng.uniform()
@@ -85,16 +85,16 @@ def test_rle_of_any_speckle_is_that_of_the_coco_tools(seed: int) -> None:
     assert encode_rle(mask)["counts"] == reference["counts"].decode()
 
 
-def leaning_stem() -> NDArray[np.bool_]:
-    """About 40 px wide, cut in two by a branch in front of it."""
+def leaning_trunk() -> NDArray[np.bool_]:
+    """A trunk about 40 px wide, cut in two by a branch in front of it."""
     y, x = np.mgrid[:360, :640]
     stem = (np.abs(x - 300 - 0.1 * y) < 20) & (y > 40) & (y < 340)
     return np.asarray(stem & ~((y > 150) & (y < 156)))
 
 
-def test_polygons_draw_the_mask_again() -> None:
+def test_polygons_reproduce_the_mask() -> None:
     coco = pytest.importorskip("pycocotools.mask")
-    stem = leaning_stem()
+    stem = leaning_trunk()
     polygons = mask_polygons(stem)
     assert len(polygons) == 2
     assert sum(map(len, polygons)) < 2 * 60
@@ -109,8 +109,8 @@ def test_polygons_run_along_the_edges_of_pixels() -> None:
     assert sorted(map(tuple, corners.tolist())) == [(10, 4), (10, 20), (13, 4), (13, 20)]
 
 
-def test_specks_are_no_polygons_and_nothing_has_none() -> None:
-    stem = leaning_stem()
+def test_small_parts_are_left_out_and_empty_masks_have_no_polygons() -> None:
+    stem = leaning_trunk()
     stem[3, 3] = True
     assert len(mask_polygons(stem)) == 2
     assert mask_polygons(np.zeros((5, 5), bool)) == []

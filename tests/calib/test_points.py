@@ -1,4 +1,4 @@
-"""Pixels, rays and points: both conventions of pixels, distortion, depth along z."""
+"""Pixels, rays and points: pixel conventions, distortion, depth along z."""
 
 from dataclasses import replace
 from typing import Any
@@ -57,7 +57,7 @@ def grid_px(camera: PinholeCamera) -> Float:
     return np.stack([x, y], -1)
 
 
-def test_the_centre_of_the_first_pixel_has_both_names() -> None:
+def test_both_conventions_of_the_first_pixels_centre() -> None:
     assert image_to_opencv([0.5, 0.5]).tolist() == [0.0, 0.0]
     assert opencv_to_image([[0, 0], [3, 4]]).tolist() == [[0.5, 0.5], [3.5, 4.5]]
 
@@ -68,7 +68,7 @@ def test_the_ray_of_the_principal_point_looks_ahead() -> None:
 
 
 @pytest.mark.parametrize("distortion", LENSES)
-def test_projection_is_opencvs_half_a_pixel_further(distortion: tuple[float, ...]) -> None:
+def test_projection_equals_opencv_plus_half_a_pixel(distortion: tuple[float, ...]) -> None:
     camera = camera_with(distortion)
     rng = np.random.default_rng(1)
     points = rng.uniform([-3, -2, 3], [3, 2, 9], (50, 3))
@@ -78,7 +78,7 @@ def test_projection_is_opencvs_half_a_pixel_further(distortion: tuple[float, ...
 
 
 @pytest.mark.parametrize("terms", FISHEYES)
-def test_fisheye_projection_is_opencvs_half_a_pixel_further(terms: tuple[float, ...]) -> None:
+def test_fisheye_projection_equals_opencv_plus_half_a_pixel(terms: tuple[float, ...]) -> None:
     camera = fisheye(terms)
     points = np.random.default_rng(1).uniform([-9, -9, 0.5], [9, 9, 9], (200, 3))
     points[0] = [0, 0, 1]
@@ -89,7 +89,7 @@ def test_fisheye_projection_is_opencvs_half_a_pixel_further(terms: tuple[float, 
 
 
 @pytest.mark.parametrize("distortion", LENSES[1:])
-def test_rays_are_those_of_opencv(distortion: tuple[float, ...]) -> None:
+def test_rays_equal_opencv(distortion: tuple[float, ...]) -> None:
     camera = camera_with(distortion)
     xy_px = grid_px(camera)[3:-3, 5:-5]
     expected = cv2.undistortPoints(
@@ -98,7 +98,7 @@ def test_rays_are_those_of_opencv(distortion: tuple[float, ...]) -> None:
     np.testing.assert_allclose(pixels_to_rays(camera, xy_px)[..., :2], expected, atol=1e-3)
 
 
-def test_fisheye_rays_are_those_of_opencv() -> None:
+def test_fisheye_rays_equal_opencv() -> None:
     camera = fisheye(FISHEYES[1])
     xy_px = grid_px(camera)
     expected = cv2.fisheye.undistortPoints(
@@ -118,7 +118,7 @@ def test_a_fisheye_sees_85_degrees_off_its_axis(terms: tuple[float, ...]) -> Non
     np.testing.assert_allclose(back, rays, rtol=1e-7, atol=1e-9)
 
 
-def test_rays_beyond_a_fisheyes_reach_are_finite() -> None:
+def test_rays_outside_a_fisheyes_range_are_finite() -> None:
     falling = fisheye((-0.3, 0.0, 0.0, 0.0))
     for camera in (falling, fisheye(FISHEYES[0])):
         rays = pixels_to_rays(camera, [[np.inf, 540.0], [-1e5, -np.inf], [720.0, 534.5]])
@@ -134,7 +134,7 @@ def test_rays_project_back_onto_their_pixels(camera: PinholeCamera) -> None:
     np.testing.assert_allclose(project_points(camera, rays * 4.2), xy_px, atol=1e-6)
 
 
-def test_a_lens_that_folds_back_still_gives_finite_rays() -> None:
+def test_a_non_invertible_distortion_gives_finite_rays() -> None:
     camera = camera_with((-0.35, 0.15, 0.0, 0.0, -0.03))
     rays = pixels_to_rays(camera, grid_px(camera))
     assert np.isfinite(rays).all()
@@ -150,13 +150,13 @@ def test_depth_is_along_the_optical_axis() -> None:
     np.testing.assert_allclose(point, [[2.0, 0.0, 4.0]])
 
 
-def test_points_behind_the_camera_are_nowhere() -> None:
+def test_points_behind_the_camera_project_to_infinity() -> None:
     px = project_points(PLAIN, [[0.1, 0.2, -1.0], [0.0, 0.0, 0.0], [0.0, 0.0, 2.0]])
     assert np.isinf(px[:2]).all()
     assert px[2].tolist() == [640.5, 355.5]
 
 
-def test_a_depth_map_becomes_points_of_its_pixels_centres() -> None:
+def test_depth_to_points_uses_pixel_centres() -> None:
     camera = PinholeCamera(6, 4, 5.0, 5.0, 2.0, 1.0)
     depth_m = np.full((4, 6), 2.0, np.float32)
     depth_m[3, 5] = 0.0
@@ -178,7 +178,7 @@ def test_a_depth_maps_points_project_onto_its_pixels(distortion: tuple[float, ..
     np.testing.assert_array_equal(points[..., 2], depth_m)
 
 
-def test_many_points_are_projected_as_they_are_alone() -> None:
+def test_blocks_of_points_are_projected_independently() -> None:
     camera = CAMERAS[4]
     points = np.random.default_rng(3).uniform([-3, -2, -1], [3, 2, 9], (20_001, 3))
     some = [0, 8191, 8192, 20_000]
@@ -187,7 +187,7 @@ def test_many_points_are_projected_as_they_are_alone() -> None:
     )
 
 
-def test_a_depth_map_of_another_size_is_refused() -> None:
+def test_a_depth_map_of_another_size_is_rejected() -> None:
     with pytest.raises(CameraError) as caught:
         depth_to_points(PLAIN, np.zeros((4, 6), np.float32))
     assert str(caught.value) == "the depth map is 6x4 px: expected the camera's 1280x720"

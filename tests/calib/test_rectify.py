@@ -1,4 +1,4 @@
-"""Straightened images and depth show every ray where a camera without distortion would."""
+"""Removing the distortion from images and depth maps."""
 
 from dataclasses import replace
 
@@ -13,7 +13,7 @@ FISHEYE = replace(PLAIN, distortion=(-0.03, -0.01, 0.007, -0.002), distortion_mo
 
 
 def smooth_image(camera: PinholeCamera) -> np.ndarray:
-    """A grey for every direction, so that the same direction has the same grey in any camera."""
+    """An image whose grey value depends on the ray's direction alone."""
     points = depth_to_points(camera, np.ones((camera.height, camera.width), np.float32))
     greys = 127 + 60 * np.sin(25 * points[..., 0]) + 60 * np.cos(25 * points[..., 1])
     return np.rint(greys).astype(np.uint8)
@@ -21,7 +21,7 @@ def smooth_image(camera: PinholeCamera) -> np.ndarray:
 
 @pytest.mark.parametrize("camera", [PLAIN, BARREL, FISHEYE])
 @pytest.mark.parametrize("focal_scale", [1.0, 1.3])
-def test_a_straight_image_is_the_straight_cameras(
+def test_a_rectified_image_matches_the_undistorted_camera(
     camera: PinholeCamera, focal_scale: float
 ) -> None:
     straight = rectify(camera, focal_scale)
@@ -36,7 +36,7 @@ def test_a_straight_image_is_the_straight_cameras(
     assert miss[2:-2, 2:-2].max() <= 2
 
 
-def test_a_small_focal_length_shows_more_and_leaves_the_rest_empty() -> None:
+def test_a_smaller_focal_length_shows_more_and_pads_with_0() -> None:
     straight = rectify(FISHEYE, 0.4)
     image = straight.image(np.full((240, 320), 200, np.uint8))
     assert image[120, 160] == 200
@@ -45,7 +45,7 @@ def test_a_small_focal_length_shows_more_and_leaves_the_rest_empty() -> None:
     assert np.abs(corner[0]) < np.abs(pixels_to_rays(straight.camera, [0.5, 0.5])[0])
 
 
-def test_what_the_lens_model_folds_back_is_not_shown_twice() -> None:
+def test_nothing_is_shown_twice_with_a_non_invertible_distortion() -> None:
     folding = replace(PLAIN, distortion=(-0.5, 0.0, 0.0, 0.0))
     straight = rectify(folding, 0.3)
     seen = straight.image(np.full((240, 320), 200, np.uint8)) > 0
@@ -57,7 +57,7 @@ def test_what_the_lens_model_folds_back_is_not_shown_twice() -> None:
 
 
 @pytest.mark.parametrize("camera", [BARREL, FISHEYE])
-def test_depth_is_taken_from_the_nearest_pixel_and_not_mixed(camera: PinholeCamera) -> None:
+def test_depth_is_taken_from_the_nearest_pixel(camera: PinholeCamera) -> None:
     depth_m = np.full((240, 320), 3.0, np.float32)
     depth_m[:, 100:] = 9.0
     straight = rectify(camera)
@@ -70,7 +70,7 @@ def test_depth_is_taken_from_the_nearest_pixel_and_not_mixed(camera: PinholeCame
     assert abs(edge - edge_px) <= 1
 
 
-def test_images_of_another_size_are_refused() -> None:
+def test_images_of_another_size_are_rejected() -> None:
     straight = rectify(BARREL)
     with pytest.raises(CameraError, match="the image is 6x4 px: expected the camera's 320x240"):
         straight.image(np.zeros((4, 6, 3), np.uint8))

@@ -1,4 +1,4 @@
-"""Depth seen from another camera: scenes of known shape, cast in both, agree."""
+"""Depth registration, compared with scenes ray-cast in both cameras."""
 
 from itertools import groupby
 from typing import Any
@@ -26,7 +26,7 @@ BOX_M = np.array([[-0.8, -0.5, 4.0], [0.6, 1.5, 5.0]])
 
 
 def cast(camera: PinholeCamera, camera_to_level: RigidTransform, with_box: bool = True) -> Float:
-    """(H, W) metres along z to the ground, the wall or the box, whichever is nearest."""
+    """Return (H, W) metres along z to the nearest of ground, wall and box."""
     ones = np.ones((camera.height, camera.width), np.float32)
     rays = camera_to_level.rotate(depth_to_points(camera, ones))
     start = camera_to_level.translation_m
@@ -47,14 +47,14 @@ def move(seed: int) -> RigidTransform:
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("colour", COLOURS)
-def test_a_scene_registered_is_the_scene_seen(colour: PinholeCamera, seed: int) -> None:
+def test_a_registered_scene_equals_the_ray_cast_scene(colour: PinholeCamera, seed: int) -> None:
     depth_to_colour = move(seed)
     registered = register_depth(cast(DEPTH, LEVEL), DEPTH, colour, depth_to_colour)
     expected = cast(colour, depth_to_colour.inverse().then(LEVEL))
     assert registered.dtype == np.float32
     covered = registered > 0
     agree = np.isclose(registered, expected, rtol=2e-3)
-    assert agree[covered].mean() > 0.985  # but for the pixels on the box's outline
+    assert agree[covered].mean() > 0.985  # except pixels on the box's outline
     nearer = registered[covered] < expected[covered] * 0.99
     assert nearer.mean() < 0.012
 
@@ -73,20 +73,20 @@ def test_surfaces_have_no_holes(colour: PinholeCamera) -> None:
     np.testing.assert_array_equal(filled.astype(bool), covered)
 
 
-def test_what_only_the_colour_camera_sees_has_no_depth() -> None:
+def test_parts_hidden_from_the_depth_camera_have_no_depth() -> None:
     aside = RigidTransform(np.eye(3), np.array([0.5, 0.0, 0.0]))
     depth_m = np.full((DEPTH.height, DEPTH.width), 8.0)
     depth_m[40:80, 90:120] = 2.0
     registered = register_depth(depth_m, DEPTH, DEPTH, aside)
     values = {round(float(value), 3) for value in np.unique(registered)}
     assert values == {0.0, 2.0, 8.0}
-    # The far moves by 6.6 px and the near by 26.2: what lay behind the near is seen and unknown.
+    # The background moves by 6.6 px, the foreground by 26.2 px, which uncovers unknown background.
     found = "".join({0.0: ".", 2.0: "n", 8.0: "f"}[round(float(z), 3)] for z in registered[60])
     runs = [(key, len(list(run))) for key, run in groupby(found)]
     assert runs == [(".", 6), ("f", 91), (".", 19), ("n", 30), ("f", 66)]
 
 
-def test_a_pole_as_thin_as_a_pixel_is_not_tilted_towards_what_is_behind() -> None:
+def test_a_one_pixel_pole_is_not_tilted_towards_the_background() -> None:
     aside = RigidTransform(np.eye(3), np.array([0.5, 0.0, 0.0]))
     depth_m = np.full((DEPTH.height, DEPTH.width), 8.0)
     depth_m[:, 90] = 3.0
@@ -101,7 +101,7 @@ def test_the_same_camera_keeps_its_depth() -> None:
     np.testing.assert_allclose(registered, depth_m, rtol=1e-6)
 
 
-def test_what_is_behind_or_beside_the_colour_camera_is_left_out() -> None:
+def test_points_outside_the_colour_cameras_view_are_left_out() -> None:
     depth_m = cast(DEPTH, LEVEL)
     turned = RigidTransform.from_euler_deg(0, 180, 0, np.zeros(3))
     assert not register_depth(depth_m, DEPTH, COLOURS[0], turned).any()
@@ -117,6 +117,6 @@ def test_a_map_without_readings_stays_empty() -> None:
     assert not register_depth(depth_m, DEPTH, COLOURS[0], move(0)).any()
 
 
-def test_a_map_of_another_size_is_refused() -> None:
+def test_a_map_of_another_size_is_rejected() -> None:
     with pytest.raises(CameraError, match="the depth map is 6x4 px: expected the camera's 212x120"):
         register_depth(np.ones((4, 6)), DEPTH, COLOURS[0], move(0))

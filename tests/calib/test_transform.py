@@ -1,4 +1,4 @@
-"""Rigid transforms turn, move, go back, survive their files; mountings say where a camera looks."""
+"""Rigid transforms: composition, inverse, files, mountings."""
 
 import json
 import math
@@ -32,7 +32,7 @@ def test_a_transform_and_its_inverse_cancel(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_then_is_one_after_the_other(seed: int) -> None:
+def test_then_applies_both_transforms_in_order(seed: int) -> None:
     first, second = random_transform(seed), random_transform(seed + 100)
     point = np.array([1.0, -2.0, 3.0])
     both = first.then(second)
@@ -46,7 +46,7 @@ def test_quaternions_have_their_scalar_last() -> None:
     np.testing.assert_allclose(about_z.rotate([1, 0, 0]), [0, 1, 0], atol=1e-12)
 
 
-def test_roll_is_turned_first_and_yaw_last() -> None:
+def test_roll_is_applied_first_and_yaw_last() -> None:
     transform = RigidTransform.from_euler_deg(90, 0, 90, np.zeros(3))
     np.testing.assert_allclose(transform.rotate([0, 1, 0]), [0, 0, 1], atol=1e-12)
     np.testing.assert_allclose(transform.rotate([0, 0, 1]), [1, 0, 0], atol=1e-12)
@@ -64,7 +64,7 @@ def test_roll_is_turned_first_and_yaw_last() -> None:
         ({"roll_deg": 90}, [0, 0, 1], [1, 0, 0]),
     ],
 )
-def test_a_mounting_says_where_the_camera_looks(
+def test_a_mounting_gives_the_cameras_directions(
     angles: dict[str, float], camera_direction: list[float], machine_direction: list[float]
 ) -> None:
     mounting = RigidTransform.mounting([1.0, 0.5, 2.5], **angles)
@@ -72,7 +72,7 @@ def test_a_mounting_says_where_the_camera_looks(
     assert mounting.apply([0, 0, 0]).tolist() == [1.0, 0.5, 2.5]
 
 
-def test_a_rounded_rotation_becomes_a_true_one() -> None:
+def test_a_rounded_rotation_is_orthonormalised() -> None:
     rounded = np.round(random_transform(3).rotation, 4)
     kept = RigidTransform(rounded, np.zeros(3)).rotation
     np.testing.assert_allclose(kept @ kept.T, np.eye(3), atol=1e-14)
@@ -94,19 +94,19 @@ def test_a_rounded_rotation_becomes_a_true_one() -> None:
         ([[1, 0], [0]], [0, 0, 0], "rotation is [[1, 0], [0]]: expected 3x3 finite numbers"),
     ],
 )
-def test_what_is_no_rigid_motion_is_refused(rotation: Any, translation: Any, message: str) -> None:
+def test_invalid_transforms_are_rejected(rotation: Any, translation: Any, message: str) -> None:
     with pytest.raises(CalibError) as caught:
         RigidTransform(rotation, translation)
     assert message in str(caught.value)
 
 
-def test_a_long_quaternion_is_refused() -> None:
+def test_a_quaternion_of_another_length_is_rejected() -> None:
     with pytest.raises(CalibError, match=r"quaternion_xyzw has length 1\.1: expected 1"):
         RigidTransform.from_quaternion([0, 0, 0, 1.1], [0, 0, 0])
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_transform_survives_its_file(tmp_path: Path, seed: int) -> None:
+def test_a_transform_file_round_trips(tmp_path: Path, seed: int) -> None:
     path = tmp_path / "depth_to_colour.json"
     save_transform(path, random_transform(seed))
     assert_same(load_transform(path), random_transform(seed))
@@ -135,7 +135,7 @@ SIDEWAYS = {"position_m": [1, 0, 2], "yaw_deg": 90}
         ({"mounting": SIDEWAYS}, RigidTransform.mounting([1, 0, 2], yaw_deg=90)),
     ],
 )
-def test_a_file_may_say_it_in_any_of_the_ways(
+def test_a_file_may_use_any_of_the_forms(
     tmp_path: Path, fields: dict[str, Any], expected: RigidTransform
 ) -> None:
     path = tmp_path / "transform.json"
@@ -188,7 +188,7 @@ def test_contradictory_files_are_named(
         ('{"schema": "calib.transform/1", "schema": "x"}', "schema is given twice"),
     ],
 )
-def test_other_files_are_refused(tmp_path: Path, text: str, message: str) -> None:
+def test_other_files_are_rejected(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "transform.json"
     path.write_text(text)
     with pytest.raises(InputFileError) as caught:

@@ -1,4 +1,4 @@
-"""``perceptree import``: a published checkpoint in, one of ours out, and the way on."""
+"""``perceptree import``: convert a published checkpoint."""
 
 import dataclasses
 import importlib.util
@@ -24,7 +24,7 @@ GOLDEN = Path(__file__).resolve().parents[2] / ".." / "shared" / "golden"
 
 @pytest.fixture(scope="module")
 def weights() -> dict[str, Tensor]:
-    """A ResNet-50 with narrow heads and no masks, under Detectron2's names."""
+    """A ResNet-50 with narrow heads and no masks, with Detectron2's names."""
     spec = dataclasses.replace(
         make_spec("r50", masks=False), fpn_width=8, box_head_width=8, keypoint_head_widths=(8,)
     )
@@ -42,7 +42,7 @@ def checkpoint(weights: dict[str, Tensor], tmp_path: Path) -> Path:
     return path
 
 
-def test_what_was_recognised_is_told_with_the_way_on(
+def test_the_recognised_model_and_next_steps_are_printed(
     call: Call, checkpoint: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = tmp_path / "here"
@@ -52,11 +52,14 @@ def test_what_was_recognised_is_told_with_the_way_on(
     assert code == 0
     assert printed.splitlines()[0] == "r50: resnet50, stride in the 1x1"
     assert "input: rgb, 1280x720, pixel std 1, 1, 1" in printed
-    assert "finds: boxes, keypoints; 3 anchors a cell, " in printed
+    assert "predicts: boxes, keypoints; 3 anchors per cell, " in printed
     assert "next: perceptree eval model_final.safetensors DATA\n" in printed
     assert "edgetree export model_final.safetensors --data DATA --out model.onnx\n" in printed
     assert told.count("\n") == 1
-    assert f"{checkpoint} does not say, so assumed: pixel mean of ImageNet, stride" in told
+    assert (
+        f"{checkpoint} does not contain these settings, assumed: pixel mean of ImageNet, stride"
+        in told
+    )
     assert [path.name for path in folder.iterdir()] == ["model_final.safetensors"]
 
 
@@ -81,7 +84,9 @@ def test_json_is_one_object_that_agrees_with_the_file(
     assert record["training"]["data"] == "imported from model_final.pth"
 
 
-def test_starting_weights_lead_to_a_training(call: Call, checkpoint: Path, tmp_path: Path) -> None:
+def test_imported_starting_weights_can_be_trained(
+    call: Call, checkpoint: Path, tmp_path: Path
+) -> None:
     out = tmp_path / "init.safetensors"
     code, printed, _ = call("import", checkpoint, "--out", out, "--as-init")
     assert code == 0
@@ -95,7 +100,7 @@ def test_starting_weights_lead_to_a_training(call: Call, checkpoint: Path, tmp_p
     assert f"fresh: {len(fresh)} tensors" in printed
 
 
-def test_a_file_that_says_all_is_not_warned_about(
+def test_a_complete_file_gives_no_warning(
     call: Call, weights: dict[str, Tensor], tmp_path: Path
 ) -> None:
     said = {"pixel_mean": torch.full((3, 1, 1), 99.0), "pixel_std": torch.ones(3, 1, 1)}
@@ -122,7 +127,7 @@ MISTAKES: dict[str, tuple[tuple[object, ...], str]] = {
     "other network": (("{}/other.pth",), "other.pth: a torchvision detector with backbone.body"),
     "over itself": (
         ("{}/other.pth", "--out", "{}/x/../other.pth"),
-        "would be written over the input",
+        "is the input file",
     ),
     "modality": (("{}/other.pth", "--modality", "x"), "--modality is 'x', expected one of: rgb"),
     "stride": (("{}/other.pth", "--stride-in", "x"), "--stride-in is 'x', expected one of: auto"),
@@ -131,7 +136,7 @@ MISTAKES: dict[str, tuple[tuple[object, ...], str]] = {
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
-def test_a_mistake_is_one_line_and_writes_nothing(
+def test_an_error_is_one_line_and_writes_nothing(
     call: Call, mistake: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -149,7 +154,7 @@ def test_a_mistake_is_one_line_and_writes_nothing(
     assert sorted(tmp_path.iterdir()) == before
 
 
-def test_detectron2s_weights_arrive_whole(call: Call, tmp_path: Path) -> None:
+def test_all_detectron2_weights_are_imported(call: Call, tmp_path: Path) -> None:
     if not (GOLDEN / "fill_weights.py").is_file():
         pytest.skip("the folder shared is not beside the checkout")
     source = importlib.util.spec_from_file_location("fill_weights", GOLDEN / "fill_weights.py")

@@ -1,4 +1,4 @@
-"""The command line: one JSON object, one line for a mistake, and the way on."""
+"""The perceptree command line: JSON output, errors in one line, next steps."""
 
 import json
 import subprocess
@@ -48,7 +48,7 @@ def test_without_a_command_it_shows_the_help(call: Call, words: tuple[str, ...])
         ("import", "{}/none.pth"),
     ],
 )
-def test_what_is_plainly_wrong_is_said_before_torch_is_loaded(
+def test_invalid_options_are_rejected_before_torch_is_loaded(
     tmp_path: Path, words: tuple[str, ...]
 ) -> None:
     script = (
@@ -61,18 +61,18 @@ def test_what_is_plainly_wrong_is_said_before_torch_is_loaded(
     assert done.stderr.count("\n") == 1
 
 
-def test_it_says_its_version(call: Call) -> None:
+def test_the_version_is_printed(call: Call) -> None:
     assert call("--version") == (0, f"perceptree {version('edgetree')}\n", "")
 
 
-def test_a_wrong_option_is_one_line_that_says_where_the_right_ones_stand(call: Call) -> None:
+def test_an_unknown_option_is_one_line_with_a_hint(call: Call) -> None:
     code, printed, told = call("train", "--nope")
     assert (code, printed, told.count("\n")) == (2, "", 1)
     assert "No such option: --nope" in told
     assert "see `perceptree train --help`" in told
 
 
-def test_an_interrupted_training_says_how_to_go_on(
+def test_an_interrupted_training_says_how_to_continue(
     call: Call, posts: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from perceptree.commands import train as command
@@ -84,7 +84,7 @@ def test_an_interrupted_training_says_how_to_go_on(
     size = ("--height", 64, "--width", 128)
     code, printed, told = call("train", posts, "--out", tmp_path / "run", *size, "--steps", 3)
     assert (code, printed) == (130, "")
-    assert told == "perceptree: interrupted; type the same command to go on\n"
+    assert told == "perceptree: interrupted; repeat the command to continue\n"
     assert (tmp_path / "run/state.pt").is_file()
 
 
@@ -98,7 +98,7 @@ MISTAKES = {
     ),
     "scene's folder": (
         ("scene", "--out", "{}/train_RGB.json/x.glb"),
-        "x.glb: its folder cannot be made",
+        "x.glb: cannot create its folder",
     ),
     "batch": (("train", "{}", "--out", "{}/run", "--batch", 0), "batch is 0"),
     "no checkpoint": (("eval", "{}/no.safetensors", "{}"), "no.safetensors: no such file"),
@@ -112,7 +112,7 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
-def test_a_mistake_is_one_line_and_exit_code_two(call: Call, posts: Path, mistake: str) -> None:
+def test_an_error_is_one_line_and_exit_code_2(call: Call, posts: Path, mistake: str) -> None:
     arguments, expected = MISTAKES[mistake]
     code, printed, told = call(*(str(part).replace("{}", str(posts)) for part in arguments))
     assert (code, printed) == (2, "")
@@ -121,6 +121,6 @@ def test_a_mistake_is_one_line_and_exit_code_two(call: Call, posts: Path, mistak
     assert expected in told
 
 
-def test_the_help_is_there_before_torch_is() -> None:
+def test_the_help_does_not_load_torch() -> None:
     code = "import sys, perceptree.cli\nassert 'torch' not in sys.modules, 'torch is loaded'"
     subprocess.run([sys.executable, "-c", code], check=True, cwd=Path(__file__).parents[2])

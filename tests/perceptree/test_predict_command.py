@@ -1,4 +1,4 @@
-"""``perceptree predict``: pictures drawn, and labels that people correct instead of draw."""
+"""``perceptree predict``: annotated images and COCO labels."""
 
 import json
 import shutil
@@ -20,7 +20,7 @@ Call = Callable[..., Result]
 
 
 def sure_model(modality: str) -> TreeRCNN:
-    """Random weights that are sure of everything they see."""
+    """Random weights that detect trees everywhere with high scores."""
     torch.manual_seed(3)
     spec = make_spec("edge-n", modality, 64, 96, fpn_width=32)  # type: ignore[arg-type]
     model = TreeRCNN(spec)
@@ -40,7 +40,7 @@ def checkpoints(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 @pytest.fixture
 def pictures(tmp_path: Path) -> Path:
-    """Two pictures of different sizes, of which one shares its stem with a third."""
+    """Images of different sizes, two of which share a stem."""
     folder = tmp_path / "pictures"
     folder.mkdir()
     rng = np.random.default_rng(0)
@@ -54,7 +54,7 @@ def pictures(tmp_path: Path) -> Path:
     return folder
 
 
-def test_a_folder_is_drawn_and_labelled(
+def test_a_folder_gives_drawings_and_labels(
     call: Call, checkpoints: dict[str, Path], pictures: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
@@ -83,7 +83,7 @@ def test_a_folder_is_drawn_and_labelled(
 def test_corrected_labels_can_be_trained_on(
     call: Call, checkpoints: dict[str, Path], pictures: Path, tmp_path: Path
 ) -> None:
-    """The data reader takes what was written, in the pixels in which it was found."""
+    """The data reader accepts the written labels, with the same coordinates."""
     for more in ((), ("--rle",)):
         out = tmp_path / f"out{len(more)}"
         assert call("predict", checkpoints["rgb"], pictures, "--out", out, *more)[0] == 0
@@ -100,7 +100,7 @@ def test_corrected_labels_can_be_trained_on(
         (pictures / "train_RGB.json").unlink()
 
 
-def test_a_higher_score_leaves_less(
+def test_a_higher_threshold_keeps_fewer_trees(
     call: Call, checkpoints: dict[str, Path], pictures: Path, tmp_path: Path
 ) -> None:
     counts = []
@@ -111,7 +111,7 @@ def test_a_higher_score_leaves_less(
     assert trees[0] >= trees[1] > trees[2] == 0
 
 
-def test_depth_is_read_in_millimetres_and_as_eight_bits(
+def test_depth_is_read_in_millimetres_and_8_bit(
     call: Call, checkpoints: dict[str, Path], tmp_path: Path
 ) -> None:
     depth_m = np.tile(np.linspace(0.5, 19, 96, dtype=np.float32), (64, 1))
@@ -133,15 +133,15 @@ def test_depth_is_read_in_millimetres_and_as_eight_bits(
 
 MISTAKES = {
     "no folder": (("{f}/none", "--out", "{t}/o"), "none: no such folder"),
-    "no pictures": (("{t}", "--out", "{t}/o"), "no pictures, expected .jpg"),
-    "over itself": (("{f}", "--out", "{f}"), "the folder of the pictures: expected another"),
+    "no pictures": (("{t}", "--out", "{t}/o"), "no images, expected .jpg"),
+    "over itself": (("{f}", "--out", "{f}"), "the folder of the images: expected another"),
     "score": (("{f}", "--out", "{t}/o", "--score-threshold", "7"), "is 7.0: expected 0 to 1"),
     "device": (("{f}", "--out", "{t}/o", "--device", "tpu"), "--device is 'tpu'"),
 }
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
-def test_a_mistake_is_one_line(
+def test_an_error_is_one_line(
     call: Call, checkpoints: dict[str, Path], pictures: Path, tmp_path: Path, mistake: str
 ) -> None:
     arguments, expected = MISTAKES[mistake]
@@ -152,13 +152,13 @@ def test_a_mistake_is_one_line(
     assert expected in told
 
 
-def test_wrong_pictures_are_named(
+def test_invalid_images_are_named(
     call: Call, checkpoints: dict[str, Path], pictures: Path, tmp_path: Path
 ) -> None:
     code, _, told = call("predict", checkpoints["depth"], pictures, "--out", tmp_path / "o")
     assert code == 2
-    assert "a.jpg: a colour picture, expected depth for this model: one channel of 16 bits" in told
+    assert "a.jpg: a colour image, expected depth for this model: one channel, 16-bit" in told
     (pictures / "broken.jpg").write_bytes(b"no picture at all")
     code, _, told = call("predict", checkpoints["rgb"], pictures, "--out", tmp_path / "o")
     assert code == 2
-    assert "broken.jpg: not a readable picture" in told
+    assert "broken.jpg: not a readable image" in told

@@ -1,8 +1,8 @@
-"""Random changes of a training frame that leave its labels true.
+"""Random changes of training frames and their labels.
 
-``frame`` takes a frame through all of them. ``settings`` says what may change, ``geometry`` and
-``labels`` move picture and labels alike, ``colour`` and ``depth`` change what the sensor made of
-the scene, ``paste`` adds trees of another frame, ``randomness`` draws fast.
+``frame`` applies all changes. ``settings`` holds their strengths, ``geometry`` and ``labels``
+transform image and labels together, ``colour`` and ``depth`` simulate variations of the sensor,
+``paste`` adds trees of another frame, ``randomness`` draws random numbers fast.
 """
 
 from perceptree.data.augment.frame import augment

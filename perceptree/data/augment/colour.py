@@ -1,4 +1,4 @@
-"""Colours of an RGB frame: light, colour matrix, tone, sharpness, dirt, noise, compression."""
+"""Colour augmentation: light, colour, tone, sharpness, dirt, noise, compression."""
 
 from __future__ import annotations
 
@@ -11,83 +11,92 @@ from numpy.typing import NDArray
 
 from perceptree.data.augment.randomness import (
     add_levels,
-    either_side,
-    happens,
+    is_drawn,
     normal_levels,
     smooth_field,
-    strength,
+    uniform_symmetric,
+    uniform_up_to,
 )
 from perceptree.data.augment.settings import ColourSettings
 
 Bytes = NDArray[np.uint8]
 Float = NDArray[np.floating[Any]]
 
-_LIGHT_STEP_PX = 8
-_LIGHT_UNIT = 100
+_LIGHT_CELL_PX = 8
+_LIGHT_ONE = 100
 _CONTRAST_CENTRE = 0.4
 _CURVE_KNOTS = 6
-_CHROMA_STEP_PX = 4
-_LARGEST_CUTOUT = 0.1
-# National Television System Committee's luma, and two differences from it, of blue, green, red.
+_CHROMA_CELL_PX = 4
+_MAX_CUTOUT_SHARE = 0.1
+# NTSC's YIQ colour space, from blue, green, red.
 _TO_YIQ = np.array([[0.114, 0.587, 0.299], [-0.3213, -0.2746, 0.5959], [0.3106, -0.5227, 0.2115]])
 _FROM_YIQ = np.linalg.inv(_TO_YIQ)
 
 
 def recolour(rng: np.random.Generator, image: Bytes, settings: ColourSettings) -> Bytes:
-    """All of the settings' changes to a (H, W, 3) BGR image, in their order."""
-    image = _relight(rng, image, settings)
-    toned = happens(rng, settings.tone_share)
+    """Apply all colour changes, in the order of the settings.
+
+    Args:
+        rng: Source of the random numbers.
+        image: (H, W, 3) BGR uint8.
+        settings: Strengths of the changes.
+
+    Returns:
+        (H, W, 3) BGR uint8.
+    """
+    image = _vary_light(rng, image, settings)
+    toned = is_drawn(rng, settings.tone_share)
     image = _mix_channels(rng, image, settings, settings.tint if toned else 0.0)
     if toned:
         image = _tone(rng, image, settings)
-    if happens(rng, settings.blur_share):
-        image = _refocus(rng, image, settings)
+    if is_drawn(rng, settings.blur_share):
+        image = _vary_sharpness(rng, image, settings)
     if settings.cutouts:
-        image = _cover(rng, image, settings.cutouts)
-    if happens(rng, settings.noise_share):
+        image = _add_cutouts(rng, image, settings.cutouts)
+    if is_drawn(rng, settings.noise_share):
         image = _add_noise(rng, image, settings)
-    if happens(rng, settings.jpeg_share):
+    if is_drawn(rng, settings.jpeg_share):
         quality = round(float(rng.uniform(*settings.jpeg_quality)))
         _, packed = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
         image = np.asarray(cv2.imdecode(packed, cv2.IMREAD_COLOR), np.uint8)
     return image
 
 
-def _relight(rng: np.random.Generator, image: Bytes, settings: ColourSettings) -> Bytes:
-    """One smooth gain for all channels: hard or soft shadows, and corners that are darker."""
+def _vary_light(rng: np.random.Generator, image: Bytes, settings: ColourSettings) -> Bytes:
+    """Multiply all channels by one smooth gain: shadows, and darker corners (vignetting)."""
     if not settings.shadow and not settings.vignette:
         return image
     height, width = image.shape[:2]
-    rows, columns = (max(2, side // _LIGHT_STEP_PX) for side in (height, width))
+    rows, columns = (max(2, side // _LIGHT_CELL_PX) for side in (height, width))
     hardness = float(rng.uniform(0.5, 4))
     field = smooth_field(rng, rows, columns, float(rng.uniform(0.15, 0.6)) * rows)
-    log_gain = strength(rng, settings.shadow) * np.tanh(hardness * field)
+    log_gain = uniform_up_to(rng, settings.shadow) * np.tanh(hardness * field)
     y, x = np.mgrid[-1 : 1 : rows * 1j, -1 : 1 : columns * 1j]
-    corner = 1 - strength(rng, settings.vignette) * (x**2 + y**2) / 2
-    gain = np.clip(np.exp(log_gain) * corner * _LIGHT_UNIT, 0, 255).astype(np.uint8)
+    corner = 1 - uniform_up_to(rng, settings.vignette) * (x**2 + y**2) / 2
+    gain = np.clip(np.exp(log_gain) * corner * _LIGHT_ONE, 0, 255).astype(np.uint8)
     gain = cv2.resize(gain, (width, height))
-    lit = cv2.multiply(image, cv2.merge([gain] * 3), scale=1 / _LIGHT_UNIT)
+    lit = cv2.multiply(image, cv2.merge([gain] * 3), scale=1 / _LIGHT_ONE)
     return np.asarray(lit, np.uint8)
 
 
 def _mix_channels(
     rng: np.random.Generator, image: Bytes, settings: ColourSettings, tint: float
 ) -> Bytes:
-    """Saturation, hue, loss of colours, channels that change places and tint, as one matrix."""
+    """Change saturation, hue, channel order and tint by one 3x3 matrix."""
     keep = 1.0
-    if settings.saturation and happens(rng, settings.saturation_share):
+    if settings.saturation and is_drawn(rng, settings.saturation_share):
         keep += float(rng.uniform(-settings.saturation, 0.5 * settings.saturation))
-    turn = math.radians(either_side(rng, settings.hue_deg))
-    if happens(rng, settings.grey_share):
+    angle = math.radians(uniform_symmetric(rng, settings.hue_deg))
+    if is_drawn(rng, settings.grey_share):
         keep = 0.0
     order = [0, 1, 2]
-    if happens(rng, settings.channel_shuffle_share):
+    if is_drawn(rng, settings.channel_shuffle_share):
         order = rng.permutation(3).tolist()
-    if keep == 1.0 and not turn and not tint and order == [0, 1, 2]:
+    if keep == 1.0 and not angle and not tint and order == [0, 1, 2]:
         return image
     chroma = np.eye(3)
     chroma[1:, 1:] = keep * np.array(
-        [[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]]
+        [[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]]
     )
     matrix = (_FROM_YIQ @ chroma @ _TO_YIQ)[order]
     if tint:
@@ -96,15 +105,15 @@ def _mix_channels(
 
 
 def _tone(rng: np.random.Generator, image: Bytes, settings: ColourSettings) -> Bytes:
-    """Curves, gamma, gain and contrast by one look-up table."""
+    """Apply tone curves, gamma, gain and contrast by one lookup table."""
     if not any((settings.brightness, settings.contrast, settings.gamma, settings.curves)):
         return image
     level: Float = np.linspace(0, 1, 256)[:, None]
     if settings.curves:
-        level = _curves(rng, strength(rng, settings.curves))
-    gain = math.exp(either_side(rng, settings.brightness))
-    contrast = math.exp(either_side(rng, settings.contrast))
-    gamma = math.exp(either_side(rng, settings.gamma))
+        level = _curves(rng, uniform_up_to(rng, settings.curves))
+    gain = math.exp(uniform_symmetric(rng, settings.brightness))
+    contrast = math.exp(uniform_symmetric(rng, settings.contrast))
+    gamma = math.exp(uniform_symmetric(rng, settings.gamma))
     table = level**gamma * gain
     table = (table - _CONTRAST_CENTRE) * contrast + _CONTRAST_CENTRE
     table8 = np.rint(np.clip(table * 255, 0, 255)).astype(np.uint8)
@@ -112,7 +121,7 @@ def _tone(rng: np.random.Generator, image: Bytes, settings: ColourSettings) -> B
 
 
 def _curves(rng: np.random.Generator, deviation: float) -> Float:
-    """(256, 3) levels through rising curves from 0 to 1."""
+    """Return (256, 3) levels of random increasing curves from 0 to 1."""
     places = np.linspace(0, _CURVE_KNOTS - 1, 256)
     knots = rng.standard_normal((3, _CURVE_KNOTS)) * deviation
     slopes = np.exp([np.interp(places, np.arange(_CURVE_KNOTS), row) for row in knots])
@@ -120,14 +129,16 @@ def _curves(rng: np.random.Generator, deviation: float) -> Float:
     return np.asarray((slopes.cumsum(1) / slopes.sum(1, keepdims=True)).T)
 
 
-def _refocus(rng: np.random.Generator, image: Bytes, settings: ColourSettings) -> Bytes:
-    """One of the two blurs or the sharpening, of those that are on."""
-    ways = (("blur_px", _blur), ("motion_blur_px", _motion_blur), ("sharpening", _sharpen))
-    choices = [(way, getattr(settings, name)) for name, way in ways if getattr(settings, name)]
+def _vary_sharpness(rng: np.random.Generator, image: Bytes, settings: ColourSettings) -> Bytes:
+    """Apply one of the enabled changes: blur, motion blur or sharpening."""
+    methods = (("blur_px", _blur), ("motion_blur_px", _motion_blur), ("sharpening", _sharpen))
+    choices = [
+        (method, getattr(settings, name)) for name, method in methods if getattr(settings, name)
+    ]
     if not choices:
         return image
-    way, most = choices[int(rng.integers(len(choices)))]
-    return way(rng, image, strength(rng, most))
+    method, maximum = choices[int(rng.integers(len(choices)))]
+    return method(rng, image, uniform_up_to(rng, maximum))
 
 
 def _blur(rng: np.random.Generator, image: Bytes, deviation_px: float) -> Bytes:
@@ -142,7 +153,7 @@ def _motion_blur(rng: np.random.Generator, image: Bytes, length_px: float) -> By
     angle = float(rng.uniform(0, math.pi))
     step = np.array([math.cos(angle), math.sin(angle)]) * length_px / 2
     kernel = np.zeros((2 * reach + 1, 2 * reach + 1), np.uint8)
-    # OpenCV takes the line's ends in sixteenths of a pixel here.
+    # shift=4: coordinates in sixteenths of a pixel.
     start, end = (np.rint((reach + side * step) * 16).astype(int).tolist() for side in (-1, 1))
     cv2.line(kernel, start, end, 255, 1, cv2.LINE_AA, shift=4)
     weights = kernel.astype(np.float32) / max(1.0, float(kernel.sum()))
@@ -154,24 +165,24 @@ def _sharpen(rng: np.random.Generator, image: Bytes, gain: float) -> Bytes:
     return np.asarray(cv2.addWeighted(image, 1 + gain, blurred, -gain, 0), np.uint8)
 
 
-def _cover(rng: np.random.Generator, image: Bytes, most: int) -> Bytes:
+def _add_cutouts(rng: np.random.Generator, image: Bytes, maximum: int) -> Bytes:
     covered = image.copy()
     height, width = image.shape[:2]
-    for _ in range(int(rng.integers(most + 1))):
-        w, h = rng.integers(1, max(2, round(height * _LARGEST_CUTOUT)) + 1, 2)
+    for _ in range(int(rng.integers(maximum + 1))):
+        w, h = rng.integers(1, max(2, round(height * _MAX_CUTOUT_SHARE)) + 1, 2)
         x, y = rng.integers(1 - w, width), rng.integers(1 - h, height)
         covered[max(0, y) : y + h, max(0, x) : x + w] = rng.integers(0, 256, 3)
     return covered
 
 
 def _add_noise(rng: np.random.Generator, image: Bytes, settings: ColourSettings) -> Bytes:
-    deviation = strength(rng, settings.noise)
+    deviation = uniform_up_to(rng, settings.noise)
     if deviation:
         image = add_levels(image, normal_levels(rng, image.shape, deviation))
-    deviation = strength(rng, settings.chroma_noise)
+    deviation = uniform_up_to(rng, settings.chroma_noise)
     if deviation:
         height, width = image.shape[:2]
-        coarse = (-(-height // _CHROMA_STEP_PX), -(-width // _CHROMA_STEP_PX), 3)
+        coarse = (-(-height // _CHROMA_CELL_PX), -(-width // _CHROMA_CELL_PX), 3)
         patches = cv2.resize(normal_levels(rng, coarse, deviation), (width, height))
         image = add_levels(image, np.asarray(patches, np.uint8))
     return image

@@ -1,4 +1,4 @@
-"""One frame through all changes."""
+"""Apply all augmentations to one frame."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import numpy as np
 
 from calib import DepthEncoding
 from perceptree.data.augment.colour import recolour
-from perceptree.data.augment.depth import disturb_depth, still_read
-from perceptree.data.augment.geometry import draw_move, flip, move_sample
+from perceptree.data.augment.depth import disturb_depth, trees_still_read
+from perceptree.data.augment.geometry import draw_transform, flip, transform_sample
 from perceptree.data.augment.paste import paste_trees
-from perceptree.data.augment.randomness import happens
+from perceptree.data.augment.randomness import is_drawn
 from perceptree.data.augment.settings import AugmentSettings
 from perceptree.data.frames import Sample
 from perceptree.models import ModelSpec
@@ -25,38 +25,45 @@ def augment(
     settings: AugmentSettings,
     other: Callable[[], Sample] | None = None,
 ) -> Sample:
-    """Trees of another frame, a move of all, then colours or depth readings.
+    """Augment a frame: paste trees of another frame, move everything, then change colours or depth.
 
-    Everything follows from ``rng``; ``sample`` stays as it is, and parts that nothing changes are
-    shared with it. ``other`` gives another training frame, of the same size; without it nothing is
-    pasted.
+    Deterministic for a given state of ``rng``. The input is not changed; unchanged arrays are
+    shared with the result.
+
+    Args:
+        rng: Source of the random numbers.
+        sample: The frame, in model px.
+        spec: The model; its modality selects colour or depth changes.
+        settings: Strengths of the changes.
+        other: Returns another training frame of the same size to paste trees from. Without it
+            nothing is pasted.
     """
     encoding = None
     if spec.depth_encoding is not None:
         encoding = DepthEncoding.from_dict(spec.depth_encoding)
-    if other is not None and happens(rng, settings.copy_paste_share):
-        sample = _with_others(rng, sample, other(), encoding)
+    if other is not None and is_drawn(rng, settings.copy_paste_share):
+        sample = _paste_from(rng, sample, other(), encoding)
     height, width = sample.image.shape[:2]
-    sample = move_sample(sample, draw_move(rng, width, height, settings), spec.pad_value)
+    sample = transform_sample(sample, draw_transform(rng, width, height, settings), spec.pad_value)
     if encoding is None:
         return replace(sample, image=recolour(rng, sample.image, settings))
     image = disturb_depth(rng, sample.image, encoding, settings)
     invalid = encoding.invalid_value
-    kept = still_read(sample.image, image, invalid, sample.boxes, sample.masks)
+    kept = trees_still_read(sample.image, image, invalid, sample.boxes, sample.masks)
     sample = replace(sample, image=image)
-    return sample if len(kept) == len(sample.boxes) else _only(sample, kept)
+    return sample if len(kept) == len(sample.boxes) else _select_trees(sample, kept)
 
 
-def _only(sample: Sample, kept: list[int]) -> Sample:
+def _select_trees(sample: Sample, kept: list[int]) -> Sample:
     masks = None if sample.masks is None else sample.masks[kept]
     boxes, keypoints = sample.boxes[kept], sample.keypoints[kept]
     return replace(sample, boxes=boxes, keypoints=keypoints, masks=masks)
 
 
-def _with_others(
+def _paste_from(
     rng: np.random.Generator, sample: Sample, other: Sample, encoding: DepthEncoding | None
 ) -> Sample:
-    """Trees of the other frame, as it is or mirrored."""
-    if happens(rng, 0.5):
+    """Paste trees of the other frame, which may be mirrored."""
+    if is_drawn(rng, 0.5):
         other = flip(other)
     return paste_trees(rng, sample, other, encoding)

@@ -1,7 +1,7 @@
-"""Flip, window, scale, shift, rotation, shear and perspective, in one step.
+"""Geometric augmentation: flip, crop, scale, shift, rotation, shear, perspective in one step.
 
-Coordinates are continuous with (0, 0) at the outer corner of the first pixel. OpenCV's warps have
-pixel centres at whole numbers; :func:`_centred` is the crossing.
+Coordinates are continuous px. OpenCV's warps have pixel centres at whole numbers;
+:func:`_to_opencv` converts a transform.
 """
 
 from __future__ import annotations
@@ -15,18 +15,23 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from perceptree.data.augment.labels import flip_keypoints, move_boxes, move_keypoints, move_masks
-from perceptree.data.augment.randomness import either_side, happens
+from perceptree.data.augment.labels import (
+    flip_keypoints,
+    transform_boxes,
+    transform_keypoints,
+    transform_masks,
+)
+from perceptree.data.augment.randomness import is_drawn, uniform_symmetric
 from perceptree.data.augment.settings import GeometrySettings
 from perceptree.data.frames import Sample
 
 Float = NDArray[np.floating[Any]]
 Rectangle = tuple[int, int, int, int]
-"""x0, y0, x1, y1 in whole px."""
+"""x0, y0, x1, y1 in integer px."""
 
 
 def flip(sample: Sample) -> Sample:
-    """Mirror left and right; the left and right diameter keypoints change places."""
+    """Mirror a frame horizontally; left and right diameter keypoints are swapped."""
     width = sample.image.shape[1]
     boxes = sample.boxes.copy()
     boxes[:, [0, 2]] = width - sample.boxes[:, [2, 0]]
@@ -46,11 +51,20 @@ def _mirrored(masks: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 @dataclass(frozen=True, eq=False)
-class Move:
-    """Where a picture of ``width`` x ``height`` px comes to lie in one of the same size.
+class Transform:
+    """A geometric transform of an image to one of the same size.
 
-    ``window`` is what is kept of it. ``bend``, a (3, 3) matrix, moves that, if there is one. Then
-    ``source`` is laid on ``target``, mirrored within the picture or not.
+    First ``window`` is cut out and, if given, ``warp`` is applied. Then ``source`` is resized to
+    ``target``, and the result may be mirrored.
+
+    Attributes:
+        width: Image width in px.
+        height: Image height in px.
+        window: Part of the image to keep.
+        source: Rectangle in the image.
+        target: Rectangle in the result that ``source`` fills.
+        mirrored: Whether the result is mirrored horizontally.
+        warp: (3, 3) rotation, shear and perspective in continuous px; None for none.
     """
 
     width: int
@@ -59,48 +73,63 @@ class Move:
     source: Rectangle
     target: Rectangle
     mirrored: bool = False
-    bend: Float | None = None
+    warp: Float | None = None
 
     @property
     def matrix(self) -> Float:
-        """(3, 3) from the picture's to the result's continuous coordinates."""
+        """(3, 3) transform from the image's to the result's continuous px."""
         x0, y0, x1, y1 = self.source
         u0, v0, u1, v1 = self.target
         across, down = (u1 - u0) / (x1 - x0), (v1 - v0) / (y1 - y0)
         matrix = np.array([[across, 0, u0 - across * x0], [0, down, v0 - down * y0], [0, 0, 1.0]])
         if self.mirrored:
             matrix = np.array([[-1.0, 0, self.width], [0, 1, 0], [0, 0, 1]]) @ matrix
-        return matrix if self.bend is None else matrix @ self.bend
+        return matrix if self.warp is None else matrix @ self.warp
 
     @property
-    def is_still(self) -> bool:
-        """Whether nothing moves."""
+    def is_identity(self) -> bool:
+        """Whether the transform changes nothing."""
         whole = (0, 0, self.width, self.height)
         still = self.window == self.source == self.target == whole
-        return still and not self.mirrored and self.bend is None
+        return still and not self.mirrored and self.warp is None
 
     def apply(self, image: NDArray[np.uint8], pad_value: int, nearest: bool) -> NDArray[np.uint8]:
-        """(H, W) or (H, W, 3) to the same kind, ``pad_value`` where nothing comes to lie."""
-        if self.bend is None:
-            return self._lay(image, pad_value, nearest)
+        """Transform an image.
+
+        Args:
+            image: (H, W) or (H, W, 3) uint8.
+            pad_value: Grey value where the result is empty.
+            nearest: Use the nearest pixel instead of bilinear interpolation.
+
+        Returns:
+            The same shape.
+        """
+        if self.warp is None:
+            return self._resize_and_place(image, pad_value, nearest)
         x0, y0, x1, y1 = self.window
-        matrix = _centred(self.matrix @ np.array([[1.0, 0, x0], [0, 1, y0], [0, 0, 1]]))
-        way = cv2.INTER_NEAREST if nearest else cv2.INTER_LINEAR
+        matrix = _to_opencv(self.matrix @ np.array([[1.0, 0, x0], [0, 1, y0], [0, 0, 1]]))
+        interpolation = cv2.INTER_NEAREST if nearest else cv2.INTER_LINEAR
         patch, size, border = image[y0:y1, x0:x1], (self.width, self.height), (pad_value,) * 3
         if np.allclose(matrix[2], (0, 0, 1)):
-            warped = cv2.warpAffine(patch, matrix[:2], size, flags=way, borderValue=border)
+            warped = cv2.warpAffine(
+                patch, matrix[:2], size, flags=interpolation, borderValue=border
+            )
         else:
-            warped = cv2.warpPerspective(patch, matrix, size, flags=way, borderValue=border)
+            warped = cv2.warpPerspective(
+                patch, matrix, size, flags=interpolation, borderValue=border
+            )
         return np.asarray(warped, np.uint8)
 
-    def _lay(self, image: NDArray[np.uint8], pad_value: int, nearest: bool) -> NDArray[np.uint8]:
-        """The same for whole rectangles, five times as fast as a warp."""
+    def _resize_and_place(
+        self, image: NDArray[np.uint8], pad_value: int, nearest: bool
+    ) -> NDArray[np.uint8]:
+        """Do the same for axis-aligned rectangles, five times as fast as a warp."""
         x0, y0, x1, y1 = self.source
         u0, v0, u1, v1 = self.target
-        way = cv2.INTER_NEAREST_EXACT if nearest else cv2.INTER_LINEAR
+        interpolation = cv2.INTER_NEAREST_EXACT if nearest else cv2.INTER_LINEAR
         patch, size = image[y0:y1, x0:x1], (u1 - u0, v1 - v0)
         if size != (x1 - x0, y1 - y0):
-            patch = np.asarray(cv2.resize(patch, size, interpolation=way), np.uint8)
+            patch = np.asarray(cv2.resize(patch, size, interpolation=interpolation), np.uint8)
         if self.mirrored:
             patch, u0, u1 = (
                 np.asarray(cv2.flip(patch, 1), np.uint8),
@@ -109,18 +138,18 @@ class Move:
             )
         if patch.shape == image.shape:
             return patch
-        laid = np.full_like(image, pad_value)
-        laid[v0:v1, u0:u1] = patch
-        return laid
+        placed = np.full_like(image, pad_value)
+        placed[v0:v1, u0:u1] = patch
+        return placed
 
 
-def draw_move(
+def draw_transform(
     rng: np.random.Generator, width: int, height: int, settings: GeometrySettings
-) -> Move:
-    """A random move of a picture of this size."""
-    mirrored = happens(rng, settings.flip_share)
+) -> Transform:
+    """Draw a random transform of an image of this size."""
+    mirrored = is_drawn(rng, settings.flip_share)
     sides, window = (width, height), (0, 0, width, height)
-    if happens(rng, settings.crop_share):
+    if is_drawn(rng, settings.crop_share):
         kept = [max(1, round(n * share)) for n, share in zip(sides, settings.crop, strict=True)]
         x0, y0 = (int(rng.integers(n - k + 1)) for n, k in zip(sides, kept, strict=True))
         window = (x0, y0, x0 + kept[0], y0 + kept[1])
@@ -129,26 +158,36 @@ def draw_move(
     across = _draw_span(rng, window[0], wide, width, scale)
     down = _draw_span(rng, window[1], tall, height, scale)
     source, target = ((across[k], down[k], across[k + 1], down[k + 1]) for k in (0, 2))
-    bend = _draw_bend(rng, window, settings)
-    return Move(width, height, window, source, target, mirrored, bend)
+    warp = _draw_warp(rng, window, settings)
+    return Transform(width, height, window, source, target, mirrored, warp)
 
 
-def move_sample(sample: Sample, move: Move, pad_value: int) -> Sample:
-    """Picture and labels moved alike; trees of which too little is left are dropped."""
-    if move.is_still:
+def transform_sample(sample: Sample, transform: Transform, pad_value: int) -> Sample:
+    """Transform image and labels; trees of which too little remains are removed.
+
+    Args:
+        sample: The frame.
+        transform: The transform.
+        pad_value: Grey value where the image is empty.
+    """
+    if transform.is_identity:
         return sample
-    matrix = move.matrix
-    image = move.apply(sample.image, pad_value, nearest=False)
+    matrix = transform.matrix
+    image = transform.apply(sample.image, pad_value, nearest=False)
     if sample.masks is None:
-        boxes, kept = move_boxes(sample.boxes, matrix, move.window, move.width, move.height)
+        boxes, kept = transform_boxes(
+            sample.boxes, matrix, transform.window, transform.width, transform.height
+        )
         masks = None
     else:
-        move_plane = partial(move.apply, pad_value=0, nearest=True)
-        boxes, masks, kept = move_masks(sample.masks, sample.boxes, matrix, move_plane)
+        transform_plane = partial(transform.apply, pad_value=0, nearest=True)
+        boxes, masks, kept = transform_masks(sample.masks, sample.boxes, matrix, transform_plane)
     keypoints = sample.keypoints[kept]
-    if move.mirrored:
+    if transform.mirrored:
         keypoints = flip_keypoints(keypoints)
-    keypoints = move_keypoints(keypoints, matrix, move.window, move.width, move.height)
+    keypoints = transform_keypoints(
+        keypoints, matrix, transform.window, transform.width, transform.height
+    )
     return replace(sample, image=image, boxes=boxes, keypoints=keypoints, masks=masks)
 
 
@@ -161,42 +200,46 @@ def _draw_scale(rng: np.random.Generator, scales: tuple[float, float]) -> float:
 def _draw_span(
     rng: np.random.Generator, start: int, length: int, room: int, scale: float
 ) -> tuple[int, int, int, int]:
-    """Along one axis: from where to where of the window comes from where to where, in whole px."""
-    laid = max(1, round(length * scale))
-    if laid <= room:
-        free = int(rng.integers(room - laid + 1))
-        return start, start + length, free, free + laid
+    """Place the scaled window along one axis.
+
+    Returns:
+        Start and end in the source, start and end in the target, in integer px.
+    """
+    placed = max(1, round(length * scale))
+    if placed <= room:
+        free = int(rng.integers(room - placed + 1))
+        return start, start + length, free, free + placed
     seen = max(1, min(length, round(room / scale)))
     first = start + int(rng.integers(length - seen + 1))
     return first, first + seen, 0, room
 
 
-def _draw_bend(
+def _draw_warp(
     rng: np.random.Generator, window: Rectangle, settings: GeometrySettings
 ) -> Float | None:
-    """Rotation and shear about a window's centre, then perspective; None for none of them."""
+    """Draw rotation and shear about a window's centre, then perspective; None if all are off."""
     start, size = np.array(window[:2], np.float64), np.subtract(window[2:], window[:2])
-    angle = math.radians(either_side(rng, settings.rotation_deg))
-    slope = math.tan(math.radians(either_side(rng, settings.shear_deg)))
-    bend = np.eye(3)
+    angle = math.radians(uniform_symmetric(rng, settings.rotation_deg))
+    slope = math.tan(math.radians(uniform_symmetric(rng, settings.shear_deg)))
+    warp = np.eye(3)
     if angle or slope:
         turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
-        bend[:2, :2] = turn @ np.array([[1, slope], [0, 1]])
+        warp[:2, :2] = turn @ np.array([[1, slope], [0, 1]])
         centre = start + size / 2
-        bend[:2, 2] = centre - bend[:2, :2] @ centre
-    if settings.perspective > 0 and happens(rng, settings.perspective_share):
+        warp[:2, 2] = centre - warp[:2, :2] @ centre
+    if settings.perspective > 0 and is_drawn(rng, settings.perspective_share):
         corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
         inwards = rng.uniform(0, settings.perspective, (4, 2)) * (1 - 2 * corners)
         inner, outer = (start + share * size for share in (corners + inwards, corners))
         pulled = cv2.getPerspectiveTransform(inner.astype(np.float32), outer.astype(np.float32))
-        bend = pulled @ bend
+        warp = pulled @ warp
     elif not angle and not slope:
         return None
-    return bend
+    return warp
 
 
-def _centred(matrix: Float) -> Float:
-    """The same matrix between coordinates that have pixel centres at whole numbers."""
+def _to_opencv(matrix: Float) -> Float:
+    """Convert a transform to coordinates with pixel centres at whole numbers."""
     there, back = np.eye(3), np.eye(3)
     there[:2, 2], back[:2, 2] = 0.5, -0.5
     centred = back @ matrix @ there

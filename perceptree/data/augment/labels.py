@@ -1,4 +1,4 @@
-"""The labels of a frame, moved with it; and which trees are still worth a label."""
+"""Transform the labels of a frame, and remove trees of which too little remains."""
 
 from __future__ import annotations
 
@@ -15,31 +15,39 @@ Float = NDArray[np.floating[Any]]
 Bytes = NDArray[np.uint8]
 Masks = NDArray[np.bool_]
 
-LEAST_PIXELS = 25
-LEAST_SHARE = 0.25
+MIN_PIXELS = 25
+MIN_VISIBLE_SHARE = 0.25
 _BITS = 8
 
 
 def flip_keypoints(keypoints: Float) -> Float:
-    """A copy of (N, 5, 3) in which left and right have changed their names."""
+    """Return a copy of (N, 5, 3) keypoints with left and right swapped."""
     swapped = keypoints.copy()
     for left, right in KEYPOINT_FLIP_PAIRS:
         swapped[:, [left, right]] = swapped[:, [right, left]]
     return swapped
 
 
-def move_points(points: Float, matrix: Float) -> Float:
-    """(..., 2) x, y through a (3, 3) matrix."""
+def transform_points(points: Float, matrix: Float) -> Float:
+    """Transform (..., 2) points by a (3, 3) matrix."""
     homogeneous = points @ matrix[:, :2].T + matrix[:, 2]
     return np.asarray(homogeneous[..., :2] / homogeneous[..., 2:])
 
 
-def move_keypoints(
+def transform_keypoints(
     keypoints: Float, matrix: Float, window: tuple[int, int, int, int], width: int, height: int
 ) -> Float:
-    """(N, 5, 3) through a matrix; points that leave the window or the picture become zeros."""
+    """Transform keypoints; those that leave the window or the image become zeros.
+
+    Args:
+        keypoints: (N, 5, 3) x, y, flag.
+        matrix: (3, 3) transform of continuous px.
+        window: x0, y0, x1, y1 of the part of the image that is kept.
+        width: Image width in px.
+        height: Image height in px.
+    """
     found, before = keypoints.copy(), keypoints[..., :2]
-    found[..., :2] = move_points(before, matrix)
+    found[..., :2] = transform_points(before, matrix)
     kept = (
         (keypoints[..., 2] > 0)
         & (before >= window[:2]).all(-1)
@@ -51,33 +59,52 @@ def move_keypoints(
     return found
 
 
-def move_boxes(
+def transform_boxes(
     boxes: Float, matrix: Float, window: tuple[int, int, int, int], width: int, height: int
 ) -> tuple[Float, list[int]]:
-    """(N, 4) xyxy around the moved corners, and which of them are kept.
+    """Transform boxes without masks.
 
-    Exact for scales and shifts; rotated, sheared or in perspective, a box is as large as its
-    corners ask for, since nothing says which of its pixels are the tree's.
+    Exact for scaling and shifting. With rotation, shear or perspective the result bounds the
+    transformed corners, which may be larger than the tree.
+
+    Args:
+        boxes: (N, 4) x0, y0, x1, y1.
+        matrix: (3, 3) transform of continuous px.
+        window: x0, y0, x1, y1 of the part of the image that is kept.
+        width: Image width in px.
+        height: Image height in px.
+
+    Returns:
+        The boxes of the trees that are kept, (M, 4), and their indices.
     """
     x0, y0, x1, y1 = window
     within = np.clip(boxes, (x0, y0, x0, y0), (x1, y1, x1, y1))
-    whole, seen = _around(boxes, matrix), _around(within, matrix)
+    whole, seen = _bounding_boxes(boxes, matrix), _bounding_boxes(within, matrix)
     seen = np.clip(seen, 0, (width, height, width, height))
     area = _areas(seen)
-    kept = np.nonzero(area >= np.maximum(LEAST_PIXELS, LEAST_SHARE * _areas(whole)))[0].tolist()
+    kept = np.nonzero(area >= np.maximum(MIN_PIXELS, MIN_VISIBLE_SHARE * _areas(whole)))[0].tolist()
     return seen[kept], kept
 
 
-def move_masks(
-    masks: Masks, boxes: Float, matrix: Float, move_plane: Callable[[Bytes], Bytes]
+def transform_masks(
+    masks: Masks, boxes: Float, matrix: Float, transform_plane: Callable[[Bytes], Bytes]
 ) -> tuple[Float, Masks, list[int]]:
-    """(N, H, W) masks moved eight at a time, their boxes (N, 4), and which of them are kept.
+    """Transform masks, eight at a time.
 
-    Each mask is one bit of a byte. Taking the nearest pixel moves all bits alike, so that overlaps
-    stay as they are. ``boxes`` (N, 4) say about where the masks were.
+    Each mask is one bit of a byte: nearest-neighbour sampling moves all bits alike, so masks may
+    overlap.
+
+    Args:
+        masks: (N, H, W) bool.
+        boxes: (N, 4) approximate boxes of the masks.
+        matrix: (3, 3) transform of continuous px.
+        transform_plane: Transforms an (H, W) uint8 image by nearest-neighbour sampling.
+
+    Returns:
+        Boxes (M, 4) and masks (M, H, W) of the trees that are kept, and their indices.
     """
     starts = range(0, len(masks), _BITS)
-    planes = [move_plane(_plane(masks[start : start + _BITS])) for start in starts]
+    planes = [transform_plane(_plane(masks[start : start + _BITS])) for start in starts]
     found, bits = np.empty_like(masks), np.empty(masks.shape[1:], np.uint8)
     moved_boxes: list[tuple[int, int, int, int]] = []
     kept: list[int] = []
@@ -86,8 +113,8 @@ def move_masks(
         np.bitwise_and(planes[row // _BITS], np.uint8(1 << row % _BITS), out=bits)
         np.not_equal(bits, 0, out=moved)
         before = cv2.countNonZero(masks[row].view(np.uint8))
-        expected = before * _growth(matrix, (x0 + x1) / 2, (y0 + y1) / 2)
-        if cv2.countNonZero(bits) < max(LEAST_PIXELS, LEAST_SHARE * expected):
+        expected = before * _area_scale(matrix, (x0 + x1) / 2, (y0 + y1) / 2)
+        if cv2.countNonZero(bits) < max(MIN_PIXELS, MIN_VISIBLE_SHARE * expected):
             continue
         moved_boxes.append(box_of(moved))
         kept.append(row)
@@ -95,25 +122,25 @@ def move_masks(
 
 
 def box_of(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:
-    """x0, y0, x1, y1 around the pixels of an (H, W) mask."""
+    """Return x0, y0, x1, y1 of the bounding box of an (H, W) mask."""
     x, y, width, height = cv2.boundingRect(mask.view(np.uint8))
     return x, y, x + width, y + height
 
 
 def _plane(masks: Masks) -> Bytes:
-    """(H, W) of up to eight masks, each one bit."""
+    """Pack up to eight masks into one (H, W) uint8 image, one bit each."""
     plane: Bytes = masks[0].astype(np.uint8)
     shifted = np.empty_like(plane)
     for bit, mask in enumerate(masks[1:], 1):
-        # A product runs ten times as fast as numpy's shift of bytes.
+        # Multiplication is ten times as fast as numpy's shift of bytes.
         np.multiply(mask.view(np.uint8), np.uint8(1 << bit), out=shifted)
         np.bitwise_or(plane, shifted, out=plane)
     return plane
 
 
-def _around(boxes: Float, matrix: Float) -> Float:
-    """(N, 4) boxes around the moved corners of boxes."""
-    corners = move_points(boxes[:, [[0, 1], [2, 1], [2, 3], [0, 3]]], matrix)
+def _bounding_boxes(boxes: Float, matrix: Float) -> Float:
+    """Return (N, 4) boxes that bound the transformed corners of boxes."""
+    corners = transform_points(boxes[:, [[0, 1], [2, 1], [2, 3], [0, 3]]], matrix)
     return np.concatenate([corners.min(1), corners.max(1)], axis=-1)
 
 
@@ -121,8 +148,8 @@ def _areas(boxes: Float) -> Float:
     return np.asarray((boxes[:, 2] - boxes[:, 0]) * (boxes[:, 3] - boxes[:, 1]))
 
 
-def _growth(matrix: Float, x: float, y: float) -> float:
-    """How many times its area a small piece at (x, y) covers after the move."""
+def _area_scale(matrix: Float, x: float, y: float) -> float:
+    """Return the factor by which the transform scales a small area at (x, y)."""
     depth = matrix[2, 0] * x + matrix[2, 1] * y + matrix[2, 2]
     (a, b, c), (d, e, f), (g, h, i) = matrix.tolist()
     determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)

@@ -1,4 +1,4 @@
-"""Random fields that are drawn fast, and from the given generator alone."""
+"""Fast random numbers and fields."""
 
 from __future__ import annotations
 
@@ -12,46 +12,46 @@ from numpy.typing import NDArray
 Float32 = NDArray[np.float32]
 
 ZERO_LEVEL = 128
-"""The level that stands for 0 in :func:`normal_levels`."""
+"""The value of 0 in :func:`normal_levels`."""
 _NORMAL = NormalDist()
 _QUANTILES = np.array([_NORMAL.inv_cdf((row + 0.5) / 256) for row in range(256)], np.float32)
 
 
-def happens(rng: np.random.Generator, share: float) -> bool:
-    """True in ``share`` of the calls; draws nothing where that is certain."""
+def is_drawn(rng: np.random.Generator, share: float) -> bool:
+    """Return True with probability ``share``; draws nothing if the result is certain."""
     return share >= 1 or (share > 0 and bool(rng.random() < share))
 
 
-def strength(rng: np.random.Generator, most: float) -> float:
-    """Evenly from 0 to ``most``; draws nothing for 0."""
-    return float(rng.uniform(0, most)) if most > 0 else 0.0
+def uniform_up_to(rng: np.random.Generator, limit: float) -> float:
+    """Draw uniformly from 0 to ``limit``; draws nothing if it is 0."""
+    return float(rng.uniform(0, limit)) if limit > 0 else 0.0
 
 
-def either_side(rng: np.random.Generator, most: float) -> float:
-    """Evenly from ``-most`` to ``most``; draws nothing for 0."""
-    return float(rng.uniform(-most, most)) if most > 0 else 0.0
+def uniform_symmetric(rng: np.random.Generator, limit: float) -> float:
+    """Draw uniformly from ``-limit`` to ``limit``; draws nothing if it is 0."""
+    return float(rng.uniform(-limit, limit)) if limit > 0 else 0.0
 
 
 def normal(rng: np.random.Generator, shape: tuple[int, ...]) -> Float32:
-    """Standard normal values, at 256 evenly likely places up to 2.9."""
+    """Draw standard normal values, quantised to 256 equally likely values up to 2.9."""
     return np.asarray(cv2.LUT(_bytes(rng, shape), _QUANTILES), np.float32)
 
 
 def normal_levels(
     rng: np.random.Generator, shape: tuple[int, ...], deviation: float
 ) -> NDArray[np.uint8]:
-    """Normal values in whole levels, plus 128: cv2.addWeighted adds them at the speed of bytes."""
+    """Draw normal values rounded to integers, plus 128 (uint8), for :func:`add_levels`."""
     table = np.clip(np.rint(ZERO_LEVEL + deviation * _QUANTILES), 0, 255).astype(np.uint8)
     return np.asarray(cv2.LUT(_bytes(rng, shape), table), np.uint8)
 
 
 def add_levels(image: NDArray[np.uint8], levels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """An image plus what :func:`normal_levels` drew, kept within 0 to 255."""
+    """Add the noise of :func:`normal_levels` to a uint8 image, clipped to 0 to 255."""
     return np.asarray(cv2.addWeighted(image, 1, levels, 1, -ZERO_LEVEL), np.uint8)
 
 
 def smooth_field(rng: np.random.Generator, height: int, width: int, cell_px: float) -> Float32:
-    """(height, width) of about standard normal values that change over about ``cell_px``."""
+    """Return (height, width) approximately standard normal values, smooth over ``cell_px``."""
     field = np.zeros((height, width), np.float32)
     for octave, weight in ((1, 1.2), (3, 0.5)):
         rows, columns = (max(2, round(side * octave / cell_px) + 1) for side in (height, width))
@@ -63,7 +63,7 @@ def smooth_field(rng: np.random.Generator, height: int, width: int, cell_px: flo
 def blobs(
     rng: np.random.Generator, shape: tuple[int, int], share: float, cell_px: float
 ) -> NDArray[np.bool_]:
-    """(H, W) irregular patches that fill about ``share`` of the picture."""
+    """Return (H, W) irregular patches that cover about ``share`` of the image."""
     if share <= 0:
         return np.zeros(shape, bool)
     threshold = _NORMAL.inv_cdf(1 - share) if share < 1 else -np.inf

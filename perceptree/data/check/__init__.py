@@ -1,4 +1,4 @@
-"""Checks of a dataset before anything is trained on it: files, labels, leakage between splits."""
+"""Check a dataset before training: files, labels, leakage between splits."""
 
 from perceptree.data.check.findings import Finding
 from perceptree.data.check.run import Check, Report, SplitSummary

@@ -1,4 +1,4 @@
-"""What a check found: kinds, how often, and the first names of each."""
+"""Problems found by the dataset check, counted by kind."""
 
 from __future__ import annotations
 
@@ -6,34 +6,41 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
 
-_NAMED = 5
+_MAX_NAMES = 5
 
-# In the order of the report: what is found, as it follows a count.
+# In the order of the report; each text follows a count.
 KINDS = {
-    "entry": "wrong entries in label files, which would be refused",
-    "image_missing": "colour pictures missing",
-    "image_broken": "colour pictures broken or cut off",
-    "image_size": "colour pictures of another size than their labels say",
-    "depth_missing": "depth pictures missing",
-    "depth_broken": "depth pictures broken, cut off or not of one channel",
-    "depth_size": "depth pictures of another size than their labels say",
-    "box_outside": "boxes that reach more than 1 px out of their frame",
-    "mask_broken": "masks whose runs do not fill their frame",
-    "mask_empty": "masks without a pixel",
-    "mask_outside_box": "masks that reach out of their box",
-    "keypoint_outside": "keypoints labelled outside their frame",
+    "entry": "invalid entries in label files",
+    "image_missing": "colour images missing",
+    "image_broken": "colour images broken or truncated",
+    "image_size": "colour images of another size than in the label file",
+    "depth_missing": "depth images missing",
+    "depth_broken": "depth images broken, truncated or not single-channel",
+    "depth_size": "depth images of another size than in the label file",
+    "box_outside": "boxes that extend more than 1 px outside their frame",
+    "mask_broken": "masks whose run lengths do not fill their frame",
+    "mask_empty": "masks without pixels",
+    "mask_outside_box": "masks that extend outside their box",
+    "keypoint_outside": "keypoints outside their frame",
     "left_right_swapped": "trees with left and right diameter points swapped",
     "cut_above_middle": "trees with the felling cut above the middle of the axis",
     "middle_above_top": "trees with the middle of the axis above its top",
-    "file_in_splits": "pictures that stand in two splits",
-    "scene_in_splits": "scenes that stand in two splits",
-    "picture_in_splits": "pictures that are nearly the same as one of another split",
+    "file_in_splits": "images in two splits",
+    "scene_in_splits": "scenes in two splits",
+    "picture_in_splits": "images nearly identical to an image of another split",
 }
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One kind of fault: what it is, how often it was found, and the first names."""
+    """One kind of problem.
+
+    Attributes:
+        kind: Key of `KINDS`.
+        text: Description, to follow a count.
+        count: How often it was found.
+        first: Names of the first few occurrences.
+    """
 
     kind: str
     text: str
@@ -41,7 +48,7 @@ class Finding:
     first: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return JSON-ready values."""
         return asdict(self)
 
     def __str__(self) -> str:
@@ -50,26 +57,26 @@ class Finding:
 
 
 class Findings:
-    """Counts faults by kind and keeps the first names of each."""
+    """Counts problems by kind and keeps the first names of each."""
 
     def __init__(self) -> None:
         self._counts: dict[str, int] = {}
         self._first: dict[str, list[str]] = {}
 
     def add(self, kind: str, name: str) -> None:
-        """One more fault of a kind of `KINDS`."""
+        """Record a problem of a kind in `KINDS`."""
         self._counts[kind] = self._counts.get(kind, 0) + 1
         first = self._first.setdefault(kind, [])
-        if len(first) < _NAMED:
+        if len(first) < _MAX_NAMES:
             first.append(name)
 
     def extend(self, faults: Iterable[tuple[str, str]]) -> None:
-        """More faults, as (kind, name)."""
+        """Record problems given as (kind, name)."""
         for kind, name in faults:
             self.add(kind, name)
 
     def listed(self) -> tuple[Finding, ...]:
-        """What was found, in the order of `KINDS`."""
+        """Return the findings in the order of `KINDS`."""
         return tuple(
             Finding(kind, text, self._counts[kind], tuple(self._first[kind]))
             for kind, text in KINDS.items()

@@ -1,4 +1,4 @@
-"""Faults of a frame's labels that need no picture."""
+"""Check a frame's labels, without its image."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from perceptree.data.coco import FrameRecord, TreeRecord
 from perceptree.errors import DatasetError
 from perceptree.keypoints import KEYPOINT_NAMES
 
-_OUTSIDE_PX = 1.0
+_BOX_TOLERANCE_PX = 1.0
 _ORDER_PX = 1.0
-_MASK_PX, _MASK_SHARE = 3.0, 0.05
+_MASK_TOLERANCE_PX, _MASK_TOLERANCE_SHARE = 3.0, 0.05
 _CUT, _LEFT, _RIGHT, _MIDDLE, _TOP = range(len(KEYPOINT_NAMES))
 
 
 def label_faults(frame: FrameRecord) -> Iterator[tuple[str, int]]:
-    """(kind, annotation) of every fault of a frame's trees."""
+    """Yield (kind, annotation id) of every problem of a frame's trees."""
     for tree in frame.trees:
         kinds = [*_box_faults(frame, tree), *_order_faults(tree)]
         if tree.segmentation is not None:
@@ -28,12 +28,15 @@ def label_faults(frame: FrameRecord) -> Iterator[tuple[str, int]]:
 
 def _box_faults(frame: FrameRecord, tree: TreeRecord) -> Iterator[str]:
     x0, y0, x1, y1 = tree.box_px
-    if min(x0, y0, frame.width - x1, frame.height - y1) < -_OUTSIDE_PX:
+    if min(x0, y0, frame.width - x1, frame.height - y1) < -_BOX_TOLERANCE_PX:
         yield "box_outside"
 
 
 def _order_faults(tree: TreeRecord) -> Iterator[str]:
-    """Left and right are across the axis, seen with the foot down; heights are image rows."""
+    """Check the order of the keypoints.
+
+    Left and right are relative to the tree's axis seen upright; above and below are image rows.
+    """
     points, labelled = tree.keypoints[:, :2], tree.keypoints[:, 2] > 0
     if labelled[[_LEFT, _RIGHT]].all():
         up = np.array([0.0, -1.0])
@@ -41,7 +44,7 @@ def _order_faults(tree: TreeRecord) -> Iterator[str]:
             if labelled[[_CUT, upper]].all() and points[upper, 1] < points[_CUT, 1]:
                 up = points[upper] - points[_CUT]
                 break
-        across = np.array([-up[1], up[0]]) / np.hypot(*up)  # to the right of a stem that points up
+        across = np.array([-up[1], up[0]]) / np.hypot(*up)  # points right of an upright trunk
         if float((points[_RIGHT] - points[_LEFT]) @ across) < -_ORDER_PX:
             yield "left_right_swapped"
     for lower, upper, kind in (
@@ -63,7 +66,7 @@ def _mask_faults(frame: FrameRecord, tree: TreeRecord) -> Iterator[str]:
         yield "mask_empty"
         return
     x0, y0, x1, y1 = tree.box_px
-    slack_px = np.maximum(_MASK_PX, _MASK_SHARE * np.array([x1 - x0, y1 - y0]))
+    slack_px = np.maximum(_MASK_TOLERANCE_PX, _MASK_TOLERANCE_SHARE * np.array([x1 - x0, y1 - y0]))
     beyond_px = np.maximum(
         [x0 - columns[0], y0 - rows[0]], [columns[-1] + 1 - x1, rows[-1] + 1 - y1]
     )

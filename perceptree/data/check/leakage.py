@@ -1,4 +1,4 @@
-"""Leakage: what stands in two splits, so that a model is tested on what it has learned."""
+"""Leakage: images or scenes that are in two splits."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from numpy.typing import NDArray
 from perceptree.data.check.pictures import SIGNATURE_WORDS, Signature
 from perceptree.data.coco import FrameRecord
 
-# Of 512 bits. Of 1,180 simulated frames, unrelated ones differ in 250 (median) and 57 (least, two
-# in thick fog); one packed to JPEG 30, scaled, brightened or with noise differs from itself in 30.
+# Of 512 bits. In 1,180 simulated frames, different ones differ by 250 bits (median) and at least 57
+# (two in thick fog). Compression to JPEG quality 30, scaling, brightening or noise change up to 30.
 SAME_PICTURE_BITS = 40
 _PAIRS_AT_ONCE = 1_000_000
 
 
 def scene_of(frame: FrameRecord) -> int | str | None:
-    """The scene's seed, where the set says it."""
+    """Return the seed of the frame's scene, None if the dataset does not give it."""
     scene = frame.extra.get("scene")
     seed = scene.get("seed") if isinstance(scene, dict) else None
     return seed if isinstance(seed, int | str) else None
 
 
 def file_leaks(splits: Mapping[str, Sequence[FrameRecord]]) -> Iterator[str]:
-    """Names of picture files that stand in two splits."""
+    """Yield descriptions of image files that are in two splits."""
     paths = {
         split: {str(frame.image_path): frame for frame in frames}
         for split, frames in splits.items()
@@ -38,7 +38,7 @@ def file_leaks(splits: Mapping[str, Sequence[FrameRecord]]) -> Iterator[str]:
 
 
 def scene_leaks(splits: Mapping[str, Sequence[FrameRecord]]) -> Iterator[str]:
-    """Names of scenes that stand in two splits, with a frame of each; every frame names its own."""
+    """Yield descriptions of scenes that are in two splits; every frame must name its scene."""
     scenes: dict[str, dict[Any, FrameRecord]] = {}
     for split, frames in splits.items():
         known = scenes.setdefault(split, {})
@@ -58,7 +58,12 @@ def picture_leaks(
     splits: Mapping[str, Sequence[FrameRecord]],
     signatures: Mapping[str, Sequence[Signature | None]],
 ) -> Iterator[str]:
-    """Names of pictures that are nearly the same as one of an earlier split, with that one."""
+    """Yield descriptions of images nearly identical to one of an earlier split.
+
+    Args:
+        splits: Frames of each split.
+        signatures: Signature of each frame's image, None if it could not be read.
+    """
     readable = {
         split: [
             (frame, bits)
@@ -71,7 +76,7 @@ def picture_leaks(
         one, other = (_stacked(readable[split]) for split in (first, second))
         for row, nearest in _nearest(one, other):
             yield (
-                f"{readable[second][row][0].image_path.name} of {second} like"
+                f"{readable[second][row][0].image_path.name} of {second} is like"
                 f" {readable[first][nearest][0].image_path.name} of {first}"
             )
 
@@ -81,7 +86,7 @@ def _stacked(found: Sequence[tuple[FrameRecord, Signature]]) -> NDArray[np.uint6
 
 
 def _nearest(one: NDArray[np.uint64], other: NDArray[np.uint64]) -> Iterator[tuple[int, int]]:
-    """(row of ``other``, nearest row of ``one``) where they differ by few bits."""
+    """Yield (row of ``other``, nearest row of ``one``) where they differ by few bits."""
     if not len(one):
         return
     step = max(1, _PAIRS_AT_ONCE // len(one))

@@ -1,4 +1,4 @@
-"""Faults of a frame's picture files, and the signature by which pictures are compared."""
+"""Check a frame's image files, and compute signatures to compare images."""
 
 from __future__ import annotations
 
@@ -15,11 +15,15 @@ from perceptree.data.coco import FrameRecord
 Signature = NDArray[np.uint64]
 
 SIGNATURE_WORDS = 8
-_SIDE = 16
+_HASH_SIDE = 16
 
 
 def colour_faults(frame: FrameRecord) -> tuple[list[str], Signature | None]:
-    """The kinds of fault of a frame's colour picture, and its signature where it can be read."""
+    """Check a frame's colour image.
+
+    Returns:
+        Kinds of problems, and the image's signature, None if it cannot be read.
+    """
     image, kind = _read(frame.image_path, cv2.IMREAD_COLOR)
     if image is None:
         return [f"image_{kind}"], None
@@ -28,7 +32,7 @@ def colour_faults(frame: FrameRecord) -> tuple[list[str], Signature | None]:
 
 
 def depth_faults(frame: FrameRecord) -> Iterator[tuple[str, Path]]:
-    """(kind, file) of every fault of a frame's depth pictures: 8-bit, and 16-bit where named."""
+    """Yield (kind, file) of every problem of a frame's 8-bit and 16-bit depth images."""
     for path, dtype in ((frame.depth8_path, np.uint8), (frame.depth_path, np.uint16)):
         if path is None:
             continue
@@ -42,21 +46,27 @@ def depth_faults(frame: FrameRecord) -> Iterator[tuple[str, Path]]:
 
 
 def signature(image: NDArray[np.uint8]) -> Signature:
-    """512 bits that hardly change when a picture (H, W, 3) is scaled, packed or brightened.
+    """Compute a perceptual hash that hardly changes with scaling, compression or brightness.
 
-    The picture is averaged to 17x16 and 16x17 fields of grey; every bit says whether a field is
-    brighter than the next one, in the rows of the first and the columns of the second (the
-    difference hash of N. Krawetz, "Kind of Like That", 2013, in both directions and 16 wide).
+    The difference hash of N. Krawetz ("Kind of Like That", 2013), 16 wide and in both directions:
+    the image is averaged to 17x16 and 16x17 cells, and each bit says whether a cell is brighter
+    than the one before it in its row (first grid) or column (second grid).
+
+    Args:
+        image: (H, W, 3) BGR uint8.
+
+    Returns:
+        (8,) uint64, 512 bits.
     """
     grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-    wide = cv2.resize(grey, (_SIDE + 1, _SIDE), interpolation=cv2.INTER_AREA)
-    high = cv2.resize(grey, (_SIDE, _SIDE + 1), interpolation=cv2.INTER_AREA)
+    wide = cv2.resize(grey, (_HASH_SIDE + 1, _HASH_SIDE), interpolation=cv2.INTER_AREA)
+    high = cv2.resize(grey, (_HASH_SIDE, _HASH_SIDE + 1), interpolation=cv2.INTER_AREA)
     bits = np.concatenate([(wide[:, 1:] > wide[:, :-1]).ravel(), (high[1:] > high[:-1]).ravel()])
     return np.packbits(bits).view(np.uint64)
 
 
 def _read(path: Path, flag: int) -> tuple[NDArray[Any] | None, str]:
-    """The decoded picture, or None and whether it is missing or broken."""
+    """Return the decoded image, or None and "missing" or "broken"."""
     try:
         data = path.read_bytes()
     except OSError:
@@ -71,7 +81,7 @@ def _read(path: Path, flag: int) -> tuple[NDArray[Any] | None, str]:
 
 
 def _is_whole(data: bytes) -> bool:
-    """Whether a JPEG or PNG has its end mark: OpenCV 4 fills in silently what was cut off."""
+    """Return whether a JPEG or PNG has its end marker; OpenCV 4 does not report truncation."""
     if data.startswith(b"\xff\xd8"):
         return data.rfind(b"\xff\xd9") > len(data) // 2
     return not data.startswith(b"\x89PNG") or b"IEND" in data[-64:]

@@ -1,4 +1,4 @@
-"""All checks of a dataset: labels and pictures frame by frame in threads, then the splits."""
+"""Run all checks of a dataset: each frame in parallel threads, then the splits."""
 
 from __future__ import annotations
 
@@ -22,12 +22,23 @@ from perceptree.data.layouts import LabelFile, find_splits
 Progress = Callable[[int], object]
 Faults = list[tuple[str, str]]
 
-_AT_ONCE = 64
+_BATCH_SIZE = 64
 
 
 @dataclass(frozen=True)
 class SplitSummary:
-    """What a split holds, and what reading it had to say."""
+    """Content of a split.
+
+    Attributes:
+        split: "train", "val" or "test".
+        labels: Path of the label file.
+        frames: Number of frames.
+        trees: Number of labelled trees.
+        has_masks: Whether every tree has a mask.
+        has_keypoints: Whether any tree has a labelled keypoint.
+        has_depth: Whether every frame has an 8-bit depth image.
+        notes: Messages about reading the labels.
+    """
 
     split: str
     labels: str
@@ -41,21 +52,28 @@ class SplitSummary:
 
 @dataclass(frozen=True)
 class Report:
-    """A dataset's splits and what was found; ``compared_by`` is scene or picture."""
+    """Result of the check.
+
+    Attributes:
+        splits: Content of each split.
+        findings: Problems found.
+        compared_by: How the splits were compared for leakage: "scene" or "picture".
+    """
 
     splits: tuple[SplitSummary, ...]
     findings: tuple[Finding, ...]
     compared_by: str
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return JSON-ready values."""
         return asdict(self)
 
 
 class Check:
-    """A dataset whose labels are read; `run` looks at every frame.
+    """Checks a dataset: the constructor reads the labels, `run` checks every frame.
 
-    Raises DatasetError for a dataset without any readable label file.
+    Raises:
+        DatasetError: If the dataset has no readable label file.
     """
 
     def __init__(
@@ -70,11 +88,15 @@ class Check:
         self._findings.add("entry", f"{labels.path.name}: {error}")
 
     def __len__(self) -> int:
-        """How many frames there are."""
+        """Return the number of frames."""
         return sum(len(dataset.frames) for dataset in self._splits.values())
 
     def run(self, progress: Progress = lambda frames: None) -> Report:
-        """Look at every frame; ``progress`` is told how many more are done."""
+        """Check every frame, then compare the splits.
+
+        Args:
+            progress: Called with the number of further frames done.
+        """
         signatures: dict[str, list[Signature | None]] = {}
         with ThreadPoolExecutor() as pool:
             for split, dataset in self._splits.items():
@@ -84,7 +106,7 @@ class Check:
                     )
                 found = signatures[split] = []
                 for frames in _batches(dataset.frames):
-                    for faults, signature in pool.map(_look, frames):
+                    for faults, signature in pool.map(_check_frame, frames):
                         self._findings.extend((kind, f"{split} {where}") for kind, where in faults)
                         found.append(signature)
                     progress(len(frames))
@@ -93,7 +115,7 @@ class Check:
         return Report(summaries, self._findings.listed(), compared_by)
 
     def _compare(self, signatures: dict[str, list[Signature | None]]) -> str:
-        """Look for leakage, by scene where every frame names its own, by picture otherwise."""
+        """Look for leakage by scene if every frame names its scene, otherwise by image."""
         frames = {split: dataset.frames for split, dataset in self._splits.items()}
         self._findings.extend(("file_in_splits", name) for name in file_leaks(frames))
         if all(scene_of(frame) is not None for split in frames.values() for frame in split):
@@ -105,14 +127,14 @@ class Check:
 
 
 def _batches(frames: Sequence[FrameRecord]) -> Iterator[list[FrameRecord]]:
-    """A few frames at a time, so that no more than these are in flight."""
+    """Yield a few frames at a time, to limit memory."""
     remaining = iter(frames)
-    while batch := list(islice(remaining, _AT_ONCE)):
+    while batch := list(islice(remaining, _BATCH_SIZE)):
         yield batch
 
 
-def _look(frame: FrameRecord) -> tuple[Faults, Signature | None]:
-    """(kind, where) of a frame's faults, and its picture's signature."""
+def _check_frame(frame: FrameRecord) -> tuple[Faults, Signature | None]:
+    """Return (kind, where) of a frame's problems, and its image's signature."""
     name = frame.image_path.name
     kinds, signature = colour_faults(frame)
     faults: Faults = [(kind, str(frame.image_path)) for kind in kinds]

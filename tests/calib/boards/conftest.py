@@ -1,4 +1,4 @@
-"""What the tests of boards share: the module that draws them, and what is drawn once."""
+"""Fixtures of the board tests: synthetic images of boards."""
 
 import importlib.util
 from collections.abc import Callable
@@ -8,7 +8,7 @@ from types import ModuleType
 
 import pytest
 
-from calib.boards import Picture, Sightings, find_boards
+from calib.boards import BoardDetections, Picture, find_boards
 
 
 @pytest.fixture(scope="session")
@@ -26,7 +26,7 @@ def fake() -> ModuleType:
 
 @pytest.fixture(scope="session")
 def pictures(fake: ModuleType) -> Callable[[str, str], list[Picture]]:
-    """Makes 14 pictures of a board of ``fake_boards.BOARDS`` by the camera of a lens model."""
+    """Render 14 images of a board of ``fake_boards.BOARDS`` with a distortion model."""
 
     @cache
     def make(board: str, model: str) -> list[Picture]:
@@ -40,11 +40,11 @@ def pictures(fake: ModuleType) -> Callable[[str, str], list[Picture]]:
 @pytest.fixture(scope="session")
 def seen(
     fake: ModuleType, pictures: Callable[[str, str], list[Picture]]
-) -> Callable[[str, str], Sightings]:
-    """Finds the boards in these pictures."""
+) -> Callable[[str, str], BoardDetections]:
+    """Detect the boards in these images."""
 
     @cache
-    def find(board: str, model: str) -> Sightings:
+    def find(board: str, model: str) -> BoardDetections:
         return find_boards(pictures(board, model), fake.BOARDS[board])
 
     return find

@@ -1,6 +1,6 @@
-"""Boards as a camera of known truth sees them: points alone, or whole pictures.
+"""Synthetic boards seen by a known camera: points alone, or whole images.
 
-A module of its own, because tests in several folders take it.
+A separate module, because tests in several folders use it.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def _matrix(camera: PinholeCamera) -> Float:
 
 
 def undistorted(camera: PinholeCamera, xy_px: Float) -> Float:
-    """(..., 2) px, centres on whole numbers, to (..., 2) at z = 1."""
+    """Convert (..., 2) px in OpenCV's convention to (..., 2) coordinates at z = 1."""
     matrix = _matrix(camera)
     function = cv2.undistortPoints
     if camera.distortion_model == "fisheye":
@@ -59,7 +59,7 @@ def undistorted(camera: PinholeCamera, xy_px: Float) -> Float:
 
 
 def projected(camera: PinholeCamera, pose: Pose, object_m: Float) -> Float:
-    """(N, 3) board points to (N, 2) px, corner-based."""
+    """Project (N, 3) board points to (N, 2) continuous px."""
     matrix = _matrix(camera)
     function = (
         cv2.fisheye.projectPoints if camera.distortion_model == "fisheye" else (cv2.projectPoints)
@@ -72,7 +72,7 @@ def projected(camera: PinholeCamera, pose: Pose, object_m: Float) -> Float:
 def poses(
     camera: PinholeCamera, count: int, seed: int, tilt_deg: float = 35.0, spread: float = 0.62
 ) -> list[Pose]:
-    """A board of about 0.2 x 0.13 m all over the picture, near and far, tilted to all sides."""
+    """Poses of a board of about 0.2 x 0.13 m over the whole image, near and far, tilted."""
     rng = np.random.default_rng(seed)
     nearer = 0.42 if camera.distortion_model == "fisheye" else 1.0
     found = []
@@ -112,7 +112,7 @@ def seen_points(
     seed: int,
     noise_px: float = 0.1,
 ) -> list[BoardView]:
-    """Views of the checkerboard with noise, those whole in the picture."""
+    """Views of the checkerboard with noise, only those entirely inside the image."""
     rng = np.random.default_rng(seed)
     object_m = object_points(CHECKERBOARD)
     views = []
@@ -125,7 +125,7 @@ def seen_points(
 
 
 def printed(board: Board) -> tuple[Grey, float, float]:
-    """The board's print, px per metre, and where its first point is, px from the corner."""
+    """Return the printed board, px per metre, and its first point in px from the corner."""
     px, dark, light = _PX_PER_STEP, 25, 230
     if isinstance(board, Checkerboard):
         rows, columns = np.mgrid[0 : board.rows + 1, 0 : board.columns + 1]
@@ -156,7 +156,7 @@ def _margin(sheet: Grey, light: int) -> Grey:
 
 @cache
 def _fine_rays(camera: PinholeCamera) -> tuple[Float, Float]:
-    """x and y at z = 1 of several rays per pixel and side."""
+    """Return x and y at z = 1 of several rays per pixel along each side."""
     columns = (np.arange(camera.width * _FINER) + 0.5) / _FINER - 0.5
     rows = (np.arange(camera.height * _FINER) + 0.5) / _FINER - 0.5
     rays = undistorted(camera, np.stack(np.meshgrid(columns, rows), -1)).astype(np.float32)
@@ -164,7 +164,7 @@ def _fine_rays(camera: PinholeCamera) -> tuple[Float, Float]:
 
 
 def rendered(camera: PinholeCamera, board: Board, some_poses: Sequence[Pose]) -> list[Grey]:
-    """What the camera sees of the board, with its blur and noise."""
+    """Render images of the board with blur and noise."""
     sheet, px_per_m, first_px = printed(board)
     x, y = _fine_rays(camera)
     rng = np.random.default_rng(7)

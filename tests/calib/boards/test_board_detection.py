@@ -1,4 +1,4 @@
-"""Boards are found to a small part of a pixel, and are none where they are none."""
+"""Board detection: accuracy, and images without a board."""
 
 from collections.abc import Callable
 from types import ModuleType
@@ -10,11 +10,11 @@ import pytest
 from calib import CalibError
 from calib.boards import (
     Board,
+    BoardDetections,
     CharucoBoard,
     Checkerboard,
     CircleGrid,
     Picture,
-    Sightings,
     find_boards,
     parse_board,
 )
@@ -27,15 +27,15 @@ from calib.boards import (
         ("checkerboard", "fisheye", 0.05),
         ("charuco", "radtan", 0.07),
         ("charuco", "fisheye", 0.08),
-        # What is found of a circle is the middle of its ellipse.
+        # The detected point of a circle is the centre of its ellipse.
         ("circles", "radtan", 0.06),
         ("circles", "fisheye", 0.14),
         ("asymmetric", "radtan", 0.06),
     ],
 )
-def test_points_are_where_the_camera_sees_them(
+def test_points_are_detected_where_they_project(
     fake: ModuleType,
-    seen: Callable[[str, str], Sightings],
+    seen: Callable[[str, str], BoardDetections],
     board: str,
     model: str,
     rms_px: float,
@@ -57,7 +57,7 @@ def test_points_are_where_the_camera_sees_them(
     assert np.abs(miss_px).max() < 1
 
 
-def test_large_pictures_are_as_exact(
+def test_large_images_are_equally_accurate(
     fake: ModuleType, pictures: Callable[[str, str], list[Picture]]
 ) -> None:
     grey = pictures("checkerboard", "radtan")[5].grey
@@ -84,7 +84,7 @@ def test_part_of_a_charuco_board_is_enough(
     np.testing.assert_allclose(part[0], image_px[same], atol=0.1)
 
 
-def test_no_board_is_none(fake: ModuleType) -> None:
+def test_an_image_without_a_board_gives_none(fake: ModuleType) -> None:
     noise = np.random.default_rng(0).integers(0, 256, (480, 640), np.uint8)
     for board in fake.BOARDS.values():
         assert board.detect(noise) is None
@@ -100,7 +100,7 @@ def test_no_board_is_none(fake: ModuleType) -> None:
         ("circles:4x11:0.02:asymmetric", CircleGrid(4, 11, 0.02, asymmetric=True)),
     ],
 )
-def test_boards_are_read_as_typed(text: str, board: Board) -> None:
+def test_board_descriptions_are_parsed(text: str, board: Board) -> None:
     assert parse_board(text) == board
 
 
@@ -119,7 +119,7 @@ def test_boards_are_read_as_typed(text: str, board: Board) -> None:
         ("charuco:12x9:0.03:0.02:4x4_50", "4x4_50 has 50 markers: expected 54 for 12x9 squares"),
     ],
 )
-def test_what_is_no_board_is_named(text: str, message: str) -> None:
+def test_invalid_board_descriptions_are_named(text: str, message: str) -> None:
     with pytest.raises(CalibError) as caught:
         parse_board(text)
     assert message in str(caught.value)
@@ -127,7 +127,7 @@ def test_what_is_no_board_is_named(text: str, message: str) -> None:
     assert "\n" not in str(caught.value)
 
 
-def test_pictures_without_news_are_told_apart(
+def test_repeated_and_empty_images_are_listed(
     pictures: Callable[[str, str], list[Picture]],
 ) -> None:
     first, second = pictures("checkerboard", "radtan")[5:7]
@@ -139,7 +139,7 @@ def test_pictures_without_news_are_told_apart(
     assert (seen.without_board, seen.repeated) == (("empty",), ("again",))
 
 
-def test_a_video_is_looked_at_where_it_changes(
+def test_similar_video_frames_are_skipped(
     pictures: Callable[[str, str], list[Picture]],
 ) -> None:
     first, second = (picture.grey for picture in pictures("checkerboard", "radtan")[5:7])
@@ -150,7 +150,7 @@ def test_a_video_is_looked_at_where_it_changes(
     assert (seen.pictures, seen.repeated) == (2, ())
 
 
-def test_pictures_of_two_sizes_are_refused(
+def test_images_of_two_sizes_are_rejected(
     pictures: Callable[[str, str], list[Picture]],
 ) -> None:
     first = pictures("checkerboard", "radtan")[5]
@@ -159,6 +159,6 @@ def test_pictures_of_two_sizes_are_refused(
         find_boards([first, small], Checkerboard(9, 6, 0.025))
 
 
-def test_no_pictures_give_no_views() -> None:
+def test_no_images_give_no_views() -> None:
     seen = find_boards([], Checkerboard(9, 6, 0.025))
     assert (seen.views, seen.width, seen.height, seen.pictures) == ((), 0, 0, 0)

@@ -138,7 +138,7 @@ def test_too_few_views_fail_and_write_nothing(
     done = calibrate(few, "--board", BOARD, "--out", out)
     assert done.code == 1
     assert done.err == "edgetree: 3 views of the board, expected at least 8\n"
-    assert "advice: take 15 to 30 pictures" in done.out
+    assert "advice: take 15 to 30 images" in done.out
     assert not out.parent.exists()
     record = json.loads(calibrate(few, "--board", BOARD, "--out", out, "--json").out)
     assert (record["passed"], record["camera_file"]) == (False, None)
@@ -159,7 +159,7 @@ def test_a_camera_that_is_not_good_enough_is_not_written(
     out = tmp_path / "camera.json"
     done = calibrate(narrow, "--board", BOARD, "--out", out)
     assert done.code == 1
-    assert "of the picture, expected 50%" in done.err
+    assert "of the image, expected at least 50%" in done.err
     assert "advice: the right edge has no points: hold the board there" in done.out
     assert not out.exists()
 

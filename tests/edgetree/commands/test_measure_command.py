@@ -173,7 +173,7 @@ def test_one_camera_of_several_is_chosen_by_name(
     (folder / "chain.json").write_text(json.dumps(chain))
     both = run_cli(*IMAGE[:-1], "chain.json", "--model", model)
     assert both.code == 2
-    assert "chain.json: holds 2 cameras, expected a name of 'cam0', 'cam1'" in both.err
+    assert "chain.json: holds 2 cameras, expected one of the names 'cam0', 'cam1'" in both.err
     done = run_cli(*IMAGE[:-1], "chain.json:cam1", "--model", model)
     assert done.code == 0, done.err
     assert asked["camera"].fx == 400
@@ -220,7 +220,7 @@ BAD_INPUTS = {
     ),
     "no camera file": (
         "images/a.jpg --depth depth/a.png --camera text.json",
-        r"text\.json: holds no known camera, expected",
+        r"text\.json: no known camera format, expected",
     ),
     "no transform": (
         "images/a.jpg --depth depth/a.png --camera camera.json --mounting camera.json",

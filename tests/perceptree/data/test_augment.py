@@ -1,4 +1,4 @@
-"""Augmentation: pictures change, and labels go with them."""
+"""Augmentation: image and labels change together."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -29,7 +29,7 @@ def store_of(posts: Path, modality: Any) -> FrameStore:
     return FrameStore(read_split(posts, "train"), make_spec("edge-n", modality, 96, 160))
 
 
-def test_a_flip_mirrors_all_and_swaps_left_and_right(posts: Path) -> None:
+def test_a_flip_mirrors_everything_and_swaps_left_and_right(posts: Path) -> None:
     sample = store_of(posts, "depth")[1]
     mirrored = flip(sample)
     assert (mirrored.image == sample.image[:, ::-1]).all()
@@ -37,7 +37,7 @@ def test_a_flip_mirrors_all_and_swaps_left_and_right(posts: Path) -> None:
         x0, y0, x1, y1 = sample.boxes[row]
         assert mirrored.boxes[row].tolist() == [160 - x1, y0, 160 - x0, y1]
         assert (mirrored.masks[row] == sample.masks[row][:, ::-1]).all()
-        # The left point is still the left one: it was the right one before.
+        # The left keypoint is still on the left: the two were swapped.
         left, right = mirrored.keypoints[row, 1], mirrored.keypoints[row, 2]
         assert left[0] < right[0]
         assert left.tolist() == [160 - sample.keypoints[row, 2, 0], *sample.keypoints[row, 2, 1:]]
@@ -47,7 +47,7 @@ def test_a_flip_mirrors_all_and_swaps_left_and_right(posts: Path) -> None:
     assert (again.boxes == sample.boxes).all()
 
 
-def test_the_stored_frame_stays_as_it_was(posts: Path) -> None:
+def test_the_source_frame_is_not_changed(posts: Path) -> None:
     store = store_of(posts, "rgb")
     before = store[1]
     kept = Sample(*(np.copy(getattr(before, name)) for name in vars(before)))
@@ -66,7 +66,7 @@ def test_scaling_and_shifting_keep_labels_on_the_picture(posts: Path, scale: flo
         sample = augment(np.random.default_rng(seed), store[1], store.spec, settings)
         post = sample.image < 108  # a post at 5 m is grey 64, what is behind it 153
         labelled = sample.masks.any(0)
-        # The edges of the stored posts lie within a pixel, which has to be of one or the other.
+        # The posts' edges are inside a pixel, which belongs to one side or the other.
         assert (labelled & ~post).mean() < 0.015
         if len(sample.masks) == 2:  # a post that is nearly all cut away is not labelled
             assert (post & ~labelled).mean() < 0.015
@@ -80,11 +80,11 @@ def test_scaling_and_shifting_keep_labels_on_the_picture(posts: Path, scale: flo
             assert not points[outside].any()
     assert len(gaps_px) > 40
     assert np.abs(gaps_px).max() < 1.5
-    # Whole pixels jitter; a shift of a fraction of one would stay.
+    # Rounding to pixels averages out; a systematic sub-pixel shift would not.
     assert abs(np.mean(gaps_px)) < 0.1
 
 
-def test_without_any_change_the_sample_is_the_same(posts: Path) -> None:
+def test_without_changes_the_sample_is_the_same(posts: Path) -> None:
     for modality in ("rgb", "depth"):
         store = store_of(posts, modality)
         sample = augment(np.random.default_rng(0), store[1], store.spec, STILL)
@@ -92,7 +92,7 @@ def test_without_any_change_the_sample_is_the_same(posts: Path) -> None:
             assert (getattr(sample, name) == value).all()
 
 
-def test_one_generator_gives_one_result_and_another_differs(posts: Path) -> None:
+def test_the_result_depends_on_the_generator_alone(posts: Path) -> None:
     for modality in ("rgb", "depth"):
         store = store_of(posts, modality)
         first, second, other = (
@@ -104,7 +104,7 @@ def test_one_generator_gives_one_result_and_another_differs(posts: Path) -> None
         assert (first.image != other.image).any()
 
 
-def test_disturbed_depth_keeps_no_reading_apart_from_readings(posts: Path) -> None:
+def test_missing_readings_stay_missing(posts: Path) -> None:
     store = store_of(posts, "depth")
     sample = store[1]
     image = sample.image.copy()

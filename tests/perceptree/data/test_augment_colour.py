@@ -1,4 +1,4 @@
-"""Colours: each change does what its name says, and nothing to the labels."""
+"""Colour augmentation: each change has its effect and leaves the labels alone."""
 
 from dataclasses import replace
 from typing import Any
@@ -53,7 +53,7 @@ def coloured(seed: int, **settings: Any) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", CHANGES)
-def test_a_change_changes_the_picture_alone_and_follows_its_seed(name: str) -> None:
+def test_a_change_affects_the_image_alone_and_follows_the_seed(name: str) -> None:
     settings, before = replace(STILL, **CHANGES[name]), picture()
     changed = 0
     for seed in range(8):
@@ -71,7 +71,7 @@ def test_a_change_changes_the_picture_alone_and_follows_its_seed(name: str) -> N
         assert any((others[0] != other).any() for other in others[1:])
 
 
-def test_a_share_of_none_turns_a_group_of_changes_off() -> None:
+def test_a_share_of_0_turns_a_group_of_changes_off() -> None:
     strong = {key: value for change in CHANGES.values() for key, value in change.items()}
     off = {name: 0 for name in strong if name.endswith("_share")}
     kept = ("shadow", "vignette", "hue_deg", "cutouts")
@@ -80,14 +80,14 @@ def test_a_share_of_none_turns_a_group_of_changes_off() -> None:
     assert (coloured(1, **settings) == picture().image).all()
 
 
-def test_grey_pictures_have_no_colours_and_keep_their_luma() -> None:
+def test_grey_images_have_no_colour_and_keep_their_luma() -> None:
     image = coloured(0, grey_share=1.0).astype(int)
     assert np.ptp(image, axis=2).max() <= 1
     luma = cv2.cvtColor(picture().image, cv2.COLOR_BGR2GRAY)
     assert np.abs(image[..., 0] - luma).max() <= 1
 
 
-def test_hues_turn_and_luma_stays() -> None:
+def test_hue_rotation_keeps_the_luma() -> None:
     before = picture().image[50, 10]
     lumas = np.array([0.114, 0.587, 0.299])
     turned = [coloured(seed, hue_deg=40.0)[50, 10].astype(int) for seed in range(5)]
@@ -95,7 +95,7 @@ def test_hues_turn_and_luma_stays() -> None:
     assert np.ptp(turned, axis=0).max() > 15
 
 
-def test_channels_change_places_whole() -> None:
+def test_channels_are_permuted() -> None:
     before = sorted(picture().image.reshape(-1, 3).astype(int).sum(0).tolist())
     orders = set()
     for seed in range(12):
@@ -105,7 +105,7 @@ def test_channels_change_places_whole() -> None:
     assert len(orders) > 3
 
 
-def test_curves_rise_from_black_to_white() -> None:
+def test_tone_curves_increase_from_black_to_white() -> None:
     ramp = np.repeat(np.tile(np.linspace(0, 255, WIDTH_PX), (HEIGHT_PX, 1))[..., None], 3, 2)
     for seed in range(10):
         sample = replace(picture(), image=ramp.astype(np.uint8))
@@ -116,7 +116,7 @@ def test_curves_rise_from_black_to_white() -> None:
         assert image[-1].tolist() == [255, 255, 255]
 
 
-def test_corners_darken_and_the_centre_does_not() -> None:
+def test_vignetting_darkens_the_corners_only() -> None:
     grey = replace(picture(), image=np.full((HEIGHT_PX, WIDTH_PX, 3), 200, np.uint8))
     for seed in range(5):
         rng = np.random.default_rng(seed)
@@ -126,7 +126,7 @@ def test_corners_darken_and_the_centre_does_not() -> None:
         assert image[48, 80, 0] > 190
 
 
-def test_noise_has_the_deviation_that_was_drawn_and_no_mean() -> None:
+def test_noise_has_zero_mean_and_the_drawn_standard_deviation() -> None:
     flat = replace(picture(), image=np.full((HEIGHT_PX, WIDTH_PX, 3), 128, np.uint8))
     deviations = []
     for seed in range(40):
@@ -147,11 +147,11 @@ def test_a_blur_smooths_and_sharpening_does_not() -> None:
         assert roughness(coloured(seed, blur_px=4.0)) <= before
         assert roughness(coloured(seed, motion_blur_px=12.0)) <= before
         assert roughness(coloured(seed, sharpening=2.0)) >= before
-    # A motion blur leaves an even area at its place and level.
+    # A motion blur does not change a uniform area.
     assert (coloured(1, motion_blur_px=12.0)[30:60, 20:50] == (60, 110, 160)).all()
 
 
-def test_the_papers_changes_keep_to_their_shares() -> None:
+def test_the_papers_changes_have_their_shares() -> None:
     still = replace(
         PAPER_AUGMENT,
         flip_share=0,

@@ -1,4 +1,4 @@
-"""Faults of depth sensors: what they take away, and what they leave as it was."""
+"""Simulated faults of depth sensors."""
 
 from dataclasses import replace
 from typing import Any
@@ -28,7 +28,7 @@ FAULTS: dict[str, dict[str, Any]] = {
 
 
 def scene(post_m: float = 3.0) -> Sample:
-    """A wall from 6 to 18 m, one post before it, and a patch without readings."""
+    """A wall from 6 to 18 m, one post in front of it, and a patch without readings."""
     image = np.tile(np.linspace(6, 18, HEIGHT_PX)[:, None] / LEVEL_M, (1, WIDTH_PX))
     image[20:170, 150:180] = post_m / LEVEL_M
     image[50:80, 230:280] = NONE
@@ -47,7 +47,7 @@ def faulty(seed: int, sample: Sample | None = None, **settings: Any) -> Sample:
 
 
 @pytest.mark.parametrize("name", FAULTS)
-def test_no_reading_stays_none_and_labels_stay(name: str) -> None:
+def test_missing_readings_and_labels_are_unchanged(name: str) -> None:
     changed = 0
     for seed in range(10):
         before, after = scene(), faulty(seed, **FAULTS[name])
@@ -66,13 +66,13 @@ def test_without_masks_the_same_readings_are_lost(name: str) -> None:
     assert (bare.image == faulty(3, **FAULTS[name]).image).all()
 
 
-def test_noise_of_a_stereo_camera_grows_with_distance() -> None:
+def test_stereo_noise_grows_with_distance() -> None:
     gaps = []
     for seed in range(12):
         image = faulty(seed, far_noise_m=0.6).image.astype(float)
         gaps.append((image - scene().image)[:, :140] * LEVEL_M)
     near, far = np.std(gaps, axis=(0, 2))[[8, -40]]  # at 6.5 m and 15.5 m
-    assert 3.5 < far / near < 8  # (15.5 / 6.5)**2 is 5.7; whole levels blur it
+    assert 3.5 < far / near < 8  # (15.5 / 6.5)**2 is 5.7; rounding to levels adds error
     assert abs(np.mean(gaps)) < 0.05
 
 
@@ -82,13 +82,13 @@ def test_steps_of_disparity_grow_with_distance() -> None:
     sizes, places = steps[steps > 0], image[1:][steps > 0]
     near, far = sizes[places < 110].mean(), sizes[places > 160].mean()
     assert far > 2 * near
-    # Steps even in 1/z are the same everywhere.
+    # In 1/z all steps are equal.
     inverse = np.unique(image[image < NONE]) * LEVEL_M
     widths = -np.diff(1 / inverse)
     assert np.ptp(widths) < 0.6 * widths.mean()
 
 
-def test_nothing_is_read_past_the_range() -> None:
+def test_there_are_no_readings_beyond_the_range() -> None:
     ends = set()
     for seed in range(12):
         image = faulty(seed, range_loss=0.6).image
@@ -100,7 +100,7 @@ def test_nothing_is_read_past_the_range() -> None:
     assert len(ends) > 5
 
 
-def test_a_tree_past_the_range_is_dropped() -> None:
+def test_a_tree_beyond_the_range_is_removed() -> None:
     counts = set()
     for seed in range(20):
         for sample in (scene(17.0), replace(scene(17.0), masks=None)):
@@ -111,7 +111,7 @@ def test_a_tree_past_the_range_is_dropped() -> None:
     assert counts == {0, 1}
 
 
-def test_a_strip_left_of_near_things_has_no_readings() -> None:
+def test_stereo_occlusion_is_left_of_near_objects() -> None:
     widths = []
     for seed in range(10):
         row = faulty(seed, stereo_px_m=60.0).image[100]
@@ -121,21 +121,21 @@ def test_a_strip_left_of_near_things_has_no_readings() -> None:
             assert lost[-1] == 149
             assert len(lost) == 150 - lost[0]
         assert (row[150:230] != NONE).all()
-    # 60 px m at 3 m and at 12 m: at most 15 px, drawn evenly.
+    # 60 px m at 3 m and at 12 m: at most 15 px, drawn uniformly.
     assert 8 < max(widths) <= 15
     assert len(set(widths)) > 4
 
 
-def test_readings_along_edges_go_missing_on_both_sides() -> None:
+def test_readings_are_lost_on_both_sides_of_edges() -> None:
     lost = np.zeros((HEIGHT_PX, WIDTH_PX))
     for seed in range(20):
         lost += (faulty(seed, edge_loss_px=4).image == NONE) & (scene().image != NONE)
     columns = lost[30:160].sum(0)
-    # Around the patch without readings there is no step between readings.
+    # The patch without readings is not a depth edge.
     assert set(np.nonzero(columns)[0]) == {*range(146, 154), *range(176, 184)}
 
 
-def test_irregular_holes_take_up_to_their_share() -> None:
+def test_irregular_holes_cover_up_to_their_share() -> None:
     shares = []
     for seed in range(30):
         image = faulty(seed, hole_area=0.4).image

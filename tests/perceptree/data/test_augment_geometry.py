@@ -1,4 +1,4 @@
-"""What moves a picture moves its labels: painted posts and dots are found where the labels are."""
+"""Geometric augmentation: painted posts and dots move with their labels."""
 
 from dataclasses import replace
 
@@ -60,21 +60,21 @@ def posts() -> Sample:
 
 
 def dot(x: float, y: float) -> np.ndarray:
-    """A soft dot at a continuous place, alone in its picture."""
+    """An image with one blurred dot at a continuous position."""
     rows, columns = np.mgrid[0:HEIGHT_PX, 0:WIDTH_PX] + 0.5
     spot = 250 * np.exp(-((columns - x) ** 2 + (rows - y) ** 2) / (2 * 2.5**2))
     return np.repeat(spot.astype(np.uint8)[..., None], 3, 2)
 
 
 def centre(image: np.ndarray) -> np.ndarray:
-    """Where the dot is, x, y."""
+    """Return the position x, y of the dot."""
     weight = image[..., 0].astype(float)
     rows, columns = np.mgrid[0:HEIGHT_PX, 0:WIDTH_PX] + 0.5
     return np.array([(columns * weight).sum(), (rows * weight).sum()]) / weight.sum()
 
 
 def is_within(inner: np.ndarray, outer: np.ndarray) -> bool:
-    """Whether all of ``inner`` but its outermost pixels lies in ``outer``."""
+    """Return whether all of ``inner`` except its border pixels is inside ``outer``."""
     core = cv2.erode(inner.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=1)
     return not (core.astype(bool) & ~outer).any()
 
@@ -98,7 +98,7 @@ def test_masks_and_boxes_are_those_of_the_posts(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", MOVES)
-def test_keypoints_go_where_the_picture_goes(name: str) -> None:
+def test_keypoints_move_with_the_image(name: str) -> None:
     settings, gaps = replace(STILL, **MOVES[name]), []
     spec, both = replace(SPEC, pad_value=0), posts()
     alone = Sample(
@@ -113,7 +113,7 @@ def test_keypoints_go_where_the_picture_goes(name: str) -> None:
         inner = cv2.erode(white.image[..., 0], np.ones((31, 31), np.uint8), borderValue=0)
         found = white.keypoints[0][white.keypoints[0, :, 2] > 0, :2]
         shown = cv2.dilate(white.image[..., 0], np.ones((3, 3), np.uint8))
-        assert all(shown[int(y), int(x)] for x, y in found)  # none lies on the padding
+        assert all(shown[int(y), int(x)] for x, y in found)  # none is in the padding
         for x, y, _ in keypoints_of(*POSTS[0])[:4]:
             sample = replace(alone, image=dot(x, y))
             moved = augment(np.random.default_rng(seed), sample, spec, settings).image
@@ -121,24 +121,24 @@ def test_keypoints_go_where_the_picture_goes(name: str) -> None:
                 moved.max() < 200
                 or not inner[np.unravel_index(moved[..., 0].argmax(), inner.shape)]
             ):
-                continue  # the dot is gone, or may be cut
+                continue  # the dot is outside, or may be cut off
             offsets = found - centre(moved)
             gaps.append(offsets[np.hypot(*offsets.T).argmin()])
     assert len(gaps) >= 4
-    # Half a pixel off would show in each of them, and in their mean.
+    # An offset of half a pixel would be visible in each of them, and in their mean.
     assert np.abs(gaps).max() < 0.35
     assert np.abs(np.mean(gaps, axis=0)).max() < 0.15
 
 
-def test_a_flip_is_exact_and_the_same_as_by_the_function() -> None:
+def test_a_flip_is_exact_and_equals_the_flip_function() -> None:
     moved = augment(np.random.default_rng(0), posts(), SPEC, replace(STILL, flip_share=1.0))
     for name, value in vars(flip(posts())).items():
         assert (getattr(moved, name) == value).all()
 
 
-def test_a_window_shows_nothing_from_beside_it() -> None:
+def test_a_crop_shows_nothing_outside_its_window() -> None:
     settings = replace(STILL, crop_share=1.0, crop=(0.5, 1.0))
-    columns = np.arange(WIDTH_PX) // 2 + 1  # what stands in each pair of columns of the picture
+    columns = np.arange(WIDTH_PX) // 2 + 1  # value of each pair of columns
     image = np.repeat(np.tile(columns.astype(np.uint8), (HEIGHT_PX, 1))[..., None], 3, 2)
     starts = set()
     for seed in range(20):
@@ -153,7 +153,7 @@ def test_a_window_shows_nothing_from_beside_it() -> None:
     assert len(starts) > 5
 
 
-def test_a_window_fills_the_picture_where_it_has_its_shape() -> None:
+def test_a_crop_of_the_same_aspect_ratio_fills_the_image() -> None:
     settings = replace(STILL, crop_share=1.0, crop=(0.5, 0.5))
     for seed in range(5):
         moved = augment(np.random.default_rng(seed), posts(), replace(SPEC, pad_value=1), settings)
@@ -161,7 +161,7 @@ def test_a_window_fills_the_picture_where_it_has_its_shape() -> None:
 
 
 @pytest.mark.parametrize("name", MOVES)
-def test_without_masks_boxes_hold_what_the_masks_hold(name: str) -> None:
+def test_without_masks_boxes_contain_the_masks(name: str) -> None:
     settings = replace(STILL, **MOVES[name])
     straight = not {"rotation_deg", "shear_deg", "perspective"} & set(MOVES[name])
     for seed in range(25):
@@ -178,7 +178,7 @@ def test_without_masks_boxes_hold_what_the_masks_hold(name: str) -> None:
             assert holding.all(1).any() or grown.size < len(masked.boxes)
 
 
-def test_a_box_that_is_cut_away_is_dropped() -> None:
+def test_a_box_that_is_cropped_away_is_removed() -> None:
     kept = set()
     settings = replace(STILL, crop_share=1.0, crop=(0.3, 1.0))
     for seed in range(30):
@@ -189,7 +189,7 @@ def test_a_box_that_is_cut_away_is_dropped() -> None:
     assert kept == {0, 1}
 
 
-def test_many_masks_and_masks_that_overlap_are_moved_one_by_one() -> None:
+def test_many_and_overlapping_masks_move_independently() -> None:
     rng = np.random.default_rng(0)
     masks = np.zeros((19, HEIGHT_PX, WIDTH_PX), bool)
     for mask in masks:
@@ -209,7 +209,7 @@ def test_many_masks_and_masks_that_overlap_are_moved_one_by_one() -> None:
         assert (together.boxes[row] == alone.boxes[0]).all()
 
 
-def test_a_frame_without_trees_stays_one() -> None:
+def test_a_frame_without_trees_is_supported() -> None:
     empty = Sample(
         posts().image,
         np.zeros((0, 4)),

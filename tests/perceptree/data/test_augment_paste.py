@@ -1,4 +1,4 @@
-"""Pasted trees: what hides what, in the picture and in the labels."""
+"""Pasted trees: occlusion in image and labels."""
 
 from dataclasses import replace
 from typing import Any
@@ -47,7 +47,7 @@ def pasted(sample: Sample, other: Sample, modality: Any, **settings: Any) -> Sam
     return augment(rng, sample, spec_of(modality), changed, lambda: other)
 
 
-def test_the_nearer_tree_hides_the_farther_one_in_depth() -> None:
+def test_in_depth_the_nearer_tree_occludes_the_farther() -> None:
     near, far = post(60, 90, 40, "depth"), post(70, 100, 90, "depth")
     for sample, other in ((near, far), (far, near)):
         result = pasted(sample, other, "depth")
@@ -68,12 +68,12 @@ def test_the_nearer_tree_hides_the_farther_one_in_depth() -> None:
             assert box[[0, 2]].tolist() == [columns[0], columns[-1] + 1]
 
 
-def test_hidden_keypoints_are_flagged_and_mostly_hidden_trees_dropped() -> None:
+def test_occluded_keypoints_are_flagged_and_mostly_occluded_trees_removed() -> None:
     behind = post(60, 100, 90, "depth")
-    # Symmetric about the middle, so that it lies there whether it was mirrored or not.
+    # Symmetric about the middle, so that mirroring makes no difference.
     result = pasted(behind, post(70, 90, 40, "depth"), "depth")
     assert len(result.boxes) == 2
-    # Cut and middle lie behind the new post; left and right do not; the last was hidden before.
+    # Cut and middle are behind the new post, left and right are not; the last was hidden before.
     assert result.keypoints[0, :, 2].tolist() == [1, 2, 2, 1, 1]
     assert result.keypoints[1, :, 2].tolist() == [2, 2, 2, 2, 1]
     assert (result.keypoints[0, :, :2] == behind.keypoints[0, :, :2]).all()
@@ -82,7 +82,7 @@ def test_hidden_keypoints_are_flagged_and_mostly_hidden_trees_dropped() -> None:
     assert len(wide.boxes) == 1
     assert wide.image[50, 80] == 40
 
-    # Put behind the frame's own tree, the same few columns at its sides are not worth a label.
+    # Behind the frame's own tree, too few of its columns are visible for a label.
     unseen = pasted(post(63, 97, 40, "depth"), behind, "depth")
     assert len(unseen.boxes) == 1
     assert (unseen.image == post(63, 97, 40, "depth").image).all()
@@ -91,14 +91,14 @@ def test_hidden_keypoints_are_flagged_and_mostly_hidden_trees_dropped() -> None:
     assert half.keypoints[1, :, 2].tolist() == [1, 2, 2, 1, 1]
 
 
-def test_holes_come_along_at_their_trees_distance() -> None:
+def test_missing_readings_are_pasted_at_the_trees_distance() -> None:
     other = post(70, 90, 40, "depth")
     other.image[40:50, 70:90] = NONE
     result = pasted(post(0, 10, 90, "depth"), other, "depth")
     assert (result.image[40:50, 70:90] == NONE).all()
     assert result.masks is not None
     assert (result.masks[1] == other.masks).all()
-    # Behind a near background nothing of it shows, holes neither.
+    # Behind a nearer background nothing is visible, not even missing readings.
     near = pasted(post(0, 10, 20, "depth", back=30), other, "depth")
     assert len(near.boxes) == 1
     assert (near.image != NONE).all()
@@ -132,7 +132,7 @@ def test_one_to_three_trees_come_from_the_other_frame(modality: Any) -> None:
     assert (other.image == image).all()
 
 
-def test_trees_stand_where_they_stood_or_mirrored() -> None:
+def test_trees_keep_their_position_or_are_mirrored() -> None:
     lefts = set()
     for seed in range(20):
         rng = np.random.default_rng(seed)
@@ -151,7 +151,7 @@ def test_nothing_is_pasted_without_masks_or_another_frame() -> None:
     assert len(alone.boxes) == 1
 
 
-def test_the_other_frame_is_asked_for_in_the_share_of_the_frames() -> None:
+def test_another_frame_is_read_only_when_needed() -> None:
     sample, asked = post(10, 30, 60, "depth"), []
 
     def other() -> Sample:

@@ -1,4 +1,4 @@
-"""Strengths of the augmentation: what is refused, and what the named ones are."""
+"""Validation of the augmentation settings."""
 
 import dataclasses
 import json
@@ -19,7 +19,7 @@ NUMBERS = [
 
 
 @pytest.mark.parametrize("name", NUMBERS)
-def test_no_strength_is_under_0_or_not_a_number(name: str) -> None:
+def test_negative_and_nan_strengths_are_rejected(name: str) -> None:
     for value in (-1, np.nan, np.inf):
         with pytest.raises(SettingsError, match=rf"{name} is {value}: expected"):
             AugmentSettings(**{name: value})
@@ -42,19 +42,19 @@ def test_no_strength_is_under_0_or_not_a_number(name: str) -> None:
         ("copy_paste_share", 2),
     ],
 )
-def test_strengths_out_of_range_are_refused(name: str, value: Any) -> None:
+def test_strengths_out_of_range_are_rejected(name: str, value: Any) -> None:
     with pytest.raises(SettingsError, match=rf"{name} is .*: expected"):
         AugmentSettings(**{name: value})
 
 
-def test_the_paper_cuts_windows_as_wide_as_a_frame_is_high() -> None:
+def test_the_papers_crop_is_square() -> None:
     assert PAPER_AUGMENT.crop_share == 1
     assert (np.array(PAPER_AUGMENT.crop) * (1280, 720)).tolist() == [720, 720]
     assert PAPER_AUGMENT.flip_share == 0.5
     assert (PAPER_AUGMENT.depth_noise, PAPER_AUGMENT.holes) == (0, 0)
 
 
-def test_settings_are_ready_for_json() -> None:
+def test_settings_are_json_ready() -> None:
     values = json.loads(json.dumps(dataclasses.asdict(PAPER_AUGMENT)))
     tuples = {name: tuple(v) if isinstance(v, list) else v for name, v in values.items()}
     assert AugmentSettings(**tuples) == PAPER_AUGMENT

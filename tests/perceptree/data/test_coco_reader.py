@@ -1,4 +1,4 @@
-"""COCO files: what they say arrives in corner-based pixels; what is wrong is one line."""
+"""Reading COCO files: labels in continuous px, and errors in one line."""
 
 import json
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from perceptree.errors import DatasetError
 Edit = Callable[[Path, str, Callable[[dict[str, Any]], None]], None]
 
 
-def test_labels_arrive_in_corner_based_pixels(posts: Path) -> None:
+def test_labels_are_converted_to_continuous_px(posts: Path) -> None:
     frame = read_split(posts, "train")[0]
     content = json.loads((posts / "train_RGB.json").read_text())
     on_disk = content["annotations"][0]
@@ -31,7 +31,7 @@ def test_labels_arrive_in_corner_based_pixels(posts: Path) -> None:
     assert frame.depth_path == posts / "depth/000000.png"
 
 
-def test_runs_and_polygons_cover_the_same_pixels(posts: Path, edit_split: Edit) -> None:
+def test_run_lengths_and_polygons_give_the_same_mask(posts: Path, edit_split: Edit) -> None:
     expected = [frame.mask(frame.trees[0]) for frame in read_split(posts, "train")]
 
     def as_polygons(content: dict[str, Any]) -> None:
@@ -48,7 +48,7 @@ def test_runs_and_polygons_cover_the_same_pixels(posts: Path, edit_split: Edit) 
         assert (drawn == mask).all()
 
 
-def test_uncompressed_runs_read_as_compressed_ones(posts: Path, edit_split: Edit) -> None:
+def test_uncompressed_and_compressed_run_lengths_are_equal(posts: Path, edit_split: Edit) -> None:
     frame = read_split(posts, "test")[0]
     mask = frame.mask(frame.trees[0])
     flat = mask.ravel(order="F").astype(int)
@@ -92,7 +92,7 @@ FAULTS = {
     "width": (_set("images", 0, "width", 0), "width of image 0 is 0"),
     "name": (_drop("images", 0, "file_name"), "file_name of image 0 is missing"),
     "depth8": (_set("images", 0, "depth8_file", 5), "depth8_file of image 0 is 5"),
-    "twice": (_set("images", 1, "id", 0), "share an id"),
+    "twice": (_set("images", 1, "id", 0), "have the id"),
     "no_images": (lambda c: c["images"].clear(), "holds no images"),
     "no_list": (lambda c: c.update(annotations=3), "a list of annotations"),
 }
@@ -125,7 +125,7 @@ def test_missing_and_unreadable_files_are_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("counts", ["", "%%%", [5, 5], [1, -1, 9]])
-def test_runs_that_do_not_fill_the_frame_are_refused(
+def test_run_lengths_that_do_not_fill_the_frame_are_rejected(
     posts: Path, edit_split: Edit, counts: Any
 ) -> None:
     edit_split(posts, "test", lambda c: c["annotations"][0]["segmentation"].update(counts=counts))
@@ -134,9 +134,7 @@ def test_runs_that_do_not_fill_the_frame_are_refused(
         frame.mask(frame.trees[0])
 
 
-def test_a_long_file_is_read_in_parts_that_make_no_difference(
-    posts: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_chunk_size_makes_no_difference(posts: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = read_split(posts, "train")
     monkeypatch.setattr("perceptree.data.parsing._CHUNK", 4)
     for frame, part in zip(whole, read_split(posts, "train"), strict=True):

@@ -1,4 +1,4 @@
-"""Every fault that ``perceptree data check`` looks for, made on purpose; and a clean set."""
+"""``perceptree data check``: every kind of problem, and a clean dataset."""
 
 import json
 import shutil
@@ -24,7 +24,7 @@ Picture = NDArray[np.uint8]
 
 
 def _found(directory: Path) -> dict[str, tuple[int, str]]:
-    """Count and first name by kind."""
+    """Return count and first name by kind."""
     return {
         finding.kind: (finding.count, finding.first[0])
         for finding in Check(directory).run().findings
@@ -39,7 +39,7 @@ def _set(number: int, field: str, value: Any) -> Damage:
 
 
 def _points(**changes: list[float]) -> Damage:
-    """Put keypoints of annotation 1 of val elsewhere, by their place in the list."""
+    """Change keypoints of annotation 1 of val, by their index."""
 
     def damage(posts: Path, edit: Edit) -> None:
         def change(content: Content) -> None:
@@ -130,7 +130,7 @@ FAULTS: dict[str, tuple[Damage, str, str]] = {
 }
 
 
-def test_a_clean_set_has_no_findings(posts: Path) -> None:
+def test_a_clean_dataset_has_no_findings(posts: Path) -> None:
     report = Check(posts).run()
     assert report.findings == ()
     assert [(split.split, split.frames, split.trees) for split in report.splits] == [
@@ -142,7 +142,7 @@ def test_a_clean_set_has_no_findings(posts: Path) -> None:
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_fault_is_found_counted_and_named(posts: Path, edit_split: Edit, fault: str) -> None:
+def test_a_problem_is_found_counted_and_named(posts: Path, edit_split: Edit, fault: str) -> None:
     damage, kind, name = FAULTS[fault]
     damage(posts, edit_split)
     found = _found(posts)
@@ -152,13 +152,13 @@ def test_a_fault_is_found_counted_and_named(posts: Path, edit_split: Edit, fault
     assert name in first
 
 
-def test_every_kind_of_label_and_file_fault_is_tried() -> None:
+def test_every_kind_of_label_and_file_problem_is_tested() -> None:
     assert {kind for _, kind, _ in FAULTS.values()} == {
         kind for kind in KINDS if not kind.endswith("_in_splits")
     }
 
 
-def test_many_faults_are_counted_and_the_first_named(posts: Path) -> None:
+def test_many_problems_are_counted_and_the_first_named(posts: Path) -> None:
     for picture in (posts / "images").glob("*.png"):
         picture.unlink()
     (finding,) = Check(posts).run().findings
@@ -167,15 +167,15 @@ def test_many_faults_are_counted_and_the_first_named(posts: Path) -> None:
     assert str(finding).endswith("and 6 more")
 
 
-def test_a_leaning_stem_keeps_its_left_and_right(posts: Path, edit_split: Edit) -> None:
-    # Leaning far to the right, its left edge is the upper one, a little right of the lower.
+def test_left_and_right_of_a_leaning_tree_are_not_reported(posts: Path, edit_split: Edit) -> None:
+    # It leans far right: its left edge is the upper one, slightly right of the lower edge.
     leaning = _points(k0=[60, 40, 2], k1=[62, 36, 2], k2=[61, 46, 2], k3=[80, 38, 2], k4=[0, 0, 0])
     leaning(posts, edit_split)
     assert Check(posts).run().findings == ()
 
 
 def _reuse(change: Callable[[Picture], Picture]) -> Damage:
-    """A picture of train, changed, becomes one of test."""
+    """Put a changed copy of a training image into test."""
 
     def damage(posts: Path, edit: Edit) -> None:
         image = _load(posts, "images/000002.png")
@@ -193,7 +193,7 @@ def _reuse(change: Callable[[Picture], Picture]) -> Damage:
     ],
     ids=["copied", "brightened", "packed"],
 )
-def test_a_picture_that_is_nearly_the_same_in_another_split_is_found(
+def test_a_nearly_identical_image_in_another_split_is_found(
     posts: Path,
     edit_split: Edit,
     monkeypatch: pytest.MonkeyPatch,
@@ -202,11 +202,11 @@ def test_a_picture_that_is_nearly_the_same_in_another_split_is_found(
     monkeypatch.setattr(leakage, "_PAIRS_AT_ONCE", 6)  # a picture of test at a time
     _reuse(change)(posts, edit_split)
     assert _found(posts) == {
-        "picture_in_splits": (1, "000010.png of test like 000002.png of train")
+        "picture_in_splits": (1, "000010.png of test is like 000002.png of train")
     }
 
 
-def test_a_scaled_picture_has_the_signature_of_the_first_and_others_have_not() -> None:
+def test_signatures_match_for_scaled_images_only() -> None:
     rng = np.random.default_rng(1)
     images = [
         np.asarray(cv2.resize(rng.integers(0, 255, (18, 32, 3), np.uint8), (640, 360)), np.uint8)
@@ -239,8 +239,8 @@ def _name_scenes(posts: Path, edit_split: Edit, test_seed: int) -> Report:
     return Check(posts).run()
 
 
-def test_scenes_are_compared_where_every_frame_names_its_own(posts: Path, edit_split: Edit) -> None:
-    # Two views of two scenes may look alike; that is no leak.
+def test_scenes_are_compared_if_every_frame_names_its_scene(posts: Path, edit_split: Edit) -> None:
+    # Similar views of different scenes are not leakage.
     shutil.copy(posts / "images/000002.png", posts / "images/000009.png")
     report = _name_scenes(posts, edit_split, 300)
     assert (report.findings, report.compared_by) == ((), "scene")
@@ -249,7 +249,7 @@ def test_scenes_are_compared_where_every_frame_names_its_own(posts: Path, edit_s
     assert finding.first == ("scene 102 in train (000004.png) and test (000009.png)",)
 
 
-def test_the_command_says_what_it_found_and_by_exit_code(
+def test_the_command_prints_findings_and_sets_the_exit_code(
     posts: Path, edit_split: Edit, call: Callable[..., tuple[int, str, str]]
 ) -> None:
     code, out, _ = call("data", "check", posts)
@@ -261,7 +261,7 @@ def test_the_command_says_what_it_found_and_by_exit_code(
     (posts / "images/000001.png").unlink()
     code, out, _ = call("data", "check", posts)
     assert code == 1
-    assert f"1 colour pictures missing: train {posts / 'images/000001.png'}" in out
+    assert f"1 colour images missing: train {posts / 'images/000001.png'}" in out
     code, out, _ = call("data", "check", posts, "--json")
     assert code == 1
     report = json.loads(out)

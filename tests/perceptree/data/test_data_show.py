@@ -1,4 +1,4 @@
-"""``perceptree data show``: pages with the frames that were asked for, labels drawn on."""
+"""``perceptree data show``: pages of frames with their labels."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -27,7 +27,7 @@ def test_frames_are_drawn_by_seed_from_the_splits_in_turn(posts: Path) -> None:
     assert len({frame.image_path for _, frame in everything}) == 11
 
 
-def test_pages_hold_boxes_and_outlines_of_every_frame(posts: Path, edit_split: Edit) -> None:
+def test_pages_show_boxes_and_outlines_of_every_frame(posts: Path, edit_split: Edit) -> None:
     def widen(content: Content) -> None:  # else the posts' boxes hide their outlines
         for annotation in content["annotations"]:
             x, y, width, height = annotation["bbox"]
@@ -45,7 +45,7 @@ def test_pages_hold_boxes_and_outlines_of_every_frame(posts: Path, edit_split: E
         assert (cell == OUTLINE).all(-1).sum() > 200
 
 
-def test_the_command_writes_as_many_pages_as_asked_for(
+def test_the_command_writes_the_requested_number_of_pages(
     posts: Path, tmp_path: Path, call: Call
 ) -> None:
     out = tmp_path / "new/pages"
@@ -61,7 +61,7 @@ def test_the_command_writes_as_many_pages_as_asked_for(
     assert np.ptp(page) > 150
 
 
-def test_a_set_of_boxes_only_is_shown_and_its_notes_said(
+def test_a_dataset_of_boxes_only_is_shown_with_its_notes(
     posts: Path, tmp_path: Path, edit_split: Edit, call: Call
 ) -> None:
     def change(content: Content) -> None:
@@ -83,7 +83,7 @@ def test_a_set_of_boxes_only_is_shown_and_its_notes_said(
         (("--fold", 2), "in fold 2"),
     ],
 )
-def test_wrong_wishes_are_one_line(
+def test_invalid_options_are_one_line(
     posts: Path, call: Call, arguments: tuple[object, ...], expected: str
 ) -> None:
     code, _, err = call("data", "show", posts, *arguments)

@@ -1,4 +1,4 @@
-"""The cache of decoded frames gives what decoding gives, and is made again when it must be."""
+"""The frame cache: equal to decoding, and rebuilt when data change."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -37,9 +37,7 @@ def test_a_cached_frame_equals_the_decoded_one(posts: Path, tmp_path: Path, moda
         np.testing.assert_array_equal(found.masks, expected.masks)
 
 
-def test_a_ready_cache_is_used_and_a_changed_picture_makes_a_new_one(
-    posts: Path, tmp_path: Path
-) -> None:
+def test_a_cache_is_reused_until_an_image_changes(posts: Path, tmp_path: Path) -> None:
     folder, decoded = tmp_path / "cache", []
 
     def count(done: int, total: int) -> None:
@@ -59,7 +57,7 @@ def test_a_ready_cache_is_used_and_a_changed_picture_makes_a_new_one(
     assert [path.name for path in tmp_path.glob("cache*")] == ["cache"]
 
 
-def test_labels_or_size_make_a_new_cache(
+def test_a_change_of_labels_or_size_rebuilds_the_cache(
     posts: Path, tmp_path: Path, edit_split: Callable[..., None]
 ) -> None:
     first = opened(posts, tmp_path / "cache")
@@ -78,11 +76,13 @@ def test_a_damaged_cache_is_named(posts: Path, tmp_path: Path) -> None:
     pictures.write_bytes(content)
     cache = opened(posts, tmp_path / "cache")
     assert cache[2].image.shape == (64, 128)
-    with pytest.raises(DatasetError, match=r"cache: the cached frame 000003\.png is damaged"):
+    with pytest.raises(
+        DatasetError, match=r"cache: the cached frame 000003\.png does not match its checksum"
+    ):
         cache[3]
 
 
-def test_a_broken_picture_is_named_or_left_out_and_counted(posts: Path, tmp_path: Path) -> None:
+def test_a_broken_image_is_named_or_left_out(posts: Path, tmp_path: Path) -> None:
     (posts / "depth8/000001.png").write_bytes(b"nothing")
     (posts / "depth8/000004.png").unlink()
     with pytest.raises(DatasetError, match=r"000001\.png: missing or not a readable image"):
@@ -97,7 +97,7 @@ def test_a_broken_picture_is_named_or_left_out_and_counted(posts: Path, tmp_path
     )
 
 
-def test_frames_without_masks_are_cached_without(
+def test_frames_without_masks_are_cached(
     posts: Path, tmp_path: Path, edit_split: Callable[..., None]
 ) -> None:
     def strip(content: dict[str, list[dict[str, object]]]) -> None:

@@ -1,4 +1,4 @@
-"""Frames in memory: letterboxed pictures and labels stay on top of each other."""
+"""Decoding and letterboxing of frames with their labels."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -16,7 +16,7 @@ Edit = Callable[[Path, str, Callable[[dict[str, Any]], None]], None]
 
 
 @pytest.mark.parametrize("modality", ["rgb", "depth"])
-def test_labels_lie_on_the_letterboxed_picture(posts: Path, modality: Any) -> None:
+def test_labels_match_the_letterboxed_image(posts: Path, modality: Any) -> None:
     spec = make_spec("edge-n", modality, 64, 96)  # 128x72 becomes 96x54, with ten rows of padding
     store = FrameStore(read_split(posts, "train"), spec)
     assert len(store) == 6
@@ -50,7 +50,7 @@ def test_targets_have_the_shapes_that_the_model_trains_on(posts: Path) -> None:
     assert targets.masks.shape == (2, 64, 96)
 
 
-def test_a_frame_without_trees_and_a_crowd_are_ordinary(posts: Path, edit_split: Edit) -> None:
+def test_frames_without_trees_and_crowds_are_supported(posts: Path, edit_split: Edit) -> None:
     def change(content: dict[str, Any]) -> None:
         content["annotations"] = [a for a in content["annotations"] if a["image_id"] != 0]
         content["annotations"][0]["iscrowd"] = 1
@@ -87,7 +87,7 @@ def _sixteen_bit(posts: Path) -> None:
         (_sixteen_bit, "expected 8-bit single-channel"),
     ],
 )
-def test_a_bad_picture_is_one_line_that_names_it(
+def test_a_bad_image_is_named_in_one_line(
     posts: Path, damage: Callable[[Path], None], expected: str
 ) -> None:
     damage(posts)
@@ -97,7 +97,7 @@ def test_a_bad_picture_is_one_line_that_names_it(
     assert expected in str(caught.value)
 
 
-def test_depth_of_another_encoding_is_refused(posts: Path, edit_split: Edit) -> None:
+def test_depth_of_another_encoding_is_rejected(posts: Path, edit_split: Edit) -> None:
     def change(content: dict[str, Any]) -> None:
         content["images"][0]["depth_encoding"]["far_m"] = 10.0
 
@@ -116,5 +116,5 @@ def test_a_dataset_without_depth_trains_colour_only(posts: Path, edit_split: Edi
     edit_split(posts, "train", change)
     frames = read_split(posts, "train")
     assert FrameStore(frames, make_spec("edge-n", "rgb", 64, 96))[0].image.shape == (64, 96, 3)
-    with pytest.raises(DatasetError, match=r"gives no 8-bit depth beside it; .*--modality rgb"):
+    with pytest.raises(DatasetError, match=r"has no 8-bit depth image for it; .*--modality rgb"):
         FrameStore(frames, make_spec("edge-n", "depth", 64, 96))[0]

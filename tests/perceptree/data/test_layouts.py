@@ -1,4 +1,4 @@
-"""Published and usual layouts are read from small sets made after their descriptions."""
+"""Dataset layouts, recreated in small from their descriptions."""
 
 import json
 import shutil
@@ -27,7 +27,7 @@ def _content(posts: Path, split: str) -> Content:
 
 
 def _move(posts: Path, content: Content, folder: Path, name: Callable[[int], str]) -> None:
-    """Put a file's pictures into a folder under names of its own."""
+    """Move a file's images to a folder under new names."""
     folder.mkdir(parents=True, exist_ok=True)
     for image in content["images"]:
         shutil.copy(posts / image["file_name"], folder / name(image["id"]))
@@ -40,7 +40,7 @@ def _write(path: Path, content: Content) -> None:
 
 
 def _published(posts: Path, out: Path) -> Path:
-    """As PercepTreeV1 describes SynthTree43k: pictures and label files in one folder."""
+    """SynthTree43k as PercepTreeV1 describes it: images and label files in one folder."""
     for split in SPLITS:
         content = _content(posts, split)
         _move(posts, content, out, lambda number: f"image_{number:05d}_RGB.png")
@@ -82,7 +82,7 @@ def test_synthtree43ks_labels_of_entire_trees_are_chosen(posts: Path, tmp_path: 
     assert dataset.frames[0].trees[0].box_px[1] == 0
     for split in SPLITS:
         (directory / f"{split}_RGB.json").unlink()
-    with pytest.raises(DatasetError, match="--entire-tree chooses labels of entire trees"):
+    with pytest.raises(DatasetError, match="use --entire-tree for labels of entire trees"):
         read_dataset(directory, "val")
 
 
@@ -106,21 +106,21 @@ def test_depth_pictures_are_found_by_their_names(posts: Path, tmp_path: Path, pl
     dataset = read_dataset(directory, "train")
     assert dataset.has_depth
     assert dataset.frames[3].depth8_path == tmp_path / place.format(3)
-    assert "nothing says which grey is how many metres" in " ".join(dataset.notes)
+    assert "their depth encoding is unknown" in " ".join(dataset.notes)
 
 
-def test_depth_that_is_not_8_bit_is_left_out_and_said(posts: Path, tmp_path: Path) -> None:
+def test_depth_that_is_not_8_bit_is_left_out_with_a_note(posts: Path, tmp_path: Path) -> None:
     directory = _published(posts, tmp_path / "SynthTree43k")
     (directory / "depth").mkdir()
     for frame in read_split(posts, "train"):
         shutil.copy(frame.depth_path or "", directory / f"depth/image_{frame.image_id:05d}_RGB.png")
     dataset = read_dataset(directory, "train")
     assert not dataset.has_depth
-    assert "is not an 8-bit picture of one channel" in " ".join(dataset.notes)
+    assert "is not an 8-bit single-channel image" in " ".join(dataset.notes)
 
 
 def _folds(posts: Path, out: Path, name: str) -> Path:
-    """As CanaTree100: train, val and test of five folds; the fold shows in the number of frames."""
+    """CanaTree100: train, val and test of five folds; each fold has its own number of frames."""
     for fold in range(1, 6):
         for split in SPLITS:
             content = _content(posts, split)
@@ -158,7 +158,7 @@ def test_canatree100s_folds_are_listed_and_chosen(posts: Path, tmp_path: Path, n
     assert [labels.split for labels in find_splits(directory, fold=3)] == list(SPLITS)
 
 
-def test_labels_in_a_folder_annotations_beside_the_pictures(posts: Path, tmp_path: Path) -> None:
+def test_labels_in_an_annotations_folder(posts: Path, tmp_path: Path) -> None:
     for split in SPLITS:
         content = _content(posts, split)
         _move(posts, content, tmp_path / "set", lambda number: f"{number}.png")
@@ -180,7 +180,7 @@ def test_coco_with_a_year(posts: Path, tmp_path: Path, folder: str) -> None:
         assert read_dataset(tmp_path / "set", split).labels.fold is None
 
 
-def test_a_copy_in_a_folder_below_does_not_disturb(posts: Path) -> None:
+def test_a_copy_in_a_subfolder_is_ignored(posts: Path) -> None:
     shutil.copytree(posts, posts / "annotations")
     shutil.copytree(posts / "annotations", posts / "backup")
     assert read_dataset(posts, "val").labels.path == posts / "val_RGB.json"
@@ -188,7 +188,7 @@ def test_a_copy_in_a_folder_below_does_not_disturb(posts: Path) -> None:
     assert read_dataset(posts, "val").labels.path == posts / "annotations/val_RGB.json"
 
 
-def test_pictures_are_found_though_the_labels_name_folders_of_another_machine(
+def test_images_are_found_despite_folders_of_another_machine(
     posts: Path, edit_split: Callable[[Path, str, Callable[[Content], None]], None]
 ) -> None:
     def change(content: Content) -> None:
@@ -199,7 +199,7 @@ def test_pictures_are_found_though_the_labels_name_folders_of_another_machine(
     assert all(frame.image_path.is_file() for frame in read_split(posts, "val"))
 
 
-def test_splits_with_equal_names_keep_to_their_own_folders(posts: Path, tmp_path: Path) -> None:
+def test_splits_with_equal_file_names_use_their_own_folders(posts: Path, tmp_path: Path) -> None:
     for split in SPLITS:
         content = _content(posts, split)
         first = content["images"][0]["id"]
@@ -227,15 +227,17 @@ def test_roboflow(posts: Path, tmp_path: Path) -> None:
         _agrees(tmp_path / "set", posts, split)
 
 
-def test_one_label_file_stands_for_the_split_it_names(posts: Path) -> None:
+def test_a_single_label_file_has_the_split_in_its_name(posts: Path) -> None:
     assert len(read_split(posts / "val_RGB.json", "val")) == 3
-    with pytest.raises(DatasetError, match="one label file of val, expected a dataset's folder"):
+    with pytest.raises(
+        DatasetError, match="is a label file of split val, expected one of split train or a folder"
+    ):
         read_split(posts / "val_RGB.json", "train")
     (posts / "test_RGB.json").rename(posts / "stand 7.json")
     assert len(read_split(posts / "stand 7.json", "test")) == 2
 
 
-def test_files_of_tools_are_no_labels(posts: Path) -> None:
+def test_other_json_files_are_not_label_files(posts: Path) -> None:
     for name in ("settings.json", "test_results.json", "scenes/train.json.part", "depth/val.json"):
         (posts / name).parent.mkdir(exist_ok=True)
         (posts / name).write_text("{}")
@@ -244,11 +246,11 @@ def test_files_of_tools_are_no_labels(posts: Path) -> None:
     ]
 
 
-def test_what_there_is_is_listed_where_a_split_is_missing_or_ambiguous(posts: Path) -> None:
+def test_errors_list_the_label_files_found(posts: Path) -> None:
     (posts / "test_RGB.json").unlink()
     with pytest.raises(DatasetError) as missing:
         read_split(posts, "test")
-    assert "expected labels of test, say test_RGB.json; found train_RGB.json, val" in str(
+    assert "expected labels of test, like test_RGB.json; found train_RGB.json, val" in str(
         missing.value
     )
     for name in ("instances_test.json", "person_keypoints_test.json"):

@@ -1,4 +1,4 @@
-"""Real against simulated pictures: what differs is named, what does not is left alone."""
+"""Comparison of real and simulated images."""
 
 import json
 from collections.abc import Callable
@@ -17,7 +17,7 @@ Call = Callable[..., tuple[int, str, str]]
 def picture(
     seed: int, lightness: float = 1.0, colour: float = 1.0, blur_px: float = 0
 ) -> np.ndarray:
-    """Bars on a rough ground, (240, 320, 3) uint8."""
+    """Bars on a textured background, (240, 320, 3) uint8."""
     rng = np.random.default_rng(seed)
     image = np.full((240, 320, 3), (90, 140, 110), float) + rng.normal(0, 12, (240, 320, 3))
     for x in rng.integers(0, 300, 5):
@@ -41,7 +41,7 @@ def separations(real: Path, simulated: Path) -> dict[str, float]:
     return {d.measure.name: d.separation for d in comparison.differences}
 
 
-def test_pictures_of_one_kind_are_told_apart_by_nothing(tmp_path: Path):
+def test_similar_images_are_not_separated(tmp_path: Path):
     real, same = (folder(tmp_path / name, range(10)) for name in ("a", "b"))
     assert set(separations(real, same).values()) == {0.0}
 
@@ -55,13 +55,13 @@ def test_pictures_of_one_kind_are_told_apart_by_nothing(tmp_path: Path):
         ({"lightness": 2.4}, "blown"),
     ],
 )
-def test_what_differs_is_found(tmp_path: Path, looks: dict[str, float], telling: str):
+def test_differences_are_found(tmp_path: Path, looks: dict[str, float], telling: str):
     real = folder(tmp_path / "real", range(10))
     other = folder(tmp_path / "other", range(10, 20), **looks)
     assert separations(real, other)[telling] > 0.9
 
 
-def test_the_most_telling_measure_comes_first_with_its_sign(tmp_path: Path):
+def test_the_most_separating_measure_comes_first(tmp_path: Path):
     real = folder(tmp_path / "real", range(12))
     dark = folder(tmp_path / "dark", range(12, 24), lightness=0.5)
     found = compare_pictures(find_pictures(real, 50), find_pictures(dark, 50)).differences
@@ -70,7 +70,7 @@ def test_the_most_telling_measure_comes_first_with_its_sign(tmp_path: Path):
     assert {d.measure.name: d.shift for d in found}["lightness"] < -3
 
 
-def test_a_simulated_dataset_gives_its_colour_images_alone(tmp_path: Path):
+def test_only_colour_images_of_a_simulated_dataset_are_used(tmp_path: Path):
     folder(tmp_path / "images", range(5))
     folder(tmp_path / "depth", range(5))
     (tmp_path / "scenes").mkdir()
@@ -84,7 +84,7 @@ def test_pictures_are_taken_evenly_from_a_large_folder(tmp_path: Path):
     assert len(names) == 4
 
 
-def test_the_page_shows_every_measure_and_both_kinds_of_pictures(tmp_path: Path):
+def test_the_page_shows_every_measure_and_both_sets(tmp_path: Path):
     real = folder(tmp_path / "real<&", range(4))
     page = likeness_page(compare_pictures(find_pictures(real, 9), find_pictures(real, 9)))
     assert all(measure.title.replace("&", "&amp;") in page for measure in MEASURES)
@@ -92,7 +92,7 @@ def test_the_page_shows_every_measure_and_both_kinds_of_pictures(tmp_path: Path)
     assert "real<&" not in page
 
 
-def test_the_command_writes_the_page_and_says_what_differs(tmp_path: Path, call: Call):
+def test_the_command_writes_the_page_and_prints_differences(tmp_path: Path, call: Call):
     real = folder(tmp_path / "real", range(4))
     dark = folder(tmp_path / "dark", range(4, 8), lightness=0.5)
     out = tmp_path / "page.html"
@@ -110,12 +110,12 @@ def test_wrong_folders_are_named_in_one_line(tmp_path: Path, call: Call):
     empty.mkdir()
     code, _, told = call("data", "compare", real, empty)
     assert code == 2
-    assert told.strip() == f"perceptree: {empty}: holds 0 pictures, expected at least 3"
+    assert told.strip() == f"perceptree: {empty}: holds 0 images, expected at least 3"
     code, _, told = call("data", "compare", tmp_path / "none", real)
     assert code == 2
     assert (
         told.strip()
-        == f"perceptree: {tmp_path / 'none'}: no such folder, expected one with pictures"
+        == f"perceptree: {tmp_path / 'none'}: no such folder, expected a folder with images"
     )
     (real / "000.png").write_bytes(b"no picture")
     code, _, told = call("data", "compare", real, real)

@@ -1,4 +1,4 @@
-"""Categories and keypoints of other people's files: mapped by name, and said."""
+"""Mapping of categories and keypoints of other datasets, with notes."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -50,7 +50,7 @@ def test_names_that_mean_a_standing_tree(name: str, tree: bool) -> None:
     assert means_tree(name) == tree
 
 
-def test_a_single_category_of_any_name_is_trees_and_that_is_said(reread: Reread) -> None:
+def test_a_single_category_is_trees_with_a_note(reread: Reread) -> None:
     dataset = reread(lambda content: content["categories"][0].update(name="Objekt"))
     assert _trees(dataset) == 9
     assert dataset.notes == ("category 'Objekt', the only one, is taken as trees",)
@@ -78,16 +78,16 @@ def test_no_category_named_tree_is_one_line_that_names_them(reread: Reread) -> N
     def change(content: Content) -> None:
         content["categories"] = [{"id": 1, "name": "car"}, {"id": 2, "name": "person"}]
 
-    with pytest.raises(DatasetError, match=r"categories 'car', 'person' is called tree.*renamed"):
+    with pytest.raises(DatasetError, match=r"categories 'car', 'person' means tree.*named 'tree'"):
         reread(change)
 
 
-def test_an_unknown_category_is_refused(reread: Reread) -> None:
+def test_an_unknown_category_is_rejected(reread: Reread) -> None:
     with pytest.raises(DatasetError, match="category_id of annotation 2 is 9, expected"):
         reread(lambda content: content["annotations"][1].update(category_id=9))
 
 
-def test_a_file_without_categories_is_all_trees(reread: Reread) -> None:
+def test_without_categories_everything_is_a_tree(reread: Reread) -> None:
     dataset = reread(lambda content: content.pop("categories"))
     assert _trees(dataset) == 9
     assert dataset.has_keypoints
@@ -95,7 +95,7 @@ def test_a_file_without_categories_is_all_trees(reread: Reread) -> None:
     assert "taken as felling_cut, diameter_left" in dataset.notes[1]
 
 
-def test_keypoints_in_another_order_with_others_between_are_mapped(reread: Reread) -> None:
+def test_reordered_and_extra_keypoints_are_mapped(reread: Reread) -> None:
     before = reread(lambda content: None).frames[1].trees[1].keypoints
 
     def change(content: Content) -> None:
@@ -110,7 +110,7 @@ def test_keypoints_in_another_order_with_others_between_are_mapped(reread: Rerea
     assert dataset.notes == ("keypoints left out: knot",)
 
 
-def test_keypoints_of_which_the_file_has_some_are_mapped(reread: Reread) -> None:
+def test_a_subset_of_the_keypoints_is_mapped(reread: Reread) -> None:
     def change(content: Content) -> None:
         content["categories"][0]["keypoints"] = ["kpR", "kpCP"]
         for annotation in content["annotations"]:
@@ -128,7 +128,7 @@ def test_keypoints_of_which_the_file_has_some_are_mapped(reread: Reread) -> None
 @pytest.mark.parametrize(
     ("names", "count"), [(["nose", "left_eye", "right_eye", "top", "tail"], 5), (None, 3)]
 )
-def test_keypoints_that_are_not_ours_are_left_out_and_said(
+def test_unknown_keypoints_are_left_out_with_a_note(
     reread: Reread, names: list[str] | None, count: int
 ) -> None:
     def change(content: Content) -> None:
@@ -157,12 +157,12 @@ def test_a_keypoint_far_outside_its_frame_is_not_labelled_and_counted(reread: Re
     assert second.keypoints[2].tolist() == [128, 72, 2]
     assert dataset.outside == [(1, 99999, 20), (2, 40, -8)]
     assert dataset.notes == (
-        "2 keypoints lie outside their frame and count as not labelled, first x = 99999, y = 20 of"
-        " annotation 1",
+        "2 keypoints are outside their frame and count as not labelled, the first at x = 99999,"
+        " y = 20 of annotation 1",
     )
 
 
-def test_a_set_without_masks_and_keypoints_says_so(reread: Reread) -> None:
+def test_missing_masks_and_keypoints_are_noted(reread: Reread) -> None:
     def change(content: Content) -> None:
         for annotation in content["annotations"]:
             del annotation["keypoints"]
@@ -176,7 +176,7 @@ def test_a_set_without_masks_and_keypoints_says_so(reread: Reread) -> None:
         dataset.frames[0].mask(dataset.frames[0].trees[0])
 
 
-def test_a_crowd_may_do_without_a_mask(reread: Reread) -> None:
+def test_a_crowd_needs_no_mask(reread: Reread) -> None:
     dataset = reread(lambda content: content["annotations"][0].update(segmentation=None, iscrowd=1))
     assert dataset.has_masks
     assert dataset.frames[0].trees[0].crowd

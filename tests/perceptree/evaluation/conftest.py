@@ -1,4 +1,4 @@
-"""Detectors that know the truth of the posts, and change it as a test asks."""
+"""Perfect detectors of the posts, with changes chosen by a test."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -19,7 +19,7 @@ ROWS = 20
 
 @pytest.fixture
 def store_of() -> StoreOf:
-    """The frames of a split as a model sees them: 1.25 times as large."""
+    """The frames of a split as model input, 1.25 times as large."""
 
     def read(posts: Path, split: str = "train", modality: str = "rgb") -> FrameStore:
         spec = make_spec("edge-n", modality, 96, 160)  # type: ignore[arg-type]
@@ -30,7 +30,7 @@ def store_of() -> StoreOf:
 
 @pytest.fixture
 def oracle() -> Oracle:
-    """Finds a frame by its pixels and answers with its truth, then changed."""
+    """Recognises a frame by its pixels and returns its labels, then changed."""
 
     def build(store: FrameStore, change: Change = lambda raw: raw) -> Predict:
         samples = [store[number] for number in range(len(store))]

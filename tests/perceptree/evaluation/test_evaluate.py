@@ -1,4 +1,4 @@
-"""The measures: the truth itself scores 100, and known faults cost what they should."""
+"""Metrics: perfect predictions score 100, and known errors have known effects."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -14,7 +14,7 @@ Edit = Callable[[Path, str, Callable[[dict[str, Any]], None]], None]
 
 
 @pytest.mark.parametrize("batch", [1, 4])
-def test_the_truth_scores_one_hundred(posts: Path, store_of: Any, oracle: Any, batch: int) -> None:
+def test_perfect_predictions_score_100(posts: Path, store_of: Any, oracle: Any, batch: int) -> None:
     store = store_of(posts)
     shown: list[int] = []
     metrics = evaluate(oracle(store), store, batch, shown.append)
@@ -28,9 +28,7 @@ def test_the_truth_scores_one_hundred(posts: Path, store_of: Any, oracle: Any, b
     assert max(metrics.keypoint_error_px.values()) < 1e-4
 
 
-def test_predictions_come_in_the_pixels_of_the_source(
-    posts: Path, store_of: Any, oracle: Any
-) -> None:
+def test_predictions_are_in_source_px(posts: Path, store_of: Any, oracle: Any) -> None:
     store = store_of(posts)  # the model sees the frames 1.25 times as large
     for frame, found in zip(store.frames, predict_frames(oracle(store), store, 4), strict=True):
         assert found.boxes == pytest.approx(np.array([tree.box_px for tree in frame.trees]))
@@ -38,14 +36,14 @@ def test_predictions_come_in_the_pixels_of_the_source(
         assert [runs["size"] for runs in found.masks] == [[72, 128]] * len(frame.trees)
 
 
-def test_boxes_that_lie_aside_cost_boxes_only(posts: Path, store_of: Any, oracle: Any) -> None:
+def test_shifted_boxes_lower_box_ap_only(posts: Path, store_of: Any, oracle: Any) -> None:
     def aside(raw: RawDetections) -> RawDetections:
         raw.boxes[..., 0::2] += 0.1 * (raw.boxes[..., 2:3] - raw.boxes[..., 0:1])
         return raw
 
     store = store_of(posts)
     metrics = evaluate(oracle(store, aside), store)
-    # Moved by a tenth of the width the overlap is 0.9 / 1.1 = 0.82: seven of ten thresholds.
+    # Shifted by a tenth of the width, the IoU is 0.9 / 1.1 = 0.82: seven of ten thresholds.
     assert metrics.box_ap == pytest.approx(70, abs=0.5)
     assert metrics.box_ap50 == pytest.approx(100)
     assert metrics.keypoint_ap == pytest.approx(100)
@@ -54,7 +52,7 @@ def test_boxes_that_lie_aside_cost_boxes_only(posts: Path, store_of: Any, oracle
 def test_keypoint_errors_are_medians_in_source_px(posts: Path, store_of: Any, oracle: Any) -> None:
     def right(raw: RawDetections) -> RawDetections:
         assert raw.keypoints is not None
-        raw.keypoints[:, :, 0, 0] += 5.0  # model px: four of the source
+        raw.keypoints[:, :, 0, 0] += 5.0  # model px: 4 source px
         return raw
 
     store = store_of(posts)
@@ -78,7 +76,7 @@ def test_object_keypoint_similarity_has_the_published_sigma(
     assert evaluate(oracle(store, away), store).keypoint_ap == pytest.approx(80, abs=0.5)
 
 
-def test_a_model_without_branches_has_no_such_precision(
+def test_a_model_without_branches_has_no_ap_for_them(
     posts: Path, store_of: Any, oracle: Any
 ) -> None:
     store = store_of(posts)
@@ -89,14 +87,14 @@ def test_a_model_without_branches_has_no_such_precision(
     assert metrics.keypoint_error_px == {}
 
 
-def test_nothing_found_scores_nothing(posts: Path, store_of: Any, oracle: Any) -> None:
+def test_no_detections_score_0(posts: Path, store_of: Any, oracle: Any) -> None:
     store = store_of(posts)
     empty = oracle(store, lambda raw: raw._replace(num_detections=0 * raw.num_detections))
     metrics = evaluate(empty, store)
     assert (metrics.box_ap, metrics.mask_ap, metrics.keypoint_ap) == (0.0, 0.0, 0.0)
 
 
-def test_labels_without_keypoints_give_no_keypoint_precision(
+def test_labels_without_keypoints_give_no_keypoint_ap(
     posts: Path, edit_split: Edit, store_of: Any, oracle: Any
 ) -> None:
     def change(content: dict[str, Any]) -> None:
@@ -110,7 +108,7 @@ def test_labels_without_keypoints_give_no_keypoint_precision(
     assert metrics.keypoint_ap is None
 
 
-def test_frames_without_trees_cannot_be_measured(
+def test_frames_without_trees_cannot_be_evaluated(
     posts: Path, edit_split: Edit, store_of: Any, oracle: Any
 ) -> None:
     edit_split(posts, "train", lambda content: content["annotations"].clear())
@@ -119,7 +117,7 @@ def test_frames_without_trees_cannot_be_measured(
         evaluate(oracle(store), store)
 
 
-def test_the_measures_print_nothing(
+def test_the_evaluation_prints_nothing(
     posts: Path, capsys: pytest.CaptureFixture[str], store_of: Any, oracle: Any
 ) -> None:
     store = store_of(posts)

@@ -1,4 +1,4 @@
-"""Trees and frames are put together as their labels say."""
+"""Groups of trees and frames by labelled conditions."""
 
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ def frame(scene: Any, *trees: TreeRecord) -> FrameRecord:
     return FrameRecord(1, Path("1.png"), None, None, 20, 20, extra, trees)
 
 
-def test_distances_are_ranges_whose_lower_end_belongs_to_them() -> None:
+def test_distance_ranges_include_their_lower_limit() -> None:
     frames = [
         frame(None, tree(distance_m=1.0), tree(distance_m=2.5)),
         frame(None, tree(), tree(distance_m=60.0), tree(distance_m=4.9, crowd=True)),
@@ -31,7 +31,7 @@ def test_distances_are_ranges_whose_lower_end_belongs_to_them() -> None:
     assert all(set(group.frames) == {0, 1} for group in groups)
 
 
-def test_weather_is_of_frames_in_its_usual_order() -> None:
+def test_weather_groups_frames_in_a_fixed_order() -> None:
     frames = [
         frame({"weather": "rain"}, tree(), tree()),
         frame({"weather": "clear"}, tree()),
@@ -54,5 +54,5 @@ def test_species_and_visible_parts() -> None:
     assert names == {"species": ["ash", "fir"], "visible_fraction": ["0 to 25 %", "from 75 %"]}
 
 
-def test_data_that_say_nothing_have_no_groups() -> None:
+def test_data_without_conditions_have_no_groups() -> None:
     assert [groups_of([frame(None, tree())], axis) for axis in AXES] == [[]] * len(AXES)

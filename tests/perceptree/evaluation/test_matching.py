@@ -1,4 +1,4 @@
-"""Who found which tree, and how far off that was, against a small separate computation."""
+"""Matching and pixel errors, compared with a separate computation."""
 
 from pathlib import Path
 
@@ -28,7 +28,7 @@ def finding(
     return FramePrediction(boxes.reshape(-1, 4), scores, points, None)
 
 
-def test_the_surest_detection_takes_a_tree_and_a_second_one_is_invented() -> None:
+def test_the_highest_score_matches_and_a_second_detection_is_a_false_positive() -> None:
     found = finding((1, 0.6), (0, 0.9), (100, 0.55))
     matches = match_trees([frame(tree(0), tree(50))], [found])
     assert matches.found == [Pair(0, 0, 1, 1.0)]
@@ -38,28 +38,28 @@ def test_the_surest_detection_takes_a_tree_and_a_second_one_is_invented() -> Non
     assert matches.precision == pytest.approx(1 / 3)
 
 
-def test_two_neighbours_are_found_by_two_detections() -> None:
+def test_two_neighbours_match_two_detections() -> None:
     # The second detection overlaps the first tree more, but that one is taken.
     found = finding((0, 0.9), (2, 0.8))
     matches = match_trees([frame(tree(0), tree(4))], [found])
     assert [(pair.tree, pair.row) for pair in matches.found] == [(0, 0), (1, 1)]
 
 
-def test_doubtful_detections_and_little_overlap_find_nothing() -> None:
+def test_low_scores_and_small_overlaps_do_not_match() -> None:
     found = finding((0, 0.49), (54, 0.9))
     matches = match_trees([frame(tree(0), tree(50))], [found])
     assert matches.found == []
-    assert matches.invented == [(0, 1)]  # by 6 of 14 columns
+    assert matches.invented == [(0, 1)]  # IoU of 6 / 14
 
 
-def test_what_lies_in_a_crowd_is_neither_found_nor_invented() -> None:
+def test_detections_in_a_crowd_are_ignored() -> None:
     matches = match_trees([frame(tree(0, crowd=True))], [finding((2, 0.9), (9, 0.9))])
     assert (matches.found, matches.missed) == ([], [])
     assert matches.invented == [(0, 1)]
 
 
 def leaning(rng: np.random.Generator) -> np.ndarray:
-    """The keypoints of a stem that leans somehow, all labelled."""
+    """The keypoints of a tree with a random lean, all labelled."""
     angle = rng.uniform(-0.5, 0.5)
     up, right = np.array([np.sin(angle), -np.cos(angle)]), np.array([np.cos(angle), np.sin(angle)])
     cut, half = rng.uniform(50, 100, 2), rng.uniform(3, 9)
@@ -83,7 +83,7 @@ def test_errors_equal_a_separate_computation() -> None:
     assert errors is not None
     for place, (true, guess) in enumerate(zip(truth, moved, strict=True)):
         stem = true[4, :2] - true[0, :2]
-        angle = np.arctan2(stem[0], -stem[1])  # of the stem from the picture's vertical
+        angle = np.arctan2(stem[0], -stem[1])  # of the trunk from the vertical
         for point in range(5):
             dx, dy = guess[point, :2] - true[point, :2]
             across = dx * np.cos(angle) + dy * np.sin(angle)
@@ -100,7 +100,7 @@ def test_errors_equal_a_separate_computation() -> None:
     assert spread.median_abs == pytest.approx(sum(sorted(sizes)[9:11]) / 2)
 
 
-def test_a_standing_stem_errs_to_the_right_and_up() -> None:
+def test_the_signs_of_errors_of_an_upright_tree() -> None:
     points = np.column_stack([[[50, 90], [45, 85], [55, 85], [50, 60], [50, 30]], np.full(5, 2)])
     guess = points.astype(float)
     guess[0] += [3, -4, 0]
@@ -111,7 +111,7 @@ def test_a_standing_stem_errs_to_the_right_and_up() -> None:
     assert [errors.of(0, way)[0] for way in ways] == [5, 3, 4, 3, -4]
 
 
-def test_what_is_not_labelled_is_not_measured() -> None:
+def test_unlabelled_keypoints_have_no_errors() -> None:
     points = np.column_stack([[[50, 90], [45, 85], [0, 0], [50, 60], [0, 0]], [2, 2, 0, 1, 0]])
     guess = points + np.array([1.0, 0, 0])
     frames, found = [frame(tree(0, points))], [finding((0, 0.9), points=guess[None])]
@@ -120,7 +120,7 @@ def test_what_is_not_labelled_is_not_measured() -> None:
     assert np.isnan(errors.of(2, "distance"))
     assert np.isnan(errors.of(4, "distance"))
     assert np.isnan(errors.width)
-    # Without the top the middle gives the direction.
+    # Without the top, the middle gives the axis.
     assert errors.of(0, "across") == pytest.approx(1)
     assert Spread.of(errors.width) is None
 

@@ -1,4 +1,4 @@
-"""Average precision is what pycocotools gives when it is called by hand, and of parts likewise."""
+"""Average precision, compared with pycocotools; also for subsets."""
 
 import contextlib
 import dataclasses
@@ -23,11 +23,11 @@ from perceptree.evaluation.predictions import FramePrediction
 DatasetWriter = Callable[..., Path]
 Edit = Callable[[Path, str, Callable[[dict[str, Any]], None]], None]
 NAMES = {"bbox": "box", "segm": "mask", "keypoints": "keypoint"}
-SCALE = 1.25  # of the model's input to the frames
+SCALE = 1.25  # model px per source px
 
 
 def worse(seed: int) -> Callable[[RawDetections], RawDetections]:
-    """Moves everything, changes scores, and adds false alarms."""
+    """Shift everything, change scores and add false positives."""
     rng = np.random.default_rng(seed)
 
     def change(raw: RawDetections) -> RawDetections:
@@ -50,7 +50,7 @@ def worse(seed: int) -> Callable[[RawDetections], RawDetections]:
 
 
 def remembering(predict: Any, into: list[RawDetections]) -> Any:
-    """The same detector, whose answers are kept."""
+    """The same detector; its outputs are stored."""
 
     def both(images: np.ndarray) -> RawDetections:
         into.append(predict(images))
@@ -60,7 +60,7 @@ def remembering(predict: Any, into: list[RawDetections]) -> Any:
 
 
 def by_hand(posts: Path, raws: list[RawDetections], kind: str) -> COCOeval:
-    """Scores written straight from the dataset's file and the model's answers."""
+    """Evaluate with pycocotools, directly from the dataset's file and the model's output."""
     content = json.loads((posts / "train_RGB.json").read_text())
     entries = []
     for image, raw in zip(content["images"], raws, strict=True):
@@ -92,14 +92,14 @@ def by_hand(posts: Path, raws: list[RawDetections], kind: str) -> COCOeval:
 
 
 def pasted_box(box: np.ndarray, width: int, height: int) -> np.ndarray:
-    """A mask of ones: the pixels whose centres lie in the box."""
+    """Return a mask of the pixels whose centres are in the box."""
     x, y = np.arange(width) + 0.5, np.arange(height) + 0.5
     inside = ((x >= box[0]) & (x <= box[2]))[None] & ((y >= box[1]) & (y <= box[3]))[:, None]
     return inside.astype(np.uint8)
 
 
 @pytest.mark.parametrize("kind", ["bbox", "segm", "keypoints"])
-def test_precision_is_that_of_pycocotools_called_by_hand(
+def test_precision_equals_pycocotools(
     write_dataset: DatasetWriter, store_of: Any, oracle: Any, kind: str
 ) -> None:
     posts = write_dataset(train=30)
@@ -109,10 +109,10 @@ def test_precision_is_that_of_pycocotools_called_by_hand(
     found = Scorer(store.frames, predictions).precision(kind)  # type: ignore[arg-type]
     assert found is not None
     hand = by_hand(posts, raws, kind).stats
-    assert 5 < found.ap < 95  # the comparison is of something
+    assert 5 < found.ap < 95  # the comparison is not trivial
     ours = [found.ap, found.ap50, found.ap75]
     assert ours == pytest.approx((100 * hand[:3]).tolist(), abs=1e-9)
-    if kind != "keypoints":  # for which COCO's own summary has other sizes
+    if kind != "keypoints":  # COCO's summary has other sizes for keypoints
         sizes = found.ap_small, found.ap_medium, found.ap_large
         ours = [-1 if ap is None else ap / 100 for ap in sizes]
         assert ours == pytest.approx(hand[3:6].tolist(), abs=1e-9)
@@ -137,20 +137,20 @@ def finding(*lefts_and_scores: tuple[float, float]) -> FramePrediction:
     return FramePrediction(boxes.reshape(-1, 4), scores, None, None)
 
 
-def test_trees_of_other_groups_are_neither_found_nor_missed() -> None:
-    # Of two near and two far trees the near ones are found, and one far one with less surety.
+def test_trees_of_other_groups_are_ignored() -> None:
+    # Two near trees are found, and one of two far trees with a lower score.
     frames = [frame(1, tree(0), tree(50)), frame(2, tree(20), tree(70))]
     found = [finding((0, 0.9), (50, 0.8)), finding((20, 0.7))]
     scorer = Scorer(frames, found)
     near, far = {0, 2}, {1, 3}
     assert scorer.part("bbox", near, {0, 1}) == pytest.approx(100)
-    # One of two, without a false alarm: precision 1 up to a recall of one half.
+    # One of two, without a false positive: precision 1 up to a recall of 0.5.
     assert scorer.part("bbox", far, {0, 1}) == pytest.approx(100 * 51 / 101)
     assert scorer.part("bbox", far, {0}) == pytest.approx(100)
     assert scorer.part("bbox", set(), {0, 1}) is None
 
 
-def test_a_part_of_everything_is_the_whole() -> None:
+def test_the_subset_of_everything_equals_the_whole() -> None:
     frames = [frame(number, tree(0), tree(30), tree(60)) for number in range(4)]
     found = [finding((0, 0.9), (31, 0.6), (90, 0.7)) for _ in frames]
     scorer = Scorer(frames, found)
@@ -159,7 +159,7 @@ def test_a_part_of_everything_is_the_whole() -> None:
     assert scorer.part("bbox", set(range(12)), set(range(4))) == pytest.approx(whole.ap)
 
 
-def test_false_alarms_count_in_every_part() -> None:
+def test_false_positives_count_in_every_subset() -> None:
     frames = [frame(1, tree(0), tree(50))]
     sure_alarm = [finding((85, 0.99), (0, 0.9), (50, 0.8))]
     scorer = Scorer(frames, sure_alarm)
@@ -167,19 +167,19 @@ def test_false_alarms_count_in_every_part() -> None:
         assert scorer.part("bbox", part, {0}) == pytest.approx(50)
 
 
-def test_other_scores_show_other_shares() -> None:
+def test_recall_and_precision_by_score() -> None:
     frames = [frame(1, tree(0), tree(30)), frame(2, tree(0, crowd=True))]
     found = [finding((0, 0.9), (60, 0.5), (30, 0.3)), finding((1, 0.8))]
     rows = Scorer(frames, found).by_score("bbox")
     assert rows is not None
     at = {row["score"]: (row["recall"], row["precision"]) for row in rows}
     assert at[0.95] == (0.0, None)
-    assert at[0.6] == (0.5, 1.0)  # what lies in the crowd is left out
+    assert at[0.6] == (0.5, 1.0)  # detections in the crowd are ignored
     assert at[0.4] == (0.5, 0.5)
     assert at[0.05] == (1.0, pytest.approx(2 / 3))
 
 
-def test_trees_without_a_mask_are_left_out_of_masks_only(
+def test_trees_without_a_mask_are_ignored_for_masks_only(
     posts: Path, edit_split: Edit, store_of: Any, oracle: Any
 ) -> None:
     def unmask(content: dict[str, Any]) -> None:
@@ -197,8 +197,8 @@ def test_trees_without_a_mask_are_left_out_of_masks_only(
 
 
 @pytest.mark.parametrize("kind", ["bbox", "segm", "keypoints"])
-def test_matches_are_those_of_pycocotools_in_every_case(kind: str) -> None:
-    """Crowds, equal overlaps and scores, sizes and crowded frames, on a coarse grid of places."""
+def test_matches_equal_pycocotools_in_every_case(kind: str) -> None:
+    """Crowds, equal overlaps and scores, sizes and crowded frames, on a coarse grid."""
     rng = np.random.default_rng(11)
     frames, found = [], []
     for number in range(60):
@@ -230,7 +230,7 @@ def test_matches_are_those_of_pycocotools_in_every_case(kind: str) -> None:
         theirs.evaluate()
         theirs.accumulate()
     assert (ours.eval["precision"] == theirs.eval["precision"]).all()
-    assert len(np.unique(ours.eval["precision"])) > 10  # the comparison is of something
+    assert len(np.unique(ours.eval["precision"])) > 10  # the comparison is not trivial
     for our, their in zip(ours.evalImgs, theirs.evalImgs, strict=True):
         assert (our is None) == (their is None)
         if our is not None:

@@ -1,4 +1,4 @@
-"""Pictures come one by one, a few ahead; what lies in the padding is not in the picture."""
+"""Prediction of images: reading ahead, and detections in the padding."""
 
 import threading
 from collections.abc import Callable
@@ -17,7 +17,7 @@ from perceptree.models import TreeRCNN, make_spec
 DatasetWriter = Callable[..., Path]
 
 
-def test_items_come_in_order_and_only_a_few_ahead() -> None:
+def test_items_are_read_in_order_a_few_ahead() -> None:
     started, lock = [], threading.Lock()
 
     def read(number: int) -> int:
@@ -30,10 +30,10 @@ def test_items_come_in_order_and_only_a_few_ahead() -> None:
         assert len(started) <= taken + 12
         if taken == 100:
             break
-    assert len(started) < 120  # who stops taking stops the reading
+    assert len(started) < 120  # reading stops when iteration stops
 
 
-def test_a_broken_item_is_named_when_its_turn_comes() -> None:
+def test_an_error_is_raised_at_the_items_turn() -> None:
     def read(number: int) -> int:
         if number == 5:
             raise DatasetError("the fifth")
@@ -45,7 +45,7 @@ def test_a_broken_item_is_named_when_its_turn_comes() -> None:
     assert seen == [0, 1, 2, 3, 4]
 
 
-def test_pictures_are_not_kept(
+def test_images_are_not_kept(
     write_dataset: DatasetWriter, store_of: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     store = store_of(write_dataset(train=40))
@@ -75,13 +75,11 @@ def test_pictures_are_not_kept(
     assert most[0] <= 20
 
 
-def test_boxes_in_the_padding_are_dropped_and_masks_keep_their_place(
-    posts: Path, store_of: Any
-) -> None:
+def test_boxes_in_the_padding_are_dropped(posts: Path, store_of: Any) -> None:
     store = store_of(posts)
     spec_rows = 96
     frame_rows = round(72 * 1.25)
-    assert frame_rows < spec_rows  # the frame's copy ends above the input's lower edge
+    assert frame_rows < spec_rows  # the resized frame ends above the input's lower edge
 
     def predict(images: np.ndarray) -> RawDetections:
         count = len(images)
@@ -103,7 +101,7 @@ def test_boxes_in_the_padding_are_dropped_and_masks_keep_their_place(
     assert not pasted[:70].any()
 
 
-def test_a_model_answers_in_numpy_whatever_its_branches() -> None:
+def test_predict_with_returns_numpy_arrays() -> None:
     model = TreeRCNN(make_spec("edge-n", "depth", 64, 64, fpn_width=32, masks=False)).eval()
     raw = predict_with(on_device(model, "cpu"))(np.zeros((2, 64, 64), np.uint8))
     assert raw.boxes.shape[0] == 2
@@ -111,7 +109,7 @@ def test_a_model_answers_in_numpy_whatever_its_branches() -> None:
     assert isinstance(raw.keypoints, np.ndarray)
 
 
-def test_a_device_that_is_not_there_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_device_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     model = TreeRCNN(make_spec("edge-n", "depth", 64, 64, fpn_width=32))
     monkeypatch.setattr("torch.cuda.is_available", lambda: False)
     with pytest.raises(SettingsError, match="--device is cuda: expected a GPU"):

@@ -1,4 +1,4 @@
-"""The report: all figures as JSON, and a page that a browser shows without anything else."""
+"""The evaluation report: JSON and a self-contained page."""
 
 import json
 import re
@@ -23,7 +23,7 @@ def report_of(predict: Any, store: FrameStore, **model: Any) -> Report:
 
 
 def flawed(raw: RawDetections) -> RawDetections:
-    """Of two trees one is missed; beside the other one is invented, and the left edge is off."""
+    """Of two trees one is missed; next to the other is a false positive, its left edge is off."""
     assert raw.keypoints is not None
     raw.keypoints[:, :, 1, 0] -= 5.0
     raw.boxes[:, 1] = [150, 5, 158, 20]
@@ -33,7 +33,7 @@ def flawed(raw: RawDetections) -> RawDetections:
 
 
 class Page(HTMLParser):
-    """What a page shows, and what it would fetch."""
+    """Collects the text of a page and the addresses it would load."""
 
     def __init__(self, html: str) -> None:
         super().__init__()
@@ -50,7 +50,7 @@ class Page(HTMLParser):
         self.words += data
 
 
-def test_the_figures_are_those_of_the_flaws(posts: Path, store_of: Any, oracle: Any) -> None:
+def test_the_results_match_the_known_errors(posts: Path, store_of: Any, oracle: Any) -> None:
     store = store_of(posts)  # six frames with nine trees, four labelled keypoints each
     figures = report_of(oracle(store, flawed), store).figures
     shown = figures["at_score"]
@@ -69,7 +69,7 @@ def test_the_figures_are_those_of_the_flaws(posts: Path, store_of: Any, oracle: 
     assert group["boxes_ap"] == pytest.approx(figures["average_precision"]["boxes"]["ap"])
     assert [g["name"] for g in figures["by"]["species"]["groups"]] == ["post"]
     assert figures["left_out"] == [
-        "figures by weather, light, slope of the ground: the data does not say"
+        "results by weather, light, slope of the ground: the data has no such field"
     ]
 
 
@@ -92,7 +92,7 @@ def test_weather_has_its_own_precision(
     assert (slope["name"], slope["trees"]) == ("10 to 20°", 9)
 
 
-def test_a_folder_has_the_figures_and_a_page_that_needs_nothing_else(
+def test_a_folder_has_the_results_and_a_self_contained_page(
     posts: Path, store_of: Any, oracle: Any, tmp_path: Path
 ) -> None:
     store = store_of(posts)
@@ -111,13 +111,13 @@ def test_a_folder_has_the_figures_and_a_page_that_needs_nothing_else(
     pictures = [source for source in found.sources if source.startswith("data:image/jpeg")]
     assert len(pictures) == 6 + 3 + 6  # best, missed, invented
     words = " ".join(found.words.split())
-    assert "Of 100 of them the detector finds 67." in words
-    assert "4.0 pixels off on average" in words
+    assert "The detector finds 67 of 100 of them." in words
+    assert "mean absolute error of 4.0 pixels" in words
     assert "000000.png: score 0.90" in words
     assert "read so" in words
 
 
-def test_a_page_of_a_depth_model_shows_both_pictures(
+def test_the_page_of_a_depth_model_shows_colour_and_depth(
     posts: Path, store_of: Any, oracle: Any, tmp_path: Path
 ) -> None:
     store = store_of(posts, "test", "depth")
@@ -126,7 +126,7 @@ def test_a_page_of_a_depth_model_shows_both_pictures(
     assert widths == {2 * 330}
 
 
-def test_boxes_alone_give_a_report_that_says_what_is_left_out(
+def test_a_report_of_boxes_lists_what_is_left_out(
     posts: Path, edit_split: Edit, store_of: Any, oracle: Any, tmp_path: Path
 ) -> None:
     def bare(content: dict[str, Any]) -> None:
@@ -143,21 +143,23 @@ def test_boxes_alone_give_a_report_that_says_what_is_left_out(
     assert report.figures["diameter_error_px"] is None
     assert report.figures["by"] == {}
     left_out = "; ".join(report.figures["left_out"])
-    assert "masks: no tree of the data has any" in left_out
-    assert "keypoints: no tree of the data has any" in left_out
-    assert "Of 100 of them" in report.write(tmp_path).read_text("utf-8")
+    assert "masks: no tree in the data is labelled with them" in left_out
+    assert "keypoints: no tree in the data is labelled with them" in left_out
+    assert "of 100 of them" in report.write(tmp_path).read_text("utf-8")
 
 
-def test_a_model_without_branches_is_not_blamed_on_the_data(
+def test_missing_branches_are_reported_as_the_models(
     posts: Path, store_of: Any, oracle: Any
 ) -> None:
     store = store_of(posts)
     boxes_only = oracle(store, lambda raw: raw._replace(keypoints=None, masks=None))
     left_out = report_of(boxes_only, store).figures["left_out"]
-    assert left_out[:2] == ["masks: the model gives none", "keypoints: the model gives none"]
+    assert left_out[:2] == [
+        f"{kind}: the model does not predict them" for kind in ("masks", "keypoints")
+    ]
 
 
-def test_nothing_found_is_a_report_too(
+def test_a_report_without_detections(
     posts: Path, store_of: Any, oracle: Any, tmp_path: Path
 ) -> None:
     store = store_of(posts)
@@ -165,28 +167,26 @@ def test_nothing_found_is_a_report_too(
     report = report_of(empty, store)
     assert report.figures["at_score"]["precision"] is None
     assert report.figures["average_precision"]["boxes"]["ap"] == 0
-    assert "the detector finds 0" in report.write(tmp_path).read_text("utf-8")
+    assert "The detector finds 0" in report.write(tmp_path).read_text("utf-8")
     text = "\n".join(summary_lines(report.figures))
     assert "0 of 9 trees found (0%)" in text
     assert "left out: errors in px: no tree with keypoints was found" in text
 
 
-def test_the_summary_fits_a_terminal_and_says_what_matters(
-    posts: Path, store_of: Any, oracle: Any
-) -> None:
+def test_the_summary_fits_a_terminal(posts: Path, store_of: Any, oracle: Any) -> None:
     store = store_of(posts)
     lines = list(summary_lines(report_of(oracle(store, flawed), store).figures))
     assert lines[0] == "oracle (rgb, float32, 160x96) on posts, train"
     assert max(map(len, lines)) <= 100
     assert any(line.startswith("boxes ") for line in lines)
-    found = "at score 0.5: 6 of 9 trees found (67%), 6 of 12 reported are no labelled tree"
+    found = "at score 0.5: 6 of 9 trees found (67%), 6 of 12 detections are false positives"
     assert found in lines
-    assert any("4.0 px off (mean)" in line and "4.0 too wide" in line for line in lines)
+    assert any("4.0 px error (mean)" in line and "4.0 too wide" in line for line in lines)
     [unseen] = [line for line in lines if line.startswith("axis top")]
-    assert unseen.endswith("no tree that was found has it in view")
+    assert unseen.endswith("not labelled on any tree that was found")
 
 
-def test_figures_hold_numbers_only(posts: Path, store_of: Any, oracle: Any) -> None:
+def test_results_have_no_nan(posts: Path, store_of: Any, oracle: Any) -> None:
     store = store_of(posts)
 
     def wild(raw: RawDetections) -> RawDetections:

@@ -136,7 +136,7 @@ def test_the_test_preset_is_held_against_the_frozen_set(
     monkeypatch.setattr(frozen, "read_frozen", lambda name: describe_dataset(tmp_path, name))
     code, printed, _ = call("synth", "--out", tmp_path, "--preset", "test")
     assert code == 0
-    assert "equals the frozen test set, all 33 files" in printed
+    assert "all 33 files are equal to the frozen test set" in printed
     same = describe_dataset(tmp_path, "test")
     other = replace(same, content_sha256="0", files={**same.files, "images": "0" * 64})
     monkeypatch.setattr(frozen, "read_frozen", lambda name: other)
@@ -205,7 +205,7 @@ def test_the_bar_tells_rate_and_time_left_of_this_run_alone(monkeypatch: pytest.
 
 
 SCENE_MISTAKES = {
-    "ending": (("--out", "scene.obj"), "--out is scene.obj: expected a name that ends in .glb"),
+    "ending": (("--out", "scene.obj"), "--out is scene.obj: expected a name ending in .glb"),
     "seed": (("--out", "scene.glb", "--seed", -1), "--seed is -1: expected at least 0"),
     "preset": (("--out", "scene.glb", "--preset", "x"), "--preset is 'x'"),
 }

@@ -1,4 +1,4 @@
-"""Made-up results of runs, so that tables can be told without training."""
+"""Synthetic results of runs, to test tables without training."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -27,7 +27,7 @@ ABLATION: Scores = {
 def made_result(
     settings: TableSettings, model: TableModel, seed: int, scores: dict[str, Sequence[float]]
 ) -> dict[str, Any]:
-    """As `make_result` gives it, for the seed's place in ``scores``."""
+    """A result as `make_result` returns it, for the seed's index in ``scores``."""
     names = ("box_ap", "mask_ap", "keypoint_ap", "box_ap50", "mask_ap50")
     metrics = {name: scores[name][seed] if name in scores else None for name in names}
     training = settings.training(model, seed).to_dict()
@@ -46,7 +46,7 @@ def made_result(
 
 @pytest.fixture
 def made_table() -> Callable[..., dict[str, Any]]:
-    """The record of table 3 with made-up scores by modality, tasks, measure and seed."""
+    """The record of table 3 with synthetic scores by modality, tasks, measure and seed."""
 
     def make(scores: Scores = ABLATION, seeds: int = 2, **changes: Any) -> dict[str, Any]:
         values: dict[str, Any] = {"table": 3, "minutes": 10.0, "seeds": (0, 1)}

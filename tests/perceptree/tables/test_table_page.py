@@ -1,4 +1,4 @@
-"""What a table says: ours and the paper's apart, conditions, spread, what becomes of claims."""
+"""Tables as Markdown: our results and the paper's, conditions, claims."""
 
 import json
 from collections.abc import Callable
@@ -13,13 +13,13 @@ MadeTable = Callable[..., dict[str, Any]]
 
 
 def row_of(lines: list[str], *starts: str) -> list[str]:
-    """The cells of the one row whose first cells are these."""
+    """Return the cells of the only row that starts with these cells."""
     rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
     (found,) = [row for row in rows if tuple(row[: len(starts)]) == starts]
     return found
 
 
-def test_a_row_has_ours_with_spread_beside_the_papers_network(made_table: MadeTable) -> None:
+def test_a_row_has_our_scores_and_the_papers(made_table: MadeTable) -> None:
     lines = list(table_lines(made_table()))
     assert row_of(lines, "edge-n, Depth", "keypoint & mask")[2:] == [
         "2",
@@ -44,7 +44,7 @@ def test_every_claim_of_the_paper_is_judged(made_table: MadeTable) -> None:
         "the mask branch raises AP kp": "agrees",
         "the keypoint branch lowers AP bb": "agrees",
         "the keypoint branch lowers AP mask": "undecided",
-        "edge-n: depth has more AP bb than RGB": "agrees",
+        "edge-n: depth has a higher AP bb than RGB": "agrees",
     }
     signed = [round(claim["paper_difference"], 2) for claim in claims.values()]
     assert signed == [0.63, 0.06, -0.91, -0.88, 5.56]
@@ -57,43 +57,43 @@ def test_every_claim_of_the_paper_is_judged(made_table: MadeTable) -> None:
     ]
 
 
-def test_with_one_seed_nothing_is_decided_and_no_spread_is_shown(made_table: MadeTable) -> None:
+def test_one_seed_decides_nothing_and_has_no_deviation(made_table: MadeTable) -> None:
     record = made_table(seeds=1)
     assert {claim["word"] for claim in record["claims"]} == {"undecided"}
     lines = list(table_lines(record))
     assert row_of(lines, "edge-n, Depth", "mask-only")[4] == "50.0"
 
 
-def test_conditions_of_both_are_told(made_table: MadeTable) -> None:
+def test_conditions_of_both_are_listed(made_table: MadeTable) -> None:
     text = " ".join(table_lines(made_table()))
     for part in (
         "trained on 9,000 frames of forest",
         "400 test frames (1,600 trees) of frozen",
-        "10 minutes a run",
+        "10 minutes per run",
         "batches of 8",
         "640x384 px",
         "recipe scratch",
         "cosine",
         "random weights",
         "fp32 on 2 CPU cores",
-        "seeds 0, 1: the mean ± the standard deviation",
-        "SynthTree43k: 40,000 frames",
-        "table 3 is of ResNeXt-101 on RGB",
+        "seeds 0, 1: mean ± standard deviation",
+        "SynthTree43k: 40,000 training frames",
+        "table 3 is for ResNeXt-101 on RGB",
     ):
         assert part in text, part
-    assert "So far" not in text
+    assert "so far" not in text
 
 
 def test_an_unfinished_table_says_so(made_table: MadeTable) -> None:
     both = {"box_ap": (47.0, 47.2), "mask_ap": (40.1, 40.3), "keypoint_ap": (60.0, 60.2)}
     record = made_table({("depth", "keypoint & mask"): both})
     lines = list(table_lines(record))
-    assert "So far 2 of 8 runs are finished" in " ".join(lines)
+    assert "2 of 8 runs are finished so far" in " ".join(lines)
     assert row_of(lines, "edge-n, RGB")[2:7] == ["0", "–", "–", "–", "–"]
     assert {claim["word"] for claim in record["claims"]} == {"undecided"}
 
 
-def test_table_2_pairs_its_models_with_the_papers(made_table: MadeTable) -> None:
+def test_table_2_pairs_our_models_with_the_papers(made_table: MadeTable) -> None:
     scores = {
         (modality, "keypoint & mask"): {
             "box_ap": (value, value + 0.1),
@@ -120,10 +120,10 @@ def test_table_2_pairs_its_models_with_the_papers(made_table: MadeTable) -> None
     assert [claim["word"] for claim in record["claims"]] == ["disagrees"] * 2
     assert record["claims"][0]["paper_difference"] == pytest.approx(11.5)
     assert record["claims"][1]["paper_difference"] is None
-    assert "1 step a run" in " ".join(lines)
+    assert "1 step per run" in " ".join(lines)
 
 
-def test_both_tables_stand_on_one_page(made_table: MadeTable) -> None:
+def test_both_tables_are_on_one_page(made_table: MadeTable) -> None:
     record = json.loads(json.dumps(made_table()))
     page = markdown({"3": record, "2": record | {"table": 2, "rows": [], "claims": []}})
-    assert page.index("# The paper's table 2") < page.index("# The paper's table 3")
+    assert page.index("# Table 2 of the paper") < page.index("# Table 3 of the paper")

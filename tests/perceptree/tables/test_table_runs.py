@@ -1,4 +1,4 @@
-"""``perceptree tables``: runs that are finished stay, stopped ones go on, mistakes are one line."""
+"""``perceptree tables``: finished runs are kept, interrupted ones resumed, errors one line."""
 
 import json
 from collections.abc import Callable
@@ -36,7 +36,7 @@ def two_steps(**changes: Any) -> TableSettings:
 
 
 class Told:
-    """Which runs were begun, and the steps that were made in each."""
+    """Records the runs that were started and the steps of each."""
 
     def __init__(self, stop_in: str = "", stop_at: int = 1) -> None:
         self.steps: dict[str, list[int]] = {}
@@ -58,7 +58,7 @@ class Told:
             self.evaluated.append(self.name)
 
 
-def test_finished_runs_stay_and_a_stopped_one_goes_on(
+def test_finished_runs_are_kept_and_an_interrupted_one_is_resumed(
     posts: Path, tmp_path: Path, edit_split: Edit
 ) -> None:
     rgb, depth = "edge-n-rgb-both-seed0", "edge-n-depth-both-seed0"
@@ -75,20 +75,20 @@ def test_finished_runs_stay_and_a_stopped_one_goes_on(
     assert [row["steps"] for row in record["rows"]] == [[2], [2]]
     assert json.loads((out / "tables.json").read_text())["tables"]["2"] == record
     assert "edge-n, Depth" in (out / "tables.md").read_text()
-    # Other test frames are evaluated by the weights that are there.
+    # For other test frames the existing weights are evaluated again.
     edit_split(posts, "test", lambda content: content["images"].reverse())
     told = Told()
     assert build_table(two_steps(), *arguments, told.watch)["rows"] == record["rows"]
     assert (told.steps, told.evaluated) == ({rgb: [], depth: []}, [rgb, depth])
-    # A run of other settings is not taken for this one.
+    # A run with other settings is not reused.
     with pytest.raises(CheckpointError, match="other settings: steps was 2, is 3"):
         build_table(two_steps(steps=3), *arguments)
     (out / rgb / "result.json").write_text("{}")
-    with pytest.raises(CheckpointError, match=r"result\.json: not the result of a table's run"):
+    with pytest.raises(CheckpointError, match=r"result\.json: not a result of a table's run"):
         build_table(two_steps(), *arguments)
 
 
-def test_a_result_is_what_the_checkpoint_scores_on_the_test_frames(
+def test_a_result_equals_the_checkpoints_score_on_the_test_frames(
     call: Call, posts: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
@@ -126,7 +126,7 @@ def test_a_result_is_what_the_checkpoint_scores_on_the_test_frames(
 
 
 @pytest.mark.slow
-def test_the_papers_six_models_are_trained_and_told(
+def test_the_papers_six_models_are_trained_and_listed(
     call: Call, posts: Path, tmp_path: Path
 ) -> None:
     options = (
@@ -156,7 +156,7 @@ def test_the_papers_six_models_are_trained_and_told(
     assert all(row["scores"]["mask_ap50"]["mean"] >= 0 for row in rows)
 
 
-def test_the_models_of_table_3_differ_in_their_branches_alone() -> None:
+def test_the_models_of_table_3_differ_only_in_their_branches() -> None:
     settings = TableSettings(table=3, minutes=10.0, modality="rgb")
     specs = {row.model.name: settings.spec(row.model) for row in settings.rows()}
     assert {name: (s.modality, s.masks, s.keypoints) for name, s in specs.items()} == {
@@ -229,10 +229,13 @@ MISTAKES = {
     "two ends": (("--table", 3, "--steps", 1, "--minutes", 1), "expected exactly one of them"),
     "model": (("--table", 3, "--steps", 1, "--model", "edge-x"), "model is 'edge-x', expected one"),
     "models": (("--table", 3, "--steps", 1, "--model", "r50,r101"), "expected one for table 3"),
-    "twice": (("--table", 2, "--steps", 1, "--model", "r50,r50"), "expected at least one, each"),
+    "twice": (("--table", 2, "--steps", 1, "--model", "r50,r50"), "expected at least one, without"),
     "modality": (("--table", 3, "--steps", 1, "--modality", "x"), "modality is 'x'"),
     "both": (("--table", 2, "--steps", 1, "--modality", "rgb"), "table 2 has both"),
-    "seeds": (("--table", 3, "--steps", 1, "--seeds", "0;1"), "--seeds is '0;1': expected whole"),
+    "seeds": (
+        ("--table", 3, "--steps", 1, "--seeds", "0;1"),
+        "--seeds is '0;1': expected integers",
+    ),
     "negative": (("--table", 3, "--steps", 1, "--seeds", "-1"), "seed is -1"),
     "recipe": (("--table", 3, "--steps", 1, "--recipe", "x"), "recipe is 'x': expected one of"),
     "init": (("--table", 3, "--steps", 1, "--init", "x"), "init is 'x': expected imagenet, coco"),
@@ -243,7 +246,7 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("name", MISTAKES)
-def test_mistakes_are_told_in_one_line_before_any_training(
+def test_invalid_settings_are_one_line_before_any_training(
     call: Call, posts: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     options, expected = MISTAKES[name]
@@ -254,7 +257,7 @@ def test_mistakes_are_told_in_one_line_before_any_training(
     assert expected in told
 
 
-def test_data_without_masks_or_depth_is_refused_before_any_training(
+def test_data_without_masks_or_depth_are_rejected_before_training(
     call: Call, posts: Path, tmp_path: Path, edit_split: Edit
 ) -> None:
     def strip(content: dict[str, Any]) -> None:
@@ -266,14 +269,14 @@ def test_data_without_masks_or_depth_is_refused_before_any_training(
     edit_split(posts, "test", strip)
     code, _, told = call("tables", posts, "--out", tmp_path / "out", "--table", 3, "--steps", 1)
     assert (code, told.count("\n")) == (2, 1)
-    assert "test_RGB.json: has not everywhere masks and depth; expected masks" in told
+    assert "test_RGB.json: masks and depth missing or incomplete; expected masks" in told
 
 
-def test_several_processes_are_refused(
+def test_several_processes_are_rejected(
     posts: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("WORLD_SIZE", "2")
-    with pytest.raises(SettingsError, match="expected a table to run in one process"):
+    with pytest.raises(SettingsError, match="expected a single process for tables"):
         build_table(two_steps(), posts, posts, tmp_path / "out", ENGINE)
 
 
@@ -314,7 +317,7 @@ def test_the_commands_options_become_settings(
         "--precision",
         "bf16",
     )
-    assert (code, told) == (130, "perceptree: interrupted; type the same command to go on\n")
+    assert (code, told) == (130, "perceptree: interrupted; repeat the command to continue\n")
     assert asked[:5] == [
         TableSettings(
             table=2,

@@ -1,4 +1,4 @@
-"""When seeds bear a claim out, speak against it, or leave it open."""
+"""Testing claims: confirmed, contradicted or undecided."""
 
 import statistics
 
@@ -32,7 +32,7 @@ def test_deviations_are_pooled_by_their_degrees_of_freedom() -> None:
         ((), CLOSE, True, "undecided"),
     ],
 )
-def test_the_word(scores: tuple[float], others: tuple[float], rises: bool, word: str) -> None:
+def test_the_verdict(scores: tuple[float], others: tuple[float], rises: bool, word: str) -> None:
     found = judge(scores, others, [scores, others], rises)
     assert found.word == word
     if scores:
@@ -42,14 +42,14 @@ def test_the_word(scores: tuple[float], others: tuple[float], rises: bool, word:
     assert (found.interval is None) == (min(len(scores), len(others)) < 2)
 
 
-def test_the_interval_is_students() -> None:
-    """Two runs each: the interval of the textbook's two-sample test, t(2) = 4.303."""
+def test_the_interval_uses_students_t() -> None:
+    """Two runs each: the textbook's two-sample test, t(2) = 4.303."""
     found = judge((3.0, 5.0), (1.0, 2.0), [(3.0, 5.0), (1.0, 2.0)])
     assert found.interval == pytest.approx(4.303 * ((2.0 + 0.5) / 2) ** 0.5)
     assert found.word == "undecided"
 
 
-def test_other_rows_of_the_table_make_the_deviation_better_known() -> None:
+def test_other_rows_add_degrees_of_freedom() -> None:
     pair = [(50.0, 50.4), (51.2, 51.6)]
     assert judge(pair[1], pair[0], pair).word == "undecided"
     calm = [(20.0, 20.4), (30.0, 30.4), (40.0, 40.4)]

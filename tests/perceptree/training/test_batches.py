@@ -98,7 +98,7 @@ def test_a_damaged_frame_becomes_the_fault_of_its_batch(
     pictures.write_bytes(bytes(pictures.stat().st_size))
     batch = collate([frames[0, 0], frames[0, 1]])
     assert batch.fault is not None
-    assert "is damaged" in batch.fault
+    assert "does not match its checksum" in batch.fault
 
 
 def test_an_images_draws_do_not_depend_on_the_images_beside_it() -> None:

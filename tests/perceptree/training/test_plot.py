@@ -105,7 +105,7 @@ def test_mistakes_are_told_in_one_line(call: Call, tmp_path: Path) -> None:
     assert "none/log.jsonl: cannot be read" in told
     code, _, told = call("plot", run, "--out", tmp_path / "picture.jpg")
     assert (code, told.count("\n")) == (2, 1)
-    assert "picture.jpg: expected a name that ends with .png" in told
+    assert "picture.jpg: expected a name ending in .png" in told
     code, _, told = call("plot", run, "--out", tmp_path / "nowhere/a.png")
     assert (code, told.count("\n")) == (2, 1)
     assert "nowhere/a.png: cannot be written" in told

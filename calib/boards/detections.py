@@ -1,4 +1,4 @@
-"""From pictures to views of a board: new ones only, all of one size."""
+"""Detect a board in images, without repeated views."""
 
 from __future__ import annotations
 
@@ -17,14 +17,20 @@ from calib.errors import CalibError
 Grey = NDArray[np.uint8]
 
 _THUMBNAIL: Final = (32, 24)
-_SAME_PICTURE_GREYS = 0.5
-_SAME_PLACE_SHARE = 0.01
-_LEAST_PAUSE_S = 0.2
+_MIN_GREY_CHANGE = 0.5
+_MIN_MOTION_SHARE = 0.01
+_MIN_INTERVAL_S = 0.2
 
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """``grey`` (H, W) uint8; ``time_s`` where it is one of a video."""
+    """A grey image.
+
+    Attributes:
+        name: Name for messages.
+        grey: (H, W) uint8.
+        time_s: Time in the video in seconds; None for a still image.
+    """
 
     name: str
     grey: Grey
@@ -32,12 +38,17 @@ class Picture:
 
 
 @dataclass(frozen=True)
-class Sightings:
-    """``views`` of the board in images of ``width`` x ``height`` px, which is 0x0 without any.
+class BoardDetections:
+    """Detections of a board in images of one size.
 
-    ``without_board`` and ``repeated`` name the pictures in which no board was found, and in which
-    it was where another picture already shows it. ``pictures`` counts all that were looked at;
-    those of a video that follow too closely, or show what the one before did, are passed over.
+    Attributes:
+        views: Detected points of the board, one entry per distinct view.
+        width: Width of the images in px; 0 if there were none.
+        height: Height of the images in px; 0 if there were none.
+        pictures: Number of images searched. Video frames that follow too soon or look like the one
+            before are skipped and not counted.
+        without_board: Names of the images in which no board was found.
+        repeated: Names of the images that show the board as an earlier one does.
     """
 
     views: tuple[BoardView, ...]
@@ -48,59 +59,69 @@ class Sightings:
     repeated: tuple[str, ...]
 
 
-def find_boards(pictures: Iterable[Picture], board: Board) -> Sightings:
-    """Look for the board in every picture that shows something new.
+def find_boards(pictures: Iterable[Picture], board: Board) -> BoardDetections:
+    """Detect a board in images.
 
-    Raises CalibError where a picture's size is not that of the first.
+    Args:
+        pictures: Images of one size, stills or video frames in order of time.
+        board: The board to find.
+
+    Returns:
+        The distinct views, and the names of images without a board or with a repeated view.
+
+    Raises:
+        CalibError: If an image has another size than the first.
     """
     first: Picture | None = None
     views: list[BoardView] = []
     without_board: list[str] = []
     repeated: list[str] = []
-    looked_at = 0
+    searched = 0
     for picture in _sampled(pictures):
         first = first or picture
         if picture.grey.shape != first.grey.shape:
             raise CalibError(
                 f"{picture.name} is {_size_text(picture)}: expected {_size_text(first)},"
-                f" as {first.name}; one camera has images of one size"
+                f" as {first.name}; all images must have one size"
             )
-        looked_at += 1
+        searched += 1
         found = board.detect(picture.grey)
         if found is None:
             without_board.append(picture.name)
             continue
         view = BoardView(picture.name, *found)
-        if any(_same_place(view, other, max(picture.grey.shape)) for other in views):
+        if any(_same_view(view, other, max(picture.grey.shape)) for other in views):
             repeated.append(view.name)
         else:
             views.append(view)
     height, width = (0, 0) if first is None else first.grey.shape
-    return Sightings(tuple(views), width, height, looked_at, tuple(without_board), tuple(repeated))
+    return BoardDetections(
+        tuple(views), width, height, searched, tuple(without_board), tuple(repeated)
+    )
 
 
 def _sampled(pictures: Iterable[Picture]) -> Iterable[Picture]:
-    """Of a video the pictures that come a while after the last one and differ from it."""
+    """Skip video frames that follow too soon or look like the one before."""
     last_s = -np.inf
     last: NDArray[Any] | None = None
     for picture in pictures:
         if picture.time_s is None:
             yield picture
             continue
-        if 0 <= picture.time_s - last_s < _LEAST_PAUSE_S:
+        if 0 <= picture.time_s - last_s < _MIN_INTERVAL_S:
             continue
         small = cv2.resize(picture.grey, _THUMBNAIL, interpolation=cv2.INTER_AREA).astype(int)
-        if last is not None and np.abs(small - last).mean() < _SAME_PICTURE_GREYS:
+        if last is not None and np.abs(small - last).mean() < _MIN_GREY_CHANGE:
             continue
         last_s, last = picture.time_s, small
         yield picture
 
 
-def _same_place(view: BoardView, other: BoardView, side_px: int) -> bool:
+def _same_view(view: BoardView, other: BoardView, side_px: int) -> bool:
     if view.object_m.shape != other.object_m.shape or (view.object_m != other.object_m).any():
         return False
     moved_px = np.linalg.norm(view.image_px - other.image_px, axis=1)
-    return float(moved_px.mean()) < _SAME_PLACE_SHARE * side_px
+    return float(moved_px.mean()) < _MIN_MOTION_SHARE * side_px
 
 
 def _size_text(picture: Picture) -> str:
