@@ -41,15 +41,15 @@ __all__ = [
 ]
 
 CAMERA_FILES = (
-    "Of this project (calib.camera/1 JSON), ROS, OpenCV, Kalibr, CamOdoCal, RealSense or ZED;"
-    " NAME chooses among several cameras in one file."
+    "Formats: calib.camera/1 JSON of this project, ROS, OpenCV, Kalibr, CamOdoCal, RealSense, ZED."
+    " NAME selects one of several cameras in a file."
 )
 
 Json: TypeAlias = Annotated[
-    bool, typer.Option("--json", help="Print one JSON object on stdout, and nothing else there.")
+    bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")
 ]
 Model: TypeAlias = Annotated[
-    str, typer.Option(help="An exported .onnx file; or rgb or depth, for those in the package.")
+    str, typer.Option(help="An exported .onnx file, or the packaged model rgb or depth.")
 ]
 Threads: TypeAlias = Annotated[
     int | None, typer.Option(min=1, help="Threads of one inference; all cores if not given.")
@@ -58,15 +58,15 @@ Provider: TypeAlias = Annotated[
     str,
     typer.Option(
         metavar="NAME",
-        help="What runs the model: cpu, cuda, tensorrt, openvino, coreml, directml; or auto, for"
-        " the first of them that starts.",
+        help="What runs the model: cpu, cuda, tensorrt, openvino, coreml or directml; or auto for"
+        " the first of cuda, coreml, directml, openvino and cpu that starts.",
     ),
 ]
 Strict: TypeAlias = Annotated[
     bool,
     typer.Option(
         "--strict/--no-strict",
-        help="Fail if --provider cannot be used, or let the processor take over with a warning.",
+        help="If --provider cannot be used, fail, or use the CPU with a warning.",
     ),
 ]
 ScoreThreshold: TypeAlias = Annotated[
@@ -75,66 +75,68 @@ ScoreThreshold: TypeAlias = Annotated[
 Depth: TypeAlias = Annotated[
     Path | None,
     typer.Option(
-        help="Depth image of an image, or folder with one of the same stem for each image:"
-        " 16-bit PNG or TIFF in millimetres (or see --depth-scale), float TIFF or .npy in metres;"
-        " 0 = no reading. With a depth model and without this, the image itself is taken for depth."
+        help="Depth image of an image, or folder with a depth image of the same stem for each"
+        " image: 16-bit PNG or TIFF in millimetres (or see --depth-scale), float TIFF or .npy in"
+        " metres; 0 = no reading. If not given, a depth model reads the image itself as depth."
     ),
 ]
 Camera: TypeAlias = Annotated[
     Path | None,
-    typer.Option(metavar="FILE[:NAME]", help=f"Camera file, for metres. {CAMERA_FILES}"),
+    typer.Option(metavar="FILE[:NAME]", help=f"Camera file, needed for measuring. {CAMERA_FILES}"),
 ]
 Up: TypeAlias = Annotated[
     str | None,
     typer.Option(
         metavar="X,Y,Z",
-        help="Direction away from gravity in the camera's frame (x right, y down, z forward), as"
-        " an IMU gives it; 0,-1,0 for a level camera. Without, the vertical of --mounting on a"
-        " level machine is used, or else the ground's plane.",
+        help="Direction opposite to gravity in the camera's frame (x right, y down, z forward), as"
+        " from an IMU; 0,-1,0 for a level camera. If not given: the vertical of a level machine"
+        " with --mounting, otherwise the normal of the ground.",
     ),
 ]
 Mounting: TypeAlias = Annotated[
     Path | None,
     typer.Option(
-        help="File with the camera's place on its machine (x forward, y left, z up): cut points"
-        " in the machine's frame too. Without --up, its vertical on a level machine is used."
+        help="File with the transform from the camera's frame to the machine's (x forward, y left,"
+        " z up). Cut points are then given in the machine's frame too."
     ),
 ]
 DepthCamera: TypeAlias = Annotated[
     Path | None,
     typer.Option(
         metavar="FILE[:NAME]",
-        help="Camera file of the depth, where another camera or lens took it; the depth is then"
-        " moved into the image's pixels.",
+        help="Camera file of the depth, if another camera or lens took it. The depth is then"
+        " aligned with the image.",
     ),
 ]
 DepthExtrinsics: TypeAlias = Annotated[
     Path | None,
     typer.Option(
         help="File with the transform from the depth camera's frame to the image camera's; the"
-        " same frame if not given."
+        " identity if not given."
     ),
 ]
 DepthScale: TypeAlias = Annotated[
     str | None,
     typer.Option(
         metavar="M_PER_UNIT|FILE",
-        help="Metres of one unit of the depth files, 0.001 if not given; or the depth scale that"
-        " `edgetree calibrate --depth` found.",
+        help="Metres per unit of the depth files, 0.001 if not given; or a depth scale file of"
+        " `edgetree calibrate --depth`.",
     ),
 ]
 StumpHeight: TypeAlias = Annotated[
     float | None,
-    typer.Option(metavar="M", help="Warn of felling cuts higher than this; 0.3 if not given."),
+    typer.Option(
+        metavar="M", help="Warn of felling cuts higher than this, in metres; 0.3 if not given."
+    ),
 ]
 Csv: TypeAlias = Annotated[
-    Path | None, typer.Option(help="File for a table, one row per tree, units in the names.")
+    Path | None, typer.Option(help="CSV file to write, one row per tree, units in column names.")
 ]
 
 
 @dataclass(frozen=True)
 class RigOptions:
-    """What the user said of cameras and depth, as options of those names."""
+    """The options about cameras and depth; each attribute is the option of its name."""
 
     camera: Path | None
     up: str | None
@@ -148,26 +150,35 @@ class RigOptions:
         """Read the files.
 
         Args:
-            depth: where the depth images are; None if there are none beside the source.
+            depth: value of --depth.
+
+        Raises:
+            InputError: options contradict each other, or a value is invalid.
+            CalibError: a file cannot be read.
         """
         from calib import load_transform
         from edgetree.errors import InputError
         from edgetree.frames.rig import Rig
 
         if depth is None and self.depth_camera is not None:
-            raise InputError("--depth-camera given without --depth: expected the depth it took")
-        depth_camera, moved, mounting = self.depth_camera, self.depth_extrinsics, self.mounting
+            raise InputError("--depth-camera given without --depth: expected both")
+        depth_camera, mounting = self.depth_camera, self.mounting
+        extrinsics = self.depth_extrinsics
         rig = Rig(
             camera=None if self.camera is None else _camera(self.camera),
             up_camera=None if self.up is None else _direction(self.up),
             mounting=None if mounting is None else load_transform(mounting),
             depth_camera=None if depth_camera is None else _camera(depth_camera),
-            depth_extrinsics=None if moved is None else load_transform(moved),
+            depth_extrinsics=None if extrinsics is None else load_transform(extrinsics),
         )
         return rig if self.depth_scale is None else _scaled(rig, self.depth_scale)
 
     def settings(self) -> MeasureSettings | None:
-        """The settings of the measurement; None for the usual ones."""
+        """The settings of the measurement; None for the defaults.
+
+        Raises:
+            InputError: --stump-height is not positive.
+        """
         from edgetree.errors import InputError
         from edgetree.measure import MeasureSettings
 
@@ -175,7 +186,7 @@ class RigOptions:
         if height_m is None:
             return None
         if not (math.isfinite(height_m) and height_m > 0):
-            raise InputError(f"--stump-height is {height_m}: expected metres, above 0")
+            raise InputError(f"--stump-height is {height_m}: expected metres above 0")
         return MeasureSettings(max_stump_height_m=height_m)
 
     def check_paths(
@@ -186,7 +197,18 @@ class RigOptions:
         model: str | None,
         mask: Path | None = None,
     ) -> None:
-        """Refuse to write one path twice, or over what these options and the others read."""
+        """Check that no output overwrites an input file or another output.
+
+        Args:
+            outputs: output paths by option; None for options that are not given.
+            source: the image or folder to read.
+            depth: value of --depth.
+            model: value of --model.
+            mask: value of --mask.
+
+        Raises:
+            InputError: an output path is used twice.
+        """
         from edgetree.results.atomic_files import check_paths
 
         inputs = {
@@ -205,7 +227,7 @@ class RigOptions:
         check_paths(outputs, inputs)
 
     def words(self, depth: Path | None) -> str:
-        """The same options again, to be typed."""
+        """These options and --depth as they would be typed on the command line."""
         given = {"depth": depth, **asdict(self)}
         return "".join(
             f" --{name.replace('_', '-')} {quoted(value)}"
@@ -215,12 +237,12 @@ class RigOptions:
 
 
 def quoted(value: object) -> str:
-    """A value as a shell takes it."""
+    """A value quoted for the shell."""
     return shlex.quote(str(value))
 
 
 def _camera(file: Path) -> PinholeCamera:
-    """The camera of a file, or of FILE:NAME."""
+    """Load the camera from FILE or FILE:NAME."""
     from calib import load_camera
 
     path, name = _file_and_name(file)
@@ -228,7 +250,7 @@ def _camera(file: Path) -> PinholeCamera:
 
 
 def _named_file(text: str | None) -> Path | None:
-    """The file that a value means, where it may be a number or a name of the package."""
+    """The value as a path, if it is an existing file and not a number or a model's name."""
     return None if text is None or not Path(text).is_file() else Path(text)
 
 
@@ -240,7 +262,7 @@ def _file_and_name(file: Path) -> tuple[Path, str | None]:
 
 
 def _scaled(rig: Rig, text: str) -> Rig:
-    """The rig with a depth scale: a number, or the file of a calibration."""
+    """The rig with the value of --depth-scale: a number, or a file of a calibration."""
     from calib import load_depth_scale
 
     try:
@@ -269,7 +291,21 @@ def open_model(
     provider: str = "cpu",
     strict: bool = True,
 ) -> tuple[TreeDetector, Path]:
-    """The detector for the value of a `Model` option, and its file."""
+    """Open the model of the option --model.
+
+    Args:
+        model: "rgb", "depth" or the path of an .onnx file.
+        threads: threads of one inference; None for all usable cores.
+        score_threshold: lowest score of trees; None for the default.
+        provider: what runs the model.
+        strict: raise an error if the provider cannot be used, instead of using the CPU.
+
+    Returns:
+        The detector and the path of the model file.
+
+    Raises:
+        EdgetreeError: as for `TreeDetector.load`.
+    """
     from edgetree.runtime.detector import DISPLAY_THRESHOLD, MODALITIES, TreeDetector, default_model
 
     path = default_model(model) if model in MODALITIES else Path(model)
@@ -285,7 +321,7 @@ def open_model(
 
 
 def model_record(detector: TreeDetector, path: Path) -> dict[str, Any]:
-    """Which model it was, JSON-ready."""
+    """The model as a JSON object."""
     manifest = detector.manifest
     return {
         "path": str(path),

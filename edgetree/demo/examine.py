@@ -1,4 +1,4 @@
-"""One model over frames whose truth is known: detect, measure, match, draw."""
+"""Run a model on a frame with ground truth: detect, measure, compare and draw."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ _JPEG_QUALITY: Final = 82
 
 
 def seen_by(detector: TreeDetector, frame: SampleFrame) -> NDArray[Any]:
-    """The image that a model looks at: colour (H, W, 3) uint8 BGR, or depth (H, W) in metres."""
+    """The image that the model takes: colour (H, W, 3) uint8 BGR, or depth (H, W) in metres."""
     return frame.depth_m() if detector.manifest.modality == "depth" else frame.image()
 
 
 def examine(detector: TreeDetector, frame: SampleFrame) -> tuple[FrameComparison, Picture]:
-    """Detect and measure one frame, hold it against the truth and draw it.
+    """Detect and measure the trees of one frame, compare them with the ground truth, draw them.
 
-    The comparison's trees are ordered from near to far; their places in it, from 1, are the
-    numbers in the picture, where "?" stands beside a detection on no labelled tree.
+    The trees of the comparison are sorted from near to far. The picture shows their position in
+    the comparison, counted from 1, or "?" for a detection that matches no labelled tree.
     """
     depth_m = frame.depth_m()
     trees = detector.detect(seen_by(detector, frame))
@@ -49,7 +49,7 @@ def examine(detector: TreeDetector, frame: SampleFrame) -> tuple[FrameComparison
 
 
 def _numbers(detections: int, matches: Sequence[Match]) -> list[str]:
-    """Each detection's tree, as the tables number it."""
+    """The number of each detection's tree in the tables, or "?"."""
     numbers = {match.detection: str(match.truth + 1) for match in matches}
     return [numbers.get(index, "?") for index in range(detections)]
 

@@ -1,4 +1,4 @@
-"""Which detection is which tree of the truth."""
+"""Match detections with the ground truth."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["Match", "box_iou", "match_boxes"]
 
 
 class Match(NamedTuple):
-    """One detection paired with one true tree, by their positions in the two lists."""
+    """A matched pair: the indices of the detection and the true tree, and their IoU."""
 
     detection: int
     truth: int
@@ -19,14 +19,14 @@ class Match(NamedTuple):
 
 
 def box_iou(first_px: NDArray[np.floating], second_px: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Intersection over union of every pair of boxes.
+    """Intersection over union of each pair of boxes.
 
     Args:
         first_px: (N, 4) x0, y0, x1, y1.
-        second_px: (M, 4) likewise.
+        second_px: (M, 4) x0, y0, x1, y1.
 
     Returns:
-        (N, M) in [0, 1]; 0 where a pair covers no area at all.
+        (N, M) in [0, 1]; 0 if both boxes of a pair have no area.
     """
     first = np.asarray(first_px, dtype=np.float64).reshape(-1, 1, 4)
     second = np.asarray(second_px, dtype=np.float64).reshape(1, -1, 4)
@@ -40,7 +40,7 @@ def box_iou(first_px: NDArray[np.floating], second_px: NDArray[np.floating]) -> 
 
 
 def _area(low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Area between two corners (..., 2); 0 where they are in the wrong order."""
+    """Area between two corners (..., 2); 0 if they are in the wrong order."""
     sides: NDArray[np.float64] = np.clip(high - low, 0.0, None)
     return sides[..., 0] * sides[..., 1]
 
@@ -48,15 +48,15 @@ def _area(low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.flo
 def match_boxes(
     detected_px: NDArray[np.floating], true_px: NDArray[np.floating], min_iou: float = 0.5
 ) -> list[Match]:
-    """Pair detections with true boxes as COCO's evaluation does.
+    """Match detections with true boxes as in COCO's evaluation.
 
-    In the given order, best score first, each detection takes the free true box that it overlaps
-    most, if their intersection over union is at least `min_iou`.
+    In the given order, each detection is matched with the unmatched true box of largest
+    intersection over union, if that is at least `min_iou`.
 
     Args:
-        detected_px: (N, 4) x0, y0, x1, y1, by falling score.
-        true_px: (M, 4) likewise, in any order.
-        min_iou: least overlap of a pair.
+        detected_px: (N, 4) x0, y0, x1, y1, by descending score.
+        true_px: (M, 4) x0, y0, x1, y1, in any order.
+        min_iou: smallest intersection over union of a match.
     """
     free = box_iou(detected_px, true_px)
     matches = []
