@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib import PinholeCamera, read_depth
-from edgetree.frames.sources import read_image
+from edgetree.frames.sources import Frame, read_image
 
 __all__ = ["SampleFrame", "SampleTree", "sample_frames"]
 
@@ -83,6 +83,10 @@ class SampleFrame:
     def depth_m(self) -> NDArray[np.float32]:
         """Read the depth image, (H, W) float32 metres, 0.0 = no reading."""
         return read_depth(self.depth_path)
+
+    def read(self) -> Frame:
+        """Read both images, as a frame of the kind that `edgetree.frames.open_source` gives."""
+        return Frame(self.name, self.image_path, self.image(), self.depth_m())
 
 
 def sample_frames() -> list[SampleFrame]:

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import asdict
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
-from edgetree.commands.options import Json, Provider, Strict, Threads
+from edgetree.commands.option_groups import expand_groups
+from edgetree.commands.options import Json, SessionOptions
 from edgetree.console import note, print_json, progress
 
 if TYPE_CHECKING:
     from edgetree.bench.speed import BenchResult
+    from edgetree.frames.sources import Frame
     from edgetree.runtime.detector import TreeDetector
 
 __all__ = ["bench"]
@@ -67,13 +70,13 @@ _Proposals: TypeAlias = Annotated[
 ]
 
 
+@expand_groups
 def bench(
     source: _Source = None,
+    *,
     model: _OneModel = None,
     duration_s: _Seconds = 5.0,
-    threads: Threads = None,
-    provider: Provider = "cpu",
-    strict: Strict = True,
+    session: SessionOptions,
     backbones: _Backbones = None,
     models: _Models = None,
     precision: _Precision = None,
@@ -96,18 +99,11 @@ def bench(
     given = {name: value for name, value in table_options.items() if value is not None}
     if backbones is None:
         _refuse(given, "without --backbones: expected both")
-        options = {"threads": threads, "provider": provider, "strict": strict}
-        _bench_one(source, model or "rgb", duration_s, options, as_json)
+        _bench_one(source, model or "rgb", duration_s, session, as_json)
         return
     _refuse({} if model is None else {"model": model}, "with --backbones: expected only one")
     names = tuple(name.strip() for name in backbones.split(","))
-    bench_options = {
-        "source": source,
-        "duration_s": duration_s,
-        "threads": threads,
-        "provider": provider,
-        "strict": strict,
-    }
+    bench_options = {"source": source, "duration_s": duration_s, **asdict(session)}
     _bench_table(names, bench_options | given, as_json)
 
 
@@ -139,13 +135,11 @@ def _bench_one(
     source: Path | None,
     model: str,
     duration_s: float,
-    options: Mapping[str, Any],
+    session: SessionOptions,
     as_json: bool,
 ) -> None:
     """Measure one model and print the figures."""
-    from edgetree.commands.options import open_model
-
-    detector, path = open_model(model, **options)
+    detector, path = session.open_model(model)
     images = _images(source, detector)
     result = _measure(detector, images, duration_s)
     record = _record(path, detector, len(images), result)
@@ -176,16 +170,16 @@ def _nodes(provider: str, operators: Mapping[str, int]) -> str:
 
 
 def _images(source: Path | None, detector: TreeDetector) -> list[Any]:
-    """The first frames of the source, in memory."""
-    is_depth = detector.manifest.modality == "depth"
+    """The first frames of the source in memory, as the model takes them."""
+    from edgetree.frames.pipeline import image_for, open_frames
+    from edgetree.samples import sample_frames
+
+    frames: Iterator[Frame]
     if source is None:
-        from edgetree.samples import sample_frames
-
-        return [frame.depth_m() if is_depth else frame.image() for frame in sample_frames()]
-    from edgetree.frames.sources import open_source
-
-    frames = islice(open_source(source, depth_only=is_depth), _MAX_FRAMES)
-    return [frame.depth_m if is_depth else frame.image for frame in frames]
+        frames = (sample.read() for sample in sample_frames())
+    else:
+        frames = islice(open_frames(source, detector=detector), _MAX_FRAMES)
+    return [image_for(detector, frame) for frame in frames]
 
 
 def _measure(detector: TreeDetector, images: list[Any], duration_s: float) -> BenchResult:

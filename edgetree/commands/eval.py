@@ -8,7 +8,8 @@ from typing import Annotated, TypeAlias
 
 import typer
 
-from edgetree.commands.options import Json, Provider, Strict, Threads, model_record, open_model
+from edgetree.commands.option_groups import expand_groups
+from edgetree.commands.options import Json, SessionOptions, model_record
 from edgetree.console import Progress, note, print_json, progress
 
 __all__ = ["evaluate"]
@@ -28,16 +29,16 @@ _EntireTree: TypeAlias = Annotated[
 ]
 
 
+@expand_groups
 def evaluate(
     model: _Model,
     data: Annotated[Path, typer.Argument(help="Folder of a dataset.")],
+    *,
     split: Annotated[str, typer.Option(help="train, val or test.")] = "test",
     fold: Annotated[int | None, typer.Option(help="Fold, for datasets with several.")] = None,
     entire_tree: _EntireTree = False,
     out: _Out = None,
-    threads: Threads = None,
-    provider: Provider = "cpu",
-    strict: Strict = True,
+    session: SessionOptions,
     as_json: Json = False,
 ) -> None:
     """Evaluate a model file on labelled frames, like `perceptree eval` does for a checkpoint.
@@ -48,7 +49,7 @@ def evaluate(
     from edgetree.evaluate import evaluate_file, summary_of
     from edgetree.results.atomic_files import output_folder
 
-    detector, path = open_model(model, threads, provider=provider, strict=strict)
+    detector, path = session.open_model(model)
     with ExitStack() as stack:
         folder = None if out is None else stack.enter_context(output_folder(out))
         bar: list[Progress] = []

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
@@ -31,12 +30,13 @@ __all__ = [
     "Provider",
     "RigOptions",
     "ScoreThreshold",
+    "SessionOptions",
     "Strict",
     "StumpHeight",
     "Threads",
     "Up",
+    "model_file",
     "model_record",
-    "open_model",
     "quoted",
 ]
 
@@ -136,20 +136,20 @@ Csv: TypeAlias = Annotated[
 
 @dataclass(frozen=True)
 class RigOptions:
-    """The options about cameras and depth; each attribute is the option of its name."""
+    """The options about the cameras and the measurement, without --camera and --depth."""
 
-    camera: Path | None
-    up: str | None
-    mounting: Path | None
-    depth_camera: Path | None
-    depth_extrinsics: Path | None
-    depth_scale: str | None
-    stump_height: float | None
+    up: Up = None
+    mounting: Mounting = None
+    depth_camera: DepthCamera = None
+    depth_extrinsics: DepthExtrinsics = None
+    depth_scale: DepthScale = None
+    stump_height: StumpHeight = None
 
-    def rig(self, depth: Path | None) -> Rig:
+    def rig(self, camera: Path | None, depth: Path | None) -> Rig:
         """Read the files.
 
         Args:
+            camera: value of --camera.
             depth: value of --depth.
 
         Raises:
@@ -165,10 +165,10 @@ class RigOptions:
         depth_camera, mounting = self.depth_camera, self.mounting
         extrinsics = self.depth_extrinsics
         rig = Rig(
-            camera=None if self.camera is None else _camera(self.camera),
+            camera=None if camera is None else _load_camera(camera),
             up_camera=None if self.up is None else _direction(self.up),
             mounting=None if mounting is None else load_transform(mounting),
-            depth_camera=None if depth_camera is None else _camera(depth_camera),
+            depth_camera=None if depth_camera is None else _load_camera(depth_camera),
             depth_extrinsics=None if extrinsics is None else load_transform(extrinsics),
         )
         return rig if self.depth_scale is None else _scaled(rig, self.depth_scale)
@@ -189,46 +189,20 @@ class RigOptions:
             raise InputError(f"--stump-height is {height_m}: expected metres above 0")
         return MeasureSettings(max_stump_height_m=height_m)
 
-    def check_paths(
-        self,
-        outputs: Mapping[str, Path | None],
-        source: Path,
-        depth: Path | None,
-        model: str | None,
-        mask: Path | None = None,
-    ) -> None:
-        """Check that no output overwrites an input file or another output.
-
-        Args:
-            outputs: output paths by option; None for options that are not given.
-            source: the image or folder to read.
-            depth: value of --depth.
-            model: value of --model.
-            mask: value of --mask.
-
-        Raises:
-            InputError: an output path is used twice.
-        """
-        from edgetree.results.atomic_files import check_paths
-
-        inputs = {
-            "source": source,
-            "--depth": depth,
-            "--model": _named_file(model),
-            "--mask": mask,
-            "--camera": None if self.camera is None else _file_and_name(self.camera)[0],
+    def files(self, camera: Path | None) -> dict[str, Path | None]:
+        """The files that these options and --camera name, by option."""
+        depth_camera = self.depth_camera
+        return {
+            "--camera": None if camera is None else _file_and_name(camera)[0],
             "--mounting": self.mounting,
-            "--depth-camera": (
-                None if self.depth_camera is None else _file_and_name(self.depth_camera)[0]
-            ),
+            "--depth-camera": None if depth_camera is None else _file_and_name(depth_camera)[0],
             "--depth-extrinsics": self.depth_extrinsics,
-            "--depth-scale": _named_file(self.depth_scale),
+            "--depth-scale": _existing_file(self.depth_scale),
         }
-        check_paths(outputs, inputs)
 
-    def words(self, depth: Path | None) -> str:
-        """These options and --depth as they would be typed on the command line."""
-        given = {"depth": depth, **asdict(self)}
+    def words(self, depth: Path | None, camera: Path | None) -> str:
+        """These options, --depth and --camera as they would be typed on the command line."""
+        given = {"depth": depth, "camera": camera, **asdict(self)}
         return "".join(
             f" --{name.replace('_', '-')} {quoted(value)}"
             for name, value in given.items()
@@ -236,12 +210,53 @@ class RigOptions:
         )
 
 
+@dataclass(frozen=True)
+class SessionOptions:
+    """The options about running a model."""
+
+    threads: Threads = None
+    provider: Provider = "cpu"
+    strict: Strict = True
+
+    def open_model(
+        self, model: str, score_threshold: float | None = None
+    ) -> tuple[TreeDetector, Path]:
+        """Open the model of the option --model.
+
+        Args:
+            model: "rgb", "depth" or the path of an .onnx file.
+            score_threshold: lowest score of trees; None for the default.
+
+        Returns:
+            The detector and the path of the model file.
+
+        Raises:
+            EdgetreeError: as for `TreeDetector.load`.
+        """
+        from edgetree.runtime.detector import (
+            DISPLAY_THRESHOLD,
+            MODALITIES,
+            TreeDetector,
+            default_model,
+        )
+
+        path = default_model(model) if model in MODALITIES else Path(model)
+        detector = TreeDetector.load(
+            path,
+            provider=self.provider,
+            strict=self.strict,
+            threads=self.threads,
+            score_threshold=DISPLAY_THRESHOLD if score_threshold is None else score_threshold,
+        )
+        return detector, path
+
+
 def quoted(value: object) -> str:
     """A value quoted for the shell."""
     return shlex.quote(str(value))
 
 
-def _camera(file: Path) -> PinholeCamera:
+def _load_camera(file: Path) -> PinholeCamera:
     """Load the camera from FILE or FILE:NAME."""
     from calib import load_camera
 
@@ -249,8 +264,13 @@ def _camera(file: Path) -> PinholeCamera:
     return load_camera(path, name=name)
 
 
-def _named_file(text: str | None) -> Path | None:
-    """The value as a path, if it is an existing file and not a number or a model's name."""
+def model_file(model: str | None) -> Path | None:
+    """The file of the option --model; None for a packaged model."""
+    return _existing_file(model)
+
+
+def _existing_file(text: str | None) -> Path | None:
+    """The value as a path, if it is an existing file; it may also be a number or a name."""
     return None if text is None or not Path(text).is_file() else Path(text)
 
 
@@ -281,43 +301,6 @@ def _direction(text: str) -> tuple[float, float, float]:
         raise InputError(f"--up is {text!r}: expected three numbers, such as 0,-1,0") from error
     unit_up((x, y, z))
     return x, y, z
-
-
-def open_model(
-    model: str,
-    threads: int | None,
-    score_threshold: float | None = None,
-    *,
-    provider: str = "cpu",
-    strict: bool = True,
-) -> tuple[TreeDetector, Path]:
-    """Open the model of the option --model.
-
-    Args:
-        model: "rgb", "depth" or the path of an .onnx file.
-        threads: threads of one inference; None for all usable cores.
-        score_threshold: lowest score of trees; None for the default.
-        provider: what runs the model.
-        strict: raise an error if the provider cannot be used, instead of using the CPU.
-
-    Returns:
-        The detector and the path of the model file.
-
-    Raises:
-        EdgetreeError: as for `TreeDetector.load`.
-    """
-    from edgetree.runtime.detector import DISPLAY_THRESHOLD, MODALITIES, TreeDetector, default_model
-
-    path = default_model(model) if model in MODALITIES else Path(model)
-    threshold = DISPLAY_THRESHOLD if score_threshold is None else score_threshold
-    detector = TreeDetector.load(
-        path,
-        provider=provider,
-        strict=strict,
-        threads=threads,
-        score_threshold=threshold,
-    )
-    return detector, path
 
 
 def model_record(detector: TreeDetector, path: Path) -> dict[str, Any]:

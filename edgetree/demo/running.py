@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Final, TypeAlias
 
 from edgetree.bench.speed import bench_detector, peak_memory_mib
-from edgetree.demo.examine import examine, seen_by
+from edgetree.demo.examine import examine
 from edgetree.demo.report import NextCommand, render_report
 from edgetree.demo.result import DemoResult, ModelResult, Picture, Speed
+from edgetree.frames.pipeline import image_for
 from edgetree.results.atomic_files import replacing
 from edgetree.runtime.detector import TreeDetector, default_model
 from edgetree.samples import SampleFrame, sample_frames
@@ -72,7 +73,7 @@ def _run_model(
         comparison, picture = examine(detector, frame)
         comparisons.append(comparison)
         pictures.append(picture)
-    images = [seen_by(detector, frame) for frame in frames]
+    images = [image_for(detector, frame.read()) for frame in frames]
     bench = bench_detector(
         detector,
         images,

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,13 +14,13 @@ from calib import CameraError, PinholeCamera
 from edgetree.detections import TreeDetections
 from edgetree.errors import InputError
 from edgetree.frames.rig import Rig
-from edgetree.frames.sources import Frame
+from edgetree.frames.sources import Frame, FrameSource, open_source
 from edgetree.runtime.detector import TreeDetector
 
 if TYPE_CHECKING:
     from edgetree.measure import MeasureSettings, TreeMeasurement
 
-__all__ = ["FoundTrees", "FrameResult", "measure_frame", "process"]
+__all__ = ["FoundTrees", "FrameResult", "image_for", "measure_frame", "open_frames", "process"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +77,47 @@ class FrameResult:
         return self.found.trees
 
 
+def open_frames(
+    source: Path,
+    depth: Path | None = None,
+    *,
+    rig: Rig | None = None,
+    detector: TreeDetector | None = None,
+) -> FrameSource:
+    """Open the frames of a source for a model.
+
+    For a depth model, the source consists of depth images if `depth` is not given.
+
+    Args:
+        source: an image, a folder of images, or a video.
+        depth: depth image or folder of depth images, as for `open_source`.
+        rig: the cameras and the unit of the depth.
+        detector: the model; None if the trees come from a mask image.
+
+    Raises:
+        InputError: as for `open_source`.
+    """
+    depth_only = depth is None and detector is not None and detector.manifest.takes_depth
+    return open_source(source, depth, depth_only=depth_only, rig=rig)
+
+
+def image_for(detector: TreeDetector, frame: Frame) -> NDArray[Any]:
+    """The image of a frame that the model takes.
+
+    Returns:
+        Colour, (H, W, 3) uint8 BGR, or depth, (H, W) float32 metres.
+
+    Raises:
+        InputError: the frame does not have it.
+    """
+    takes_depth = detector.manifest.takes_depth
+    image = frame.depth_m if takes_depth else frame.image
+    if image is None:
+        missing = "depth" if takes_depth else "colour image"
+        raise InputError(f"{frame.path} has no {missing}: expected one, as the model takes it")
+    return image
+
+
 def process(
     frame: Frame,
     detector: TreeDetector,
@@ -94,10 +136,7 @@ def process(
         InputError: the frame does not have the kind of image that the model takes.
         CameraError: the camera is for another aspect ratio.
     """
-    is_depth = detector.manifest.modality == "depth"
-    image = frame.depth_m if is_depth else frame.image
-    if image is None:
-        raise InputError(f"{frame.path} gives no {'depth' if is_depth else 'colour'} for the model")
+    image = image_for(detector, frame)
     start = time.perf_counter()
     trees = detector.detect(image)
     detect_ms = (time.perf_counter() - start) * 1000

@@ -67,8 +67,8 @@ def read_model_file(path: Path) -> ModelFile:
             of more than `MAX_ELEMENTS` elements.
     """
     if not path.is_file():
-        kind = "a folder" if path.is_dir() else "not there"
-        raise ModelFileError(f"model {path} is {kind}: expected an .onnx file")
+        problem = "is a folder" if path.is_dir() else "does not exist"
+        raise ModelFileError(f"model {path} {problem}: expected an .onnx file")
     try:
         with path.open("rb") as stream:
             if not stream.read(1):

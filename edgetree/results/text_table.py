@@ -80,5 +80,5 @@ def _evidence(evidence: Evidence) -> str:
     visible = "" if shown is None else f"{shown:.0%} of the stem visible, "
     return (
         f"from {evidence.method}; {visible}depth at {evidence.valid_depth_share:.0%} of it,"
-        f" {evidence.arc_deg:.0f}° of its circumference seen"
+        f" an arc of {evidence.arc_deg:.0f}° seen"
     )

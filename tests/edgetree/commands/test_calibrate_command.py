@@ -77,7 +77,7 @@ def test_a_folder_gives_a_camera_file(
     assert list(out.parent.iterdir()) == [out]
 
     lines = done.out.splitlines()
-    assert lines[0] == "14 of 15 pictures show the board at a new place, 640x480 px"
+    assert lines[0] == "14 of 15 pictures show the board in a new position, 640x480 px"
     assert lines[1] == "no board in sky"
     assert re.fullmatch(r"p03 +\d+ +0\.\d\d +\d\.\d\d +0\.\d\d +\d+", lines[6])
     fx = next(line for line in lines if line.startswith("fx"))
@@ -186,11 +186,14 @@ BAD_INPUTS = {
     "a board in millimetres": ("pictures --board checkerboard:9x6:25", "square_m is 25: expected"),
     "another lens": (f"pictures --board {BOARD} --model brown", "expected radtan or fisheye"),
     "no board": ("pictures", r"--board.*see `edgetree calibrate --help`"),
-    "no source": (f"none --board {BOARD}", "source none is not there"),
+    "no source": (f"none --board {BOARD}", "source none does not exist"),
     "no pictures": (f"empty --board {BOARD}", "folder empty has no images"),
     "two sizes": (f"mixed --board {BOARD}", "small is 320x240 px: expected 640x480 px, as p00"),
-    "no depth": (f"pictures --board {BOARD} --depth none", "depth none is no folder"),
-    "depth missing": (f"pictures --board {BOARD} --depth empty", "is not there.*expected one for"),
+    "no depth": (f"pictures --board {BOARD} --depth none", "depth none is not a folder"),
+    "depth missing": (
+        f"pictures --board {BOARD} --depth empty",
+        "does not exist.*expected one for",
+    ),
     "a picture to write": (f"mixed --board {BOARD} --out mixed/p00.png", "--out is mixed/p00.png:"),
     "a folder to write": (f"mixed --board {BOARD} --out empty", "empty is a folder"),
 }

@@ -327,7 +327,7 @@ def test_the_doctor_tells_a_person_what_works(
     done = run_cli("doctor")
     assert done.code == 0
     assert "2 of 4 usable, limited to the time of 1.5, 3.0 busy" in done.out
-    assert "cuda does not run: libcudnn.so.9 is not there" in done.out
+    assert "cuda does not work: libcudnn.so.9 is not there" in done.out
     assert "21 frames per second on 1 thread, 40 on 2" in done.out
     assert "pass --threads 1" in done.out
     assert "nothing is broken" in done.out

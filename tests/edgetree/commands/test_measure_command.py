@@ -101,7 +101,7 @@ def test_the_table_says_what_was_measured_and_what_to_type_next(
     assert done.code == 0, done.err
     assert re.search(r"^ +1 +31\.2 ± 0\.8 cm +– +– +– +4\.00 ± 0\.03 m$", done.out, re.MULTILINE)
     assert "no DBH, cut height, lean: no ground" in done.out
-    assert "beware: a high stump" in done.out
+    assert "warning: a high stump" in done.out
     for file in ("a_trees.jpg", "a_trees.csv"):
         following = done.err.splitlines()[-1].removeprefix("next: edgetree ")
         done = run_cli(*shlex.split(following))
@@ -144,7 +144,7 @@ def test_a_camera_of_another_resolution_is_scaled_and_that_is_said(
     done = run_cli(*IMAGE[:-1], "double.json", "--model", model)
     assert done.code == 0, done.err
     assert asked["camera"] == calib.load_camera("camera.json")
-    assert "the camera is for 1280x720 px: scaled to 640x360 px, as the image" in done.err
+    assert "the camera is for 1280x720 px: scaled to 640x360 px, like the image" in done.err
 
 
 def test_depth_of_another_camera_is_registered(
@@ -195,9 +195,12 @@ def test_a_depth_model_looks_at_the_depth_alone(
 BAD_INPUTS = {
     "no camera": ("images/a.jpg --depth depth/a.png", "Missing option '--camera'"),
     "no depth": ("images/a.jpg --camera camera.json", "--depth is missing: expected the depth"),
-    "a folder": ("images --depth depth --camera camera.json", "images is no image: expected one;"),
-    "a missing image": ("c.jpg --depth depth/a.png --camera camera.json", r"c\.jpg is not there"),
-    "a missing depth": ("images/a.jpg --depth c.png --camera camera.json", r"c\.png is no file"),
+    "a folder": (
+        "images --depth depth --camera camera.json",
+        "images is not an image: expected one;",
+    ),
+    "a missing image": ("c.jpg --depth depth/a.png --camera camera.json", r"c\.jpg does not exist"),
+    "a missing depth": ("images/a.jpg --depth c.png --camera camera.json", r"c\.png is not a file"),
     "depth full of holes": (
         "images/a.jpg --depth holes.png --camera camera.json",
         r"holes\.png: 0\.0% of the pixels have depth: expected",
@@ -208,7 +211,7 @@ BAD_INPUTS = {
     ),
     "a scale of nothing": (
         "images/a.jpg --depth depth/a.png --camera camera.json --depth-scale 0",
-        "--depth-scale is 0.0: expected metres per step",
+        "--depth-scale is 0.0: expected metres per unit",
     ),
     "depth of another size": (
         "images/a.jpg --depth small.png --camera camera.json",
@@ -236,7 +239,7 @@ BAD_INPUTS = {
     ),
     "a model beside a mask": (
         "images/a.jpg --depth depth/a.png --camera camera.json --model rgb --mask mask.png",
-        "--model given beside --mask: expected one of both",
+        "--model given with --mask: expected only one",
     ),
     "a mask without depth": (
         "images/a.jpg --camera camera.json --mask mask.png",
@@ -262,7 +265,7 @@ BAD_INPUTS = {
     ),
     "a stump of no height": (
         "images/a.jpg --depth depth/a.png --camera camera.json --stump-height 0",
-        "--stump-height is 0.0: expected metres, above 0",
+        "--stump-height is 0.0: expected metres above 0",
     ),
     "a picture over the mask": (
         "images/a.jpg --depth depth/a.png --camera camera.json --mask mask.png --out mask.png",

@@ -78,7 +78,7 @@ def test_a_video_has_no_pictures_to_label(run_cli: Cli, model: Path, tmp_path: P
     writer.release()
     done = run_cli("run", video, "--model", model, "--coco", tmp_path / "labels.json")
     assert done.code == 2
-    assert "--coco is for pictures" in done.err
+    assert "is a video: expected images, as --coco is given" in done.err
     assert done.err.count("\n") == 1
 
 

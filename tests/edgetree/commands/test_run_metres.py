@@ -64,7 +64,7 @@ def test_a_frame_without_usable_depth_says_so_and_the_others_go_on(
     first, second = (json.loads(line)["trees"][0]["metres"] for line in done.out.splitlines())
     assert "0.0% of the pixels have depth" in first["diameter_failure"]
     assert "diameter_m" in second
-    assert "depth not to be believed in 1 frame(s): depth depth" in done.err
+    assert "unusable depth in 1 frame(s): depth depth" in done.err
 
 
 def test_a_machine_with_two_cameras_is_measured_in_both_frames(

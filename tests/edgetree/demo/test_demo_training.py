@@ -25,7 +25,7 @@ def test_what_is_missing_is_named_with_the_way_to_get_it(
         training.run_trained(tmp_path, lambda share, what: None)
     message = str(caught.value)
     assert message.startswith("demo --train needs timm, numba: pip install")
-    assert "edgetree[cpu,train,export,sim]" in message
+    assert 'pip install ".[cpu,train,export,sim]"' in message
     assert "\n" not in message
     assert caught.value.exit_code == 2
     assert list(tmp_path.iterdir()) == []

@@ -94,19 +94,19 @@ BROKEN = {
     ),
     "a torchvision that does not load": (
         with_libraries(import_errors={"torchvision": "operator torchvision::nms does not exist"}),
-        "torchvision does not load (operator torchvision::nms does not exist): install torch and",
+        "torchvision cannot be imported (operator torchvision::nms does not exist): install torch",
     ),
     "an OpenCV without display libraries": (
         with_libraries(import_errors={"cv2": "libGL.so.1: cannot open"}),
-        "cv2 does not load (libGL.so.1: cannot open): install opencv-python-headless",
+        "cv2 cannot be imported (libGL.so.1: cannot open): install opencv-python-headless",
     ),
     "no onnxruntime": (
         with_libraries(versions={"numpy": "2.4.6"}),
-        "onnxruntime is not installed: install edgetree[cpu]",
+        'onnxruntime is not installed: pip install ".[cpu]" in the project\'s folder',
     ),
     "no provider": (
         dataclasses.replace(HEALTHY, providers=(BROKEN_CUDA,)),
-        "no provider of onnxruntime runs a network",
+        "no provider of onnxruntime works",
     ),
 }
 
@@ -144,7 +144,7 @@ BEWARE = {
     "little memory": (with_machine(free_memory_mib=700.0), "700 MiB of memory are free"),
     "a provider that is offered and fails": (
         dataclasses.replace(HEALTHY, providers=(BROKEN_CUDA, CPU)),
-        "provider cuda is offered but does not run (libcudnn.so.9 is not there)",
+        "provider cuda is installed but does not work (libcudnn.so.9 is not there)",
     ),
 }
 
@@ -167,19 +167,19 @@ ADVICE = {
         with_machine(architecture="arm64", instructions=("dotprod",)),
         "--precision int8",
     ),
-    "instructions not known": (with_machine(instructions=None), "is not known: compare"),
-    "an unused GPU": (with_machine(has_nvidia_gpu=True), "an NVIDIA GPU that is not used"),
+    "instructions not known": (with_machine(instructions=None), "it is not known whether"),
+    "an unused GPU": (with_machine(has_nvidia_gpu=True), "the NVIDIA GPU is not used"),
     "a GPU that works": (
         dataclasses.replace(with_machine(has_nvidia_gpu=True), providers=(CUDA, CPU)),
         "edgetree bench --provider cuda",
     ),
     "threads that do not help": (
         dataclasses.replace(HEALTHY, speed=Speed(4, 20.0, 21.0)),
-        "4 threads are no faster than one here: pass --threads 1",
+        "4 threads are not faster than one here: pass --threads 1",
     ),
     "no training stack": (
         with_libraries(versions={"numpy": "2.4.6", "onnxruntime": "1.31.1"}),
-        "install edgetree[train,export,sim]",
+        'pip install ".[train,export,sim]"',
     ),
 }
 
@@ -196,4 +196,6 @@ def test_without_onnxruntime_a_machine_with_a_gpu_is_sent_to_its_build() -> None
         with_machine(has_nvidia_gpu=True),
         libraries=dataclasses.replace(LIBRARIES, versions={"numpy": "2.4.6"}),
     )
-    assert said("broken", findings) == ["onnxruntime is not installed: install edgetree[gpu]"]
+    assert said("broken", findings) == [
+        'onnxruntime is not installed: pip install ".[gpu]" in the project\'s folder'
+    ]

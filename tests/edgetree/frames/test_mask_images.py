@@ -39,13 +39,17 @@ def test_every_value_is_a_tree(tmp_path: Path, dtype: type[np.integer]) -> None:
 BAD = {
     "another size": ("m.png", _mask()[:24, :32], r"m\.png is 32x24 px: expected 64x48 px"),
     "colours": ("m.png", np.ones((48, 64, 3), np.uint8), r"m\.png has 3 channel\(s\) of uint8"),
-    "no tree": ("m.png", np.zeros((48, 64), np.uint8), "holds 0 values beside 0: expected one for"),
+    "no tree": (
+        "m.png",
+        np.zeros((48, 64), np.uint8),
+        "contains 0 values other than 0: expected one per",
+    ),
     "a photograph": (
         "m.png",
         np.arange(48 * 64, dtype=np.uint16).reshape(48, 64),
-        "holds 3071 values beside 0: expected one for each tree, 1 to 100",
+        "contains 3071 values other than 0: expected one per tree, 1 to 100",
     ),
-    "a lossy file": ("m.jpg", _mask(), r"m\.jpg is no kind of file that keeps its values"),
+    "a lossy file": ("m.jpg", _mask(), r"m\.jpg is not in a lossless format"),
 }
 
 

@@ -47,11 +47,11 @@ def test_the_scale_option_takes_a_number_or_a_calibration(tmp_path: Path) -> Non
     correction = calib.DepthScale(1.02, -0.05, 0.001, 0.002, -0.9, 0.5, 4.0)
     file = tmp_path / "scale.json"
     calib.save_depth_scale(file, correction)
-    nothing = (None, None, None, None, None)
-    assert RigOptions(*nothing, str(file), None).rig(None).depth_calibration == correction
-    assert RigOptions(*nothing, "0.00025", None).rig(None).depth_scale_m == 0.00025
+    options = RigOptions(depth_scale=str(file))
+    assert options.rig(None, None).depth_calibration == correction
+    assert RigOptions(depth_scale="0.00025").rig(None, None).depth_scale_m == 0.00025
     with pytest.raises(calib.InputFileError, match=r"much: no such file, expected a depth scale"):
-        RigOptions(*nothing, "much", None).rig(None)
+        RigOptions(depth_scale="much").rig(None, None)
 
 
 def test_depth_of_another_camera_is_moved_into_the_image(tmp_path: Path) -> None:
@@ -78,21 +78,21 @@ def test_cameras_of_another_resolution_are_scaled(tmp_path: Path) -> None:
 
 def test_depth_of_another_size_asks_for_its_camera(tmp_path: Path) -> None:
     path = _wall(tmp_path / "d.png", 32, 24)
-    expected = r"d\.png is 32x24 px: expected 64x48 px, as image a\.jpg; pass --depth-camera"
+    expected = r"d\.png is 32x24 px: expected 64x48 px, like image a\.jpg; pass --depth-camera"
     with pytest.raises(InputError, match=expected):
         Rig(camera=COLOUR).read_depth(path, Path("a.jpg"), (64, 48))
 
 
 def test_without_a_camera_there_is_no_depth_camera_to_ask_for(tmp_path: Path) -> None:
     path = _wall(tmp_path / "d.png", 32, 24)
-    with pytest.raises(InputError, match=r"expected 64x48 px, as image a\.jpg$"):
+    with pytest.raises(InputError, match=r"expected 64x48 px, like image a\.jpg$"):
         Rig().read_depth(path, Path("a.jpg"), (64, 48))
 
 
 def test_depth_of_another_aspect_names_the_depth_camera(tmp_path: Path) -> None:
     path = _wall(tmp_path / "d.png", 32, 32)
     rig = Rig(camera=COLOUR, depth_camera=HALF)
-    expected = r"d\.png is 32x32 px: expected the aspect of --depth-camera, 32x24 px"
+    expected = r"d\.png is 32x32 px: expected the aspect ratio of --depth-camera, 32x24 px"
     with pytest.raises(calib.CameraError, match=expected):
         rig.read_depth(path, Path("a.jpg"), (64, 48))
 
@@ -113,8 +113,8 @@ def test_depth_that_cannot_be_metres_is_told(tmp_path: Path) -> None:
             {"camera": COLOUR, "depth_extrinsics": calib.RigidTransform.identity()},
             "--depth-extrinsics given without --depth-camera",
         ),
-        ({"depth_scale_m": float("nan")}, "--depth-scale is nan: expected metres per step"),
-        ({"depth_scale_m": -0.001}, r"--depth-scale is -0\.001: expected metres per step"),
+        ({"depth_scale_m": float("nan")}, "--depth-scale is nan: expected metres per unit"),
+        ({"depth_scale_m": -0.001}, r"--depth-scale is -0\.001: expected metres per unit"),
     ],
 )
 def test_what_contradicts_itself_is_refused(values: dict[str, object], message: str) -> None:

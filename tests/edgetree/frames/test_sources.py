@@ -96,15 +96,17 @@ def test_a_video_gives_numbered_frames(tmp_path: Path) -> None:
     assert [frame.time_s for frame in frames] == [0.0, 0.1, 0.2]
     levels = [int(frame.image.mean()) for frame in frames if frame.image is not None]
     assert levels == pytest.approx([0, 100, 200], abs=3)
-    with pytest.raises(InputError, match="is no image: expected an image or a folder"):
+    with pytest.raises(InputError, match="is not an image: expected an image or a folder"):
         open_source(path, depth=tmp_path)
 
 
 def test_a_missing_source_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"none\.png is not there: expected an image, a folder"):
+    with pytest.raises(InputError, match=r"none\.png does not exist: expected an image, a folder"):
         open_source(tmp_path / "none.png")
     with pytest.raises(InputError, match=r"none\.png cannot be read \(No such file"):
         read_image(tmp_path / "none.png")
+    with pytest.raises(InputError, match=r"source rtsp://camera:554/1 does not exist"):
+        open_source(Path("rtsp://camera:554/1"))
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".mp4", ".txt"])
@@ -147,7 +149,7 @@ def test_a_folder_with_a_broken_image_is_refused_before_work(tmp_path: Path) -> 
 
 def test_depth_of_another_size_is_named(tmp_path: Path) -> None:
     image, depth = _write(tmp_path / "a.png"), _write_depth(tmp_path / "d.png", 32, 24)
-    message = r"d\.png is 32x24 px: expected 64x48 px, as image .*a\.png"
+    message = r"d\.png is 32x24 px: expected 64x48 px, like image .*a\.png"
     with pytest.raises(InputError, match=message):
         list(open_source(image, depth))
 
@@ -155,17 +157,17 @@ def test_depth_of_another_size_is_named(tmp_path: Path) -> None:
 def test_missing_depth_is_named_before_work(tmp_path: Path) -> None:
     _write(tmp_path / "images" / "a.png")
     (tmp_path / "depth").mkdir()
-    with pytest.raises(InputError, match=r"depth.a\.png is not there, nor with .*: expected"):
+    with pytest.raises(InputError, match=r"depth.a\.png does not exist, nor with .*: expected"):
         open_source(tmp_path / "images", tmp_path / "depth")
-    with pytest.raises(InputError, match="is no folder: expected one"):
+    with pytest.raises(InputError, match="is not a folder: expected one"):
         open_source(tmp_path / "images", tmp_path / "images" / "a.png")
-    with pytest.raises(InputError, match="is no file: expected the depth image"):
+    with pytest.raises(InputError, match="is not a file: expected the depth image"):
         open_source(tmp_path / "images" / "a.png", tmp_path / "depth")
 
 
 def test_a_depth_image_is_not_taken_for_colour(tmp_path: Path) -> None:
     path = _write_depth(tmp_path / "d.png")
-    with pytest.raises(InputError, match=r"d\.png holds uint16: expected 8-bit colour; depth"):
+    with pytest.raises(InputError, match=r"d\.png is uint16: expected 8-bit colour; pass depth"):
         list(open_source(path))
 
 

@@ -39,7 +39,7 @@ def test_fields_of_a_newer_writer_are_passed_over(rgb_manifest: Manifest) -> Non
         (["input", "width"], True, "input: width is True: expected a whole number"),
         (["input", "height"], 8, "input size is '640x8': expected 32x32 or more"),
         (["input", "colour_order"], "RGB", "colour_order is 'RGB': expected 'BGR'"),
-        (["input", "batch_sizes"], [0], "batch_sizes is .* expected some, 1 or more each"),
+        (["input", "batch_sizes"], [0], "batch_sizes is .* expected at least one number"),
         (["resize", "rule"], "stretch", "resize rule is 'stretch': expected 'letterbox-top-left'"),
         (["mean"], [0.5], "mean is .* expected 3 number"),
         (["mean"], "none", "mean is 'none': expected a list"),

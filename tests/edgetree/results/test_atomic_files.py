@@ -85,7 +85,7 @@ def test_a_folder_is_made_with_its_parents(tmp_path: Path) -> None:
 def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
     file = tmp_path / "file"
     file.touch()
-    message = r"output folder .*file.* cannot be written \(.+\): expected a folder"
+    message = r"output folder .*file.* cannot be written \(.+\): expected a writable folder"
     for folder in (file, file / "deeper"):
         with pytest.raises(InputError, match=message), output_folder(folder):
             pass

@@ -31,8 +31,8 @@ def test_a_tree_has_a_row_and_notes_below() -> None:
     assert [cell.strip() for cell in row.split("  ") if cell.strip()] == cells
     assert [note.strip() for note in notes] == [
         "no DBH, cut height: no ground in view",
-        "beware: a warning",
-        "from mask + depth; 95% of the stem visible, depth at 83% of it, 92° of its round seen",
+        "warning: a warning",
+        "from mask + depth; 95% of the stem visible, depth at 83% of it, an arc of 92° seen",
     ]
     assert "one standard deviation" in last
 

@@ -81,7 +81,7 @@ def test_not_installed_and_not_strict_says_so_once(
 ) -> None:
     session = OrtSession(model, SessionSettings("coreml", strict=False))
     assert session.provider == "cpu"
-    assert caplog.messages == ["provider 'coreml' is not installed: taking the processor"]
+    assert caplog.messages == ["provider 'coreml' is not installed: using the CPU"]
 
 
 def test_auto_without_an_accelerator_is_silent(
@@ -102,7 +102,7 @@ def test_a_provider_that_takes_no_part_of_the_graph_is_an_error(
 ) -> None:
     # It starts everywhere and runs nothing of ours.
     monkeypatch.setitem(PROVIDERS, "cuda", Provider("cuda", "AzureExecutionProvider", "x"))
-    with pytest.raises(InputError, match=r"'cuda' cannot be used .*takes no part of the graph"):
+    with pytest.raises(InputError, match=r"'cuda' cannot be used .*runs no part of the graph"):
         OrtSession(default_model("rgb"), SessionSettings("cuda"))
 
 
@@ -164,7 +164,7 @@ def test_tensorrt_leaves_out_what_it_cannot_do_and_keeps_engines_where_told(
     [
         ({"provider": "gpu"}, "provider is 'gpu': expected one of auto, cpu, cuda, tensorrt"),
         ({"threads": 0}, "threads is 0: expected 1 or more"),
-        ({"cache_folder": Path("x")}, r"cache folder is x and provider 'cpu', which keeps nothing"),
+        ({"cache_folder": Path("x")}, r"cache folder is x, but provider 'cpu' has no cache"),
     ],
 )
 def test_settings_out_of_range_are_named(settings: dict[str, object], message: str) -> None:
@@ -176,7 +176,9 @@ def test_settings_out_of_range_are_named(settings: dict[str, object], message: s
 def test_a_cache_folder_that_cannot_be_made_is_named(model: Path, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     settings = SessionSettings("auto", cache_folder=tmp_path / "file" / "cache")
-    with pytest.raises(InputError, match=r"cache folder .*cache cannot be made \(.*\): expected"):
+    with pytest.raises(
+        InputError, match=r"cache folder .*cache cannot be created \(.*\): expected"
+    ):
         OrtSession(model, settings)
 
 
@@ -206,7 +208,7 @@ def test_bound_inputs_give_the_same_answers(monkeypatch: pytest.MonkeyPatch) -> 
         (
             ["--provider", "openvino", "--no-strict"],
             0,
-            "provider 'openvino' is not installed: taking the processor",
+            "provider 'openvino' is not installed: using the CPU",
         ),
     ],
 )
