@@ -1,4 +1,4 @@
-"""`edgetree calibrate` as its users meet it: what it prints, writes and refuses."""
+"""Tests of `edgetree calibrate`: output, files and errors."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ Cli = Callable[..., Any]
 
 @pytest.fixture
 def calibrate(run_cli: Cli) -> Cli:
-    """Runs `edgetree calibrate` with these arguments."""
+    """Run `edgetree calibrate` with these arguments."""
     return partial(run_cli, "calibrate")
 
 
 @pytest.fixture(scope="module")
 def fake() -> ModuleType:
-    """The module that draws boards for the tests of `calib`."""
+    """The module of the tests of `calib` that draws boards."""
     path = Path(__file__).parents[2] / "calib" / "boards" / "fake_boards.py"
     spec = importlib.util.spec_from_file_location("fake_boards", path)
     assert spec is not None
@@ -45,7 +45,7 @@ def fake() -> ModuleType:
 
 @pytest.fixture(scope="module")
 def board_files(fake: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """`pictures` with 14 pictures of the board and one without, `depth` with their depth."""
+    """A folder `pictures` with 14 pictures of the board and one without, and their `depth`."""
     folder = tmp_path_factory.mktemp("board")
     for name in ("pictures", "depth"):
         (folder / name).mkdir()
@@ -64,7 +64,7 @@ def board_files(fake: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> P
     return folder
 
 
-def test_a_folder_gives_a_camera_file(
+def test_a_folder_of_pictures_gives_a_camera_file(
     calibrate: Cli, fake: ModuleType, board_files: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "new folder" / "left camera.json"
@@ -92,7 +92,7 @@ def test_a_folder_gives_a_camera_file(
     assert f"next: edgetree measure IMAGE --depth DEPTH --camera '{out}'" in done.err
 
 
-def test_depth_gives_scale_and_offset_too(
+def test_depth_images_give_scale_and_offset(
     calibrate: Cli, board_files: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "camera.json"
@@ -147,7 +147,7 @@ def test_too_few_views_fail_and_write_nothing(
     assert "no board: a checkerboard is counted by its inner corners" in other.out
 
 
-def test_a_camera_that_is_not_good_enough_is_not_written(
+def test_an_inaccurate_camera_is_not_written(
     calibrate: Cli, board_files: Path, tmp_path: Path
 ) -> None:
     narrow = tmp_path / "narrow"
@@ -200,7 +200,7 @@ BAD_INPUTS = {
 
 
 @pytest.mark.parametrize("case", BAD_INPUTS)
-def test_bad_input_gives_one_line_and_leaves_nothing(
+def test_bad_input_gives_one_line_and_no_files(
     calibrate: Cli,
     board_files: Path,
     tmp_path: Path,

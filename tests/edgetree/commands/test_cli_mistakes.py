@@ -1,4 +1,4 @@
-"""Wrong paths, files and values: one line that says so, exit code 2, and nothing left behind."""
+"""Wrong paths, files and values: one line on stderr, exit code 2, and no output files."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ BAD_INPUTS = {
 
 
 @pytest.mark.parametrize("case", BAD_INPUTS)
-def test_bad_input_gives_one_line_and_leaves_nothing(
+def test_bad_input_gives_one_line_and_no_files(
     run_cli: Cli,
     rgb_manifest: Manifest,
     model: Path,

@@ -1,4 +1,4 @@
-"""`edgetree measure` as a forester meets it: the table, the files, and what it refuses."""
+"""Tests of `edgetree measure`: table, files and errors."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Asked = dict[str, Any]
 
 @pytest.fixture
 def asked(monkeypatch: pytest.MonkeyPatch) -> Asked:
-    """Replaces the measurement by one of fixed values, and holds what it was asked."""
+    """Replace the measurement by fixed values and record its arguments."""
     received: Asked = {}
 
     def measure(trees: TreeDetections, depth_m: Any, camera: Any, **more: Any) -> Any:
@@ -48,7 +48,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> Asked:
 
 @pytest.fixture
 def folder(images: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder with `images`, `depth`, `camera.json` and more, as the working directory."""
+    """Change to the folder with `images`, `depth`, `camera.json` and other files."""
     here = images.parent
     mask = np.zeros((360, 640), np.uint8)
     mask[50:310, 100:120], mask[80:300, 400:430] = 3, 8
@@ -69,7 +69,7 @@ def folder(images: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 IMAGE = ("measure", "images/a.jpg", "--depth", "depth/a.png", "--camera", "camera.json")
 
 
-def test_a_sample_is_measured_by_a_model_of_the_package(run_cli: Cli, tmp_path: Path) -> None:
+def test_a_sample_is_measured_with_a_packaged_model(run_cli: Cli, tmp_path: Path) -> None:
     frame = sample_frames()[0]
     calib.save_camera(tmp_path / "camera.json", frame.camera)
     up = ",".join(map(str, frame.up_camera))
@@ -94,7 +94,7 @@ def test_a_sample_is_measured_by_a_model_of_the_package(run_cli: Cli, tmp_path: 
     assert (picture != plain).any(axis=2).mean() > 0.05
 
 
-def test_the_table_says_what_was_measured_and_what_to_type_next(
+def test_the_table_and_the_next_command_are_printed(
     run_cli: Cli, model: Path, folder: Path, asked: Asked
 ) -> None:
     done = run_cli(*IMAGE, "--model", model)
@@ -126,7 +126,7 @@ def test_a_mask_is_measured_without_a_model(run_cli: Cli, folder: Path, asked: A
     assert np.abs(drawn[100:290, 400:430].astype(int) - plain[100:290, 400:430]).mean() > 20
 
 
-def test_what_the_rig_is_reaches_the_measurement(
+def test_the_camera_options_are_passed_to_the_measurement(
     run_cli: Cli, model: Path, folder: Path, asked: Asked
 ) -> None:
     options = ("--up", "0,-1,0", "--mounting", "mounting.json", "--stump-height", 0.2)
@@ -138,7 +138,7 @@ def test_what_the_rig_is_reaches_the_measurement(
     assert asked["camera"] == calib.load_camera("camera.json")
 
 
-def test_a_camera_of_another_resolution_is_scaled_and_that_is_said(
+def test_scaling_of_the_camera_is_reported(
     run_cli: Cli, model: Path, folder: Path, asked: Asked
 ) -> None:
     done = run_cli(*IMAGE[:-1], "double.json", "--model", model)
@@ -179,7 +179,7 @@ def test_one_camera_of_several_is_chosen_by_name(
     assert asked["camera"].fx == 400
 
 
-def test_a_depth_model_looks_at_the_depth_alone(
+def test_a_depth_model_detects_in_the_depth_image(
     run_cli: Cli,
     depth_manifest: Manifest,
     write_model: Callable[..., Path],
@@ -287,7 +287,7 @@ BAD_INPUTS = {
 
 
 @pytest.mark.parametrize("case", BAD_INPUTS)
-def test_bad_input_gives_one_line_and_leaves_nothing(
+def test_bad_input_gives_one_line_and_no_files(
     run_cli: Cli, folder: Path, asked: Asked, case: str
 ) -> None:
     before = sorted(folder.rglob("*"))

@@ -55,7 +55,7 @@ def frames(tmp_path: Path) -> list[SampleFrame]:
     return found
 
 
-def test_what_a_model_finds_is_numbered_as_the_truth_from_near_to_far(
+def test_detections_get_the_numbers_of_their_trees_from_near_to_far(
     frames: list[SampleFrame],
     depth_manifest: Manifest,
     two_trees: dict[str, NDArray[np.float32]],
@@ -82,7 +82,7 @@ def test_what_a_model_finds_is_numbered_as_the_truth_from_near_to_far(
     assert (picture.width_px, picture.height_px) == (WIDTH, HEIGHT)
 
 
-def test_a_depth_model_is_shown_metres_and_a_colour_model_the_picture(
+def test_each_model_gets_its_kind_of_image(
     frames: list[SampleFrame], rgb_manifest: Manifest, depth_manifest: Manifest
 ) -> None:
     for manifest, expected in ((rgb_manifest, 60), (depth_manifest, round(8 / 20 * 255))):
@@ -91,7 +91,7 @@ def test_a_depth_model_is_shown_metres_and_a_colour_model_the_picture(
         assert int(session.inputs["image"].flat[0]) == pytest.approx(expected, abs=1)
 
 
-def test_a_demonstration_holds_every_model_and_frame(
+def test_a_demonstration_contains_all_models_and_frames(
     frames: list[SampleFrame],
     tmp_path: Path,
     rgb_manifest: Manifest,
@@ -118,7 +118,7 @@ def test_a_demonstration_holds_every_model_and_frame(
     assert report.read_text("utf-8").count("data:image/jpeg;base64,") == 6
 
 
-def test_a_report_that_cannot_be_written_leaves_nothing(
+def test_a_report_that_cannot_be_written_leaves_no_files(
     frames: list[SampleFrame],
     tmp_path: Path,
     depth_manifest: Manifest,

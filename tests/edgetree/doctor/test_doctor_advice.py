@@ -1,4 +1,4 @@
-"""What the doctor says of machines that are not this one."""
+"""Advice for findings of different machines."""
 
 import dataclasses
 
@@ -64,7 +64,7 @@ def with_versions(**versions: str) -> Findings:
     return with_libraries(versions=VERSIONS | more)
 
 
-def test_a_good_machine_is_told_its_precision_and_nothing_else() -> None:
+def test_a_healthy_machine_gets_only_advice_about_precision() -> None:
     (advice,) = advise(HEALTHY)
     assert advice.level == "advice"
     assert "--precision int8" in advice.text
@@ -112,14 +112,14 @@ BROKEN = {
 
 
 @pytest.mark.parametrize("case", BROKEN)
-def test_what_is_broken_is_named_with_the_way_out(case: str) -> None:
+def test_broken_libraries_are_named_with_a_remedy(case: str) -> None:
     findings, expected = BROKEN[case]
     (text,) = said("broken", findings)
     assert expected in text
     assert advise(findings)[0].level == "broken", "the worst comes first"
 
 
-def test_versions_that_fit_are_not_called_broken() -> None:
+def test_matching_versions_are_not_broken() -> None:
     for versions in ({"torch": "2.15.0+cu130"}, {"numpy": "2.1.0rc1"}, {"numpy": "2.10"}):
         assert said("broken", with_versions(**versions)) == []
     assert said("broken", with_libraries(minima={"numpy": "2.4.6.0"})) == []
@@ -150,14 +150,14 @@ BEWARE = {
 
 
 @pytest.mark.parametrize("case", BEWARE)
-def test_what_may_bite_is_said_without_calling_it_broken(case: str) -> None:
+def test_warnings_do_not_count_as_broken(case: str) -> None:
     findings, expected = BEWARE[case]
     (text,) = said("beware", findings)
     assert expected in text
     assert said("broken", findings) == []
 
 
-def test_a_processor_without_avx2_is_called_slow() -> None:
+def test_a_cpu_without_avx2_gets_a_warning() -> None:
     assert any("no AVX2" in text for text in said("beware", with_machine(instructions=())))
 
 
@@ -191,7 +191,7 @@ def test_advice_names_the_next_step(case: str) -> None:
     assert said("broken", findings) == []
 
 
-def test_without_onnxruntime_a_machine_with_a_gpu_is_sent_to_its_build() -> None:
+def test_a_machine_with_a_gpu_is_advised_to_install_the_gpu_build() -> None:
     findings = dataclasses.replace(
         with_machine(has_nvidia_gpu=True),
         libraries=dataclasses.replace(LIBRARIES, versions={"numpy": "2.4.6"}),

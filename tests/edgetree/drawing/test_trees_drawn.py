@@ -1,4 +1,4 @@
-"""Drawings show each tree where it is, and leave the given picture alone."""
+"""Trees are drawn at their positions, on a copy of the picture."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_the_mask_the_keypoints_and_the_box_are_drawn() -> None:
     assert not changed[:, 140:].any()
 
 
-def test_the_label_stands_beside_the_stem_and_inside_the_picture() -> None:
+def test_the_label_is_next_to_the_stem_and_inside_the_picture() -> None:
     label = ["Ø 0.312 ±0.008 m", "cut 0.15 m  dist 4.2 m"]
     bare, labelled = _changed(_trees(), [[]]), _changed(_trees(), [label])
     label = labelled & ~bare
@@ -113,7 +113,7 @@ def _ink(trees: TreeDetections, **more: Any) -> NDArray[np.uint8]:
     return draw_trees(picture, trees, [[] for _ in trees.scores], **more)
 
 
-def test_a_measured_cut_is_drawn_where_it_was_measured_with_its_height() -> None:
+def test_a_measured_cut_is_drawn_with_its_height() -> None:
     at_keypoint = _ink(_trees())
     moved = _ink(_trees(), cuts=[CutMark((112.0, 250.0), "")])
     assert (at_keypoint[300, 110] == (60, 60, 255)).all()
@@ -132,7 +132,7 @@ def test_the_height_of_a_cut_stays_in_the_picture(x_px: float) -> None:
     assert (one != other).any(), "the text is not cut off"
 
 
-def test_given_masks_are_drawn_in_place_of_the_models_own() -> None:
+def test_given_masks_replace_the_models_masks() -> None:
     given = np.zeros((360, 640), np.bool_)
     given[200:220, 400:420] = True
     bare = dataclasses.replace(_trees(), keypoints_px=None)
@@ -146,7 +146,7 @@ def test_a_warning_is_amber_to_its_last_line() -> None:
     bare = _ink(both).astype(int)
 
     def amber_rows(lines: list[str]) -> int:
-        """Over how many rows amber spreads; the second tree's own colour is blue."""
+        """Number of rows between the first and last amber pixel; the tree's colour is blue."""
         picture = np.full((360, 640, 3), 50, np.uint8)
         blue, _, red = np.moveaxis(draw_trees(picture, both, [[], lines]).astype(int), 2, 0)
         amber = (red - blue > 60) & ~(bare[..., 2] - bare[..., 0] > 60)
@@ -156,7 +156,7 @@ def test_a_warning_is_amber_to_its_last_line() -> None:
     assert amber_rows(["! a", "high"]) > amber_rows(["! a"]) + 10 > 10
 
 
-def test_eight_large_labels_find_room_without_hiding_each_other() -> None:
+def test_eight_large_labels_do_not_overlap() -> None:
     stems = np.array([[x, 40, x + 40, 700] for x in range(40, 1240, 150)], np.float64)
     labels: list[Rect] = []
     for x0, _, x1, _ in stems:
@@ -169,14 +169,14 @@ def test_eight_large_labels_find_room_without_hiding_each_other() -> None:
     assert covered.max() == 1
 
 
-def test_a_label_goes_where_it_hides_no_stem() -> None:
+def test_a_label_is_placed_where_it_hides_no_stem() -> None:
     stems = np.array([[0, 0, 36, 350], [46, 0, 80, 350]], np.float64)
     x0, y0, _, y1 = place_label((90, 40), (0, 36, 200), [], stems, (640, 360))
     assert 80 <= x0 < 100, "to the right of the neighbour too"
     assert y0 < 200 < y1
 
 
-def test_depth_becomes_a_picture_with_holes_black() -> None:
+def test_depth_without_reading_is_black() -> None:
     depth_m = np.array([[0.0, 1.0, 19.0, 99.0]], np.float32)
     picture = picture_of_depth(depth_m)
     assert picture.shape == (1, 4, 3)

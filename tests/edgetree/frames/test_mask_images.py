@@ -1,4 +1,4 @@
-"""A mask image becomes trees, one for each value; what is no such image is named."""
+"""Mask images: one tree for each value, and errors for other images."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def _write(path: Path, values: NDArray[np.integer]) -> Path:
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
-def test_every_value_is_a_tree(tmp_path: Path, dtype: type[np.integer]) -> None:
+def test_each_value_is_a_tree(tmp_path: Path, dtype: type[np.integer]) -> None:
     found = read_masks(_write(tmp_path / "m.png", _mask(dtype)), (64, 48))
     assert found.numbers == (7, 200)
     np.testing.assert_array_equal(found.trees.boxes_px, [[60, 0, 64, 48], [5, 10, 9, 40]])
@@ -54,7 +54,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_what_is_no_mask_is_named(tmp_path: Path, case: str) -> None:
+def test_files_that_are_not_masks_are_rejected(tmp_path: Path, case: str) -> None:
     name, values, message = BAD[case]
     with pytest.raises(InputError, match=message):
         read_masks(_write(tmp_path / name, values), (64, 48))
