@@ -55,7 +55,7 @@ def table_record(benches: Mapping[str, Record]) -> dict[str, Any]:
     """The table as one JSON object.
 
     Args:
-        benches: `edgetree bench --json` objects by the names of their networks.
+        benches: JSON objects of `edgetree bench --json` by name of the network.
     """
     rows = []
     for name, bench in benches.items():

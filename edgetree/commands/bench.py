@@ -187,7 +187,7 @@ def _measure(detector: TreeDetector, images: list[Any], duration_s: float) -> Be
     from edgetree.bench.speed import bench_detector
 
     shown = 0
-    with progress("benching", 100) as bar:
+    with progress("measuring speed", 100) as bar:
 
         def move(gone: float) -> None:
             nonlocal shown

@@ -117,9 +117,9 @@ class _Outcome:
             save_camera(out, self.result.camera)
             written["camera_file"] = str(out)
             if self.depth:
-                beside = out.with_suffix(".depth_scale.json")
-                save_depth_scale(beside, self.depth)
-                written["depth_scale_file"] = str(beside)
+                scale_file = out.with_suffix(".depth_scale.json")
+                save_depth_scale(scale_file, self.depth)
+                written["depth_scale_file"] = str(scale_file)
         return written
 
     def check(self) -> None:

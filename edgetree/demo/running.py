@@ -78,7 +78,9 @@ def _run_model(
         detector,
         images,
         duration_s=_BENCH_S,
-        on_run=lambda share: on_progress(0.5 + 0.5 * share, f"benching {manifest.modality}"),
+        on_run=lambda share: on_progress(
+            0.5 + 0.5 * share, f"measuring speed, {manifest.modality}"
+        ),
     )
     result = ModelResult(
         modality=manifest.modality,

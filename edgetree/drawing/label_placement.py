@@ -45,8 +45,8 @@ def place_label(
     left, right, level = at_px
     xs = _places(picture_px[0] - width, left - width, right)
     ys = _places(picture_px[1] - height, level - height / 2)
-    aside = np.maximum(np.maximum(xs - right, left - (xs + width)), 0)
-    cost = np.hypot(aside[None], (ys + height / 2 - level)[:, None])
+    gap = np.maximum(np.maximum(xs - right, left - (xs + width)), 0)
+    cost = np.hypot(gap[None], (ys + height / 2 - level)[:, None])
     taken = np.array(labels, np.float64).reshape(-1, 4)
     for price, others in ((_LABEL_COST, taken), (_STEM_COST, stems)):
         across = _shared(xs, width, others[:, 0], others[:, 2])

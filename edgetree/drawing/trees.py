@@ -166,7 +166,7 @@ def _draw_keypoints(
 
 
 def _draw_cut(canvas: Picture, mark: CutMark, scale: float) -> Rect:
-    """Draw a ring at the felling cut, with its text beside it; returns the area taken."""
+    """Draw a ring at the felling cut, with its text next to it; returns the area taken."""
     for ring, colour in ((8.5, DARK), (7.2, _WHITE), (5.2, _CUT)):
         draw_dot(canvas, mark.xy_px, ring * scale, colour)
     x, y, reach = round(mark.xy_px[0]), round(mark.xy_px[1]), round(10 * scale)
