@@ -88,7 +88,7 @@ def _start(path: Path, provider: Provider, settings: SessionSettings, threads: i
             " expected a file made by `edgetree export`"
         ) from error
     if provider.ort_name not in session.get_providers():
-        raise _NotStarted("onnxruntime did not load it; are its libraries and driver installed?")
+        raise _NotStarted("onnxruntime did not load it; its libraries or driver may be missing")
     placement = placement_of(session, provider)
     if placement and provider.name not in placement:
         raise _NotStarted("it runs no part of the graph")

@@ -69,5 +69,5 @@ def test_no_trees_is_a_valid_result() -> None:
 
 
 def test_masks_of_a_model_without_masks_are_an_error() -> None:
-    with pytest.raises(InputError, match="without"):
+    with pytest.raises(InputError, match="has no mask output"):
         dataclasses.replace(_detections(), masks=None).mask(0)

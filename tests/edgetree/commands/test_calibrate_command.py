@@ -78,7 +78,7 @@ def test_a_folder_of_pictures_gives_a_camera_file(
 
     lines = done.out.splitlines()
     assert lines[0] == "14 of 15 pictures show the board in a new position, 640x480 px"
-    assert lines[1] == "no board in sky"
+    assert lines[1] == "no board found in sky"
     assert re.fullmatch(r"p03 +\d+ +0\.\d\d +\d\.\d\d +0\.\d\d +\d+", lines[6])
     fx = next(line for line in lines if line.startswith("fx"))
     value, std = map(float, re.findall(r"[\d.]+", fx))
@@ -144,7 +144,7 @@ def test_too_few_views_fail_and_write_nothing(
     assert (record["passed"], record["camera_file"]) == (False, None)
     other = calibrate(few, "--board", "checkerboard:9x6:0.025", "--out", out)
     assert other.code == 1
-    assert "no board: a checkerboard is counted by its inner corners" in other.out
+    assert "no board found: give the number of inner corners" in other.out
 
 
 def test_an_inaccurate_camera_is_not_written(

@@ -320,7 +320,7 @@ def test_doctor_prints_what_works(run_cli: Cli, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(edgetree.doctor, "examine", lambda: HEALTHY)
     done = run_cli("doctor")
     assert done.code == 0
-    assert "2 of 4 usable, limited to the time of 1.5, 3.0 busy" in done.out
+    assert "2 of 4 usable, limited to the CPU time of 1.5, 3.0 busy" in done.out
     assert "cuda does not work: libcudnn.so.9 is not there" in done.out
     assert "21 frames per second on 1 thread, 40 on 2" in done.out
     assert "pass --threads 1" in done.out
@@ -332,7 +332,7 @@ def test_doctor_fails_if_something_is_broken(run_cli: Cli, monkeypatch: pytest.M
     monkeypatch.setattr(edgetree.doctor, "examine", lambda: SICK)
     done = run_cli("doctor")
     assert done.code == 1
-    assert re.search(r"^broken +no provider of onnxruntime runs", done.out, flags=re.MULTILINE)
+    assert re.search(r"^broken +no provider of onnxruntime works", done.out, flags=re.MULTILINE)
     assert "nothing is broken" not in done.out
     record = json.loads(run_cli("doctor", "--json").out)
     assert (record["schema"], record["healthy"]) == ("edgetree.doctor/1", False)

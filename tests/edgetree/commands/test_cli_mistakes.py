@@ -27,7 +27,7 @@ BAD_INPUTS = {
     "a cut-off image": ("run cut.png --model model.onnx", r"cut\.png cannot be read.*expected"),
     "depth of another size": (
         "run images/a.jpg --model model.onnx --depth small.png",
-        r"small\.png is 64x36 px: expected 640x360 px, as image .*a\.jpg",
+        r"small\.png is 64x36 px: expected 640x360 px, like image .*a\.jpg",
     ),
     "depth that is no depth": (
         "run images/a.jpg --model model.onnx --depth images/b.jpg",

@@ -140,5 +140,5 @@ def test_a_tensor_with_missing_data_is_rejected(dims: list[int], tmp_path: Path)
 
 @pytest.mark.parametrize("size", [[10**6, 10**6], ["n", 2**40], [0, 8], [-1, 8]])
 def test_an_input_of_invalid_size_is_rejected(size: list[int | str], tmp_path: Path) -> None:
-    with pytest.raises(ModelFileError, match=r"trees\.onnx declares 'x' of .*: expected sizes"):
+    with pytest.raises(ModelFileError, match=r"trees\.onnx declares 'x' as .*: expected sizes"):
         read_model_file(_save(_model(x_size=size), tmp_path))

@@ -153,7 +153,10 @@ def _put(value: float) -> Callable[[NDArray[Any]], NDArray[Any]]:
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
-        (_spoilt("boxes", _put(np.nan)), "gave boxes with NaN or infinity: expected numbers"),
+        (
+            _spoilt("boxes", _put(np.nan)),
+            "gave boxes with NaN or infinity: expected finite numbers",
+        ),
         (_spoilt("masks", _put(np.inf)), "gave masks with NaN or infinity"),
         (_spoilt("keypoints", _put(-np.inf)), "gave keypoints with NaN or infinity"),
         (_spoilt("scores", _put(1.5)), r"gave scores of 0\.3 to 1\.5: expected 0 to 1"),

@@ -57,7 +57,9 @@ def test_the_error_for_a_missing_provider_lists_the_installed_ones(model: Path) 
 @silent_fallback
 @pytest.mark.usefixtures("listed")
 def test_a_provider_that_does_not_start_is_an_error(model: Path) -> None:
-    message = r"provider 'cuda' cannot be used for model .*trees\.onnx \(onnxruntime left it out"
+    message = (
+        r"provider 'cuda' cannot be used for model .*trees\.onnx \(onnxruntime did not load it"
+    )
     with pytest.raises(InputError, match=message):
         TreeDetector.load(model, provider="cuda")
 
