@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
-from edgetree.commands.option_groups import expand_groups
-from edgetree.commands.options import Json, SessionOptions
+from edgetree.commands.option_groups import SessionOptions, expand_groups
+from edgetree.commands.options import Json
 from edgetree.console import note, print_json, progress
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from typing import Annotated, TypeAlias
 
 import typer
 
-from edgetree.commands.option_groups import expand_groups
-from edgetree.commands.options import Json, SessionOptions, model_record
+from edgetree.commands.option_groups import SessionOptions, expand_groups
+from edgetree.commands.options import Json, model_record
 from edgetree.console import Progress, note, print_json, progress
 
 __all__ = ["evaluate"]

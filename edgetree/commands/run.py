@@ -11,16 +11,14 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
-from edgetree.commands.option_groups import expand_groups
+from edgetree.commands.option_groups import RigOptions, SessionOptions, expand_groups
 from edgetree.commands.options import (
     Camera,
     Csv,
     Depth,
     Json,
     Model,
-    RigOptions,
     ScoreThreshold,
-    SessionOptions,
     model_file,
     model_record,
     quoted,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import calib
-from edgetree.commands.options import RigOptions
+from edgetree.commands.option_groups import RigOptions
 from edgetree.errors import InputError
 from edgetree.frames.rig import Rig
 
