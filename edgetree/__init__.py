@@ -1,12 +1,12 @@
-"""Tree detection and measurement on the machine: the runtime, without torch.
+"""Detect and measure trees with exported models. Needs onnxruntime, not torch.
 
     from edgetree import TreeDetector, default_model
 
     detector = TreeDetector.load(default_model("rgb"))
     trees = detector.detect(image)  # uint8 (H, W, 3) BGR
 
-Importing this package is cheap: names are loaded from their modules when first used, and
-onnxruntime when a model is opened.
+Importing this package is fast: public names are imported on first use, and onnxruntime when a
+model is opened.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""`python -m edgetree`: the command line."""
+"""Entry point of `python -m edgetree`."""
 
 from edgetree.cli import main
 

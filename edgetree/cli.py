@@ -27,7 +27,7 @@ app = typer.Typer(
     help="Find trees in camera frames and measure them in metres.",
     add_completion=False,
     pretty_exceptions_enable=False,
-    rich_markup_mode=None,  # plain help comes up three times as fast
+    rich_markup_mode=None,  # plain help appears three times as fast
 )
 app.command()(demo)
 app.command()(run)
@@ -39,11 +39,11 @@ app.command()(export)
 app.command()(verify)
 app.command()(doctor)
 
-_INTERRUPTED = 130
+_INTERRUPTED = 130  # exit code: 128 + SIGINT
 
 
-def _print_version(asked: bool) -> None:
-    if asked:
+def _print_version(requested: bool) -> None:
+    if requested:
         typer.echo(f"edgetree {version('edgetree')}")
         raise typer.Exit
 
@@ -58,15 +58,18 @@ def options(
         ),
     ] = False,
 ) -> None:
-    """Without a command: the help."""
+    """Print the help if no command is given."""
     if context.invoked_subcommand is None:
         typer.echo(context.get_help())
 
 
 def main() -> None:
-    """Run the command line and exit: 0 done, 1 a check failed, 2 wrong usage or bad input.
+    """Run the command line and exit.
 
-    Errors that carry an `exit_code` are for the user: they become one line on stderr.
+    Exit codes: 0 success, 1 a check failed, 2 wrong usage or bad input, 130 interrupted.
+
+    An error with an attribute `exit_code` is meant for the user and is printed as one line on
+    stderr. Any other error is a bug and shows its traceback.
     """
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
@@ -85,7 +88,7 @@ def main() -> None:
 
 
 def _one_line(error: Exception) -> str:
-    """The message; typer's own errors about usage make theirs in a method, and know the command."""
+    """The error's message on one line; usage errors of typer also name the command's help."""
     message = error.format_message() if hasattr(error, "format_message") else str(error)
     context = getattr(error, "ctx", None)
     hint = f" (see `{context.command_path} --help`)" if context is not None else ""

@@ -1,4 +1,4 @@
-"""What a person at the terminal sees beside a command's output: notes and progress, on stderr."""
+"""Output to the terminal: notes and progress bars on stderr, JSON on stdout."""
 
 from __future__ import annotations
 
@@ -16,30 +16,33 @@ _T = TypeVar("_T")
 
 
 class Progress(Protocol):
-    """A bar that moves by steps."""
+    """A progress bar."""
 
     def update(self, n_steps: int) -> None:
-        """Move on by `n_steps`."""
+        """Advance the bar by `n_steps`."""
 
 
 class _NoBar:
     def update(self, n_steps: int) -> None:
-        """Show nothing."""
+        """Do nothing."""
 
 
 def note(text: str) -> None:
-    """One line on stderr."""
+    """Print one line on stderr."""
     typer.echo(text, err=True)
 
 
 def print_json(value: dict[str, Any]) -> None:
-    """One JSON object on stdout."""
+    """Print one JSON object on stdout."""
     typer.echo(json.dumps(value, allow_nan=False))
 
 
 @contextmanager
 def progress(label: str, steps: int, *, shown: bool = True) -> Iterator[Progress]:
-    """A bar of `steps` steps with an estimate of the time left, where stderr is a terminal."""
+    """Show a progress bar of `steps` steps with the estimated time left.
+
+    Nothing is shown if stderr is not a terminal or `shown` is false.
+    """
     if not (shown and sys.stderr.isatty()):
         yield _NoBar()
         return
@@ -50,7 +53,10 @@ def progress(label: str, steps: int, *, shown: bool = True) -> Iterator[Progress
 def track(
     items: Iterable[_T], label: str, count: int | None = None, *, shown: bool = True
 ) -> Iterator[_T]:
-    """The items, with such a bar; without a `count` the bar says only that it moves."""
+    """Yield the items and show a progress bar, as `progress` does.
+
+    Without `count`, the bar only shows that work is going on.
+    """
     if not (shown and sys.stderr.isatty()):
         yield from items
         return

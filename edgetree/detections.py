@@ -1,4 +1,4 @@
-"""What a model found in one image, in that image's pixels."""
+"""The trees detected in one image."""
 
 from __future__ import annotations
 
@@ -27,23 +27,26 @@ _Index: TypeAlias = slice | NDArray[np.bool_] | NDArray[np.integer]
 
 @dataclass(frozen=True, eq=False)
 class TreeDetections:
-    """N trees of one image. Coordinates are continuous: (0, 0) is the outer corner of the first
-    pixel, so pixel centres lie at +0.5.
+    """The N trees detected in one image.
+
+    Coordinates are continuous pixel coordinates: (0, 0) is the outer corner of the first pixel,
+    whose centre is at (0.5, 0.5).
 
     Attributes:
-        boxes_px: (N, 4) float32, x0, y0, x1, y1. They are as the model gave them, since masks lie
-            on them, and may reach a little beyond the image.
+        boxes_px: (N, 4) float32, x0, y0, x1, y1. Boxes are not clipped to the image, because the
+            masks are defined relative to them.
         scores: (N,) float32, probability of being a tree, in [0, 1].
-        keypoints_px: (N, 5, 3) float32, x, y, score, in the order of `KEYPOINT_NAMES`; None where
-            the model gives none. The score is the peak of the softmax over the heat map.
-        masks: (N, 28, 28) float32, probability on a grid over the box; None where the model gives
-            none. `mask` pastes one onto the image.
+        keypoints_px: (N, 5, 3) float32, x, y, score, in the order of `KEYPOINT_NAMES`. The score is
+            the maximum of the softmax over the keypoint's heat map. None if the model has no
+            keypoint output.
+        masks: (N, 28, 28) float32, probability on a grid over the box. None if the model has no
+            mask output. `mask` resamples one of them to the image.
         image_width: width of the image in pixels.
         image_height: height of the image in pixels.
 
     Raises:
-        InputError: an array has another shape than stated, values that are not finite, or scores
-            that are no probabilities.
+        InputError: an array does not have the shape given above, contains values that are not
+            finite, or a score is outside [0, 1].
     """
 
     boxes_px: NDArray[np.float32]
@@ -82,7 +85,7 @@ class TreeDetections:
         return len(self.scores)
 
     def select(self, index: _Index) -> TreeDetections:
-        """The trees that a slice, a bool array (N,) or an array of positions picks."""
+        """The trees selected by a slice, a (N,) bool array or an array of indices."""
         return TreeDetections(
             boxes_px=self.boxes_px[index],
             scores=self.scores[index],
@@ -97,13 +100,16 @@ class TreeDetections:
         return self.select(self.scores >= score_threshold)
 
     def mask(self, index: int) -> NDArray[np.bool_]:
-        """The pixels of tree `index`, (image_height, image_width) bool, pasted now.
+        """The mask of tree `index` at the image's resolution.
+
+        Returns:
+            (image_height, image_width) bool, computed on each call.
 
         Raises:
-            InputError: the model gives no masks.
+            InputError: the model has no mask output.
         """
         if self.masks is None:
-            raise InputError("these detections have no masks: the model was exported without")
+            raise InputError("these detections have no masks: the model has no mask output")
         return paste_mask(
             self.masks[index], self.boxes_px[index], self.image_width, self.image_height
         )

@@ -1,43 +1,55 @@
-"""Everything that edgetree raises on purpose.
+"""The exceptions of edgetree.
 
     EdgetreeError            exit code 1
-    ├── CheckFailed          exit code 1: the work was done, and a check on its result failed
+    ├── CheckFailed          exit code 1: the result did not pass a check
     ├── InputError           exit code 2: a file, folder or value given by the user cannot be used
-    │   └── ModelFileError   exit code 2: a model file is missing, no ONNX, or not ours
+    │   └── ModelFileError   exit code 2: a model file is missing, broken or not made by edgetree
     └── MissingDependency    exit code 2: an optional package is not installed
 
-Every message is one line that names the file, says what was found and what was expected, so the
-command line can print it as it is.
+Every message is one line that names the file, what was found and what was expected. The command
+line prints it unchanged.
 """
 
 from __future__ import annotations
 
 from typing import ClassVar
 
-__all__ = ["CheckFailed", "EdgetreeError", "InputError", "MissingDependency", "ModelFileError"]
+__all__ = [
+    "CheckFailed",
+    "EdgetreeError",
+    "InputError",
+    "MissingDependency",
+    "ModelFileError",
+    "install_hint",
+]
 
 
 class EdgetreeError(Exception):
-    """Base of all errors that edgetree raises on purpose."""
+    """Base class of the exceptions of edgetree."""
 
     exit_code: ClassVar[int] = 1
 
 
 class CheckFailed(EdgetreeError):
-    """The work was done, but its result did not pass a check (parity, a limit)."""
+    """The result did not pass a check, such as the parity check of an export."""
 
 
 class InputError(EdgetreeError):
-    """A file, folder, array or value handed in cannot be used."""
+    """A file, folder, array or value given by the user cannot be used."""
 
     exit_code = 2
 
 
 class ModelFileError(InputError):
-    """A model file is missing, is no ONNX model, or carries no usable manifest."""
+    """A model file is missing, is not an ONNX model, or has no valid manifest."""
 
 
 class MissingDependency(EdgetreeError):
-    """An optional package that this work needs is not installed."""
+    """An optional package is needed but not installed."""
 
     exit_code = 2
+
+
+def install_hint(*extras: str) -> str:
+    """The pip command that installs these extras of the project, for error messages."""
+    return f"""pip install ".[{",".join(extras)}]" in the project's folder"""

@@ -1,4 +1,4 @@
-"""How good a model file is on labelled frames: perceptree's measures, of what onnxruntime says."""
+"""Evaluate a model file on labelled frames, with perceptree's metrics."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from edgetree.errors import InputError, MissingDependency
+from edgetree.errors import InputError, MissingDependency, install_hint
 from edgetree.model_file.manifest import Manifest
 from edgetree.runtime.detector import TreeDetector
 from edgetree.runtime.session import InferenceSession
@@ -31,21 +31,24 @@ def evaluate_file(
     entire_tree: bool = False,
     progress: Callable[[int, int], None] = lambda done, frames: None,
 ) -> Report:
-    """The report of a model file, by the code that gives a checkpoint's.
+    """Evaluate a model file with the code that evaluates checkpoints.
 
     Args:
-        detector: of the file; its score threshold plays no part.
-        about: what is known of the model, JSON-ready.
-        data: folder of a data set.
+        detector: the model. Its score threshold is not applied.
+        about: JSON-ready description of the model for the report.
+        data: folder of a dataset.
         split: "train", "val" or "test".
-        fold: which fold, where there are several.
-        entire_tree: the labels of entire trees, where there are both.
-        progress: gets how many frames were done since its last call, and how many there are.
+        fold: number of the fold, for datasets with several.
+        entire_tree: use the labels of entire trees, for datasets that have both kinds.
+        progress: called with the number of frames done since the last call and the total.
+
+    Returns:
+        The report with all metrics.
 
     Raises:
-        InputError: another split.
-        MissingDependency: torch or another part of the training set-up is not installed.
-        perceptree.errors.DatasetError: the data are missing, broken or without trees.
+        InputError: `split` is not one of the above.
+        MissingDependency: torch or another package for training is not installed.
+        perceptree.errors.DatasetError: the dataset is missing, broken or has no trees.
     """
     _need_training_setup()
     from perceptree.data import SPLITS, read_dataset
@@ -66,7 +69,15 @@ def evaluate_file(
 
 
 def predict_with_file(session: InferenceSession, manifest: Manifest) -> Predict:
-    """A file as perceptree's measures ask for it: uint8 batches of at most its own size."""
+    """A prediction function for perceptree's metrics.
+
+    Args:
+        session: the session of the model file.
+        manifest: the model's manifest.
+
+    Returns:
+        A function from uint8 images, at most the file's batch size, to raw detections.
+    """
     from perceptree.evaluation import RawDetections
 
     batch = manifest.input.batch_sizes[0]
@@ -87,14 +98,14 @@ def predict_with_file(session: InferenceSession, manifest: Manifest) -> Predict:
 
 
 def summary_of(report: Report) -> list[str]:
-    """The lines that a person at the terminal reads."""
+    """The report's summary as lines of text."""
     from perceptree.evaluation import summary_lines
 
     return list(summary_lines(report.figures))
 
 
 def _frames_for(manifest: Manifest, frames: list[Any]) -> FrameStore:
-    """The frames, fitted into the file's input as into that of a model in training."""
+    """The frames, prepared for the model's input as in training."""
     from perceptree.data import FrameStore
     from perceptree.models import make_spec
 
@@ -130,5 +141,5 @@ def _need_training_setup() -> None:
         import perceptree.evaluation  # noqa: F401
     except ImportError as error:
         raise MissingDependency(
-            f"{error}: labelled data are read by the training set-up, install edgetree[train]"
+            f"{error}: evaluation needs the packages for training, {install_hint('train')}"
         ) from error

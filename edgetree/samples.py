@@ -1,4 +1,4 @@
-"""The sample frames that come with the package: image, depth, camera, and the truth."""
+"""The sample frames in the package: image, depth, camera and ground truth."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib import PinholeCamera, read_depth
-from edgetree.frames.sources import read_image
+from edgetree.frames.sources import Frame, read_image
 
 __all__ = ["SampleFrame", "SampleTree", "sample_frames"]
 
 
 @dataclass(frozen=True, eq=False)
 class SampleTree:
-    """What is true of one tree, from the simulator.
+    """Ground truth of one simulated tree.
 
     Attributes:
         box_px: (4,) float32 x0, y0, x1, y1 around the visible lower stem.
-        keypoints_px: (5, 3) float32 x, y, flag (2 visible, 1 hidden, 0 outside the
-            frame, and then x and y are 0).
-        diameter_m: of the stem, on the section through the diameter keypoints.
-        cut_height_m: of the felling cut above the ground on the uphill side.
-        distance_m: range from the camera's centre to the stem's axis at the cut.
-        inclination_deg: of the axis from the vertical.
-        visible_fraction: part of the lower stem that nothing hides, 0 to 1.
-        species: name of the kind of tree.
+        keypoints_px: (5, 3) float32 x, y, flag in the order of `KEYPOINT_NAMES`. The flag is 2
+            for visible, 1 for hidden and 0 for outside the frame, where x and y are 0.
+        diameter_m: stem diameter at the height of the diameter keypoints.
+        cut_height_m: height of the felling cut above the ground on the uphill side.
+        distance_m: distance from the camera's centre to the stem's axis at the cut.
+        inclination_deg: angle between the stem's axis and the vertical.
+        visible_fraction: visible part of the lower stem, 0 to 1.
+        species: name of the species.
     """
 
     box_px: NDArray[np.float32]
@@ -43,7 +43,7 @@ class SampleTree:
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> SampleTree:
-        """Read the JSON object of one tree."""
+        """Make a tree from its JSON object."""
         return cls(
             box_px=np.array(data["box_px"], np.float32),
             keypoints_px=np.array(data["keypoints_px"], np.float32),
@@ -58,15 +58,15 @@ class SampleTree:
 
 @dataclass(frozen=True, eq=False)
 class SampleFrame:
-    """One sample frame; its images are read when asked for.
+    """One sample frame. Its images are read by `image` and `depth_m`.
 
     Attributes:
         name: for example "sample_0".
-        image_path: the colour image.
-        depth_path: the depth image, 16-bit millimetres.
-        camera: what took both.
-        up_camera: (3,) unit vector that points up, in the camera's frame, as an IMU gives it.
-        trees: the truth.
+        image_path: file of the colour image.
+        depth_path: file of the depth image, 16-bit millimetres.
+        camera: the camera of both images.
+        up_camera: (3,) unit vector opposite to gravity in the camera's frame, as from an IMU.
+        trees: ground truth of the labelled trees.
     """
 
     name: str
@@ -77,16 +77,20 @@ class SampleFrame:
     trees: tuple[SampleTree, ...]
 
     def image(self) -> NDArray[np.uint8]:
-        """The colour image, (H, W, 3) uint8 BGR."""
+        """Read the colour image, (H, W, 3) uint8 BGR."""
         return read_image(self.image_path)
 
     def depth_m(self) -> NDArray[np.float32]:
-        """The depth image, (H, W) float32 metres, 0.0 = no reading."""
+        """Read the depth image, (H, W) float32 metres, 0.0 = no reading."""
         return read_depth(self.depth_path)
+
+    def read(self) -> Frame:
+        """Read both images, as a frame of the kind that `edgetree.frames.open_source` gives."""
+        return Frame(self.name, self.image_path, self.image(), self.depth_m())
 
 
 def sample_frames() -> list[SampleFrame]:
-    """The frames that come with this package, by name."""
+    """The sample frames in the package, sorted by name."""
     folder = Path(__file__).parent / "assets" / "samples"
     return [_read_sample(path) for path in sorted(folder.glob("sample_*.json"))]
 

@@ -1,4 +1,4 @@
-"""How fast a model file is on this machine, beside the paper's table."""
+"""Measure the speed of model files, and compare it with the paper's table."""
 
 from edgetree.bench.speed import BenchResult, bench_detector
 

@@ -1,4 +1,4 @@
-"""Files of named networks, exported where missing and benched in turn, each in its own process."""
+"""Benchmark several networks: export missing model files, then measure each in its own process."""
 
 from __future__ import annotations
 
@@ -30,23 +30,23 @@ Record = dict[str, Any]
 
 @dataclass(frozen=True)
 class TableSettings:
-    """Which files a table is about, and how they are measured.
+    """The networks of a table, and how to measure them.
 
     Attributes:
-        backbones: names of the networks, see `BACKBONES`; or of any file in `models`.
-        models: folder where the files lie or are exported to.
+        backbones: names of networks in `BACKBONES`, or of files in `models`.
+        models: folder of the model files; missing files are exported to it.
         precision: a key of `edgetree.export.PRECISIONS`.
-        height: of the input, px.
-        width: of the input, px.
-        proposals: boxes that the second stage looks at; None leaves each network its own number.
-        duration_s: time to measure each file for, in all rounds together.
-        threads: threads of one inference; None takes all usable cores.
-        provider: what runs them, and what they are exported for; see `edgetree.runtime.providers`.
-        strict: fail if the provider cannot be used, or let the processor take over.
-        source: frames as for `edgetree run`; None takes the package's samples.
+        height: height of the input in pixels.
+        width: width of the input in pixels.
+        proposals: region proposals per frame; None for each network's default.
+        duration_s: time to measure each file for, all rounds together.
+        threads: threads of one inference; None for all usable cores.
+        provider: provider to run on, and to export for; see `edgetree.runtime.PROVIDERS`.
+        strict: raise an error if the provider cannot be used, instead of using the CPU.
+        source: frames as for `edgetree run`; None for the packaged sample frames.
 
     Raises:
-        InputError: a value that cannot be used.
+        InputError: a value is invalid.
     """
 
     backbones: tuple[str, ...]
@@ -65,7 +65,7 @@ class TableSettings:
         names = self.backbones
         if not all(names) or len(set(names)) != len(names):
             raise InputError(
-                f"--backbones is {','.join(names)!r}: expected different names with commas between"
+                f"--backbones is {','.join(names)!r}: expected distinct names separated by commas"
             )
         if self.precision not in PRECISIONS:
             choices = ", ".join(PRECISIONS)
@@ -85,7 +85,7 @@ class TableSettings:
         return self.provider if self.provider in TARGETS else CPU
 
     def path_of(self, backbone: str) -> Path:
-        """The file of a network: NAME-PRECISION-WIDTHxHEIGHT[-PROPOSALSp][-TARGET].onnx."""
+        """Path of a network's file: NAME-PRECISION-WIDTHxHEIGHT[-PROPOSALSp][-TARGET].onnx."""
         parts = [backbone, self.precision, f"{self.width}x{self.height}"]
         parts += [] if self.proposals is None else [f"{self.proposals}p"]
         parts += [] if self.target == CPU else [self.target]
@@ -93,10 +93,10 @@ class TableSettings:
 
 
 def cache_folder() -> Path:
-    """Where exported files are kept for the next time, per version of this project.
+    """The default folder of exported files, separate for each version of edgetree.
 
-    The user's cache folder of the system: %LOCALAPPDATA%, ~/Library/Caches, or $XDG_CACHE_HOME
-    and else ~/.cache.
+    It is in the user's cache folder: %LOCALAPPDATA% on Windows, ~/Library/Caches on macOS, and
+    $XDG_CACHE_HOME or ~/.cache elsewhere.
     """
     if sys.platform == "win32":
         base = os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local"
@@ -112,20 +112,26 @@ def cache_folder() -> Path:
 
 
 def find_files(settings: TableSettings, say: Say) -> dict[str, Path]:
-    """The file of each network, by its name; what is missing is exported, untrained.
+    """Find the model file of each network. Missing files are exported with untrained weights.
+
+    Args:
+        settings: the networks.
+        say: called with progress messages.
+
+    Returns:
+        The path of each network's file, by name.
 
     Raises:
-        InputError: a name that has no file and is none of `BACKBONES`; a folder that cannot be
-            written.
-        MissingDependency: something is missing and torch is not installed.
+        InputError: a name has no file and is not in `BACKBONES`, or the folder is not writable.
+        MissingDependency: a file is missing and torch is not installed.
     """
     files = {name: settings.path_of(name) for name in settings.backbones}
     missing = {name: path for name, path in files.items() if not path.is_file()}
     for name, path in missing.items():
         if name not in BACKBONES:
             raise InputError(
-                f"backbone {name!r} has no file {path} and is no preset:"
-                f" expected one of {', '.join(BACKBONES)}"
+                f"backbone {name!r} has no file {path} and is not a known network: expected one of"
+                f" {', '.join(BACKBONES)}"
             )
     if missing:
         _export(missing, settings, say)
@@ -152,15 +158,23 @@ def _export(missing: Mapping[str, Path], settings: TableSettings, say: Say) -> N
 def bench_in_turn(
     files: Mapping[str, Path], settings: TableSettings, say: Say
 ) -> dict[str, Record]:
-    """The `edgetree bench --json` object of each file, of `ROUNDS` rounds in which all take turns.
+    """Run `edgetree bench --json` for each file in `ROUNDS` rounds, each in a new process.
 
-    A slow moment of the machine so falls on all of them. Times are the medians of the rounds;
-    memory is the highest, of a process that did nothing else.
+    The files take turns, so that a temporary slowdown of the machine affects all of them. Times are
+    medians over the rounds, memory is the maximum.
+
+    Args:
+        files: path of each network's file.
+        settings: how to measure.
+        say: called with progress messages.
+
+    Returns:
+        The merged JSON object of each network.
 
     Raises:
-        CheckFailed: a bench did not end well.
-        InputError: a bench refused its input.
-        ModelFileError: a file has another input or precision than its name says.
+        CheckFailed: a benchmark process failed.
+        InputError: a benchmark process rejected its input.
+        ModelFileError: a file has another input size or precision than its name says.
     """
     rounds: dict[str, list[Record]] = {name: [] for name in files}
     for number in range(1, ROUNDS + 1):
@@ -185,11 +199,13 @@ def _bench(path: Path, settings: TableSettings) -> Record:
         record: Record = json.loads(done.stdout)
         return record
     lines = done.stderr.strip().splitlines()
-    reason = lines[-1].removeprefix("edgetree: ") if lines else "it said nothing"
+    reason = lines[-1].removeprefix("edgetree: ") if lines else "no error message"
     if done.returncode == _USAGE:
         raise InputError(reason)
     killed = " (out of memory?)" if done.returncode < 0 else ""
-    raise CheckFailed(f"the bench of {path} ended with {done.returncode}{killed}: {reason}")
+    raise CheckFailed(
+        f"the benchmark of {path} ended with exit code {done.returncode}{killed}: {reason}"
+    )
 
 
 def _check(path: Path, record: Record, settings: TableSettings) -> None:
@@ -198,12 +214,12 @@ def _check(path: Path, record: Record, settings: TableSettings) -> None:
         width, height = record["input_px"]
         raise ModelFileError(
             f"model {path} takes {width}x{height} px in {record['precision']}: expected"
-            f" {settings.width}x{settings.height} px in {precision}, as its name says"
+            f" {settings.width}x{settings.height} px in {precision}, as in its name"
         )
 
 
 def _merge(records: list[Record]) -> Record:
-    """One record of several rounds of the same file."""
+    """Merge the records of all rounds of one file."""
     times = ("detect_p50_ms", "detect_p90_ms", "fps")
     merged = records[0] | {
         name: round(statistics.median(record[name] for record in records), 2) for name in times

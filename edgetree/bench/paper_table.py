@@ -1,8 +1,8 @@
-"""The paper's table of backbones, with this machine's figures beside the paper's.
+"""The paper's table of backbones, with measurements on this machine next to the paper's values.
 
-What the paper prints are the parameters and multiply-adds of the ImageNet classifiers at 224x224
-px, and frames per second of the whole detector at 800x800 px. Its X101 counts ResNeXt-101 32x4d,
-while the code and weights that were published are 32x8d.
+The paper gives the parameters and multiply-adds of the ImageNet classifiers at 224x224 px, and the
+frames per second of the whole detector at 800x800 px. The counts of its X101 are those of
+ResNeXt-101 32x4d, although its published code and weights are 32x8d.
 """
 
 from __future__ import annotations
@@ -27,10 +27,11 @@ class PaperRow:
     """A row of the paper's table.
 
     Attributes:
-        name: as the paper has it.
-        counted_network: the network that the counts are of, by this project's name.
-        parameters: of the ImageNet classifier.
-        multiply_adds: of the ImageNet classifier at 224x224 px; the paper calls them FLOPs.
+        name: name of the backbone in the paper.
+        counted_network: this project's name of the network that the counts belong to.
+        parameters: parameters of the ImageNet classifier.
+        multiply_adds: multiply-adds of the ImageNet classifier at 224x224 px; the paper calls them
+            FLOPs.
         fps: frames per second of the detector at 800x800 px on `PAPER_GPU`.
     """
 
@@ -54,7 +55,7 @@ def table_record(benches: Mapping[str, Record]) -> dict[str, Any]:
     """The table as one JSON object.
 
     Args:
-        benches: `edgetree bench --json` objects by the names of their networks.
+        benches: JSON objects of `edgetree bench --json` by name of the network.
     """
     rows = []
     for name, bench in benches.items():
@@ -69,7 +70,7 @@ def table_record(benches: Mapping[str, Record]) -> dict[str, Any]:
 
 
 _WIDTHS: Final = (10, 7, 6, 7, 6, 7, 8, 8, 8, 7, 7, 6, 6, 7)
-# Headings, each over so many columns.
+# Headings, and the number of columns that each spans.
 _GROUPS: Final = (("", 1), (" classifier, 224x224 ", 4), (" this file ", 4), (" this machine ", 5))
 _QUANTITIES: Final = (
     ("", 1),
@@ -130,7 +131,7 @@ def _cells(row: Record) -> list[str]:
 
 
 def table_lines(record: Record) -> Iterator[str]:
-    """The table of `table_record` for a terminal of 100 columns, and what its numbers mean."""
+    """The table of `table_record` as text, at most 100 columns wide, with explanations."""
     rows = record["rows"]
     first = rows[0]["bench"]
     width, height = first["input_px"]
@@ -150,7 +151,7 @@ def table_lines(record: Record) -> Iterator[str]:
 
 
 def _heading(spans: tuple[tuple[str, int], ...]) -> str:
-    """Texts over several columns in their middle, over one column at its right."""
+    """A line of headings: centred if they span several columns, else right-aligned."""
     parts, begin = [], 0
     for text, count in spans:
         size = sum(_WIDTHS[begin : begin + count])
@@ -168,16 +169,16 @@ def _line(cells: Sequence[str]) -> str:
 def _notes(rows: Sequence[Record]) -> Iterator[str]:
     names = {row["backbone"] for row in rows}
     yield "mult-adds: multiply-adds; FLOPs: 2 per multiply-add. Paper: parameters and multiply-adds"
-    yield "of the backbone as ImageNet classifier at 224x224 px, as the columns beside count too;"
+    yield "of the backbone as ImageNet classifier at 224x224 px, like the columns next to them;"
     yield f"FPS of the whole network at 800x800 px on an {PAPER_GPU}."
     if names & {"x101-32x4d", "x101-32x8d"}:
         yield "X101: the paper counts ResNeXt-101 32x4d; its published code and weights are 32x8d."
     silent = [row["backbone"] for row in rows if row["bench"]["multiply_adds"] is None]
     if silent:
-        yield f"Older files that do not say their multiply-adds, export again: {', '.join(silent)}."
+        yield f"No multiply-adds in older files; export these again: {', '.join(silent)}."
     untrained = [row["backbone"] for row in rows if not row["bench"]["trained"]]
     if untrained:
-        yield f"Untrained, so speed and not accuracy: {', '.join(untrained)}."
+        yield f"Untrained, for speed only: {', '.join(untrained)}."
     for row in rows:
         box_ap = row["bench"]["box_ap"]
         if box_ap is not None:

@@ -1,4 +1,4 @@
-"""How fast a model is here, on real frames, and what it takes."""
+"""Measure the speed and memory use of a model."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from edgetree.runtime.detector import TreeDetector
 __all__ = ["BenchResult", "bench_detector", "model_record", "peak_memory_mib"]
 
 _WARMUP: Final = 3
-_FEWEST_RUNS: Final = 5
+_MIN_RUNS: Final = 5
 
 
 @dataclass(frozen=True)
 class BenchResult:
-    """Figures of one bench, from the image in memory to the trees: resizing, graph, reading out.
+    """The result of a benchmark. Times include resizing, inference and reading the outputs.
 
     Attributes:
-        runs: timed detections.
+        runs: number of timed detections.
         threads: threads of one inference.
-        detect_p50_ms: median time of one.
-        detect_p90_ms: time that nine of ten stay below.
-        fps: detections per second, one after the other.
+        detect_p50_ms: median time of a detection.
+        detect_p90_ms: 90th percentile of the time of a detection.
+        fps: detections per second, one at a time.
         trees_per_frame: mean number of trees found.
-        peak_memory_mib: highest memory of this process so far; None where the system does not say.
+        peak_memory_mib: peak memory of this process so far; None if not known.
     """
 
     runs: int
@@ -43,7 +43,7 @@ class BenchResult:
     peak_memory_mib: float | None
 
     def to_dict(self) -> dict[str, Any]:
-        """The figures, rounded, as a JSON object."""
+        """The result as a JSON object, with numbers rounded to two digits."""
         values = asdict(self)
         return {
             name: round(value, 2) if isinstance(value, float) else value
@@ -58,13 +58,16 @@ def bench_detector(
     duration_s: float = 5.0,
     on_run: Callable[[float], None] = lambda _: None,
 ) -> BenchResult:
-    """Detect on the images in turn for `duration_s` seconds, after a few rounds to warm up.
+    """Measure detections on the images in turn, after three detections to warm up.
 
     Args:
         detector: the model.
-        images: as `TreeDetector.detect` takes them, at least one.
-        duration_s: time to measure for; at least five detections are made.
-        on_run: called after each detection with the part of the time gone, 0 to 1.
+        images: images as for `TreeDetector.detect`, at least one.
+        duration_s: time to measure for; at least five detections are measured.
+        on_run: called after each detection with the elapsed share of the time, 0 to 1.
+
+    Raises:
+        ValueError: `images` is empty.
     """
     if not images:
         raise ValueError("images is empty: expected at least one")
@@ -74,7 +77,7 @@ def bench_detector(
     trees = 0
     begin = time.perf_counter()
     gone_s = 0.0
-    while gone_s < duration_s or len(times_ms) < _FEWEST_RUNS:
+    while gone_s < duration_s or len(times_ms) < _MIN_RUNS:
         start = time.perf_counter()
         trees += len(detector.detect(images[len(times_ms) % len(images)]))
         times_ms.append((time.perf_counter() - start) * 1000)
@@ -93,11 +96,11 @@ def bench_detector(
 
 
 def model_record(manifest: Manifest) -> dict[str, Any]:
-    """What a file says it costs, as a JSON object; None where an older file does not say.
+    """Size and cost of a model as a JSON object, with None for values that older files lack.
 
-    `multiply_adds` and `flops`, two per multiply-add, are of the whole graph at its input, with
-    `proposals` boxes looked at and `detections` rows given out; `classifier` is the backbone alone
-    as an ImageNet classifier at 224x224 px, which is what papers print.
+    `multiply_adds` and `flops` (two per multiply-add) count the whole graph for one frame, with
+    `proposals` region proposals and `detections` output rows. `classifier` is the cost of the
+    backbone as an ImageNet classifier at 224x224 px, as given in papers.
     """
     classifier = manifest.classifier
     boxes = next(output for output in manifest.outputs if output.name == "boxes")
@@ -131,7 +134,7 @@ def _flops(multiply_adds: int | None) -> int | None:
 
 
 def peak_memory_mib() -> float | None:
-    """Highest resident memory of this process so far, in MiB; None if the system does not say."""
+    """Peak resident memory of this process so far, in MiB; None if not known."""
     status = Path("/proc/self/status")
     if status.is_file():
         for line in status.read_text(encoding="ascii", errors="replace").splitlines():
@@ -142,4 +145,4 @@ def peak_memory_mib() -> float | None:
     except ImportError:
         return None
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak / 1024**2  # bytes, as macOS counts; Linux took the way above
+    return peak / 1024**2  # bytes on macOS; on Linux /proc was used above

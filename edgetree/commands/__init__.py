@@ -1,3 +1,3 @@
-"""The sub-commands of `edgetree`, one module each; what is heavy is imported inside functions."""
+"""The sub-commands of `edgetree`, one module each. Heavy modules are imported in functions."""
 
 __all__: list[str] = []

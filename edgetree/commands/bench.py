@@ -1,34 +1,37 @@
-"""`edgetree bench`: the speed of a model on this machine, or of several, as the paper's table."""
+"""`edgetree bench`: measure the speed of a model, or of several networks as in the paper."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import asdict
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
-from edgetree.commands.options import Json, Provider, Strict, Threads
+from edgetree.commands.option_groups import SessionOptions, expand_groups
+from edgetree.commands.options import Json
 from edgetree.console import note, print_json, progress
 
 if TYPE_CHECKING:
     from edgetree.bench.speed import BenchResult
+    from edgetree.frames.sources import Frame
     from edgetree.runtime.detector import TreeDetector
 
 __all__ = ["bench"]
 
-_MOST_FRAMES = 16
+_MAX_FRAMES = 16
 
 _Source: TypeAlias = Annotated[
     Path | None,
     typer.Argument(
-        metavar="SOURCE", help="Frames as for `run`; the package's samples if not given."
+        metavar="SOURCE", help="Frames as for `run`; the packaged samples if not given."
     ),
 ]
 _OneModel: TypeAlias = Annotated[
     str | None,
-    typer.Option(help="An exported .onnx file; or rgb (the default) or depth, of the package."),
+    typer.Option(help="An exported .onnx file, or the packaged model rgb (the default) or depth."),
 ]
 _Seconds: TypeAlias = Annotated[
     float, typer.Option("--seconds", min=0.0, help="Time to measure each model for.")
@@ -37,40 +40,43 @@ _Backbones: TypeAlias = Annotated[
     str | None,
     typer.Option(
         metavar="LIST",
-        help="Several networks in place of one model, such as r50,r101,x101-32x8d,edge-n: prints"
-        " the paper's table, and exports, untrained, what --models does not hold.",
+        help="Measure several networks, such as r50,r101,x101-32x8d,edge-n, and print the paper's"
+        " table. Networks without a file in --models are exported with untrained weights.",
     ),
 ]
 _Models: TypeAlias = Annotated[
     Path | None,
     typer.Option(
         metavar="DIR",
-        help="With --backbones: folder of NAME-PRECISION-WIDTHxHEIGHT.onnx files; a cache folder"
-        " of yours if not given.",
+        help="With --backbones: folder of NAME-PRECISION-WIDTHxHEIGHT.onnx files; your cache"
+        " folder if not given.",
     ),
 ]
 _Precision: TypeAlias = Annotated[
     str | None, typer.Option(help="With --backbones: fp32 (the default), fp16 or int8.")
 ]
 _Height: TypeAlias = Annotated[
-    int | None, typer.Option(help="With --backbones: of the input, px; 800 if not given.")
+    int | None, typer.Option(help="With --backbones: input height in px; 800 if not given.")
 ]
 _Width: TypeAlias = Annotated[
-    int | None, typer.Option(help="With --backbones: of the input, px; 800 if not given.")
+    int | None, typer.Option(help="With --backbones: input width in px; 800 if not given.")
 ]
 _Proposals: TypeAlias = Annotated[
     int | None,
-    typer.Option(min=1, help="With --backbones: in place of each network's own number."),
+    typer.Option(
+        min=1,
+        help="With --backbones: region proposals per frame; each network's default if not given.",
+    ),
 ]
 
 
+@expand_groups
 def bench(
     source: _Source = None,
+    *,
     model: _OneModel = None,
     duration_s: _Seconds = 5.0,
-    threads: Threads = None,
-    provider: Provider = "cpu",
-    strict: Strict = True,
+    session: SessionOptions,
     backbones: _Backbones = None,
     models: _Models = None,
     precision: _Precision = None,
@@ -79,33 +85,26 @@ def bench(
     proposals: _Proposals = None,
     as_json: Json = False,
 ) -> None:
-    """Measure a model's latency, frames per second and memory on real frames.
+    """Measure a model's latency, frames per second and memory.
 
-    With --backbones, those of several networks beside the paper's figures.
+    With --backbones, measure several networks and compare them with the paper's figures.
     """
-    of_table = {
+    table_options = {
         "models": models,
         "precision": precision,
         "height": height,
         "width": width,
         "proposals": proposals,
     }
-    given = {name: value for name, value in of_table.items() if value is not None}
+    given = {name: value for name, value in table_options.items() if value is not None}
     if backbones is None:
-        _refuse(given, "without --backbones: they describe its files")
-        options = {"threads": threads, "provider": provider, "strict": strict}
-        _bench_one(source, model or "rgb", duration_s, options, as_json)
+        _refuse(given, "without --backbones: expected both")
+        _bench_one(source, model or "rgb", duration_s, session, as_json)
         return
-    _refuse({} if model is None else {"model": model}, "beside --backbones: expected one of both")
+    _refuse({} if model is None else {"model": model}, "with --backbones: expected only one")
     names = tuple(name.strip() for name in backbones.split(","))
-    of_each = {
-        "source": source,
-        "duration_s": duration_s,
-        "threads": threads,
-        "provider": provider,
-        "strict": strict,
-    }
-    _bench_table(names, of_each | given, as_json)
+    bench_options = {"source": source, "duration_s": duration_s, **asdict(session)}
+    _bench_table(names, bench_options | given, as_json)
 
 
 def _refuse(given: Mapping[str, Any], why: str) -> None:
@@ -116,7 +115,7 @@ def _refuse(given: Mapping[str, Any], why: str) -> None:
 
 
 def _bench_table(names: tuple[str, ...], options: Mapping[str, Any], as_json: bool) -> None:
-    """The paper's table of these networks."""
+    """Measure several networks and print the paper's table."""
     from edgetree.bench.files import TableSettings, bench_in_turn, cache_folder, find_files
     from edgetree.bench.paper_table import table_lines, table_record
 
@@ -136,13 +135,11 @@ def _bench_one(
     source: Path | None,
     model: str,
     duration_s: float,
-    options: Mapping[str, Any],
+    session: SessionOptions,
     as_json: bool,
 ) -> None:
-    """The figures of one model."""
-    from edgetree.commands.options import open_model
-
-    detector, path = open_model(model, **options)
+    """Measure one model and print the figures."""
+    detector, path = session.open_model(model)
     images = _images(source, detector)
     result = _measure(detector, images, duration_s)
     record = _record(path, detector, len(images), result)
@@ -155,7 +152,7 @@ def _bench_one(
 
 
 def _flat(record: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """The entries of a record that say something, those of objects in it under both names."""
+    """The entries of a record that are not None; nested entries as `parent_child`."""
     for name, value in record.items():
         if name == "nodes":
             yield from ((f"nodes_on_{part}", _nodes(part, value[part])) for part in value)
@@ -166,31 +163,31 @@ def _flat(record: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
 
 
 def _nodes(provider: str, operators: Mapping[str, int]) -> str:
-    """How many nodes of the graph a provider runs; which, where they fell to the processor."""
+    """Number of nodes that a provider runs; for the CPU, with the names of the operators."""
     count = sum(operators.values())
     names = ", ".join(f"{name} {number}" for name, number in sorted(operators.items()))
     return f"{count} ({names})" if provider == "cpu" else str(count)
 
 
 def _images(source: Path | None, detector: TreeDetector) -> list[Any]:
-    """Some frames in memory, as the model takes them."""
-    is_depth = detector.manifest.modality == "depth"
+    """The first frames of the source in memory, as the model takes them."""
+    from edgetree.frames.pipeline import image_for, open_frames
+    from edgetree.samples import sample_frames
+
+    frames: Iterator[Frame]
     if source is None:
-        from edgetree.samples import sample_frames
-
-        return [frame.depth_m() if is_depth else frame.image() for frame in sample_frames()]
-    from edgetree.frames.sources import open_source
-
-    frames = islice(open_source(source, depth_only=is_depth), _MOST_FRAMES)
-    return [frame.depth_m if is_depth else frame.image for frame in frames]
+        frames = (sample.read() for sample in sample_frames())
+    else:
+        frames = islice(open_frames(source, detector=detector), _MAX_FRAMES)
+    return [image_for(detector, frame) for frame in frames]
 
 
 def _measure(detector: TreeDetector, images: list[Any], duration_s: float) -> BenchResult:
-    """The bench, with its progress in hundredths."""
+    """Run the benchmark with a progress bar in percent."""
     from edgetree.bench.speed import bench_detector
 
     shown = 0
-    with progress("benching", 100) as bar:
+    with progress("measuring speed", 100) as bar:
 
         def move(gone: float) -> None:
             nonlocal shown
@@ -201,7 +198,7 @@ def _measure(detector: TreeDetector, images: list[Any], duration_s: float) -> Be
 
 
 def _record(path: Path, detector: TreeDetector, frames: int, result: BenchResult) -> dict[str, Any]:
-    """The model and its figures as one JSON object."""
+    """The model and the result as one JSON object."""
     from edgetree.bench.speed import model_record
 
     return {

@@ -1,4 +1,4 @@
-"""`edgetree calibrate`: a camera's file from pictures of a printed board."""
+"""`edgetree calibrate`: calibrate a camera from pictures of a printed board."""
 
 from __future__ import annotations
 
@@ -36,21 +36,21 @@ _Board: TypeAlias = Annotated[
     str,
     typer.Option(
         metavar="BOARD",
-        help="checkerboard:9x6:0.025 (inner corners, side of a square in metres);"
-        " charuco:8x6:0.03:0.022:4x4_50 (squares, sides of square and marker, dictionary);"
-        " circles:7x5:0.02 or circles:4x11:0.02:asymmetric (circles per row x rows, metres"
-        " between rows).",
+        help="The printed board: checkerboard:9x6:0.025 (inner corners, side of a square in"
+        " metres); charuco:8x6:0.03:0.022:4x4_50 (squares, sides of square and marker in metres,"
+        " dictionary); circles:7x5:0.02 or circles:4x11:0.02:asymmetric (circles per row x rows,"
+        " metres between rows).",
     ),
 ]
 _Lens: TypeAlias = Annotated[
-    str, typer.Option(help="Of the lens: radtan; or fisheye, for 120 degrees and more.")
+    str, typer.Option(help="Lens model: radtan, or fisheye for fields of view from 120 degrees.")
 ]
 _Out: TypeAlias = Annotated[Path, typer.Option(help="The camera file (JSON) to write.")]
 _Depth: TypeAlias = Annotated[
     Path | None,
     typer.Option(
-        help="Folder with a depth image of the same stem for each picture: finds the scale and"
-        " offset of the depth too, and writes them beside the camera."
+        help="Folder with a depth image of the same stem for each picture. The scale and offset of"
+        " the depth are then estimated too, and written next to the camera file."
     ),
 ]
 
@@ -63,9 +63,10 @@ def calibrate(
     depth: _Depth = None,
     as_json: Json = False,
 ) -> None:
-    """Find a camera's focal length, centre and distortion, and how well they are known.
+    """Estimate a camera's focal length, centre and distortion with their standard deviations.
 
-    A camera that is not known well enough to measure with is not written, and the exit code is 1.
+    If the calibration is not accurate enough for measuring, no file is written and the exit code
+    is 1.
     """
     from calib.boards import LENS_MODELS, parse_board
     from edgetree.errors import InputError
@@ -78,36 +79,37 @@ def calibrate(
         raise InputError(f"{out} is a folder: expected the name of a file to write")
     if out.suffix.lower() != ".json":
         raise InputError(f"--out is {out}: expected a file name ending in .json")
-    printed, frames = parse_board(board), open_source(source)
-    deep = None if depth is None else open_source(source, depth)
+    printed_board, frames = parse_board(board), open_source(source)
+    depth_frames = None if depth is None else open_source(source, depth)
     with output_folder(out.parent):
-        work = _solve(frames, deep, printed, model)
-        written = work.write(out)
+        outcome = _solve(frames, depth_frames, printed_board, model)
+        written = outcome.write(out)
         if as_json:
-            asked = {"source": str(source), "board": board, "model": model}
-            print_json({"schema": "edgetree.calibrate/1", **asked, **work.record(), **written})
+            options = {"source": str(source), "board": board, "model": model}
+            record = {**options, **outcome.record(), **written}
+            print_json({"schema": "edgetree.calibrate/1", **record})
         else:
-            for line in work.lines():
+            for line in outcome.lines():
                 typer.echo(line)
         for path in written.values():
             if path is not None:
                 note(f"written: {path}")
-        work.check()
+        outcome.check()
     scale = written["depth_scale_file"]
-    corrected = "" if scale is None else f" --depth-scale {quoted(scale)}"
-    note(f"next: edgetree measure IMAGE --depth DEPTH --camera {quoted(out)}{corrected}")
+    scale_option = "" if scale is None else f" --depth-scale {quoted(scale)}"
+    note(f"next: edgetree measure IMAGE --depth DEPTH --camera {quoted(out)}{scale_option}")
 
 
 @dataclass(frozen=True)
-class _Work:
-    """What came of it; no `depth` where none was asked for, or no camera found."""
+class _Outcome:
+    """The results; `depth` is None if it was not requested or the camera was not calibrated."""
 
     sightings: BoardDetections
     result: Calibration | CalibrationFailure
     depth: DepthScale | DepthScaleFailure | None
 
     def write(self, out: Path) -> dict[str, str | None]:
-        """What is good enough, and where it is."""
+        """Write the files that are accurate enough; returns their paths by JSON key."""
         from calib import save_camera, save_depth_scale
 
         written: dict[str, str | None] = {"camera_file": None, "depth_scale_file": None}
@@ -115,13 +117,13 @@ class _Work:
             save_camera(out, self.result.camera)
             written["camera_file"] = str(out)
             if self.depth:
-                beside = out.with_suffix(".depth_scale.json")
-                save_depth_scale(beside, self.depth)
-                written["depth_scale_file"] = str(beside)
+                scale_file = out.with_suffix(".depth_scale.json")
+                save_depth_scale(scale_file, self.depth)
+                written["depth_scale_file"] = str(scale_file)
         return written
 
     def check(self) -> None:
-        """Raises CheckFailed where something is not good enough."""
+        """Raise CheckFailed if a result is not accurate enough."""
         from calib import DepthScaleFailure
         from calib.boards import CalibrationFailure
         from edgetree.errors import CheckFailed
@@ -135,7 +137,7 @@ class _Work:
             raise CheckFailed("; ".join(reasons))
 
     def record(self) -> dict[str, Any]:
-        """All of it, JSON-ready."""
+        """The results as a JSON object."""
         from calib import DepthScaleFailure
 
         seen = self.sightings
@@ -150,17 +152,17 @@ class _Work:
         }
 
     def lines(self) -> Iterator[str]:
-        """All of it, for a person."""
+        """The results as text."""
         seen = self.sightings
-        shown = f"{len(seen.views)} of {seen.pictures} pictures show the board at a new place"
+        shown = f"{len(seen.views)} of {seen.pictures} pictures show the board in a new position"
         yield f"{shown}, {seen.width}x{seen.height} px"
         if not seen.views:
-            yield "no board: a checkerboard is counted by its inner corners, a ChArUco board by its"
-            yield "squares, circles by those of one row and then the rows"
+            yield "no board found: give the number of inner corners of a checkerboard, of squares"
+            yield "of a ChArUco board, of circles per row and of rows of a circle board"
         elif seen.without_board:
-            yield f"no board in {', '.join(seen.without_board)}"
+            yield f"no board found in {', '.join(seen.without_board)}"
         if seen.repeated:
-            yield f"nothing new in {', '.join(seen.repeated)}"
+            yield f"no new position in {', '.join(seen.repeated)}"
         if self.result:
             yield from _camera_lines(self.result)
         else:
@@ -170,13 +172,17 @@ class _Work:
         yield from (f"advice: {advice}" for advice in self.result.advice)
 
 
-def _solve(frames: FrameSource, deep: FrameSource | None, board: Board, model: str) -> _Work:
+def _solve(
+    frames: FrameSource, depth_frames: FrameSource | None, board: Board, model: str
+) -> _Outcome:
     from calib.boards import calibrate_camera, find_boards
 
     seen = find_boards(_pictures(frames), board)
     result = calibrate_camera(seen.views, (seen.width, seen.height), model)
-    depth = _depth_scale(deep, seen, result) if deep is not None and result else None
-    return _Work(seen, result, depth)
+    depth = None
+    if depth_frames is not None and result:
+        depth = _depth_scale(depth_frames, seen, result)
+    return _Outcome(seen, result, depth)
 
 
 def _pictures(frames: FrameSource) -> Iterator[Picture]:
@@ -219,8 +225,8 @@ def _camera_lines(result: Calibration) -> Iterator[str]:
         )
     yield from (_dropped_line(dropped) for dropped in result.dropped)
     yield from (_parameter_line(parameter) for parameter in result.parameters)
-    yield f"{result.rms_px:.2f} px off in {len(result.views)} views (RMS)"
-    yield f"{result.coverage.share:.0%} of the picture reached, views per part of it:"
+    yield f"RMS reprojection error {result.rms_px:.2f} px in {len(result.views)} views"
+    yield f"{result.coverage.share:.0%} of the image area covered; views per cell of a grid:"
     yield from (f"  {row}" for row in result.coverage.text())
 
 
@@ -237,7 +243,7 @@ def _parameter_line(parameter: Parameter) -> str:
 
 
 def _with_std(value: float, std: float) -> str:
-    """Both to the second digit of the standard deviation."""
+    """A value and its standard deviation, rounded to the latter's second digit."""
     decimals = max(0, 1 - math.floor(math.log10(std))) if std > 0 else 6
     return f"{value:10.{decimals}f} ± {std:.{decimals}f}"
 
@@ -248,7 +254,7 @@ def _depth_lines(depth: DepthScale) -> Iterator[str]:
         _with_std(1000 * depth.offset_m, 1000 * depth.offset_std_m).strip(),
     )
     yield f"depth: true = ({scale}) x reading + ({offset}) mm"
-    yield "  from targets at metres (off by mm, scatter of readings mm):"
+    yield "  targets: distance in m (residual in mm, standard deviation of readings in mm)"
     for target in sorted(depth.targets, key=lambda each: each.distance_m):
         off, scatter = 1000 * target.residual_m, 1000 * target.noise_std_m
         yield f"  {target.distance_m:6.2f} ({off:+.1f}, {scatter:.1f}) {target.name}"

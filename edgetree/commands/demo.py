@@ -1,4 +1,4 @@
-"""`edgetree demo`: everything once, on frames whose truth is known, with a report to look at."""
+"""`edgetree demo`: run everything on frames with ground truth and write a report."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ def demo(
         bool,
         typer.Option(
             "--train",
-            help="Go the whole way, small: simulate, train, evaluate, export, prove parity, bench,"
-            " run, measure. Needs edgetree[cpu,train,export,sim] and up to 15 minutes.",
+            help="Simulate, train, evaluate and export a small model, then run it. Needs the"
+            " extras cpu, train, export and sim, and up to 15 minutes.",
         ),
     ] = False,
     as_json: Json = False,
 ) -> None:
-    """Measure sample frames, compare with the truth, bench the model and write a report.
+    """Measure sample frames, compare with the truth, measure the speed and write a report.
 
-    Prints the path of the report, one HTML file with everything in it.
+    Prints the path of the report, a self-contained HTML file.
     """
     from edgetree.demo import run_embedded, write_report
     from edgetree.demo.training import run_trained
@@ -58,7 +58,7 @@ def demo(
 
 @contextmanager
 def _progress() -> Iterator[Progress]:
-    """A bar on stderr that says what is being done; without a terminal, one line per thing."""
+    """A progress bar on stderr; without a terminal, a line for each step."""
     said = ""
     shown = 0
 
@@ -95,30 +95,31 @@ def _summary(result: DemoResult) -> Iterator[str]:
 
 
 def _next_commands(out: Path, train: bool) -> list[NextCommand]:
-    """What to try next, for the report's last section."""
+    """Suggestions for the last section of the report."""
     from edgetree.demo import NextCommand
+    from edgetree.errors import install_hint
 
     model = f" --model {out / 'model.onnx'}" if train else ""
     depth_model = model or " --model depth"
     commands = [
         NextCommand(
-            "Metres in your own frames, with a 16-bit depth image in millimetres beside each and"
-            " the camera's calibration:",
+            "Measure trees in your own frames, with a 16-bit depth image in millimetres for each"
+            " frame and the camera's calibration:",
             f"edgetree run FRAMES --depth DEPTHS --camera camera.json --out pictures{model}",
         ),
-        NextCommand("How fast it is here:", f"edgetree bench{depth_model}"),
+        NextCommand("Measure the speed on this machine:", f"edgetree bench{depth_model}"),
     ]
     if not train:
         commands[:0] = [
             NextCommand(
-                "Find the trees in a picture, a folder or a video of your own, and draw them:",
+                "Detect and draw the trees in your own picture, folder or video:",
                 "edgetree run PICTURE --out pictures",
             )
         ]
         commands.append(
             NextCommand(
-                "From nothing to a model of your own: simulate, train, export, measure"
-                " (pip install '.[cpu,train,export,sim]' first):",
+                "Simulate, train, export and run your own model (first"
+                f" {install_hint('cpu', 'train', 'export', 'sim')}):",
                 "edgetree demo --train",
             )
         )

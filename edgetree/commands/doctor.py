@@ -1,4 +1,4 @@
-"""`edgetree doctor`: what works on this machine, and what to do about the rest."""
+"""`edgetree doctor`: check this machine and its libraries, and give advice."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ _WIDTH: Final = 100
 
 
 def doctor(as_json: Json = False) -> None:
-    """Look at this machine: what runs models here, how fast, which libraries clash, what to do.
+    """Check this machine: providers, speed, libraries; and give advice.
 
-    Ends with exit code 1 if something is broken.
+    The exit code is 1 if something is broken.
     """
     from edgetree.doctor import advise, examine
 
-    note("trying providers and libraries, and a second of detecting ...")
+    note("testing providers and libraries, and measuring the speed ...")
     findings = examine()
     advice = advise(findings)
     broken = any(item.level == "broken" for item in advice)
@@ -43,7 +43,7 @@ def doctor(as_json: Json = False) -> None:
 
 
 def _lines(findings: Findings, advice: tuple[Advice, ...]) -> Iterator[str]:
-    """The findings and what follows from them, for a person."""
+    """The findings and the advice as text."""
     for label, text in _facts(findings):
         yield from _paragraph(label, text)
     yield ""
@@ -59,28 +59,28 @@ def _facts(findings: Findings) -> Iterator[tuple[str, str]]:
     yield "processor", machine.processor or "not known"
     yield "cores", _cores(machine)
     names = machine.instructions
-    yield "instructions", "not known" if names is None else ", ".join(names) or "none that matter"
+    yield "instructions", "not known" if names is None else ", ".join(names) or "none of interest"
     yield "memory", _memory(machine)
     versions = (f"{name} {version}" for name, version in libraries.versions.items())
     yield "libraries", ", ".join(versions)
     for index, provider in enumerate(findings.providers):
-        works = "works" if provider.works else f"does not run: {provider.reason}"
+        works = "works" if provider.works else f"does not work: {provider.reason}"
         yield "" if index else "providers", f"{provider.name} {works}"
     if not findings.providers:
         yield "providers", "none"
     speed = findings.speed
     if speed is None:
-        yield "speed", "not measured, as the embedded model cannot run"
+        yield "speed", "not measured, as the packaged model cannot run"
         return
     several = f", {speed.fps_all_threads:.0f} on {speed.threads}" if speed.threads > 1 else ""
     figures = f"{speed.fps_one_thread:.0f} frames per second on 1 thread{several}"
-    yield "speed", f"{figures} (embedded INT8 model, 640x384)"
+    yield "speed", f"{figures} (packaged INT8 model, 640x384)"
 
 
 def _cores(machine: Machine) -> str:
     parts = [f"{machine.usable_cores} of {machine.cores} usable"]
     if machine.core_quota is not None:
-        parts.append(f"limited to the time of {machine.core_quota:g}")
+        parts.append(f"limited to the CPU time of {machine.core_quota:g}")
     if machine.busy_cores is not None:
         parts.append(f"{machine.busy_cores:.1f} busy in the last minute")
     return ", ".join(parts)

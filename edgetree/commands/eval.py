@@ -1,4 +1,4 @@
-"""`edgetree eval`: how good a model file is on labelled frames."""
+"""`edgetree eval`: evaluate a model file on labelled frames."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from typing import Annotated, TypeAlias
 
 import typer
 
-from edgetree.commands.options import Json, Provider, Strict, Threads, model_record, open_model
+from edgetree.commands.option_groups import SessionOptions, expand_groups
+from edgetree.commands.options import Json, model_record
 from edgetree.console import Progress, note, print_json, progress
 
 __all__ = ["evaluate"]
@@ -16,7 +17,7 @@ __all__ = ["evaluate"]
 _Model: TypeAlias = Annotated[
     str,
     typer.Argument(
-        metavar="MODEL", help="An exported .onnx file; or rgb or depth, for those in the package."
+        metavar="MODEL", help="An exported .onnx file, or the packaged model rgb or depth."
     ),
 ]
 _Out: TypeAlias = Annotated[
@@ -24,31 +25,31 @@ _Out: TypeAlias = Annotated[
     typer.Option(help="Folder for report.json and report.html, with plots and pictures."),
 ]
 _EntireTree: TypeAlias = Annotated[
-    bool, typer.Option("--entire-tree", help="Labels of entire trees (SynthTree43k).")
+    bool, typer.Option("--entire-tree", help="Use the labels of entire trees (SynthTree43k).")
 ]
 
 
+@expand_groups
 def evaluate(
     model: _Model,
-    data: Annotated[Path, typer.Argument(help="Folder of a data set.")],
+    data: Annotated[Path, typer.Argument(help="Folder of a dataset.")],
+    *,
     split: Annotated[str, typer.Option(help="train, val or test.")] = "test",
-    fold: Annotated[int | None, typer.Option(help="Which fold, where there are several.")] = None,
+    fold: Annotated[int | None, typer.Option(help="Fold, for datasets with several.")] = None,
     entire_tree: _EntireTree = False,
     out: _Out = None,
-    threads: Threads = None,
-    provider: Provider = "cpu",
-    strict: Strict = True,
+    session: SessionOptions,
     as_json: Json = False,
 ) -> None:
-    """Say how good a model file is on labelled frames, as `perceptree eval` does of a checkpoint.
+    """Evaluate a model file on labelled frames, like `perceptree eval` does for a checkpoint.
 
-    COCO AP of boxes, masks and keypoints, errors in pixels, by distance, weather and more. Needs
-    the training set-up, which reads the data.
+    Prints the COCO AP of boxes, masks and keypoints and errors in pixels, by distance, weather and
+    other conditions. Needs the packages for training.
     """
     from edgetree.evaluate import evaluate_file, summary_of
     from edgetree.results.atomic_files import output_folder
 
-    detector, path = open_model(model, threads, provider=provider, strict=strict)
+    detector, path = session.open_model(model)
     with ExitStack() as stack:
         folder = None if out is None else stack.enter_context(output_folder(out))
         bar: list[Progress] = []
@@ -66,5 +67,5 @@ def evaluate(
         return
     for line in summary_of(report):
         typer.echo(line)
-    hint = "next: the same with --out FOLDER, for plots and pictures"
+    hint = "next: add --out FOLDER for plots and pictures"
     note(hint if page is None else f"open: {page}")

@@ -1,4 +1,4 @@
-"""`edgetree export`: a trained checkpoint as one file that is proven to find the same trees."""
+"""`edgetree export`: export a checkpoint to ONNX and check that it finds the same trees."""
 
 from __future__ import annotations
 
@@ -19,22 +19,24 @@ __all__ = ["export", "record", "showing_differences"]
 
 
 Data: TypeAlias = Annotated[
-    Path, typer.Option(help="Folder with real frames, or a data set, to compare file and model on.")
+    Path, typer.Option(help="Folder of real frames, or a dataset, to compare file and model on.")
 ]
 Precision: TypeAlias = Annotated[
-    str, typer.Option(help="fp32; fp16 for GPUs; int8 for processors and TensorRT.")
+    str, typer.Option(help="fp32; fp16 for GPUs; int8 for CPUs and TensorRT.")
 ]
 Calibration: TypeAlias = Annotated[
-    Path | None, typer.Option(help="Folder with frames to take ranges from; --data if not given.")
+    Path | None,
+    typer.Option(help="Folder of frames to calibrate int8 on; --data if not given."),
 ]
-Side: TypeAlias = Annotated[int | None, typer.Option(help="Of the input, px.")]
-Batch: TypeAlias = Annotated[int, typer.Option(help="Frames of one inference.")]
-Rows: TypeAlias = Annotated[int | None, typer.Option(help="Rows of every output.")]
-Proposals: TypeAlias = Annotated[int | None, typer.Option(help="Regions looked at per frame.")]
+Side: TypeAlias = Annotated[int | None, typer.Option(help="Size of the input in px.")]
+Batch: TypeAlias = Annotated[int, typer.Option(help="Frames per inference.")]
+Rows: TypeAlias = Annotated[int | None, typer.Option(help="Number of rows of each output.")]
+Proposals: TypeAlias = Annotated[int | None, typer.Option(help="Region proposals per frame.")]
 Lowest: TypeAlias = Annotated[float | None, typer.Option(help="Lowest score in the outputs.")]
 Opset: TypeAlias = Annotated[int, typer.Option(help="ONNX operator set, 18 to 23.")]
 Provider: TypeAlias = Annotated[
-    str, typer.Option(help="What runs it: cpu, cuda, tensorrt, openvino, coreml or directml.")
+    str,
+    typer.Option(help="Target provider: cpu, cuda, tensorrt, openvino, coreml or directml."),
 ]
 
 
@@ -56,9 +58,9 @@ def export(
     provider: Provider = "cpu",
     as_json: Json = False,
 ) -> None:
-    """Export a checkpoint to ONNX. A file that finds other trees than its model is not written.
+    """Export a checkpoint to ONNX. The file is written only if it finds the same trees.
 
-    What is not given is as the checkpoint says.
+    Options that are not given are taken from the checkpoint.
     """
     from edgetree.export import ExportSettings, export_model
 
@@ -91,7 +93,7 @@ def _tell(report: ExportReport, as_json: bool) -> None:
 
 @contextmanager
 def showing_differences() -> Iterator[None]:
-    """Show where a file and its model differ, if they do, and let the error pass."""
+    """If a parity check fails, print the differences before the error."""
     from edgetree.export import ParityFailed
 
     try:
@@ -102,7 +104,7 @@ def showing_differences() -> Iterator[None]:
 
 
 def record(report: ExportReport) -> dict[str, Any]:
-    """An export or a verification as one JSON object."""
+    """The result of an export or a verification as one JSON object."""
     manifest = report.manifest
     return {
         "schema": "edgetree.export/1",

@@ -1,4 +1,4 @@
-"""`edgetree run`: trees of an image, a folder or a video."""
+"""`edgetree run`: detect and measure the trees of an image, a folder or a video."""
 
 from __future__ import annotations
 
@@ -7,37 +7,26 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TextIO, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
+from edgetree.commands.option_groups import RigOptions, SessionOptions, expand_groups
 from edgetree.commands.options import (
     Camera,
     Csv,
     Depth,
-    DepthCamera,
-    DepthExtrinsics,
-    DepthScale,
     Json,
     Model,
-    Mounting,
-    Provider,
-    RigOptions,
     ScoreThreshold,
-    Strict,
-    StumpHeight,
-    Threads,
-    Up,
+    model_file,
     model_record,
-    open_model,
     quoted,
 )
 from edgetree.console import note, print_json, track
 
 if TYPE_CHECKING:
     from edgetree.frames.pipeline import FrameResult
-    from edgetree.frames.sources import Frame, FrameSource
-    from edgetree.runtime.detector import TreeDetector
 
 __all__ = ["run"]
 
@@ -45,154 +34,170 @@ _Source: TypeAlias = Annotated[
     Path, typer.Argument(metavar="SOURCE", help="An image, a folder of images, or a video.")
 ]
 _Out: TypeAlias = Annotated[
-    Path | None, typer.Option(help="Folder for drawn pictures; made if needed.")
+    Path | None, typer.Option(help="Folder for drawn pictures; created if needed.")
 ]
 _JsonLines: TypeAlias = Annotated[
-    Path | None, typer.Option(help="File for the JSON lines, in place of stdout.")
+    Path | None, typer.Option(help="File for the JSON lines, instead of stdout.")
 ]
 _Coco: TypeAlias = Annotated[
     Path | None,
-    typer.Option(help="File for COCO labels, to be corrected in a labelling tool; of images only."),
+    typer.Option(help="File for COCO labels, to correct in a labelling tool; not for videos."),
 ]
+_Write: TypeAlias = "Callable[[FrameResult, dict[str, Any]], None]"
 
 
+@dataclass(frozen=True)
+class _Outputs:
+    """The options for output files."""
+
+    out: _Out = None
+    jsonl: _JsonLines = None
+    csv: Csv = None
+    coco: _Coco = None
+
+
+@expand_groups
 def run(
     source: _Source,
+    *,
     model: Model = "rgb",
     depth: Depth = None,
     camera: Camera = None,
-    up: Up = None,
-    mounting: Mounting = None,
-    depth_camera: DepthCamera = None,
-    depth_extrinsics: DepthExtrinsics = None,
-    depth_scale: DepthScale = None,
-    stump_height: StumpHeight = None,
-    out: _Out = None,
-    jsonl: _JsonLines = None,
-    csv: Csv = None,
-    coco: _Coco = None,
+    rig_options: RigOptions,
+    outputs: _Outputs,
     score_threshold: ScoreThreshold = 0.5,
-    threads: Threads = None,
-    provider: Provider = "cpu",
-    strict: Strict = True,
+    session: SessionOptions,
     as_json: Json = False,
 ) -> None:
-    """Find the trees of an image, a folder of images or a video.
+    """Detect the trees of an image, a folder of images or a video.
 
     Prints one JSON line per frame: boxes, masks (COCO RLE) and keypoints in pixels, and with
-    --depth and --camera the metres of each tree.
+    --depth and --camera the measurements of each tree in metres.
     """
-    from edgetree.frames.pipeline import process
-    from edgetree.frames.sources import open_source
+    from edgetree.frames.pipeline import open_frames, process
+    from edgetree.results.json_records import frame_record
 
-    options = RigOptions(
-        camera, up, mounting, depth_camera, depth_extrinsics, depth_scale, stump_height
-    )
-    outputs = {"--out": out, "--jsonl": jsonl, "--csv": csv, "--coco": coco}
-    options.check_paths(outputs, source, depth, model)
-    _check_labels(coco, source)
-    detector, model_path = open_model(
-        model, threads, score_threshold, provider=provider, strict=strict
-    )
-    depth_only = depth is None and detector.manifest.modality == "depth"
-    rig, settings = options.rig(depth), options.settings()
-    frames = open_source(source, depth, depth_only=depth_only, rig=rig)
-    following = _following(source, depth, options, model, out, detector.manifest.modality)
-    work = _Work(source, model_path, out, jsonl, csv, coco, score_threshold, as_json, following)
-    work.do(frames, lambda frame: process(frame, detector, rig, settings))
+    _check(source, depth, camera, model, rig_options, outputs)
+    detector, model_path = session.open_model(model, score_threshold)
+    rig, settings = rig_options.rig(camera, depth), rig_options.settings()
+    frames = open_frames(source, depth, rig=rig, detector=detector)
+    totals = _Totals()
+    records: list[dict[str, Any]] = []
+    lines_to_stdout = not (outputs.jsonl or as_json)
+    with _writer(outputs, model_path.name, score_threshold, lines_to_stdout) as write:
+        shown = not (lines_to_stdout and sys.stdout.isatty())
+        for frame in track(frames, "detecting", frames.count, shown=shown):
+            result = process(frame, detector, rig, settings)
+            record = frame_record(result)
+            totals.add(result)
+            write(result, record)
+            if as_json:
+                records.append(record)
     if as_json:
-        print_json(work.to_dict(detector))
-    for line in work.summary():
+        paths = {"pictures": outputs.out, "jsonl": outputs.jsonl}
+        paths |= {"csv": outputs.csv, "coco": outputs.coco}
+        print_json(
+            {
+                "schema": "edgetree.run/1",
+                "source": str(source),
+                "model": model_record(detector, model_path),
+                "score_threshold": detector.score_threshold,
+                "frames": records,
+                **{name: None if path is None else str(path) for name, path in paths.items()},
+            }
+        )
+    for line in totals.lines():
         note(line)
+    for name, path in (
+        ("JSON lines", outputs.jsonl),
+        ("table", outputs.csv),
+        ("labels", outputs.coco),
+        ("pictures", outputs.out),
+    ):
+        if path is not None:
+            note(f"{name}: {path}")
+    if outputs.out is None:
+        options = f"{rig_options.words(depth, camera)} --model {quoted(model)} --out pictures"
+        note(f"next: edgetree run {quoted(source)}{options}")
+    else:
+        images = depth if depth is not None and detector.manifest.takes_depth else source
+        note(f"next: edgetree bench {quoted(images)} --model {quoted(model)}")
 
 
-def _following(
-    source: Path, depth: Path | None, options: RigOptions, model: str, out: Path | None, sees: str
-) -> str:
-    """What to type next; ``sees`` is the model's modality."""
-    if out is None:
-        return f"run {quoted(source)}{options.words(depth)} --model {quoted(model)} --out pictures"
-    seen = depth if depth is not None and sees == "depth" else source
-    return f"bench {quoted(seen)} --model {quoted(model)}"
-
-
-def _check_labels(coco: Path | None, source: Path) -> None:
-    """Labels name the pictures that they are for."""
+def _check(
+    source: Path,
+    depth: Path | None,
+    camera: Path | None,
+    model: str,
+    rig_options: RigOptions,
+    outputs: _Outputs,
+) -> None:
+    """Raise InputError if an output overwrites a file, or labels are requested for a video."""
     from edgetree.errors import InputError
     from edgetree.frames.sources import VIDEO_SUFFIXES
+    from edgetree.results.atomic_files import check_paths
 
-    if coco is not None and source.suffix.lower() in VIDEO_SUFFIXES and source.is_file():
-        raise InputError(
-            f"--coco is for pictures, and source {source} is a video: expected an image or a folder"
-        )
+    check_paths(
+        {f"--{name}": path for name, path in vars(outputs).items()},
+        {
+            "source": source,
+            "--depth": depth,
+            "--model": model_file(model),
+            **rig_options.files(camera),
+        },
+    )
+    if outputs.coco and source.suffix.lower() in VIDEO_SUFFIXES and source.is_file():
+        raise InputError(f"source {source} is a video: expected images, as --coco is given")
+
+
+@contextmanager
+def _writer(
+    outputs: _Outputs, model: str, score_threshold: float, lines_to_stdout: bool
+) -> Iterator[_Write]:
+    """Open the output files; yields a function that writes a frame's result and its record."""
+    from edgetree.results.atomic_files import output_folder, text_file
+    from edgetree.results.coco_labels import labels_file
+    from edgetree.results.csv_table import write_header, write_rows
+    from edgetree.results.json_records import write_json_line
+    from edgetree.results.pictures import write_picture
+
+    with ExitStack() as stack:
+        folder = None if outputs.out is None else stack.enter_context(output_folder(outputs.out))
+        lines = sys.stdout if lines_to_stdout else None
+        if outputs.jsonl is not None:
+            lines = stack.enter_context(text_file(outputs.jsonl))
+        table = None if outputs.csv is None else stack.enter_context(text_file(outputs.csv))
+        add_labels = None
+        if outputs.coco is not None:
+            add_labels = stack.enter_context(labels_file(outputs.coco, model, score_threshold))
+        if table is not None:
+            write_header(table)
+
+        def write(result: FrameResult, record: dict[str, Any]) -> None:
+            if lines is not None:
+                write_json_line(lines, record)
+            if table is not None:
+                write_rows(table, result)
+            if folder is not None:
+                write_picture(folder, result)
+            if add_labels is not None:
+                add_labels(result)
+
+        yield write
 
 
 @dataclass
-class _Work:
-    """What was asked for, and what has come of it so far."""
+class _Totals:
+    """Counts over all frames, for the summary."""
 
-    source: Path
-    model_path: Path
-    out: Path | None
-    jsonl: Path | None
-    csv: Path | None
-    coco: Path | None
-    score_threshold: float
-    as_json: bool
-    following: str
     trees: int = 0
     times_ms: list[float] = field(default_factory=list)
-    records: list[dict[str, Any]] = field(default_factory=list)
     metres_need: str | None = None
     scaling: str | None = None
     faults: list[str] = field(default_factory=list)
 
-    def do(self, frames: FrameSource, examine: Callable[[Frame], FrameResult]) -> None:
-        """Detect, measure and write frame by frame."""
-        from edgetree.results.atomic_files import output_folder, text_file
-        from edgetree.results.coco_labels import labels_file
-        from edgetree.results.csv_table import write_header, write_rows
-        from edgetree.results.json_records import frame_record, write_json_line
-        from edgetree.results.pictures import write_picture
-
-        with ExitStack() as stack:
-            pictures = None if self.out is None else stack.enter_context(output_folder(self.out))
-            stream = stack.enter_context(self._line_stream())
-            table = None if self.csv is None else stack.enter_context(text_file(self.csv))
-            add_labels = None
-            if self.coco is not None:
-                labels = labels_file(self.coco, self.model_path.name, self.score_threshold)
-                add_labels = stack.enter_context(labels)
-            if table is not None:
-                write_header(table)
-            on_screen = not (self.jsonl or self.as_json) and sys.stdout.isatty()
-            for frame in track(frames, "detecting", frames.count, shown=not on_screen):
-                result = examine(frame)
-                record = frame_record(result)
-                self._count(result)
-                if self.as_json:
-                    self.records.append(record)
-                if stream is not None:
-                    write_json_line(stream, record)
-                if table is not None:
-                    write_rows(table, result)
-                if pictures is not None:
-                    write_picture(pictures, result)
-                if add_labels is not None:
-                    add_labels(result)
-
-    @contextmanager
-    def _line_stream(self) -> Iterator[TextIO | None]:
-        """Where JSON lines go; a file appears when all of them are in it."""
-        if self.jsonl is None:
-            yield None if self.as_json else sys.stdout
-            return
-        from edgetree.results.atomic_files import text_file
-
-        with text_file(self.jsonl) as stream:
-            yield stream
-
-    def _count(self, result: FrameResult) -> None:
+    def add(self, result: FrameResult) -> None:
+        """Count a frame."""
         self.trees += len(result.trees)
         self.times_ms.append(result.detect_ms)
         self.metres_need = self.metres_need or result.metres_need
@@ -200,22 +205,8 @@ class _Work:
         if result.frame.depth_fault is not None:
             self.faults.append(result.frame.depth_fault)
 
-    def to_dict(self, detector: TreeDetector) -> dict[str, Any]:
-        """The one object of --json."""
-        return {
-            "schema": "edgetree.run/1",
-            "source": str(self.source),
-            "model": model_record(detector, self.model_path),
-            "score_threshold": detector.score_threshold,
-            "frames": self.records,
-            "pictures": None if self.out is None else str(self.out),
-            "jsonl": None if self.jsonl is None else str(self.jsonl),
-            "csv": None if self.csv is None else str(self.csv),
-            "coco": None if self.coco is None else str(self.coco),
-        }
-
-    def summary(self) -> Iterator[str]:
-        """What was done, where it is, and what to type next."""
+    def lines(self) -> Iterator[str]:
+        """The summary."""
         frames = len(self.times_ms)
         median_ms = sorted(self.times_ms)[frames // 2]
         yield f"{self.trees} trees in {frames} frame(s), {median_ms:.0f} ms each to detect"
@@ -224,13 +215,4 @@ class _Work:
         if self.scaling is not None:
             yield self.scaling
         if self.faults:
-            yield f"depth not to be believed in {len(self.faults)} frame(s): {self.faults[0]}"
-        for name, path in (
-            ("JSON lines", self.jsonl),
-            ("table", self.csv),
-            ("labels", self.coco),
-            ("pictures", self.out),
-        ):
-            if path is not None:
-                yield f"{name}: {path}"
-        yield f"next: edgetree {self.following}"
+            yield f"unusable depth in {len(self.faults)} frame(s): {self.faults[0]}"

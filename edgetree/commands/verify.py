@@ -1,4 +1,4 @@
-"""`edgetree verify`: does a file still find what its checkpoint finds?"""
+"""`edgetree verify`: check that a model file finds the same trees as its checkpoint."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ __all__ = ["verify"]
 
 
 def verify(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A file of `edgetree export`.")],
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="A model file of `edgetree export`.")
+    ],
     checkpoint: Annotated[
-        Path, typer.Argument(metavar="CKPT", help="The checkpoint that it was made from.")
+        Path, typer.Argument(metavar="CKPT", help="The checkpoint that it was exported from.")
     ],
-    data: Annotated[
-        Path, typer.Option(help="Folder with real frames, or a data set, to compare on.")
-    ],
+    data: Annotated[Path, typer.Option(help="Folder of real frames, or a dataset, to compare on.")],
     as_json: Json = False,
 ) -> None:
-    """Repeat an export's proof on any frames and on this machine."""
+    """Repeat the parity check of an export, on any frames and on this machine."""
     from edgetree.export import verify_model
 
     with showing_differences():
@@ -33,5 +33,5 @@ def verify(
         print_json(record(report))
         return
     typer.echo(report.parity.table())
-    typer.echo(f"{file} finds what {checkpoint} finds ({report.manifest.precision})")
+    typer.echo(f"{file} finds the same trees as {checkpoint} ({report.manifest.precision})")
     note(f"next: edgetree bench --model {file}")

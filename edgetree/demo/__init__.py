@@ -1,4 +1,4 @@
-"""`edgetree demo` as a library: the chain on frames of known truth, and its report."""
+"""The demonstration of `edgetree demo`: run models on frames with ground truth, write a report."""
 
 from edgetree.demo.report import NextCommand, render_report
 from edgetree.demo.result import DemoResult

@@ -1,4 +1,4 @@
-"""Metres against the truth: per tree, and over all trees."""
+"""Compare measurements with the ground truth, per tree and over all trees."""
 
 from __future__ import annotations
 
@@ -27,7 +27,13 @@ QUANTITIES: Final = ("diameter_m", "cut_height_m", "distance_m")
 
 @dataclass(frozen=True, eq=False)
 class TreeComparison:
-    """One true tree and what was measured on the detection that found it, if one did."""
+    """A tree of the ground truth, and the measurement of the detection that matches it.
+
+    Attributes:
+        truth: the ground truth.
+        score: score of the detection; None if the tree was not found.
+        measurement: measurement of the detection; None if the tree was not found.
+    """
 
     truth: SampleTree
     score: float | None
@@ -35,21 +41,21 @@ class TreeComparison:
 
     @property
     def found(self) -> bool:
-        """Whether a detection overlaps this tree enough."""
+        """Whether a detection matches this tree."""
         return self.measurement is not None
 
     def estimate(self, quantity: str) -> Estimate | None:
-        """The measured value of one of `QUANTITIES`, None where there is none."""
+        """The measured value of one of `QUANTITIES`; None if there is none."""
         value = getattr(self.measurement, quantity, None)
         return value if isinstance(value, Estimate) else None
 
     def failure(self, quantity: str) -> str | None:
-        """Why one of `QUANTITIES` could not be measured on a tree that was found."""
+        """Why one of `QUANTITIES` could not be measured; None if it was, or the tree not found."""
         value = getattr(self.measurement, quantity, None)
         return value.reason if isinstance(value, Failure) else None
 
     def to_dict(self) -> dict[str, Any]:
-        """Flat and JSON-ready: `true_*` in metres, and all that was measured, or why it was not."""
+        """A flat JSON object: the truth as `true_*` in metres, and the measurement."""
         truth = {f"true_{quantity}": getattr(self.truth, quantity) for quantity in QUANTITIES}
         measured = {} if self.measurement is None else self.measurement.to_dict()
         return {"found": self.found, "score": self.score, **truth, **measured}
@@ -57,7 +63,13 @@ class TreeComparison:
 
 @dataclass(frozen=True)
 class FrameComparison:
-    """One model on one frame: every true tree, and how many detections are none of them."""
+    """The comparison of one model on one frame.
+
+    Attributes:
+        frame: name of the frame.
+        trees: the trees of the ground truth.
+        unmatched_detections: number of detections that match no tree of the ground truth.
+    """
 
     frame: str
     trees: tuple[TreeComparison, ...]
@@ -65,10 +77,16 @@ class FrameComparison:
 
 
 class QuantitySummary(NamedTuple):
-    """How close one quantity came, over the trees where it was measured.
+    """Errors of one quantity over all trees where it was measured.
 
-    `within_one_std` and `within_two_std` are shares in [0, 1]; errors of a normal distribution
-    would give 0.68 and 0.95. All but the count are None where nothing was measured.
+    Attributes:
+        measured: number of these trees. If it is 0, the other values are None.
+        median_abs_error_m: median absolute error in metres.
+        median_relative_error: median absolute error divided by the true value.
+        within_one_std: share of errors within one standard deviation, in [0, 1]. Normally
+            distributed errors give 0.68.
+        within_two_std: share of errors within two standard deviations, in [0, 1]. Normally
+            distributed errors give 0.95.
     """
 
     measured: int
@@ -85,14 +103,14 @@ def compare_trees(
     scores: Sequence[float],
     measurements: Sequence[TreeMeasurement],
 ) -> FrameComparison:
-    """Put the measurements of one frame beside its true trees.
+    """Compare the measurements of one frame with its ground truth.
 
     Args:
-        frame: the frame's name.
-        truths: its true trees.
-        matches: which detection is which of them.
-        scores: one per detection.
-        measurements: one per detection.
+        frame: name of the frame.
+        truths: the trees of the ground truth.
+        matches: pairs of detections and trees of the ground truth.
+        scores: score of each detection.
+        measurements: measurement of each detection.
     """
     of_truth = {match.truth: match.detection for match in matches}
     trees = []
@@ -106,7 +124,7 @@ def compare_trees(
 
 
 def summarise(frames: Iterable[FrameComparison], quantity: str) -> QuantitySummary:
-    """Medians over all trees of all frames, each tree counting once."""
+    """Summarise the errors of one of `QUANTITIES` over all trees of all frames."""
     errors_m, relative, stds_m = [], [], []
     for tree in (tree for frame in frames for tree in frame.trees):
         estimate = tree.estimate(quantity)

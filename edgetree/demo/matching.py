@@ -1,4 +1,4 @@
-"""Which detection is which tree of the truth."""
+"""Match detections with the ground truth."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["Match", "match_boxes"]
 
 
 class Match(NamedTuple):
-    """One detection paired with one true tree, by their positions in the two lists."""
+    """A matched pair: the indices of the detection and the true tree, and their IoU."""
 
     detection: int
     truth: int
@@ -23,15 +23,15 @@ class Match(NamedTuple):
 def match_boxes(
     detected_px: NDArray[np.floating], true_px: NDArray[np.floating], min_iou: float = 0.5
 ) -> list[Match]:
-    """Pair detections with true boxes as COCO's evaluation does.
+    """Match detections with true boxes as in COCO's evaluation.
 
-    In the given order, best score first, each detection takes the free true box that it overlaps
-    most, if their intersection over union is at least `min_iou`.
+    In the given order, each detection is matched with the unmatched true box of largest
+    intersection over union, if that is at least `min_iou`.
 
     Args:
-        detected_px: (N, 4) x0, y0, x1, y1, by falling score.
-        true_px: (M, 4) likewise, in any order.
-        min_iou: least overlap of a pair.
+        detected_px: (N, 4) x0, y0, x1, y1, by descending score.
+        true_px: (M, 4) x0, y0, x1, y1, in any order.
+        min_iou: smallest intersection over union of a match.
     """
     free = box_iou(detected_px, true_px)
     matches = []

@@ -1,4 +1,4 @@
-"""Measured against true values as a small SVG picture, drawn without a plotting library."""
+"""Scatter plots of measured and true values as SVG, without a plotting library."""
 
 from __future__ import annotations
 
@@ -15,10 +15,13 @@ _SPAN = _SIZE - _LEFT - 10
 
 
 def scatter_plot(models: Sequence[ModelResult], quantity: str) -> str:
-    """One dot per measured tree: truth to the right, measurement upwards, bars of one std.
+    """Plot the measured over the true value of each tree, with error bars of one std.
 
-    Both axes share one scale that starts at zero, so that a perfect measurement lies on the
-    dashed diagonal. An empty string where nothing was measured.
+    Both axes have the same scale and start at zero, so perfect measurements lie on the dashed
+    diagonal.
+
+    Returns:
+        The SVG element; an empty string if nothing was measured.
     """
     style = QUANTITY_STYLES[quantity]
     dots = [_dots(model, quantity) for model in models]
@@ -46,7 +49,7 @@ def scatter_plot(models: Sequence[ModelResult], quantity: str) -> str:
 
 
 def _dots(model: ModelResult, quantity: str) -> list[tuple[float, float, float]]:
-    """(true, measured, std) in metres of every measured tree."""
+    """(true, measured, std) in metres of each measured tree."""
     found = []
     for tree in (tree for frame in model.frames for tree in frame.trees):
         estimate = tree.estimate(quantity)
@@ -56,7 +59,7 @@ def _dots(model: ModelResult, quantity: str) -> list[tuple[float, float, float]]
 
 
 def _nice_axis(largest: float) -> tuple[float, float]:
-    """(end, step) of an axis from zero over `largest` with four to ten round steps."""
+    """(end, step) of an axis from zero to at least `largest`, with four to ten round steps."""
     rough = max(largest, 1e-6) / 5.0
     magnitude = 10.0 ** math.floor(math.log10(rough))
     step = magnitude * min((m for m in (1, 2, 5, 10) if m * magnitude >= rough), default=10)
@@ -75,7 +78,7 @@ def _tick(value: float, scale: float) -> str:
 
 
 def _mark(dot: tuple[float, float, float], scale: float) -> str:
-    """A dot with its bar; what lies beyond the axes is cut off at their ends."""
+    """A dot with its error bar, clipped to the axes."""
     true, measured, std = dot
     x = _LEFT + true * scale
     low, middle, high = (

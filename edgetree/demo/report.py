@@ -1,4 +1,4 @@
-"""The report: one HTML file that needs nothing else, no network, no script."""
+"""The report: a self-contained HTML file without scripts."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ __all__ = ["NextCommand", "render_report"]
 
 
 class NextCommand(NamedTuple):
-    """Something to try after reading: why, and what to type."""
+    """A suggestion at the end of the report: its purpose and the command."""
 
     purpose: str
     command: str
 
 
 def render_report(result: DemoResult, next_commands: Sequence[NextCommand]) -> str:
-    """The whole report as HTML text, pictures and style included."""
+    """The report as HTML text, including pictures and styles."""
     style = resources.files("edgetree.demo").joinpath("report.css").read_text("utf-8")
     body = "".join(
         (
@@ -59,7 +59,7 @@ def _header(result: DemoResult) -> str:
     return (
         "<h1>Trees in metres</h1>"
         f'<p class="lead">{len(model.frames)} forest frames, their trees '
-        "found, measured and held against the truth.</p>"
+        "found, measured and compared with the truth.</p>"
         '<div class="tiles">'
         + "".join(f'<div class="tile"><b>{v}</b><span>{t}</span></div>' for v, t in tiles)
         + "</div>"
@@ -74,7 +74,7 @@ def _median_text(model: ModelResult, quantity: str) -> str:
 
 
 def _plain_words(model: ModelResult) -> str:
-    """The summary for people who fell trees rather than train networks."""
+    """A summary for readers without knowledge of neural networks."""
     diameter = model.summary("diameter_m")
     missed = model.true_trees - model.found_trees
     sentences = [
@@ -90,21 +90,21 @@ def _plain_words(model: ModelResult) -> str:
             f"{_median_text(model, 'distance_m')}."
         )
         sentences.append(
-            "Each value carries a ±, one standard deviation: how far off it expects to be. "
-            "An honest ± holds the truth for 68 stems in 100, and twice the ± for 95. Here it "
-            f"held the diameter for {diameter.within_one_std * 100:.0f} in 100, and twice the ± "
-            f"for {diameter.within_two_std * 100:.0f}."
+            "Each value comes with its standard deviation (±), an estimate of its error. If that "
+            "estimate is right, 68 of 100 true values lie within one standard deviation, and 95 "
+            f"within two. Of the diameters here, {diameter.within_one_std * 100:.0f} of 100 lie "
+            f"within one, and {diameter.within_two_std * 100:.0f} within two."
         )
     sentences.append(
-        "Where something could not be measured, the table says why instead of guessing. "
-        "The model has seen only simulated forest: expect less of it among real trees until it "
-        "has been trained on them."
+        "If a value could not be measured, the table gives the reason. The model was trained on "
+        "simulated forest only: expect worse results on real trees until it has been trained on "
+        "them."
     )
     return "<h2>In plain words</h2>" + "".join(f"<p>{sentence}</p>" for sentence in sentences)
 
 
 def _chain(result: DemoResult) -> str:
-    """The steps from simulation to the model file, where the demonstration trained one."""
+    """The steps from simulation to the model file, if the demonstration trained one."""
     if not result.steps:
         return ""
     rows = "".join(
@@ -120,7 +120,7 @@ def _chain(result: DemoResult) -> str:
 
 
 def _agreement(models: Sequence[ModelResult]) -> str:
-    """A picture per quantity, where anything was measured."""
+    """A scatter plot for each measured quantity."""
     plots = [plot for quantity in QUANTITY_STYLES if (plot := scatter_plot(models, quantity))]
     if not plots:
         return ""
@@ -130,7 +130,7 @@ def _agreement(models: Sequence[ModelResult]) -> str:
         for index, model in enumerate(models)
     )
     return (
-        "<h2>Measured against true</h2>"
+        "<h2>Measured and true values</h2>"
         f'<p class="note">{legend}; bars are one standard deviation; the dashed line is the '
         "truth.</p>"
         '<div class="plots">'
@@ -140,13 +140,13 @@ def _agreement(models: Sequence[ModelResult]) -> str:
 
 
 def _frames(result: DemoResult) -> str:
-    """Pictures and table of every frame."""
+    """Pictures and table of each frame."""
     parts = [
         "<h2>The frames</h2>",
         '<p class="note">Drawn on: the box and the visible stem of each detection, its five '
         "points (felling cut, left and right edge for the diameter, two on the axis), and the "
-        "metres. Trees are numbered from near to far, in the pictures as in the tables; a "
-        "question mark stands beside a detection on no labelled tree. Click a picture to enlarge "
+        "measurements. Trees are numbered from near to far, in pictures and tables alike; a "
+        "question mark marks a detection that matches no labelled tree. Click a picture to enlarge "
         "it.</p>",
     ]
     for index, frame in enumerate(result.models[0].frames):
@@ -179,13 +179,13 @@ def _figure(picture: Picture) -> str:
 def _how_it_works() -> str:
     return (
         "<h2>How it was measured</h2>"
-        "<p>A detection counts as a tree of the truth when their boxes overlap by at least half "
-        "(intersection over union). Metres come from the depth image and the camera's "
-        "calibration: the stem is taken as round, its two edges as lines that touch it, so that "
-        "near and thick stems do not come out too thin; heights are taken along gravity from the "
-        "ground found around the stem, on a slope from the uphill side. Distance is from the "
-        "camera to the stem's axis at the cut. The time per frame runs from the camera's pixels "
-        "to boxes, masks and points.</p>"
+        "<p>A detection matches a labelled tree if the intersection over union of their boxes is "
+        "at least 0.5. Metres are computed from the depth image and the camera's calibration. The "
+        "stem's cross-section is taken as a circle and its two edges as tangents, so that near "
+        "and thick stems are not measured too thin. Heights are measured along gravity from the "
+        "ground around the stem, on a slope from the uphill side. Distance is from the camera to "
+        "the stem's axis at the cut. The time per frame includes all steps from the image to "
+        "boxes, masks and points.</p>"
     )
 
 

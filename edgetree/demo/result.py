@@ -1,4 +1,4 @@
-"""What a demonstration found: plain data, from which the report and the JSON are made."""
+"""The result of a demonstration, as plain data for the report and the JSON output."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["DemoResult", "ModelResult", "Picture", "Speed", "Step"]
 
 
 class Speed(NamedTuple):
-    """How long one frame takes, from the camera's pixels to detections; median and 90th centile."""
+    """Time of one detection: median and 90th percentile, with this number of threads."""
 
     p50_ms: float
     p90_ms: float
@@ -24,17 +24,17 @@ class Speed(NamedTuple):
 
     @property
     def fps(self) -> float:
-        """Frames a second at the median time."""
+        """Frames per second at the median time."""
         return 1000.0 / self.p50_ms
 
     @property
     def fps_at_p90(self) -> float:
-        """Frames a second that nine frames in ten keep up with."""
+        """Frames per second at the 90th percentile of the time."""
         return 1000.0 / self.p90_ms
 
 
 class Picture(NamedTuple):
-    """One frame as one model saw it, drawn on; `jpeg` is a whole file."""
+    """A frame with one model's detections drawn on it; `jpeg` is the content of a JPEG file."""
 
     frame: str
     modality: str
@@ -44,7 +44,7 @@ class Picture(NamedTuple):
 
 
 class Step(NamedTuple):
-    """One step of the chain in words: what was done, what came out, how long it took."""
+    """One step of the training demonstration: name, outcome in words, and time."""
 
     name: str
     outcome: str
@@ -53,17 +53,17 @@ class Step(NamedTuple):
 
 @dataclass(frozen=True)
 class ModelResult:
-    """One model over all frames.
+    """The result of one model on all frames.
 
     Attributes:
-        modality: `depth` or `rgb`.
-        name: the model's own name.
-        precision: of its weights and arithmetic.
-        input_width_px: what the network sees; frames are letterboxed to it.
-        input_height_px: likewise.
+        modality: "depth" or "rgb".
+        name: name of the model.
+        precision: precision of the model, such as "int8".
+        input_width_px: width of the model's input, to which frames are letterboxed.
+        input_height_px: height of the model's input.
         file_bytes: size of the model file.
         speed: time per frame on this machine.
-        frames: each frame's trees beside the truth.
+        frames: comparison with the ground truth for each frame.
     """
 
     modality: str
@@ -77,25 +77,25 @@ class ModelResult:
 
     @property
     def true_trees(self) -> int:
-        """How many labelled trees the frames hold."""
+        """Number of labelled trees in the frames."""
         return sum(len(frame.trees) for frame in self.frames)
 
     @property
     def found_trees(self) -> int:
-        """How many of them were found."""
+        """Number of labelled trees that were found."""
         return sum(tree.found for frame in self.frames for tree in frame.trees)
 
     @property
     def unmatched_detections(self) -> int:
-        """Detections on no labelled tree."""
+        """Number of detections that match no labelled tree."""
         return sum(frame.unmatched_detections for frame in self.frames)
 
     def summary(self, quantity: str) -> QuantitySummary:
-        """How close one of `QUANTITIES` came."""
+        """The errors of one of `QUANTITIES`."""
         return summarise(self.frames, quantity)
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON-ready; milliseconds, frames per second and metres as the keys say."""
+        """The result as a JSON object; units are in the keys."""
         return {
             "modality": self.modality,
             "name": self.name,
@@ -121,15 +121,16 @@ class ModelResult:
 
 @dataclass(frozen=True)
 class DemoResult:
-    """Everything the report shows.
+    """The content of the report.
 
     Attributes:
-        models: at least one; the first is the one the summary speaks of. All saw the same frames.
-        pictures: each frame as each model saw it.
-        duration_s: of the whole demonstration.
-        peak_memory_mib: highest memory of the process; None where the system does not say.
-        steps: the chain from simulation to this file, empty for the embedded models.
-        figures: what the chain measured, JSON-ready, with units in the keys.
+        models: results of at least one model, all on the same frames. The report's summary is
+            about the first.
+        pictures: the drawn frames of all models.
+        duration_s: time of the whole demonstration.
+        peak_memory_mib: peak memory of the process; None if not known.
+        steps: steps of the training demonstration; empty for the packaged models.
+        figures: measurements of these steps as a JSON object, with units in the keys.
     """
 
     models: tuple[ModelResult, ...]
@@ -140,7 +141,7 @@ class DemoResult:
     figures: dict[str, Any] = field(default_factory=dict)
 
     def to_dict(self, report: str) -> dict[str, Any]:
-        """The one JSON object of `edgetree demo --json`; `report` is where the report lies."""
+        """The JSON object of `edgetree demo --json`; `report` is the path of the report."""
         return {
             "schema": "edgetree.demo/1",
             "report": report,

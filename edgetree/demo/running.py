@@ -1,4 +1,4 @@
-"""The demonstration itself: models over frames of known truth, benched, and the report written."""
+"""Run the demonstration: compare models with the ground truth, measure speed, write the report."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Final, TypeAlias
 
 from edgetree.bench.speed import bench_detector, peak_memory_mib
-from edgetree.demo.examine import examine, seen_by
+from edgetree.demo.examine import examine
 from edgetree.demo.report import NextCommand, render_report
 from edgetree.demo.result import DemoResult, ModelResult, Picture, Speed
+from edgetree.frames.pipeline import image_for
 from edgetree.results.atomic_files import replacing
 from edgetree.runtime.detector import TreeDetector, default_model
 from edgetree.samples import SampleFrame, sample_frames
@@ -18,13 +19,13 @@ from edgetree.samples import SampleFrame, sample_frames
 __all__ = ["Progress", "demonstrate", "run_embedded", "write_report"]
 
 Progress: TypeAlias = Callable[[float, str], None]
-"""Called with the share of the work that is done, 0 to 1, and what is being done now."""
+"""Function called with the share of the work done, 0 to 1, and a description of the next work."""
 
 _BENCH_S: Final = 5.0
 
 
 def run_embedded(on_progress: Progress) -> DemoResult:
-    """The embedded depth and colour models on the sample frames that come with the package."""
+    """Run the packaged depth and rgb models on the packaged sample frames."""
     models = [default_model("depth"), default_model("rgb")]
     return demonstrate(models, sample_frames(), on_progress)
 
@@ -32,12 +33,12 @@ def run_embedded(on_progress: Progress) -> DemoResult:
 def demonstrate(
     models: Sequence[Path], frames: Sequence[SampleFrame], on_progress: Progress
 ) -> DemoResult:
-    """Detect, measure and compare every frame with every model, and bench each model.
+    """Detect, measure and compare all frames with each model, and measure each model's speed.
 
     Args:
-        models: model files, the one that the report speaks of first.
-        frames: frames with their truth.
-        on_progress: told of the progress.
+        models: model files; the report's summary is about the first.
+        frames: frames with ground truth.
+        on_progress: called with the progress.
 
     Raises:
         EdgetreeError: a model or a frame cannot be used.
@@ -72,12 +73,14 @@ def _run_model(
         comparison, picture = examine(detector, frame)
         comparisons.append(comparison)
         pictures.append(picture)
-    images = [seen_by(detector, frame) for frame in frames]
+    images = [image_for(detector, frame.read()) for frame in frames]
     bench = bench_detector(
         detector,
         images,
         duration_s=_BENCH_S,
-        on_run=lambda share: on_progress(0.5 + 0.5 * share, f"benching {manifest.modality}"),
+        on_run=lambda share: on_progress(
+            0.5 + 0.5 * share, f"measuring speed, {manifest.modality}"
+        ),
     )
     result = ModelResult(
         modality=manifest.modality,
@@ -93,10 +96,13 @@ def _run_model(
 
 
 def write_report(folder: Path, result: DemoResult, next_commands: Sequence[NextCommand]) -> Path:
-    """Write `report.html` into a folder, all of it or nothing.
+    """Write `report.html` to a folder, atomically.
+
+    Returns:
+        The path of the report.
 
     Raises:
-        InputError: it cannot be written there.
+        InputError: the file cannot be written.
     """
     path = folder / "report.html"
     with replacing(path) as temporary:

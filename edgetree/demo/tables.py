@@ -1,4 +1,4 @@
-"""The report's tables, as HTML."""
+"""The tables of the report as HTML."""
 
 from __future__ import annotations
 
@@ -15,7 +15,14 @@ MODEL_LABELS = {"depth": "Depth model", "rgb": "Colour model"}
 
 
 class QuantityStyle(NamedTuple):
-    """How a quantity is written for people: its name and its unit."""
+    """How to format a quantity.
+
+    Attributes:
+        name: name of the quantity.
+        unit: unit of the text.
+        per_metre: factor from metres to `unit`.
+        digits: digits after the decimal point.
+    """
 
     name: str
     unit: str
@@ -23,11 +30,11 @@ class QuantityStyle(NamedTuple):
     digits: int
 
     def text(self, value_m: float) -> str:
-        """The bare number in the unit."""
+        """The value in `unit`, without the unit's name."""
         return f"{value_m * self.per_metre:.{self.digits}f}"
 
     def std_text(self, std_m: float) -> str:
-        """A standard deviation with its sign; one that rounds to nothing is not called zero."""
+        """A standard deviation with ±; "± <0.01" instead of one that is rounded to zero."""
         least = 10.0**-self.digits
         if std_m * self.per_metre < least / 2:
             return f"± &lt;{least:.{self.digits}f}"
@@ -42,7 +49,12 @@ QUANTITY_STYLES = {
 
 
 def frame_table(models: Sequence[ModelResult], frame: int) -> str:
-    """One row per true tree of a frame; per quantity the truth and what each model measured."""
+    """The table of a frame: a row per labelled tree, with true and measured values.
+
+    Args:
+        models: the results of the models.
+        frame: index of the frame.
+    """
     groups = "".join(
         f'<th class="group" colspan="{1 + len(models)}">{style.name}, {style.unit}</th>'
         for style in QUANTITY_STYLES.values()
@@ -65,7 +77,7 @@ def frame_table(models: Sequence[ModelResult], frame: int) -> str:
 
 
 def _quantity_cells(trees: Sequence[TreeComparison], quantity: str) -> str:
-    """The truth and each model's value of one quantity of one tree."""
+    """The cells of one quantity of one tree: the true value, then each model's."""
     style = QUANTITY_STYLES[quantity]
     true_text = style.text(getattr(trees[0].truth, quantity))
     return f'<td class="truth group">{true_text}</td>' + "".join(
@@ -83,21 +95,24 @@ def _measured_cell(tree: TreeComparison, quantity: str, style: QuantityStyle) ->
 
 
 def model_table(models: Sequence[ModelResult]) -> str:
-    """One column per model: what it is, how fast it is, how close it came."""
+    """The table of the models: file, speed and errors, one column per model."""
     rows: list[tuple[str, list[str]]] = [
         ("file", [f"{m.name}, {m.precision}, {m.file_bytes / 1e6:.1f} MB" for m in models]),
         ("input", [f"{m.input_width_px} × {m.input_height_px} px" for m in models]),
         ("processor threads", [str(m.speed.threads) for m in models]),
         (
-            "time per frame, median / 90th centile",
+            "time per frame, median / 90th percentile",
             [f"{m.speed.p50_ms:.1f} / {m.speed.p90_ms:.1f} ms" for m in models],
         ),
         (
-            "frames per second, at the median / 90th centile",
+            "frames per second, at the median / 90th percentile",
             [f"{m.speed.fps:.1f} / {m.speed.fps_at_p90:.1f}" for m in models],
         ),
         ("labelled trees found", [f"{m.found_trees} of {m.true_trees}" for m in models]),
-        ("detections on no labelled tree", [str(m.unmatched_detections) for m in models]),
+        (
+            "detections that match no labelled tree",
+            [str(m.unmatched_detections) for m in models],
+        ),
     ]
     for quantity in QUANTITIES:
         style = QUANTITY_STYLES[quantity]
@@ -142,5 +157,5 @@ def _coverage(model: ModelResult, quantity: str) -> str:
 
 
 def _colour(index: int) -> str:
-    """The first model's colour, or the second's."""
+    """The CSS class of a model's colour."""
     return "first" if index == 0 else "second"

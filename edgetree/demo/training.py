@@ -1,4 +1,4 @@
-"""The whole chain, small: simulate, train, evaluate, export with its parity check, demonstrate."""
+"""The training demonstration: simulate, train, evaluate, export and run a small model."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any, Final
 from edgetree.demo.held_out import held_out_frames
 from edgetree.demo.result import DemoResult, Step
 from edgetree.demo.running import Progress, demonstrate
-from edgetree.errors import MissingDependency
+from edgetree.errors import MissingDependency, install_hint
 
 __all__ = ["run_trained"]
 
@@ -35,18 +35,18 @@ _SEED: Final = 7
 
 
 def run_trained(folder: Path, on_progress: Progress) -> DemoResult:
-    """Make a depth model from nothing and demonstrate it on scenes that it was not trained on.
+    """Train a depth model from random weights and demonstrate it on held-out simulated scenes.
 
-    Everything made stays in `folder`: `data`, `training` and `model.onnx`. What an interrupted
-    run left there is used.
+    The data, checkpoints and model stay in `folder`, as `data`, `training` and `model.onnx`. After
+    an interruption, they are used to continue.
 
     Args:
-        folder: where to work; it exists.
-        on_progress: told of the progress.
+        folder: an existing folder to work in.
+        on_progress: called with the progress.
 
     Raises:
-        MissingDependency: an extra is not installed; the message says how to install it.
-        CheckFailed: the exported file does not detect what the trained model detects.
+        MissingDependency: a package for training is not installed.
+        CheckFailed: the exported model's detections differ from the trained model's.
     """
     _require_extras()
     start_s = time.perf_counter()
@@ -70,12 +70,12 @@ def _require_extras() -> None:
     if missing:
         raise MissingDependency(
             f"demo --train needs {', '.join(missing)}:"
-            " pip install 'edgetree[cpu,train,export,sim]', in a clone '.[cpu,train,export,sim]'"
+            f" {install_hint('cpu', 'train', 'export', 'sim')}"
         )
 
 
 class _Chain:
-    """The steps in their order, each noted with its outcome and time."""
+    """Runs the steps and records their outcomes and times."""
 
     def __init__(self, folder: Path, on_progress: Progress) -> None:
         self.data = folder / "data"
@@ -85,7 +85,7 @@ class _Chain:
         self._on_progress = on_progress
 
     def progress_within(self, first: float, last: float) -> Progress:
-        """Progress of a part of the work that lasts from `first` to `last` of the whole."""
+        """A progress function for a part of the work, from share `first` to `last` of the whole."""
 
         def tell(share: float, what: str) -> None:
             self._on_progress(first + share * (last - first), what)
@@ -93,7 +93,7 @@ class _Chain:
         return tell
 
     def simulate(self) -> None:
-        """Frames with exact labels; the scenes of the test split are never trained on."""
+        """Simulate a dataset."""
         from perceptree.simulator import PRESETS, generate_dataset, ideal_camera
 
         start_s = time.perf_counter()
@@ -112,7 +112,7 @@ class _Chain:
         self._note("simulate", f"{frames} frames, {trees} labelled trees", start_s)
 
     def train(self) -> Path:
-        """A depth model from random weights; the best checkpoint on the val split."""
+        """Train a depth model; returns the checkpoint that is best on the val split."""
         from perceptree.models import make_spec
         from perceptree.training import TrainSettings, train
 
@@ -131,13 +131,13 @@ class _Chain:
         return report.checkpoint
 
     def evaluate(self, checkpoint: Path) -> None:
-        """COCO average precision on the test split, in percent."""
+        """Compute COCO average precision on the test split, in percent."""
         from perceptree.data import FrameStore, read_split
         from perceptree.evaluation import evaluate, predict_with
         from perceptree.models import load_checkpoint
 
         start_s = time.perf_counter()
-        self.progress_within(0.9, 0.93)(0.0, "evaluating on scenes not trained on")
+        self.progress_within(0.9, 0.93)(0.0, "evaluating on held-out scenes")
         model, _ = load_checkpoint(checkpoint)
         store = FrameStore(read_split(self.data, "test"), model.spec)
         metrics = evaluate(predict_with(model), store)
@@ -152,12 +152,12 @@ class _Chain:
         )
         self._note(
             "evaluate",
-            f"AP50 on {metrics.frames} frames of scenes not trained on: {precision}",
+            f"AP50 on {metrics.frames} frames of held-out scenes: {precision}",
             start_s,
         )
 
     def export(self, checkpoint: Path) -> Path:
-        """One ONNX file, refused if it does not detect what the checkpoint detects."""
+        """Export the checkpoint to ONNX, with a parity check; returns the file."""
         from edgetree.export import export_model
 
         start_s = time.perf_counter()
@@ -171,9 +171,9 @@ class _Chain:
         parity = report.parity.figures()
         self.figures["parity"] = parity
         self._note(
-            "export, prove parity",
-            f"{report.path.name}, {report.file_bytes / 1e6:.1f} MB; against the checkpoint on"
-            f" {parity['frames']} frames boxes differ by at most {parity['box_px_max']:.2g} px and"
+            "export, check parity",
+            f"{report.path.name}, {report.file_bytes / 1e6:.1f} MB; on {parity['frames']} frames,"
+            f" boxes differ from the checkpoint's by at most {parity['box_px_max']:.2g} px and"
             f" scores by {parity['score_max']:.2g}",
             start_s,
         )

@@ -1,4 +1,4 @@
-"""What works on this machine, what is broken, and what to do about it."""
+"""Examine the machine and its libraries, and give advice."""
 
 from edgetree.doctor.advice import Advice, advise
 from edgetree.doctor.examine import examine

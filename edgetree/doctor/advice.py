@@ -1,4 +1,4 @@
-"""What the findings mean, in plain words: what is broken, what to beware of, what to do."""
+"""Advice for the user, derived from the findings."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Final, Literal
 
 from edgetree.doctor.findings import Findings, Libraries, Machine
 from edgetree.doctor.libraries import ONNXRUNTIME_BUILDS, OPENCV_BUILDS
+from edgetree.errors import install_hint
 from edgetree.runtime.providers import CPU
 
 __all__ = ["Advice", "Level", "advise"]
@@ -27,14 +28,14 @@ _BUSY_FROM: Final = 0.5
 
 @dataclass(frozen=True)
 class Advice:
-    """One sentence for the user: "broken" must be mended, "beware" may bite, "advice" helps."""
+    """A piece of advice: "broken" must be repaired, "beware" is a warning, "advice" a hint."""
 
     level: Level
     text: str
 
 
 def advise(findings: Findings) -> tuple[Advice, ...]:
-    """All that follows from the findings, the worst first."""
+    """All advice for these findings, the most severe first."""
     found = [
         *_libraries(findings.libraries),
         *_providers(findings),
@@ -50,11 +51,11 @@ def advise(findings: Findings) -> tuple[Advice, ...]:
 def _libraries(libraries: Libraries) -> Iterator[Advice]:
     versions = libraries.versions
     for builds, module in ((ONNXRUNTIME_BUILDS, "onnxruntime"), (OPENCV_BUILDS, "cv2")):
-        there = [name for name in builds if name in versions]
-        if len(there) > 1:
+        installed = [name for name in builds if name in versions]
+        if len(installed) > 1:
             yield Advice(
                 "broken",
-                f"{' and '.join(there)} are installed, and both bring the module {module}:"
+                f"{' and '.join(installed)} are installed, but contain the same module {module}:"
                 " uninstall all of them, then install one",
             )
     for name, minimum in libraries.minima.items():
@@ -69,18 +70,18 @@ def _libraries(libraries: Libraries) -> Iterator[Advice]:
         yield Advice(
             "broken",
             f"torchvision {versions['torchvision']} was built for torch {needed}, and torch is"
-            f" {torch}: install the two together, from one index",
+            f" {torch}: install both together, from the same index",
         )
     for module, error in libraries.import_errors.items():
         remedy = {
-            "torchvision": "install torch and torchvision together, from one index",
+            "torchvision": "install torch and torchvision together, from the same index",
             "cv2": "install opencv-python-headless, which needs no display libraries",
-        }.get(module, f"install {module} again")
-        yield Advice("broken", f"{module} does not load ({error}): {remedy}")
+        }.get(module, f"reinstall {module}")
+        yield Advice("broken", f"{module} cannot be imported ({error}): {remedy}")
 
 
 def _numbers(version: str) -> tuple[int, ...]:
-    """The release's numbers, without trailing zeros: 2.1.0rc1 gives (2, 1)."""
+    """The numbers of a version, without trailing zeros: 2.1.0rc1 gives (2, 1)."""
     release = re.match(r"\d+(\.\d+)*", version)
     numbers = [int(part) for part in release[0].split(".")] if release else []
     while numbers and numbers[-1] == 0:
@@ -92,29 +93,27 @@ def _providers(findings: Findings) -> Iterator[Advice]:
     builds = [name for name in ONNXRUNTIME_BUILDS if name in findings.libraries.versions]
     working = {provider.name for provider in findings.providers if provider.works}
     if not builds:
-        which = "edgetree[gpu]" if findings.machine.has_nvidia_gpu else "edgetree[cpu]"
-        yield Advice("broken", f"onnxruntime is not installed: install {which}")
+        extra = "gpu" if findings.machine.has_nvidia_gpu else "cpu"
+        yield Advice("broken", f"onnxruntime is not installed: {install_hint(extra)}")
     elif not working:
-        yield Advice(
-            "broken", f"no provider of {builds[0]} runs a network: install {builds[0]} again"
-        )
+        yield Advice("broken", f"no provider of {builds[0]} works: reinstall {builds[0]}")
     for provider in findings.providers:
         if not provider.works:
             yield Advice(
                 "beware",
-                f"provider {provider.name} is offered but does not run ({provider.reason})",
+                f"provider {provider.name} is installed but does not work ({provider.reason})",
             )
         elif provider.name != CPU:
             yield Advice(
                 "advice",
                 f"provider {provider.name} works: compare `edgetree bench --provider"
-                f" {provider.name}` with the processor's, for an fp32 and an fp16 file",
+                f" {provider.name}` with `--provider cpu`, for an fp32 and an fp16 file",
             )
     if findings.machine.has_nvidia_gpu and builds and not working & _NVIDIA:
         yield Advice(
             "advice",
-            "there is an NVIDIA GPU that is not used: uninstall onnxruntime and install"
-            " edgetree[gpu], with the CUDA and cuDNN libraries that onnxruntime-gpu asks for",
+            f"the NVIDIA GPU is not used: uninstall onnxruntime, then {install_hint('gpu')}, and"
+            " install the CUDA and cuDNN libraries that onnxruntime-gpu needs",
         )
 
 
@@ -125,21 +124,21 @@ def _precision(machine: Machine) -> Iterator[Advice]:
     if has is None or machine.architecture not in _X86 | _ARM:
         yield Advice(
             "advice",
-            "whether the processor has INT8 instructions is not known: compare"
+            "it is not known whether the processor has INT8 instructions: compare"
             " `edgetree bench` of an fp32 and an int8 file, and `edgetree verify` the int8 file",
         )
     elif int8_by_name[family] & set(has):
         yield Advice(
             "advice",
-            "the processor has INT8 instructions: `edgetree export --precision int8` gives the"
-            " fastest file for it",
+            "the processor has INT8 instructions: `edgetree export --precision int8` makes the"
+            " fastest model for it",
         )
     elif family == "x86":
         yield Advice(
             "beware",
-            "the processor has no VNNI: INT8 sums can saturate, so that trees are missed, and"
-            " INT8 is not much faster; `edgetree verify` an int8 file on this machine before"
-            " relying on it, or export fp32",
+            "the processor has no VNNI instructions: INT8 sums can saturate, so trees may be"
+            " missed, and INT8 is not much faster than fp32; check an int8 file with"
+            " `edgetree verify` on this machine, or use fp32",
         )
     else:
         yield Advice(
@@ -157,22 +156,22 @@ def _cores(findings: Findings) -> Iterator[Advice]:
         threads = max(int(machine.core_quota), 1)
         yield Advice(
             "beware",
-            f"this container may take the time of {machine.core_quota:g} cores, but sees"
-            f" {machine.usable_cores}: pass --threads {threads}, or it is stopped again and again",
+            f"this container is limited to the time of {machine.core_quota:g} cores, but sees"
+            f" {machine.usable_cores}: pass --threads {threads} to avoid being throttled",
         )
     busy = machine.busy_cores
     if busy is not None and busy >= _BUSY_FROM * machine.cores:
         yield Advice(
             "beware",
             f"{busy:.1f} of {machine.cores} cores were busy with other work in the last minute:"
-            " figures of `edgetree bench` are too slow by that",
+            " `edgetree bench` will report too low speeds",
         )
     if speed is None or speed.threads == 1:
         return
     if speed.fps_all_threads < _THREADS_HELP_FROM * speed.fps_one_thread:
         yield Advice(
             "advice",
-            f"{speed.threads} threads are no faster than one here: pass --threads 1 and leave the"
+            f"{speed.threads} threads are not faster than one here: pass --threads 1 and leave the"
             " other cores to other programs",
         )
 
@@ -182,7 +181,7 @@ def _memory(machine: Machine) -> Iterator[Advice]:
     if free is not None and free < _LITTLE_MEMORY_MIB:
         yield Advice(
             "beware",
-            f"{free:.0f} MiB of memory are free: enough for the light models, too little for the"
+            f"{free:.0f} MiB of memory are free: enough for the small models, too little for the"
             " paper's networks and for exporting",
         )
 
@@ -192,6 +191,6 @@ def _extras(findings: Findings) -> Iterator[Advice]:
     if missing:
         yield Advice(
             "advice",
-            f"training and exporting need {', '.join(missing)}: install"
-            " edgetree[train,export,sim]; running, measuring and benching need nothing more",
+            f"training and exporting need {', '.join(missing)}:"
+            f" {install_hint('train', 'export', 'sim')}; other commands do not need them",
         )

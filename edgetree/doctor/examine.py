@@ -1,6 +1,6 @@
-"""Everything that the doctor looks at, one after the other so that nothing disturbs the clock.
+"""Run all examinations, one after the other so that they do not disturb the speed test.
 
-What a broken library would keep from loading is imported when it has been seen to load.
+Modules that import a library that may be broken are imported only after that library was checked.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ _PROBE_S: Final = 0.5
 
 
 def examine() -> Findings:
-    """Look at this machine; takes a few seconds."""
-    machine = examine_machine()  # first, as what follows keeps cores busy
+    """Examine this machine, which takes a few seconds."""
+    machine = examine_machine()  # first, as the other examinations keep cores busy
     libraries = examine_libraries()
     if {"numpy", "onnxruntime"} & libraries.import_errors.keys():
         return Findings(machine, libraries, (), None)
@@ -30,7 +30,7 @@ def examine() -> Findings:
 
 
 def probe_speed(duration_s: float = _PROBE_S) -> Speed:
-    """Bench the embedded RGB model for `duration_s` on one thread, and again on all."""
+    """Measure the speed of the packaged rgb model, for `duration_s` on one thread and on all."""
     from edgetree.bench.speed import bench_detector
     from edgetree.runtime.detector import TreeDetector, default_model
     from edgetree.runtime.session import usable_cores

@@ -1,4 +1,4 @@
-"""What was found on a machine: plain records, so that advice can be tested without the machine."""
+"""The findings as plain records, so that advice can be tested for any machine."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ class Machine:
     Attributes:
         system: operating system and architecture, such as "Linux x86_64".
         architecture: "x86_64", "aarch64", ... in lower case.
-        processor: the processor's name; None if the system does not say.
-        instructions: of those that speed up networks, the ones it has; None if not known.
-        cores: logical cores present.
-        usable_cores: those that this process may use.
-        core_quota: processor time that a container may take, in cores; None if not limited.
-        busy_cores: cores at work in the last minute, mean; None if not known.
-        memory_mib: memory of the machine, or of the container; None if not known.
-        free_memory_mib: part of it that programs can still have; None if not known.
-        has_nvidia_gpu: whether an NVIDIA driver is there.
+        processor: name of the CPU; None if not known.
+        instructions: instruction sets of the CPU that speed up networks; None if not known.
+        cores: number of logical cores.
+        usable_cores: number of cores that this process may use.
+        core_quota: limit of a container's CPU time, in cores; None if not limited.
+        busy_cores: mean number of busy cores in the last minute; None if not known.
+        memory_mib: memory of the machine, or limit of the container; None if not known.
+        free_memory_mib: memory that is still available; None if not known.
+        has_nvidia_gpu: whether an NVIDIA driver is installed.
     """
 
     system: str
@@ -42,15 +42,15 @@ class Machine:
 
 @dataclass(frozen=True)
 class Libraries:
-    """What is installed.
+    """The installed packages.
 
     Attributes:
-        python: its version.
-        versions: distribution -> version, of those that matter here and are installed.
-        minima: distribution -> lowest version that this project works with.
-        torch_needed: the torch version that the installed torchvision was built for; None if it
-            does not say, or is not installed.
-        import_errors: module -> why it does not load, of those that should.
+        python: version of Python.
+        versions: version of each installed package that matters here.
+        minima: lowest supported version of each package.
+        torch_needed: torch version that the installed torchvision was built for; None if not known
+            or not installed.
+        import_errors: error message of each module that cannot be imported.
     """
 
     python: str
@@ -62,7 +62,7 @@ class Libraries:
 
 @dataclass(frozen=True)
 class ProviderResult:
-    """A provider of `edgetree.runtime.PROVIDERS`, tried with a small network, or why it failed."""
+    """Whether a provider of `edgetree.runtime.PROVIDERS` ran a small network, and why not."""
 
     name: str
     works: bool
@@ -71,7 +71,7 @@ class ProviderResult:
 
 @dataclass(frozen=True)
 class Speed:
-    """Detections per second of the embedded INT8 RGB model, on one thread and on all."""
+    """Frames per second of the packaged rgb model (INT8) on one thread and on all."""
 
     threads: int
     fps_one_thread: float
@@ -80,7 +80,7 @@ class Speed:
 
 @dataclass(frozen=True)
 class Findings:
-    """Everything that was looked at; `speed` is None where the model did not run."""
+    """All findings; `speed` is None if the model did not run."""
 
     machine: Machine
     libraries: Libraries
@@ -88,7 +88,7 @@ class Findings:
     speed: Speed | None
 
     def to_dict(self) -> dict[str, Any]:
-        """The findings as a JSON object, numbers rounded."""
+        """The findings as a JSON object, with numbers rounded to two digits."""
         return {name: _rounded(value) for name, value in asdict(self).items()}
 
 

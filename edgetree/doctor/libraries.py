@@ -1,4 +1,4 @@
-"""Which libraries are installed, which versions they need, and whether they load."""
+"""Find the installed libraries, their required versions, and whether they can be imported."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _LOOKED_AT: Final = (
     "onnxscript",
     "numba",
 )
-# What each distribution is loaded as, where a broken one is to be told from a working one.
+# The module of each distribution that is test-imported.
 _MODULES: Final = {
     "numpy": "numpy",
     **dict.fromkeys(OPENCV_BUILDS, "cv2"),
@@ -54,7 +54,7 @@ _IMPORT_LIMIT_S: Final = 120
 
 
 def examine_libraries() -> Libraries:
-    """Look at the installed distributions, and load those that break most in a process aside."""
+    """List the installed packages and test-import the most error-prone in separate processes."""
     versions = {name: version for name in _LOOKED_AT if (version := _version(name)) is not None}
     modules = dict.fromkeys(_MODULES[name] for name in versions if name in _MODULES)
     errors = {module: error for module in modules if (error := import_error(module))}
@@ -68,7 +68,7 @@ def examine_libraries() -> Libraries:
 
 
 def minimum_versions(requirements: Iterable[str]) -> dict[str, str]:
-    """Distribution -> version of the requirements of the form ``name>=version``, extras' too."""
+    """The lowest version of each package, from requirements of the form `name>=version`."""
     found = (re.match(r"([\w.-]+)\s*\(?>=\s*([\w.]+)", line) for line in requirements)
     return {match[1].lower(): match[2] for match in found if match}
 
@@ -93,14 +93,14 @@ def _version(name: str) -> str | None:
 
 
 def import_error(module: str) -> str:
-    """The last line of what goes wrong when the module is loaded; empty if nothing does."""
+    """The last line of the error when importing a module; empty if it can be imported."""
     command = [sys.executable, "-c", f"import {module}"]
     try:
         done = subprocess.run(
             command, capture_output=True, text=True, check=False, timeout=_IMPORT_LIMIT_S
         )
     except subprocess.TimeoutExpired:
-        return f"not loaded after {_IMPORT_LIMIT_S} s"
+        return f"not imported after {_IMPORT_LIMIT_S} s"
     if done.returncode == 0:
         return ""
     lines = done.stderr.strip().splitlines()

@@ -1,4 +1,4 @@
-"""Cores, memory and instruction sets, from where Linux tells them; elsewhere what Python knows."""
+"""Read cores, memory and instruction sets from /proc and /sys; elsewhere what Python provides."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from edgetree.runtime.session import usable_cores
 
 __all__ = ["core_quota", "examine_machine", "instruction_sets", "memory_mib"]
 
-# Names in /proc/cpuinfo, by what they stand for: ARM says "Features" and "asimddp".
+# Flags in /proc/cpuinfo and the names of the instruction sets.
 _INSTRUCTIONS: Final = {
     "avx2": "avx2",
     "avx512f": "avx512",
@@ -28,7 +28,11 @@ _UNLIMITED_BYTES: Final = 1 << 60
 
 
 def examine_machine(root: Path = Path("/")) -> Machine:
-    """Look at this machine; `root` is the folder that holds `proc` and `sys`."""
+    """Examine this machine.
+
+    Args:
+        root: the folder that contains `proc` and `sys`; another one in tests.
+    """
     total, free = memory_mib(root)
     cpuinfo = _read(root / "proc/cpuinfo") or ""
     name = re.search(r"^model name\s*:\s*(.+)$", cpuinfo, flags=re.MULTILINE)
@@ -49,7 +53,14 @@ def examine_machine(root: Path = Path("/")) -> Machine:
 
 
 def instruction_sets(cpuinfo: str) -> tuple[str, ...] | None:
-    """Those that speed up networks, of the text of /proc/cpuinfo; None if it names none at all."""
+    """The instruction sets that speed up networks.
+
+    Args:
+        cpuinfo: content of /proc/cpuinfo.
+
+    Returns:
+        Their names; None if `cpuinfo` lists no flags.
+    """
     flags = re.search(r"^(?:flags|Features)\s*:(.*)$", cpuinfo, flags=re.MULTILINE)
     if flags is None:
         return None
@@ -58,20 +69,20 @@ def instruction_sets(cpuinfo: str) -> tuple[str, ...] | None:
 
 
 def core_quota(root: Path) -> float | None:
-    """Processor time that this process's control group may take, in cores; None if not limited."""
+    """CPU time limit of this process's control group, in cores; None if not limited."""
     quotas = []
     for folder in _control_groups(root, "cpu"):
         words = (_read(folder / "cpu.max") or "").split()
         if not words:
             names = ("cpu.cfs_quota_us", "cpu.cfs_period_us")
             words = [(_read(folder / name) or "").strip() for name in names]
-        if all(word.isdigit() for word in words):  # "max" and "-1" stand for no limit
+        if all(word.isdigit() for word in words):  # "max" and "-1" mean no limit
             quotas.append(int(words[0]) / int(words[1]))
     return min(quotas, default=None)
 
 
 def memory_mib(root: Path) -> tuple[float | None, float | None]:
-    """Memory in all, and what programs can still have; a container's limit counts for both."""
+    """Total and available memory in MiB, within the limits of a container; None if not known."""
     lines = (_read(root / "proc/meminfo") or "").splitlines()
     sizes = {line.partition(":")[0]: float(line.split()[1]) / 1024 for line in lines if line}
     total, free = sizes.get("MemTotal"), sizes.get("MemAvailable")
@@ -91,7 +102,7 @@ def memory_mib(root: Path) -> tuple[float | None, float | None]:
 
 
 def _control_groups(root: Path, controller: str) -> list[Path]:
-    """Folders of this process's control group and those above it, of both versions."""
+    """Folders of this process's control group and its parents, for cgroup versions 1 and 2."""
     base = root / "sys/fs/cgroup"
     folders = {base: None, base / controller: None}
     for line in (_read(root / "proc/self/cgroup") or "").splitlines():

@@ -1,7 +1,7 @@
-"""Small ONNX models written by hand: the base install has no `onnx` package to make them with.
+"""Write small ONNX models without the `onnx` package, which the base install does not have.
 
-Covers what a test of a runtime needs: operators without attributes, constants, metadata. The
-numbers are the field numbers of ONNX's protobuf definition.
+Supports operators without attributes, constants and metadata. The numbers are field numbers in
+onnx.proto; see https://protobuf.dev/programming-guides/encoding for the encoding.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _TYPES: Final = {"float32": 1, "uint8": 2, "int64": 7}
 
 
 class Node(NamedTuple):
-    """One operator, with the default of every attribute."""
+    """An operator with default attributes."""
 
     operator: str
     inputs: tuple[str, ...]
@@ -28,7 +28,7 @@ class Node(NamedTuple):
 
 
 class TensorType(NamedTuple):
-    """dtype and shape of an input or output; a text in the shape stands for a free size."""
+    """Dtype and shape of an input or output; a text in the shape names a dynamic size."""
 
     dtype: str
     shape: tuple[int | str, ...]
@@ -42,14 +42,17 @@ def onnx_bytes(
     constants: Mapping[str, NDArray[Any]],
     metadata: Mapping[str, str] | None = None,
 ) -> bytes:
-    """An ONNX file's content.
+    """Encode an ONNX model.
 
     Args:
-        nodes: the operators, in an order in which they can run.
+        nodes: the operators, in execution order.
         inputs: the graph's inputs by name.
         outputs: the graph's outputs by name.
-        constants: arrays of float32, uint8 or int64 that operators take as inputs.
-        metadata: keys and values for the file's custom metadata.
+        constants: float32, uint8 or int64 arrays that operators use as inputs.
+        metadata: custom metadata of the model.
+
+    Returns:
+        The content of the .onnx file.
     """
     graph = [
         *(_message(1, *_node(node)) for node in nodes),
@@ -104,6 +107,6 @@ def _number(field: int, value: int) -> bytes:
 
 
 def _varint(value: int) -> bytes:
-    """Seven bits a byte, the lowest first; the eighth says that more follow."""
+    """Seven bits per byte, least significant first; the eighth bit marks that more follow."""
     low, rest = value & 0x7F, value >> 7
     return bytes([low | 0x80]) + _varint(rest) if rest else bytes([low])

@@ -1,4 +1,4 @@
-"""Which of onnxruntime's providers really run a network here."""
+"""Test which of onnxruntime's providers can run a network on this machine."""
 
 from __future__ import annotations
 
@@ -17,18 +17,19 @@ from edgetree.runtime.providers import CPU, PROVIDERS, import_onnxruntime, insta
 __all__ = ["examine_providers", "run_small_network", "small_network"]
 
 _LIMIT_S: Final = 120
-_MOST_CHARACTERS: Final = 160
+_MAX_CHARACTERS: Final = 160
 _TRY: Final = (
     "import sys; from edgetree.doctor.providers import run_small_network as run; run(sys.argv[1])"
 )
 _SIZE: Final = 8
-_LARGEST_ERROR: Final = 0.01  # some compute in half precision
+_LARGEST_ERROR: Final = 0.01  # some providers compute in half precision
 
 
 def examine_providers() -> tuple[ProviderResult, ...]:
-    """Try each provider in a process of its own, as a broken driver may take its process along.
+    """Test each provider in its own process, as a broken driver may crash the process.
 
-    None if onnxruntime is not installed.
+    Returns:
+        One result per installed provider; empty if onnxruntime is not installed.
     """
     try:
         names = installed_providers()
@@ -44,23 +45,23 @@ def _examine(name: str) -> ProviderResult:
             command, capture_output=True, text=True, check=False, timeout=_LIMIT_S
         )
     except subprocess.TimeoutExpired:
-        return ProviderResult(name, False, f"no answer after {_LIMIT_S} s")
+        return ProviderResult(name, False, f"not finished after {_LIMIT_S} s")
     if done.returncode == 0:
         return ProviderResult(name, True)
     return ProviderResult(name, False, _reason(done.stderr) or f"ended with {done.returncode}")
 
 
 def _reason(errors: str) -> str:
-    """What went wrong: onnxruntime's first error, else the exception's line."""
+    """The reason of a failure: onnxruntime's first error, else the message of the exception."""
     lines = [re.sub(r"\x1b\[[\d;]*m", "", line) for line in errors.splitlines() if line.strip()]
     logged = [line for line in lines if "[E:onnxruntime" in line]
     text = (logged or lines[-1:] or [""])[0]
     text = re.sub(r"^.*?\] ", "", text) if logged else text.partition(": ")[2] or text
-    return text if len(text) <= _MOST_CHARACTERS else f"{text[:_MOST_CHARACTERS]}..."
+    return text if len(text) <= _MAX_CHARACTERS else f"{text[:_MAX_CHARACTERS]}..."
 
 
 def small_network() -> bytes:
-    """A convolution and a sigmoid, (1, 4, 8, 8) float32 `x` to `y` of the same shape."""
+    """An ONNX model with a convolution and a sigmoid, from `x` to `y`, (1, 4, 8, 8) float32."""
     kind = TensorType("float32", (1, 4, _SIZE, _SIZE))
     return onnx_bytes(
         [Node("Conv", ("x", "weight"), ("z",)), Node("Sigmoid", ("z",), ("y",))],
@@ -71,10 +72,13 @@ def small_network() -> bytes:
 
 
 def run_small_network(name: str) -> None:
-    """Run `small_network` on one of `edgetree.runtime.providers.PROVIDERS`, and on no other.
+    """Run `small_network` on one provider only.
+
+    Args:
+        name: a name in `edgetree.runtime.PROVIDERS`.
 
     Raises:
-        RuntimeError: nodes went to another provider, or the numbers are wrong.
+        RuntimeError: another provider was used, or the output is wrong.
     """
     onnxruntime = import_onnxruntime()
     provider = PROVIDERS[name].ort_name
@@ -86,9 +90,9 @@ def run_small_network(name: str) -> None:
         small_network(), sess_options=options, providers=[provider], enable_fallback=0
     )
     if session.get_providers()[0] != provider:
-        raise RuntimeError(f"the network went to {session.get_providers()[0]} instead")
+        raise RuntimeError(f"onnxruntime used {session.get_providers()[0]} instead")
     x = np.linspace(-2, 2, 4 * _SIZE * _SIZE, dtype=np.float32).reshape(1, 4, _SIZE, _SIZE)
     (y,) = session.run(None, {"x": x})
     error = float(np.abs(y - 1 / (1 + np.exp(-x))).max())
     if not error < _LARGEST_ERROR:
-        raise RuntimeError(f"the numbers are wrong by {error:.2g}")
+        raise RuntimeError(f"the output is wrong by {error:.2g}")

@@ -1,4 +1,4 @@
-"""Trees drawn on their picture, with labels that stay clear of each other."""
+"""Draw trees on their picture, with labels that stay clear of each other."""
 
 from edgetree.drawing.trees import CutMark, draw_trees, picture_of_depth
 

@@ -1,4 +1,4 @@
-"""Lines, dots and text on a picture, in continuous coordinates: (0, 0) is its outer corner."""
+"""Lines, dots and text in continuous pixel coordinates: (0, 0) is the picture's outer corner."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ Point: TypeAlias = tuple[float, float]
 
 DARK: Final[Colour] = (24, 24, 24)
 _FONT: Final = cv2.FONT_HERSHEY_SIMPLEX
-_SHIFT: Final = 4  # OpenCV draws with fixed point coordinates of 1/16 px
-_FARTHEST_PX: Final = 1e6  # farther out, they would not hold
+_SHIFT: Final = 4  # OpenCV draws with fixed-point coordinates of 1/16 px
+_FARTHEST_PX: Final = 1e6  # limit of coordinates, against overflow
 
 
 def darken(canvas: Picture, rect: Rect) -> None:
-    """Make a ground for text of what lies within the picture."""
+    """Darken the part of a rectangle that is inside the picture, as background of text."""
     x0, y0, x1, y1 = (max(value, 0) for value in rect)
     ground = canvas[y0:y1, x0:x1]
     ground[:] = (ground * 0.2 + np.array(DARK) * 0.8).astype(np.uint8)
@@ -42,25 +42,25 @@ def darken(canvas: Picture, rect: Rect) -> None:
 def write_text(
     canvas: Picture, text: str, origin: tuple[int, int], font_scale: float, ink: Colour
 ) -> None:
-    """One line of text from the lower left corner of its first letter on."""
+    """Draw one line of text; `origin` is the lower left corner of its first letter."""
     cv2.putText(canvas, _printable(text), origin, _FONT, font_scale, ink, 1, cv2.LINE_AA)
 
 
 def text_size(text: str, font_scale: float) -> tuple[int, int]:
-    """Width and height in px."""
+    """Width and height of a line of text in pixels."""
     width, height = cv2.getTextSize(_printable(text), _FONT, font_scale, 1)[0]
     return width, height
 
 
 def _printable(text: str) -> str:
-    """OpenCV 4's fonts know only ASCII; from 5 on they have the signs used here."""
+    """Replace non-ASCII signs, which the fonts of OpenCV before version 5 do not have."""
     if hasattr(cv2, "FontFace"):
         return text
     return text.replace("±", "+-").replace("Ø", "D").replace("°", " deg")
 
 
 def _fixed(value_px: float) -> int:
-    """From continuous coordinates to OpenCV's fixed point ones, with centres on whole numbers."""
+    """Convert to OpenCV's fixed-point coordinates, with pixel centres at whole numbers."""
     within_px = min(max(value_px, -_FARTHEST_PX), _FARTHEST_PX)
     return round((within_px - 0.5) * 2**_SHIFT)
 
@@ -72,12 +72,12 @@ def draw_line(
     colour: Colour,
     width: int,
 ) -> None:
-    """A smooth line of a whole number of pixels."""
+    """Draw an antialiased line, `width` pixels wide."""
     first, second = ((_fixed(x), _fixed(y)) for x, y in (start, end))
     cv2.line(canvas, first, second, colour, width, cv2.LINE_AA, _SHIFT)
 
 
 def draw_dot(canvas: Picture, centre: Point, radius_px: float, colour: Colour) -> None:
-    """A smooth filled circle."""
+    """Draw an antialiased filled circle."""
     place = (_fixed(centre[0]), _fixed(centre[1]))
     cv2.circle(canvas, place, round(radius_px * 2**_SHIFT), colour, -1, cv2.LINE_AA, _SHIFT)

@@ -1,4 +1,4 @@
-"""Trees drawn on their picture: box, mask, axis, felling cut, diameter, and a label each."""
+"""Draw trees on a picture: box, mask, axis, felling cut, diameter and a label for each."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edgetree.detections import TreeDetections
-from edgetree.drawing.label_placement import Rect, place_plate
+from edgetree.drawing.label_placement import Rect, place_label
 from edgetree.drawing.primitives import (
     DARK,
     Colour,
@@ -27,7 +27,7 @@ __all__ = ["WARNING_SIGN", "CutMark", "draw_trees", "picture_of_depth"]
 
 WARNING_SIGN: Final = "!"
 
-# BGR, light enough to stand out in a dark forest, far apart in hue.
+# BGR, light enough to be seen on a dark forest, with distinct hues.
 _PALETTE: Final[tuple[Colour, ...]] = (
     (80, 175, 255),
     (230, 200, 70),
@@ -42,10 +42,11 @@ _CUT: Final[Colour] = (60, 60, 255)
 _WHITE: Final[Colour] = (255, 255, 255)
 _AMBER: Final[Colour] = (60, 190, 255)
 _GAP_PX: Final = 6
+_PICTURE_WEIGHT, _MASK_WEIGHT = 0.68, 0.32
 
 
 class CutMark(NamedTuple):
-    """A felling cut that was measured: where it is in the picture, and what stands beside it."""
+    """A measured felling cut: its position in pixels, and the text next to it."""
 
     xy_px: Point
     text: str
@@ -59,18 +60,18 @@ def draw_trees(
     masks: Sequence[NDArray[np.bool_]] | None = None,
     cuts: Sequence[CutMark | None] | None = None,
 ) -> Picture:
-    """A copy of the picture with the trees drawn on it.
+    """Draw trees on a copy of a picture.
 
     Args:
-        picture: (H, W, 3) uint8 BGR, of the size that the detections are for.
-        trees: what to draw; masks and keypoints where they are there.
-        labels: lines of text per tree; the scores if None. They are amber from one that starts
-            with `WARNING_SIGN` on.
-        masks: per tree its (H, W) pixels, in place of the detections' own.
-        cuts: per tree its felling cut, where that was measured; else its keypoint is drawn.
+        picture: (H, W, 3) uint8 BGR, of the image size of `trees`.
+        trees: the trees; masks and keypoints are drawn if there are any.
+        labels: lines of text for each tree; the scores if None. A line that starts with
+            `WARNING_SIGN`, and all lines below it, are drawn in amber.
+        masks: (H, W) bool mask of each tree, to draw instead of the detections' masks.
+        cuts: measured felling cut of each tree; for None, the keypoint is drawn instead.
 
     Returns:
-        (H, W, 3) uint8 BGR. Lines and text grow with the picture's height.
+        (H, W, 3) uint8 BGR. The size of lines and text is proportional to the picture's height.
     """
     canvas = picture.copy()
     scale = max(picture.shape[0] / 720, 0.75)
@@ -95,7 +96,15 @@ def draw_trees(
 
 
 def picture_of_depth(depth_m: NDArray[np.float32], far_m: float = 20.0) -> Picture:
-    """Depth (H, W) in metres as muted colours, near ones bright; black where it has no reading."""
+    """Show depth as colours.
+
+    Args:
+        depth_m: (H, W) metres, 0.0 = no reading.
+        far_m: depth of the darkest colour.
+
+    Returns:
+        (H, W, 3) uint8 BGR, brighter for smaller depths; black for no reading.
+    """
     nearness = np.clip(1.0 - depth_m / far_m, 0.0, 1.0)
     colours = cv2.applyColorMap((32 + nearness * 168).astype(np.uint8), cv2.COLORMAP_BONE)
     colours[depth_m <= 0.0] = 0
@@ -107,16 +116,26 @@ def _colour(index: int) -> Colour:
 
 
 def _draw_mask(canvas: Picture, mask: NDArray[np.bool_], colour: Colour) -> None:
-    tinted = canvas[mask] * 0.68 + np.array(colour) * 0.32
-    canvas[mask] = tinted.astype(np.uint8)
+    """Tint the pixels of a mask and draw its outline; works only on the mask's bounding box."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if not rows.size:
+        return
+    box = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    inside = mask[box].astype(np.uint8)
+    levels = np.arange(256)[:, None] * _PICTURE_WEIGHT + np.array(colour) * _MASK_WEIGHT
+    tinted = cv2.LUT(canvas[box], levels.astype(np.uint8)[None])
+    cv2.copyTo(tinted, inside, canvas[box])
     outlines, _ = cv2.findContours(
-        mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE
+        inside,
+        cv2.RETR_EXTERNAL,
+        cv2.CHAIN_APPROX_SIMPLE,
+        offset=(int(columns[0]), int(rows[0])),
     )
     cv2.drawContours(canvas, outlines, -1, colour, 1, cv2.LINE_AA)
 
 
 def _draw_box(canvas: Picture, box_px: NDArray[np.float32], colour: Colour, scale: float) -> None:
-    """The four corners of the box: they frame the tree and hide little of it."""
+    """Draw only the corners of the box, which hide less of the tree."""
     x0, y0, x1, y1 = (float(value) for value in box_px)
     reach = min(18 * scale, (x1 - x0) / 3, (y1 - y0) / 3)
     width = max(round(2 * scale), 1)
@@ -129,7 +148,7 @@ def _draw_box(canvas: Picture, box_px: NDArray[np.float32], colour: Colour, scal
 def _draw_keypoints(
     canvas: Picture, points_px: NDArray[np.float32], colour: Colour, scale: float
 ) -> Rect:
-    """The axis through its three points, the diameter between its two; what that one takes."""
+    """Draw the axis and the diameter; returns the area taken by the diameter."""
     cut, left, right, middle, top = ((float(x), float(y)) for x, y in points_px)
     thin, radius = max(round(2 * scale), 1), 3.5 * scale
     for start, end, line_colour in (
@@ -147,7 +166,7 @@ def _draw_keypoints(
 
 
 def _draw_cut(canvas: Picture, mark: CutMark, scale: float) -> Rect:
-    """A ring at the felling cut, with its height to the right; the place that both take."""
+    """Draw a ring at the felling cut, with its text next to it; returns the area taken."""
     for ring, colour in ((8.5, DARK), (7.2, _WHITE), (5.2, _CUT)):
         draw_dot(canvas, mark.xy_px, ring * scale, colour)
     x, y, reach = round(mark.xy_px[0]), round(mark.xy_px[1]), round(10 * scale)
@@ -171,18 +190,18 @@ def _draw_labels(
     taken: list[Rect],
     scale: float,
 ) -> None:
-    """A dark plate with each tree's text, beside its diameter, clear of what is taken."""
-    plates: list[tuple[int, Rect, list[str]]] = []
+    """Draw the label of each tree next to its diameter, outside the areas already taken."""
+    labels: list[tuple[int, Rect, list[str]]] = []
     for index in np.argsort(-trees.boxes_px[:, 3], kind="stable"):
         lines = [text for text in texts[index] if text]
         if lines:
-            plate = _place(trees, int(index), _plate_size(lines, scale), taken, canvas.shape)
-            taken.append(_grown(plate, round(3 * scale)))
-            plates.append((int(index), plate, lines))
-    for index, plate, _ in plates:
-        _draw_leader(canvas, trees.boxes_px[index], plate, _colour(index))
-    for index, plate, lines in plates:
-        _draw_plate(canvas, plate, lines, _colour(index), scale)
+            rect = _place(trees, int(index), _label_size(lines, scale), taken, canvas.shape)
+            taken.append(_grown(rect, round(3 * scale)))
+            labels.append((int(index), rect, lines))
+    for index, rect, _ in labels:
+        _draw_leader(canvas, trees.boxes_px[index], rect, _colour(index))
+    for index, rect, lines in labels:
+        _draw_label(canvas, rect, lines, _colour(index), scale)
 
 
 def _grown(rect: Rect, margin_px: int) -> Rect:
@@ -190,18 +209,18 @@ def _grown(rect: Rect, margin_px: int) -> Rect:
     return x0 - margin_px, y0 - margin_px, x1 + margin_px, y1 + margin_px
 
 
-def _plate_size(lines: Sequence[str], scale: float) -> tuple[int, int]:
-    """Width and height in px."""
+def _label_size(lines: Sequence[str], scale: float) -> tuple[int, int]:
+    """Width and height in pixels."""
     width = max(text_size(line, 0.5 * scale)[0] for line in lines)
     pad = round(6 * scale)
     return width + 2 * pad + round(4 * scale), len(lines) * round(19 * scale) + pad
 
 
-def _draw_plate(
-    canvas: Picture, plate: Rect, lines: Sequence[str], colour: Colour, scale: float
+def _draw_label(
+    canvas: Picture, rect: Rect, lines: Sequence[str], colour: Colour, scale: float
 ) -> None:
-    darken(canvas, plate)
-    x, y, _, bottom = plate
+    darken(canvas, rect)
+    x, y, _, bottom = rect
     canvas[y:bottom, x : x + round(4 * scale)] = colour
     ink = _WHITE
     for row, line in enumerate(lines, start=1):
@@ -210,10 +229,10 @@ def _draw_plate(
         write_text(canvas, line, origin, 0.5 * scale, ink)
 
 
-def _draw_leader(canvas: Picture, box_px: NDArray[np.float32], plate: Rect, colour: Colour) -> None:
-    """A thin line by the shortest way from the plate to the box that it belongs to."""
+def _draw_leader(canvas: Picture, box_px: NDArray[np.float32], rect: Rect, colour: Colour) -> None:
+    """Draw a thin line from the label to the tree's box."""
     x0, y0, x1, y1 = (float(value) for value in box_px)
-    start = (_within((x0 + x1) / 2, plate[0], plate[2]), _within((y0 + y1) / 2, plate[1], plate[3]))
+    start = (_within((x0 + x1) / 2, rect[0], rect[2]), _within((y0 + y1) / 2, rect[1], rect[3]))
     draw_line(canvas, start, (_within(start[0], x0, x1), _within(start[1], y0, y1)), colour, 1)
 
 
@@ -224,14 +243,14 @@ def _place(
     taken: list[Rect],
     shape: tuple[int, ...],
 ) -> Rect:
-    """Where a plate stands: beside the diameter, where that is known, or low beside the stem."""
+    """The position of a label: at the height of the diameter, or low at the stem if not known."""
     x0, y0, x1, y1 = (float(value) for value in trees.boxes_px[index])
     level = y1 - 0.2 * (y1 - y0)
     if trees.keypoints_px is not None:
         level = float(trees.keypoints_px[index, 1:3, 1].mean())
     level = _within(level, 0, shape[0])
     edges = (x0 - _GAP_PX, x1 + _GAP_PX)
-    return place_plate(size_px, (*edges, level), taken, trees.boxes_px, (shape[1], shape[0]))
+    return place_label(size_px, (*edges, level), taken, trees.boxes_px, (shape[1], shape[0]))
 
 
 def _within(value: float, lowest: float, highest: float) -> float:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from edgetree.errors import MissingDependency
+from edgetree.errors import MissingDependency, install_hint
 from edgetree.export.frames import InputRules, sample_inputs
 from edgetree.export.settings import ExportSettings
 
@@ -48,7 +48,7 @@ def _require_training_side() -> None:
         import perceptree.models  # noqa: F401
     except ImportError as error:
         raise MissingDependency(
-            f"{error.name} is not installed: install edgetree[cpu,train,export]"
+            f"{error.name} is not installed: {install_hint('cpu', 'train', 'export')}"
         ) from error
 
 

@@ -1,4 +1,4 @@
-"""Where frames come from, which cameras took them, and their way to trees and metres."""
+"""Frames: sources of images and depth, cameras, and processing to trees and metres."""
 
 from edgetree.frames.pipeline import FrameResult, process
 from edgetree.frames.rig import Rig

@@ -1,4 +1,4 @@
-"""Trees that someone else has found: a mask image, drawn by hand or by another segmentation."""
+"""Read trees from a mask image, drawn by hand or made by another segmentation program."""
 
 from __future__ import annotations
 
@@ -17,35 +17,35 @@ from edgetree.frames.sources import is_cut_off
 __all__ = ["read_masks"]
 
 _LOSSLESS: Final = (".png", ".tif", ".tiff", ".bmp", ".pgm")
-_MOST_TREES: Final = 100
+_MAX_TREES: Final = 100
 
 
 def read_masks(path: Path, size_px: tuple[int, int]) -> FoundTrees:
-    """Read a mask image: 0 is no tree, and every other value is one tree and its number.
+    """Read a mask image. 0 is background; each other value is the number of a tree.
 
     Args:
-        path: an image of one channel with 8 or 16 bits that keeps its values, such as a PNG.
-        size_px: width and height of the image that the mask is for.
+        path: an image with one channel of 8 or 16 bits in a lossless format, such as PNG.
+        size_px: expected width and height.
 
     Returns:
-        The trees by number, each with a score of 1 and without keypoints.
+        The trees, sorted by number, with scores of 1 and without keypoints.
 
     Raises:
-        InputError: the file cannot be read, is of another kind or size, or has no tree, or more
-            than a hundred.
+        InputError: the file cannot be read, has another format or size, or does not contain 1 to
+            100 trees.
     """
     values = _read_values(path)
     height, width = values.shape
     if (width, height) != size_px:
         raise InputError(
             f"mask {path} is {width}x{height} px: expected {size_px[0]}x{size_px[1]} px,"
-            " as the image"
+            " like the image"
         )
     numbers = [int(value) for value in np.unique(values) if value]
-    if not 1 <= len(numbers) <= _MOST_TREES:
+    if not 1 <= len(numbers) <= _MAX_TREES:
         raise InputError(
-            f"mask {path} holds {len(numbers)} values beside 0: expected one for each tree,"
-            f" 1 to {_MOST_TREES}"
+            f"mask {path} contains {len(numbers)} values other than 0: expected one per tree, 1 to"
+            f" {_MAX_TREES}"
         )
     masks = np.stack([values == number for number in numbers])
     trees = TreeDetections(
@@ -61,9 +61,9 @@ def read_masks(path: Path, size_px: tuple[int, int]) -> FoundTrees:
 
 def _read_values(path: Path) -> NDArray[np.integer]:
     """(H, W) the values of a mask image."""
-    expected = "expected one channel of 8 or 16 bits, 0 beside the trees and a number on each"
+    expected = "expected one channel of 8 or 16 bits, 0 for background and a number for each tree"
     if path.suffix.lower() not in _LOSSLESS:
-        raise InputError(f"mask {path} is no kind of file that keeps its values: expected a PNG")
+        raise InputError(f"mask {path} is not in a lossless format: expected a PNG")
     try:
         data = np.fromfile(path, dtype=np.uint8)
     except OSError as error:

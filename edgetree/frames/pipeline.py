@@ -1,10 +1,11 @@
-"""One frame through detection and, where depth and a camera are known, measurement."""
+"""Process one frame: detection and, with depth and a camera, measurement."""
 
 from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,23 +14,23 @@ from calib import CameraError, PinholeCamera
 from edgetree.detections import TreeDetections
 from edgetree.errors import InputError
 from edgetree.frames.rig import Rig
-from edgetree.frames.sources import Frame
+from edgetree.frames.sources import Frame, FrameSource, open_source
 from edgetree.runtime.detector import TreeDetector
 
 if TYPE_CHECKING:
     from edgetree.measure import MeasureSettings, TreeMeasurement
 
-__all__ = ["FoundTrees", "FrameResult", "measure_frame", "process"]
+__all__ = ["FoundTrees", "FrameResult", "image_for", "measure_frame", "open_frames", "process"]
 
 
 @dataclass(frozen=True, eq=False)
 class FoundTrees:
-    """The trees of a frame, that a model found or someone else.
+    """The trees of a frame, from a model or from a mask image.
 
     Attributes:
-        trees: N trees, best first.
-        numbers: what each is called in tables and pictures.
-        masks: (N, H, W) their pixels, in place of the masks that a model gives.
+        trees: N trees.
+        numbers: number of each tree in tables and pictures.
+        masks: (N, H, W) bool masks from a mask image; None for trees from a model.
     """
 
     trees: TreeDetections
@@ -38,11 +39,11 @@ class FoundTrees:
 
     @classmethod
     def detected(cls, trees: TreeDetections) -> FoundTrees:
-        """Those of a model, numbered from 1."""
+        """Trees from a model, numbered from 1."""
         return cls(trees, tuple(range(1, len(trees) + 1)))
 
     def mask(self, index: int) -> NDArray[np.bool_] | None:
-        """The pixels of tree `index`, (H, W) bool; None where nobody gives masks."""
+        """The mask of tree `index`, (H, W) bool; None if there are no masks."""
         if self.masks is not None:
             return np.asarray(self.masks[index])
         return None if self.trees.masks is None else self.trees.mask(index)
@@ -50,16 +51,16 @@ class FoundTrees:
 
 @dataclass(frozen=True, eq=False)
 class FrameResult:
-    """What came of one frame.
+    """The result of one frame.
 
     Attributes:
         frame: the frame.
         found: its trees.
-        measurements: one for each tree; None if nothing could be measured.
-        metres_need: what measuring needs that was not given; None if it was measured.
-        detect_ms: time for detection, from the image in memory to the trees; 0 if they were given.
-        camera: what the frame was measured with.
-        scaling: what was done to fit the camera to the frame, in words; None if nothing.
+        measurements: one for each tree; None if depth or camera are missing.
+        metres_need: which options measuring needs; None if the trees were measured.
+        detect_ms: time of the detection, including resizing; 0 for trees from a mask image.
+        camera: the camera of the measurement, scaled to the frame; None if it is not known.
+        scaling: a note if the camera was scaled to the frame's size, else None.
     """
 
     frame: Frame
@@ -72,8 +73,49 @@ class FrameResult:
 
     @property
     def trees(self) -> TreeDetections:
-        """The trees alone."""
+        """The detections of `found`."""
         return self.found.trees
+
+
+def open_frames(
+    source: Path,
+    depth: Path | None = None,
+    *,
+    rig: Rig | None = None,
+    detector: TreeDetector | None = None,
+) -> FrameSource:
+    """Open the frames of a source for a model.
+
+    For a depth model, the source consists of depth images if `depth` is not given.
+
+    Args:
+        source: an image, a folder of images, or a video.
+        depth: depth image or folder of depth images, as for `open_source`.
+        rig: the cameras and the unit of the depth.
+        detector: the model; None if the trees come from a mask image.
+
+    Raises:
+        InputError: as for `open_source`.
+    """
+    depth_only = depth is None and detector is not None and detector.manifest.takes_depth
+    return open_source(source, depth, depth_only=depth_only, rig=rig)
+
+
+def image_for(detector: TreeDetector, frame: Frame) -> NDArray[Any]:
+    """The image of a frame that the model takes.
+
+    Returns:
+        Colour, (H, W, 3) uint8 BGR, or depth, (H, W) float32 metres.
+
+    Raises:
+        InputError: the frame does not have it.
+    """
+    takes_depth = detector.manifest.takes_depth
+    image = frame.depth_m if takes_depth else frame.image
+    if image is None:
+        missing = "depth" if takes_depth else "colour image"
+        raise InputError(f"{frame.path} has no {missing}: expected one, as the model takes it")
+    return image
 
 
 def process(
@@ -82,22 +124,19 @@ def process(
     rig: Rig,
     settings: MeasureSettings | None = None,
 ) -> FrameResult:
-    """Detect the trees of a frame, and measure them if it has depth and the camera is known.
+    """Detect the trees of a frame, and measure them if depth and camera are known.
 
     Args:
-        frame: what to look at.
+        frame: the frame.
         detector: the model.
-        rig: what took the frame.
-        settings: assumptions of the measurement.
+        rig: the cameras that took the frame.
+        settings: settings of the measurement; the defaults if None.
 
     Raises:
-        InputError: the model needs depth and the frame has none, or the reverse.
-        CameraError: the camera is for images of another aspect.
+        InputError: the frame does not have the kind of image that the model takes.
+        CameraError: the camera is for another aspect ratio.
     """
-    is_depth = detector.manifest.modality == "depth"
-    image = frame.depth_m if is_depth else frame.image
-    if image is None:
-        raise InputError(f"{frame.path} gives no {'depth' if is_depth else 'colour'} for the model")
+    image = image_for(detector, frame)
     start = time.perf_counter()
     trees = detector.detect(image)
     detect_ms = (time.perf_counter() - start) * 1000
@@ -111,19 +150,19 @@ def measure_frame(
     settings: MeasureSettings | None = None,
     detect_ms: float = 0.0,
 ) -> FrameResult:
-    """Measure trees that are known, if the frame has depth and the camera is known.
+    """Measure the given trees of a frame, if depth and camera are known.
 
-    Where the depth is not to be believed, each tree's measurement says so.
+    If the frame's depth is unusable, each measurement is a failure with the reason.
 
     Args:
-        frame: what to look at.
+        frame: the frame.
         found: its trees.
-        rig: what took the frame.
-        settings: assumptions of the measurement.
-        detect_ms: what finding the trees took.
+        rig: the cameras that took the frame.
+        settings: settings of the measurement; the defaults if None.
+        detect_ms: time of the detection, for the result.
 
     Raises:
-        CameraError: the camera is for images of another aspect.
+        CameraError: the camera is for another aspect ratio.
     """
     trees = found.trees
     camera = _camera_of(frame, rig, trees.image_width, trees.image_height)
@@ -159,7 +198,7 @@ def _measure(
 
 
 def _camera_of(frame: Frame, rig: Rig, width: int, height: int) -> PinholeCamera | None:
-    """The rig's camera for this frame; an error names the frame."""
+    """The rig's camera, scaled to the frame; errors name the frame."""
     try:
         return rig.camera_for(width, height)
     except CameraError as error:
@@ -167,17 +206,17 @@ def _camera_of(frame: Frame, rig: Rig, width: int, height: int) -> PinholeCamera
 
 
 def _scaling(given: PinholeCamera | None, used: PinholeCamera | None) -> str | None:
-    """How the camera for the frame differs from the one that was given."""
+    """A note if the camera was scaled."""
     if given is used or given is None or used is None:
         return None
     return (
         f"the camera is for {given.width}x{given.height} px:"
-        f" scaled to {used.width}x{used.height} px, as the image"
+        f" scaled to {used.width}x{used.height} px, like the image"
     )
 
 
 def _missing(frame: Frame, camera: PinholeCamera | None) -> str | None:
-    """What the user can add to get metres."""
+    """The options to add for measurements; None if nothing is missing."""
     if frame.depth_m is None:
         extra = "" if camera is not None else " and --camera"
         return f"need depth: pass --depth{extra}"

@@ -1,4 +1,4 @@
-"""What took the frames: a camera, the depth camera beside it, and how they are mounted."""
+"""The cameras: image camera, depth camera, and their mounting."""
 
 from __future__ import annotations
 
@@ -15,11 +15,16 @@ from edgetree.errors import InputError
 
 __all__ = ["DepthReading", "Rig"]
 
-_UNIT_M = 0.001
+_MILLIMETRE_M = 0.001
 
 
 class DepthReading(NamedTuple):
-    """Depth as the camera of the images sees it, and why it is not to be believed, if so."""
+    """Depth in the pixels of the image camera.
+
+    Attributes:
+        depth_m: (H, W) float32 metres, 0.0 = no reading.
+        fault: why the depth is unusable; None if it is usable.
+    """
 
     depth_m: NDArray[np.float32]
     fault: str | None
@@ -27,19 +32,20 @@ class DepthReading(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Rig:
-    """What is known of the cameras; nothing, if nothing is given.
+    """The cameras that took the frames, as far as they are known.
 
     Attributes:
-        camera: what took the images; without it there are no metres.
-        up_camera: direction away from gravity in its frame, as an IMU gives it.
-        mounting: from the camera's frame to the machine's (x forward, y left, z up).
-        depth_camera: what took the depth; None if depth files are in the camera's own pixels.
-        depth_extrinsics: from the depth camera's frame to the camera's; None if they are one.
-        depth_scale_m: metres of one unit of a depth file.
-        depth_calibration: what corrects its metres; None where they are right.
+        camera: the image camera; without it nothing can be measured.
+        up_camera: direction opposite to gravity in the camera's frame, as from an IMU.
+        mounting: transform from the camera's frame to the machine's (x forward, y left, z up).
+        depth_camera: the depth camera; None if depth files are aligned with the images.
+        depth_extrinsics: transform from the depth camera's frame to the image camera's; None for
+            the identity.
+        depth_scale_m: metres per unit of an integer depth file.
+        depth_calibration: correction of the depth; None for no correction.
 
     Raises:
-        InputError: values that contradict each other, or a scale that is not positive.
+        InputError: the scale is not positive, or a value needs another one that is missing.
     """
 
     camera: calib.PinholeCamera | None = None
@@ -47,44 +53,46 @@ class Rig:
     mounting: calib.RigidTransform | None = None
     depth_camera: calib.PinholeCamera | None = None
     depth_extrinsics: calib.RigidTransform | None = None
-    depth_scale_m: float = _UNIT_M
+    depth_scale_m: float = _MILLIMETRE_M
     depth_calibration: calib.DepthScale | None = None
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.depth_scale_m) and self.depth_scale_m > 0):
             raise InputError(
-                f"--depth-scale is {self.depth_scale_m}: expected metres per step, above 0"
+                f"--depth-scale is {self.depth_scale_m}: expected metres per unit, above 0"
             )
         if self.depth_camera is not None and self.camera is None:
             raise InputError(
-                "--depth-camera given without --camera: expected both, to register depth"
+                "--depth-camera given without --camera: expected both, to align depth and image"
             )
         if self.depth_extrinsics is not None and self.depth_camera is None:
-            raise InputError(
-                "--depth-extrinsics given without --depth-camera: expected the camera they are for"
-            )
+            raise InputError("--depth-extrinsics given without --depth-camera: expected both")
 
     def camera_for(self, width: int, height: int) -> calib.PinholeCamera | None:
-        """The camera for images of this size.
+        """The image camera, scaled to images of this size; None if it is not known.
+
+        Args:
+            width: width of the image in pixels.
+            height: height of the image in pixels.
 
         Raises:
-            CameraError: its own have another aspect.
+            CameraError: the camera is for another aspect ratio.
         """
         return None if self.camera is None else _of_size(self.camera, width, height)
 
     def read_depth(
         self, path: Path, image: Path | None = None, size_px: tuple[int, int] | None = None
     ) -> DepthReading:
-        """Read a depth file, in the pixels of an image.
+        """Read a depth file and align it with its image.
 
         Args:
             path: the depth file.
-            image: the image that it belongs to; None if depth is all there is.
-            size_px: width and height of that image.
+            image: the image that it belongs to, for messages; None if there is no image.
+            size_px: width and height of the image; None to leave the depth unaligned.
 
         Raises:
-            InputError: the file is of another size than the image and no depth camera is known.
-            CalibError: the file cannot be read, or a camera is for another aspect.
+            InputError: the size differs from the image's, and there is no depth camera.
+            CalibError: the file cannot be read, or a camera is for another aspect ratio.
         """
         depth_m = calib.read_depth(path, scale=self.depth_scale_m)
         if self.depth_calibration is not None:
@@ -100,7 +108,7 @@ class Rig:
         if (width, height) != size_px:
             hint = "; pass --depth-camera if another camera took it" if self.camera else ""
             raise InputError(
-                f"depth {path} is {width}x{height} px: expected {size_px[0]}x{size_px[1]} px, as"
+                f"depth {path} is {width}x{height} px: expected {size_px[0]}x{size_px[1]} px, like"
                 f" image {image}{hint}"
             )
         return DepthReading(depth_m, fault)
@@ -111,7 +119,7 @@ class Rig:
         depth_camera: calib.PinholeCamera,
         size_px: tuple[int, int],
     ) -> NDArray[np.float32]:
-        """Depth moved from the depth camera's pixels to the camera's."""
+        """Depth resampled from the depth camera's pixels to the image camera's."""
         camera = self.camera_for(*size_px)
         assert camera is not None
         transform = self.depth_extrinsics or calib.RigidTransform.identity()
@@ -121,12 +129,12 @@ class Rig:
 def _depth_camera_of(
     camera: calib.PinholeCamera, path: Path, width: int, height: int
 ) -> calib.PinholeCamera:
-    """The depth camera for maps of the size of this file's; an error names both."""
+    """The depth camera, scaled to the size of a depth file."""
     try:
         return _of_size(camera, width, height)
     except calib.CameraError as error:
         raise calib.CameraError(
-            f"depth {path} is {width}x{height} px: expected the aspect of --depth-camera,"
+            f"depth {path} is {width}x{height} px: expected the aspect ratio of --depth-camera,"
             f" {camera.width}x{camera.height} px"
         ) from error
 

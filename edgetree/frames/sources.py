@@ -1,7 +1,8 @@
-"""Where frames come from: an image, a folder of images, or a video; depth images beside them."""
+"""Sources of frames: an image, a folder of images or a video, with optional depth images."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass
@@ -21,6 +22,7 @@ __all__ = [
     "VIDEO_SUFFIXES",
     "Frame",
     "FrameSource",
+    "as_typed",
     "is_cut_off",
     "open_source",
     "read_image",
@@ -33,16 +35,16 @@ VIDEO_SUFFIXES: Final = (".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg"
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One picture of a source.
+    """One frame of a source.
 
     Attributes:
-        name: the file's stem, or a video's with the frame's number; good as a file name.
-        path: the file it comes from.
-        image: (H, W, 3) uint8 BGR; None if the source is depth alone.
-        depth_m: (H, W) float32 metres along the optical axis, 0.0 = no reading, in the image's
-            pixels; None without depth.
-        depth_fault: why that depth is not to be believed; None if it may be.
-        time_s: position in a video, else None.
+        name: the file's stem, for videos with the frame's number; valid as a file name.
+        path: the file of the frame.
+        image: (H, W, 3) uint8 BGR; None if there is only depth.
+        depth_m: (H, W) float32 metres along the optical axis, 0.0 = no reading, aligned with the
+            image; None if there is no depth.
+        depth_fault: why the depth is unusable; None if it is usable.
+        time_s: position in the video; None for images.
     """
 
     name: str
@@ -54,11 +56,11 @@ class Frame:
 
 
 class FrameSource(Protocol):
-    """Frames, one after the other."""
+    """An iterable of frames."""
 
     @property
     def count(self) -> int | None:
-        """Number of frames, None if it is not known before the end."""
+        """Number of frames; None if it is not known in advance."""
 
     def __iter__(self) -> Iterator[Frame]: ...
 
@@ -66,40 +68,54 @@ class FrameSource(Protocol):
 def open_source(
     path: Path, depth: Path | None = None, *, depth_only: bool = False, rig: Rig | None = None
 ) -> FrameSource:
-    """Find out what `path` is.
+    """Open an image, a folder of images, or a video.
 
     Args:
         path: an image, a folder of images, or a video.
-        depth: for an image its depth image, for a folder a folder of depth images with the same
-            stems.
-        depth_only: `path` itself holds such depth images, and no others.
-        rig: what took them, and the unit of the depth; without, it is millimetres in the image's
-            own pixels.
+        depth: depth image of an image, or folder with a depth image of the same stem for each
+            image of a folder.
+        depth_only: whether `path` contains depth images instead of colour images.
+        rig: cameras and depth unit. By default, depth is in millimetres and aligned with the image.
+
+    Returns:
+        The frames. Images are read during iteration, which may raise `InputError`.
 
     Raises:
-        InputError: a file is missing or of another kind. Images are read when their turn comes.
+        InputError: a file is missing or has another format.
     """
     rig = rig or Rig()
     if path.is_dir():
         return _FolderFrames(path, depth, depth_only, rig)
     if not path.exists():
-        raise InputError(f"source {path} is not there: expected an image, a folder or a video")
+        raise InputError(
+            f"source {as_typed(path)} does not exist: expected an image, a folder or a video"
+        )
     if path.suffix.lower() in IMAGE_SUFFIXES or cv2.haveImageReader(str(path)):
         if depth is not None and not depth.is_file():
-            raise InputError(f"depth {depth} is no file: expected the depth image of {path}")
+            raise InputError(f"depth {depth} is not a file: expected the depth image of {path}")
         return _ImageFrames([(path.stem, path, depth)], depth_only, rig)
     if depth is not None or depth_only:
-        raise InputError(f"source {path} is no image: expected an image or a folder, to have depth")
+        raise InputError(
+            f"source {path} is not an image: expected an image or a folder, as depth is used"
+        )
     return _VideoFrames(path)
 
 
+def as_typed(source: Path) -> str:
+    """A source as the user typed it, for messages.
+
+    `Path` reduces the two slashes of a URL such as rtsp://camera/1 to one.
+    """
+    return re.sub(r"^([A-Za-z][A-Za-z0-9+.-]+):/(?=[^/])", r"\1://", str(source))
+
+
 def read_image(path: Path) -> NDArray[np.uint8]:
-    """Read a colour image, (H, W, 3) uint8 BGR; grey ones become colour.
+    """Read a colour image, (H, W, 3) uint8 BGR. Greyscale images are converted to colour.
 
     Raises:
-        InputError: the file is missing, no image, cut off, or has more than 8 bits.
+        InputError: the file is missing, not an image, truncated, or has more than 8 bits.
     """
-    expected = "expected a whole 8-bit JPEG or PNG image, or another that OpenCV reads"
+    expected = "expected a complete 8-bit JPEG or PNG image, or another format that OpenCV reads"
     try:
         data = np.fromfile(path, dtype=np.uint8)
     except OSError as error:
@@ -109,20 +125,20 @@ def read_image(path: Path) -> NDArray[np.uint8]:
         raise InputError(f"image {path} cannot be read ({data.size} bytes): {expected}")
     if image.dtype != np.uint8:
         raise InputError(
-            f"image {path} holds {image.dtype}: expected 8-bit colour;"
-            " depth images go to --depth, or alone with --model depth"
+            f"image {path} is {image.dtype}: expected 8-bit colour; pass depth images with"
+            " --depth, or use --model depth"
         )
     return np.asarray(image, dtype=np.uint8)
 
 
 def is_cut_off(data: NDArray[np.uint8]) -> bool:
-    """Whether the file is empty, or a PNG without its end, of which OpenCV would make half."""
+    """Whether a file is empty, or a PNG without its last chunk, which OpenCV reads in part."""
     content = data[:8].tobytes()
     return not content or (content.startswith(b"\x89PNG") and b"IEND" not in data[-64:].tobytes())
 
 
 class _ImageFrames:
-    """Image files, each with its name and, maybe, its depth image."""
+    """Image files: (name, image file, depth file or None) of each."""
 
     def __init__(
         self, files: list[tuple[str, Path, Path | None]], depth_only: bool, rig: Rig
@@ -149,7 +165,7 @@ class _ImageFrames:
 
 
 class _FolderFrames(_ImageFrames):
-    """The images of a folder by name, with those of the same stem in a depth folder."""
+    """The images of a folder, sorted by name, with depth images of the same stems."""
 
     def __init__(self, folder: Path, depth: Path | None, depth_only: bool, rig: Rig) -> None:
         paths = sorted(
@@ -166,26 +182,26 @@ class _FolderFrames(_ImageFrames):
                 )
         stems = [path.stem for path in paths]
         names = [path.stem if stems.count(path.stem) == 1 else path.name for path in paths]
-        mates = _depth_mates(paths, depth)
-        super().__init__(list(zip(names, paths, mates, strict=True)), depth_only, rig)
+        files = _depth_files(paths, depth)
+        super().__init__(list(zip(names, paths, files, strict=True)), depth_only, rig)
 
 
-def _depth_mates(paths: list[Path], depth: Path | None) -> list[Path | None]:
+def _depth_files(paths: list[Path], depth: Path | None) -> list[Path | None]:
     if depth is None:
         return [None] * len(paths)
     if not depth.is_dir():
-        raise InputError(f"depth {depth} is no folder: expected one, as for {paths[0].parent}")
-    return [_depth_mate(path, depth) for path in paths]
+        raise InputError(f"depth {depth} is not a folder: expected one, like {paths[0].parent}")
+    return [_depth_file(path, depth) for path in paths]
 
 
-def _depth_mate(path: Path, depth: Path) -> Path:
-    """The depth file of an image's stem."""
-    mates = [depth / f"{path.stem}{suffix}" for suffix in DEPTH_SUFFIXES]
-    for mate in mates:
-        if mate.is_file():
-            return mate
+def _depth_file(path: Path, depth: Path) -> Path:
+    """The depth file with the image's stem."""
+    files = [depth / f"{path.stem}{suffix}" for suffix in DEPTH_SUFFIXES]
+    for file in files:
+        if file.is_file():
+            return file
     raise InputError(
-        f"depth image {mates[0]} is not there, nor with {', '.join(DEPTH_SUFFIXES[1:])}: expected"
+        f"depth image {files[0]} does not exist, nor with {', '.join(DEPTH_SUFFIXES[1:])}: expected"
         f" one for image {path}"
     )
 
@@ -198,7 +214,7 @@ class _VideoFrames:
         with closing(_Capture(path)) as capture:
             frames = int(capture.video.get(cv2.CAP_PROP_FRAME_COUNT))
             if not capture.video.grab():
-                raise InputError(f"video {path} has no frame that OpenCV can read: expected some")
+                raise InputError(f"video {path} has no frame that OpenCV can read: expected one")
         self.count = frames if frames > 0 else None
 
     def __iter__(self) -> Iterator[Frame]:
@@ -216,11 +232,11 @@ class _VideoFrames:
 
 
 class _Capture:
-    """An open video, closed when done."""
+    """An open video."""
 
     def __init__(self, path: Path) -> None:
         self.video = cv2.VideoCapture(str(path))
-        # By name too, as OpenCV is glad to play a text file.
+        # The suffix is checked too, because OpenCV opens even text files as videos.
         if path.suffix.lower() not in VIDEO_SUFFIXES or not self.video.isOpened():
             raise InputError(
                 f"source {path} cannot be read: expected an image, a folder of images,"

@@ -1,4 +1,4 @@
-"""What a model file is: its manifest, and the checks before anything opens it."""
+"""Model files: the manifest, and a safety check before a file is opened."""
 
 from edgetree.model_file.manifest import Manifest
 

@@ -1,4 +1,4 @@
-"""Frozen dataclasses from JSON values, checked field by field against their annotations."""
+"""Build dataclasses from JSON values, with each field checked against its annotation."""
 
 from __future__ import annotations
 
@@ -22,13 +22,18 @@ _JSON_KINDS: dict[Any, tuple[tuple[type, ...], str]] = {
 
 
 def build(kind: type[_T], data: object, where: str) -> _T:
-    """Make a `kind`, a dataclass, from the JSON object `data`.
+    """Make an instance of the dataclass `kind` from a JSON object.
 
-    Lists become tuples and objects the dataclasses that the annotations name. Unknown fields are
-    passed over, so that a newer writer may add some.
+    Lists become tuples, and objects become the dataclasses in the annotations. Unknown fields are
+    ignored, so that newer versions may add fields.
+
+    Args:
+        kind: the dataclass.
+        data: the decoded JSON value.
+        where: name of the object in error messages.
 
     Raises:
-        ModelFileError: a field is missing or of another kind; `where` says in what.
+        ModelFileError: a field is missing or has the wrong type.
     """
     if not isinstance(data, dict):
         raise ModelFileError(f"{where} is {_kind_of(data)}: expected an object")
@@ -43,7 +48,7 @@ def build(kind: type[_T], data: object, where: str) -> _T:
 
 
 def _convert(hint: Any, value: object, where: str, name: str) -> Any:
-    """`value` as the annotation `hint` has it."""
+    """Convert `value` to the annotated type `hint`."""
     here = f"{where}: {name}"
     if dataclasses.is_dataclass(hint) and isinstance(hint, type):
         return build(hint, value, here)

@@ -1,7 +1,8 @@
-"""The manifest: what a model file says about itself.
+"""The manifest: the description of a model inside its file.
 
-It is one JSON value in the ONNX file's metadata, under `METADATA_KEY`. Export writes it, and the
-runtime reads nothing else: sizes, colour order, resizing, encodings and names all come from here.
+It is one JSON object in the metadata of the ONNX file, under the key `METADATA_KEY`. The export
+writes it. The runtime takes all it needs to know from it: input size, colour order, resizing,
+depth encoding and the names of outputs.
 """
 
 from __future__ import annotations
@@ -44,7 +45,20 @@ def _require(condition: bool, what: str, value: object, expected: str) -> None:
 
 @dataclass(frozen=True)
 class InputSpec:
-    """The graph's one input. `layout` names the axes; `batch_sizes` are the verified ones."""
+    """The graph's only input.
+
+    Attributes:
+        name: name of the input.
+        height: height in pixels.
+        width: width in pixels.
+        layout: the axes, "BHWC" for rgb models and "BHW" for depth models.
+        dtype: always "uint8".
+        colour_order: "BGR" or "depth".
+        batch_sizes: batch sizes that the export has verified.
+
+    Raises:
+        ModelFileError: a value is out of range.
+    """
 
     name: str
     height: int
@@ -58,22 +72,23 @@ class InputSpec:
         _require(min(self.height, self.width) >= 32, "input size", self.size_text, "32x32 or more")
         _require(self.dtype == "uint8", "input dtype", self.dtype, "'uint8'")
         sizes = self.batch_sizes
-        _require(bool(sizes) and min(sizes) > 0, "input batch_sizes", sizes, "some, 1 or more each")
+        expected = "at least one number, all of them 1 or more"
+        _require(bool(sizes) and min(sizes) > 0, "input batch_sizes", sizes, expected)
 
     @property
     def size_text(self) -> str:
-        """Width x height in pixels, for messages."""
+        """WIDTHxHEIGHT in pixels, for messages."""
         return f"{self.width}x{self.height}"
 
     @property
     def image_shape(self) -> tuple[int, ...]:
-        """One image's shape: (H, W, 3) or (H, W)."""
+        """Shape of one image: (H, W, 3) or (H, W)."""
         return (self.height, self.width, 3)[: len(self.layout) - 1]
 
 
 @dataclass(frozen=True)
 class OutputSpec:
-    """One output: `shape` holds numbers, and "B" for the batch."""
+    """One output of the graph. In `shape`, the text "B" stands for the batch size."""
 
     name: str
     shape: tuple[int | str, ...]
@@ -84,7 +99,7 @@ class OutputSpec:
 
 @dataclass(frozen=True)
 class ResizeRule:
-    """How an image comes to the input's size: `calib.Letterbox`, padded with `pad_value`."""
+    """How images are resized to the input: `calib.Letterbox`, padded with `pad_value` (0-255)."""
 
     rule: str = RESIZE_RULE
     pad_value: int = 0
@@ -96,7 +111,7 @@ class ResizeRule:
 
 @dataclass(frozen=True)
 class Thresholds:
-    """What the graph itself applies: the lowest score it keeps, and the IoU of its suppression."""
+    """Thresholds inside the graph: the lowest score it outputs, and the IoU of its NMS."""
 
     score: float
     nms_iou: float
@@ -109,7 +124,7 @@ class Thresholds:
 
 @dataclass(frozen=True)
 class ClassifierCost:
-    """Of the backbone as an ImageNet classifier, for one 224x224 px image, as papers count it."""
+    """Cost of the backbone as an ImageNet classifier of one 224x224 px image."""
 
     parameters: int
     multiply_adds: int
@@ -117,39 +132,39 @@ class ClassifierCost:
 
 @dataclass(frozen=True)
 class Manifest:
-    """Everything that a program needs to know to use a model file.
+    """Description of a model file.
 
     Attributes:
         name: name of the model.
         backbone: name of its backbone.
-        modality: "rgb" or "depth".
+        modality: "rgb" or "depth", the kind of image that the model takes.
         input: the graph's input.
-        resize: how an image is brought to that size.
-        mean: per input channel, in its colour order; the graph subtracts it from the bytes. Three
-            for a depth model that takes its one channel as three equal ones.
-        std: likewise; the graph divides by it.
+        resize: how images are resized to the input.
+        mean: mean per channel, in the input's colour order; the graph subtracts it from the uint8
+            values. Three values for a depth model that repeats its channel three times.
+        std: standard deviation per channel, likewise; the graph divides by it.
         depth_encoding: `calib.DepthEncoding.to_dict()` of a depth model, else None.
         outputs: the graph's outputs, see `standard_outputs`.
         classes: names of the classes.
         keypoint_names: `KEYPOINT_NAMES`, or empty for a model without keypoints.
-        keypoint_flip_pairs: pairs of keypoint indices that change places on a horizontal flip.
-        thresholds: what the graph applies.
+        keypoint_flip_pairs: pairs of keypoint indices that a horizontal flip swaps.
+        thresholds: thresholds inside the graph.
         precision: "float32", "float16" or "int8".
         opset: ONNX opset of the graph.
         parameters: number of weights.
-        weights_sha256: of the checkpoint's weights.
-        training_data: id of the data the weights were trained on.
+        weights_sha256: hash of the checkpoint's weights.
+        training_data: id of the data that the weights were trained on.
         project_version: version of edgetree that wrote the file.
-        parity: figures of the export's parity check.
-        calibration_sha256: of the data that a quantised model was calibrated on, else None.
-        proposals: regions per frame that the box head looks at; None in older files.
-        multiply_adds: of one frame through the whole network; None in older files.
+        parity: results of the export's parity check.
+        calibration_sha256: hash of the calibration data of a quantised model, else None.
+        proposals: region proposals per frame for the box head; None in older files.
+        multiply_adds: multiply-adds of the whole network for one frame; None in older files.
         classifier: cost of the backbone alone, as papers give it; None in older files.
-        target: the provider that the file was made for.
+        target: the provider that the file was exported for.
         schema: version of this layout.
 
     Raises:
-        ModelFileError: a value does not fit the others.
+        ModelFileError: values contradict each other.
     """
 
     name: str
@@ -193,8 +208,7 @@ class Manifest:
             _require(len(values) in allowed, name, values, expected)
         has_encoding = self.depth_encoding is not None
         expected = "a depth encoding for a depth model, and null for an rgb model"
-        is_depth = self.modality == "depth"
-        _require(has_encoding == is_depth, "depth_encoding", self.depth_encoding, expected)
+        _require(has_encoding == self.takes_depth, "depth_encoding", self.depth_encoding, expected)
         names = self.keypoint_names
         expected_names = KEYPOINT_NAMES if self.has_output("keypoints") else ()
         _require(names == expected_names, "keypoint_names", names, repr(expected_names))
@@ -202,24 +216,30 @@ class Manifest:
         _require(all(map(self.has_output, needed)), "outputs", self.output_names, f"{needed}")
 
     @property
+    def takes_depth(self) -> bool:
+        """Whether the model takes depth images; otherwise it takes colour images."""
+        return self.modality == "depth"
+
+    @property
     def output_names(self) -> tuple[str, ...]:
         """Names of the outputs, in the graph's order."""
         return tuple(output.name for output in self.outputs)
 
     def has_output(self, name: str) -> bool:
-        """Whether the model has this output."""
+        """Whether the model has the output `name`."""
         return name in self.output_names
 
     def to_json(self) -> str:
-        """The one JSON value that goes into the model file."""
+        """The manifest as JSON text, for the metadata of the model file."""
         return json.dumps(dataclasses.asdict(self), allow_nan=False)
 
     @classmethod
     def from_json(cls, text: str) -> Manifest:
-        """Read what `to_json` wrote.
+        """Parse the output of `to_json`.
 
         Raises:
-            ModelFileError: no JSON, another schema, a field missing or of the wrong kind.
+            ModelFileError: the text is not JSON, has another schema, or a field is missing or has
+                the wrong type.
         """
         try:
             data = json.loads(text)
@@ -231,7 +251,11 @@ class Manifest:
 
 
 def standard_input(modality: str, height: int, width: int) -> InputSpec:
-    """The input that every model of this project has for its modality."""
+    """The input of all models of this project for a modality, "rgb" or "depth".
+
+    Raises:
+        ModelFileError: another modality, or a size below 32x32 px.
+    """
     _require(modality in _LAYOUTS, "modality", modality, "'rgb' or 'depth'")
     layout, order = _LAYOUTS[modality], _COLOUR_ORDERS[modality]
     return InputSpec("image", height, width, layout, "uint8", order)
@@ -240,9 +264,12 @@ def standard_input(modality: str, height: int, width: int) -> InputSpec:
 def standard_outputs(
     detections: int, *, keypoints: bool = True, masks: bool = True
 ) -> tuple[OutputSpec, ...]:
-    """The outputs of a graph that keeps `detections` rows, in their order.
+    """The outputs of all models of this project, in their order.
 
-    Rows past `num_detections` are zero.
+    Args:
+        detections: number of rows per image. Rows from `num_detections` on are zero.
+        keypoints: whether the model has a keypoint output.
+        masks: whether the model has a mask output.
     """
     rows: tuple[int | str, ...] = ("B", detections)
     boxes = OutputSpec("boxes", (*rows, 4), "float32", "px of the input", "x0, y0, x1, y1")

@@ -1,11 +1,13 @@
-"""A first look at a model file, before onnxruntime opens it, with nothing but its bytes.
+"""Check a model file before onnxruntime opens it.
 
-Our files are whole: one ONNX file, nothing beside it. An ONNX model may also point to other
-files, declare tensors that it does not hold, or be cut short, and what opens it would read those
-files or ask for that memory. So the file's structure is walked once; the weights are passed over.
+Models of this project are single, self-contained ONNX files. In general an ONNX model may refer to
+other files, declare tensors whose data are missing, or be truncated; opening it would then read
+those files or allocate that memory. This module parses the structure of the file once, without
+reading the weights, and rejects such models.
 
-ONNX is protobuf: a message is a row of fields, each a number, a kind and a value; the names of
-the fields below are those of onnx.proto.
+ONNX files are protobuf messages. A message is a sequence of fields, each with a number, a wire type
+and a value. See https://protobuf.dev/programming-guides/encoding for the encoding, and onnx.proto
+for the field names in the comments.
 """
 
 from __future__ import annotations
@@ -24,10 +26,10 @@ __all__ = ["MAX_ELEMENTS", "ModelFile", "Shape", "read_model_file"]
 Shape: TypeAlias = tuple[int | str, ...]
 
 MAX_ELEMENTS: Final = 2**28  # of one input or output
-_MAX_FIELDS: Final = 1_000_000  # a model of a thousand nodes has some ten thousand
+_MAX_FIELDS: Final = 1_000_000  # a model with a thousand nodes has about ten thousand fields
 _MAX_RANK: Final = 32
-_HERE: Final = 0  # TensorProto.DataLocation.DEFAULT
-_MOST_PER_BYTE: Final = 8  # elements; the narrowest types take less than a byte each
+_DATA_INSIDE: Final = 0  # TensorProto.DataLocation.DEFAULT
+_MAX_ELEMENTS_PER_BYTE: Final = 8  # the smallest element types take less than a byte each
 
 _Bytes: TypeAlias = bytes | mmap.mmap
 _Span: TypeAlias = tuple[int, int]
@@ -35,12 +37,12 @@ _Span: TypeAlias = tuple[int, int]
 
 @dataclass
 class ModelFile:
-    """What a model file says of itself.
+    """Metadata, inputs and outputs of a model file.
 
     Attributes:
-        metadata: its metadata.
-        input_shapes: shape of each input; a text stands for a size that is free.
-        output_shapes: likewise of each output.
+        metadata: the metadata entries.
+        input_shapes: shape of each input; dynamic sizes are given by their name.
+        output_shapes: shape of each output, likewise.
     """
 
     metadata: dict[str, str] = field(default_factory=dict)
@@ -49,30 +51,30 @@ class ModelFile:
 
 
 class _NotOnnx(Exception):
-    """The bytes are no ONNX model."""
+    """The bytes are not an ONNX model."""
 
 
 class _Refused(Exception):
-    """An ONNX model, but not one that may be opened."""
+    """The file is an ONNX model that must not be opened."""
 
 
 def read_model_file(path: Path) -> ModelFile:
-    """Look a model file through.
+    """Check a model file and read its metadata, inputs and outputs.
 
     Raises:
-        ModelFileError: the file is missing or cannot be read, is no ONNX model or cut short, keeps
-            data outside itself, holds less data than it declares, or declares an input or output
-            of more than `MAX_ELEMENTS`.
+        ModelFileError: the file is missing or unreadable, is not an ONNX model or truncated, refers
+            to data in other files, contains less data than it declares, or has an input or output
+            of more than `MAX_ELEMENTS` elements.
     """
     if not path.is_file():
-        kind = "a folder" if path.is_dir() else "not there"
-        raise ModelFileError(f"model {path} is {kind}: expected an .onnx file")
+        problem = "is a folder" if path.is_dir() else "does not exist"
+        raise ModelFileError(f"model {path} {problem}: expected an .onnx file")
     try:
         with path.open("rb") as stream:
             if not stream.read(1):
                 raise _NotOnnx("it is empty")
             with mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
-                return _Walk(data).model()
+                return _Parser(data).parse_model()
     except OSError as error:
         raise ModelFileError(
             f"model {path} cannot be read ({error.strerror}): expected an .onnx file"
@@ -86,15 +88,15 @@ def read_model_file(path: Path) -> ModelFile:
         raise ModelFileError(f"model {path} {error}") from error
 
 
-class _Walk:
-    """Goes through one file's messages."""
+class _Parser:
+    """Parses the protobuf messages of one file."""
 
     def __init__(self, data: _Bytes) -> None:
         self._data = data
         self._fields_left = _MAX_FIELDS
 
-    def model(self) -> ModelFile:
-        """All of the file, a ModelProto."""
+    def parse_model(self) -> ModelFile:
+        """Parse the whole file, a ModelProto, and check all its parts."""
         found = ModelFile()
         graphs: list[_Span] = []
         parts: list[tuple[str, _Span]] = []
@@ -120,15 +122,15 @@ class _Walk:
         return found
 
     def _check_parts(self, waiting: list[tuple[str, _Span]]) -> None:
-        """Every graph and node, those inside others included, and every tensor."""
+        """Check all graphs, nodes and tensors, including those nested in attributes."""
         while waiting:
             kind, span = waiting.pop()
             for number, value in self._fields(span):
-                what = _HOLDS[kind].get(number)
+                what = _CHILD_KINDS[kind].get(number)
                 if what == "tensor":
                     self._check_tensor(_span(value))
                 elif what == "sparse tensor":
-                    raise _Refused("holds a sparse tensor: expected none, as in all our files")
+                    raise _Refused("contains a sparse tensor: expected dense tensors only")
                 elif what == "operator":
                     self._check_operator(_span(value))
                 elif what is not None:
@@ -136,30 +138,30 @@ class _Walk:
 
     def _check_operator(self, span: _Span) -> None:
         if self._data[slice(*span)] == b"EPContext":
-            raise _Refused("holds a part compiled for one machine: expected operators alone")
+            raise _Refused(
+                "contains an operator EPContext, compiled for one machine: expected none"
+            )
 
     def _check_tensor(self, span: _Span) -> None:
-        """It lies in this file, all of it."""
+        """Check that all of a tensor's data are in this file."""
         dims: list[int] = []
         name = "?"
         for number, value in self._fields(span):
-            if number == 14 and value != _HERE:  # data_location
-                raise _Refused(
-                    "keeps weights in another file: expected one file with everything in it"
-                )
+            if number == 14 and value != _DATA_INSIDE:  # data_location
+                raise _Refused("stores weights in another file: expected a self-contained file")
             if number == 1:  # dims
                 dims += self._numbers(value)
-            elif number == 8:
+            elif number == 8:  # name
                 name = self._text(_span(value))
         size = span[1] - span[0]
-        if _product(dims) > size * _MOST_PER_BYTE:
+        if _product(dims) > size * _MAX_ELEMENTS_PER_BYTE:
             raise _Refused(
-                f"declares its tensor {name!r} as {'x'.join(map(str, dims))} and holds"
-                f" {size} bytes of it: expected all of them"
+                f"declares its tensor {name!r} as {'x'.join(map(str, dims))} but contains only"
+                f" {size} bytes of it: expected all of its data"
             )
 
     def _value_info(self, span: _Span) -> tuple[str, Shape]:
-        """Name and shape of an input or output; () where it is no tensor."""
+        """Name and shape of an input or output; the shape is () if it is not a tensor."""
         name = "".join(map(self._text, self._children(span, 1)))
         sizes = [
             self._size(dim)
@@ -172,7 +174,7 @@ class _Walk:
         if min(known, default=1) < 1 or _product(known) > MAX_ELEMENTS:
             text = "x".join(map(str, sizes))
             raise _Refused(
-                f"declares {name!r} of {text}: expected sizes from 1 on,"
+                f"declares {name!r} as {text}: expected sizes of at least 1"
                 f" and at most {MAX_ELEMENTS} elements"
             )
         return name, tuple(sizes)
@@ -196,7 +198,7 @@ class _Walk:
             raise _NotOnnx("a name or text in it is not UTF-8") from error
 
     def _numbers(self, value: int | _Span) -> list[int]:
-        """One whole number, or a packed row of them."""
+        """One integer, or a packed list of integers."""
         if isinstance(value, int):
             return [value]
         position, end = value
@@ -207,18 +209,18 @@ class _Walk:
         return found
 
     def _children(self, span: _Span, number: int) -> list[_Span]:
-        """Places of the parts that a message holds under one number."""
+        """Byte ranges of all sub-messages with field number `number`."""
         return [_span(value) for index, value in self._fields(span) if index == number]
 
     def _fields(self, span: _Span) -> Iterator[tuple[int, int | _Span]]:
-        """(number, value) of each field: whole numbers as they are, the others as their place."""
+        """Yield (number, value) of each field; values other than varints as their byte range."""
         position, end = span
         while position < end:
             self._fields_left -= 1
             if self._fields_left < 0:
-                raise _Refused(f"has more than {_MAX_FIELDS} parts: expected fewer")
+                raise _Refused(f"has more than {_MAX_FIELDS} fields: expected fewer")
             key, position = self._varint(position, end)
-            number, kind = (key & 0xFFFF_FFFF) >> 3, key & 7  # as some readers cut it
+            number, kind = (key & 0xFFFF_FFFF) >> 3, key & 7  # some parsers use only 32 bits
             if kind == 0:
                 value, position = self._varint(position, end)
                 yield number, value
@@ -228,31 +230,34 @@ class _Walk:
             elif kind in (1, 5):
                 length = 8 if kind == 1 else 4
             else:
-                raise _NotOnnx(f"byte {position} begins no field")
+                raise _NotOnnx(f"no valid field at byte {position}")
             if length > end - position:
-                raise _NotOnnx("it is cut short or damaged: a field reaches past its end")
+                raise _NotOnnx("it is truncated or damaged: a field reaches past its end")
             yield number, (position, position + length)
             position += length
 
     def _varint(self, position: int, end: int) -> tuple[int, int]:
-        """A whole number of up to ten bytes of seven bits, least first; and where it ends.
+        """Decode a varint: up to ten bytes of seven bits each, least significant first.
 
-        A negative one comes out as a huge one, which no size is.
+        Negative numbers are returned as unsigned 64-bit numbers, which later size checks reject.
+
+        Returns:
+            The number and the position behind it.
         """
         number = 0
         for shift in range(0, 70, 7):
             if position >= end:
-                raise _NotOnnx("it is cut short or damaged: a number reaches past its end")
+                raise _NotOnnx("it is truncated or damaged: a number reaches past its end")
             byte = self._data[position]
             position += 1
             number |= (byte & 0x7F) << shift
             if byte < 0x80:
                 return number & 0xFFFF_FFFF_FFFF_FFFF, position
-        raise _NotOnnx(f"byte {position} belongs to a number that does not end")
+        raise _NotOnnx(f"the number that ends at byte {position} is longer than ten bytes")
 
 
-# What to look into: by message, the numbers of its fields.
-_HOLDS: Final[dict[str, dict[int, str]]] = {
+# The fields to check in each kind of message, by field number.
+_CHILD_KINDS: Final[dict[str, dict[int, str]]] = {
     "graph": {1: "node", 5: "tensor", 15: "sparse tensor"},
     "node": {4: "operator", 5: "attribute"},
     "attribute": {
@@ -274,11 +279,11 @@ def _product(sizes: list[int]) -> int:
 
 def _span(value: int | _Span) -> _Span:
     if isinstance(value, int):
-        raise _NotOnnx("a part of it is a number")
+        raise _NotOnnx("a number where a message or text was expected")
     return value
 
 
 def _number(value: int | _Span) -> int:
     if not isinstance(value, int):
-        raise _NotOnnx("a number in it is none")
+        raise _NotOnnx("a message or text where a number was expected")
     return value

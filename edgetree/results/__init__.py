@@ -1,4 +1,4 @@
-"""What becomes of a frame's trees: JSON, tables, labels and pictures, in files that are whole."""
+"""Output of results: JSON, tables, COCO labels and pictures, written atomically."""
 
 from edgetree.results.json_records import frame_record
 

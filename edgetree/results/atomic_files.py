@@ -1,4 +1,4 @@
-"""Writing so that nobody ever finds half a file: beside first, renamed when whole."""
+"""Atomic writing: a file is written under a temporary name and renamed when it is complete."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ __all__ = ["check_paths", "output_folder", "replacing", "text_file"]
 
 
 def check_paths(outputs: Mapping[str, Path | None], inputs: Mapping[str, Path | None]) -> None:
-    """Refuse to write one path twice, or over what is read, before any work is done.
+    """Check that no output overwrites an input or another output.
 
     Args:
-        outputs: what will be written, by its option; None where it was not asked for.
-        inputs: what will be read, likewise; a folder stands for its images and depth images too.
+        outputs: the output paths by option; None for options that are not given.
+        inputs: the input paths, likewise. A folder includes the images and depth images in it.
 
     Raises:
-        InputError: a path is among them twice.
+        InputError: an output path occurs twice.
     """
     taken: dict[Path, str] = {}
     for name, path in inputs.items():
@@ -49,13 +49,13 @@ def _frames_in(folder: Path) -> list[Path]:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Give the name of a file beside `path` to write; it becomes `path` if the block ends well.
+    """Yield a temporary path next to `path`, which replaces `path` if the block succeeds.
 
-    That it can be written is proven before the block, and until the block writes it there is no
-    such file. If the block raises, it is removed and `path` is as it was.
+    Before the block, it is checked that the file can be created. If the block raises, the
+    temporary file is removed and `path` is left unchanged.
 
     Raises:
-        InputError: the file cannot be made there.
+        InputError: the file cannot be created.
     """
     if path.is_dir():
         raise InputError(f"{path} is a folder: expected the name of a file to write")
@@ -67,14 +67,14 @@ def replacing(path: Path) -> Iterator[Path]:
         except OSError as error:
             raise InputError(
                 f"{path} cannot be written ({error.strerror}):"
-                " expected a file in a folder that is there and can be written"
+                " expected a file in an existing, writable folder"
             ) from error
         yield temporary
 
 
 @contextmanager
 def text_file(path: Path) -> Iterator[TextIO]:
-    """A file that appears when all of its lines are in it; they end as they are written."""
+    """Open a text file as in `replacing`. Line ends are not translated."""
     with (
         replacing(path) as temporary,
         temporary.open("w", encoding="utf-8", newline="") as stream,
@@ -84,12 +84,12 @@ def text_file(path: Path) -> Iterator[TextIO]:
 
 @contextmanager
 def output_folder(path: Path) -> Iterator[Path]:
-    """Make the folder if needed and prove that it can be written, before any work is done.
+    """Create a folder if needed and check that it is writable.
 
-    Folders made here are removed again if the block raises and left them empty.
+    If the block raises, the folders created here are removed again, unless they contain files.
 
     Raises:
-        InputError: it cannot be made or written.
+        InputError: the folder cannot be created or is not writable.
     """
     made = [folder for folder in (path, *path.parents) if not folder.exists()]
     try:
@@ -99,7 +99,7 @@ def output_folder(path: Path) -> Iterator[Path]:
         _remove_empty(made)
         raise InputError(
             f"output folder {path} cannot be written ({error.strerror}):"
-            " expected a folder that is there, or can be made, and can be written"
+            " expected a writable folder, or one that can be created"
         ) from error
     try:
         yield path

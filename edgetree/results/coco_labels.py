@@ -1,4 +1,4 @@
-"""What a model finds as COCO labels, so that people correct instead of draw."""
+"""Detections as COCO labels, for correction in a labelling tool."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from edgetree.results.atomic_files import text_file
 
 __all__ = ["labels_file"]
 
-# The stem's axis from the felling cut up, and the diameter, as indices of KEYPOINT_NAMES.
+# Lines between keypoints, as indices of KEYPOINT_NAMES: the stem's axis and the diameter.
 _SKELETON: Final = ((0, 3), (3, 4), (1, 2))
 
 
@@ -23,12 +23,12 @@ _SKELETON: Final = ((0, 3), (3, 4), (1, 2))
 def labels_file(
     path: Path, model: str, score_threshold: float
 ) -> Iterator[Callable[[FrameResult], None]]:
-    """A COCO file that is there when the block has ended well; gives what adds a frame to it.
+    """Write a COCO file at the end of the block; yields a function that adds a frame to it.
 
     Args:
-        path: of the file.
-        model: name of the model file, and
-        score_threshold: of the detector, for the labels to say where they come from.
+        path: the file to write.
+        model: name of the model file, for the description in the labels.
+        score_threshold: the detector's threshold, likewise.
 
     Raises:
         InputError: the file cannot be written.
@@ -41,7 +41,7 @@ def labels_file(
 
 
 def _add_frame(labels: CocoLabels, result: FrameResult) -> None:
-    """A frame and its trees, under the name of the frame's file."""
+    """Add a frame and its trees, under the name of the frame's file."""
     trees = result.trees
     labels.add_image(result.frame.path.name, trees.image_width, trees.image_height)
     for index, score in enumerate(trees.scores):

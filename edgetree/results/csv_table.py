@@ -1,4 +1,4 @@
-"""Measured trees as a table for spreadsheets: one row per tree, units in the columns' names."""
+"""Measurements as a CSV table: one row per tree, units in the column names."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _DIGITS: Final = 5
 
 
 def _quantity_columns(quantity: str) -> tuple[str, ...]:
-    """The columns of a quantity, as `TreeMeasurement.to_dict` names them."""
+    """The columns of a quantity, with the keys of `TreeMeasurement.to_dict`."""
     name, unit = quantity.rsplit("_", 1)
     spread = (f"{name}_{what}_{unit}" for what in ("std", "low95", "high95"))
     return (quantity, *spread, f"{name}_failure")
@@ -41,13 +41,14 @@ COLUMNS: Final = (
 
 
 def write_header(stream: TextIO) -> None:
-    """Write the columns' names; the stream was opened with `newline=""`."""
+    """Write the column names. The stream must have been opened with `newline=""`."""
     csv.writer(stream).writerow(COLUMNS)
 
 
 def write_rows(stream: TextIO, result: FrameResult) -> None:
-    """Write one row for each tree of a frame: what is not known is empty, and its `_failure` says
-    why.
+    """Write one row for each tree of a frame.
+
+    Cells without a value are empty; the column `<quantity>_failure` then gives the reason.
     """
     writer = csv.DictWriter(stream, COLUMNS)
     writer.writerows({name: _cell(value) for name, value in row.items()} for row in _rows(result))
@@ -71,7 +72,7 @@ def _rows(result: FrameResult) -> Iterator[dict[str, Any]]:
 
 
 def _metres(values: Mapping[str, Any]) -> dict[str, Any]:
-    """The entries of `TreeMeasurement.to_dict` under the columns' names."""
+    """The entries of `TreeMeasurement.to_dict` by column name."""
     row = {name: value for name, value in values.items() if name in COLUMNS}
     for name, column in _POINTS.items():
         x, y, z, failure = _point_columns(column)
@@ -82,7 +83,11 @@ def _metres(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _cell(value: object) -> object:
-    """Numbers to a hundredth of a millimetre; text on one line, and never a formula."""
+    """A value for a cell.
+
+    Numbers are rounded to five digits. Text is put on one line, and escaped if a spreadsheet
+    would take it for a formula.
+    """
     if isinstance(value, float):
         return round(value, _DIGITS)
     if isinstance(value, Iterable) and not isinstance(value, str):

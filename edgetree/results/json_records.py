@@ -1,4 +1,4 @@
-"""Results as JSON values. Every number's unit is in its name or in its parent's."""
+"""Results as JSON values. The unit of each number is in its key or its parent's key."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ FRAME_SCHEMA: Final = "edgetree.frame/1"
 
 
 def frame_record(result: FrameResult) -> dict[str, Any]:
-    """One frame as a JSON object.
+    """A frame's result as a JSON object.
 
-    Pixels are continuous image coordinates, (0, 0) at the outer corner of the first pixel.
-    `tree` is the number in tables and pictures. `box_px` is x0, y0, x1, y1; a keypoint is x, y
-    and a score; `mask_rle` is a compressed COCO mask of the image's size. `metres` holds the
-    measurement, or is null, and then `metres_need` says what to add.
+    Pixel coordinates are continuous, with (0, 0) at the outer corner of the first pixel. `tree` is
+    the number in tables and pictures, `box_px` is x0, y0, x1, y1, a keypoint is x, y, score, and
+    `mask_rle` is a compressed COCO RLE mask of the image's size. `metres` is the measurement, or
+    null if there is none; `metres_need` then says which option is missing.
     """
     trees = result.trees
     record: dict[str, Any] = {
@@ -65,6 +65,6 @@ def _rounded(value: float, digits: int) -> float:
 
 
 def write_json_line(stream: TextIO, record: dict[str, Any]) -> None:
-    """Write one record on one line, at once, so that a program that reads along gets it now."""
+    """Write one record as one line and flush the stream, for programs that read along."""
     stream.write(json.dumps(record, allow_nan=False) + "\n")
     stream.flush()

@@ -1,4 +1,4 @@
-"""Frames drawn with their trees, and written as picture files."""
+"""Draw results on frames and write them as picture files."""
 
 from __future__ import annotations
 
@@ -25,10 +25,13 @@ PICTURE_SUFFIXES: Final = (".jpg", ".jpeg", ".png")
 
 
 def draw_frame(result: FrameResult) -> Picture:
-    """A frame with its trees, their numbers and what was measured of them.
+    """Draw a frame's trees with their numbers and measurements.
+
+    Returns:
+        (H, W, 3) uint8 BGR: the image, or the depth as colours if there is no image.
 
     Raises:
-        InputError: there is nothing to draw on.
+        InputError: the frame has neither image nor depth.
     """
     frame, found = result.frame, result.found
     picture = frame.image
@@ -47,19 +50,19 @@ def draw_frame(result: FrameResult) -> Picture:
 
 
 def encode_picture(picture: Picture, suffix: str) -> bytes:
-    """A picture as the content of a file with one of `PICTURE_SUFFIXES`."""
+    """Encode a picture for a file with one of the `PICTURE_SUFFIXES`."""
     quality = [] if suffix == ".png" else [cv2.IMWRITE_JPEG_QUALITY, 92]
     return cv2.imencode(suffix, picture, quality)[1].tobytes()
 
 
 def write_picture(folder: Path, result: FrameResult) -> Path:
-    """Draw a frame's trees with their labels into `folder`.
+    """Draw a frame and write it to `folder`.
 
     Returns:
-        The file, named after the frame: `<name>_trees.jpg`.
+        The path of the file, `<frame name>_trees.jpg`.
 
     Raises:
-        InputError: it cannot be written.
+        InputError: the file cannot be written.
     """
     path = folder / f"{result.frame.name}_trees.jpg"
     data = encode_picture(draw_frame(result), path.suffix)

@@ -1,4 +1,4 @@
-"""The measured trees of a frame as a table for a person in the forest."""
+"""Measurements as a text table for the terminal."""
 
 from __future__ import annotations
 
@@ -23,14 +23,21 @@ _INDENT: Final = " " * 6
 
 
 def table_lines(measurements: list[TreeMeasurement], numbers: tuple[int, ...]) -> Iterator[str]:
-    """A row for each tree, and below it what is missing, what to beware of and what it rests on."""
+    """The lines of the table.
+
+    Each tree has a row, followed by its failures, its warnings and the evidence.
+
+    Args:
+        measurements: the measurement of each tree.
+        numbers: the number of each tree.
+    """
     if not measurements:
         yield "no trees"
         return
     yield _row("tree", {name: AMOUNTS[name].name for name in _WIDTHS})
     for number, tree in zip(numbers, measurements, strict=True):
         yield _row(f"{number:4}", {name: _cell(tree, name) for name in _WIDTHS})
-        notes = [*_failures(tree), *(f"beware: {text}" for text in tree.evidence.warnings)]
+        notes = [*_failures(tree), *(f"warning: {text}" for text in tree.evidence.warnings)]
         ground = tree.evidence.ground
         if ground and not any(ground in text for text in notes):
             notes.append(f"ground: {ground}")
@@ -57,7 +64,7 @@ def _cell(tree: TreeMeasurement, quantity: str) -> str:
 
 
 def _failures(tree: TreeMeasurement) -> Iterator[str]:
-    """What could not be measured, and why; each reason once."""
+    """The quantities that could not be measured, grouped by reason."""
     missing: dict[str, list[str]] = {}
     for quantity, amount in AMOUNTS.items():
         result: Estimate | Failure = getattr(tree, quantity)
@@ -73,5 +80,5 @@ def _evidence(evidence: Evidence) -> str:
     visible = "" if shown is None else f"{shown:.0%} of the stem visible, "
     return (
         f"from {evidence.method}; {visible}depth at {evidence.valid_depth_share:.0%} of it,"
-        f" {evidence.arc_deg:.0f}° of its round seen"
+        f" an arc of {evidence.arc_deg:.0f}° seen"
     )

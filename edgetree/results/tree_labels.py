@@ -1,4 +1,4 @@
-"""The few words that stand beside a tree in a picture, and the mark at its felling cut."""
+"""Texts for pictures: the label of each tree, and the mark at its felling cut."""
 
 from __future__ import annotations
 
@@ -13,21 +13,25 @@ from edgetree.results.units import AMOUNTS
 
 __all__ = ["cut_marks", "numbered", "tree_labels"]
 
-_LINE = 34
-_MOST_LINES = 2
+_LINE_LENGTH = 34
+_MAX_LINES = 2
 
 
 def tree_labels(
     trees: TreeDetections, measurements: list[TreeMeasurement] | None = None
 ) -> list[list[str]]:
-    """Lines for each tree: what was measured of it, or why not, and one warning; else its score."""
+    """The label of each tree, as lines of text.
+
+    With measurements: the values, or the reason for a missing one, and the first warning. Without:
+    the score.
+    """
     if measurements is None:
         return [[f"tree {score:.0%}"] for score in trees.scores]
     return [_measured(measurement) for measurement in measurements]
 
 
 def numbered(labels: Sequence[Sequence[str]], numbers: Sequence[object]) -> list[list[str]]:
-    """The labels, each opened by its tree's number."""
+    """The labels, each with the tree's number in front."""
     return [
         [f"{number}  {first}", *rest]
         for number, (first, *rest) in zip(numbers, labels, strict=True)
@@ -37,7 +41,7 @@ def numbered(labels: Sequence[Sequence[str]], numbers: Sequence[object]) -> list
 def cut_marks(
     measurements: Sequence[TreeMeasurement], camera: PinholeCamera
 ) -> list[CutMark | None]:
-    """Where each tree is to be cut, in the picture, and how high that is; None if not known."""
+    """The felling cut of each tree in pixels, with its height as text; None if not measured."""
     return [_cut_mark(measurement, camera) for measurement in measurements]
 
 
@@ -67,11 +71,11 @@ def _measured(tree: TreeMeasurement) -> list[str]:
 
 
 def _short(tree: TreeMeasurement, quantity: str) -> str:
-    """The value with its unit; empty where there is none."""
+    """The value with its unit; empty if it was not measured."""
     result = getattr(tree, quantity)
     amount = AMOUNTS[quantity]
     return f"{amount.value(result)} {amount.unit}" if isinstance(result, Estimate) else ""
 
 
 def _wrapped(text: str) -> list[str]:
-    return wrap(text, _LINE, max_lines=_MOST_LINES, placeholder=" ...")
+    return wrap(text, _LINE_LENGTH, max_lines=_MAX_LINES, placeholder=" ...")

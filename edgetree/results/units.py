@@ -1,4 +1,4 @@
-"""Measured values in the words and units of people who fell trees."""
+"""Formatting of measured values: names, units and digits."""
 
 from __future__ import annotations
 
@@ -10,7 +10,14 @@ __all__ = ["AMOUNTS", "Amount", "direction_words"]
 
 
 class Amount(NamedTuple):
-    """How a quantity of a measurement is written: its name, and its unit for people."""
+    """How to format a quantity.
+
+    Attributes:
+        name: name of the quantity.
+        unit: unit of the text.
+        per_unit: factor from the measurement's unit to `unit`.
+        digits: digits after the decimal point.
+    """
 
     name: str
     unit: str
@@ -18,11 +25,14 @@ class Amount(NamedTuple):
     digits: int
 
     def value(self, estimate: Estimate) -> str:
-        """The number alone, such as "31.2"."""
+        """The value without its unit, such as "31.2"."""
         return f"{estimate.value * self.per_unit:.{self.digits}f}"
 
     def with_std(self, estimate: Estimate, sign: str = " ± ") -> str:
-        """With one standard deviation, such as "31.2 ± 0.8 cm"; none is called zero."""
+        """The value with one standard deviation, such as "31.2 ± 0.8 cm".
+
+        A standard deviation that would be rounded to zero is shown as the last digit's unit.
+        """
         least = 10.0**-self.digits
         std = max(estimate.std * self.per_unit, least)
         unit = self.unit if self.unit == "°" else f" {self.unit}"
@@ -36,7 +46,7 @@ AMOUNTS: Final = {
     "inclination_deg": Amount("lean", "°", 1.0, 1),
     "distance_m": Amount("distance", "m", 1.0, 2),
 }
-"""The quantities shown to people, in the order of tables."""
+"""The quantities in tables and labels, in this order."""
 
 _SECTORS: Final = (
     "away",
@@ -51,7 +61,10 @@ _SECTORS: Final = (
 
 
 def direction_words(lean: Estimate | Failure, direction: Estimate | Failure) -> str:
-    """Where a stem leans to as the camera sees it; nothing where it may as well stand upright."""
+    """Direction of a stem's lean as seen from the camera, such as "towards, left".
+
+    Empty if the lean is not known or not significantly different from zero.
+    """
     if isinstance(lean, Failure) or isinstance(direction, Failure) or lean.interval95[0] <= 0:
         return ""
     return _SECTORS[round(direction.value / 45) % len(_SECTORS)]

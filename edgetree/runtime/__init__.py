@@ -1,6 +1,6 @@
-"""A model file at work: from an image to the trees in it, on a provider of onnxruntime.
+"""Run model files with onnxruntime: from an image to the trees in it.
 
-Tests of programs that embed a detector use `FakeSession`, which needs no model.
+`FakeSession` replaces a model file in tests of programs that use a detector.
 """
 
 from edgetree.runtime.detector import TreeDetector, default_model

@@ -1,4 +1,4 @@
-"""The detector: images in, trees in those images' pixels out."""
+"""The tree detector: from images to trees in pixel coordinates."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 import calib
 from edgetree.detections import TreeDetections
 from edgetree.errors import InputError
-from edgetree.runtime.graph_checks import Answer, check_answer, read_manifest
+from edgetree.runtime.graph_checks import ImageOutputs, check_outputs, read_manifest
 from edgetree.runtime.input_images import check_image, to_bytes
 from edgetree.runtime.providers import CPU, SessionSettings
 from edgetree.runtime.session import InferenceSession, OrtSession
@@ -24,10 +24,10 @@ MODALITIES: Final = ("rgb", "depth")
 
 
 def default_model(modality: str) -> Path:
-    """The model file that comes with this package for "rgb" or "depth".
+    """Path of the packaged model for "rgb" or "depth".
 
     Raises:
-        InputError: another modality.
+        InputError: `modality` is neither.
     """
     if modality not in MODALITIES:
         raise InputError(f"modality is {modality!r}: expected 'rgb' or 'depth'")
@@ -35,16 +35,21 @@ def default_model(modality: str) -> Path:
 
 
 class TreeDetector:
-    """A model, ready to detect. One detector may be used from many threads at once, and after an
-    error as before it.
+    """Detects trees in images. Thread-safe; usable after an error.
 
     Args:
-        session: what runs the graph.
-        score_threshold: trees below it are left out. The graph itself keeps all from about 0.01.
+        session: runs the model's graph.
+        score_threshold: trees with a lower score are left out. The graph itself leaves out trees
+            below a score of about 0.01.
+
+    Attributes:
+        session: runs the model's graph.
+        score_threshold: lowest score of the returned trees.
+        manifest: description of the model.
 
     Raises:
-        ModelFileError: the model carries no manifest of ours, or one that is not its own.
-        InputError: the threshold is not in 0 to 1.
+        ModelFileError: the model has no manifest of edgetree, or one that contradicts its graph.
+        InputError: the threshold is outside [0, 1].
     """
 
     def __init__(
@@ -71,23 +76,26 @@ class TreeDetector:
         score_threshold: float = DISPLAY_THRESHOLD,
         warm_up: bool = False,
     ) -> TreeDetector:
-        """Open a model file, which is all that is read.
+        """Open a model file.
+
+        `provider`, `strict`, `threads`, `spinning` and `cache_folder` are described in
+        `edgetree.runtime.SessionSettings`.
 
         Args:
-            model: the .onnx file.
-            provider: "cpu", "cuda", "tensorrt", "openvino", "coreml", "directml", or "auto"; this
-                and the next four as `edgetree.runtime.providers.SessionSettings` has them.
-            strict: a provider that cannot be used is an error; off, the processor takes over.
-            threads: threads of one inference on the processor; None takes all usable cores.
+            model: the .onnx file. No other file is read.
+            provider: "cpu", "cuda", "tensorrt", "openvino", "coreml", "directml", or "auto".
+            strict: raise an error if the provider cannot be used, instead of using the CPU.
+            threads: threads of one inference on the CPU; None for all usable cores.
             spinning: let idle threads spin.
-            cache_folder: where TensorRT, OpenVINO or CoreML keep what they make of the model.
-            score_threshold: trees below it are left out.
-            warm_up: see `warm_up`.
+            cache_folder: where TensorRT, OpenVINO or CoreML store compiled models.
+            score_threshold: trees with a lower score are left out.
+            warm_up: call `warm_up` before returning.
 
         Raises:
-            ModelFileError: the file is missing, no ONNX model, has no manifest of ours, or one
-                that its graph contradicts; or it is one that may not be opened.
+            ModelFileError: the file is missing, is not an ONNX model, fails the safety check, or
+                has no manifest of edgetree that matches its graph.
             InputError: a setting is out of range, or the provider cannot be used.
+            MissingDependency: onnxruntime is not installed.
         """
         cache = None if cache_folder is None else Path(cache_folder)
         settings = SessionSettings(provider, strict, threads, spinning, cache)
@@ -97,9 +105,12 @@ class TreeDetector:
         return detector
 
     def warm_up(self, rounds: int = 2) -> None:
-        """Detect on blank images, so that the first real one takes no longer than the next.
+        """Detect on blank images, so that the first real image is not slower than later ones.
 
-        The first inference lays out memory, and on a GPU chooses and compiles kernels.
+        The first inference allocates memory and, on a GPU, chooses and compiles kernels.
+
+        Args:
+            rounds: number of blank images.
         """
         shape = self.manifest.input.image_shape
         blank = np.full(shape, self.manifest.resize.pad_value, np.uint8)
@@ -107,35 +118,39 @@ class TreeDetector:
             self.detect(blank)
 
     def detect(self, image: NDArray[Any]) -> TreeDetections:
-        """Find the trees of one image, best first.
+        """Detect the trees in one image.
 
         Args:
-            image: of any size, contiguous or not. RGB model: uint8 (H, W, 3), BGR as OpenCV reads
-                it. Depth model: float (H, W), metres along the optical axis, where 0.0, NaN and
-                infinities stand for no reading, as camera drivers differ; or uint8 (H, W) already
-                encoded as the manifest says.
+            image: an image of any size, contiguous or not. For an rgb model uint8 (H, W, 3), BGR
+                as read by OpenCV. For a depth model float (H, W), metres along the optical axis,
+                where 0.0, NaN and infinity mean no reading; or uint8 (H, W), encoded as described
+                in the manifest.
 
         Returns:
-            The trees from the score threshold on, in pixels of `image`.
+            The trees that reach the score threshold, in pixels of `image`, by descending score.
 
         Raises:
-            InputError: not an array, another shape or dtype, no pixels, or a negative depth.
-            ModelFileError: the model fails, or answers with what no model of ours would.
+            InputError: `image` is not an array of this shape and dtype, is empty, or has negative
+                depths.
+            ModelFileError: the model fails, or its outputs contradict its manifest.
         """
         return self._detect_all([check_image(image, "image", self.manifest)])[0]
 
     def detect_batch(self, images: Sequence[NDArray[Any]]) -> list[TreeDetections]:
-        """Find the trees of several images, each of any size and as `detect` takes them.
+        """Detect the trees in several images, which may differ in size.
 
-        They go through the graph together, as many at once as the model file takes, or was
-        verified for. A file made for four at once is filled up where there are fewer.
+        Images are run in batches of the size that the model file was exported for, or the largest
+        size it was verified for. An incomplete batch is filled up with blank images.
+
+        Args:
+            images: images as for `detect`.
 
         Returns:
-            What `detect` gives for each.
+            The result of `detect` for each image.
 
         Raises:
-            InputError: as `detect`; the message says which, and nothing has been run then.
-            ModelFileError: as `detect`.
+            InputError: as for `detect`, with the index of the image; raised before any inference.
+            ModelFileError: as for `detect`.
         """
         return self._detect_all(
             [
@@ -151,7 +166,7 @@ class TreeDetector:
         return found
 
     def _batch_sizes(self, images: int) -> Iterator[int]:
-        """How many images go through the graph at once, in turn."""
+        """The sizes of the batches that `images` images are run in."""
         target = self.manifest.input
         fixed = self.session.input_shapes[target.name][0]
         while images > 0:
@@ -161,7 +176,7 @@ class TreeDetector:
             images -= size
 
     def _detect_together(self, images: list[NDArray[Any]], batch: int) -> list[TreeDetections]:
-        """One run of the graph, on up to `batch` images."""
+        """Run the graph once, on up to `batch` images."""
         target = self.manifest.input
         pad_value = self.manifest.resize.pad_value
         letterboxes = [
@@ -175,28 +190,28 @@ class TreeDetector:
         pixels += [np.full(target.image_shape, pad_value, np.uint8)] * (batch - len(images))
         stacked = pixels[0][None] if batch == 1 else np.stack(pixels)
         outputs = self.session.run({target.name: stacked})
-        answers = check_answer(outputs, self.manifest, batch, self.session.name)
+        found = check_outputs(outputs, self.manifest, batch, self.session.name)
         return [
-            self._read(answer, letterbox)
-            for answer, letterbox in zip(answers, letterboxes, strict=False)
+            self._to_image(rows, letterbox)
+            for rows, letterbox in zip(found, letterboxes, strict=False)
         ]
 
-    def _read(self, answer: Answer, letterbox: calib.Letterbox) -> TreeDetections:
-        """The rows to show, from the input's pixels back to the image's."""
+    def _to_image(self, rows: ImageOutputs, letterbox: calib.Letterbox) -> TreeDetections:
+        """Select trees by score and map them from the model's input to the image."""
         width, height = letterbox.source_width, letterbox.source_height
-        boxes = letterbox.to_source(answer.boxes.reshape(-1, 2)).reshape(-1, 4)
+        boxes = letterbox.to_source(rows.boxes.reshape(-1, 2)).reshape(-1, 4)
         in_view = (boxes[:, :2] < [width, height]).all(axis=1)
-        shown = in_view & (answer.scores >= self.score_threshold)
-        points = answer.keypoints
+        shown = in_view & (rows.scores >= self.score_threshold)
+        points = rows.keypoints
         if points is not None:
             points = points[shown]
             xy = letterbox.to_source(points[..., :2].reshape(-1, 2)).reshape(*points.shape[:2], 2)
             points = np.concatenate([xy, points[..., 2:]], axis=2)
         return TreeDetections(
             boxes_px=boxes[shown],
-            scores=answer.scores[shown],
+            scores=rows.scores[shown],
             keypoints_px=points,
-            masks=None if answer.masks is None else answer.masks[shown],
+            masks=None if rows.masks is None else rows.masks[shown],
             image_width=width,
             image_height=height,
         )

@@ -16,20 +16,20 @@ from edgetree.model_file.manifest import METADATA_KEY, Manifest, standard_output
 from edgetree.model_file.safety_check import MAX_ELEMENTS, Shape
 from edgetree.runtime.session import InferenceSession
 
-__all__ = ["Answer", "check_answer", "read_manifest"]
+__all__ = ["ImageOutputs", "check_outputs", "read_manifest"]
 
-_ROUNDING: Final = 1e-3  # that a probability of an engine of less precision may lie beside 0 to 1
+_ROUNDING: Final = 1e-3  # tolerance of scores outside [0, 1], for providers of low precision
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
-    """The rows in use of one image, in the model's own pixels.
+class ImageOutputs:
+    """The model's outputs for one image, in pixels of the model's input.
 
     Attributes:
         boxes: (N, 4) x0, y0, x1, y1.
         scores: (N,) in [0, 1].
-        keypoints: (N, 5, 3) x, y, score, or None.
-        masks: (N, 28, 28), or None.
+        keypoints: (N, 5, 3) x, y, score; None if the model has no keypoint output.
+        masks: (N, 28, 28) probabilities on a grid over the box; None if the model has no masks.
     """
 
     boxes: NDArray[np.float32]
@@ -39,10 +39,10 @@ class Answer:
 
 
 def read_manifest(session: InferenceSession) -> Manifest:
-    """The manifest of a model, held against its graph.
+    """Read the manifest of a model and check that it matches the graph.
 
     Raises:
-        ModelFileError: there is none, it is none of ours, or the graph is another one.
+        ModelFileError: the manifest is missing or invalid, or contradicts the graph.
     """
     try:
         return _read_manifest(session)
@@ -54,13 +54,12 @@ def _read_manifest(session: InferenceSession) -> Manifest:
     text = session.metadata.get(METADATA_KEY)
     if text is None:
         raise ModelFileError(
-            f"an ONNX model without a manifest (metadata {METADATA_KEY!r}):"
-            " expected a file made by `edgetree export`"
+            f"no manifest (metadata {METADATA_KEY!r}): expected a file made by `edgetree export`"
         )
     try:
         manifest = Manifest.from_json(text)
     except RecursionError as error:
-        raise ModelFileError("manifest: not JSON of ours (nested too deeply)") from error
+        raise ModelFileError("manifest: not valid JSON (nested too deeply)") from error
     if manifest.depth_encoding is not None:
         calib.DepthEncoding.from_dict(dict(manifest.depth_encoding))
     expected = manifest.input.image_shape
@@ -68,21 +67,21 @@ def _read_manifest(session: InferenceSession) -> Manifest:
     found = shapes.get(manifest.input.name, ())
     if set(shapes) != {manifest.input.name} or found[1:] != expected:
         raise ModelFileError(
-            f"the graph's inputs are {dict(shapes)}: expected, as its manifest says,"
-            f" {manifest.input.name!r} of (batch, {', '.join(map(str, expected))})"
+            f"the graph's inputs are {dict(shapes)}: expected {manifest.input.name!r} of shape"
+            f" (batch, {', '.join(map(str, expected))}), as in its manifest"
         )
     _check_size(manifest.input.name, found)
     if set(session.output_shapes) != set(manifest.output_names):
         raise ModelFileError(
-            f"the graph's outputs are {tuple(session.output_shapes)}: expected, as its manifest"
-            f" says, {manifest.output_names}"
+            f"the graph's outputs are {tuple(session.output_shapes)}: expected"
+            f" {manifest.output_names}, as in its manifest"
         )
-    _check_outputs(manifest, session.output_shapes)
+    _check_output_shapes(manifest, session.output_shapes)
     return manifest
 
 
-def _check_outputs(manifest: Manifest, shapes: Mapping[str, Shape]) -> None:
-    """The manifest's outputs are those that the runtime reads, and the graph's."""
+def _check_output_shapes(manifest: Manifest, shapes: Mapping[str, Shape]) -> None:
+    """Check the outputs in the manifest against `standard_outputs` and the graph's `shapes`."""
     stated = {output.name: output.shape for output in manifest.outputs}
     rows = stated["scores"][1:]
     if len(rows) != 1 or not isinstance(rows[0], int) or rows[0] < 1:
@@ -100,8 +99,7 @@ def _check_outputs(manifest: Manifest, shapes: Mapping[str, Shape]) -> None:
         pairs = zip(found[1:], shape[1:], strict=False)
         if len(found) != len(shape) or any(a != b for a, b in pairs if isinstance(a, int)):
             raise ModelFileError(
-                f"the graph's output {output.name} is {found}: expected, as its manifest says,"
-                f" {shape}"
+                f"the graph's output {output.name} is {found}: expected {shape}, as in its manifest"
             )
 
 
@@ -111,20 +109,23 @@ def _check_size(name: str, shape: Shape) -> None:
         raise ModelFileError(f"{name} is {shape}: expected at most {MAX_ELEMENTS} elements")
 
 
-def check_answer(
+def check_outputs(
     outputs: Mapping[str, NDArray[Any]], manifest: Manifest, batch: int, name: str
-) -> list[Answer]:
-    """What the graph answered, image by image, if it is what the manifest promises.
+) -> list[ImageOutputs]:
+    """Check that the outputs of one inference match the manifest, and split them by image.
 
     Args:
-        outputs: by name.
-        manifest: of the model.
-        batch: number of images that went in.
-        name: what errors call the model.
+        outputs: the graph's outputs by name.
+        manifest: the model's manifest.
+        batch: number of images in the batch.
+        name: name of the model in error messages.
+
+    Returns:
+        The outputs of each image, without unused rows and with scores clipped to [0, 1].
 
     Raises:
-        ModelFileError: an output is missing or of another shape or type, there are more rows in
-            use than rows, or a value in use is no number or no probability.
+        ModelFileError: an output is missing or has another shape or dtype, `num_detections` is out
+            of range, a value is not finite, or a score is not in [0, 1].
     """
     for output in manifest.outputs:
         shape = (batch, *output.shape[1:])
@@ -133,13 +134,13 @@ def check_answer(
         if values is None or values.shape != shape or values.dtype != output.dtype:
             raise ModelFileError(
                 f"model {name} gave {output.name} as {found}:"
-                f" expected {output.dtype} {shape}, as its manifest says"
+                f" expected {output.dtype} {shape}, as in its manifest"
             )
-    return [_answer_of(outputs, index, name) for index in range(batch)]
+    return [_outputs_of_image(outputs, index, name) for index in range(batch)]
 
 
-def _answer_of(outputs: Mapping[str, NDArray[Any]], index: int, name: str) -> Answer:
-    """The rows in use of one image."""
+def _outputs_of_image(outputs: Mapping[str, NDArray[Any]], index: int, name: str) -> ImageOutputs:
+    """The used rows of one image, checked."""
     count = int(outputs["num_detections"][index])
     rows = outputs["scores"].shape[1]
     if not 0 <= count <= rows:
@@ -152,11 +153,13 @@ def _answer_of(outputs: Mapping[str, NDArray[Any]], index: int, name: str) -> An
     for output, values in used.items():
         if not np.isfinite(values).all():
             raise ModelFileError(
-                f"model {name} gave {output} with NaN or infinity: expected numbers"
+                f"model {name} gave {output} with NaN or infinity: expected finite numbers"
             )
     scores = used["scores"]
     if count and not (scores.min() >= -_ROUNDING and scores.max() <= 1 + _ROUNDING):
         raise ModelFileError(
             f"model {name} gave scores of {scores.min():g} to {scores.max():g}: expected 0 to 1"
         )
-    return Answer(used["boxes"], np.clip(scores, 0, 1), used.get("keypoints"), used.get("masks"))
+    return ImageOutputs(
+        used["boxes"], np.clip(scores, 0, 1), used.get("keypoints"), used.get("masks")
+    )

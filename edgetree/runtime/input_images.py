@@ -1,4 +1,4 @@
-"""What a user hands in as an image: held against what the model takes, and made its bytes."""
+"""Check the images given to a detector and convert them to the model's uint8 input."""
 
 from __future__ import annotations
 
@@ -17,15 +17,19 @@ _LARGEST_SIDE_PX: Final = 32767
 
 
 def check_image(image: object, name: str, manifest: Manifest) -> NDArray[Any]:
-    """The image as a plain contiguous array, if it is one for this model.
+    """Check that an image suits the model.
 
     Args:
-        image: what was handed in.
-        name: what errors call it.
-        manifest: of the model.
+        image: an image as for `TreeDetector.detect`.
+        name: name of the image in error messages.
+        manifest: the model's manifest.
+
+    Returns:
+        The image as a contiguous array.
 
     Raises:
-        InputError: not an array, another shape or dtype, no pixels or too many, a negative depth.
+        InputError: `image` is not an array, has another shape or dtype, is empty or too large, or
+            has negative depths.
     """
     if not isinstance(image, np.ndarray) or isinstance(image, np.ma.MaskedArray):
         raise InputError(f"{name} is a {type(image).__name__}: expected a plain numpy array")
@@ -47,7 +51,7 @@ def check_image(image: object, name: str, manifest: Manifest) -> NDArray[Any]:
 
 
 def _check_depth(depth_m: NDArray[Any], name: str) -> None:
-    """No depth lies behind the camera; minus infinity is one way to say "no reading"."""
+    """Reject negative depths, except minus infinity, which some cameras use for no reading."""
     negative = depth_m < 0
     if negative.any():
         lowest = depth_m[negative & np.isfinite(depth_m)].min(initial=0)
@@ -59,9 +63,17 @@ def _check_depth(depth_m: NDArray[Any], name: str) -> None:
 
 
 def to_bytes(image: NDArray[Any], encoding: calib.DepthEncoding | None) -> NDArray[np.uint8]:
-    """A checked image as the bytes that the model was trained on, still at its own size."""
+    """Convert a checked image to uint8, without resizing it.
+
+    Args:
+        image: the result of `check_image`.
+        encoding: encoding of the depth model; None for an rgb model.
+
+    Returns:
+        uint8 (H, W, 3) or (H, W); depth in metres is encoded.
+    """
     if encoding is None or image.dtype == np.uint8:
         return image
-    with np.errstate(over="ignore"):  # beyond float32 is beyond any camera: no reading
+    with np.errstate(over="ignore"):  # float64 values beyond float32 become inf, no reading
         depth_m = image.astype(np.float32, copy=False)
     return calib.encode_depth(depth_m, encoding)

@@ -1,4 +1,4 @@
-"""Opening a model file in onnxruntime, on a provider that then really is in use."""
+"""Open a model file in onnxruntime, and check that the requested provider is really used."""
 
 from __future__ import annotations
 
@@ -24,25 +24,34 @@ _log = logging.getLogger(__name__)
 
 
 class _NotStarted(Exception):
-    """A provider cannot be used for this model; says why."""
+    """A provider cannot be used for this model; the message is the reason."""
 
 
 def open_session(path: Path, settings: SessionSettings, threads: int) -> tuple[Any, Provider]:
-    """onnxruntime's session, and the provider in use.
+    """Open a model file in onnxruntime.
 
-    onnxruntime goes on with the processor where a provider does not start, and leaves it what a
-    provider does not know, without an error; strict settings make one of both, others a warning.
+    onnxruntime silently uses the CPU if a provider does not start, and for operators that a
+    provider does not support. A provider that does not start or runs no part of the graph is an
+    error here with strict settings, and otherwise a warning.
+
+    Args:
+        path: the .onnx file.
+        settings: the provider and its options.
+        threads: threads of one inference on the CPU.
+
+    Returns:
+        The `onnxruntime.InferenceSession` and the provider in use.
 
     Raises:
         ModelFileError: onnxruntime cannot load the model.
-        InputError: the provider asked for is not installed, did not start or takes no part of the
-            graph; or the cache folder cannot be made.
+        InputError: with strict settings, the provider is not installed, does not start or runs no
+            part of the graph; or the cache folder cannot be created.
         MissingDependency: onnxruntime is not installed.
     """
     _make_folder(settings.cache_folder)
     tried = candidates(settings)
     if settings.provider not in (AUTO, tried[0].name):
-        _log.warning("provider %r is not installed: taking the processor", settings.provider)
+        _log.warning("provider %r is not installed: using the CPU", settings.provider)
     for provider in tried:
         try:
             return _start(path, provider, settings, threads), provider
@@ -50,14 +59,14 @@ def open_session(path: Path, settings: SessionSettings, threads: int) -> tuple[A
             if settings.strict and settings.provider != AUTO:
                 raise InputError(
                     f"provider {provider.name!r} cannot be used for model {path} ({problem}):"
-                    " expected it to start and to take a part of the graph; or use 'cpu'"
+                    " expected it to start and to run a part of the graph; or use 'cpu'"
                 ) from problem
-            _log.warning("provider %r cannot be used (%s): taking another", provider.name, problem)
-    raise AssertionError("the processor is always among the candidates")
+            _log.warning("provider %r cannot be used (%s): trying another", provider.name, problem)
+    raise AssertionError("the CPU is always among the candidates")
 
 
 def _start(path: Path, provider: Provider, settings: SessionSettings, threads: int) -> Any:
-    """onnxruntime's session on one provider, in use and not just asked for."""
+    """Open a session on one provider; raises `_NotStarted` if the provider is not used."""
     onnxruntime = import_onnxruntime()
     asked = [(provider.ort_name, provider.options_for(threads, settings.cache_folder))]
     if provider.name != CPU:
@@ -71,7 +80,7 @@ def _start(path: Path, provider: Provider, settings: SessionSettings, threads: i
             providers=asked,
             enable_fallback=0,
         )
-    except Exception as error:  # onnxruntime's errors share no base of their own
+    except Exception as error:  # onnxruntime's errors have no common base class
         if provider.name != CPU:
             raise _NotStarted(reason_of(error)) from error
         raise ModelFileError(
@@ -79,10 +88,10 @@ def _start(path: Path, provider: Provider, settings: SessionSettings, threads: i
             " expected a file made by `edgetree export`"
         ) from error
     if provider.ort_name not in session.get_providers():
-        raise _NotStarted("onnxruntime left it out, most often as its libraries or driver are away")
+        raise _NotStarted("onnxruntime did not load it; its libraries or driver may be missing")
     placement = placement_of(session, provider)
     if placement and provider.name not in placement:
-        raise _NotStarted("it takes no part of the graph")
+        raise _NotStarted("it runs no part of the graph")
     return session
 
 
@@ -90,7 +99,7 @@ def _options(onnxruntime: Any, provider: Provider, settings: SessionSettings, th
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = threads
     options.inter_op_num_threads = 1
-    options.log_severity_level = 4  # what fails is raised
+    options.log_severity_level = 4  # fatal only: errors are raised as exceptions
     options.enable_mem_pattern = not provider.one_at_a_time
     entries = {
         "session.intra_op.allow_spinning": str(int(settings.spinning)),
@@ -104,7 +113,7 @@ def _options(onnxruntime: Any, provider: Provider, settings: SessionSettings, th
 
 
 def placement_of(session: Any, provider: Provider) -> dict[str, dict[str, int]]:
-    """Number of nodes by provider and operator; empty where that is not known."""
+    """Number of the graph's nodes by provider and operator; empty if onnxruntime does not tell."""
     if provider.name == CPU or not hasattr(session, "get_provider_graph_assignment_info"):
         return {}
     names = {each.ort_name: each.name for each in PROVIDERS.values()}
@@ -123,15 +132,15 @@ def _make_folder(folder: Path | None) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(
-            f"cache folder {folder} cannot be made ({error.strerror}):"
-            " expected a folder that is there or can be made"
+            f"cache folder {folder} cannot be created ({error.strerror}): expected a folder that"
+            " exists or can be created"
         ) from error
 
 
 def reason_of(error: Exception) -> str:
-    """The part of onnxruntime's message that says what is wrong, in one line."""
+    """The relevant part of onnxruntime's error message, in one line."""
     text = (str(error).strip().splitlines() or [type(error).__name__])[0]
     for mark in ("Status Message:", "failed:"):
         text = text.rpartition(mark)[2].strip()
     text = re.sub(r"^\[ONNXRuntimeError\] : \d+ : \w+ : ", "", text)
-    return re.sub(r"^\S+:\d+ .*?\) ", "", text)  # a place in its source, and a function there
+    return re.sub(r"^\S+:\d+ .*?\) ", "", text)  # file, line and function of its source code

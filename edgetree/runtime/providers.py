@@ -1,8 +1,7 @@
-"""Which part of onnxruntime runs a model, and how it is asked to.
+"""The execution providers of onnxruntime: CPU, CUDA, TensorRT, OpenVINO, CoreML and DirectML.
 
-onnxruntime calls them execution providers. Each comes with a build of onnxruntime, and a build
-may list one that the machine cannot start; then onnxruntime goes on with the processor, which
-`edgetree.runtime.session` finds out.
+Each build of onnxruntime has some of them. A provider that is part of the build may still fail to
+start on a machine, which `edgetree.runtime.ort_session` checks.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Final
 
-from edgetree.errors import InputError, MissingDependency
+from edgetree.errors import InputError, MissingDependency, install_hint
 
 __all__ = [
     "AUTO",
@@ -35,15 +34,16 @@ class Provider:
     """One execution provider.
 
     Attributes:
-        name: as the user gives it.
-        ort_name: as onnxruntime has it.
-        package: what brings it.
-        options: what onnxruntime is told beside the name; "{threads}" stands for their number.
-        cache_options: likewise, where there is a cache folder, "{cache}". Empty for a provider
-            that keeps nothing.
-        helpers: providers that take what this one leaves, before the processor does.
-        io_device: memory that inputs are copied to by us, once; None leaves it to onnxruntime.
-        one_at_a_time: a session must not run in two threads at once.
+        name: its name in edgetree's options.
+        ort_name: its name in onnxruntime.
+        package: the package that contains it, for messages.
+        options: provider options for onnxruntime; "{threads}" is replaced by the thread count.
+        cache_options: further options if there is a cache folder, which replaces "{cache}". Empty
+            for a provider without a cache.
+        helpers: onnxruntime names of providers for operators that this one does not support. The
+            CPU comes last in any case.
+        io_device: device to copy inputs to before a run; None leaves it to onnxruntime.
+        one_at_a_time: whether a session must not run in two threads at once.
     """
 
     name: str
@@ -56,7 +56,7 @@ class Provider:
     one_at_a_time: bool = False
 
     def options_for(self, threads: int, cache_folder: Path | None) -> dict[str, str]:
-        """What onnxruntime is told."""
+        """The provider options for onnxruntime, with the values filled in."""
         cached = {} if cache_folder is None else self.cache_options
         return {
             key: value.format(threads=threads, cache=cache_folder)
@@ -73,7 +73,7 @@ PROVIDERS: Final[dict[str, Provider]] = {
             "tensorrt",
             "TensorrtExecutionProvider",
             "onnxruntime-gpu and TensorRT",
-            # Operators whose output size depends on the data are slow there, or not known.
+            # Operators with data-dependent output sizes are slow or not supported in TensorRT.
             options={"trt_op_types_to_exclude": "NonMaxSuppression,NonZero,RoiAlign"},
             cache_options={
                 "trt_engine_cache_enable": "True",
@@ -106,29 +106,28 @@ PROVIDERS: Final[dict[str, Provider]] = {
         ),
     )
 }
-# TensorRT is not tried on its own account: it builds an engine for minutes first.
+# Without TensorRT, which takes minutes to build an engine.
 _TRIED_BY_AUTO: Final = ("cuda", "coreml", "directml", "openvino")
 
 
 @dataclass(frozen=True)
 class SessionSettings:
-    """How a model file is opened.
+    """Settings for opening a model file.
 
     Attributes:
-        provider: a name of `PROVIDERS`, or "auto" for the first that is installed and starts:
-            CUDA, CoreML, DirectML, OpenVINO, and else the processor.
-        strict: a provider asked for by name that is not installed, does not start or takes no
-            part of the graph is an error. Off, the processor takes over and one warning says so.
-            "auto" may always end with the processor.
-        threads: threads of one inference on the processor; None takes all cores that this process
-            may use.
-        spinning: let idle threads spin. It shortens an inference a little and keeps the cores
-            busy between two, which the machine's other programs pay for; so it is off.
-        cache_folder: where TensorRT, OpenVINO or CoreML keep what they make of the model, so that
-            the next start is faster; made if needed. None keeps nothing.
+        provider: a name in `PROVIDERS`; or "auto" for the first of CUDA, CoreML, DirectML and
+            OpenVINO that is installed and starts, otherwise the CPU.
+        strict: raise an error if the provider given by name is not installed, does not start or
+            runs no part of the graph. If false, log a warning and use the CPU. "auto" may use the
+            CPU in any case.
+        threads: threads of one inference on the CPU; None for all cores that this process may use.
+        spinning: let idle threads spin. Inference becomes slightly faster, but the cores stay busy
+            between inferences, which slows down other programs.
+        cache_folder: where TensorRT, OpenVINO or CoreML store compiled models to start faster the
+            next time; created if needed. None for no cache.
 
     Raises:
-        InputError: a value out of range, or a cache folder for a provider that keeps nothing.
+        InputError: a value is out of range, or the provider has no cache.
     """
 
     provider: str = CPU
@@ -143,33 +142,33 @@ class SessionSettings:
             raise InputError(f"provider is {self.provider!r}: expected one of {names}")
         if self.threads is not None and self.threads < 1:
             raise InputError(f"threads is {self.threads}: expected 1 or more")
-        keeping = [provider.name for provider in PROVIDERS.values() if provider.cache_options]
-        if self.cache_folder is not None and self.provider not in (AUTO, *keeping):
+        caching = [provider.name for provider in PROVIDERS.values() if provider.cache_options]
+        if self.cache_folder is not None and self.provider not in (AUTO, *caching):
             raise InputError(
-                f"cache folder is {self.cache_folder} and provider {self.provider!r}, which keeps"
-                f" nothing: expected one of {', '.join(keeping)}"
+                f"cache folder is {self.cache_folder}, but provider {self.provider!r} has no cache:"
+                f" expected one of {', '.join(caching)}"
             )
 
 
 def import_onnxruntime() -> ModuleType:
-    """onnxruntime, loaded now.
+    """Import onnxruntime on first use.
 
     Raises:
-        MissingDependency: it is not installed.
+        MissingDependency: onnxruntime is not installed.
     """
     try:
         import onnxruntime
     except ImportError as error:
         raise MissingDependency(
-            "onnxruntime is not installed: install edgetree[cpu] or, for an NVIDIA GPU,"
-            " edgetree[gpu]; one of the two"
+            f"onnxruntime is not installed: {install_hint('cpu')}, or {install_hint('gpu')} for"
+            " an NVIDIA GPU; only one of the two"
         ) from error
     module: ModuleType = onnxruntime
     return module
 
 
 def installed_providers() -> tuple[str, ...]:
-    """Names of the providers that the installed onnxruntime lists; they may yet fail to start.
+    """Names of the providers in the installed build of onnxruntime, which may fail to start.
 
     Raises:
         MissingDependency: onnxruntime is not installed.
@@ -179,10 +178,10 @@ def installed_providers() -> tuple[str, ...]:
 
 
 def candidates(settings: SessionSettings) -> list[Provider]:
-    """The providers to try, in turn.
+    """The providers to try, in this order.
 
     Raises:
-        InputError: strict settings name a provider that is not installed.
+        InputError: the provider of strict settings is not installed.
         MissingDependency: onnxruntime is not installed.
     """
     installed = installed_providers()

@@ -1,4 +1,4 @@
-"""Sessions run a model file: onnxruntime's, and a fake one for tests that need no model."""
+"""Inference sessions: onnxruntime's, and a fake session for tests without a model."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ Arrays = Mapping[str, NDArray[Any]]
 
 
 class InferenceSession(Protocol):
-    """What the runtime needs of whatever runs the graph. `run` may be called from many threads."""
+    """Interface of the sessions that `TreeDetector` uses. `run` must be thread-safe."""
 
     @property
     def name(self) -> str:
-        """What errors call the model, such as its file."""
+        """Name of the model in error messages, such as its file."""
 
     @property
     def metadata(self) -> Mapping[str, str]:
-        """The model file's metadata, `METADATA_KEY` among them."""
+        """The model file's metadata, including `METADATA_KEY`."""
 
     @property
     def provider(self) -> str:
-        """What really runs the graph: a name of `edgetree.runtime.providers.PROVIDERS`."""
+        """The provider in use, a name in `edgetree.runtime.PROVIDERS`."""
 
     @property
     def threads(self) -> int:
@@ -44,34 +44,33 @@ class InferenceSession(Protocol):
 
     @property
     def input_shapes(self) -> Mapping[str, Shape]:
-        """Shape of each input; a text stands for a size that is free."""
+        """Shape of each input; dynamic sizes are given by their name."""
 
     @property
     def output_shapes(self) -> Mapping[str, Shape]:
-        """Shape of each output, in the graph's order; likewise."""
+        """Shape of each output, likewise, in the graph's order."""
 
     def run(self, inputs: Arrays) -> dict[str, NDArray[Any]]:
-        """All outputs by name."""
+        """Run the graph on inputs by name; returns all outputs by name."""
 
 
 def usable_cores() -> int:
-    """Number of processor cores that this process may use."""
+    """Number of CPU cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 class OrtSession:
-    """A model file in onnxruntime.
+    """A model file opened in onnxruntime. Thread-safe.
 
     Args:
-        path: the .onnx file; `safety_check` reads it before onnxruntime opens it.
-        settings: how it is opened; on the processor if None.
+        path: the .onnx file. It must pass `edgetree.model_file.safety_check` before it is opened.
+        settings: provider and options; the default settings if None.
 
     Raises:
-        ModelFileError: the file is missing, no ONNX model, or one that may not be opened.
-        InputError: the provider asked for is not installed, did not start or takes no part of the
-            graph; or the cache folder cannot be made.
+        ModelFileError: the file is missing, is not an ONNX model or fails the safety check.
+        InputError: the provider cannot be used, or the cache folder cannot be created.
         MissingDependency: onnxruntime is not installed.
     """
 
@@ -88,7 +87,7 @@ class OrtSession:
 
     @property
     def name(self) -> str:
-        """The model's file."""
+        """Path of the model file."""
         return self._name
 
     @property
@@ -98,15 +97,15 @@ class OrtSession:
 
     @property
     def provider(self) -> str:
-        """The provider in use, which takes at least a part of the graph."""
+        """The provider in use, which runs at least a part of the graph."""
         return self._provider.name
 
     @property
     def placement(self) -> dict[str, dict[str, int]]:
-        """Which provider takes which part of the graph: number of nodes by provider and operator.
+        """Number of the graph's nodes by provider and operator.
 
-        What the provider in use does not know runs on "cpu", and costs copies. Empty where only
-        the processor is in use, and with an onnxruntime too old to tell.
+        Operators that the provider does not support run on "cpu", at the cost of copies between
+        devices. Empty if only the CPU is in use or the version of onnxruntime does not tell.
         """
         return placement_of(self._session, self._provider)
 
@@ -126,7 +125,7 @@ class OrtSession:
         return self._outputs
 
     def run(self, inputs: Arrays) -> dict[str, NDArray[Any]]:
-        """All outputs by name.
+        """Run the graph on inputs by name; returns all outputs by name.
 
         Raises:
             ModelFileError: onnxruntime cannot run the model on these inputs.
@@ -134,15 +133,15 @@ class OrtSession:
         try:
             with self._turn:
                 values = self._run(inputs)
-        except Exception as error:  # onnxruntime's errors share no base of their own
+        except Exception as error:  # onnxruntime's errors have no common base class
             raise ModelFileError(
-                f"model {self._name} failed as it ran on {self.provider!r} ({reason_of(error)}):"
-                " expected a file made by `edgetree export`, and memory enough for it"
+                f"model {self._name} failed to run on {self.provider!r} ({reason_of(error)}):"
+                " expected a file made by `edgetree export`, and enough memory"
             ) from error
         return dict(zip(self._outputs, values, strict=True))
 
     def _run(self, inputs: Arrays) -> list[NDArray[Any]]:
-        """The outputs; on a device of its own, inputs and outputs are copied once each."""
+        """The outputs; for a provider with its own memory, arrays are copied once each way."""
         device = self._provider.io_device
         values: list[NDArray[Any]]
         if device is None:
@@ -160,13 +159,14 @@ class OrtSession:
 
 
 class FakeSession:
-    """Answers like a model: fixed outputs, or what a function makes of the inputs.
+    """A session without a model, for tests.
 
     Args:
-        manifest: what the model says about itself.
-        outputs: the outputs by name, or a function from the inputs to them.
+        manifest: the manifest of the imitated model.
+        outputs: fixed outputs by name, or a function from inputs to outputs.
 
-    `inputs` keeps what the last `run` was given.
+    Attributes:
+        inputs: the inputs of the last `run`.
     """
 
     def __init__(self, manifest: Manifest, outputs: Arrays | Callable[[Arrays], Arrays]) -> None:
@@ -183,13 +183,13 @@ class FakeSession:
         keypoints: NDArray[np.float32] | None = None,
         masks: NDArray[np.float32] | None = None,
     ) -> FakeSession:
-        """A model that finds these trees in every image.
+        """A session that returns the same trees for every image.
 
         Args:
-            manifest: its outputs say how many rows there are.
-            boxes: (N, 4) xyxy px of the input.
-            scores: (N,) descending.
-            keypoints: (N, 5, 3) x px, y px, score; zeros if None.
+            manifest: the manifest of the imitated model.
+            boxes: (N, 4) x0, y0, x1, y1 in pixels of the input.
+            scores: (N,) in descending order.
+            keypoints: (N, 5, 3) x, y in pixels of the input, score; zeros if None.
             masks: (N, 28, 28) probabilities; ones if None.
         """
         count = len(scores)
@@ -216,35 +216,35 @@ class FakeSession:
 
     @property
     def name(self) -> str:
-        """The model's own name."""
+        """The model's name in the manifest."""
         return self.manifest.name
 
     @property
     def metadata(self) -> Mapping[str, str]:
-        """The manifest, as a model file carries it."""
+        """Metadata with the manifest, as in a model file."""
         return {METADATA_KEY: self.manifest.to_json()}
 
     @property
     def provider(self) -> str:
-        """The processor."""
+        """Always "cpu"."""
         return CPU
 
     @property
     def threads(self) -> int:
-        """One: there is nothing to do."""
+        """Always 1."""
         return 1
 
     @property
     def input_shapes(self) -> Mapping[str, Shape]:
-        """The one input of the manifest."""
+        """Shape of the manifest's input."""
         return {self.manifest.input.name: ("batch", *self.manifest.input.image_shape)}
 
     @property
     def output_shapes(self) -> Mapping[str, Shape]:
-        """The outputs of the manifest."""
+        """Shapes of the manifest's outputs."""
         return {output.name: ("batch", *output.shape[1:]) for output in self.manifest.outputs}
 
     def run(self, inputs: Arrays) -> dict[str, NDArray[Any]]:
-        """The fixed outputs, or those of the function."""
+        """The fixed outputs, or those that the function makes from `inputs`."""
         self.inputs = dict(inputs)
         return dict(self._outputs(inputs) if callable(self._outputs) else self._outputs)

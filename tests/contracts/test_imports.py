@@ -18,7 +18,7 @@ MAY_IMPORT = {
     "calib": {"calib", "numpy", "cv2", "yaml"},
     "perceptree": TRAINING_STACK | {"perceptree", "calib", "numpy", "cv2", "typer", "matplotlib"},
 }
-EDGETREE_AT_THE_DOOR = {"edgetree", "calib", "numpy", "cv2", "typer"}
+EDGETREE_BASE_DEPENDENCIES = {"edgetree", "calib", "numpy", "cv2", "typer"}
 EDGETREE_TRAINING_SIDE = ("edgetree.export", "edgetree.demo", "edgetree.evaluate")
 
 
@@ -125,7 +125,7 @@ def test_edgetree_reaches_the_training_side_from_few_places_only() -> None:
             continue
         training_side = module.startswith(EDGETREE_TRAINING_SIDE)
         lazily = HEAVY if training_side else {"onnxruntime"}
-        if top not in EDGETREE_AT_THE_DOOR | lazily or (found.always and top in HEAVY):
+        if top not in EDGETREE_BASE_DEPENDENCIES | lazily or (found.always and top in HEAVY):
             strangers.add((module, found.target))
     assert strangers == set()
 

@@ -1,4 +1,4 @@
-"""Manifests and small model files that the tests of this folder share."""
+"""Shared fixtures: manifests, small model files and a function that runs the command line."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ ModelWriter = Callable[..., Path]
 
 
 class Done(NamedTuple):
-    """How a command ended."""
+    """Exit code and output of a command."""
 
     code: int
     out: str
@@ -43,7 +43,7 @@ Cli = Callable[..., Done]
 
 @pytest.fixture
 def run_cli(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Cli:
-    """Runs `edgetree` with these arguments."""
+    """A function that runs `edgetree` with the given arguments."""
 
     def run(*arguments: object) -> Done:
         monkeypatch.setattr(sys, "argv", ["edgetree", *map(str, arguments)])
@@ -59,13 +59,13 @@ def run_cli(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) 
 
 @pytest.fixture
 def model(rgb_manifest: Manifest, write_model: ModelWriter) -> Path:
-    """A file that finds one clear tree in every colour image."""
+    """A model file that finds one tree with a high score in every colour image."""
     return write_model(rgb_manifest)
 
 
 @pytest.fixture
 def images(tmp_path: Path) -> Path:
-    """A folder of two frames with depth, about 4 m, of the same stems in `depth`, and a camera."""
+    """A folder with two images, their depth images of about 4 m in `depth`, and a camera."""
     rng = np.random.default_rng(0)
     for folder in ("images", "depth"):
         (tmp_path / folder).mkdir()
@@ -81,7 +81,7 @@ def images(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def rgb_manifest() -> Manifest:
-    """An RGB model of 640x384 pixels that keeps 20 detections."""
+    """The manifest of an rgb model with an input of 640x384 px and 20 output rows."""
     return Manifest(
         name="test-rgb",
         backbone="none",
@@ -108,7 +108,7 @@ def rgb_manifest() -> Manifest:
 
 @pytest.fixture
 def depth_manifest(rgb_manifest: Manifest) -> Manifest:
-    """A depth model like `rgb_manifest`."""
+    """The manifest of a depth model, otherwise like `rgb_manifest`."""
     return dataclasses.replace(
         rgb_manifest,
         name="test-depth",
@@ -130,7 +130,7 @@ def depth_manifest(rgb_manifest: Manifest) -> Manifest:
 
 @pytest.fixture
 def write_model(tmp_path: Path, two_trees: dict[str, NDArray[np.float32]]) -> ModelWriter:
-    """Writes an ONNX file that finds `two_trees` in every image, with or without a manifest."""
+    """A function that writes a model which finds `two_trees` in every image."""
 
     def write(
         manifest: Manifest,
@@ -160,7 +160,7 @@ def write_model(tmp_path: Path, two_trees: dict[str, NDArray[np.float32]]) -> Mo
 
 @pytest.fixture
 def two_trees() -> dict[str, NDArray[np.float32]]:
-    """A clear and a doubtful tree, in pixels of a 640x384 input."""
+    """Trees with a high and a low score, in pixels of a 640x384 px input."""
     keypoints = [
         [[110, 300, 0.9], [100, 280, 0.8], [120, 280, 0.8], [110, 230, 0.7], [110, 180, 1]]
     ]

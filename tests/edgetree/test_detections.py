@@ -1,4 +1,4 @@
-"""Detections hold consistent arrays, and masks land on the right pixels."""
+"""TreeDetections checks its arrays and resamples masks to the right pixels."""
 
 from __future__ import annotations
 
@@ -46,12 +46,12 @@ def test_values_that_are_not_finite_are_named(name: str, value: float) -> None:
 
 
 @pytest.mark.parametrize("score", [-0.1, 1.1])
-def test_scores_are_probabilities(score: float) -> None:
+def test_scores_outside_the_range_are_rejected(score: float) -> None:
     with pytest.raises(InputError, match=r"scores are .*: expected probabilities, 0 to 1"):
         dataclasses.replace(_detections(), scores=np.array([0.5, score, 0.1], np.float32))
 
 
-def test_selecting_keeps_rows_together() -> None:
+def test_selecting_applies_to_all_arrays() -> None:
     trees = _detections()
     kept = trees.above(0.5)
     assert len(kept) == 2
@@ -62,12 +62,12 @@ def test_selecting_keeps_rows_together() -> None:
     np.testing.assert_array_equal(trees.select(np.array([2])).mask(0), trees.mask(2))
 
 
-def test_no_trees_is_an_ordinary_result() -> None:
+def test_no_trees_is_a_valid_result() -> None:
     none = _detections().above(2.0)
     assert len(none) == 0
     assert none.boxes_px.shape == (0, 4)
 
 
-def test_a_model_without_masks_says_so() -> None:
-    with pytest.raises(InputError, match="without"):
+def test_masks_of_a_model_without_masks_are_an_error() -> None:
+    with pytest.raises(InputError, match="has no mask output"):
         dataclasses.replace(_detections(), masks=None).mask(0)

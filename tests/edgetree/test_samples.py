@@ -1,4 +1,4 @@
-"""The sample frames are whole, and their truth fits their pictures."""
+"""The sample frames are complete and their ground truth fits their images."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def test_there_are_six_with_trees() -> None:
 
 
 @pytest.mark.parametrize("frame", FRAMES, ids=lambda frame: frame.name)
-def test_image_depth_camera_and_truth_agree(frame: SampleFrame) -> None:
+def test_image_depth_camera_and_truth_have_one_size(frame: SampleFrame) -> None:
     image, depth_m = frame.image(), frame.depth_m()
     size = (frame.camera.height, frame.camera.width)
     assert image.shape == (*size, 3)
@@ -31,7 +31,7 @@ def test_image_depth_camera_and_truth_agree(frame: SampleFrame) -> None:
         assert 0.03 < tree.diameter_m < 1.5
 
 
-def test_depth_at_a_visible_keypoint_is_its_trees() -> None:
+def test_depth_at_visible_keypoints_is_the_trees_distance() -> None:
     checked = 0
     for frame in FRAMES:
         depth_m = frame.depth_m()

@@ -1,4 +1,4 @@
-"""Several files benched in turn, and the table beside the paper's."""
+"""Benchmarks of several networks, and the comparison with the paper's table."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ NAMES = ("r50", "r101", "x101-32x4d", "x101-32x8d", "edge-n")
 
 
 def bench_of(**changes: Any) -> dict[str, Any]:
-    """What `edgetree bench --json` says of an untrained R50, so large that columns are full."""
+    """A record of `edgetree bench --json` with values that fill the table's columns."""
     classifier = {"parameters": 25_557_032, "multiply_adds": 3_857_973_248, "flops": 7_715_946_496}
     return {
         "input_px": [800, 800],
@@ -62,7 +62,7 @@ def row_of(text: str, name: str) -> list[str]:
     return next(line.split()[1:] for line in text.splitlines() if line.startswith(f"{name} "))
 
 
-def test_each_row_stands_beside_the_papers() -> None:
+def test_each_row_is_compared_with_the_paper() -> None:
     text = text_of({name: bench_of() for name in NAMES})
     counts = "25.6 {} 3.86 {} 124.7 1000 510.4 1020.8 12346 13457 0.08 {} 3210"
     assert row_of(text, "r50") == counts.format("25.6", "3.86", "18").split()
@@ -82,23 +82,23 @@ def test_the_table_fits_a_terminal_of_100_columns() -> None:
     assert {len(line) for line in lines[header : header + 1 + len(NAMES)]} == {len(lines[header])}
 
 
-def test_untrained_files_are_said_to_show_speed_only() -> None:
+def test_untrained_files_are_marked() -> None:
     trained = bench_of(trained=True, box_ap=49.917)
     text = text_of({"r50": bench_of(), "edge-n": trained, "edge-s": bench_of()})
-    assert "Untrained, so speed and not accuracy: r50, edge-s." in text
+    assert "Untrained, for speed only: r50, edge-s." in text
     assert "edge-n: box AP 49.9" in text
     assert "X101" not in text
     assert "Untrained" not in text_of({"edge-n": trained})
 
 
-def test_an_older_file_without_counts_has_its_times() -> None:
+def test_an_older_file_without_counts_still_has_times() -> None:
     old = bench_of(multiply_adds=None, flops=None, classifier=None, proposals=None)
     text = text_of({"r50": old})
-    assert "Older files that do not say their multiply-adds, export again: r50." in text
+    assert "No multiply-adds in older files; export these again: r50." in text
     assert row_of(text, "r50")[:4] == ["-", "25.6", "-", "3.86"]
 
 
-def test_the_json_names_what_the_papers_counts_are_of() -> None:
+def test_the_json_names_the_network_of_the_papers_counts() -> None:
     record = table_record({name: bench_of() for name in NAMES})
     assert record["schema"] == "edgetree.bench-table/1"
     rows = {row["backbone"]: row for row in json.loads(json.dumps(record))["rows"]}
@@ -108,7 +108,7 @@ def test_the_json_names_what_the_papers_counts_are_of() -> None:
     assert rows["edge-n"]["paper"] is None
 
 
-def test_a_file_says_its_costs_itself(rgb_manifest: Manifest) -> None:
+def test_the_cost_comes_from_the_manifest(rgb_manifest: Manifest) -> None:
     counts = {"multiply_adds": 500, "proposals": 300, "classifier": ClassifierCost(100, 40)}
     record = model_record(dataclasses.replace(rgb_manifest, training_data="untrained", **counts))
     assert (record["multiply_adds"], record["flops"]) == (500, 1000)
@@ -120,7 +120,7 @@ def test_a_file_says_its_costs_itself(rgb_manifest: Manifest) -> None:
     assert (older["trained"], older["box_ap"]) == (True, None)
 
 
-def test_a_file_says_the_precision_that_its_export_measured() -> None:
+def test_the_average_precision_comes_from_the_manifest() -> None:
     manifest = TreeDetector.load(default_model("depth")).manifest
     assert manifest.parity is not None
     record = model_record(manifest)
@@ -130,7 +130,7 @@ def test_a_file_says_the_precision_that_its_export_measured() -> None:
 
 
 def table_of(tmp_path: Path, *names: str, **changes: Any) -> TableSettings:
-    """Two files or more of 640x384 px, in `tmp_path`, measured as shortly as possible."""
+    """Settings for files of 640x384 px in `tmp_path`, with the shortest possible measurement."""
     values: dict[str, Any] = {"height": 384, "width": 640, "duration_s": 0.0, "threads": 1}
     return TableSettings(names, tmp_path, **(values | changes))
 
@@ -140,7 +140,7 @@ def said() -> list[str]:
     return []
 
 
-def test_files_that_are_there_need_no_export(
+def test_existing_files_are_not_exported(
     tmp_path: Path, rgb_manifest: Manifest, write_model: Callable[..., Path], said: list[str]
 ) -> None:
     mine = write_model(rgb_manifest, "mine-fp32-640x384.onnx")
@@ -149,7 +149,7 @@ def test_files_that_are_there_need_no_export(
     assert said == []
 
 
-def test_what_is_missing_is_exported_untrained(
+def test_missing_files_are_exported_untrained(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, said: list[str]
 ) -> None:
     asked: dict[str, ExportSettings] = {}
@@ -171,21 +171,19 @@ def test_what_is_missing_is_exported_untrained(
     assert asked == {}
 
 
-def test_files_for_another_provider_are_files_of_their_own(tmp_path: Path) -> None:
+def test_files_for_different_providers_have_different_names(tmp_path: Path) -> None:
     assert table_of(tmp_path, "r50", provider="auto").path_of("r50").name == "r50-fp32-640x384.onnx"
     for_gpu = table_of(tmp_path, "r50", provider="cuda", precision="fp16")
     assert for_gpu.path_of("r50").name == "r50-fp16-640x384-cuda.onnx"
 
 
-def test_an_unknown_name_is_refused_before_anything_is_exported(
-    tmp_path: Path, said: list[str]
-) -> None:
+def test_an_unknown_name_is_rejected_before_any_export(tmp_path: Path, said: list[str]) -> None:
     with pytest.raises(InputError, match=r"'r5' has no file .* expected one of edge-n, edge-s"):
         find_files(table_of(tmp_path, "r50", "r5"), said.append)
     assert said == []
 
 
-def test_the_names_are_those_of_the_trainer() -> None:
+def test_the_networks_are_those_of_perceptree() -> None:
     pytest.importorskip("torch")
     from perceptree.models import PRESETS
 
@@ -202,13 +200,13 @@ BAD_SETTINGS = {
 
 
 @pytest.mark.parametrize("case", BAD_SETTINGS)
-def test_settings_that_cannot_be_are_refused(tmp_path: Path, case: str) -> None:
+def test_invalid_settings_are_rejected(tmp_path: Path, case: str) -> None:
     changes, message = BAD_SETTINGS[case]
     with pytest.raises(InputError, match=message):
         TableSettings(**({"backbones": ("r50",), "models": tmp_path} | changes))
 
 
-def test_each_file_is_measured_in_a_process_of_its_own(
+def test_each_file_is_measured_in_its_own_process(
     tmp_path: Path, rgb_manifest: Manifest, write_model: Callable[..., Path], said: list[str]
 ) -> None:
     for name in ("a", "b"):
@@ -239,7 +237,7 @@ def test_times_are_the_medians_of_the_rounds_and_memory_the_peak(
     assert merged["runs"] == 21
 
 
-def test_a_file_that_is_not_what_its_name_says_is_refused(
+def test_a_file_that_contradicts_its_name_is_rejected(
     tmp_path: Path, rgb_manifest: Manifest, write_model: Callable[..., Path]
 ) -> None:
     small = dataclasses.replace(rgb_manifest, input=standard_input("rgb", 192, 320))
@@ -251,31 +249,33 @@ def test_a_file_that_is_not_what_its_name_says_is_refused(
         bench_in_turn({"a": path}, table_of(tmp_path, "a"), lambda _: None)
 
 
-def test_a_bench_that_dies_is_a_failed_check(
+def test_a_crashed_benchmark_is_a_failed_check(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     dying = tmp_path / "python"
     dying.write_text("#!/bin/sh\nkill -9 $$\n")
     dying.chmod(0o755)
     monkeypatch.setattr(sys, "executable", str(dying))
-    with pytest.raises(CheckFailed, match=r"ended with -9 \(out of memory\?\)"):
+    with pytest.raises(CheckFailed, match=r"ended with exit code -9 \(out of memory\?\)"):
         bench_in_turn({"a": tmp_path / "a.onnx"}, table_of(tmp_path, "a"), lambda _: None)
 
 
-def test_files_are_kept_in_the_users_cache(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_files_are_stored_in_the_users_cache(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.setattr(sys, "platform", "linux")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     assert cache_folder().parent == tmp_path / "edgetree"
     assert cache_folder().name.startswith("models-")
 
 
-def test_untrained_files_without_the_training_side_need_one_line(
+def test_exporting_without_the_training_packages_is_an_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from edgetree.errors import MissingDependency
     from edgetree.export import export_preset
 
     monkeypatch.setitem(sys.modules, "onnx", None)
-    with pytest.raises(MissingDependency, match=r"onnx is not installed: install edgetree\[cpu,tr"):
+    with pytest.raises(MissingDependency, match=r'onnx is not installed: pip install "\.\[cpu,tr'):
         export_preset("edge-n", tmp_path / "model.onnx")
     assert list(tmp_path.iterdir()) == []

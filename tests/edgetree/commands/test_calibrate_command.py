@@ -1,4 +1,4 @@
-"""`edgetree calibrate` as its users meet it: what it prints, writes and refuses."""
+"""Tests of `edgetree calibrate`: output, files and errors."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ Cli = Callable[..., Any]
 
 @pytest.fixture
 def calibrate(run_cli: Cli) -> Cli:
-    """Runs `edgetree calibrate` with these arguments."""
+    """Run `edgetree calibrate` with these arguments."""
     return partial(run_cli, "calibrate")
 
 
 @pytest.fixture(scope="module")
 def fake() -> ModuleType:
-    """The module that draws boards for the tests of `calib`."""
+    """The module of the tests of `calib` that draws boards."""
     path = Path(__file__).parents[2] / "calib" / "boards" / "fake_boards.py"
     spec = importlib.util.spec_from_file_location("fake_boards", path)
     assert spec is not None
@@ -45,7 +45,7 @@ def fake() -> ModuleType:
 
 @pytest.fixture(scope="module")
 def board_files(fake: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """`pictures` with 14 pictures of the board and one without, `depth` with their depth."""
+    """A folder `pictures` with 14 pictures of the board and one without, and their `depth`."""
     folder = tmp_path_factory.mktemp("board")
     for name in ("pictures", "depth"):
         (folder / name).mkdir()
@@ -64,7 +64,7 @@ def board_files(fake: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> P
     return folder
 
 
-def test_a_folder_gives_a_camera_file(
+def test_a_folder_of_pictures_gives_a_camera_file(
     calibrate: Cli, fake: ModuleType, board_files: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "new folder" / "left camera.json"
@@ -77,8 +77,8 @@ def test_a_folder_gives_a_camera_file(
     assert list(out.parent.iterdir()) == [out]
 
     lines = done.out.splitlines()
-    assert lines[0] == "14 of 15 pictures show the board at a new place, 640x480 px"
-    assert lines[1] == "no board in sky"
+    assert lines[0] == "14 of 15 pictures show the board in a new position, 640x480 px"
+    assert lines[1] == "no board found in sky"
     assert re.fullmatch(r"p03 +\d+ +0\.\d\d +\d\.\d\d +0\.\d\d +\d+", lines[6])
     fx = next(line for line in lines if line.startswith("fx"))
     value, std = map(float, re.findall(r"[\d.]+", fx))
@@ -92,7 +92,7 @@ def test_a_folder_gives_a_camera_file(
     assert f"next: edgetree measure IMAGE --depth DEPTH --camera '{out}'" in done.err
 
 
-def test_depth_gives_scale_and_offset_too(
+def test_depth_images_give_scale_and_offset(
     calibrate: Cli, board_files: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "camera.json"
@@ -144,10 +144,10 @@ def test_too_few_views_fail_and_write_nothing(
     assert (record["passed"], record["camera_file"]) == (False, None)
     other = calibrate(few, "--board", "checkerboard:9x6:0.025", "--out", out)
     assert other.code == 1
-    assert "no board: a checkerboard is counted by its inner corners" in other.out
+    assert "no board found: give the number of inner corners" in other.out
 
 
-def test_a_camera_that_is_not_good_enough_is_not_written(
+def test_an_inaccurate_camera_is_not_written(
     calibrate: Cli, board_files: Path, tmp_path: Path
 ) -> None:
     narrow = tmp_path / "narrow"
@@ -186,18 +186,21 @@ BAD_INPUTS = {
     "a board in millimetres": ("pictures --board checkerboard:9x6:25", "square_m is 25: expected"),
     "another lens": (f"pictures --board {BOARD} --model brown", "expected radtan or fisheye"),
     "no board": ("pictures", r"--board.*see `edgetree calibrate --help`"),
-    "no source": (f"none --board {BOARD}", "source none is not there"),
+    "no source": (f"none --board {BOARD}", "source none does not exist"),
     "no pictures": (f"empty --board {BOARD}", "folder empty has no images"),
     "two sizes": (f"mixed --board {BOARD}", "small is 320x240 px: expected 640x480 px, as p00"),
-    "no depth": (f"pictures --board {BOARD} --depth none", "depth none is no folder"),
-    "depth missing": (f"pictures --board {BOARD} --depth empty", "is not there.*expected one for"),
+    "no depth": (f"pictures --board {BOARD} --depth none", "depth none is not a folder"),
+    "depth missing": (
+        f"pictures --board {BOARD} --depth empty",
+        "does not exist.*expected one for",
+    ),
     "a picture to write": (f"mixed --board {BOARD} --out mixed/p00.png", "--out is mixed/p00.png:"),
     "a folder to write": (f"mixed --board {BOARD} --out empty", "empty is a folder"),
 }
 
 
 @pytest.mark.parametrize("case", BAD_INPUTS)
-def test_bad_input_gives_one_line_and_leaves_nothing(
+def test_bad_input_gives_one_line_and_no_files(
     calibrate: Cli,
     board_files: Path,
     tmp_path: Path,

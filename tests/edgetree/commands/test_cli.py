@@ -1,4 +1,4 @@
-"""The command line as its users meet it: what it prints, writes and refuses."""
+"""Tests of the command line: output, files, exit codes and errors."""
 
 from __future__ import annotations
 
@@ -52,9 +52,7 @@ def test_run_prints_one_json_line_per_frame(run_cli: Cli, model: Path, images: P
     assert "2 trees in 2 frame(s)" in done.err
 
 
-def test_without_depth_each_tree_says_that_metres_need_it(
-    run_cli: Cli, model: Path, images: Path
-) -> None:
+def test_without_depth_the_record_asks_for_depth(run_cli: Cli, model: Path, images: Path) -> None:
     (line,) = _lines(run_cli("run", images / "a.jpg", "--model", model).out)
     assert line["trees"][0]["metres"] is None
     assert line["trees"][0]["metres_need"] == "need depth: pass --depth and --camera"
@@ -77,7 +75,7 @@ def test_with_depth_and_camera_each_tree_has_metres(
     assert tree["metres"]["diameter_std_m"] > 0
 
 
-def test_the_users_up_is_what_inclinations_refer_to(
+def test_inclinations_refer_to_the_given_up_direction(
     run_cli: Cli, model: Path, images: Path
 ) -> None:
     folder = images.parent
@@ -90,7 +88,7 @@ def test_the_users_up_is_what_inclinations_refer_to(
     assert inclinations_deg == pytest.approx([0, 30], abs=1.0)
 
 
-def test_a_depth_model_takes_depth_alone(
+def test_a_depth_model_needs_only_depth(
     run_cli: Cli, depth_manifest: Manifest, write_model: Callable[..., Path], images: Path
 ) -> None:
     model, depth = write_model(depth_manifest, "depth.onnx"), images.parent / "depth"
@@ -111,7 +109,7 @@ def test_json_prints_one_object(run_cli: Cli, model: Path, images: Path) -> None
     assert [frame["frame"] for frame in record["frames"]] == ["a", "b"]
 
 
-def test_lines_and_pictures_go_where_they_should(
+def test_lines_and_pictures_are_written_to_the_given_paths(
     run_cli: Cli, model: Path, images: Path, tmp_path: Path
 ) -> None:
     out, jsonl = tmp_path / "new" / "out", tmp_path / "trees.jsonl"
@@ -131,7 +129,7 @@ def test_lines_and_pictures_go_where_they_should(
     assert run_cli(*following.split(), "--seconds", 0).code == 0
 
 
-def test_the_threshold_is_the_users(run_cli: Cli, model: Path, images: Path) -> None:
+def test_the_score_threshold_is_applied(run_cli: Cli, model: Path, images: Path) -> None:
     done = run_cli("run", images / "a.jpg", "--model", model, "--score-threshold", 0.2)
     assert len(_lines(done.out)[0]["trees"]) == 2
 
@@ -143,11 +141,11 @@ def test_without_a_command_it_shows_the_help(run_cli: Cli) -> None:
     assert "measure" in shown.out
 
 
-def test_it_says_its_version(run_cli: Cli) -> None:
+def test_it_prints_its_version(run_cli: Cli) -> None:
     assert run_cli("--version") == (0, f"edgetree {version('edgetree')}\n", "")
 
 
-def test_an_interrupt_is_one_line_and_leaves_nothing(
+def test_an_interrupt_is_one_line_and_leaves_no_files(
     run_cli: Cli, model: Path, images: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def interrupted(*_: object) -> NoReturn:
@@ -162,9 +160,7 @@ def test_an_interrupt_is_one_line_and_leaves_nothing(
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT to send")
-def test_a_real_interrupt_in_the_middle_leaves_nothing(
-    model: Path, images: Path, tmp_path: Path
-) -> None:
+def test_a_real_interrupt_leaves_no_files(model: Path, images: Path, tmp_path: Path) -> None:
     for number in range(200):
         (images / f"c{number}.jpg").write_bytes((images / "a.jpg").read_bytes())
     out, jsonl = tmp_path / "out", tmp_path / "trees.jsonl"
@@ -173,7 +169,7 @@ def test_a_real_interrupt_in_the_middle_leaves_nothing(
         [*map(str, command), "--out", str(out), "--jsonl", str(jsonl)],
         stderr=subprocess.PIPE,
         text=True,
-        # A runner in the background ignores the signal, and would have it ignored below.
+        # A test runner in the background ignores the signal, which child processes inherit.
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     while process.poll() is None and not (out.is_dir() and list(out.glob("*.jpg"))):
@@ -187,7 +183,7 @@ def test_a_real_interrupt_in_the_middle_leaves_nothing(
     assert sorted(pictures) == sorted(out.iterdir()), "only whole pictures are left"
 
 
-def test_an_interrupt_that_typer_reports_is_the_same(
+def test_an_interrupt_reported_by_typer_is_one_line(
     run_cli: Cli, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def aborted(*_: object) -> NoReturn:
@@ -214,7 +210,7 @@ def test_errors_for_the_user_become_one_line(
     assert run_cli("run", images) == (code, "", "edgetree: off by 3 px\n")
 
 
-def test_a_fault_of_ours_keeps_its_traceback(images: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_bug_shows_its_traceback(images: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*_: object, **__: object) -> NoReturn:
         raise ZeroDivisionError
 
@@ -224,7 +220,7 @@ def test_a_fault_of_ours_keeps_its_traceback(images: Path, monkeypatch: pytest.M
         cli.main()
 
 
-def test_a_reader_that_has_enough_sees_no_traceback(model: Path, images: Path) -> None:
+def test_a_closed_pipe_gives_no_traceback(model: Path, images: Path) -> None:
     for number in range(40):
         (images / f"c{number}.jpg").write_bytes((images / "a.jpg").read_bytes())
     command = [sys.executable, "-c", MAIN, "run", str(images), "--model", str(model)]
@@ -237,8 +233,8 @@ def test_a_reader_that_has_enough_sees_no_traceback(model: Path, images: Path) -
     assert errors == b""
 
 
-def test_help_takes_half_a_second_of_one_core_at_most() -> None:
-    # Processor time, as tests share their machine with others; the clock shows no more when idle.
+def test_help_takes_at_most_half_a_second_of_cpu_time() -> None:
+    # CPU time, which does not depend on other programs on the machine.
     resource = pytest.importorskip("resource", reason="this system counts no processor time")
     times_s = []
     for _ in range(3):
@@ -249,7 +245,7 @@ def test_help_takes_half_a_second_of_one_core_at_most() -> None:
     assert min(times_s) < 0.5
 
 
-def test_help_loads_nothing_heavy() -> None:
+def test_help_imports_no_heavy_modules() -> None:
     code = "import sys, edgetree.cli; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     heavy = {"numpy", "cv2", "onnxruntime", "torch", "perceptree", "calib", "rich"}
@@ -273,7 +269,7 @@ def test_bench_reports_this_machine(run_cli: Cli, model: Path, images: Path) -> 
     assert "detect_p50_ms" in table.out
 
 
-def test_bench_says_which_nodes_fell_to_the_processor(
+def test_bench_lists_the_nodes_on_the_cpu(
     run_cli: Cli, model: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     placement = {"cuda": {"Conv": 50, "Relu": 40}, "cpu": {"NonMaxSuppression": 2, "Gather": 1}}
@@ -320,27 +316,23 @@ HEALTHY = Findings(
 SICK = dataclasses.replace(HEALTHY, providers=(), speed=None)
 
 
-def test_the_doctor_tells_a_person_what_works(
-    run_cli: Cli, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_doctor_prints_what_works(run_cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(edgetree.doctor, "examine", lambda: HEALTHY)
     done = run_cli("doctor")
     assert done.code == 0
-    assert "2 of 4 usable, limited to the time of 1.5, 3.0 busy" in done.out
-    assert "cuda does not run: libcudnn.so.9 is not there" in done.out
+    assert "2 of 4 usable, limited to the CPU time of 1.5, 3.0 busy" in done.out
+    assert "cuda does not work: libcudnn.so.9 is not there" in done.out
     assert "21 frames per second on 1 thread, 40 on 2" in done.out
     assert "pass --threads 1" in done.out
     assert "nothing is broken" in done.out
     assert max(map(len, done.out.splitlines())) <= 100
 
 
-def test_the_doctor_fails_where_something_is_broken(
-    run_cli: Cli, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_doctor_fails_if_something_is_broken(run_cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(edgetree.doctor, "examine", lambda: SICK)
     done = run_cli("doctor")
     assert done.code == 1
-    assert re.search(r"^broken +no provider of onnxruntime runs", done.out, flags=re.MULTILINE)
+    assert re.search(r"^broken +no provider of onnxruntime works", done.out, flags=re.MULTILINE)
     assert "nothing is broken" not in done.out
     record = json.loads(run_cli("doctor", "--json").out)
     assert (record["schema"], record["healthy"]) == ("edgetree.doctor/1", False)
@@ -348,7 +340,7 @@ def test_the_doctor_fails_where_something_is_broken(
     assert record["machine"]["instructions"] is None
 
 
-def test_the_doctor_looks_at_this_machine(run_cli: Cli) -> None:
+def test_doctor_runs_on_this_machine(run_cli: Cli) -> None:
     done = run_cli("doctor", "--json")
     record = json.loads(done.out)
     assert {"name": "cpu", "works": True, "reason": ""} in record["providers"]

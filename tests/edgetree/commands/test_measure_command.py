@@ -1,4 +1,4 @@
-"""`edgetree measure` as a forester meets it: the table, the files, and what it refuses."""
+"""Tests of `edgetree measure`: table, files and errors."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Asked = dict[str, Any]
 
 @pytest.fixture
 def asked(monkeypatch: pytest.MonkeyPatch) -> Asked:
-    """Replaces the measurement by one of fixed values, and holds what it was asked."""
+    """Replace the measurement by fixed values and record its arguments."""
     received: Asked = {}
 
     def measure(trees: TreeDetections, depth_m: Any, camera: Any, **more: Any) -> Any:
@@ -48,7 +48,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> Asked:
 
 @pytest.fixture
 def folder(images: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder with `images`, `depth`, `camera.json` and more, as the working directory."""
+    """Change to the folder with `images`, `depth`, `camera.json` and other files."""
     here = images.parent
     mask = np.zeros((360, 640), np.uint8)
     mask[50:310, 100:120], mask[80:300, 400:430] = 3, 8
@@ -69,7 +69,7 @@ def folder(images: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 IMAGE = ("measure", "images/a.jpg", "--depth", "depth/a.png", "--camera", "camera.json")
 
 
-def test_a_sample_is_measured_by_a_model_of_the_package(run_cli: Cli, tmp_path: Path) -> None:
+def test_a_sample_is_measured_with_a_packaged_model(run_cli: Cli, tmp_path: Path) -> None:
     frame = sample_frames()[0]
     calib.save_camera(tmp_path / "camera.json", frame.camera)
     up = ",".join(map(str, frame.up_camera))
@@ -94,14 +94,14 @@ def test_a_sample_is_measured_by_a_model_of_the_package(run_cli: Cli, tmp_path: 
     assert (picture != plain).any(axis=2).mean() > 0.05
 
 
-def test_the_table_says_what_was_measured_and_what_to_type_next(
+def test_the_table_and_the_next_command_are_printed(
     run_cli: Cli, model: Path, folder: Path, asked: Asked
 ) -> None:
     done = run_cli(*IMAGE, "--model", model)
     assert done.code == 0, done.err
     assert re.search(r"^ +1 +31\.2 ± 0\.8 cm +– +– +– +4\.00 ± 0\.03 m$", done.out, re.MULTILINE)
     assert "no DBH, cut height, lean: no ground" in done.out
-    assert "beware: a high stump" in done.out
+    assert "warning: a high stump" in done.out
     for file in ("a_trees.jpg", "a_trees.csv"):
         following = done.err.splitlines()[-1].removeprefix("next: edgetree ")
         done = run_cli(*shlex.split(following))
@@ -126,7 +126,7 @@ def test_a_mask_is_measured_without_a_model(run_cli: Cli, folder: Path, asked: A
     assert np.abs(drawn[100:290, 400:430].astype(int) - plain[100:290, 400:430]).mean() > 20
 
 
-def test_what_the_rig_is_reaches_the_measurement(
+def test_the_camera_options_are_passed_to_the_measurement(
     run_cli: Cli, model: Path, folder: Path, asked: Asked
 ) -> None:
     options = ("--up", "0,-1,0", "--mounting", "mounting.json", "--stump-height", 0.2)
@@ -138,13 +138,13 @@ def test_what_the_rig_is_reaches_the_measurement(
     assert asked["camera"] == calib.load_camera("camera.json")
 
 
-def test_a_camera_of_another_resolution_is_scaled_and_that_is_said(
+def test_scaling_of_the_camera_is_reported(
     run_cli: Cli, model: Path, folder: Path, asked: Asked
 ) -> None:
     done = run_cli(*IMAGE[:-1], "double.json", "--model", model)
     assert done.code == 0, done.err
     assert asked["camera"] == calib.load_camera("camera.json")
-    assert "the camera is for 1280x720 px: scaled to 640x360 px, as the image" in done.err
+    assert "the camera is for 1280x720 px: scaled to 640x360 px, like the image" in done.err
 
 
 def test_depth_of_another_camera_is_registered(
@@ -179,7 +179,7 @@ def test_one_camera_of_several_is_chosen_by_name(
     assert asked["camera"].fx == 400
 
 
-def test_a_depth_model_looks_at_the_depth_alone(
+def test_a_depth_model_detects_in_the_depth_image(
     run_cli: Cli,
     depth_manifest: Manifest,
     write_model: Callable[..., Path],
@@ -195,9 +195,12 @@ def test_a_depth_model_looks_at_the_depth_alone(
 BAD_INPUTS = {
     "no camera": ("images/a.jpg --depth depth/a.png", "Missing option '--camera'"),
     "no depth": ("images/a.jpg --camera camera.json", "--depth is missing: expected the depth"),
-    "a folder": ("images --depth depth --camera camera.json", "images is no image: expected one;"),
-    "a missing image": ("c.jpg --depth depth/a.png --camera camera.json", r"c\.jpg is not there"),
-    "a missing depth": ("images/a.jpg --depth c.png --camera camera.json", r"c\.png is no file"),
+    "a folder": (
+        "images --depth depth --camera camera.json",
+        "images is not an image: expected one;",
+    ),
+    "a missing image": ("c.jpg --depth depth/a.png --camera camera.json", r"c\.jpg does not exist"),
+    "a missing depth": ("images/a.jpg --depth c.png --camera camera.json", r"c\.png is not a file"),
     "depth full of holes": (
         "images/a.jpg --depth holes.png --camera camera.json",
         r"holes\.png: 0\.0% of the pixels have depth: expected",
@@ -208,7 +211,7 @@ BAD_INPUTS = {
     ),
     "a scale of nothing": (
         "images/a.jpg --depth depth/a.png --camera camera.json --depth-scale 0",
-        "--depth-scale is 0.0: expected metres per step",
+        "--depth-scale is 0.0: expected metres per unit",
     ),
     "depth of another size": (
         "images/a.jpg --depth small.png --camera camera.json",
@@ -236,7 +239,7 @@ BAD_INPUTS = {
     ),
     "a model beside a mask": (
         "images/a.jpg --depth depth/a.png --camera camera.json --model rgb --mask mask.png",
-        "--model given beside --mask: expected one of both",
+        "--model given with --mask: expected only one",
     ),
     "a mask without depth": (
         "images/a.jpg --camera camera.json --mask mask.png",
@@ -262,7 +265,7 @@ BAD_INPUTS = {
     ),
     "a stump of no height": (
         "images/a.jpg --depth depth/a.png --camera camera.json --stump-height 0",
-        "--stump-height is 0.0: expected metres, above 0",
+        "--stump-height is 0.0: expected metres above 0",
     ),
     "a picture over the mask": (
         "images/a.jpg --depth depth/a.png --camera camera.json --mask mask.png --out mask.png",
@@ -284,7 +287,7 @@ BAD_INPUTS = {
 
 
 @pytest.mark.parametrize("case", BAD_INPUTS)
-def test_bad_input_gives_one_line_and_leaves_nothing(
+def test_bad_input_gives_one_line_and_no_files(
     run_cli: Cli, folder: Path, asked: Asked, case: str
 ) -> None:
     before = sorted(folder.rglob("*"))

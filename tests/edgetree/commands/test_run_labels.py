@@ -1,4 +1,4 @@
-"""`edgetree run --coco`: labels to be corrected, from model files and without torch."""
+"""Tests of `edgetree run --coco`: COCO labels from detections."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def test_a_folder_becomes_a_coco_data_set(
     assert (first["image_id"], second["image_id"]) == (1, 2)
     assert first["bbox"] == [100, 50, 20, 260]
     assert first["score"] == pytest.approx(0.9)
-    # On disk keypoints are pixel indices.
+    # In COCO files, keypoints are pixel indices.
     assert first["keypoints"][:3] == [109.5, 299.5, 2]
     assert first["num_keypoints"] == 5
     (category,) = content["categories"]
@@ -38,7 +38,7 @@ def test_a_folder_becomes_a_coco_data_set(
     assert category["skeleton"] == [[1, 4], [4, 5], [2, 3]]
 
 
-def test_a_lower_threshold_labels_more_and_says_so(
+def test_a_lower_threshold_gives_more_labels(
     run_cli: Cli, model: Path, images: Path, tmp_path: Path
 ) -> None:
     labels = tmp_path / "labels.json"
@@ -61,7 +61,7 @@ def test_a_lower_threshold_labels_more_and_says_so(
     assert "model.onnx finds with a score of at least 0.2" in content["info"]["description"]
 
 
-def test_a_failed_run_leaves_the_labels_that_were_there(
+def test_a_failed_run_keeps_the_old_labels(
     run_cli: Cli, model: Path, images: Path, tmp_path: Path
 ) -> None:
     labels = tmp_path / "labels.json"
@@ -71,14 +71,14 @@ def test_a_failed_run_leaves_the_labels_that_were_there(
     assert labels.read_text() == "corrected by hand"
 
 
-def test_a_video_has_no_pictures_to_label(run_cli: Cli, model: Path, tmp_path: Path) -> None:
+def test_labels_for_a_video_are_rejected(run_cli: Cli, model: Path, tmp_path: Path) -> None:
     video = tmp_path / "film.avi"
     writer = cv2.VideoWriter(str(video), cv2.VideoWriter.fourcc(*"MJPG"), 5, (64, 48))
     writer.write(np.zeros((48, 64, 3), np.uint8))
     writer.release()
     done = run_cli("run", video, "--model", model, "--coco", tmp_path / "labels.json")
     assert done.code == 2
-    assert "--coco is for pictures" in done.err
+    assert "is a video: expected images, as --coco is given" in done.err
     assert done.err.count("\n") == 1
 
 

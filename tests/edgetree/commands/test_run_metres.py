@@ -1,4 +1,4 @@
-"""`edgetree run` with depth and cameras: the table, frames without metres, what is said."""
+"""Tests of `edgetree run` with depth and cameras: table, unusable depth and messages."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Cli = Callable[..., Any]
 
 @pytest.fixture
 def folder(images: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder with `images`, `depth` and `camera.json`, as the working directory."""
+    """Change to the folder with `images`, `depth` and `camera.json`."""
     monkeypatch.chdir(images.parent)
     return images.parent
 
@@ -32,7 +32,7 @@ def _rows(path: Path) -> list[dict[str, str]]:
     return list(csv.DictReader(path.open(newline="", encoding="utf-8")))
 
 
-def test_the_table_holds_every_tree_of_every_frame(run_cli: Cli, model: Path, folder: Path) -> None:
+def test_the_table_has_all_trees_of_all_frames(run_cli: Cli, model: Path, folder: Path) -> None:
     done = run_cli(*FRAMES, "--model", model, "--csv", "trees.csv")
     assert done.code == 0, done.err
     rows = _rows(folder / "trees.csv")
@@ -45,9 +45,7 @@ def test_the_table_holds_every_tree_of_every_frame(run_cli: Cli, model: Path, fo
     assert "table: trees.csv" in done.err
 
 
-def test_without_depth_the_table_says_what_metres_need(
-    run_cli: Cli, model: Path, folder: Path
-) -> None:
+def test_without_depth_the_table_asks_for_depth(run_cli: Cli, model: Path, folder: Path) -> None:
     done = run_cli("run", "images", "--model", model, "--csv", "trees.csv")
     assert done.code == 0, done.err
     assert {row["diameter_failure"] for row in _rows(folder / "trees.csv")} == {
@@ -55,7 +53,7 @@ def test_without_depth_the_table_says_what_metres_need(
     }
 
 
-def test_a_frame_without_usable_depth_says_so_and_the_others_go_on(
+def test_unusable_depth_of_one_frame_does_not_stop_the_run(
     run_cli: Cli, model: Path, folder: Path
 ) -> None:
     calib.write_depth(folder / "depth" / "a.png", np.zeros((360, 640), np.float32))
@@ -64,10 +62,10 @@ def test_a_frame_without_usable_depth_says_so_and_the_others_go_on(
     first, second = (json.loads(line)["trees"][0]["metres"] for line in done.out.splitlines())
     assert "0.0% of the pixels have depth" in first["diameter_failure"]
     assert "diameter_m" in second
-    assert "depth not to be believed in 1 frame(s): depth depth" in done.err
+    assert "unusable depth in 1 frame(s): depth depth" in done.err
 
 
-def test_a_machine_with_two_cameras_is_measured_in_both_frames(
+def test_cut_points_are_given_in_camera_and_machine_frame(
     run_cli: Cli, model: Path, folder: Path
 ) -> None:
     camera = calib.load_camera("camera.json")
@@ -94,9 +92,7 @@ def test_a_machine_with_two_cameras_is_measured_in_both_frames(
     assert (folder / "pictures" / "a_trees.jpg").exists()
 
 
-def test_what_one_frame_lacks_is_told_whatever_the_last_has(
-    run_cli: Cli, model: Path, folder: Path
-) -> None:
+def test_missing_depth_of_any_frame_is_reported(run_cli: Cli, model: Path, folder: Path) -> None:
     first = cv2.imread("images/a.jpg")
     assert first is not None
     cv2.imwrite("images/a.jpg", cv2.resize(first, (320, 180)))
@@ -118,7 +114,7 @@ def test_what_one_frame_lacks_is_told_whatever_the_last_has(
         (("--out", "images"), "--out is images, which is source images too: expected another path"),
     ],
 )
-def test_what_cannot_be_is_one_line(
+def test_contradicting_options_are_one_line(
     run_cli: Cli, model: Path, folder: Path, arguments: tuple[str, ...], message: str
 ) -> None:
     done = run_cli("run", "images", "--model", model, *arguments)

@@ -1,4 +1,4 @@
-"""`edgetree demo` as its users type it."""
+"""Tests of `edgetree demo`."""
 
 import json
 import subprocess
@@ -25,7 +25,7 @@ def run_demo(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
 
 @pytest.fixture(scope="module")
 def demo_json(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict, Path, str]:
-    """The JSON of one run with the embedded models, its folder, and what stderr said."""
+    """JSON output, folder and stderr of one run with the packaged models."""
     folder = tmp_path_factory.mktemp("demo")
     done = run_demo("--json", "--out", "made", cwd=folder)
     assert done.returncode == 0, done.stderr
@@ -33,7 +33,7 @@ def demo_json(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict, Path, str
     return json.loads(line), folder, done.stderr
 
 
-def test_the_json_names_a_report_that_is_there(demo_json: tuple[dict, Path, str]) -> None:
+def test_the_json_names_an_existing_report(demo_json: tuple[dict, Path, str]) -> None:
     data, folder, _ = demo_json
     assert data["schema"] == "edgetree.demo/1"
     assert data["report"] == str(Path("made/report.html"))
@@ -41,7 +41,7 @@ def test_the_json_names_a_report_that_is_there(demo_json: tuple[dict, Path, str]
     assert (folder / data["report"]).read_text("utf-8").count("data:image/jpeg") == 12
 
 
-def test_the_embedded_models_find_and_measure_most_sample_trees(
+def test_the_packaged_models_find_and_measure_most_sample_trees(
     demo_json: tuple[dict, Path, str],
 ) -> None:
     data, _, _ = demo_json

@@ -1,4 +1,4 @@
-"""Metres beside the truth, per tree and summed up."""
+"""Comparison of measurements with the ground truth, per tree and over all trees."""
 
 import json
 from dataclasses import replace
@@ -44,7 +44,7 @@ def test_each_true_tree_gets_the_measurement_of_its_own_detection() -> None:
     assert frame.unmatched_detections == 1
 
 
-def test_a_row_says_what_was_measured_or_why_not() -> None:
+def test_a_row_has_the_value_or_the_reason() -> None:
     frame = compare_trees(
         "one", [truth(0.3), truth(0.2)], [Match(0, 0, 0.9)], [0.9], [measured(Estimate(0.31, 0.02))]
     )
@@ -84,7 +84,7 @@ def test_medians_and_shares_are_over_all_measured_trees_of_all_frames() -> None:
     assert summary.within_two_std == pytest.approx(2 / 3)
 
 
-def test_a_failed_estimate_is_no_zero() -> None:
+def test_a_failed_estimate_is_not_zero() -> None:
     failed = compare_trees(
         "a", [truth(0.2)], [Match(0, 0, 1.0)], [0.9], [measured(Failure("no depth at the stem"))]
     )

@@ -1,4 +1,4 @@
-"""Pairing detections with the truth."""
+"""Matching of detections with the ground truth."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import pytest
 from edgetree.demo.matching import Match, match_boxes
 
 
-def test_the_better_score_takes_the_tree_and_each_tree_counts_once() -> None:
+def test_the_first_detection_takes_the_tree_and_each_tree_is_matched_once() -> None:
     truth = np.array([[0.0, 0.0, 10.0, 10.0], [100.0, 0.0, 110.0, 10.0]])
     detected = np.array([[0.0, 0.0, 10.0, 8.0], [0.0, 0.0, 10.0, 10.0], [100.0, 0.0, 110.0, 9.0]])
     matches = match_boxes(detected, truth)
@@ -20,7 +20,7 @@ def test_a_detection_takes_the_tree_it_overlaps_most() -> None:
     assert match == Match(0, 1, pytest.approx(0.9))
 
 
-def test_half_is_enough_and_less_is_not() -> None:
+def test_an_iou_of_one_half_is_a_match() -> None:
     truth = np.array([[0.0, 0.0, 10.0, 10.0]])
     assert len(match_boxes(np.array([[0.0, 0.0, 10.0, 5.0]]), truth)) == 1
     assert match_boxes(np.array([[0.0, 0.0, 10.0, 4.9]]), truth) == []

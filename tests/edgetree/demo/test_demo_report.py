@@ -1,4 +1,4 @@
-"""The report is one whole page that needs nothing else and says what was found."""
+"""The report is a valid, self-contained page with all results."""
 
 import base64
 import dataclasses
@@ -21,7 +21,7 @@ VOID = {"meta", "img", "input", "line", "path", "circle"}
 
 
 class Outline(HTMLParser):
-    """Collects tags and sources, and fails on a tag that is closed out of turn."""
+    """Collects tags and sources, and fails on wrongly nested tags."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -77,12 +77,12 @@ def result() -> DemoResult:
 
 
 def words(html: str) -> str:
-    """The text a reader sees."""
+    """The visible text."""
     text = re.sub(r"<style>.*?</style>", "", html, flags=re.DOTALL)
     return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", text))
 
 
-def test_the_page_is_whole_and_needs_nothing_else(result: DemoResult) -> None:
+def test_the_page_is_valid_and_self_contained(result: DemoResult) -> None:
     html = render_report(result, [])
     outline = Outline()
     outline.feed(html)
@@ -110,12 +110,12 @@ def test_the_page_shows_truth_measurement_and_reason(result: DemoResult) -> None
     assert "50.0 / 40.0" in text
 
 
-def test_a_tiny_std_is_not_called_zero() -> None:
+def test_a_tiny_std_is_not_shown_as_zero() -> None:
     tiny = DemoResult((model("depth", Estimate(0.3141, 0.0001)),), (), 1.0)
     assert "31.4 ± &lt;0.1" in words(render_report(tiny, []))
 
 
-def test_foreign_text_cannot_break_the_page(result: DemoResult) -> None:
+def test_text_is_escaped(result: DemoResult) -> None:
     html = render_report(result, [NextCommand("a < b", "edgetree run <FRAME>")])
     assert "no ground &lt;near&gt; the stem" in html
     assert "edgetree run &lt;FRAME&gt;" in html
@@ -127,7 +127,7 @@ def test_a_model_that_measures_nothing_still_gets_a_page() -> None:
     assert "– median error of the stem diameter" in text
 
 
-def test_the_chain_is_told_only_where_there_was_one(result: DemoResult) -> None:
+def test_the_training_steps_are_shown_only_after_training(result: DemoResult) -> None:
     steps = (Step("Train", "12 rounds", 301.0),)
     trained = DemoResult(result.models, (), 5.0, None, steps, {"ap50_boxes": 0.61})
     assert "Train 12 rounds 301 s" in words(render_report(trained, []))

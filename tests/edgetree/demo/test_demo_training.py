@@ -1,4 +1,4 @@
-"""`edgetree demo --train`: what it needs, and, among the slow tests, what it reaches."""
+"""`edgetree demo --train`: missing packages, and the accuracy of its model (slow)."""
 
 import json
 import subprocess
@@ -14,7 +14,7 @@ from edgetree.errors import MissingDependency
 TIME_LIMIT_S = 15 * 60
 
 
-def test_what_is_missing_is_named_with_the_way_to_get_it(
+def test_missing_packages_are_named_with_the_pip_command(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def without_two(name: str) -> ModuleSpec | None:
@@ -25,14 +25,14 @@ def test_what_is_missing_is_named_with_the_way_to_get_it(
         training.run_trained(tmp_path, lambda share, what: None)
     message = str(caught.value)
     assert message.startswith("demo --train needs timm, numba: pip install")
-    assert "edgetree[cpu,train,export,sim]" in message
+    assert 'pip install ".[cpu,train,export,sim]"' in message
     assert "\n" not in message
     assert caught.value.exit_code == 2
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.slow
-def test_a_model_from_nothing_finds_trees_in_scenes_it_never_saw(tmp_path: Path) -> None:
+def test_a_newly_trained_model_finds_trees_in_held_out_scenes(tmp_path: Path) -> None:
     code = "from edgetree.cli import main; main()"
     done = subprocess.run(
         [sys.executable, "-c", code, "demo", "--train", "--json", "--out", "made"],

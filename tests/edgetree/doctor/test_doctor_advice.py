@@ -1,4 +1,4 @@
-"""What the doctor says of machines that are not this one."""
+"""Advice for findings of different machines."""
 
 import dataclasses
 
@@ -64,7 +64,7 @@ def with_versions(**versions: str) -> Findings:
     return with_libraries(versions=VERSIONS | more)
 
 
-def test_a_good_machine_is_told_its_precision_and_nothing_else() -> None:
+def test_a_healthy_machine_gets_only_advice_about_precision() -> None:
     (advice,) = advise(HEALTHY)
     assert advice.level == "advice"
     assert "--precision int8" in advice.text
@@ -94,32 +94,32 @@ BROKEN = {
     ),
     "a torchvision that does not load": (
         with_libraries(import_errors={"torchvision": "operator torchvision::nms does not exist"}),
-        "torchvision does not load (operator torchvision::nms does not exist): install torch and",
+        "torchvision cannot be imported (operator torchvision::nms does not exist): install torch",
     ),
     "an OpenCV without display libraries": (
         with_libraries(import_errors={"cv2": "libGL.so.1: cannot open"}),
-        "cv2 does not load (libGL.so.1: cannot open): install opencv-python-headless",
+        "cv2 cannot be imported (libGL.so.1: cannot open): install opencv-python-headless",
     ),
     "no onnxruntime": (
         with_libraries(versions={"numpy": "2.4.6"}),
-        "onnxruntime is not installed: install edgetree[cpu]",
+        'onnxruntime is not installed: pip install ".[cpu]" in the project\'s folder',
     ),
     "no provider": (
         dataclasses.replace(HEALTHY, providers=(BROKEN_CUDA,)),
-        "no provider of onnxruntime runs a network",
+        "no provider of onnxruntime works",
     ),
 }
 
 
 @pytest.mark.parametrize("case", BROKEN)
-def test_what_is_broken_is_named_with_the_way_out(case: str) -> None:
+def test_broken_libraries_are_named_with_a_remedy(case: str) -> None:
     findings, expected = BROKEN[case]
     (text,) = said("broken", findings)
     assert expected in text
     assert advise(findings)[0].level == "broken", "the worst comes first"
 
 
-def test_versions_that_fit_are_not_called_broken() -> None:
+def test_matching_versions_are_not_broken() -> None:
     for versions in ({"torch": "2.15.0+cu130"}, {"numpy": "2.1.0rc1"}, {"numpy": "2.10"}):
         assert said("broken", with_versions(**versions)) == []
     assert said("broken", with_libraries(minima={"numpy": "2.4.6.0"})) == []
@@ -144,20 +144,20 @@ BEWARE = {
     "little memory": (with_machine(free_memory_mib=700.0), "700 MiB of memory are free"),
     "a provider that is offered and fails": (
         dataclasses.replace(HEALTHY, providers=(BROKEN_CUDA, CPU)),
-        "provider cuda is offered but does not run (libcudnn.so.9 is not there)",
+        "provider cuda is installed but does not work (libcudnn.so.9 is not there)",
     ),
 }
 
 
 @pytest.mark.parametrize("case", BEWARE)
-def test_what_may_bite_is_said_without_calling_it_broken(case: str) -> None:
+def test_warnings_do_not_count_as_broken(case: str) -> None:
     findings, expected = BEWARE[case]
     (text,) = said("beware", findings)
     assert expected in text
     assert said("broken", findings) == []
 
 
-def test_a_processor_without_avx2_is_called_slow() -> None:
+def test_a_cpu_without_avx2_gets_a_warning() -> None:
     assert any("no AVX2" in text for text in said("beware", with_machine(instructions=())))
 
 
@@ -167,19 +167,19 @@ ADVICE = {
         with_machine(architecture="arm64", instructions=("dotprod",)),
         "--precision int8",
     ),
-    "instructions not known": (with_machine(instructions=None), "is not known: compare"),
-    "an unused GPU": (with_machine(has_nvidia_gpu=True), "an NVIDIA GPU that is not used"),
+    "instructions not known": (with_machine(instructions=None), "it is not known whether"),
+    "an unused GPU": (with_machine(has_nvidia_gpu=True), "the NVIDIA GPU is not used"),
     "a GPU that works": (
         dataclasses.replace(with_machine(has_nvidia_gpu=True), providers=(CUDA, CPU)),
         "edgetree bench --provider cuda",
     ),
     "threads that do not help": (
         dataclasses.replace(HEALTHY, speed=Speed(4, 20.0, 21.0)),
-        "4 threads are no faster than one here: pass --threads 1",
+        "4 threads are not faster than one here: pass --threads 1",
     ),
     "no training stack": (
         with_libraries(versions={"numpy": "2.4.6", "onnxruntime": "1.31.1"}),
-        "install edgetree[train,export,sim]",
+        'pip install ".[train,export,sim]"',
     ),
 }
 
@@ -191,9 +191,11 @@ def test_advice_names_the_next_step(case: str) -> None:
     assert said("broken", findings) == []
 
 
-def test_without_onnxruntime_a_machine_with_a_gpu_is_sent_to_its_build() -> None:
+def test_a_machine_with_a_gpu_is_advised_to_install_the_gpu_build() -> None:
     findings = dataclasses.replace(
         with_machine(has_nvidia_gpu=True),
         libraries=dataclasses.replace(LIBRARIES, versions={"numpy": "2.4.6"}),
     )
-    assert said("broken", findings) == ["onnxruntime is not installed: install edgetree[gpu]"]
+    assert said("broken", findings) == [
+        'onnxruntime is not installed: pip install ".[gpu]" in the project\'s folder'
+    ]

@@ -1,4 +1,4 @@
-"""What the doctor reads of a machine, from files as Linux writes them, and from this machine."""
+"""Findings from imitated files of /proc and /sys, and from this machine."""
 
 from pathlib import Path
 
@@ -29,7 +29,7 @@ def test_instructions_of_x86_and_arm() -> None:
     assert instruction_sets("") is None
 
 
-def test_a_machine_that_says_nothing_is_not_known(tmp_path: Path) -> None:
+def test_missing_files_give_unknown_values(tmp_path: Path) -> None:
     machine = examine_machine(tmp_path)
     assert machine.instructions is None
     assert machine.core_quota is None
@@ -67,12 +67,12 @@ QUOTAS: dict[str, tuple[dict[str, str], float | None]] = {
 
 
 @pytest.mark.parametrize("case", QUOTAS)
-def test_a_containers_share_of_the_processor(tmp_path: Path, case: str) -> None:
+def test_the_cpu_quota_of_a_container(tmp_path: Path, case: str) -> None:
     files, expected = QUOTAS[case]
     assert core_quota(write(tmp_path, files)) == expected
 
 
-def test_memory_is_the_containers_where_that_is_less(tmp_path: Path) -> None:
+def test_a_containers_lower_memory_limit_is_used(tmp_path: Path) -> None:
     assert memory_mib(write(tmp_path, {"proc/meminfo": MEMINFO})) == (8192.0, 4096.0)
     limits = {"sys/fs/cgroup/memory.max": "1073741824\n", "sys/fs/cgroup/memory.current": "0\n"}
     assert memory_mib(write(tmp_path, limits)) == (1024.0, 1024.0)
@@ -84,7 +84,7 @@ def test_memory_is_the_containers_where_that_is_less(tmp_path: Path) -> None:
     assert memory_mib(write(tmp_path, unlimited)) == (8192.0, 4096.0)
 
 
-def test_a_provider_that_is_not_there_fails_with_its_reason(
+def test_a_missing_provider_fails_with_a_reason(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(providers, "installed_providers", lambda: ("coreml",))
@@ -93,7 +93,7 @@ def test_a_provider_that_is_not_there_fails_with_its_reason(
     assert "fallback to CPU EP has been explicitly disabled" in result.reason
 
 
-def test_a_library_that_does_not_load_is_found(
+def test_a_library_that_cannot_be_imported_is_found(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write(tmp_path, {"cv2.py": "raise ImportError('libGL.so.1: cannot open shared object file')"})

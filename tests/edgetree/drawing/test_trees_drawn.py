@@ -1,4 +1,4 @@
-"""Drawings show each tree where it is, and leave the given picture alone."""
+"""Trees are drawn at their positions, on a copy of the picture."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from edgetree.detections import TreeDetections
-from edgetree.drawing.label_placement import Rect, place_plate
+from edgetree.drawing.label_placement import Rect, place_label
 from edgetree.drawing.trees import CutMark, draw_trees, picture_of_depth
 
 
@@ -47,12 +47,12 @@ def test_the_mask_the_keypoints_and_the_box_are_drawn() -> None:
     assert not changed[:, 140:].any()
 
 
-def test_the_label_stands_beside_the_stem_and_inside_the_picture() -> None:
+def test_the_label_is_next_to_the_stem_and_inside_the_picture() -> None:
     label = ["Ø 0.312 ±0.008 m", "cut 0.15 m  dist 4.2 m"]
     bare, labelled = _changed(_trees(), [[]]), _changed(_trees(), [label])
-    plate = labelled & ~bare
-    assert plate.sum() > 2000
-    assert not (plate & _trees().mask(0)).any()
+    label = labelled & ~bare
+    assert label.sum() > 2000
+    assert not (label & _trees().mask(0)).any()
 
 
 def _side_by_side(distance_px: float) -> TreeDetections:
@@ -70,27 +70,27 @@ def _side_by_side(distance_px: float) -> TreeDetections:
     )
 
 
-def _plates(trees: TreeDetections, labels: list[list[str]]) -> NDArray[np.bool_]:
-    """Pixels that differ with labels: the plates, and their thin leaders."""
+def _labels(trees: TreeDetections, labels: list[list[str]]) -> NDArray[np.bool_]:
+    """Pixels that change with labels: the labels and their leader lines."""
     picture = np.full((trees.image_height, trees.image_width, 3), 50, np.uint8)
     bare = draw_trees(picture, trees, [[] for _ in labels])
     return np.asarray((draw_trees(picture, trees, labels) != bare).any(axis=2))
 
 
-def test_plates_do_not_cover_each_other() -> None:
+def test_labels_do_not_cover_each_other() -> None:
     label = ["Ø 0.312 ±0.008 m"]
     both = _side_by_side(0)
-    one = _plates(both, [label, []]).sum()
-    assert _plates(both, [label, label]).sum() > 1.9 * one
+    one = _labels(both, [label, []]).sum()
+    assert _labels(both, [label, label]).sum() > 1.9 * one
 
 
-def test_plates_do_not_cover_a_neighbours_stem() -> None:
+def test_labels_do_not_cover_a_neighbours_stem() -> None:
     label = ["Ø 0.312 ±0.008 m"]
     both = _side_by_side(60)
-    plates = _plates(both, [label, []])
-    assert plates.sum() > 1000
+    labels = _labels(both, [label, []])
+    assert labels.sum() > 1000
     for index in range(2):
-        assert (plates & both.mask(index)).sum() < 30
+        assert (labels & both.mask(index)).sum() < 30
 
 
 def test_a_tree_at_the_edge_and_a_tiny_picture_are_drawn() -> None:
@@ -113,7 +113,7 @@ def _ink(trees: TreeDetections, **more: Any) -> NDArray[np.uint8]:
     return draw_trees(picture, trees, [[] for _ in trees.scores], **more)
 
 
-def test_a_measured_cut_is_drawn_where_it_was_measured_with_its_height() -> None:
+def test_a_measured_cut_is_drawn_with_its_height() -> None:
     at_keypoint = _ink(_trees())
     moved = _ink(_trees(), cuts=[CutMark((112.0, 250.0), "")])
     assert (at_keypoint[300, 110] == (60, 60, 255)).all()
@@ -132,7 +132,7 @@ def test_the_height_of_a_cut_stays_in_the_picture(x_px: float) -> None:
     assert (one != other).any(), "the text is not cut off"
 
 
-def test_given_masks_are_drawn_in_place_of_the_models_own() -> None:
+def test_given_masks_replace_the_models_masks() -> None:
     given = np.zeros((360, 640), np.bool_)
     given[200:220, 400:420] = True
     bare = dataclasses.replace(_trees(), keypoints_px=None)
@@ -146,7 +146,7 @@ def test_a_warning_is_amber_to_its_last_line() -> None:
     bare = _ink(both).astype(int)
 
     def amber_rows(lines: list[str]) -> int:
-        """Over how many rows amber spreads; the second tree's own colour is blue."""
+        """Number of rows between the first and last amber pixel; the tree's colour is blue."""
         picture = np.full((360, 640, 3), 50, np.uint8)
         blue, _, red = np.moveaxis(draw_trees(picture, both, [[], lines]).astype(int), 2, 0)
         amber = (red - blue > 60) & ~(bare[..., 2] - bare[..., 0] > 60)
@@ -156,27 +156,27 @@ def test_a_warning_is_amber_to_its_last_line() -> None:
     assert amber_rows(["! a", "high"]) > amber_rows(["! a"]) + 10 > 10
 
 
-def test_eight_large_plates_find_room_without_hiding_each_other() -> None:
+def test_eight_large_labels_do_not_overlap() -> None:
     stems = np.array([[x, 40, x + 40, 700] for x in range(40, 1240, 150)], np.float64)
-    plates: list[Rect] = []
+    labels: list[Rect] = []
     for x0, _, x1, _ in stems:
-        plates.append(place_plate((260, 110), (x0, x1, 640), plates, stems, (1280, 720)))
+        labels.append(place_label((260, 110), (x0, x1, 640), labels, stems, (1280, 720)))
     covered = np.zeros((720, 1280), int)
-    for x0, y0, x1, y1 in plates:
+    for x0, y0, x1, y1 in labels:
         assert 0 <= x0 < x1 <= 1280
         assert 0 <= y0 < y1 <= 720
         covered[y0:y1, x0:x1] += 1
     assert covered.max() == 1
 
 
-def test_a_plate_goes_where_it_hides_no_stem() -> None:
+def test_a_label_is_placed_where_it_hides_no_stem() -> None:
     stems = np.array([[0, 0, 36, 350], [46, 0, 80, 350]], np.float64)
-    x0, y0, _, y1 = place_plate((90, 40), (0, 36, 200), [], stems, (640, 360))
+    x0, y0, _, y1 = place_label((90, 40), (0, 36, 200), [], stems, (640, 360))
     assert 80 <= x0 < 100, "to the right of the neighbour too"
     assert y0 < 200 < y1
 
 
-def test_depth_becomes_a_picture_with_holes_black() -> None:
+def test_depth_without_reading_is_black() -> None:
     depth_m = np.array([[0.0, 1.0, 19.0, 99.0]], np.float32)
     picture = picture_of_depth(depth_m)
     assert picture.shape == (1, 4, 3)

@@ -125,5 +125,5 @@ def test_without_the_training_setup_it_says_what_to_install(
     monkeypatch.setitem(sys.modules, "perceptree.evaluation", None)
     done = run_cli("eval", exported.path, labelled)
     assert done.code == 2
-    assert "install edgetree[train]" in done.err
+    assert 'pip install ".[train]"' in done.err
     assert done.err.count("\n") == 1

@@ -1,4 +1,4 @@
-"""A mask image becomes trees, one for each value; what is no such image is named."""
+"""Mask images: one tree for each value, and errors for other images."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def _write(path: Path, values: NDArray[np.integer]) -> Path:
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
-def test_every_value_is_a_tree(tmp_path: Path, dtype: type[np.integer]) -> None:
+def test_each_value_is_a_tree(tmp_path: Path, dtype: type[np.integer]) -> None:
     found = read_masks(_write(tmp_path / "m.png", _mask(dtype)), (64, 48))
     assert found.numbers == (7, 200)
     np.testing.assert_array_equal(found.trees.boxes_px, [[60, 0, 64, 48], [5, 10, 9, 40]])
@@ -39,18 +39,22 @@ def test_every_value_is_a_tree(tmp_path: Path, dtype: type[np.integer]) -> None:
 BAD = {
     "another size": ("m.png", _mask()[:24, :32], r"m\.png is 32x24 px: expected 64x48 px"),
     "colours": ("m.png", np.ones((48, 64, 3), np.uint8), r"m\.png has 3 channel\(s\) of uint8"),
-    "no tree": ("m.png", np.zeros((48, 64), np.uint8), "holds 0 values beside 0: expected one for"),
+    "no tree": (
+        "m.png",
+        np.zeros((48, 64), np.uint8),
+        "contains 0 values other than 0: expected one per",
+    ),
     "a photograph": (
         "m.png",
         np.arange(48 * 64, dtype=np.uint16).reshape(48, 64),
-        "holds 3071 values beside 0: expected one for each tree, 1 to 100",
+        "contains 3071 values other than 0: expected one per tree, 1 to 100",
     ),
-    "a lossy file": ("m.jpg", _mask(), r"m\.jpg is no kind of file that keeps its values"),
+    "a lossy file": ("m.jpg", _mask(), r"m\.jpg is not in a lossless format"),
 }
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_what_is_no_mask_is_named(tmp_path: Path, case: str) -> None:
+def test_files_that_are_not_masks_are_rejected(tmp_path: Path, case: str) -> None:
     name, values, message = BAD[case]
     with pytest.raises(InputError, match=message):
         read_masks(_write(tmp_path / name, values), (64, 48))

@@ -1,4 +1,4 @@
-"""Depth reaches the image's pixels, whichever camera took it, and faults are told."""
+"""Depth is aligned with the image for all kinds of cameras; unusable depth is reported."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import calib
-from edgetree.commands.options import RigOptions
+from edgetree.commands.option_groups import RigOptions
 from edgetree.errors import InputError
 from edgetree.frames.rig import Rig
 
@@ -17,14 +17,14 @@ HALF = COLOUR.scaled(32, 24)
 
 
 def _wall(path: Path, width: int, height: int, depth_m: float = 2.0) -> Path:
-    """A wall with a step, of two depths."""
+    """Write the depth of a wall with a step."""
     values = np.full((height, width), depth_m, np.float32)
     values[:, : width // 2] *= 1.5
     calib.write_depth(path, values)
     return path
 
 
-def test_depth_of_the_images_size_is_taken_as_it_is(tmp_path: Path) -> None:
+def test_depth_of_the_images_size_is_unchanged(tmp_path: Path) -> None:
     depth_m, fault = Rig().read_depth(_wall(tmp_path / "d.png", 64, 48), Path("a.jpg"), (64, 48))
     assert fault is None
     assert (depth_m[5, 5], depth_m[5, 60]) == (3.0, 2.0)
@@ -47,14 +47,14 @@ def test_the_scale_option_takes_a_number_or_a_calibration(tmp_path: Path) -> Non
     correction = calib.DepthScale(1.02, -0.05, 0.001, 0.002, -0.9, 0.5, 4.0)
     file = tmp_path / "scale.json"
     calib.save_depth_scale(file, correction)
-    nothing = (None, None, None, None, None)
-    assert RigOptions(*nothing, str(file), None).rig(None).depth_calibration == correction
-    assert RigOptions(*nothing, "0.00025", None).rig(None).depth_scale_m == 0.00025
+    options = RigOptions(depth_scale=str(file))
+    assert options.rig(None, None).depth_calibration == correction
+    assert RigOptions(depth_scale="0.00025").rig(None, None).depth_scale_m == 0.00025
     with pytest.raises(calib.InputFileError, match=r"much: no such file, expected a depth scale"):
-        RigOptions(*nothing, "much", None).rig(None)
+        RigOptions(depth_scale="much").rig(None, None)
 
 
-def test_depth_of_another_camera_is_moved_into_the_image(tmp_path: Path) -> None:
+def test_depth_of_another_camera_is_aligned_with_the_image(tmp_path: Path) -> None:
     path = _wall(tmp_path / "d.png", 32, 24)
     rig = Rig(camera=COLOUR, depth_camera=HALF)
     depth_m, _ = rig.read_depth(path, Path("a.jpg"), (64, 48))
@@ -76,28 +76,28 @@ def test_cameras_of_another_resolution_are_scaled(tmp_path: Path) -> None:
     assert Rig().camera_for(32, 24) is None
 
 
-def test_depth_of_another_size_asks_for_its_camera(tmp_path: Path) -> None:
+def test_depth_of_another_size_needs_a_depth_camera(tmp_path: Path) -> None:
     path = _wall(tmp_path / "d.png", 32, 24)
-    expected = r"d\.png is 32x24 px: expected 64x48 px, as image a\.jpg; pass --depth-camera"
+    expected = r"d\.png is 32x24 px: expected 64x48 px, like image a\.jpg; pass --depth-camera"
     with pytest.raises(InputError, match=expected):
         Rig(camera=COLOUR).read_depth(path, Path("a.jpg"), (64, 48))
 
 
-def test_without_a_camera_there_is_no_depth_camera_to_ask_for(tmp_path: Path) -> None:
+def test_without_a_camera_the_error_does_not_ask_for_a_depth_camera(tmp_path: Path) -> None:
     path = _wall(tmp_path / "d.png", 32, 24)
-    with pytest.raises(InputError, match=r"expected 64x48 px, as image a\.jpg$"):
+    with pytest.raises(InputError, match=r"expected 64x48 px, like image a\.jpg$"):
         Rig().read_depth(path, Path("a.jpg"), (64, 48))
 
 
-def test_depth_of_another_aspect_names_the_depth_camera(tmp_path: Path) -> None:
+def test_depth_of_another_aspect_ratio_is_rejected(tmp_path: Path) -> None:
     path = _wall(tmp_path / "d.png", 32, 32)
     rig = Rig(camera=COLOUR, depth_camera=HALF)
-    expected = r"d\.png is 32x32 px: expected the aspect of --depth-camera, 32x24 px"
+    expected = r"d\.png is 32x32 px: expected the aspect ratio of --depth-camera, 32x24 px"
     with pytest.raises(calib.CameraError, match=expected):
         rig.read_depth(path, Path("a.jpg"), (64, 48))
 
 
-def test_depth_that_cannot_be_metres_is_told(tmp_path: Path) -> None:
+def test_implausible_depth_is_reported(tmp_path: Path) -> None:
     path = _wall(tmp_path / "d.png", 64, 48)
     _, fault = Rig(depth_scale_m=1.0).read_depth(path)
     assert fault is not None
@@ -113,10 +113,10 @@ def test_depth_that_cannot_be_metres_is_told(tmp_path: Path) -> None:
             {"camera": COLOUR, "depth_extrinsics": calib.RigidTransform.identity()},
             "--depth-extrinsics given without --depth-camera",
         ),
-        ({"depth_scale_m": float("nan")}, "--depth-scale is nan: expected metres per step"),
-        ({"depth_scale_m": -0.001}, r"--depth-scale is -0\.001: expected metres per step"),
+        ({"depth_scale_m": float("nan")}, "--depth-scale is nan: expected metres per unit"),
+        ({"depth_scale_m": -0.001}, r"--depth-scale is -0\.001: expected metres per unit"),
     ],
 )
-def test_what_contradicts_itself_is_refused(values: dict[str, object], message: str) -> None:
+def test_contradicting_values_are_rejected(values: dict[str, object], message: str) -> None:
     with pytest.raises(InputError, match=message):
         Rig(**values)  # type: ignore[arg-type]

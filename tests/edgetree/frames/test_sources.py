@@ -1,4 +1,4 @@
-"""Images, folders and videos become frames; what cannot is named."""
+"""Frames from images, folders and videos, and errors for other sources."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_an_image_is_one_frame(tmp_path: Path) -> None:
     assert frame.depth_m[0, 0] == pytest.approx(2.5)
 
 
-def test_a_folder_gives_its_images_by_name(tmp_path: Path) -> None:
+def test_a_folder_gives_its_images_sorted_by_name(tmp_path: Path) -> None:
     for name in ("b.jpg", "a.png", "c.JPG", ".hidden.png"):
         _write(tmp_path / "images" / name)
     (tmp_path / "images" / "notes.txt").write_text("x")
@@ -59,7 +59,7 @@ def test_depth_may_be_in_another_kind_of_file(tmp_path: Path) -> None:
     assert frame.depth_m[0, 0] == pytest.approx(1.5)
 
 
-def test_depth_that_is_not_to_be_believed_says_why(tmp_path: Path) -> None:
+def test_unusable_depth_has_a_reason(tmp_path: Path) -> None:
     image, depth = _write(tmp_path / "a.png"), tmp_path / "d.png"
     calib.write_depth(depth, np.zeros((48, 64), np.float32))
     (frame,) = open_source(image, depth)
@@ -71,13 +71,13 @@ def test_depth_that_is_not_to_be_believed_says_why(tmp_path: Path) -> None:
     assert frame.depth_fault is None
 
 
-def test_frames_of_one_stem_keep_their_names_apart(tmp_path: Path) -> None:
+def test_images_of_the_same_stem_get_different_names(tmp_path: Path) -> None:
     for name in ("a.png", "a.jpg", "b.jpg"):
         _write(tmp_path / name)
     assert [frame.name for frame in open_source(tmp_path)] == ["a.jpg", "a.png", "b"]
 
 
-def test_depth_alone_is_read_as_depth(tmp_path: Path) -> None:
+def test_depth_images_without_colour_are_read(tmp_path: Path) -> None:
     (frame,) = open_source(_write_depth(tmp_path / "d.png"), depth_only=True)
     assert frame.image is None
     assert frame.depth_m is not None
@@ -96,15 +96,17 @@ def test_a_video_gives_numbered_frames(tmp_path: Path) -> None:
     assert [frame.time_s for frame in frames] == [0.0, 0.1, 0.2]
     levels = [int(frame.image.mean()) for frame in frames if frame.image is not None]
     assert levels == pytest.approx([0, 100, 200], abs=3)
-    with pytest.raises(InputError, match="is no image: expected an image or a folder"):
+    with pytest.raises(InputError, match="is not an image: expected an image or a folder"):
         open_source(path, depth=tmp_path)
 
 
 def test_a_missing_source_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"none\.png is not there: expected an image, a folder"):
+    with pytest.raises(InputError, match=r"none\.png does not exist: expected an image, a folder"):
         open_source(tmp_path / "none.png")
     with pytest.raises(InputError, match=r"none\.png cannot be read \(No such file"):
         read_image(tmp_path / "none.png")
+    with pytest.raises(InputError, match=r"source rtsp://camera:554/1 does not exist"):
+        open_source(Path("rtsp://camera:554/1"))
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".mp4", ".txt"])
@@ -116,7 +118,7 @@ def test_a_file_that_is_neither_image_nor_video_is_named(tmp_path: Path, suffix:
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg"])
-def test_half_an_image_is_refused(tmp_path: Path, suffix: str) -> None:
+def test_a_truncated_image_is_rejected(tmp_path: Path, suffix: str) -> None:
     noise = np.random.default_rng(0).integers(0, 256, (48, 64, 3), np.uint8)
     path = tmp_path / f"half{suffix}"
     cv2.imwrite(str(path), noise)
@@ -126,7 +128,7 @@ def test_half_an_image_is_refused(tmp_path: Path, suffix: str) -> None:
         read_image(path)
 
 
-def test_an_empty_file_is_refused(tmp_path: Path) -> None:
+def test_an_empty_file_is_rejected(tmp_path: Path) -> None:
     (tmp_path / "empty.png").touch()
     with pytest.raises(InputError, match=r"empty\.png cannot be read \(0 bytes\)"):
         list(open_source(tmp_path / "empty.png"))
@@ -138,7 +140,7 @@ def test_a_folder_without_images_is_named(tmp_path: Path) -> None:
         open_source(tmp_path)
 
 
-def test_a_folder_with_a_broken_image_is_refused_before_work(tmp_path: Path) -> None:
+def test_a_folder_with_a_broken_image_is_rejected_in_advance(tmp_path: Path) -> None:
     _write(tmp_path / "a.png")
     (tmp_path / "b.png").write_text("no image")
     with pytest.raises(InputError, match=r"b\.png cannot be read: expected"):
@@ -147,25 +149,25 @@ def test_a_folder_with_a_broken_image_is_refused_before_work(tmp_path: Path) -> 
 
 def test_depth_of_another_size_is_named(tmp_path: Path) -> None:
     image, depth = _write(tmp_path / "a.png"), _write_depth(tmp_path / "d.png", 32, 24)
-    message = r"d\.png is 32x24 px: expected 64x48 px, as image .*a\.png"
+    message = r"d\.png is 32x24 px: expected 64x48 px, like image .*a\.png"
     with pytest.raises(InputError, match=message):
         list(open_source(image, depth))
 
 
-def test_missing_depth_is_named_before_work(tmp_path: Path) -> None:
+def test_missing_depth_is_named_in_advance(tmp_path: Path) -> None:
     _write(tmp_path / "images" / "a.png")
     (tmp_path / "depth").mkdir()
-    with pytest.raises(InputError, match=r"depth.a\.png is not there, nor with .*: expected"):
+    with pytest.raises(InputError, match=r"depth.a\.png does not exist, nor with .*: expected"):
         open_source(tmp_path / "images", tmp_path / "depth")
-    with pytest.raises(InputError, match="is no folder: expected one"):
+    with pytest.raises(InputError, match="is not a folder: expected one"):
         open_source(tmp_path / "images", tmp_path / "images" / "a.png")
-    with pytest.raises(InputError, match="is no file: expected the depth image"):
+    with pytest.raises(InputError, match="is not a file: expected the depth image"):
         open_source(tmp_path / "images" / "a.png", tmp_path / "depth")
 
 
-def test_a_depth_image_is_not_taken_for_colour(tmp_path: Path) -> None:
+def test_a_depth_image_is_not_read_as_colour(tmp_path: Path) -> None:
     path = _write_depth(tmp_path / "d.png")
-    with pytest.raises(InputError, match=r"d\.png holds uint16: expected 8-bit colour; depth"):
+    with pytest.raises(InputError, match=r"d\.png is uint16: expected 8-bit colour; pass depth"):
         list(open_source(path))
 
 

@@ -1,4 +1,4 @@
-"""The manifest survives the file, and a wrong one is refused by field."""
+"""The manifest survives a round trip through JSON; errors name the wrong field."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ def test_a_manifest_survives_json(rgb_manifest: Manifest, depth_manifest: Manife
         assert Manifest.from_json(manifest.to_json()) == manifest
 
 
-def test_json_numbers_without_a_point_are_numbers(rgb_manifest: Manifest) -> None:
+def test_json_integers_are_valid_floats(rgb_manifest: Manifest) -> None:
     data = json.loads(rgb_manifest.to_json())
     data["mean"] = [103, 116, 124]
     assert Manifest.from_json(json.dumps(data)).mean == (103.0, 116.0, 124.0)
 
 
-def test_fields_of_a_newer_writer_are_passed_over(rgb_manifest: Manifest) -> None:
+def test_unknown_fields_are_ignored(rgb_manifest: Manifest) -> None:
     data = json.loads(rgb_manifest.to_json())
     data["added_later"] = {"x": 1}
     data["input"]["added_later"] = 1
@@ -39,7 +39,7 @@ def test_fields_of_a_newer_writer_are_passed_over(rgb_manifest: Manifest) -> Non
         (["input", "width"], True, "input: width is True: expected a whole number"),
         (["input", "height"], 8, "input size is '640x8': expected 32x32 or more"),
         (["input", "colour_order"], "RGB", "colour_order is 'RGB': expected 'BGR'"),
-        (["input", "batch_sizes"], [0], "batch_sizes is .* expected some, 1 or more each"),
+        (["input", "batch_sizes"], [0], "batch_sizes is .* expected at least one number"),
         (["resize", "rule"], "stretch", "resize rule is 'stretch': expected 'letterbox-top-left'"),
         (["mean"], [0.5], "mean is .* expected 3 number"),
         (["mean"], "none", "mean is 'none': expected a list"),
@@ -63,7 +63,7 @@ def test_a_wrong_value_is_named(
 
 
 @pytest.mark.parametrize("text", ["", "{", "[1]", "3", '"x"'])
-def test_what_is_no_manifest_is_refused(text: str) -> None:
+def test_text_that_is_not_a_manifest_is_rejected(text: str) -> None:
     with pytest.raises(ModelFileError, match=r"manifest: (not JSON|schema is None)"):
         Manifest.from_json(text)
 
@@ -75,14 +75,14 @@ def test_a_missing_field_is_named(rgb_manifest: Manifest) -> None:
         Manifest.from_json(json.dumps(data))
 
 
-def test_a_model_without_keypoints_says_so(rgb_manifest: Manifest) -> None:
+def test_a_model_without_keypoints_has_no_keypoint_names(rgb_manifest: Manifest) -> None:
     outputs = standard_outputs(20, keypoints=False, masks=False)
     manifest = dataclasses.replace(rgb_manifest, outputs=outputs, keypoint_names=())
     assert manifest.output_names == ("boxes", "scores", "num_detections")
     assert not Manifest.from_json(manifest.to_json()).has_output("keypoints")
 
 
-def test_the_standard_outputs_are_those_of_the_model_contract() -> None:
+def test_the_standard_outputs_have_the_documented_shapes() -> None:
     shapes = {output.name: output.shape for output in standard_outputs(20)}
     assert shapes == {
         "boxes": ("B", 20, 4),

@@ -1,4 +1,4 @@
-"""A model file is looked through before onnxruntime opens it, and damage is one line."""
+"""Damaged and malicious model files are rejected before onnxruntime opens them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ModelWriter = Callable[..., Path]
 
 
 def _part(field: int, content: bytes) -> bytes:
-    """One field that holds bytes, as protobuf writes it."""
+    """A protobuf field with bytes as its value."""
     head, size = bytearray([field << 3 | 2]), len(content)
     while size > 0x7F:
         head.append(size & 0x7F | 0x80)
@@ -26,7 +26,7 @@ def _part(field: int, content: bytes) -> bytes:
     return bytes([*head, size]) + content
 
 
-def test_free_sizes_are_read_by_their_names(
+def test_dynamic_sizes_are_read_by_their_names(
     rgb_manifest: Manifest, write_model: ModelWriter
 ) -> None:
     found = read_model_file(write_model(rgb_manifest))
@@ -38,42 +38,40 @@ def test_free_sizes_are_read_by_their_names(
     [b"\x70\x81\x80\x80\x80\x10", b"\xf0\x80\x80\x80\x10\x01"],
     ids=["location of 33 bits", "field number of 33 bits"],
 )
-def test_numbers_that_a_reader_may_cut_to_32_bits_hide_nothing(
-    tensor: bytes, tmp_path: Path
-) -> None:
+def test_numbers_of_more_than_32_bits_hide_no_external_data(tensor: bytes, tmp_path: Path) -> None:
     path = tmp_path / "trees.onnx"
     path.write_bytes(_part(7, _part(5, tensor)))
-    with pytest.raises(ModelFileError, match="keeps weights in another file"):
+    with pytest.raises(ModelFileError, match="stores weights in another file"):
         read_model_file(path)
 
 
-def test_a_file_of_endless_small_parts_is_refused_soon(tmp_path: Path) -> None:
+def test_a_file_of_very_many_fields_is_rejected_quickly(tmp_path: Path) -> None:
     path = tmp_path / "trees.onnx"
     path.write_bytes(b"\x08\x01" * 1_000_001)
-    with pytest.raises(ModelFileError, match="more than 1000000 parts"):
+    with pytest.raises(ModelFileError, match="more than 1000000 fields"):
         read_model_file(path)
 
 
-def test_the_deepest_of_nested_graphs_is_looked_at(tmp_path: Path) -> None:
-    graph = _part(5, b"\x70\x01")  # weights that lie elsewhere
-    for _ in range(3000):  # beyond Python's own limit of calls within calls
+def test_deeply_nested_graphs_are_checked(tmp_path: Path) -> None:
+    graph = _part(5, b"\x70\x01")  # weights in another file
+    for _ in range(3000):  # more than Python's recursion limit
         graph = _part(1, _part(5, _part(6, graph)))
     path = tmp_path / "trees.onnx"
     path.write_bytes(_part(7, graph))
-    with pytest.raises(ModelFileError, match="keeps weights in another file"):
+    with pytest.raises(ModelFileError, match="stores weights in another file"):
         read_model_file(path)
 
 
 @pytest.mark.parametrize("share", [0.001, 0.3, 0.9, 0.9999])
-def test_a_file_cut_short_is_named(share: float, tmp_path: Path) -> None:
+def test_a_truncated_file_is_rejected(share: float, tmp_path: Path) -> None:
     content = default_model("depth").read_bytes()
     path = tmp_path / "trees.onnx"
     path.write_bytes(content[: int(len(content) * share)])
-    with pytest.raises(ModelFileError, match=r"trees\.onnx is not an ONNX model .*cut short"):
+    with pytest.raises(ModelFileError, match=r"trees\.onnx is not an ONNX model .*truncated"):
         read_model_file(path)
 
 
-def test_damage_raises_nothing_but_model_file_errors(
+def test_damaged_files_raise_only_model_file_errors(
     rgb_manifest: Manifest, write_model: ModelWriter, tmp_path: Path
 ) -> None:
     rng = random.Random(0)
@@ -86,7 +84,7 @@ def test_damage_raises_nothing_but_model_file_errors(
         if round_ % 3 == 0:
             del content[rng.randrange(len(content)) :]
         else:
-            # Most of this file is zeros of masks; what describes it lies at its ends.
+            # The middle of this file is mostly zeros; its structure is at both ends.
             places = [*range(600), *range(len(content) - 3000, len(content))]
             for _ in range(rng.choice((1, 2, 16))):
                 content[rng.choice(places)] ^= 1 << rng.randrange(8)

@@ -1,4 +1,4 @@
-"""Files appear whole or not at all, and a folder is proven before work starts."""
+"""Files are written completely or not at all; folders are checked in advance."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from edgetree.errors import InputError
 from edgetree.results.atomic_files import check_paths, output_folder, replacing
 
 
-def test_a_file_appears_when_it_is_whole(tmp_path: Path) -> None:
+def test_a_file_appears_when_it_is_complete(tmp_path: Path) -> None:
     path = tmp_path / "result.json"
     with replacing(path) as temporary:
         assert list(tmp_path.iterdir()) == [], "a process killed now would leave this behind"
@@ -25,7 +25,7 @@ def test_a_file_appears_when_it_is_whole(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
-def test_a_failure_leaves_the_old_file_and_nothing_else(
+def test_a_failure_keeps_the_old_file_and_leaves_no_other(
     tmp_path: Path, error: type[BaseException]
 ) -> None:
     path = tmp_path / "result.json"
@@ -42,7 +42,7 @@ def test_a_failure_leaves_the_old_file_and_nothing_else(
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_file_that_cannot_be_made_is_named(tmp_path: Path) -> None:
+def test_a_file_that_cannot_be_created_is_named(tmp_path: Path) -> None:
     file = tmp_path / "file"
     file.touch()
     with (
@@ -54,7 +54,7 @@ def test_a_file_that_cannot_be_made_is_named(tmp_path: Path) -> None:
         pass
 
 
-def test_a_path_is_written_once_and_never_over_what_is_read(
+def test_outputs_overwrite_no_inputs_and_no_other_outputs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -76,23 +76,23 @@ def test_a_path_is_written_once_and_never_over_what_is_read(
     check_paths({"--csv": Path("images/trees.csv"), "--out": Path("new"), "--jsonl": None}, inputs)
 
 
-def test_a_folder_is_made_with_its_parents(tmp_path: Path) -> None:
+def test_a_folder_is_created_with_its_parents(tmp_path: Path) -> None:
     with output_folder(tmp_path / "a" / "b") as folder:
         (folder / "x").touch()
     assert (tmp_path / "a" / "b" / "x").exists()
 
 
-def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_created_is_named(tmp_path: Path) -> None:
     file = tmp_path / "file"
     file.touch()
-    message = r"output folder .*file.* cannot be written \(.+\): expected a folder"
+    message = r"output folder .*file.* cannot be written \(.+\): expected a writable folder"
     for folder in (file, file / "deeper"):
         with pytest.raises(InputError, match=message), output_folder(folder):
             pass
     assert list(tmp_path.iterdir()) == [file]
 
 
-def test_a_failure_removes_only_the_empty_folders_made_here(tmp_path: Path) -> None:
+def test_a_failure_removes_only_empty_new_folders(tmp_path: Path) -> None:
     def fail(folder: Path, *, write: bool) -> None:
         with output_folder(folder):
             if write:

@@ -1,4 +1,4 @@
-"""The table for spreadsheets: units in the names, one row per tree, no formulas."""
+"""The CSV table: units in column names, one row per tree, escaped formulas."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def _rows(
     return list(csv.DictReader(io.StringIO(stream.getvalue(), newline="")))
 
 
-def test_a_row_holds_values_spread_points_and_evidence() -> None:
+def test_a_row_has_values_intervals_points_and_evidence() -> None:
     (row,) = _rows([MEASURED])
     assert (row["frame"], row["tree"], row["box_y1_px"]) == ("frame_1", "4", "40.5")
     assert float(row["score"]) == pytest.approx(0.9)
@@ -59,7 +59,7 @@ def test_a_row_holds_values_spread_points_and_evidence() -> None:
     assert (row["valid_depth_share"], row["visible_share"]) == ("0.8", "0.9")
 
 
-def test_what_failed_is_empty_and_says_why() -> None:
+def test_a_failed_quantity_is_empty_and_has_a_reason() -> None:
     (row,) = _rows([MEASURED])
     assert (row["cut_height_m"], row["cut_height_std_m"]) == ("", "")
     assert row["cut_height_failure"] == "no ground ± here"
@@ -67,7 +67,7 @@ def test_what_failed_is_empty_and_says_why() -> None:
     assert row["cut_point_machine_failure"] == "no ground ± here"
 
 
-def test_every_quantity_has_its_columns_with_units() -> None:
+def test_all_quantities_have_columns_with_units() -> None:
     for quantity in QUANTITIES:
         name, unit = quantity.rsplit("_", 1)
         expected = {quantity, f"{name}_failure"}
@@ -76,14 +76,14 @@ def test_every_quantity_has_its_columns_with_units() -> None:
     assert len(set(COLUMNS)) == len(COLUMNS)
 
 
-def test_text_is_one_line_and_no_formula() -> None:
+def test_text_is_one_line_and_formulas_are_escaped() -> None:
     (row,) = _rows([MEASURED], name="=HYPERLINK(1)")
     assert row["frame"] == "'=HYPERLINK(1)"
     assert row["ground"] == "'-a plane"
     assert row["warnings"] == "first; second line"
 
 
-def test_without_metres_every_failure_says_what_they_need() -> None:
+def test_without_measurements_each_failure_asks_for_the_missing_option() -> None:
     (row,) = _rows(None)
     assert row["diameter_failure"] == "metres need depth: pass --depth"
     assert row["diameter_m"] == ""

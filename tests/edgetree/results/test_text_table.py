@@ -1,4 +1,4 @@
-"""The table for a forester: values with ±, reasons, warnings, and what they rest on."""
+"""The text table: values with ±, failures, warnings and evidence."""
 
 from __future__ import annotations
 
@@ -31,25 +31,25 @@ def test_a_tree_has_a_row_and_notes_below() -> None:
     assert [cell.strip() for cell in row.split("  ") if cell.strip()] == cells
     assert [note.strip() for note in notes] == [
         "no DBH, cut height: no ground in view",
-        "beware: a warning",
-        "from mask + depth; 95% of the stem visible, depth at 83% of it, 92° of its round seen",
+        "warning: a warning",
+        "from mask + depth; 95% of the stem visible, depth at 83% of it, an arc of 92° seen",
     ]
     assert "one standard deviation" in last
 
 
-def test_columns_stand_below_their_names() -> None:
+def test_columns_are_aligned_with_their_names() -> None:
     header, row, *_ = table_lines([MEASURED], (12,))
     assert header.index("diameter") == row.index("31.2")
     assert header.index("lean") == row.index("4.1")
     assert header.index("distance") == row.index("5.26")
 
 
-def test_the_ground_is_named_where_no_reason_tells_it() -> None:
+def test_the_ground_is_shown_unless_a_note_contains_it() -> None:
     told = replace(MEASURED, evidence=replace(MEASURED.evidence, ground="a plane of 80 points"))
     assert "      ground: a plane of 80 points" in list(table_lines([told], (1,)))
 
 
-def test_a_tree_of_which_nothing_is_known_says_so_once() -> None:
+def test_a_reason_for_all_quantities_is_shown_once() -> None:
     lines = list(table_lines([TreeMeasurement.failed("no depth on the stem")], (1,)))
     assert lines[2].strip() == "not measured: no depth on the stem"
     assert len(lines) == 4
@@ -60,7 +60,7 @@ def test_long_reasons_are_wrapped() -> None:
     assert max(map(len, lines)) <= 100
 
 
-def test_no_trees_is_said() -> None:
+def test_an_empty_table_says_no_trees() -> None:
     assert list(table_lines([], ())) == ["no trees"]
 
 
@@ -80,10 +80,10 @@ def test_directions_are_words(direction_deg: float, words: str) -> None:
     assert direction_words(Estimate(5.0, 1.0), Estimate(direction_deg, 9.0)) == words
 
 
-def test_an_upright_stem_leans_nowhere() -> None:
+def test_an_upright_stem_has_no_direction() -> None:
     assert direction_words(Estimate(1.0, 1.0), Estimate(90.0, 9.0)) == ""
     assert direction_words(Estimate(5.0, 1.0), Failure("not known")) == ""
 
 
-def test_no_standard_deviation_is_written_as_zero() -> None:
+def test_no_standard_deviation_is_shown_as_zero() -> None:
     assert AMOUNTS["diameter_m"].with_std(Estimate(0.3, 0.0001)) == "30.0 ± 0.1 cm"

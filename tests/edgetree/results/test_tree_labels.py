@@ -1,4 +1,4 @@
-"""Labels say what was measured, and why not where it was not."""
+"""Labels show measured values, or why they are missing."""
 
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ MEASURED = replace(
 )
 
 
-def test_without_metres_a_label_gives_the_score() -> None:
+def test_without_measurements_a_label_shows_the_score() -> None:
     assert tree_labels(TREES) == [["tree 87%"]]
 
 
-def test_metres_stand_with_their_uncertainty() -> None:
+def test_measurements_are_shown_with_their_standard_deviation() -> None:
     (label,) = tree_labels(TREES, [MEASURED])
     assert label == ["Ø 31.2 ±0.8 cm", "DBH 28.9 ±1.1 cm", "cut 15 cm  dist 5.26 m"]
 
 
-def test_what_was_not_measured_is_left_out_but_a_missing_cut_says_why() -> None:
+def test_missing_values_are_left_out_except_for_the_reason_of_the_cut() -> None:
     partly = replace(MEASURED, dbh_m=Failure("too low"), cut_height_m=Failure("no ground"))
     (label,) = tree_labels(TREES, [partly])
     assert label == ["Ø 31.2 ±0.8 cm", "dist 5.26 m", "cut ? no ground"]
@@ -52,7 +52,7 @@ def test_what_was_not_measured_is_left_out_but_a_missing_cut_says_why() -> None:
         ("hidden " * 12, ["Ø ? hidden hidden hidden hidden", "hidden hidden hidden hidden ..."]),
     ],
 )
-def test_a_failure_says_why_in_two_lines_at_most(reason: str, lines: list[str]) -> None:
+def test_a_reason_takes_at_most_two_lines(reason: str, lines: list[str]) -> None:
     assert tree_labels(TREES, [TreeMeasurement.failed(reason)]) == [lines]
 
 
@@ -61,11 +61,11 @@ def test_the_first_warning_is_shown_and_marked() -> None:
     assert tree_labels(TREES, [warned])[0][-1] == "! the stump is high"
 
 
-def test_numbers_open_the_labels() -> None:
+def test_labels_start_with_the_number() -> None:
     assert numbered([["a", "b"], ["c"]], (7, "?")) == [["7  a", "b"], ["?  c"]]
 
 
-def test_the_cut_is_marked_where_it_was_measured() -> None:
+def test_the_cut_mark_is_the_projected_cut_point() -> None:
     camera = PinholeCamera(200, 100, 100.0, 100.0, 99.5, 49.5)
     mark, none = cut_marks([MEASURED, TreeMeasurement.failed("no depth")], camera)
     assert none is None

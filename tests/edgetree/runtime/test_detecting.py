@@ -1,4 +1,4 @@
-"""Batches, threads, broken answers, and what a detector reads: on models that really run."""
+"""The detector with real sessions: batches, threads and invalid outputs."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class _Counting(FakeSession):
     """
 
     def __init__(self, manifest: Manifest, batch: int | str = "batch") -> None:
-        super().__init__(manifest, self._answer)
+        super().__init__(manifest, self._outputs_for)
         self.sizes: list[int] = []
         self._batch = batch
 
@@ -41,7 +41,7 @@ class _Counting(FakeSession):
     def input_shapes(self) -> dict[str, tuple[int | str, ...]]:
         return {"image": (self._batch, *self.manifest.input.image_shape)}
 
-    def _answer(self, inputs: Arrays) -> dict[str, NDArray[Any]]:
+    def _outputs_for(self, inputs: Arrays) -> dict[str, NDArray[Any]]:
         images = inputs["image"]
         self.sizes.append(len(images))
         outputs: dict[str, NDArray[Any]] = {
@@ -55,12 +55,12 @@ class _Counting(FakeSession):
 
 
 def _images(count: int) -> list[NDArray[np.uint8]]:
-    """Each of another size, and of one value: its number plus one."""
+    """Images of different sizes; all values of image i are i + 1."""
     return [np.full((96 + index, 160 + index, 3), index + 1, np.uint8) for index in range(count)]
 
 
 def _firsts(found: list[TreeDetections]) -> list[int]:
-    """The first byte of each image, from the box that `_Counting` found."""
+    """The first byte of each image, decoded from the box that `_Counting` returns."""
     scales = [640 / trees.image_width for trees in found]
     return [
         round(float(trees.boxes_px[0, 0]) * scale)
@@ -72,7 +72,7 @@ def _firsts(found: list[TreeDetections]) -> list[int]:
     ("batch_sizes", "count", "runs"),
     [((1,), 3, [1, 1, 1]), ((1, 4), 6, [4, 1, 1]), ((1, 2, 4), 7, [4, 2, 1]), ((1, 4), 0, [])],
 )
-def test_images_go_together_as_the_file_was_verified_for(
+def test_batches_have_the_verified_sizes(
     rgb_manifest: Manifest, batch_sizes: tuple[int, ...], count: int, runs: list[int]
 ) -> None:
     taken = dataclasses.replace(rgb_manifest.input, batch_sizes=batch_sizes)
@@ -84,7 +84,7 @@ def test_images_go_together_as_the_file_was_verified_for(
 
 
 @pytest.mark.parametrize(("count", "runs"), [(1, [4]), (3, [4]), (4, [4]), (6, [4, 4])])
-def test_a_file_made_for_four_is_filled_up(
+def test_incomplete_fixed_batches_are_filled_up(
     rgb_manifest: Manifest, count: int, runs: list[int]
 ) -> None:
     session = _Counting(rgb_manifest, batch=4)
@@ -96,7 +96,7 @@ def test_a_file_made_for_four_is_filled_up(
     assert _firsts([detector.detect(_images(1)[0])]) == [1]
 
 
-def test_a_real_file_made_for_four_takes_any_number(
+def test_a_model_of_batch_size_four_takes_any_number_of_images(
     rgb_manifest: Manifest, write_model: Callable[..., Path]
 ) -> None:
     detector = TreeDetector.load(write_model(rgb_manifest, batch=4), threads=1)
@@ -124,7 +124,7 @@ def test_several_threads_may_share_a_detector() -> None:
         _same(expected, found)
 
 
-def test_warming_up_runs_the_model_and_changes_nothing(rgb_manifest: Manifest) -> None:
+def test_warming_up_runs_the_model(rgb_manifest: Manifest) -> None:
     session = _Counting(rgb_manifest)
     detector = TreeDetector(session)
     detector.warm_up(rounds=3)
@@ -153,7 +153,10 @@ def _put(value: float) -> Callable[[NDArray[Any]], NDArray[Any]]:
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
-        (_spoilt("boxes", _put(np.nan)), "gave boxes with NaN or infinity: expected numbers"),
+        (
+            _spoilt("boxes", _put(np.nan)),
+            "gave boxes with NaN or infinity: expected finite numbers",
+        ),
         (_spoilt("masks", _put(np.inf)), "gave masks with NaN or infinity"),
         (_spoilt("keypoints", _put(-np.inf)), "gave keypoints with NaN or infinity"),
         (_spoilt("scores", _put(1.5)), r"gave scores of 0\.3 to 1\.5: expected 0 to 1"),
@@ -164,7 +167,7 @@ def _put(value: float) -> Callable[[NDArray[Any]], NDArray[Any]]:
         (_spoilt("num_detections", lambda values: -values), "gave -2 detections: expected 0 to 20"),
     ],
 )
-def test_a_broken_answer_is_one_line_and_the_detector_goes_on(
+def test_invalid_outputs_are_an_error_and_the_detector_stays_usable(
     rgb_manifest: Manifest, two_trees: Trees, spoil: Any, message: str
 ) -> None:
     outputs = FakeSession.with_trees(rgb_manifest, **two_trees).run({})
@@ -178,7 +181,7 @@ def test_a_broken_answer_is_one_line_and_the_detector_goes_on(
     assert len(detector.detect(_images(1)[0])) == 1
 
 
-def test_rounding_beyond_a_probability_is_no_error(
+def test_scores_slightly_outside_the_range_are_clipped(
     rgb_manifest: Manifest, two_trees: Trees
 ) -> None:
     two_trees["scores"][:] = 1.0001, -0.0001
@@ -187,7 +190,7 @@ def test_rounding_beyond_a_probability_is_no_error(
     assert trees.scores.tolist() == [1.0, 0.0]
 
 
-def test_unused_rows_may_hold_anything(rgb_manifest: Manifest, two_trees: Trees) -> None:
+def test_unused_rows_may_contain_any_values(rgb_manifest: Manifest, two_trees: Trees) -> None:
     outputs = FakeSession.with_trees(rgb_manifest, **two_trees).run({})
     outputs["boxes"][0, 2:] = np.nan
     trees = TreeDetector(FakeSession(rgb_manifest, outputs)).detect(_images(1)[0])
@@ -206,7 +209,7 @@ print(json.dumps(opened))
 """
 
 
-def test_detecting_reads_the_model_file_and_no_other_of_ours(tmp_path: Path) -> None:
+def test_only_the_model_file_is_read(tmp_path: Path) -> None:
     path = tmp_path / "alone" / "trees.onnx"
     path.parent.mkdir()
     shutil.copy(default_model("depth"), path)

@@ -1,4 +1,4 @@
-"""Whatever is handed in as an image is understood as documented, or refused in one line."""
+"""Images given to the detector are converted as documented, or rejected with an error."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def detector_of(
 
 
 def _seen(detector: TreeDetector, image: NDArray[Any]) -> NDArray[np.uint8]:
-    """What the model is given."""
+    """The model's input for an image."""
     detector.detect(image)
     session = detector.session
     assert isinstance(session, FakeSession)
@@ -56,7 +56,7 @@ def _seen(detector: TreeDetector, image: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 @pytest.mark.parametrize(("modality", "image", "message"), BAD_IMAGES)
-def test_what_is_no_such_image_is_refused_and_the_next_one_works(
+def test_invalid_images_are_rejected_and_the_detector_stays_usable(
     detector_of: Callable[[str], TreeDetector], modality: str, image: Any, message: str
 ) -> None:
     detector = detector_of(modality)
@@ -69,7 +69,7 @@ def test_what_is_no_such_image_is_refused_and_the_next_one_works(
     assert len(detector.detect(good)) == 1
 
 
-def test_depth_is_encoded_as_the_manifest_says(
+def test_depth_is_encoded_as_in_the_manifest(
     depth_manifest: Manifest, detector_of: Callable[[str], TreeDetector]
 ) -> None:
     detector = detector_of("depth")
@@ -83,7 +83,7 @@ def test_depth_is_encoded_as_the_manifest_says(
 
 
 @pytest.mark.parametrize("marker", [np.nan, np.inf, -np.inf, -0.0, 1e300])
-def test_drivers_have_several_ways_to_say_no_reading(
+def test_zero_nan_and_infinity_mean_no_reading(
     detector_of: Callable[[str], TreeDetector], marker: float
 ) -> None:
     detector = detector_of("depth")
@@ -95,7 +95,7 @@ def test_drivers_have_several_ways_to_say_no_reading(
 
 
 @pytest.mark.parametrize("modality", ["rgb", "depth"])
-def test_views_of_any_memory_order_give_the_same_bytes(
+def test_non_contiguous_images_give_the_same_input(
     detector_of: Callable[[str], TreeDetector], modality: str
 ) -> None:
     detector = detector_of(modality)
@@ -120,7 +120,7 @@ def test_views_of_any_memory_order_give_the_same_bytes(
         np.testing.assert_array_equal(_seen(detector, view), expected, err_msg=name)
 
 
-def test_the_image_is_left_as_it_was(detector_of: Callable[[str], TreeDetector]) -> None:
+def test_the_image_is_not_modified(detector_of: Callable[[str], TreeDetector]) -> None:
     depth_m = np.array([[1.0, np.nan], [0.0, 25.0]], np.float32)
     kept = depth_m.copy()
     detector_of("depth").detect(depth_m)

@@ -1,4 +1,4 @@
-"""A provider asked for is in use, or the user hears of it."""
+"""The requested provider is used, or there is an error or a warning."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def model(rgb_manifest: Manifest, write_model: ModelWriter) -> Path:
 
 @pytest.fixture
 def listed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """This onnxruntime lists CUDA, and cannot start it: as a build for GPUs without a driver."""
+    """Let onnxruntime list CUDA but fail to start it, like a GPU build without a driver."""
     names = ["CUDAExecutionProvider", "CPUExecutionProvider"]
     monkeypatch.setattr(onnxruntime, "get_available_providers", lambda: names)
 
@@ -40,12 +40,12 @@ def listed(monkeypatch: pytest.MonkeyPatch) -> None:
 silent_fallback = pytest.mark.filterwarnings("ignore:Specified provider")
 
 
-def test_the_processor_is_the_default(model: Path) -> None:
+def test_the_cpu_is_the_default(model: Path) -> None:
     assert OrtSession(model).provider == "cpu"
     assert "cpu" in installed_providers()
 
 
-def test_a_provider_that_is_not_installed_is_named_with_those_that_are(model: Path) -> None:
+def test_the_error_for_a_missing_provider_lists_the_installed_ones(model: Path) -> None:
     message = (
         r"provider 'openvino' is not in the installed onnxruntime: expected one of cpu.*;"
         " it comes with onnxruntime-openvino"
@@ -57,7 +57,9 @@ def test_a_provider_that_is_not_installed_is_named_with_those_that_are(model: Pa
 @silent_fallback
 @pytest.mark.usefixtures("listed")
 def test_a_provider_that_does_not_start_is_an_error(model: Path) -> None:
-    message = r"provider 'cuda' cannot be used for model .*trees\.onnx \(onnxruntime left it out"
+    message = (
+        r"provider 'cuda' cannot be used for model .*trees\.onnx \(onnxruntime did not load it"
+    )
     with pytest.raises(InputError, match=message):
         TreeDetector.load(model, provider="cuda")
 
@@ -65,7 +67,7 @@ def test_a_provider_that_does_not_start_is_an_error(model: Path) -> None:
 @silent_fallback
 @pytest.mark.usefixtures("listed")
 @pytest.mark.parametrize("settings", [{"provider": "cuda", "strict": False}, {"provider": "auto"}])
-def test_the_processor_takes_over_with_a_warning(
+def test_the_cpu_is_used_with_a_warning(
     model: Path, settings: dict[str, object], caplog: pytest.LogCaptureFixture
 ) -> None:
     detector = TreeDetector.load(model, **settings)  # type: ignore[arg-type]
@@ -76,15 +78,15 @@ def test_the_processor_takes_over_with_a_warning(
     ]
 
 
-def test_not_installed_and_not_strict_says_so_once(
+def test_a_missing_provider_that_is_not_strict_gives_one_warning(
     model: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     session = OrtSession(model, SessionSettings("coreml", strict=False))
     assert session.provider == "cpu"
-    assert caplog.messages == ["provider 'coreml' is not installed: taking the processor"]
+    assert caplog.messages == ["provider 'coreml' is not installed: using the CPU"]
 
 
-def test_auto_without_an_accelerator_is_silent(
+def test_auto_without_an_accelerator_gives_no_warning(
     model: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     names = ["CPUExecutionProvider"]
@@ -97,12 +99,12 @@ def test_auto_without_an_accelerator_is_silent(
     "AzureExecutionProvider" not in onnxruntime.get_available_providers(),
     reason="this onnxruntime has no provider that takes no nodes",
 )
-def test_a_provider_that_takes_no_part_of_the_graph_is_an_error(
+def test_a_provider_that_runs_no_part_of_the_graph_is_an_error(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    # It starts everywhere and runs nothing of ours.
+    # This provider starts on every machine and supports none of our operators.
     monkeypatch.setitem(PROVIDERS, "cuda", Provider("cuda", "AzureExecutionProvider", "x"))
-    with pytest.raises(InputError, match=r"'cuda' cannot be used .*takes no part of the graph"):
+    with pytest.raises(InputError, match=r"'cuda' cannot be used .*runs no part of the graph"):
         OrtSession(default_model("rgb"), SessionSettings("cuda"))
 
 
@@ -133,7 +135,7 @@ def test_placement_counts_nodes_by_provider_and_operator() -> None:
 
 
 @pytest.mark.parametrize("cache", [True, False])
-def test_tensorrt_leaves_out_what_it_cannot_do_and_keeps_engines_where_told(
+def test_tensorrt_gets_its_exclusions_and_its_cache_folder(
     model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cache: bool
 ) -> None:
     seen: dict[str, object] = {}
@@ -164,7 +166,7 @@ def test_tensorrt_leaves_out_what_it_cannot_do_and_keeps_engines_where_told(
     [
         ({"provider": "gpu"}, "provider is 'gpu': expected one of auto, cpu, cuda, tensorrt"),
         ({"threads": 0}, "threads is 0: expected 1 or more"),
-        ({"cache_folder": Path("x")}, r"cache folder is x and provider 'cpu', which keeps nothing"),
+        ({"cache_folder": Path("x")}, r"cache folder is x, but provider 'cpu' has no cache"),
     ],
 )
 def test_settings_out_of_range_are_named(settings: dict[str, object], message: str) -> None:
@@ -173,14 +175,16 @@ def test_settings_out_of_range_are_named(settings: dict[str, object], message: s
 
 
 @pytest.mark.usefixtures("listed")
-def test_a_cache_folder_that_cannot_be_made_is_named(model: Path, tmp_path: Path) -> None:
+def test_a_cache_folder_that_cannot_be_created_is_named(model: Path, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     settings = SessionSettings("auto", cache_folder=tmp_path / "file" / "cache")
-    with pytest.raises(InputError, match=r"cache folder .*cache cannot be made \(.*\): expected"):
+    with pytest.raises(
+        InputError, match=r"cache folder .*cache cannot be created \(.*\): expected"
+    ):
         OrtSession(model, settings)
 
 
-def test_bound_inputs_give_the_same_answers(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bound_inputs_give_the_same_outputs(monkeypatch: pytest.MonkeyPatch) -> None:
     path = default_model("depth")
     rng = np.random.default_rng(0)
     images: list[NDArray[np.uint8]] = [
@@ -206,7 +210,7 @@ def test_bound_inputs_give_the_same_answers(monkeypatch: pytest.MonkeyPatch) -> 
         (
             ["--provider", "openvino", "--no-strict"],
             0,
-            "provider 'openvino' is not installed: taking the processor",
+            "provider 'openvino' is not installed: using the CPU",
         ),
     ],
 )

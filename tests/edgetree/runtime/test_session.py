@@ -1,4 +1,4 @@
-"""onnxruntime's session and the fake one answer alike, and bad files are named."""
+"""OrtSession and FakeSession give the same outputs; errors name the file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from edgetree.runtime.providers import SessionSettings
 from edgetree.runtime.session import FakeSession, InferenceSession, OrtSession, usable_cores
 
 
-def test_both_sessions_answer_alike(
+def test_both_sessions_give_the_same_outputs(
     rgb_manifest: Manifest,
     two_trees: dict[str, NDArray[np.float32]],
     write_model: Callable[..., Path],
@@ -44,7 +44,7 @@ def test_threads_are_the_usable_cores_unless_given(
         SessionSettings(threads=0)
 
 
-def test_idle_threads_do_not_spin_unless_asked(
+def test_idle_threads_do_not_spin_by_default(
     rgb_manifest: Manifest, write_model: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     import onnxruntime
@@ -65,7 +65,7 @@ def test_idle_threads_do_not_spin_unless_asked(
 
 
 @pytest.mark.parametrize("content", [b"", b"not a model\n" * 50, b"\x89PNG\r\n\x1a\n" + b"\0" * 99])
-def test_what_is_no_onnx_model_is_named(tmp_path: Path, content: bytes) -> None:
+def test_a_file_that_is_not_an_onnx_model_is_rejected(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "trees.onnx"
     path.write_bytes(content)
     with pytest.raises(ModelFileError, match=r"trees\.onnx is not an ONNX model .*: expected"):
@@ -73,33 +73,33 @@ def test_what_is_no_onnx_model_is_named(tmp_path: Path, content: bytes) -> None:
 
 
 def test_a_missing_model_is_named(tmp_path: Path) -> None:
-    with pytest.raises(ModelFileError, match=r"none\.onnx is not there: expected an \.onnx file"):
+    with pytest.raises(ModelFileError, match=r"none\.onnx does not exist: expected an \.onnx file"):
         OrtSession(tmp_path / "none.onnx")
     with pytest.raises(ModelFileError, match="is a folder: expected"):
         OrtSession(tmp_path)
 
 
-def test_without_onnxruntime_one_line_says_what_to_install(
+def test_without_onnxruntime_the_error_has_the_pip_command(
     rgb_manifest: Manifest, write_model: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = write_model(rgb_manifest)
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
-    with pytest.raises(MissingDependency, match=r"edgetree\[cpu\].*edgetree\[gpu\]") as caught:
+    with pytest.raises(MissingDependency, match=r"\.\[cpu\].*\.\[gpu\]") as caught:
         OrtSession(path)
     assert caught.value.exit_code == 2
 
 
-def test_a_run_that_fails_is_one_line_and_the_session_goes_on(
+def test_a_failed_run_is_an_error_and_the_session_stays_usable(
     rgb_manifest: Manifest, write_model: Callable[..., Path]
 ) -> None:
     session = OrtSession(write_model(rgb_manifest, "trees.onnx"))
-    with pytest.raises(ModelFileError, match=r"trees\.onnx failed as it ran on 'cpu' \(") as caught:
+    with pytest.raises(ModelFileError, match=r"trees\.onnx failed to run on 'cpu' \(") as caught:
         session.run({"image": np.zeros((1, 384, 640), np.uint8)})
     assert "\n" not in str(caught.value)
     assert len(session.run({"image": np.zeros((1, 384, 640, 3), np.uint8)})) == 5
 
 
-def test_a_graph_that_asks_for_endless_memory_fails_in_one_line(
+def test_a_graph_that_needs_too_much_memory_is_an_error(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "greedy.onnx"
@@ -113,7 +113,7 @@ def test_a_graph_that_asks_for_endless_memory_fails_in_one_line(
         )
     )
     session = OrtSession(path, SessionSettings(threads=1))
-    message = r"greedy\.onnx failed as it ran on 'cpu' \(Failed to allocate memory"
+    message = r"greedy\.onnx failed to run on 'cpu' \(Failed to allocate memory"
     with pytest.raises(ModelFileError, match=message):
         session.run({"size": np.array([10**15], np.int64)})
     assert session.run({"size": np.array([3], np.int64)})["y"] == 0

@@ -1,0 +1,232 @@
+"""Dataclasses of options that several commands share, and how typer commands take them."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, fields, is_dataclass, replace
+from functools import wraps
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, get_type_hints
+
+from edgetree.commands.options import (
+    DepthCamera,
+    DepthExtrinsics,
+    DepthScale,
+    Mounting,
+    Provider,
+    Strict,
+    StumpHeight,
+    Threads,
+    Up,
+    existing_file,
+    quoted,
+)
+
+if TYPE_CHECKING:
+    from calib import PinholeCamera
+    from edgetree.frames.rig import Rig
+    from edgetree.measure import MeasureSettings
+    from edgetree.runtime.detector import TreeDetector
+
+__all__ = ["RigOptions", "SessionOptions", "expand_groups"]
+
+
+def expand_groups(command: Callable[..., None]) -> Callable[..., None]:
+    """Let a typer command take dataclasses of options.
+
+    typer makes one option of each parameter of a function. This decorator replaces each parameter
+    that is annotated with a dataclass by the fields of that dataclass, and passes the command an
+    instance of it. Fields are declared like parameters of a command: annotated with
+    `typer.Option`, and with a default. The group itself has no default, so it must be a
+    keyword-only parameter of the command.
+    """
+    hints = get_type_hints(command, include_extras=True)
+    groups: dict[str, Any] = {name: hint for name, hint in hints.items() if is_dataclass(hint)}
+    parameters: list[inspect.Parameter] = []
+    for parameter in inspect.signature(command).parameters.values():
+        hint = hints[parameter.name]
+        if parameter.name in groups:
+            parameters += _parameters_of(hint)
+        else:
+            parameters.append(parameter.replace(annotation=hint))
+
+    @wraps(command)
+    def expanded(**values: Any) -> None:
+        for name, group in groups.items():
+            names = [field.name for field in fields(group)]
+            values[name] = group(**{each: values.pop(each) for each in names})
+        command(**values)
+
+    expanded.__dict__["__signature__"] = inspect.Signature(parameters)
+    expanded.__annotations__ = {each.name: each.annotation for each in parameters}
+    return expanded
+
+
+def _parameters_of(group: Any) -> list[inspect.Parameter]:
+    """The fields of a dataclass as parameters of a function."""
+    hints = get_type_hints(group, include_extras=True)
+    return [
+        inspect.Parameter(
+            field.name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=field.default,
+            annotation=hints[field.name],
+        )
+        for field in fields(group)
+    ]
+
+
+@dataclass(frozen=True)
+class RigOptions:
+    """The options about the cameras and the measurement, without --camera and --depth."""
+
+    up: Up = None
+    mounting: Mounting = None
+    depth_camera: DepthCamera = None
+    depth_extrinsics: DepthExtrinsics = None
+    depth_scale: DepthScale = None
+    stump_height: StumpHeight = None
+
+    def rig(self, camera: Path | None, depth: Path | None) -> Rig:
+        """Read the files.
+
+        Args:
+            camera: value of --camera.
+            depth: value of --depth.
+
+        Raises:
+            InputError: options contradict each other, or a value is invalid.
+            CalibError: a file cannot be read.
+        """
+        from calib import load_transform
+        from edgetree.errors import InputError
+        from edgetree.frames.rig import Rig
+
+        if depth is None and self.depth_camera is not None:
+            raise InputError("--depth-camera given without --depth: expected both")
+        depth_camera, mounting = self.depth_camera, self.mounting
+        extrinsics = self.depth_extrinsics
+        rig = Rig(
+            camera=None if camera is None else _load_camera(camera),
+            up_camera=None if self.up is None else _direction(self.up),
+            mounting=None if mounting is None else load_transform(mounting),
+            depth_camera=None if depth_camera is None else _load_camera(depth_camera),
+            depth_extrinsics=None if extrinsics is None else load_transform(extrinsics),
+        )
+        return rig if self.depth_scale is None else _scaled(rig, self.depth_scale)
+
+    def settings(self) -> MeasureSettings | None:
+        """The settings of the measurement; None for the defaults.
+
+        Raises:
+            InputError: --stump-height is not positive.
+        """
+        from edgetree.errors import InputError
+        from edgetree.measure import MeasureSettings
+
+        height_m = self.stump_height
+        if height_m is None:
+            return None
+        if not (math.isfinite(height_m) and height_m > 0):
+            raise InputError(f"--stump-height is {height_m}: expected metres above 0")
+        return MeasureSettings(max_stump_height_m=height_m)
+
+    def files(self, camera: Path | None) -> dict[str, Path | None]:
+        """The files that these options and --camera name, by option."""
+        depth_camera = self.depth_camera
+        return {
+            "--camera": None if camera is None else _file_and_name(camera)[0],
+            "--mounting": self.mounting,
+            "--depth-camera": None if depth_camera is None else _file_and_name(depth_camera)[0],
+            "--depth-extrinsics": self.depth_extrinsics,
+            "--depth-scale": existing_file(self.depth_scale),
+        }
+
+    def words(self, depth: Path | None, camera: Path | None) -> str:
+        """These options, --depth and --camera as they would be typed on the command line."""
+        given = {"depth": depth, "camera": camera, **asdict(self)}
+        return "".join(
+            f" --{name.replace('_', '-')} {quoted(value)}"
+            for name, value in given.items()
+            if value is not None
+        )
+
+
+@dataclass(frozen=True)
+class SessionOptions:
+    """The options about running a model."""
+
+    threads: Threads = None
+    provider: Provider = "cpu"
+    strict: Strict = True
+
+    def open_model(
+        self, model: str, score_threshold: float | None = None
+    ) -> tuple[TreeDetector, Path]:
+        """Open the model of the option --model.
+
+        Args:
+            model: "rgb", "depth" or the path of an .onnx file.
+            score_threshold: lowest score of trees; None for the default.
+
+        Returns:
+            The detector and the path of the model file.
+
+        Raises:
+            EdgetreeError: as for `TreeDetector.load`.
+        """
+        from edgetree.runtime.detector import (
+            DISPLAY_THRESHOLD,
+            MODALITIES,
+            TreeDetector,
+            default_model,
+        )
+
+        path = default_model(model) if model in MODALITIES else Path(model)
+        detector = TreeDetector.load(
+            path,
+            provider=self.provider,
+            strict=self.strict,
+            threads=self.threads,
+            score_threshold=DISPLAY_THRESHOLD if score_threshold is None else score_threshold,
+        )
+        return detector, path
+
+
+def _load_camera(file: Path) -> PinholeCamera:
+    """Load the camera from FILE or FILE:NAME."""
+    from calib import load_camera
+
+    path, name = _file_and_name(file)
+    return load_camera(path, name=name)
+
+
+def _file_and_name(file: Path) -> tuple[Path, str | None]:
+    path, colon, name = str(file).rpartition(":")
+    if colon and not file.exists() and Path(path).is_file():
+        return Path(path), name
+    return file, None
+
+
+def _scaled(rig: Rig, text: str) -> Rig:
+    """The rig with the value of --depth-scale: a number, or a file of a calibration."""
+    from calib import load_depth_scale
+
+    try:
+        return replace(rig, depth_scale_m=float(text))
+    except ValueError:
+        return replace(rig, depth_calibration=load_depth_scale(text))
+
+
+def _direction(text: str) -> tuple[float, float, float]:
+    from edgetree.errors import InputError
+    from edgetree.measure.measure import unit_up
+
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError as error:
+        raise InputError(f"--up is {text!r}: expected three numbers, such as 0,-1,0") from error
+    unit_up((x, y, z))
+    return x, y, z
