@@ -113,5 +113,5 @@ def test_an_absent_branch_costs_nothing_and_counting_changes_nothing() -> None:
 
 
 def test_an_unknown_backbone_is_one_line() -> None:
-    with pytest.raises(PerceptreeError, match="unknown backbone 'vgg', expected one of: "):
+    with pytest.raises(PerceptreeError, match="backbone is 'vgg', expected one of: "):
         classifier_cost("vgg")

@@ -16,8 +16,8 @@ from perceptree.models.boxes import (
     decode_boxes,
     encode_boxes,
     enlarge_boxes,
+    nms_top_k,
     pairwise_iou,
-    suppress,
 )
 from perceptree.models.roi_align import assign_levels
 from perceptree.models.rpn import ProposalNetwork
@@ -59,10 +59,10 @@ def test_suppression_keeps_what_nms_keeps_in_a_fixed_number_of_rows() -> None:
     boxes, scores = some_boxes(60, 3), torch.rand(60, generator=torch.Generator().manual_seed(1))
     valid = torch.arange(60) % 3 > 0
     kept = torch.nonzero(valid)[:, 0][nms(boxes[valid], scores[valid], 0.3)]
-    order, real = suppress(boxes, scores, valid, 0.3, 50)
+    order, real = nms_top_k(boxes, scores, valid, 0.3, 50)
     assert order.shape == real.shape == (50,)
     assert order[real].tolist() == kept.tolist()
-    order, real = suppress(boxes, scores, torch.zeros(60, dtype=torch.bool), 0.3, 5)
+    order, real = nms_top_k(boxes, scores, torch.zeros(60, dtype=torch.bool), 0.3, 5)
     assert not real.any()
 
 

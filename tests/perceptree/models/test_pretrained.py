@@ -230,9 +230,9 @@ def test_without_a_network_a_line_says_what_is_missing_and_why(
     with pytest.raises(CheckpointError) as caught:
         load_imagenet(models[0])
     line = str(caught.value)
-    assert "ImageNet weights resnet18.tv_in1k could not be fetched by timm" in line
+    assert "timm could not download the ImageNet weights resnet18.tv_in1k" in line
     assert "no such" in line
     assert "--init FILE" in line
     assert "\n" not in line
-    with pytest.raises(CheckpointError, match=r"COCO weights .* could not be fetched by torchv"):
+    with pytest.raises(CheckpointError, match=r"torchvision could not download .*COCO weights"):
         load_coco(models[1])

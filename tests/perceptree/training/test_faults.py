@@ -131,7 +131,7 @@ def test_broken_frames_are_left_out_when_asked_and_counted(
 @pytest.mark.parametrize(
     ("field", "expected"),
     [
-        ("segmentation", "trees without masks, expected masks, or --no-masks"),
+        ("segmentation", "trees have no masks, expected masks, or --no-masks"),
         ("keypoints", "no tree has a labelled keypoint, expected keypoints, or --no-keypoints"),
     ],
 )
@@ -161,5 +161,5 @@ def test_a_gpu_that_is_not_there_is_said(
     posts: Path, tmp_path: Path, narrow: Make, plan: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    with pytest.raises(SettingsError, match="device is cuda, but no GPU is at hand"):
+    with pytest.raises(SettingsError, match="device is cuda, but there is no GPU"):
         train(narrow(), plan(), posts, tmp_path / "run", engine=Engine(device="cuda"))

@@ -89,7 +89,7 @@ def test_a_run_whose_minutes_are_over_says_so(
     posts, _ = grown_later
     settings = plan(minutes=0.02, evaluate_every_steps=3)
     train_while_simulating(narrow(), settings, posts, 12, tmp_path / "run")
-    with pytest.raises(SettingsError, match=r"^minutes is 0\.02: .*run has been trained for as"):
+    with pytest.raises(SettingsError, match=r"^minutes is 0\.02, which .*run has used up"):
         train_while_simulating(narrow(), settings, posts, 12, tmp_path / "run")
 
 
@@ -103,7 +103,7 @@ def test_a_simulation_that_fails_ends_the_training_with_its_reason(
         )
     )
     with pytest.raises(
-        DatasetError, match=r"^simulating failed: .*settings\.json: no is no setting"
+        DatasetError, match=r"^the simulation failed: .*settings\.json: no is no setting"
     ):
         train_while_simulating(narrow(), plan(minutes=3), posts, 20, tmp_path / "run")
     assert torch.load(tmp_path / "run/stage-1/state.pt", weights_only=True)["step"] > 0

@@ -86,7 +86,7 @@ def test_a_run_that_has_just_begun_is_drawn(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("", r"log\.jsonl: has no entry yet"),
+        ("", r"log\.jsonl: is empty, expected"),
         ('{"step": 50}\n{"step": 100}\n', r"log\.jsonl: not the log of a training"),
         ('{"step": 50, "elapsed_s": 1, "losses": 3}\n', r"log\.jsonl: not the log of a training"),
     ],

@@ -73,8 +73,8 @@ def test_a_batch_that_cannot_be_divided_is_refused(
     def three(device: str) -> Iterator[Processes]:
         yield Processes(0, 3)
 
-    monkeypatch.setattr(perceptree.training.run, "joined", three)
-    expected = "batch is 4: expected a multiple of 6, the processes times accumulate"
+    monkeypatch.setattr(perceptree.training.run, "process_group", three)
+    expected = "batch is 4: expected a multiple of 6 .processes times accumulate"
     with pytest.raises(SettingsError, match=expected):
         train(narrow(), plan(batch=4, accumulate=2), posts, tmp_path / "run")
 

@@ -206,10 +206,13 @@ MISTAKES = {
     "size": (("--height", 20), "the input is 20x640, expected 32 to 8192 px"),
     "freeze level": (("--freeze-level", 6), "freeze_level is 6: expected 0 to 5"),
     "frozen norms": (("--frozen-norms",), "frozen_norms is true without starting weights"),
-    "coco": (("--init", "coco", "--height", 64, "--width", 128), "are for resnet50, the model has"),
+    "coco": (
+        ("--init", "coco", "--height", 64, "--width", 128),
+        "backbone is mobilenetv4_conv_small: torchvision",
+    ),
     "no network": (
         ("--init", "imagenet", "--height", 64, "--width", 128),
-        "mobilenetv4_conv_small.e2400_r224_in1k could not be fetched by timm (<urlopen error",
+        "timm could not download the ImageNet weights mobilenetv4_conv_small.e2400_r224_in1k (<url",
     ),
 }
 

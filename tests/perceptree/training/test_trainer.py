@@ -179,7 +179,7 @@ def test_a_split_without_trees_is_refused_at_the_start(
     posts: Path, tmp_path: Path, edit_split: Edit
 ) -> None:
     edit_split(posts, "val", lambda content: content["annotations"].clear())
-    with pytest.raises(DatasetError, match="the split val has no labelled tree"):
+    with pytest.raises(DatasetError, match="the val split has no labelled tree"):
         train(small_spec(), settings(), posts, tmp_path / "run")
 
 
@@ -222,7 +222,7 @@ def test_an_interrupt_waits_for_the_end_of_a_step_and_a_second_one_does_not() ->
         ({"steps": 3, "evaluate_every_steps": 0}, "evaluate_every_steps is 0"),
         ({"steps": 3, "accumulate": 3}, "accumulate is 3: expected a divisor of the batch, 8"),
         ({"steps": 3, "schedule": "up"}, "schedule is 'up': expected one of constant, steps"),
-        ({"steps": 3, "rate_steps": (5, 5)}, "expected rising step numbers"),
+        ({"steps": 3, "rate_steps": (5, 5)}, "expected ascending step numbers"),
         ({"steps": 3, "ema_decay": 1.0}, "ema_decay is 1.0"),
         ({"steps": 3, "weight_decay": -1.0}, "weight_decay is -1.0"),
         ({"steps": 3, "seed": -1}, "seed is -1"),
