@@ -32,7 +32,7 @@ STAGES = {
     "shadow map": "_draw_shadow",
     "drawing": "draw",
     "colour sensor": "expose",
-    "camera faults": "processed",
+    "camera faults": "apply_processing_faults",
     "precipitation": "draw_precipitation",
     "depth sensor": "measure_depth",
     "labels": "label_view",

@@ -10,7 +10,7 @@ import numpy as np
 
 from perceptree.simulator.geometry.assemble import assemble
 from perceptree.simulator.geometry.prototypes import Prototypes, make_prototypes
-from perceptree.simulator.labelling.frame import Frame, Motion, PoseRecord, SceneRecord
+from perceptree.simulator.labelling.frame import LabelledFrame, Motion, PoseRecord, SceneRecord
 from perceptree.simulator.labelling.labels import label_view
 from perceptree.simulator.materials.textures import Textures, make_textures
 from perceptree.simulator.rendering.drive import IMU_HZ, Drive, make_drive
@@ -20,7 +20,12 @@ from perceptree.simulator.scene.description import Scene, describe_scene
 from perceptree.simulator.scene.objects import OBJECT_KINDS
 from perceptree.simulator.sensors.depth import measure_depth
 from perceptree.simulator.sensors.fixed import fixed_sensors
-from perceptree.simulator.sensors.imaging import CameraFaults, draw_faults, processed, through_lens
+from perceptree.simulator.sensors.imaging import (
+    CameraFaults,
+    apply_lens_faults,
+    apply_processing_faults,
+    draw_faults,
+)
 from perceptree.simulator.sensors.precipitation import draw_precipitation
 from perceptree.simulator.sensors.rgb import expose
 from perceptree.simulator.settings import (
@@ -48,7 +53,7 @@ def make_assets() -> Assets:
 
 def simulate_frames(
     settings: SimulatorSettings, seed: int, views: int, assets: Assets
-) -> Iterator[Frame]:
+) -> Iterator[LabelledFrame]:
     """The frames of one scene, one after the other: pictures, depth and labels in memory."""
     scene = describe_scene(settings, seed)
     renderer = Renderer(assets.textures, scene, assemble(scene, assets.prototypes))
@@ -67,11 +72,11 @@ def simulate_frames(
         rng = stream(seed, Stream.VIEW, number)
         fault_rng = stream(seed, Stream.FAULTS, number if drive is None else 0)
         view = random_view(rng, settings.camera, scene) if drive is None else drive.view(number)
-        motion = None if drive is None else _motion(drive, number)
-        yield _frame(rng, fault_rng, settings, scene, view, renderer.draw(view), motion)
+        motion = None if drive is None else _motion_record(drive, number)
+        yield _labelled_frame(rng, fault_rng, settings, scene, view, renderer.draw(view), motion)
 
 
-def _motion(drive: Drive, number: int) -> Motion:
+def _motion_record(drive: Drive, number: int) -> Motion:
     """Where a frame was taken, and what the IMU measured since the frame before."""
     first = 0 if number == 0 else drive.sample(number - 1) + 1
     last = drive.sample(number)
@@ -81,7 +86,7 @@ def _motion(drive: Drive, number: int) -> Motion:
     return Motion(drive.time_s(number), drive.origin_m[last], drive.rotation[last], imu)
 
 
-def _frame(
+def _labelled_frame(
     rng: np.random.Generator,
     fault_rng: np.random.Generator,
     settings: SimulatorSettings,
@@ -89,7 +94,7 @@ def _frame(
     view: View,
     drawing: Drawing,
     motion: Motion | None,
-) -> Frame:
+) -> LabelledFrame:
     """What the sensors and the labels make of a drawing."""
     weather, pose = scene.weather, view.pose
     faults = draw_faults(fault_rng, settings.imaging)
@@ -100,7 +105,7 @@ def _frame(
         drawing.log_luminance,
         scene.light.darkness,
         2.0**faults.exposure_stops,
-        partial(through_lens, fault_rng, faults.strength) if faults.strength else None,
+        partial(apply_lens_faults, fault_rng, faults.strength) if faults.strength else None,
     )
     image = draw_precipitation(
         rng,
@@ -111,13 +116,13 @@ def _frame(
         weather.snowfall,
         view.up,
     )
-    image = processed(fault_rng, faults, image)
+    image = apply_processing_faults(fault_rng, faults, image)
     measured = measure_depth(
         rng, settings.depth, drawing.depth_m, view.intrinsics, weather.haze_per_m
     )
     stride = settings.depth.exact_stride_px
     exact_m = drawing.depth_m[::stride, ::stride]
-    return Frame(
+    return LabelledFrame(
         image=image,
         depth_m=measured.depth_m,
         exact_depth_m=np.where(exact_m <= settings.depth.exact_range_m, exact_m, 0),
@@ -155,7 +160,7 @@ def _realism(
             "infrared": faults.infrared,
         }
     if settings.randomisation != RandomisationSettings():
-        values["recoloured"] = scene.look.changed
+        values["recoloured"] = scene.appearance.changed
     return values
 
 

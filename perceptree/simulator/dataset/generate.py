@@ -81,7 +81,7 @@ def generate_dataset(
     jobs = _jobs(directory, frames, settings, seed, files)
     try:
         _prepare(directory, settings, seed, files)
-        _draw_missing(jobs, workers or os.cpu_count() or 1, progress)
+        _render_missing(jobs, workers or os.cpu_count() or 1, progress)
         remove_leftovers(directory)
         return _collect(directory, jobs, settings)
     except OSError as error:
@@ -139,7 +139,7 @@ def _digest_in(record: Path) -> object:
     return content.get("sha256") if isinstance(content, dict) else None
 
 
-def _draw_missing(jobs: list[SceneJob], workers: int, progress: Progress) -> None:
+def _render_missing(jobs: list[SceneJob], workers: int, progress: Progress) -> None:
     frames = sum(job.views for job in jobs)
     missing = [job for job in jobs if not job.records()]
     done = frames - sum(job.views for job in missing)

@@ -21,7 +21,7 @@ from perceptree.simulator.dataset.storage import (
     write_atomically,
 )
 from perceptree.simulator.labelling.annotate import frame_record
-from perceptree.simulator.labelling.frame import Frame
+from perceptree.simulator.labelling.frame import LabelledFrame
 from perceptree.simulator.settings import SimulatorSettings
 from perceptree.simulator.settings.files import FileSettings
 
@@ -123,7 +123,9 @@ def _imu_table(samples: NDArray[np.floating[Any]]) -> bytes:
     return ("\n".join(lines) + "\n").encode()
 
 
-def _files(frame: Frame, image: dict[str, Any], job: SceneJob) -> Iterator[tuple[str, bytes]]:
+def _files(
+    frame: LabelledFrame, image: dict[str, Any], job: SceneJob
+) -> Iterator[tuple[str, bytes]]:
     """Name and content of a frame's files."""
     jpeg = job.files.image_format == "jpg"
     quality = job.settings.rgb.jpeg_quality

@@ -5,7 +5,7 @@ from __future__ import annotations
 from perceptree.simulator.settings import SplitSettings
 
 SPLITS = ("train", "val", "test")
-_NOTHING = 1e-9
+_MIN_SHARE = 1e-9
 
 
 def split_shares(settings: SplitSettings) -> dict[str, float]:
@@ -13,7 +13,7 @@ def split_shares(settings: SplitSettings) -> dict[str, float]:
     shares = dict(
         zip(SPLITS, (1 - settings.val - settings.test, settings.val, settings.test), strict=True)
     )
-    return {split: share for split, share in shares.items() if share > _NOTHING}
+    return {split: share for split, share in shares.items() if share > _MIN_SHARE}
 
 
 def assign_splits(scenes: int, settings: SplitSettings) -> list[str]:

@@ -1,4 +1,4 @@
-"""The ground as triangles."""
+"""Mesh of the ground."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _REPEAT_M = 1.7
 
 
 def ground_mesh(terrain: Terrain) -> Mesh:
-    """The height field's triangles, split along the diagonal that ``Terrain.height_m`` uses."""
+    """Make the triangles of a height field, split along the diagonal that Terrain.height_m uses."""
     lines = terrain.lines_m
     x, y = np.meshgrid(lines, lines)
     rise_y, rise_x = np.gradient(terrain.z_m, lines, lines)

@@ -1,4 +1,4 @@
-"""Texture layers: their names, numbers and size, shared by geometry, materials and rendering."""
+"""Texture layers: names, numbers and size, shared by geometry, materials and rendering."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ PAINT_CELLS = 8
 
 
 class Layer(enum.IntEnum):
-    """Texture layers; those from ``FIR_TWIG`` to ``BILBERRY`` are cut out by their alpha.
+    """Texture layers. Those from ``FIR_TWIG`` to ``BILBERRY`` are cut out by their alpha.
 
-    ``PAINT`` holds a grid of plain colours for objects that people made.
+    ``PAINT`` contains a grid of plain colours for man-made objects.
     """
 
     FIR_GREY = 0

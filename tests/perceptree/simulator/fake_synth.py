@@ -21,7 +21,7 @@ import numpy as np
 if TYPE_CHECKING:
     from perceptree.simulator import SimulatorSettings
     from perceptree.simulator.dataset.scene_job import SceneJob
-    from perceptree.simulator.labelling.frame import Frame
+    from perceptree.simulator.labelling.frame import LabelledFrame
 
 
 PACE = "FAKE_FRAME_SECONDS"
@@ -35,7 +35,7 @@ def make_assets() -> str:
 
 def simulate_frames(
     settings: SimulatorSettings, seed: int, views: int, assets: str
-) -> Iterator[Frame]:
+) -> Iterator[LabelledFrame]:
     """Frames as the simulator gives them, each decided by the scene's seed and its number."""
     if os.environ.get(DYING_SCENE) == str(seed):
         os.kill(os.getpid(), 9)
@@ -52,9 +52,9 @@ def draw_here(jobs: list[SceneJob], workers: int) -> Iterator[int]:
         yield draw_scene(job, None)
 
 
-def fake_frame(settings: SimulatorSettings, seed: int, number: int) -> Frame:
+def fake_frame(settings: SimulatorSettings, seed: int, number: int) -> LabelledFrame:
     """Noise, a plane of depth, and one or two posts."""
-    from perceptree.simulator.labelling.frame import Frame, PoseRecord, SceneRecord
+    from perceptree.simulator.labelling.frame import LabelledFrame, PoseRecord, SceneRecord
     from perceptree.simulator.settings import GROUNDS, TIMES, WEATHERS
 
     rng = np.random.default_rng([seed, number])
@@ -74,7 +74,7 @@ def fake_frame(settings: SimulatorSettings, seed: int, number: int) -> Frame:
         TIMES[seed % 4],
         bool(seed % 2),
     )
-    return Frame(
+    return LabelledFrame(
         rng.integers(0, 255, (*shape, 3), np.uint8),
         measured,
         exact,

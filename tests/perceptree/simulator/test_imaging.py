@@ -7,11 +7,11 @@ import pytest
 from perceptree.simulator.sensors import imaging
 from perceptree.simulator.sensors.imaging import (
     CameraFaults,
+    apply_lens_faults,
+    apply_processing_faults,
     draw_faults,
     infrared,
-    processed,
     saturated,
-    through_lens,
 )
 from perceptree.simulator.settings import ImagingSettings
 
@@ -72,10 +72,10 @@ def test_the_same_seed_gives_the_same_picture_and_another_seed_another():
 
     def taken(seed: int) -> np.ndarray:
         rng = np.random.default_rng(seed)
-        toned = through_lens(rng, faults.strength, stems())
+        toned = apply_lens_faults(rng, faults.strength, stems())
         assert toned.min() >= 0
         assert toned.max() <= 1
-        return processed(rng, faults, image).astype(int) + (255 * toned).astype(int)
+        return apply_processing_faults(rng, faults, image).astype(int) + (255 * toned).astype(int)
 
     assert np.array_equal(taken(1), taken(1))
     assert not np.array_equal(taken(1), taken(2))
@@ -85,7 +85,7 @@ def test_a_camera_without_faults_changes_nothing():
     image = (stems() * 255).astype(np.uint8)
     faults = draw_faults(np.random.default_rng(0), ImagingSettings())
     assert faults == CameraFaults(1.0, 0.0, 0.0, infrared=False)
-    assert processed(np.random.default_rng(0), faults, image) is image
+    assert apply_processing_faults(np.random.default_rng(0), faults, image) is image
 
 
 def test_leaves_are_bright_in_near_infrared():
