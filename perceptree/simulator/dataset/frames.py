@@ -1,4 +1,4 @@
-"""From settings and a scene's seed to frames in memory."""
+"""Simulate the frames of a scene in memory."""
 
 from __future__ import annotations
 
@@ -40,21 +40,36 @@ from perceptree.simulator.streams import Stream, stream
 
 @dataclass(frozen=True)
 class Assets:
-    """What every scene draws on and a process makes once: textures and shared meshes."""
+    """Textures and meshes that all scenes share; made once per process.
+
+    Attributes:
+        textures: Textures of all materials.
+        prototypes: Shared meshes.
+    """
 
     textures: Textures
     prototypes: Prototypes
 
 
 def make_assets() -> Assets:
-    """Draw the textures and grow the shared meshes; the same bytes in every process."""
+    """Make the textures and the shared meshes, which are identical in every process."""
     return Assets(make_textures(), make_prototypes())
 
 
 def simulate_frames(
     settings: SimulatorSettings, seed: int, views: int, assets: Assets
 ) -> Iterator[LabelledFrame]:
-    """The frames of one scene, one after the other: pictures, depth and labels in memory."""
+    """Simulate the frames of one scene.
+
+    Args:
+        settings: Settings of the simulator.
+        seed: Seed of the scene.
+        views: Number of frames.
+        assets: Textures and shared meshes.
+
+    Yields:
+        One frame after the other, with image, depth and labels.
+    """
     scene = describe_scene(settings, seed)
     renderer = Renderer(assets.textures, scene, assemble(scene, assets.prototypes))
     drive = None
@@ -77,7 +92,7 @@ def simulate_frames(
 
 
 def _motion_record(drive: Drive, number: int) -> Motion:
-    """Where a frame was taken, and what the IMU measured since the frame before."""
+    """Camera pose of a drive's frame, and the IMU samples since the previous frame."""
     first = 0 if number == 0 else drive.sample(number - 1) + 1
     last = drive.sample(number)
     samples = slice(first, last + 1)
@@ -95,7 +110,7 @@ def _labelled_frame(
     drawing: Drawing,
     motion: Motion | None,
 ) -> LabelledFrame:
-    """What the sensors and the labels make of a drawing."""
+    """Apply the sensor models to a rendered view, and label it."""
     weather, pose = scene.weather, view.pose
     faults = draw_faults(fault_rng, settings.imaging)
     image = expose(
@@ -145,7 +160,7 @@ def _labelled_frame(
 def _realism(
     settings: SimulatorSettings, scene: Scene, faults: CameraFaults
 ) -> dict[str, float | bool]:
-    """What a frame holds of the settings beyond the paper's; nothing where they are off."""
+    """Additions beyond the paper's conditions in a frame; those that are off are left out."""
     values: dict[str, float | bool] = {}
     if settings.objects != ObjectSettings():
         counted = dict.fromkeys(OBJECT_KINDS, 0)

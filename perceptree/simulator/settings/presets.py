@@ -40,7 +40,7 @@ class Preset:
 
 
 def _paper() -> SimulatorSettings:
-    """All grounds, weathers and lights, split 40k : 1k : 2k like SynthTree43k (Grondin et al. 2022).
+    """All grounds, weathers and lights, split 40k : 1k : 2k like SynthTree43k (Grondin 2022).
 
     Exact depth has reduced resolution and range, and JPEG a reduced quality, so that the files of
     a frame take at most 700 kB on average.

@@ -214,7 +214,7 @@ def test_a_network_of_another_shape_is_refused_in_one_line(
         r"expected \(32, 12544\); .* and 1 more$",
     ):
         load_coco(TreeRCNN(people_spec(box_head_width=32)))
-    with pytest.raises(SettingsError, match=r"resnet50, the model has resnet18: .*--as-init"):
+    with pytest.raises(SettingsError, match=r"backbone is resnet18: .* for resnet50; .*--as-init"):
         load_coco(TreeRCNN(make_spec("edge-m", "rgb", HEIGHT, WIDTH)))
 
 

@@ -48,7 +48,7 @@ def test_maps_cover_the_input_padded_to_whole_cells(side: int, rows: int) -> Non
 
 def test_presets_take_changes_and_refuse_what_is_none() -> None:
     assert make_spec("r101", detections=100, masks=False).detections == 100
-    with pytest.raises(PerceptreeError, match=r"roi_levels are \(5, 6\), .* up to 5"):
+    with pytest.raises(PerceptreeError, match=r"roi_levels are \(5, 6\), .* at most 5"):
         make_spec("r50", roi_levels=(5, 6))
     with pytest.raises(PerceptreeError, match="model is 'r51', expected one of: edge-n, edge-s"):
         make_spec("r51")
@@ -75,7 +75,10 @@ def test_presets_take_changes_and_refuse_what_is_none() -> None:
         ({"levels": (1, 2, 3, 4, 5)}, "expected consecutive levels, at least 2"),
         ({"levels": (2, 3, 4)}, "expected level 5 or 6 as the last"),
         ({"levels": (5, 6, 7)}, "expected level 5 or 6 as the last"),
-        ({"anchor_sizes_px": ((40.0,),)}, r"expected 3 groups \(one per level\), each of as many"),
+        (
+            {"anchor_sizes_px": ((40.0,),)},
+            r"expected 3 groups \(one per level\), with the same number",
+        ),
         ({"anchor_sizes_px": ((40.0,), (80.0,), (90.0, 99.0))}, "with the same number of sizes"),
         ({"anchor_sizes_px": ((), (), ())}, "expected 3 groups"),
         ({"anchor_sizes_px": ((0.0,), (80.0,), (90.0,))}, "expected at least one each, over 0"),

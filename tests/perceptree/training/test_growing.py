@@ -113,7 +113,7 @@ def test_data_that_was_not_simulated_cannot_grow(
     posts: Path, tmp_path: Path, narrow: Make, plan: Make
 ) -> None:
     with pytest.raises(
-        DatasetError, match=r"settings\.json: expected the settings of a dataset of"
+        DatasetError, match=r"settings\.json: not readable as settings, expected a dataset of"
     ):
         train_while_simulating(narrow(), plan(minutes=1), posts, 20, tmp_path / "run")
 
@@ -121,8 +121,8 @@ def test_data_that_was_not_simulated_cannot_grow(
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        ({}, "minutes is not given: expected when to end"),
-        ({"minutes": 1, "schedule": "cosine"}, "schedule is cosine: .* expected constant or steps"),
+        ({}, "minutes is not given: expected a time limit"),
+        ({"minutes": 1, "schedule": "cosine"}, "schedule is cosine: expected constant or steps"),
     ],
 )
 def test_settings_that_do_not_allow_stages_are_refused(

@@ -199,7 +199,7 @@ def test_other_depths_and_groupings_are_refused(detectron2_shapes: Shapes) -> No
     more = state | {"backbone.bottom_up.res4.6.conv1.weight": numbers(256, 1024, 1, 1)}
     assert "the backbone has (3, 4, 7, 3) blocks with 1 groups of 64" in refused(more)
     grouped = state | {"backbone.bottom_up.res2.0.conv2.weight": numbers(128, 4, 3, 3)}
-    assert "(3, 4, 6, 3) blocks of 32 groups of 4 channels, expected" in refused(grouped)
+    assert "(3, 4, 6, 3) blocks with 32 groups of 4 channels, expected" in refused(grouped)
     flat = state | {"backbone.bottom_up.res2.0.conv2.weight": numbers(64)}
     assert "res2.0.conv2.weight has shape (64,), expected 4 axes" in refused(flat)
 

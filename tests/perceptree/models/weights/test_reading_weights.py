@@ -249,7 +249,7 @@ def test_content_that_is_no_weights_is_described(tmp_path: Path) -> None:
         ({}, "holds nothing"),
         ({"model": {"a": np.zeros(1, np.float32), "b": "x"}}, "b is a str, expected a tensor"),
         ({"a\nb": np.zeros(1, np.float32)}, "a tensor is named 'a b', expected printable text"),
-        ({"x" * 1000: np.zeros(1, np.float32)}, "expected plain text"),
+        ({"x" * 1000: np.zeros(1, np.float32)}, "expected printable text"),
     ):
         path.write_bytes(pickle.dumps(content))
         assert expected in refused(path)
