@@ -13,7 +13,7 @@ from perceptree.simulator.materials.layers import SIZE_PX
 from perceptree.simulator.materials.noise import spectral_noise
 
 Float = NDArray[np.floating[Any]]
-Draw = Callable[[np.random.Generator, NDArray[np.float32]], None]
+DrawFunction = Callable[[np.random.Generator, NDArray[np.float32]], None]
 
 
 def rgb(red: int, green: int, blue: int) -> Float:
@@ -32,8 +32,8 @@ def noise(rng: np.random.Generator, exponent: float, *stretch: float) -> Float:
     return spectral_noise(rng, (SIZE_PX, SIZE_PX), exponent, (rows, columns))
 
 
-def cutout(rng: np.random.Generator, draw: Draw, background: tuple[int, int, int]) -> Float:
-    """Draw a cut-out texture at twice its size, and reduce it.
+def cutout(rng: np.random.Generator, draw: DrawFunction, background: tuple[int, int, int]) -> Float:
+    """DrawFunction a cut-out texture at twice its size, and reduce it.
 
     Args:
         rng: Source of random numbers.

@@ -81,7 +81,7 @@ def test_anchors_are_torchvisions_but_for_its_rounding() -> None:
     theirs = AnchorGenerator(sizes, (ratios,) * 2)
     images = ImageList(torch.zeros(1, 3, 64, 96), [(64, 96)])
     expected = theirs(images, [torch.zeros(1, 8, 4, 6), torch.zeros(1, 8, 2, 3)])[0]
-    # It has all ratios outside and all sizes inside.
+    # Its order has ratios in the outer loop and sizes in the inner one.
     order = [0, 2, 4, 1, 3, 5]
     expected = expected.reshape(-1, 6, 4)[:, order].reshape(-1, 4)
     ours = torch.cat(

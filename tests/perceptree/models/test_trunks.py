@@ -22,7 +22,7 @@ ORIGINALS = {
 
 
 def lively(network: nn.Module) -> nn.Module:
-    """Statistics and weights of batch norms as after a training, not ones and zeros."""
+    """Set batch norm statistics and weights to values as after training, not ones and zeros."""
     random = torch.Generator().manual_seed(2)
     for module in network.modules():
         if isinstance(module, nn.BatchNorm2d):

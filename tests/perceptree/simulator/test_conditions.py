@@ -1,4 +1,4 @@
-"""Weather, light and what a scene is made of follow the settings."""
+"""Weather, light and scene content follow the settings."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""The cut lies just above the root flare and what stands at the foot."""
+"""The cut is just above the root flare and obstacles at the foot."""
 
 import dataclasses
 
@@ -18,7 +18,7 @@ def stem(seed: int, diameter_m: float = 0.3) -> Stem:
 
 
 def swelling(grown: Stem, height_m: float) -> float:
-    """How much wider the section is than that of the same stem without a root collar."""
+    """Widening of the section against the same stem without root collar."""
     bare = dataclasses.replace(
         grown, roots=np.array([[0.0, 0.0, 0.0, 1.0]]), bumps=np.zeros((1, 4))
     )

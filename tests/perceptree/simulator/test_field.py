@@ -1,4 +1,4 @@
-"""What the preset "field" adds to a scene: clutter, objects, a far forest, lamps, odd colours."""
+"""Additions of the preset "field": clutter, objects, far forest, lamps, unnatural colours."""
 
 import dataclasses
 import hashlib
@@ -20,7 +20,7 @@ from perceptree.simulator.scene.objects import OBJECT_KINDS
 from perceptree.simulator.settings import CameraSettings, RandomisationSettings
 from perceptree.simulator.settings.presets import PRESETS
 
-# Pixels, depth and keypoints of the first view, by the commit before "field" was added.
+# Hashes of pixels, depth and keypoints of the first view, from before "field" was added.
 OLDER = {
     "paper": "9b48ef2ff6dfaed4",
     "plain": "786aa32f9fe3121a",

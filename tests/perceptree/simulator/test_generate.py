@@ -1,4 +1,4 @@
-"""Datasets: one seed gives the same bytes, interruptions lose nothing, splits share nothing."""
+"""Datasets: reproducible bytes, lossless resuming, and disjoint splits."""
 
 import errno
 import json
@@ -32,7 +32,7 @@ PACE, DYING_SCENE = "FAKE_FRAME_SECONDS", "FAKE_DYING_SCENE"
 
 @pytest.fixture(scope="module")
 def dataset(fake_dataset: Callable[[int], Path]) -> Path:
-    """An undisturbed run of seven frames in four scenes."""
+    """A dataset of seven frames in four scenes, made without interruption."""
     return fake_dataset(FRAMES)
 
 
@@ -185,7 +185,7 @@ def test_processes_end_with_the_one_that_started_them(tmp_path: Path):
         time.sleep(0.01)
     process.send_signal(signal.SIGKILL)
     started = time.monotonic()
-    process.communicate(timeout=60)  # until every process that holds stdout is gone
+    process.communicate(timeout=60)  # until all processes with this stdout have ended
     assert time.monotonic() - started < 30
     frames = len(list((tmp_path / "images").glob("*.jpg")))
     time.sleep(0.3)

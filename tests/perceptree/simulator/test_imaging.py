@@ -1,4 +1,4 @@
-"""A camera's faults change how a picture looks, never where things are."""
+"""Camera faults change the look of a picture, but not the position of its content."""
 
 import cv2
 import numpy as np
@@ -30,7 +30,7 @@ PROCESSING = (
 
 
 def stems() -> np.ndarray:
-    """(180, 320, 3) float32 BGR: dark upright bars under a bright sky."""
+    """(180, 320, 3) float32 BGR: dark vertical bars under a bright sky."""
     rng = np.random.default_rng(3)
     picture = np.full((180, 320, 3), 0.6, np.float32) + rng.normal(0, 0.02, (180, 320, 3))
     picture[:30] = 0.97
@@ -40,7 +40,7 @@ def stems() -> np.ndarray:
 
 
 def moved_px(before: np.ndarray, after: np.ndarray) -> float:
-    """How far a picture's middle moved, by phase correlation."""
+    """Shift of a picture's centre by phase correlation, px."""
     grey = [cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)[20:160] for image in (before, after)]
     shift, _ = cv2.phaseCorrelate(*(cv2.GaussianBlur(g, (0, 0), 1).astype(float) for g in grey))
     return float(np.hypot(*shift))

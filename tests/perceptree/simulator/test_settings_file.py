@@ -1,4 +1,4 @@
-"""A settings file changes what it names, and says what it cannot be."""
+"""Settings files: changed values, and errors for invalid ones."""
 
 import dataclasses
 import json

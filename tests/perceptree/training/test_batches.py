@@ -1,4 +1,4 @@
-"""What a step learns from follows from seed, step and slot, whoever prepares it."""
+"""The content of a step depends only on seed, step and slot, not on who prepares it."""
 
 import threading
 from collections.abc import Callable, Iterator

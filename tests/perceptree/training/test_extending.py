@@ -1,4 +1,4 @@
-"""A run can be made longer, branched, and stopped when it no longer gets better."""
+"""Extending, branching and early stopping of a training."""
 
 import json
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""What goes wrong while training costs nothing that was there, and is said in one line."""
+"""Errors while training keep existing files, and are reported in one line."""
 
 import os
 import signal
@@ -39,7 +39,7 @@ def test_a_full_disk_keeps_the_last_state(
 def test_killed_at_any_step_it_ends_with_the_same_weights(
     posts: Path, tmp_path: Path, narrow: Make, plan: Make
 ) -> None:
-    """The process is killed, not interrupted: nothing of it can tidy up."""
+    """The process is killed, so it cannot clean up."""
     plain = tmp_path / "plain"
     train(narrow(), plan(), posts, plain, engine=Engine(precision="fp32"))
     killed = tmp_path / "killed"

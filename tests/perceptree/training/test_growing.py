@@ -1,4 +1,4 @@
-"""A training on a simulated dataset that grows meanwhile."""
+"""Training on a dataset while it is being simulated."""
 
 import json
 import subprocess
@@ -31,7 +31,7 @@ later.replace(now)
 def grown_later(
     write_dataset: WriteDataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> tuple[Path, list[int]]:
-    """Posts of which a process adds half the train frames later, and the sizes it was asked."""
+    """A dataset to which a process adds half of the train frames later, and requested sizes."""
     posts = write_dataset(train=8, val=3, test=1)
     labels, later = posts / "train_RGB.json", posts / "all.json"
     content = json.loads(labels.read_text())
@@ -72,7 +72,7 @@ def test_it_goes_on_with_the_larger_dataset_as_soon_as_it_is_there(
         train_while_simulating(narrow(), settings, posts, 12, tmp_path / "run", watch)
     assert asked == [12]
     first, second = (torch.load(tmp_path / f"run/stage-{n}/state.pt") for n in (1, 2))
-    # No step was lost or done twice, and the clock ran on.
+    # No step was lost or repeated, and the time continued.
     assert second["first_step"] == first["step"] >= 3
     assert second["step"] == first["step"] + 4
     assert [status.step for status in seen] == list(range(1, second["step"] + 1))

@@ -1,4 +1,4 @@
-"""A training starts from the weights that it is told to, and keeps what is frozen."""
+"""Starting weights of a training, and frozen parts."""
 
 import dataclasses
 import json

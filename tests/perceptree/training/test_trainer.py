@@ -1,4 +1,4 @@
-"""Training: it learns, goes on exactly where it stopped, and refuses what does not fit."""
+"""Training: losses decrease, resuming is exact, and mismatches are refused."""
 
 import json
 import signal
@@ -106,7 +106,7 @@ def test_a_budget_of_time_ends_the_training_and_counts_on(posts: Path, tmp_path:
 
     with pytest.raises(KeyboardInterrupt):
         train(small_spec(), plan, posts, tmp_path / "run", stop)
-    # A slow first step may have spent the budget: then nothing is left to do.
+    # A slow first step may have used the whole time limit.
     report = train(small_spec(), plan, posts, tmp_path / "run", seen.append)
     assert report.elapsed_s == seen[-1].elapsed_s >= 1.0
     elapsed_s = [status.elapsed_s for status in seen]
@@ -124,7 +124,7 @@ def test_the_losses_fall(posts: Path, tmp_path: Path) -> None:
         tmp_path / "run",
         lambda status: history.append(sum(status.losses.values())),
     )
-    # The first losses told are means from the start: the last five of 25 steps by difference.
+    # The first reported losses are means from the start: the last five of 25 steps by difference.
     last = (25 * history[24] - 20 * history[19]) / 5
     assert last < 0.8 * history[0]
 

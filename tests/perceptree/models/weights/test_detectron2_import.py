@@ -1,4 +1,4 @@
-"""Which network a checkpoint is, and that its weights arrive; other networks are named."""
+"""Import of Detectron2 checkpoints: recognition, weights, and errors for other networks."""
 
 import dataclasses
 import json
@@ -82,7 +82,7 @@ def test_branches_and_widths_are_those_of_the_file(
     assert spec == make_spec("r50", "depth", 90, 150, **widths, **branches)
 
 
-# The stride's place and the std that come of what the user says and of what the file says.
+# Position of the stride and std for combinations of the user's options and the file's values.
 NORMALISATIONS = [
     ("r50", {}, None, True, (1.0,) * 3),
     ("r50", {"stride_in": "3x3"}, None, False, IMAGENET_STD),
@@ -130,7 +130,7 @@ def test_nine_anchors_are_known_by_their_number(detectron2_shapes: Shapes) -> No
 
 
 def cell_anchors(sizes_px: tuple[float, ...], ratios: tuple[float, ...]) -> Tensor:
-    """Boxes about 0 as Detectron2 makes them."""
+    """Anchor boxes centred at 0 as Detectron2 makes them."""
     boxes = []
     for size in sizes_px:
         for ratio in ratios:
@@ -205,7 +205,7 @@ def test_other_depths_and_groupings_are_refused(detectron2_shapes: Shapes) -> No
 
 
 def persons(state: State) -> State:
-    """The same network as trained for COCO's persons: 17 keypoints, another last layer each."""
+    """The same network for COCO's persons: 17 keypoints and other last layers."""
     channels = state[f"{HEAT}.weight"].shape[0]
     width = state[f"{SCORE}.weight"].shape[1]
     return state | {
@@ -246,7 +246,7 @@ def test_settings_that_make_no_sense_are_refused(
 
 @pytest.fixture(scope="module")
 def imported(thin_state: States, tmp_path_factory: pytest.TempPathFactory) -> Imported:
-    """The thin network for frames of 64x96 px, by way of a file."""
+    """The narrow network for 64x96 px, imported from a file."""
     counter = {"backbone.bottom_up.stem.conv1.norm.num_batches_tracked": torch.tensor(7)}
     path = tmp_path_factory.mktemp("thin") / "their model.pth"
     torch.save({"model": thin_state() | counter, "iteration": 3}, path)
@@ -325,7 +325,7 @@ def test_starting_weights_leave_what_was_learnt_of_others_fresh(
 ) -> None:
     state = persons(thin_state())
     fitting = {f"{SCORE}.weight": torch.ones(2, 24), f"{SCORE}.bias": torch.ones(2)}
-    state |= fitting  # of another class, although its shape is ours
+    state |= fitting  # for another class, although the shape is the same
     path = write({"model": state})
     torch.manual_seed(1)
     first = import_checkpoint(path, as_init=True)

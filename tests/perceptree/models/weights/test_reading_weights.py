@@ -1,4 +1,4 @@
-"""Files of strangers: the same tensors from every format, one line for all else, nothing run."""
+"""Untrusted files: equal tensors from every format, one-line errors, and no code execution."""
 
 import io
 import os
@@ -46,7 +46,7 @@ def assert_equal_tensors(path: Path, expected: dict[str, np.ndarray]) -> None:
 
 
 def refused(path: Path) -> str:
-    """The one line that a file is refused with, without the file's name."""
+    """The one-line error for a file, without the file's name."""
     with pytest.raises(CheckpointError) as caught:
         read_weights(path)
     text = str(caught.value)
@@ -111,7 +111,7 @@ def test_a_network_in_parallel_and_a_bare_state_are_read(tmp_path: Path) -> None
 
 
 class Hostile:
-    """Touches a file when it is unpickled by a reader that believes it."""
+    """Creates a file if it is unpickled by an unsafe reader."""
 
     def __init__(self, touched: Path) -> None:
         self.touched = touched
@@ -138,7 +138,7 @@ def test_a_hostile_file_is_refused_and_nothing_runs(writer: str, tmp_path: Path)
     text = refused(path)
     assert re.search(r"refused, it would call (posix|nt|os)\.system", text)
     assert not touched.exists()
-    if writer.startswith("pickle"):  # the file would have done it
+    if writer.startswith("pickle"):  # an unsafe reader would have made it
         pickle.loads(path.read_bytes())
         assert touched.exists()
 
@@ -171,7 +171,7 @@ def test_a_pickle_cannot_change_what_stands_for_numpy(tmp_path: Path) -> None:
 
 
 def array_pickle(shape: tuple[int, ...], code: str = "f4", raw: bytes = b"\0" * 16) -> bytes:
-    """A pickle of one array that may lie about itself."""
+    """A pickle of one array with a possibly wrong description."""
     text = io.BytesIO()
     text.write(b"\x80\x04}X\x01\x00\x00\x00acnumpy._core.multiarray\n_reconstruct\n")
     text.write(b"cnumpy\nndarray\nK\x00\x85C\x01b\x87R(K\x01")
