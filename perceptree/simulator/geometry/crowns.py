@@ -17,10 +17,11 @@ from perceptree.simulator.vectors import UP, unit
 
 Float = NDArray[np.floating[Any]]
 
-CROWN_HEIGHT_M = 16.0
-_GOLDEN_RAD = 2.4
-_LOWEST_DEAD_M = 0.7
-_SAPLING_M = (1.0, 3.0)
+CROWN_HEIGHT_M = 16.0  # height of the trees that crown prototypes are made for
+_GOLDEN_RAD = 2.4  # golden angle between successive branches
+_LOWEST_DEAD_M = 0.7  # height of the lowest dead branch
+_SAPLING_M = (1.0, 3.0)  # range of the height of saplings
+# Factors of the habit's parameters for crowns with fine twigs, and for distant crowns.
 _FINE = {"twigs": 1.7, "twig_m": 0.68, "scatter": 1.6}
 _FAR = {"branches": 0.40, "twigs": 0.45, "twig_m": 2.1}
 

@@ -34,7 +34,8 @@ _BARKS = (
     Layer.MAPLE_MOSSY,
 )
 _ROOT_BARKS = (Layer.SPRUCE_SCALY, Layer.SPRUCE_GREY, Layer.FIR_RESIN)
-_ROTTEN = 0.3
+_ROTTEN = 0.3  # fraction of rotten stumps
+# Cumulative fractions of fallen branches: with needles, twig litter, with bark; the rest is bare.
 _BRUSHY, _LITTER, _BARKED = 0.25, 0.45, 0.65
 
 

@@ -9,7 +9,7 @@ from perceptree.simulator.materials.layers import Layer
 from perceptree.simulator.scene.terrain import Terrain
 from perceptree.simulator.vectors import unit
 
-_REPEAT_M = 1.7
+_REPEAT_M = 1.7  # length of ground that one texture repeat shows
 
 
 def ground_mesh(terrain: Terrain) -> Mesh:

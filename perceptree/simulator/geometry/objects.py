@@ -19,8 +19,9 @@ from perceptree.simulator.materials.layers import FIRST_GROUND, LAST_BARK, Layer
 
 Float = NDArray[np.floating[Any]]
 
+# Ranges of colour numbers in the layer PAINT, as in materials.manmade.
 _SAFETY, _CLOTH, _SKIN, _METAL, _ANY = (0, 4), (4, 12), (12, 15), (15, 20), (0, 64)
-_DARK = 18
+_DARK = 18  # number of a dark colour
 _SHAPE_LAYERS = (Layer.MASONRY, Layer.FUR, Layer.ROCK, Layer.DEAD_WOOD, Layer.MOSS, Layer.LITTER)
 
 

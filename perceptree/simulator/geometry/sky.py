@@ -13,8 +13,8 @@ from perceptree.simulator.scene.terrain import EXTENT_M
 Float = NDArray[np.floating[Any]]
 
 _VOXEL_M = 1.0
-_LEAF_EXTINCTION = 0.55
-_LEAF_COVER = 0.45
+_LEAF_EXTINCTION = 0.55  # extinction per unit of leaf area index
+_LEAF_COVER = 0.45  # opaque fraction of a twig card
 
 
 def _blur(layer: Float) -> Float:

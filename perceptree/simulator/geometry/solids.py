@@ -17,8 +17,8 @@ Float = NDArray[np.floating[Any]]
 
 _BALL_RINGS, _BALL_SIDES = 7, 10
 _CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) / 2
-_PAINT_SHARE = 0.5
-_CAP_M = 0.005
+_PAINT_SHARE = 0.5  # part of a colour's cell that is used, which avoids bleeding in mip levels
+_CAP_M = 0.005  # length of a tube's closed ends
 
 
 def block(

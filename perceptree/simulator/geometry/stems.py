@@ -18,7 +18,7 @@ Float = NDArray[np.floating[Any]]
 STEM_SIDES = 48
 _UPPER_SIDES = 16
 _FAR_SIDES = 7
-_FOOT_M = -0.6
+_FOOT_M = -0.6  # stems start this far below their foot, for slopes
 _SPLINTER_RATIO = 0.5  # height of the splinters over the stem's diameter
 
 

@@ -15,8 +15,8 @@ from perceptree.simulator.vectors import unit
 
 Float = NDArray[np.floating[Any]]
 
-CLOSEST_M = 0.1
-_BELOW_M = 0.2
+CLOSEST_M = 0.1  # points nearer to the camera plane are not projected
+_BELOW_M = 0.2  # depth below the foot at which the silhouette's rings start
 _COVER_RINGS = 26
 _COVER_SIDES = 32
 

@@ -33,7 +33,7 @@ def noise(rng: np.random.Generator, exponent: float, *stretch: float) -> Float:
 
 
 def cutout(rng: np.random.Generator, draw: DrawFunction, background: tuple[int, int, int]) -> Float:
-    """DrawFunction a cut-out texture at twice its size, and reduce it.
+    """Draw a cut-out texture at twice its size, and reduce it.
 
     Args:
         rng: Source of random numbers.

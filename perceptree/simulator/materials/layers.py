@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import enum
 
-SIZE_PX = 512
+SIZE_PX = 512  # width and height of a texture
 MIP_LEVELS = 8
-PAINT_CELLS = 8
+PAINT_CELLS = 8  # plain colours along each side of the layer PAINT
 
 
 class Layer(enum.IntEnum):

@@ -13,8 +13,8 @@ from perceptree.simulator.settings import RandomisationSettings
 
 Float = NDArray[np.floating[Any]]
 
-_HUE_SHARE, _SKY_HUE_SHARE = 0.8, 0.35
-_BRIGHTNESS = 0.5
+_HUE_SHARE, _SKY_HUE_SHARE = 0.8, 0.35  # largest shift towards a random hue
+_BRIGHTNESS = 0.5  # standard deviation of the logarithm of the brightness
 _SOLID = np.array([layer for layer in Layer if not is_cutout(layer)])
 
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 Float = NDArray[np.floating[Any]]
 
 _POINTS = 2048
-_RADIUS_M = (3.5, 5.5)
-_WAVES = 4
-_WAVE_AMPLITUDE = 0.22
+_RADIUS_M = (3.5, 5.5)  # range of the mean radius
+_WAVES = 4  # number of waves that deform the circle
+_WAVE_AMPLITUDE = 0.22  # standard deviation of their amplitude times their number of periods
 
 
 @dataclass(frozen=True)

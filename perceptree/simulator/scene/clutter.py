@@ -13,9 +13,10 @@ from perceptree.simulator.settings import ClutterSettings
 
 Float = NDArray[np.floating[Any]]
 
+# Kind: field of ClutterSettings, number of plants at full density, spatial frequency of patches.
 _GROUND_PLANTS = {"herb": ("herbs", 5200, 0.30), "bilberry": ("shrubs", 2600, 0.42)}
 _FOOT_PLANTS = ("grass", "fern", "herb", "bilberry", "scrub", "seedling", "branch", "rock", "stump")
-_FOOT_REACH_M = (0.02, 0.35)
+_FOOT_REACH_M = (0.02, 0.35)  # range of the distance from the bark
 
 
 def cover_ground(

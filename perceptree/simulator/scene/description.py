@@ -38,12 +38,12 @@ from perceptree.simulator.streams import Stream, stream
 
 Float = NDArray[np.floating[Any]]
 
-NEAR_M = 18.0
-_OBSTACLES_M = {"rock": (0.22, 0.17), "stump": (0.18, 0.33)}
-_LEAFLESS_SNOW = 0.25
-_BROKEN_ABOVE_LABELS_M = (0.3, 5.0)
-_BROKEN_SHARE = 0.8  # of the stem's height: above it none is broken
-_STEM_GAP_M = 0.3
+NEAR_M = 18.0  # trees within this distance of the centre have full detail
+_OBSTACLES_M = {"rock": (0.22, 0.17), "stump": (0.18, 0.33)}  # typical radius and height
+_LEAFLESS_SNOW = 0.25  # broadleaved trees have no leaves with this much snow
+_BROKEN_ABOVE_LABELS_M = (0.3, 5.0)  # height of breaks above the labelled stem
+_BROKEN_SHARE = 0.8  # stems are not broken above this fraction of their height
+_STEM_GAP_M = 0.3  # minimum distance of a stem from a large object
 
 
 @dataclass(frozen=True)

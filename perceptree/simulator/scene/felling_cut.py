@@ -20,10 +20,10 @@ Float = NDArray[np.floating[Any]]
 
 LOWEST_M, HIGHEST_M = 0.05, 0.50
 DIAMETER_ABOVE_CUT_M = 0.10
-_SWELLING = 0.08
-_CLEARANCE_M = 0.03
-_REACH_M = 0.15
-_STEP_M = 0.01
+_SWELLING = 0.08  # largest widening by the root collar, as a fraction of the radius
+_CLEARANCE_M = 0.03  # height of the cut above obstacles
+_REACH_M = 0.15  # distance from the bark within which obstacles count
+_STEP_M = 0.01  # step of the search
 
 
 def cut_height_m(stem: Stem, uphill_m: float, obstacles_m: Iterable[float] = ()) -> float:

@@ -14,10 +14,10 @@ from perceptree.simulator.settings import ObjectSettings
 
 Float = NDArray[np.floating[Any]]
 
-_RADIUS_M = 18.0
-_CAMERA_AREA_RADIUS_M = 7.0
+_RADIUS_M = 18.0  # objects are within this distance of the centre
+_CAMERA_AREA_RADIUS_M = 7.0  # large objects keep clear of this area
 _STEM_CLEARANCE_M = 0.4
-_LARGE_RADIUS_M = 1.0
+_LARGE_RADIUS_M = 1.0  # objects of at least this radius are large
 _ATTEMPTS = 20
 
 

@@ -14,8 +14,8 @@ from perceptree.simulator.vectors import unit
 
 Float = NDArray[np.floating[Any]]
 
-RADIUS_M = 21.0
-_TINT = (0.75, 1.15)
+RADIUS_M = 21.0  # undergrowth is within this distance of the centre
+_TINT = (0.75, 1.15)  # range of the brightness factor
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,11 @@ from perceptree.simulator.settings import PATTERNS, StandSettings
 
 Float = NDArray[np.floating[Any]]
 
-_BORDER_M = 1.0
-_OVERDRAW = 6
-_CLUSTER_M = 3.2
+_BORDER_M = 1.0  # border of the terrain without stems
+_OVERDRAW = 6  # candidates per requested stem
+_CLUSTER_M = 3.2  # two standard deviations of the stems about the centre of their cluster
 _CLUSTER_STEMS = 7
-_GRID_JITTER = 0.32
+_GRID_JITTER = 0.32  # standard deviation of stems in a regular stand, over their spacing
 
 
 def stem_positions(

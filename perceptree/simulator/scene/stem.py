@@ -22,11 +22,11 @@ BREAST_HEIGHT_M = 1.3
 LOWEST_FORK_M = 1.6
 HIGHEST_FORK_M = 6.0
 _GIRTH_POINTS = 192
-_TIP_SHARE = 0.02
-_SWELL_M = 0.9
-_SWELL = 0.12
-_FOOT_SWEEP_M = 1.1
-_FORK_BEND_M = 2.2
+_TIP_SHARE = 0.02  # radius at the tip as a fraction of that at the foot
+_SWELL_M = 0.9  # height over which the lower stem's widening decreases by a factor of e
+_SWELL = 0.12  # widening at the foot, as a fraction of the radius
+_FOOT_SWEEP_M = 1.1  # height over which the foot's curve decreases by a factor of e
+_FORK_BEND_M = 2.2  # height over which the second leader becomes parallel
 
 
 @dataclass(frozen=True)

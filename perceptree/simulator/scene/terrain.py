@@ -13,9 +13,9 @@ from perceptree.simulator.settings import GROUNDS, TerrainSettings
 
 Float = NDArray[np.floating[Any]]
 
-EXTENT_M = 42.0
-_LINES = 300
-_FINE_SHARE = 0.30
+EXTENT_M = 42.0  # half the side of the terrain
+_LINES = 300  # grid lines along each side
+_FINE_SHARE = 0.30  # linear part of the spacing: smaller is finer at the centre
 
 
 @dataclass(frozen=True)

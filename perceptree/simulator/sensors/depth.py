@@ -17,20 +17,20 @@ from perceptree.simulator.settings import DepthSettings
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-_EDGE_RATIO = 1.06
-_SEARCH_SHARE = 0.2
-_UNSEEN_PX = 0.75
-_JUMP_PX = 0.5
-_MATCH_SIGMA_PX = 1.2
-_CHANCE_SIGMA_PX = 2.0
-_PATCH_SIGMA_PX = 8.0
-_PATCH_SHARE = 0.03
+_EDGE_RATIO = 1.06  # depth ratio of neighbouring pixels at an edge
+_SEARCH_SHARE = 0.2  # largest disparity that is searched, over the image width
+_UNSEEN_PX = 0.75  # disparity tolerance for what the right camera can see
+_JUMP_PX = 0.5  # disparity difference of neighbouring pixels at an edge
+_MATCH_SIGMA_PX = 1.2  # correlation of the disparity noise, from the matching window
+_CHANCE_SIGMA_PX = 2.0  # correlation of the field that decides which readings fail
+_PATCH_SIGMA_PX = 8.0  # size of patches without texture or with other reflectance
+_PATCH_SHARE = 0.03  # largest fraction of patches without texture
 _LEAST_CONTRAST = np.float32(0.2)
-_SKY_M = 1000.0
+_SKY_M = 1000.0  # depth of the sky for the contrast in haze
 _TOF_NEAREST_M = 0.2
-_TOF_FLOOR_M = 0.0015
-_TOF_HEADROOM = 1.5
-_TOF_SIGMA_PX = 0.8
+_TOF_FLOOR_M = 0.0015  # smallest standard deviation
+_TOF_HEADROOM = 1.5  # strength of a medium return at the maximum range, over the limit
+_TOF_SIGMA_PX = 0.8  # correlation of the noise
 _TOF_STEP_M = 0.001
 _REFLECTANCE_LOG_STD = 0.3
 

@@ -16,8 +16,8 @@ Float = NDArray[np.floating[Any]]
 
 _NEAREST_M = 0.4
 _FARTHEST_M = 15.0
-_DROPS = 16000
-_FLAKES = 18000
+_DROPS = 16000  # number of drops in view at full strength
+_FLAKES = 18000  # number of flakes in view at full strength
 _EXPOSURE_S = 1 / 90
 _FLAKE_EXPOSURE_S = 1 / 250
 _RAIN_OPACITY = 0.65
@@ -25,7 +25,7 @@ _FLAKE_OPACITY = 0.95
 _WIND_M_PER_S = 2.5
 _APERTURE_M = 0.010
 _FOCUS_M = 5.0
-_LIGHT_PERCENTILE = 88.0
+_LIGHT_PERCENTILE = 88.0  # of the image's grey levels, for the colour of particles
 
 
 @dataclass(frozen=True)

@@ -15,13 +15,13 @@ from perceptree.simulator.settings import RgbSettings
 
 Float = NDArray[np.floating[Any]]
 
-_MIDDLE_GREY = 0.22
-_CORNER_LOSS = 0.25
-_DUSK_NOISE = 3.0
-_READ_NOISE = 0.01
+_MIDDLE_GREY = 0.22  # exposed light at middle grey
+_CORNER_LOSS = 0.25  # vignetting: fraction of light lost at the corners
+_DUSK_NOISE = 3.0  # factor of the noise at dusk
+_READ_NOISE = 0.01  # variance of the read noise, in units of light
 _GAMMA = 2.2
 _LUT_SIZE = 4096
-_LEAST_BLUR_PX = 0.2
+_LEAST_BLUR_PX = 0.2  # smaller blurs are skipped
 _NORMALS = np.array([NormalDist().inv_cdf((i + 0.5) / 256) for i in range(256)], np.float32)
 
 
