@@ -77,7 +77,7 @@ def test_presets_take_changes_and_refuse_what_is_none() -> None:
         ({"levels": (5, 6, 7)}, "expected level 5 or 6 as the last"),
         (
             {"anchor_sizes_px": ((40.0,),)},
-            r"expected 3 groups \(one per level\), with the same number",
+            r"expected 3 groups \(one per level\) with the same number",
         ),
         ({"anchor_sizes_px": ((40.0,), (80.0,), (90.0, 99.0))}, "with the same number of sizes"),
         ({"anchor_sizes_px": ((), (), ())}, "expected 3 groups"),
