@@ -19,12 +19,12 @@ Float = NDArray[np.floating[Any]]
 IMU_HZ = 200
 GRAVITY_M_PER_S2 = 9.81
 
-_WHEELBASE_S = 0.8
-_TRACK_M = 1.4
-_STOP_S = (1.0, 4.0)
-_SLEW_PERIOD_S = (6.0, 20.0)
-_SWAY_HZ = (0.4, 1.8)
-_MARGIN_S = 2.0
+_WHEELBASE_S = 0.8  # smoothing of the terrain by the machine's length
+_TRACK_M = 1.4  # half the width over which the machine's roll follows the terrain
+_STOP_S = (1.0, 4.0)  # range of the duration of a stop
+_SLEW_PERIOD_S = (6.0, 20.0)  # range of the period of the crane's slewing
+_SWAY_HZ = (0.4, 1.8)  # range of the frequency of pitch and roll
+_MARGIN_S = 2.0  # simulated before and after the drive, against effects of the smoothing
 
 
 @dataclass(frozen=True)

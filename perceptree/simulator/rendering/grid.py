@@ -17,7 +17,7 @@ from perceptree.simulator.rendering.view import View
 Float = NDArray[np.floating[Any]]
 
 SUPERSAMPLING = 2
-_BEYOND_FACE = 0.5
+_BEYOND_FACE = 0.5  # how far 1 / z is extrapolated beyond a face, in barycentric weights
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from numba import njit, prange
 
 from perceptree.simulator.materials.layers import FIRST_CUTOUT, FIRST_OBJECT, SIZE_PX
 
-BANDS = 8
+BANDS = 8  # bands of rows that are drawn in parallel
 NEAR_PLANE_M = np.float32(0.05)
 _FIRST_CUTOUT, _FIRST_OBJECT = int(FIRST_CUTOUT), int(FIRST_OBJECT)
 _SIZE = SIZE_PX

@@ -32,8 +32,8 @@ _SHADOW_PX = 2048
 _SHADOW_RADIUS_M = 30.0
 _SHADOW_DEPTH_M = 120.0
 _SHADOW_BIAS_M = 0.05
-_LEAST_SUN = 0.03
-_BACKDROPS = 997
+_LEAST_SUN = 0.03  # weaker suns cast no shadow
+_BACKDROPS = 997  # number of different backdrops
 
 
 @dataclass(frozen=True)

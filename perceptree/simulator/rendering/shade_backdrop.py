@@ -10,10 +10,10 @@ from perceptree.simulator.rendering.kernel_math import cloud, hashed, luminance,
 _f32 = np.float32
 _ROWS = 6
 _NEAREST_M, _FARTHEST_M = _f32(43), _f32(115)
-_SPACING_M = _f32(1.6)
-_SPARSE_M = _f32(5)
-_AIR_LIGHT_PER_M = _f32(0.0025)
-_TRUNK_M = _f32(17)
+_SPACING_M = _f32(1.6)  # distance of trunks in a row of a dense forest
+_SPARSE_M = _f32(5)  # what a sparse forest adds to it
+_AIR_LIGHT_PER_M = _f32(0.0025)  # extinction in addition to the scene's
+_TRUNK_M = _f32(17)  # height of trunks
 
 
 @njit(cache=True, error_model="numpy")

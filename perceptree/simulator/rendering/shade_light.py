@@ -12,6 +12,7 @@ from numba import njit
 from perceptree.simulator.rendering.kernel_math import cloud, luminance, ramp, value_noise
 
 _f32 = np.float32
+# Sampling pattern of the ambient occlusion, over its radius; the first _TAPS points are used.
 _TAPS_X = np.array([0.3, -0.55, 0.1, 0.85, -0.9, 0.2], np.float32)
 _TAPS_Y = np.array([0.1, 0.45, -0.75, 0.5, -0.4, 0.95], np.float32)
 _TAPS = 5

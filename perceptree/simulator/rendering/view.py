@@ -17,7 +17,7 @@ from perceptree.simulator.settings import CameraSettings, PoseSettings
 
 Float = NDArray[np.floating[Any]]
 
-VIEW_RADIUS_M = 6.0
+VIEW_RADIUS_M = 6.0  # cameras are within this distance of the scene's centre
 _STEM_CLEARANCE_M = 0.8
 _ATTEMPTS = 60
 _BORDER_POINTS = 33
