@@ -1,14 +1,15 @@
-"""What augmenting a frame costs, torchvision's v2 transforms beside it.
+"""Time of augmenting a frame, compared with torchvision's v2 transforms.
 
 python benchmarks/augment.py --result benchmarks/results/augment.json
 
-Outcome: labels included, v2 takes as long for mirroring alone and from 1.5 to 30 times as long for
-everything else; ours mirrors on the way, so that training uses none of it.
+Result: for image and labels, v2 takes as long for mirroring and 1.5 to 30 times as long for all
+other changes. Mirroring costs nothing here, as it is part of another step. Training does not use
+v2.
 
-One thread; a 640x384 frame with four trees, their boxes, keypoints and masks. Each figure is the
-mean over draws of the least processor time in several rounds: the machine may do other things as
-well, and ours and v2 take turns. v2 leaves out what it has no word for: flags of keypoints, left
-and right changing places, trees cut away.
+One thread; a 640x384 frame with four trees and their boxes, keypoints and masks. Each value is the
+mean over random draws of the minimum CPU time of several rounds, in which both implementations
+alternate, so that other load on the machine matters little. v2 does not support keypoint flags,
+swapping left and right keypoints, or removing trees outside the frame.
 """
 
 from __future__ import annotations
@@ -89,14 +90,14 @@ STRONG = replace(
 
 @dataclass(frozen=True)
 class Pair:
-    """The same change of colour frames by us and by v2."""
+    """The same change of colour frames by this project and by v2."""
 
     ours: AugmentSettings
     theirs: v2.Transform
 
 
 def pairs() -> dict[str, Pair]:
-    """By name; the last is all that both can, one after the other."""
+    """The compared changes by name; the last one combines all changes that both support."""
     move = v2.RandomAffine(0, translate=(0.2, 0.2), scale=(0.8, 1.4))
     turn = v2.RandomAffine(5, translate=(0.2, 0.2), scale=(0.8, 1.4))
     bend = v2.RandomPerspective(0.24, p=1)
@@ -125,7 +126,7 @@ def pairs() -> dict[str, Pair]:
 
 
 def frame(modality: str) -> Sample:
-    """Even noise with four posts."""
+    """A frame of uniform noise with four posts as trees."""
     rng = np.random.default_rng(0)
     image = cv2.GaussianBlur(
         rng.integers(0, 256, (HEIGHT_PX, WIDTH_PX, 3), dtype=np.uint8), (9, 9), 3
@@ -141,7 +142,7 @@ def frame(modality: str) -> Sample:
 
 
 def for_v2(sample: Sample) -> dict[str, torch.Tensor]:
-    """The same frame as v2 takes it."""
+    """Convert a frame to v2's data types."""
     assert sample.masks is not None
     size = (HEIGHT_PX, WIDTH_PX)
     return {
@@ -157,7 +158,7 @@ def for_v2(sample: Sample) -> dict[str, torch.Tensor]:
 
 
 def processor_ms(calls: list[Callable[[int], object]], draws: int) -> list[float]:
-    """Milliseconds of each call, which take turns; each is given the number of the draw."""
+    """CPU time of each call, ms. The calls alternate, and get the number of the draw."""
     fastest = np.full((len(calls), draws), np.inf)
     for _ in range(ROUNDS):
         for draw in range(draws):
@@ -169,13 +170,13 @@ def processor_ms(calls: list[Callable[[int], object]], draws: int) -> list[float
 
 
 def ours(modality: Any, settings: AugmentSettings) -> Callable[[int], Sample]:
-    """A call of our augmentation."""
+    """Make a call of this project's augmentation."""
     sample, spec = frame(modality), make_spec("edge-n", modality, HEIGHT_PX, WIDTH_PX)
     return lambda draw: augment(np.random.default_rng(draw), sample, spec, settings, lambda: sample)
 
 
 def compare(pair: Pair, draws: int) -> dict[str, float]:
-    """Ours and v2's milliseconds of one change."""
+    """Measure one change by both implementations, ms."""
     inputs = for_v2(frame("rgb"))
 
     def theirs(draw: int) -> object:
@@ -187,7 +188,7 @@ def compare(pair: Pair, draws: int) -> dict[str, float]:
 
 
 def recipes(draws: int) -> dict[str, float]:
-    """Milliseconds of whole sets of settings."""
+    """Measure complete augmentation settings, ms."""
     pasting = replace(AugmentSettings(), copy_paste_share=1)
     chosen = {
         "depth, default": ours("depth", AugmentSettings()),
@@ -202,7 +203,7 @@ def recipes(draws: int) -> dict[str, float]:
 
 
 def main() -> None:
-    """Print the figures as JSON, and write them where asked."""
+    """Print the results as JSON, and optionally write them to a file."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--draws", type=int, default=40)
     parser.add_argument("--result", type=Path)

@@ -1,16 +1,14 @@
-"""The detectors' front: size, cost, speed and accuracy of each preset after one short training.
+"""Size, cost, speed and accuracy of each model preset after a short training.
 
 python benchmarks/detectors.py DATA --test TEST --runs RUNS --result FILE.json
 
-DATA is a dataset of ``perceptree synth``; every preset is trained on it from random weights with
-the same steps, into RUNS/NAME, where a checkpoint that is already there is taken as it is. Depth
-is learned in a fraction of colour's steps, so that a short training shows what a network can do.
-TEST is another dataset, say of ``--preset test``, whose test split gives the accuracy. Each
-network is translated to ONNX at its preset's own input size, float32 and INT8, and timed from the
-prepared frame to the arrays; the files take turns, so that the ratios hold on a machine that does
-other things as well.
-The paper's presets are timed and counted with random weights, but not trained: that takes days
-on a CPU.
+DATA is a dataset of ``perceptree synth``. Every light preset is trained on it from random weights
+with the same number of steps, into RUNS/NAME; an existing checkpoint is reused. By default depth
+models are trained, as they need fewer steps than colour models. The test split of TEST, another
+dataset such as one of ``--preset test``, gives the accuracy. Each network is exported to ONNX at
+its preset's input size, in float32 and INT8, and timed from the prepared frame to the output
+arrays. The files alternate, so that ratios are valid on a machine with other load.
+The paper's presets are timed with random weights and not trained, which would take days on a CPU.
 """
 
 from __future__ import annotations
@@ -45,7 +43,7 @@ PAPER_SIDE_PX = 800
 
 
 def checkpoint_of(preset: str, size: tuple[int, int], arguments: argparse.Namespace) -> Path:
-    """The preset's checkpoint, trained if there is none yet."""
+    """The preset's checkpoint; trained if it does not exist."""
     folder = arguments.runs / preset
     best = folder / "best.safetensors"
     if not best.exists():
@@ -63,14 +61,14 @@ def accuracy(model: TreeRCNN, test: Path) -> dict[str, Any]:
 
 
 def at_size(model: TreeRCNN, height: int, width: int) -> TreeRCNN:
-    """The same network for frames of another size."""
+    """Make the same network for another input size."""
     resized = TreeRCNN(replace(model.spec, height=height, width=width))
     resized.load_state_dict(model.state_dict())
     return resized.eval()
 
 
 def cost(model: TreeRCNN) -> dict[str, Any]:
-    """Parameters, and multiply-adds at the timed input and at 800x800, in G."""
+    """Number of parameters, and multiply-adds (10^9) at the timed input size and at 800x800."""
     square = at_size(model, PAPER_SIDE_PX, PAPER_SIDE_PX)
     return {
         "backbone": model.spec.backbone,
@@ -84,7 +82,7 @@ def cost(model: TreeRCNN) -> dict[str, Any]:
 def sessions(
     model: TreeRCNN, frames: NDArray[np.uint8]
 ) -> Iterator[tuple[str, onnxruntime.InferenceSession]]:
-    """The model's graph in both precisions, on two threads."""
+    """ONNX Runtime sessions of the model in both precisions, with two threads."""
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 2
     options.log_severity_level = 3
@@ -98,7 +96,7 @@ def times_ms(
     files: dict[tuple[str, str], tuple[onnxruntime.InferenceSession, NDArray[np.uint8]]],
     rounds: int,
 ) -> dict[tuple[str, str], float]:
-    """The median of each file, all of them run once per round."""
+    """Median time of each file, ms. Every file runs once per round."""
     taken: dict[tuple[str, str], list[float]] = {key: [] for key in files}
     for turn in range(rounds + 1):
         for key, (session, frames) in files.items():
@@ -111,14 +109,16 @@ def times_ms(
 
 
 def main() -> None:
-    """Print the figures as JSON, and write them where asked."""
+    """Print the results as JSON, and optionally write them to a file."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("data", type=Path)
     parser.add_argument("--test", type=Path, required=True)
     parser.add_argument("--runs", type=Path, required=True)
     parser.add_argument("--presets", default=",".join((*EDGE_PRESETS, *PAPER_PRESETS)))
-    parser.add_argument("--modality", default="depth", help="of the light ones: rgb or depth")
-    parser.add_argument("--size", default="192x320", help="height x width to train at, px")
+    parser.add_argument(
+        "--modality", default="depth", help="input of the light models: rgb or depth"
+    )
+    parser.add_argument("--size", default="192x320", help="training input, height x width in px")
     parser.add_argument("--steps", type=int, default=250)
     parser.add_argument("--rounds", type=int, default=15)
     parser.add_argument("--result", type=Path)

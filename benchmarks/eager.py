@@ -1,10 +1,11 @@
-"""Eager CPU inference of the paper's networks beside torchvision's, and where the time goes.
+"""Eager CPU inference of the paper's networks compared with torchvision, with a time profile.
 
 python benchmarks/eager.py --result benchmarks/results/eager.json
 
-All networks have random weights, see one 1280x720 frame, take 1,000 proposals and answer with 20
-detections, masks and keypoints. torchvision's runs in turn with each of ours, so that the ratio
-holds on a machine that does other things as well. Peak memory is that of a process of its own.
+All networks have random weights and process one 1280x720 frame with 1,000 proposals and 20
+detections with masks and keypoints. torchvision's network alternates with each of this project's,
+so that the ratio is valid on a machine with other load. Peak memory is measured in a separate
+process.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ KEYPOINTS, DETECTIONS = 5, 20
 
 
 def torchvision_network() -> torch.nn.Module:
-    """Mask and keypoint R-CNN on R50-FPN, as torchvision builds it."""
+    """torchvision's Mask and Keypoint R-CNN with an R50-FPN backbone."""
     network = keypointrcnn_resnet50_fpn(
         weights=None,
         weights_backbone=None,
@@ -52,14 +53,14 @@ def torchvision_network() -> torch.nn.Module:
 
 
 def seconds(call: Callable[[], object]) -> float:
-    """How long one call takes."""
+    """Time of one call, s."""
     start = time.perf_counter()
     call()
     return time.perf_counter() - start
 
 
 class Watch:
-    """Adds up the time that a function or method takes while it stands in for it."""
+    """Replaces a function or method by one that also sums the time of its calls."""
 
     def __init__(self, owner: type, name: str) -> None:
         self.total_s = 0.0
@@ -76,7 +77,7 @@ class Watch:
 
 
 def compare(preset: str, frame: np.ndarray, rounds: int) -> dict[str, float]:
-    """One of our networks in turn with torchvision's."""
+    """Measure one of this project's networks alternately with torchvision's."""
     torch.manual_seed(0)
     ours = TreeRCNN(make_spec(preset, "rgb", HEIGHT_PX, WIDTH_PX)).eval()
     theirs = torchvision_network()
@@ -119,7 +120,7 @@ def _detect_once(preset: str) -> float:
 
 
 def main() -> None:
-    """Print the figures as JSON, and write them where asked."""
+    """Print the results as JSON, and optionally write them to a file."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--presets", default=",".join(PAPER_PRESETS))
     parser.add_argument("--rounds", type=int, default=5)

@@ -1,18 +1,18 @@
-"""Exported networks beside torchvision's own export, and the light one through the runtime.
+"""Exported networks compared with torchvision's export, and the light models in the runtime.
 
 python benchmarks/export.py --checkpoint R50.safetensors --test DATASET --data DATASET \
     --result benchmarks/results/export.json
 
-torchvision's Mask and keypoint R-CNN on R50-FPN, translated by its own exporter, takes turns with
-our R50 in float32 and INT8, with R50's trunk alone (backbone and pyramid, float32) and with
-`TreeDetector.detect` on the light models. All see one sample frame; the R50s at 800x800, with 20
-rows that are all computed, and from the input array to the arrays that the graph gives. What
-torchvision's gives includes masks of the frame's size, which ours leaves to whoever wants them.
+torchvision's Mask and Keypoint R-CNN with R50-FPN, exported by its own exporter, alternates with
+this project's R50 in float32 and INT8, with only the R50's backbone and pyramid in float32, and
+with `TreeDetector.detect` for the light models. All process one sample frame. The R50 models run
+at 800x800 with 20 computed detections, timed from the input array to the output arrays.
+torchvision's output includes masks of the frame's size; this project's does not.
 
-Without a checkpoint, our R50 is untrained but answers as lively as a trained one. With --test, its
-files are held against each other in average precision too. Ratios are medians over rounds of times
-taken in the same round, so that they hold on a machine that does other things as well. Files in
---models are taken as they are; remove them after a change of the export.
+Without a checkpoint the R50 has random weights that give as many detections as trained ones. With
+--test, the average precision of its files is compared too. Ratios are medians of ratios within a
+round, so that they are valid on a machine with other load. Existing files in --models are reused;
+remove them after a change of the export.
 """
 
 from __future__ import annotations
@@ -48,14 +48,14 @@ from perceptree.errors import PerceptreeError
 from perceptree.evaluation import RawDetections, evaluate
 from perceptree.models import TreeRCNN
 
-OURS = ("float32", "int8")  # that names of our files at 800x800 start with
+OURS = ("float32", "int8")  # prefixes of the names of this project's files at 800x800
 LOADS, EDGE_CALLS = 3, 10
-SETTLE_S = 0.2  # idle threads that spin have gone to sleep by then
+SETTLE_S = 0.2  # idle spinning threads sleep after this time
 TARGETS = {
     "torchvision_to_float32": 1.2,
     "torchvision_to_int8": 4.0,
     "edge_to_trunk": 0.07,
-    "edge_fps": 36.0,  # this or the one above
+    "edge_fps": 36.0,  # reached if this one or the one above is
     "box_ap_loss": 0.5,
 }
 
@@ -64,7 +64,7 @@ Times = dict[str, list[list[float]]]
 
 @dataclass(frozen=True)
 class Contestant:
-    """A file that is open, what is timed, how often in a row, and what to say of it."""
+    """A loaded file, the call to time, its repeats in a row, and facts for the report."""
 
     path: Path
     load_ms: float
@@ -75,7 +75,7 @@ class Contestant:
 
 
 def inputs_at_side(model: TreeRCNN) -> dict[str, NDArray[Any]]:
-    """The first sample frame, letterboxed, as each kind of file takes it."""
+    """The first sample frame, letterboxed, in the form that each kind of file takes."""
     rules = InputRules.of(model.spec)
     ours = sample_inputs(rules)[:1]
     colour = InputRules("rgb", SIDE_PX, SIDE_PX, rules.pad_value, None)
@@ -88,7 +88,7 @@ def inputs_at_side(model: TreeRCNN) -> dict[str, NDArray[Any]]:
 
 
 def loaded(load: Callable[[], Any]) -> tuple[Any, float]:
-    """What is loaded, and the median time of loading it, ms."""
+    """The loaded object, and the median time to load it, ms."""
     times = []
     for _ in range(LOADS):
         start = time.perf_counter()
@@ -98,7 +98,7 @@ def loaded(load: Callable[[], Any]) -> tuple[Any, float]:
 
 
 def networks(files: dict[str, Path], inputs: dict[str, NDArray[Any]]) -> dict[str, Contestant]:
-    """The files at 800x800, spinning, each with its frame."""
+    """The files at 800x800 with spinning threads, each with its frame."""
     settings = SessionSettings(spinning=True)
     found = {}
     for name, path in files.items():
@@ -109,7 +109,7 @@ def networks(files: dict[str, Path], inputs: dict[str, NDArray[Any]]) -> dict[st
 
 
 def edge_models(paths: list[Path]) -> dict[str, Contestant]:
-    """The light models through the runtime, with its default settings and spinning."""
+    """The light models in the runtime, with its default settings and with spinning threads."""
     frame = sample_frames()[0]
     images = {"rgb": frame.image(), "depth": frame.depth_m()}
     found = {}
@@ -131,7 +131,7 @@ def edge_models(paths: list[Path]) -> dict[str, Contestant]:
 
 
 def take_turns(contestants: dict[str, Contestant], rounds: int) -> Times:
-    """Times in ms by contestant and round; the first round and the first call of many warm up."""
+    """Times by contestant and round, ms, without the warm-up calls."""
     times: Times = {name: [] for name in contestants}
     for turn in range(rounds + 1):
         note(f"round {turn} of {rounds}")
@@ -148,7 +148,7 @@ def take_turns(contestants: dict[str, Contestant], rounds: int) -> Times:
 
 
 def ratio(times: Times, above: str, below: str) -> float:
-    """The median over the rounds of one's time through the other's."""
+    """Median over the rounds of the ratio of two contestants' times."""
     pairs = zip(times[above], times[below], strict=True)
     return round(
         statistics.median(statistics.median(a) / statistics.median(b) for a, b in pairs), 4
@@ -156,7 +156,7 @@ def ratio(times: Times, above: str, below: str) -> float:
 
 
 def row(contestant: Contestant, times: list[list[float]]) -> dict[str, Any]:
-    """What one file is and takes."""
+    """Facts and times of one file."""
     every = [taken for of_round in times for taken in of_round]
     return {
         **contestant.about,
@@ -186,7 +186,7 @@ def accuracy(session: OrtSession, store: FrameStore) -> dict[str, float | None]:
 
 
 def accuracies(contestants: dict[str, Contestant], test: Path, model: TreeRCNN, most: int) -> Any:
-    """Average precision of each of our files, and what it loses to float32 with all proposals."""
+    """Average precision of each file, and its loss against float32 with all proposals."""
     store = FrameStore(spread(read_split(test, "test"), most), model.spec)
     found: dict[str, Any] = {"frames": len(store), "trees": store.trees}
     for name, contestant in contestants.items():
@@ -203,7 +203,7 @@ def accuracies(contestants: dict[str, Contestant], test: Path, model: TreeRCNN, 
 
 
 def missed(ratios: dict[str, float], edge: dict[str, Any], precision: dict[str, Any]) -> list[str]:
-    """The targets that were not reached; the light models' with the runtime's default settings."""
+    """The missed targets; for the light models, with the runtime's default settings."""
     found = [name for name in ratios if ratios[name] < TARGETS[name]]
     found += [
         f"{name} edge_to_trunk and edge_fps"
@@ -221,7 +221,7 @@ def missed(ratios: dict[str, float], edge: dict[str, Any], precision: dict[str, 
 
 
 def measure(arguments: argparse.Namespace, folder: Path) -> dict[str, Any]:
-    """All figures."""
+    """Run all measurements."""
     model, trained_on, weights = our_model(arguments.checkpoint)
     data = arguments.data or arguments.test
     shown = calibration_frames(model, data, arguments.calibration)
@@ -258,15 +258,17 @@ def measure(arguments: argparse.Namespace, folder: Path) -> dict[str, Any]:
 
 
 def parse(parser: argparse.ArgumentParser) -> argparse.Namespace:
-    """The command line, checked."""
-    parser.add_argument("--checkpoint", type=Path, help="of an R50; untrained without")
-    parser.add_argument("--edge", type=Path, nargs="+", help="light models; the package's without")
-    parser.add_argument("--test", type=Path, help="dataset whose test split gives the precision")
-    parser.add_argument("--frames", type=int, default=100, help="of the test split, at most")
-    parser.add_argument("--data", type=Path, help="dataset to calibrate on; that of --test without")
-    parser.add_argument("--calibration", type=int, default=64, help="frames to calibrate on")
-    parser.add_argument("--proposals", type=int, default=300, help="of the lighter exports")
-    parser.add_argument("--models", type=Path, help="folder to keep the files in")
+    """Parse and check the command line."""
+    parser.add_argument("--checkpoint", type=Path, help="R50 checkpoint; default: untrained")
+    parser.add_argument("--edge", type=Path, nargs="+", help="light models; default: the package's")
+    parser.add_argument("--test", type=Path, help="dataset for the average precision")
+    parser.add_argument("--frames", type=int, default=100, help="maximum number of test frames")
+    parser.add_argument("--data", type=Path, help="calibration data; default: --test's")
+    parser.add_argument("--calibration", type=int, default=64, help="number of calibration frames")
+    parser.add_argument(
+        "--proposals", type=int, default=300, help="proposals of the faster exports"
+    )
+    parser.add_argument("--models", type=Path, help="folder to keep the exported files in")
     parser.add_argument("--rounds", type=int, default=15)
     parser.add_argument("--result", type=Path)
     arguments = parser.parse_args()
@@ -286,7 +288,7 @@ def parse(parser: argparse.ArgumentParser) -> argparse.Namespace:
 
 
 def main() -> None:
-    """Print the figures as JSON, and write them where asked."""
+    """Print the results as JSON, and optionally write them to a file."""
     parser = argparse.ArgumentParser(description=__doc__)
     arguments = parse(parser)
     kept = arguments.models

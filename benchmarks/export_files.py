@@ -1,4 +1,7 @@
-"""The files that `export.py` times: torchvision's network, our R50, and R50's trunk."""
+"""Make the files that `export.py` times: torchvision's network, this project's R50 and its trunk.
+
+The trunk is backbone and pyramid.
+"""
 
 from __future__ import annotations
 
@@ -27,12 +30,12 @@ SIDE_PX, ROWS, ALL_PROPOSALS = 800, 20, 1000
 
 
 def note(text: str) -> None:
-    """Say on the terminal what is being done."""
+    """Print a progress message to the terminal."""
     sys.stderr.write(text + "\n")
 
 
 def reuse_or_make(path: Path, make: Callable[[Path], object]) -> Path:
-    """The file, made if it is not there yet."""
+    """Return the file, and make it if it does not exist."""
     if not path.is_file():
         note(f"making {path.name}")
         with replacing(path) as beside, quiet():
@@ -41,7 +44,7 @@ def reuse_or_make(path: Path, make: Callable[[Path], object]) -> Path:
 
 
 def make_torchvision(path: Path) -> None:
-    """torchvision's network by torchvision's exporter, for one float RGB frame."""
+    """Export torchvision's network by torchvision's exporter, for one float RGB frame."""
     torch.manual_seed(0)
     network = torchvision_network()
     network.transform.min_size, network.transform.max_size = (SIDE_PX,), SIDE_PX
@@ -52,7 +55,7 @@ def make_torchvision(path: Path) -> None:
 
 
 def make_trunk(model: TreeRCNN, path: Path) -> None:
-    """The backbone and the pyramid alone, for a normalised float frame."""
+    """Export only backbone and pyramid, for a normalised float frame."""
 
     class Trunk(torch.nn.Module):
         def __init__(self) -> None:
@@ -71,7 +74,7 @@ def make_trunk(model: TreeRCNN, path: Path) -> None:
 
 
 def our_model(checkpoint: Path | None) -> tuple[TreeRCNN, str, str]:
-    """The R50 with all proposals, the data that it was trained on, and a name of its weights."""
+    """The R50 with all proposals, the name of its training data, and a name of its weights."""
     settings = ExportSettings(SIDE_PX, SIDE_PX, max_detections=ROWS, proposals=ALL_PROPOSALS)
     if checkpoint is None:
         return untrained_model("r50", "rgb", settings), UNTRAINED, f"r50-{UNTRAINED}"
@@ -81,7 +84,7 @@ def our_model(checkpoint: Path | None) -> tuple[TreeRCNN, str, str]:
 
 
 def calibration_frames(model: TreeRCNN, data: Path | None, most: int) -> NDArray[np.uint8]:
-    """Frames of the train split, evenly spread; the package's samples without a dataset."""
+    """Evenly spaced frames of the train split; without a dataset, the package's samples."""
     if data is None:
         return sample_inputs(InputRules.of(model.spec))[:most]
     store = FrameStore(spread(read_split(data, "train"), most), model.spec)
@@ -89,7 +92,7 @@ def calibration_frames(model: TreeRCNN, data: Path | None, most: int) -> NDArray
 
 
 def spread(items: Sequence[Any], most: int) -> list[Any]:
-    """At most so many of the items, evenly spread."""
+    """At most ``count`` of the items, evenly spaced."""
     count = min(most, len(items))
     return [items[index * len(items) // count] for index in range(count)]
 
@@ -97,7 +100,7 @@ def spread(items: Sequence[Any], most: int) -> list[Any]:
 def build(
     model: TreeRCNN, weights: str, shown: NDArray[np.uint8], proposals: int, folder: Path
 ) -> dict[str, Path]:
-    """All files at 800x800 by name."""
+    """Make all files at 800x800; returns them by name."""
     fewer = with_settings(model, ExportSettings(proposals=proposals))
 
     def traced(network: TreeRCNN) -> Callable[[Path], object]:

@@ -1,14 +1,14 @@
-"""What the preset ``field`` and its groups bring a light RGB network, beside the preset ``paper``.
+"""Effect of the preset ``field`` and its groups on a light RGB network, against ``paper``.
 
 python benchmarks/field.py WORK --tests TEST,FIELD_TEST --pictures PICTURES/instances.json \
     --mixes paper-0,field-0,paper-1,field-1,none,scene,camera,objects,colours --result FILE.json
 
-``paper-N`` and ``field-N`` train for ``--minutes`` with seed N; a group of ``FIELD_GROUPS`` is
-added to ``paper`` alone and trains for half of that, to look at rather than to decide by, beside
-``none``, which is ``paper`` for as long. Every network starts from the same weights (``--start``,
-random without) and is scored on the test split of each of TESTS and, as a float32 file, on the
-real pictures. WORK keeps the data sets (640x360 px, four views a scene), runs and scores: what is
-there is taken as it is, so that mixes may be run in several processes of one thread each
+``paper-N`` and ``field-N`` train for ``--minutes`` with seed N. Each group of ``FIELD_GROUPS`` is
+added to ``paper`` alone and trained for half the time, as is ``none``, which is ``paper``; these
+short runs give hints, not decisions. Every network starts from the same weights (``--start``, by
+default random). It is evaluated on the test split of each of TESTS and, as a float32 file, on the
+real pictures. WORK keeps datasets (640x360 px, four views per scene), runs and scores. Existing
+ones are reused, so that mixes can run in several single-threaded processes
 (``OMP_NUM_THREADS=1``).
 """
 
@@ -40,7 +40,7 @@ MEASURES = ("box_ap", "mask_ap", "keypoint_ap", "diameter_error_px", "recall", "
 
 
 def settings_of(mix: str) -> SimulatorSettings:
-    """The paper's mix, the field's, or the paper's with one group."""
+    """Settings of the paper, of the field, or of the paper with one group."""
     paper = PRESETS["paper"].settings
     groups = [mix] if mix in FIELD_GROUPS else []
     chosen = PRESETS["field"].settings if mix == "field" else with_groups(paper, groups)
@@ -51,7 +51,7 @@ def settings_of(mix: str) -> SimulatorSettings:
 
 
 def run(name: str, arguments: argparse.Namespace) -> dict[str, Any]:
-    """Simulate, train and score one mix, or read what a run before this one found."""
+    """Simulate, train and evaluate one mix, or read the scores of an earlier run."""
     mix, _, seed = name.partition("-")
     whole = mix in ("paper", "field")
     data = arguments.work / "data" / ("paper" if mix == NONE else mix)
@@ -87,7 +87,7 @@ def run(name: str, arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def real(checkpoint: Path, data: Path, folder: Path, pictures: Path) -> dict[str, Any]:
-    """Scores of the float32 file on the annotated pictures, which are drawn beside it."""
+    """Evaluate the float32 file on the annotated pictures, and draw the detections."""
     file = folder / "model.onnx"
     subprocess.run(
         ["edgetree", "export", str(checkpoint), "--data", str(data), "--out", str(file)], check=True
@@ -111,17 +111,17 @@ def real(checkpoint: Path, data: Path, folder: Path, pictures: Path) -> dict[str
 
 
 def main() -> None:
-    """Run what is missing, and write the table if asked."""
+    """Run the missing mixes, and optionally write the table."""
     assert __doc__
     parser = argparse.ArgumentParser(description=__doc__.partition("\n\n")[0])
     parser.add_argument("work", type=Path)
-    parser.add_argument("--tests", required=True, help="folders of test sets, by commas")
+    parser.add_argument("--tests", required=True, help="folders of test sets, separated by commas")
     parser.add_argument("--pictures", type=Path, required=True)
     parser.add_argument("--mixes", required=True)
     parser.add_argument("--frames", type=int, default=1200)
     parser.add_argument("--minutes", type=float, default=30)
     parser.add_argument("--workers", type=int)
-    parser.add_argument("--start", type=Path, help="the common checkpoint")
+    parser.add_argument("--start", type=Path, help="common starting checkpoint; default: random")
     parser.add_argument("--result", type=Path)
     arguments = parser.parse_args()
     for name in arguments.mixes.split(","):

@@ -1,10 +1,10 @@
-"""Make a frozen test set, and write what it must be beside the code.
+"""Make a frozen test set, and write its expected values into the package.
 
 python benchmarks/freeze_test_set.py PRESET --out test_set
 
-The folder holds the dataset afterwards; a run that was stopped goes on. Run it only after a
-change that is meant to change the set: figures measured before cannot be compared with
-figures measured after.
+The dataset is kept in the folder, and an interrupted run can be resumed. Run this only after a
+change that is meant to change the test set: accuracies measured before and after cannot be
+compared.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from perceptree.simulator.settings import presets
 
 
 def main() -> None:
-    """Generate or resume, then freeze."""
+    """Generate or resume the dataset, then write its expected values."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("preset", choices=FROZEN_PRESETS)
     parser.add_argument("--out", type=Path, required=True, help="folder of the dataset")

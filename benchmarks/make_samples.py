@@ -1,4 +1,4 @@
-"""Pick frames of a simulated dataset's test split as the sample frames of the package.
+"""Choose sample frames for the package from a simulated dataset's test split.
 
 perceptree synth --preset test --out forest
 python benchmarks/make_samples.py forest edgetree/assets/samples
@@ -24,7 +24,7 @@ TREE_FIELDS = (
 
 
 def sample_tree(tree: dict[str, Any]) -> dict[str, Any]:
-    """One annotation as a sample's truth, keypoints and box corner-based."""
+    """Convert an annotation to a sample's ground truth, with corner-based keypoints and box."""
     x, y, width, height = tree["bbox"]
     points = [tree["keypoints"][start : start + 3] for start in range(0, 15, 3)]
     return {
@@ -35,7 +35,7 @@ def sample_tree(tree: dict[str, Any]) -> dict[str, Any]:
 
 
 def choose(dataset: dict[str, Any]) -> list[tuple[dict[str, Any], list[dict[str, Any]]]]:
-    """Frames with three to seven trees, one per scene, in the dataset's order."""
+    """Choose frames with three to seven trees, one per scene, in the dataset's order."""
     chosen: dict[int, tuple[dict[str, Any], list[dict[str, Any]]]] = {}
     for image in dataset["images"]:
         trees = [tree for tree in dataset["annotations"] if tree["image_id"] == image["id"]]
@@ -45,7 +45,7 @@ def choose(dataset: dict[str, Any]) -> list[tuple[dict[str, Any], list[dict[str,
 
 
 def main() -> None:
-    """Write the samples' pictures, depth and truth."""
+    """Write the samples' images, depth and ground truth."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("dataset", type=Path)
     parser.add_argument("out", type=Path)

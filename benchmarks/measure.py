@@ -1,12 +1,12 @@
-"""How true the metres are: every labelled tree of simulated frames, measured and compared.
+"""Accuracy of metric measurements on every labelled tree of simulated frames.
 
 perceptree synth --out forest --frames 1600 --seed 600
 python benchmarks/measure.py forest --result benchmarks/results/measure_labels.json
 python benchmarks/measure.py forest --model FILE --result benchmarks/results/measure_model.json
 
-Without `--model` the keypoints and masks are the labels', and only the depth is noisy; with it
-they are what the network finds. A tree counts as measured if its diameter is. The rows behind the
-tables (one JSON object per labelled tree) are kept where `--rows` says.
+Without `--model`, keypoints and masks are the labels' and only the depth is noisy; with it they are
+the network's. A tree counts as measured if its diameter is. `--rows` keeps the values behind the
+tables, one JSON object per labelled tree.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from edgetree.demo.matching import match_boxes
 from edgetree.frames.sources import read_image
 from edgetree.measure import Failure, MeasureSettings, TreeMeasurement, measure_trees
 
-# Of keypoints and masks that are exact to the pixel.
+# Uncertainty of keypoints and masks that are exact to the pixel.
 LABELS = MeasureSettings(
     keypoint_std_px=0.3,
     keypoint_spread=1e-6,
@@ -42,7 +42,7 @@ LABELS = MeasureSettings(
 
 
 def frames(data: Path, count: int | None) -> Iterator[tuple[dict[str, Any], list[dict[str, Any]]]]:
-    """Images with their trees, of all splits."""
+    """Images with their annotations, of all splits."""
     done = 0
     for path in sorted(data.glob("*_RGB.json")):
         coco = json.loads(path.read_text(encoding="utf-8"))
@@ -56,7 +56,7 @@ def frames(data: Path, count: int | None) -> Iterator[tuple[dict[str, Any], list
 
 
 def labelled(image: dict[str, Any], trees: list[dict[str, Any]]) -> TreeDetections:
-    """The labels as detections, corner-based."""
+    """Convert labels to detections, corner-based."""
     keypoints = np.array([tree["keypoints"] for tree in trees], np.float32).reshape(-1, 5, 3)
     given = keypoints[..., 2:] > 0
     keypoints = np.where(given, keypoints + np.array([0.5, 0.5, 0]), 0)
@@ -71,7 +71,7 @@ def labelled(image: dict[str, Any], trees: list[dict[str, Any]]) -> TreeDetectio
 def measured(
     data: Path, image: dict[str, Any], trees: list[dict[str, Any]], detector: TreeDetector | None
 ) -> list[tuple[TreeMeasurement | None, float | None]]:
-    """What comes of each labelled tree, None where it was not found; and its naive diameter."""
+    """Measurement of each labelled tree (None if it was not detected), and naive diameters."""
     depth_m = read_depth(data / image["depth_file"])
     camera = PinholeCamera.from_dict(image["camera"])
     up = image["up_camera"]
@@ -92,7 +92,7 @@ def measured(
 def naive_diameter_m(
     keypoints: list[float], depth_m: np.ndarray, camera: PinholeCamera
 ) -> float | None:
-    """Depth times width over focal length, as is often done, at labelled diameter keypoints."""
+    """The simple estimate: depth times pixel width over focal length, at labelled keypoints, m."""
     left, right = np.array(keypoints, float).reshape(5, 3)[1:3]
     column, row_px = np.rint((left + right)[:2] / 2).astype(int)
     if not (left[2] and right[2] and 0 <= row_px < len(depth_m) and 0 <= column < camera.width):
@@ -107,7 +107,7 @@ def row(
     result: TreeMeasurement | None,
     naive_m: float | None,
 ) -> dict[str, Any]:
-    """One labelled tree with its truth and what was measured of it."""
+    """True and measured values of one labelled tree."""
     values = {
         "image": image["id"],
         "sensor": image["depth_sensor"]["kind"],
@@ -124,7 +124,7 @@ def row(
 
 
 def main() -> None:
-    """Measure, print the tables and store them."""
+    """Measure, print the tables, and optionally write them."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("data", type=Path, nargs="+")
     parser.add_argument("--model", type=Path)

@@ -1,10 +1,10 @@
-"""How long measuring takes: ten trees of a 1280x720 frame, on one core.
+"""Time to measure ten trees of a 1280x720 frame on one core.
 
 python benchmarks/measure_speed.py --result benchmarks/results/measure_speed.json
 
-The trees are those that the embedded depth model finds in the richest sample frame, again and
-again up to ten. The times are of the process alone; beside them stands what decoding the frame's
-16-bit depth image takes in the same run, since machines differ.
+The trees are those that the embedded depth model detects in the sample frame with the most trees,
+repeated up to ten. Times are CPU times. For comparison between machines, the time to decode the
+frame's 16-bit depth image in the same run is given too.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ TARGET_MS = 10.0
 
 
 def cpu_ms(call: Callable[[], object], rounds: int) -> float:
-    """Median processor time of a call."""
+    """Median CPU time of a call, ms."""
     times = []
     for _ in range(rounds):
         start = time.process_time()
@@ -38,7 +38,7 @@ def cpu_ms(call: Callable[[], object], rounds: int) -> float:
 
 
 def main() -> None:
-    """Measure, print and store."""
+    """Measure, print the results, and optionally write them to a file."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--rounds", type=int, default=60)
     parser.add_argument("--result", type=Path)

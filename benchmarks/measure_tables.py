@@ -1,4 +1,4 @@
-"""Tables of how true measured metres are, from rows of single trees."""
+"""Tables of the accuracy of metric measurements, from the values of single trees."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-# What is measured, and the label that is its truth.
+# Measured quantity -> label with its true value.
 TRUTHS = {
     "diameter_m": "diameter_m",
     "dbh_m": "diameter_breast_m",
@@ -22,7 +22,7 @@ Row = dict[str, Any]
 
 
 def tables(rows: list[Row]) -> dict[str, Any]:
-    """All of them."""
+    """Make all tables."""
     clear = [row for row in rows if row["found"] and row["visible_fraction"] >= 0.5]
     labelled = [row for row in rows if row["visible_fraction"] >= 0.5]
     return {
@@ -48,7 +48,7 @@ def tables(rows: list[Row]) -> dict[str, Any]:
 
 
 def values(rows: Iterable[Row], name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Truth, error and stated standard deviation of the rows where a quantity was measured."""
+    """True value, error and stated standard deviation of the rows with a measured quantity."""
     stem, unit = name.rsplit("_", 1)
     kept = [row for row in rows if name in row]
     truth = np.array([row[f"true_{name}"] for row in kept], float)
@@ -57,7 +57,7 @@ def values(rows: Iterable[Row], name: str) -> tuple[np.ndarray, np.ndarray, np.n
 
 
 def errors(rows: Iterable[Row], name: str) -> dict[str, float | int | None]:
-    """Count, median and 90th percentile of the absolute error, bias, root mean square."""
+    """Count, median and 90th percentile of the absolute error, bias, and RMS error."""
     _, error, std = values(rows, name)
     if not len(error):
         return {"measured": 0}
@@ -73,7 +73,7 @@ def errors(rows: Iterable[Row], name: str) -> dict[str, float | int | None]:
 
 
 def intervals(rows: list[Row], name: str) -> dict[str, Any]:
-    """Share of truths within the stated 95 % interval: by distance, and by stated deviation."""
+    """Fraction of true values in the stated 95 % interval, by distance and stated deviation."""
     _, error, std = values(rows, name)
     if not len(error):
         return {}
@@ -92,7 +92,7 @@ def intervals(rows: list[Row], name: str) -> dict[str, Any]:
 
 
 def _naive(rows: list[Row], edges: tuple[float, ...]) -> dict[str, Any]:
-    """Depth times width over focal length, at the labels' keypoints: errors and bias."""
+    """Errors of the simple estimate: depth times pixel width over focal length."""
     result = {}
     for low, high in pairwise(edges):
         within = [
@@ -109,7 +109,7 @@ def _naive(rows: list[Row], edges: tuple[float, ...]) -> dict[str, Any]:
 
 
 def _by(rows: list[Row], key: str, edges: tuple[float, ...]) -> dict[str, Any]:
-    """Diameter errors by ranges of something."""
+    """Diameter errors by ranges of another quantity."""
     result = {}
     for low, high in pairwise(edges):
         within = [row for row in rows if low <= row[key] < high]
@@ -122,7 +122,7 @@ def _share(rows: list[Row], name: str) -> float | None:
 
 
 def _counted(reasons: Iterable[str]) -> dict[str, int]:
-    """How often each reason occurs, numbers in it left out."""
+    """Count the reasons, ignoring the numbers in their text."""
     counts: dict[str, int] = {}
     for reason in reasons:
         words = " ".join(word for word in reason.split() if not any(c.isdigit() for c in word))

@@ -1,11 +1,11 @@
-"""What points cost: a million of them projected with every lens model, OpenCV's way beside it.
+"""Time to project a million points with every lens model, compared with OpenCV.
 
 python benchmarks/projection.py --result benchmarks/results/projection.json
 
-Points and pixels are float64, one thread. Beside the projection stand the rays of the pixels of a
-1280x720 image (what a distorted camera costs once, as they are kept), the points of a depth map of
-that size, and the registration of 848x480 depth to it. Each figure is the fastest of the rounds:
-the machine may do other things as well.
+Points and pixels are float64; one thread. Also measured: the rays of all pixels of a 1280x720 image
+(computed once per camera and then cached), the points of a depth map of that size, and the
+registration of 848x480 depth to it. Each value is the minimum of several rounds, so that other load
+on the machine matters little.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ CAMERAS = {
 
 
 def fastest_ms(call: Callable[[], object], rounds: int) -> float:
-    """The shortest of several calls, after one that is not counted."""
+    """Minimum time of several calls after a warm-up call, ms."""
     call()
     times_s = []
     for _ in range(rounds):
@@ -60,7 +60,7 @@ def fastest_ms(call: Callable[[], object], rounds: int) -> float:
 
 
 def opencv_projection(camera: PinholeCamera, points_m: np.ndarray) -> Callable[[], object]:
-    """OpenCV's own projection of the same points."""
+    """OpenCV's projection of the same points."""
     matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
     still = np.zeros(3)
     if camera.distortion_model == "fisheye":
@@ -71,7 +71,7 @@ def opencv_projection(camera: PinholeCamera, points_m: np.ndarray) -> Callable[[
 
 
 def measure(camera: PinholeCamera, points_m: np.ndarray, rounds: int) -> dict[str, float]:
-    """Milliseconds of one lens model."""
+    """Measure one lens model, ms."""
     rows, columns = np.mgrid[0 : camera.height, 0 : camera.width]
     xy_px = np.stack([columns, rows], -1) + 0.5
     depth_m = np.full((camera.height, camera.width), 4.0, np.float32)
@@ -84,7 +84,7 @@ def measure(camera: PinholeCamera, points_m: np.ndarray, rounds: int) -> dict[st
 
 
 def measure_registration(rounds: int) -> float:
-    """Milliseconds to see a slanted, scattered wall from the colour camera."""
+    """Measure the registration of a slanted, noisy wall to the colour camera, ms."""
     rng = np.random.default_rng(0)
     slant = np.linspace(3, 6, DEPTH.width) + rng.normal(0, 0.005, (DEPTH.height, DEPTH.width))
     aside = RigidTransform.from_euler_deg(1, -2, 1, [0.06, 0.01, 0.0])
@@ -93,7 +93,7 @@ def measure_registration(rounds: int) -> float:
 
 
 def main() -> None:
-    """Print the figures as JSON, and write them where asked."""
+    """Print the results as JSON, and optionally write them to a file."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rounds", type=int, default=15)
     parser.add_argument("--result", type=Path)

@@ -1,11 +1,11 @@
-"""A file on real pictures with boxes drawn by eye: what it finds, misses and invents.
+"""Accuracy of a model file on real pictures with manually drawn boxes.
 
 python benchmarks/real_pictures.py PICTURES/instances.json --model rgb --drawn FOLDER
 
-The label file is COCO's form; an annotation may say ``certain: false``: a detection with at least
-half of its box inside such a box counts neither way (COCO's crowd). A certain stem is found at an
-IoU of 0.5. AP50 takes all scores from 0.05 on; recall and precision those of 0.5 and more. The
-pictures are a ruler: never train on them, nor choose a threshold by them.
+The label file has COCO's format. An annotation may have ``certain: false``: a detection with at
+least half of its box inside such a box is ignored (as with COCO's crowds). A certain stem counts as
+found at an IoU of 0.5. AP50 uses all scores of at least 0.05; recall and precision use those of at
+least 0.5. The pictures are only for evaluation: never train on them or choose a threshold by them.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ IOU = 0.5
 
 
 def ground_truth(labels: Path) -> COCO:
-    """The annotated boxes; those that are not certain as crowds."""
+    """The annotated boxes, with uncertain ones as crowds."""
     content = json.loads(labels.read_text("utf-8"))
     for annotation in content["annotations"]:
         annotation["iscrowd"] = int(not annotation.get("certain", True))
@@ -45,7 +45,7 @@ def ground_truth(labels: Path) -> COCO:
 
 
 def compare(truth: COCO, found: list[dict[str, Any]]) -> COCOeval:
-    """Detections matched with the boxes at an IoU of 0.5."""
+    """Match detections with the boxes at an IoU of 0.5."""
     with contextlib.redirect_stdout(io.StringIO()):
         matched = COCOeval(truth, truth.loadRes(found), "bbox")
         matched.params.iouThrs = np.array([IOU])
@@ -57,7 +57,7 @@ def compare(truth: COCO, found: list[dict[str, Any]]) -> COCOeval:
 
 
 def counts(matched: COCOeval) -> dict[str, int]:
-    """Certain stems, found ones, and detections of none, at the score that is shown."""
+    """Numbers of certain stems, found stems and false detections at the displayed score."""
     stems = hits = wrong = 0
     for image in filter(None, matched.evalImgs):
         shown = np.asarray(image["dtScores"]) >= SHOWN_SCORE
@@ -70,7 +70,7 @@ def counts(matched: COCOeval) -> dict[str, int]:
 
 
 def entries(image_id: int, trees: TreeDetections) -> list[dict[str, Any]]:
-    """COCO's detections."""
+    """Convert detections to COCO's format."""
     x0, y0, x1, y1 = trees.boxes_px.T.astype(float)
     boxes = np.stack([x0, y0, x1 - x0, y1 - y0], 1).tolist()
     return [
@@ -80,12 +80,12 @@ def entries(image_id: int, trees: TreeDetections) -> list[dict[str, Any]]:
 
 
 def main() -> None:
-    """Print one JSON object, and draw the pictures if asked."""
+    """Print the results as JSON, and optionally draw the pictures."""
     assert __doc__
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("labels", type=Path)
-    parser.add_argument("--model", default="rgb", help="rgb for the embedded one, or a file")
-    parser.add_argument("--drawn", type=Path, help="folder for the pictures with their trees")
+    parser.add_argument("--model", default="rgb", help="rgb for the embedded model, or a file")
+    parser.add_argument("--drawn", type=Path, help="folder for the pictures with detections")
     arguments = parser.parse_args()
     if not arguments.labels.is_file():
         parser.error(f"{arguments.labels}: no such file, expected labels in COCO's form")

@@ -1,12 +1,12 @@
-"""What the runtime adds to the network: its start, and the work around each inference.
+"""Overhead of the runtime: its start, and the work around each inference.
 
 python benchmarks/runtime.py --result benchmarks/results/runtime.json
 
-The start is measured in fresh processes, in turn with one that only imports numpy, OpenCV and
-onnxruntime. The work around the network (resizing, encoding of depth, reading the answer) is what
-`detect` takes beside the session's `run` inside the same call; pasting the masks of ten trees and
-decoding image files are measured apart. Frames are the package's samples, 1280x720; models those
-of the package, 640x384. Ratios hold on a machine that does other things as well, seconds do not.
+The start is measured in new processes, alternating with one that only imports numpy, OpenCV and
+onnxruntime. The work around the network (resizing, depth encoding, decoding the output) is the time
+of `detect` minus that of the session's `run` in the same call. Pasting the masks of ten trees and
+decoding image files are measured separately. Frames are the package's samples, 1280x720; models are
+the package's, 640x384. On a machine with other load, ratios are valid, absolute times are not.
 """
 
 from __future__ import annotations
@@ -54,26 +54,26 @@ print([imported - start, loaded - begin, done - begin])
 
 
 def milliseconds(call: Callable[[], object]) -> float:
-    """How long one call takes."""
+    """Time of one call, ms."""
     start = time.perf_counter()
     call()
     return (time.perf_counter() - start) * 1000
 
 
 def medians(rows: list[dict[str, float]]) -> dict[str, float]:
-    """The median of each figure over the rounds."""
+    """Median of each value over the rounds."""
     return {name: round(statistics.median(row[name] for row in rows), 4) for name in rows[0]}
 
 
 def run_fresh(code: str, *arguments: str) -> list[float]:
-    """What a program prints in a process of its own."""
+    """Run a program in a new process, and return what it prints."""
     command = [sys.executable, "-c", code, *arguments]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     return json.loads(done.stdout)
 
 
 def measure_start(modality: str, threads: int, rounds: int) -> dict[str, float]:
-    """Import, load and first result, in turn with the bare imports."""
+    """Measure import, loading and first result, alternating with the imports of the libraries."""
     rows = []
     for _ in range(rounds):
         (bare_s,) = run_fresh(BARE)
@@ -91,7 +91,7 @@ def measure_start(modality: str, threads: int, rounds: int) -> dict[str, float]:
 
 
 class TimedSession(OrtSession):
-    """Keeps how long its last `run` took."""
+    """A session that records the time of its last `run`."""
 
     run_ms = 0.0
 
@@ -104,13 +104,13 @@ class TimedSession(OrtSession):
 
 
 def paste_all(trees: TreeDetections) -> None:
-    """Every mask, one after the other."""
+    """Paste all masks, one after the other."""
     for tree in range(len(trees)):
         trees.mask(tree)
 
 
 def measure_around(modality: str, threads: int, rounds: int) -> dict[str, float]:
-    """`detect` beside the `run` inside it, and the pasting of ten masks, over the samples."""
+    """Measure `detect`, the `run` inside it, and the pasting of ten masks, over the samples."""
     session = TimedSession(default_model(modality), SessionSettings(threads=threads))
     detector = TreeDetector(session, score_threshold=0.0)
     detector.warm_up()
@@ -136,7 +136,7 @@ def measure_around(modality: str, threads: int, rounds: int) -> dict[str, float]
 
 
 def measure_decoding(frame: SampleFrame, rounds: int) -> dict[str, float]:
-    """Decoding one 1280x720 frame from memory."""
+    """Measure decoding one 1280x720 frame from memory."""
     jpeg = np.frombuffer(frame.image_path.read_bytes(), np.uint8)
     png = cv2.imencode(".png", frame.image())[1]
     depth_png = np.frombuffer(frame.depth_path.read_bytes(), np.uint8)
@@ -153,11 +153,11 @@ def measure_decoding(frame: SampleFrame, rounds: int) -> dict[str, float]:
 
 
 def main() -> None:
-    """Print the figures as JSON, and write them where asked."""
+    """Print the results as JSON, and optionally write them to a file."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rounds", type=int, default=60, help="detections for each model")
-    parser.add_argument("--starts", type=int, default=7, help="fresh processes for each model")
-    parser.add_argument("--threads", type=int, default=1, help="of one inference")
+    parser.add_argument("--rounds", type=int, default=60, help="detections per model")
+    parser.add_argument("--starts", type=int, default=7, help="new processes per model")
+    parser.add_argument("--threads", type=int, default=1, help="threads of an inference")
     parser.add_argument("--result", type=Path)
     arguments = parser.parse_args()
     cv2.setNumThreads(arguments.threads)

@@ -1,14 +1,14 @@
-"""What pays when a light network is trained: changes of the recipe ``scratch``, one at a time.
+"""Effect of single changes of the training recipe ``scratch`` on a light network.
 
 python benchmarks/scratch.py DATA --start CHECKPOINT --test TEST --runs RUNS --minutes 30 \
     --candidates base-0,base-1,colours,paste --result benchmarks/results/scratch_rgb.json
 
-Every candidate starts from the same checkpoint and trains for the same minutes, the rate falling to
-nothing; its average is scored on the test split of TEST. ``base-N`` is the recipe as it is with
-seed N: how far apart the bases lie is the spread that a change has to exceed. A finished run in
-RUNS is taken as it is, so that candidates may run one after another, or in several processes of
-one thread each (``OMP_NUM_THREADS=1``) that take turns with the names; the last call with all names
-writes the result.
+Every candidate starts from the same checkpoint and trains for the same time, with the learning rate
+decreasing to zero. Its averaged weights are evaluated on the test split of TEST. ``base-N`` is the
+unchanged recipe with seed N; the differences between the bases show the noise that the effect of a
+change must exceed. Finished runs in RUNS are reused, so that candidates can run one after another,
+or in several single-threaded processes (``OMP_NUM_THREADS=1``). A final call with all names writes
+the result.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ CANDIDATES: dict[str, tuple[str, dict[str, Any]]] = {
 
 
 def settings_of(name: str, minutes: float) -> TrainSettings:
-    """The recipe with a candidate's change."""
+    """Training settings of the recipe with a candidate's change."""
     changes: dict[str, Any] = {
         "minutes": minutes,
         "learning_rate": RATE,
@@ -89,7 +89,7 @@ def settings_of(name: str, minutes: float) -> TrainSettings:
 
 
 def run(name: str, arguments: argparse.Namespace) -> dict[str, Any]:
-    """Train and score one candidate, or read what a run before this one found."""
+    """Train and evaluate one candidate, or read the scores of an earlier run."""
     folder: Path = arguments.runs / name
     found = folder / "scores.json"
     if found.exists():
@@ -109,7 +109,7 @@ def run(name: str, arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def score(checkpoint: Path, test: Path) -> dict[str, Any]:
-    """Precision and errors on the test frames."""
+    """Average precision and errors on the test frames."""
     model = load_checkpoint(checkpoint)[0].eval()
     frames = FrameStore(read_split(test, "test"), model.spec)
     metrics = evaluate(predict_with(model), frames, 4).to_dict()
@@ -117,11 +117,11 @@ def score(checkpoint: Path, test: Path) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Train what is missing, and write the table if asked."""
+    """Train the missing candidates, and optionally write the table."""
     assert __doc__
     parser = argparse.ArgumentParser(description=__doc__.partition("\n\n")[0])
     parser.add_argument("data", type=Path)
-    parser.add_argument("--start", type=Path, required=True, help="the common checkpoint")
+    parser.add_argument("--start", type=Path, required=True, help="common starting checkpoint")
     parser.add_argument("--test", type=Path, required=True)
     parser.add_argument("--runs", type=Path, required=True)
     parser.add_argument("--minutes", type=float, default=30)

@@ -1,10 +1,10 @@
-"""How fast the simulator makes frames, and what they weigh: frames a minute, memory, bytes.
+"""Speed of the simulator (frames per minute), its memory, and bytes per frame.
 
 python benchmarks/simulate.py FOLDER --frames 1000 --result benchmarks/results/simulator.json
 
 Memory is the sum of the proportional set sizes of all processes (Linux), sampled every second.
-The folder must be new, so that nothing is resumed. Afterwards one process draws a few scenes more
-under a profiler: the shares of its time by stage, without the writing of files.
+The folder must be new, so that nothing is resumed. Afterwards one process simulates a few scenes
+under a profiler, which gives the fraction of time per stage, without the writing of files.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ STAGES = {
     "shadow map": "_draw_shadow",
     "drawing": "draw",
     "colour sensor": "expose",
-    "camera faults": "processed",
+    "camera faults": "apply_processing_faults",
     "precipitation": "draw_precipitation",
     "depth sensor": "measure_depth",
     "labels": "label_view",
@@ -40,7 +40,7 @@ STAGES = {
 
 
 def family(pid: int) -> list[int]:
-    """A process and all its descendants."""
+    """Ids of a process and all its descendants."""
     found = [pid]
     for task in Path(f"/proc/{pid}/task").glob("*/children"):
         for child in task.read_text().split():
@@ -49,7 +49,7 @@ def family(pid: int) -> list[int]:
 
 
 def proportional_mb(pid: int) -> float:
-    """Memory of one process, shared pages counted by share; 0 if it has just ended."""
+    """Proportional set size of a process, MB; 0 if it has just ended."""
     try:
         lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()
     except OSError:
@@ -58,7 +58,7 @@ def proportional_mb(pid: int) -> float:
 
 
 class PeakMemory:
-    """Watches this process and its children until ``stop``."""
+    """Records the peak memory of this process and its children until ``stop``."""
 
     def __init__(self) -> None:
         self.mb = 0.0
@@ -71,14 +71,14 @@ class PeakMemory:
             self.mb = max(self.mb, sum(proportional_mb(pid) for pid in family(os.getpid())))
 
     def stop(self) -> float:
-        """End watching; the peak in MB."""
+        """Stop recording, and return the peak, MB."""
         self._ended.set()
         self._thread.join()
         return self.mb
 
 
 def shares_of_time(settings: SimulatorSettings, seed: int) -> dict[str, float]:
-    """The share of the time that each of STAGES takes in one process."""
+    """Fraction of the time that each of STAGES takes in one process."""
     assets = make_assets()
     list(simulate_frames(settings, seed, 1, assets))
     profiler = cProfile.Profile()
@@ -99,13 +99,15 @@ def shares_of_time(settings: SimulatorSettings, seed: int) -> dict[str, float]:
 
 
 def main() -> None:
-    """Run, measure, print and store."""
+    """Simulate, measure, print the results, and optionally write them to a file."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("out", type=Path)
     parser.add_argument("--frames", type=int, default=200)
     parser.add_argument("--workers", type=int, default=os.cpu_count())
     parser.add_argument("--preset", default="paper")
-    parser.add_argument("--size", type=int, nargs=2, default=(1280, 720), help="width height")
+    parser.add_argument(
+        "--size", type=int, nargs=2, default=(1280, 720), help="image width and height, px"
+    )
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--result", type=Path)
     options = parser.parse_args()

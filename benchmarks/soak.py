@@ -1,11 +1,11 @@
-"""Many frames through one detector: memory must not grow, and nothing may fail.
+"""Endurance test of a detector: memory must not grow over many frames, and no frame may fail.
 
 python benchmarks/soak.py --result benchmarks/results/soak.json
 
-The package's samples take turns with frames without trees: blank, uniform and noise. Resident
-memory is taken all along; the mean of the last tenth of the run may lie above that of the second
-tenth, when all buffers have been laid out, by a few MiB. Ends with 1 if it does not, or if a frame
-fails. Needs Linux, for /proc.
+The package's samples alternate with frames without trees: blank, uniform and noise. Resident memory
+is recorded over the whole run. Its mean over the last tenth of the run may exceed that over the
+second tenth, when all buffers are allocated, by a few MiB. The exit code is 1 if it exceeds it by
+more, or if a frame fails. Needs Linux, for /proc.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ FEWEST_FRAMES = 20
 
 
 def rss_mib() -> float:
-    """Resident memory of this process."""
+    """Resident memory of this process, MiB."""
     pages = int(STATM.read_text(encoding="ascii").split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE") / 1024**2
 
 
 def frames(modality: str) -> Iterator[tuple[str, NDArray[np.generic]]]:
-    """(kind, frame) without end: a sample, then one without trees."""
+    """Yield endlessly kind and frame: alternately a sample and a frame without trees."""
     samples = [frame.image() if modality == "rgb" else frame.depth_m() for frame in sample_frames()]
     rng = np.random.default_rng(0)
     shape = (HEIGHT_PX, WIDTH_PX, 3) if modality == "rgb" else (HEIGHT_PX, WIDTH_PX)
@@ -57,7 +57,7 @@ def frames(modality: str) -> Iterator[tuple[str, NDArray[np.generic]]]:
 
 
 def soak(detector: TreeDetector, count: int, limit_mib: float) -> dict[str, object]:
-    """Detect on `count` frames, paste every mask, and watch the memory."""
+    """Detect on `count` frames, paste every mask, and record the memory."""
     every = max(1, count // MOST_SAMPLES)
     memory_mib: list[float] = []
     seen: dict[str, int] = {}
@@ -96,7 +96,7 @@ def soak(detector: TreeDetector, count: int, limit_mib: float) -> dict[str, obje
 
 
 def main() -> None:
-    """Print the figures as JSON, and write them where asked."""
+    """Print the results as JSON, and optionally write them to a file."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--frames", type=int, default=10_000)
     parser.add_argument("--model", default="rgb", help="rgb, depth, or an .onnx file")

@@ -1,12 +1,12 @@
-"""How fast training is: frames a second against the former trainer, and where a step goes.
+"""Speed of training, compared with the former trainer, and a time profile of a step.
 
 python benchmarks/training.py DATA --result FILE.json [--former CHECKOUT]
 
-DATA is a dataset of ``perceptree synth``. ``edge-n`` learns depth at 640x384 px, 8 frames a step.
-CHECKOUT is a checkout of the commit before this engine (f4cffdb): its trainer runs in turn with
-this one, each time in a process of its own, as it was (bfloat16 autocast on every processor) and
-with float32. Then a step is profiled in the precision that training chooses here, and held against
-the measured peak of this machine: the X
+DATA is a dataset of ``perceptree synth``. ``edge-n`` is trained on depth at 640x384 px, 8 frames
+per step. CHECKOUT is a checkout of the commit before this engine (f4cffdb). Its trainer alternates
+with this one, in separate processes, in its original form (bfloat16 autocast on every CPU) and with
+float32. Then a step is profiled in the precision that training chooses here, and compared with the
+measured peak of this machine.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ print(json.dumps({"marks": marks, "waited": waited[-1]}))
 
 
 def frames_per_s(code: Path, data: Path, steps: int, precision: str) -> dict[str, Any]:
-    """One short training by the code in a folder, the first steps and the evaluation left out."""
+    """Frames per second of a short training by the code in a folder, after the first steps."""
     with tempfile.TemporaryDirectory() as out:
         done = subprocess.run(
             [sys.executable, "-c", RUN, str(data), out, str(steps), precision],
@@ -80,7 +80,7 @@ def frames_per_s(code: Path, data: Path, steps: int, precision: str) -> dict[str
 
 
 def in_turn(data: Path, former: Path | None, steps: int, rounds: int) -> dict[str, Any]:
-    """Frames a second of this trainer and the former one, round by round."""
+    """Frames per second of this trainer and the former one, alternating."""
     runs = {"now": (ROOT, "as it is")}
     if former is not None:
         runs |= {"former, fp32": (former, "fp32"), "former, bf16": (former, "as it was")}
@@ -89,7 +89,7 @@ def in_turn(data: Path, former: Path | None, steps: int, rounds: int) -> dict[st
     for number in range(rounds):
         for name, (code, precision) in runs.items():
             if name == "former, bf16" and number:
-                continue  # where bfloat16 is emulated, a round takes minutes
+                continue  # with emulated bfloat16 a round takes minutes
             found = frames_per_s(code, data, steps, precision)
             rates[name].append(found["frames_per_s"])
             if name == "now":
@@ -105,7 +105,7 @@ def in_turn(data: Path, former: Path | None, steps: int, rounds: int) -> dict[st
 
 
 def fastest_gflops(work: Callable[[], Any], flops: float) -> float:
-    """The best of some runs after a first one."""
+    """Highest rate of several runs after a warm-up run, GFLOP/s."""
     work()
     shortest_s = float("inf")
     for _ in range(5):
@@ -116,7 +116,7 @@ def fastest_gflops(work: Callable[[], Any], flops: float) -> float:
 
 
 def peak_gflops() -> dict[str, float]:
-    """What this machine reaches in a matrix product and a convolution."""
+    """Measured peak of this machine in a matrix product and a convolution, GFLOP/s."""
     side, found = 1024, {}
     image = torch.randn(8, 96, 48, 80).to(memory_format=torch.channels_last)
     for kind, name in ((torch.float32, "fp32"), (torch.bfloat16, "bf16")):
@@ -130,7 +130,7 @@ def peak_gflops() -> dict[str, float]:
 
 
 def profiled_step(data: Path) -> dict[str, Any]:
-    """One step as training takes it: its arithmetic, and the share of its time by kind of work."""
+    """Profile a training step: its arithmetic, and the fraction of its time by kind of work."""
     from perceptree.data import FrameStore, read_split
     from perceptree.models import TreeRCNN, make_spec
     from perceptree.training import TrainSettings
@@ -179,7 +179,7 @@ def profiled_step(data: Path) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Run everything and write the result."""
+    """Run all measurements and write the result."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("data", type=Path)
     parser.add_argument("--former", type=Path)

@@ -1,10 +1,10 @@
-"""Whether the memory of training stays flat over an epoch of many frames, and how fast it starts.
+"""Memory of training over an epoch of many frames, which must not grow, and time to start.
 
 python benchmarks/training_memory.py --result FILE.json [--frames 43000]
 
-Makes a dataset of tiny distinct pictures with two trees each, as many as SynthTree43k has, trains
-on a part of it to make the cache, then opens the ready cache anew and goes through a whole epoch
-of batches as the trainer does.
+Makes a dataset of tiny distinct images with two trees each, as many as SynthTree43k has. Trains on
+a part of it to make the cache, then opens the finished cache again and reads a whole epoch of
+batches as the trainer does.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ BATCH = 8
 
 
 def write_split(folder: Path, split: str, first: int, frames: int) -> None:
-    """Noise of a seed of its own in every picture, and two boxes."""
+    """Write a split: images of noise from different seeds, with two boxes each."""
     images: list[dict[str, Any]] = []
     annotations: list[dict[str, Any]] = []
     for number in range(first, first + frames):
@@ -69,13 +69,13 @@ def write_split(folder: Path, split: str, first: int, frames: int) -> None:
 
 
 def private_mib() -> float:
-    """Memory of this process that no file backs."""
+    """Private memory of this process without mapped files, MiB."""
     status = Path("/proc/self/status").read_text()
     return next(int(x.split()[1]) for x in status.splitlines() if x.startswith("RssAnon")) / 1024
 
 
 def main() -> None:
-    """Run everything and write the result."""
+    """Run all measurements and write the result."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--frames", type=int, default=43_000)
     parser.add_argument("--result", type=Path, required=True)

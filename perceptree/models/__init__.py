@@ -1,4 +1,4 @@
-"""Mask R-CNN for trees: spec, network, targets, checkpoints."""
+"""Mask R-CNN for trees: model spec, network, training targets and checkpoints."""
 
 from perceptree.models.checkpoint import load_checkpoint, save_checkpoint
 from perceptree.models.detector import Detections, TreeRCNN

@@ -1,4 +1,4 @@
-"""Anchors: the boxes that proposals start from."""
+"""Anchor boxes of the region proposal network (Ren et al. 2015, Faster R-CNN)."""
 
 from __future__ import annotations
 
@@ -16,10 +16,20 @@ def level_anchors(
     ratios: Sequence[float],
     offset: float = 0.5,
 ) -> Tensor:
-    """Anchors of one level, (rows * columns * sizes * ratios, 4) xyxy px, ratios fastest.
+    """Make the anchors of one pyramid level.
 
-    On each cell anchors are centred at ``offset`` of its width and height, with area
-    ``size ** 2`` and height over width as in ``ratios``.
+    Args:
+        rows: Rows of the level's feature map.
+        columns: Columns of the level's feature map.
+        stride: Size of a feature map cell in the input image, px.
+        sizes_px: Square roots of the anchor areas, px.
+        ratios: Height over width of the anchors.
+        offset: Position of the anchor centres in their cell, as a fraction of its width and
+            height: 0 is the upper left corner, 0.5 the centre.
+
+    Returns:
+        (rows * columns * sizes * ratios, 4) float32 xyxy px, in this order: the ratio varies
+        fastest.
     """
     size, ratio = torch.tensor(sizes_px)[:, None], torch.tensor(ratios)[None].sqrt()
     half = 0.5 * torch.stack((size / ratio, size * ratio), dim=-1).reshape(-1, 2)

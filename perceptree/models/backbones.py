@@ -1,4 +1,4 @@
-"""Backbones: images in, one feature map per level out, from the timm library."""
+"""Backbones from the timm library: convolutional networks that return one map per level."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from perceptree.models.cpu_gradients import depthwise_conv
 from perceptree.models.spec import SpecError
 
-# Our name -> timm's. Each gives a map at every stride from 2 to 32.
+# Our name -> timm's name. Each has feature maps at the strides 2, 4, 8, 16 and 32.
 BACKBONES = {
     "mobilenetv3_large": "mobilenetv3_large_100",
     "mobilenetv4_conv_small": "mobilenetv4_conv_small",
@@ -26,47 +26,52 @@ BACKBONES = {
 
 
 class DepthwiseConv(nn.Conv2d):
-    """A depthwise convolution that stays float32 under autocast.
+    """A depthwise convolution that is computed in float32 under autocast.
 
-    On CPUs the bfloat16 gradient of a depthwise convolution is up to ten times slower than the
-    float32 one, and there is little arithmetic to save. There the gradient of the weights is taken
-    by a kernel of our own.
+    On CPUs the bfloat16 gradient of a depthwise convolution takes up to ten times as long as the
+    float32 one. On CPUs the gradient of the weights is computed by
+    :func:`perceptree.models.cpu_gradients.depthwise_conv`.
     """
 
     def forward(self, input: Tensor) -> Tensor:  # noqa: A002
-        """(B, C, H, W) -> (B, C, H', W'), as the plain convolution."""
+        """Map (B, C, H, W) to (B, C, H', W') as ``nn.Conv2d`` does."""
         device = input.device.type
         if not torch.amp.is_autocast_available(device) or not torch.is_autocast_enabled(device):
-            return self._in_its_precision(input)
+            return self._convolve(input)
         with torch.autocast(device, enabled=False):
-            return self._in_its_precision(input.float())
+            return self._convolve(input.float())
 
-    def _in_its_precision(self, x: Tensor) -> Tensor:
+    def _convolve(self, x: Tensor) -> Tensor:
         learns = torch.is_grad_enabled() and self.weight.requires_grad
-        if not learns or not self._plain or x.device.type != "cpu" or torch.compiler.is_compiling():
+        if (
+            not learns
+            or not self._has_kernel
+            or x.device.type != "cpu"
+            or torch.compiler.is_compiling()
+        ):
             return super().forward(x)
         return depthwise_conv(x, self.weight, self.stride[0], int(self.padding[0]))
 
     @property
-    def _plain(self) -> bool:
-        """Whether it is one that the kernel knows."""
+    def _has_kernel(self) -> bool:
+        """Whether the CPU kernel supports this convolution's options."""
         sides = set(zip(self.kernel_size, self.stride, self.padding, strict=True))
         usual = self.dilation == (1, 1) and self.padding_mode == "zeros" and self.bias is None
         return usual and len(sides) == 1 and self.in_channels == self.out_channels
 
 
 class FoldingConv(nn.Conv2d):
-    """A convolution that also does the work of the batch norm after it, once that is fixed.
+    """A convolution that includes the batch norm after it while that norm's statistics are fixed.
 
-    Scaling the weights is little work beside scaling the map. The norm, a :class:`FoldedNorm`,
-    then passes the map on as it is.
+    The norm's scale and shift go into the convolution's weight and bias, which is faster than
+    scaling the map. The norm, a :class:`FoldedNorm`, then returns its input unchanged.
     """
 
     _norm: tuple[FoldedNorm]
-    """In a tuple, so that it is not a part of this module."""
+    """In a tuple, so that torch does not register it as a submodule."""
 
     def forward(self, input: Tensor) -> Tensor:  # noqa: A002
-        """(B, C, H, W) -> (B, C', H', W')."""
+        """Map (B, C, H, W) to (B, C', H', W')."""
         (norm,) = self._norm
         if not norm.folded:
             return super().forward(input)
@@ -77,30 +82,40 @@ class FoldingConv(nn.Conv2d):
 
 
 class FoldedNorm(nn.BatchNorm2d):
-    """Batch norm after a :class:`FoldingConv`."""
+    """The batch norm after a :class:`FoldingConv`."""
 
     @property
     def folded(self) -> bool:
-        """Whether the convolution does its work: with fixed statistics, except in an export."""
+        """Whether the convolution includes this norm: in eval mode, except during an export."""
         return not self.training and not torch.compiler.is_exporting()
 
     def scale_and_shift(self) -> tuple[Tensor, Tensor]:
-        """What the norm multiplies each channel (C,) with, and then adds."""
+        """The factor and the offset (C,) that the norm applies to each channel."""
         assert self.running_mean is not None
         assert self.running_var is not None
         scale = self.weight * torch.rsqrt(self.running_var + self.eps)
         return scale, self.bias - self.running_mean * scale
 
     def forward(self, input: Tensor) -> Tensor:  # noqa: A002
-        """(B, C, H, W) -> (B, C, H, W)."""
+        """Normalise (B, C, H, W); return it unchanged where the convolution includes the norm."""
         return input if self.folded else super().forward(input)
 
 
 class Backbone(nn.Module):
-    """A classifier's trunk from random weights.
+    """An image classification network without its classifier, with random weights.
 
-    ``stride_in_1x1`` has the bottlenecks of a ResNet halve the map in their first convolution,
-    as Detectron2's R50 and R101 do, in place of the 3x3.
+    Args:
+        name: A key of ``BACKBONES``.
+        in_channels: Channels of the input.
+        levels: Levels to return, 1 to 5; the map of level ``n`` has stride ``2**n``.
+        stride_in_1x1: Put the stride of a ResNet's bottleneck into its first 1x1 convolution, as
+            in He et al. (2016) and in Detectron2's R50 and R101, not into the 3x3 one.
+
+    Attributes:
+        channels: Channels of the map of each level.
+
+    Raises:
+        SpecError: If the backbone is unknown, or has no bottlenecks for ``stride_in_1x1``.
     """
 
     def __init__(
@@ -119,12 +134,22 @@ class Backbone(nn.Module):
         _fold_norms(self.trunk)
 
     def forward(self, images: Tensor) -> list[Tensor]:
-        """(B, C, H, W) normalised -> one (B, channels[i], H/2**level, W/2**level) per level."""
+        """Compute the feature maps of normalised images.
+
+        Args:
+            images: (B, C, H, W), H and W multiples of 32.
+
+        Returns:
+            One (B, channels[i], H / 2**level, W / 2**level) map per level, finest first.
+        """
         maps: list[Tensor] = self.trunk(images)
         return maps
 
     def stages(self) -> list[tuple[int, nn.Module]]:
-        """The trunk's parts in order, each with its level: a map after it has stride 2**level."""
+        """The network's parts in order, each with the level it belongs to.
+
+        The output of a part of level ``n`` has stride at most ``2**n``.
+        """
         info: list[dict[str, Any]] = self.trunk.feature_info.info
         ends = {entry["module"]: entry["reduction"].bit_length() - 1 for entry in info}
         parts: list[tuple[str, nn.Module]] = []
@@ -139,19 +164,33 @@ class Backbone(nn.Module):
 
 
 def make_timm(name: str, stride_in_1x1: bool, **settings: Any) -> Any:
-    """A network of the timm library by our name; raises SpecError for one that we have not."""
+    """Create a network of the timm library, with random weights.
+
+    Args:
+        name: A key of ``BACKBONES``.
+        stride_in_1x1: As for :class:`Backbone`.
+        **settings: Passed on to ``timm.create_model``.
+
+    Raises:
+        SpecError: If the backbone is unknown, or has no bottlenecks for ``stride_in_1x1``.
+    """
     if name not in BACKBONES:
-        raise SpecError(f"unknown backbone {name!r}, expected one of: {', '.join(BACKBONES)}")
+        raise SpecError(f"backbone is {name!r}, expected one of: {', '.join(BACKBONES)}")
     network: Any = timm.create_model(BACKBONES[name], pretrained=False, **settings)
     if stride_in_1x1:
         moved = [_move_stride(block) for block in network.modules()]
         if not any(moved):
-            raise SpecError(f"stride_in_1x1 is for ResNets with bottlenecks, {name} has none")
+            raise SpecError(
+                f"stride_in_1x1 is true for {name}, expected a ResNet with bottleneck blocks"
+            )
     return network
 
 
 def _move_stride(block: nn.Module) -> bool:
-    """Give the stride of a bottleneck's 3x3 convolution to its first 1x1."""
+    """Move the stride of a bottleneck from its 3x3 convolution to its first 1x1 convolution.
+
+    Returns whether ``block`` is a bottleneck.
+    """
     first, second = getattr(block, "conv1", None), getattr(block, "conv2", None)
     if not isinstance(first, nn.Conv2d) or not isinstance(second, nn.Conv2d):
         return False
@@ -170,7 +209,7 @@ def _keep_depthwise_float32(module: nn.Module) -> None:
 
 
 def _fold_norms(module: nn.Module) -> None:
-    """Pair each bias-free convolution with the plain batch norm that follows it."""
+    """Replace each pair of a convolution without bias and a batch norm by the foldable classes."""
     children = list(module.named_children())
     for (name, conv), (after, norm) in pairwise(children):
         if type(conv) is nn.Conv2d and conv.bias is None and type(norm) is nn.BatchNorm2d:
@@ -187,7 +226,7 @@ Conv = TypeVar("Conv", bound=nn.Conv2d)
 
 
 def _conv_like(conv: nn.Conv2d, kind: type[Conv]) -> Conv:
-    """The same convolution as another class."""
+    """Copy a convolution into another class."""
     made = kind(
         conv.in_channels,
         conv.out_channels,

@@ -1,4 +1,4 @@
-"""Arithmetic on boxes: coding, overlap, clipping, suppression with fixed shapes."""
+"""Operations on boxes: encoding, clipping, overlap and non-maximum suppression (NMS)."""
 
 from __future__ import annotations
 
@@ -8,25 +8,35 @@ import torch
 from torch import Tensor
 from torchvision.ops import nms
 
-# A network that has not learned yet may ask for any growth; exp() stays finite below this.
+# Limit of the predicted log size ratio, so that exp() of an untrained network's output stays
+# finite. The value is Detectron2's.
 MAX_LOG_SCALE = math.log(1000.0 / 16.0)
 
 
 def encode_boxes(boxes: Tensor, anchors: Tensor, weights: tuple[float, ...]) -> Tensor:
-    """Offsets from anchors to boxes, both (..., 4) xyxy px -> (..., 4) as (dx, dy, dw, dh).
+    """Encode boxes as offsets from anchors (Girshick et al. 2014, R-CNN, appendix C).
 
-    The parametrisation of Girshick et al., "Rich feature hierarchies" (2014), appendix C,
-    times ``weights``.
+    Args:
+        boxes: (..., 4) xyxy px.
+        anchors: (..., 4) xyxy px.
+        weights: Factors of the four offsets.
+
+    Returns:
+        (..., 4): shift of the centre in x and y over the anchor's size, and logarithms of the
+        ratios of width and height, each times its weight.
     """
     size, centre = _size_centre(anchors)
     box_size, box_centre = _size_centre(boxes)
     shift = (box_centre - centre) / size
-    growth = torch.log(box_size / size)
-    return torch.cat((shift, growth), dim=-1) * shift.new_tensor(weights)
+    log_scale = torch.log(box_size / size)
+    return torch.cat((shift, log_scale), dim=-1) * shift.new_tensor(weights)
 
 
 def decode_boxes(deltas: Tensor, anchors: Tensor, weights: tuple[float, ...]) -> Tensor:
-    """The inverse of :func:`encode_boxes`; growth is capped at 1000/16."""
+    """Decode offsets (..., 4) from anchors (..., 4) to boxes (..., 4) xyxy px.
+
+    The inverse of :func:`encode_boxes`. Size ratios are limited to 1000 / 16.
+    """
     size, centre = _size_centre(anchors)
     scaled = deltas / deltas.new_tensor(weights)
     middle = centre + scaled[..., :2] * size
@@ -35,21 +45,29 @@ def decode_boxes(deltas: Tensor, anchors: Tensor, weights: tuple[float, ...]) ->
 
 
 def clip_boxes(boxes: Tensor, height: int, width: int) -> Tensor:
-    """Cut (..., 4) xyxy px boxes at the borders of an image."""
+    """Clip boxes (..., 4) xyxy px to an image of ``height`` x ``width`` px."""
     x = boxes[..., 0::2].clamp(0.0, float(width))
     y = boxes[..., 1::2].clamp(0.0, float(height))
     return torch.stack((x[..., 0], y[..., 0], x[..., 1], y[..., 1]), dim=-1)
 
 
 def enlarge_boxes(boxes: Tensor, scale: float) -> Tensor:
-    """Grow (..., 4) xyxy px boxes about their centres; they may leave the image."""
+    """Scale boxes (..., 4) xyxy px about their centres; the result may exceed the image."""
     size, centre = _size_centre(boxes)
     half = 0.5 * scale * size
     return torch.cat((centre - half, centre + half), dim=-1)
 
 
 def pairwise_iou(first: Tensor, second: Tensor) -> Tensor:
-    """Overlap of (..., N, 4) with (..., M, 4) xyxy px boxes -> (..., N, M); 0 for empty ones."""
+    """Intersection over union of each pair of boxes.
+
+    Args:
+        first: (..., N, 4) xyxy px.
+        second: (..., M, 4) xyxy px.
+
+    Returns:
+        (..., N, M), 0 to 1; 0 where a box is empty.
+    """
     low = torch.maximum(first[..., :, None, :2], second[..., None, :, :2])
     high = torch.minimum(first[..., :, None, 2:], second[..., None, :, 2:])
     overlap = (high - low).clamp(min=0.0).prod(dim=-1)
@@ -57,10 +75,17 @@ def pairwise_iou(first: Tensor, second: Tensor) -> Tensor:
     return torch.where(overlap > 0.0, overlap / union, torch.zeros_like(overlap))
 
 
-def survivors(boxes: Tensor, scores: Tensor, valid: Tensor, iou: float) -> Tensor:
-    """Greedy suppression of one image: boxes (N, 4) xyxy px, scores (N,), valid (N,) bool.
+def nms_keep_mask(boxes: Tensor, scores: Tensor, valid: Tensor, iou: float) -> Tensor:
+    """Greedy non-maximum suppression of one image's boxes, as a mask.
 
-    Returns (N,) bool. What is not valid neither survives nor suppresses.
+    Args:
+        boxes: (N, 4) xyxy px.
+        scores: (N,).
+        valid: (N,) bool; invalid boxes are not kept and suppress no others.
+        iou: A box is removed if its overlap with a kept box of higher score exceeds this.
+
+    Returns:
+        (N,) bool, true for the kept boxes.
     """
     lowest = torch.finfo(scores.dtype).min
     ranked = torch.where(valid, scores, torch.full_like(scores, lowest))
@@ -68,19 +93,27 @@ def survivors(boxes: Tensor, scores: Tensor, valid: Tensor, iou: float) -> Tenso
     return (torch.zeros_like(scores).index_fill(0, kept, 1.0) > 0.0) & valid
 
 
-def suppress(
+def nms_top_k(
     boxes: Tensor, scores: Tensor, valid: Tensor, iou: float, count: int
 ) -> tuple[Tensor, Tensor]:
-    """Greedy suppression of one image with a fixed number of results.
+    """Greedy non-maximum suppression of one image with a fixed number of results.
 
-    Takes what :func:`survivors` takes. Returns the rows kept, (count,) int64 by falling score,
-    and (count,) bool that tells the real ones from the filling at the end.
+    Args:
+        boxes: As for :func:`nms_keep_mask`, and so are ``scores``, ``valid`` and ``iou``.
+        scores: (N,).
+        valid: (N,) bool.
+        iou: Overlap above which a box is removed.
+        count: Number of results, at most N.
+
+    Returns:
+        Rows of the kept boxes, (count,) int64 by descending score, and (count,) bool, false for
+        the padding at the end.
     """
-    alive = survivors(boxes, scores, valid, iou)
+    kept = nms_keep_mask(boxes, scores, valid, iou)
     lowest = torch.finfo(scores.dtype).min
-    ranked = torch.where(alive, scores, torch.full_like(scores, lowest))
+    ranked = torch.where(kept, scores, torch.full_like(scores, lowest))
     order = torch.topk(ranked, count).indices
-    return order, alive[order]
+    return order, kept[order]
 
 
 def _size_centre(boxes: Tensor) -> tuple[Tensor, Tensor]:

@@ -1,4 +1,4 @@
-"""Checkpoints: weights, spec and training record in one safetensors file."""
+"""Checkpoints: weights, model spec and training record in one safetensors file."""
 
 from __future__ import annotations
 
@@ -21,7 +21,16 @@ METADATA_KEY = "perceptree"
 
 
 def save_checkpoint(path: str | Path, model: TreeRCNN, training: dict[str, Any]) -> None:
-    """Write weights, spec and ``training`` (JSON values), all or nothing."""
+    """Write a checkpoint atomically: on an error no partial file remains.
+
+    Args:
+        path: File to write; missing parent folders are made.
+        model: The network, whose spec is stored too.
+        training: Record of the training, of values that JSON can hold.
+
+    Raises:
+        CheckpointError: If the file cannot be written.
+    """
     path = Path(path)
     record = {"schema": SCHEMA, "spec": model.spec.to_dict(), "training": training}
     tensors = {name: value.contiguous() for name, value in model.state_dict().items()}
@@ -34,10 +43,18 @@ def save_checkpoint(path: str | Path, model: TreeRCNN, training: dict[str, Any])
 
 
 def load_checkpoint(path: str | Path) -> tuple[TreeRCNN, dict[str, Any]]:
-    """Read a checkpoint -> the model in eval mode, and its metadata.
+    """Read a checkpoint of this project.
 
-    The metadata has ``schema``, ``spec`` and ``training``. Raises CheckpointError with one
-    line for anything that is not a checkpoint of this project.
+    Args:
+        path: A safetensors file that :func:`save_checkpoint` wrote.
+
+    Returns:
+        The model in eval mode, and the metadata: a dict with ``schema``, ``spec`` and
+        ``training``.
+
+    Raises:
+        CheckpointError: If the file is missing, unreadable or of another kind, or if its tensors
+            do not match its spec.
     """
     path = Path(path)
     record, tensors = _read(path)
@@ -70,9 +87,19 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, torch.Tensor]]:
 def check_tensors(
     path: Path | str, expected: Mapping[str, torch.Tensor], found: Mapping[str, torch.Tensor]
 ) -> None:
-    """Raise CheckpointError naming the first three tensors of ``found`` that do not fit."""
+    """Check names and shapes of tensors.
+
+    Args:
+        path: File or source that an error names.
+        expected: The tensors that there should be.
+        found: The tensors that there are.
+
+    Raises:
+        CheckpointError: If tensors are missing, unexpected or of another shape; the message lists
+            the first three.
+    """
     faults = [f"{name} is missing" for name in expected if name not in found]
-    faults += [f"{name} is surplus" for name in found if name not in expected]
+    faults += [f"{name} is unexpected" for name in found if name not in expected]
     faults += [
         f"{name} has shape {tuple(found[name].shape)}, expected {tuple(value.shape)}"
         for name, value in expected.items()

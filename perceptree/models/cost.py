@@ -1,8 +1,7 @@
-"""What a network costs: its parameters, and the multiply-adds of one frame.
+"""Size of a network: its number of parameters, and the multiply-adds of one frame.
 
-Multiply-adds are those of convolutions and fully connected layers, as publications count them;
-what a profiler calls a FLOP is half of one. Pooling of regions, suppression and the reading of
-keypoints come on top and are small beside them.
+Multiply-adds are counted in convolutions and fully connected layers, as publications do. One
+multiply-add is two FLOPs. RoIAlign, non-maximum suppression and keypoint decoding are not counted.
 """
 
 from __future__ import annotations
@@ -25,27 +24,29 @@ _FLOPS_PER_MULTIPLY_ADD = 2
 
 
 class ClassifierCost(NamedTuple):
-    """Of a backbone as an ImageNet classifier of 1000 classes, for one 224x224 px image."""
+    """Size of a backbone as an ImageNet classifier (1000 classes, one 224x224 px image)."""
 
     parameters: int
     multiply_adds: int
 
 
 def parameters(module: nn.Module) -> int:
-    """Trained numbers of a network, the frozen ones too; running statistics are none."""
+    """Count the parameters of a network, frozen ones included, running statistics excluded."""
     return sum(value.numel() for value in module.parameters())
 
 
 def multiply_adds(model: TreeRCNN) -> int:
-    """Of one ``detect`` of one frame of the spec's size, with all its proposals and rows."""
+    """Count the multiply-adds of ``detect`` for one frame with the maximum number of regions."""
     return sum(multiply_adds_by_part(model).values())
 
 
 def multiply_adds_by_part(model: TreeRCNN) -> dict[str, int]:
-    """As :func:`multiply_adds`, by part in the order of the work.
+    """Count the multiply-adds of each part of a model, as :func:`multiply_adds` does.
 
-    The parts are ``backbone``, ``pyramid``, ``proposals``, ``box_head`` and, where the model has
-    them, ``mask_head`` and ``keypoint_head``.
+    Returns:
+        Multiply-adds by part, in the order of execution: ``backbone``, ``pyramid``,
+        ``proposals``, ``box_head`` and, where the model has them, ``mask_head`` and
+        ``keypoint_head``.
     """
     spec = model.spec
     height, width = (32 * cells for cells in spec.map_size(5))
@@ -67,9 +68,14 @@ def multiply_adds_by_part(model: TreeRCNN) -> dict[str, int]:
 
 
 def classifier_cost(backbone: str, stride_in_1x1: bool = False) -> ClassifierCost:
-    """What publications give as the cost of a detector's backbone, by our name of it.
+    """Compute the size of a backbone as an image classifier, which publications state.
 
-    Raises SpecError for a backbone that we have not.
+    Args:
+        backbone: A key of ``backbones.BACKBONES``.
+        stride_in_1x1: As for ``backbones.Backbone``.
+
+    Raises:
+        SpecError: If the backbone is unknown.
     """
     with torch.device("meta"):
         network = make_timm(backbone, stride_in_1x1).eval()
@@ -78,7 +84,7 @@ def classifier_cost(backbone: str, stride_in_1x1: bool = False) -> ClassifierCos
 
 
 def _run(module: nn.Module, inputs: Any) -> tuple[Any, int]:
-    """A module's output for inputs of a shape only, and its multiply-adds; computes nothing."""
+    """The output and the multiply-adds of a module for inputs on the meta device (shapes only)."""
     tensors = chain(module.named_parameters(), module.named_buffers())
     shapes = {name: value.detach().to("meta") for name, value in tensors}
     with FlopCounterMode(display=False) as counter, torch.no_grad():

@@ -1,8 +1,9 @@
-"""Two gradients that torch computes slowly on processors, by kernels of our own.
+"""Numba kernels for two gradients that torch computes slowly on CPUs.
 
-The weights' gradient of a depthwise convolution runs 3 to 7 times faster here, that of weighted
-sums of rows 4 times: together a tenth of a training step (benchmarks/training.py). Values differ
-by rounding only, and do not depend on the number of threads.
+The weight gradient of a depthwise convolution is 3 to 7 times faster than torch's, the gradient
+of weighted sums of rows 4 times. Together they shorten a training step by a tenth
+(benchmarks/training.py). Values differ from torch's by rounding only. They do not depend on the
+number of threads.
 """
 
 from __future__ import annotations
@@ -20,7 +21,17 @@ from torch.nn import functional
 
 
 def depthwise_conv(x: Tensor, weight: Tensor, stride: int, padding: int) -> Tensor:
-    """A depthwise convolution of ``x`` (N, C, H, W) with ``weight`` (C, 1, K, K), float32."""
+    """Depthwise convolution on the CPU.
+
+    Args:
+        x: (N, C, H, W) float32.
+        weight: (C, 1, K, K) float32.
+        stride: Stride in both directions.
+        padding: Zeros added on each side.
+
+    Returns:
+        (N, C, H', W') float32.
+    """
     out: Tensor = _Depthwise.apply(x, weight, stride, padding)
     return out
 
@@ -72,7 +83,7 @@ def _channels_last(x: Tensor) -> NDArray[np.float32]:
 
 
 def _run_parts(kernel: Callable[..., None], channels: int, *arguments: Any) -> None:
-    """Run a kernel over all channels, a share of them in each of torch's threads."""
+    """Run a kernel over all channels, split evenly over as many threads as torch uses."""
     parts = min(torch.get_num_threads(), channels)
     if parts == 1:
         kernel(*arguments, 0, channels)
@@ -87,10 +98,19 @@ def _threads(count: int) -> ThreadPoolExecutor:
 
 
 def weighted_sums(rows: Tensor, places: Tensor, starts: Tensor, weights: Tensor) -> Tensor:
-    """Sums of rows -> (B, C); sum ``b`` takes ``rows[places]`` times ``weights`` from a start on.
+    """Weighted sums of groups of rows, as ``torch.nn.functional.embedding_bag`` computes them.
 
-    ``rows`` (P, C) float32, ``places`` and ``weights`` (T,), ``starts`` (B,) int64 ascending from
-    0. The gradient goes to ``rows`` alone.
+    Group ``b`` consists of the entries from ``starts[b]`` to the next start. The gradient is
+    computed for ``rows`` only.
+
+    Args:
+        rows: (P, C) float32.
+        places: (T,) int64, the row of each entry.
+        starts: (B,) int64, the first entry of each group, ascending from 0.
+        weights: (T,) float32, the weight of each entry.
+
+    Returns:
+        (B, C) float32, the sum of ``rows[places] * weights`` over each group.
     """
     if torch.is_grad_enabled() and rows.requires_grad:
         sums: Tensor = _WeightedSums.apply(rows, places, starts, weights)

@@ -1,7 +1,7 @@
 """Numba kernels of gradients, for the channels from ``start`` to ``stop``.
 
-Calls for different channels may run in threads at the same time: each writes to channels of its
-own, and sums in the order of the rows. Memory of all arrays is laid out with the channels last.
+Calls for different channels may run in parallel: each writes only its own channels, and sums in
+the order of the rows. All arrays are stored with the channels last.
 """
 
 from __future__ import annotations
@@ -18,9 +18,16 @@ def _add_product(total, a, b):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def depthwise_weight_gradient(x, gradient, stride, padding, out, start, stop):
-    """``out`` (K, K, C): of a depthwise convolution of ``x`` (N, H, W, C), float32.
+    """Gradient of a depthwise convolution's weights.
 
-    ``gradient`` (N, h, w, C) is that of its result.
+    Args:
+        x: (N, H, W, C) float32 input of the convolution.
+        gradient: (N, h, w, C) float32, gradient of its output.
+        stride: Stride in both directions.
+        padding: Zeros added on each side.
+        out: (K, K, C) float32, receives the gradient of the weights.
+        start: First channel to compute.
+        stop: End of the channels to compute.
     """
     images, height, width, _ = x.shape
     side = out.shape[0]
@@ -32,24 +39,32 @@ def depthwise_weight_gradient(x, gradient, stride, padding, out, start, stop):
                 if y < 0 or y >= height:
                     continue
                 for column in range(gradient.shape[2]):
-                    risen = gradient[n, row, column, start:stop]
+                    output_gradient = gradient[n, row, column, start:stop]
                     for j in range(side):
                         left = column * stride + j - padding
                         if 0 <= left < width:
-                            _add_product(total[i, j], risen, x[n, y, left, start:stop])
+                            _add_product(total[i, j], output_gradient, x[n, y, left, start:stop])
     out[:, :, start:stop] = total
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def weighted_sums_gradient(gradient, places, starts, weights, out, start, stop):
-    """``out`` (P, C), zero before: what each of P rows gets of weighted sums of rows, float32.
+    """Gradient of weighted sums of rows with respect to the rows.
 
-    Sum ``b``, of gradient (B, C), takes the rows ``places[starts[b]:starts[b + 1]]`` times
-    ``weights``.
+    Sum ``b`` adds the rows ``places[starts[b]:starts[b + 1]]`` times their ``weights``.
+
+    Args:
+        gradient: (B, C) float32, gradient of the sums.
+        places: (T,) int64, the row of each entry.
+        starts: (B + 1,) int64, the first entry of each sum, and T.
+        weights: (T,) float32.
+        out: (P, C) float32 zeros, receives the gradient of the rows.
+        start: First channel to compute.
+        stop: End of the channels to compute.
     """
     for bag in range(gradient.shape[0]):
-        risen = gradient[bag, start:stop]
+        sum_gradient = gradient[bag, start:stop]
         for tap in range(starts[bag], starts[bag + 1]):
             row, weight = out[places[tap], start:stop], weights[tap]
             for c in range(len(row)):
-                row[c] += weight * risen[c]
+                row[c] += weight * sum_gradient[c]

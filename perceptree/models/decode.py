@@ -1,6 +1,6 @@
-"""Reading keypoints from heat maps to a fraction of a cell, without a loop over regions.
+"""Decode keypoints from heat maps with subcell accuracy, batched over regions.
 
-The logits of a heat map are the nodes of a bicubic surface, whose peak is the keypoint.
+A heat map's logits are interpolated bicubically. The maximum of that surface is the keypoint.
 """
 
 from __future__ import annotations
@@ -13,16 +13,24 @@ from perceptree.models.spec import KeypointGrid
 
 STEPS_PER_CELL = 8
 BICUBIC_A = -0.75
-# Peaks on pixels: coarse samples per cell, and how many of the best are looked around.
-COARSE_PER_CELL = 2
-CANDIDATES = 8
+# Search of the best pixel: samples per cell in the first pass, and how many of the best samples
+# the second pass refines.
+COARSE_SAMPLES_PER_CELL = 2
+PEAK_CANDIDATES = 8
 
 
 def decode_keypoints(maps: Tensor, boxes: Tensor, grid: KeypointGrid, longest_px: int) -> Tensor:
-    """Heat maps (R, K, S, S) over boxes (R, 4) xyxy px -> (R, K, 3): x px, y px, score.
+    """Find each keypoint's position and score in its heat map.
 
-    The score is Detectron2's: the softmax over the S x S cells, evaluated at the peak.
-    ``longest_px`` is the longest side that a box can have.
+    Args:
+        maps: (R, K, S, S) logits, one heat map per region and keypoint.
+        boxes: (R, 4) xyxy px, the area that a region's heat maps cover.
+        grid: Possible positions, as ``ModelSpec.keypoint_grid``.
+        longest_px: Longest possible side of a box, px.
+
+    Returns:
+        (R, K, 3): x px, y px and score. The score is Detectron2's: the softmax over the S x S
+        cells, evaluated at the peak.
     """
     regions, keypoints, size, _ = maps.shape
     flat = maps.reshape(regions * keypoints, size, size)
@@ -31,7 +39,7 @@ def decode_keypoints(maps: Tensor, boxes: Tensor, grid: KeypointGrid, longest_px
         share, peak = subcell_peaks(flat)
     else:
         share, peak = pixel_peaks(flat, sides, longest_px)
-    # A surface may rise far above its cells; the score stays finite then.
+    # The interpolated peak can be far above all cells; keep the score finite.
     score = 1.0 / torch.exp(flat - peak[:, None, None]).sum(dim=(1, 2)).clamp(min=1e-6)
     start = boxes[:, :2].repeat_interleave(keypoints, dim=0)
     found = torch.cat((start + share * sides, score[:, None]), dim=1)
@@ -39,7 +47,7 @@ def decode_keypoints(maps: Tensor, boxes: Tensor, grid: KeypointGrid, longest_px
 
 
 def cubic_weights(distance: Tensor) -> Tensor:
-    """Keys' kernel with a = -0.75, as torch's and OpenCV's bicubic resizing have it."""
+    """Bicubic weights at a distance in cells (Keys 1981, a = -0.75 as in torch and OpenCV)."""
     x = distance.abs()
     near = ((BICUBIC_A + 2) * x - (BICUBIC_A + 3)) * x * x + 1
     far = BICUBIC_A * (((x - 5) * x + 8) * x - 4)
@@ -47,10 +55,15 @@ def cubic_weights(distance: Tensor) -> Tensor:
 
 
 def subcell_peaks(maps: Tensor) -> tuple[Tensor, Tensor]:
-    """The peak of each surface (N, S, S) within a cell of the strongest node.
+    """Find the peak of each surface within one cell of the highest node.
 
-    Searched on a grid of an eighth of a cell and then on a parabola. Returns (N, 2), x and y as
-    a share of the map's side, and the surface's height (N,).
+    The peak is searched on a grid of 1/8 cell and refined with a parabola.
+
+    Args:
+        maps: (N, S, S) logits.
+
+    Returns:
+        (N, 2) x and y as fractions of the map's side, and (N,) the surface's value there.
     """
     count, size, _ = maps.shape
     row, column = _split(maps.flatten(1).argmax(dim=1), size)
@@ -67,9 +80,9 @@ def subcell_peaks(maps: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _patches(maps: Tensor, top: Tensor, left: Tensor, side: int) -> Tensor:
-    """(M, side, side) nodes of maps (N, S, S) from ``top`` and ``left`` (M,), borders repeated.
+    """Cut (M, side, side) patches at ``top`` and ``left`` (M,) out of maps (N, S, S).
 
-    M is a multiple of N: so many patches of the first map, then of the next one.
+    Borders are replicated. M is a multiple of N; the patches of a map follow each other.
     """
     count, size, _ = maps.shape
     reach = torch.arange(side, device=maps.device)
@@ -80,7 +93,7 @@ def _patches(maps: Tensor, top: Tensor, left: Tensor, side: int) -> Tensor:
 
 
 def _parabola(flat: Tensor, best: Tensor, position: Tensor, stride: int) -> Tensor:
-    """Where a parabola through a fine peak and its two neighbours is highest, in fine steps."""
+    """Offset of the maximum of a parabola through a sample and its two neighbours, in samples."""
     last = flat.shape[1] - 1
     middle, before, after = (
         torch.gather(flat, 1, (best + shift).clamp(0, last)[:, None])[:, 0]
@@ -93,21 +106,29 @@ def _parabola(flat: Tensor, best: Tensor, position: Tensor, stride: int) -> Tens
 
 
 def pixel_peaks(maps: Tensor, sides: Tensor, longest_px: int) -> tuple[Tensor, Tensor]:
-    """The highest pixel of each surface (N, S, S) resized to a box of ``sides`` (N, 2) px.
+    """Find the highest pixel of each heat map resized to the size of its box, as Detectron2 does.
 
-    This is Detectron2's reading: the surface at the centres of the box's pixels, their number
-    rounded up. First some pixels of each cell are read (of small boxes, every pixel), then all
-    within a cell of the best of these. Returns as :func:`subcell_peaks`.
+    The surface is evaluated at the centres of the box's pixels, whose number is rounded up. The
+    first pass evaluates two pixels per cell and axis (every pixel of small boxes), the second one
+    all pixels within one cell of the best of these.
+
+    Args:
+        maps: (N, S, S) logits.
+        sides: (N, 2) width and height of the boxes, px.
+        longest_px: Longest possible side of a box, px.
+
+    Returns:
+        As :func:`subcell_peaks`.
     """
     count, size, _ = maps.shape
     pixels = sides.clamp(min=1.0).ceil()
-    spread, coarse = _spread_pixels(maps, pixels)
-    rows, columns = _split(torch.topk(coarse, CANDIDATES, dim=1).indices, spread.shape[2])
+    spread, coarse = _coarse_surface(maps, pixels)
+    rows, columns = _split(torch.topk(coarse, PEAK_CANDIDATES, dim=1).indices, spread.shape[2])
     chosen = torch.gather(spread, 2, torch.stack((columns, rows), dim=1))
     chosen = chosen.transpose(1, 2).flatten(0, 1)[..., None]
     reach = longest_px // size + 1
     number = chosen + torch.arange(-reach, reach + 1, device=maps.device)
-    limit = pixels.repeat_interleave(CANDIDATES, dim=0)[..., None]
+    limit = pixels.repeat_interleave(PEAK_CANDIDATES, dim=0)[..., None]
     middle = _node_position(chosen, limit, size)
     position = _node_position(number, limit, size)
     start = middle.floor() - 2.0
@@ -122,19 +143,19 @@ def pixel_peaks(maps: Tensor, sides: Tensor, longest_px: int) -> tuple[Tensor, T
     steps = 2 * reach + 1
     candidate, within = _split(best, steps * steps)
     down, across = _split(within, steps)
-    place = torch.arange(count, device=maps.device) * CANDIDATES + candidate
+    place = torch.arange(count, device=maps.device) * PEAK_CANDIDATES + candidate
     found = torch.stack((number[place, 0, across], number[place, 1, down]), dim=1)
     return (found + 0.5) / pixels, peak
 
 
-def _spread_pixels(maps: Tensor, pixels: Tensor) -> tuple[Tensor, Tensor]:
-    """Pixels (N, 2, P) spread over a box, x and y, and the surface there (N, P * P).
+def _coarse_surface(maps: Tensor, pixels: Tensor) -> tuple[Tensor, Tensor]:
+    """Evaluate the surface on a coarse grid of pixels.
 
-    P is two for each node; with fewer pixels than that they are all taken, and what is left
-    over is minus infinity.
+    Returns pixel numbers (N, 2, P) in x and y, and the surface there (N, P * P). P is two per
+    node. A box with fewer pixels uses all of them, and the remaining values are minus infinity.
     """
     size = maps.shape[-1]
-    count = COARSE_PER_CELL * size
+    count = COARSE_SAMPLES_PER_CELL * size
     number = torch.arange(count, device=maps.device)
     limit = pixels[..., None]
     number = torch.where(limit > count, ((number + 0.5) * limit / count - 0.5).round(), number)
@@ -148,7 +169,7 @@ def _spread_pixels(maps: Tensor, pixels: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _node_position(pixel: Tensor, pixels: Tensor, size: int) -> Tensor:
-    """Where the centre of a pixel lies among ``size`` nodes, when ``pixels`` span them."""
+    """Position of a pixel's centre on the axis of ``size`` nodes that ``pixels`` pixels cover."""
     return (pixel + 0.5) * (size / pixels) - 0.5
 
 

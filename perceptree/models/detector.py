@@ -1,4 +1,4 @@
-"""The detector: Mask R-CNN with an optional mask and an optional keypoint branch."""
+"""The detector: Mask R-CNN (He et al. 2017) with optional mask and keypoint heads."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from torch.nn import functional
 from perceptree.keypoints import KEYPOINT_NAMES
 from perceptree.models import losses
 from perceptree.models.backbones import Backbone
-from perceptree.models.boxes import clip_boxes, decode_boxes, enlarge_boxes, suppress
+from perceptree.models.boxes import clip_boxes, decode_boxes, enlarge_boxes, nms_top_k
 from perceptree.models.decode import decode_keypoints
 from perceptree.models.fpn import FeaturePyramid
 from perceptree.models.heads import (
@@ -23,14 +23,14 @@ from perceptree.models.heads import (
     KeypointHead,
     MaskHead,
 )
-from perceptree.models.losses import Share, alone
+from perceptree.models.losses import CountReducer, local_count
 from perceptree.models.matching import (
-    Draw,
+    RandomDraw,
     RegionSample,
     SampleSettings,
-    draw_anew,
     match_anchors,
     sample_regions,
+    uniform_draw,
 )
 from perceptree.models.roi_align import RegionPooler
 from perceptree.models.rpn import ProposalMaps, ProposalNetwork
@@ -39,9 +39,9 @@ from perceptree.models.targets import TreeTargets, pad_boxes
 
 
 class Detections(NamedTuple):
-    """The trees of a batch, K rows per image by falling score; rows past the count are zero.
+    """The detected trees of a batch: K rows per image by descending score, padded with zeros.
 
-    Without its branch, ``keypoints`` or ``masks`` is all zero.
+    ``keypoints`` and ``masks`` are all zero if the model has no such head.
     """
 
     boxes: Tensor
@@ -49,17 +49,29 @@ class Detections(NamedTuple):
     scores: Tensor
     """(B, K) float32, 0 to 1."""
     keypoints: Tensor
-    """(B, K, 5, 3) float32: x px, y px, softmax peak."""
+    """(B, K, 5, 3) float32: x px, y px, score 0 to 1 (the softmax at the peak)."""
     masks: Tensor
-    """(B, K, 28, 28) float32, probability within the box."""
+    """(B, K, 28, 28) float32, probability of each cell of the box to be stem."""
     num_detections: Tensor
-    """(B,) int64."""
+    """(B,) int64, number of detections in each image."""
 
 
 class TreeRCNN(nn.Module):
-    """A two-stage tree detector after ``spec``, from random weights.
+    """A two-stage tree detector with random weights.
 
-    Images are uint8, (B, H, W, 3) BGR or (B, H, W) encoded depth, of the spec's size.
+    Its methods take images as uint8 tensors of the spec's size: (B, H, W, 3) BGR, or (B, H, W)
+    encoded depth.
+
+    Args:
+        spec: Architecture and input of the network.
+
+    Attributes:
+        spec: As given.
+        mean: (C, 1, 1) mean of the input per channel, in 8-bit units.
+        std: (C, 1, 1) standard deviation of the input per channel, in 8-bit units.
+
+    Raises:
+        SpecError: If the spec's backbone cannot be built.
     """
 
     mean: Tensor
@@ -84,13 +96,20 @@ class TreeRCNN(nn.Module):
         self.register_buffer("mean", torch.tensor(spec.mean)[:, None, None], persistent=False)
         self.register_buffer("std", torch.tensor(spec.std)[:, None, None], persistent=False)
         self._fixed: list[nn.Module] = []
-        # The layout in which CPUs convolve fastest, above all at the finest maps.
+        # Convolutions on CPUs are fastest in this memory layout.
         self.to(memory_format=torch.channels_last)
 
     def normalise(self, images: Tensor) -> Tensor:
-        """uint8 images -> (B, C, H', W') float32, mean taken off and divided by std.
+        """Subtract the mean and divide by the standard deviation.
 
-        Below and to the right zeros fill the size up to multiples of 32.
+        Args:
+            images: uint8, (B, H, W, 3) BGR or (B, H, W) depth.
+
+        Returns:
+            (B, C, H', W') float32, padded with zeros at the bottom and right to multiples of 32.
+
+        Raises:
+            ValueError: If the dtype or the shape is not the spec's.
         """
         shape = (self.spec.height, self.spec.width)
         if self.spec.modality == "rgb":
@@ -112,15 +131,17 @@ class TreeRCNN(nn.Module):
         return x.contiguous(memory_format=torch.channels_last)
 
     def features(self, images: Tensor) -> tuple[dict[int, Tensor], ProposalMaps]:
-        """uint8 images -> pyramid maps by level, and what the proposal network says."""
+        """Compute the pyramid maps of uint8 images by level, and the proposal network's output."""
         maps = self.pyramid(self.backbone(self.normalise(images)))
         return dict(zip(self.spec.levels, maps, strict=True)), self.proposer(maps)
 
     def freeze(self, level: int = 0, norms: bool = False) -> None:
-        """Keep parts of the backbone as they are in training.
+        """Exclude parts of the backbone from training.
 
-        ``level`` 2 is Detectron2's FREEZE_AT 2: everything up to the maps of stride 2**level.
-        ``norms`` fixes all of the backbone's batch norms, as Detectron2 does.
+        Args:
+            level: Freeze everything up to the maps of stride ``2**level``; 0 freezes nothing, 2
+                is Detectron2's FREEZE_AT 2.
+            norms: Freeze all batch norms of the backbone, as Detectron2 does.
         """
         stages = [part for reached, part in self.backbone.stages() if reached <= level]
         kinds = [
@@ -132,7 +153,7 @@ class TreeRCNN(nn.Module):
         self.train(self.training)
 
     def train(self, mode: bool = True) -> TreeRCNN:
-        """As in torch, but what is frozen stays in eval mode."""
+        """Set training or eval mode as in torch; frozen parts stay in eval mode."""
         super().train(mode)
         for part in self._fixed:
             part.eval()
@@ -143,13 +164,24 @@ class TreeRCNN(nn.Module):
         images: Tensor,
         targets: Sequence[TreeTargets],
         sampling: SampleSettings | None = None,
-        draw: Draw = draw_anew,
-        share: Share = alone,
+        draw: RandomDraw = uniform_draw,
+        mean_count: CountReducer = local_count,
     ) -> dict[str, Tensor]:
-        """The losses of a batch, float32 scalars by name; their sum is to be minimised.
+        """Compute the training losses of a batch. Their sum is to be minimised.
 
-        ``draw`` gives the random numbers that anchors and regions are chosen by, ``share`` joins
-        the counts of several processes.
+        Args:
+            images: uint8, (B, H, W, 3) BGR or (B, H, W) depth.
+            targets: One per image, with masks if the model has a mask head.
+            sampling: How anchors and regions are sampled.
+            draw: Source of the random numbers for the sampling.
+            mean_count: Mean of a count over the training processes.
+
+        Returns:
+            float32 scalars: ``objectness``, ``proposal_shift``, ``score``, ``box_shift`` and, if
+            the model has these heads, ``mask`` and ``keypoint``.
+
+        Raises:
+            ValueError: If the images are not the spec's, or masks are missing.
         """
         sampling = sampling or SampleSettings()
         maps, proposal_maps = self.features(images)
@@ -162,7 +194,7 @@ class TreeRCNN(nn.Module):
                     proposal_maps, sampling.proposals_per_level, sampling.proposals
                 )
                 sample = sample_regions(proposals.boxes, proposals.valid, trees, sampling, draw)
-            result = losses.proposal_losses(proposal_maps, anchors, match, trees, share)
+            result = losses.proposal_losses(proposal_maps, anchors, match, trees, mean_count)
         regions = sample.boxes.flatten(0, 1)
         rows = torch.arange(len(targets), device=images.device)
         owner = rows.repeat_interleave(sample.boxes.shape[1])
@@ -171,16 +203,16 @@ class TreeRCNN(nn.Module):
         truth = torch.gather(trees.boxes, 1, sample.tree[..., None].expand(-1, -1, 4))
         flags = sample.positive.flatten(), sample.used.flatten()
         result |= losses.box_losses(
-            logits, shifts, regions, truth.flatten(0, 1), *flags, sampling.box_beta, share
+            logits, shifts, regions, truth.flatten(0, 1), *flags, sampling.box_beta, mean_count
         )
-        return result | self._branch_losses(pooler, sample, targets, share)
+        return result | self._branch_losses(pooler, sample, targets, mean_count)
 
     def _branch_losses(
         self,
         pooler: RegionPooler,
         sample: RegionSample,
         targets: Sequence[TreeTargets],
-        share: Share,
+        mean_count: CountReducer,
     ) -> dict[str, Tensor]:
         image, row = sample.positive.nonzero(as_tuple=True)
         boxes = sample.boxes[image, row]
@@ -189,20 +221,29 @@ class TreeRCNN(nn.Module):
         result = {}
         if self.mask_head is not None:
             pooled = pooler(boxes, image, ROI_CELLS)
-            masks = losses.joined([_masks(t) for t in targets], boxes.device)
+            masks = losses.concatenate_on_device([_masks(t) for t in targets], boxes.device)
             wanted = losses.mask_targets(boxes, masks, tree)
-            result["mask"] = losses.mask_loss(self.mask_head(pooled), wanted, share)
+            result["mask"] = losses.mask_loss(self.mask_head(pooled), wanted, mean_count)
         if self.keypoint_head is not None:
             wide = self._enlarged(boxes)
             pooled = pooler(wide, image, ROI_CELLS)
-            keypoints = losses.joined([t.keypoints for t in targets], boxes.device)
+            keypoints = losses.concatenate_on_device([t.keypoints for t in targets], boxes.device)
             cells, inside = losses.keypoint_targets(wide, keypoints[tree])
             heat = self.keypoint_head(pooled)
-            result["keypoint"] = losses.keypoint_loss(heat, cells, inside, share)
+            result["keypoint"] = losses.keypoint_loss(heat, cells, inside, mean_count)
         return result
 
     def detect(self, images: Tensor) -> Detections:
-        """Find trees; shapes are fixed and no Python branch depends on the pixels."""
+        """Detect trees.
+
+        Shapes are fixed and no Python branch depends on pixel values, so the method can be traced.
+
+        Args:
+            images: uint8, (B, H, W, 3) BGR or (B, H, W) depth.
+
+        Raises:
+            ValueError: If the dtype or the shape is not the spec's.
+        """
         maps, proposal_maps = self.features(images)
         spec = self.spec
         proposals = self.proposer.propose(proposal_maps, spec.proposals_per_level, spec.proposals)
@@ -226,12 +267,12 @@ class TreeRCNN(nn.Module):
     def _select(
         self, boxes: Tensor, scores: Tensor, valid: Tensor
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """(B, P, ...) candidates -> the K best boxes, scores and which of them are real."""
+        """Keep the K best of (B, P, ...) candidates: boxes, scores and a validity mask."""
         size = boxes[..., 2:] - boxes[..., :2]
         valid = valid & (scores > self.spec.score_threshold) & (size > 0.0).all(dim=-1)
         rows = []
         for i in range(boxes.shape[0]):
-            order, real = suppress(
+            order, real = nms_top_k(
                 boxes[i], scores[i], valid[i], self.spec.nms_iou, self.spec.detections
             )
             rows.append(
@@ -245,7 +286,7 @@ class TreeRCNN(nn.Module):
         return torch.stack(kept_boxes), torch.stack(kept_scores), torch.stack(kept)
 
     def _branches(self, pooler: RegionPooler, boxes: Tensor) -> tuple[Tensor, Tensor]:
-        """Keypoints and masks of (B, K, 4) boxes; zeros without the branch."""
+        """Keypoints and masks of (B, K, 4) boxes; zeros where the model has no such head."""
         spec = self.spec
         flat, images = _flattened(boxes)
         shape = boxes.shape[:2]
@@ -264,19 +305,19 @@ class TreeRCNN(nn.Module):
         return keypoints, masks
 
     def _enlarged(self, boxes: Tensor) -> Tensor:
-        """What the keypoint head sees of (R, 4) boxes, within the image."""
+        """The area that the keypoint head uses for (R, 4) boxes, clipped to the image."""
         wide = enlarge_boxes(boxes, self.spec.keypoint_box_scale)
         return clip_boxes(wide, self.spec.height, self.spec.width)
 
 
 def _masks(target: TreeTargets) -> Tensor:
     if target.masks is None:
-        raise ValueError("targets without masks: expected masks, or a model without that branch")
+        raise ValueError("targets have no masks: expected masks, or a model without a mask head")
     return target.masks
 
 
 def _flattened(boxes: Tensor) -> tuple[Tensor, Tensor]:
-    """(B, R, 4) boxes -> (B*R, 4), and the image (B*R,) that each lies in."""
+    """Flatten (B, R, 4) boxes to (B * R, 4), and return the image index (B * R,) of each."""
     batch, count = boxes.shape[:2]
     images = torch.arange(batch, device=boxes.device).repeat_interleave(count)
     return boxes.flatten(0, 1), images

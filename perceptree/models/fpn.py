@@ -1,4 +1,4 @@
-"""The feature pyramid of Lin et al. (2017)."""
+"""The feature pyramid network of Lin et al. (2017)."""
 
 from __future__ import annotations
 
@@ -16,10 +16,13 @@ def _convolution(in_channels: int, width: int, kernel: int, norm: bool) -> nn.Mo
 
 
 class FeaturePyramid(nn.Module):
-    """Maps of one width at every level, each enriched from the coarser ones.
+    """Combine the backbone's maps top-down into maps of equal width.
 
-    ``norm`` puts batch norm after each convolution; ``level_6`` adds a map of every second cell
-    of the coarsest one.
+    Args:
+        in_channels: Channels of the backbone's maps, finest first.
+        width: Channels of every output map.
+        norm: Use batch norm after each convolution, in place of a bias.
+        level_6: Add a level: the coarsest map subsampled by 2.
     """
 
     def __init__(self, in_channels: tuple[int, ...], width: int, norm: bool, level_6: bool) -> None:
@@ -29,7 +32,7 @@ class FeaturePyramid(nn.Module):
         self.level_6 = level_6
 
     def forward(self, maps: list[Tensor]) -> list[Tensor]:
-        """Backbone maps, finest first -> (B, width, h, w) of every level."""
+        """Map the backbone's maps, finest first, to one (B, width, h, w) map per level."""
         merged = [lateral(x) for lateral, x in zip(self.lateral, maps, strict=True)]
         for i in range(len(merged) - 1, 0, -1):
             up = functional.interpolate(merged[i], scale_factor=2.0, mode="nearest")

@@ -1,4 +1,4 @@
-"""The heads that look at pooled regions: box, mask, keypoints."""
+"""Network heads for pooled regions: box, mask and keypoints (He et al. 2017, Mask R-CNN)."""
 
 from __future__ import annotations
 
@@ -8,13 +8,15 @@ from torch.nn import functional
 from perceptree.keypoints import KEYPOINT_NAMES
 from perceptree.models.spec import CLASS_NAMES
 
+# RoIAlign output of the box head, and of the mask and keypoint heads.
 BOX_CELLS = 7
-BOX_WEIGHTS = (10.0, 10.0, 5.0, 5.0)
 ROI_CELLS = 14
+# Weights of the box offsets in ``boxes.encode_boxes``; Detectron2's values.
+BOX_WEIGHTS = (10.0, 10.0, 5.0, 5.0)
 
 
 class BoxHead(nn.Module):
-    """Two fully connected layers: is it a tree, and where exactly."""
+    """Two fully connected layers that classify a region and refine its box."""
 
     def __init__(self, in_channels: int, width: int) -> None:
         super().__init__()
@@ -30,7 +32,14 @@ class BoxHead(nn.Module):
             nn.init.zeros_(linear.bias)
 
     def forward(self, regions: Tensor) -> tuple[Tensor, Tensor]:
-        """(R, C, 7, 7) -> logits (R, 2) as (tree, background) and offsets (R, 4), float32."""
+        """Classify regions.
+
+        Args:
+            regions: (R, C, 7, 7) pooled features.
+
+        Returns:
+            Logits (R, 2) of tree and background, and box offsets (R, 4), both float32.
+        """
         x = regions.flatten(1)
         for layer in self.hidden:
             x = functional.relu(layer(x), inplace=True)
@@ -38,9 +47,13 @@ class BoxHead(nn.Module):
 
 
 class RegionTower(nn.Module):
-    """3x3 convolutions with relu, then a transposed one that doubles the resolution.
+    """3x3 convolutions with ReLU, then a transposed convolution that doubles the resolution.
 
-    The last layer's ``kernel`` is 2 or 4 cells of the doubled map wide.
+    Args:
+        in_channels: Channels of the pooled features.
+        widths: Channels of the 3x3 convolutions.
+        out_channels: Channels of the transposed convolution.
+        kernel: Kernel size of the transposed convolution, 2 or 4.
     """
 
     def __init__(
@@ -59,7 +72,7 @@ class RegionTower(nn.Module):
             nn.init.zeros_(layer.bias)
 
     def forward(self, regions: Tensor) -> Tensor:
-        """(R, C, 14, 14) -> (R, out_channels, 28, 28)."""
+        """Map (R, C, 14, 14) to (R, out_channels, 28, 28)."""
         x = regions
         for layer in self.convs:
             x = functional.relu(layer(x), inplace=True)
@@ -68,7 +81,7 @@ class RegionTower(nn.Module):
 
 
 class MaskHead(nn.Module):
-    """The visible pixels of the stem inside its box."""
+    """Predicts the visible pixels of the stem inside its box."""
 
     def __init__(self, in_channels: int, widths: tuple[int, ...]) -> None:
         super().__init__()
@@ -78,13 +91,13 @@ class MaskHead(nn.Module):
         nn.init.zeros_(self.score.bias)  # type: ignore[arg-type]
 
     def forward(self, regions: Tensor) -> Tensor:
-        """(R, C, 14, 14) -> logits (R, 28, 28) float32."""
+        """Map (R, C, 14, 14) to logits (R, 28, 28) float32."""
         logits: Tensor = self.score(functional.relu(self.tower(regions), inplace=True))
         return logits[:, 0].float()
 
 
 class KeypointHead(nn.Module):
-    """One heat map per keypoint over the enlarged box."""
+    """Predicts one heat map per keypoint over the enlarged box."""
 
     def __init__(self, in_channels: int, widths: tuple[int, ...]) -> None:
         super().__init__()
@@ -92,6 +105,6 @@ class KeypointHead(nn.Module):
         nn.init.normal_(self.tower.up.weight, std=0.001)
 
     def forward(self, regions: Tensor) -> Tensor:
-        """(R, C, 14, 14) -> logits (R, 5, 56, 56) float32."""
+        """Map (R, C, 14, 14) to logits (R, 5, 56, 56) float32."""
         maps = self.tower(regions).float()
         return functional.interpolate(maps, scale_factor=2.0, mode="bilinear")

@@ -1,4 +1,4 @@
-"""The five losses of Mask R-CNN with keypoints (He et al. 2017), each a float32 scalar."""
+"""The losses of Mask R-CNN with keypoints (He et al. 2017), each a float32 scalar."""
 
 from __future__ import annotations
 
@@ -15,15 +15,16 @@ from perceptree.models.rpn import PROPOSAL_WEIGHTS, ProposalMaps
 from perceptree.models.spec import HEAT_MAP_CELLS, MASK_CELLS
 from perceptree.models.targets import PaddedBoxes
 
-Share = Callable[[Tensor], Tensor]
-"""Turns a count of this process into the mean count of all processes that train together.
+CountReducer = Callable[[Tensor], Tensor]
+"""Returns the mean over all training processes of a count, given this process's count.
 
-A loss divided by it, averaged over the processes, is the loss of their joint batch.
+If every process divides its loss by that mean, the mean of the losses is the loss of the joint
+batch.
 """
 
 
-def alone(count: Tensor) -> Tensor:
-    """The count of a process that trains by itself."""
+def local_count(count: Tensor) -> Tensor:
+    """Return ``count``: the mean count of a single training process."""
     return count
 
 
@@ -32,13 +33,25 @@ def proposal_losses(
     anchors: Tensor,
     match: AnchorMatch,
     trees: PaddedBoxes,
-    share: Share = alone,
+    mean_count: CountReducer = local_count,
 ) -> dict[str, Tensor]:
-    """Objectness and offsets over the sampled anchors, divided by their number."""
+    """Losses of the proposal network (Ren et al. 2015) over the sampled anchors.
+
+    Args:
+        maps: Output of the proposal network.
+        anchors: (A, 4) xyxy px, all levels.
+        match: The sampled anchors.
+        trees: True boxes of the batch.
+        mean_count: Mean of a count over the training processes.
+
+    Returns:
+        ``objectness`` (binary cross-entropy) and ``proposal_shift`` (L1 of the box offsets), each
+        divided by the number of sampled anchors.
+    """
     logits = torch.cat(maps.logits, dim=1)
     deltas = torch.cat(maps.deltas, dim=1)
     sampled = match.positive | match.negative
-    count = share(sampled.sum()).clamp(min=1)
+    count = mean_count(sampled.sum()).clamp(min=1)
     chosen = logits[sampled]
     truth = match.positive[sampled].to(chosen.dtype)
     objectness = functional.binary_cross_entropy_with_logits(chosen, truth, reduction="sum")
@@ -57,13 +70,25 @@ def box_losses(
     positive: Tensor,
     used: Tensor,
     beta: float = 0.0,
-    share: Share = alone,
+    mean_count: CountReducer = local_count,
 ) -> dict[str, Tensor]:
-    """Class and offsets over regions (R, ...); truth (R, 4) matters where positive.
+    """Losses of the box head over regions.
 
-    The offsets' loss is smooth L1 with ``beta``, plain L1 at 0.
+    Args:
+        logits: (R, 2) of tree and background.
+        shifts: (R, 4) predicted box offsets.
+        boxes: (R, 4) regions, xyxy px.
+        truth: (R, 4) true boxes, xyxy px, used for positive regions only.
+        positive: (R,) bool, regions on a tree.
+        used: (R,) bool, false for padding.
+        beta: Parameter of the smooth L1 loss (Girshick 2015) of the offsets; 0 is plain L1.
+        mean_count: Mean of a count over the training processes.
+
+    Returns:
+        ``score`` (cross-entropy of the class) and ``box_shift``, each divided by the number of
+        used regions.
     """
-    count = share(used.sum()).clamp(min=1)
+    count = mean_count(used.sum()).clamp(min=1)
     label = (~positive).long()
     entropy = functional.cross_entropy(logits, label, reduction="none")
     wanted = encode_boxes(truth[positive], boxes[positive], BOX_WEIGHTS)
@@ -72,9 +97,15 @@ def box_losses(
 
 
 def mask_targets(boxes: Tensor, masks: Tensor, tree: Tensor) -> Tensor:
-    """The truth at each cell's centre: boxes (R, 4) px, masks (N, H, W) bool, tree (R,) rows.
+    """Sample the true masks at the centre of each cell of the boxes.
 
-    Returns (R, 28, 28) float32.
+    Args:
+        boxes: (R, 4) xyxy px.
+        masks: (N, H, W) bool, masks of all trees of the batch.
+        tree: (R,) int64, the mask of each box.
+
+    Returns:
+        (R, 28, 28) float32, 0 or 1.
     """
     height, width = masks.shape[-2:]
     step = (torch.arange(MASK_CELLS, device=boxes.device) + 0.5) / MASK_CELLS
@@ -86,18 +117,25 @@ def mask_targets(boxes: Tensor, masks: Tensor, tree: Tensor) -> Tensor:
     return masks[tree[:, None, None], row[:, :, None], column[:, None, :]].float()
 
 
-def mask_loss(logits: Tensor, wanted: Tensor, share: Share = alone) -> Tensor:
-    """Mean binary cross-entropy of (R, 28, 28); 0 without regions."""
+def mask_loss(logits: Tensor, wanted: Tensor, mean_count: CountReducer = local_count) -> Tensor:
+    """Mean binary cross-entropy of ``logits`` and ``wanted`` (R, 28, 28); 0 without regions."""
     total = functional.binary_cross_entropy_with_logits(logits, wanted, reduction="sum")
     cells = torch.tensor(wanted.numel(), device=wanted.device)
-    return total / share(cells).clamp(min=1)
+    return total / mean_count(cells).clamp(min=1)
 
 
 def keypoint_targets(boxes: Tensor, keypoints: Tensor) -> tuple[Tensor, Tensor]:
-    """The cell of each keypoint: boxes (R, 4) px, keypoints (R, K, 3) px and flag.
+    """Find the heat map cell of each keypoint.
 
-    Returns the flat cell (R, K) int64 and (R, K) bool: labelled and inside the box. A keypoint
-    on the right or lower edge belongs to the last cell.
+    A keypoint on the right or lower edge of its box belongs to the last cell.
+
+    Args:
+        boxes: (R, 4) xyxy px, the area that a region's heat maps cover.
+        keypoints: (R, K, 3) x px, y px and flag (0 is unlabelled).
+
+    Returns:
+        (R, K) int64 index of the cell in the flattened map, and (R, K) bool, true for keypoints
+        that are labelled and inside the box.
     """
     size = (boxes[:, 2:] - boxes[:, :2]).clamp(min=1e-6)[:, None]
     position = (keypoints[..., :2] - boxes[:, None, :2]) / size
@@ -106,13 +144,25 @@ def keypoint_targets(boxes: Tensor, keypoints: Tensor) -> tuple[Tensor, Tensor]:
     return cell[..., 1] * HEAT_MAP_CELLS + cell[..., 0], inside
 
 
-def keypoint_loss(maps: Tensor, cells: Tensor, inside: Tensor, share: Share = alone) -> Tensor:
-    """Cross-entropy over the cells of (R, K, S, S), mean over keypoints inside; else 0."""
+def keypoint_loss(
+    maps: Tensor, cells: Tensor, inside: Tensor, mean_count: CountReducer = local_count
+) -> Tensor:
+    """Cross-entropy over the cells of each heat map, mean over the keypoints inside their box.
+
+    Args:
+        maps: (R, K, S, S) logits.
+        cells: (R, K) int64, true cells.
+        inside: (R, K) bool, keypoints to use.
+        mean_count: Mean of a count over the training processes.
+
+    Returns:
+        The loss; 0 if no keypoint is inside.
+    """
     logits = maps.flatten(2)[inside]
     total = functional.cross_entropy(logits, cells[inside], reduction="sum")
-    return total / share(inside.sum()).clamp(min=1)
+    return total / mean_count(inside.sum()).clamp(min=1)
 
 
-def joined(parts: Sequence[Tensor], device: torch.device) -> Tensor:
-    """One field of all images' trees, one after the other."""
+def concatenate_on_device(parts: Sequence[Tensor], device: torch.device) -> Tensor:
+    """Concatenate one target tensor of all images along the trees, and move it to a device."""
     return torch.cat(list(parts)).to(device)

@@ -1,4 +1,4 @@
-"""Which anchors and regions are trained on which tree."""
+"""Assign anchors and regions to trees, and sample those that a training step uses."""
 
 from __future__ import annotations
 
@@ -16,11 +16,26 @@ from perceptree.models.targets import PaddedBoxes
 
 @dataclass(frozen=True)
 class SampleSettings:
-    """What a training step learns from: how anchors and regions are chosen in each image.
+    """How a training step samples anchors and regions in each image.
 
-    More proposals than in deployment make for harder and more varied regions. ``box_beta`` is
-    where the smooth L1 loss of the box offsets turns from a parabola into a line (Girshick 2015);
-    0 is plain L1.
+    Training uses more proposals than deployment, because that gives harder and more varied
+    regions.
+
+    Attributes:
+        proposals_per_level: Proposals kept per pyramid level before non-maximum suppression.
+        proposals: Proposals kept per image after it.
+        anchors: Anchors sampled per image.
+        anchor_positive_share: Maximum fraction of positive anchors among them.
+        anchor_positive_iou: Minimum overlap of a positive anchor with a tree.
+        anchor_negative_iou: Overlap below which an anchor is negative.
+        regions: Regions sampled per image for the heads.
+        region_positive_share: Maximum fraction of positive regions among them.
+        region_positive_iou: Minimum overlap of a positive region with a tree.
+        box_beta: Parameter of the smooth L1 loss of the box offsets (Girshick 2015), the value
+            where it changes from quadratic to linear; 0 is plain L1.
+
+    Raises:
+        SettingsError: If a value is out of range.
     """
 
     proposals_per_level: int = 200
@@ -64,14 +79,14 @@ PAPER_SAMPLING = SampleSettings(
     region_positive_share=0.25,
     box_beta=0.5,
 )
-"""Detectron2's keypoint configuration with the 256 regions of the paper's published script."""
+"""Sampling of Grondin et al. (2022): Detectron2's keypoint configuration with 256 regions."""
 
-Draw = Callable[[tuple[int, int], torch.device], Tensor]
-"""Gives uniform random numbers (B, N), 0 to 1, a row for each image of the batch."""
+RandomDraw = Callable[[tuple[int, int], torch.device], Tensor]
+"""Returns uniform random numbers (B, N) from 0 to 1, one row per image of the batch."""
 
 
-def draw_anew(shape: tuple[int, int], device: torch.device) -> Tensor:
-    """Random numbers of torch's own generator."""
+def uniform_draw(shape: tuple[int, int], device: torch.device) -> Tensor:
+    """Draw from torch's default generator."""
     return torch.rand(shape, device=device)
 
 
@@ -79,40 +94,47 @@ class AnchorMatch(NamedTuple):
     """The sampled anchors of a batch."""
 
     positive: Tensor
-    """(B, A) bool."""
+    """(B, A) bool, sampled anchors on a tree."""
     negative: Tensor
-    """(B, A) bool."""
+    """(B, A) bool, sampled anchors on background."""
     tree: Tensor
-    """(B, A) int64, the row of the best-overlapping tree."""
+    """(B, A) int64, the tree of the image with the highest overlap."""
 
 
 class RegionSample(NamedTuple):
-    """The regions of a batch that the heads train on, the same number R in each image."""
+    """The regions of a batch that the heads are trained on, R per image."""
 
     boxes: Tensor
     """(B, R, 4) xyxy px."""
     positive: Tensor
-    """(B, R) bool; an image's positives come first."""
+    """(B, R) bool; the positive regions of an image come first."""
     used: Tensor
-    """(B, R) bool; false for filling."""
+    """(B, R) bool; false for padding."""
     tree: Tensor
-    """(B, R) int64, the row of the best-overlapping tree."""
+    """(B, R) int64, the tree of the image with the highest overlap."""
 
 
 def match_anchors(
-    anchors: Tensor, trees: PaddedBoxes, settings: SampleSettings, draw: Draw = draw_anew
+    anchors: Tensor, trees: PaddedBoxes, settings: SampleSettings, draw: RandomDraw = uniform_draw
 ) -> AnchorMatch:
-    """Sample anchors (A, 4) for objectness: a share of positives, where there are enough.
+    """Sample anchors for the objectness loss (Ren et al. 2015).
 
-    An anchor is positive from ``anchor_positive_iou`` on, or when it is the best there is for a
-    tree; otherwise negative below ``anchor_negative_iou``.
+    An anchor is positive if its overlap with a tree is at least ``anchor_positive_iou`` or the
+    highest of all anchors with that tree. Otherwise it is negative if its highest overlap is below
+    ``anchor_negative_iou``.
+
+    Args:
+        anchors: (A, 4) xyxy px.
+        trees: True boxes of the batch.
+        settings: Thresholds and numbers.
+        draw: Source of random numbers.
     """
     iou = pairwise_iou(trees.boxes, anchors.expand(len(trees.boxes), -1, -1))
     best, tree = iou.max(dim=1)
     best_of_tree = iou.max(dim=2, keepdim=True).values
-    rescued = ((iou == best_of_tree) & (best_of_tree > 0.0)).any(dim=1)
-    # A rescued anchor belongs to the tree that it overlaps most.
-    positive = (best >= settings.anchor_positive_iou) | rescued
+    is_best_of_a_tree = ((iou == best_of_tree) & (best_of_tree > 0.0)).any(dim=1)
+    # Such an anchor is still assigned to the tree that it overlaps most.
+    positive = (best >= settings.anchor_positive_iou) | is_best_of_a_tree
     negative = (best < settings.anchor_negative_iou) & ~positive
     positives = int(settings.anchors * settings.anchor_positive_share)
     positive = _sample(positive, torch.full_like(tree[:, :1], positives), positives, draw)
@@ -125,11 +147,19 @@ def sample_regions(
     valid: Tensor,
     trees: PaddedBoxes,
     settings: SampleSettings,
-    draw: Draw = draw_anew,
+    draw: RandomDraw = uniform_draw,
 ) -> RegionSample:
-    """Choose regions from proposals (B, P, 4) and the true boxes, at random within a share."""
-    # The trees come last: how many columns they take differs from batch to batch, and an image's
-    # random numbers must not depend on the images beside it.
+    """Sample regions for the heads from the proposals and the true boxes (Girshick 2015).
+
+    Args:
+        boxes: (B, P, 4) proposals, xyxy px.
+        valid: (B, P) bool, false for padding.
+        trees: True boxes of the batch.
+        settings: Threshold and numbers.
+        draw: Source of random numbers.
+    """
+    # The true boxes come last: their number of columns differs between batches, and an image's
+    # random numbers must not depend on the other images of its batch.
     boxes = torch.cat((boxes, trees.boxes), dim=1)
     valid = torch.cat((valid, trees.valid), dim=1)
     best, tree = pairwise_iou(trees.boxes, boxes).max(dim=1)
@@ -137,7 +167,7 @@ def sample_regions(
     positives = int(settings.regions * settings.region_positive_share)
     most = torch.full_like(tree[:, :1], positives)
     chosen = _sample(positive, most, min(positives, boxes.shape[1]), draw)
-    # Rank: chosen positives, then negatives in random order, then what must not be used.
+    # Order: chosen positives, then negatives in random order, then unused regions.
     shuffled = draw((best.shape[0], best.shape[1]), best.device)
     rank = shuffled + (valid & ~positive).float() + 2.0 * chosen
     order = torch.topk(rank, min(settings.regions, rank.shape[1]), dim=1).indices
@@ -149,8 +179,8 @@ def sample_regions(
     )
 
 
-def _sample(candidates: Tensor, count: Tensor, most: int, draw: Draw) -> Tensor:
-    """A random subset of (B, N) candidates with at most count (B, 1) <= most per row."""
+def _sample(candidates: Tensor, count: Tensor, most: int, draw: RandomDraw) -> Tensor:
+    """Choose at most ``count`` (B, 1), itself at most ``most``, of (B, N) candidates per row."""
     shape = (candidates.shape[0], candidates.shape[1])
     keys = torch.where(candidates, draw(shape, candidates.device), -1.0)
     values, order = torch.topk(keys, min(most, keys.shape[1]), dim=1)

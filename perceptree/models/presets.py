@@ -1,4 +1,8 @@
-"""Named model specs: the paper's backbones, and the light ones for two-core computers."""
+"""Named model specs: the backbones of Grondin et al. (2022), and light models for edge computers.
+
+"The paper" here and in other modules is Grondin, Fortin, Pomerleau and Giguere (2022), "Tree
+detection and diameter estimation based on deep learning".
+"""
 
 from __future__ import annotations
 
@@ -6,7 +10,7 @@ from typing import Any
 
 from perceptree.models.spec import Modality, ModelSpec, SpecError
 
-# Per channel in BGR, of ImageNet's 8-bit images.
+# Mean and standard deviation per channel (BGR) of ImageNet's 8-bit images.
 IMAGENET_MEAN = (103.53, 116.28, 123.675)
 IMAGENET_STD = (57.375, 57.12, 58.395)
 UNIT_STD = (1.0, 1.0, 1.0)
@@ -21,11 +25,11 @@ LINEAR_20_M = {
 
 _STRIDES = (4, 8, 16, 32, 64)
 ONE_SIZE_ANCHORS_PX = tuple((8.0 * stride,) for stride in _STRIDES)
-"""Detectron2's and torchvision's layout: three anchors a cell, 32 px at level 2 to 512 at 6."""
+"""Layout of Detectron2 and torchvision: one size per level, 32 px at level 2 to 512 px at 6."""
 NINE_ANCHORS_PX = tuple(tuple(scale * s for scale in (8.0, 16.0, 32.0)) for s in _STRIDES)
-"""The layout that the paper describes: three area scales on every level."""
+"""Layout that the paper describes: three sizes per level, nine anchors per cell."""
 
-# What Detectron2's Mask R-CNN with a keypoint branch has, whatever its backbone.
+# Detectron2's Mask R-CNN with a keypoint head, common to all backbones.
 _PAPER: dict[str, Any] = {
     "levels": (2, 3, 4, 5, 6),
     "fpn_width": 256,
@@ -51,7 +55,7 @@ PAPER_PRESETS: dict[str, dict[str, Any]] = {
     "x101-32x4d": {"backbone": "resnext101_32x4d"},
 }
 
-# Rungs of the front that benchmarks/detectors.py measures: accuracy against time.
+# Models on the accuracy-time front that benchmarks/detectors.py measures.
 EDGE_PRESETS: dict[str, dict[str, Any]] = {
     "edge-n": {"backbone": "mobilenetv4_conv_small"},
     "edge-s": {"backbone": "resnet18"},
@@ -65,7 +69,7 @@ EDGE_PRESETS: dict[str, dict[str, Any]] = {
 
 PRESETS = (*EDGE_PRESETS, *PAPER_PRESETS)
 
-# Levels of a light model that names none, and its anchors at level 0 of an input 640 px wide.
+# Default levels of a light model, and its anchor size at stride 1 for an input 640 px wide.
 _LIGHT_LEVELS = (3, 4, 5)
 _LIGHT_ANCHOR_PX = 5.0
 
@@ -77,11 +81,18 @@ def make_spec(
     width: int | None = None,
     **changes: Any,
 ) -> ModelSpec:
-    """The spec of a preset: ``edge-n``, ``edge-s``, ``edge-m``, or one of the paper's.
+    """Make the spec of a preset.
 
-    Without a size, light models take 640x384 px and the paper's the whole 1280x720 frame. A
-    light model's anchors grow with the input's width. ``changes`` are fields of ModelSpec.
-    Raises SpecError for another name or values that do not fit.
+    Args:
+        preset: A name of ``PRESETS``.
+        modality: ``rgb`` or ``depth``.
+        height: Input height, px; by default 384 for light models, 720 for the paper's.
+        width: Input width, px; by default 640 for light models, 1280 for the paper's. The anchor
+            sizes of light models are proportional to it.
+        **changes: Fields of ModelSpec that override the preset.
+
+    Raises:
+        SpecError: If the preset is unknown, or a change is no field or out of range.
     """
     if preset in PAPER_PRESETS:
         values = _PAPER | PAPER_PRESETS[preset]
@@ -112,4 +123,4 @@ def make_spec(
             **(values | changes),
         )
     except TypeError as error:
-        raise SpecError(f"not a model setting: {error}") from error
+        raise SpecError(f"unknown model setting: {error}") from error

@@ -1,4 +1,4 @@
-"""Starting weights from the libraries that publish them: ImageNet by timm, COCO by torchvision."""
+"""Published starting weights: ImageNet weights from timm, COCO weights from torchvision."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from perceptree.models.detector import TreeRCNN
 from perceptree.models.presets import IMAGENET_STD
 from perceptree.models.spec import ModelSpec
 
-# Our backbone -> timm's name and tag, so that every version of timm gives the same weights. All
-# may be used commercially, which the tag that timm prefers for resnext101_32x4d may not.
+# Our backbone -> timm's name with a tag, so that every version of timm gives the same weights.
+# The licences of all of them allow commercial use; timm's default for resnext101_32x4d does not.
 IMAGENET_WEIGHTS = {
     "mobilenetv3_large": "mobilenetv3_large_100.ra_in1k",
     "mobilenetv4_conv_small": "mobilenetv4_conv_small.e2400_r224_in1k",
@@ -30,7 +30,7 @@ IMAGENET_WEIGHTS = {
     "resnext101_32x8d": "resnext101_32x8d.tv_in1k",
 }
 
-# torchvision's names -> ours. Files of before version 0.11 lack the numbers in brackets.
+# torchvision's tensor names -> ours. Files older than version 0.11 lack the optional numbers.
 _COCO_NAMES = (
     (r"backbone\.body\.(.+)", r"backbone.trunk.\1"),
     (r"backbone\.fpn\.inner_blocks\.(\d)(?:\.0)?\.(\w+)", r"pyramid.lateral.\1.\2"),
@@ -49,16 +49,22 @@ Fetched = TypeVar("Fetched")
 
 
 def load_imagenet(model: TreeRCNN) -> None:
-    """Give the backbone the weights of an ImageNet classifier; the rest stays as it is.
+    """Load the weights of an ImageNet classifier into the backbone; other parts are unchanged.
 
-    On the same picture the backbone's maps equal the classifier's, with two exceptions: one
-    channel of depth takes the sum of the three colours' stems, and a network with
-    ``stride_in_1x1`` differs until it is trained, as these weights learned with the stride in
-    the 3x3. Raises CheckpointError where the weights cannot be fetched.
+    The backbone's maps equal the classifier's on the same picture, with two exceptions. With one
+    input channel (depth) the first convolution has the sum of the weights of the three colours.
+    With ``stride_in_1x1`` the maps differ, because the weights were trained with the stride in
+    the 3x3 convolution.
+
+    Args:
+        model: The model to change.
+
+    Raises:
+        CheckpointError: If the weights cannot be downloaded.
     """
     spec = model.spec
     name = IMAGENET_WEIGHTS[spec.backbone]
-    network: Any = _fetched(
+    network: Any = _fetch_or_raise(
         f"the ImageNet weights {name}",
         "timm",
         lambda: timm.create_model(
@@ -76,58 +82,63 @@ def load_imagenet(model: TreeRCNN) -> None:
 
 
 def load_coco(model: TreeRCNN) -> None:
-    """Give a ResNet-50 detector torchvision's weights for the keypoints of people in COCO.
+    """Load torchvision's Keypoint R-CNN weights for people in COCO into a ResNet-50 detector.
 
-    Class, box shift, mask head and the layer that makes the keypoints' maps stay as they are.
-    These weights learned with the stride in the 3x3, so that a network with ``stride_in_1x1``
-    differs until it is trained. Raises SettingsError for another backbone, CheckpointError where
-    the weights cannot be fetched or do not fit.
+    The class and box layers, the mask head and the last layer of the keypoint head are unchanged.
+    The weights were trained with the stride in the 3x3 convolution, so a network with
+    ``stride_in_1x1`` gives other maps.
+
+    Args:
+        model: The model to change.
+
+    Raises:
+        SettingsError: If the backbone is not ResNet-50.
+        CheckpointError: If the weights cannot be downloaded or do not match the model.
     """
     spec = model.spec
     if spec.backbone != "resnet50":
         raise SettingsError(
-            f"the COCO weights of torchvision are for resnet50, the model has {spec.backbone}: "
-            "for that one, make a file of a published checkpoint by perceptree import --as-init "
-            "and start from it"
+            f"backbone is {spec.backbone}: torchvision's COCO weights are for resnet50; expected "
+            "resnet50, or a published checkpoint converted by perceptree import --as-init"
         )
     source = "the COCO weights keypointrcnn_resnet50_fpn"
     weights = KeypointRCNN_ResNet50_FPN_Weights.COCO_V1
-    found = _fetched(
+    found = _fetch_or_raise(
         source,
         "torchvision",
         lambda: weights.get_state_dict(check_hash=True, map_location="cpu", weights_only=True),
     )
-    taken = {ours: tensor for name, tensor in found.items() if (ours := _name_of_coco(name))}
+    taken = {ours: tensor for name, tensor in found.items() if (ours := _our_name(name))}
     if not spec.keypoints:
         taken = {name: t for name, t in taken.items() if not name.startswith("keypoint_head.")}
     own = model.state_dict()
-    check_tensors(source, {name: own[name] for name in own if _in_coco(name)}, taken)
+    check_tensors(source, {name: own[name] for name in own if _is_in_coco_weights(name)}, taken)
     taken[_STEM] = _stem_for(spec, taken[_STEM])
-    _take_epsilon_off(model, taken)
+    _compensate_epsilon(model, taken)
     model.load_state_dict(own | taken)
 
 
-def _fetched(what: str, library: str, fetch: Callable[[], Fetched]) -> Fetched:
+def _fetch_or_raise(what: str, library: str, fetch: Callable[[], Fetched]) -> Fetched:
     try:
         return fetch()
-    except Exception as error:  # which ones depends on what the library loads by
+    except Exception as error:  # the libraries document no exceptions
         reason = (str(error).splitlines() or [""])[0] or type(error).__name__
         raise CheckpointError(
-            f"{what} could not be fetched by {library} ({reason}): expected a network, the "
+            f"{library} could not download {what} ({reason}): expected a network connection, the "
             f"weights in {library}'s cache, or a checkpoint file to start from (--init FILE)"
         ) from error
 
 
 def _stem_for(spec: ModelSpec, stem: Tensor) -> Tensor:
-    """A stem (C, 3, k, k) of normalised RGB -> one that takes the input as ``spec`` has it."""
+    """Convert a first convolution (C, 3, k, k) for normalised RGB to the input of ``spec``."""
     if spec.channels == 1:
         return stem.sum(dim=1, keepdim=True)
     scale = torch.tensor(spec.std) / torch.tensor(IMAGENET_STD)
     return stem.flip(1) * scale[:, None, None]
 
 
-def _name_of_coco(name: str) -> str | None:
-    """Our name of a tensor of torchvision's detector; None for one that we do not take."""
+def _our_name(name: str) -> str | None:
+    """Our name of a tensor of torchvision's detector; None if it is not used."""
     if name.endswith(_COUNTER):
         return None
     for pattern, ours in _COCO_NAMES:
@@ -135,18 +146,18 @@ def _name_of_coco(name: str) -> str | None:
         if match:
             return match.expand(ours)
     match = _COCO_KEYPOINT_CONV.fullmatch(name)
-    if match:  # every second of its layers is a relu
+    if match:  # torchvision also numbers the ReLU after each convolution
         return f"keypoint_head.tower.convs.{int(match[1]) // 2}.{match[2]}"
     return None
 
 
-def _in_coco(name: str) -> bool:
+def _is_in_coco_weights(name: str) -> bool:
     parts = ("backbone.", "pyramid.", "proposer.", "box_head.hidden.", "keypoint_head.tower.convs.")
     return name.startswith(parts) and not name.endswith(_COUNTER)
 
 
-def _take_epsilon_off(model: TreeRCNN, weights: dict[str, Tensor]) -> None:
-    """Have our batch norms, which add epsilon to the variance, answer as theirs, which do not."""
+def _compensate_epsilon(model: TreeRCNN, weights: dict[str, Tensor]) -> None:
+    """Scale the batch norm weights so that our norms, which add epsilon, equal torchvision's."""
     for name in [name for name in weights if name.endswith(".running_var")]:
         norm = name.removesuffix(".running_var")
         epsilon = float(model.get_submodule(norm).eps)  # type: ignore[arg-type]

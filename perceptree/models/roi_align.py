@@ -1,8 +1,8 @@
-"""Pooling of regions from one or several pyramid levels: aligned RoIAlign (He et al. 2017).
+"""RoIAlign (He et al. 2017) over one or several pyramid levels.
 
-Two forms of the same sum. The library's operator exports, and suits GPUs. On a CPU a region's
-cell is a weighted sum of a few of the maps' columns, added up with all channels at once: about
-three times as fast as the operator, over ten times with its gradient.
+There are two implementations with equal results up to rounding. torchvision's operator is used on
+GPUs and in exports. On a CPU each cell of a region is computed as a weighted sum of feature
+vectors. This is about three times as fast as the operator, and over ten times with the gradient.
 """
 
 from __future__ import annotations
@@ -15,12 +15,21 @@ from torchvision.ops import roi_align
 
 from perceptree.models.cpu_gradients import weighted_sums
 
+# k0 and its box size in equation 1 of Lin et al. (2017).
 CANONICAL_SIZE_PX = 224.0
 CANONICAL_LEVEL = 4
 
 
 def assign_levels(boxes: Tensor, levels: tuple[int, ...]) -> Tensor:
-    """Level of each (R, 4) xyxy px box -> (R,) int64, equation 1 of the FPN paper."""
+    """Choose the pyramid level of each box by its size (Lin et al. 2017, FPN, equation 1).
+
+    Args:
+        boxes: (R, 4) xyxy px.
+        levels: Available levels, ascending.
+
+    Returns:
+        (R,) int64.
+    """
     size = boxes[:, 2:] - boxes[:, :2]
     side = size.clamp(min=0.0).prod(dim=1).sqrt()
     level = torch.floor(CANONICAL_LEVEL + torch.log2(side / CANONICAL_SIZE_PX + 1e-8))
@@ -28,10 +37,13 @@ def assign_levels(boxes: Tensor, levels: tuple[int, ...]) -> Tensor:
 
 
 class RegionPooler:
-    """Pools regions from a batch's pyramid maps, level -> (B, C, h, w).
+    """Pools regions from the pyramid maps of a batch. Regions must lie within the image.
 
-    ``samples`` per cell and axis; 0 takes one for each cell of the map that the region's cell
-    covers. Regions lie within the image.
+    Args:
+        maps: (B, C, h, w) map by level.
+        levels: Levels to pool from, ascending.
+        samples: Samples per output cell and axis; 0 takes one for each map cell that the output
+            cell covers.
     """
 
     def __init__(self, maps: dict[int, Tensor], levels: tuple[int, ...], samples: int) -> None:
@@ -41,23 +53,32 @@ class RegionPooler:
         self._pool = (_OperatorPool if operator else _GatherPool)(chosen)
 
     def __call__(self, boxes: Tensor, images: Tensor, cells: int) -> Tensor:
-        """Regions (R, 4) xyxy px of images (R,) int64 -> (R, C, cells, cells)."""
+        """Pool regions.
+
+        Args:
+            boxes: (R, 4) xyxy px.
+            images: (R,) int64, the image of each box.
+            cells: Rows and columns of the output.
+
+        Returns:
+            (R, C, cells, cells) float32.
+        """
         row = assign_levels(boxes, self._levels) - self._levels[0]
         scale = boxes.new_tensor([2.0**-level for level in self._levels])[row]
         return self._pool(boxes * scale[:, None], images, row, cells, self._samples)
 
 
 class _OperatorPool:
-    """The operator on one map that holds all levels side by side, each with repeated borders.
+    """torchvision's operator on one map that contains all levels, each with replicated borders.
 
-    Every region is pooled once, and no data is moved by where regions happen to lie.
+    Thus every region is pooled once, and shapes do not depend on the levels of the regions.
     """
 
     def __init__(self, maps: list[Tensor]) -> None:
         self._corners = [(0, 0)]
         self._map = maps[0].contiguous()
         if len(maps) > 1:
-            self._map, self._corners = _side_by_side(maps)
+            self._map, self._corners = _pack_levels(maps)
 
     def __call__(
         self, boxes: Tensor, images: Tensor, row: Tensor, cells: int, samples: int
@@ -69,31 +90,32 @@ class _OperatorPool:
         return pooled
 
 
-def _side_by_side(maps: list[Tensor]) -> tuple[Tensor, list[tuple[int, int]]]:
-    """The first map, beside it the others in a column -> one map, and (x, y) of each corner.
+def _pack_levels(maps: list[Tensor]) -> tuple[Tensor, list[tuple[int, int]]]:
+    """Place the first map on the left and the others in a column on the right.
 
-    Where one map follows another, both borders are repeated; at the joined map's own borders the
-    operator does that itself.
+    Borders are replicated where two maps meet. At the outer borders the operator does that itself.
+
+    Returns the packed map, and (x, y) of the upper left corner of each map.
     """
-    first, others = maps[0], [_stretched(x, 2, 1, 1) for x in maps[1:]]
+    first, others = maps[0], [_pad_replicate(x, 2, 1, 1) for x in maps[1:]]
     wide = max(x.shape[3] for x in others) + 2
     rows = [x.shape[2] for x in others]
     tops = [sum(rows[:i]) for i in range(len(rows))]
-    column = torch.cat([_stretched(x, 3, 1, wide - 1 - x.shape[3]) for x in others], dim=2)
+    column = torch.cat([_pad_replicate(x, 3, 1, wide - 1 - x.shape[3]) for x in others], dim=2)
     missing = sum(rows) - first.shape[2]
-    first = _stretched(first, 2, 0, max(missing, 0))
-    column = _stretched(column, 2, 0, max(-missing, 0))
+    first = _pad_replicate(first, 2, 0, max(missing, 0))
+    column = _pad_replicate(column, 2, 0, max(-missing, 0))
     left = first.shape[3] + 1
-    joined = torch.cat((*_with_borders(first, 3, 0, 1), column), dim=3)
+    joined = torch.cat((*_replicated_parts(first, 3, 0, 1), column), dim=3)
     return joined, [(0, 0)] + [(left + 1, top + 1) for top in tops]
 
 
-def _stretched(x: Tensor, axis: int, before: int, after: int) -> Tensor:
-    """The map with its first and last row or column repeated so often."""
-    return torch.cat(_with_borders(x, axis, before, after), dim=axis) if before or after else x
+def _pad_replicate(x: Tensor, axis: int, before: int, after: int) -> Tensor:
+    """Replicate the first row or column ``before`` times and the last one ``after`` times."""
+    return torch.cat(_replicated_parts(x, axis, before, after), dim=axis) if before or after else x
 
 
-def _with_borders(x: Tensor, axis: int, before: int, after: int) -> list[Tensor]:
+def _replicated_parts(x: Tensor, axis: int, before: int, after: int) -> list[Tensor]:
     ends = ((0, before), (x.shape[axis] - 1, after))
     low, high = (
         [x.index_select(axis, torch.tensor([place] * times, device=x.device))] if times else []
@@ -103,7 +125,7 @@ def _with_borders(x: Tensor, axis: int, before: int, after: int) -> list[Tensor]
 
 
 class _GatherPool:
-    """Weighted sums of the columns (all channels at one place) of all levels' maps."""
+    """Weighted sums of the feature vectors (all channels at one position) of all levels."""
 
     def __init__(self, maps: list[Tensor]) -> None:
         columns = [x.permute(0, 2, 3, 1).reshape(-1, x.shape[1]) for x in maps]
@@ -118,7 +140,7 @@ class _GatherPool:
         size = self._sizes[row]
         across = _axis_taps(boxes[:, 0], boxes[:, 2], size[:, 1], cells, samples)
         down = _axis_taps(boxes[:, 1], boxes[:, 3], size[:, 0], cells, samples)
-        # One bag for each cell of each region, its taps row by row.
+        # One sum per cell of each region, whose entries (taps) are ordered by row.
         bag = torch.arange(len(boxes) * cells * cells)
         counts = (across.span * down.span).repeat_interleave(cells * cells)
         ends = counts.cumsum(0)
@@ -141,23 +163,29 @@ class _GatherPool:
 
 
 class _Taps(NamedTuple):
-    """Which cells of a map, along one axis, make up each cell of R regions."""
+    """The map positions (taps) that each cell of R regions sums along one axis."""
 
     first: Tensor
-    """(R * cells,) int64, the first tap's place."""
+    """(R * cells,) int64, position of the first tap."""
     weight: Tensor
-    """(R * cells, T) float32, of the first tap and those after it."""
+    """(R * cells, T) float32, weights of the first tap and of those that follow."""
     span: Tensor
-    """(R,) int64, taps that matter for any cell of a region."""
+    """(R,) int64, largest number of taps of a region's cells."""
 
 
 def _axis_taps(low: Tensor, high: Tensor, length: Tensor, cells: int, samples: int) -> _Taps:
-    """Taps of regions from ``low`` to ``high`` (R,) on maps of ``length`` (R,) cells.
+    """Compute the taps of regions along one axis, as torchvision's operator does.
 
-    A cell is the mean of evenly spread samples, each of which interpolates its two neighbours.
-    Samples over a cell outside the map count nothing, the others stick to its border, and a
-    region without size has none where each cell of the map takes one, as in the library's
-    operator.
+    A region's cell is the mean of evenly spaced samples. Each sample interpolates its two
+    neighbours linearly. Samples more than one cell outside the map are ignored; others outside
+    are moved to the border. With ``samples`` 0, regions of size zero have no samples.
+
+    Args:
+        low: (R,) start of the regions, cells of their map.
+        high: (R,) end of the regions.
+        length: (R,) cells of their map along the axis.
+        cells: Output cells per region.
+        samples: Samples per output cell; 0 takes one per covered map cell.
     """
     size = high - low
     taken = torch.ceil(size / cells).clamp(min=1.0) if samples == 0 else size * 0 + samples

@@ -1,4 +1,4 @@
-"""The region proposal network: where trees may be."""
+"""The region proposal network (Ren et al. 2015, Faster R-CNN) on a feature pyramid."""
 
 from __future__ import annotations
 
@@ -9,34 +9,38 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from perceptree.models.anchors import level_anchors
-from perceptree.models.boxes import clip_boxes, decode_boxes, survivors
+from perceptree.models.boxes import clip_boxes, decode_boxes, nms_keep_mask
 from perceptree.models.spec import ModelSpec
 
 PROPOSAL_WEIGHTS = (1.0, 1.0, 1.0, 1.0)
 
 
 class ProposalMaps(NamedTuple):
-    """What the network says of every anchor, level by level."""
+    """The network's output for every anchor, one tensor per level."""
 
     logits: list[Tensor]
-    """(B, A_level) float32 each, in the anchors' order."""
+    """(B, A_level) float32 objectness logits, in the order of the anchors."""
     deltas: list[Tensor]
-    """(B, A_level, 4) float32 each."""
+    """(B, A_level, 4) float32 box offsets."""
 
 
 class Proposals(NamedTuple):
-    """Candidate boxes of a batch, a fixed number per image, by falling objectness."""
+    """Candidate boxes of a batch, a fixed number per image, by descending objectness."""
 
     boxes: Tensor
-    """(B, P, 4) xyxy px, clipped; zero where not valid."""
+    """(B, P, 4) xyxy px, clipped to the image; zero where not valid."""
     scores: Tensor
     """(B, P) objectness logits; zero where not valid."""
     valid: Tensor
-    """(B, P) bool."""
+    """(B, P) bool; false for padding."""
 
 
 class ProposalNetwork(nn.Module):
-    """One small convolution over all levels, and the choice of proposals."""
+    """A convolutional head that is shared by all levels, and the selection of proposals.
+
+    Args:
+        spec: Levels, anchors and widths.
+    """
 
     def __init__(self, spec: ModelSpec) -> None:
         super().__init__()
@@ -57,11 +61,11 @@ class ProposalNetwork(nn.Module):
             self.register_buffer(f"anchors_{level}", boxes, persistent=False)
 
     def anchors(self) -> list[Tensor]:
-        """(A_level, 4) xyxy px of every level."""
+        """The anchors (A_level, 4) xyxy px of every level."""
         return [self.get_buffer(f"anchors_{level}") for level in self.spec.levels]
 
     def forward(self, maps: list[Tensor]) -> ProposalMaps:
-        """Pyramid maps (B, C, h, w) -> objectness and offsets of every anchor."""
+        """Compute objectness and box offsets of every anchor from pyramid maps (B, C, h, w)."""
         logits, deltas = [], []
         for x in maps:
             hidden = functional.relu(self.conv(x), inplace=True)
@@ -72,9 +76,12 @@ class ProposalNetwork(nn.Module):
         return ProposalMaps(logits, deltas)
 
     def propose(self, maps: ProposalMaps, per_level: int, count: int) -> Proposals:
-        """The best ``per_level`` anchors of each level, decoded, suppressed within their level.
+        """Select proposals: decode the best anchors of each level and apply NMS per level.
 
-        Of what is left the best ``count`` of all levels.
+        Args:
+            maps: Output of the network.
+            per_level: Anchors per level that are decoded.
+            count: Proposals per image to return, the best of all levels.
         """
         levels = []
         for anchors, logits, deltas in zip(self.anchors(), *maps, strict=True):
@@ -84,7 +91,7 @@ class ProposalNetwork(nn.Module):
             start = anchors[best.indices.reshape(-1)].reshape(chosen.shape)
             decoded = decode_boxes(chosen, start, PROPOSAL_WEIGHTS)
             boxes = clip_boxes(decoded, self.spec.height, self.spec.width)
-            levels.append(self._suppress(boxes, best.values))
+            levels.append(self._nms(boxes, best.values))
         boxes, scores, valid = (torch.cat(parts, dim=1) for parts in zip(*levels, strict=True))
         lowest = torch.finfo(scores.dtype).min
         ranked = torch.where(valid, scores, torch.full_like(scores, lowest))
@@ -97,11 +104,14 @@ class ProposalNetwork(nn.Module):
             real,
         )
 
-    def _suppress(self, boxes: Tensor, scores: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """(B, N, 4) and (B, N) of one level -> boxes, scores and which are kept."""
+    def _nms(self, boxes: Tensor, scores: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Apply non-maximum suppression to boxes (B, N, 4) and scores (B, N) of one level.
+
+        Returns boxes, scores and (B, N) bool, true for the kept ones.
+        """
         valid = ((boxes[..., 2:] - boxes[..., :2]) > 0.0).all(dim=-1)
-        alive = [
-            survivors(boxes[i], scores[i], valid[i], self.spec.proposal_nms_iou)
+        kept = [
+            nms_keep_mask(boxes[i], scores[i], valid[i], self.spec.proposal_nms_iou)
             for i in range(boxes.shape[0])
         ]
-        return boxes, scores, torch.stack(alive)
+        return boxes, scores, torch.stack(kept)

@@ -1,4 +1,4 @@
-"""What a detector is: one frozen, checked dataclass that travels with the weights."""
+"""The model spec: a validated dataclass that is stored with the weights."""
 
 from __future__ import annotations
 
@@ -24,68 +24,85 @@ _COUNTS = ("proposals_per_level", "proposals", "detections", "fpn_width", "box_h
 
 
 class SpecError(PerceptreeError):
-    """A model spec that cannot be built."""
+    """Raised for a model spec with unknown, missing or invalid values."""
 
 
 @dataclasses.dataclass(frozen=True)
 class ModelSpec:
-    """Everything needed to rebuild a network and to feed it correctly.
+    """Everything that is needed to build a network and to prepare its input.
 
-    Colours are in the order of the input, BGR; ``mean`` and ``std`` are in units of the 8-bit
-    input. FPN level ``n`` has stride ``2**n``.
+    Channels are in the order of the input, BGR. Pyramid level ``n`` has stride ``2**n``.
+
+    Raises:
+        SpecError: If a value is out of range or does not fit the others.
     """
 
     name: str
+    """Name of the model."""
     modality: Modality
+    """Kind of input: ``rgb`` or ``depth``."""
     height: int
     """Input height, px; the network pads to a multiple of 32 itself."""
     width: int
     """Input width, px."""
     mean: tuple[float, ...]
-    """One per channel of the network: three for ``rgb``, one or three for ``depth``, whose one
-    channel is repeated to fit a network that was made for colours."""
+    """Mean of the input per channel, in 8-bit units: three values for ``rgb``, one or three for
+    ``depth``. With three the depth channel is repeated, for networks trained on colour."""
     std: tuple[float, ...]
+    """Standard deviation of the input per channel, in 8-bit units."""
     pad_value: int
-    """What the letterbox fills with, 0 to 255."""
+    """Value of the letterbox borders, 0 to 255."""
     anchor_sizes_px: tuple[tuple[float, ...], ...]
-    """Square roots of anchors' areas: for each level one or several."""
+    """Square roots of the anchor areas, px: one or several per level."""
     depth_encoding: dict[str, float] | None = None
-    """How metres became 8 bits (``calib.DepthEncoding`` as a dict); None for ``rgb``."""
+    """Encoding of metres as 8 bits (``calib.DepthEncoding`` as a dict); None for ``rgb``."""
     backbone: str = "mobilenetv4_conv_small"
+    """A key of ``backbones.BACKBONES``."""
     stride_in_1x1: bool = False
-    """Where a ResNet's bottlenecks halve the map: in the first 1x1 convolution or in the 3x3."""
+    """Whether a ResNet's bottlenecks have their stride in the first 1x1 convolution, not in the
+    3x3 one."""
     levels: tuple[int, ...] = (3, 4, 5)
-    """Levels with proposals; level 6 is every second cell of level 5."""
+    """Pyramid levels with proposals; level 6 is level 5 subsampled by 2."""
     fpn_width: int = 96
+    """Channels of the pyramid's maps."""
     fpn_norm: bool = True
     """Batch norm after each of the pyramid's convolutions, in place of a bias."""
     anchor_ratios: tuple[float, ...] = (2.0, 4.5, 10.0)
-    """Height over width."""
+    """Height over width of the anchors."""
     anchor_offset: float = 0.5
-    """Where in a cell its anchors are centred, 0 (its corner) to 1."""
+    """Position of the anchor centres in their cell, 0 (its corner) to 1."""
     proposals_per_level: int = 100
-    """Kept per level ahead of the suppression."""
+    """Proposals kept per level before non-maximum suppression."""
     proposals: int = 100
-    """Kept per image after it."""
+    """Proposals kept per image after non-maximum suppression."""
     proposal_nms_iou: float = 0.7
+    """Overlap above which a proposal is suppressed."""
     roi_levels: tuple[int, ...] = (3,)
-    """Levels that the heads pool from; more than one are assigned by box size."""
+    """Levels that the heads pool from; with several, the size of a box decides its level."""
     roi_samples: int = 2
-    """RoIAlign's samples per cell and axis; 0 takes one for each cell of the map."""
+    """RoIAlign samples per cell and axis; 0 takes one per covered map cell."""
     box_head_width: int = 256
+    """Width of the box head's two hidden layers."""
     mask_head_widths: tuple[int, ...] = (64, 64)
+    """Channels of the mask head's 3x3 convolutions."""
     keypoint_head_widths: tuple[int, ...] = (64, 64, 64, 64)
+    """Channels of the keypoint head's 3x3 convolutions."""
     masks: bool = True
+    """Whether there is a mask head."""
     keypoints: bool = True
+    """Whether there is a keypoint head."""
     keypoint_box_scale: float = 1.25
-    """The keypoint head sees the box enlarged by this, so that a hidden cut is still inside."""
+    """The keypoint head uses the box enlarged by this factor, so that a felling cut hidden below
+    the visible stem is still inside."""
     keypoint_grid: KeypointGrid = "subcell"
-    """Where keypoints can lie: on a parabola between eighths of a heat map's cell, or, as in
-    Detectron2, on the centres of the box's pixels."""
+    """Possible keypoint positions: ``subcell`` is 1/8 heat map cell refined with a parabola,
+    ``pixels`` the centres of the box's pixels as in Detectron2."""
     detections: int = 20
-    """Rows of every output."""
+    """Rows of every output, the maximum number of trees per image."""
     score_threshold: float = 0.01
+    """Detections with a lower score are dropped."""
     nms_iou: float = 0.5
+    """Overlap above which a detection is suppressed."""
 
     def __post_init__(self) -> None:
         self._check_input()
@@ -116,7 +133,10 @@ class ModelSpec:
         if not 0 <= self.pad_value <= 255:
             raise SpecError(f"pad_value is {self.pad_value}, expected 0 to 255")
         if (self.depth_encoding is None) != (self.modality == "rgb"):
-            raise SpecError("depth_encoding is for the depth modality, which needs it")
+            raise SpecError(
+                f"depth_encoding is {self.depth_encoding} for {self.modality}, expected one for "
+                "depth and None for rgb"
+            )
         if not all(_SMALLEST_PX <= side <= _LARGEST_PX for side in (self.height, self.width)):
             raise SpecError(
                 f"the input is {self.height}x{self.width}, "
@@ -126,14 +146,14 @@ class ModelSpec:
     def _check_levels(self) -> None:
         first = self.levels[0] if self.levels else 0
         if first < 2 or self.levels != tuple(range(first, first + len(self.levels))):
-            raise SpecError(f"levels are {self.levels}, expected consecutive ones from 2 on")
+            raise SpecError(f"levels are {self.levels}, expected consecutive levels, at least 2")
         if not 5 <= self.levels[-1] <= 6:
             raise SpecError(f"levels are {self.levels}, expected level 5 or 6 as the last")
         counts = {len(sizes) for sizes in self.anchor_sizes_px}
         if len(self.anchor_sizes_px) != len(self.levels) or len(counts) != 1 or 0 in counts:
             raise SpecError(
                 f"anchor_sizes_px are {self.anchor_sizes_px}, expected {len(self.levels)} "
-                "groups (one per level), each of as many sizes"
+                "groups (one per level) with the same number of sizes"
             )
         sizes = (*self.anchor_ratios, *(s for group in self.anchor_sizes_px for s in group))
         if not self.anchor_ratios or min(sizes) <= 0.0:
@@ -146,8 +166,8 @@ class ModelSpec:
         )
         if not pooled or self.roi_levels != pooled or not set(pooled) <= set(self.levels) - {6}:
             raise SpecError(
-                f"roi_levels are {self.roi_levels}, expected consecutive ones of {self.levels} "
-                "up to 5"
+                f"roi_levels are {self.roi_levels}, expected consecutive levels of {self.levels}, "
+                "at most 5"
             )
 
     def _check_choices(self) -> None:
@@ -166,32 +186,36 @@ class ModelSpec:
 
     @property
     def backbone_levels(self) -> tuple[int, ...]:
-        """The levels that the backbone makes; only level 6 is made of another one."""
+        """The levels that the backbone computes: all but level 6, which is made from level 5."""
         return tuple(level for level in self.levels if level <= 5)
 
     @property
     def anchors_per_cell(self) -> int:
-        """Sizes times ratios."""
+        """Number of anchors per cell: sizes times ratios."""
         return len(self.anchor_sizes_px[0]) * len(self.anchor_ratios)
 
     def map_size(self, level: int) -> tuple[int, int]:
-        """Rows and columns of a level's map, of the input padded to whole cells of level 5."""
+        """Rows and columns of a level's map, for the input padded to a multiple of 32 px."""
         cells = (-(-side // STRIDE_5) * STRIDE_5 for side in (self.height, self.width))
         rows, columns = (-(-side // 2**level) for side in cells)
         return rows, columns
 
     @property
     def channels(self) -> int:
-        """Channels that the network takes."""
+        """Input channels of the network."""
         return len(self.mean)
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain values that JSON can hold."""
+        """Convert to values that JSON can hold."""
         return dataclasses.asdict(self)
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> ModelSpec:
-        """Rebuild from :meth:`to_dict`; raises SpecError for unknown or missing fields."""
+        """Make a spec from the result of :meth:`to_dict`, possibly read from JSON.
+
+        Raises:
+            SpecError: If fields are unknown, missing or out of range.
+        """
         known = {field.name for field in dataclasses.fields(cls)}
         surplus = sorted(set(values) - known)
         if surplus:
@@ -200,7 +224,7 @@ class ModelSpec:
         try:
             return cls(**plain)
         except TypeError as error:
-            raise SpecError(f"not a model spec: {error}") from error
+            raise SpecError(f"invalid model spec: {error}") from error
 
 
 def _as_tuples(value: Any) -> Any:

@@ -1,4 +1,4 @@
-"""The truth that one image is trained on, and its padded form for a batch."""
+"""Training targets of an image, and the padded true boxes of a batch."""
 
 from __future__ import annotations
 
@@ -13,14 +13,18 @@ from perceptree.keypoints import KEYPOINT_NAMES
 
 @dataclasses.dataclass(frozen=True)
 class TreeTargets:
-    """The trees of one image, in the pixels of the network's input."""
+    """The labelled trees of one image, in pixels of the network's input.
+
+    Raises:
+        ValueError: If shapes do not match, or masks are not bool.
+    """
 
     boxes: Tensor
     """(N, 4) float32, xyxy px."""
     keypoints: Tensor
     """(N, 5, 3) float32: x px, y px, flag (2 visible, 1 hidden, 0 unlabelled)."""
     masks: Tensor | None
-    """(N, H, W) bool, the visible pixels; None where the data has none."""
+    """(N, H, W) bool, the visible pixels; None if the data has no masks."""
 
     def __post_init__(self) -> None:
         count = self.boxes.shape[0]
@@ -41,16 +45,25 @@ class TreeTargets:
 
 @dataclasses.dataclass(frozen=True)
 class PaddedBoxes:
-    """Boxes of a batch in one array."""
+    """The true boxes of a batch in one tensor."""
 
     boxes: Tensor
-    """(B, N, 4) float32, zero past an image's last tree."""
+    """(B, N, 4) float32 xyxy px, padded with zeros."""
     valid: Tensor
-    """(B, N) bool."""
+    """(B, N) bool; false for padding."""
 
 
 def pad_boxes(targets: Sequence[TreeTargets], device: torch.device) -> PaddedBoxes:
-    """Stack the boxes of a batch; N is at least 1, so that reductions over trees are defined."""
+    """Stack the true boxes of a batch.
+
+    Args:
+        targets: One per image.
+        device: Device of the result.
+
+    Returns:
+        Boxes padded to the largest number of trees, at least 1, so that reductions over trees are
+        defined.
+    """
     most = max(1, *(len(t.boxes) for t in targets))
     boxes = torch.zeros(len(targets), most, 4)
     valid = torch.zeros(len(targets), most, dtype=torch.bool)

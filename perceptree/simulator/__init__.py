@@ -1,4 +1,4 @@
-"""The forest simulator: labelled colour and depth frames from a seed and settings."""
+"""The forest simulator: makes labelled colour and depth frames from settings and a seed."""
 
 from perceptree.simulator.dataset.generate import SynthReport, generate_dataset
 from perceptree.simulator.settings import (

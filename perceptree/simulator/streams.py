@@ -1,5 +1,7 @@
-"""The streams of random numbers that decide a scene: one for each purpose, so that what is drawn
-for one changes no other."""
+"""Random number streams of a scene, one per purpose.
+
+With separate streams, a change in the number of draws for one purpose affects no other.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,7 @@ import numpy as np
 
 @unique
 class Stream(IntEnum):
-    """What random numbers are for. A number decides bytes of data sets: it is never changed."""
+    """Purposes of random numbers. The values are part of the seeds and must never change."""
 
     SCENE = 1
     VIEW = 2
@@ -23,5 +25,11 @@ class Stream(IntEnum):
 
 
 def stream(seed: int, purpose: Stream, *numbers: int) -> np.random.Generator:
-    """Random numbers for a purpose in the scene of a seed, say of its view ``numbers``."""
+    """Make the random number generator for one purpose in a scene.
+
+    Args:
+        seed: Seed of the scene.
+        purpose: What the numbers are for.
+        *numbers: Further parts of the seed, such as the number of the view.
+    """
     return np.random.default_rng([seed, int(purpose), *numbers])

@@ -1,4 +1,4 @@
-"""Vectors in world axes: x east, y north, z up."""
+"""Vectors in world axes (x east, y north, z up)."""
 
 from __future__ import annotations
 
@@ -13,6 +13,6 @@ UP = np.array([0.0, 0.0, 1.0])
 
 
 def unit(vectors: Float) -> Float:
-    """(..., 3) vectors scaled to length one; a zero vector stays zero."""
+    """Normalise vectors (..., 3); a zero vector remains zero."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.asarray(vectors / np.maximum(length, 1e-9))

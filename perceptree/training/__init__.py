@@ -1,4 +1,4 @@
-"""Training: from random or published weights, on processors and GPUs."""
+"""Training from random or published weights, on CPUs and GPUs."""
 
 from perceptree.training.growing import train_while_simulating
 from perceptree.training.recipes import PAPER_STEPS, RECIPES, recipe_settings

@@ -1,4 +1,4 @@
-"""Averaged weights, by torch's own AveragedModel."""
+"""Exponential moving average of a model's weights."""
 
 from __future__ import annotations
 
@@ -12,10 +12,16 @@ from torch.optim.swa_utils import AveragedModel
 from perceptree.models import TreeRCNN
 
 
-def averaged(model: TreeRCNN, decay: float) -> AveragedModel:
-    """A running average of the model's weights and statistics, ``decay`` of it kept each step.
+def make_average(model: TreeRCNN, decay: float) -> AveragedModel:
+    """Make an exponential moving average of a model's weights and batch norm statistics.
 
-    It forgets the first steps faster: after n steps at most (1 + n) / (10 + n) is kept.
+    Args:
+        model: Model to average.
+        decay: Fraction of the average that an update keeps. At step n it is at most
+            (1 + n) / (10 + n), so that the first steps are forgotten faster.
+
+    Returns:
+        The average, in eval mode; its ``update_parameters(model)`` is called after each step.
     """
 
     def update(averages: Sequence[Tensor], currents: Sequence[Tensor], updates: Any) -> None:

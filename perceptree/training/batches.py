@@ -1,7 +1,7 @@
-"""Batches in an order, and with an augmentation, that follow from seed, step and slot alone.
+"""Reproducible batches: order and augmentation depend only on seed, step and place in the batch.
 
-So neither the number of workers nor that of processes changes what a step learns from, and a
-resumed run goes on with the batch it would have had.
+Neither the number of workers nor that of processes changes the content of a step, and a resumed
+run continues with the same batches.
 """
 
 from __future__ import annotations
@@ -26,16 +26,21 @@ from perceptree.errors import DatasetError
 from perceptree.models import ModelSpec, TreeTargets
 from perceptree.training.settings import TrainSettings
 
-_ORDER, _AUGMENT, _SAMPLING = 1, 2, 3  # what a stream of random numbers is for
-_AHEAD = 4
+# Purposes of random number streams, a part of their seeds.
+_ORDER, _AUGMENT, _SAMPLING = 1, 2, 3
+_PREFETCH_BATCHES = 4
 
 
 @dataclass(frozen=True)
 class Batch:
-    """What one process learns from in one part of a step.
+    """The frames of one process for one part of a step.
 
-    ``images`` uint8 (B, H, W) or (B, H, W, 3), a tree's ``targets`` per image, ``seeds`` (B,) of
-    the choice of regions, ``names`` of the frames. ``fault`` says why there is no batch.
+    Attributes:
+        images: uint8, (B, H, W, 3) BGR or (B, H, W) depth.
+        targets: Labelled trees of each image.
+        seeds: Seed of each image for the sampling of anchors and regions.
+        names: Name of each frame.
+        fault: Why a frame could not be read, if so; the batch is empty then.
     """
 
     images: Tensor
@@ -46,17 +51,28 @@ class Batch:
 
 
 Slot = tuple[int, int]
-"""A place in the training: number of the step, place in the step's joint batch."""
+"""A place in the training: number of the step, and place in the joint batch of that step."""
 
 
 class TrainingFrames(Dataset[Any]):
-    """Augmented frames by their place in the training."""
+    """Augmented frames by their place in the training.
+
+    Args:
+        frames: Cached frames.
+        spec: Input of the model.
+        settings: Seed, batch size and augmentation.
+    """
 
     def __init__(self, frames: FrameCache, spec: ModelSpec, settings: TrainSettings) -> None:
         self._frames, self._spec, self._settings = frames, spec, settings
 
     def __getitem__(self, slot: Slot) -> tuple[Sample, int, str] | str:
-        """A sample, the seed of its regions and its name; a string says what is wrong with it."""
+        """Load and augment a frame.
+
+        Returns:
+            The sample, the seed for the sampling of its regions and its name; or, if a frame
+            cannot be read, the error message.
+        """
         step, place = slot
         settings = self._settings
         number = self.frame_at(step * settings.batch + place)
@@ -73,7 +89,7 @@ class TrainingFrames(Dataset[Any]):
         return sample, int(seed[0]), self._frames.names[number]
 
     def frame_at(self, position: int) -> int:
-        """The frame at a position of the endless sequence: every epoch is a new permutation."""
+        """Index of the frame at a position of the training; each epoch is a new permutation."""
         epoch, place = divmod(position, len(self._frames))
         return int(_permutation(self._settings.seed, epoch, len(self._frames))[place])
 
@@ -84,7 +100,14 @@ def _permutation(seed: int, epoch: int, size: int) -> NDArray[np.int64]:
 
 
 class SlotSampler(Sampler[list[Slot]]):
-    """The slots of one process from a step on, for ever, a list for each part of a step."""
+    """Endlessly yields the slots of one process, a list for each part of a step.
+
+    Args:
+        settings: Batch size and number of parts per step.
+        first_step: Step to start at.
+        rank: Number of this process.
+        world: Number of processes.
+    """
 
     def __init__(self, settings: TrainSettings, first_step: int, rank: int, world: int) -> None:
         self._step, self._parts = first_step, settings.accumulate
@@ -100,7 +123,7 @@ class SlotSampler(Sampler[list[Slot]]):
 
 
 def collate(rows: list[tuple[Sample, int, str] | str]) -> Batch:
-    """Samples of one part of a step as a batch."""
+    """Combine samples into a batch; with an error message among them, into a faulty batch."""
     samples = []
     for row in rows:
         if isinstance(row, str):
@@ -118,8 +141,15 @@ def collate(rows: list[tuple[Sample, int, str] | str]) -> Batch:
 def make_loader(
     frames: TrainingFrames, sampler: SlotSampler, workers: int, pinned: bool
 ) -> DataLoader[Any]:
-    """Batches of ``sampler``, prepared by ``workers`` processes, a few ahead; 0: by the caller."""
-    ahead = {"prefetch_factor": _AHEAD, "persistent_workers": True} if workers else {}
+    """Make a loader of batches.
+
+    Args:
+        frames: Frames by slot.
+        sampler: Slots of the batches.
+        workers: Processes that prepare batches ahead; 0 prepares them in this process.
+        pinned: Whether batches are put in page-locked memory, for copying to a GPU.
+    """
+    ahead = {"prefetch_factor": _PREFETCH_BATCHES, "persistent_workers": True} if workers else {}
     return DataLoader(
         frames,
         batch_sampler=sampler,
@@ -131,8 +161,8 @@ def make_loader(
     )
 
 
-def one_ahead(batches: Iterator[Batch]) -> Iterator[Batch]:
-    """The same batches, each prepared in a thread of this process while a step computes."""
+def prefetch_one(batches: Iterator[Batch]) -> Iterator[Batch]:
+    """Yield the same batches, preparing the next one in a thread of this process."""
     with ThreadPoolExecutor(1) as thread:
         coming = thread.submit(next, batches)
         while True:
@@ -142,21 +172,25 @@ def one_ahead(batches: Iterator[Batch]) -> Iterator[Batch]:
 
 
 def _start_worker(number: int) -> None:
-    """One thread each, and a Ctrl-C is the trainer's affair."""
+    """Use one thread, and leave Ctrl-C to the main process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     torch.set_num_threads(1)
     cv2.setNumThreads(0)
 
 
-class SlotDraws:
-    """Random numbers for each image of a batch, from its own seed."""
+class SeededDraws:
+    """Random numbers for each image of a batch, from the image's own seed.
+
+    Args:
+        seeds: Seed of each image.
+    """
 
     def __init__(self, seeds: list[int]) -> None:
         self._seeds, self._calls = seeds, 0
         self._generator = torch.Generator()
 
     def __call__(self, shape: tuple[int, int], device: torch.device) -> Tensor:
-        """(B, N) uniform numbers, other ones in each call."""
+        """Draw (B, N) uniform numbers from 0 to 1, different ones in each call."""
         self._calls += 1
         rows = []
         for seed in self._seeds[: shape[0]]:

@@ -1,7 +1,7 @@
-"""Training on a simulated dataset while it grows: one machine draws frames and learns from them.
+"""Train on a simulated dataset while the same machine simulates more frames for it.
 
-A training goes on in stages, each in a folder of its own. When the dataset has grown to the next
-size, the stage saves its state and the next one branches from it onto the larger dataset.
+The training runs in stages, each in its own folder. When the dataset has reached the next size,
+the stage saves its state, and the next stage branches from it with the larger dataset.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ from perceptree.training.state import STATE_NAME, read_state
 from perceptree.training.trainer import Progress, Status, TrainReport
 
 _SETTINGS_FILE = "settings.json"
-_GROWTH = 2
-_SECONDS = 60.0
-_END_S = 30.0
+_GROWTH_FACTOR = 2
+_SECONDS_PER_MINUTE = 60.0
+_TERMINATION_TIMEOUT_S = 30.0
 
 
-class _Grown(KeyboardInterrupt):
-    """The simulation is over: the stage stops as for a Ctrl-C, its state saved."""
+class _SimulationEnded(KeyboardInterrupt):
+    """The simulation has ended. Stops a stage like Ctrl-C, so that its state is saved."""
 
 
 def train_while_simulating(
@@ -50,12 +50,29 @@ def train_while_simulating(
 ) -> TrainReport:
     """Train on a dataset of ``perceptree synth`` while it is extended to ``frames`` frames.
 
-    The dataset doubles from stage to stage, ``out/stage-1`` and so on; half of the cores draw
-    frames. Training ends after ``settings.minutes`` over all stages, and simulating with it.
-    Started again, both go on.
+    The dataset doubles with every stage. Half of the cores simulate. A call with the same
+    arguments resumes an interrupted training and its simulation.
 
-    Raises what :func:`train` raises, SettingsError for settings that do not allow it, and
-    DatasetError for a folder that is no simulated dataset, or where simulating fails.
+    Args:
+        spec: The model.
+        settings: The training. ``minutes`` limits the sum over all stages; the simulation ends
+            with it.
+        data: Folder of the dataset.
+        frames: Final number of frames.
+        out: Folder of the stages ``stage-1``, ``stage-2`` and so on.
+        progress: Called with the status after every step.
+        init: Starting weights; random if None.
+        engine: Hardware and speed.
+        preparing: Called with the progress of the preparation.
+
+    Returns:
+        The report of the last stage.
+
+    Raises:
+        SettingsError: If the settings have no time limit, a schedule that depends on the end, or
+            several processes; or as :func:`train` does.
+        DatasetError: If the folder is no simulated dataset, or the simulation fails.
+        CheckpointError: As :func:`train` does.
     """
     engine = engine or Engine()
     preparing = preparing or Preparing()
@@ -63,47 +80,47 @@ def train_while_simulating(
     while True:
         stages = _stages(out)
         spent_s = sum(_elapsed_s(stage) for stage in stages)
-        left = (settings.minutes or 0.0) - spent_s / _SECONDS
+        left = (settings.minutes or 0.0) - spent_s / _SECONDS_PER_MINUTE
         if left <= 0:
             raise SettingsError(
-                f"minutes is {settings.minutes:g}: {out} has been trained for as long; expected"
-                " more to go on"
+                f"minutes is {settings.minutes:g}, which the training in {out} has used up:"
+                " expected more to continue it"
             )
         stage = out / f"stage-{len(stages) + 1}"
-        goal = min(frames, _GROWTH * _frames_in(data))
+        goal = min(frames, _GROWTH_FACTOR * _frames_in(data))
         preparing.say(f"{stage.name}: {_frames_in(data)} frames, simulating up to {goal}")
-        with _simulating(data, goal) as grown:
+        with _simulating(data, goal) as simulation:
             try:
                 return train(
                     spec,
                     dataclasses.replace(settings, minutes=left),
                     data,
                     stage,
-                    _until(grown, progress, spent_s, settings.minutes or 0.0),
+                    _stop_when_simulated(simulation, progress, spent_s, settings.minutes or 0.0),
                     None if stages else init,
                     engine,
                     stages[-1] if stages else None,
                     preparing,
                 )
-            except _Grown as stop:
-                if grown is not None and grown.returncode:
-                    raise DatasetError(_last_line(grown)) from stop
+            except _SimulationEnded as stop:
+                if simulation is not None and simulation.returncode:
+                    raise DatasetError(_last_line(simulation)) from stop
 
 
 def _check(settings: TrainSettings) -> None:
     if settings.minutes is None:
         raise SettingsError(
-            "minutes is not given: expected when to end, --simulate counts no steps"
+            "minutes is not given: expected a time limit, as --simulate does not count steps"
         )
-    if settings.looks_ahead:
+    if settings.depends_on_end:
         raise SettingsError(
-            f"schedule is {settings.schedule}: a training that simulates meanwhile has stages, "
-            "expected constant or steps"
+            f"schedule is {settings.schedule}: expected constant or steps, because the stages of"
+            " --simulate have no known end"
         )
     if int(os.environ.get("WORLD_SIZE", "1")) > 1:
         raise SettingsError(
-            "several processes cannot train while one simulates: expected one, or a finished"
-            " dataset"
+            f"WORLD_SIZE is {os.environ['WORLD_SIZE']}: expected one process, or a training"
+            " without --simulate"
         )
 
 
@@ -123,30 +140,30 @@ def _frames_in(data: Path) -> int:
     return sum(len(read_dataset(data, split).frames) for split in ("train", "val", "test"))
 
 
-def _until(
-    grown: subprocess.Popen[str] | None, progress: Progress, spent_s: float, minutes: float
+def _stop_when_simulated(
+    simulation: subprocess.Popen[str] | None, progress: Progress, spent_s: float, minutes: float
 ) -> Progress:
-    """``progress`` counted over all stages, which stops the stage when the dataset has grown."""
+    """Report the progress over all stages, and stop the stage when the simulation has ended."""
 
-    def tell(status: Status) -> None:
+    def report(status: Status) -> None:
         elapsed_s = spent_s + status.elapsed_s
-        done = min(1.0, elapsed_s / (minutes * _SECONDS))
+        done = min(1.0, elapsed_s / (minutes * _SECONDS_PER_MINUTE))
         progress(dataclasses.replace(status, done=done, elapsed_s=elapsed_s))
-        if grown is not None and done < 1 and grown.poll() is not None:
-            raise _Grown
+        if simulation is not None and done < 1 and simulation.poll() is not None:
+            raise _SimulationEnded
 
-    return tell
+    return report
 
 
 def _last_line(simulation: subprocess.Popen[str]) -> str:
     lines = (simulation.communicate()[1] or "").strip().splitlines()
-    reason = lines[-1].removeprefix("perceptree: ") if lines else "no reason told"
-    return f"simulating failed: {reason}"
+    reason = lines[-1].removeprefix("perceptree: ") if lines else "no error message"
+    return f"the simulation failed: {reason}"
 
 
 @contextmanager
 def _simulating(data: Path, frames: int) -> Iterator[subprocess.Popen[str] | None]:
-    """A process that extends ``data`` to ``frames`` meanwhile; None where it holds as many."""
+    """Extend ``data`` to ``frames`` frames in another process; None if it has as many already."""
     if _frames_in(data) >= frames:
         yield None
         return
@@ -160,7 +177,7 @@ def _simulating(data: Path, frames: int) -> Iterator[subprocess.Popen[str] | Non
         torch.set_num_threads(threads)
         simulation.terminate()
         try:
-            simulation.communicate(timeout=_END_S)
+            simulation.communicate(timeout=_TERMINATION_TIMEOUT_S)
         except subprocess.TimeoutExpired:
             simulation.kill()
 
@@ -172,7 +189,7 @@ def _start_simulating(data: Path, frames: int, workers: int) -> subprocess.Popen
         seed, image_format = int(record["seed"]), str(record["files"]["image_format"])
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise DatasetError(
-            f"{path}: expected the settings of a dataset of perceptree synth, which is extended"
+            f"{path}: not readable as settings, expected a dataset of perceptree synth"
         ) from error
     options = {
         "--out": data,

@@ -9,7 +9,12 @@ from perceptree.training.settings import TrainSettings
 
 
 def make_optimizer(model: nn.Module, settings: TrainSettings) -> torch.optim.Optimizer:
-    """AdamW or SGD over what is trained; norms and biases are not drawn towards zero."""
+    """Make AdamW or SGD for the trainable parameters, without weight decay for norms and biases.
+
+    Args:
+        model: The model; its frozen parameters are left out.
+        settings: Kind of optimizer, learning rate, momentum and weight decay.
+    """
     trained = [p for p in model.parameters() if p.requires_grad]
     groups = [
         {"params": [p for p in trained if p.ndim > 1], "weight_decay": settings.weight_decay},

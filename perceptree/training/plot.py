@@ -1,4 +1,4 @@
-"""A picture of trainings from their logs: precision, losses, rate and speed over steps."""
+"""Plot trainings from their logs: average precision, losses, learning rate and speed."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 Entry = dict[str, Any]
 
 _COLUMNS = 3
-# Margins and gaps leave room for titles and numbers; a layout engine takes twice the time.
+# Fixed margins and gaps: matplotlib's layout engines take twice the time.
 _PANEL_IN, _GAP_IN = (2.9, 1.6), (0.72, 0.72)
 _LEFT_IN, _RIGHT_IN, _BOTTOM_IN = 0.65, 0.2, 0.5
 _HEAD_IN, _LEGEND_LINE_IN = 0.85, 0.22
@@ -40,14 +40,14 @@ _FEW_POINTS = 6
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """Values (N,) of one measure at rising steps (N,)."""
+    """Values (N,) of one measure at ascending steps (N,)."""
 
     steps: NDArray[np.int64]
     values: NDArray[np.float64]
 
     @classmethod
     def of(cls, pairs: Sequence[tuple[int, float | None]]) -> Curve:
-        """Of (step, value); where there is no value, the step is left out."""
+        """Make a curve of (step, value) pairs, leaving out those without a value."""
         known = [(step, value) for step, value in pairs if value is not None]
         steps, values = zip(*known, strict=True) if known else ((), ())
         return cls(np.array(steps, np.int64), np.array(values, np.float64))
@@ -55,7 +55,14 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class RunCurves:
-    """What the log of one run says: the curve of each panel's title, and the hours of its steps."""
+    """The log of one run as curves.
+
+    Attributes:
+        name: Name of the run.
+        steps: (N,) steps of the log's entries.
+        hours: (N,) training time at these steps.
+        curves: Curve by title of its panel.
+    """
 
     name: str
     steps: NDArray[np.int64]
@@ -64,18 +71,26 @@ class RunCurves:
 
     @property
     def label(self) -> str:
-        """Its name, how long it took, and how good its boxes became."""
+        """Name, steps, hours and best box AP, for the legend."""
         text = f"{self.name}: {self.steps[-1]:,} steps, {self.hours[-1]:.1f} h"
         boxes = self.curves[_AP["box_ap"]].values
         return text + (f", best AP of boxes {boxes.max():.1f}" if len(boxes) else "")
 
 
 def read_curves(run: Path, name: str) -> RunCurves:
-    """The curves of a run's folder; raises CheckpointError where it has no log, or an empty one."""
+    """Read the curves of a run.
+
+    Args:
+        run: Folder of the run.
+        name: Name for the legend.
+
+    Raises:
+        CheckpointError: If the log is missing, empty or not readable.
+    """
     entries = read_log(run)
     if not entries:
         raise CheckpointError(
-            f"{run / LOG_NAME}: has no entry yet, expected some steps of training"
+            f"{run / LOG_NAME}: is empty, expected a training that has logged at least once"
         )
     try:
         steps = np.array([entry["step"] for entry in entries], np.int64)
@@ -102,10 +117,19 @@ def _curves(entries: list[Entry]) -> dict[str, Curve]:
 
 
 def draw_runs(folders: Sequence[Path]) -> bytes:
-    """One PNG of all runs, a colour each: precision, rate, speed, losses (logarithmic) over steps.
+    """Plot runs into one image, a colour per run and a panel per measure.
 
-    The hours stand on a second axis, of several runs beside their names. Raises CheckpointError
-    for a folder without the log of a training.
+    Losses have a logarithmic axis. The training time of a single run is on a second axis; that of
+    several runs is in the legend.
+
+    Args:
+        folders: Folders of the runs.
+
+    Returns:
+        The content of a PNG file.
+
+    Raises:
+        CheckpointError: If a log is missing, empty or not readable.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
@@ -116,7 +140,7 @@ def draw_runs(folders: Sequence[Path]) -> bytes:
     for place, title in enumerate(titles):
         axes = figure.add_subplot(grid[place // _COLUMNS, place % _COLUMNS])
         _draw(axes, [run.curves.get(title) for run in runs], title)
-        _dress(axes, runs, logarithmic=title.endswith(_LOSS))
+        _style_axes(axes, runs, logarithmic=title.endswith(_LOSS))
         if place < _COLUMNS and len(runs) == 1:
             _add_hours(axes, runs[0])
     _add_legend(figure, runs)
@@ -126,7 +150,7 @@ def draw_runs(folders: Sequence[Path]) -> bytes:
 
 
 def _grid(rows: int, head_in: float) -> tuple[Figure, GridSpec]:
-    """A figure with room for a head and so many rows of panels."""
+    """A figure with a legend area of ``head_in`` inches and a grid of ``rows`` rows of panels."""
     from matplotlib.figure import Figure
 
     (wide, high), (beside, below) = _PANEL_IN, _GAP_IN
@@ -147,7 +171,7 @@ def _grid(rows: int, head_in: float) -> tuple[Figure, GridSpec]:
 
 
 def _names(folders: Sequence[Path]) -> list[str]:
-    """The folders' own names, or their paths where two have the same."""
+    """The folders' names, or their paths if two have the same name."""
     own = [folder.resolve().name for folder in folders]
     return own if len(set(own)) == len(own) else [str(folder) for folder in folders]
 
@@ -160,7 +184,7 @@ def _draw(axes: Axes, curves: Sequence[Curve | None], title: str) -> None:
     axes.set_title(title, fontsize=10)
 
 
-def _dress(axes: Axes, runs: Sequence[RunCurves], logarithmic: bool) -> None:
+def _style_axes(axes: Axes, runs: Sequence[RunCurves], logarithmic: bool) -> None:
     first = min(0, *(int(run.steps[0]) for run in runs))
     axes.set_xlim(first, max(1.02 * int(run.steps[-1]) for run in runs))
     axes.grid(color="0.9")
@@ -180,7 +204,7 @@ def _dress(axes: Axes, runs: Sequence[RunCurves], logarithmic: bool) -> None:
 
 
 def _label_logarithms(axes: Axes) -> None:
-    """Plain numbers at 1, 2, 5 of every power of ten; more where the curves span less."""
+    """Label 1, 2 and 5 of every power of ten; all digits if the curves span less than 5 times."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     low, high = axes.get_ylim()
@@ -191,7 +215,7 @@ def _label_logarithms(axes: Axes) -> None:
 
 
 def _add_hours(axes: Axes, run: RunCurves) -> None:
-    """A second axis on top: training time, at the steps where it had passed."""
+    """Add an axis of the training time on top."""
     from matplotlib.ticker import MaxNLocator
 
     hours = np.maximum.accumulate(run.hours)

@@ -1,4 +1,4 @@
-"""In which precision this machine multiplies fastest."""
+"""Choose the faster of float32 and bfloat16 on this machine."""
 
 from __future__ import annotations
 
@@ -14,11 +14,14 @@ _CLEARLY_FASTER = 1.2
 
 @cache
 def fastest_precision(device: torch.device) -> str:
-    """``bf16`` or ``fp32``.
+    """Return ``bf16`` or ``fp32``, whichever is faster on a device.
 
-    Processors without instructions for bfloat16 emulate it, several times slower than float32. So
-    on a processor a convolution with its gradient is timed in both, in turn; the shortest of many
-    runs counts, as single ones are disturbed.
+    CPUs without bfloat16 instructions emulate it, several times slower than float32. On a CPU a
+    convolution with its gradient is therefore timed in both precisions, alternately; the shortest
+    of many runs counts. On a GPU hardware support decides.
+
+    Args:
+        device: The device of the training.
     """
     if device.type == "cuda":
         return "bf16" if torch.cuda.is_bf16_supported(including_emulation=False) else "fp32"

@@ -1,4 +1,4 @@
-"""The processes of a training that torchrun started, and what they say to each other."""
+"""Communication between the processes of a distributed training that torchrun started."""
 
 from __future__ import annotations
 
@@ -20,18 +20,23 @@ _TIMEOUT = timedelta(minutes=10)
 
 
 class Processes:
-    """One process by itself, or one of several that learn from a joint batch."""
+    """A single process, or one of several that train on a joint batch.
+
+    Attributes:
+        rank: Number of this process.
+        world: Number of processes.
+    """
 
     def __init__(self, rank: int = 0, world: int = 1) -> None:
         self.rank, self.world = rank, world
 
     @property
-    def leads(self) -> bool:
-        """Whether this process writes files and reports."""
+    def is_lead(self) -> bool:
+        """Whether this is the process of rank 0, which writes files and reports."""
         return self.rank == 0
 
-    def share(self, count: Tensor) -> Tensor:
-        """A count of this process -> the mean count of all."""
+    def mean_count(self, count: Tensor) -> Tensor:
+        """Mean over all processes of a count; without gradient."""
         if self.world == 1:
             return count
         total = count.detach().to(torch.float32, copy=True)
@@ -39,38 +44,45 @@ class Processes:
         return total / self.world
 
     def mean(self, values: Tensor) -> Tensor:
-        """The mean of all processes' ``values``, the same in each."""
-        return self.share(values)
+        """Mean over all processes of ``values``; without gradient."""
+        return self.mean_count(values)
 
-    def agree(self, value: float) -> float:
-        """The lead's value, in all processes."""
+    def broadcast_number(self, value: float) -> float:
+        """Return the number of the process of rank 0 in all processes."""
         if self.world == 1:
             return value
-        told = torch.tensor([value], dtype=torch.float64)
+        shared = torch.tensor([value], dtype=torch.float64)
         if dist.get_backend() == "nccl":
-            told = told.cuda()
-        dist.broadcast(told, 0)
-        return float(told.item())
+            shared = shared.cuda()
+        dist.broadcast(shared, 0)
+        return float(shared.item())
 
-    def tell(self, value: Any) -> Any:
-        """The lead's value of any kind, in all processes."""
+    def broadcast(self, value: Any) -> Any:
+        """Return the object of the process of rank 0, which must be picklable, in all processes."""
         if self.world == 1:
             return value
-        told = [value]
-        dist.broadcast_object_list(told, 0)
-        return told[0]
+        shared = [value]
+        dist.broadcast_object_list(shared, 0)
+        return shared[0]
 
-    def wait(self) -> None:
-        """Go on when all have come here."""
+    def barrier(self) -> None:
+        """Wait until all processes have reached this call."""
         if self.world > 1:
             dist.barrier()
 
 
 @contextmanager
-def joined(device: str) -> Iterator[Processes]:
-    """The processes that torchrun started, joined by gloo or, on GPUs, nccl.
+def process_group(device: str) -> Iterator[Processes]:
+    """Join the processes that torchrun started, by gloo or, on GPUs, by NCCL.
 
-    Raises SettingsError where they cannot find each other.
+    Args:
+        device: ``cpu`` or ``cuda``.
+
+    Yields:
+        The processes; a single one if torchrun did not start this process.
+
+    Raises:
+        SettingsError: If the processes cannot connect.
     """
     world = int(os.environ.get("WORLD_SIZE", "1"))
     if world == 1:
@@ -83,7 +95,7 @@ def joined(device: str) -> Iterator[Processes]:
     except (RuntimeError, ValueError) as error:
         reason = str(error).splitlines()[0]
         raise SettingsError(
-            f"WORLD_SIZE is {world}, but the processes do not find each other ({reason}):"
+            f"WORLD_SIZE is {world}, but the processes cannot connect ({reason}):"
             " expected a start by torchrun"
         ) from error
     try:
@@ -93,9 +105,12 @@ def joined(device: str) -> Iterator[Processes]:
 
 
 def synchronise_norms(model: nn.Module) -> None:
-    """Have the batch norms take their statistics over the joint batch of all processes.
+    """Make the batch norms compute their statistics over the joint batch of all processes.
 
-    As torch's SyncBatchNorm, which needs GPUs and does not know the norms of the timm library.
+    Like torch's SyncBatchNorm, which supports neither CPUs nor timm's batch norms.
+
+    Args:
+        model: The model to change.
     """
     for module in model.modules():
         if isinstance(module, _BatchNorm):
@@ -103,25 +118,25 @@ def synchronise_norms(model: nn.Module) -> None:
 
 
 class _Sum(torch.autograd.Function):
-    """The sum over all processes; its gradient is the sum of theirs."""
+    """Sum over all processes, with the sum of their gradients as gradient."""
 
     @staticmethod
     def forward(ctx: Any, x: Tensor) -> Tensor:
-        """Any shape, the same in all processes."""
+        """Sum tensors of the same shape over all processes."""
         total = x.detach().clone()
         dist.all_reduce(total)
         return total
 
     @staticmethod
     def backward(ctx: Any, gradient: Tensor) -> Tensor:
-        """The gradient in all processes -> their sum."""
+        """Sum the gradients over all processes."""
         total = gradient.clone()
         dist.all_reduce(total)
         return total
 
 
 def _joint_mean(x: Tensor) -> Tensor:
-    """The mean of all processes' ``x``, with its gradient."""
+    """Mean over all processes of ``x``, with gradient."""
     total: Tensor = _Sum.apply(x)
     return total / dist.get_world_size()
 
@@ -131,7 +146,7 @@ def _joint_norm(norm: Any, x: Tensor) -> Tensor:
         forward: Tensor = type(norm).forward(norm, x)
         return forward
     x32 = x.float()
-    # Means of the processes' means: their batches are of one size.
+    # The mean of the processes' means is the joint mean, because their batches have equal sizes.
     mean = _joint_mean(x32.mean((0, 2, 3)))
     apart = (x32 - mean[:, None, None]).square()
     variance = _joint_mean(apart.mean((0, 2, 3)))

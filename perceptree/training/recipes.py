@@ -1,4 +1,4 @@
-"""Ways to train, by name."""
+"""Named training settings."""
 
 from __future__ import annotations
 
@@ -26,20 +26,26 @@ RECIPES: dict[str, dict[str, Any]] = {
         "sampling": PAPER_SAMPLING,
     },
 }
-"""What differs from the defaults of TrainSettings.
+"""Differences from the defaults of TrainSettings, by name.
 
-``scratch`` is for light networks from random weights. ``paper`` is Grondin et al. (2022) with
-what their published configurations add: 60,000 steps, from COCO's or ImageNet's weights, with
-FREEZE_AT 2 and fixed batch norms.
+``scratch`` is for light networks with random weights. ``paper`` follows Grondin et al. (2022) and
+their published configurations, in which training takes 60,000 steps and starts from COCO or
+ImageNet weights with FREEZE_AT 2 and fixed batch norms.
 """
 
 PAPER_STEPS = 60_000
+"""Training steps of Grondin et al. (2022)."""
 
 
 def recipe_settings(name: str, **changes: Any) -> TrainSettings:
-    """The settings of a recipe with ``changes``; steps or minutes are among them.
+    """Make the training settings of a recipe.
 
-    Raises SettingsError for a name that no recipe has, or values out of range.
+    Args:
+        name: A key of ``RECIPES``.
+        **changes: Fields of TrainSettings; one of ``steps`` and ``minutes`` is required.
+
+    Raises:
+        SettingsError: If the recipe is unknown or a value is out of range.
     """
     if name not in RECIPES:
         raise SettingsError(f"recipe is {name!r}: expected one of {', '.join(RECIPES)}")

@@ -1,4 +1,4 @@
-"""A run from its settings to its report: start, resume, extend or branch."""
+"""Run a training: start, resume, extend or branch it."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from perceptree.evaluation import Metrics
 from perceptree.models import ModelSpec, TreeRCNN
 from perceptree.training.memory import keep_freed_memory
 from perceptree.training.precision import fastest_precision
-from perceptree.training.processes import Processes, joined
-from perceptree.training.settings import ENDS, Engine, TrainSettings
+from perceptree.training.processes import Processes, process_group
+from perceptree.training.settings import EXTENDABLE_SETTINGS, Engine, TrainSettings
 from perceptree.training.source import DataSource, Preparing, TrainingData, open_data
 from perceptree.training.starting import Init, describe_init, start_from
 from perceptree.training.state import STATE_NAME, read_state, write_state
@@ -32,40 +32,52 @@ def train(
     branch: Path | None = None,
     preparing: Preparing | None = None,
 ) -> TrainReport:
-    """Train ``spec`` on a dataset's train split into the folder ``out``.
+    """Train a model on the train split of a dataset and evaluate it on the val split.
 
-    It starts from random weights, from those that ``init`` names, or from the state of another
-    run, the folder ``branch``, whose steps it counts on. A folder with ``state.pt`` of the same
-    spec, settings, start and data is resumed; where the schedule does not look ahead, it may end
-    later than before. Started by torchrun, the processes learn from a joint batch.
+    If ``out`` holds a ``state.pt`` with the same spec, settings, starting weights and data, the
+    training is resumed. Unless its learning rate schedule depends on the end, a resumed training
+    may have another end than before. Processes started by torchrun train on a joint batch.
 
-    Raises DatasetError for data that cannot be read, CheckpointError where ``out`` cannot be
-    written or a file does not fit, SettingsError where the loss stops being finite, memory does
-    not suffice, no such weights exist, or the device is not there.
+    Args:
+        spec: The model.
+        settings: The training.
+        data: Folder of the dataset, or a DataSource.
+        out: Folder for the checkpoint, the state and the log.
+        progress: Called with the status after every step.
+        init: Starting weights; random if None.
+        engine: Hardware and speed.
+        branch: Folder of another run whose state to start from, step count included.
+        preparing: Called with the progress of the preparation.
+
+    Raises:
+        DatasetError: If the data cannot be read.
+        CheckpointError: If ``out`` cannot be written, or a file is unreadable or does not match.
+        SettingsError: If the loss is not finite, memory is too small, there are no such starting
+            weights, or the device is missing.
     """
     engine = engine or Engine()
     if engine.device == "cuda" and not torch.cuda.is_available():
-        raise SettingsError("device is cuda, but no GPU is at hand: expected one, or cpu")
+        raise SettingsError("device is cuda, but there is no GPU: expected cpu")
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise CheckpointError(f"{out}: cannot be written ({error.strerror})") from error
     if engine.device == "cpu":
         keep_freed_memory()
-    with joined(engine.device) as processes:
+    with process_group(engine.device) as processes:
         source = data if isinstance(data, DataSource) else DataSource(data)
-        run = _Run(spec, settings, engine, source, out, init, branch, processes)
+        run = _TrainingRun(spec, settings, engine, source, out, init, branch, processes)
         try:
             return run.start(progress, preparing or Preparing())
         except torch.OutOfMemoryError as error:
             raise SettingsError(
-                f"batch is {settings.batch}: the memory of the device does not suffice; expected"
-                " a smaller one, or accumulate over more parts"
+                f"batch is {settings.batch}, for which the device has too little memory: expected"
+                " a smaller batch, or a larger accumulate"
             ) from error
 
 
 @dataclasses.dataclass
-class _Run:
+class _TrainingRun:
     spec: ModelSpec
     settings: TrainSettings
     engine: Engine
@@ -79,8 +91,8 @@ class _Run:
         parts = self.processes.world * self.settings.accumulate
         if self.settings.batch % parts:
             raise SettingsError(
-                f"batch is {self.settings.batch}: expected a multiple of {parts}, the processes"
-                " times accumulate"
+                f"batch is {self.settings.batch}: expected a multiple of {parts} (processes times"
+                " accumulate)"
             )
         model = self._model()
         data = self._open_data(preparing)
@@ -100,12 +112,12 @@ class _Run:
         return trainer.run(lambda: write_state(trainer.state_path, _state_of(trainer), identity))
 
     def _open_data(self, preparing: Preparing) -> TrainingData:
-        """One process makes the cache, the others wait for it."""
-        if not self.processes.leads:
-            self.processes.wait()
+        """Open the data; the process of rank 0 makes the frame cache while the others wait."""
+        if not self.processes.is_lead:
+            self.processes.barrier()
         data = open_data(self.source, self.spec, self.engine, preparing)
-        if self.processes.leads:
-            self.processes.wait()
+        if self.processes.is_lead:
+            self.processes.barrier()
         return data
 
     def _model(self) -> TreeRCNN:
@@ -114,8 +126,8 @@ class _Run:
         fresh = not self._resumable
         if self.init is None and self.branch is None and self.settings.frozen_norms:
             raise SettingsError(
-                "frozen_norms is true without starting weights: expected weights whose norms "
-                "were trained (--init)"
+                "frozen_norms is true without starting weights: expected starting weights with "
+                "trained batch norms (--init)"
             )
         if self.init is not None and fresh:
             start_from(model, self.init)
@@ -126,22 +138,22 @@ class _Run:
         if self.engine.precision != "auto":
             return self.engine.precision
         bf16 = fastest_precision(torch.device(self.engine.device)) == "bf16"
-        return "bf16" if self.processes.agree(float(bf16)) else "fp32"
+        return "bf16" if self.processes.broadcast_number(float(bf16)) else "fp32"
 
     @property
     def _resumable(self) -> bool:
         return (self.out / STATE_NAME).exists()
 
     def _state(self, data: TrainingData) -> dict[str, Any] | None:
-        """The state to go on from: this run's, else that of the run it branches from."""
+        """The state to continue: this run's, or else that of the run it branches from."""
         if self._resumable:
-            defaults = {"settings": _lasting(TrainSettings(steps=1))}
+            defaults = {"settings": _fixed_settings(TrainSettings(steps=1))}
             return read_state(self.out / STATE_NAME, self._identity(data), defaults)
         if self.branch is None:
             return None
         if not (self.branch / STATE_NAME).is_file():
             raise CheckpointError(
-                f"{self.branch}: has no {STATE_NAME}, expected the folder of a training"
+                f"{self.branch}: has no {STATE_NAME}, expected the folder of a training run"
             )
         return read_state(self.branch / STATE_NAME, {"model settings": self.spec.to_dict()})
 
@@ -154,16 +166,18 @@ class _Run:
         origin = self._origin()
         return {
             "model settings": self.spec.to_dict(),
-            "settings": _lasting(self.settings),
+            "settings": _fixed_settings(self.settings),
             "starting weights": {"weights": origin.get("sha256", origin["name"])},
             "data": data.describe(),
         }
 
 
-def _lasting(settings: TrainSettings) -> dict[str, Any]:
-    """The settings that a resumed run must have kept."""
+def _fixed_settings(settings: TrainSettings) -> dict[str, Any]:
+    """The settings that may not change when a run is resumed."""
     values = settings.to_dict()
-    for name in ("patience", "evaluate_every_steps") if settings.looks_ahead else ENDS:
+    for name in (
+        ("patience", "evaluate_every_steps") if settings.depends_on_end else EXTENDABLE_SETTINGS
+    ):
         del values[name]
     return values
 
@@ -186,7 +200,7 @@ def _state_of(trainer: Trainer) -> dict[str, Any]:
 
 
 def _restore(trainer: Trainer, state: dict[str, Any], branched: bool) -> None:
-    """Put a trainer where a state left off; one that branches counts its own time and AP."""
+    """Restore a trainer from a state; a branched run starts with no time and no AP."""
     trainer.model.load_state_dict(state["model"])
     if trainer.average is not None and state["average"] is not None:
         trainer.average.load_state_dict(state["average"])

@@ -1,4 +1,4 @@
-"""The log of a run: ``log.jsonl`` for programs, TensorBoard's event files for eyes."""
+"""The log of a training run: ``log.jsonl`` and TensorBoard's event files."""
 
 from __future__ import annotations
 
@@ -13,17 +13,29 @@ EVENTS_NAME = "tensorboard"
 
 
 class RunLog:
-    """Appends entries of nested numbers to both logs of the folder of a run."""
+    """Appends entries of nested numbers to both logs of a run.
+
+    Args:
+        out: Folder of the run.
+        first_step: Step at which the run starts or resumes.
+    """
 
     def __init__(self, out: Path, first_step: int) -> None:
         from torch.utils.tensorboard import SummaryWriter
 
         self._path = out / LOG_NAME
-        # What a killed run logged after its last saved state is written again.
+        # A resumed run logs the steps after its last saved state again.
         self._events = SummaryWriter(str(out / EVENTS_NAME), purge_step=first_step + 1)
 
     def write(self, entry: dict[str, Any]) -> None:
-        """Append an entry; it has a ``step``. Raises CheckpointError where the disk refuses."""
+        """Append an entry.
+
+        Args:
+            entry: Numbers by name, possibly nested, with a ``step``.
+
+        Raises:
+            CheckpointError: If the log cannot be written.
+        """
         try:
             with self._path.open("a", encoding="utf-8") as log:
                 log.write(json.dumps(entry) + "\n")
@@ -34,14 +46,21 @@ class RunLog:
             raise CheckpointError(f"{self._path}: cannot be written ({error.strerror})") from error
 
     def close(self) -> None:
-        """Let the event file go."""
+        """Close the event file."""
         self._events.close()
 
 
 def read_log(out: Path) -> list[dict[str, Any]]:
-    """The entries of a run in the order of their steps; of a step written twice the last.
+    """Read the log of a run.
 
-    Raises CheckpointError for a folder without a log, or a line that is none of this project.
+    Args:
+        out: Folder of the run.
+
+    Returns:
+        The entries by ascending step. Of entries written twice, the last one counts.
+
+    Raises:
+        CheckpointError: If there is no log, or a line is no log entry.
     """
     path = out / LOG_NAME
     try:
@@ -57,13 +76,13 @@ def read_log(out: Path) -> list[dict[str, Any]]:
             entries[int(entry["step"]), "val" in entry] = entry
         except (ValueError, KeyError, TypeError) as error:
             if number == len(lines):
-                break  # a killed run may leave half a line
-            raise CheckpointError(f"{path}: line {number} is no entry of a training") from error
+                break  # a killed run may leave an incomplete last line
+            raise CheckpointError(f"{path}: line {number} is no log entry of a training") from error
     return [entries[key] for key in sorted(entries)]
 
 
 def _scalars(entry: dict[str, Any], prefix: str = "") -> list[tuple[str, float]]:
-    """Names joined by slashes, and numbers."""
+    """Flatten nested numbers, joining their names by slashes."""
     found: list[tuple[str, float]] = []
     for name, value in entry.items():
         if isinstance(value, dict):

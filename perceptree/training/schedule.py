@@ -1,4 +1,4 @@
-"""The learning rate of a step."""
+"""Learning rate schedules."""
 
 from __future__ import annotations
 
@@ -8,7 +8,13 @@ from perceptree.training.settings import TrainSettings
 
 
 def learning_rate(settings: TrainSettings, step: int, done: float) -> float:
-    """The rate of ``step``, counted from 0, with a share ``done`` (0 to 1) of the run over."""
+    """Compute the learning rate of a step.
+
+    Args:
+        settings: The schedule.
+        step: Number of the step, from 0.
+        done: Fraction of the training that is completed, 0 to 1.
+    """
     warm = min(1.0, (step + 1) / settings.warmup_steps)
     if settings.schedule == "constant":
         share = 1.0

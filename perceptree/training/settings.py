@@ -1,7 +1,7 @@
-"""How a detector is trained: frozen, checked dataclasses.
+"""Settings of a training: validated dataclasses.
 
-:class:`TrainSettings` decides what is learned and is stored in the checkpoint. :class:`Engine`
-decides on what machine and how fast, and leaves the result as it is.
+:class:`TrainSettings` determine the result and are stored in the checkpoint. :class:`Engine`
+determines hardware and speed.
 """
 
 from __future__ import annotations
@@ -34,21 +34,44 @@ _CHOICES = {"optimizer": ("adamw", "sgd"), "schedule": ("constant", "steps", "co
 _LAST_LEVEL = 5  # of a backbone
 _FEW_CORES = 2
 
-ENDS = ("steps", "minutes", "patience", "evaluate_every_steps")
-"""Settings that may change when a run is extended, where its schedule does not look ahead."""
+EXTENDABLE_SETTINGS = ("steps", "minutes", "patience", "evaluate_every_steps")
+"""Settings that may change when a run is resumed, unless its schedule depends on the end."""
 
 
 @dataclass(frozen=True)
 class TrainSettings:
-    """Training ends after ``steps`` or ``minutes`` of training time, one of the two.
+    """How a detector is trained.
 
-    It ends earlier where the validation box AP has not risen over ``patience`` evaluations. A
-    step learns from ``batch`` frames, in ``accumulate`` parts one after the other. The rate warms
-    up over ``warmup_steps`` to ``learning_rate``; then it stays (``constant``), is multiplied by
-    ``rate_drop`` at each of ``rate_steps`` (``steps``), or falls to ``final_rate_share`` of it
-    along a cosine or, ``decay``, a line. Weights are averaged with ``ema_decay`` a step, 0 for no
-    average. Of the backbone, the parts up to the maps of stride ``2**freeze_level`` stay as they
-    are (0: none, 2: Detectron2's FREEZE_AT 2), and with ``frozen_norms`` all of its batch norms.
+    Attributes:
+        steps: Number of steps; either this or ``minutes`` is given.
+        minutes: Training time, min.
+        patience: Evaluations without a higher box AP on val after which training ends early; None
+            for no early end.
+        batch: Frames per step, over all processes.
+        accumulate: Parts per step whose gradients are summed, to save memory.
+        optimizer: ``adamw`` or ``sgd``.
+        momentum: Momentum of SGD.
+        learning_rate: Learning rate after the warm-up.
+        schedule: Learning rate after the warm-up: ``constant``; ``steps`` multiplies it by
+            ``rate_drop`` at each of ``rate_steps``; ``cosine`` and ``decay`` lower it to
+            ``final_rate_share`` of its value, along a cosine and a line.
+        rate_steps: Steps at which ``steps`` lowers the rate, ascending.
+        rate_drop: Factor of the rate at these steps.
+        final_rate_share: Fraction of the rate at the end of ``cosine`` and ``decay``.
+        weight_decay: Weight decay of all parameters but norms and biases.
+        warmup_steps: Steps over which the rate rises linearly from 0.
+        clip_norm: Maximum norm of the gradient; None for no limit.
+        ema_decay: Decay per step of the moving average of the weights; 0 for no average.
+        evaluate_every_steps: Steps between evaluations on val.
+        seed: Seed of all random numbers.
+        freeze_level: Freeze the backbone up to the maps of stride ``2**freeze_level``; 0 freezes
+            nothing, 2 is Detectron2's FREEZE_AT 2.
+        frozen_norms: Freeze all batch norms of the backbone.
+        augment: Augmentation of the frames.
+        sampling: Sampling of anchors and regions.
+
+    Raises:
+        SettingsError: If a value is out of range.
     """
 
     steps: int | None = None
@@ -106,31 +129,37 @@ class TrainSettings:
                 f"accumulate is {self.accumulate}: expected a divisor of the batch, {self.batch}"
             )
         if list(self.rate_steps) != sorted(set(self.rate_steps)):
-            raise SettingsError(f"rate_steps is {self.rate_steps}: expected rising step numbers")
+            raise SettingsError(f"rate_steps is {self.rate_steps}: expected ascending step numbers")
         if not 0 <= self.freeze_level <= _LAST_LEVEL:
             raise SettingsError(f"freeze_level is {self.freeze_level}: expected 0 to {_LAST_LEVEL}")
         if self.seed < 0:
             raise SettingsError(f"seed is {self.seed}: expected at least 0")
 
     @property
-    def looks_ahead(self) -> bool:
-        """Whether the rate depends on when the training ends."""
+    def depends_on_end(self) -> bool:
+        """Whether the learning rate depends on when the training ends."""
         return self.schedule in ("cosine", "decay")
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON-ready values."""
+        """Convert to values that JSON can hold."""
         return dataclasses.asdict(self)
 
 
 @dataclass(frozen=True)
 class Engine:
-    """Where and how fast a training computes.
+    """Hardware and speed of a training.
 
-    ``precision`` auto is bf16 where the processor or GPU multiplies it faster than float32.
-    ``workers`` are processes that prepare batches, 0 for none; None chooses by the cores.
-    ``compile`` has torch compile backbone and pyramid (it takes minutes, and pays on GPUs).
-    ``cache`` is the folder of the decoded frames, by default beside the data. State is saved
-    every ``save_s`` seconds. ``skip_broken`` leaves out frames whose files are missing or broken.
+    Attributes:
+        device: ``cpu`` or ``cuda``.
+        precision: ``fp32``, ``bf16``, or ``auto`` for the faster one on this machine.
+        workers: Processes that prepare batches, 0 for none; None chooses by the number of cores.
+        compile: Compile backbone and pyramid by torch, which takes minutes and pays off on GPUs.
+        cache: Folder of the decoded frames; by default inside the dataset.
+        save_s: Time between saved states, s.
+        skip_broken: Leave out frames whose files are missing or broken.
+
+    Raises:
+        SettingsError: If a value is out of range.
     """
 
     device: Literal["cpu", "cuda"] = "cpu"
@@ -152,11 +181,12 @@ class Engine:
             raise SettingsError(f"save_s is {self.save_s}: expected more than 0")
 
     def worker_count(self, processes: int) -> int:
-        """How many processes prepare the batches of one of ``processes`` that train."""
+        """Number of processes that prepare batches for each of ``processes`` training ones."""
         if self.workers is not None:
             return self.workers
         cores = os.cpu_count() or 1
         if self.device == "cuda":
             return max(1, (cores - 1) // processes)
-        # On two cores a worker takes from the network what it saves (benchmarks/training.py).
+        # On two cores a worker brings no gain, as it competes with the network
+        # (benchmarks/training.py).
         return 1 if cores // processes > _FEW_CORES else 0

@@ -1,4 +1,4 @@
-"""What a training learns from and is evaluated on."""
+"""The data of a training: the cached train split and the val split."""
 
 from __future__ import annotations
 
@@ -14,12 +14,18 @@ from perceptree.models import ModelSpec
 from perceptree.training.settings import Engine
 
 CACHE_FOLDER = ".frame-cache"
-_NAMES_TOLD = 3
+_NAMES_SHOWN = 3
 
 
 @dataclass(frozen=True)
 class DataSource:
-    """A dataset's folder, and which of its label files, where it has several."""
+    """A dataset, and the choice among its label files.
+
+    Attributes:
+        directory: Folder of the dataset, or a label file.
+        fold: Fold of a cross-validation, for datasets that have folds.
+        entire_tree: Use the labels of entire trees, for datasets that have them.
+    """
 
     directory: Path
     fold: int | None = None
@@ -28,7 +34,12 @@ class DataSource:
 
 @dataclass(frozen=True)
 class Preparing:
-    """Whom to tell of the preparation: frames cached of all, and lines for the user."""
+    """Callbacks for the preparation of a training.
+
+    Attributes:
+        cached: Called with the number of cached frames and their total.
+        say: Called with messages for the user.
+    """
 
     cached: Progress = lambda done, total: None
     say: Callable[[str], None] = lambda line: None
@@ -36,14 +47,20 @@ class Preparing:
 
 @dataclass(frozen=True)
 class TrainingData:
-    """The cached train split and the val split of a dataset."""
+    """The cached train split and the val split of a dataset.
+
+    Attributes:
+        name: Name of the dataset's folder.
+        frames: Frames of the train split.
+        val: Frames of the val split.
+    """
 
     name: str
     frames: FrameCache
     val: FrameStore
 
     def describe(self) -> dict[str, Any]:
-        """What a state or a checkpoint remembers of it."""
+        """Describe the data for a training state: name, numbers of frames and a hash."""
         return {
             "name": self.name,
             "train": len(self.frames),
@@ -55,10 +72,17 @@ class TrainingData:
 def open_data(
     source: DataSource, spec: ModelSpec, engine: Engine, preparing: Preparing
 ) -> TrainingData:
-    """Read a dataset's labels and open the cache of its train split.
+    """Read a dataset's labels and open the frame cache of its train split, making it if needed.
 
-    Raises DatasetError for data that cannot be read, without trees, or that lacks what the model
-    learns.
+    Args:
+        source: The dataset.
+        spec: Input and heads of the model.
+        engine: Folder of the cache, and whether broken frames are skipped.
+        preparing: Callbacks for progress and messages.
+
+    Raises:
+        DatasetError: If the data cannot be read, a split has no labelled tree, or labels for a
+            head of the model are missing.
     """
     sets = {
         split: read_dataset(source.directory, split, source.fold, source.entire_tree)
@@ -67,7 +91,7 @@ def open_data(
     for split, dataset in sets.items():
         if not any(not tree.crowd for frame in dataset.frames for tree in frame.trees):
             raise DatasetError(
-                f"{source.directory}: the split {split} has no labelled tree, expected some"
+                f"{source.directory}: the {split} split has no labelled tree, expected at least one"
             )
         for note in dataset.notes:
             preparing.say(f"{dataset.labels.path}: {note}")
@@ -76,7 +100,7 @@ def open_data(
     folder = _cache_folder(source, train, spec, engine)
     cache = open_cache(train.frames, spec, folder, engine.skip_broken, preparing.cached)
     if cache.skipped:
-        first = "; ".join(entry.reason for entry in cache.skipped[:_NAMES_TOLD])
+        first = "; ".join(entry.reason for entry in cache.skipped[:_NAMES_SHOWN])
         preparing.say(f"left out {len(cache.skipped)} broken frames: {first}")
     return TrainingData(source.directory.name, cache, FrameStore(sets["val"].frames, spec))
 
@@ -84,7 +108,7 @@ def open_data(
 def _check_labels(dataset: Dataset, spec: ModelSpec) -> None:
     path = dataset.labels.path
     if spec.masks and not dataset.has_masks:
-        raise DatasetError(f"{path}: trees without masks, expected masks, or --no-masks")
+        raise DatasetError(f"{path}: trees have no masks, expected masks, or --no-masks")
     if spec.keypoints and not dataset.has_keypoints:
         raise DatasetError(
             f"{path}: no tree has a labelled keypoint, expected keypoints, or --no-keypoints"
@@ -92,7 +116,7 @@ def _check_labels(dataset: Dataset, spec: ModelSpec) -> None:
 
 
 def _cache_folder(source: DataSource, train: Dataset, spec: ModelSpec, engine: Engine) -> Path:
-    """One for each label file and form of the input."""
+    """The cache folder of a label file, modality and input size."""
     directory = source.directory if source.directory.is_dir() else source.directory.parent
     parent = directory / CACHE_FOLDER if engine.cache is None else Path(engine.cache)
     return parent / f"{train.labels.path.stem}-{spec.modality}-{spec.width}x{spec.height}"

@@ -1,4 +1,4 @@
-"""Where a training starts: at random weights, at a library's, or at those of a checkpoint."""
+"""Starting weights of a training: published weights or those of a checkpoint."""
 
 from __future__ import annotations
 
@@ -17,14 +17,21 @@ Init = Literal["imagenet", "coco"] | Path
 """Starting weights: published ones by name, or a checkpoint of this project."""
 
 _BRANCHES = ("mask_head", "keypoint_head")
-# What the weights cannot be used without, though it shows in no tensor's shape.
-_SAME = ("backbone", "modality", "mean", "std", "stride_in_1x1")
+# Fields of the spec that must match for the weights to be valid, though no tensor shape shows it.
+_MUST_MATCH = ("backbone", "modality", "mean", "std", "stride_in_1x1")
 
 
 def describe_init(init: Init | None) -> dict[str, str]:
-    """The starting weights' ``name``, and the ``sha256`` of a file.
+    """Describe starting weights.
 
-    Raises CheckpointError for a file that cannot be read.
+    Args:
+        init: The starting weights; None for random ones.
+
+    Returns:
+        Their ``name``, and for a file its ``sha256``.
+
+    Raises:
+        CheckpointError: If the file cannot be read.
     """
     if not isinstance(init, Path):
         return {"name": init or "random"}
@@ -36,11 +43,18 @@ def describe_init(init: Init | None) -> dict[str, str]:
 
 
 def start_from(model: TreeRCNN, init: Init) -> None:
-    """Give ``model`` its starting weights.
+    """Load starting weights into a model.
 
-    A file's input size may be another one. A mask or keypoint branch that only the file has is
-    left out, one that only the model has stays random. Raises CheckpointError where the weights
-    cannot be read, fetched or fitted, SettingsError where there are none for this model.
+    A checkpoint may have another input size than the model. A mask or keypoint head that only the
+    checkpoint has is ignored; one that only the model has keeps its random weights.
+
+    Args:
+        model: The model to change.
+        init: The starting weights.
+
+    Raises:
+        CheckpointError: If the weights cannot be read or downloaded, or do not match the model.
+        SettingsError: If there are no such weights for the model's backbone.
     """
     if init == "imagenet":
         load_imagenet(model)
@@ -52,10 +66,10 @@ def start_from(model: TreeRCNN, init: Init) -> None:
 
 def _load_file(model: TreeRCNN, path: Path) -> None:
     start, _ = load_checkpoint(path)
-    for name in _SAME:
+    for name in _MUST_MATCH:
         theirs, ours = getattr(start.spec, name), getattr(model.spec, name)
         if theirs != ours:
-            raise CheckpointError(f"{path}: its {name} is {theirs}, expected the model's, {ours}")
+            raise CheckpointError(f"{path}: {name} is {theirs}, expected {ours} as in the model")
     one_sided = {
         name
         for name in _BRANCHES

@@ -1,4 +1,4 @@
-"""The state of a training on disk, and an interrupt that waits for the end of a step."""
+"""Save and read the state of a training, and delay an interrupt to the end of a step."""
 
 from __future__ import annotations
 
@@ -22,13 +22,19 @@ _VERSION = 1
 _KEYS = ("model", "optimizer", "step", "first_step", "elapsed_s", "means", "best", "stale")
 
 Identity = Mapping[str, Mapping[str, Any]]
-"""What a state belongs to: JSON values by group and name."""
+"""What must be equal to resume a state: JSON values by group and name."""
 
 
 def write_state(path: Path, state: Mapping[str, Any], identity: Identity) -> None:
-    """Write ``state`` with what it belongs to, all or nothing.
+    """Write a state atomically: on an error an existing file remains unchanged.
 
-    Raises CheckpointError where it cannot be written; a file that was there stays whole.
+    Args:
+        path: File to write.
+        state: Values that ``torch.save`` can store.
+        identity: What the training must have in common with the state to resume it.
+
+    Raises:
+        CheckpointError: If the file cannot be written.
     """
     record = {"version": _VERSION, "identity": json.dumps(identity)}
     try:
@@ -41,9 +47,14 @@ def write_state(path: Path, state: Mapping[str, Any], identity: Identity) -> Non
 def read_state(path: Path, identity: Identity, defaults: Identity | None = None) -> dict[str, Any]:
     """Read what :func:`write_state` wrote.
 
-    A value that the written identity lacks, as a state of an older version does, counts as the
-    one in ``defaults``. Raises CheckpointError for another kind of file, or where ``identity`` is
-    not the written one.
+    Args:
+        path: File to read.
+        identity: Values that must equal the stored ones, by group and name.
+        defaults: Values to assume for those that the stored identity lacks, as states of older
+            versions do.
+
+    Raises:
+        CheckpointError: If the file is unreadable or no training state, or a value differs.
     """
     try:
         state = torch.load(path, weights_only=True, map_location="cpu")
@@ -65,16 +76,16 @@ def read_state(path: Path, identity: Identity, defaults: Identity | None = None)
         if differing:
             raise CheckpointError(
                 f"{path}: belongs to a training with other {group}: {'; '.join(differing[:3])};"
-                " expected the same ones to go on, or another output folder"
+                " expected the same to resume it, or another output folder"
             )
     return dict(state)
 
 
 @contextlib.contextmanager
 def interrupt_afterwards() -> Iterator[None]:
-    """Let a Ctrl-C within the block raise KeyboardInterrupt at its end; a second one at once.
+    """Delay KeyboardInterrupt to the end of the block; a second Ctrl-C interrupts at once.
 
-    Outside the main thread, where Python delivers no signals, the block runs as it is.
+    Has no effect outside the main thread, where Python delivers no signals.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

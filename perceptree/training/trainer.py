@@ -1,4 +1,4 @@
-"""The training loop: resumable to the same weights, ended by steps, the clock or the val AP."""
+"""The training loop. A resumed run gives the same weights as an uninterrupted one."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from torch.nn.parallel import DistributedDataParallel
 from perceptree.errors import DatasetError, SettingsError
 from perceptree.evaluation import Metrics, evaluate, predict_with
 from perceptree.models import ModelSpec, TreeRCNN, save_checkpoint
-from perceptree.training.average import averaged
+from perceptree.training.average import make_average
 from perceptree.training.batches import (
     Batch,
-    SlotDraws,
+    SeededDraws,
     SlotSampler,
     TrainingFrames,
     make_loader,
-    one_ahead,
+    prefetch_one,
 )
 from perceptree.training.optimizer import make_optimizer
 from perceptree.training.processes import Processes, synchronise_norms
@@ -33,19 +33,26 @@ from perceptree.training.settings import Engine, TrainSettings
 from perceptree.training.source import TrainingData
 from perceptree.training.state import STATE_NAME, interrupt_afterwards
 
-_SECONDS = 60.0
+_SECONDS_PER_MINUTE = 60.0
 _LOG_EVERY_STEPS = 50
-# Of the running means of the losses that are told.
-_NEWEST_SHARE = 0.02
-_NAMES_TOLD = 8
+# Weight of the newest loss in the running means.
+_LOSS_MEAN_RATE = 0.02
+_NAMES_SHOWN = 8
 
 
 @dataclass(frozen=True)
 class Status:
-    """Where a training stands.
+    """Progress of a training.
 
-    Share done (0 to 1), steps, mean losses, seconds so far, the share of them spent waiting for
-    data, frames a second, the learning rate and the newest box AP on val.
+    Attributes:
+        done: Completed fraction, 0 to 1.
+        step: Number of completed steps.
+        losses: Running mean of each loss.
+        elapsed_s: Training time, s.
+        waiting_share: Fraction of the training time spent waiting for data.
+        frames_per_s: Frames per second.
+        rate: Learning rate.
+        box_ap: Latest box AP on val; None before the first evaluation.
     """
 
     done: float
@@ -60,7 +67,14 @@ class Status:
 
 @dataclass(frozen=True)
 class TrainReport:
-    """What a training made: the best checkpoint, its metrics on val, steps and seconds."""
+    """Result of a training.
+
+    Attributes:
+        checkpoint: File of the best weights.
+        metrics: Their metrics on val.
+        steps: Number of steps.
+        elapsed_s: Training time, s.
+    """
 
     checkpoint: Path
     metrics: Metrics
@@ -72,19 +86,42 @@ Progress = Callable[[Status], None]
 
 
 class _Losses(nn.Module):
-    """A model's losses as a forward pass, which is what DistributedDataParallel wraps."""
+    """A model's losses as a forward pass, which DistributedDataParallel requires."""
 
     def __init__(self, model: TreeRCNN) -> None:
         super().__init__()
         self.model = model
 
     def forward(self, *arguments: Any) -> dict[str, Tensor]:
-        """As TreeRCNN.losses."""
+        """Return the losses as TreeRCNN.losses does."""
         return self.model.losses(*arguments)
 
 
 class Trainer:
-    """One process of a training run in a folder."""
+    """The training loop of one process.
+
+    Args:
+        model: Model to train.
+        settings: The training.
+        engine: Hardware and speed.
+        data: Data to train on and to evaluate on.
+        out: Folder of the run.
+        processes: The processes that train together.
+        precision: ``fp32`` or ``bf16``.
+        progress: Called with the status after every step.
+
+    Attributes:
+        average: Moving average of the model, if there is one.
+        step: Number of completed steps, those of the run it branched from included.
+        first_step: The step that this run started at.
+        elapsed_s: Training time, s.
+        waited_s: Time spent waiting for data, s.
+        means: Running mean of each loss.
+        best: Metrics of the best weights so far.
+        stale: Number of evaluations since the best one.
+        evaluated_at: Step of the last evaluation, -1 before the first.
+        origin: Starting weights and data, for the checkpoint's training record.
+    """
 
     def __init__(
         self,
@@ -102,7 +139,7 @@ class Trainer:
         self._data = data
         self.device = torch.device(engine.device)
         self.model = model.to(self.device)
-        self.average = averaged(model, settings.ema_decay) if settings.ema_decay else None
+        self.average = make_average(model, settings.ema_decay) if settings.ema_decay else None
         if engine.compile:
             model.backbone.compile()
             model.pyramid.compile()
@@ -114,7 +151,7 @@ class Trainer:
         self.step, self.first_step, self.elapsed_s, self.waited_s = 0, 0, 0.0, 0.0
         self.best: Metrics | None = None
         self.stale, self.evaluated_at = 0, -1
-        self._newest_ap: float | None = None
+        self._latest_ap: float | None = None
         self.means: dict[str, float] = {}
         self.origin: dict[str, Any] = {}
         self._log: RunLog | None = None
@@ -122,26 +159,33 @@ class Trainer:
 
     @property
     def spec(self) -> ModelSpec:
-        """What is trained."""
+        """Spec of the model."""
         return self.model.spec
 
     @property
     def done(self) -> float:
-        """Share of the training that is over, 0 to 1."""
+        """Completed fraction of the training, 0 to 1."""
         settings = self.settings
         if settings.patience is not None and self.stale >= settings.patience:
             return 1.0
         if settings.minutes is not None:
-            return min(1.0, self.elapsed_s / (settings.minutes * _SECONDS))
+            return min(1.0, self.elapsed_s / (settings.minutes * _SECONDS_PER_MINUTE))
         return min(1.0, (self.step - self.first_step) / (settings.steps or 1))
 
     def run(self, save: Callable[[], None]) -> TrainReport:
-        """Train to the end, evaluating on val on the way; interrupted, the state is saved.
+        """Train to the end, evaluating on val at intervals.
 
-        ``save`` writes the state.
+        Args:
+            save: Writes the state; also called when the training is interrupted.
+
+        Raises:
+            DatasetError: If a frame cannot be read.
+            SettingsError: If the loss is not finite.
+            CheckpointError: If a file cannot be written.
+            KeyboardInterrupt: If interrupted, after the state is saved.
         """
         self._saved_s = time.monotonic()
-        if self.processes.leads:
+        if self.processes.is_lead:
             self._log = RunLog(self.out, self.step)
         try:
             self._train(save)
@@ -156,7 +200,7 @@ class Trainer:
 
     def _train(self, save: Callable[[], None]) -> None:
         batches: Iterator[Batch] | None = None
-        while (done := self.processes.agree(self.done)) < 1.0:
+        while (done := self.processes.broadcast_number(self.done)) < 1.0:
             if batches is None:
                 batches = self._batches()
             with interrupt_afterwards():
@@ -172,13 +216,13 @@ class Trainer:
             self._save(save)
 
     def _save(self, save: Callable[[], None]) -> None:
-        if self.processes.leads:
+        if self.processes.is_lead:
             save()
         self._saved_s = time.monotonic()
 
     @property
     def checkpoint(self) -> Path:
-        """The best weights so far."""
+        """File of the best weights so far."""
         return self.out / "best.safetensors"
 
     def _batches(self) -> Iterator[Batch]:
@@ -187,7 +231,7 @@ class Trainer:
         cuda = self.device.type == "cuda"
         workers = self.engine.worker_count(self.processes.world)
         batches = iter(make_loader(frames, sampler, workers, cuda))
-        return batches if workers else one_ahead(batches)
+        return batches if workers else prefetch_one(batches)
 
     def _train_step(self, batches: Iterator[Batch], done: float) -> None:
         started_s = time.monotonic()
@@ -207,7 +251,7 @@ class Trainer:
             names += batch.names
             last = part == settings.accumulate - 1
             parts.append(self._backward(batch, last))
-        losses = self._joined(parts)
+        losses = self._mean_losses(parts)
         self._check_finite(losses, names)
         if settings.clip_norm is not None:
             nn.utils.clip_grad_norm_(self.model.parameters(), settings.clip_norm)
@@ -217,13 +261,19 @@ class Trainer:
         self.step += 1
         self.elapsed_s += time.monotonic() - started_s
         self.waited_s += waited_s
-        self._note(losses)
+        self._log_losses(losses)
 
     def _backward(self, batch: Batch, last: bool) -> dict[str, Tensor]:
         images = batch.images.to(self.device, non_blocking=True)
-        draw = SlotDraws(batch.seeds)
+        draw = SeededDraws(batch.seeds)
         with torch.autocast(self.device.type, torch.bfloat16, self.precision == "bf16"):
-            arguments = images, batch.targets, self.settings.sampling, draw, self.processes.share
+            arguments = (
+                images,
+                batch.targets,
+                self.settings.sampling,
+                draw,
+                self.processes.mean_count,
+            )
             if last or not isinstance(self._losses, DistributedDataParallel):
                 losses: dict[str, Tensor] = self._losses(*arguments)
             else:
@@ -233,26 +283,26 @@ class Trainer:
         total.backward()  # type: ignore[no-untyped-call]
         return {name: loss.detach() for name, loss in losses.items()}
 
-    def _joined(self, parts: list[dict[str, Tensor]]) -> dict[str, float]:
-        """Mean losses over the parts of a step and all processes."""
+    def _mean_losses(self, parts: list[dict[str, Tensor]]) -> dict[str, float]:
+        """Mean of each loss over the parts of a step and all processes."""
         table = torch.stack([torch.stack(list(part.values())) for part in parts]).mean(0)
         return dict(zip(parts[0], self.processes.mean(table).tolist(), strict=True))
 
     def _check_finite(self, losses: dict[str, float], names: list[str]) -> None:
         total = sum(losses.values())
         if not math.isfinite(total):
-            more = f" and {len(names) - _NAMES_TOLD} more" if len(names) > _NAMES_TOLD else ""
+            more = f" and {len(names) - _NAMES_SHOWN} more" if len(names) > _NAMES_SHOWN else ""
             raise SettingsError(
                 f"the loss is {total} at step {self.step}, on the frames"
-                f" {', '.join(names[:_NAMES_TOLD])}{more}: expected a finite one; try a learning"
-                f" rate under {self.settings.learning_rate:g}"
+                f" {', '.join(names[:_NAMES_SHOWN])}{more}: expected a finite number; try a"
+                f" learning rate below {self.settings.learning_rate:g}"
             )
 
-    def _note(self, losses: dict[str, float]) -> None:
+    def _log_losses(self, losses: dict[str, float]) -> None:
         for name, value in losses.items():
             known = self.means.get(name, value)
             taken = self.step - self.first_step
-            self.means[name] = known + (value - known) * max(_NEWEST_SHARE, 1 / taken)
+            self.means[name] = known + (value - known) * max(_LOSS_MEAN_RATE, 1 / taken)
         if self.step % _LOG_EVERY_STEPS == 0:
             status = self._status()
             self._write(
@@ -274,7 +324,7 @@ class Trainer:
             self.waited_s / elapsed_s,
             steps * self.settings.batch / elapsed_s,
             self.optimizer.param_groups[0]["lr"],
-            self._newest_ap,
+            self._latest_ap,
         )
 
     def _write(self, more: dict[str, Any]) -> None:
@@ -282,29 +332,29 @@ class Trainer:
             self._log.write({"step": self.step, "elapsed_s": round(self.elapsed_s, 2)} | more)
 
     @property
-    def shipped(self) -> TreeRCNN:
-        """The model to evaluate and to keep: the average, where there is one."""
+    def evaluated_model(self) -> TreeRCNN:
+        """The model to evaluate and to save: the average if there is one."""
         if self.average is None:
             return self.model
         assert isinstance(self.average.module, TreeRCNN)
         return self.average.module
 
     def _evaluate(self) -> None:
-        """Metrics on val, taken by the lead and told to all."""
+        """Evaluate on val in the process of rank 0, and share the metrics with all processes."""
         found = None
-        if self.processes.leads:
-            found = evaluate(predict_with(self.shipped.eval()), self._data.val, batch=4)
-        metrics: Metrics = self.processes.tell(found)
+        if self.processes.is_lead:
+            found = evaluate(predict_with(self.evaluated_model.eval()), self._data.val, batch=4)
+        metrics: Metrics = self.processes.broadcast(found)
         self._write({"val": metrics.to_dict()})
-        self._newest_ap, self.evaluated_at = metrics.box_ap, self.step
+        self._latest_ap, self.evaluated_at = metrics.box_ap, self.step
         risen = self.best is None or metrics.box_ap > self.best.box_ap
         self.stale = 0 if risen else self.stale + 1
         if self.best is None or metrics.box_ap >= self.best.box_ap:
             self.best = metrics
-            if self.processes.leads:
-                self._keep(metrics)
+            if self.processes.is_lead:
+                self._save_best(metrics)
 
-    def _keep(self, metrics: Metrics) -> None:
+    def _save_best(self, metrics: Metrics) -> None:
         training = {
             "settings": self.settings.to_dict(),
             "precision": self.precision,
@@ -314,9 +364,9 @@ class Trainer:
             "val": metrics.to_dict(),
             **self.origin,
         }
-        save_checkpoint(self.checkpoint, self.shipped, training)
+        save_checkpoint(self.checkpoint, self.evaluated_model, training)
 
     @property
     def state_path(self) -> Path:
-        """The file that a run is resumed from."""
+        """File that the training is resumed from."""
         return self.out / STATE_NAME

@@ -122,8 +122,8 @@ class Hostile:
 
 MISTAKES: dict[str, tuple[tuple[object, ...], str]] = {
     "no file": (("{}/none.pth",), "none.pth: no such file"),
-    "a folder": (("{}",), "a folder, expected a .pth or .pkl checkpoint"),
-    "hostile": (("{}/hostile.pkl",), "hostile.pkl: refused, it wants to use "),
+    "a folder": (("{}",), "is a folder, expected a .pth or .pkl checkpoint"),
+    "hostile": (("{}/hostile.pkl",), "hostile.pkl: refused, it would call "),
     "other network": (("{}/other.pth",), "other.pth: a torchvision detector with backbone.body"),
     "over itself": (
         ("{}/other.pth", "--out", "{}/x/../other.pth"),

@@ -1,4 +1,4 @@
-"""Weights of others: Detectron2's published checkpoints become networks of ours."""
+"""Import of Detectron2 checkpoints."""
 
 from perceptree.models.weights.importing import Imported, import_checkpoint
 

@@ -1,4 +1,4 @@
-"""The names of Detectron2's Mask R-CNN with FPN, and ours."""
+"""Tensor names of Detectron2's Mask R-CNN with FPN, and the corresponding names here."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ _MOST_BLOCKS, _MOST_CONVOLUTIONS = 64, 64
 
 
 def _modules() -> dict[str, str]:
-    """Their modules with tensors -> ours."""
+    """Detectron2's names of modules with tensors -> ours."""
     pairs = {
         f"{_THEIR_TRUNK}.stem.conv1": f"{_TRUNK}.conv1",
         f"{_THEIR_TRUNK}.stem.conv1.norm": f"{_TRUNK}.bn1",
@@ -43,12 +43,12 @@ _THEIRS = {ours: theirs for theirs, ours in _OURS.items()}
 
 
 def our_name(name: str) -> str:
-    """A Detectron2 tensor's name in our network; one that we do not know stays."""
+    """Translate a Detectron2 tensor name to ours; unknown names are returned unchanged."""
     return _renamed(name, _OURS)
 
 
 def their_name(name: str) -> str:
-    """The name that Detectron2 has for a tensor of ours; one that it has not stays."""
+    """Translate a tensor name to Detectron2's; unknown names are returned unchanged."""
     return _renamed(name, _THEIRS)
 
 

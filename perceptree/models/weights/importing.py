@@ -1,4 +1,4 @@
-"""Import of published checkpoints: a stranger's file becomes a network of ours, with a record."""
+"""Import of published Detectron2 checkpoints."""
 
 from __future__ import annotations
 
@@ -16,33 +16,36 @@ from perceptree.models.spec import Modality, ModelSpec
 from perceptree.models.weights.detectron2 import our_name, their_name
 from perceptree.models.weights.reading import Tensors, file_sha256, read_weights
 from perceptree.models.weights.recognition import (
+    ImportOptions,
     PixelStd,
-    Recognised,
+    RecognisedNetwork,
     StrideIn,
-    Wanted,
     recognise,
 )
 
 _STEM = "backbone.bottom_up.stem.conv1.weight"
-# Constants of the configuration, and what a training keeps beside the weights.
+# Tensors that are no weights: constants of the configuration, and counters of the training.
 _CONSTANTS = ("pixel_mean", "pixel_std", "proposal_generator.anchor_generator.")
 _COUNTER = "num_batches_tracked"
-# Layers that say what was learnt to be found, which for starting weights is something else.
-_LEARNT_ANEW = ("box_head.score.", "box_head.shift.", "keypoint_head.tower.up.")
+# Layers that depend on the classes and keypoints of the original task. Starting weights for
+# another task do not use them.
+_TASK_LAYERS = ("box_head.score.", "box_head.shift.", "keypoint_head.tower.up.")
 _SEED = 0
 
 
 @dataclasses.dataclass(frozen=True)
 class Imported:
-    """A network with the weights of another's checkpoint."""
+    """A network with imported weights."""
 
     model: TreeRCNN
-    """In eval mode."""
+    """The network, in eval mode."""
     preset: str
+    """Preset of the architecture."""
     assumed: tuple[str, ...]
-    """What the file did not say and was taken from the published configurations."""
+    """Properties that the file does not state, assumed from the published configurations."""
     training: dict[str, Any]
-    """The record for ``save_checkpoint``: where the weights come from, and which are fresh."""
+    """The training record for ``save_checkpoint``: source of the weights, and the tensors that
+    keep their random initial values (``fresh``)."""
 
 
 def import_checkpoint(
@@ -55,21 +58,31 @@ def import_checkpoint(
     pixel_std: PixelStd = "auto",
     as_init: bool = False,
 ) -> Imported:
-    """Read a Detectron2 Mask R-CNN with FPN on ResNet-50, -101 or ResNeXt-101.
+    """Import a Detectron2 Mask R-CNN with FPN and a ResNet-50, -101 or ResNeXt-101 backbone.
 
-    ``height`` and ``width`` (px) are of the frames it is to see, 720 and 1280 if not given.
-    ``stride_in`` and ``pixel_std`` override what the file, or its backbone, suggests.
-    ``as_init`` takes a network that was trained on other things, such as COCO's persons, as
-    starting weights: the layers that say what was found are fresh, always the same ones.
-    Raises CheckpointError or SettingsError with one line.
+    Args:
+        path: A ``.pth`` or ``.pkl`` file.
+        modality: Input of the network, ``rgb`` or ``depth``.
+        height: Height of the frames, px; 720 by default.
+        width: Width of the frames, px; 1280 by default.
+        stride_in: Convolution of the bottlenecks that has the stride; ``auto`` uses the published
+            configuration of the backbone.
+        pixel_std: Standard deviation of the input, 1 or ImageNet's; ``auto`` uses the file's
+            value or the published configuration.
+        as_init: Import starting weights from a network for another task, such as COCO's persons.
+            The layers that depend on the task get reproducible random weights.
+
+    Raises:
+        CheckpointError: If the file cannot be read, or is another kind of network.
+        SettingsError: If an option is none of its choices.
     """
     path = Path(path)
     _check_choice("stride_in", stride_in, get_args(StrideIn))
     _check_choice("pixel_std", pixel_std, get_args(PixelStd))
     _check_choice("modality", modality, get_args(Modality))
     tensors = read_weights(path)
-    wanted = Wanted(modality, height, width, stride_in, pixel_std, as_init)
-    found = recognise(path, tensors, wanted)
+    options = ImportOptions(modality, height, width, stride_in, pixel_std, as_init)
+    found = recognise(path, tensors, options)
     weights = _weights(tensors, found)
     shapes = _shapes(found.spec)
     fresh = _fresh(shapes, weights) if as_init else []
@@ -92,8 +105,8 @@ def import_checkpoint(
     return Imported(model.eval(), found.preset, found.assumed, training)
 
 
-def _weights(tensors: Tensors, found: Recognised) -> Tensors:
-    """The tensors that are weights, for input in our order of colours."""
+def _weights(tensors: Tensors, found: RecognisedNetwork) -> Tensors:
+    """The tensors that are weights, with the first convolution converted to BGR input."""
     kept = {
         name: value
         for name, value in tensors.items()
@@ -105,21 +118,21 @@ def _weights(tensors: Tensors, found: Recognised) -> Tensors:
 
 
 def _shapes(spec: ModelSpec) -> dict[str, Tensor]:
-    """Our weights without memory behind them, so that false shapes are found before it is used."""
+    """The model's weights on the meta device, to check shapes before memory is allocated."""
     with torch.device("meta"):
         state = TreeRCNN(spec).state_dict()
     return {name: value for name, value in state.items() if not name.endswith(_COUNTER)}
 
 
 def _fresh(shapes: dict[str, Tensor], weights: Tensors) -> list[str]:
-    """Our tensors that starting weights leave as they are made."""
+    """Names of the model's tensors that keep their random initial values."""
     fresh = []
     for name, value in shapes.items():
         theirs = weights.get(their_name(name))
         fits = theirs is not None and theirs.shape == value.shape
         optional = name.startswith("keypoint_head.") and theirs is None
         optional |= name.startswith("mask_head.") and not fits
-        if name.startswith(_LEARNT_ANEW) or optional:
+        if name.startswith(_TASK_LAYERS) or optional:
             fresh.append(name)
     return fresh
 

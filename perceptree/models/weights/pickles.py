@@ -1,8 +1,9 @@
-"""Arrays out of a plain pickle, of which nothing is executed.
+"""Read arrays from a pickle without executing anything from it.
 
-A pickle is a program that names the functions it calls. Here every name that it may use stands
-for an inert record of what was said, so that a hostile file can neither run nor import anything,
-and a claimed shape allocates nothing; arrays are made of the bytes afterwards.
+A pickle is a program that names the functions it calls. This reader replaces each allowed name by
+a class that only records its arguments, and refuses all other names. A malicious file can
+therefore neither import nor run code, and a stated shape allocates no memory. The arrays are built
+from the recorded bytes afterwards.
 """
 
 from __future__ import annotations
@@ -23,8 +24,8 @@ _MOST_AXES = 8
 _INDEXED = ("PUT", "BINPUT", "LONG_BINPUT")
 
 
-class _Inert:
-    """Something that is of no use here, such as a numpy number of a training's bookkeeping."""
+class _Ignored:
+    """An object that is not needed, such as a numpy scalar with a training's progress."""
 
     def __init__(self, *_: object) -> None:
         pass
@@ -34,11 +35,11 @@ class _Inert:
 
 
 class _Bytes(bytes):
-    """Bytes that an old protocol spells as latin-1 text."""
+    """Bytes that old pickle protocols store as latin-1 text."""
 
     def __new__(cls, text: object, encoding: object) -> _Bytes:
         if not isinstance(text, str) or encoding not in _LATIN_1:
-            raise ValueError("text that does not stand for bytes")
+            raise ValueError("encoded text that is not latin-1 bytes")
         return super().__new__(cls, text.encode("latin-1"))
 
     def __setstate__(self, _: object) -> None:
@@ -46,14 +47,14 @@ class _Bytes(bytes):
 
 
 class _Mapping(dict[Any, Any]):
-    """An ordered dictionary, without the attributes that a network's state carries."""
+    """An ordered dictionary; its attributes, such as a state dict's metadata, are ignored."""
 
     def __setstate__(self, _: object) -> None:
         pass
 
 
 class _Dtype:
-    """The type of an array's numbers, such as ``f4``."""
+    """A recorded numpy dtype, such as ``f4``."""
 
     def __init__(self, code: object, *_: object) -> None:
         self.code, self.order = code, "|"
@@ -62,14 +63,18 @@ class _Dtype:
         self.order = state[1]
 
     def build(self) -> np.dtype[Any]:
-        """The dtype itself; raises ValueError for anything but plain numbers."""
+        """Make the dtype.
+
+        Raises:
+            ValueError: If it is neither a float nor an integer nor bool.
+        """
         if self.code not in _NUMBERS or self.order not in _ORDERS:
-            raise ValueError("numbers that are no plain floats or integers")
+            raise ValueError("a dtype that is neither a float nor an integer")
         return np.dtype(f"{self.order}{self.code}")
 
 
 class ArrayRecord:
-    """What a pickle says of one array, not yet believed."""
+    """The recorded description of one array, not yet validated."""
 
     def __init__(self, *_: object) -> None:
         self._parts: tuple[Any, ...] = ()
@@ -79,14 +84,18 @@ class ArrayRecord:
         self._parts = (raw, dtype, shape, "F" if by_columns else "C", None)
 
     def build(self) -> np.ndarray[Any, Any]:
-        """The array; raises ValueError where bytes, type and shape contradict each other."""
+        """Make the array.
+
+        Raises:
+            ValueError: If bytes, dtype and shape do not fit each other.
+        """
         raw, dtype, shape, order, axes = self._parts or (None,) * 5
         if isinstance(raw, str):  # as written by Python 2
             raw = raw.encode("latin-1")
         if not isinstance(dtype, _Dtype) or not isinstance(raw, bytes | bytearray):
-            raise ValueError("an array without a type or without bytes")
+            raise ValueError("an array without a dtype or without bytes")
         if not _is_shape(shape):
-            raise ValueError("an array with a shape that is none")
+            raise ValueError("an array with an invalid shape")
         numbers = dtype.build()
         expected = math.prod(shape) * numbers.itemsize
         if len(raw) != expected:
@@ -98,7 +107,7 @@ class ArrayRecord:
 
 
 class _BufferRecord(ArrayRecord):
-    """The same as protocol 5 says it."""
+    """An array as pickle protocol 5 stores it."""
 
     def __init__(
         self, raw: object, dtype: object, shape: object, order: object, axes: object = None
@@ -119,28 +128,32 @@ _STAND_INS: Mapping[tuple[str, str], type] = {
     ("_codecs", "encode"): _Bytes,
     ("collections", "OrderedDict"): _Mapping,
     ("numpy", "dtype"): _Dtype,
-    ("numpy", "ndarray"): _Inert,
+    ("numpy", "ndarray"): _Ignored,
     ("numpy.core.multiarray", "_reconstruct"): ArrayRecord,
     ("numpy._core.multiarray", "_reconstruct"): ArrayRecord,
-    ("numpy.core.multiarray", "scalar"): _Inert,
-    ("numpy._core.multiarray", "scalar"): _Inert,
+    ("numpy.core.multiarray", "scalar"): _Ignored,
+    ("numpy._core.multiarray", "scalar"): _Ignored,
     ("numpy.core.numeric", "_frombuffer"): _BufferRecord,
     ("numpy._core.numeric", "_frombuffer"): _BufferRecord,
 }
 
-BOOKKEEPING: tuple[tuple[type, str], ...] = tuple(
+SAFE_GLOBALS: tuple[tuple[type, str], ...] = tuple(
     (stand_in, ".".join(name))
     for name, stand_in in _STAND_INS.items()
     if name[0].startswith("numpy")
 )
-"""The stand-ins as ``torch.serialization.safe_globals`` takes them."""
+"""The numpy stand-ins in the form that ``torch.serialization.safe_globals`` takes."""
 
 
 class _Unpickler(pickle.Unpickler):
-    """Reads a pickle with the stand-ins alone."""
+    """An unpickler that knows only the stand-ins."""
 
     def find_class(self, module: str, name: str) -> type:
-        """The stand-in for a name; raises UnpicklingError for one that weights do not need."""
+        """Return the stand-in for a name.
+
+        Raises:
+            UnpicklingError: If there is none.
+        """
         stand_in = _STAND_INS.get((module, name))
         if stand_in is None:
             raise pickle.UnpicklingError(f"unsupported GLOBAL {module}.{name}")
@@ -148,9 +161,10 @@ class _Unpickler(pickle.Unpickler):
 
 
 def read_pickle(file: BinaryIO) -> Any:
-    """A pickle's content, with an :class:`ArrayRecord` in place of each array.
+    """Read a pickle's content, with an :class:`ArrayRecord` in place of each array.
 
-    What is broken raises whatever Python's reader raises there, any subclass of Exception.
+    Raises:
+        Exception: Any subclass that Python's unpickler raises for a broken file.
     """
     with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
         _check_claims(content)
@@ -159,10 +173,10 @@ def read_pickle(file: BinaryIO) -> Any:
 
 
 def _check_claims(content: mmap.mmap) -> None:
-    """Raise ValueError for lengths and indices over what the file has.
+    """Raise ValueError for stated lengths and indices that exceed the file.
 
-    Python's reader sets memory aside for whatever is claimed; this walk raises for lengths of
-    its own accord.
+    Python's unpickler allocates memory for any stated size. ``pickletools.genops`` checks lengths
+    itself; the indices of memo entries are checked here.
     """
     for number, (code, argument, _) in enumerate(pickletools.genops(cast("IO[bytes]", content))):
         if code.name in _INDEXED and int(argument or 0) > number:

@@ -1,4 +1,4 @@
-"""Weights out of a checkpoint file of a stranger, of which nothing is executed."""
+"""Read weights from an untrusted checkpoint file without executing anything from it."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ import torch
 from torch import Tensor
 
 from perceptree.errors import CheckpointError
-from perceptree.models.weights.pickles import BOOKKEEPING, ArrayRecord, read_pickle
+from perceptree.models.weights.pickles import SAFE_GLOBALS, ArrayRecord, read_pickle
 
 Tensors = dict[str, Tensor]
 
 _ZIP = b"PK\x03\x04"
-# The number that torch's older format begins with, as pickles spell it.
+# The magic number of torch's older file format, as a pickle encodes it.
 _OLD_TORCH = b"\x8a\nl\xfc\x9cF\xf9 j\xa8P\x19."
-# How torch's reader, and ours, name what a pickle may not use.
+# Message of torch's unpickler, and of ours, for a name that is not allowed.
 _FORBIDDEN = re.compile(r"GLOBAL (\S+)")
 _TORCH_SAYS = "WeightsUnpickler error: "
 _HOLDERS = ("model", "state_dict", "blobs")
@@ -31,11 +31,19 @@ _LONGEST_NAME = 200
 
 
 def read_weights(path: Path) -> Tensors:
-    """The tensors of a ``.pth`` or ``.pkl`` file by name; floating ones become float32.
+    """Read the tensors of a ``.pth`` or ``.pkl`` file.
 
-    torch's two formats and plain pickles of numpy arrays are told apart by content. Raises
-    CheckpointError with one line for a file that holds no weights, more than weights, or
-    numbers that are not finite.
+    The content decides the format: one of torch's two, or a plain pickle of numpy arrays.
+
+    Args:
+        path: File to read.
+
+    Returns:
+        Tensors by name. Floating-point tensors are converted to float32.
+
+    Raises:
+        CheckpointError: If the file cannot be read, would execute code, or holds anything but
+            tensors of finite numbers.
     """
     weights = _weights_of(path, _content(path))
     tensors = {_checked_name(path, name): value for name, value in weights.items()}
@@ -52,7 +60,7 @@ def file_sha256(path: Path) -> str:
 
 def _content(path: Path) -> Any:
     if path.is_dir():
-        raise CheckpointError(f"{path}: a folder, expected a .pth or .pkl checkpoint")
+        raise CheckpointError(f"{path}: is a folder, expected a .pth or .pkl checkpoint")
     try:
         with path.open("rb") as file:
             head = file.read(32)
@@ -62,9 +70,9 @@ def _content(path: Path) -> Any:
         reason = getattr(error, "strerror", None) or error
         raise CheckpointError(f"{path}: cannot be read ({reason})") from error
     if not head:
-        raise CheckpointError(f"{path}: an empty file, expected a .pth or .pkl checkpoint")
+        raise CheckpointError(f"{path}: is empty, expected a .pth or .pkl checkpoint")
     if head[8:9] == b"{":
-        raise CheckpointError(f"{path}: a safetensors file, expected a .pth or .pkl checkpoint")
+        raise CheckpointError(f"{path}: is a safetensors file, expected a .pth or .pkl checkpoint")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -75,20 +83,20 @@ def _content(path: Path) -> Any:
 
 def _load(path: Path, head: bytes) -> Any:
     if head.startswith(_ZIP) or _OLD_TORCH in head:
-        with torch.serialization.safe_globals(list(BOOKKEEPING)):
+        with torch.serialization.safe_globals(list(SAFE_GLOBALS)):
             return torch.load(path, map_location="cpu", weights_only=True)
     with path.open("rb") as file:
         return read_pickle(file)
 
 
 def _reason(error: Exception) -> str:
-    """Why a file was not read, in one line: it is broken, or wants more than to be read."""
+    """Why a file was not read, in one line: it is broken, or it would execute code."""
     text = str(error)
     found = _FORBIDDEN.search(text)
     if isinstance(error, pickle.UnpicklingError) and found:
-        return f"refused, it wants to use {_shown(found[1])}, which weights do not need"
+        return f"refused, it would call {_shown(found[1])}, which weights do not need"
     why = text.rpartition(_TORCH_SAYS)[2].partition("\n")[0]
-    return f"not a readable checkpoint, or cut short ({_shown(why) or type(error).__name__})"
+    return f"not a readable checkpoint, or truncated ({_shown(why) or type(error).__name__})"
 
 
 def _weights_of(path: Path, content: Any) -> Mapping[Any, Any]:
@@ -109,7 +117,10 @@ def _weights_of(path: Path, content: Any) -> Mapping[Any, Any]:
 
 def _checked_name(path: Path, name: object) -> str:
     if not isinstance(name, str) or not name.isprintable() or len(name) > _LONGEST_NAME:
-        raise CheckpointError(f"{path}: a tensor is called {_shown(name)!r}, expected plain text")
+        raise CheckpointError(
+            f"{path}: a tensor is named {_shown(name)!r}, expected printable text of at most "
+            f"{_LONGEST_NAME} characters"
+        )
     return name
 
 
@@ -128,7 +139,8 @@ def _as_tensor(path: Path, name: str, value: Any) -> Tensor:
     tensor: Tensor = value.detach()
     if tensor.numel() * tensor.element_size() > tensor.untyped_storage().nbytes():
         raise CheckpointError(
-            f"{path}: {name} has shape {tuple(tensor.shape)}, expected one that the file fills"
+            f"{path}: {name} has shape {tuple(tensor.shape)}, more than its stored data; expected"
+            " a tensor with all its values"
         )
     if tensor.is_floating_point():
         tensor = tensor.to(torch.float32)
@@ -138,7 +150,7 @@ def _as_tensor(path: Path, name: str, value: Any) -> Tensor:
 
 
 def _extremes(tensor: Tensor) -> tuple[float, ...]:
-    """The lowest and the highest number, both NaN if one of them is."""
+    """Minimum and maximum, both NaN if the tensor has a NaN."""
     if not tensor.numel():
         return ()
     low, high = tensor.aminmax()
@@ -146,6 +158,6 @@ def _extremes(tensor: Tensor) -> tuple[float, ...]:
 
 
 def _shown(value: object) -> str:
-    """A stranger's text in a line: without line breaks, and not long."""
+    """Untrusted text on one line: printable characters only, at a limited length."""
     text = " ".join(str(value).split()) if isinstance(value, str | Exception) else repr(type(value))
     return "".join(c for c in text if c.isprintable())[:_LONGEST_NAME]

@@ -1,4 +1,4 @@
-"""Which of our networks a Detectron2 checkpoint is, from its tensors' names and shapes."""
+"""Recognise the architecture of a Detectron2 checkpoint by names and shapes of its tensors."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from perceptree.models.weights.reading import Tensors
 StrideIn = Literal["auto", "1x1", "3x3"]
 PixelStd = Literal["auto", "unit", "imagenet"]
 
-# Blocks of each stage, groups, and channels of a group -> preset.
+# Blocks per stage, groups, and channels per group -> preset.
 _ARCHITECTURES: dict[tuple[tuple[int, ...], int, int], str] = {
     ((3, 4, 6, 3), 1, 64): "r50",
     ((3, 4, 23, 3), 1, 64): "r101",
@@ -28,7 +28,7 @@ _ARCHITECTURES: dict[tuple[tuple[int, ...], int, int], str] = {
 }
 _EXPECTED = "Detectron2's Mask R-CNN with FPN (backbone.bottom_up, proposal_generator, roi_heads)"
 _NEEDED = ("backbone.bottom_up.", "backbone.fpn_", "proposal_generator.", "roi_heads.box_head.")
-# What a name that begins so belongs to, the surest first.
+# First part of a tensor name -> the unsupported network it belongs to, the most specific first.
 _OTHERS = {
     "roi_heads.box_predictor.0.": "a Cascade R-CNN",
     "backbone.body.": "a torchvision detector",
@@ -40,24 +40,26 @@ _OTHERS = {
     "res2.0.": "a bare backbone",
     "layer1.0.": "a bare backbone",
 }
-_NEAR_MEAN = 1.0
+_MEAN_TOLERANCE = 1.0
 
 
 @dataclasses.dataclass(frozen=True)
-class Recognised:
-    """A network that was recognised, before its weights are looked at."""
+class RecognisedNetwork:
+    """The architecture and the input of a checkpoint."""
 
     preset: str
+    """Preset of the architecture."""
     spec: ModelSpec
+    """The spec; its mean and std are in BGR order."""
     assumed: tuple[str, ...]
-    """What the file does not say and is taken from the published configurations."""
+    """Properties that the file does not state, assumed from the published configurations."""
     red_first: bool
-    """Whether it was trained on RGB; spec's mean and std are in our order, BGR."""
+    """Whether the network was trained on RGB, not on BGR."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Wanted:
-    """What the user says of the network."""
+class ImportOptions:
+    """Options of the user, as for ``importing.import_checkpoint``."""
 
     modality: Modality = "rgb"
     height: int | None = None
@@ -67,24 +69,34 @@ class Wanted:
     as_init: bool = False
 
 
-def recognise(path: Path, tensors: Tensors, wanted: Wanted) -> Recognised:
-    """The network whose tensors these are; raises CheckpointError for any that we have not."""
+def recognise(path: Path, tensors: Tensors, options: ImportOptions) -> RecognisedNetwork:
+    """Recognise a network.
+
+    Args:
+        path: File that an error names.
+        tensors: The file's tensors by Detectron2 name.
+        options: Options of the user.
+
+    Raises:
+        CheckpointError: If the network is not supported, or its classes or keypoints are not this
+            project's.
+    """
     _check_kind(path, tensors)
     preset = _preset(path, tensors)
-    base = make_spec(preset, wanted.modality, wanted.height, wanted.width)
-    if not wanted.as_init:
+    base = make_spec(preset, options.modality, options.height, options.width)
+    if not options.as_init:
         _check_counts(path, tensors)
-    changes, assumed, red_first = _normalisation(path, tensors, wanted, base.stride_in_1x1)
+    changes, assumed, red_first = _normalisation(path, tensors, options, base.stride_in_1x1)
     sizes_px, ratios = anchor_layout(path, tensors)
     changes |= {"anchor_sizes_px": sizes_px, "anchor_ratios": ratios}
-    changes |= _widths(path, tensors, wanted.as_init)
-    if wanted.modality == "depth":
+    changes |= _widths(path, tensors, options.as_init)
+    if options.modality == "depth":
         assumed += ("depth from 0 to 20 m as 0 to 255",)
     try:
         spec = dataclasses.replace(base, **changes)
     except SpecError as error:
         raise CheckpointError(f"{path}: {error}") from error
-    return Recognised(preset, spec, assumed, red_first)
+    return RecognisedNetwork(preset, spec, assumed, red_first)
 
 
 def _check_kind(path: Path, tensors: Tensors) -> None:
@@ -105,8 +117,8 @@ def _preset(path: Path, tensors: Tensors) -> str:
     preset = _ARCHITECTURES.get((blocks, groups, per_group))
     if preset is None:
         raise CheckpointError(
-            f"{path}: another architecture, with {blocks} blocks of {groups} groups of "
-            f"{per_group} channels, expected ResNet-50 or -101, or ResNeXt-101 32x8d or 32x4d"
+            f"{path}: the backbone has {blocks} blocks with {groups} groups of {per_group} "
+            "channels, expected ResNet-50 or -101, or ResNeXt-101 32x8d or 32x4d"
         )
     return preset
 
@@ -125,41 +137,41 @@ def _check_counts(path: Path, tensors: Tensors) -> None:
     if found:
         raise CheckpointError(
             f"{path}: {' and '.join(found)}, expected {' and '.join(expected)}; "
-            "as starting weights for a training (--as-init) it will do"
+            "it can be imported as starting weights with --as-init"
         )
 
 
 def _normalisation(
-    path: Path, tensors: Tensors, wanted: Wanted, usual_1x1: bool
+    path: Path, tensors: Tensors, options: ImportOptions, usual_1x1: bool
 ) -> tuple[dict[str, Any], tuple[str, ...], bool]:
-    """Mean, std and place of the stride; what of it is assumed; whether red comes first.
+    """Mean, std and position of the stride; which of them are assumed; whether red comes first.
 
-    The published configurations pair the stride in the 1x1 convolution with a std of 1, and
-    the stride in the 3x3 with ImageNet's std.
+    In the published configurations, networks with the stride in the 1x1 convolution have a std
+    of 1, and those with the stride in the 3x3 convolution have ImageNet's std.
     """
     assumed: tuple[str, ...] = ()
     mean = _constant(path, tensors, "pixel_mean")
     std = _constant(path, tensors, "pixel_std")
     if mean is None:
         mean, assumed = IMAGENET_MEAN, ("pixel mean of ImageNet",)
-    if wanted.pixel_std != "auto":
-        std = UNIT_STD if wanted.pixel_std == "unit" else IMAGENET_STD
-    in_1x1 = wanted.stride_in == "1x1"
-    if wanted.stride_in == "auto":
+    if options.pixel_std != "auto":
+        std = UNIT_STD if options.pixel_std == "unit" else IMAGENET_STD
+    in_1x1 = options.stride_in == "1x1"
+    if options.stride_in == "auto":
         in_1x1 = usual_1x1 and (std is None or max(std) == 1.0)
         assumed += ("stride in the " + ("1x1" if in_1x1 else "3x3"),)
     if std is None:
         std = UNIT_STD if in_1x1 else IMAGENET_STD
         assumed += ("pixel std of " + ("1" if in_1x1 else "ImageNet"),)
     pairs = zip(mean, reversed(IMAGENET_MEAN), strict=True)
-    red_first = all(abs(a - b) < _NEAR_MEAN for a, b in pairs)
+    red_first = all(abs(a - b) < _MEAN_TOLERANCE for a, b in pairs)
     if red_first:
-        mean, std = mean[::-1], std if wanted.pixel_std != "auto" else std[::-1]
+        mean, std = mean[::-1], std if options.pixel_std != "auto" else std[::-1]
     return {"mean": mean, "std": std, "stride_in_1x1": in_1x1}, assumed, red_first
 
 
 def _constant(path: Path, tensors: Tensors, name: str) -> tuple[float, ...] | None:
-    """Three values of the file's own configuration, if it has them."""
+    """Three values of the file's configuration; None if they are missing."""
     value = tensors.get(name)
     if value is None:
         return None
@@ -170,7 +182,7 @@ def _constant(path: Path, tensors: Tensors, name: str) -> tuple[float, ...] | No
 
 
 def _widths(path: Path, tensors: Tensors, as_init: bool) -> dict[str, Any]:
-    """Which branches there are, and how wide the layers are."""
+    """Which heads the network has, and the widths of its layers, as fields of ModelSpec."""
     widths: dict[str, Any] = {
         "fpn_width": _shape(path, tensors, "backbone.fpn_output2.weight", 4)[0],
         "box_head_width": _shape(path, tensors, "roi_heads.box_head.fc1.weight", 2)[0],
@@ -191,7 +203,7 @@ def _has(tensors: Tensors, begin: str) -> bool:
 
 
 def _numbered(tensors: Tensors, begin: str, end: str, first: int) -> Iterator[Tensor]:
-    """The tensors with consecutive numbers between ``begin`` and ``end``, from ``first`` on."""
+    """The tensors named ``begin``, number and ``end``, for consecutive numbers from ``first``."""
     while f"{begin}{first}{end}" in tensors:
         yield tensors[f"{begin}{first}{end}"]
         first += 1

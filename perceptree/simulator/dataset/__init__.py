@@ -1,3 +1,3 @@
-"""Datasets of simulated frames: generation, resuming, splits, contact sheets and statistics."""
+"""Datasets of simulated frames: generation, splits, contact sheets and statistics."""
 
 __all__: list[str] = []

@@ -1,4 +1,4 @@
-"""Small charts as inline SVG, drawn without a plotting library; colours come from the page."""
+"""Small charts as inline SVG, made without a plotting library; colours are set by the page."""
 
 from __future__ import annotations
 
@@ -13,7 +13,14 @@ _MAX_LABELS = 9
 
 
 def histogram_svg(name: str, edges: Sequence[float], counts: Sequence[int], unit: str = "") -> str:
-    """Bars of the shares of all counts between the edges, which are written below."""
+    """Draw a histogram.
+
+    Args:
+        name: Name of the chart.
+        edges: Edges of the bins, one more than counts.
+        counts: Counts of the bins.
+        unit: Unit in the tooltips.
+    """
     total = max(1, sum(counts))
     ticks = [_number(edge) for edge in edges]
     bars = [
@@ -27,7 +34,7 @@ def histogram_svg(name: str, edges: Sequence[float], counts: Sequence[int], unit
 
 
 def counts_svg(name: str, counts: Sequence[int]) -> str:
-    """Bars of the shares of 0, 1, 2... of something, each number written below its bar."""
+    """Draw a bar for each of the numbers 0, 1, 2 and so on, with their counts."""
     total = max(1, sum(counts))
     bars = [(str(number), count / total, count) for number, count in enumerate(counts)]
     step = (_WIDTH - _LEFT - _RIGHT) / max(1, len(counts))
@@ -37,7 +44,7 @@ def counts_svg(name: str, counts: Sequence[int]) -> str:
 
 
 def bars_svg(name: str, parts: Mapping[str, int]) -> str:
-    """Lying bars of named counts, with their shares."""
+    """Draw horizontal bars of named counts, with their percentages."""
     total, most = max(1, sum(parts.values())), max(1, *parts.values(), 1)
     span = _WIDTH - _NAME_WIDTH - _VALUE_WIDTH
     rows = []
@@ -54,7 +61,7 @@ def bars_svg(name: str, parts: Mapping[str, int]) -> str:
 
 
 def stacked_svg(name: str, rows: Mapping[str, Mapping[str, int]]) -> str:
-    """One lying bar a row, cut into the shares of its parts, first part strongest."""
+    """Draw a horizontal bar per row, divided by the percentages of its parts."""
     span, drawn = _WIDTH - _NAME_WIDTH - 8, []
     for number, (row, parts) in enumerate(rows.items()):
         y, x, total = number * _ROW, float(_NAME_WIDTH), max(1, sum(parts.values()))
@@ -79,7 +86,7 @@ def stacked_svg(name: str, rows: Mapping[str, Mapping[str, int]]) -> str:
 def _columns(
     name: str, bars: Sequence[tuple[str, float, int]], labels: Sequence[tuple[float, str]]
 ) -> str:
-    """Standing bars (label, share, count) over a percent axis, and texts (x, text) below."""
+    """Vertical bars (label, fraction, count) on a percent axis, with labels (x, text) below."""
     top, step = _percent_axis(max((share for _, share, _ in bars), default=0.0))
     height, bottom = _HEIGHT - _TOP - _BOTTOM, _HEIGHT - _BOTTOM
     parts = []
@@ -113,7 +120,7 @@ def _svg(name: str, height: float, content: str) -> str:
 
 
 def _percent_axis(largest: float) -> tuple[float, float]:
-    """(end, step) of an axis from zero over ``largest`` with two to five round steps."""
+    """End and step of an axis from zero to above ``largest``, with round steps."""
     steps = (0.01, 0.02, 0.05, 0.1, 0.2)
     step = next((step for step in steps if step * 5 >= largest), 0.25)
     return step * max(1, math.ceil(largest / step - 1e-9)), step

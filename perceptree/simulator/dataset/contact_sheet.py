@@ -1,4 +1,4 @@
-"""Contact sheets: what a dataset looks like, with its labels drawn on, at a glance."""
+"""Contact sheets: an overview of a dataset's frames with their labels."""
 
 from __future__ import annotations
 
@@ -31,10 +31,18 @@ _CONDITIONS = ("terrain", "weather", "light")
 
 
 def write_contact_sheets(directory: Path, splits: dict[str, list[Record]]) -> None:
-    """Write two sheets of the same frames: colour with labels, and the measured depth.
+    """Write two sheets of the same frames: colour with labels, and measured depth.
 
-    Frames come from scenes spread over the dataset, so chosen that every ground, weather and
-    light is shown where there is one, and are ordered by weather and light.
+    The frames are from scenes all over the dataset, chosen to show every ground, weather and
+    light, and are sorted by weather and light.
+
+    Args:
+        directory: Folder of the dataset.
+        splits: Frame records of each split.
+
+    Raises:
+        DatasetError: If an image cannot be read.
+        OSError: If a sheet cannot be written.
     """
     chosen = choose_frames([record for records in splits.values() for record in records])
     colour, depth = [], []
@@ -47,7 +55,7 @@ def write_contact_sheets(directory: Path, splits: dict[str, list[Record]]) -> No
 
 
 def choose_frames(records: list[Record]) -> list[Record]:
-    """At most 48 frames: at first one a scene, the conditions shown least before the others."""
+    """Choose at most 48 frames: first one per scene, preferring the conditions shown least."""
     scenes: dict[int, list[Record]] = {}
     for record in sorted(records, key=lambda record: int(record["image"]["id"])):
         scenes.setdefault(record["image"]["scene"]["seed"], []).append(record)
@@ -72,7 +80,7 @@ def choose_frames(records: list[Record]) -> list[Record]:
 
 
 def _spread(records: list[Record]) -> list[Record]:
-    """The same records, every prefix of them spread over the whole: a golden-ratio sequence."""
+    """Reorder records by a golden-ratio sequence, so that every prefix is spread over the whole."""
     golden = (5**0.5 - 1) / 2
     places = sorted(range(len(records)), key=lambda n: (n * golden) % 1)
     return [records[place] for place in places]
@@ -124,7 +132,7 @@ def _colour_cell(directory: Path, record: Record) -> Picture:
 
 
 def _depth_cell(directory: Path, image: dict[str, Any]) -> Picture:
-    """Near is red, 20 m and beyond dark blue, no reading black."""
+    """Colour-coded depth: near is red, 20 m and beyond is dark blue, no reading is black."""
     millimetres = _read(directory / image["depth_file"], cv2.IMREAD_UNCHANGED)
     small = fitted(millimetres, _CELL_WIDTH_PX, cv2.INTER_NEAREST)
     share = 1 - np.clip(small / (1000 * _FULL_COLOUR_M), 0, 1)

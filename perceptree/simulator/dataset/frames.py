@@ -1,4 +1,4 @@
-"""From settings and a scene's seed to frames in memory."""
+"""Simulate the frames of a scene in memory."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from perceptree.simulator.geometry.assemble import assemble
 from perceptree.simulator.geometry.prototypes import Prototypes, make_prototypes
-from perceptree.simulator.labelling.frame import Frame, Motion, PoseRecord, SceneRecord
+from perceptree.simulator.labelling.frame import LabelledFrame, Motion, PoseRecord, SceneRecord
 from perceptree.simulator.labelling.labels import label_view
 from perceptree.simulator.materials.textures import Textures, make_textures
 from perceptree.simulator.rendering.drive import IMU_HZ, Drive, make_drive
@@ -20,7 +20,12 @@ from perceptree.simulator.scene.description import Scene, describe_scene
 from perceptree.simulator.scene.objects import OBJECT_KINDS
 from perceptree.simulator.sensors.depth import measure_depth
 from perceptree.simulator.sensors.fixed import fixed_sensors
-from perceptree.simulator.sensors.imaging import CameraFaults, draw_faults, processed, through_lens
+from perceptree.simulator.sensors.imaging import (
+    CameraFaults,
+    apply_lens_faults,
+    apply_processing_faults,
+    draw_faults,
+)
 from perceptree.simulator.sensors.precipitation import draw_precipitation
 from perceptree.simulator.sensors.rgb import expose
 from perceptree.simulator.settings import (
@@ -35,21 +40,36 @@ from perceptree.simulator.streams import Stream, stream
 
 @dataclass(frozen=True)
 class Assets:
-    """What every scene draws on and a process makes once: textures and shared meshes."""
+    """Textures and meshes that all scenes share; made once per process.
+
+    Attributes:
+        textures: Textures of all materials.
+        prototypes: Shared meshes.
+    """
 
     textures: Textures
     prototypes: Prototypes
 
 
 def make_assets() -> Assets:
-    """Draw the textures and grow the shared meshes; the same bytes in every process."""
+    """Make the textures and the shared meshes, which are identical in every process."""
     return Assets(make_textures(), make_prototypes())
 
 
 def simulate_frames(
     settings: SimulatorSettings, seed: int, views: int, assets: Assets
-) -> Iterator[Frame]:
-    """The frames of one scene, one after the other: pictures, depth and labels in memory."""
+) -> Iterator[LabelledFrame]:
+    """Simulate the frames of one scene.
+
+    Args:
+        settings: Settings of the simulator.
+        seed: Seed of the scene.
+        views: Number of frames.
+        assets: Textures and shared meshes.
+
+    Yields:
+        One frame after the other, with image, depth and labels.
+    """
     scene = describe_scene(settings, seed)
     renderer = Renderer(assets.textures, scene, assemble(scene, assets.prototypes))
     drive = None
@@ -67,12 +87,12 @@ def simulate_frames(
         rng = stream(seed, Stream.VIEW, number)
         fault_rng = stream(seed, Stream.FAULTS, number if drive is None else 0)
         view = random_view(rng, settings.camera, scene) if drive is None else drive.view(number)
-        motion = None if drive is None else _motion(drive, number)
-        yield _frame(rng, fault_rng, settings, scene, view, renderer.draw(view), motion)
+        motion = None if drive is None else _motion_record(drive, number)
+        yield _labelled_frame(rng, fault_rng, settings, scene, view, renderer.draw(view), motion)
 
 
-def _motion(drive: Drive, number: int) -> Motion:
-    """Where a frame was taken, and what the IMU measured since the frame before."""
+def _motion_record(drive: Drive, number: int) -> Motion:
+    """Camera pose of a drive's frame, and the IMU samples since the previous frame."""
     first = 0 if number == 0 else drive.sample(number - 1) + 1
     last = drive.sample(number)
     samples = slice(first, last + 1)
@@ -81,7 +101,7 @@ def _motion(drive: Drive, number: int) -> Motion:
     return Motion(drive.time_s(number), drive.origin_m[last], drive.rotation[last], imu)
 
 
-def _frame(
+def _labelled_frame(
     rng: np.random.Generator,
     fault_rng: np.random.Generator,
     settings: SimulatorSettings,
@@ -89,8 +109,8 @@ def _frame(
     view: View,
     drawing: Drawing,
     motion: Motion | None,
-) -> Frame:
-    """What the sensors and the labels make of a drawing."""
+) -> LabelledFrame:
+    """Apply the sensor models to a rendered view, and label it."""
     weather, pose = scene.weather, view.pose
     faults = draw_faults(fault_rng, settings.imaging)
     image = expose(
@@ -100,7 +120,7 @@ def _frame(
         drawing.log_luminance,
         scene.light.darkness,
         2.0**faults.exposure_stops,
-        partial(through_lens, fault_rng, faults.strength) if faults.strength else None,
+        partial(apply_lens_faults, fault_rng, faults.strength) if faults.strength else None,
     )
     image = draw_precipitation(
         rng,
@@ -111,13 +131,13 @@ def _frame(
         weather.snowfall,
         view.up,
     )
-    image = processed(fault_rng, faults, image)
+    image = apply_processing_faults(fault_rng, faults, image)
     measured = measure_depth(
         rng, settings.depth, drawing.depth_m, view.intrinsics, weather.haze_per_m
     )
     stride = settings.depth.exact_stride_px
     exact_m = drawing.depth_m[::stride, ::stride]
-    return Frame(
+    return LabelledFrame(
         image=image,
         depth_m=measured.depth_m,
         exact_depth_m=np.where(exact_m <= settings.depth.exact_range_m, exact_m, 0),
@@ -140,7 +160,7 @@ def _frame(
 def _realism(
     settings: SimulatorSettings, scene: Scene, faults: CameraFaults
 ) -> dict[str, float | bool]:
-    """What a frame holds of the settings beyond the paper's; nothing where they are off."""
+    """Additions beyond the paper's conditions in a frame; those that are off are left out."""
     values: dict[str, float | bool] = {}
     if settings.objects != ObjectSettings():
         counted = dict.fromkeys(OBJECT_KINDS, 0)
@@ -155,7 +175,7 @@ def _realism(
             "infrared": faults.infrared,
         }
     if settings.randomisation != RandomisationSettings():
-        values["recoloured"] = scene.look.changed
+        values["recoloured"] = scene.appearance.changed
     return values
 
 

@@ -1,4 +1,4 @@
-"""The frozen test sets: what their files must be, and how near to that a dataset comes."""
+"""Frozen test sets: their expected files, and the comparison of a dataset with them."""
 
 from __future__ import annotations
 
@@ -28,11 +28,19 @@ _LIBRARIES = ("numpy", "opencv-python-headless", "numba")
 
 @dataclass(frozen=True)
 class FrozenSet:
-    """What a frozen test set is.
+    """Expected values of a frozen test set.
 
-    ``occlusion`` is the share of trees by their visible fraction, in ten equal bins from 0 to 1;
-    ``files`` holds, by folder, the first 8 hexadecimal digits of each file's SHA-256, strung
-    together in the order of the names; ``versions`` are the libraries' that made it.
+    Attributes:
+        name: Name of the preset.
+        seed: Seed of the dataset.
+        frames: Number of frames.
+        settings_sha256: Hash of settings, seed and file formats.
+        content_sha256: Hash of all images, depth maps and COCO files.
+        trees_per_frame: Mean number of labelled trees per frame.
+        occlusion: Fraction of trees by visible fraction, in ten equal bins from 0 to 1.
+        files: By folder, the first 8 hexadecimal digits of each file's SHA-256, concatenated in
+            the order of the file names.
+        versions: Versions of the libraries that made it.
     """
 
     name: str
@@ -46,13 +54,19 @@ class FrozenSet:
     versions: dict[str, str]
 
     def to_json(self) -> str:
-        """The text of the file beside the code."""
+        """Make the content of the file in the package."""
         return json.dumps(asdict(self), indent=1) + "\n"
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """A dataset against a frozen one: files that differ, and labels that differ materially."""
+    """Comparison of a dataset with a frozen test set.
+
+    Attributes:
+        files: Number of files.
+        differing: Number of files that differ.
+        complaints: Label statistics that differ by more than 1 %.
+    """
 
     files: int
     differing: int
@@ -60,24 +74,24 @@ class Comparison:
 
 
 def frozen_file(name: str) -> str:
-    """The name of the file, beside the settings, that holds a frozen preset's values."""
+    """Name of the package file with the values of a frozen preset."""
     return f"frozen_{name.replace('-', '_')}.json"
 
 
 def read_frozen(name: str) -> FrozenSet:
-    """The values of one of FROZEN_PRESETS, as they lie beside the code."""
+    """Read the values of one of FROZEN_PRESETS from the package."""
     place = resources.files("perceptree.simulator.settings").joinpath(frozen_file(name))
     return FrozenSet(**json.loads(place.read_text("utf-8")))
 
 
 def preset_sha256(name: str) -> str:
-    """Hash of what a preset says now: settings, seed and files."""
+    """Hash the current settings, seed and file formats of a preset."""
     preset = PRESETS[name]
     return settings_sha256(preset.settings, preset.seed, preset.files)
 
 
 def content_sha256(directory: Path) -> str:
-    """Hash of names and content of all images, depth maps and COCO files, in sorted order."""
+    """Hash names and contents of all images, depth maps and COCO files, in sorted order."""
     content = hashlib.sha256()
     for name, digest in _digests(directory):
         content.update(f"{name} {digest}\n".encode())
@@ -85,7 +99,15 @@ def content_sha256(directory: Path) -> str:
 
 
 def describe_dataset(directory: Path, name: str) -> FrozenSet:
-    """The values of a dataset that a preset was written to."""
+    """Compute the values of a dataset that was made by a preset.
+
+    Args:
+        directory: Folder of the dataset.
+        name: Name of the preset.
+
+    Raises:
+        DatasetError: If the dataset has no labelled trees.
+    """
     preset = PRESETS[name]
     trees_per_frame, occlusion = _label_figures(directory)
     return FrozenSet(
@@ -102,7 +124,15 @@ def describe_dataset(directory: Path, name: str) -> FrozenSet:
 
 
 def compare_with_frozen(directory: Path, frozen: FrozenSet) -> Comparison:
-    """Count the files that differ, and say where labels differ by more than a hundredth."""
+    """Compare a dataset with a frozen test set.
+
+    Args:
+        directory: Folder of the dataset.
+        frozen: The frozen test set.
+
+    Raises:
+        DatasetError: If the dataset has no labelled trees.
+    """
     if content_sha256(directory) == frozen.content_sha256:
         return Comparison(_count(frozen.files), 0, [])
     found = _short_digests(directory)
@@ -126,12 +156,12 @@ def compare_with_frozen(directory: Path, frozen: FrozenSet) -> Comparison:
 
 
 def library_versions() -> dict[str, str]:
-    """Versions of the libraries that decide single bytes, as installed here."""
+    """Installed versions of the libraries that affect the bytes of a dataset."""
     return {name: importlib.metadata.version(name) for name in _LIBRARIES}
 
 
 def _digests(directory: Path) -> list[tuple[str, str]]:
-    """(name, SHA-256) of every file of the content, by name."""
+    """Name and SHA-256 of every image, depth map and COCO file, sorted by name."""
     paths = [path for folder in FRAME_FOLDERS for path in (directory / folder).glob("*")]
     paths += [path for split in SPLITS if (path := directory / f"{split}_RGB.json").exists()]
     names = sorted(path.relative_to(directory).as_posix() for path in paths)
@@ -147,7 +177,7 @@ def _short_digests(directory: Path) -> dict[str, str]:
 
 
 def _differing(found: str, expected: str) -> int:
-    """How many digests of two strings differ, those that only one of them has included."""
+    """Count the digests that differ between two strings, missing ones included."""
     longest = max(len(found), len(expected))
     return sum(
         found[place : place + _DIGEST_LENGTH] != expected[place : place + _DIGEST_LENGTH]
@@ -160,7 +190,7 @@ def _count(files: dict[str, str]) -> int:
 
 
 def _label_figures(directory: Path) -> tuple[float, list[float]]:
-    """Trees a frame, and the share of trees in each bin of their visible fraction."""
+    """Trees per frame, and the fraction of trees in each bin of their visible fraction."""
     frames, visible = 0, []
     for split in SPLITS:
         path = directory / f"{split}_RGB.json"

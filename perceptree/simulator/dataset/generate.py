@@ -1,4 +1,4 @@
-"""Writes datasets: scenes drawn by all cores, resumable, split by scene, in COCO's format."""
+"""Generate datasets in COCO's format: parallel, resumable, and split by scene."""
 
 from __future__ import annotations
 
@@ -43,8 +43,14 @@ Splits = dict[str, list[dict[str, Any]]]
 
 @dataclass(frozen=True)
 class SynthReport:
-    """What was written: folder, frames and labelled trees per split, and how many frames have
-    each condition."""
+    """Summary of a generated dataset.
+
+    Attributes:
+        directory: Folder of the dataset.
+        frames: Number of frames by split.
+        trees: Number of labelled trees by split.
+        conditions: Number of frames by kind of condition and value.
+    """
 
     directory: Path
     frames: dict[str, int]
@@ -53,7 +59,7 @@ class SynthReport:
 
 
 def settings_sha256(settings: SimulatorSettings, seed: int, files: FileSettings = _FILES) -> str:
-    """Hash of everything that decides a dataset's bytes, but for the number of frames."""
+    """Hash everything that determines a dataset's bytes, except for the number of frames."""
     content = json.dumps(_settings_record(settings, seed, files), sort_keys=True)
     return hashlib.sha256(content.encode()).hexdigest()
 
@@ -67,12 +73,25 @@ def generate_dataset(
     progress: Progress = lambda done, total: None,
     files: FileSettings = _FILES,
 ) -> SynthReport:
-    """Simulate ``frames`` frames into ``directory``; write COCO files, pictures and statistics.
+    """Simulate a dataset, and write its images, COCO files, contact sheets and statistics.
 
-    Scenes that a run before this one finished are kept, so that a run that was stopped goes on,
-    and asking for more frames of the same settings and seed extends a dataset: every scene stays
-    in its split. Raises SettingsError for a number out of its bounds, DatasetError where the
-    folder cannot be written or holds other settings, or ``frames`` is too few for the splits.
+    Finished scenes of an earlier run are kept. An interrupted run can thus be resumed, and a
+    dataset extended by more frames with the same settings and seed; every scene stays in its
+    split.
+
+    Args:
+        directory: Folder of the dataset.
+        frames: Number of frames.
+        settings: Settings of the simulator.
+        seed: Seed of the dataset.
+        workers: Number of processes; by default one per core.
+        progress: Called with the number of finished frames and their total.
+        files: File formats.
+
+    Raises:
+        SettingsError: If a number is out of range, or there are too few frames for the splits.
+        DatasetError: If the folder cannot be written or holds other settings, or a process is
+            killed.
     """
     check_number("frames", frames, 1, MAX_FRAMES)
     check_number("seed", seed, 0, MAX_SEED)
@@ -81,7 +100,7 @@ def generate_dataset(
     jobs = _jobs(directory, frames, settings, seed, files)
     try:
         _prepare(directory, settings, seed, files)
-        _draw_missing(jobs, workers or os.cpu_count() or 1, progress)
+        _render_missing(jobs, workers or os.cpu_count() or 1, progress)
         remove_leftovers(directory)
         return _collect(directory, jobs, settings)
     except OSError as error:
@@ -97,7 +116,7 @@ def _jobs(
     if scenes < len(splits):
         raise SettingsError(
             f"frames is {frames}, which makes {scenes} scene{'s' * (scenes > 1)} of {views} views:"
-            f" expected at least {(len(splits) - 1) * views + 1}, a scene for each of"
+            f" expected at least {(len(splits) - 1) * views + 1}, for a scene in each of the splits"
             f" {', '.join(splits)}"
         )
     return [
@@ -116,7 +135,7 @@ def _settings_record(settings: SimulatorSettings, seed: int, files: FileSettings
 
 
 def _prepare(directory: Path, settings: SimulatorSettings, seed: int, files: FileSettings) -> None:
-    """Make the folders, and refuse to mix frames of other settings into a dataset."""
+    """Make the folders, and check that an existing dataset has the same settings and seed."""
     record = directory / SETTINGS_FILE
     for name in (*FRAME_FOLDERS, SCENE_FOLDER):
         (directory / name).mkdir(parents=True, exist_ok=True)
@@ -124,8 +143,8 @@ def _prepare(directory: Path, settings: SimulatorSettings, seed: int, files: Fil
     digest = settings_sha256(settings, seed, files)
     if record.exists() and _digest_in(record) != digest:
         raise DatasetError(
-            f"{record}: holds other settings or another seed; expected the same ones to resume,"
-            " or an empty folder"
+            f"{record}: has other settings or another seed; expected the same to resume, or an"
+            " empty folder"
         )
     content = {**_settings_record(settings, seed, files), "sha256": digest}
     write_atomically(record, json.dumps(content, indent=1).encode())
@@ -139,7 +158,7 @@ def _digest_in(record: Path) -> object:
     return content.get("sha256") if isinstance(content, dict) else None
 
 
-def _draw_missing(jobs: list[SceneJob], workers: int, progress: Progress) -> None:
+def _render_missing(jobs: list[SceneJob], workers: int, progress: Progress) -> None:
     frames = sum(job.views for job in jobs)
     missing = [job for job in jobs if not job.records()]
     done = frames - sum(job.views for job in missing)
@@ -150,14 +169,15 @@ def _draw_missing(jobs: list[SceneJob], workers: int, progress: Progress) -> Non
 
 
 def _collect(directory: Path, jobs: list[SceneJob], settings: SimulatorSettings) -> SynthReport:
-    """Write what is made of all scenes: COCO files, contact sheets and statistics."""
+    """Write the files about all scenes: COCO files, contact sheets and statistics."""
     assigned = assign_splits(len(jobs), settings.splits)
     splits: Splits = {split: [] for split in SPLITS}
     for job, split in zip(jobs, assigned, strict=True):
         records = job.records()
         if not records:
             raise DatasetError(
-                f"{job.shard}: files of its frames went missing; type the same command to go on"
+                f"{job.shard}: files of its frames are missing; run the same command again to"
+                " make them"
             )
         splits[split] += records
     for split, records in splits.items():

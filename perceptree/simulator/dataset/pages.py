@@ -1,4 +1,4 @@
-"""The statistics of a dataset as a page that needs nothing else: no network, no script."""
+"""The statistics of a dataset as a self-contained HTML page without scripts."""
 
 from __future__ import annotations
 
@@ -35,7 +35,18 @@ _FLAG_ORDER = ("visible", "hidden", "outside")
 
 
 def write_statistics(directory: Path, splits: dict[str, list[Record]]) -> Figures:
-    """Write the figures as JSON and as a page, and return them."""
+    """Compute the statistics of a dataset, and write them as JSON and as an HTML page.
+
+    Args:
+        directory: Folder of the dataset.
+        splits: Frame records of each split.
+
+    Returns:
+        The statistics.
+
+    Raises:
+        OSError: If a file cannot be written.
+    """
     figures = dataset_statistics(splits)
     write_atomically(directory / FIGURES_FILE, json.dumps(figures, indent=1).encode())
     write_atomically(directory / PAGE_FILE, statistics_page(figures).encode())
@@ -43,7 +54,7 @@ def write_statistics(directory: Path, splits: dict[str, list[Record]]) -> Figure
 
 
 def statistics_page(figures: Figures) -> str:
-    """The page as HTML text, charts and style included."""
+    """Make the HTML page of a dataset's statistics."""
     return render_page(
         "What was simulated",
         _header(figures)
@@ -140,7 +151,7 @@ def _conditions(figures: Figures) -> str:
 
 
 def _weather_by_light(table: Mapping[str, Mapping[str, int]]) -> str:
-    """Frames of each weather by each light, deeper in colour where there are more."""
+    """Table of the number of frames by weather and light, coloured by number."""
     lights = list(next(iter(table.values())))
     most = max(1, *(count for row in table.values() for count in row.values()))
     head = "".join(f"<th>{escape(light)}</th>" for light in lights)

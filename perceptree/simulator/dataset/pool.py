@@ -1,6 +1,6 @@
-"""Scenes drawn by several processes, none of which outlives the run.
+"""Simulate scenes in several processes, which end with the main process in any case.
 
-The renderer is imported in them alone: the process that collects needs none of its memory.
+The renderer is imported only in these processes, which saves memory in the main process.
 """
 
 from __future__ import annotations
@@ -26,9 +26,18 @@ _assets: Assets | None = None
 
 
 def draw_scenes(jobs: list[SceneJob], workers: int) -> Iterator[int]:
-    """Draw all scenes; yields the number of frames of each as it is finished, in any order.
+    """Simulate scenes and write their files.
 
-    Raises OSError for a file that cannot be written, DatasetError where a process is killed.
+    Args:
+        jobs: The scenes.
+        workers: Maximum number of processes.
+
+    Yields:
+        Number of frames of each scene when it is finished, in any order.
+
+    Raises:
+        OSError: If a file cannot be written.
+        DatasetError: If a process is killed.
     """
     if not jobs:
         return
@@ -41,9 +50,9 @@ def draw_scenes(jobs: list[SceneJob], workers: int) -> Iterator[int]:
                 yield done.result()
         except BrokenProcessPool as error:
             raise DatasetError(
-                f"{jobs[0].directory}: a process that draws was killed, perhaps for lack of memory;"
-                " what is finished is kept: type the same command to go on, with fewer --workers"
-                " if it happens again"
+                f"{jobs[0].directory}: a simulating process was killed, perhaps for lack of memory;"
+                " finished scenes are kept: run the same command again to resume, with fewer"
+                " --workers if it happens again"
             ) from error
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
@@ -51,7 +60,7 @@ def draw_scenes(jobs: list[SceneJob], workers: int) -> Iterator[int]:
 
 @contextlib.contextmanager
 def _interrupts_held() -> Iterator[None]:
-    """Hold Ctrl-C back, here and in processes started meanwhile, until they can take it."""
+    """Block Ctrl-C here and in processes started in the block, until they can handle it."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -80,7 +89,7 @@ def _start_worker() -> None:
 
 
 def _end_with_parent() -> None:
-    """End this process when the one that started it is gone, even where that was killed."""
+    """End this process when its parent process ends, even if that was killed."""
     parent = multiprocessing.parent_process()
     assert parent is not None
     multiprocessing.connection.wait([parent.sentinel])

@@ -1,4 +1,4 @@
-"""One scene on disk: its frames' files, and the shard that says they are all there."""
+"""The files of one scene: its frames, and a shard file with their records."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from perceptree.simulator.dataset.storage import (
     write_atomically,
 )
 from perceptree.simulator.labelling.annotate import frame_record
-from perceptree.simulator.labelling.frame import Frame
+from perceptree.simulator.labelling.frame import LabelledFrame
 from perceptree.simulator.settings import SimulatorSettings
 from perceptree.simulator.settings.files import FileSettings
 
@@ -44,7 +44,16 @@ _IMU_COLUMNS = (
 
 @dataclass(frozen=True)
 class SceneJob:
-    """A scene to draw into a dataset: ``number`` counts the scenes, ``views`` its frames."""
+    """A scene of a dataset.
+
+    Attributes:
+        directory: Folder of the dataset.
+        settings: Settings of the simulator.
+        files: File formats.
+        dataset_seed: Seed of the dataset.
+        number: Number of the scene in the dataset.
+        views: Number of frames.
+    """
 
     directory: Path
     settings: SimulatorSettings
@@ -55,24 +64,28 @@ class SceneJob:
 
     @property
     def shard(self) -> Path:
-        """The file with the records of the scene's frames, written when their files are there."""
+        """File with the records of the scene's frames, written after all files of the frames."""
         return self.directory / SCENE_FOLDER / f"{self.number:06d}.json"
 
     @property
     def imu_file(self) -> str:
-        """The file with the IMU's samples of a drive, inside the dataset."""
+        """File with the IMU samples of a drive, relative to the dataset."""
         return f"{IMU_FOLDER}/{self.number:06d}.csv"
 
     @property
     def scene_seed(self) -> int:
-        """Decides the scene; no other scene of any dataset with the same settings has it."""
+        """Seed of the scene, different for every scene of every dataset seed."""
         return self.dataset_seed * MAX_SCENES + self.number
 
     def records(self) -> list[dict[str, Any]]:
-        """The records of the scene's frames, empty unless all of them are on disk.
+        """Read the records of the scene's frames.
 
-        A record holds the COCO ``image`` and ``annotations``, the ``bytes`` of each file and
-        ``depth_valid_share``. A frame whose file is gone or of another size is not there.
+        A record has the COCO ``image`` and ``annotations``, the size of each file (``bytes``) and
+        ``depth_valid_share``.
+
+        Returns:
+            One record per frame; none if the scene is not finished, or a file is missing or has
+            another size.
         """
         try:
             records = json.loads(self.shard.read_text("utf-8"))[: self.views]
@@ -87,9 +100,17 @@ class SceneJob:
 
 
 def draw_scene(job: SceneJob, assets: Assets) -> int:
-    """Simulate a scene's frames, write their files, then its shard; returns how many frames.
+    """Simulate a scene, and write the files of its frames and then its shard.
 
-    Raises OSError with the name of the file that cannot be written.
+    Args:
+        job: The scene.
+        assets: Textures and shared meshes.
+
+    Returns:
+        Number of frames.
+
+    Raises:
+        OSError: If a file cannot be written; it has the name of the file.
     """
     from perceptree.simulator.dataset.frames import simulate_frames
 
@@ -117,14 +138,16 @@ def draw_scene(job: SceneJob, assets: Assets) -> int:
 
 
 def _imu_table(samples: NDArray[np.floating[Any]]) -> bytes:
-    """CSV of an IMU's samples (n, 7) in the camera's frame, right, down and forward."""
+    """CSV of IMU samples (n, 7) in camera axes: right, down and forward."""
     lines = [",".join(_IMU_COLUMNS)]
     lines += [",".join(f"{value:.7g}" for value in row) for row in samples]
     return ("\n".join(lines) + "\n").encode()
 
 
-def _files(frame: Frame, image: dict[str, Any], job: SceneJob) -> Iterator[tuple[str, bytes]]:
-    """Name and content of a frame's files."""
+def _files(
+    frame: LabelledFrame, image: dict[str, Any], job: SceneJob
+) -> Iterator[tuple[str, bytes]]:
+    """Yield name and content of each of a frame's files."""
     jpeg = job.files.image_format == "jpg"
     quality = job.settings.rgb.jpeg_quality
     yield (

@@ -1,27 +1,34 @@
-"""Which split a scene belongs to."""
+"""Assign scenes to the splits of a dataset."""
 
 from __future__ import annotations
 
 from perceptree.simulator.settings import SplitSettings
 
 SPLITS = ("train", "val", "test")
-_NOTHING = 1e-9
+_MIN_SHARE = 1e-9
 
 
 def split_shares(settings: SplitSettings) -> dict[str, float]:
-    """Share of the scenes of every split that has any, in the order of SPLITS."""
+    """Fraction of the scenes by split, in the order of SPLITS, without empty splits."""
     shares = dict(
         zip(SPLITS, (1 - settings.val - settings.test, settings.val, settings.test), strict=True)
     )
-    return {split: share for split, share in shares.items() if share > _NOTHING}
+    return {split: share for split, share in shares.items() if share > _MIN_SHARE}
 
 
 def assign_splits(scenes: int, settings: SplitSettings) -> list[str]:
-    """The split of every scene.
+    """Assign every scene to a split.
 
-    The first scenes go to one split each, so that none is empty; every scene after them goes to
-    the split that lacks most. A scene's split depends on the scenes before it alone: a dataset
-    that is extended keeps its splits, and no model is tested on what it was trained on.
+    The first scenes go to different splits, so that none is empty. Each later scene goes to the
+    split with the largest deficit. A scene's split depends only on its number, so that an extended
+    dataset keeps its splits, and no training scene becomes a test scene.
+
+    Args:
+        scenes: Number of scenes.
+        settings: Fractions of the splits.
+
+    Returns:
+        Name of the split of each scene.
     """
     shares = split_shares(settings)
     counts = dict.fromkeys(shares, 0)

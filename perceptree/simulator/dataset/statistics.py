@@ -1,4 +1,4 @@
-"""Figures of a dataset: how many, how large, how far, how hidden, and under which conditions."""
+"""Statistics of a dataset: frames, trees, distances, sizes, visibility and conditions."""
 
 from __future__ import annotations
 
@@ -29,7 +29,14 @@ _BOX_STEPS = 16
 
 
 def dataset_statistics(splits: dict[str, list[Record]]) -> Figures:
-    """Everything the statistics page shows, JSON-ready, of the records of each split."""
+    """Compute the statistics of a dataset.
+
+    Args:
+        splits: Frame records of each split.
+
+    Returns:
+        Values that JSON can hold, by topic.
+    """
     records = [record for split in splits.values() for record in split]
     images = [record["image"] for record in records]
     trees = [tree for record in records for tree in record["annotations"]]
@@ -61,7 +68,14 @@ def dataset_statistics(splits: dict[str, list[Record]]) -> Figures:
 
 
 def conditions(figures: Figures) -> dict[str, dict[str, int]]:
-    """How many frames have each condition, by what it is a condition of."""
+    """Count the frames of each condition.
+
+    Args:
+        figures: Result of :func:`dataset_statistics`.
+
+    Returns:
+        Number of frames by kind of condition and value; values that do not occur are left out.
+    """
     weather = figures["weather_by_light"]
     lights = {name: sum(row[name] for row in weather.values()) for name in TIMES}
     found = {
@@ -80,7 +94,7 @@ def conditions(figures: Figures) -> dict[str, dict[str, int]]:
 
 
 def _realism(images: list[dict[str, Any]]) -> dict[str, int]:
-    """How many frames have each thing beyond the paper's conditions."""
+    """Number of frames with each addition beyond the paper's conditions."""
     counts: Counter[str] = Counter()
     for image in images:
         counts.update(name for name, value in image.get("realism", {}).items() if value)
@@ -119,7 +133,7 @@ def _tree_figures(trees: list[Record], images: list[Record]) -> Figures:
 
 
 def _histogram(values: Sequence[float], edges: list[float]) -> Figures:
-    """Counts between the edges, what lies beyond put into the outermost bins; and quantiles."""
+    """Histogram with outliers in the outermost bins, and quantiles."""
     array = np.asarray(values, float)
     figures: Figures = {"edges": [round(edge, 6) for edge in edges]}
     inside = np.clip(array, edges[0], edges[-1])
@@ -132,21 +146,21 @@ def _histogram(values: Sequence[float], edges: list[float]) -> Figures:
 
 
 def _extended(edges: list[float], values: Sequence[float]) -> list[float]:
-    """The edges, and more of the same step until the largest value lies within."""
+    """Append edges with the same step until the largest value is included."""
     step = edges[1] - edges[0]
     bins = max(len(edges) - 1, int(np.ceil(max(values, default=0.0) / step - 1e-9)))
     return [step * edge for edge in range(bins + 1)]
 
 
 def _round_edges(values: Iterable[float]) -> list[float]:
-    """Edges a hundred apart that span the values."""
+    """Edges in steps of 100 that include all values."""
     array = np.asarray(list(values))
     low, high = int(array.min() // 100), int(array.max() // 100) + 1
     return [100.0 * edge for edge in range(low, high + 1)]
 
 
 def _keypoint_flags(trees: list[Record]) -> Figures:
-    """How often each keypoint is visible, hidden, or outside the frame."""
+    """Number of trees whose keypoint is visible, hidden or outside the frame, by keypoint."""
     flags = np.array([tree["keypoints"][2::3] for tree in trees], int).reshape(-1, 5)
     return {
         name: {flag: int((flags[:, number] == value).sum()) for value, flag in enumerate(_FLAGS)}
@@ -155,14 +169,14 @@ def _keypoint_flags(trees: list[Record]) -> Figures:
 
 
 def _counts(values: Iterable[str], known: tuple[str, ...]) -> dict[str, int]:
-    """How often each value occurs, known ones first in their order."""
+    """Count values, known ones first in their order."""
     counts = Counter(values)
     names = [*known, *sorted(set(counts) - set(known))]
     return {name: counts[name] for name in names}
 
 
 def _valid_shares(records: list[Record]) -> Figures:
-    """Mean share of pixels with a reading, of all frames and by the kind of sensor."""
+    """Mean fraction of pixels with a depth reading, of all frames and by kind of sensor."""
     shares: dict[str, list[float]] = {"all": []}
     for record in records:
         for name in ("all", record["image"]["depth_sensor"]["kind"]):
@@ -171,7 +185,7 @@ def _valid_shares(records: list[Record]) -> Figures:
 
 
 def _bytes(records: list[Record]) -> Figures:
-    """Mean bytes a frame by folder, and of all files their mean and largest."""
+    """Mean bytes per frame by folder, and mean and maximum of all files of a frame."""
     folders: Counter[str] = Counter()
     totals = []
     for record in records:

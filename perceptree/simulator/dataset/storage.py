@@ -1,4 +1,4 @@
-"""Files of a dataset: whole or not there, and one clear line where the disk refuses."""
+"""Write a dataset's files atomically, encode images, and report disk errors."""
 
 from __future__ import annotations
 
@@ -26,9 +26,10 @@ _OUT_OF_SPACE = (errno.ENOSPC, errno.EDQUOT)
 
 
 def write_atomically(path: Path, data: bytes) -> None:
-    """Write beside ``path`` and rename: the file is there whole or not at all.
+    """Write a file atomically: to a temporary file that is then renamed.
 
-    Raises OSError with the file's name.
+    Raises:
+        OSError: If the file cannot be written; it has the name of the file.
     """
     try:
         with replacing(path, path.with_name(f"{path.name}.{os.getpid()}{_PART}")) as beside:
@@ -38,7 +39,7 @@ def write_atomically(path: Path, data: bytes) -> None:
 
 
 def remove_leftovers(directory: Path) -> None:
-    """Remove what a killed run left half-written."""
+    """Remove the temporary files of a killed run."""
     for folder in (
         directory,
         *(directory / name for name in (*FRAME_FOLDERS, SCENE_FOLDER, IMU_FOLDER)),
@@ -48,25 +49,31 @@ def remove_leftovers(directory: Path) -> None:
 
 
 def storage_error(error: OSError, directory: Path) -> DatasetError:
-    """The user's line for a file that the disk does not take."""
+    """Make the error for a file that cannot be written, with a hint on how to continue."""
     place = error.filename or directory
     if error.errno in _OUT_OF_SPACE:
         return DatasetError(
-            f"{place}: no space left on the disk; what is finished is kept: make room and type the"
-            " same command to go on"
+            f"{place}: no space left on the disk; finished scenes are kept: free some space and run"
+            " the same command again to resume"
         )
     return DatasetError(
-        f"{place}: cannot be written ({error.strerror}); type the same command to go on"
+        f"{place}: cannot be written ({error.strerror}); run the same command again to resume"
     )
 
 
 def encode_jpeg(image: NDArray[np.uint8], quality: int) -> bytes:
-    """(H, W, 3) BGR as JPEG."""
+    """Encode an image (H, W, 3) BGR as JPEG."""
     return _encode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
 
 
 def encode_png(image: NDArray[np.uint8] | NDArray[np.uint16], flat: bool = False) -> bytes:
-    """(H, W) or (H, W, 3) BGR as PNG; ``flat`` images, equal in patches, pack best raw."""
+    """Encode an image as PNG.
+
+    Args:
+        image: (H, W), or (H, W, 3) BGR.
+        flat: Whether the image has large areas of equal values, which compress best without a
+            PNG filter.
+    """
     chosen = cv2.IMWRITE_PNG_FILTER_NONE if flat else cv2.IMWRITE_PNG_FILTER_SUB
     level = _FLAT_PNG_LEVEL if flat else _PNG_LEVEL
     return _encode(
@@ -79,6 +86,14 @@ def _encode(extension: str, image: Any, options: list[int]) -> bytes:
 
 
 def to_millimetres(depth_m: NDArray[np.floating[Any]], limit_m: float) -> NDArray[np.uint16]:
-    """(H, W) metres to whole millimetres; 0 where there is nothing or it is beyond ``limit_m``."""
+    """Convert depth from metres to whole millimetres.
+
+    Args:
+        depth_m: (H, W) depth, m.
+        limit_m: Maximum depth, m.
+
+    Returns:
+        (H, W) uint16, mm; 0 without a reading or beyond the limit.
+    """
     valid = np.isfinite(depth_m) & (depth_m > 0) & (depth_m <= limit_m)
     return np.asarray(np.rint(np.where(valid, depth_m, 0) * 1000), np.uint16)

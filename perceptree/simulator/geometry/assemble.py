@@ -1,4 +1,4 @@
-"""From the description to flat arrays of triangles that any renderer can draw."""
+"""Build the triangles of a scene from its description."""
 
 from __future__ import annotations
 
@@ -22,11 +22,23 @@ Float = NDArray[np.floating[Any]]
 
 @dataclass(frozen=True)
 class SceneMesh:
-    """Flat arrays of everything visible. World axes: x east, y north, z up, metres.
+    """All triangles of a scene. World axes are x east, y north and z up, in metres.
 
-    ``object_id`` (F,) is the number of the tree (from 1) whose labelled stem a face belongs to,
-    else 0. Faces of one instance follow each other: ``instance_start`` (I + 1,), with bounding
-    spheres ``instance_centre`` (I, 3) and ``instance_radius`` (I,).
+    The instances are the ground, then stem and crown (and dead twigs) of each tree, then the
+    undergrowth. The faces of an instance are consecutive.
+
+    Attributes:
+        vertices: (V, 3) m.
+        normals: (V, 3) directions; not all have unit length.
+        uv: (V, 2) texture coordinates, in repeats.
+        tint: (V,) brightness factors.
+        sky: (V,) visibility of the sky, 0 to 1.
+        faces: (F, 3) vertex numbers.
+        layer: (F,) texture layers.
+        object_id: (F,) number (from 1) of the tree whose labelled stem a face belongs to, else 0.
+        instance_start: (I + 1,) first face of each instance, and F.
+        instance_centre: (I, 3) centres of the instances' bounding spheres, m.
+        instance_radius: (I,) radii of the instances' bounding spheres, m.
     """
 
     vertices: NDArray[np.float32]
@@ -43,7 +55,7 @@ class SceneMesh:
 
 
 class _Assembly:
-    """Collects placed meshes and lays them out as flat arrays."""
+    """Collects placed meshes and concatenates them."""
 
     def __init__(self) -> None:
         self._columns: dict[str, list[NDArray[Any]]] = {
@@ -63,7 +75,7 @@ class _Assembly:
         tint: Float,
         object_id: int = 0,
     ) -> None:
-        """Place one mesh n times: position (n, 3), rotation (n, 3, 3), scale and tint (n,)."""
+        """Place n copies of a mesh: position (n, 3), rotation (n, 3, 3), scale and tint (n,)."""
         count, size = len(position_m), len(mesh.vertices)
         turn = rotation.astype(np.float32).transpose(0, 2, 1)
         corners = np.asarray(mesh.vertices, np.float32) @ turn
@@ -85,11 +97,11 @@ class _Assembly:
         self._vertex_count += count * size
 
     def place(self, mesh: Mesh, position_m: Float, tint: float = 1.0, object_id: int = 0) -> None:
-        """Place one mesh once, as it is."""
+        """Place one copy of a mesh without rotation or scaling."""
         self.add(mesh, position_m[None], np.eye(3)[None], np.ones(1), np.array([tint]), object_id)
 
     def scene_mesh(self) -> SceneMesh:
-        """The flat arrays of everything placed so far."""
+        """The concatenated arrays of everything placed so far."""
         columns = {name: np.concatenate(parts) for name, parts in self._columns.items()}
         starts = np.concatenate([[0], np.cumsum(np.concatenate(self._face_counts))])
         return SceneMesh(
@@ -108,7 +120,12 @@ class _Assembly:
 
 
 def assemble(scene: Scene, prototypes: Prototypes) -> SceneMesh:
-    """Build the triangles of a scene."""
+    """Build the triangles of a scene.
+
+    Args:
+        scene: The description.
+        prototypes: The shared meshes.
+    """
     assembly = _Assembly()
     assembly.place(ground_mesh(scene.terrain), np.zeros(3))
     number = 0

@@ -1,4 +1,4 @@
-"""Crowns as meshes: prototypes around a straight axis that bend with the stem they are put on."""
+"""Crown meshes: prototypes with a straight axis that are bent to the stem they are placed on."""
 
 from __future__ import annotations
 
@@ -17,10 +17,11 @@ from perceptree.simulator.vectors import UP, unit
 
 Float = NDArray[np.floating[Any]]
 
-CROWN_HEIGHT_M = 16.0
-_GOLDEN_RAD = 2.4
-_LOWEST_DEAD_M = 0.7
-_SAPLING_M = (1.0, 3.0)
+CROWN_HEIGHT_M = 16.0  # height of the trees that crown prototypes are made for
+_GOLDEN_RAD = 2.4  # golden angle between successive branches
+_LOWEST_DEAD_M = 0.7  # height of the lowest dead branch
+_SAPLING_M = (1.0, 3.0)  # range of the height of saplings
+# Factors of the habit's parameters for crowns with fine twigs, and for distant crowns.
 _FINE = {"twigs": 1.7, "twig_m": 0.68, "scatter": 1.6}
 _FAR = {"branches": 0.40, "twigs": 0.45, "twig_m": 2.1}
 
@@ -28,10 +29,14 @@ _FAR = {"branches": 0.40, "twigs": 0.45, "twig_m": 2.1}
 def crown(
     rng: np.random.Generator, model: TreeModel, near: bool, leaves: bool = True, fine: bool = False
 ) -> Mesh:
-    """Crown of a tree 16 m high around a straight axis, its dead lower branches too when near.
+    """Make the crown of a tree of 16 m height with a straight axis.
 
-    Broadleaved crowns without ``leaves`` carry bare twigs instead; conifers keep their needles.
-    ``fine`` crowns have more and smaller twigs, turned more freely.
+    Args:
+        rng: Source of random numbers.
+        model: The tree model.
+        near: Whether to make full detail, with dead branches below the crown.
+        leaves: Whether broadleaved trees have leaves, not bare twigs; conifers keep their needles.
+        fine: Whether to make more and smaller twigs that spread more irregularly.
     """
     habit = HABITS[model.species]
     if fine:
@@ -40,13 +45,13 @@ def crown(
         habit = replace(habit, foliage=Layer.BARE_TWIG, twigs=habit.twigs // 2)
     base_m = rng.uniform(*model.crown_base) * CROWN_HEIGHT_M
     if not near:
-        return merge(_grow(rng, _coarse(habit), base_m, 2))
-    parts = _grow(rng, habit, base_m, 5 if habit.forks else 4)
+        return merge(_branches_and_twigs(rng, _coarse(habit), base_m, 2))
+    parts = _branches_and_twigs(rng, habit, base_m, 5 if habit.forks else 4)
     return merge(parts + _dead_branches(rng, model.dead_branches, base_m))
 
 
 def sapling(rng: np.random.Generator, species: str) -> Mesh:
-    """A young conifer 1 to 3 m high, with branches to the ground, its stem unlabelled."""
+    """Make a young conifer of 1 to 3 m height with branches to the ground; it has no label."""
     habit = HABITS[species]
     small = replace(
         habit,
@@ -64,13 +69,20 @@ def sapling(rng: np.random.Generator, species: str) -> Mesh:
     axis = np.stack([0 * height, 0 * height, height], -1)[None]
     radius = 0.22 * (1.02 - np.maximum(height, 0) / CROWN_HEIGHT_M)[None]
     stem = tubes_mesh(axis, radius, 5, habit.wood, 0.9, 3.0)
-    grown = merge([stem, *_grow(rng, small, 0.9, 3)])
+    full_size = merge([stem, *_branches_and_twigs(rng, small, 0.9, 3)])
     size = rng.uniform(*_SAPLING_M) / CROWN_HEIGHT_M
-    return replace(grown, vertices=grown.vertices * np.float32(size))
+    return replace(full_size, vertices=full_size.vertices * np.float32(size))
 
 
 def fit_crown(crown: Mesh, stem: Stem, turn_rad: float, tint: float) -> Mesh:
-    """A crown prototype turned, scaled to the stem's height and bent along its axis."""
+    """Rotate a crown prototype, scale it to the stem's height and bend it along the stem's axis.
+
+    Args:
+        crown: The prototype.
+        stem: The stem.
+        turn_rad: Rotation about the vertical.
+        tint: Brightness factor.
+    """
     scale = stem.height_m / CROWN_HEIGHT_M
     cos, sin = np.cos(turn_rad), np.sin(turn_rad)
     turn = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
@@ -99,7 +111,7 @@ def _finer(habit: Habit) -> Habit:
 
 
 def _coarse(habit: Habit) -> Habit:
-    """The same crown from far away: fewer branches, fewer and larger twigs."""
+    """The crown for distant trees: fewer branches, fewer and larger twigs."""
     return replace(
         habit,
         branches=round(habit.branches * _FAR["branches"]),
@@ -109,10 +121,13 @@ def _coarse(habit: Habit) -> Habit:
     )
 
 
-def _grow(rng: np.random.Generator, habit: Habit, base_m: float, knots: int) -> list[Mesh]:
-    """Branches with their side branches, and twigs on all of them.
+def _branches_and_twigs(
+    rng: np.random.Generator, habit: Habit, base_m: float, knots: int
+) -> list[Mesh]:
+    """Make branches, their side branches, and twigs on all of them.
 
-    Needles hide the wood of branches that are not forked and too coarse to bend (2 knots).
+    Branches are curves of ``knots`` points. With 2 knots (distant trees), wood that needles hide
+    is left out.
     """
     count = habit.branches
     share = (np.arange(count) + rng.uniform(-0.4, 0.4, count)) / count
@@ -145,19 +160,22 @@ def _side_branches(
     share = (np.arange(habit.forks) + rng.uniform(0.2, 0.8, shape)) / habit.forks
     share = 0.2 + 0.65 * share
     side = np.where((np.arange(habit.forks) + np.arange(len(curves))[:, None]) % 2, -1.0, 1.0)
-    turned = azimuth[:, None] + side * rng.uniform(0.5, 1.0, shape)
+    side_azimuth = azimuth[:, None] + side * rng.uniform(0.5, 1.0, shape)
     reach_m = length_m[:, None] * (1.05 - share) * rng.uniform(0.5, 0.8, shape)
     slope = 0.7 * rise[:, None] + rng.normal(0, 0.15, shape)
-    grown = _curves(
+    side_curves = _curves(
         rng,
         habit,
         _along(curves, share).reshape(-1, 3),
-        turned.ravel(),
+        side_azimuth.ravel(),
         reach_m.ravel(),
         slope.ravel(),
         min(3, curves.shape[1]),
     )
-    return [_wood(habit, grown, reach_m.ravel()), _twigs(rng, habit, grown, reach_m.ravel())]
+    return [
+        _wood(habit, side_curves, reach_m.ravel()),
+        _twigs(rng, habit, side_curves, reach_m.ravel()),
+    ]
 
 
 def _curves(
@@ -169,7 +187,7 @@ def _curves(
     rise: Float,
     knots: int,
 ) -> Float:
-    """(n, knots, 3) curves of branches from their feet (n, 3) outwards."""
+    """(n, knots, 3) curves of branches from their feet (n, 3) outwards, m."""
     share = np.linspace(0, 1, knots)
     slope = rise[:, None] * share - habit.droop * share**2 + habit.lift * share**3
     out = np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(len(azimuth))], -1)
@@ -186,7 +204,7 @@ def _wood(habit: Habit, curves: Float, length_m: Float) -> Mesh:
 
 
 def _along(curves: Float, share: Float) -> Float:
-    """Points on curves (n, K, 3) at shares (n, m) of their length: (n, m, 3)."""
+    """(n, m, 3) points on curves (n, K, 3) at fractions (n, m) of their length."""
     position = share * (curves.shape[1] - 1)
     knot = np.minimum(position.astype(int), curves.shape[1] - 2)
     rest = (position - knot)[..., None]
@@ -195,7 +213,7 @@ def _along(curves: Float, share: Float) -> Float:
 
 
 def _twigs(rng: np.random.Generator, habit: Habit, curves: Float, length_m: Float) -> Mesh:
-    """Cards on both sides of branches in turn, and one that ends each branch."""
+    """Twig cards alternately on both sides of the branches, and one at the end of each branch."""
     shape = (len(curves), habit.twigs)
     order = np.arange(habit.twigs)
     share = habit.bare + (0.97 - habit.bare) * (order + rng.uniform(0, 0.9, shape)) / habit.twigs
@@ -223,9 +241,9 @@ def _twigs(rng: np.random.Generator, habit: Habit, curves: Float, length_m: Floa
 def _cards(
     habit: Habit, origins: Float, axes: Float, roll_rad: Float, length_m: Float, tint: Float
 ) -> Mesh:
-    """Twigs as strips folded along the middle: n cards of 6 corners and 4 triangles.
+    """Twigs as n strips folded along their middle, of 6 vertices and 4 triangles each.
 
-    Normals lean away from the stem's axis, which makes foliage look full instead of flat.
+    Normals are bent away from the stem's axis, so that the shading of the foliage shows volume.
     """
     level = unit(np.cross(UP, axes))
     above = np.cross(axes, level)
@@ -252,7 +270,12 @@ def _cards(
 
 
 def dead_twigs(rng: np.random.Generator, count: int) -> Mesh:
-    """Thin dry twigs all around the lower stem of a tree 16 m high, most of them bare."""
+    """Make thin dead twigs, most of them bare, around the lower stem of a tree of 16 m height.
+
+    Args:
+        rng: Source of random numbers.
+        count: Number of twigs.
+    """
     dry = replace(
         HABITS["spruce"],
         foliage=Layer.BARE_TWIG,
@@ -279,7 +302,7 @@ def dead_twigs(rng: np.random.Generator, count: int) -> Mesh:
 
 
 def _dead_branches(rng: np.random.Generator, count: int, base_m: float) -> list[Mesh]:
-    """Dry branches below the crown: most of them broken short, some with bare twigs left."""
+    """Dead branches below the crown, most of them broken short, some with bare twigs."""
     if not count:
         return []
     dead = replace(

@@ -1,4 +1,7 @@
-"""What lies on the ground or is left in it: dead branches, logs, stumps, rocks, roots."""
+"""Meshes of dead branches, logs, stumps, rocks and roots on the ground.
+
+Each function returns a mesh that is placed on z = 0.
+"""
 
 from __future__ import annotations
 
@@ -31,12 +34,13 @@ _BARKS = (
     Layer.MAPLE_MOSSY,
 )
 _ROOT_BARKS = (Layer.SPRUCE_SCALY, Layer.SPRUCE_GREY, Layer.FIR_RESIN)
-_ROTTEN = 0.3
+_ROTTEN = 0.3  # fraction of rotten stumps
+# Cumulative fractions of fallen branches: with needles, twig litter, with bark; the rest is bare.
 _BRUSHY, _LITTER, _BARKED = 0.25, 0.45, 0.65
 
 
 def fallen_branch(rng: np.random.Generator) -> Mesh:
-    """A dead branch up to 2.8 m long, bare or barked or with dry needles, or a few twigs."""
+    """A dead branch of up to 2.8 m, bare, with bark or with dry needles; or a few twigs."""
     form = rng.random()
     if _BRUSHY <= form < _LITTER:
         return twig_litter(rng)
@@ -46,7 +50,7 @@ def fallen_branch(rng: np.random.Generator) -> Mesh:
 
 
 def twig_litter(rng: np.random.Generator) -> Mesh:
-    """Thin sticks strewn over about a metre."""
+    """Thin sticks scattered over about 1 m."""
     count = 11
     centre = rng.normal(0, 0.28, (count, 1, 2))
     turn, length = rng.uniform(0, 2 * np.pi, count), rng.uniform(0.12, 0.6, count)
@@ -59,7 +63,7 @@ def twig_litter(rng: np.random.Generator) -> Mesh:
 
 
 def log(rng: np.random.Generator) -> Mesh:
-    """A lying piece of a stem, 11 to 21 cm thick, with cut ends and stubs of branches."""
+    """A lying log of 11 to 21 cm diameter with cut ends and branch stubs."""
     length, radius, rings = rng.uniform(1.2, 3.2), rng.uniform(0.055, 0.105), 6
     share = np.linspace(0, 1, rings)
     sideways = np.cumsum(rng.normal(0, 0.015 * length, rings))
@@ -82,7 +86,7 @@ def log(rng: np.random.Generator) -> Mesh:
 
 
 def stump(rng: np.random.Generator) -> Mesh:
-    """The foot of a felled tree with its root flare and cut face, or rotten with a torn top."""
+    """A stump with root flare and cut face, or a rotten one with a torn top."""
     rotten, sides = rng.random() < _ROTTEN, 18
     radius, height = rng.uniform(0.10, 0.26), rng.uniform(0.15, 0.6)
     level = np.array([-0.5, -0.06, 0.04, 0.12, 0.45, 1.0])
@@ -116,7 +120,7 @@ def stump(rng: np.random.Generator) -> Mesh:
 
 
 def rock(rng: np.random.Generator) -> Mesh:
-    """A boulder with flat sides and worn edges, 0.15 to 0.9 m across, its lower half sunk."""
+    """A boulder of 0.15 to 0.9 m with flat sides and rounded edges, its lower half buried."""
     columns, rings = 14, 8
     azimuth = np.linspace(0, 2 * np.pi, columns + 1)[:-1]
     polar = np.linspace(0, 0.78 * np.pi, rings)[1:]
@@ -159,7 +163,7 @@ def rock(rng: np.random.Generator) -> Mesh:
 
 
 def surface_roots(rng: np.random.Generator) -> Mesh:
-    """Half-sunk roots that wind 0.6 to 1.7 m away from a stem's foot."""
+    """Half-buried winding roots of 0.6 to 1.7 m around a stem's foot."""
     count, segments = int(rng.integers(4, 8)), 7
     share = np.linspace(0, 1, segments + 1)
     azimuth = np.arange(count) * 2 * np.pi / count + rng.normal(0, 0.3, count)
@@ -196,7 +200,7 @@ def _bark(rng: np.random.Generator) -> Layer:
 
 
 def _branch(rng: np.random.Generator, twigs: int, layer: int) -> Mesh:
-    """A crooked piece of wood with side twigs, in the plane of the ground."""
+    """A crooked branch with side twigs in the plane of the ground."""
     length = rng.uniform(0.8, 2.8)
     main = _crooked(rng, np.zeros((1, 2)), np.zeros(1), np.array([length]), 7)
     thickness = rng.uniform(0.010, 0.032) * (1 - 0.75 * np.linspace(0, 1, 7))
@@ -213,7 +217,7 @@ def _branch(rng: np.random.Generator, twigs: int, layer: int) -> Mesh:
 def _crooked(
     rng: np.random.Generator, start: Float, turn_rad: Float, length_m: Float, points: int
 ) -> Float:
-    """(n, points, 3) bent curves from ``start`` (n, 2), rising a little off the ground."""
+    """(n, points, 3) bent curves from ``start`` (n, 2), rising slightly above the ground, m."""
     reach = length_m[:, None] * np.linspace(0, 1, points)
     level = np.stack([np.cos(turn_rad)[:, None] * reach, np.sin(turn_rad)[:, None] * reach], -1)
     bend = np.cumsum(rng.normal(0, 0.03, level.shape) * length_m[:, None, None] / 2, 1)
@@ -222,7 +226,7 @@ def _crooked(
 
 
 def _dry_needles(rng: np.random.Generator, wood: Mesh) -> Mesh:
-    """Needled twigs along the outer half of a branch."""
+    """Twigs with needles along the outer half of a branch."""
     count = 6
     reach = wood.vertices[:, 0].max()
     x = rng.uniform(-0.2, 0.8, count) * reach
@@ -247,7 +251,7 @@ def _dry_needles(rng: np.random.Generator, wood: Mesh) -> Mesh:
 
 
 def _cap(rim: Float, outwards: Float, tint: float) -> Mesh:
-    """A cut face inside a rim (n, 3), seen from ``outwards`` (3,); its rings are centred."""
+    """A cut face with centred growth rings inside a rim (n, 3), facing ``outwards`` (3,)."""
     centre, count = rim.mean(0), len(rim)
     first = unit(rim[0] - centre)
     normal = unit(np.cross(first, rim[count // 4] - centre))
@@ -265,7 +269,7 @@ def _cap(rim: Float, outwards: Float, tint: float) -> Mesh:
 
 
 def _hollow(rim: Float, height_m: float) -> Mesh:
-    """The rotten inside of a torn stump: dark wood that sinks from the rim to the middle."""
+    """The rotten inside of a stump: dark wood that descends from the rim to the centre."""
     centre = rim.mean(0)
     inner = centre + (rim - centre) * 0.6
     inner[:, 2] = rim[:, 2] - 0.25 * height_m
@@ -289,7 +293,7 @@ def _hollow(rim: Float, height_m: float) -> Mesh:
 
 
 def _smooth_normals(vertices: Float, faces: NDArray[np.integer[Any]]) -> Float:
-    """(V, 3) means of the normals of the faces around each vertex, weighed by their area."""
+    """(V, 3) area-weighted mean of the normals of the faces at each vertex."""
     first, second, third = (vertices[faces[:, corner]] for corner in range(3))
     flat = np.cross(second - first, third - first)
     total = np.zeros_like(vertices)

@@ -1,4 +1,4 @@
-"""A scene of a seed as a file for 3D programs."""
+"""Export a scene to a file for 3D programs."""
 
 from __future__ import annotations
 
@@ -17,9 +17,18 @@ from perceptree.simulator.settings import SimulatorSettings
 
 
 def export_scene(path: Path, settings: SimulatorSettings, seed: int) -> tuple[int, int]:
-    """Write the scene of a seed as binary glTF; returns how many trees and triangles it has.
+    """Write a scene as binary glTF.
 
-    Raises DatasetError where the file cannot be written.
+    Args:
+        path: File to write.
+        settings: Settings of the simulator.
+        seed: Seed of the scene.
+
+    Returns:
+        Number of trees and number of triangles.
+
+    Raises:
+        DatasetError: If the file cannot be written.
     """
     scene = describe_scene(settings, seed)
     mesh = with_one_ground(assemble(scene, make_prototypes()), scene)
@@ -29,7 +38,7 @@ def export_scene(path: Path, settings: SimulatorSettings, seed: int) -> tuple[in
 
 
 def with_one_ground(mesh: SceneMesh, scene: Scene) -> SceneMesh:
-    """The mesh with the dominating cover all over its ground: blending is the renderer's work."""
+    """Give the whole ground its main cover, because blending of covers is done by the renderer."""
     layer = mesh.layer.copy()
     layer[: mesh.instance_start[1]] = FIRST_GROUND + int(np.argmax(scene.terrain.cover))
     return replace(mesh, layer=layer)

@@ -1,7 +1,6 @@
-"""Binary glTF 2.0 of a scene, for looking at it in any 3D program.
+"""Write a scene as binary glTF 2.0, which 3D programs can open.
 
-The writer is written here: libraries for the format leave buffers, bounds and padding to their
-caller, which is all there is to it.
+No library is used, because those for the format leave buffers, bounds and padding to the caller.
 Specification: https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html
 """
 
@@ -37,16 +36,24 @@ _INSTANCES_PER_TREE = 2
 
 @dataclass(frozen=True)
 class Node:
-    """A named part of a scene: the numbers (n,) of its faces."""
+    """A named part of a scene.
+
+    Attributes:
+        name: Its name.
+        faces: (n,) face numbers.
+    """
 
     name: str
     faces: NDArray[np.int64]
 
 
 def scene_nodes(mesh: SceneMesh, tree_names: Sequence[str]) -> list[Node]:
-    """The ground, every tree by its number and name, and what grows and lies between them.
+    """Split a scene into nodes: the ground, every tree, and the undergrowth.
 
-    Instances of a scene are the ground, then each tree's stem and crown, then the undergrowth.
+    Args:
+        mesh: The scene, whose instances are the ground, stem and crown of each tree, and the
+            undergrowth.
+        tree_names: Name of each tree.
     """
     first = mesh.instance_start[1::_INSTANCES_PER_TREE]
     nodes = [Node("ground", np.arange(mesh.instance_start[1]))]
@@ -57,10 +64,18 @@ def scene_nodes(mesh: SceneMesh, tree_names: Sequence[str]) -> list[Node]:
 
 
 def write_gltf(path: Path, mesh: SceneMesh, nodes: Sequence[Node], textures: Textures) -> None:
-    """Write the nodes as one .glb file: positions in metres with y up, -z north, x east.
+    """Write nodes to a .glb file, in metres with x east, y up and z south.
 
-    Every node has one primitive per texture layer; the textures are within the file, sRGB.
-    Raises DatasetError where the file cannot be written.
+    Every node has one primitive per texture layer. The textures are embedded in sRGB.
+
+    Args:
+        path: File to write.
+        mesh: The scene.
+        nodes: Its nodes.
+        textures: Textures of all layers.
+
+    Raises:
+        DatasetError: If the file cannot be written.
     """
     data = gltf_bytes(mesh, nodes, textures)
     try:
@@ -72,7 +87,7 @@ def write_gltf(path: Path, mesh: SceneMesh, nodes: Sequence[Node], textures: Tex
 
 
 def gltf_bytes(mesh: SceneMesh, nodes: Sequence[Node], textures: Textures) -> bytes:
-    """The content of the file that ``write_gltf`` writes."""
+    """Make the content of the file that :func:`write_gltf` writes."""
     layers = np.unique(np.concatenate([mesh.layer[node.faces] for node in nodes]))
     materials = {int(layer): number for number, layer in enumerate(layers)}
     buffer = _Buffer()
@@ -115,7 +130,7 @@ _KINDS = {
 
 
 class _Buffer:
-    """Collects arrays by what they are, and lays each kind out as one buffer view."""
+    """Collects arrays by attribute, and stores each attribute in one buffer view."""
 
     def __init__(self) -> None:
         self._accessors: list[dict[str, Any]] = []
@@ -123,7 +138,7 @@ class _Buffer:
         self._sizes = dict.fromkeys(_KINDS, 0)
 
     def add(self, kind: str, values: NDArray[Any]) -> int:
-        """Append an array (n,) or (n, d); returns the number of its accessor."""
+        """Append an array (n,) or (n, d), and return the number of its accessor."""
         shape, component, _ = _KINDS[kind]
         accessor = {
             "bufferView": list(_KINDS).index(kind),
@@ -142,7 +157,7 @@ class _Buffer:
         return len(self._accessors) - 1
 
     def laid_out(self) -> tuple[list[dict[str, Any]], list[dict[str, Any]], list[bytes]]:
-        """Buffer views, accessors, and the bytes of the buffer."""
+        """Return buffer views, accessors, and the blocks of bytes of the buffer."""
         views, blocks, start = [], [], 0
         for kind, (_, _, target) in _KINDS.items():
             block = b"".join(self._blocks[kind])
@@ -157,7 +172,7 @@ class _Buffer:
 def _primitives(
     mesh: SceneMesh, node: Node, materials: dict[int, int], buffer: _Buffer
 ) -> list[dict[str, Any]]:
-    """One primitive per layer of a node, each with vertices of its own."""
+    """One primitive per layer of a node, each with its own vertices."""
     primitives = []
     layers = mesh.layer[node.faces]
     for layer in np.unique(layers):
@@ -180,13 +195,13 @@ def _primitives(
 
 
 def y_up(vectors: NDArray[np.floating[Any]]) -> NDArray[np.float32]:
-    """World vectors (n, 3), z up, in glTF's axes: x east, y up, z south."""
+    """Convert world vectors (n, 3) to glTF's axes: x east, y up, z south."""
     x, y, z = np.asarray(vectors, np.float32).T
     return np.stack([x, z, -y], axis=1)
 
 
 def _colours(tint: NDArray[np.floating[Any]]) -> NDArray[np.uint8]:
-    """(n, 4) opaque greys that textures are multiplied by: they cannot brighten."""
+    """(n, 4) opaque grey factors of the textures; glTF limits them to 1."""
     colours = np.full((len(tint), 4), 255, np.uint8)
     colours[:, :3] = np.rint(255 * np.clip(tint, 0, 1))[:, None]
     return colours
@@ -212,7 +227,7 @@ def _material(layer: Layer, texture: int) -> dict[str, Any]:
 
 
 def _texture_file(textures: Textures, layer: Layer) -> tuple[str, bytes]:
-    """Media type and file of a layer's albedo in sRGB, with alpha where it is cut out."""
+    """Media type and file content of a layer's albedo in sRGB, with alpha for cut-out layers."""
     pixels = textures.albedo[layer * SIZE_PX**2 : (layer + 1) * SIZE_PX**2]
     pixels = pixels.reshape(SIZE_PX, SIZE_PX, 4)
     linear = (pixels[..., 2::-1] / 255.0) ** 2
@@ -230,7 +245,7 @@ def _padded(data: bytes, filler: bytes) -> bytes:
 
 
 def _container(document: bytes, binary: bytes) -> bytes:
-    """Header and the two chunks, each padded to four bytes."""
+    """The file's header and two chunks, each padded to four bytes."""
     chunks = b""
     for kind, data in ((_JSON_CHUNK, _padded(document, b" ")), (_BINARY_CHUNK, binary)):
         chunks += struct.pack("<I4s", len(data), kind) + data

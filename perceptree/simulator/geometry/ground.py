@@ -1,4 +1,4 @@
-"""The ground as triangles."""
+"""Mesh of the ground."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from perceptree.simulator.materials.layers import Layer
 from perceptree.simulator.scene.terrain import Terrain
 from perceptree.simulator.vectors import unit
 
-_REPEAT_M = 1.7
+_REPEAT_M = 1.7  # length of ground that one texture repeat shows
 
 
 def ground_mesh(terrain: Terrain) -> Mesh:
-    """The height field's triangles, split along the diagonal that ``Terrain.height_m`` uses."""
+    """Make the triangles of a height field, split along the diagonal that Terrain.height_m uses."""
     lines = terrain.lines_m
     x, y = np.meshgrid(lines, lines)
     rise_y, rise_x = np.gradient(terrain.z_m, lines, lines)

@@ -1,4 +1,4 @@
-"""How the crowns of each species grow: the numbers that tell a spruce from a birch."""
+"""Crown parameters of each species (the habit of a tree is its characteristic shape)."""
 
 from __future__ import annotations
 
@@ -9,18 +9,29 @@ from perceptree.simulator.materials.layers import Layer
 
 @dataclass(frozen=True)
 class Habit:
-    """How a species' crown grows on a tree 16 m high.
+    """Crown parameters of a species, for a tree of 16 m height.
 
-    Branches: ``branches`` in number, up to ``reach_m`` long at the share ``widest`` of the crown's
-    height and shorter towards the top by the exponent ``pointed``, their lengths scattered by
-    ``irregular``; ``rise`` is their slope at the crown's foot and top, ``droop`` bends them down,
-    ``lift`` their tips up again; each has ``forks`` side branches; ``wood_m`` is the radius of a
-    branch 1 m long.
-
-    Twigs are folded cards of ``foliage``, ``twigs`` to a branch from the share ``bare`` of its
-    length on: ``twig_m`` their length at the branch's foot and tip, ``ratio`` width over length,
-    ``fan_rad`` their angle from the branch, ``hang`` their slope, ``roll_rad`` how much they turn
-    about themselves, ``fold`` the height of their ridge over half their width.
+    Attributes:
+        foliage: Texture layer of the twigs.
+        wood: Texture layer of the branches.
+        branches: Number of branches.
+        reach_m: Length of the longest branches, m.
+        widest: Position of the longest branches, as a fraction of the crown's height.
+        pointed: Exponent by which branches get shorter towards the top.
+        irregular: Standard deviation of the logarithm of the branch length.
+        rise: Slope of the branches at the crown's base and top.
+        droop: Downward bend of the branches.
+        lift: Upward bend of their tips.
+        forks: Side branches per branch.
+        wood_m: Radius of a branch of 1 m length, m.
+        twigs: Twigs per branch.
+        bare: Fraction of a branch's length, from its base, without twigs.
+        twig_m: Length of twigs at the base and at the tip of a branch, m.
+        ratio: Width over length of a twig.
+        fan_rad: Angle between twig and branch.
+        hang: Slope of twigs.
+        roll_rad: Standard deviation of the rotation of twigs about their axis.
+        fold: Height of a twig's fold over half its width.
     """
 
     foliage: Layer

@@ -1,4 +1,4 @@
-"""Triangle meshes: the flat arrays every part of the forest is made of, and its building blocks."""
+"""Triangle meshes, and functions that make tubes and cards."""
 
 from __future__ import annotations
 
@@ -16,11 +16,16 @@ Int = NDArray[np.integer[Any]]
 
 @dataclass(frozen=True)
 class Mesh:
-    """Triangles in metres, z up.
+    """A triangle mesh with z up.
 
-    ``vertices`` (V, 3) m, ``normals`` (V, 3), ``uv`` (V, 2) in texture repeats, ``tint`` (V,)
-    brightness, ``faces`` (F, 3) vertex numbers, ``layer`` (F,) texture, ``labelled`` (F,) bool:
-    the faces that belong to a tree's labelled lower stem.
+    Attributes:
+        vertices: (V, 3) m.
+        normals: (V, 3).
+        uv: (V, 2) texture coordinates, in repeats.
+        tint: (V,) brightness factors.
+        faces: (F, 3) vertex numbers.
+        layer: (F,) texture layers.
+        labelled: (F,) bool, whether a face belongs to a tree's labelled lower stem.
     """
 
     vertices: Float
@@ -35,7 +40,7 @@ class Mesh:
 def make_mesh(
     vertices: Float, normals: Float, uv: Float, faces: Int, layer: int, tint: Float | float = 1.0
 ) -> Mesh:
-    """A mesh of one texture layer, none of it labelled."""
+    """Make a mesh of one texture layer without labelled faces, with arguments as in Mesh."""
     return Mesh(
         vertices,
         normals,
@@ -48,7 +53,7 @@ def make_mesh(
 
 
 def merge(meshes: list[Mesh]) -> Mesh:
-    """One mesh that holds all of them."""
+    """Concatenate meshes."""
     offsets = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes[:-1]])
     return Mesh(
         np.concatenate([mesh.vertices for mesh in meshes]).astype(np.float32),
@@ -64,7 +69,7 @@ def merge(meshes: list[Mesh]) -> Mesh:
 
 
 def ring_frames(centres: Float) -> tuple[Float, Float]:
-    """Two unit vectors across each curve: (n, K, 3) centres to two (n, K, 3) arrays."""
+    """Two perpendicular unit vectors (n, K, 3) across curves (n, K, 3) at each of their points."""
     tangent = unit(np.gradient(centres, axis=1))
     reference = np.where(np.abs(tangent[..., 2:]) > 0.8, np.array([1.0, 0.0, 0.0]), UP)
     first = unit(np.cross(reference, tangent))
@@ -72,7 +77,7 @@ def ring_frames(centres: Float) -> tuple[Float, Float]:
 
 
 def tube_faces(tubes: int, rings: int, sides: int) -> Int:
-    """(F, 3) triangles of tubes whose vertices lie as (tubes, rings, sides + 1)."""
+    """(F, 3) triangles of tubes whose vertices are ordered as (tubes, rings, sides + 1)."""
     grid = np.arange(tubes * rings * (sides + 1)).reshape(tubes, rings, sides + 1)
     lower, upper = grid[:, :-1], grid[:, 1:]
     first = np.stack([lower[..., :-1], lower[..., 1:], upper[..., 1:]], -1)
@@ -83,7 +88,16 @@ def tube_faces(tubes: int, rings: int, sides: int) -> Int:
 def surface_mesh(
     vertices: Float, centres: Float, layer: int, repeats: float, repeat_length_m: float, tint: float
 ) -> Mesh:
-    """Tubes from their rings: vertices (n, K, S + 1, 3) around centres (n, K, 3)."""
+    """Make tubes from their rings.
+
+    Args:
+        vertices: (n, K, S + 1, 3) rings; the first and last point of a ring are equal, m.
+        centres: (n, K, 3) centres of the rings, m.
+        layer: Texture layer.
+        repeats: Repeats of the texture around a tube.
+        repeat_length_m: Length of one repeat along a tube, m.
+        tint: Brightness factor.
+    """
     tubes, rings, corners, _ = vertices.shape
     around = np.gradient(vertices, axis=2)
     around[:, :, 0] = around[:, :, -1] = vertices[:, :, 1] - vertices[:, :, -2]
@@ -107,7 +121,16 @@ def surface_mesh(
 def tubes_mesh(
     centres: Float, radius_m: Float, sides: int, layer: int, tint: float, repeat_length_m: float
 ) -> Mesh:
-    """Round tubes along curves: centres (n, K, 3) m, radius (n, K) m."""
+    """Make round tubes along curves.
+
+    Args:
+        centres: (n, K, 3) points of the curves, m.
+        radius_m: (n, K) radii, m.
+        sides: Sides of a tube.
+        layer: Texture layer.
+        tint: Brightness factor.
+        repeat_length_m: Length of one texture repeat along a tube, m.
+    """
     first, second = ring_frames(centres)
     angle = np.linspace(0.0, 2 * np.pi, sides + 1)
     across = (
@@ -128,10 +151,19 @@ def cards_mesh(
     tint: Float,
     droop: float = 0.22,
 ) -> Mesh:
-    """Twig cards: n bent, folded strips with alpha textures.
+    """Make twig cards: bent, folded strips for textures with alpha.
 
-    ``origins``, ``axes``, ``sides`` (n, 3), ``length_m``, ``width_m``, ``tint`` (n,). Normals
-    point away from ``centre`` (n, 3), which makes foliage look full instead of flat.
+    Args:
+        origins: (n, 3) feet of the twigs, m.
+        axes: (n, 3) unit vectors along the twigs.
+        sides: (n, 3) unit vectors across the twigs.
+        length_m: (n,) lengths, m.
+        width_m: (n,) widths, m.
+        centre: (n, 3) points from which the normals are bent away, so that the shading of the
+            foliage shows volume, m.
+        layer: Texture layer.
+        tint: (n,) brightness factors.
+        droop: How far the tips hang down, as a fraction of the length.
     """
     count = len(origins)
     points, coordinates = [], []

@@ -1,6 +1,6 @@
-"""Things that are no trees: people, animals, machines, posts, timber, walls and odd shapes.
+"""Meshes of objects that are not trees: people, animals, machines, posts, timber, walls, shapes.
 
-Each maker returns a mesh that stands on z = 0, its front towards x.
+Each function returns a mesh that stands on z = 0, with its front towards x.
 """
 
 from __future__ import annotations
@@ -19,8 +19,9 @@ from perceptree.simulator.materials.layers import FIRST_GROUND, LAST_BARK, Layer
 
 Float = NDArray[np.floating[Any]]
 
+# Ranges of colour numbers in the layer PAINT, as in materials.manmade.
 _SAFETY, _CLOTH, _SKIN, _METAL, _ANY = (0, 4), (4, 12), (12, 15), (15, 20), (0, 64)
-_DARK = 18
+_DARK = 18  # number of a dark colour
 _SHAPE_LAYERS = (Layer.MASONRY, Layer.FUR, Layer.ROCK, Layer.DEAD_WOOD, Layer.MOSS, Layer.LITTER)
 
 
@@ -30,7 +31,7 @@ def _colour(rng: np.random.Generator, *groups: tuple[int, int]) -> int:
 
 
 def person(rng: np.random.Generator) -> Mesh:
-    """Someone who stands, walks or stoops, 1.5 to 1.95 m high, often in safety colours."""
+    """A standing, walking or stooping person of 1.5 to 1.95 m, often in safety colours."""
     tall = rng.uniform(1.5, 1.95)
     hip, shoulder, wide = 0.5 * tall, 0.82 * tall, 0.115 * tall
     bow = rng.choice([0.0, 0.0, rng.uniform(0.1, 0.6)]) * tall
@@ -61,7 +62,7 @@ def person(rng: np.random.Generator) -> Mesh:
 
 
 def animal(rng: np.random.Generator) -> Mesh:
-    """A dog, boar, deer or cow: its back 0.35 to 1.35 m high."""
+    """A four-legged animal with a height of 0.35 to 1.35 m, such as a dog, boar, deer or cow."""
     back = rng.uniform(0.35, 1.35)
     long, deep = back * rng.uniform(0.95, 1.4), back * rng.uniform(0.16, 0.27)
     tint = float(rng.choice([0.12, 0.5, 0.8, 1.1, 1.6]))
@@ -88,7 +89,7 @@ def animal(rng: np.random.Generator) -> Mesh:
 
 
 def machine(rng: np.random.Generator) -> Mesh:
-    """A harvester or forwarder: wheels, body, cabin and a jointed crane."""
+    """A forest machine with wheels, body, cabin and a jointed crane."""
     body, cabin = _colour(rng, _SAFETY, _METAL, _ANY), _colour(rng, _METAL)
     long, wide, low = rng.uniform(4.0, 7.0), rng.uniform(2.0, 2.8), rng.uniform(0.6, 0.9)
     parts = [painted(block([0, 0, low + 0.6], (long, 0.8 * wide, 1.2)), body)]
@@ -112,7 +113,7 @@ def machine(rng: np.random.Generator) -> Mesh:
 
 
 def post(rng: np.random.Generator) -> Mesh:
-    """A pole, a sign on its post, or a piece of fence."""
+    """A pole, a sign on a post, or a piece of fence."""
     form = rng.random()
     if form < 0.4:
         radius, high = rng.uniform(0.03, 0.14), rng.uniform(1.2, 9.0)
@@ -135,7 +136,7 @@ def post(rng: np.random.Generator) -> Mesh:
 
 
 def timber(rng: np.random.Generator) -> Mesh:
-    """A long lying stem, a pile of logs that shows its ends, or a heap of branches."""
+    """A long lying stem, a pile of logs, or a heap of branches."""
     form = rng.random()
     if form < 0.45:
         return _log(rng, rng.uniform(3.0, 9.0), rng.uniform(0.08, 0.24))
@@ -152,7 +153,7 @@ def timber(rng: np.random.Generator) -> Mesh:
 
 
 def _tossed(rng: np.random.Generator, branch: Mesh) -> Mesh:
-    """A branch turned, tilted and thrown on a heap."""
+    """Rotate, tilt and move a branch to a random pose in a heap."""
     azimuth, tilt = rng.uniform(0, 2 * np.pi), rng.normal(0, 0.25)
     cos, sin = np.cos(azimuth), np.sin(azimuth)
     turn = np.array([[1, 0, tilt], [0, 1, 0], [-tilt, 0, 1]])
@@ -162,7 +163,7 @@ def _tossed(rng: np.random.Generator, branch: Mesh) -> Mesh:
 
 
 def _log(rng: np.random.Generator, long_m: float, radius_m: float) -> Mesh:
-    """A lying log of another log's form, drawn out to a length and a radius."""
+    """A lying log, scaled to a length and a radius."""
     mesh = debris.log(rng)
     span = np.ptp(mesh.vertices, axis=0)
     middle = (mesh.vertices.max(0) + mesh.vertices.min(0)) / 2
@@ -172,7 +173,7 @@ def _log(rng: np.random.Generator, long_m: float, radius_m: float) -> Mesh:
 
 
 def wall(rng: np.random.Generator) -> Mesh:
-    """A dry wall, a boulder as high as a man, or a hut."""
+    """A stone wall, a boulder of up to 3 m, or a hut."""
     form = rng.random()
     if form < 0.4:
         long, high = rng.uniform(2.0, 7.0), rng.uniform(0.6, 1.8)
@@ -189,7 +190,7 @@ def wall(rng: np.random.Generator) -> Mesh:
 
 
 def shape(rng: np.random.Generator) -> Mesh:
-    """One to four solids of any form, colour and texture; what stands upright wears no bark."""
+    """One to four solids of random shape, colour and texture; upright ones have no bark."""
     return merge([_solid(rng) for _ in range(int(rng.integers(1, 5)))])
 
 

@@ -1,4 +1,4 @@
-"""Small plants as cards cut out by their textures: grass, ferns, scrubs, seedlings."""
+"""Meshes of small plants, made of cards with cut-out textures."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ Float = NDArray[np.floating[Any]]
 
 
 def grass_tuft(rng: np.random.Generator) -> Mesh:
-    """Green blades that bend outwards, about 0.35 m high; 12 faces."""
+    """A tuft of green grass, about 0.35 m high; 12 faces."""
     return _tuft(rng, Layer.GRASS, 0.36, 0.35)
 
 
 def dry_grass(rng: np.random.Generator) -> Mesh:
-    """Yellow blades that lean far over, about 0.3 m high; 12 faces."""
+    """A tuft of dry, strongly leaning grass, about 0.3 m high; 12 faces."""
     return _tuft(rng, Layer.DRY_GRASS, 0.38, 0.75)
 
 
 def fern(rng: np.random.Generator) -> Mesh:
-    """Arching fronds around a bare middle, about 0.5 m high; 66 faces."""
+    """A fern with arching fronds, about 0.5 m high; 66 faces."""
     count = 11
     azimuth = np.arange(count) * 2 * np.pi / count + rng.normal(0, 0.2, count)
     outwards = _level(azimuth)
@@ -46,7 +46,7 @@ def fern(rng: np.random.Generator) -> Mesh:
 
 
 def scrub(rng: np.random.Generator) -> Mesh:
-    """A bush of upright leafy shoots from a wide base, 0.4 to 0.75 m high; 116 faces."""
+    """A bush of upright leafy shoots, 0.4 to 0.75 m high; 116 faces."""
     height, shoots, twigs = rng.uniform(0.4, 0.75), 13, 16
     count = shoots + twigs
     azimuth = rng.uniform(0, 2 * np.pi, count)
@@ -73,7 +73,7 @@ def scrub(rng: np.random.Generator) -> Mesh:
 
 
 def seedling(rng: np.random.Generator) -> Mesh:
-    """A young broadleaved tree with one thin stem, 0.5 to 1 m high; at most 70 faces."""
+    """A young broadleaved tree with a thin stem, 0.5 to 1 m high; at most 70 faces."""
     height, count = rng.uniform(0.5, 1.0), 12
     layer = (Layer.BEECH_LEAVES, Layer.MAPLE_LEAVES, Layer.BIRCH_LEAVES)[rng.integers(3)]
     share = np.linspace(0, 1, 4)
@@ -105,7 +105,7 @@ def bilberry(rng: np.random.Generator) -> Mesh:
 def _rosette(
     rng: np.random.Generator, count: int, size_m: float, spread: float, droop: float, layer: Layer
 ) -> Mesh:
-    """Cards that lean outwards all around."""
+    """Cards that lean outwards in all directions."""
     azimuth = np.arange(count) * 2 * np.pi / count + rng.normal(0, 0.4, count)
     axis = unit(UP + _level(azimuth) * spread * rng.uniform(0.6, 1.4, (count, 1)))
     length = size_m * rng.uniform(0.75, 1.25, count)
@@ -143,7 +143,7 @@ def _tuft(rng: np.random.Generator, layer: Layer, size_m: float, lean: float) ->
 
 
 def _level(azimuth_rad: Float) -> Float:
-    """(n, 3) unit vectors in the horizontal plane."""
+    """(n, 3) horizontal unit vectors of azimuths (n,)."""
     return np.stack([np.cos(azimuth_rad), np.sin(azimuth_rad), 0 * azimuth_rad], -1)
 
 
@@ -158,10 +158,18 @@ def _strips(
     layer: int,
     tint: tuple[float, float],
 ) -> Mesh:
-    """n bent cards of 2 * segments faces: feet, axes and sides (n, 3), the others (n,).
+    """Make n bent cards of 2 * segments faces. Normals are bent up and away from the plant.
 
-    The tip hangs ``droop`` lengths below the straight line. The texture's u runs along a card,
-    its v across; ``tint`` brightens from foot to tip. Normals lean up and away from the plant.
+    Args:
+        feet: (n, 3) feet, m.
+        axes: (n, 3) unit vectors along the cards.
+        sides: (n, 3) unit vectors across the cards.
+        length_m: (n,) lengths, m.
+        width_m: (n,) widths, m.
+        segments: Segments along a card.
+        droop: (n,) how far the tips hang below the straight line, as a fraction of the length.
+        layer: Texture layer; u runs along a card, v across.
+        tint: Brightness factors at foot and tip.
     """
     share = np.linspace(0, 1, segments + 1)[:, None]
     straight = feet[:, None] + axes[:, None] * (length_m[:, None, None] * share)

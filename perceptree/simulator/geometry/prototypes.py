@@ -1,4 +1,4 @@
-"""Meshes shared by all scenes of a process: crowns near and far, and undergrowth by kind."""
+"""Meshes that all scenes share: crowns, undergrowth, objects and dead twigs."""
 
 from __future__ import annotations
 
@@ -15,29 +15,41 @@ from perceptree.simulator.scene.models import MODELS, TreeModel
 
 _NEAR_CROWNS, _FAR_CROWNS = 2, 1
 _FINE_SEED = 6
-_TWIGS = (50, 100, 200, 350)
+_DEAD_TWIG_COUNTS = (50, 100, 200, 350)
 _SAPLINGS = ("fir", "fir", "spruce", "spruce")
 
 
 @dataclass(frozen=True)
 class Prototypes:
-    """``crowns`` by model's name, near or far, in leaf or bare; ``undergrowth`` and objects by
-    kind; ``twigs`` by the number of dead twigs on a lower stem."""
+    """Shared meshes.
+
+    Attributes:
+        crowns: Variants by model name, near (or far), and with leaves (or bare).
+        undergrowth: Variants of undergrowth and objects by kind.
+        twigs: Dead twigs of a lower stem, by their number.
+    """
 
     crowns: dict[tuple[str, bool, bool], list[Mesh]]
     undergrowth: dict[str, list[Mesh]]
     twigs: dict[int, Mesh]
 
     def twigs_of(self, number: float) -> Mesh | None:
-        """The mesh whose number of dead twigs comes nearest, None for hardly any."""
-        if number < _TWIGS[0] / 2:
+        """Return the mesh with the nearest number of dead twigs; None if there are almost none."""
+        if number < _DEAD_TWIG_COUNTS[0] / 2:
             return None
-        return self.twigs[min(_TWIGS, key=lambda count: abs(count - number))]
+        return self.twigs[min(_DEAD_TWIG_COUNTS, key=lambda count: abs(count - number))]
 
     def crowns_of(
         self, model: TreeModel, near: bool, leaves: bool, fine: bool = False
     ) -> list[Mesh]:
-        """The crowns a tree of this model may wear; conifers keep theirs in winter."""
+        """Return the crown variants of a tree model; those of conifers always have needles.
+
+        Args:
+            model: The tree model.
+            near: Whether the tree is near.
+            leaves: Whether broadleaved trees have leaves.
+            fine: Whether near crowns have fine twigs.
+        """
         if near and fine:
             return _fine_crowns(model, leaves or model.conifer)
         return self.crowns[model.name, near, leaves or model.conifer]
@@ -45,13 +57,13 @@ class Prototypes:
 
 @cache
 def _fine_crowns(model: TreeModel, leaves: bool) -> list[Mesh]:
-    """Crowns of fine twigs, grown when a scene first asks for them."""
+    """Crowns with fine twigs, made when a scene first needs them."""
     rng = np.random.default_rng([_FINE_SEED, MODELS.index(model)])
     return [crown(rng, model, True, leaves, fine=True) for _ in range(_NEAR_CROWNS)]
 
 
 def make_prototypes(seed: int = 5) -> Prototypes:
-    """Grow the shared meshes; the same seed gives the same meshes."""
+    """Make the shared meshes. The same seed gives the same meshes."""
     rng = np.random.default_rng(seed)
     crowns = {
         (model.name, near, leaves): [
@@ -65,9 +77,13 @@ def make_prototypes(seed: int = 5) -> Prototypes:
         name: [kind.make(rng) for _ in range(kind.variants)] for name, kind in UNDERGROWTH.items()
     }
     undergrowth["sapling"] = [sapling(rng, species) for species in _SAPLINGS]
-    later = np.random.default_rng([seed, 1])
+    additions_rng = np.random.default_rng([seed, 1])
     for name, kind in LOW_PLANTS.items():
-        undergrowth[name] = [kind.make(later) for _ in range(kind.variants)]
+        undergrowth[name] = [kind.make(additions_rng) for _ in range(kind.variants)]
     for name, (make, variants) in OBJECTS.items():
-        undergrowth[name] = [make(later) for _ in range(variants)]
-    return Prototypes(crowns, undergrowth, {count: dead_twigs(later, count) for count in _TWIGS})
+        undergrowth[name] = [make(additions_rng) for _ in range(variants)]
+    return Prototypes(
+        crowns,
+        undergrowth,
+        {count: dead_twigs(additions_rng, count) for count in _DEAD_TWIG_COUNTS},
+    )

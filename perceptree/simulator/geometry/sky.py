@@ -1,4 +1,4 @@
-"""How much sky the canopy leaves each point."""
+"""Visibility of the sky through the canopy."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from perceptree.simulator.scene.terrain import EXTENT_M
 Float = NDArray[np.floating[Any]]
 
 _VOXEL_M = 1.0
-_LEAF_EXTINCTION = 0.55
-_LEAF_COVER = 0.45
+_LEAF_EXTINCTION = 0.55  # extinction per unit of leaf area index
+_LEAF_COVER = 0.45  # opaque fraction of a twig card
 
 
 def _blur(layer: Float) -> Float:
@@ -26,10 +26,19 @@ def _blur(layer: Float) -> Float:
 def sky_visibility(
     vertices: NDArray[np.float32], faces: NDArray[np.int32], layer: NDArray[np.uint8]
 ) -> NDArray[np.float32]:
-    """(V,) share of sky that reaches each vertex through the canopy.
+    """Compute the fraction of sky light that reaches each vertex through the canopy.
 
-    Leaf area is summed in voxels from the top down with a blur per layer, and light falls off
-    with it exponentially (Beer and Lambert).
+    Leaf area is counted in voxels of 1 m and summed from the top down, with a blur per layer that
+    imitates slanting light. Light decreases exponentially with it (Beer-Lambert law; Monsi and
+    Saeki 1953 for canopies).
+
+    Args:
+        vertices: (V, 3) m.
+        faces: (F, 3) vertex numbers.
+        layer: (F,) texture layers, which tell foliage from other faces.
+
+    Returns:
+        (V,) float32, 0 to 1.
     """
     leaf = faces[np.isin(layer, CROWN_FOLIAGE)]
     corner = vertices[leaf[:, 0]]

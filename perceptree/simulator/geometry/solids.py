@@ -1,4 +1,4 @@
-"""Plain solids that objects are put together from."""
+"""Simple solids that objects are composed of."""
 
 from __future__ import annotations
 
@@ -17,14 +17,21 @@ Float = NDArray[np.floating[Any]]
 
 _BALL_RINGS, _BALL_SIDES = 7, 10
 _CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) / 2
-_PAINT_SHARE = 0.5
-_CAP_M = 0.005
+_PAINT_SHARE = 0.5  # part of a colour's cell that is used, which avoids bleeding in mip levels
+_CAP_M = 0.005  # length of a tube's closed ends
 
 
 def block(
     centre: ArrayLike, size: Sequence[float], layer: Layer = Layer.PAINT, repeat_m: float = 1.0
 ) -> Mesh:
-    """A box with edges along the axes, its texture repeating every ``repeat_m``."""
+    """An axis-aligned box.
+
+    Args:
+        centre: (3,) centre, m.
+        size: (3,) edge lengths, m.
+        layer: Texture layer.
+        repeat_m: Length of one texture repeat, m.
+    """
     sides = []
     for axis in range(3):
         first, second = (axis + 1) % 3, (axis + 2) % 3
@@ -42,7 +49,13 @@ def block(
 
 
 def ball(centre: ArrayLike, radii: Sequence[float], layer: Layer = Layer.PAINT) -> Mesh:
-    """An ellipsoid with its radii along the axes."""
+    """An axis-aligned ellipsoid.
+
+    Args:
+        centre: (3,) centre, m.
+        radii: (3,) radii, m.
+        layer: Texture layer.
+    """
     polar = np.linspace(0.02, np.pi - 0.02, _BALL_RINGS)
     turn = np.linspace(0, 2 * np.pi, _BALL_SIDES + 1)
     ring = np.stack([np.cos(turn), np.sin(turn), 0 * turn], -1)
@@ -64,7 +77,15 @@ def limb(
     layer: Layer = Layer.DEAD_WOOD,
     flat: float = 1.0,
 ) -> Mesh:
-    """A tube through points (n, 3) with closed ends, ``flat`` times as thick along x."""
+    """A tube with closed ends.
+
+    Args:
+        points: (n, 3) points of its axis, m.
+        radii: (n,) radii, m.
+        sides: Sides of the tube.
+        layer: Texture layer.
+        flat: Factor of the thickness along x.
+    """
     path = np.asarray(points, float)
     path = np.concatenate([path[:1], path, path[-1:]])
     path[0] -= _CAP_M * unit(path[2] - path[1])
@@ -79,7 +100,12 @@ def limb(
 
 
 def painted(mesh: Mesh, colour: int) -> Mesh:
-    """The mesh in one of the plain colours of the layer PAINT."""
+    """Give a mesh a plain colour.
+
+    Args:
+        mesh: The mesh.
+        colour: Number of the colour in the layer PAINT.
+    """
     cell = np.array([colour % PAINT_CELLS, colour // PAINT_CELLS])
     place = (cell + 0.5 + _PAINT_SHARE * (np.asarray(mesh.uv) % 1.0 - 0.5)) / PAINT_CELLS
     return replace(mesh, uv=place, layer=np.full_like(mesh.layer, Layer.PAINT))

@@ -1,4 +1,4 @@
-"""Stems as meshes, whose corners lie on the formulas that the labels come from."""
+"""Stem meshes. Their vertices are on the analytic surface that the labels are computed from."""
 
 from __future__ import annotations
 
@@ -18,14 +18,18 @@ Float = NDArray[np.floating[Any]]
 STEM_SIDES = 48
 _UPPER_SIDES = 16
 _FAR_SIDES = 7
-_FOOT_M = -0.6
-_TORN = 0.5  # height of the splinters over the stem's diameter
+_FOOT_M = -0.6  # stems start this far below their foot, for slopes
+_SPLINTER_RATIO = 0.5  # height of the splinters over the stem's diameter
 
 
 def stem_mesh(stem: Stem, label_heights_m: tuple[float, ...], near: bool) -> Mesh:
-    """The stem's bark with its fork; near stems have a ring at every height of the labels.
+    """Make the mesh of a stem with its fork.
 
-    The faces of both leaders below the last of ``label_heights_m`` are labelled.
+    Args:
+        stem: The stem.
+        label_heights_m: Heights of the labels above the foot, ascending, m. A near stem has a
+            ring at each of them, and its faces below the last one are labelled.
+        near: Whether to make full detail.
     """
     if not near:
         levels = _FOOT_M + (_end_m(stem) - _FOOT_M) * np.linspace(0, 1, 6) ** 1.5
@@ -39,7 +43,7 @@ def stem_mesh(stem: Stem, label_heights_m: tuple[float, ...], near: bool) -> Mes
 
 
 def lower_levels_m(stem: Stem, label_heights_m: tuple[float, ...]) -> Float:
-    """Heights above the foot of a near stem's rings, up to the last of ``label_heights_m``."""
+    """Heights above the foot of a near stem's rings up to the last label height, m."""
     top_m = min(label_heights_m[-1], 0.98 * stem.height_m)
     levels = _FOOT_M + (top_m - _FOOT_M) * np.linspace(0, 1, 21) ** 1.6
     return np.unique([*levels, *(height for height in label_heights_m if height <= top_m)])
@@ -55,11 +59,11 @@ def _end_m(stem: Stem) -> float:
 
 
 def _splinters(stem: Stem, height_m: float) -> Mesh:
-    """The torn wood of a broken stem: a rim of points of unequal height around a hollow."""
+    """The torn wood of a broken stem: a rim of splinters of unequal height."""
     rim = stem.rings(np.array([height_m]), _UPPER_SIDES)[0]
     turn = np.linspace(0, 2 * np.pi, _UPPER_SIDES + 1)
     torn = 1 + np.sin(turn + stem.sweep_phase[0]) + 0.6 * np.sin(7 * turn + stem.sweep_phase[1])
-    tips = rim + UP * (_TORN * stem.diameter_m * np.maximum(torn, 0))[:, None]
+    tips = rim + UP * (_SPLINTER_RATIO * stem.diameter_m * np.maximum(torn, 0))[:, None]
     middle = stem.axis(np.array([height_m]))[0]
     inner = middle + 0.2 * (rim - middle)
     rings = np.stack([rim, middle + 0.97 * (tips - middle), inner])
@@ -67,7 +71,7 @@ def _splinters(stem: Stem, height_m: float) -> Mesh:
 
 
 def _fork(stem: Stem, rings_at_m: tuple[float, ...], rings: int, sides: int) -> list[Mesh]:
-    """The second leader, if there is one; below ``rings_at_m`` it is labelled."""
+    """The second leader, if there is one; its faces below ``rings_at_m`` are labelled."""
     fork = stem.fork
     if fork is None:
         return []
@@ -80,10 +84,10 @@ def _fork(stem: Stem, rings_at_m: tuple[float, ...], rings: int, sides: int) -> 
 
 
 def _scaled(stem: Stem, rings: Float, axis: Float) -> Mesh:
-    """Rings as a surface whose bark keeps its size on thick and thin stems.
+    """Make a surface from rings, with the bark texture at its natural size.
 
-    A stem too thin for one repeat around it shows the bark finer, as young bark is. The stem's
-    own phases shift the bark, so that neighbours do not repeat each other.
+    Stems too thin for one repeat of the texture have finer bark, like young trees. The texture is
+    shifted by a random amount, so that neighbouring stems look different.
     """
     girth_m, bark_m = np.pi * stem.diameter_m, stem.model.bark_m
     repeats = max(1, round(girth_m / bark_m))

@@ -1,4 +1,4 @@
-"""The kinds of undergrowth, by the name under which a scene places them."""
+"""Kinds of undergrowth, by the names that scene descriptions use."""
 
 from __future__ import annotations
 
@@ -12,27 +12,32 @@ from perceptree.simulator.geometry.mesh import Mesh
 
 
 @dataclass(frozen=True)
-class Kind:
-    """How one object is made, standing on z = 0, and how many forms of it scenes choose from."""
+class UndergrowthKind:
+    """A kind of undergrowth.
+
+    Attributes:
+        make: Makes one variant, which stands on z = 0.
+        variants: Number of variants that scenes choose from.
+    """
 
     make: Callable[[np.random.Generator], Mesh]
     variants: int
 
 
-UNDERGROWTH: dict[str, Kind] = {
-    "grass": Kind(plants.grass_tuft, 6),
-    "dry_grass": Kind(plants.dry_grass, 5),
-    "fern": Kind(plants.fern, 5),
-    "scrub": Kind(plants.scrub, 5),
-    "seedling": Kind(plants.seedling, 4),
-    "branch": Kind(debris.fallen_branch, 12),
-    "log": Kind(debris.log, 6),
-    "stump": Kind(debris.stump, 8),
-    "rock": Kind(debris.rock, 8),
-    "root": Kind(debris.surface_roots, 8),
+UNDERGROWTH: dict[str, UndergrowthKind] = {
+    "grass": UndergrowthKind(plants.grass_tuft, 6),
+    "dry_grass": UndergrowthKind(plants.dry_grass, 5),
+    "fern": UndergrowthKind(plants.fern, 5),
+    "scrub": UndergrowthKind(plants.scrub, 5),
+    "seedling": UndergrowthKind(plants.seedling, 4),
+    "branch": UndergrowthKind(debris.fallen_branch, 12),
+    "log": UndergrowthKind(debris.log, 6),
+    "stump": UndergrowthKind(debris.stump, 8),
+    "rock": UndergrowthKind(debris.rock, 8),
+    "root": UndergrowthKind(debris.surface_roots, 8),
 }
 
-LOW_PLANTS: dict[str, Kind] = {
-    "herb": Kind(plants.herb, 6),
-    "bilberry": Kind(plants.bilberry, 6),
+LOW_PLANTS: dict[str, UndergrowthKind] = {
+    "herb": UndergrowthKind(plants.herb, 6),
+    "bilberry": UndergrowthKind(plants.bilberry, 6),
 }

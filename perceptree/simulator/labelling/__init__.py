@@ -1,3 +1,3 @@
-"""What is true of each tree in a view, and its COCO record."""
+"""Labels of the trees in a view, and their COCO records."""
 
 __all__: list[str] = []

@@ -1,4 +1,4 @@
-"""Turns frames into COCO records, with the project's metric fields beside COCO's own."""
+"""Convert frames to COCO records, with metric fields in addition to COCO's own."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pycocotools import mask as coco_mask
 
 import calib
 from perceptree.keypoints import KEYPOINT_NAMES
-from perceptree.simulator.labelling.frame import Frame
+from perceptree.simulator.labelling.frame import LabelledFrame
 from perceptree.simulator.settings.files import FileSettings
 
 if TYPE_CHECKING:
@@ -21,8 +21,18 @@ _DECIMALS = 4
 _SETTING_DECIMALS = 6
 
 
-def frame_record(frame: Frame, image_id: int, files: FileSettings) -> dict[str, Any]:
-    """The COCO image and its annotations; annotation numbers are given by ``coco_dataset``."""
+def frame_record(frame: LabelledFrame, image_id: int, files: FileSettings) -> dict[str, Any]:
+    """Make the COCO record of a frame.
+
+    Args:
+        frame: The frame.
+        image_id: Number of the image, which also names its files.
+        files: File formats.
+
+    Returns:
+        ``image``, a COCO image, and ``annotations``, COCO annotations without ``id``, which
+        :func:`coco_dataset` adds.
+    """
     height, width = frame.depth_m.shape
     image = {
         "id": image_id,
@@ -56,7 +66,7 @@ def frame_record(frame: Frame, image_id: int, files: FileSettings) -> dict[str, 
 
 
 def _rounded(values: dict[str, Any]) -> dict[str, Any]:
-    """The same values as plain JSON: numpy's scalars unpacked, numbers rounded."""
+    """Convert numpy scalars to plain numbers, and round floats."""
     plain = {
         key: value.item() if isinstance(value, np.generic) else value
         for key, value in values.items()
@@ -102,7 +112,7 @@ def _annotation(label: TreeLabel, image_id: int) -> dict[str, Any]:
 
 
 def coco_dataset(records: list[dict[str, Any]]) -> dict[str, Any]:
-    """One COCO file from frame records, in their order."""
+    """Combine frame records into the content of a COCO file, in their order."""
     annotations = [tree for record in records for tree in record["annotations"]]
     return {
         "info": {"description": "Simulated forest frames", "version": "2"},

@@ -1,4 +1,4 @@
-"""One simulated frame in memory, and the records of the scene and the pose it was drawn from."""
+"""A simulated frame in memory, with records of its scene and camera pose."""
 
 from __future__ import annotations
 
@@ -15,7 +15,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SceneRecord:
-    """What a scene is like: its seed, ground cover, stand, weather and light."""
+    """Properties of a scene, as stored in the dataset.
+
+    Attributes:
+        seed: Seed of the scene.
+        terrain: Main ground cover.
+        slope_deg: Mean slope.
+        stems_per_ha: Density of the stand.
+        pattern: Spatial pattern of the stand.
+        weather: Kind of weather.
+        weather_strength: Strength of the weather, 0 to 1.
+        light: Time of day.
+        overcast: Whether the sky is overcast.
+    """
 
     seed: int
     terrain: str
@@ -30,7 +42,14 @@ class SceneRecord:
 
 @dataclass(frozen=True)
 class PoseRecord:
-    """How the camera was held: by a mast or a hand, above the ground, pitch up, roll clockwise."""
+    """How the camera was carried, as stored in the dataset.
+
+    Attributes:
+        carrier: ``mast``, ``hand`` or ``drive``.
+        height_m: Height above the ground, m.
+        pitch_deg: Pitch, positive upwards.
+        roll_deg: Roll, positive clockwise.
+    """
 
     carrier: str
     height_m: float
@@ -40,9 +59,15 @@ class PoseRecord:
 
 @dataclass(frozen=True)
 class Motion:
-    """Where a frame of a drive was taken: seconds from the first frame on, the camera's
-    ``origin_m`` (3,) and ``rotation`` (3, 3), rows right, down, forward, in the world; ``imu``
-    (n, 7) time, turn rates in rad/s and acceleration in m/s² since the frame before."""
+    """Camera motion at a frame of a drive.
+
+    Attributes:
+        time_s: Time since the first frame, s.
+        origin_m: (3,) camera position in the world, m.
+        rotation: (3, 3) camera axes in the world; the rows are right, down and forward.
+        imu: (n, 7) IMU samples since the previous frame: time (s), turn rates (rad/s) and
+            specific force (m/s²).
+    """
 
     time_s: float
     origin_m: NDArray[np.floating[Any]]
@@ -51,13 +76,22 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class Frame:
+class LabelledFrame:
     """One simulated frame with its labels.
 
-    ``image`` (H, W, 3) uint8 BGR; ``depth_m`` (H, W) as the sensor ``depth_sensor`` measures it
-    along the optical axis, 0 where there is nothing; ``exact_depth_m`` as drawn, of the pixels
-    (i ``exact_stride_px``, j ``exact_stride_px``); ``realism`` what it holds of the settings
-    beyond the paper's, by name; ``motion`` where a frame of a drive was taken.
+    Attributes:
+        image: (H, W, 3) uint8 BGR.
+        depth_m: (H, W) measured depth along the optical axis, m; 0 where there is no reading.
+        exact_depth_m: Exact depth of every ``exact_stride_px``-th pixel and row, m; 0 beyond its
+            range.
+        labels: The labelled trees.
+        view: The camera.
+        scene: Properties of the scene.
+        pose: How the camera was carried.
+        depth_sensor: Kind and parameters of the depth sensor.
+        exact_stride_px: Stride of ``exact_depth_m``, px.
+        realism: Additions beyond the paper's conditions in the frame, by name.
+        motion: Camera motion at a frame of a drive, else None.
     """
 
     image: NDArray[np.uint8]

@@ -1,4 +1,4 @@
-"""Labels from geometry and drawing: what each tree within reach looks like and measures."""
+"""Labels of the trees in a view, from the exact geometry and the rendered image."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from perceptree.simulator.labelling.silhouette import CLOSEST_M, covered_px, outline_points
+from perceptree.simulator.labelling.silhouette import CLOSEST_M, outline_points, silhouette_area_px
 from perceptree.simulator.rendering.render import Drawing
 from perceptree.simulator.rendering.view import View
 from perceptree.simulator.scene.description import Tree
@@ -24,15 +24,24 @@ VISIBLE, HIDDEN, OUTSIDE = 2, 1, 0
 
 @dataclass(frozen=True)
 class TreeLabel:
-    """One labelled tree.
+    """One labelled tree. Heights are above the ground on the uphill side of the stem.
 
-    ``mask`` (H, W) bool: visible pixels of the lower stem, ``box_px`` (4,) xyxy their bounds;
-    ``keypoints`` (5, 3) x px, y px (corner-based) and COCO flag; ``distance_m`` from the camera
-    to the axis at the cut, ``position_camera_m`` and ``position_world_m`` (3,) that point;
-    diameters are convex girths over pi, ``diameter_m`` at the diameter keypoints,
-    ``diameter_height_m`` above the ground, ``diameter_breast_m`` at 1.3 m; heights count from
-    the ground on the uphill side; ``visible_fraction`` of the stem's silhouette in the frame;
-    ``stem`` is the tree's number in its scene, the same in every view.
+    Attributes:
+        mask: (H, W) bool, visible pixels of the lower stem.
+        box_px: (4,) xyxy bounds of the mask, px.
+        keypoints: (5, 3) x px, y px (corner-based) and COCO flag.
+        distance_m: Distance from the camera to the stem's axis at the cut, m.
+        position_camera_m: (3,) the axis at the cut in camera axes, m.
+        position_world_m: (3,) the axis at the cut in the world, m.
+        diameter_m: Diameter at the diameter keypoints (convex girth over pi), m.
+        diameter_height_m: Height of the diameter keypoints, m.
+        diameter_breast_m: Diameter at 1.3 m (convex girth over pi), m.
+        cut_height_m: Height of the felling cut, m.
+        inclination_deg: Inclination of the lower stem from the vertical.
+        visible_fraction: Visible fraction of the stem's silhouette in the frame.
+        species: Species.
+        model: Name of the tree model.
+        stem: Number of the tree in its scene, the same in every view.
     """
 
     mask: NDArray[np.bool_]
@@ -55,7 +64,14 @@ class TreeLabel:
 def label_view(
     view: View, drawing: Drawing, trees: list[Tree], settings: LabelSettings
 ) -> list[TreeLabel]:
-    """Label every tree within reach that shows enough of its lower stem."""
+    """Label every tree within reach whose lower stem is visible enough.
+
+    Args:
+        view: The camera.
+        drawing: The rendered view.
+        trees: The near trees of the scene, in the order of their numbers in the drawing.
+        settings: Limits of distance and visibility.
+    """
     pixels = np.bincount(drawing.object_id.ravel(), minlength=len(trees) + 1)
     least = max(1.0, settings.min_visible_area * drawing.object_id.size)
     labels = []
@@ -63,7 +79,7 @@ def label_view(
         distance_m = float(np.linalg.norm(tree.point(tree.cut_z_m) - view.origin))
         if pixels[number] < least or distance_m > settings.reach_m:
             continue
-        fraction = min(1.0, pixels[number] / max(covered_px(view, tree), 1))
+        fraction = min(1.0, pixels[number] / max(silhouette_area_px(view, tree), 1))
         if fraction >= settings.min_visible_fraction:
             mask = drawing.object_id == number
             labels.append(_label(view, tree, mask, distance_m, float(fraction), number))
@@ -121,7 +137,7 @@ def _keypoints(view: View, tree: Tree, mask: NDArray[np.bool_]) -> Float:
 
 
 def _front_point(view: View, tree: Tree, height_m: float) -> Float:
-    """World point of the bark that faces the camera on the section at a height."""
+    """(3,) point of the bark in the world that faces the camera at a height above the foot."""
     ring = tree.ring(height_m)
     towards = view.origin - tree.point(height_m)
     return np.asarray(ring[np.argmax((ring - ring.mean(0)) @ towards)])

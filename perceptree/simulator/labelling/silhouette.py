@@ -1,4 +1,4 @@
-"""A lone stem's outline in a view: where it crosses the diameter's line, and what it covers."""
+"""The unoccluded silhouette of a stem in a view: outline points at a height, and area."""
 
 from __future__ import annotations
 
@@ -15,19 +15,27 @@ from perceptree.simulator.vectors import unit
 
 Float = NDArray[np.floating[Any]]
 
-CLOSEST_M = 0.1
-_BELOW_M = 0.2
+CLOSEST_M = 0.1  # points nearer to the camera plane are not projected
+_BELOW_M = 0.2  # depth below the foot at which the silhouette's rings start
 _COVER_RINGS = 26
 _COVER_SIDES = 32
 
 
 def outline_points(view: View, tree: Tree, height_m: float) -> tuple[Float, Float]:
-    """World points of the bark on the stem's outline, left and right of a section's axis.
+    """Find the points of the bark on the left and right outline of the stem at a height.
 
-    The image's straight line across the axis is a plane through the camera. Where it cuts the
-    bark, the outermost points of the cut lie on the outline, even where the stem tapers, flares
-    or bulges. The plane meets the section on the chord where rays graze a round stem, that is
-    r^2 / d before the axis, so that on such a stem the points lie on the section itself.
+    A straight line in the image across the axis is a plane through the camera. The outermost
+    points of the bark in that plane are on the outline, also where the stem tapers or is
+    irregular. The plane is chosen to contain the chord at which rays touch a round stem, which is
+    r^2 / d in front of the axis. On a round stem the points are thus exactly on the section.
+
+    Args:
+        view: The camera.
+        tree: The tree.
+        height_m: Height of the section above the foot, m.
+
+    Returns:
+        (3,) left and (3,) right point in the world, m.
     """
     axis = tree.stem.direction(height_m)
     towards = tree.point(height_m) - view.origin
@@ -36,13 +44,13 @@ def outline_points(view: View, tree: Tree, height_m: float) -> tuple[Float, Floa
     forward, radius_m = level / distance_m, 0.5 * tree.stem.girth_diameter_m(height_m)
     side = np.cross(forward, axis)
     chord = towards - forward * radius_m**2 / distance_m
-    cut = _cut(tree, view.origin + chord, unit(np.cross(side, chord)))
+    cut = _plane_section(tree, view.origin + chord, unit(np.cross(side, chord)))
     bearing = np.arctan2((cut - view.origin) @ side, (cut - view.origin) @ unit(chord))
     return cut[np.argmin(bearing)], cut[np.argmax(bearing)]
 
 
-def _cut(tree: Tree, point_m: Float, normal: Float) -> Float:
-    """(n, 3) points where a plane cuts the edges of the bark's triangles above the ground."""
+def _plane_section(tree: Tree, point_m: Float, normal: Float) -> Float:
+    """(n, 3) intersections of a plane with the edges of the bark's triangles above ground, m."""
     levels = lower_levels_m(tree.stem, tree.label_heights_m)
     rings = tree.position_m + tree.stem.rings(levels, STEM_SIDES)
     edges = (rings[:-1], rings[1:]), (rings[:, :-1], rings[:, 1:]), (rings[:-1, :-1], rings[1:, 1:])
@@ -54,8 +62,8 @@ def _cut(tree: Tree, point_m: Float, normal: Float) -> Float:
     return np.asarray(cut[cut[:, 2] >= tree.position_m[2]])
 
 
-def covered_px(view: View, tree: Tree) -> int:
-    """Pixels of the frame whose centres the lower stem and its fork would cover, seen alone."""
+def silhouette_area_px(view: View, tree: Tree) -> int:
+    """Count the pixels that the lower stem and its fork would cover without any occlusion."""
     camera = view.intrinsics
     starts = np.zeros((camera.height, camera.width + 1), np.int8)
     for rings in _lower_rings(tree):
@@ -68,7 +76,7 @@ def covered_px(view: View, tree: Tree) -> int:
 
 
 def _lower_rings(tree: Tree) -> list[Float]:
-    """(heights, sides, 3) rings of each leader of the labelled stem, from the ground upwards."""
+    """(heights, sides, 3) rings of each leader of the labelled stem, from the ground upwards, m."""
     stem = tree.stem
     top_m = min(tree.top_z_m, stem.height_m)
     parts = [stem.rings(np.linspace(-_BELOW_M, top_m, _COVER_RINGS), _COVER_SIDES)]
@@ -79,7 +87,7 @@ def _lower_rings(tree: Tree) -> list[Float]:
 
 
 def _above_ground(rings: Float) -> Float:
-    """The rings with all points below z = 0 moved up along the bark to where it meets z = 0."""
+    """Move all points of the rings below z = 0 along the bark to z = 0."""
     below = rings[..., 2] < 0
     side = np.arange(rings.shape[1])
     last = np.maximum(below.sum(0) - 1, 0)
@@ -89,7 +97,7 @@ def _above_ground(rings: Float) -> Float:
 
 
 def _count_spans(hull: Float, starts: NDArray[np.int8]) -> None:
-    """Mark where the pixels inside a convex outline (n, 2) begin (+1) and end (-1) in each row."""
+    """Add +1 at the start and -1 at the end of each row's pixels in a convex outline (n, 2)."""
     height, width = starts.shape[0], starts.shape[1] - 1
     first = max(0, int(np.ceil(hull[:, 1].min() - 0.5)))
     last = min(height - 1, int(np.floor(hull[:, 1].max() - 0.5)))

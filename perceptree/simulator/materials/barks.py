@@ -1,4 +1,7 @@
-"""Bark: colour and relief of every tree model, from one recipe of plates, furrows and marks."""
+"""Bark textures of every tree model, composed of plates, furrows and marks.
+
+The parameters were chosen by eye.
+"""
 
 from __future__ import annotations
 
@@ -24,9 +27,14 @@ _MOSS: Rgb = (82, 86, 48)
 
 @dataclass(frozen=True)
 class Marks:
-    """Ellipses strewn over the bark: resin blisters, scars, lenticels, dark patches.
+    """Ellipses scattered over the bark: resin blisters, scars, lenticels or dark patches.
 
-    ``half_px`` are the mean half axes around and along the stem, ``relief`` how far they stand out.
+    Attributes:
+        count: Number of ellipses.
+        half_px: Mean half axes around and along the stem, px.
+        colour: 8-bit sRGB.
+        strength: Opacity, 0 to 1.
+        relief: Height, negative for depressions.
     """
 
     count: int
@@ -38,13 +46,23 @@ class Marks:
 
 @dataclass(frozen=True)
 class Bark:
-    """The recipe of one bark, its coverages as shares of the surface.
+    """Parameters of one bark. Colours are 8-bit sRGB.
 
-    ``dark`` and ``light`` span its tones, ``crack`` is the colour of its depths. ``plates`` counts
-    plates around and along one repeat, ``joint`` is the width of their joints in plates;
-    ``furrows`` the width of upright cracks over their distance, which is ``ridge_px`` about;
-    ``patch`` and ``patches`` a second colour and its coverage; ``flakes`` how much thin layers with
-    upright edges show on the plates.
+    Attributes:
+        dark: Darkest tone.
+        light: Lightest tone.
+        crack: Colour of cracks and joints.
+        plates: Number of plates around and along one repeat of the texture; None for no plates.
+        joint: Width of the joints between plates, as a fraction of a plate.
+        furrows: Width of vertical furrows, as a fraction of their distance.
+        ridge_px: Approximate distance of furrows, px.
+        patch: Colour of patches.
+        patches: Fraction of the surface covered by patches.
+        marks: Marks on the bark.
+        grain: Strength of fine grain.
+        flakes: Strength of thin layers with vertical edges on the plates.
+        lichen: Fraction of the surface covered by lichen.
+        moss: Fraction of the surface covered by moss.
     """
 
     dark: Rgb
@@ -265,7 +283,7 @@ _BARKS: dict[Layer, Bark] = {
 
 
 class _Fields:
-    """Periodic noise fields drawn once; every use is another shift or flip of one of them."""
+    """Periodic noise fields that are drawn once and reused with random shifts and flips."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         self._rng = rng
@@ -281,7 +299,7 @@ class _Fields:
 
 
 def bark_layers(rng: np.random.Generator) -> dict[Layer, tuple[Float, Float]]:
-    """Colour (H, W, 3) and relief (H, W) of every bark; all of them repeat without a seam."""
+    """Draw all barks: seamless colour (H, W, 3) and relief (H, W) by layer."""
     fields = _Fields(rng)
     return {layer: _paint(rng, fields, bark) for layer, bark in _BARKS.items()}
 
@@ -320,7 +338,7 @@ def _rgb(colour: Rgb) -> Float:
 
 
 def _covered(field: Float, share: float, softness: float) -> Float:
-    """1 on the given share of the surface, where a field of about unit deviation is highest."""
+    """Soft mask of the given fraction of the surface, where a unit-deviation field is highest."""
     if not share:
         return np.zeros_like(field)
     level = NormalDist().inv_cdf(1 - share) * float(field.std())
@@ -330,7 +348,7 @@ def _covered(field: Float, share: float, softness: float) -> Float:
 def _plates(
     rng: np.random.Generator, fields: _Fields, plates: tuple[int, int], joint: float
 ) -> tuple[Float, Float]:
-    """How deep in a joint between plates, and each plate's own tone, 0 to 1."""
+    """Depth of the joints between plates, and a random tone of each plate, 0 to 1."""
     edge, cell = jittered_cells(rng, plates, fields(2.9), fields(2.9))
     tone = rng.random(plates[0] * plates[1]).astype(np.float32)[cell]
     width = joint * (1 + 0.4 * np.clip(fields(1.4), -1, 2))
@@ -338,7 +356,7 @@ def _plates(
 
 
 def _furrows(fields: _Fields, bark: Bark) -> Float:
-    """How deep in the upright furrows, which part and meet again around long ridges."""
+    """Depth of the vertical furrows, which split and merge around long ridges."""
     columns = np.arange(SIZE_PX, dtype=np.float32) / SIZE_PX
     phase = np.pi * 2 * round(SIZE_PX / (2 * bark.ridge_px)) * columns
     left = np.abs(np.sin(phase + 2.3 * fields(3.7, 2.2)))
@@ -350,7 +368,7 @@ def _furrows(fields: _Fields, bark: Bark) -> Float:
 def _strew(
     rng: np.random.Generator, fields: _Fields, colour: Float, relief: Float, marks: Marks
 ) -> tuple[Float, Float]:
-    """Ellipses of many sizes with frayed rims, wrapping at the borders."""
+    """Scatter ellipses of random sizes with irregular borders, wrapping at the texture's edges."""
     stamp = np.zeros((SIZE_PX, SIZE_PX), np.float32)
     centres = rng.integers(0, SIZE_PX, (marks.count, 2))
     sizes = np.array(marks.half_px) * rng.lognormal(0, 0.45, (marks.count, 2))

@@ -1,4 +1,4 @@
-"""Cellular patterns on a grid of jittered points: fast, and seamless at the borders."""
+"""Seamless cellular patterns on a grid of jittered points (Worley 1996)."""
 
 from __future__ import annotations
 
@@ -17,11 +17,17 @@ _WARP = 0.22
 def jittered_cells(
     rng: np.random.Generator, cells: tuple[int, int], warp_across: Float, warp_along: Float
 ) -> tuple[Float, NDArray[np.intp]]:
-    """Distance to the nearest border in cells, and the number of the cell, of every pixel.
+    """Compute a cellular pattern: one cell around each of a grid of jittered points.
 
-    Returns two (SIZE, SIZE) arrays. ``cells`` counts them along columns and rows, one jittered
-    point to each (Worley's noise needs to look at nine of them); the warps, of about unit
-    deviation, bend their borders.
+    Args:
+        rng: Source of random numbers.
+        cells: Number of cells along columns and rows.
+        warp_across: (SIZE, SIZE) noise of about unit deviation that bends the borders in x.
+        warp_along: (SIZE, SIZE) noise that bends the borders in y.
+
+    Returns:
+        (SIZE, SIZE) distance to the nearest second point minus that to the nearest one, in cells,
+        which is 0 on borders; and (SIZE, SIZE) number of the cell.
     """
     columns, rows = cells
     place = np.arange(SIZE_PX, dtype=np.float32) / SIZE_PX

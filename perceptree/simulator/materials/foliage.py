@@ -1,6 +1,6 @@
-"""Foliage of the crowns: each species' twigs, cut out by their alpha.
+"""Twig textures of each species, cut out by their alpha.
 
-A twig grows from the left border's middle to the right; it is about a metre long.
+A twig extends from the middle of the left border to the right, and is about 1 m long.
 """
 
 from __future__ import annotations
@@ -23,12 +23,21 @@ Rgb = tuple[int, int, int]
 
 @dataclass(frozen=True)
 class Needles:
-    """A conifer's twig: ``shoots`` side shoots a side at ``angle_rad``, set with needles.
+    """Parameters of a conifer's twig: side shoots with needles.
 
-    ``reach`` is the longest shoot over the twig's length; shoots are cut short by up to
-    ``ragged`` and shorten towards the tip by the exponent ``pointed``. Needles are ``needle_px``
-    long and ``width_px`` wide at the canvas's size, ``every_px`` apart, and stand off the shoot by
-    ``spread_rad``; only the last ``tuft`` of a shoot bears them.
+    Attributes:
+        colours: Range of the needle colours, 8-bit sRGB.
+        bark: Colour of the wood, 8-bit sRGB.
+        shoots: Number of side shoots on each side.
+        angle_rad: Range of the angle between shoot and twig.
+        reach: Length of the longest shoot over that of the twig.
+        ragged: Largest random reduction of a shoot's length, as a fraction.
+        pointed: Exponent by which shoots get shorter towards the tip.
+        needle_px: Length of the needles on the canvas, px.
+        width_px: Width of the needles on the canvas, px.
+        every_px: Distance between needles on the canvas, px.
+        spread_rad: Range of the angle between needle and shoot.
+        tuft: Last fraction of a shoot that has needles.
     """
 
     colours: tuple[Rgb, Rgb]
@@ -47,10 +56,16 @@ class Needles:
 
 @dataclass(frozen=True)
 class Leaves:
-    """A broadleaved spray: ``count`` leaves of one outline on side shoots.
+    """Parameters of a broadleaved twig: side shoots with leaves.
 
-    ``outline`` lists points along the leaf's length and across it, over its length, for one half;
-    ``length_px`` their length at the canvas's size.
+    Attributes:
+        colours: Range of the leaf colours, 8-bit sRGB.
+        bark: Colour of the wood, 8-bit sRGB.
+        outline: Outline of half a leaf: points along and across it, over its length.
+        shoots: Number of side shoots on each side.
+        count: Number of leaves.
+        length_px: Range of the length of the leaves on the canvas, px.
+        reach: Length of the longest shoot over that of the twig.
     """
 
     colours: tuple[Rgb, Rgb]
@@ -146,7 +161,7 @@ _DRY: Rgb = (82, 75, 68)
 
 
 def foliage_layers(rng: np.random.Generator) -> dict[Layer, Float]:
-    """(H, W, 4) colour and alpha of the twigs of every species."""
+    """Draw the twigs of every species: colour and alpha (H, W, 4) by layer."""
     needles = {Layer.FIR_TWIG: _FIR, Layer.SPRUCE_TWIG: _SPRUCE, Layer.PINE_TWIG: _PINE}
     leaves = {Layer.BEECH_LEAVES: _BEECH, Layer.BIRCH_LEAVES: _BIRCH, Layer.MAPLE_LEAVES: _MAPLE}
     layers = {
@@ -164,7 +179,7 @@ def foliage_layers(rng: np.random.Generator) -> dict[Layer, Float]:
 
 
 def _tone(rng: np.random.Generator, colours: tuple[Rgb, Rgb]) -> tuple[float, float, float, float]:
-    """A colour between two, brighter or darker by chance."""
+    """A random colour between two, with random brightness."""
     share, strength = rng.random(), rng.uniform(0.72, 1.2)
     mixed = [low + (high - low) * share for low, high in zip(*colours, strict=True)]
     return ink((round(mixed[0]), round(mixed[1]), round(mixed[2])), strength)
@@ -250,7 +265,7 @@ def _draw_leaf(
     foot: Float,
     turn_rad: float,
 ) -> None:
-    """One leaf with its middle rib; its width varies with how it is turned to the eye."""
+    """Draw one leaf with its midrib; its width varies as if it were rotated about its axis."""
     length = rng.uniform(*kind.length_px)
     along = length * np.array([np.cos(turn_rad), np.sin(turn_rad)])
     across = np.array([-along[1], along[0]]) * rng.uniform(0.6, 1.0)
@@ -272,7 +287,7 @@ def _draw_bare(rng: np.random.Generator, canvas: NDArray[np.float32]) -> None:
 def _draw_bare_shoot(
     rng: np.random.Generator, canvas: NDArray[np.float32], start: Float, end: Float, width: float
 ) -> None:
-    """A crooked shoot that carries finer ones."""
+    """Draw a crooked shoot with finer side shoots."""
     steps = start + (end - start) * np.linspace(0, 1, 5)[:, None]
     length = float(np.hypot(*(end - start)))
     steps[1:] += rng.normal(0, 0.025 * length, (4, 2))

@@ -1,6 +1,6 @@
-"""Litter, moss, roots in humus and mud, beside rock and bare wood; colour and relief.
+"""Ground textures: litter, moss, roots and mud; with rock and wood from ``wood_and_rock``.
 
-One repeat is 1.7 m of ground: a pixel is 3.3 mm.
+One repeat shows 1.7 m of ground, 3.3 mm per pixel.
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ _SHIFT = 3
 
 
 def ground_layers(rng: np.random.Generator) -> dict[Layer, tuple[Float, Float]]:
-    """Colour (H, W, 3) and relief (H, W) of ground, rock and bare wood.
+    """Draw ground, rock and wood: colour (H, W, 3) and relief (H, W) by layer.
 
-    All but the cut wood repeat without a seam.
+    All but the cut wood are seamless.
     """
     return {
         **wood_and_rock_layers(rng),
@@ -57,7 +57,7 @@ def ground_layers(rng: np.random.Generator) -> dict[Layer, tuple[Float, Float]]:
 
 
 def _canvas(colour: Float) -> Canvas:
-    """(SIZE, SIZE, 4) bytes to draw on: the colour, and relief at 0."""
+    """A canvas (SIZE, SIZE, 4) uint8 to draw on: the colour, and relief 0."""
     base = np.zeros((SIZE_PX, SIZE_PX, 4), np.uint8)
     base[..., :3] = np.clip(colour, 0, 1) * 255
     return base
@@ -68,7 +68,7 @@ def _tone(rng: np.random.Generator, colours: tuple[Rgb, ...], low: float, high: 
 
 
 def _wraps(points_px: Float, reach_px: float) -> list[Float]:
-    """The points (n, 2), and their copies past the borders they come within reach of."""
+    """The points (n, 2), and copies of them beyond the borders that they are close to."""
     low, high = points_px.min(0) - reach_px, points_px.max(0) + reach_px
     columns = [0] + [SIZE_PX] * bool(low[0] < 0) + [-SIZE_PX] * bool(high[0] >= SIZE_PX)
     rows = [0] + [SIZE_PX] * bool(low[1] < 0) + [-SIZE_PX] * bool(high[1] >= SIZE_PX)
@@ -92,7 +92,7 @@ def _heading(angle_rad: float) -> Float:
 
 
 def _strew_needles(rng: np.random.Generator, canvas: Canvas, count: int) -> None:
-    """Short thin needles, each above the ones before it."""
+    """Scatter short thin needles, each above the previous ones."""
     feet, turns = rng.uniform(0, SIZE_PX, (count, 2)), rng.uniform(0, 2 * np.pi, count)
     for number, (foot, turn) in enumerate(zip(feet, turns, strict=True)):
         share = number / count
@@ -107,7 +107,7 @@ def _strew_needles(rng: np.random.Generator, canvas: Canvas, count: int) -> None
 
 
 def _strew_leaves(rng: np.random.Generator, canvas: Canvas, count: int, high: int) -> None:
-    """Fallen leaves, folded along their rib so that one half is lit."""
+    """Scatter fallen leaves, folded along their midrib so that one half is brighter."""
     outline = np.array([[0, 0], [0.25, 0.24], [0.55, 0.27], [0.85, 0.11], [1, 0]])
     for number in range(count):
         foot, turn = rng.uniform(0, SIZE_PX, 2), rng.uniform(0, 2 * np.pi)
@@ -123,7 +123,7 @@ def _strew_leaves(rng: np.random.Generator, canvas: Canvas, count: int, high: in
 
 
 def _strew_twigs(rng: np.random.Generator, canvas: Canvas, count: int) -> None:
-    """Crooked thin twigs with a lit upper side."""
+    """Scatter crooked thin twigs with a bright upper side."""
     for _ in range(count):
         steps = rng.uniform(6, 20) * _heading(rng.uniform(0, 2 * np.pi))
         bends = np.cumsum(steps + rng.normal(0, 2.0, (4, 2)), 0)
@@ -134,13 +134,13 @@ def _strew_twigs(rng: np.random.Generator, canvas: Canvas, count: int) -> None:
 
 
 def _split(canvas: Canvas, depth: float) -> tuple[Float, Float]:
-    """Colour and relief of what was drawn."""
+    """Colour and relief of a canvas."""
     drawn = canvas.astype(np.float32) / 255
     return drawn[..., :3], _soft(drawn[..., 3], 1) * depth
 
 
 def _soft(field: Float, reach_px: int) -> Float:
-    """Blurred over 2 * reach + 1 px, wrapping at the borders."""
+    """Blur over 2 * reach + 1 px, wrapping at the borders."""
     padded = np.pad(field, 2 * reach_px, "wrap")
     size = (2 * reach_px + 1, 2 * reach_px + 1)
     edge = slice(2 * reach_px, -2 * reach_px)
@@ -148,7 +148,7 @@ def _soft(field: Float, reach_px: int) -> Float:
 
 
 def _litter(rng: np.random.Generator) -> tuple[Float, Float]:
-    """Needles and fallen leaves with twigs over dark humus."""
+    """Needles, fallen leaves and twigs on dark humus."""
     fine, broad = noise(rng, 0.9), noise(rng, 2.0)
     canvas = _canvas(mix(rgb(38, 30, 24), rgb(76, 60, 46), smoothstep(-1.3, 1.3, fine)))
     _strew_needles(rng, canvas, 3000)
@@ -160,7 +160,7 @@ def _litter(rng: np.random.Generator) -> tuple[Float, Float]:
 
 
 def _moss(rng: np.random.Generator) -> tuple[Float, Float]:
-    """Cushions with a stubble on them, yellow or deep green each, browned in places."""
+    """Moss cushions with fine stems, yellow-green or dark green, brown in places."""
     smooth, fine, broad = noise(rng, 3.4), noise(rng, 0.6), noise(rng, 2.4)
     dome, own = _cushions(rng, 13, smooth)
     lumps = 1 - np.minimum(1, np.abs(noise(rng, 1.9)))
@@ -178,7 +178,7 @@ def _moss(rng: np.random.Generator) -> tuple[Float, Float]:
 
 
 def _cushions(rng: np.random.Generator, across: int, warp: Float) -> tuple[Float, Float]:
-    """Height of round cushions, 0 to 1, and each one's own number from 0 to 1."""
+    """Height of round cushions, 0 to 1, and a random number of each cushion, 0 to 1."""
     bent = np.roll(warp, (170, 90), (0, 1))
     edge, cell = jittered_cells(rng, (across, across), 1.5 * warp, 1.5 * bent)
     dome = np.sqrt(np.clip(edge / 0.65, 0, 1))
@@ -187,7 +187,7 @@ def _cushions(rng: np.random.Generator, across: int, warp: Float) -> tuple[Float
 
 
 def _roots(rng: np.random.Generator) -> tuple[Float, Float]:
-    """A net of thin winding roots on dark humus with crumbs and few needles."""
+    """A network of thin winding roots on dark humus with crumbs and a few needles."""
     fine, broad = noise(rng, 0.8), noise(rng, 2.0)
     shade = np.asarray(0.6 * fine + 0.5 * broad)
     canvas = _canvas(mix(rgb(33, 27, 22), rgb(68, 55, 44), smoothstep(-1.6, 1.6, shade)))
@@ -201,7 +201,7 @@ def _roots(rng: np.random.Generator) -> tuple[Float, Float]:
 
 
 def _root(rng: np.random.Generator, canvas: Canvas, width_px: int, level: float) -> None:
-    """One winding root that thins out, its round back drawn in bands of rising relief."""
+    """Draw one winding, tapering root in bands of increasing relief."""
     steps = int(rng.integers(14, 30))
     turn = rng.uniform(0, 2 * np.pi) + np.cumsum(rng.normal(0, 0.22, steps))
     steps_px = 9.0 * np.stack([np.cos(turn), np.sin(turn)], -1)
@@ -215,7 +215,7 @@ def _root(rng: np.random.Generator, canvas: Canvas, width_px: int, level: float)
 
 
 def _mud(rng: np.random.Generator) -> tuple[Float, Float]:
-    """Dark wet soil pressed smooth, with prints, shallow pools and few pebbles and leaves."""
+    """Dark wet, compressed soil with footprints, shallow pools, and a few pebbles and leaves."""
     fine, medium, broad = noise(rng, 1.2), noise(rng, 3.3), noise(rng, 3.6)
     height = np.asarray(1.3 * medium + 1.1 * broad - _prints(rng))
     pool = 1 - smoothstep(-3.0, -2.2, height)
@@ -240,7 +240,7 @@ def _mud(rng: np.random.Generator) -> tuple[Float, Float]:
 
 
 def _prints(rng: np.random.Generator) -> Float:
-    """Depth of boot prints with ribs of their soles; negative on the rims pressed up around."""
+    """Depth of footprints with the pattern of the soles; negative on the rims around them."""
     sunk = np.zeros((SIZE_PX, SIZE_PX, 4), np.uint8)
     angle = np.linspace(0, 2 * np.pi, 18)[:-1, None]
     for _ in range(9):

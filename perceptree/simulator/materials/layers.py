@@ -1,18 +1,18 @@
-"""Texture layers: their names, numbers and size, shared by geometry, materials and rendering."""
+"""Texture layers: names, numbers and size, shared by geometry, materials and rendering."""
 
 from __future__ import annotations
 
 import enum
 
-SIZE_PX = 512
+SIZE_PX = 512  # width and height of a texture
 MIP_LEVELS = 8
-PAINT_CELLS = 8
+PAINT_CELLS = 8  # plain colours along each side of the layer PAINT
 
 
 class Layer(enum.IntEnum):
-    """Texture layers; those from ``FIR_TWIG`` to ``BILBERRY`` are cut out by their alpha.
+    """Texture layers. Those from ``FIR_TWIG`` to ``BILBERRY`` are cut out by their alpha.
 
-    ``PAINT`` holds a grid of plain colours for objects that people made.
+    ``PAINT`` contains a grid of plain colours for man-made objects.
     """
 
     FIR_GREY = 0

@@ -1,4 +1,4 @@
-"""What people and animals wear and build: a grid of plain colours, stone walls, fur."""
+"""Textures of objects: a grid of plain colours, stone walls and fur."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ _METAL = ((245, 245, 245), (180, 184, 188), (90, 92, 95), (30, 30, 32), (20, 90,
 
 
 def manmade_layers(rng: np.random.Generator) -> dict[Layer, tuple[Float, Float]]:
-    """Colour (H, W, 3) and relief (H, W)."""
+    """Draw the textures: colour (H, W, 3) and relief (H, W) by layer."""
     return {Layer.PAINT: _paint(rng), Layer.MASONRY: _masonry(rng), Layer.FUR: _fur(rng)}
 
 
 def _paint(rng: np.random.Generator) -> tuple[Float, Float]:
-    """Cells of one worn colour each: safety colours, cloth, skin and metal, then any."""
+    """Cells of one colour each: safety colours, cloth, skin and metal, then random colours."""
     side = SIZE_PX // PAINT_CELLS
     known = [rgb(*colour) for colour in (*_SAFETY, *_CLOTH, *_SKIN, *_METAL)]
     others = rng.random((PAINT_CELLS**2 - len(known), 3)) ** 1.5
@@ -65,7 +65,7 @@ def _masonry(rng: np.random.Generator) -> tuple[Float, Float]:
 
 
 def _fur(rng: np.random.Generator) -> tuple[Float, Float]:
-    """Short hair along v, with paler and darker patches."""
+    """Short hair along v, with lighter and darker patches."""
     hair, patch = noise(rng, 1.2, 1.0, 10.0), noise(rng, 3.0)
     colour = mix(rgb(120, 92, 66), rgb(176, 150, 120), smoothstep(-2, 2, hair))
     return mix(colour, rgb(70, 56, 44), 0.6 * smoothstep(0.3, 1.4, patch)), 0.3 * hair

@@ -1,4 +1,4 @@
-"""Noise fields and curves that the forest is made of."""
+"""Noise fields and a smooth step function."""
 
 from __future__ import annotations
 
@@ -14,10 +14,17 @@ def spectral_noise(
     exponent: float,
     stretch: tuple[float, float] = (1.0, 1.0),
 ) -> Float:
-    """Periodic random field with power spectrum ``1 / f ** exponent``, zero mean, unit deviation.
+    """Draw a periodic random field with power spectrum ``1 / f ** exponent``.
 
-    Returns (H, W) float32. ``stretch`` scales the frequencies along rows and columns: a larger
-    value makes features longer across that axis.
+    Args:
+        rng: Source of random numbers.
+        shape: Rows and columns.
+        exponent: Exponent of the power spectrum; a larger one gives smoother fields.
+        stretch: Factors of the frequencies along rows and columns, which make the field
+            anisotropic.
+
+    Returns:
+        (H, W) float32 with zero mean and unit standard deviation.
     """
     height, width = shape
     rows = np.fft.fftfreq(height)[:, None] * height * stretch[0]
@@ -31,6 +38,6 @@ def spectral_noise(
 
 
 def smoothstep(low: float, high: float, x: Float) -> Float:
-    """0 below ``low``, 1 above ``high``, a smooth cubic between."""
+    """Smooth step: 0 below ``low``, 1 above ``high``, a cubic in between."""
     t = np.clip((x - low) / (high - low), 0.0, 1.0)
     return np.asarray(t * t * (3.0 - 2.0 * t), np.float32)

@@ -1,4 +1,7 @@
-"""Small plants cut out by their alpha: each grows from the left border's middle to the right."""
+"""Textures of small plants, cut out by their alpha.
+
+A plant extends from the middle of the left border to the right.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +30,7 @@ _WOOD: Rgb = (84, 64, 48)
 
 
 def plant_layers(rng: np.random.Generator) -> dict[Layer, Float]:
-    """(H, W, 4) colour and alpha of grasses, ferns and scrubs."""
+    """Draw grasses, ferns and bushes: colour and alpha (H, W, 4) by layer."""
     green = partial(_draw_blades, colours=_GREEN, count=60, bend=0.16)
     straw = partial(_draw_blades, colours=_STRAW, count=52, bend=0.26)
     return {
@@ -39,7 +42,7 @@ def plant_layers(rng: np.random.Generator) -> dict[Layer, Float]:
 
 
 def low_plant_layers(rng: np.random.Generator) -> dict[Layer, Float]:
-    """(H, W, 4) colour and alpha of the plants that close a forest's ground."""
+    """Draw herbs and dwarf shrubs: colour and alpha (H, W, 4) by layer."""
     return {
         Layer.HERB: cutout(rng, _draw_herb, _HERB[0]),
         Layer.BILBERRY: cutout(rng, _draw_bilberry, _BERRY[0]),
@@ -53,7 +56,7 @@ def _tone(rng: np.random.Generator, colours: tuple[Rgb, ...], strength: float) -
 def _draw_blades(
     rng: np.random.Generator, canvas: Canvas, colours: tuple[Rgb, ...], count: int, bend: float
 ) -> None:
-    """Long bent blades, the short and dark ones at the back."""
+    """Draw long bent blades, the short and dark ones behind."""
     size = canvas.shape[0]
     share = np.linspace(0, 1, 9)
     for number in range(count):
@@ -74,7 +77,7 @@ def _draw_blades(
 
 
 def _draw_frond(rng: np.random.Generator, canvas: Canvas) -> None:
-    """A pinnate frond: pairs of leaflets, themselves pinnate, on a bare stalk."""
+    """Draw a bipinnate frond: pairs of pinnate leaflets on a bare stalk."""
     size, pairs = canvas.shape[0], 24
     cv2.line(canvas, point(0, size / 2), point(0.95 * size, size / 2), ink(_STALK, 1.0), 9)
     for share in np.linspace(0.12, 0.93, pairs):
@@ -88,7 +91,7 @@ def _draw_frond(rng: np.random.Generator, canvas: Canvas) -> None:
 def _draw_pinna(
     rng: np.random.Generator, canvas: Canvas, foot: Float, angle_rad: float, length: float
 ) -> None:
-    """One leaflet with a notched edge: small ovals along both sides of its rib."""
+    """Draw one leaflet with a notched edge: small ovals along both sides of its rib."""
     along = np.array([np.cos(angle_rad), np.sin(angle_rad)])
     strength = rng.uniform(0.75, 1.15)
     lobes = max(3, round(length / 17))
@@ -107,7 +110,7 @@ def _draw_pinna(
 
 
 def _draw_bush(rng: np.random.Generator, canvas: Canvas) -> None:
-    """Branching stems with many small oval leaves."""
+    """Draw branching stems with many small oval leaves."""
     size = canvas.shape[0]
     foot = np.array([0.0, size / 2])
     shoots: list[tuple[Float, Float]] = []
@@ -131,7 +134,7 @@ def _draw_bush(rng: np.random.Generator, canvas: Canvas) -> None:
 
 
 def _draw_oval(rng: np.random.Generator, canvas: Canvas, foot: Float, along_rad: float) -> None:
-    """One small leaf to either side of a shoot, kept inside the picture."""
+    """Draw one small leaf beside a shoot, inside the picture."""
     size = canvas.shape[0]
     turn = along_rad + rng.choice([-1, 1]) * rng.uniform(0.3, 1.2)
     half = rng.uniform(16, 27)
@@ -143,7 +146,7 @@ def _draw_oval(rng: np.random.Generator, canvas: Canvas, foot: Float, along_rad:
 
 
 def _draw_herb(rng: np.random.Generator, canvas: Canvas) -> None:
-    """Broad leaves on stalks, each with its midrib, the nearest last."""
+    """Draw broad leaves with midribs on stalks, the nearest ones last."""
     size = canvas.shape[0]
     for number in range(9):
         reach, across = rng.uniform(0.25, 0.82), rng.uniform(0.12, 0.88)
@@ -160,7 +163,7 @@ def _draw_herb(rng: np.random.Generator, canvas: Canvas) -> None:
 
 
 def _draw_bilberry(rng: np.random.Generator, canvas: Canvas) -> None:
-    """Upright twigs with many small leaves."""
+    """Draw upright twigs with many small leaves."""
     size = canvas.shape[0]
     for _ in range(9):
         end = np.array([size * rng.uniform(0.55, 0.95), size * rng.uniform(0.06, 0.94)])

@@ -1,4 +1,4 @@
-"""All materials as one set of textures with mip levels, in flat arrays for the kernels."""
+"""Textures of all materials with mip levels, in flat arrays for the kernels."""
 
 from __future__ import annotations
 
@@ -20,10 +20,13 @@ Float = NDArray[np.floating[Any]]
 
 @dataclass(frozen=True)
 class Textures:
-    """All layers and their mip levels in flat arrays.
+    """All layers and their mip levels in flat arrays. Within a level the layers are consecutive.
 
-    ``albedo`` (N, 4) uint8: square root of linear RGB, and alpha; ``normals`` (N, 3) uint8;
-    ``offsets`` (levels,): where a level starts. In a level the layers follow each other.
+    Attributes:
+        albedo: (N, 4) uint8 square root of linear RGB, and alpha.
+        alpha: (N,) uint8 alpha.
+        normals: (N, 3) uint8 normals, 128 being zero.
+        offsets: (levels,) first texel of each mip level.
     """
 
     albedo: NDArray[np.uint8]
@@ -43,7 +46,7 @@ _SIZES = [SIZE_PX >> level for level in range(MIP_LEVELS)]
 
 
 def _mip_levels(layer: Float) -> list[Float]:
-    """A layer (S, S, C) and its halvings, down to the last level."""
+    """The mip levels of a layer (S, S, C)."""
     levels = [layer]
     for _ in range(MIP_LEVELS - 1):
         quads = layer[::2, ::2] + layer[1::2, ::2] + layer[::2, 1::2] + layer[1::2, 1::2]
@@ -57,7 +60,7 @@ def _bytes(values: Float) -> NDArray[np.uint8]:
 
 
 def make_textures(seed: int = 0) -> Textures:
-    """Draw every layer; the same seed gives the same bytes."""
+    """Draw the textures of all layers. The same seed gives the same bytes."""
     rng = np.random.default_rng(seed)
     offsets = np.cumsum([0] + [len(Layer) * size * size for size in _SIZES])
     albedo = np.empty((offsets[-1], 4), np.uint8)
@@ -73,12 +76,16 @@ def make_textures(seed: int = 0) -> Textures:
             root = np.concatenate([np.sqrt(tone[..., :3]), tone[..., 3:]], -1)
             albedo[place], normals[place] = _bytes(root), _bytes(slope)
 
-    later = np.random.default_rng([seed, 1])
+    additions_rng = np.random.default_rng([seed, 1])
     opaque, flat = np.ones((SIZE_PX, SIZE_PX, 1)), np.zeros((SIZE_PX, SIZE_PX))
-    for solid, source in ((bark_layers, rng), (ground_layers, rng), (manmade_layers, later)):
+    for solid, source in (
+        (bark_layers, rng),
+        (ground_layers, rng),
+        (manmade_layers, additions_rng),
+    ):
         for layer, (colour, height) in solid(source).items():
             pack(layer, np.concatenate([colour, opaque], -1), height)
-    cut_outs = ((foliage_layers, rng), (plant_layers, rng), (low_plant_layers, later))
+    cut_outs = ((foliage_layers, rng), (plant_layers, rng), (low_plant_layers, additions_rng))
     for cut_out, source in cut_outs:
         for layer, colour in cut_out(source).items():
             pack(layer, colour, flat)

@@ -1,4 +1,4 @@
-"""Rock, weathered wood and cut wood: colour and relief."""
+"""Textures of rock, weathered wood and cut wood."""
 
 from __future__ import annotations
 
@@ -18,7 +18,10 @@ _BARK_RADIUS = 0.46
 
 
 def wood_and_rock_layers(rng: np.random.Generator) -> dict[Layer, tuple[Float, Float]]:
-    """Colour (H, W, 3) and relief (H, W); all but the cut wood repeat without a seam."""
+    """Draw the textures: colour (H, W, 3) and relief (H, W) by layer.
+
+    All but the cut wood are seamless.
+    """
     return {
         Layer.DEAD_WOOD: _dead_wood(rng),
         Layer.CUT_WOOD: _cut_wood(rng),
@@ -27,7 +30,7 @@ def wood_and_rock_layers(rng: np.random.Generator) -> dict[Layer, tuple[Float, F
 
 
 def _rock(rng: np.random.Generator) -> tuple[Float, Float]:
-    """Grey granite: grains of dark and pale minerals, cracks, and crusts of lichen."""
+    """Grey granite: grains of dark and light minerals, cracks and lichen."""
     grain, medium, broad = noise(rng, 0.4), noise(rng, 2.0), noise(rng, 2.8)
     colour = mix(rgb(74, 72, 69), rgb(118, 115, 110), smoothstep(-1.8, 1.8, medium))
     colour = mix(colour, rgb(58, 56, 54), 0.5 * smoothstep(1.1, 1.7, grain))
@@ -45,7 +48,7 @@ def _rock(rng: np.random.Generator) -> tuple[Float, Float]:
 
 
 def _dead_wood(rng: np.random.Generator) -> tuple[Float, Float]:
-    """Weathered wood without bark, its grain and cracks along v."""
+    """Weathered wood without bark, with grain and cracks along v."""
     grain, fibre, broad = noise(rng, 1.6, 14.0, 1.0), noise(rng, 0.8, 20.0, 1.0), noise(rng, 2.2)
     tone = smoothstep(-2.0, 2.0, np.asarray(grain + 0.6 * fibre))
     colour = mix(rgb(78, 68, 57), rgb(142, 132, 118), tone)
@@ -58,7 +61,7 @@ def _dead_wood(rng: np.random.Generator) -> tuple[Float, Float]:
 
 
 def _cut_wood(rng: np.random.Generator) -> tuple[Float, Float]:
-    """A sawn face inside bark: growth rings about the middle, dark heart, cracks, saw marks."""
+    """A sawn surface inside bark: growth rings, dark heartwood, cracks and saw marks."""
     place = (np.arange(SIZE_PX) + 0.5) / SIZE_PX - 0.5
     across, along = place[None], place[:, None]
     radius, angle = np.hypot(along, across), np.arctan2(along, across)
@@ -79,7 +82,7 @@ def _cut_wood(rng: np.random.Generator) -> tuple[Float, Float]:
 
 
 def _cracks(rng: np.random.Generator, radius: Float, angle_rad: Float, bend: Float) -> Float:
-    """Drying cracks of different lengths that open towards the bark, and one through the heart."""
+    """Drying cracks of different lengths, widest at the bark, and one through the centre."""
     total = np.zeros_like(radius)
     for _ in range(6):
         away = angle_rad - rng.uniform(-np.pi, np.pi)

@@ -1,4 +1,4 @@
-"""From triangles to samples of colour, exact depth and tree numbers."""
+"""The renderer: colour samples, exact depth and tree numbers of a scene's triangles."""
 
 from perceptree.simulator.rendering.kernel_cache import versioned_cache as _versioned_cache
 

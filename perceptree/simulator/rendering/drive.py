@@ -1,4 +1,4 @@
-"""A machine's drive: where its camera is at every moment, and what an IMU on it measures."""
+"""A machine's drive: the poses of its camera, and the measurements of an IMU on the camera."""
 
 from __future__ import annotations
 
@@ -19,21 +19,27 @@ Float = NDArray[np.floating[Any]]
 IMU_HZ = 200
 GRAVITY_M_PER_S2 = 9.81
 
-_WHEELBASE_S = 0.8
-_TRACK_M = 1.4
-_STOP_S = (1.0, 4.0)
-_SLEW_PERIOD_S = (6.0, 20.0)
-_SWAY_HZ = (0.4, 1.8)
-_MARGIN_S = 2.0
+_WHEELBASE_S = 0.8  # smoothing of the terrain by the machine's length
+_TRACK_M = 1.4  # half the width over which the machine's roll follows the terrain
+_STOP_S = (1.0, 4.0)  # range of the duration of a stop
+_SLEW_PERIOD_S = (6.0, 20.0)  # range of the period of the crane's slewing
+_SWAY_HZ = (0.4, 1.8)  # range of the frequency of pitch and roll
+_MARGIN_S = 2.0  # simulated before and after the drive, against effects of the smoothing
 
 
 @dataclass(frozen=True)
 class Drive:
-    """The camera of a drive, 200 times a second from the time of its first frame on.
+    """Camera motion of a drive, sampled at IMU_HZ from the time of the first frame on.
 
-    ``origin_m`` (n, 3) world metres; ``rotation`` (n, 3, 3) rows right, down, forward;
-    ``poses`` of each frame; ``gyro_rad_per_s`` and ``accel_m_per_s2`` (n, 3) what an ideal IMU in
-    the camera's frame measures: at rest the acceleration points up with 9.81 m/s².
+    Attributes:
+        rate_hz: Frame rate.
+        origin_m: (n, 3) camera positions in the world, m.
+        rotation: (n, 3, 3) camera axes in the world; the rows are right, down and forward.
+        gyro_rad_per_s: (n, 3) turn rates in camera axes, as an ideal IMU measures them.
+        accel_m_per_s2: (n, 3) specific force in camera axes, as an ideal IMU measures it: at rest
+            it is 9.81 m/s² upwards.
+        poses: Pose of each frame.
+        settings: The camera.
     """
 
     rate_hz: float
@@ -45,11 +51,11 @@ class Drive:
     settings: CameraSettings
 
     def time_s(self, number: int) -> float:
-        """When a frame was taken, from the first one on."""
+        """Time of a frame since the first frame, s."""
         return number / self.rate_hz
 
     def sample(self, number: int) -> int:
-        """Which of the IMU's samples was taken with a frame."""
+        """Index of the IMU sample at the time of a frame."""
         return round(self.time_s(number) * IMU_HZ)
 
     def view(self, number: int) -> View:
@@ -68,13 +74,22 @@ def make_drive(
     circuit: Circuit,
     frames: int,
 ) -> Drive:
-    """Drive around ``circuit`` while ``frames`` frames are taken."""
+    """Simulate a drive around a closed path.
+
+    Args:
+        rng: Source of random numbers.
+        settings: Frame rate, speed, stops, sway and slewing of the crane.
+        camera: Intrinsics and mounting of the camera.
+        terrain: The ground.
+        circuit: The closed path.
+        frames: Number of frames.
+    """
     margin = round(_MARGIN_S * IMU_HZ)
     count = round((frames - 1) / settings.rate_hz * IMU_HZ) + 1 + 2 * margin
     time_s = np.arange(count) / IMU_HZ
-    way_m = rng.uniform(0, circuit.length_m) + np.cumsum(_speed(rng, settings, count)) / IMU_HZ
-    place = np.stack([_smooth(column, 0.3) for column in circuit.at(way_m).T], -1)
-    ahead = circuit.at(way_m + 0.5) - circuit.at(way_m - 0.5)
+    path_m = rng.uniform(0, circuit.length_m) + np.cumsum(_speed(rng, settings, count)) / IMU_HZ
+    place = np.stack([_smooth(column, 0.3) for column in circuit.points_at(path_m).T], -1)
+    ahead = circuit.points_at(path_m + 0.5) - circuit.points_at(path_m - 0.5)
     heading = _smooth(np.unwrap(np.arctan2(ahead[:, 1], ahead[:, 0])), 0.5)
     ranges = camera.mast
     height_m = terrain.height_m(*place.T) + rng.uniform(*ranges.height_m)
@@ -85,11 +100,13 @@ def make_drive(
     sway_deg = rng.uniform(*settings.sway_deg)
     slew_deg = rng.uniform(*settings.slew_deg)
     yaw_deg = np.degrees(heading) + slew_deg * _wave(rng, time_s, 1 / rng.uniform(*_SLEW_PERIOD_S))
-    turned = np.radians(yaw_deg) - heading
-    pitch = np.arctan2(climb, 3.0) * np.cos(turned) - np.arctan2(tilt, 2 * _TRACK_M) * np.sin(
-        turned
+    slew_rad = np.radians(yaw_deg) - heading
+    pitch = np.arctan2(climb, 3.0) * np.cos(slew_rad) - np.arctan2(tilt, 2 * _TRACK_M) * np.sin(
+        slew_rad
     )
-    roll = np.arctan2(tilt, 2 * _TRACK_M) * np.cos(turned) + np.arctan2(climb, 3.0) * np.sin(turned)
+    roll = np.arctan2(tilt, 2 * _TRACK_M) * np.cos(slew_rad) + np.arctan2(climb, 3.0) * np.sin(
+        slew_rad
+    )
     pitch_deg = rng.uniform(*ranges.pitch_deg) + 0.5 * np.degrees(_smooth(pitch, _WHEELBASE_S))
     roll_deg = 0.5 * np.degrees(_smooth(roll, _WHEELBASE_S))
     pitch_deg = pitch_deg + sway_deg * _wave(rng, time_s, rng.uniform(*_SWAY_HZ))
@@ -114,7 +131,7 @@ def make_drive(
 
 
 def _speed(rng: np.random.Generator, settings: DriveSettings, count: int) -> Float:
-    """(n,) speed with halts, metres a second."""
+    """(n,) speed with stops, m/s."""
     speed = np.full(count, rng.uniform(*settings.speed_m_per_s))
     for _ in range(rng.poisson(settings.stops_per_minute * count / IMU_HZ / 60)):
         start = int(rng.integers(count))
@@ -123,7 +140,7 @@ def _speed(rng: np.random.Generator, settings: DriveSettings, count: int) -> Flo
 
 
 def _wave(rng: np.random.Generator, time_s: Float, hertz: float) -> Float:
-    """(n,) an uneven swing of unit amplitude: three waves of nearby frequencies."""
+    """(n,) irregular oscillation with amplitude at most 1: the mean of three sine waves."""
     total = np.zeros_like(time_s)
     for factor in (1.0, 1.37, 0.61):
         total += np.sin(2 * np.pi * hertz * factor * time_s + rng.uniform(0, 2 * np.pi))
@@ -131,7 +148,7 @@ def _wave(rng: np.random.Generator, time_s: Float, hertz: float) -> Float:
 
 
 def _smooth(values: Float, deviation_s: float) -> Float:
-    """Values over time, blurred by a Gaussian."""
+    """Smooth values over time by a Gaussian with a standard deviation of ``deviation_s``."""
     reach = round(3 * deviation_s * IMU_HZ)
     weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / (deviation_s * IMU_HZ)) ** 2)
     padded = np.pad(values, reach, "reflect", reflect_type="odd")
@@ -151,7 +168,7 @@ def _rotations(camera: CameraSettings, yaw: Float, pitch: Float, roll: Float) ->
 
 
 def _imu(origin_m: Float, rotation: Float) -> tuple[Float, Float]:
-    """Turn rates and specific force in the camera's frame, by central differences."""
+    """Turn rates and specific force in camera axes, by central differences."""
     step = np.gradient(rotation, 1 / IMU_HZ, axis=0)
     skew = -step @ rotation.transpose(0, 2, 1)
     gyro = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], -1)

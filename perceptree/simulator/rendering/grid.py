@@ -1,4 +1,4 @@
-"""The samples of an image: twice as dense as its pixels, every second one at a pixel's centre."""
+"""The sample grid of an image: twice its resolution, with every second sample at a pixel centre."""
 
 from __future__ import annotations
 
@@ -17,15 +17,23 @@ from perceptree.simulator.rendering.view import View
 Float = NDArray[np.floating[Any]]
 
 SUPERSAMPLING = 2
-_BEYOND_FACE = 0.5
+_BEYOND_FACE = 0.5  # how far 1 / z is extrapolated beyond a face, in barycentric weights
 
 
 @dataclass(frozen=True)
 class SampleGrid:
-    """A pinhole buffer of ``width`` x ``height`` samples; intrinsics in samples, corner-based.
+    """A pinhole buffer of samples, from which the samples of a distorted image are interpolated.
 
-    ``columns`` and ``rows`` (2H, 2W) float32 say where in the buffer each sample of a distorted
-    image lies; None where image and buffer are the same.
+    Attributes:
+        width: Columns of the buffer.
+        height: Rows of the buffer.
+        focal_x: Horizontal focal length, samples.
+        focal_y: Vertical focal length, samples.
+        centre_x: Principal point, samples from the left edge of the buffer.
+        centre_y: Principal point, samples from the upper edge of the buffer.
+        columns: (2H, 2W) float32, column in the buffer of each image sample; None without
+            distortion, where buffer and image samples are the same.
+        rows: (2H, 2W) float32, row in the buffer of each image sample; None without distortion.
     """
 
     width: int
@@ -39,11 +47,11 @@ class SampleGrid:
 
     @property
     def distorted(self) -> bool:
-        """Whether the image's samples lie elsewhere than the buffer's."""
+        """Whether the camera has distortion, so that image samples differ from buffer samples."""
         return self.columns is not None
 
     def nearest(self, buffer: NDArray[np.generic]) -> NDArray[np.generic]:
-        """The buffer at every pixel's centre: (H, W), never a blend of two surfaces."""
+        """Look up the buffer at every pixel centre without interpolation: (H, W)."""
         if self.columns is None or self.rows is None:
             return np.ascontiguousarray(buffer[::SUPERSAMPLING, ::SUPERSAMPLING])
         column = np.rint(self.columns[::SUPERSAMPLING, ::SUPERSAMPLING]).astype(np.intp)
@@ -53,11 +61,16 @@ class SampleGrid:
         )
 
     def nearness(self, corners: Float) -> Float:
-        """1 / z (H, W) on the rays of a distorted image's pixels, from the faces seen there.
+        """Compute 1 / z on the exact rays of a distorted image's pixels.
 
-        ``corners`` (H, W, 3, 3) are the faces' projected corners: x, y in samples and 1 / z, which
-        is linear over a face. A ray passes up to half a sample beside the sample that it was
-        looked up in.
+        A pixel's ray passes up to half a sample beside the buffer sample that gives its face.
+
+        Args:
+            corners: (H, W, 3, 3) projected corners of the face that each pixel shows: x and y in
+                samples, and 1 / z, which is linear over a face.
+
+        Returns:
+            (H, W) 1 / z, 1/m.
         """
         assert self.columns is not None
         assert self.rows is not None
@@ -75,7 +88,7 @@ class SampleGrid:
         return np.asarray((weights * corners[..., 2]).sum(-1) / weights.sum(-1))
 
     def resample(self, samples: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The colours (2H, 2W, 3) of the image's samples, blended from the buffer's."""
+        """Interpolate the colours (2H, 2W, 3) of the image samples from the buffer."""
         if self.columns is None or self.rows is None:
             return samples
         return np.asarray(
@@ -87,9 +100,10 @@ class SampleGrid:
 
 
 def sample_grid(view: View) -> SampleGrid:
-    """The grid of a view. Pixel x (corner-based) lies at ``2 x - 0.5`` samples.
+    """Make the sample grid of a view.
 
-    A distorted image is drawn as a pinhole buffer that covers its rays and then looked up.
+    Corner-based pixel coordinate x is at ``2 x - 0.5`` samples. An image with distortion is
+    rendered into a pinhole buffer that covers all its rays, and then resampled.
     """
     camera = view.intrinsics
     scale = SUPERSAMPLING

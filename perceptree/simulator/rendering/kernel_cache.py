@@ -1,7 +1,7 @@
-"""Where numba keeps the compiled kernels: a folder of its own for every version of the sources.
+"""Cache folder of the compiled numba kernels: one folder per version of the sources.
 
-Numba notices a change of the file that a kernel stands in, not of the functions it calls from
-other files. A folder named by the hash of all sources keeps a stale kernel from being loaded.
+Numba recompiles a kernel when its own file changes, but not when functions it calls from other
+files change. A folder named by the hash of all sources prevents loading an outdated kernel.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _config: Any = _numba_config
 
 
 def sources_sha256(folder: Path = _FOLDER) -> str:
-    """Hash of a folder's Python files and their names."""
+    """Hash names and contents of a folder's Python files."""
     digest = hashlib.sha256()
     for path in sorted(folder.glob("*.py")):
         digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
@@ -28,7 +28,10 @@ def sources_sha256(folder: Path = _FOLDER) -> str:
 
 @contextmanager
 def versioned_cache() -> Iterator[None]:
-    """Kernels defined within are cached by the version of the sources; a set folder is kept."""
+    """Cache kernels that are defined in the block by the version of their sources.
+
+    A cache folder that the user has configured (NUMBA_CACHE_DIR) is used unchanged.
+    """
     chosen = _config.CACHE_DIR
     if not chosen:
         _config.CACHE_DIR = str(_FOLDER / "__pycache__" / sources_sha256()[:16])

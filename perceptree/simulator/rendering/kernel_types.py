@@ -1,4 +1,4 @@
-"""What the shading kernels read: the scene's arrays, textures, camera, light and weather."""
+"""Arguments of the shading kernels: triangles, textures, camera, light and weather."""
 
 from __future__ import annotations
 
@@ -11,11 +11,15 @@ Floats = NDArray[np.float32]
 
 
 class Surface(NamedTuple):
-    """Triangles as in ``SceneMesh``, their corners' values side by side for the cache.
+    """Triangles of the scene. The values of a vertex are adjacent in memory, for the CPU cache.
 
-    ``screen`` (V, 3) projected; ``corners`` (V, 8): normal x, y, z, u, v, tint, sky and 0;
-    ``ground_m`` (G, G) heights on cells of 1 m around the origin; ``cover`` (4,) the shares of
-    the grounds.
+    Attributes:
+        screen: (V, 3) projected vertices: x px, y px and 1 / z.
+        faces: (F, 3) vertex numbers.
+        layer: (F,) texture layer.
+        corners: (V, 8) per vertex: normal x, y, z, texture u, v, tint, sky visibility, 0.
+        ground_m: (G, G) ground heights on 1 m cells around the origin, m.
+        cover: (4,) fractions of the ground covers.
     """
 
     screen: Floats
@@ -27,24 +31,40 @@ class Surface(NamedTuple):
 
 
 class Maps(NamedTuple):
-    """Textures with their mip offsets, and the sun's shadow map with its (3, 4) matrix.
+    """Textures and the sun's shadow map.
 
-    ``worn`` (layers,) is the number of the layer whose texture each layer shows; ``gains``
-    (layers, 3) multiply its linear RGB colour.
+    Attributes:
+        albedo: (N, 4) square root of linear RGB, and alpha, all layers and mip levels.
+        relief: (N, 3) normals.
+        offsets: (levels,) first texel of each mip level.
+        texture_layer: (layers,) number of the layer whose texture each layer shows.
+        gains: (layers, 3) factors of the linear RGB colours.
+        shadow: (S, S) nearness to the sun.
+        shadow_rows: (3, 4) matrix from world metres to shadow map x, y and nearness.
+        shadow_bias: Nearness tolerance of the shadow test.
     """
 
     albedo: NDArray[np.uint8]
     relief: NDArray[np.uint8]
     offsets: NDArray[np.int64]
-    worn: NDArray[np.int64]
+    texture_layer: NDArray[np.int64]
     gains: Floats
     shadow: Floats
     shadow_rows: Floats
     shadow_bias: np.float32
 
 
-class Eye(NamedTuple):
-    """Camera of the samples: origin (3,), rows right, down, forward (3, 3), focal and centre px."""
+class ShadingCamera(NamedTuple):
+    """Camera of the sample grid.
+
+    Attributes:
+        origin: (3,) position in the world, m.
+        rotation: (3, 3) axes in the world; the rows are right, down and forward.
+        focal_x: Horizontal focal length, samples.
+        focal_y: Vertical focal length, samples.
+        centre_x: Principal point, samples.
+        centre_y: Principal point, samples.
+    """
 
     origin: Floats
     rotation: Floats
@@ -54,11 +74,20 @@ class Eye(NamedTuple):
     centre_y: np.float32
 
 
-class Air(NamedTuple):
-    """Direction to the sun and linear RGB colours, (3,) each, haze per metre, snow and wetness.
+class Atmosphere(NamedTuple):
+    """Light and weather.
 
-    ``backdrop`` is how dense the forest beyond the stand is, 0 for a plain wall, ``backdrop_seed``
-    decides where its trunks stand; ``lamp`` is the strength of a lamp at the camera.
+    Attributes:
+        sun: (3,) unit vector towards the sun.
+        sun_colour: (3,) linear RGB.
+        sky_colour: (3,) linear RGB.
+        haze_colour: (3,) linear RGB.
+        haze_per_m: Extinction of the air, 1/m.
+        snow: Amount of lying snow, 0 to 1.
+        wet: Wetness of surfaces, 0 to 1.
+        backdrop: Density of the forest beyond the stand, 0 to 1; 0 draws a plain silhouette.
+        backdrop_seed: Decides where its trunks stand.
+        lamp: Strength of a lamp at the camera, 0 for none.
     """
 
     sun: Floats

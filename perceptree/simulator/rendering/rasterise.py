@@ -1,8 +1,8 @@
-"""Numba kernels from triangles to a depth buffer and the number of the triangle seen.
+"""Numba kernels that rasterise triangles into a depth buffer and a face buffer.
 
-Screen coordinates are continuous pixels, (0, 0) at the outer corner of the first pixel; a sample
-lies at each pixel's centre. Results do not depend on the number of threads: every row band is
-drawn by one thread, in the order of the faces.
+Screen coordinates are corner-based pixels: (0, 0) is the outer corner of the first pixel, and
+samples are at pixel centres. Results do not depend on the number of threads, because each band of
+rows is drawn by one thread in the order of the faces.
 """
 
 from __future__ import annotations
@@ -12,36 +12,51 @@ from numba import njit, prange
 
 from perceptree.simulator.materials.layers import FIRST_CUTOUT, FIRST_OBJECT, SIZE_PX
 
-BANDS = 8
+BANDS = 8  # bands of rows that are drawn in parallel
 NEAR_PLANE_M = np.float32(0.05)
 _FIRST_CUTOUT, _FIRST_OBJECT = int(FIRST_CUTOUT), int(FIRST_OBJECT)
 _SIZE = SIZE_PX
 _AREA = np.float32(SIZE_PX * SIZE_PX)
-_f = np.float32
+_f32 = np.float32
 
 
 @njit(parallel=True, cache=True, error_model="numpy")
 def project_vertices(vertices, rotation, origin, focal_x, focal_y, centre_x, centre_y, screen):
-    """Pinhole projection: ``screen`` (V, 3) gets x px, y px and 1 / z (-1 behind the camera)."""
+    """Project vertices by a pinhole camera.
+
+    Args:
+        vertices: (V, 3) float32 world points, m.
+        rotation: (3, 3) camera axes; the rows are right, down and forward.
+        origin: (3,) camera position, m.
+        focal_x: Horizontal focal length, px.
+        focal_y: Vertical focal length, px.
+        centre_x: Principal point, px.
+        centre_y: Principal point, px.
+        screen: (V, 3) float32, receives x px, y px and 1 / z; -1 for the last one where a vertex
+            is behind the near plane.
+    """
     for i in prange(vertices.shape[0]):
         x = vertices[i, 0] - origin[0]
         y = vertices[i, 1] - origin[1]
         z = vertices[i, 2] - origin[2]
         depth = rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z
         if depth > NEAR_PLANE_M:
-            inverse = _f(1) / depth
+            inverse = _f32(1) / depth
             right = rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z
             down = rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z
             screen[i, 0] = right * inverse * focal_x + centre_x
             screen[i, 1] = down * inverse * focal_y + centre_y
             screen[i, 2] = inverse
         else:
-            screen[i, 2] = _f(-1)
+            screen[i, 2] = _f32(-1)
 
 
 @njit(parallel=True, cache=True, error_model="numpy")
 def project_parallel(vertices, rows, screen):
-    """Parallel projection by a (3, 4) matrix to x px, y px and a nearness in (0, 1)."""
+    """Project vertices (V, 3) in parallel by a (3, 4) matrix.
+
+    ``screen`` (V, 3) receives x px, y px and a nearness between 0 and 1.
+    """
     for i in prange(vertices.shape[0]):
         x, y, z = vertices[i, 0], vertices[i, 1], vertices[i, 2]
         for k in range(3):
@@ -50,13 +65,22 @@ def project_parallel(vertices, rows, screen):
 
 @njit(parallel=True, cache=True, error_model="numpy")
 def bin_faces(screen, faces, width, height, counts, lists):
-    """For each row band, list the faces whose bounds meet it, in order."""
+    """List the faces whose bounding boxes overlap each band of rows, in order.
+
+    Args:
+        screen: (V, 3) projected vertices.
+        faces: (F, 3) vertex numbers.
+        width: Columns of the image.
+        height: Rows of the image.
+        counts: (bands,) receives the number of faces of each band.
+        lists: (bands, F) receives the faces of each band.
+    """
     for band in prange(counts.shape[0]):
         top = band * height // counts.shape[0]
         bottom = (band + 1) * height // counts.shape[0]
         count = 0
-        for t in range(faces.shape[0]):
-            i, j, k = faces[t, 0], faces[t, 1], faces[t, 2]
+        for face in range(faces.shape[0]):
+            i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
             if screen[i, 2] <= 0 or screen[j, 2] <= 0 or screen[k, 2] <= 0:
                 continue
             y0, y1, y2 = screen[i, 1], screen[j, 1], screen[k, 1]
@@ -65,14 +89,14 @@ def bin_faces(screen, faces, width, height, counts, lists):
             x0, x1, x2 = screen[i, 0], screen[j, 0], screen[k, 0]
             if max(x0, max(x1, x2)) < 0 or min(x0, min(x1, x2)) >= width:
                 continue
-            lists[band, count] = t
+            lists[band, count] = face
             count += 1
         counts[band] = count
 
 
 @njit(inline="always", cache=True, error_model="numpy")
 def _texels(uv, i, j, k):
-    """Area of a face in texels of the finest level, times two."""
+    """Twice the area of a face in texels of the finest mip level."""
     return _AREA * abs(
         (uv[j, 0] - uv[i, 0]) * (uv[k, 1] - uv[i, 1])
         - (uv[k, 0] - uv[i, 0]) * (uv[j, 1] - uv[i, 1])
@@ -81,48 +105,65 @@ def _texels(uv, i, j, k):
 
 @njit(inline="always", cache=True, error_model="numpy")
 def _cutout(uv, i, j, k, area, texture, offsets):
-    """Mip level of a cut-out face: its size in texels, first texel and alpha threshold."""
+    """Size, first texel and alpha threshold of the mip level for a cut-out face."""
     level, ratio = 0, _texels(uv, i, j, k) / abs(area)
-    while ratio > _f(2) and level < 6:
-        ratio *= _f(0.25)
+    while ratio > _f32(2) and level < 6:
+        ratio *= _f32(0.25)
         level += 1
     size = _SIZE >> level
-    return size, offsets[level] + texture * size * size, _f(127.5) / (_f(1) + _f(0.28) * level)
+    return (
+        size,
+        offsets[level] + texture * size * size,
+        _f32(127.5) / (_f32(1) + _f32(0.28) * level),
+    )
 
 
 @njit(cache=True, error_model="numpy")
-def _draw_face(t, top, bottom, screen, faces, uv, layer, alpha, offsets, perspective, near, seen):
-    """Draw one face into the rows from ``top`` to ``bottom``."""
-    i, j, k = faces[t, 0], faces[t, 1], faces[t, 2]
+def _draw_face(
+    face,
+    top,
+    bottom,
+    screen,
+    faces,
+    uv,
+    layer,
+    alpha,
+    offsets,
+    perspective,
+    depth_buffer,
+    face_buffer,
+):
+    """Draw one face into the rows ``top`` to ``bottom``."""
+    i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
     x0, y0, w0 = screen[i, 0], screen[i, 1], screen[i, 2]
     x1, y1, w1 = screen[j, 0], screen[j, 1], screen[j, 2]
     x2, y2, w2 = screen[k, 0], screen[k, 1], screen[k, 2]
     area = (x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)
-    if abs(area) < _f(1e-6):
+    if abs(area) < _f32(1e-6):
         return
-    left = max(0, int(np.ceil(min(x0, min(x1, x2)) - _f(0.5))))
-    right = min(near.shape[1] - 1, int(np.floor(max(x0, max(x1, x2)) - _f(0.5))))
-    first = max(top, int(np.ceil(min(y0, min(y1, y2)) - _f(0.5))))
-    last = min(bottom - 1, int(np.floor(max(y0, max(y1, y2)) - _f(0.5))))
-    texture = int(layer[t])
+    left = max(0, int(np.ceil(min(x0, min(x1, x2)) - _f32(0.5))))
+    right = min(depth_buffer.shape[1] - 1, int(np.floor(max(x0, max(x1, x2)) - _f32(0.5))))
+    first = max(top, int(np.ceil(min(y0, min(y1, y2)) - _f32(0.5))))
+    last = min(bottom - 1, int(np.floor(max(y0, max(y1, y2)) - _f32(0.5))))
+    texture = int(layer[face])
     cutout = _FIRST_CUTOUT <= texture < _FIRST_OBJECT
-    size, base, threshold = _SIZE, 0, _f(0)
+    size, base, threshold = _SIZE, 0, _f32(0)
     if cutout and left <= right and first <= last:
         size, base, threshold = _cutout(uv, i, j, k, area, texture, offsets)
-    inverse = _f(1) / area
+    inverse = _f32(1) / area
     a_dx, a_dy = (y1 - y2) * inverse, (x2 - x1) * inverse
     b_dx, b_dy = (y2 - y0) * inverse, (x0 - x2) * inverse
     for y in range(first, last + 1):
-        px, py = left + _f(0.5) - x2, y + _f(0.5) - y2
+        px, py = left + _f32(0.5) - x2, y + _f32(0.5) - y2
         a = px * a_dx + py * a_dy
         b = px * b_dx + py * b_dy
         for x in range(left, right + 1):
-            c = _f(1) - a - b
+            c = _f32(1) - a - b
             nearness = a * w0 + b * w1 + c * w2
-            if a >= 0 and b >= 0 and c >= 0 and nearness > near[y, x]:
+            if a >= 0 and b >= 0 and c >= 0 and nearness > depth_buffer[y, x]:
                 visible = True
                 if cutout:
-                    pa, pb, pc, scale = a, b, c, _f(size)
+                    pa, pb, pc, scale = a, b, c, _f32(size)
                     if perspective:
                         pa, pb, pc, scale = a * w0, b * w1, c * w2, size / nearness
                     column = int((pa * uv[i, 0] + pb * uv[j, 0] + pc * uv[k, 0]) * scale)
@@ -130,25 +171,41 @@ def _draw_face(t, top, bottom, screen, faces, uv, layer, alpha, offsets, perspec
                     texel = base + (row & (size - 1)) * size + (column & (size - 1))
                     visible = alpha[texel] > threshold
                 if visible:
-                    near[y, x] = nearness
-                    seen[y, x] = t
+                    depth_buffer[y, x] = nearness
+                    face_buffer[y, x] = face
             a += a_dx
             b += b_dx
 
 
 @njit(parallel=True, cache=True, error_model="numpy")
-def draw_faces(screen, faces, uv, layer, alpha, offsets, counts, lists, perspective, near, seen):
-    """Fill ``near`` (H, W), the largest 1 / z (or nearness), and ``seen`` (H, W), its face or -1.
+def draw_faces(
+    screen, faces, uv, layer, alpha, offsets, counts, lists, perspective, depth_buffer, face_buffer
+):
+    """Rasterise faces.
 
-    Cut-out layers are tested against their alpha at a mip level that fits their size on screen,
-    with a threshold that falls with the level so that foliage does not vanish with distance.
+    Cut-out layers are tested against their alpha at a mip level that fits their size on the
+    screen. The threshold decreases with the level, so that foliage does not vanish with distance.
+
+    Args:
+        screen: (V, 3) projected vertices.
+        faces: (F, 3) vertex numbers.
+        uv: (V, 2) texture coordinates.
+        layer: (F,) texture layers.
+        alpha: (N,) uint8 alpha of all layers and mip levels.
+        offsets: (levels,) first texel of each mip level.
+        counts: (bands,) number of faces of each band.
+        lists: (bands, F) faces of each band.
+        perspective: Whether the projection is perspective, so that texture coordinates must be
+            corrected.
+        depth_buffer: (H, W) float32, receives the largest 1 / z (or nearness), 0 where empty.
+        face_buffer: (H, W) int32, receives the face of it, -1 where empty.
     """
-    height = near.shape[0]
+    height = depth_buffer.shape[0]
     for band in prange(counts.shape[0]):
         top = band * height // counts.shape[0]
         bottom = (band + 1) * height // counts.shape[0]
-        near[top:bottom] = _f(0)
-        seen[top:bottom] = -1
+        depth_buffer[top:bottom] = _f32(0)
+        face_buffer[top:bottom] = -1
         for entry in range(counts[band]):
             _draw_face(
                 lists[band, entry],
@@ -161,6 +218,6 @@ def draw_faces(screen, faces, uv, layer, alpha, offsets, counts, lists, perspect
                 alpha,
                 offsets,
                 perspective,
-                near,
-                seen,
+                depth_buffer,
+                face_buffer,
             )

@@ -1,4 +1,4 @@
-"""Draws a scene: the sun's shadow map once, then colour, depth and labels for every view."""
+"""Renders a scene: the sun's shadow map once, then colour, depth and labels of every view."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from perceptree.simulator.geometry.assemble import SceneMesh
 from perceptree.simulator.materials.textures import Textures
 from perceptree.simulator.rendering.grid import SampleGrid, sample_grid
-from perceptree.simulator.rendering.kernel_types import Air, Eye, Maps, Surface
+from perceptree.simulator.rendering.kernel_types import Atmosphere, Maps, ShadingCamera, Surface
 from perceptree.simulator.rendering.rasterise import (
     BANDS,
     bin_faces,
@@ -26,23 +26,25 @@ from perceptree.simulator.scene.terrain import EXTENT_M
 from perceptree.simulator.vectors import UP, unit
 
 Float = NDArray[np.floating[Any]]
-_f = np.float32
+_f32 = np.float32
 
 _SHADOW_PX = 2048
 _SHADOW_RADIUS_M = 30.0
 _SHADOW_DEPTH_M = 120.0
 _SHADOW_BIAS_M = 0.05
-_LEAST_SUN = 0.03
-_BACKDROPS = 997
+_LEAST_SUN = 0.03  # weaker suns cast no shadow
+_BACKDROPS = 997  # number of different backdrops
 
 
 @dataclass(frozen=True)
 class Drawing:
-    """What one view shows.
+    """A rendered view.
 
-    ``samples`` (2H, 2W, 3) float32 linear RGB, every second one at a pixel's centre, and
-    ``log_luminance`` their mean log; ``depth_m`` (H, W) float32 along the optical axis at the
-    pixels' centres, 0 on sky; ``object_id`` (H, W) int32 labelled tree or 0.
+    Attributes:
+        samples: (2H, 2W, 3) float32 linear RGB; every second sample is at a pixel centre.
+        log_luminance: Mean of the logarithm of the samples' luminance.
+        depth_m: (H, W) float32, depth along the optical axis at pixel centres, m; 0 on sky.
+        object_id: (H, W) int32, number of the labelled tree (from 1), else 0.
     """
 
     samples: NDArray[np.float32]
@@ -53,12 +55,18 @@ class Drawing:
 
 @dataclass(frozen=True)
 class _Buffers:
-    near: NDArray[np.float32]
-    seen: NDArray[np.int32]
+    depth_buffer: NDArray[np.float32]
+    face_buffer: NDArray[np.int32]
 
 
 class Renderer:
-    """Draws views of one scene; the shadow map is made when the scene is set."""
+    """Renders views of one scene. The shadow map is rendered on construction.
+
+    Args:
+        textures: Textures of all layers.
+        scene: The scene's light and weather.
+        mesh: The scene's triangles.
+    """
 
     def __init__(self, textures: Textures, scene: Scene, mesh: SceneMesh) -> None:
         self._textures = textures
@@ -66,13 +74,13 @@ class Renderer:
         self._mesh = mesh
         self._screen = np.empty((len(mesh.vertices), 3), np.float32)
         self._corners = _corners(mesh)
-        self._air = _air(scene)
+        self._atmosphere = _atmosphere(scene)
         self._ground_m = _ground_grid(scene)
         self._shadow_rows = self._sun_matrix()
         self._shadow = self._draw_shadow()
 
     def _sun_matrix(self) -> NDArray[np.float32]:
-        """(3, 4) rows from world metres to shadow-map x px, y px and nearness in (0, 1)."""
+        """(3, 4) matrix from world metres to shadow map x px, y px and nearness (0 to 1)."""
         sun = self._scene.light.sun
         right = unit(np.cross(UP, sun)) if abs(sun[2]) < 0.999 else np.array([1.0, 0.0, 0.0])
         down = np.cross(right, sun)
@@ -83,12 +91,12 @@ class Renderer:
         return np.concatenate([axes, shift[:, None]], 1).astype(np.float32)
 
     def _draw_shadow(self) -> NDArray[np.float32]:
-        """(S, S) nearness to the sun; empty where the sun is too weak to cast a shadow."""
+        """(S, S) nearness to the sun; all zero if the sun is too weak to cast shadows."""
         if self._scene.light.sun_colour.max() < _LEAST_SUN:
             return np.zeros((2, 2), np.float32)
         project_parallel(self._mesh.vertices, self._shadow_rows, self._screen)
         numbers = np.arange(len(self._mesh.faces))
-        return self._rasterise(numbers, _SHADOW_PX, _SHADOW_PX, perspective=False).near
+        return self._rasterise(numbers, _SHADOW_PX, _SHADOW_PX, perspective=False).depth_buffer
 
     def _rasterise(
         self, numbers: NDArray[np.int64], width: int, height: int, perspective: bool
@@ -98,8 +106,8 @@ class Renderer:
         counts = np.zeros(BANDS, np.int64)
         lists = np.empty((BANDS, len(faces)), np.int32)
         bin_faces(self._screen, faces, width, height, counts, lists)
-        near = np.empty((height, width), np.float32)
-        seen = np.empty((height, width), np.int32)
+        depth_buffer = np.empty((height, width), np.float32)
+        face_buffer = np.empty((height, width), np.int32)
         draw_faces(
             self._screen,
             faces,
@@ -110,33 +118,33 @@ class Renderer:
             counts,
             lists,
             perspective,
-            near,
-            seen,
+            depth_buffer,
+            face_buffer,
         )
-        return _Buffers(near, seen)
+        return _Buffers(depth_buffer, face_buffer)
 
     def draw(self, view: View) -> Drawing:
-        """Colour from samples twice as dense as the pixels; depth and labels at their centres."""
+        """Render colour at twice the image resolution, and depth and labels at pixel centres."""
         grid = sample_grid(view)
         numbers = visible_faces(self._mesh, view)
         project_vertices(
             self._mesh.vertices,
-            view.rotation.astype(_f),
-            view.origin.astype(_f),
-            _f(grid.focal_x),
-            _f(grid.focal_y),
-            _f(grid.centre_x),
-            _f(grid.centre_y),
+            view.rotation.astype(_f32),
+            view.origin.astype(_f32),
+            _f32(grid.focal_x),
+            _f32(grid.focal_y),
+            _f32(grid.centre_x),
+            _f32(grid.centre_y),
             self._screen,
         )
         buffers = self._rasterise(numbers, grid.width, grid.height, perspective=True)
         samples, log_luminance = self._shade(view, grid, numbers, buffers)
-        seen = np.asarray(grid.nearest(buffers.seen), np.int32)
+        seen = np.asarray(grid.nearest(buffers.face_buffer), np.int32)
         hit = seen >= 0
         if grid.distorted:
             near = grid.nearness(self._screen[self._mesh.faces[numbers[seen]]])
         else:
-            near = np.asarray(grid.nearest(buffers.near), np.float32)
+            near = np.asarray(grid.nearest(buffers.depth_buffer), np.float32)
         depth_m = np.where(hit, 1 / np.where(hit, near, 1), 0).astype(np.float32)
         objects = self._mesh.object_id[numbers]
         object_id = np.where(hit, objects[np.where(hit, seen, 0)], 0).astype(np.int32)
@@ -154,57 +162,66 @@ class Renderer:
             mesh.layer[numbers],
             self._corners,
             self._ground_m,
-            self._scene.terrain.cover.astype(_f),
+            self._scene.terrain.cover.astype(_f32),
         )
         maps = Maps(
             textures.albedo,
             textures.normals,
             textures.offsets,
-            self._scene.look.worn,
-            self._scene.look.gains.astype(_f),
+            self._scene.appearance.texture_layer,
+            self._scene.appearance.gains.astype(_f32),
             self._shadow,
             self._shadow_rows,
-            _f(_SHADOW_BIAS_M / _SHADOW_DEPTH_M),
+            _f32(_SHADOW_BIAS_M / _SHADOW_DEPTH_M),
         )
-        eye = Eye(
-            view.origin.astype(_f),
-            view.rotation.astype(_f),
-            _f(grid.focal_x),
-            _f(grid.focal_y),
-            _f(grid.centre_x),
-            _f(grid.centre_y),
+        camera = ShadingCamera(
+            view.origin.astype(_f32),
+            view.rotation.astype(_f32),
+            _f32(grid.focal_x),
+            _f32(grid.focal_y),
+            _f32(grid.centre_x),
+            _f32(grid.centre_y),
         )
-        shade_samples(buffers.near, buffers.seen, surface, maps, eye, self._air, samples, log_sum)
+        shade_samples(
+            buffers.depth_buffer,
+            buffers.face_buffer,
+            surface,
+            maps,
+            camera,
+            self._atmosphere,
+            samples,
+            log_sum,
+        )
         blocks = (grid.height // 2) * (grid.width // 2)
         return samples, float(log_sum.sum(dtype=np.float64) / blocks)
 
 
 def _corners(mesh: SceneMesh) -> NDArray[np.float32]:
-    """(V, 8) what the kernels read of each vertex."""
+    """(V, 8) values of each vertex, as in ``kernel_types.Surface``."""
     corners = np.zeros((len(mesh.vertices), 8), np.float32)
     corners[:, :3], corners[:, 3:5] = mesh.normals, mesh.uv
     corners[:, 5], corners[:, 6] = mesh.tint, mesh.sky
     return corners
 
 
-def _air(scene: Scene) -> Air:
-    light, weather, gains = scene.light, scene.weather, scene.look.sky_gains
-    return Air(
-        light.sun.astype(_f),
-        (light.sun_colour * gains).astype(_f),
-        (light.sky_colour * gains).astype(_f),
-        (light.haze_colour * gains).astype(_f),
-        _f(weather.haze_per_m),
-        _f(weather.snow),
-        _f(weather.wet),
-        _f(scene.backdrop),
-        _f(scene.seed % _BACKDROPS),
-        _f(light.lamp),
+def _atmosphere(scene: Scene) -> Atmosphere:
+    light, weather, gains = scene.light, scene.weather, scene.appearance.sky_gains
+    return Atmosphere(
+        light.sun.astype(_f32),
+        (light.sun_colour * gains).astype(_f32),
+        (light.sky_colour * gains).astype(_f32),
+        (light.haze_colour * gains).astype(_f32),
+        _f32(weather.haze_per_m),
+        _f32(weather.snow),
+        _f32(weather.wet),
+        _f32(scene.backdrop),
+        _f32(scene.seed % _BACKDROPS),
+        _f32(light.lamp),
     )
 
 
 def _ground_grid(scene: Scene) -> NDArray[np.float32]:
-    """(G, G) ground heights in the middle of 1 m cells."""
+    """(G, G) ground heights at the centres of 1 m cells, m."""
     middle = np.arange(-EXTENT_M, EXTENT_M) + 0.5
     x, y = np.meshgrid(middle, middle)
     return scene.terrain.height_m(x, y).astype(np.float32)

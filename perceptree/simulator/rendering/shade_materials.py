@@ -1,4 +1,7 @@
-"""Numba kernels of the materials: ground covers, bark with moss, snow and wetness."""
+"""Numba kernels for materials: ground covers, bark with moss, snow and wetness.
+
+The constants were chosen by eye.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ from perceptree.simulator.rendering.kernel_math import (
     value_noise,
 )
 
-_f = np.float32
+_f32 = np.float32
 _AREA = np.float32(SIZE_PX * SIZE_PX)
 _FIRST_CUTOUT, _FIRST_GROUND, _LAST_BARK = int(FIRST_CUTOUT), int(FIRST_GROUND), int(LAST_BARK)
 _DEAD_WOOD, _CUT_WOOD, _MUD = int(Layer.DEAD_WOOD), int(Layer.CUT_WOOD), int(Layer.MUD)
@@ -39,7 +42,7 @@ def is_foliage(texture):
 
 @njit(inline="always", cache=True, error_model="numpy")
 def _texels(corners, i, j, k):
-    """Area of a face in texels of the finest level, times two."""
+    """Twice the area of a face in texels of the finest mip level."""
     return _AREA * abs(
         (corners[j, 3] - corners[i, 3]) * (corners[k, 4] - corners[i, 4])
         - (corners[k, 3] - corners[i, 3]) * (corners[j, 4] - corners[i, 4])
@@ -48,55 +51,55 @@ def _texels(corners, i, j, k):
 
 @njit(cache=True, error_model="numpy")
 def _weights(screen, i, j, k, x, y, z):
-    """Perspective-correct weights of a face's corners at a sample, and its screen density."""
+    """Perspective-correct barycentric weights at a sample, and 1 over twice the face's area, px."""
     x0, y0, x1, y1 = screen[i, 0], screen[i, 1], screen[j, 0], screen[j, 1]
     x2, y2 = screen[k, 0], screen[k, 1]
-    inverse = _f(1) / ((x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0))
-    px, py = x + _f(0.5) - x2, y + _f(0.5) - y2
+    inverse = _f32(1) / ((x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0))
+    px, py = x + _f32(0.5) - x2, y + _f32(0.5) - y2
     a = (px * (y1 - y2) + py * (x2 - x1)) * inverse
     b = (px * (y2 - y0) + py * (x0 - x2)) * inverse
-    c = _f(1) - a - b
+    c = _f32(1) - a - b
     return a * screen[i, 2] * z, b * screen[j, 2] * z, c * screen[k, 2] * z, abs(inverse)
 
 
 @njit(cache=True, error_model="numpy")
 def _ground(colour, normal, point, u, v, surface, maps, level, work, texel):
-    """Blend the covers by noise in world space; returns how glossy the ground is."""
+    """Blend the ground covers by noise in world space; returns the gloss of the ground."""
     x, y = point[0], point[1]
-    rough = _f(0.35) * (cloud(x * _f(2.3), y * _f(2.3)) - _f(0.5))
-    first = value_noise(x * _f(0.42), y * _f(0.42)) - _f(0.5) + rough
-    second = value_noise(x * _f(0.55) + _f(37), y * _f(0.55) + _f(11)) - _f(0.5) - rough
-    best = _f(-9)
+    rough = _f32(0.35) * (cloud(x * _f32(2.3), y * _f32(2.3)) - _f32(0.5))
+    first = value_noise(x * _f32(0.42), y * _f32(0.42)) - _f32(0.5) + rough
+    second = value_noise(x * _f32(0.55) + _f32(37), y * _f32(0.55) + _f32(11)) - _f32(0.5) - rough
+    best = _f32(-9)
     for k in range(4):
         swing = first if k < 2 else second
-        work[k] = surface.cover[k] * _f(1.1) + (swing if k % 2 == 0 else -swing)
+        work[k] = surface.cover[k] * _f32(1.1) + (swing if k % 2 == 0 else -swing)
         if surface.cover[k] <= 0:
-            work[k] = _f(-9)
+            work[k] = _f32(-9)
         best = max(best, work[k])
-    total = _f(0)
+    total = _f32(0)
     for k in range(4):
-        work[k] = max(work[k] - best + _f(0.12), _f(0))
+        work[k] = max(work[k] - best + _f32(0.12), _f32(0))
         total += work[k]
-    rise_x, rise_y = _f(0), _f(0)
+    rise_x, rise_y = _f32(0), _f32(0)
     for c in range(3):
-        colour[c] = _f(0)
+        colour[c] = _f32(0)
     for k in range(4):
         if work[k] > 0:
             share = work[k] / total
             layer = _FIRST_GROUND + k
-            worn = maps.worn[layer]
-            sample(maps.albedo, maps.offsets, worn, level, u, v, texel)
+            texture_layer = maps.texture_layer[layer]
+            sample(maps.albedo, maps.offsets, texture_layer, level, u, v, texel)
             for c in range(3):
                 colour[c] += share * texel[c] * texel[c] * maps.gains[layer, c]
-            sample(maps.relief, maps.offsets, worn, level, u, v, texel)
-            rise_x += share * (texel[0] * _f(2) - _f(1))
-            rise_y += share * (texel[1] * _f(2) - _f(1))
-    normal[0] += rise_x * _f(0.9)
-    normal[1] -= rise_y * _f(0.9)
-    shade = _f(0.7) + _f(0.6) * value_noise(x * _f(0.3) + _f(9), y * _f(0.3))
+            sample(maps.relief, maps.offsets, texture_layer, level, u, v, texel)
+            rise_x += share * (texel[0] * _f32(2) - _f32(1))
+            rise_y += share * (texel[1] * _f32(2) - _f32(1))
+    normal[0] += rise_x * _f32(0.9)
+    normal[1] -= rise_y * _f32(0.9)
+    shade = _f32(0.7) + _f32(0.6) * value_noise(x * _f32(0.3) + _f32(9), y * _f32(0.3))
     for c in range(3):
         colour[c] *= shade
-    return _f(0.22) * work[_MUD_COVER] / total
+    return _f32(0.22) * work[_MUD_COVER] / total
 
 
 @njit(inline="always", cache=True, error_model="numpy")
@@ -109,86 +112,107 @@ def _height_above_ground(point, ground_m):
 
 @njit(cache=True, error_model="numpy")
 def _bark(colour, normal, point, u, v, texture, surface, maps, level, work):
-    """Bark relief along the stem, blotches, and moss towards the foot."""
-    sample(maps.relief, maps.offsets, maps.worn[texture], level, u, v, work)
-    relief_x, relief_y = work[0] * _f(2) - _f(1), work[1] * _f(2) - _f(1)
-    across = _f(1) / np.sqrt(normal[0] * normal[0] + normal[1] * normal[1] + _f(1e-6))
+    """Add bark relief to the normal, and blotches and moss near the ground to the colour."""
+    sample(maps.relief, maps.offsets, maps.texture_layer[texture], level, u, v, work)
+    relief_x, relief_y = work[0] * _f32(2) - _f32(1), work[1] * _f32(2) - _f32(1)
+    across = _f32(1) / np.sqrt(normal[0] * normal[0] + normal[1] * normal[1] + _f32(1e-6))
     east, north = -normal[1] * across, normal[0] * across
-    normal[0] += _f(1.3) * relief_x * east
-    normal[1] += _f(1.3) * relief_x * north
-    normal[2] += _f(1.3) * relief_y
-    blotch = _f(0.75) + _f(0.5) * value_noise(
-        (point[0] + point[1]) * _f(5), point[2] * _f(3) + point[0] * _f(4)
+    normal[0] += _f32(1.3) * relief_x * east
+    normal[1] += _f32(1.3) * relief_x * north
+    normal[2] += _f32(1.3) * relief_y
+    blotch = _f32(0.75) + _f32(0.5) * value_noise(
+        (point[0] + point[1]) * _f32(5), point[2] * _f32(3) + point[0] * _f32(4)
     )
-    low = ramp(_f(-1.1), _f(0.5), _f(0.3) - _height_above_ground(point, surface.ground_m))
+    low = ramp(_f32(-1.1), _f32(0.5), _f32(0.3) - _height_above_ground(point, surface.ground_m))
     if texture == _DEAD_WOOD:
-        low = _f(0)
-    patch = cloud(point[0] * _f(2) + point[2], point[1] * _f(2) + point[2] * _f(1.7))
-    moss = ramp(_f(0.5), _f(0.75), patch) * low * _f(0.8)
-    colour[0] = colour[0] * blotch + (_f(0.06) - colour[0] * blotch) * moss
-    colour[1] = colour[1] * blotch + (_f(0.085) - colour[1] * blotch) * moss
-    colour[2] = colour[2] * blotch + (_f(0.02) - colour[2] * blotch) * moss
+        low = _f32(0)
+    patch = cloud(point[0] * _f32(2) + point[2], point[1] * _f32(2) + point[2] * _f32(1.7))
+    moss = ramp(_f32(0.5), _f32(0.75), patch) * low * _f32(0.8)
+    colour[0] = colour[0] * blotch + (_f32(0.06) - colour[0] * blotch) * moss
+    colour[1] = colour[1] * blotch + (_f32(0.085) - colour[1] * blotch) * moss
+    colour[2] = colour[2] * blotch + (_f32(0.02) - colour[2] * blotch) * moss
 
 
 @njit(cache=True, error_model="numpy")
 def _snow(colour, normal, up, point, open_sky, texture, snow):
-    """Snow on what faces up under open sky; returns its share, and smooths the normal with it."""
-    grain = cloud(point[0] * _f(1.7), point[1] * _f(1.7))
-    fine = value_noise(point[0] * _f(11), point[1] * _f(11) + point[2] * _f(7))
+    """Add snow to surfaces that face up under open sky; returns the fraction of snow."""
+    grain = cloud(point[0] * _f32(1.7), point[1] * _f32(1.7))
+    fine = value_noise(point[0] * _f32(11), point[1] * _f32(11) + point[2] * _f32(7))
     if _FIRST_GROUND <= texture < _FIRST_CUTOUT:
-        reach = snow * _f(1.5) + open_sky * _f(0.25) - _f(0.45) * grain - _f(0.15) * fine
-        share = ramp(_f(0.12), _f(0.4), reach) * ramp(_f(0.5), _f(0.75), up)
+        reach = snow * _f32(1.5) + open_sky * _f32(0.25) - _f32(0.45) * grain - _f32(0.15) * fine
+        share = ramp(_f32(0.12), _f32(0.4), reach) * ramp(_f32(0.5), _f32(0.75), up)
     elif _FIRST_PLANT <= texture < _FIRST_OBJECT:
-        share = ramp(_f(0.1), _f(0.6), up + _f(0.5) * (fine - _f(0.5))) * min(_f(1), snow * _f(1.4))
+        share = ramp(_f32(0.1), _f32(0.6), up + _f32(0.5) * (fine - _f32(0.5))) * min(
+            _f32(1), snow * _f32(1.4)
+        )
     elif is_foliage(texture):
-        share = ramp(_f(0.35), _f(0.8), up + _f(0.5) * (fine - _f(0.5))) * snow * open_sky
+        share = ramp(_f32(0.35), _f32(0.8), up + _f32(0.5) * (fine - _f32(0.5))) * snow * open_sky
     else:
-        lean = up + _f(0.35) * (fine - _f(0.5)) + _f(0.2) * (grain - _f(0.5))
-        share = ramp(_f(0.3), _f(0.55), lean) * min(_f(1), snow * _f(1.6))
-    light = _f(0.66) + _f(0.16) * fine
+        lean = up + _f32(0.35) * (fine - _f32(0.5)) + _f32(0.2) * (grain - _f32(0.5))
+        share = ramp(_f32(0.3), _f32(0.55), lean) * min(_f32(1), snow * _f32(1.6))
+    light = _f32(0.66) + _f32(0.16) * fine
     colour[0] += (light - colour[0]) * share
-    colour[1] += (light * _f(1.01) - colour[1]) * share
-    colour[2] += (light * _f(1.05) - colour[2]) * share
-    normal[2] += share * _f(0.6)
+    colour[1] += (light * _f32(1.01) - colour[1]) * share
+    colour[2] += (light * _f32(1.05) - colour[2]) * share
+    normal[2] += share * _f32(0.6)
     return share
 
 
 @njit(cache=True, error_model="numpy")
 def _paint(colour, normal, point, world, u, v, tint, level, texture, surface, maps, work, texel):
-    """Albedo and textured normal of a dry, snowless surface; returns how glossy it is."""
-    worn = maps.worn[texture]
+    """Albedo and textured normal of a dry surface without snow; returns its gloss."""
+    texture_layer = maps.texture_layer[texture]
     if is_foliage(texture):
-        nearest(maps.albedo, maps.offsets, worn, level, u, v, colour)
+        nearest(maps.albedo, maps.offsets, texture_layer, level, u, v, colour)
         if normal[0] * world[0] + normal[1] * world[1] + normal[2] * world[2] > 0:
             for axis in range(3):
-                normal[axis] *= _f(0.3)
+                normal[axis] *= _f32(0.3)
     elif _FIRST_GROUND <= texture < _FIRST_CUTOUT:
         return _ground(colour, normal, point, u, v, surface, maps, level, work, texel)
     else:
-        sample(maps.albedo, maps.offsets, worn, level, u, v, colour)
+        sample(maps.albedo, maps.offsets, texture_layer, level, u, v, colour)
     for channel in range(3):
         colour[channel] *= colour[channel] * tint * maps.gains[texture, channel]
     if texture < _FIRST_GROUND and texture != _CUT_WOOD:
         _bark(colour, normal, point, u, v, texture, surface, maps, level, work)
-    return _f(0)
+    return _f32(0)
 
 
 @njit(inline="always", cache=True, error_model="numpy")
 def _wet(colour, gloss, texture, wet):
-    """Water darkens a surface and makes all but leaves glossy; returns the gloss."""
+    """Darken a wet surface, and make it glossy unless it is foliage; returns the gloss."""
     foliage = is_foliage(texture)
-    darker = _f(1) - wet * (_f(0.18) if foliage else _f(0.45))
+    darker = _f32(1) - wet * (_f32(0.18) if foliage else _f32(0.45))
     for channel in range(3):
         colour[channel] *= darker
     if foliage:
         return gloss
-    return min(_f(1), gloss + wet * (_f(0.35) if texture <= _LAST_BARK else _f(0.5)))
+    return min(_f32(1), gloss + wet * (_f32(0.35) if texture <= _LAST_BARK else _f32(0.5)))
 
 
 @njit(cache=True, error_model="numpy")
-def material(colour, normal, point, world, t, x, y, z, surface, maps, air, work, texel):
-    """Albedo and normal at a sample; returns open sky, whether it is foliage, and its gloss."""
-    i, j, k = surface.faces[t, 0], surface.faces[t, 1], surface.faces[t, 2]
+def material(colour, normal, point, world, face, x, y, z, surface, maps, atmosphere, work, texel):
+    """Compute albedo ``colour`` and ``normal`` of a face at a sample.
+
+    Args:
+        colour: (3,) receives the linear RGB albedo.
+        normal: (3,) receives the normal.
+        point: (3,) world position of the sample, m.
+        world: (3,) ray in world axes.
+        face: Number of the face.
+        x: Column of the sample.
+        y: Row of the sample.
+        z: Depth of the sample, m.
+        surface: Triangles.
+        maps: Textures.
+        atmosphere: Light and weather.
+        work: (4,) work space.
+        texel: (3,) work space.
+
+    Returns:
+        Visibility of the sky (0 to 1), whether the face is foliage, and its gloss (0 to 1).
+    """
+    i, j, k = surface.faces[face, 0], surface.faces[face, 1], surface.faces[face, 2]
     a, b, c, density = _weights(surface.screen, i, j, k, x, y, z)
     corners = surface.corners
     for axis in range(3):
@@ -198,18 +222,18 @@ def material(colour, normal, point, world, t, x, y, z, surface, maps, air, work,
     tint = a * corners[i, 5] + b * corners[j, 5] + c * corners[k, 5]
     open_sky = a * corners[i, 6] + b * corners[j, 6] + c * corners[k, 6]
     level, ratio = 0, _texels(corners, i, j, k) * density
-    while ratio > _f(0.6) and level < MIP_LEVELS - 1:
-        ratio *= _f(0.25)
+    while ratio > _f32(0.6) and level < MIP_LEVELS - 1:
+        ratio *= _f32(0.25)
         level += 1
-    texture = int(surface.layer[t])
+    texture = int(surface.layer[face])
     normalise(normal)
     upwards = normal[2]
     gloss = _paint(
         colour, normal, point, world, u, v, tint, level, texture, surface, maps, work, texel
     )
-    gloss = _wet(colour, gloss, texture, air.wet)
-    if air.snow > 0:
-        gloss *= _f(1) - _snow(colour, normal, upwards, point, open_sky, texture, air.snow)
+    gloss = _wet(colour, gloss, texture, atmosphere.wet)
+    if atmosphere.snow > 0:
+        gloss *= _f32(1) - _snow(colour, normal, upwards, point, open_sky, texture, atmosphere.snow)
     foliage = is_foliage(texture)
     if not foliage:
         normalise(normal)

@@ -1,4 +1,4 @@
-"""Where the camera stands and looks, and which parts of a scene it can see."""
+"""Camera views of a scene, and the faces that are visible from them."""
 
 from __future__ import annotations
 
@@ -17,15 +17,23 @@ from perceptree.simulator.settings import CameraSettings, PoseSettings
 
 Float = NDArray[np.floating[Any]]
 
-VIEW_RADIUS_M = 6.0
+VIEW_RADIUS_M = 6.0  # cameras are within this distance of the scene's centre
 _STEM_CLEARANCE_M = 0.8
-_TRIES = 60
+_ATTEMPTS = 60
 _BORDER_POINTS = 33
 
 
 @dataclass(frozen=True)
 class Pose:
-    """How the camera was carried: ``carrier`` is "mast" or "hand", pitch up is positive."""
+    """How the camera is carried.
+
+    Attributes:
+        carrier: ``mast``, ``hand`` or ``drive``.
+        height_m: Height above the ground, m.
+        pitch_deg: Pitch, positive upwards.
+        roll_deg: Roll, positive clockwise.
+        yaw_deg: Yaw, counter-clockwise from east.
+    """
 
     carrier: str
     height_m: float
@@ -36,9 +44,13 @@ class Pose:
 
 @dataclass(frozen=True)
 class View:
-    """A posed camera: ``origin`` (3,) world metres, ``rotation`` (3, 3) rows right, down, forward.
+    """A camera with its position and orientation.
 
-    ``intrinsics`` follow OpenCV: pixel centres on whole numbers.
+    Attributes:
+        intrinsics: The camera, in OpenCV's convention: pixel centres have integer coordinates.
+        origin: (3,) position in the world, m.
+        rotation: (3, 3) axes in the world; the rows are right, down and forward.
+        pose: How the camera is carried.
     """
 
     intrinsics: PinholeCamera
@@ -48,12 +60,12 @@ class View:
 
     @property
     def up(self) -> Float:
-        """(3,) unit vector upwards in the camera frame, as an IMU gives it."""
+        """(3,) unit vector upwards in camera axes, as an IMU gives it."""
         return np.asarray(self.rotation[:, 2])
 
     @cached_property
     def ray_bounds(self) -> tuple[float, float, float, float]:
-        """Least and largest x / z, then y / z, of the rays through the image's border."""
+        """Minimum and maximum of x / z, then of y / z, of the rays through the image's border."""
         camera = self.intrinsics
         x = np.linspace(0.0, camera.width, _BORDER_POINTS)
         y = np.linspace(0.0, camera.height, _BORDER_POINTS)
@@ -66,16 +78,16 @@ class View:
         return float(low[0]), float(high[0]), float(low[1]), float(high[1])
 
     def to_camera(self, points_m: Float) -> Float:
-        """World points (..., 3) in the camera frame: x right, y down, z forward."""
+        """Transform world points (..., 3) to camera axes: x right, y down, z forward, m."""
         return np.asarray((points_m - self.origin) @ self.rotation.T)
 
     def project(self, points_m: Float) -> Float:
-        """World points (..., 3) in front of the camera to (..., 2) px, corner-based."""
+        """Project world points (..., 3) in front of the camera to corner-based px (..., 2)."""
         return calib.project_points(self.intrinsics, self.to_camera(points_m))
 
 
 def look_from(intrinsics: PinholeCamera, origin: Float, pose: Pose) -> View:
-    """A view from ``origin``: yaw turns left from east, pitch up, roll clockwise."""
+    """Make the view of a camera at ``origin`` (3,) with the angles of ``pose``."""
     yaw, pitch, roll = np.radians([pose.yaw_deg, pose.pitch_deg, pose.roll_deg])
     flat = np.array([np.cos(yaw), np.sin(yaw), 0.0])
     up = np.array([0.0, 0.0, 1.0])
@@ -100,11 +112,11 @@ def _random_pose(rng: np.random.Generator, settings: CameraSettings) -> Pose:
 
 
 def random_view(rng: np.random.Generator, settings: CameraSettings, scene: Scene) -> View:
-    """Stand somewhere in the middle of the scene, clear of stems, and look anywhere."""
+    """Draw a random view near the scene's centre, away from stems and obstacles."""
     feet = np.array([tree.position_m[:2] for tree in scene.near_trees]).reshape(-1, 2)
     things = scene.obstacles
     place = np.zeros(2)
-    for _ in range(_TRIES):
+    for _ in range(_ATTEMPTS):
         distance, angle = VIEW_RADIUS_M * np.sqrt(rng.random()), rng.uniform(0, 2 * np.pi)
         place = distance * np.array([np.cos(angle), np.sin(angle)])
         beside = not len(feet) or np.hypot(*(feet - place).T).min() > _STEM_CLEARANCE_M
@@ -117,7 +129,11 @@ def random_view(rng: np.random.Generator, settings: CameraSettings, scene: Scene
 
 
 def visible_faces(mesh: SceneMesh, view: View) -> NDArray[np.int64]:
-    """Numbers of the faces of all instances whose bounding sphere meets the view, nearest first."""
+    """Faces of all instances whose bounding sphere intersects the view, nearest first.
+
+    Returns:
+        (n,) int64 face numbers.
+    """
     local = view.to_camera(mesh.instance_centre)
     radius = mesh.instance_radius
     inside = local[:, 2] > -radius

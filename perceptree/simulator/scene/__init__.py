@@ -1,3 +1,3 @@
-"""What stands where, under which sky: the description that knows no mesh and no renderer."""
+"""Scene descriptions: terrain, trees, undergrowth, objects, weather and light, without meshes."""
 
 __all__: list[str] = []

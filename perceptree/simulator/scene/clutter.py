@@ -1,4 +1,4 @@
-"""Plants that close the ground, and what stands about the feet of stems."""
+"""Dense low plants on the ground, and clutter around the feet of stems."""
 
 from __future__ import annotations
 
@@ -7,21 +7,28 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from perceptree.simulator.scene.scatter import RADIUS_M, Placement, turned
+from perceptree.simulator.scene.scatter import RADIUS_M, Placement, yaw_rotations
 from perceptree.simulator.scene.terrain import Terrain
 from perceptree.simulator.settings import ClutterSettings
 
 Float = NDArray[np.floating[Any]]
 
+# Kind: field of ClutterSettings, number of plants at full density, spatial frequency of patches.
 _GROUND_PLANTS = {"herb": ("herbs", 5200, 0.30), "bilberry": ("shrubs", 2600, 0.42)}
 _FOOT_PLANTS = ("grass", "fern", "herb", "bilberry", "scrub", "seedling", "branch", "rock", "stump")
-_FOOT_REACH_M = (0.02, 0.35)
+_FOOT_REACH_M = (0.02, 0.35)  # range of the distance from the bark
 
 
 def cover_ground(
     rng: np.random.Generator, settings: ClutterSettings, terrain: Terrain
 ) -> list[Placement]:
-    """Herbs and dwarf shrubs in patches, denser around the middle."""
+    """Scatter herbs and dwarf shrubs in patches, denser towards the scene's centre.
+
+    Args:
+        rng: Source of random numbers.
+        settings: Densities.
+        terrain: The ground.
+    """
     placements = []
     for kind, (setting, full_count, patch) in _GROUND_PLANTS.items():
         density = rng.uniform(*getattr(settings, setting))
@@ -31,7 +38,9 @@ def cover_ground(
         phase = rng.uniform(0, 2 * np.pi, 2)
         wave = np.sin(patch * x + phase[0]) * np.cos(patch * 1.3 * y + phase[1])
         kept = wave + rng.normal(0, 0.3, number) > 0.6 - 1.4 * density
-        placements.append(_placed(rng, kind, terrain, np.stack([x, y], -1)[kept], (0.6, 1.5)))
+        placements.append(
+            _make_placement(rng, kind, terrain, np.stack([x, y], -1)[kept], (0.6, 1.5))
+        )
     return placements
 
 
@@ -42,7 +51,15 @@ def surround_feet(
     feet_m: Float,
     radii_m: Float,
 ) -> list[Placement]:
-    """Plants, branches, stones and stumps against the stems that stand at ``feet_m`` (n, 2)."""
+    """Place plants, branches, stones and stumps around the feet of some stems.
+
+    Args:
+        rng: Source of random numbers.
+        settings: Fraction of the stems.
+        terrain: The ground.
+        feet_m: (n, 2) positions of the stems, m.
+        radii_m: (n,) radii of the stems, m.
+    """
     share = rng.uniform(*settings.foot)
     chosen = np.nonzero(rng.random(len(feet_m)) < share)[0]
     stems = np.repeat(chosen, rng.integers(2, 9, len(chosen)))
@@ -52,12 +69,12 @@ def surround_feet(
     weights = np.array([4, 3, 4, 3, 2, 1, 2, 1, 0.3])
     kinds = rng.choice(len(_FOOT_PLANTS), len(stems), p=weights / weights.sum())
     return [
-        _placed(rng, kind, terrain, places[kinds == number], (0.5, 1.1))
+        _make_placement(rng, kind, terrain, places[kinds == number], (0.5, 1.1))
         for number, kind in enumerate(_FOOT_PLANTS)
     ]
 
 
-def _placed(
+def _make_placement(
     rng: np.random.Generator,
     kind: str,
     terrain: Terrain,
@@ -68,7 +85,7 @@ def _placed(
     return Placement(
         kind,
         np.stack([x, y, terrain.height_m(x, y)], -1),
-        turned(rng.uniform(0, 2 * np.pi, len(x))),
+        yaw_rotations(rng.uniform(0, 2 * np.pi, len(x))),
         rng.uniform(*scale, len(x)),
         rng.uniform(0.7, 1.2, len(x)),
         rng.random(len(x)),

@@ -1,4 +1,7 @@
-"""The scene's description: what stands where, under which sky. It knows no mesh and no renderer."""
+"""Scene description: terrain, trees, undergrowth, objects, weather and light.
+
+It is independent of meshes and of the renderer.
+"""
 
 from __future__ import annotations
 
@@ -8,18 +11,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from perceptree.simulator.scene.appearance import Appearance, random_appearance
 from perceptree.simulator.scene.circuit import Circuit, make_circuit
 from perceptree.simulator.scene.clutter import cover_ground, surround_feet
 from perceptree.simulator.scene.conditions import Light, Weather, make_light, make_weather
 from perceptree.simulator.scene.felling_cut import (
     DIAMETER_ABOVE_CUT_M,
     cut_height_m,
-    stands_at,
+    is_near_foot,
 )
-from perceptree.simulator.scene.look import Look, random_look
 from perceptree.simulator.scene.models import MODELS, TreeModel
 from perceptree.simulator.scene.objects import place_large, place_small
-from perceptree.simulator.scene.scatter import Placement, roots_at, scatter
+from perceptree.simulator.scene.scatter import Placement, scatter, scatter_roots
 from perceptree.simulator.scene.stand import stem_positions
 from perceptree.simulator.scene.stem import Stem, random_stem
 from perceptree.simulator.scene.terrain import Terrain, make_terrain
@@ -35,23 +38,32 @@ from perceptree.simulator.streams import Stream, stream
 
 Float = NDArray[np.floating[Any]]
 
-NEAR_M = 18.0
-_OBSTACLES_M = {"rock": (0.22, 0.17), "stump": (0.18, 0.33)}
-_LEAFLESS_SNOW = 0.25
-_BROKEN_ABOVE_LABELS_M = (0.3, 5.0)
-_BROKEN_SHARE = 0.8  # of the stem's height: above it none is broken
-_STEM_GAP_M = 0.3
+NEAR_M = 18.0  # trees within this distance of the centre have full detail
+_OBSTACLES_M = {"rock": (0.22, 0.17), "stump": (0.18, 0.33)}  # typical radius and height
+_LEAFLESS_SNOW = 0.25  # broadleaved trees have no leaves with this much snow
+_BROKEN_ABOVE_LABELS_M = (0.3, 5.0)  # height of breaks above the labelled stem
+_BROKEN_SHARE = 0.8  # stems are not broken above this fraction of their height
+_STEM_GAP_M = 0.3  # minimum distance of a stem from a large object
 
 
 @dataclass(frozen=True)
 class Tree:
-    """One tree: its stem, where it stands, its labels' heights and how it looks.
+    """One tree.
 
-    ``position_m`` (3,) is the foot of the axis on the ground; the heights are along the stem's
-    local z, above that foot. ``cut_height_m`` and ``diameter_height_m`` are above the ground on
-    the uphill side, ``uphill_m`` how much higher that is than the foot. Only ``near`` trees are
-    drawn in full and can be labelled. ``crown`` in [0, 1) picks the crown's variant; ``dead``
-    trees have lost theirs.
+    The foot is the point where the stem's axis meets the ground.
+
+    Attributes:
+        stem: Shape of the stem.
+        position_m: (3,) the foot in the world, m.
+        uphill_m: Height of the ground on the uphill side of the stem above the foot, m.
+        cut_height_m: Height of the felling cut above the ground on the uphill side, m.
+        diameter_height_m: Height of the diameter keypoints above the ground on the uphill side, m.
+        top_z_m: Height of the labelled stem's top above the foot, m.
+        near: Whether the tree has full detail and can be labelled.
+        crown: Chooses the variant of the crown, 0 to 1.
+        turn_rad: Rotation of the crown about the vertical.
+        tint: Brightness factor.
+        dead: Whether the tree is dead, without crown.
     """
 
     stem: Stem
@@ -68,37 +80,49 @@ class Tree:
 
     @property
     def cut_z_m(self) -> float:
-        """Height of the felling cut above the foot."""
+        """Height of the felling cut above the foot, m."""
         return self.uphill_m + self.cut_height_m
 
     @property
     def diameter_z_m(self) -> float:
-        """Height of the diameter keypoints above the foot."""
+        """Height of the diameter keypoints above the foot, m."""
         return self.uphill_m + self.diameter_height_m
 
     @property
     def label_heights_m(self) -> tuple[float, float, float]:
-        """Heights above the foot of the cut, the diameter and the labelled stem's top."""
+        """Heights of cut, diameter keypoints and labelled stem's top above the foot, m."""
         return self.cut_z_m, self.diameter_z_m, self.top_z_m
 
     def point(self, height_m: float) -> Float:
-        """(3,) world point of the axis at a height above the foot."""
+        """(3,) point of the axis in the world at a height above the foot, m."""
         return np.asarray(self.position_m + self.stem.axis(np.array(height_m)))
 
     def ring(self, height_m: float, sides: int = 96) -> Float:
-        """(sides, 3) world points of the bark around the axis at a height above the foot."""
+        """(sides, 3) points of the bark in the world around a height above the foot, m."""
         return np.asarray(self.position_m + self.stem.rings(np.array([height_m]), sides)[0, :-1])
 
 
 @dataclass(frozen=True)
 class Scene:
-    """Everything that stands and lies in one scene, and its weather and light.
+    """Everything in one scene. World axes are x east, y north and z up, in metres.
 
-    World axes: x east, y north, z up, metres. ``trees`` are all of the stand, near ones first:
-    tree n of the near ones has the number n + 1 in label images. ``obstacles`` (n, 3), x, y and
-    radius, are what a camera has to keep out of beside the stems. ``dead_twigs``, ``backdrop``
-    and ``look`` are as in ClutterSettings and Look, ``fine_crowns`` as in StandSettings;
-    ``circuit`` is a machine's way, if it drives.
+    Attributes:
+        seed: Seed of the scene.
+        terrain: The ground.
+        stems_per_ha: Density of the stand.
+        pattern: Spatial pattern of the stand, one of PATTERNS.
+        trees: All trees, near ones first; near tree n (from 0) has the number n + 1 in label
+            images.
+        undergrowth: Undergrowth and objects.
+        leaves: Whether broadleaved trees have leaves.
+        weather: The weather.
+        light: The light.
+        obstacles: (n, 3) circles that cameras avoid: x, y and radius, m.
+        dead_twigs: Dead twigs per near conifer, in hundreds, as in ClutterSettings.
+        backdrop: Density of the forest beyond the stand, as in ClutterSettings.
+        appearance: Colours and textures of the materials.
+        fine_crowns: Whether near crowns have fine twigs, as in StandSettings.
+        circuit: Path of the machine in a drive, else None.
     """
 
     seed: int
@@ -113,18 +137,23 @@ class Scene:
     obstacles: Float
     dead_twigs: float
     backdrop: float
-    look: Look
+    appearance: Appearance
     fine_crowns: bool
     circuit: Circuit | None = None
 
     @property
     def near_trees(self) -> list[Tree]:
-        """The trees that can be labelled, in the order of their numbers."""
+        """The trees that can be labelled, in the order of their numbers in label images."""
         return [tree for tree in self.trees if tree.near]
 
 
 def describe_scene(settings: SimulatorSettings, seed: int) -> Scene:
-    """Draw the forest of one seed: ground, stand, undergrowth, weather and light."""
+    """Draw a random scene.
+
+    Args:
+        settings: Ranges of everything in the scene.
+        seed: Seed of the scene; the same seed and settings give the same scene.
+    """
     rng = stream(seed, Stream.SCENE)
     stand = settings.stand
     terrain = make_terrain(rng, settings.terrain)
@@ -133,30 +162,30 @@ def describe_scene(settings: SimulatorSettings, seed: int) -> Scene:
     stems_per_ha = float(rng.uniform(*stand.stems_per_ha))
     feet = stem_positions(rng, stand, terrain, stems_per_ha, pattern)
     circuit = make_circuit(stream(seed, Stream.CIRCUIT)) if settings.drive.rate_hz else None
-    way_m = np.empty((0, 2)) if circuit is None else circuit.points_m[::16]
+    path_m = np.empty((0, 2)) if circuit is None else circuit.points_m[::16]
     if circuit is not None:
         feet = feet[circuit.distance_m(feet) > settings.drive.clearance_m]
-    added = stream(seed, Stream.ADDITIONS)
-    large = place_large(added, settings.objects, terrain, way_m)
-    feet = feet[_outside(feet, large.circles)]
+    additions_rng = stream(seed, Stream.ADDITIONS)
+    large = place_large(additions_rng, settings.objects, terrain, path_m)
+    feet = feet[_outside_circles(feet, large.circles)]
     feet = feet[np.argsort(np.hypot(*feet.T), kind="stable")]
-    trees = _grow(rng, settings, terrain, feet)
+    trees = _make_trees(rng, settings, terrain, feet)
     if stand.dead_share:
-        trees = _let_die(stream(seed, Stream.DEATH), trees, stand.dead_share)
+        trees = _with_dead_trees(stream(seed, Stream.DEATH), trees, stand.dead_share)
     undergrowth = scatter(rng, settings.undergrowth, terrain, feet)
     near = feet[np.hypot(*feet.T) < NEAR_M]
     rooted = rng.random(len(near)) < terrain.cover[GROUNDS.index("roots")]
-    undergrowth.append(roots_at(rng, terrain, near[rooted]))
+    undergrowth.append(scatter_roots(rng, terrain, near[rooted]))
     weather = make_weather(rng, settings.weather)
     light = make_light(rng, settings.light, weather)
     clutter = settings.clutter
-    undergrowth += cover_ground(added, clutter, terrain)
+    undergrowth += cover_ground(additions_rng, clutter, terrain)
     radii_m = np.array([tree.stem.diameter_m / 2 for tree in trees if tree.near])
-    undergrowth += surround_feet(added, clutter, terrain, near, radii_m)
-    taken_m = np.concatenate([feet, way_m])
-    small = place_small(added, settings.objects, terrain, taken_m, large.circles)
+    undergrowth += surround_feet(additions_rng, clutter, terrain, near, radii_m)
+    taken_m = np.concatenate([feet, path_m])
+    small = place_small(additions_rng, settings.objects, terrain, taken_m, large.circles)
     if settings.labels.cut_rule == "visible":
-        trees = [_cut_where_seen(tree, undergrowth) for tree in trees]
+        trees = [_with_visible_cut(tree, undergrowth) for tree in trees]
     return Scene(
         seed,
         terrain,
@@ -168,24 +197,24 @@ def describe_scene(settings: SimulatorSettings, seed: int) -> Scene:
         weather,
         light,
         small.circles,
-        float(added.uniform(*clutter.dead_twigs)),
-        float(added.uniform(*clutter.backdrop)),
-        random_look(added, settings.randomisation),
+        float(additions_rng.uniform(*clutter.dead_twigs)),
+        float(additions_rng.uniform(*clutter.backdrop)),
+        random_appearance(additions_rng, settings.randomisation),
         stand.fine_crowns,
         circuit,
     )
 
 
-def _outside(places_m: Float, circles: Float) -> NDArray[np.bool_]:
-    """(n,) whether places (n, 2) lie outside all circles (m, 3): x, y and radius."""
+def _outside_circles(places_m: Float, circles: Float) -> NDArray[np.bool_]:
+    """(n,) whether points (n, 2) are outside all circles (m, 3) of x, y and radius."""
     inside = np.zeros(len(places_m), np.bool_)
     for x, y, radius in circles:
         inside |= np.hypot(places_m[:, 0] - x, places_m[:, 1] - y) < radius + _STEM_GAP_M
     return ~inside
 
 
-def _cut_where_seen(tree: Tree, undergrowth: list[Placement]) -> Tree:
-    """A near tree cut by the rule of ``felling_cut``."""
+def _with_visible_cut(tree: Tree, undergrowth: list[Placement]) -> Tree:
+    """Set the cut of a near tree by the rule in ``felling_cut``."""
     if not tree.near:
         return tree
     heights_m: list[float] = []
@@ -194,18 +223,20 @@ def _cut_where_seen(tree: Tree, undergrowth: list[Placement]) -> Tree:
         if size is not None and len(placement.position_m):
             width_m, height_m = np.multiply.outer(size, placement.scale)
             places = placement.position_m
-            near = stands_at(tree.position_m[:2], tree.stem.diameter_m / 2, places[:, :2], width_m)
+            near = is_near_foot(
+                tree.position_m[:2], tree.stem.diameter_m / 2, places[:, :2], width_m
+            )
             tops = places[near, 2] + height_m[near] - tree.position_m[2] - tree.uphill_m
             heights_m += tops.tolist()
     cut_m = cut_height_m(tree.stem, tree.uphill_m, heights_m)
     return replace(tree, cut_height_m=cut_m, diameter_height_m=cut_m + DIAMETER_ABOVE_CUT_M)
 
 
-def _grow(
+def _make_trees(
     rng: np.random.Generator, settings: SimulatorSettings, terrain: Terrain, feet: Float
 ) -> list[Tree]:
     stand = settings.stand
-    models, shares = _mixture(rng, stand)
+    models, shares = _species_mix(rng, stand)
     median_m, lean_std_deg = rng.uniform(*stand.diameter_median_m), rng.uniform(*stand.lean_std_deg)
     trees = []
     for x, y in feet:
@@ -214,12 +245,12 @@ def _grow(
         stem = random_stem(
             rng, model, diameter_m, lean_std_deg, stand.lean_max_deg, stand.fork_share
         )
-        trees.append(_plant(rng, stem, float(x), float(y), terrain, settings.labels))
+        trees.append(_place_tree(rng, stem, float(x), float(y), terrain, settings.labels))
     return trees
 
 
-def _let_die(rng: np.random.Generator, trees: list[Tree], share: float) -> list[Tree]:
-    """The trees, a share of them dead; half of those are broken off above their labels."""
+def _with_dead_trees(rng: np.random.Generator, trees: list[Tree], share: float) -> list[Tree]:
+    """Make a fraction of the trees dead; half of these are broken above the labelled stem."""
     result = []
     for tree in trees:
         dies, breaks, height_m = (
@@ -235,8 +266,8 @@ def _let_die(rng: np.random.Generator, trees: list[Tree], share: float) -> list[
     return result
 
 
-def _mixture(rng: np.random.Generator, stand: StandSettings) -> tuple[list[TreeModel], Float]:
-    """The models of a scene and their shares: a few species, each in all its variants."""
+def _species_mix(rng: np.random.Generator, stand: StandSettings) -> tuple[list[TreeModel], Float]:
+    """Choose a few species for a scene: their models, and the fraction of each model."""
     weights = np.array([stand.species.get(name, 0.0) for name in SPECIES])
     count = min(stand.species_per_scene, int((weights > 0).sum()))
     chosen = rng.choice(len(SPECIES), count, replace=False, p=weights / weights.sum())
@@ -248,7 +279,7 @@ def _mixture(rng: np.random.Generator, stand: StandSettings) -> tuple[list[TreeM
 
 
 def _diameter_m(rng: np.random.Generator, stand: StandSettings, median_m: float) -> float:
-    """A log-normal diameter, drawn again until it lies within the stand's bounds."""
+    """Draw a log-normal diameter until it is within the stand's bounds."""
     for _ in range(30):
         diameter_m = float(median_m * np.exp(rng.normal(0, stand.diameter_log_std)))
         if stand.diameter_m[0] <= diameter_m <= stand.diameter_m[1]:
@@ -256,7 +287,7 @@ def _diameter_m(rng: np.random.Generator, stand: StandSettings, median_m: float)
     return float(np.clip(diameter_m, *stand.diameter_m))
 
 
-def _plant(
+def _place_tree(
     rng: np.random.Generator,
     stem: Stem,
     x: float,
@@ -264,7 +295,7 @@ def _plant(
     terrain: Terrain,
     labels: LabelSettings,
 ) -> Tree:
-    """Set a stem on the ground, its label heights above the uphill side."""
+    """Place a stem on the ground, and its labels above the ground on the uphill side."""
     foot = np.array([x, y, float(terrain.height_m(x, y))])
     radius = 0.6 * stem.diameter_m
     angle = np.linspace(0, 2 * np.pi, 24, endpoint=False)

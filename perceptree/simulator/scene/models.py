@@ -11,15 +11,23 @@ Span = tuple[float, float]
 
 @dataclass(frozen=True)
 class TreeModel:
-    """One model of tree: its species, its bark, and the ranges its form is drawn from.
+    """A tree model: species, bark and shape parameters.
 
-    ``bark_m`` is the length of bark that one repeat of its texture shows. ``height_m`` is the
-    height that the thickest stems approach, ``taper`` the exponent of the radius over the way left
-    to the tip. ``flare`` is the swelling of the root collar over the stem's radius, ``bumps`` the
-    standard deviation of the section's waves over its radius. ``sweep_m`` bends the axis; ``lean``
-    and ``fork`` scale the stand's lean and its share of forked stems. ``crown_base`` is where the
-    living crown begins, as a share of the height; ``dead_branches`` how many dry ones a near stem
-    has below it.
+    Attributes:
+        name: Name of the model.
+        species: Its species, one of SPECIES.
+        bark: Texture layer of the bark.
+        conifer: Whether the tree is a conifer.
+        bark_m: Length of bark that one repeat of the texture shows, m.
+        height_m: Height that the thickest stems approach, m.
+        taper: Exponent of the radius over the distance to the tip.
+        flare: Range of the root collar's widening, as a fraction of the stem's radius.
+        bumps: Standard deviation of the cross-section's irregularity, as a fraction of the radius.
+        sweep_m: Size of the axis's bends, m.
+        lean: Factor of the stand's lean.
+        fork: Factor of the stand's fraction of forked stems.
+        crown_base: Range of the height where the crown begins, as a fraction of the tree's height.
+        dead_branches: Number of dead branches below the crown of a near tree.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Where undergrowth grows and lies: clusters by kind, with rules of slope and stems nearby."""
+"""Scatter undergrowth in clusters, with limits on slope and on the distance to stems."""
 
 from __future__ import annotations
 
@@ -14,14 +14,22 @@ from perceptree.simulator.vectors import unit
 
 Float = NDArray[np.floating[Any]]
 
-RADIUS_M = 21.0
-_TINT = (0.75, 1.15)
+RADIUS_M = 21.0  # undergrowth is within this distance of the centre
+_TINT = (0.75, 1.15)  # range of the brightness factor
 
 
 @dataclass(frozen=True)
 class Placement:
-    """n objects of one kind: ``position_m`` (n, 3), ``rotation`` (n, 3, 3), ``scale``, ``tint``
-    and ``choice`` (n,), a number in [0, 1) that picks the variant."""
+    """Placed objects of one kind.
+
+    Attributes:
+        kind: Name of the kind.
+        position_m: (n, 3) m.
+        rotation: (n, 3, 3).
+        scale: (n,) size factor.
+        tint: (n,) brightness factor.
+        choice: (n,) number in [0, 1) that chooses the variant.
+    """
 
     kind: str
     position_m: Float
@@ -32,7 +40,7 @@ class Placement:
 
 
 @dataclass(frozen=True)
-class _Habit:
+class _ScatterRule:
     """How a kind is scattered.
 
     ``setting`` of UndergrowthSettings scales ``full_count`` objects within RADIUS_M; the higher
@@ -43,32 +51,32 @@ class _Habit:
     full_count: int
     scale: tuple[float, float]
     threshold: float
-    lying: bool = False
+    follows_slope: bool = False
 
 
-_HABITS = {
-    "grass": _Habit("grass", 5000, (0.5, 1.3), 0.0),
-    "dry_grass": _Habit("grass", 2200, (0.5, 1.2), 0.3),
-    "fern": _Habit("ferns", 350, (0.5, 1.2), 0.1),
-    "scrub": _Habit("scrubs", 320, (0.5, 1.4), -0.2),
-    "seedling": _Habit("scrubs", 70, (0.5, 1.3), -0.3),
-    "sapling": _Habit("scrubs", 26, (0.5, 1.1), -0.5),
-    "branch": _Habit("branches", 260, (0.6, 1.4), -2.0, lying=True),
-    "log": _Habit("branches", 12, (0.7, 1.2), -2.0, lying=True),
-    "stump": _Habit("stumps", 16, (0.7, 1.2), -2.0),
-    "rock": _Habit("rocks", 60, (0.4, 1.6), 0.0, lying=True),
+_SCATTER_RULES = {
+    "grass": _ScatterRule("grass", 5000, (0.5, 1.3), 0.0),
+    "dry_grass": _ScatterRule("grass", 2200, (0.5, 1.2), 0.3),
+    "fern": _ScatterRule("ferns", 350, (0.5, 1.2), 0.1),
+    "scrub": _ScatterRule("scrubs", 320, (0.5, 1.4), -0.2),
+    "seedling": _ScatterRule("scrubs", 70, (0.5, 1.3), -0.3),
+    "sapling": _ScatterRule("scrubs", 26, (0.5, 1.1), -0.5),
+    "branch": _ScatterRule("branches", 260, (0.6, 1.4), -2.0, follows_slope=True),
+    "log": _ScatterRule("branches", 12, (0.7, 1.2), -2.0, follows_slope=True),
+    "stump": _ScatterRule("stumps", 16, (0.7, 1.2), -2.0),
+    "rock": _ScatterRule("rocks", 60, (0.4, 1.6), 0.0, follows_slope=True),
 }
 
 
-def turned(turn_rad: Float) -> Float:
-    """(n, 3, 3) rotations about the vertical."""
+def yaw_rotations(turn_rad: Float) -> Float:
+    """(n, 3, 3) rotations about the vertical by angles (n,)."""
     cos, sin, zero = np.cos(turn_rad), np.sin(turn_rad), np.zeros_like(turn_rad)
     rows = [[cos, -sin, zero], [sin, cos, zero], [zero, zero, zero + 1]]
     return np.stack([np.stack(row, -1) for row in rows], -2)
 
 
-def lying(terrain: Terrain, x_m: Float, y_m: Float, turn_rad: Float) -> Float:
-    """(n, 3, 3) rotations whose z axis is the ground's normal."""
+def slope_rotations(terrain: Terrain, x_m: Float, y_m: Float, turn_rad: Float) -> Float:
+    """(n, 3, 3) rotations by angles (n,) with the ground's normal as z axis."""
     step = 0.4
     rise_x = (terrain.height_m(x_m + step, y_m) - terrain.height_m(x_m - step, y_m)) / (2 * step)
     rise_y = (terrain.height_m(x_m, y_m + step) - terrain.height_m(x_m, y_m - step)) / (2 * step)
@@ -81,24 +89,31 @@ def lying(terrain: Terrain, x_m: Float, y_m: Float, turn_rad: Float) -> Float:
 def scatter(
     rng: np.random.Generator, settings: UndergrowthSettings, terrain: Terrain, stems_m: Float
 ) -> list[Placement]:
-    """Objects of every kind around the middle, denser towards it, clear of stems (n, 2)."""
+    """Scatter undergrowth of every kind, denser towards the scene's centre.
+
+    Args:
+        rng: Source of random numbers.
+        settings: Densities.
+        terrain: The ground.
+        stems_m: (n, 2) positions of stems that large kinds keep clear of, m.
+    """
     placements = []
     phase = rng.uniform(0, 2 * np.pi, 2)
     density = {
         name: rng.uniform(*getattr(settings, name))
         for name in ("grass", "ferns", "scrubs", "branches", "stumps", "rocks")
     }
-    for kind, habit in _HABITS.items():
-        number = int(habit.full_count * density[habit.setting])
+    for kind, rule in _SCATTER_RULES.items():
+        number = int(rule.full_count * density[rule.setting])
         distance = RADIUS_M * rng.random(number) ** 0.6
         angle = rng.uniform(0, 2 * np.pi, number)
         x, y = distance * np.cos(angle), distance * np.sin(angle)
         cluster = np.sin(x * 0.8 + phase[0]) * np.cos(y * 0.7 + phase[1])
-        kept = cluster + rng.normal(0, 0.45, number) > habit.threshold
+        kept = cluster + rng.normal(0, 0.45, number) > rule.threshold
         kept &= terrain.local_slope_deg(x, y) < 40.0
-        if habit.full_count < 100:
+        if rule.full_count < 100:
             kept &= _clear(x, y, stems_m, 0.6)
-        placements.append(_placement(rng, kind, habit, terrain, x[kept], y[kept]))
+        placements.append(_placement(rng, kind, rule, terrain, x[kept], y[kept]))
     return placements
 
 
@@ -110,21 +125,21 @@ def _clear(x_m: Float, y_m: Float, stems_m: Float, least_m: float) -> NDArray[np
 
 
 def _placement(
-    rng: np.random.Generator, kind: str, habit: _Habit, terrain: Terrain, x: Float, y: Float
+    rng: np.random.Generator, kind: str, rule: _ScatterRule, terrain: Terrain, x: Float, y: Float
 ) -> Placement:
     turn = rng.uniform(0, 2 * np.pi, len(x))
-    rotation = lying(terrain, x, y, turn) if habit.lying else turned(turn)
+    rotation = slope_rotations(terrain, x, y, turn) if rule.follows_slope else yaw_rotations(turn)
     return Placement(
         kind,
         np.stack([x, y, terrain.height_m(x, y)], -1),
         rotation,
-        rng.uniform(*habit.scale, len(x)),
+        rng.uniform(*rule.scale, len(x)),
         rng.uniform(*_TINT, len(x)),
         rng.random(len(x)),
     )
 
 
-def roots_at(rng: np.random.Generator, terrain: Terrain, feet_m: Float) -> Placement:
-    """Surface roots around the feet (n, 2) of stems."""
-    habit = _Habit("", 0, (0.7, 1.2), 0.0, lying=True)
-    return _placement(rng, "root", habit, terrain, feet_m[:, 0], feet_m[:, 1])
+def scatter_roots(rng: np.random.Generator, terrain: Terrain, feet_m: Float) -> Placement:
+    """Place surface roots around the feet (n, 2) of stems."""
+    rule = _ScatterRule("", 0, (0.7, 1.2), 0.0, follows_slope=True)
+    return _placement(rng, "root", rule, terrain, feet_m[:, 0], feet_m[:, 1])

@@ -1,4 +1,4 @@
-"""Where stems spawn: density, pattern, and rules of altitude, slope and neighbours."""
+"""Positions of stems: density, spatial pattern, and limits on slope, altitude and neighbours."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from perceptree.simulator.settings import PATTERNS, StandSettings
 
 Float = NDArray[np.floating[Any]]
 
-_BORDER_M = 1.0
-_OVERDRAW = 6
-_CLUSTER_M = 3.2
+_BORDER_M = 1.0  # border of the terrain without stems
+_OVERDRAW = 6  # candidates per requested stem
+_CLUSTER_M = 3.2  # two standard deviations of the stems about the centre of their cluster
 _CLUSTER_STEMS = 7
-_GRID_JITTER = 0.32
+_GRID_JITTER = 0.32  # standard deviation of stems in a regular stand, over their spacing
 
 
 def stem_positions(
@@ -26,28 +26,38 @@ def stem_positions(
     stems_per_ha: float,
     pattern: str,
 ) -> Float:
-    """(n, 2) metres of the stems over the whole extent, n as near to the density as rules allow.
+    """Draw the positions of the stems over the whole terrain.
 
-    Candidates of the pattern are taken in random order. One is refused where the ground is too
-    steep, by chance where the altitude is not liked, and where it would stand too close to a stem
-    or give itself or a stem too many neighbours.
+    Candidates are drawn by the pattern. A candidate is rejected if the ground is too steep, at
+    random by altitude preference, if it is too close to another stem, or if it or another stem
+    would have too many neighbours. The density can therefore be lower than requested.
+
+    Args:
+        rng: Source of random numbers.
+        settings: Limits.
+        terrain: The ground.
+        stems_per_ha: Requested density.
+        pattern: One of PATTERNS.
+
+    Returns:
+        (n, 2) positions, m.
     """
     half = EXTENT_M - _BORDER_M
-    wanted = round(stems_per_ha / 1e4 * (2 * half) ** 2)
-    candidates = _candidates(rng, pattern, wanted, half)
-    liking = rng.uniform(*settings.altitude_preference)
+    target_count = round(stems_per_ha / 1e4 * (2 * half) ** 2)
+    candidates = _candidates(rng, pattern, target_count, half)
+    preference = rng.uniform(*settings.altitude_preference)
     altitude = terrain.relative_altitude(*candidates.T)
-    welcome = rng.random(len(candidates)) < 1 - abs(liking) + abs(liking) * 0.5 * (
-        1 + np.sign(liking) * altitude
+    accepted = rng.random(len(candidates)) < 1 - abs(preference) + abs(preference) * 0.5 * (
+        1 + np.sign(preference) * altitude
     )
-    welcome &= terrain.local_slope_deg(*candidates.T) <= settings.max_slope_deg
-    return _take(candidates[welcome], wanted, settings)
+    accepted &= terrain.local_slope_deg(*candidates.T) <= settings.max_slope_deg
+    return _select_spaced(candidates[accepted], target_count, settings)
 
 
-def _candidates(rng: np.random.Generator, pattern: str, wanted: int, half: float) -> Float:
-    number = _OVERDRAW * wanted
+def _candidates(rng: np.random.Generator, pattern: str, target_count: int, half: float) -> Float:
+    number = _OVERDRAW * target_count
     if pattern == PATTERNS[1]:
-        spacing = 2 * half / np.sqrt(wanted)
+        spacing = 2 * half / np.sqrt(target_count)
         steps = np.arange(-half, half, spacing)
         grid = np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 2)
         rows = grid + rng.normal(0, _GRID_JITTER * spacing, grid.shape)
@@ -60,13 +70,13 @@ def _candidates(rng: np.random.Generator, pattern: str, wanted: int, half: float
     return np.asarray(rng.uniform(-half, half, (number, 2)))
 
 
-def _take(candidates: Float, wanted: int, settings: StandSettings) -> Float:
-    """The first ``wanted`` candidates that keep the distance and the number of neighbours."""
-    kept = np.empty((wanted, 2))
-    neighbours = np.zeros(wanted, int)
+def _select_spaced(candidates: Float, target_count: int, settings: StandSettings) -> Float:
+    """Select the first candidates that keep the distance and the number of neighbours."""
+    kept = np.empty((target_count, 2))
+    neighbours = np.zeros(target_count, int)
     count = 0
     for point in candidates:
-        if count == wanted:
+        if count == target_count:
             break
         distance = np.hypot(*(kept[:count] - point).T)
         if count and distance.min() < settings.spacing_m:

@@ -1,4 +1,7 @@
-"""Stems as formulas: axis, radius and girth by height, from which labels and meshes both come."""
+"""Analytic stem shapes: axis, radius and girth by height. Labels and meshes are both made of them.
+
+Shape parameters without a source were chosen by eye.
+"""
 
 from __future__ import annotations
 
@@ -19,19 +22,23 @@ BREAST_HEIGHT_M = 1.3
 LOWEST_FORK_M = 1.6
 HIGHEST_FORK_M = 6.0
 _GIRTH_POINTS = 192
-_TIP_SHARE = 0.02
-_SWELL_M = 0.9
-_SWELL = 0.12
-_FOOT_SWEEP_M = 1.1
-_FORK_BEND_M = 2.2
+_TIP_SHARE = 0.02  # radius at the tip as a fraction of that at the foot
+_SWELL_M = 0.9  # height over which the lower stem's widening decreases by a factor of e
+_SWELL = 0.12  # widening at the foot, as a fraction of the radius
+_FOOT_SWEEP_M = 1.1  # height over which the foot's curve decreases by a factor of e
+_FORK_BEND_M = 2.2  # height over which the second leader becomes parallel
 
 
 @dataclass(frozen=True)
 class Fork:
-    """A second leader: where it splits off the axis, which way, how steeply and how thick.
+    """A second leader of a stem.
 
-    ``angle_rad`` is from the main leader, which it comes to follow within a few metres;
-    ``radius_share`` is its radius over the main leader's, ``top_m`` the height of its tip.
+    Attributes:
+        height_m: Height above the foot where it splits off, m.
+        azimuth_rad: Direction in which it splits off.
+        angle_rad: Angle from the main leader at the split; within a few metres it becomes parallel.
+        radius_share: Its radius as a fraction of the main leader's.
+        top_m: Height of its tip above the foot, m.
     """
 
     height_m: float
@@ -43,13 +50,22 @@ class Fork:
 
 @dataclass(frozen=True)
 class Stem:
-    """One stem, standing at the origin with z up.
+    """The shape of a stem with its foot at the origin and z up.
 
-    ``lean`` (2,) is the tangent of its lean along x and y, ``sweep_m`` and ``sweep_phase`` (2,)
-    its bends, ``foot_sweep_m`` (2,) how far its foot curves aside; ``roots`` (k, 4) azimuth,
-    swelling over the radius, narrowness and height in metres of its root collar's ridges;
-    ``bumps`` (k, 4) amplitude, turns, waves per metre and phase of its irregular section; a stem
-    that is ``broken_m`` above its foot was ``height_m`` high before.
+    Attributes:
+        model: Its tree model.
+        diameter_m: Diameter at breast height without irregularities, m.
+        height_m: Height of the unbroken stem, m.
+        lean: (2,) tangent of the lean along x and y.
+        sweep_m: (2,) amplitude of the bends along x and y, m.
+        sweep_phase: (2,) phase of the bends, rad.
+        foot_sweep_m: (2,) sideways curve of the foot, m.
+        roots: (k, 4) ridges of the root collar: azimuth (rad), widening as a fraction of the
+            radius, narrowness, and height (m).
+        bumps: (k, 4) irregularities of the cross-section: amplitude as a fraction of the radius,
+            waves around the stem, twist (rad/m), and phase (rad).
+        fork: Second leader, or None.
+        broken_m: Height above the foot where the stem is broken, m; None if it is not.
     """
 
     model: TreeModel
@@ -70,7 +86,7 @@ class Stem:
         return self.model.species
 
     def axis(self, height_m: Float) -> Float:
-        """(..., 3) points of the axis, metres, at heights above the foot."""
+        """(..., 3) points of the axis at heights above the foot, m."""
         level = height_m[..., None]
         wave = np.sin(level / 3.3 + self.sweep_phase) - np.sin(self.sweep_phase)
         foot = 1 - np.exp(-np.maximum(level, -1.0) / _FOOT_SWEEP_M)
@@ -83,7 +99,7 @@ class Stem:
         return unit(ends[1] - ends[0])
 
     def radius_m(self, height_m: Float, angle_rad: Float) -> Float:
-        """(heights, angles) radius of the bark."""
+        """(heights, angles) radius of the bark, m."""
         shape = np.ones((len(height_m), len(angle_rad)))
         for azimuth, swelling, narrowness, reach_m in self.roots:
             ridge = np.exp(narrowness * (np.cos(angle_rad - azimuth) - 1))
@@ -95,7 +111,7 @@ class Stem:
         return np.asarray(0.5 * self.diameter_m * self._taper(height_m)[:, None] * shape)
 
     def _taper(self, height_m: Float) -> Float:
-        """(heights,) mean radius over that at breast height, before the root collar."""
+        """(heights,) mean radius over that at breast height, without the root collar."""
 
         def trunk(level: Float) -> Float:
             left = np.maximum(1 - level / self.height_m, 0.0) ** self.model.taper
@@ -109,14 +125,15 @@ class Stem:
         return np.asarray(taper)
 
     def rings(self, height_m: Float, sides: int) -> Float:
-        """(heights, sides + 1, 3) points of the bark on sections across the axis."""
+        """(heights, sides + 1, 3) points of the bark on sections perpendicular to the axis, m."""
         angle = np.linspace(0.0, 2 * np.pi, sides + 1)
         return _rings(self.axis, height_m, self.radius_m(height_m, angle), angle)
 
     def fork_axis(self, height_m: Float) -> Float:
-        """(..., 3) points of the second leader's axis at heights above the foot.
+        """(..., 3) points of the second leader's axis at heights above the foot, m.
 
-        Raises ValueError for a stem without a fork.
+        Raises:
+            ValueError: If the stem has no fork.
         """
         if self.fork is None:
             raise ValueError("the stem has no fork")
@@ -126,9 +143,10 @@ class Stem:
         return np.asarray(self.axis(height_m) + aside[..., None] * towards)
 
     def fork_rings(self, height_m: Float, sides: int) -> Float:
-        """(heights, sides + 1, 3) points of the second leader's bark.
+        """(heights, sides + 1, 3) points of the second leader's bark, m.
 
-        Raises ValueError for a stem without a fork.
+        Raises:
+            ValueError: If the stem has no fork.
         """
         if self.fork is None:
             raise ValueError("the stem has no fork")
@@ -139,7 +157,7 @@ class Stem:
         return _rings(self.fork_axis, height_m, radius, angle)
 
     def girth_diameter_m(self, height_m: float) -> float:
-        """Convex girth of the section over pi: what a tape reads."""
+        """Diameter that a tape measures, m: convex girth of the cross-section over pi."""
         ring = self.rings(np.array([height_m]), _GIRTH_POINTS)[0] - self.axis(np.array(height_m))
         axis = self.direction(height_m)
         first = unit(np.cross(np.array([0.0, 1.0, 0.0]), axis))
@@ -150,7 +168,7 @@ class Stem:
 def _rings(
     axis: Callable[[Float], Float], height_m: Float, radius_m: Float, angle_rad: Float
 ) -> Float:
-    """(heights, angles, 3) points at ``radius_m`` (heights, angles) on sections across an axis."""
+    """(heights, angles, 3) points at radii (heights, angles) on sections across an axis, m."""
     tangent = unit(axis(height_m + 0.01) - axis(height_m - 0.01))
     first = unit(np.cross(np.array([0.0, 1.0, 0.0]), tangent))
     second = np.cross(tangent, first)
@@ -167,10 +185,19 @@ def random_stem(
     lean_max_deg: float,
     fork_share: float,
 ) -> Stem:
-    """Draw a stem of a given breast-height diameter.
+    """Draw a stem of a given diameter at breast height.
 
-    Its lean is half-normal, never above ``lean_max_deg``. Its height follows
-    Meyer's curve (1940) of even-aged stands, 1.3 m + a (1 - exp(-b d)).
+    Its height follows the height curve of Meyer (1940) for even-aged stands,
+    1.3 m + a (1 - exp(-b d)), with random variation.
+
+    Args:
+        rng: Source of random numbers.
+        model: Its tree model.
+        diameter_m: Diameter at breast height, m.
+        lean_std_deg: Standard deviation of the normal distribution whose absolute value is the
+            lean.
+        lean_max_deg: Maximum lean.
+        fork_share: Probability of a fork, multiplied by the model's factor.
     """
     grown = 1 - np.exp(-5.2 * diameter_m)
     height_m = BREAST_HEIGHT_M + (model.height_m - BREAST_HEIGHT_M) * grown * rng.uniform(0.86, 1.1)
@@ -195,7 +222,7 @@ def _towards(azimuth_rad: float) -> Float:
 
 
 def _roots(rng: np.random.Generator, model: TreeModel, diameter_m: float) -> Float:
-    """A collar all around, and ridges spread over it that thick stems carry higher."""
+    """Draw the root collar: a uniform widening, and ridges that reach higher on thick stems."""
     count = int(rng.integers(4, 8))
     flare, reach_m = rng.uniform(*model.flare), 0.05 + 0.22 * diameter_m
     ridges = np.stack(

@@ -1,4 +1,4 @@
-"""The ground's shape: a height field on a grid that is fine in the middle, where cameras stand."""
+"""The terrain: a height field on a grid that is finer near the centre, where the cameras are."""
 
 from __future__ import annotations
 
@@ -13,17 +13,21 @@ from perceptree.simulator.settings import GROUNDS, TerrainSettings
 
 Float = NDArray[np.floating[Any]]
 
-EXTENT_M = 42.0
-_LINES = 300
-_FINE_SHARE = 0.30
+EXTENT_M = 42.0  # half the side of the terrain
+_LINES = 300  # grid lines along each side
+_FINE_SHARE = 0.30  # linear part of the spacing: smaller is finer at the centre
 
 
 @dataclass(frozen=True)
 class Terrain:
-    """Ground heights ``z_m`` (rows y, columns x) over the grid lines ``lines_m``, z up.
+    """Height field of the ground.
 
-    ``slope_deg`` is the mean slope, towards ``aspect_rad`` (from east to north, uphill);
-    ``cover`` (4,) the share of each of GROUNDS, its largest the scene's ``ground``.
+    Attributes:
+        lines_m: (n,) positions of the grid lines, the same in x and y, m.
+        z_m: (n, n) ground heights; rows are y and columns are x, m.
+        slope_deg: Mean slope.
+        aspect_rad: Uphill direction of the mean slope, counter-clockwise from east.
+        cover: (4,) fraction of each of GROUNDS.
     """
 
     lines_m: Float
@@ -34,11 +38,11 @@ class Terrain:
 
     @property
     def ground(self) -> str:
-        """The cover that dominates."""
+        """The ground cover with the largest fraction."""
         return GROUNDS[int(np.argmax(self.cover))]
 
     def height_m(self, x_m: ArrayLike, y_m: ArrayLike) -> Float:
-        """Height of the ground's triangles, exactly, at (x, y); clamped at the border."""
+        """Exact height of the ground's triangles at (x, y), m; clamped at the border."""
         column, right = self._cell(np.asarray(x_m, np.float64))
         row, up = self._cell(np.asarray(y_m, np.float64))
         near, far = self.z_m[row, column], self.z_m[row + 1, column + 1]
@@ -49,14 +53,14 @@ class Terrain:
         return np.asarray(np.where(right >= up, below_diagonal, above_diagonal))
 
     def local_slope_deg(self, x_m: ArrayLike, y_m: ArrayLike, step_m: float = 1.0) -> Float:
-        """Slope of the ground around (x, y), over ``step_m`` to each side."""
+        """Slope of the ground at (x, y), degrees, over ``step_m`` to each side."""
         x, y = np.asarray(x_m, np.float64), np.asarray(y_m, np.float64)
         rise_x = self.height_m(x + step_m, y) - self.height_m(x - step_m, y)
         rise_y = self.height_m(x, y + step_m) - self.height_m(x, y - step_m)
         return np.degrees(np.arctan(np.hypot(rise_x, rise_y) / (2 * step_m)))
 
     def relative_altitude(self, x_m: ArrayLike, y_m: ArrayLike) -> Float:
-        """Height above the mean slope from -1 (deepest hollow) to 1 (highest ridge)."""
+        """Height relative to the mean slope, from -1 (lowest) to 1 (highest)."""
         level = self.height_m(x_m, y_m) - self._plane(np.asarray(x_m), np.asarray(y_m))
         flat = self.z_m - self._plane(self.lines_m[None], self.lines_m[:, None])
         return np.asarray(np.clip(level / max(float(np.abs(flat).max()), 1e-6), -1.0, 1.0))
@@ -74,7 +78,12 @@ class Terrain:
 
 
 def make_terrain(rng: np.random.Generator, settings: TerrainSettings) -> Terrain:
-    """A tilted plane with rolling relief, hummocks and centimetres of roughness."""
+    """Draw a terrain: a tilted plane with relief in two scales and roughness.
+
+    Args:
+        rng: Source of random numbers.
+        settings: Ranges of slope and relief, and weights of the ground covers.
+    """
     share = np.linspace(-1.0, 1.0, _LINES)
     spread = _FINE_SHARE * np.abs(share) + (1 - _FINE_SHARE) * np.abs(share) ** 2.4
     lines_m = np.sign(share) * spread * EXTENT_M
@@ -95,7 +104,7 @@ def make_terrain(rng: np.random.Generator, settings: TerrainSettings) -> Terrain
 
 
 def _draw_cover(rng: np.random.Generator, settings: TerrainSettings) -> Float:
-    """(4,) shares of the grounds: one dominates, the others allowed are mixed in."""
+    """(4,) fractions of the ground covers: one dominates, the others are mixed in."""
     weights = np.array([settings.grounds.get(name, 0.0) for name in GROUNDS])
     first = rng.choice(len(GROUNDS), p=weights / weights.sum())
     cover = rng.uniform(0.0, 0.35, len(GROUNDS)) * (weights > 0)

@@ -1,3 +1,3 @@
-"""What the sensors make of a drawing: a colour image, a depth map, rain and flakes."""
+"""Sensor models: colour camera, depth camera, and rain and snow in the air."""
 
 __all__: list[str] = []

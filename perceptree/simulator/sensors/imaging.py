@@ -1,6 +1,7 @@
-"""Faults of real cameras: their lens, what lies on it, and what their processing does.
+"""Faults of real cameras: lens errors, dirt and drops on the lens, and image processing.
 
-Nothing here moves what a picture shows by more than half a pixel, so that labels stay true.
+No fault moves picture content by more than half a pixel, so labels remain valid. The probability
+and size of the faults were chosen by eye.
 """
 
 from __future__ import annotations
@@ -27,8 +28,14 @@ _FRINGE_PX = 0.5
 
 @dataclass(frozen=True)
 class CameraFaults:
-    """What a frame's camera does: how strong it makes colours; how faulty it is, ``strength`` from
-    0 (not at all) to 1; how far its exposure is off; and whether it sees near-infrared."""
+    """Camera faults of a frame.
+
+    Attributes:
+        saturation: Factor of the colour saturation.
+        strength: Strength of the other faults, 0 (none) to 1 (worst).
+        exposure_stops: Exposure error in stops.
+        infrared: Whether the picture is a grey near-infrared one.
+    """
 
     saturation: float
     strength: float
@@ -37,7 +44,7 @@ class CameraFaults:
 
 
 def draw_faults(rng: np.random.Generator, settings: ImagingSettings) -> CameraFaults:
-    """The faults of one frame's camera."""
+    """Draw the camera faults of one frame."""
     faulty, strength = rng.random() < settings.share, float(rng.uniform(*settings.strength))
     stops, infrared = float(rng.uniform(*settings.exposure_stops)), rng.random()
     saturation = float(rng.uniform(*settings.saturation))
@@ -46,36 +53,54 @@ def draw_faults(rng: np.random.Generator, settings: ImagingSettings) -> CameraFa
     return CameraFaults(saturation, strength, stops, bool(infrared < settings.infrared_share))
 
 
-def through_lens(rng: np.random.Generator, strength: float, toned: Toned) -> Toned:
-    """What the lens adds to ``toned`` (H, W, 3) float32 BGR in 0..1, before the sensor's noise."""
+def apply_lens_faults(rng: np.random.Generator, strength: float, toned: Toned) -> Toned:
+    """Apply random lens faults, before the sensor's noise.
+
+    Args:
+        rng: Source of random numbers.
+        strength: Strength of the faults, 0 to 1.
+        toned: (H, W, 3) float32 BGR after the tone curve, 0 to 1.
+
+    Returns:
+        (H, W, 3) float32 BGR, 0 to 1.
+    """
     for fault in (_bloom, _veil, _defocus, _fringes, _drops, _dirt):
         if rng.random() < _LENS_CHANCE:
             toned = fault(rng, strength, toned)
     return np.clip(toned, 0, 1)
 
 
-def processed(rng: np.random.Generator, faults: CameraFaults, image: Image) -> Image:
-    """What a camera's processing makes of ``image`` (H, W, 3) uint8 BGR."""
+def apply_processing_faults(rng: np.random.Generator, faults: CameraFaults, image: Image) -> Image:
+    """Apply saturation or near-infrared, and random faults of the camera's image processing.
+
+    Args:
+        rng: Source of random numbers.
+        faults: The faults of the frame.
+        image: (H, W, 3) uint8 BGR.
+
+    Returns:
+        (H, W, 3) uint8 BGR; ``image`` itself if there is nothing to change.
+    """
     if faults.infrared:
         image = infrared(image)
     elif faults.saturation != 1:
         image = saturated(image, faults.saturation)
     if not faults.strength:
         return image
-    for fault in _OF_TONES if faults.infrared else (*_OF_COLOURS, *_OF_TONES):
+    for fault in _TONE_FAULTS if faults.infrared else (*_COLOUR_FAULTS, *_TONE_FAULTS):
         if rng.random() < _CHANCE:
             image = fault(rng, faults.strength, image)
     return image
 
 
 def saturated(image: Image, factor: float) -> Image:
-    """An image (H, W, 3) uint8 whose colours lie ``factor`` times as far from grey."""
+    """Scale the distance of colours from grey by ``factor``: (H, W, 3) uint8."""
     grey = cv2.cvtColor(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR)
     return np.asarray(cv2.addWeighted(image, factor, grey, 1 - factor, 0), np.uint8)
 
 
 def infrared(image: Image) -> Image:
-    """A grey picture in which leaves, which reflect near-infrared, are bright: (H, W, 3) uint8."""
+    """Imitate a near-infrared picture: grey with bright leaves, (H, W, 3) uint8."""
     blue, green, red = (image[..., channel].astype(np.float32) for channel in range(3))
     leaf = np.maximum(green - 0.5 * (red + blue), 0)
     grey = 0.3 * blue + 0.35 * green + 0.35 * red + 2.0 * leaf
@@ -83,7 +108,7 @@ def infrared(image: Image) -> Image:
 
 
 def _blurred(picture: Toned, sigma_px: float) -> Toned:
-    """A wide Gaussian blur, made on a smaller picture."""
+    """A wide Gaussian blur, computed at reduced resolution for speed."""
     height, width = picture.shape[:2]
     factor = max(1, int(sigma_px / 2))
     small = cv2.resize(picture, (width // factor, height // factor), interpolation=cv2.INTER_AREA)
@@ -92,26 +117,26 @@ def _blurred(picture: Toned, sigma_px: float) -> Toned:
 
 
 def _bloom(rng: np.random.Generator, strength: float, toned: Toned) -> Toned:
-    """Blown highlights spill over what stands before them."""
+    """Blooming: light of overexposed areas spreads to their surroundings."""
     bright = np.maximum(toned - 0.82, 0) * np.float32(4 * rng.uniform(0.3, 1.0) * strength)
     return toned + _blurred(bright, rng.uniform(2, 0.03 * toned.shape[1]))
 
 
 def _veil(rng: np.random.Generator, strength: float, toned: Toned) -> Toned:
-    """Stray light lifts the whole picture towards its mean colour."""
+    """Veiling glare: stray light moves the whole picture towards its mean colour."""
     share = np.float32(0.35 * strength * rng.random())
     return np.asarray(toned * (1 - share) + share * toned.mean((0, 1)), np.float32)
 
 
 def _defocus(rng: np.random.Generator, strength: float, toned: Toned) -> Toned:
-    """A round spot of confusion."""
+    """Defocus: blur by a round circle of confusion."""
     radius = 1 + int(rng.uniform(0.3, 1.0) * strength * toned.shape[1] / 400)
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
     return np.asarray(cv2.filter2D(toned, -1, kernel / np.float32(kernel.sum())), np.float32)
 
 
 def _fringes(rng: np.random.Generator, strength: float, toned: Toned) -> Toned:
-    """Red and blue are drawn a little larger or smaller than green."""
+    """Lateral chromatic aberration: red and blue have another scale than green."""
     height, width = toned.shape[:2]
     result = toned.copy()
     for channel, sign in ((0, 1.0), (2, -1.0)):
@@ -125,7 +150,7 @@ def _fringes(rng: np.random.Generator, strength: float, toned: Toned) -> Toned:
 
 
 def _spots(rng: np.random.Generator, count: int, shape: tuple[int, ...], size: float) -> Toned:
-    """(H, W, 1) cover of soft round spots, radii up to the share ``size`` of the width."""
+    """(H, W, 1) opacity of soft round spots with radii up to ``size`` times the image width."""
     height, width = shape[:2]
     cover = np.zeros((height, width), np.float32)
     for _ in range(count):
@@ -138,27 +163,27 @@ def _spots(rng: np.random.Generator, count: int, shape: tuple[int, ...], size: f
 
 
 def _drops(rng: np.random.Generator, strength: float, toned: Toned) -> Toned:
-    """Water on the glass smears what lies behind it."""
+    """Water drops on the lens blur what is behind them."""
     cover = _spots(rng, 1 + int(14 * strength * rng.random()), toned.shape, 0.025)
     return toned + (_blurred(toned, 0.02 * toned.shape[1]) * np.float32(1.1) - toned) * cover
 
 
 def _dirt(rng: np.random.Generator, strength: float, toned: Toned) -> Toned:
-    """Mud on the glass, far out of focus: soft brown spots."""
+    """Mud on the lens, out of focus: soft brown spots."""
     cover = _spots(rng, 1 + int(5 * strength * rng.random()), toned.shape, 0.05)
     soft = _blurred(cover, 0.02 * toned.shape[1])[..., None]
     return toned + (np.array([0.05, 0.08, 0.11], np.float32) - toned) * (0.7 * soft)
 
 
 def _white_balance(rng: np.random.Generator, strength: float, image: Image) -> Image:
-    """Gains of blue, green and red that hunt, mostly between warm and cold."""
+    """Wrong white balance, mostly too warm or too cold."""
     warm, green = rng.normal(0, 0.14 * strength), rng.normal(0, 0.05 * strength)
     gains = np.exp([-warm, green, warm])
     return _mapped(image, [np.arange(256) * gain for gain in gains / gains.mean()])
 
 
 def _curve(rng: np.random.Generator, strength: float, image: Image) -> Image:
-    """Contrast and brightness by another tone curve, shadows or highlights cut off."""
+    """Another tone curve: changed contrast and brightness, clipped shadows or highlights."""
     low = rng.uniform(-0.1, 0.18) * strength
     high = 1 - rng.uniform(-0.1, 0.25) * strength
     gamma = np.exp(rng.normal(0, 0.35 * strength))
@@ -172,12 +197,12 @@ def _mapped(image: Image, tables: Sequence[Float]) -> Image:
 
 
 def _saturation(rng: np.random.Generator, strength: float, image: Image) -> Image:
-    """Colours washed out or overdone."""
+    """Too weak or too strong colours."""
     return saturated(image, float(np.exp(rng.normal(0, 0.45 * strength))))
 
 
 def _chroma_noise(rng: np.random.Generator, strength: float, image: Image) -> Image:
-    """Blotches of colour, several pixels wide."""
+    """Colour noise in blotches several pixels wide."""
     height, width = image.shape[:2]
     side = int(rng.integers(2, 7))
     noise = rng.normal(0, 12 * strength, (height // side + 1, width // side + 1, 3))
@@ -187,12 +212,12 @@ def _chroma_noise(rng: np.random.Generator, strength: float, image: Image) -> Im
 
 
 def _smear(rng: np.random.Generator, strength: float, image: Image) -> Image:
-    """Noise reduction that takes fine texture with it."""
+    """Noise reduction that removes fine texture."""
     return np.asarray(cv2.bilateralFilter(image, 5, 10 + 50 * strength * rng.random(), 3), np.uint8)
 
 
 def _low_resolution(rng: np.random.Generator, strength: float, image: Image) -> Image:
-    """Fewer pixels than the picture has, enlarged again."""
+    """Reduced resolution, enlarged again to the picture's size."""
     height, width = image.shape[:2]
     share = 1 - rng.uniform(0.1, 0.65) * strength
     size = max(64, round(width * share)), max(64, round(height * share))
@@ -202,14 +227,14 @@ def _low_resolution(rng: np.random.Generator, strength: float, image: Image) -> 
 
 
 def _sharpen(rng: np.random.Generator, strength: float, image: Image) -> Image:
-    """Unsharp masking: pale and dark halos along edges."""
+    """Unsharp masking, which gives light and dark halos along edges."""
     amount, sigma = 2.2 * strength * rng.random(), rng.uniform(0.7, 2.2)
     soft = cv2.GaussianBlur(image, (0, 0), sigma)
     return np.asarray(cv2.addWeighted(image, 1 + amount, soft, -amount, 0), np.uint8)
 
 
 def _banner(rng: np.random.Generator, strength: float, image: Image) -> Image:
-    """The strip with date and temperature that a game camera prints on the picture's edge."""
+    """The banner with date and temperature that a game camera prints on the picture's edge."""
     if rng.random() > 0.3:
         return image
     marked, height = image.copy(), image.shape[0]
@@ -224,11 +249,11 @@ def _banner(rng: np.random.Generator, strength: float, image: Image) -> Image:
 
 
 def _jpeg(rng: np.random.Generator, strength: float, image: Image) -> Image:
-    """Blocks and ringing of a strong compression."""
+    """Artefacts of strong JPEG compression."""
     quality = int(90 - 70 * strength * rng.random())
     _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
     return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), np.uint8)
 
 
-_OF_COLOURS: Sequence[_Fault] = (_white_balance, _saturation, _chroma_noise)
-_OF_TONES: Sequence[_Fault] = (_curve, _smear, _low_resolution, _sharpen, _banner, _jpeg)
+_COLOUR_FAULTS: Sequence[_Fault] = (_white_balance, _saturation, _chroma_noise)
+_TONE_FAULTS: Sequence[_Fault] = (_curve, _smear, _low_resolution, _sharpen, _banner, _jpeg)

@@ -1,4 +1,4 @@
-"""Rain and snowflakes in the air between the camera and the forest."""
+"""Falling rain and snow between the camera and the scene."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ Float = NDArray[np.floating[Any]]
 
 _NEAREST_M = 0.4
 _FARTHEST_M = 15.0
-_DROPS = 16000
-_FLAKES = 18000
+_DROPS = 16000  # number of drops in view at full strength
+_FLAKES = 18000  # number of flakes in view at full strength
 _EXPOSURE_S = 1 / 90
 _FLAKE_EXPOSURE_S = 1 / 250
 _RAIN_OPACITY = 0.65
@@ -25,12 +25,20 @@ _FLAKE_OPACITY = 0.95
 _WIND_M_PER_S = 2.5
 _APERTURE_M = 0.010
 _FOCUS_M = 5.0
-_LIGHT_PERCENTILE = 88.0
+_LIGHT_PERCENTILE = 88.0  # of the image's grey levels, for the colour of particles
 
 
 @dataclass(frozen=True)
 class _Particles:
-    """``position_m`` (N, 3) in the camera's frame, velocity in m/s (N, 3), diameter (N,)."""
+    """Raindrops or snowflakes.
+
+    Attributes:
+        position_m: (N, 3) in camera axes, m.
+        velocity: (N, 3) in camera axes, m/s.
+        diameter_m: (N,) m.
+        exposure_s: Exposure time, s, which decides the length of the streaks.
+        opacity: Opacity of a particle in focus, 0 to 1.
+    """
 
     position_m: Float
     velocity: Float
@@ -40,9 +48,9 @@ class _Particles:
 
 
 def _positions(rng: np.random.Generator, camera: PinholeCamera, count: int) -> Float:
-    """(N, 3) points in view, the farthest first.
+    """(N, 3) random points in view, farthest first, m.
 
-    Their number per cubic metre falls with distance, as the far ones melt into haze.
+    Their density decreases with distance, because distant particles cannot be told from haze.
     """
     z = -np.sort(-np.sqrt(rng.uniform(_NEAREST_M**2, _FARTHEST_M**2, count)))
     size, focal = (camera.width, camera.height), (camera.fx, camera.fy)
@@ -52,7 +60,7 @@ def _positions(rng: np.random.Generator, camera: PinholeCamera, count: int) -> F
 
 
 def _wind(rng: np.random.Generator, up: Float) -> Float:
-    """(3,) a level wind in m/s."""
+    """(3,) random horizontal wind, m/s."""
     wind = rng.normal(0, _WIND_M_PER_S / np.sqrt(2), 3)
     return np.asarray(wind - up * (wind @ up))
 
@@ -60,7 +68,7 @@ def _wind(rng: np.random.Generator, up: Float) -> Float:
 def _rain(
     rng: np.random.Generator, camera: PinholeCamera, strength: float, up: Float
 ) -> _Particles:
-    """Drops of 1 to 3.5 mm, falling at Atlas's terminal speed 9.65 - 10.3 exp(-0.6 D / mm) m/s."""
+    """Drops of 1 to 3.5 mm at terminal speed, 9.65 - 10.3 exp(-0.6 D / mm) m/s (Atlas 1973)."""
     position = _positions(rng, camera, round(_DROPS * strength))
     diameter_mm = 1 + np.minimum(rng.exponential(0.3 + 0.4 * strength, len(position)), 2.5)
     speed = 9.65 - 10.3 * np.exp(-0.6 * diameter_mm)
@@ -72,7 +80,7 @@ def _rain(
 def _snow(
     rng: np.random.Generator, camera: PinholeCamera, strength: float, up: Float
 ) -> _Particles:
-    """Flakes of 3 to 17 mm that drift down at about 1 m/s and swirl."""
+    """Flakes of 3 to 17 mm that fall at about 1 m/s with turbulence."""
     position = _positions(rng, camera, round(_FLAKES * strength))
     diameter_mm = 3 + np.minimum(rng.exponential(2 + 2 * strength, len(position)), 14)
     swirl = rng.normal(0, 0.3, (len(position), 3))
@@ -81,7 +89,7 @@ def _snow(
 
 
 def _light(image: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """(3,) BGR grey levels of the scene's bright parts, nearly grey: what lights a particle."""
+    """(3,) BGR colour of the particles: nearly grey, from the bright parts of the image."""
     small = cv2.resize(image, (64, 36), interpolation=cv2.INTER_AREA).reshape(-1, 3)
     bright = np.percentile(small, _LIGHT_PERCENTILE, axis=0)
     grey = max(float(bright.mean()), 40.0)
@@ -94,9 +102,9 @@ def _draw(
     camera: PinholeCamera,
     particles: _Particles,
 ) -> None:
-    """Draw the particles' paths during the exposure, out of focus near the lens.
+    """Draw the paths of particles during the exposure, with defocus.
 
-    A particle smaller than a pixel, or spread by defocus, is fainter in proportion.
+    Particles smaller than a pixel or out of focus are drawn with less opacity.
     """
     z = particles.position_m[:, 2]
     half_path = 0.5 * particles.exposure_s * particles.velocity
@@ -128,11 +136,19 @@ def draw_precipitation(
     snowfall: float,
     up: ArrayLike = CAMERA_UP,
 ) -> NDArray[np.uint8]:
-    """A copy of ``image`` (H, W, 3) uint8 BGR with rain streaks and flakes in the air.
+    """Draw rain and snowflakes at distances of 0.4 to 15 m.
 
-    ``rain`` and ``snowfall`` are strengths from 0 to 1; ``depth_m`` (H, W) is exact, 0 on sky, and
-    hides what is behind it; ``up`` (3,) is the unit vector upwards in the camera's frame.
-    Particles lie between 0.4 and 15 m.
+    Args:
+        rng: Source of random numbers.
+        image: (H, W, 3) uint8 BGR.
+        depth_m: (H, W) exact depth, m; 0 on sky. Particles behind a surface are hidden.
+        camera: Intrinsics of the image.
+        rain: Strength of the rain, 0 to 1.
+        snowfall: Strength of the snowfall, 0 to 1.
+        up: (3,) unit vector upwards in camera axes.
+
+    Returns:
+        A changed copy of ``image``.
     """
     drawn, upwards = image.copy(), np.asarray(up, np.float64)
     if rain > 0:

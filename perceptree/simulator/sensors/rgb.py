@@ -1,4 +1,4 @@
-"""The colour sensor: from linear light to an 8-bit image with the faults of a real camera."""
+"""Colour sensor model: from linear light to an 8-bit image with blur, noise and vignetting."""
 
 from __future__ import annotations
 
@@ -15,28 +15,33 @@ from perceptree.simulator.settings import RgbSettings
 
 Float = NDArray[np.floating[Any]]
 
-_MIDDLE_GREY = 0.22
-_CORNER_LOSS = 0.25
-_DUSK_NOISE = 3.0
-_READ_NOISE = 0.01
+_MIDDLE_GREY = 0.22  # exposed light at middle grey
+_CORNER_LOSS = 0.25  # vignetting: fraction of light lost at the corners
+_DUSK_NOISE = 3.0  # factor of the noise at dusk
+_READ_NOISE = 0.01  # variance of the read noise, in units of light
 _GAMMA = 2.2
 _LUT_SIZE = 4096
-_LEAST_BLUR_PX = 0.2
+_LEAST_BLUR_PX = 0.2  # smaller blurs are skipped
 _NORMALS = np.array([NormalDist().inv_cdf((i + 0.5) / 256) for i in range(256)], np.float32)
 
 
 def _filmic(light: Float) -> Float:
-    """Narkowicz's fit of the ACES film curve, as in the ``tone`` kernel."""
+    """Narkowicz's fit (2016) of the ACES film curve, as in the ``tone`` kernel."""
     curve = light * (2.51 * light + 0.03) / (light * (2.43 * light + 0.59) + 0.14)
     return np.minimum(curve, 1.0)
 
 
 def _response(noise: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Grey level and noise deviation, in levels, over the square root of the toned value.
+    """Tabulate grey level and noise over the square root of the toned value.
 
-    The sensor's variance is shot noise, which grows with the light, plus read noise. Curve and
-    gamma carry it to the image, where it is strongest in dark tones and fades in highlights.
-    ``noise`` is the deviation at middle grey as a share of full scale.
+    The variance of the sensor is shot noise, proportional to the light, plus read noise. The tone
+    curve and gamma transfer it to the image, where it is strongest in dark tones.
+
+    Args:
+        noise: Standard deviation at middle grey, as a fraction of full scale.
+
+    Returns:
+        Grey levels, and standard deviations of the noise in grey levels, (_LUT_SIZE,) float32.
     """
     light = np.linspace(0, 4, 40_001) ** 2
     level = _filmic(light) ** (1 / _GAMMA)
@@ -52,7 +57,7 @@ def _response(noise: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
 def _blur(
     rng: np.random.Generator, settings: RgbSettings, toned: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """The lens's blur, and in some frames that of a motion in a random direction."""
+    """Apply the lens blur, and in some frames motion blur in a random direction."""
     sigma = rng.uniform(*settings.blur_px)
     length, angle = rng.uniform(*settings.motion_px), rng.uniform(0, np.pi)
     moved = rng.random() < settings.motion_share
@@ -64,7 +69,7 @@ def _blur(
 
 
 def _motion_kernel(length_px: float, angle_rad: float) -> NDArray[np.float32]:
-    """Weights (K, K) of a straight motion of ``length_px`` through the middle."""
+    """(K, K) weights of a straight motion of ``length_px`` through the centre."""
     half = int(np.ceil(length_px / 2)) + 1
     kernel = np.zeros((2 * half + 1, 2 * half + 1), np.float32)
     along = np.linspace(-length_px / 2, length_px / 2, 8 * half + 1)
@@ -86,13 +91,20 @@ def expose(
     error: float = 1.0,
     lens: Callable[[NDArray[np.float32]], NDArray[np.float32]] | None = None,
 ) -> NDArray[np.uint8]:
-    """An (H, W, 3) uint8 BGR image of (2H, 2W, 3) float32 linear RGB ``samples``.
+    """Simulate the colour sensor.
 
-    The exposure is metered on ``log_luminance``, the samples' mean log luminance, and falls to
-    ``dusk_exposure`` while the noise triples as ``darkness`` goes from 0 (day) to 1 (dusk). Each
-    sample passes the filmic curve before those of a pixel are blended. ``error`` is a factor by
-    which the exposure is off, ``lens`` what else the lens does to the toned picture (H, W, 3)
-    before noise.
+    Args:
+        rng: Source of random numbers.
+        settings: Ranges of the sensor's parameters.
+        samples: (2H, 2W, 3) float32 linear RGB.
+        log_luminance: Mean log luminance of the samples, which the exposure is metered on.
+        darkness: 0 (day) to 1 (dusk): the exposure decreases to ``dusk_exposure``, and the noise
+            increases to three times its value.
+        error: Factor of the exposure.
+        lens: Applied to the picture (H, W, 3) after the tone curve and before noise.
+
+    Returns:
+        (H, W, 3) uint8 BGR.
     """
     height, width = samples.shape[0] // 2, samples.shape[1] // 2
     exposure = rng.uniform(*settings.exposure) * (1 - (1 - settings.dusk_exposure) * darkness)

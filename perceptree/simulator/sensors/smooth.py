@@ -1,4 +1,4 @@
-"""Noise that neighbouring pixels share."""
+"""Spatially correlated noise."""
 
 from __future__ import annotations
 
@@ -10,10 +10,18 @@ from numpy.typing import NDArray
 def smooth_noise(
     rng: np.random.Generator, shape: tuple[int, ...], sigma_px: float
 ) -> NDArray[np.float32]:
-    """(H, W) float32 Gaussian noise of unit variance, white noise blurred by ``sigma_px``.
+    """Draw white Gaussian noise, blurred by a Gaussian and scaled to unit variance.
 
-    Its autocorrelation is a Gaussian of sqrt(2) sigma_px. Wide noise is drawn on a coarser grid
-    and grown linearly; the variance lost in both steps is put back.
+    For a wide blur the noise is drawn on a coarser grid and interpolated linearly.
+
+    Args:
+        rng: Source of random numbers.
+        shape: Rows and columns.
+        sigma_px: Standard deviation of the blur, px. The autocorrelation is a Gaussian with a
+            standard deviation of sqrt(2) ``sigma_px``.
+
+    Returns:
+        (H, W) float32.
     """
     cell = max(1, int(sigma_px))
     sigma = sigma_px / cell
@@ -29,7 +37,7 @@ def smooth_noise(
 
 
 def _variance_left(sigma: float, size: int, cell: int) -> float:
-    """The share of white noise's variance along one axis left by a blur and linear growth."""
+    """Fraction of white noise's variance that a blur and linear interpolation keep, per axis."""
     weights = cv2.getGaussianKernel(size, sigma, cv2.CV_64F).ravel()
     alone, beside = weights @ weights, weights[1:] @ weights[:-1]
     if cell == 1:

@@ -1,4 +1,4 @@
-"""What a simulated dataset varies: one frozen dataclass per concern."""
+"""Settings of the simulator, one dataclass per topic."""
 
 from perceptree.simulator.settings.atmosphere import (
     TIMES,

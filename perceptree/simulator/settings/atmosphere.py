@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from perceptree.simulator.settings.checks import (
-    LATER,
+    OMIT_DEFAULT,
     Range,
     Shares,
     check_number,
@@ -19,10 +19,16 @@ TIMES = ("morning", "daylight", "evening", "dusk", "night")
 
 @dataclass(frozen=True)
 class WeatherSettings:
-    """Which weather a scene has, and how strong it is, from 0 (hardly) to 1 (severe).
+    """Weather of the scenes.
 
-    ``snow`` is lying snow; ``snowfall`` flakes in the air over some lying snow; ``wet`` surfaces
-    after rain; ``rain`` streaks in the air over wet surfaces; ``fog`` dense air.
+    Attributes:
+        kinds: Weight of each of WEATHERS. ``snow`` is lying snow; ``snowfall`` is flakes in the
+            air and some lying snow; ``wet`` is surfaces after rain; ``rain`` is streaks in the air
+            and wet surfaces; ``fog`` is dense haze.
+        strength: Range of the strength, 0 (hardly) to 1 (severe).
+
+    Raises:
+        SettingsError: If a value is out of range.
     """
 
     kinds: Shares = field(
@@ -44,17 +50,23 @@ class WeatherSettings:
 
 @dataclass(frozen=True)
 class LightSettings:
-    """Which time of day a scene has: it decides the sun's height, strength and colour.
+    """Light of the scenes.
 
-    At night a lamp at the camera lights what is near. ``sun_warmth`` is how far the sun's colour
-    lies from white: 1 as strong as at that hour, 0 not at all.
+    Attributes:
+        times: Weight of each of TIMES, which decide the sun's height, strength and colour. At
+            night a lamp at the camera lights the surroundings.
+        overcast_share: Fraction of scenes with an overcast sky.
+        sun_warmth: Saturation of the sun's colour: 1 is the natural colour, 0 is white.
+
+    Raises:
+        SettingsError: If a value is out of range.
     """
 
     times: Shares = field(
         default_factory=lambda: {"morning": 1.0, "daylight": 2.0, "evening": 1.0, "dusk": 1.0}
     )
     overcast_share: float = 0.25
-    sun_warmth: float = field(default=1.0, metadata=LATER)
+    sun_warmth: float = field(default=1.0, metadata=OMIT_DEFAULT)
 
     def __post_init__(self) -> None:
         check_shares("light times", self.times, TIMES)

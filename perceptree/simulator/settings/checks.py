@@ -1,4 +1,4 @@
-"""Checks shared by the settings: a value out of bounds is named with its bounds."""
+"""Validation of settings. Error messages state the value and what was expected."""
 
 from __future__ import annotations
 
@@ -9,18 +9,26 @@ from perceptree.errors import SettingsError
 Range = tuple[float, float]
 Shares = dict[str, float]
 
-LATER = {"later": True}
-"""Metadata of a setting that older data sets do not know: it is told only where it is changed."""
+OMIT_DEFAULT = {"omit_default": True}
+"""Metadata of settings that older datasets lack: ``to_dict`` omits them at their default."""
 
 
 def check_number(name: str, value: float, lowest: float, highest: float) -> None:
-    """Raise SettingsError unless ``value`` lies in [lowest, highest]."""
+    """Check that ``value`` is in [lowest, highest].
+
+    Raises:
+        SettingsError: If it is not.
+    """
     if not (math.isfinite(value) and lowest <= value <= highest):
         raise SettingsError(f"{name} is {value:g}: expected {lowest:g} to {highest:g}")
 
 
 def check_range(name: str, value: Range, lowest: float, highest: float) -> None:
-    """Raise SettingsError unless ``value`` is (low, high) within [lowest, highest]."""
+    """Check that ``value`` is a range (low, high) within [lowest, highest].
+
+    Raises:
+        SettingsError: If it is not.
+    """
     low, high = value
     if not lowest <= low <= high <= highest:
         raise SettingsError(
@@ -30,10 +38,14 @@ def check_range(name: str, value: Range, lowest: float, highest: float) -> None:
 
 
 def check_shares(name: str, value: Shares, known: tuple[str, ...]) -> None:
-    """Raise SettingsError unless ``value`` gives known names weights >= 0, not all of them 0."""
+    """Check that ``value`` has weights of at least 0 for known names, and one above 0.
+
+    Raises:
+        SettingsError: If it has not.
+    """
     for key, weight in value.items():
         if key not in known:
-            raise SettingsError(f"{name} names {key!r}: expected some of {', '.join(known)}")
+            raise SettingsError(f"{name} has the name {key!r}: expected one of {', '.join(known)}")
         if not (math.isfinite(weight) and weight >= 0):
             raise SettingsError(f"{name}[{key!r}] is {weight:g}: expected a weight of at least 0")
     if not sum(value.values()) > 0:
@@ -41,6 +53,10 @@ def check_shares(name: str, value: Shares, known: tuple[str, ...]) -> None:
 
 
 def check_choice(name: str, value: str, known: tuple[str, ...]) -> None:
-    """Raise SettingsError unless ``value`` is one of ``known``."""
+    """Check that ``value`` is one of ``known``.
+
+    Raises:
+        SettingsError: If it is not.
+    """
     if value not in known:
         raise SettingsError(f"{name} is {value!r}: expected one of {', '.join(known)}")

@@ -1,4 +1,4 @@
-"""Settings of a drive: a machine's way through one scene, filmed at a frame rate."""
+"""Settings of a drive: a machine's path through one scene, filmed at a frame rate."""
 
 from __future__ import annotations
 
@@ -9,13 +9,19 @@ from perceptree.simulator.settings.checks import Range, check_number, check_rang
 
 @dataclass(frozen=True)
 class DriveSettings:
-    """How a machine drives around a closed circuit in a scene; a scene's views are its frames.
+    """A machine that drives around a closed path. The views of a scene are the frames.
 
-    ``rate_hz`` is the frame rate, 0 for single views instead of a drive. The machine moves at a
-    speed drawn from ``speed_m_per_s`` and halts ``stops_per_minute`` times a minute; stems closer
-    to its way than ``clearance_m`` were felled before. It sways by ``sway_deg`` (standard
-    deviation of pitch and roll) and its crane, which carries the camera, slews by up to
-    ``slew_deg`` to either side.
+    Attributes:
+        rate_hz: Frame rate; 0 for independent views instead of a drive.
+        speed_m_per_s: Range of the speed, m/s.
+        stops_per_minute: Mean number of stops per minute.
+        clearance_m: Stems closer to the path are left out, m.
+        sway_deg: Range of the amplitude of pitch and roll.
+        slew_deg: Range of the largest angle by which the crane, which carries the camera, slews to
+            either side.
+
+    Raises:
+        SettingsError: If a value is out of range.
     """
 
     rate_hz: float = 0.0

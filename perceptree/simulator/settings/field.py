@@ -1,6 +1,6 @@
-"""The mix of real forests, ``field``: the paper's mix with four groups of additions.
+"""The ``field`` settings: the paper's settings with four groups of additions for real forests.
 
-Each group can be added alone, to see what it brings (``benchmarks/field.py``).
+Each group can be added alone, to measure its effect (``benchmarks/field.py``).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from perceptree.simulator.settings.tree import LabelSettings, SimulatorSettings
 
 
 def _scene(settings: SimulatorSettings) -> SimulatorSettings:
-    """Denser and thicker stands, a forest behind them, clutter at stems, a closed ground."""
+    """Denser stands with thicker stems, distant forest, clutter at stems, dense low plants."""
     return replace(
         settings,
         terrain=TerrainSettings(roughness_m=(0.01, 0.05)),
@@ -46,7 +46,7 @@ def _scene(settings: SimulatorSettings) -> SimulatorSettings:
 
 
 def _camera(settings: SimulatorSettings) -> SimulatorSettings:
-    """More of the light and weather that machines work in, nights, and cameras with faults."""
+    """More daylight and mild weather, as machines work in, nights, and camera faults."""
     kinds = {"clear": 5.0, "snow": 1.0, "wet": 1.0, "fog": 0.7, "rain": 0.7, "snowfall": 0.6}
     times = {"morning": 1.5, "daylight": 3.0, "evening": 1.0, "dusk": 0.6, "night": 0.5}
     return replace(
@@ -68,7 +68,7 @@ def _camera(settings: SimulatorSettings) -> SimulatorSettings:
 
 
 def _objects(settings: SimulatorSettings) -> SimulatorSettings:
-    """Things that are no trees."""
+    """Objects that are not trees."""
     return replace(
         settings,
         objects=ObjectSettings(
@@ -84,7 +84,7 @@ def _objects(settings: SimulatorSettings) -> SimulatorSettings:
 
 
 def _colours(settings: SimulatorSettings) -> SimulatorSettings:
-    """Colours and textures from outside the natural."""
+    """Unnatural colours and textures."""
     return replace(settings, randomisation=RandomisationSettings(recolour=0.2, swap=0.02, sky=0.08))
 
 
@@ -97,13 +97,18 @@ FIELD_GROUPS: dict[str, Callable[[SimulatorSettings], SimulatorSettings]] = {
 
 
 def with_groups(start: SimulatorSettings, groups: Iterable[str]) -> SimulatorSettings:
-    """``start`` with some of FIELD_GROUPS added, in the order given."""
+    """Add groups of additions to settings.
+
+    Args:
+        start: Settings to start from.
+        groups: Keys of FIELD_GROUPS, applied in this order.
+    """
     for group in groups:
         start = FIELD_GROUPS[group](start)
     return start
 
 
 def field_settings(paper: SimulatorSettings) -> SimulatorSettings:
-    """All groups on top of the paper's mix, with cuts that can be seen."""
+    """Add all groups to the paper's settings, with felling cuts above obstacles."""
     whole = with_groups(paper, FIELD_GROUPS)
     return replace(whole, labels=LabelSettings(cut_rule="visible"), views_per_scene=4)

@@ -1,4 +1,4 @@
-"""Settings of the files that a dataset is made of."""
+"""Settings of a dataset's files."""
 
 from __future__ import annotations
 
@@ -11,7 +11,14 @@ IMAGE_FORMATS = ("jpg", "png")
 
 @dataclass(frozen=True)
 class FileSettings:
-    """Colour images as JPEG, of the colour sensor's quality, or as PNG without loss."""
+    """File formats of a dataset.
+
+    Attributes:
+        image_format: Format of colour images: ``jpg``, with the quality in RgbSettings, or ``png``.
+
+    Raises:
+        SettingsError: If the format is unknown.
+    """
 
     image_format: str = "jpg"
 

@@ -1,11 +1,11 @@
-"""Settings of what stands in the forest: ground, stand and undergrowth."""
+"""Settings of the forest: ground, stand and undergrowth."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
 from perceptree.simulator.settings.checks import (
-    LATER,
+    OMIT_DEFAULT,
     Range,
     Shares,
     check_number,
@@ -20,11 +20,17 @@ PATTERNS = ("random", "regular", "clustered")
 
 @dataclass(frozen=True)
 class TerrainSettings:
-    """The ground: its slope, relief in two scales and covers.
+    """The ground.
 
-    ``slope_deg`` is the mean slope of a scene, ``relief_m`` the standard deviation of its rolling
-    relief, ``roughness_m`` that of its micro-relief. ``grounds`` weighs which cover dominates a
-    scene; the others are mixed in as patches.
+    Attributes:
+        slope_deg: Range of the mean slope of a scene.
+        relief_m: Range of the standard deviation of the large-scale relief, m.
+        roughness_m: Range of the standard deviation of the small-scale relief, m.
+        grounds: Weight of each of GROUNDS to be the main cover of a scene; the others are mixed in
+            as patches.
+
+    Raises:
+        SettingsError: If a value is out of range.
     """
 
     slope_deg: Range = (0.0, 30.0)
@@ -43,14 +49,32 @@ class TerrainSettings:
 
 @dataclass(frozen=True)
 class StandSettings:
-    """The stand: how many stems, where they may spawn, and how they are formed.
+    """The stand: number, positions and shapes of the trees.
 
-    ``patterns`` weighs the spatial pattern of a scene. ``spacing_m`` is the least distance of two
-    stems, ``max_neighbours`` how many others may stand within ``neighbour_radius_m`` of one.
-    ``altitude_preference`` from -1 (hollows) to 1 (ridges) thins the stand by altitude; ground
-    steeper than ``max_slope_deg`` stays bare. Stems lean by a half-normal angle. ``dead_share`` of
-    the trees are dead: without needles or leaves, some broken off above the labelled stem. Near
-    trees with ``fine_crowns`` bear more and smaller twigs, less in one plane.
+    Attributes:
+        stems_per_ha: Range of the density.
+        patterns: Weight of each of PATTERNS, the spatial pattern of a scene.
+        spacing_m: Minimum distance of two stems, m.
+        neighbour_radius_m: Radius in which neighbours are counted, m.
+        max_neighbours: Maximum number of other stems within that radius.
+        altitude_preference: Range of the preference from -1 (hollows) to 1 (ridges), which thins
+            the stand by altitude.
+        max_slope_deg: Ground steeper than this has no stems.
+        species: Weight of each of SPECIES.
+        species_per_scene: Number of species in a scene.
+        diameter_m: Minimum and maximum diameter at breast height, m.
+        diameter_median_m: Range of the median diameter of a scene, m.
+        diameter_log_std: Standard deviation of the logarithm of the diameter.
+        lean_std_deg: Range of the standard deviation of the normal distribution whose absolute
+            value is the lean.
+        lean_max_deg: Maximum lean.
+        fork_share: Fraction of forked stems.
+        dead_share: Fraction of dead trees, without foliage; some are broken above the labelled
+            stem.
+        fine_crowns: Whether near crowns have more and smaller twigs that spread more irregularly.
+
+    Raises:
+        SettingsError: If a value is out of range.
     """
 
     stems_per_ha: Range = (300.0, 860.0)
@@ -79,8 +103,8 @@ class StandSettings:
     lean_std_deg: Range = (1.0, 6.0)
     lean_max_deg: float = 20.0
     fork_share: float = 0.06
-    dead_share: float = field(default=0.0, metadata=LATER)
-    fine_crowns: bool = field(default=False, metadata=LATER)
+    dead_share: float = field(default=0.0, metadata=OMIT_DEFAULT)
+    fine_crowns: bool = field(default=False, metadata=OMIT_DEFAULT)
 
     def __post_init__(self) -> None:
         check_range("stems_per_ha", self.stems_per_ha, 10.0, 5000.0)
@@ -103,7 +127,19 @@ class StandSettings:
 
 @dataclass(frozen=True)
 class UndergrowthSettings:
-    """How much grows and lies between the stems: 0 is none, 1 a dense understorey."""
+    """Density of the undergrowth by kind: ranges from 0 (none) to 1 (dense).
+
+    Attributes:
+        grass: Grass tufts.
+        ferns: Ferns.
+        scrubs: Bushes, seedlings and saplings.
+        branches: Fallen branches and logs.
+        stumps: Stumps.
+        rocks: Rocks.
+
+    Raises:
+        SettingsError: If a value is out of range.
+    """
 
     grass: Range = (0.0, 1.0)
     ferns: Range = (0.0, 1.0)

@@ -1,4 +1,4 @@
-"""Named mixes of settings, each with the seed and the number of frames that go with it."""
+"""Named settings, each with its seed and number of frames."""
 
 from __future__ import annotations
 
@@ -20,7 +20,16 @@ from perceptree.simulator.settings.tree import SimulatorSettings, SplitSettings
 
 @dataclass(frozen=True)
 class Preset:
-    """A dataset by name. ``description`` is one line for the command line."""
+    """A named dataset.
+
+    Attributes:
+        name: Name of the preset.
+        settings: Settings of the simulator.
+        seed: Seed of the dataset.
+        frames: Number of frames.
+        description: One line for the command line's help.
+        files: File formats.
+    """
 
     name: str
     settings: SimulatorSettings
@@ -31,10 +40,10 @@ class Preset:
 
 
 def _paper() -> SimulatorSettings:
-    """All grounds, weathers and lights; 40k, 1k and 2k frames, as SynthTree43k is split.
+    """All grounds, weathers and lights, split 40k : 1k : 2k like SynthTree43k (Grondin 2022).
 
-    Exact depth is coarser and nearer than it could be, and colour compressed a little more: a
-    frame's files take at most 700 kB on average.
+    Exact depth has reduced resolution and range, and JPEG a reduced quality, so that the files of
+    a frame take at most 700 kB on average.
     """
     return SimulatorSettings(
         rgb=RgbSettings(jpeg_quality=80),
@@ -58,12 +67,12 @@ def _plain() -> SimulatorSettings:
 
 
 def _field() -> SimulatorSettings:
-    """The paper's conditions and what real pictures hold besides, for networks to be deployed."""
+    """The paper's conditions with additions for real forests, for networks to be deployed."""
     return replace(field_settings(_paper()), splits=SplitSettings(val=0.05, test=0.05))
 
 
 def _drive() -> SimulatorSettings:
-    """Drives of a minute at ten frames a second, each through another scene of ``field``."""
+    """One-minute drives at 10 frames per second, each through another scene of ``field``."""
     return replace(
         _field(),
         drive=DriveSettings(rate_hz=10.0),

@@ -1,4 +1,4 @@
-"""Settings of what real pictures hold beyond the paper's: off unless a mix asks for it."""
+"""Settings of additions beyond the paper's conditions. By default all of them are off."""
 
 from __future__ import annotations
 
@@ -11,13 +11,18 @@ _OFF = (0.0, 0.0)
 
 @dataclass(frozen=True)
 class ClutterSettings:
-    """What grows at and around stems beyond the undergrowth. Each scene draws from these ranges.
+    """Clutter beyond the undergrowth. Each scene draws from these ranges.
 
-    ``dead_twigs`` is the number of thin dry twigs on the lower stem of a near conifer, in
-    hundreds; ``herbs`` and ``shrubs`` close the ground from 0 (none) to 1 (no gap); ``foot``
-    is the share of near stems with plants, twigs or stones about their foot. ``backdrop`` is how
-    many trunks and crowns stand beyond the simulated stand, 1 for a dense one; where it is drawn
-    as 0, the far forest is a plain wall.
+    Attributes:
+        dead_twigs: Thin dead twigs on the lower stem of a near conifer, in hundreds.
+        herbs: Cover of the ground by herbs, 0 (none) to 1 (no gap).
+        shrubs: Cover of the ground by dwarf shrubs, 0 (none) to 1 (no gap).
+        foot: Fraction of near stems with plants, branches or stones around their foot.
+        backdrop: Density of the forest beyond the simulated stand, 0 to 1 (dense); 0 draws a
+            plain silhouette.
+
+    Raises:
+        SettingsError: If a value is out of range.
     """
 
     dead_twigs: Range = _OFF
@@ -34,10 +39,19 @@ class ClutterSettings:
 
 @dataclass(frozen=True)
 class ObjectSettings:
-    """Things that are no trees. Each scene draws how many stand or lie within 18 m, rounded.
+    """Objects that are not trees. Each scene draws numbers of objects within 18 m, rounded.
 
-    ``posts`` are poles, signs and fences; ``logs`` lying stems, log piles and their ends;
-    ``shapes`` solids of random form and texture that stand for whatever else there may be.
+    Attributes:
+        people: People.
+        animals: Animals.
+        machines: Forest machines.
+        posts: Poles, signs and fences.
+        logs: Lying stems, log piles and heaps of branches.
+        walls: Walls, huge boulders and huts.
+        shapes: Solids of random shape and texture, which represent unknown objects.
+
+    Raises:
+        SettingsError: If a value is out of range.
     """
 
     people: Range = _OFF
@@ -55,12 +69,18 @@ class ObjectSettings:
 
 @dataclass(frozen=True)
 class ImagingSettings:
-    """Faults of cameras and their processing, beyond noise and blur.
+    """Faults of cameras and of their image processing, beyond noise and blur.
 
-    ``share`` of the frames have them; such a frame draws from ``strength``, 1 being the worst,
-    and each fault appears by chance. ``exposure_stops`` is how far such a frame's exposure is off.
-    ``infrared_share`` of them are grey pictures in near-infrared, where leaves are bright. The
-    colours of every frame, faulty or not, are ``saturation`` times as strong as light has them.
+    Attributes:
+        share: Fraction of frames with faults; each fault then occurs at random.
+        strength: Range of the strength of the faults, 0 to 1 (worst).
+        exposure_stops: Range of the exposure error of such frames, in stops.
+        infrared_share: Fraction of such frames that are grey near-infrared pictures with bright
+            leaves.
+        saturation: Range of the saturation factor of all frames.
+
+    Raises:
+        SettingsError: If a value is out of range.
     """
 
     share: float = 0.0
@@ -79,10 +99,15 @@ class ImagingSettings:
 
 @dataclass(frozen=True)
 class RandomisationSettings:
-    """Colours and textures from far outside the natural, drawn anew in each scene.
+    """Unnatural colours and textures (domain randomisation, Tobin et al. 2017), per scene.
 
-    By a chance of ``recolour`` a material's colour is changed, by ``swap`` it wears another
-    material's texture, by ``sky`` the light has any colour.
+    Attributes:
+        recolour: Probability that the colour of a material is changed.
+        swap: Probability that a material has the texture of another one.
+        sky: Probability that the light has an unnatural colour.
+
+    Raises:
+        SettingsError: If a value is out of range.
     """
 
     recolour: float = 0.0

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from calib import PinholeCamera
 from perceptree.errors import SettingsError
 from perceptree.simulator.settings.checks import (
-    LATER,
+    OMIT_DEFAULT,
     Range,
     Shares,
     check_number,
@@ -20,10 +20,15 @@ DEPTH_KINDS = ("stereo", "tof")
 
 
 def ideal_camera(width: int, height: int, horizontal_fov_deg: float = 85.0) -> PinholeCamera:
-    """A centred camera with square pixels and no distortion, as a ZED's rectified image has.
+    """Make a centred camera with square pixels and no distortion, like a rectified ZED image.
 
-    Raises SettingsError for sizes that are odd or below 64 px, or a field of view outside 20 to
-    130 degrees.
+    Args:
+        width: Image width, px; even and at least 64.
+        height: Image height, px; even and at least 64.
+        horizontal_fov_deg: Horizontal field of view, 20 to 130 degrees.
+
+    Raises:
+        SettingsError: If a value is out of range.
     """
     for name, value in (("width", width), ("height", height)):
         if value < 64 or value % 2:
@@ -35,7 +40,16 @@ def ideal_camera(width: int, height: int, horizontal_fov_deg: float = 85.0) -> P
 
 @dataclass(frozen=True)
 class PoseSettings:
-    """How a camera is carried: height above ground, pitch (up is positive) and roll."""
+    """How a camera is carried. Each view draws from these ranges.
+
+    Attributes:
+        height_m: Height above the ground, m.
+        pitch_deg: Pitch, positive upwards.
+        roll_deg: Roll.
+
+    Raises:
+        SettingsError: If a value is out of range.
+    """
 
     height_m: Range
     pitch_deg: Range
@@ -49,7 +63,17 @@ class PoseSettings:
 
 @dataclass(frozen=True)
 class CameraSettings:
-    """The camera and how it is carried: on a machine's mast or in a person's hand."""
+    """The camera.
+
+    Attributes:
+        intrinsics: Intrinsics; width and height are even.
+        mast: How the camera is carried on a machine's mast.
+        hand: How the camera is carried by hand.
+        mast_share: Fraction of the views from a mast.
+
+    Raises:
+        SettingsError: If a value is out of range.
+    """
 
     intrinsics: PinholeCamera = field(default_factory=lambda: ideal_camera(1280, 720))
     mast: PoseSettings = PoseSettings((2.0, 3.4), (-22.0, -2.0), (-5.0, 5.0))
@@ -65,19 +89,26 @@ class CameraSettings:
 
     @classmethod
     def of_size(cls, width: int, height: int, horizontal_fov_deg: float = 85.0) -> CameraSettings:
-        """The default camera at another image size."""
+        """Make the default camera with another image size, as :func:`ideal_camera`."""
         return cls(ideal_camera(width, height, horizontal_fov_deg))
 
 
 @dataclass(frozen=True)
 class RgbSettings:
-    """What the colour sensor adds. Each frame draws from these ranges.
+    """The colour sensor. Each frame draws from these ranges.
 
-    ``exposure`` is the metered mean's place on the tone curve, 1 at middle grey; ``noise`` the
-    standard deviation at middle grey by day, as a share of full scale; ``blur_px`` the lens's
-    Gaussian blur; ``motion_px`` the length of a straight motion blur in ``motion_share`` of the
-    frames; ``white_balance`` the error of the red and blue gains; ``dusk_exposure`` the share of
-    the exposure that is left at dusk.
+    Attributes:
+        exposure: Exposure of the metered mean; 1 makes it middle grey.
+        noise: Standard deviation of the noise at middle grey by day, as a fraction of full scale.
+        blur_px: Standard deviation of the lens's Gaussian blur, px.
+        motion_px: Length of a straight motion blur, px.
+        motion_share: Fraction of frames with motion blur.
+        white_balance: Error of the red and blue gains.
+        jpeg_quality: Quality of JPEG files.
+        dusk_exposure: Factor of the exposure at dusk.
+
+    Raises:
+        SettingsError: If a value is out of range.
     """
 
     exposure: Range = (0.45, 0.9)
@@ -87,7 +118,7 @@ class RgbSettings:
     motion_share: float = 0.2
     white_balance: Range = (-0.12, 0.12)
     jpeg_quality: int = 85
-    dusk_exposure: float = field(default=0.55, metadata=LATER)
+    dusk_exposure: float = field(default=0.55, metadata=OMIT_DEFAULT)
 
     def __post_init__(self) -> None:
         check_range("exposure", self.exposure, 0.05, 5.0)
@@ -102,16 +133,27 @@ class RgbSettings:
 
 @dataclass(frozen=True)
 class DepthSettings:
-    """What the depth sensor makes of the exact depth. Each frame draws its kind and noise.
+    """The depth sensor. Each frame draws a kind, and its parameters from these ranges.
 
-    A stereo camera's disparity, in px of the image, has ``disparity_noise_px`` of noise and steps
-    of ``disparity_step_px``: the depth's deviation is z² / (f b) times that. A time-of-flight
-    camera's depth has ``tof_noise_per_m`` times z² metres. ``holes`` from 0 to 1 scales all that
-    goes wrong besides: lost readings, and surfaces that bleed or mix at edges. With
-    ``half_resolution`` the sensor has half the image's rows and columns, as those that work on
-    board have, and each reading fills 2x2 px. The exact depth is written beside it, up to
-    ``exact_range_m``, at every ``exact_stride_px``-th pixel of every such row. With ``in_haze``
-    fog and haze take contrast and light from the sensor: more noise, lost readings.
+    Attributes:
+        kinds: Weight of each of DEPTH_KINDS.
+        baseline_m: Baseline of the stereo camera, m.
+        disparity_noise_px: Standard deviation of the disparity, px of the image. The standard
+            deviation of the depth is z² / (f b) times that.
+        disparity_step_px: Quantisation of the disparity, px of the image.
+        stereo_range_m: Maximum depth of the stereo camera, m.
+        tof_noise_per_m: Standard deviation of a time-of-flight camera's depth over z², 1/m.
+        tof_range_m: Maximum depth of the time-of-flight camera, m.
+        holes: Strength of all other errors, 0 to 1: lost readings, and surfaces that bleed or mix
+            at edges.
+        half_resolution: The sensor has half the rows and columns of the image, so that each
+            reading fills 2x2 px, as with sensors that compute depth on board.
+        exact_range_m: Maximum of the exact depth that is stored beside the measured one, m.
+        exact_stride_px: The exact depth is stored for every n-th pixel of every n-th row.
+        in_haze: Fog and haze reduce contrast and light: more noise and lost readings.
+
+    Raises:
+        SettingsError: If a value is out of range.
     """
 
     kinds: Shares = field(default_factory=lambda: {"stereo": 3.0, "tof": 1.0})
@@ -125,7 +167,7 @@ class DepthSettings:
     half_resolution: bool = True
     exact_range_m: float = 25.0
     exact_stride_px: int = 1
-    in_haze: bool = field(default=False, metadata=LATER)
+    in_haze: bool = field(default=False, metadata=OMIT_DEFAULT)
 
     def __post_init__(self) -> None:
         check_shares("depth kinds", self.kinds, DEPTH_KINDS)

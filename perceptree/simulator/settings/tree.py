@@ -1,4 +1,4 @@
-"""Everything a simulated dataset varies, as one frozen tree saved beside the frames."""
+"""All settings of a simulated dataset in one nested dataclass, which is stored with the frames."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 from calib import PinholeCamera
 from perceptree.errors import SettingsError
 from perceptree.simulator.settings.atmosphere import LightSettings, WeatherSettings
-from perceptree.simulator.settings.checks import LATER, check_choice, check_number
+from perceptree.simulator.settings.checks import OMIT_DEFAULT, check_choice, check_number
 from perceptree.simulator.settings.drive import DriveSettings
 from perceptree.simulator.settings.forest import (
     StandSettings,
@@ -29,10 +29,21 @@ CUT_RULES = ("fixed", "visible")
 
 @dataclass(frozen=True)
 class LabelSettings:
-    """Which trees are labelled and where their five keypoints lie.
+    """Which trees are labelled, and where their five keypoints are.
 
-    Heights are metres above the ground on the uphill side of the stem, ``stem_height_m`` above
-    the ground at its axis. The axis keypoints lie at half and at a quarter of the labelled stem.
+    Attributes:
+        reach_m: Maximum distance of a labelled tree from the camera, m.
+        stem_height_m: Height of the labelled stem above the ground at its axis, m. The keypoint
+            ``axis_top`` is at half of it, ``axis_middle`` halfway between the cut and ``axis_top``.
+        cut_height_m: Height of the felling cut above the ground on the uphill side, m.
+        diameter_height_m: Height of the diameter keypoints above that ground, m.
+        min_visible_fraction: Minimum visible fraction of the stem's silhouette in the frame.
+        min_visible_area: Minimum visible area of the stem, as a fraction of the image.
+        cut_rule: ``fixed`` uses the two heights above; ``visible`` cuts above the root flare and
+            obstacles, as in ``scene.felling_cut``.
+
+    Raises:
+        SettingsError: If a value is out of range.
     """
 
     reach_m: float = 10.0
@@ -41,14 +52,15 @@ class LabelSettings:
     diameter_height_m: float = 0.30
     min_visible_fraction: float = 0.08
     min_visible_area: float = 4e-4
-    cut_rule: str = field(default="fixed", metadata=LATER)
+    cut_rule: str = field(default="fixed", metadata=OMIT_DEFAULT)
 
     def __post_init__(self) -> None:
         check_choice("cut_rule", self.cut_rule, CUT_RULES)
         if not 0 < self.cut_height_m < self.diameter_height_m < self.stem_height_m / 4:
             raise SettingsError(
-                "label heights must rise: 0 < cut_height_m < diameter_height_m < stem_height_m / 4,"
-                f" got {self.cut_height_m}, {self.diameter_height_m}, {self.stem_height_m}"
+                f"cut_height_m, diameter_height_m and stem_height_m are {self.cut_height_m},"
+                f" {self.diameter_height_m} and {self.stem_height_m}: expected"
+                " 0 < cut_height_m < diameter_height_m < stem_height_m / 4"
             )
         check_number("reach_m", self.reach_m, 1.0, 40.0)
         check_number("stem_height_m", self.stem_height_m, 1.0, 12.0)
@@ -58,7 +70,15 @@ class LabelSettings:
 
 @dataclass(frozen=True)
 class SplitSettings:
-    """Shares of the scenes held out for validation and test; the rest is for training."""
+    """Split of the scenes; those not held out are for training.
+
+    Attributes:
+        val: Fraction of the scenes for validation.
+        test: Fraction of the scenes for test.
+
+    Raises:
+        SettingsError: If a value is out of range, or the sum is above 1.
+    """
 
     val: float = 0.1
     test: float = 0.1
@@ -74,7 +94,29 @@ class SplitSettings:
 
 @dataclass(frozen=True)
 class SimulatorSettings:
-    """Everything that, with a seed, decides every pixel of a dataset."""
+    """All settings of the simulator. With a seed they determine every pixel of a dataset.
+
+    Attributes:
+        terrain: The ground.
+        stand: The trees.
+        undergrowth: The undergrowth.
+        weather: The weather.
+        light: The light.
+        camera: The camera and how it is carried.
+        rgb: The colour sensor.
+        depth: The depth sensor.
+        labels: The labels.
+        splits: Train, val and test scenes.
+        views_per_scene: Frames per scene.
+        clutter: Clutter beyond the undergrowth.
+        objects: Objects that are not trees.
+        imaging: Camera faults.
+        randomisation: Unnatural colours and textures.
+        drive: Drives instead of independent views.
+
+    Raises:
+        SettingsError: If a value is out of range.
+    """
 
     terrain: TerrainSettings = field(default_factory=TerrainSettings)
     stand: StandSettings = field(default_factory=StandSettings)
@@ -87,22 +129,22 @@ class SimulatorSettings:
     labels: LabelSettings = field(default_factory=LabelSettings)
     splits: SplitSettings = field(default_factory=SplitSettings)
     views_per_scene: int = 8
-    clutter: ClutterSettings = field(default_factory=ClutterSettings, metadata=LATER)
-    objects: ObjectSettings = field(default_factory=ObjectSettings, metadata=LATER)
-    imaging: ImagingSettings = field(default_factory=ImagingSettings, metadata=LATER)
+    clutter: ClutterSettings = field(default_factory=ClutterSettings, metadata=OMIT_DEFAULT)
+    objects: ObjectSettings = field(default_factory=ObjectSettings, metadata=OMIT_DEFAULT)
+    imaging: ImagingSettings = field(default_factory=ImagingSettings, metadata=OMIT_DEFAULT)
     randomisation: RandomisationSettings = field(
-        default_factory=RandomisationSettings, metadata=LATER
+        default_factory=RandomisationSettings, metadata=OMIT_DEFAULT
     )
-    drive: DriveSettings = field(default_factory=DriveSettings, metadata=LATER)
+    drive: DriveSettings = field(default_factory=DriveSettings, metadata=OMIT_DEFAULT)
 
     def __post_init__(self) -> None:
         check_number("views_per_scene", self.views_per_scene, 1, 1000)
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON-ready copy.
+        """Convert to values that JSON can hold.
 
-        Settings that came later are left out while they have their defaults, so that data sets
-        made before them are still known by the hash of their settings.
+        Settings marked with OMIT_DEFAULT are omitted at their default, so that older datasets keep
+        the hash of their settings.
         """
         values = _record(self)
         values["camera"]["intrinsics"] = self.camera.intrinsics.to_dict()
@@ -110,11 +152,11 @@ class SimulatorSettings:
 
 
 def _record(node: Any) -> dict[str, Any]:
-    """A dataclass as nested dictionaries."""
+    """Convert a dataclass to nested dictionaries."""
     values = {}
     for entry in dataclasses.fields(node):
         value = getattr(node, entry.name)
-        if entry.metadata.get("later") and value == _default(entry):
+        if entry.metadata.get("omit_default") and value == _default(entry):
             continue
         known = dataclasses.is_dataclass(value) and not isinstance(value, PinholeCamera)
         values[entry.name] = _record(value) if known else value

@@ -1,4 +1,4 @@
-"""Costs against what others publish: no figure here comes from the code under test."""
+"""Parameter and multiply-add counts against published values."""
 
 import pytest
 import torch
@@ -69,13 +69,13 @@ def test_a_trunk_is_a_part_of_the_classifier(backbone: str) -> None:
 
 def test_a_mask_rcnn_costs_what_mmdetection_publishes() -> None:
     # mmdetection's mask_rcnn_r50_fpn: 181 G and 44.2 M at 800x800, with the stride in the 3x3,
-    # 1000 proposals, 100 detections and 80 classes; its count leaves out the frozen stem and
+    # 1000 proposals, 100 detections and 80 classes; its count excludes the frozen stem and
     # first stage (0.225 M).
     spec = make_spec("r50", "rgb", 800, 800, stride_in_1x1=False, keypoints=False, detections=100)
     model = TreeRCNN(spec)
     cost = multiply_adds_by_part(model)
     assert sum(cost.values()) / 1e9 == pytest.approx(181, rel=0.03)
-    # 177 G with two for each multiply-add, measured with torchvision's network.
+    # 177 G, counting two operations per multiply-add, measured with torchvision's network.
     assert (cost["backbone"] + cost["pyramid"]) / 1e9 == pytest.approx(177 / 2, rel=0.005)
     more_classes = 79 * (1024 + 1) + 4 * 79 * (1024 + 1) + 79 * (256 + 1)
     assert (parameters(model) + more_classes - 225_344) / 1e6 == pytest.approx(44.2, abs=0.05)
@@ -113,5 +113,5 @@ def test_an_absent_branch_costs_nothing_and_counting_changes_nothing() -> None:
 
 
 def test_an_unknown_backbone_is_one_line() -> None:
-    with pytest.raises(PerceptreeError, match="unknown backbone 'vgg', expected one of: "):
+    with pytest.raises(PerceptreeError, match="backbone is 'vgg', expected one of: "):
         classifier_cost("vgg")

@@ -1,4 +1,4 @@
-"""The kernels' gradients are torch's, whatever the threads."""
+"""The kernels' gradients equal torch's for any number of threads."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -74,7 +74,7 @@ def test_weighted_sums_have_torchs_gradients(threads: int) -> None:
     torch.manual_seed(0)
     rows = torch.randn(40, 7, requires_grad=True)
     places, weights = torch.randint(40, (60,)), torch.rand(60)
-    starts = torch.tensor([0, 0, 12, 30, 60])  # two sums of nothing
+    starts = torch.tensor([0, 0, 12, 30, 60])  # two empty sums
     chosen = torch.randn(5, 7)
     ends = [*starts.tolist()[1:], 60]
     parts = [

@@ -1,4 +1,4 @@
-"""Keypoints against torch's own bicubic resizing, one region after the other."""
+"""Keypoint decoding against torch's bicubic resizing, region by region."""
 
 import numpy as np
 import pytest
@@ -13,14 +13,14 @@ LONGEST_PX = 1280
 
 
 def heat_maps(count: int, strength: float = 3.0, seed: int = 0) -> Tensor:
-    """(N, S, S) as the head makes them: noise of half the resolution, doubled bilinearly."""
+    """(N, S, S) logits like the head's: noise at half the resolution, upsampled bilinearly."""
     random = torch.Generator().manual_seed(seed)
     coarse = strength * torch.randn(count, 1, S // 2, S // 2, generator=random)
     return functional.interpolate(coarse, scale_factor=2.0, mode="bilinear")[:, 0]
 
 
 def box_sides(count: int, seed: int = 1) -> Tensor:
-    """(N, 2) px, from a single pixel to the whole frame, fractions and whole numbers."""
+    """(N, 2) box sizes from one pixel to the whole frame, with and without fractions, px."""
     random = torch.Generator().manual_seed(seed)
     sides = 1.0 * 1200 ** torch.rand(count, 2, generator=random)
     special = torch.tensor(
@@ -67,7 +67,7 @@ def test_sharp_peaks_on_pixels_are_all_found() -> None:
     found = decode_keypoints(stacked[:, None], boxes, "pixels", LONGEST_PX)[:, 0]
     for heat, side, (x, y, score) in zip(stacked, sides, found.tolist(), strict=True):
         place, expected = detectron2_peak(heat, side)
-        # Two pixels as high as each other to float32's last digits may swap.
+        # Two pixels that are equal up to float32 rounding may swap.
         pixel = float((side.clamp(min=1.0) / side.clamp(min=1.0).ceil()).max())
         assert abs(x - place[0]) < 1.01 * pixel
         assert abs(y - place[1]) < 1.01 * pixel
@@ -86,7 +86,7 @@ def test_peaks_between_pixels_are_those_of_a_smooth_surface() -> None:
         true.append((x, y))
     share, peak = subcell_peaks(torch.stack(maps).float())
     gap = (share * S - torch.tensor(true)).abs().amax(dim=1)
-    # The surface of this kernel, Detectron2's, leaves a true parabola by up to an eighth of a cell.
+    # This bicubic kernel, Detectron2's, differs from a parabola by up to 1/8 cell.
     assert float(gap.max()) < 0.14
     assert float(gap.median()) < 0.1
     signed = share * S - torch.tensor(true)
@@ -95,7 +95,7 @@ def test_peaks_between_pixels_are_those_of_a_smooth_surface() -> None:
 
 
 def fine_peak(heat: Tensor) -> tuple[float, float, float]:
-    """x, y in cells and height of the surface's best 32nd of a cell beside the strongest node."""
+    """x and y in cells, and the surface there, of the best 1/32 cell near the highest node."""
     fine = functional.interpolate(heat[None, None], scale_factor=32, mode="bicubic")[0, 0]
     best = np.unravel_index(int(heat.argmax()), heat.shape)
     top, left = (max(0, 32 * int(i) - 16) for i in best)
@@ -136,7 +136,7 @@ def test_keypoints_scale_with_their_box_and_stay_in_order(grid: str) -> None:
     boxes = torch.tensor([[100.0, 50.0, 156.0, 162.0], [0.0, 0.0, 5.6, 5.6]])
     found = decode_keypoints(maps, boxes, grid, LONGEST_PX)  # type: ignore[arg-type]
     assert found[0, :, 0].tolist() == pytest.approx([140.5] * 5, abs=1e-3)
-    # Two pixels are one cell high here: between them, or on the upper one.
+    # One cell is two pixels high here: the peak is between them, or on the upper one.
     middle = [50 + 2 * (10.5 + keypoint) for keypoint in range(5)]
     assert found[0, :, 1].tolist() == pytest.approx(middle, abs=1e-3 if grid == "subcell" else 0.51)
     if grid == "subcell":

@@ -17,7 +17,7 @@ def small_spec(modality: str = "depth", **changes: object) -> ModelSpec:
 
 
 def frames(spec: ModelSpec, count: int) -> tuple[Tensor, list[TreeTargets]]:
-    """Upright bars before a ramp, the last frame without any."""
+    """Vertical bars in front of a gradient; the last frame has no bars."""
     random = np.random.default_rng(0)
     images, targets = [], []
     for number in range(count):

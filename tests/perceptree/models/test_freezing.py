@@ -1,4 +1,4 @@
-"""Frozen parts stay as they are in training, all else moves."""
+"""Training changes all parts of a network except the frozen ones."""
 
 import pytest
 import torch
@@ -7,7 +7,7 @@ from torch import Tensor, nn
 from perceptree.models import ModelSpec, SampleSettings, TreeRCNN, TreeTargets, make_spec
 
 HEIGHT, WIDTH = 64, 128
-# So many anchors that every level has some.
+# Enough anchors that every level has some.
 SAMPLING = SampleSettings(
     proposals_per_level=20, proposals=20, anchors=5000, regions=8, region_positive_share=0.5
 )
@@ -28,7 +28,7 @@ def paper_spec() -> ModelSpec:
 
 
 def two_steps(model: TreeRCNN) -> set[str]:
-    """Train -> the names of the tensors that changed."""
+    """Train, and return the names of the tensors that changed."""
     before = {name: value.clone() for name, value in model.state_dict().items()}
     boxes = torch.tensor([[30.0, 8.0, 50.0, 60.0], [80.0, 4.0, 96.0, 56.0]])
     points = torch.rand(2, 5, 2) * (boxes[:, None, 2:] - boxes[:, None, :2]) + boxes[:, None, :2]
@@ -39,7 +39,7 @@ def two_steps(model: TreeRCNN) -> set[str]:
     images = torch.randint(0, 256, (2, HEIGHT, WIDTH, 3), dtype=torch.uint8)
     targets = [TreeTargets(boxes, keypoints, masks)] * 2
     trained = [p for p in model.parameters() if p.requires_grad]
-    # Adam's steps are of the same size however small a gradient is.
+    # The size of Adam's steps does not depend on that of the gradient.
     optimizer = torch.optim.Adam(trained, 1e-3, eps=1e-30)
     model.train()
     for _ in range(2):
@@ -87,7 +87,9 @@ def test_a_frozen_light_model_changes_only_beyond_stride_four() -> None:
 def test_a_frozen_paper_model_changes_all_but_stem_layer1_and_norms() -> None:
     model = TreeRCNN(paper_spec())
     for part in model.backbone.modules():
-        if isinstance(part, nn.BatchNorm2d):  # as in a trained one: the last of a block starts at 0
+        if isinstance(
+            part, nn.BatchNorm2d
+        ):  # as after training: the last norm of a block starts at 0
             part.weight.data.uniform_(0.5, 1.0)
     model.freeze(2, norms=True)
     changed = two_steps(model)
@@ -113,7 +115,13 @@ def test_frozen_norms_alone_leave_the_convolutions_free() -> None:
 
 def test_levels_are_detectron2s_stages_of_a_resnet() -> None:
     model = TreeRCNN(paper_spec())
-    for level, last in ((0, 0), (1, 2), (2, 3), (3, 4), (5, 6)):  # rising: nothing thaws
+    for level, last in (
+        (0, 0),
+        (1, 2),
+        (2, 3),
+        (3, 4),
+        (5, 6),
+    ):  # ascending levels: no part is unfrozen
         model.freeze(level)
         parts = ("conv1.", "bn1.", "layer1.", "layer2.", "layer3.", "layer4.")[:last]
         start = tuple(f"backbone.trunk.{part}" for part in parts)

@@ -1,4 +1,4 @@
-"""Losses against formulas written out in loops, and their gradients against differences."""
+"""Losses against explicit loops, and their gradients against finite differences."""
 
 import math
 

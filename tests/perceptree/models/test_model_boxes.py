@@ -16,8 +16,8 @@ from perceptree.models.boxes import (
     decode_boxes,
     encode_boxes,
     enlarge_boxes,
+    nms_top_k,
     pairwise_iou,
-    suppress,
 )
 from perceptree.models.roi_align import assign_levels
 from perceptree.models.rpn import ProposalNetwork
@@ -59,10 +59,10 @@ def test_suppression_keeps_what_nms_keeps_in_a_fixed_number_of_rows() -> None:
     boxes, scores = some_boxes(60, 3), torch.rand(60, generator=torch.Generator().manual_seed(1))
     valid = torch.arange(60) % 3 > 0
     kept = torch.nonzero(valid)[:, 0][nms(boxes[valid], scores[valid], 0.3)]
-    order, real = suppress(boxes, scores, valid, 0.3, 50)
+    order, real = nms_top_k(boxes, scores, valid, 0.3, 50)
     assert order.shape == real.shape == (50,)
     assert order[real].tolist() == kept.tolist()
-    order, real = suppress(boxes, scores, torch.zeros(60, dtype=torch.bool), 0.3, 5)
+    order, real = nms_top_k(boxes, scores, torch.zeros(60, dtype=torch.bool), 0.3, 5)
     assert not real.any()
 
 
@@ -81,7 +81,7 @@ def test_anchors_are_torchvisions_but_for_its_rounding() -> None:
     theirs = AnchorGenerator(sizes, (ratios,) * 2)
     images = ImageList(torch.zeros(1, 3, 64, 96), [(64, 96)])
     expected = theirs(images, [torch.zeros(1, 8, 4, 6), torch.zeros(1, 8, 2, 3)])[0]
-    # It has all ratios outside and all sizes inside.
+    # Its order has ratios in the outer loop and sizes in the inner one.
     order = [0, 2, 4, 1, 3, 5]
     expected = expected.reshape(-1, 6, 4)[:, order].reshape(-1, 4)
     ours = torch.cat(

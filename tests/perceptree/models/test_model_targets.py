@@ -32,7 +32,7 @@ def test_keypoint_cells_equal_torchvisions() -> None:
     xy = torch.rand(2, 5, 2) * 240 - 20
     flags = torch.tensor([[2.0, 1.0, 0.0, 2.0, 2.0]] * 2)
     keypoints = torch.cat((xy, flags[..., None]), dim=-1)
-    keypoints[0, 0, :2] = torch.tensor([50.0, 200.0])  # the very corner: the last cell
+    keypoints[0, 0, :2] = torch.tensor([50.0, 200.0])  # the corner belongs to the last cell
     keypoints[1, 0, :2] = torch.tensor([15.0, 7.0])
     cells, inside = keypoint_targets(boxes, keypoints)
     expected, valid = keypoints_to_heatmap(keypoints, boxes, S)
@@ -63,7 +63,7 @@ def test_mask_cells_take_the_pixel_under_their_centre() -> None:
 
 
 def ellipses(count: int) -> Tensor:
-    """(N, 300, 400) bool, each with its own centre, size and lean."""
+    """(N, 300, 400) bool masks with different centres, sizes and leans."""
     random = np.random.default_rng(0)
     y, x = np.mgrid[:300, :400] + 0.5
     masks = []
@@ -75,7 +75,7 @@ def ellipses(count: int) -> Tensor:
 
 
 def boxes_around(masks: Tensor) -> Tensor:
-    """Loose and tight boxes with sides that are no whole pixels."""
+    """Loose and tight boxes with fractional coordinates."""
     random = torch.Generator().manual_seed(1)
     boxes = []
     for mask in masks:
@@ -90,7 +90,7 @@ def test_mask_targets_are_torchvisions_but_for_cells_on_the_outline() -> None:
     boxes = boxes_around(masks)
     tree = torch.arange(40)
     ours = mask_targets(boxes, masks, tree)
-    # torchvision's share of each cell, half a pixel off, as it pools without alignment.
+    # torchvision's fraction of each cell, shifted by half a pixel, as it pools without alignment.
     share = project_masks_on_boxes(masks, boxes, tree, 28)
     clear = (share < 0.02) | (share > 0.98)
     assert float(clear.float().mean()) > 0.8
@@ -98,7 +98,7 @@ def test_mask_targets_are_torchvisions_but_for_cells_on_the_outline() -> None:
     assert torch.equal(ours[clear], share[clear].round())
     assert float((ours - share).abs().mean()) < 0.04
     assert float((ours.mean(dim=(1, 2)) - share.mean(dim=(1, 2))).abs().max()) < 0.02
-    # Detectron2's: aligned, cut at one half.
+    # Detectron2's targets: aligned, with a threshold of 0.5.
     regions = torch.cat((tree[:, None].float(), boxes), dim=1)
     aligned = roi_align(masks[:, None].float(), regions, 28, 1.0, 0, aligned=True)[:, 0] >= 0.5
     assert float((ours.bool() != aligned).float().mean()) < 0.02
@@ -140,7 +140,7 @@ def test_half_of_the_sampled_anchors_are_positive_at_most() -> None:
 
 
 def test_overlaps_between_the_two_limits_are_not_learned_from() -> None:
-    # Overlaps 0.6, 0.35 and 0.2 with the only tree, whose best anchor has 1.
+    # Overlaps of 0.6, 0.35 and 0.2 with the only tree; its best anchor has 1.
     anchors = torch.tensor([[0.0, 0, 10, h] for h in (10, 6, 3.5, 2)])
     trees = pad_boxes([targets([[0, 0, 10, 10]])], anchors.device)
     ours = match_anchors(anchors, trees, SampleSettings())

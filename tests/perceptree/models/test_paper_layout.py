@@ -32,7 +32,7 @@ def narrow_spec(height: int = 96, width: int = 160, **changes: object) -> ModelS
 
 
 def bars(spec: ModelSpec) -> tuple[torch.Tensor, list[TreeTargets]]:
-    """Two images with upright bars of all pooled sizes, uneven in number."""
+    """Two images with different numbers of vertical bars, of sizes for all pooled levels."""
     random = torch.Generator().manual_seed(0)
     shape = (2, spec.height, spec.width, 3)
     images = torch.randint(60, 200, shape, generator=random, dtype=torch.uint8)
@@ -114,7 +114,7 @@ def test_a_step_of_the_r50_network_is_finite_and_reaches_every_weight() -> None:
     model = TreeRCNN(narrow_spec(backbone="resnet50", stride_in_1x1=True)).train()
     for module in model.modules():
         if isinstance(module, torch.nn.BatchNorm2d):
-            torch.nn.init.constant_(module.weight, 0.5)  # the last of a block starts at zero
+            torch.nn.init.constant_(module.weight, 0.5)  # the last norm of a block starts at zero
     images, targets = bars(model.spec)
     found = model.losses(images, targets, SAMPLING)
     assert all(torch.isfinite(value) for value in found.values())
@@ -144,7 +144,7 @@ def test_inputs_that_are_no_multiple_of_32_are_padded_inside(preset: str) -> Non
     }
     assert all(torch.isfinite(v) for v in model.losses(images, targets, SAMPLING).values())
     with torch.no_grad():
-        # Boxes seven times as large would leave the image.
+        # Larger boxes would exceed the image.
         model.box_head.shift.bias.copy_(torch.tensor([0.0, 0.0, 10.0, 10.0]))
         found = model.eval().detect(images)
     assert int(found.num_detections.min()) > 0
@@ -159,7 +159,7 @@ def test_inputs_that_are_no_multiple_of_32_are_padded_inside(preset: str) -> Non
 def test_padding_answers_as_a_larger_frame_with_mean_coloured_borders() -> None:
     torch.manual_seed(0)
     small, large = narrow_spec(90, 150), narrow_spec(96, 160)
-    mean = (103.0, 116.0, 124.0)  # whole numbers, which a frame can hold
+    mean = (103.0, 116.0, 124.0)  # integers, as in a frame
     models = [TreeRCNN(make_changed(spec, mean)).eval() for spec in (small, large)]
     models[1].load_state_dict(models[0].state_dict())
     images, _ = bars(small)

@@ -1,4 +1,4 @@
-"""Published starting weights: the networks answer as those that the weights were made for."""
+"""Published starting weights give the same outputs as in their original networks."""
 
 import re
 from collections.abc import Callable
@@ -21,7 +21,7 @@ from perceptree.models.backbones import BACKBONES
 from perceptree.models.pretrained import IMAGENET_WEIGHTS, load_coco, load_imagenet
 
 HEIGHT, WIDTH = 64, 96
-# Of RGB in 0 to 1, as both libraries normalise.
+# Mean and std of RGB from 0 to 1, as both libraries use them.
 MEAN, STD = torch.tensor([0.485, 0.456, 0.406]), torch.tensor([0.229, 0.224, 0.225])
 
 
@@ -36,7 +36,7 @@ def as_they_normalise(bgr: Tensor) -> Tensor:
 
 
 def stir_norms(module: nn.Module) -> None:
-    """Batch norms as after a training, in place of ones and zeros."""
+    """Set batch norms to values as after training, not ones and zeros."""
     generator = torch.Generator().manual_seed(5)
     for part in module.modules():
         if isinstance(part, nn.BatchNorm2d | FrozenBatchNorm2d):
@@ -56,7 +56,7 @@ def differ(ours: Tensor, theirs: Tensor) -> float:
 
 @pytest.fixture
 def published(monkeypatch: pytest.MonkeyPatch) -> Callable[[], list[Any]]:
-    """Has timm give random weights for published ones, from the call on; lists what it gave."""
+    """Make timm return random weights instead of published ones, and list the requests."""
 
     def publish() -> list[Any]:
         given: list[Any] = []
@@ -80,7 +80,7 @@ def published(monkeypatch: pytest.MonkeyPatch) -> Callable[[], list[Any]]:
     [
         make_spec("edge-n", "rgb", HEIGHT, WIDTH),
         make_spec("edge-m", "rgb", HEIGHT, WIDTH),
-        # Of unit std, as the paper's ResNets.
+        # With unit std, like the paper's ResNets.
         make_spec("r50", "rgb", HEIGHT, WIDTH, backbone="resnet18", stride_in_1x1=False),
     ],
     ids=lambda spec: f"{spec.name}-{spec.backbone}",
@@ -122,7 +122,7 @@ def test_every_backbone_has_imagenet_weights_that_may_be_used_commercially() -> 
 
 @pytest.fixture(scope="module")
 def people() -> KeypointRCNN:
-    """torchvision's detector of people's keypoints as it is with its published weights."""
+    """torchvision's Keypoint R-CNN for people, as with its published weights."""
     torch.manual_seed(1)
     backbone = resnet_fpn_backbone(
         backbone_name="resnet50", weights=None, norm_layer=FrozenBatchNorm2d
@@ -130,13 +130,13 @@ def people() -> KeypointRCNN:
     detector = KeypointRCNN(backbone, num_classes=2, num_keypoints=17).eval()
     overwrite_eps(detector, 0.0)
     stir_norms(detector)
-    # Small variances are where an epsilon is seen.
+    # Small variances make the effect of epsilon visible.
     detector.backbone.body.layer2[0].bn1.running_var.fill_(1e-5)
     return detector
 
 
 def old_layout(weights: dict[str, Tensor]) -> dict[str, Tensor]:
-    """The names that files of before torchvision 0.11 have."""
+    """Tensor names as in files older than torchvision 0.11."""
     old = {re.sub(r"(_blocks\.\d)\.0\.", r"\1.", name): t for name, t in weights.items()}
     return {name.replace("head.conv.0.0.", "head.conv."): t for name, t in old.items()}
 
@@ -214,7 +214,7 @@ def test_a_network_of_another_shape_is_refused_in_one_line(
         r"expected \(32, 12544\); .* and 1 more$",
     ):
         load_coco(TreeRCNN(people_spec(box_head_width=32)))
-    with pytest.raises(SettingsError, match=r"resnet50, the model has resnet18: .*--as-init"):
+    with pytest.raises(SettingsError, match=r"backbone is resnet18: .* for resnet50; .*--as-init"):
         load_coco(TreeRCNN(make_spec("edge-m", "rgb", HEIGHT, WIDTH)))
 
 
@@ -230,9 +230,9 @@ def test_without_a_network_a_line_says_what_is_missing_and_why(
     with pytest.raises(CheckpointError) as caught:
         load_imagenet(models[0])
     line = str(caught.value)
-    assert "ImageNet weights resnet18.tv_in1k could not be fetched by timm" in line
+    assert "timm could not download the ImageNet weights resnet18.tv_in1k" in line
     assert "no such" in line
     assert "--init FILE" in line
     assert "\n" not in line
-    with pytest.raises(CheckpointError, match=r"COCO weights .* could not be fetched by torchv"):
+    with pytest.raises(CheckpointError, match=r"torchvision could not download .*COCO weights"):
         load_coco(models[1])

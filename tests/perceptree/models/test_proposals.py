@@ -1,4 +1,4 @@
-"""The choice of proposals: levels apart from each other, then the best of all."""
+"""Selection of proposals: per level, then the best of all levels."""
 
 import torch
 from torch import Tensor
@@ -17,7 +17,7 @@ def network(**changes: object) -> ProposalNetwork:
 
 
 def silent(proposer: ProposalNetwork, images: int = 1) -> ProposalMaps:
-    """Every anchor at its own place with an objectness of -50."""
+    """All anchors without offsets and with an objectness of -50."""
     anchors = proposer.anchors()
     return ProposalMaps(
         [torch.full((images, len(a)), -50.0) for a in anchors],
@@ -58,7 +58,7 @@ def test_boxes_are_suppressed_within_their_own_level_only() -> None:
 def expected_proposals(
     proposer: ProposalNetwork, maps: ProposalMaps, image: int, per_level: int, count: int
 ) -> tuple[Tensor, Tensor]:
-    """One image at a time with torchvision's suppression: boxes and scores."""
+    """Boxes and scores by torchvision's NMS, image by image."""
     boxes, scores = [], []
     for anchors, logits, deltas in zip(proposer.anchors(), *maps, strict=True):
         order = logits[image].argsort(descending=True, stable=True)[:per_level]

@@ -1,4 +1,4 @@
-"""Both forms of pooling against torchvision's operator, level by level."""
+"""Both implementations of RoIAlign against torchvision's operator on each level."""
 
 import pytest
 import torch
@@ -22,7 +22,7 @@ def pyramid(levels: tuple[int, ...]) -> dict[int, Tensor]:
 
 
 def regions() -> tuple[Tensor, Tensor]:
-    """Some of all sizes, one along each border and over all of the image, some without area."""
+    """Boxes of all sizes, along each border, over the whole image, and without area."""
     random = torch.Generator().manual_seed(2)
     size = torch.tensor([WIDTH, HEIGHT]) * 0.02 * 50 ** torch.rand(40, 2, generator=random)
     corner = torch.rand(40, 2, generator=random) * (torch.tensor([WIDTH, HEIGHT]) - size)

@@ -1,4 +1,4 @@
-"""All levels on one map: torchvision's operator on each level, for maps of any shape."""
+"""RoIAlign on the packed map of all levels equals torchvision's operator on each level."""
 
 import pytest
 import torch
@@ -8,7 +8,7 @@ from torchvision.ops import roi_align
 from perceptree.models import roi_align as module
 from perceptree.models.roi_align import RegionPooler
 
-# (rows, columns) px of the input. The small maps' column is lower than the first map or higher.
+# (rows, columns) px of the input: the column of small maps is lower or higher than the first.
 SIZES = {
     "wide": (256, 640),
     "wide, high column": (160, 640),
@@ -21,7 +21,7 @@ SIZES = {
 
 
 def pyramid(height: int, width: int, levels: tuple[int, ...]) -> dict[int, Tensor]:
-    """Maps whose values tell level, image, channel and place apart."""
+    """Maps with different values for each level, image, channel and position."""
     random = torch.Generator().manual_seed(1)
     return {
         n: 10.0 * n + torch.randn(2, 3, height >> n, width >> n, generator=random) for n in levels
@@ -29,7 +29,7 @@ def pyramid(height: int, width: int, levels: tuple[int, ...]) -> dict[int, Tenso
 
 
 def regions_at_borders(height: int, width: int) -> Tensor:
-    """(R, 4) xyxy px: every choice of borders touched, wide and thin, to a fraction of a cell."""
+    """(R, 4) xyxy px: boxes at every combination of borders, wide and narrow ones."""
     spans = ((0.0, 1.0), (0.0, 0.4), (0.6, 1.0), (0.31, 0.7), (0.0, 0.01), (0.99, 1.0))
     boxes = [
         (left * width, top * height, right * width, bottom * height)

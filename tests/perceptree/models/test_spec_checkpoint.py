@@ -48,11 +48,11 @@ def test_maps_cover_the_input_padded_to_whole_cells(side: int, rows: int) -> Non
 
 def test_presets_take_changes_and_refuse_what_is_none() -> None:
     assert make_spec("r101", detections=100, masks=False).detections == 100
-    with pytest.raises(PerceptreeError, match=r"roi_levels are \(5, 6\), .* up to 5"):
+    with pytest.raises(PerceptreeError, match=r"roi_levels are \(5, 6\), .* at most 5"):
         make_spec("r50", roi_levels=(5, 6))
     with pytest.raises(PerceptreeError, match="model is 'r51', expected one of: edge-n, edge-s"):
         make_spec("r51")
-    with pytest.raises(PerceptreeError, match=r"not a model setting: .*'colour'"):
+    with pytest.raises(PerceptreeError, match=r"unknown model setting: .*'colour'"):
         make_spec("r50", colour="red")
 
 
@@ -64,16 +64,22 @@ def test_presets_take_changes_and_refuse_what_is_none() -> None:
         ({"modality": "radar"}, "modality is 'radar', expected 'rgb' or 'depth'"),
         ({"mean": (1.0,)}, "mean and std have 1 and 3 values, expected 3 for rgb"),
         ({"std": (1.0, 0.0, 1.0)}, "expected positive values"),
-        ({"roi_levels": (2,)}, r"roi_levels are \(2,\), expected consecutive ones of \(3, 4, 5\)"),
-        ({"roi_levels": (3, 5)}, r"roi_levels are \(3, 5\), expected consecutive ones"),
-        ({"roi_levels": ()}, r"roi_levels are \(\), expected consecutive ones"),
-        ({"levels": (3, 5)}, "expected consecutive ones"),
-        ({"levels": ()}, r"levels are \(\), expected consecutive ones from 2 on"),
-        ({"levels": (1, 2, 3, 4, 5)}, "expected consecutive ones from 2 on"),
+        (
+            {"roi_levels": (2,)},
+            r"roi_levels are \(2,\), expected consecutive levels of \(3, 4, 5\)",
+        ),
+        ({"roi_levels": (3, 5)}, r"roi_levels are \(3, 5\), expected consecutive levels"),
+        ({"roi_levels": ()}, r"roi_levels are \(\), expected consecutive levels"),
+        ({"levels": (3, 5)}, "expected consecutive levels"),
+        ({"levels": ()}, r"levels are \(\), expected consecutive levels, at least 2"),
+        ({"levels": (1, 2, 3, 4, 5)}, "expected consecutive levels, at least 2"),
         ({"levels": (2, 3, 4)}, "expected level 5 or 6 as the last"),
         ({"levels": (5, 6, 7)}, "expected level 5 or 6 as the last"),
-        ({"anchor_sizes_px": ((40.0,),)}, r"expected 3 groups \(one per level\), each of as many"),
-        ({"anchor_sizes_px": ((40.0,), (80.0,), (90.0, 99.0))}, "each of as many sizes"),
+        (
+            {"anchor_sizes_px": ((40.0,),)},
+            r"expected 3 groups \(one per level\) with the same number",
+        ),
+        ({"anchor_sizes_px": ((40.0,), (80.0,), (90.0, 99.0))}, "with the same number of sizes"),
         ({"anchor_sizes_px": ((), (), ())}, "expected 3 groups"),
         ({"anchor_sizes_px": ((0.0,), (80.0,), (90.0,))}, "expected at least one each, over 0"),
         ({"anchor_ratios": ()}, "expected at least one each, over 0"),
@@ -84,7 +90,7 @@ def test_presets_take_changes_and_refuse_what_is_none() -> None:
         ({"keypoint_head_widths": (8, 0)}, r"keypoint_head_widths are \(8, 0\), expected"),
         ({"fpn_width": 0}, "fpn_width is 0, expected at least 1"),
         ({"box_head_width": 0}, "box_head_width is 0, expected at least 1"),
-        ({"depth_encoding": {}}, "depth_encoding is for the depth modality"),
+        ({"depth_encoding": {}}, r"depth_encoding is \{\} for rgb, expected one for depth"),
         ({"keypoint_box_scale": 0.5}, "keypoint_box_scale is 0.5"),
         ({"nms_iou": 0.0}, "nms_iou is 0.0"),
         ({"detections": 0}, "detections is 0"),
@@ -104,7 +110,7 @@ def test_unknown_fields_and_backbones_are_refused() -> None:
     del values["height"]
     with pytest.raises(PerceptreeError, match="'height'"):
         ModelSpec.from_dict(values)
-    with pytest.raises(PerceptreeError, match="unknown backbone 'vgg', expected one of"):
+    with pytest.raises(PerceptreeError, match="backbone is 'vgg', expected one of"):
         TreeRCNN(dataclasses.replace(make_spec("edge-n", "rgb"), backbone="vgg"))
 
 
@@ -160,7 +166,7 @@ def test_tensors_that_do_not_fit_are_named(checkpoint: Path, tmp_path: Path) -> 
         load_checkpoint(path)
     text = str(caught.value)
     assert "box_head.score.bias is missing" in text
-    assert "stranger is surplus" in text
+    assert "stranger is unexpected" in text
     assert "box_head.shift.bias has shape (9,), expected (4,)" in text
     assert model.spec.name == "edge-n-rgb"
 

@@ -1,4 +1,4 @@
-"""Keypoints between pixels against the dense bicubic surface over the same heat map."""
+"""Subcell keypoints against a densely sampled bicubic surface of the same heat map."""
 
 import pytest
 import torch
@@ -13,7 +13,7 @@ COUNT = 60
 
 
 def bumps(kind: str) -> Tensor:
-    """(N, S, S) logits as the head makes them: at half the resolution, doubled bilinearly."""
+    """(N, S, S) logits like the head's: at half the resolution, upsampled bilinearly."""
     random = torch.Generator().manual_seed(sum(map(ord, kind)))
 
     def uniform(low: float, high: float) -> Tensor:
@@ -38,7 +38,7 @@ def bumps(kind: str) -> Tensor:
 
 
 def dense_peaks(maps: Tensor) -> Tensor:
-    """(N, 2) x and y of the highest of ``FINE`` x ``FINE`` samples a cell, shares of the side."""
+    """(N, 2) x and y of the highest of ``FINE`` x ``FINE`` samples per cell, over the side."""
     fine = functional.interpolate(maps[:, None], scale_factor=FINE, mode="bicubic")[:, 0]
     place = fine.flatten(1).argmax(dim=1)
     row = torch.div(place, S * FINE, rounding_mode="floor")

@@ -1,4 +1,4 @@
-"""What the simulator's tests share: fake frames without a forest, and small forests."""
+"""Fixtures of the simulator's tests: fake frames without rendering, and small scenes."""
 
 import contextlib
 import importlib.util
@@ -52,7 +52,7 @@ def _faked(synth: ModuleType) -> Iterator[None]:
 
 @pytest.fixture
 def in_process(synth: ModuleType) -> Iterator[None]:
-    """Fake frames, drawn one after the other without other processes."""
+    """Fake frames, made one after the other in this process."""
     with _faked(synth):
         yield
 
@@ -61,7 +61,7 @@ def in_process(synth: ModuleType) -> Iterator[None]:
 def fake_dataset(
     synth: ModuleType, tmp_path_factory: pytest.TempPathFactory
 ) -> Callable[[int], Path]:
-    """Makes a dataset of so many fake frames with the seed 3, two a scene."""
+    """Make a dataset of fake frames with seed 3 and two frames per scene."""
 
     def make(frames: int) -> Path:
         directory = tmp_path_factory.mktemp("forest")
@@ -79,7 +79,7 @@ SMALL = SimulatorSettings(
 
 @pytest.fixture(scope="session")
 def small_settings() -> SimulatorSettings:
-    """The default mix, drawn at 320x180."""
+    """The default settings at 320x180."""
     return SMALL
 
 
@@ -102,7 +102,7 @@ def forests(prototypes: Prototypes) -> list[tuple[Scene, SceneMesh]]:
 
 @pytest.fixture(scope="session")
 def field_settings() -> SimulatorSettings:
-    """The preset "field" at 320x180, with some of every object."""
+    """The preset "field" at 320x180, with objects of every kind."""
     some = ObjectSettings(
         people=(3, 3),
         animals=(3, 3),

@@ -1,7 +1,7 @@
-"""``perceptree`` with a renderer that draws noise: tests of datasets need no forest.
+"""``perceptree`` with a renderer that makes noise, for fast tests of datasets.
 
-A module of its own, because processes that draw start with what the main module says. The
-package is imported after the renderer is replaced, and so without it.
+This is a separate program, because the worker processes import the main module. The package is
+imported after the renderer is replaced, and so without it.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import numpy as np
 if TYPE_CHECKING:
     from perceptree.simulator import SimulatorSettings
     from perceptree.simulator.dataset.scene_job import SceneJob
-    from perceptree.simulator.labelling.frame import Frame
+    from perceptree.simulator.labelling.frame import LabelledFrame
 
 
 PACE = "FAKE_FRAME_SECONDS"
@@ -29,14 +29,14 @@ DYING_SCENE = "FAKE_DYING_SCENE"
 
 
 def make_assets() -> str:
-    """Nothing to prepare."""
+    """There are no assets to make."""
     return "assets"
 
 
 def simulate_frames(
     settings: SimulatorSettings, seed: int, views: int, assets: str
-) -> Iterator[Frame]:
-    """Frames as the simulator gives them, each decided by the scene's seed and its number."""
+) -> Iterator[LabelledFrame]:
+    """Fake frames, determined by the scene's seed and their number."""
     if os.environ.get(DYING_SCENE) == str(seed):
         os.kill(os.getpid(), 9)
     for number in range(views):
@@ -45,16 +45,16 @@ def simulate_frames(
 
 
 def draw_here(jobs: list[SceneJob], workers: int) -> Iterator[int]:
-    """Draw scenes one after the other in this process, as ``pool.draw_scenes`` does in others."""
+    """Replacement of ``pool.draw_scenes`` that uses only this process."""
     from perceptree.simulator.dataset.scene_job import draw_scene
 
     for job in jobs:
         yield draw_scene(job, None)
 
 
-def fake_frame(settings: SimulatorSettings, seed: int, number: int) -> Frame:
-    """Noise, a plane of depth, and one or two posts."""
-    from perceptree.simulator.labelling.frame import Frame, PoseRecord, SceneRecord
+def fake_frame(settings: SimulatorSettings, seed: int, number: int) -> LabelledFrame:
+    """A frame of noise, a depth plane, and one or two posts."""
+    from perceptree.simulator.labelling.frame import LabelledFrame, PoseRecord, SceneRecord
     from perceptree.simulator.settings import GROUNDS, TIMES, WEATHERS
 
     rng = np.random.default_rng([seed, number])
@@ -74,7 +74,7 @@ def fake_frame(settings: SimulatorSettings, seed: int, number: int) -> Frame:
         TIMES[seed % 4],
         bool(seed % 2),
     )
-    return Frame(
+    return LabelledFrame(
         rng.integers(0, 255, (*shape, 3), np.uint8),
         measured,
         exact,
@@ -87,7 +87,7 @@ def fake_frame(settings: SimulatorSettings, seed: int, number: int) -> Frame:
 
 
 def fake_label(shape: tuple[int, int], rng: np.random.Generator, place: int) -> SimpleNamespace:
-    """A post with its five keypoints, the last outside the frame."""
+    """A post with five keypoints, the last one outside the frame."""
     left = 10 + 50 * place
     mask = np.zeros(shape, bool)
     mask[8:60, left : left + 12] = True
@@ -114,7 +114,7 @@ def fake_label(shape: tuple[int, int], rng: np.random.Generator, place: int) -> 
 
 
 def small_settings(views: int = 2) -> SimulatorSettings:
-    """Frames of 128x72."""
+    """Settings for frames of 128x72."""
     from perceptree.simulator.settings import SimulatorSettings, ideal_camera
 
     settings = SimulatorSettings(views_per_scene=views)

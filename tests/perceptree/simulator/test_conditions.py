@@ -1,4 +1,4 @@
-"""Weather, light and what a scene is made of follow the settings."""
+"""Weather, light and scene content follow the settings."""
 
 import dataclasses
 
@@ -143,7 +143,7 @@ def test_snow_bares_the_broadleaves_and_labels_stand_above_the_uphill_side():
         (lambda: TerrainSettings(slope_deg=(0, 40)), r"slope_deg is \(0, 40\).*\[0, 30\]"),
         (
             lambda: TerrainSettings(grounds={"sand": 1.0}),
-            r"grounds names 'sand': expected some of litter, moss, roots, mud",
+            r"grounds has the name 'sand': expected one of litter, moss, roots, mud",
         ),
         (
             lambda: WeatherSettings({"fog": -1.0}),
@@ -152,7 +152,10 @@ def test_snow_bares_the_broadleaves_and_labels_stand_above_the_uphill_side():
         (lambda: WeatherSettings({"fog": 0.0}), r"weather kinds has no weight above 0"),
         (lambda: StandSettings(lean_max_deg=25.0), r"lean_max_deg is 25: expected 0 to 20"),
         (lambda: LabelSettings(reach_m=float("nan")), r"reach_m is nan: expected 1 to 40"),
-        (lambda: LabelSettings(cut_height_m=0.5), r"label heights must rise"),
+        (
+            lambda: LabelSettings(cut_height_m=0.5),
+            r"cut_height_m, diameter_height_m and stem_height_m are 0.5, 0.3 and 4.0: expected",
+        ),
         (lambda: PoseSettings((9.0, 12.0), (0, 0), (0, 0)), r"height_m is \(9, 12\)"),
         (lambda: CameraSettings(mast_share=2.0), r"mast_share is 2: expected 0 to 1"),
         (lambda: SimulatorSettings(views_per_scene=0), r"views_per_scene is 0: expected 1 to"),

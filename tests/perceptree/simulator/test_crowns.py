@@ -1,4 +1,4 @@
-"""Crowns: how they grow, what they wear, and how they follow their stems."""
+"""Crowns: shape, foliage, and fit to their stems."""
 
 import numpy as np
 import pytest
@@ -63,7 +63,7 @@ def test_crowns_differ_by_species_in_foliage_and_spread():
 
 
 def test_firs_keep_their_body_when_seen_edge_on():
-    """Twigs are folded: from any side they show a good part of the area they show from above."""
+    """Twigs are folded, so that from any side much of the area seen from above is visible."""
     mesh = crown(np.random.default_rng(3), MODELS[0], True)
     corners = mesh.vertices[mesh.faces[mesh.layer == Layer.FIR_TWIG]]
     area = np.abs(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])).sum(0)

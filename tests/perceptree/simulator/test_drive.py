@@ -1,4 +1,4 @@
-"""Drives: poses, identities and the IMU fit each other and the labels."""
+"""Drives: poses, tree numbers, IMU samples and labels are consistent."""
 
 import csv
 import dataclasses
@@ -53,7 +53,7 @@ def records(dataset: Path) -> list[dict]:
 
 
 def test_points_of_a_stem_seen_from_several_poses_meet_in_one_place(dataset: Path):
-    """The axis points of a stem are fixed in the world: rays to them from all frames meet there."""
+    """Rays from all frames to an axis point of a stem meet in one world point."""
     rays: dict[tuple[int, int], list[tuple[np.ndarray, np.ndarray, np.ndarray]]] = {}
     for record in records(dataset):
         image, pose = record["image"], record["image"]["pose_world"]

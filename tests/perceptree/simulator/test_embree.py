@@ -1,4 +1,4 @@
-"""An independent ray caster, Embree, sees the same surfaces at the same depth."""
+"""The renderer agrees with an independent ray caster, Embree, on surfaces and depth."""
 
 import dataclasses
 
@@ -53,7 +53,7 @@ def seen(mesh: SceneMesh, face: np.ndarray, depth_m: np.ndarray) -> Seen:
 
 
 def drawn(textures: Textures, scene: Scene, mesh: SceneMesh, views: list[View]) -> list[Seen]:
-    """What the rasteriser sees, its faces read from a mesh whose objects are its faces."""
+    """The rasteriser's result; faces are read from a mesh whose object numbers are its faces."""
     numbers = np.arange(1, len(mesh.faces) + 1, dtype=np.int32)
     renderer = Renderer(textures, scene, dataclasses.replace(mesh, object_id=numbers))
     drawings = [renderer.draw(view) for view in views]
@@ -61,7 +61,7 @@ def drawn(textures: Textures, scene: Scene, mesh: SceneMesh, views: list[View]) 
 
 
 def cast(mesh: SceneMesh, view: View, rays: np.ndarray) -> Seen:
-    """What Embree hits along (H, W, 3) camera rays with z = 1, so that distance is depth.
+    """Embree's hits along (H, W, 3) camera rays with z = 1, so that distance is depth.
 
     The scene is moved to the camera in float64: Embree computes in float32.
     """
@@ -81,7 +81,7 @@ def pixel_rays(view: View) -> np.ndarray:
 
 
 def looked_up_rays(view: View) -> np.ndarray:
-    """The rays of the samples that the pixels of a distorted image are looked up in."""
+    """The rays of the buffer samples that a distorted image's pixels use."""
     grid = sample_grid(view)
     step = slice(None, None, SUPERSAMPLING)
     x = (np.rint(grid.columns[step, step]) + 0.5 - grid.centre_x) / grid.focal_x

@@ -1,4 +1,4 @@
-"""The cut lies just above the root flare and what stands at the foot."""
+"""The cut is just above the root flare and obstacles at the foot."""
 
 import dataclasses
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from perceptree.simulator.scene.description import describe_scene
-from perceptree.simulator.scene.felling_cut import cut_height_m, stands_at
+from perceptree.simulator.scene.felling_cut import cut_height_m, is_near_foot
 from perceptree.simulator.scene.models import MODELS
 from perceptree.simulator.scene.stem import Stem, random_stem
 from perceptree.simulator.settings.presets import PRESETS
@@ -18,7 +18,7 @@ def stem(seed: int, diameter_m: float = 0.3) -> Stem:
 
 
 def swelling(grown: Stem, height_m: float) -> float:
-    """How much wider the section is than that of the same stem without a root collar."""
+    """Widening of the section against the same stem without root collar."""
     bare = dataclasses.replace(
         grown, roots=np.array([[0.0, 0.0, 0.0, 1.0]]), bumps=np.zeros((1, 4))
     )
@@ -55,7 +55,7 @@ def test_a_stone_at_the_foot_lifts_the_cut_above_it_but_not_over_half_a_metre():
 
 def test_only_what_stands_against_the_bark_stands_at_the_foot():
     places = np.array([[0.5, 0.0], [0.9, 0.0], [0.0, -0.3]])
-    near = stands_at(np.zeros(2), 0.15, places, np.array([0.22, 0.22, 0.1]))
+    near = is_near_foot(np.zeros(2), 0.15, places, np.array([0.22, 0.22, 0.1]))
     assert near.tolist() == [True, False, True]
 
 

@@ -1,4 +1,4 @@
-"""What the preset "field" adds to a scene: clutter, objects, a far forest, lamps, odd colours."""
+"""Additions of the preset "field": clutter, objects, far forest, lamps, unnatural colours."""
 
 import dataclasses
 import hashlib
@@ -14,13 +14,13 @@ from perceptree.simulator.geometry.objects import OBJECTS
 from perceptree.simulator.materials.layers import Layer
 from perceptree.simulator.rendering.render import Renderer
 from perceptree.simulator.rendering.view import random_view
+from perceptree.simulator.scene.appearance import natural_appearance, random_appearance
 from perceptree.simulator.scene.description import describe_scene
-from perceptree.simulator.scene.look import natural_look, random_look
 from perceptree.simulator.scene.objects import OBJECT_KINDS
 from perceptree.simulator.settings import CameraSettings, RandomisationSettings
 from perceptree.simulator.settings.presets import PRESETS
 
-# Pixels, depth and keypoints of the first view, by the commit before "field" was added.
+# Hashes of pixels, depth and keypoints of the first view, from before "field" was added.
 OLDER = {
     "paper": "9b48ef2ff6dfaed4",
     "plain": "786aa32f9fe3121a",
@@ -152,8 +152,10 @@ def test_a_recoloured_material_changes_where_it_is_seen_and_nowhere_else(
     scene, mesh = field_forest
     gains = np.ones((len(Layer), 3))
     gains[Layer.LITTER : Layer.MUD + 1] = (4.0, 0.2, 0.2)
-    natural = dataclasses.replace(scene, look=natural_look())
-    red = dataclasses.replace(scene, look=dataclasses.replace(natural_look(), gains=gains))
+    natural = dataclasses.replace(scene, appearance=natural_appearance())
+    red = dataclasses.replace(
+        scene, appearance=dataclasses.replace(natural_appearance(), gains=gains)
+    )
     before, after = (
         picture(drawing_of(one, mesh, textures, field_settings)) for one in (natural, red)
     )
@@ -163,13 +165,13 @@ def test_a_recoloured_material_changes_where_it_is_seen_and_nowhere_else(
 
 
 def test_colours_change_as_often_as_asked_for_and_not_at_all_by_default():
-    assert not random_look(np.random.default_rng(1), RandomisationSettings()).changed
+    assert not random_appearance(np.random.default_rng(1), RandomisationSettings()).changed
     settings = RandomisationSettings(recolour=0.3, swap=0.1)
-    looks = [random_look(np.random.default_rng(seed), settings) for seed in range(100)]
+    looks = [random_appearance(np.random.default_rng(seed), settings) for seed in range(100)]
     recoloured = np.mean([(look.gains != 1).any(1) for look in looks])
     assert recoloured == pytest.approx(0.3, abs=0.03)
-    worn = np.mean([look.worn != np.arange(len(Layer)) for look in looks])
-    assert worn == pytest.approx(0.1, abs=0.02)
+    texture_layer = np.mean([look.texture_layer != np.arange(len(Layer)) for look in looks])
+    assert texture_layer == pytest.approx(0.1, abs=0.02)
 
 
 def test_dead_twigs_and_low_plants_come_with_their_settings(field_settings, prototypes):

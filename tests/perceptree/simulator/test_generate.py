@@ -1,4 +1,4 @@
-"""Datasets: one seed gives the same bytes, interruptions lose nothing, splits share nothing."""
+"""Datasets: reproducible bytes, lossless resuming, and disjoint splits."""
 
 import errno
 import json
@@ -32,7 +32,7 @@ PACE, DYING_SCENE = "FAKE_FRAME_SECONDS", "FAKE_DYING_SCENE"
 
 @pytest.fixture(scope="module")
 def dataset(fake_dataset: Callable[[int], Path]) -> Path:
-    """An undisturbed run of seven frames in four scenes."""
+    """A dataset of seven frames in four scenes, made without interruption."""
     return fake_dataset(FRAMES)
 
 
@@ -185,7 +185,7 @@ def test_processes_end_with_the_one_that_started_them(tmp_path: Path):
         time.sleep(0.01)
     process.send_signal(signal.SIGKILL)
     started = time.monotonic()
-    process.communicate(timeout=60)  # until every process that holds stdout is gone
+    process.communicate(timeout=60)  # until all processes with this stdout have ended
     assert time.monotonic() - started < 30
     frames = len(list((tmp_path / "images").glob("*.jpg")))
     time.sleep(0.3)
@@ -258,8 +258,8 @@ def test_a_full_disk_stops_with_one_line_and_the_rest_resumes(
     with pytest.raises(DatasetError) as caught:
         generate_dataset(tmp_path, FRAMES, settings, SEED)
     assert str(caught.value) == (
-        f"{tmp_path}/images/000004.jpg: no space left on the disk; what is finished is kept: make"
-        " room and type the same command to go on"
+        f"{tmp_path}/images/000004.jpg: no space left on the disk; finished scenes are kept: free"
+        " some space and run the same command again to resume"
     )
     assert not list(tmp_path.rglob("*.part"))
     monkeypatch.setattr(Path, "write_bytes", real)
@@ -288,8 +288,8 @@ def test_workers_make_no_difference_and_a_killed_one_is_one_line(
     done = run(tmp_path, "--workers", 2, **{DYING_SCENE: str(SEED * 1_000_000 + 2)})
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.count("\n") == 1
-    assert f"{tmp_path}: a process that draws was killed, perhaps for lack of memory" in done.stderr
-    assert "type the same command to go on" in done.stderr
+    assert f"{tmp_path}: a simulating process was killed, perhaps for lack of memory" in done.stderr
+    assert "run the same command again to resume" in done.stderr
     resumed = run(tmp_path, "--workers", 2)
     assert (resumed.returncode, resumed.stderr) == (0, "")
     assert synth.contents(tmp_path) == synth.contents(dataset)
@@ -329,7 +329,7 @@ def test_a_folder_of_other_settings_is_refused_by_name(
     files: FileSettings,
 ):
     others = replace(settings, **changes)
-    with pytest.raises(DatasetError, match=r"settings.json: holds other settings or another seed"):
+    with pytest.raises(DatasetError, match=r"settings.json: has other settings or another seed"):
         generate_dataset(dataset, 9, others, seed, files=files)
 
 
@@ -339,8 +339,8 @@ BOUNDS = {
     "workers": ({"workers": 0}, "workers is 0: expected 1 to 1024"),
     "few": (
         {"frames": 3},
-        "frames is 3, which makes 2 scenes of 2 views: expected at least 5, a scene for each of"
-        " train, val, test",
+        "frames is 3, which makes 2 scenes of 2 views: expected at least 5, for a scene in each of"
+        " the splits train, val, test",
     ),
 }
 

@@ -1,4 +1,4 @@
-"""A scene as binary glTF: what a viewer reads is what stands in the forest."""
+"""Binary glTF: a reader gets the same scene."""
 
 import errno
 import json
@@ -26,7 +26,7 @@ TREES = ("fir_grey", "beech_smooth")
 
 
 def small_scene() -> SimpleNamespace:
-    """A ground, two trees of a stem and a crown, and a tuft: a strip of four faces each."""
+    """A ground, two trees with stem and crown, and a tuft; each is a strip of four faces."""
     rng = np.random.default_rng(0)
     instances, strip = 6, 6
     corners = np.array([[n, n + 1, n + 2] for n in range(strip - 2)])
@@ -53,7 +53,7 @@ def small_scene() -> SimpleNamespace:
 
 
 def flat_textures() -> SimpleNamespace:
-    """Every layer in one colour of its own, cut-outs half transparent."""
+    """Each layer in a different plain colour, with cut-outs half transparent."""
     albedo = np.zeros((len(Layer), SIZE_PX, SIZE_PX, 4), np.uint8)
     for layer in Layer:
         albedo[layer, ..., :3] = (10 + 5 * layer, 100, 200)

@@ -1,4 +1,4 @@
-"""A camera's faults change how a picture looks, never where things are."""
+"""Camera faults change the look of a picture, but not the position of its content."""
 
 import cv2
 import numpy as np
@@ -7,11 +7,11 @@ import pytest
 from perceptree.simulator.sensors import imaging
 from perceptree.simulator.sensors.imaging import (
     CameraFaults,
+    apply_lens_faults,
+    apply_processing_faults,
     draw_faults,
     infrared,
-    processed,
     saturated,
-    through_lens,
 )
 from perceptree.simulator.settings import ImagingSettings
 
@@ -30,7 +30,7 @@ PROCESSING = (
 
 
 def stems() -> np.ndarray:
-    """(180, 320, 3) float32 BGR: dark upright bars under a bright sky."""
+    """(180, 320, 3) float32 BGR: dark vertical bars under a bright sky."""
     rng = np.random.default_rng(3)
     picture = np.full((180, 320, 3), 0.6, np.float32) + rng.normal(0, 0.02, (180, 320, 3))
     picture[:30] = 0.97
@@ -40,7 +40,7 @@ def stems() -> np.ndarray:
 
 
 def moved_px(before: np.ndarray, after: np.ndarray) -> float:
-    """How far a picture's middle moved, by phase correlation."""
+    """Shift of a picture's centre by phase correlation, px."""
     grey = [cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)[20:160] for image in (before, after)]
     shift, _ = cv2.phaseCorrelate(*(cv2.GaussianBlur(g, (0, 0), 1).astype(float) for g in grey))
     return float(np.hypot(*shift))
@@ -72,10 +72,10 @@ def test_the_same_seed_gives_the_same_picture_and_another_seed_another():
 
     def taken(seed: int) -> np.ndarray:
         rng = np.random.default_rng(seed)
-        toned = through_lens(rng, faults.strength, stems())
+        toned = apply_lens_faults(rng, faults.strength, stems())
         assert toned.min() >= 0
         assert toned.max() <= 1
-        return processed(rng, faults, image).astype(int) + (255 * toned).astype(int)
+        return apply_processing_faults(rng, faults, image).astype(int) + (255 * toned).astype(int)
 
     assert np.array_equal(taken(1), taken(1))
     assert not np.array_equal(taken(1), taken(2))
@@ -85,7 +85,7 @@ def test_a_camera_without_faults_changes_nothing():
     image = (stems() * 255).astype(np.uint8)
     faults = draw_faults(np.random.default_rng(0), ImagingSettings())
     assert faults == CameraFaults(1.0, 0.0, 0.0, infrared=False)
-    assert processed(np.random.default_rng(0), faults, image) is image
+    assert apply_processing_faults(np.random.default_rng(0), faults, image) is image
 
 
 def test_leaves_are_bright_in_near_infrared():

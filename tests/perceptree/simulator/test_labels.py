@@ -1,4 +1,4 @@
-"""A label says what the picture shows and what the tree measures, held against other formulas."""
+"""Labels against the picture and against independent formulas."""
 
 import dataclasses
 
@@ -74,7 +74,7 @@ def plain(forests) -> Scene:
 
 @pytest.fixture(scope="module")
 def draw(textures, plain):
-    """Draws stems on level ground, with nothing else."""
+    """Render stems on level ground without anything else."""
 
     def drawn(trees: list[Tree], view: View) -> Drawing:
         parts, owners = [ground_mesh(plain.terrain)], []
@@ -110,7 +110,7 @@ def label_one(view: View, drawing: Drawing, tree: Tree) -> TreeLabel:
 
 
 def edge_beyond(mask: np.ndarray, point: np.ndarray, other: np.ndarray) -> float:
-    """Pixels from ``point`` out to the mask's edge on the line from ``other``, negative inwards."""
+    """Distance of ``point`` to the mask's edge on the line from ``other``, px; negative inside."""
     way = (point - other) / np.linalg.norm(point - other)
     steps = np.arange(-20.0, 20.0, 0.02)
     column, row = np.floor(point + steps[:, None] * way).astype(int).T
@@ -121,7 +121,7 @@ def edge_beyond(mask: np.ndarray, point: np.ndarray, other: np.ndarray) -> float
 
 
 def random_place(rng: np.random.Generator, camera) -> tuple[View, float, float]:
-    """A view over level ground, and a place 2 to 10 m away that shows a stem's foot."""
+    """A view over level ground, and a position 2 to 10 m away whose ground is visible."""
     height_m = rng.uniform(1.2, 3.0)
     bearing, distance_m = np.radians(rng.uniform(-36, 36)), rng.uniform(2.0, 10.0)
     pitch_deg = -np.degrees(np.arctan2(height_m - 0.5, distance_m)) * rng.uniform(0.6, 1.1)
@@ -176,7 +176,7 @@ def edge_plane(view: View, mask: np.ndarray, side: int) -> np.ndarray:
 @pytest.mark.parametrize("lean", [(0.0, 0.0), (0.1, 0.25), (-0.3, -0.15)])
 @pytest.mark.parametrize("distance_m", [2.0, 3.5, 6.0, 9.0])
 def test_a_smooth_stems_diameter_comes_back_from_its_silhouette(draw, distance_m: float, lean):
-    """D = 2 d sin(a): d from the camera to the axis, 2 a between the planes that graze the stem."""
+    """D = 2 d sin(a), with the axis's distance d and the angle 2 a between the tangent planes."""
     for diameter_m, roll_deg in ((0.15, 4.0), (0.4, -7.0)):
         tree = planted(round_stem(diameter_m, lean), distance_m, 0.3)
         pose = dataclasses.replace(LEVEL, roll_deg=roll_deg, pitch_deg=-5.0)
@@ -208,7 +208,7 @@ def test_heights_distance_position_and_inclination_are_those_of_the_stem(draw):
 
 
 def test_the_tape_reads_the_convex_girth_of_a_furrowed_stem():
-    """A section of r (1 + a cos 5 t) dense in points, its hull's girth by Cauchy's mean width."""
+    """A dense section r (1 + a cos 5 t) against the girth of its hull by Cauchy's mean width."""
     stem = dataclasses.replace(round_stem(0.4), bumps=np.array([[0.05, 5.0, 0.0, 0.0]]))
     stem = Stem(**{field.name: getattr(stem, field.name) for field in dataclasses.fields(Stem)})
     angle = np.linspace(0, 2 * np.pi, 4000, endpoint=False)

@@ -1,4 +1,4 @@
-"""Contact sheets and statistics: what they count is what the dataset holds."""
+"""Contact sheets and statistics agree with the dataset's content."""
 
 import json
 import re
@@ -85,7 +85,7 @@ def test_bytes_and_readings_are_those_of_the_files(dataset: Path, figures: dict)
 
 
 class Balance(HTMLParser):
-    """Raises where a tag is closed that is not open, and lists every tag and reference."""
+    """Lists tags and references, and raises for a closing tag without an opening one."""
 
     def __init__(self) -> None:
         super().__init__()

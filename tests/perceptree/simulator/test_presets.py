@@ -1,4 +1,4 @@
-"""Presets: what they mix, and that the frozen test set stays what it was."""
+"""Presets: their settings, and the unchanged frozen test sets."""
 
 import json
 from dataclasses import replace
@@ -26,7 +26,7 @@ from perceptree.simulator.settings.presets import PRESETS
 
 @pytest.fixture
 def dataset(tmp_path: Path, synth: ModuleType, in_process: None) -> Path:
-    """Twelve frames of noise, all of them in the test split."""
+    """Twelve frames of noise, all in the test split."""
     settings = replace(synth.small_settings(), splits=PRESETS["test"].settings.splits)
     generate_dataset(tmp_path, 12, settings, 3)
     return tmp_path
@@ -149,7 +149,7 @@ def test_a_flipped_byte_counts_and_is_no_complaint(dataset: Path):
     (dataset / "depth/000005.png").unlink()
     comparison = compare_with_frozen(dataset, kept)
     assert (comparison.files, comparison.complaints) == (49, [])
-    assert 2 <= comparison.differing <= 8  # a file that is gone shifts those of its folder
+    assert 2 <= comparison.differing <= 8  # a missing file shifts those of its folder
 
 
 def test_labels_that_differ_are_told(dataset: Path):

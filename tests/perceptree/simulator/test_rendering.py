@@ -1,4 +1,4 @@
-"""What a drawing shows is what the mesh is, whichever part of it was handed to the rasteriser."""
+"""Rendered views agree with the mesh, whichever part of it is rasterised."""
 
 import dataclasses
 

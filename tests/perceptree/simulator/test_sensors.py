@@ -1,4 +1,4 @@
-"""The sensors: what they add is what their settings say, and nothing where there is nothing."""
+"""Sensor models: errors follow the settings, and sky has no reading."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""A settings file changes what it names, and says what it cannot be."""
+"""Settings files: changed values, and errors for invalid ones."""
 
 import dataclasses
 import json
@@ -55,7 +55,10 @@ def test_a_whole_tree_comes_back_as_it_was_written(tmp_path: Path, model: str, s
         ({"stand": {"stems_per_ha": [400]}}, r"stems_per_ha is \[400\]: expected 2 numbers"),
         ({"stand": {"stems_per_ha": [900, 1]}}, r"stems_per_ha is \(900, 1\): expected low <="),
         ({"weather": {"kinds": ["fog"]}}, r"weather.kinds is \['fog'\]: expected an object of w"),
-        ({"weather": {"kinds": {"hail": 1}}}, r"weather kinds names 'hail': expected some of"),
+        (
+            {"weather": {"kinds": {"hail": 1}}},
+            r"weather kinds has the name 'hail': expected one of",
+        ),
         ({"labels": {"reach_m": "ten"}}, r"labels.reach_m is 'ten': expected a number"),
         ({"depth": {"half_resolution": 1}}, r"half_resolution is 1: expected true or false"),
         ({"views_per_scene": 2.5}, r"views_per_scene is 2.5: expected a whole number"),

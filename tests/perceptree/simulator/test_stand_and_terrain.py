@@ -1,4 +1,4 @@
-"""Where stems stand and on what ground: density, patterns and spawn rules as set."""
+"""Stems and terrain: density, patterns and placement rules follow the settings."""
 
 import dataclasses
 
@@ -38,7 +38,7 @@ def test_the_stand_has_the_stems_per_hectare_asked_for(pattern: str, per_ha: flo
 
 
 def test_patterns_differ_as_their_names_say():
-    """Clark and Evans (1954): mean nearest distance over that of a Poisson process, 0.5/sqrt(n)."""
+    """Index of Clark and Evans (1954): mean nearest distance over 0.5 / sqrt(density)."""
 
     def index(pattern: str) -> float:
         points = stems(pattern)

@@ -1,4 +1,4 @@
-"""``perceptree synth`` and ``scene``: options, what is told, and exit codes."""
+"""``perceptree synth`` and ``scene``: options, output and exit codes."""
 
 import json
 from collections.abc import Callable
@@ -21,7 +21,7 @@ SMALL = ("--width", 128, "--height", 72, "--views", 2)
 
 @pytest.fixture
 def call(in_process: None, call: Call) -> Call:
-    """Runs ``perceptree ARGUMENTS`` with fake frames."""
+    """Run ``perceptree ARGUMENTS`` with fake frames."""
     return call
 
 

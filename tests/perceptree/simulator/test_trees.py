@@ -1,4 +1,4 @@
-"""Trees as the labels need them: form within bounds, meshes on their formulas, barks that tile."""
+"""Trees: shapes within bounds, meshes on their analytic surface, seamless bark."""
 
 import dataclasses
 
@@ -24,7 +24,7 @@ def drawn(model: TreeModel, seed: int = 3, diameter_m: float = 0.3, **settings: 
 
 
 def plain(bumps: np.ndarray, diameter_m: float = 0.4) -> Stem:
-    """An upright stem without root collar whose section is only what ``bumps`` make it."""
+    """An upright stem without root collar; its section depends only on ``bumps``."""
     none = np.zeros(2)
     return Stem(MODELS[0], diameter_m, 20.0, none, none, none, none, np.zeros((0, 4)), bumps, None)
 
@@ -271,7 +271,7 @@ def test_every_bark_is_drawn_in_range(barks):
 
 
 def test_barks_tile_without_a_seam(barks):
-    """Across the border, neighbours differ no more than across the roughest line inside."""
+    """Neighbours differ across the border no more than across the roughest line inside."""
     for colour, relief in barks.values():
         for image in (colour.mean(-1), relief):
             for axis in (0, 1):
@@ -281,7 +281,7 @@ def test_barks_tile_without_a_seam(barks):
 
 
 def test_marks_that_reach_over_the_border_go_on_behind_it(barks):
-    """Birch's dark marks are long across: most of those at one border are at the other."""
+    """Birch's dark marks are wide: most of those at one border continue at the other."""
     dark = barks[Layer.BIRCH_WHITE][0].mean(-1) < 0.5
     first, last = dark[:, 0], dark[:, -1]
     assert (first | last).sum() > 10
@@ -289,7 +289,7 @@ def test_marks_that_reach_over_the_border_go_on_behind_it(barks):
 
 
 def test_barks_differ_from_each_other(barks):
-    """In mean colour, in its spread, or in relief."""
+    """Barks differ in mean colour, its spread, or relief."""
     looks = np.array(
         [
             [*colour.mean((0, 1)), colour.std(), 0.1 * relief.std()]

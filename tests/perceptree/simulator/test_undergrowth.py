@@ -1,4 +1,4 @@
-"""Undergrowth and ground materials: sizes, budgets, seams and labels."""
+"""Undergrowth and ground materials: sizes, face budgets, seams and labels."""
 
 from __future__ import annotations
 

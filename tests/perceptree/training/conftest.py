@@ -1,4 +1,4 @@
-"""What the tests of training share: a narrow network and a short plan."""
+"""Fixtures of the training tests: a narrow network and short settings."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -33,7 +33,7 @@ def narrow() -> Callable[..., ModelSpec]:
 
 @pytest.fixture
 def plan() -> Callable[..., TrainSettings]:
-    """A training of a few steps."""
+    """Settings for a few steps."""
 
     def make(**changes: Any) -> TrainSettings:
         values: dict[str, Any] = {
@@ -51,13 +51,13 @@ def plan() -> Callable[..., TrainSettings]:
 
 @pytest.fixture
 def weights() -> Callable[[Path], dict[str, torch.Tensor]]:
-    """The weights in a checkpoint."""
+    """Read the weights of a checkpoint."""
     return lambda path: load_checkpoint(path)[0].state_dict()
 
 
 @pytest.fixture
 def interrupt_at() -> Callable[[int], Callable[[Status], None]]:
-    """Progress that presses Ctrl-C after a step."""
+    """A progress callback that interrupts after a step."""
 
     def make(step: int) -> Callable[[Status], None]:
         def progress(status: Status) -> None:

@@ -1,4 +1,4 @@
-"""One process of a training that a test starts with torchrun: DATA OUT DIES_AT."""
+"""One process of a training that a test starts by torchrun. Arguments: DATA OUT DIES_AT."""
 
 import json
 import os
@@ -12,7 +12,7 @@ from perceptree.models import SampleSettings, make_spec
 from perceptree.training import Engine, Status, TrainSettings, train
 
 STEPS = 20
-# What is proposed, suppressed or just overlapping enough hangs on the last digit. So here all
+# Proposals, NMS and overlap thresholds can depend on the last digit. So here all
 # anchors are proposed, none is suppressed, and only true boxes overlap enough.
 ALL_PROPOSALS = SampleSettings(
     proposals_per_level=1000, proposals=1000, regions=1000, region_positive_iou=0.95
@@ -20,7 +20,7 @@ ALL_PROPOSALS = SampleSettings(
 
 
 def main() -> None:
-    """Train, and write each step's losses beside the run."""
+    """Train, and write the losses of each step to a file."""
     data, out, dies_at = Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3])
     torch.set_num_threads(1)
     spec = make_spec(
@@ -49,7 +49,7 @@ def main() -> None:
     last: dict[str, float] = {}
 
     def note(status: Status) -> None:
-        # The trainer tells running means, which are plain means over so few steps.
+        # The trainer reports running means, which are plain means over so few steps.
         number = len(told) + 1
         told.append(
             {

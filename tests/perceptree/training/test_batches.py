@@ -1,4 +1,4 @@
-"""What a step learns from follows from seed, step and slot, whoever prepares it."""
+"""The content of a step depends only on seed, step and slot, not on who prepares it."""
 
 import threading
 from collections.abc import Callable, Iterator
@@ -13,12 +13,12 @@ from perceptree.data import read_split
 from perceptree.data.cache import open_cache
 from perceptree.training.batches import (
     Batch,
-    SlotDraws,
+    SeededDraws,
     SlotSampler,
     TrainingFrames,
     collate,
     make_loader,
-    one_ahead,
+    prefetch_one,
 )
 
 Make = Callable[..., Any]
@@ -70,7 +70,7 @@ def test_the_next_batch_is_prepared_while_a_step_computes(
             event.set()
             yield next(loader)
 
-    ahead = one_ahead(noted())
+    ahead = prefetch_one(noted())
     alone = first_batches(frames, SlotSampler(settings, 0, 0, 1), workers=0)
     for number, batch in enumerate(alone):
         assert_equal(next(ahead), batch)
@@ -103,11 +103,11 @@ def test_a_damaged_frame_becomes_the_fault_of_its_batch(
 
 def test_an_images_draws_do_not_depend_on_the_images_beside_it() -> None:
     cpu = torch.device("cpu")
-    both, one = SlotDraws([7, 8]), SlotDraws([8])
+    both, one = SeededDraws([7, 8]), SeededDraws([8])
     for columns in (50, 60):
         pair, single = both((2, columns), cpu), one((1, columns + 3), cpu)
         assert torch.equal(pair[1], single[0, :columns])
         assert not torch.equal(pair[0], pair[1])
         assert 0 <= pair.min() < 0.2 < 0.8 < pair.max() < 1
-    again = SlotDraws([7, 8])
+    again = SeededDraws([7, 8])
     assert not np.allclose(again((2, 50), cpu), both((2, 50), cpu))

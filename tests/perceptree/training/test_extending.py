@@ -1,4 +1,4 @@
-"""A run can be made longer, branched, and stopped when it no longer gets better."""
+"""Extending, branching and early stopping of a training."""
 
 import json
 from collections.abc import Callable
@@ -102,7 +102,7 @@ def test_half_a_line_at_the_end_of_a_log_is_passed_over(tmp_path: Path) -> None:
     (tmp_path / "log.jsonl").write_text(f"{line}\n{line[:20]}")
     assert [entry["step"] for entry in read_log(tmp_path)] == [50]
     (tmp_path / "log.jsonl").write_text(f"{line[:20]}\n{line}\n")
-    with pytest.raises(CheckpointError, match="line 1 is no entry of a training"):
+    with pytest.raises(CheckpointError, match="line 1 is no log entry of a training"):
         read_log(tmp_path)
 
 

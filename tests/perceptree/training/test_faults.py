@@ -1,4 +1,4 @@
-"""What goes wrong while training costs nothing that was there, and is said in one line."""
+"""Errors while training keep existing files, and are reported in one line."""
 
 import os
 import signal
@@ -39,7 +39,7 @@ def test_a_full_disk_keeps_the_last_state(
 def test_killed_at_any_step_it_ends_with_the_same_weights(
     posts: Path, tmp_path: Path, narrow: Make, plan: Make
 ) -> None:
-    """The process is killed, not interrupted: nothing of it can tidy up."""
+    """The process is killed, so it cannot clean up."""
     plain = tmp_path / "plain"
     train(narrow(), plan(), posts, plain, engine=Engine(precision="fp32"))
     killed = tmp_path / "killed"
@@ -131,7 +131,7 @@ def test_broken_frames_are_left_out_when_asked_and_counted(
 @pytest.mark.parametrize(
     ("field", "expected"),
     [
-        ("segmentation", "trees without masks, expected masks, or --no-masks"),
+        ("segmentation", "trees have no masks, expected masks, or --no-masks"),
         ("keypoints", "no tree has a labelled keypoint, expected keypoints, or --no-keypoints"),
     ],
 )
@@ -161,5 +161,5 @@ def test_a_gpu_that_is_not_there_is_said(
     posts: Path, tmp_path: Path, narrow: Make, plan: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    with pytest.raises(SettingsError, match="device is cuda, but no GPU is at hand"):
+    with pytest.raises(SettingsError, match="device is cuda, but there is no GPU"):
         train(narrow(), plan(), posts, tmp_path / "run", engine=Engine(device="cuda"))

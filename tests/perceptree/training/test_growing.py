@@ -1,4 +1,4 @@
-"""A training on a simulated dataset that grows meanwhile."""
+"""Training on a dataset while it is being simulated."""
 
 import json
 import subprocess
@@ -31,7 +31,7 @@ later.replace(now)
 def grown_later(
     write_dataset: WriteDataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> tuple[Path, list[int]]:
-    """Posts of which a process adds half the train frames later, and the sizes it was asked."""
+    """A dataset to which a process adds half of the train frames later, and requested sizes."""
     posts = write_dataset(train=8, val=3, test=1)
     labels, later = posts / "train_RGB.json", posts / "all.json"
     content = json.loads(labels.read_text())
@@ -72,7 +72,7 @@ def test_it_goes_on_with_the_larger_dataset_as_soon_as_it_is_there(
         train_while_simulating(narrow(), settings, posts, 12, tmp_path / "run", watch)
     assert asked == [12]
     first, second = (torch.load(tmp_path / f"run/stage-{n}/state.pt") for n in (1, 2))
-    # No step was lost or done twice, and the clock ran on.
+    # No step was lost or repeated, and the time continued.
     assert second["first_step"] == first["step"] >= 3
     assert second["step"] == first["step"] + 4
     assert [status.step for status in seen] == list(range(1, second["step"] + 1))
@@ -89,7 +89,7 @@ def test_a_run_whose_minutes_are_over_says_so(
     posts, _ = grown_later
     settings = plan(minutes=0.02, evaluate_every_steps=3)
     train_while_simulating(narrow(), settings, posts, 12, tmp_path / "run")
-    with pytest.raises(SettingsError, match=r"^minutes is 0\.02: .*run has been trained for as"):
+    with pytest.raises(SettingsError, match=r"^minutes is 0\.02, which .*run has used up"):
         train_while_simulating(narrow(), settings, posts, 12, tmp_path / "run")
 
 
@@ -103,7 +103,7 @@ def test_a_simulation_that_fails_ends_the_training_with_its_reason(
         )
     )
     with pytest.raises(
-        DatasetError, match=r"^simulating failed: .*settings\.json: no is no setting"
+        DatasetError, match=r"^the simulation failed: .*settings\.json: no is no setting"
     ):
         train_while_simulating(narrow(), plan(minutes=3), posts, 20, tmp_path / "run")
     assert torch.load(tmp_path / "run/stage-1/state.pt", weights_only=True)["step"] > 0
@@ -113,7 +113,7 @@ def test_data_that_was_not_simulated_cannot_grow(
     posts: Path, tmp_path: Path, narrow: Make, plan: Make
 ) -> None:
     with pytest.raises(
-        DatasetError, match=r"settings\.json: expected the settings of a dataset of"
+        DatasetError, match=r"settings\.json: not readable as settings, expected a dataset of"
     ):
         train_while_simulating(narrow(), plan(minutes=1), posts, 20, tmp_path / "run")
 
@@ -121,8 +121,8 @@ def test_data_that_was_not_simulated_cannot_grow(
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        ({}, "minutes is not given: expected when to end"),
-        ({"minutes": 1, "schedule": "cosine"}, "schedule is cosine: .* expected constant or steps"),
+        ({}, "minutes is not given: expected a time limit"),
+        ({"minutes": 1, "schedule": "cosine"}, "schedule is cosine: expected constant or steps"),
     ],
 )
 def test_settings_that_do_not_allow_stages_are_refused(

@@ -1,4 +1,4 @@
-"""``perceptree plot``: what a run's log says stands in the picture, and a picture comes out."""
+"""``perceptree plot``: the picture shows a run's log."""
 
 import json
 from collections.abc import Callable
@@ -17,7 +17,7 @@ Call = Callable[..., tuple[int, str, str]]
 
 
 def write_log(run: Path, steps: int = 6, lowest: float = 1.0, **losses: float) -> Path:
-    """A log of ``steps`` entries, fifty steps and half an hour apart, with AP at every second."""
+    """A log with an entry per 50 steps and 30 min, and AP at every second entry."""
     run.mkdir(parents=True)
     entries: list[dict[str, Any]] = []
     for number in range(1, steps + 1):
@@ -55,7 +55,7 @@ def test_curves_hold_what_was_logged(tmp_path: Path) -> None:
 
 
 def test_every_run_is_drawn_in_its_colour_and_settings_of_plots_stay(tmp_path: Path) -> None:
-    before = {**matplotlib.rcParams, "backend": None}  # it is chosen when first asked for
+    before = {**matplotlib.rcParams, "backend": None}  # it is chosen at its first use
     first = write_log(tmp_path / "first")
     second = write_log(tmp_path / "second", lowest=9.0, mask=3.0)
     blue, orange = (180, 119, 31), (14, 127, 255)
@@ -63,7 +63,7 @@ def test_every_run_is_drawn_in_its_colour_and_settings_of_plots_stay(tmp_path: P
     assert coloured(alone, blue) > 500
     assert coloured(alone, orange) == 0
     assert coloured(both, orange) > 500
-    assert both.shape[0] > alone.shape[0]  # the mask loss has a panel of its own
+    assert both.shape[0] > alone.shape[0]  # the mask loss has its own panel
     assert before == {**matplotlib.rcParams, "backend": None}
 
 
@@ -86,7 +86,7 @@ def test_a_run_that_has_just_begun_is_drawn(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("", r"log\.jsonl: has no entry yet"),
+        ("", r"log\.jsonl: is empty, expected"),
         ('{"step": 50}\n{"step": 100}\n', r"log\.jsonl: not the log of a training"),
         ('{"step": 50, "elapsed_s": 1, "losses": 3}\n', r"log\.jsonl: not the log of a training"),
     ],

@@ -1,4 +1,4 @@
-"""Several processes learn as one, and end together."""
+"""Several processes train like one, and end together."""
 
 import json
 import subprocess
@@ -53,7 +53,7 @@ def test_two_processes_have_the_losses_of_one(
     assert len(one) == len(two) == 20
     for alone, together in zip(one, two, strict=True):
         assert together == pytest.approx(alone, abs=1e-4)
-    # They are losses of a network that learns, not constants.
+    # The losses change, so the network is trained.
     assert sum(one[-1].values()) < sum(one[0].values())
 
 
@@ -63,7 +63,7 @@ def test_a_process_that_dies_ends_the_other(posts: Path, tmp_path: Path) -> None
     done = run_processes(2, posts, tmp_path / "run", dies_at=3)
     assert done.returncode != 0
     assert "this process dies" in done.stderr
-    assert time.monotonic() - started_s < 60 + 30  # with the start of both
+    assert time.monotonic() - started_s < 60 + 30  # including the start of both
 
 
 def test_a_batch_that_cannot_be_divided_is_refused(
@@ -73,8 +73,8 @@ def test_a_batch_that_cannot_be_divided_is_refused(
     def three(device: str) -> Iterator[Processes]:
         yield Processes(0, 3)
 
-    monkeypatch.setattr(perceptree.training.run, "joined", three)
-    expected = "batch is 4: expected a multiple of 6, the processes times accumulate"
+    monkeypatch.setattr(perceptree.training.run, "process_group", three)
+    expected = "batch is 4: expected a multiple of 6 .processes times accumulate"
     with pytest.raises(SettingsError, match=expected):
         train(narrow(), plan(batch=4, accumulate=2), posts, tmp_path / "run")
 

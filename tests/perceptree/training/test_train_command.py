@@ -1,4 +1,4 @@
-"""``perceptree train``: what its options make of a model and a training."""
+"""``perceptree train``: the effect of its options on model and training."""
 
 import json
 from collections.abc import Callable
@@ -26,7 +26,7 @@ Call = Callable[..., tuple[int, str, str]]
 
 
 class Asked(NamedTuple):
-    """What the command had trained."""
+    """The arguments with which the command started a training."""
 
     spec: ModelSpec
     settings: TrainSettings
@@ -44,7 +44,7 @@ class Stopped(Exception):
 def asked(
     call: Call, monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory
 ) -> Callable[..., Asked]:
-    """Runs the command up to the training, in a folder with a data set's folder, ``posts``."""
+    """Run the command up to the training, in a folder with a dataset ``posts``."""
     here = tmp_path_factory.mktemp("here")
     (here / "posts").mkdir()
     monkeypatch.chdir(here)
@@ -121,7 +121,7 @@ def test_published_weights_freeze_the_papers_models_as_the_paper_did(
 ) -> None:
     spec, settings, init, *_ = asked("--model", "r50", "--init", "coco")
     assert (settings.freeze_level, settings.frozen_norms, init) == (2, True, "coco")
-    # Where these weights have it.
+    # The position of the stride in these weights.
     assert not spec.stride_in_1x1
     _, settings, init, *_ = asked("--model", "x101-32x8d", "--init", "imagenet")
     assert (settings.freeze_level, settings.frozen_norms, init) == (2, True, "imagenet")
@@ -206,10 +206,13 @@ MISTAKES = {
     "size": (("--height", 20), "the input is 20x640, expected 32 to 8192 px"),
     "freeze level": (("--freeze-level", 6), "freeze_level is 6: expected 0 to 5"),
     "frozen norms": (("--frozen-norms",), "frozen_norms is true without starting weights"),
-    "coco": (("--init", "coco", "--height", 64, "--width", 128), "are for resnet50, the model has"),
+    "coco": (
+        ("--init", "coco", "--height", 64, "--width", 128),
+        "backbone is mobilenetv4_conv_small: torchvision",
+    ),
     "no network": (
         ("--init", "imagenet", "--height", 64, "--width", 128),
-        "mobilenetv4_conv_small.e2400_r224_in1k could not be fetched by timm (<urlopen error",
+        "timm could not download the ImageNet weights mobilenetv4_conv_small.e2400_r224_in1k (<url",
     ),
 }
 

@@ -1,4 +1,4 @@
-"""Training: it learns, goes on exactly where it stopped, and refuses what does not fit."""
+"""Training: losses decrease, resuming is exact, and mismatches are refused."""
 
 import json
 import signal
@@ -106,7 +106,7 @@ def test_a_budget_of_time_ends_the_training_and_counts_on(posts: Path, tmp_path:
 
     with pytest.raises(KeyboardInterrupt):
         train(small_spec(), plan, posts, tmp_path / "run", stop)
-    # A slow first step may have spent the budget: then nothing is left to do.
+    # A slow first step may have used the whole time limit.
     report = train(small_spec(), plan, posts, tmp_path / "run", seen.append)
     assert report.elapsed_s == seen[-1].elapsed_s >= 1.0
     elapsed_s = [status.elapsed_s for status in seen]
@@ -124,7 +124,7 @@ def test_the_losses_fall(posts: Path, tmp_path: Path) -> None:
         tmp_path / "run",
         lambda status: history.append(sum(status.losses.values())),
     )
-    # The first losses told are means from the start: the last five of 25 steps by difference.
+    # The first reported losses are means from the start: the last five of 25 steps by difference.
     last = (25 * history[24] - 20 * history[19]) / 5
     assert last < 0.8 * history[0]
 
@@ -179,7 +179,7 @@ def test_a_split_without_trees_is_refused_at_the_start(
     posts: Path, tmp_path: Path, edit_split: Edit
 ) -> None:
     edit_split(posts, "val", lambda content: content["annotations"].clear())
-    with pytest.raises(DatasetError, match="the split val has no labelled tree"):
+    with pytest.raises(DatasetError, match="the val split has no labelled tree"):
         train(small_spec(), settings(), posts, tmp_path / "run")
 
 
@@ -222,7 +222,7 @@ def test_an_interrupt_waits_for_the_end_of_a_step_and_a_second_one_does_not() ->
         ({"steps": 3, "evaluate_every_steps": 0}, "evaluate_every_steps is 0"),
         ({"steps": 3, "accumulate": 3}, "accumulate is 3: expected a divisor of the batch, 8"),
         ({"steps": 3, "schedule": "up"}, "schedule is 'up': expected one of constant, steps"),
-        ({"steps": 3, "rate_steps": (5, 5)}, "expected rising step numbers"),
+        ({"steps": 3, "rate_steps": (5, 5)}, "expected ascending step numbers"),
         ({"steps": 3, "ema_decay": 1.0}, "ema_decay is 1.0"),
         ({"steps": 3, "weight_decay": -1.0}, "weight_decay is -1.0"),
         ({"steps": 3, "seed": -1}, "seed is -1"),

@@ -1,4 +1,4 @@
-"""Networks of ours under Detectron2's names, by a map written apart from the library's."""
+"""Networks with Detectron2's tensor names, by a mapping independent of the package's."""
 
 import dataclasses
 import re
@@ -50,7 +50,7 @@ def _theirs(name: str) -> str:
 
 @pytest.fixture(scope="session")
 def detectron2_state() -> Callable[[TreeRCNN], State]:
-    """A network's weights as Detectron2 would keep them."""
+    """A network's weights as Detectron2 stores them."""
 
     def state(model: TreeRCNN) -> State:
         return {
@@ -64,7 +64,7 @@ def detectron2_state() -> Callable[[TreeRCNN], State]:
 
 @pytest.fixture(scope="session")
 def detectron2_shapes(detectron2_state: Callable[[TreeRCNN], State]) -> Callable[..., State]:
-    """The tensors of a preset under Detectron2's names, one number each seen as a whole tensor."""
+    """A preset's tensors with Detectron2's names, each expanded from a single number."""
 
     def shapes(preset: str, **changes: object) -> State:
         with torch.device("meta"):
@@ -90,7 +90,7 @@ def thin_spec() -> ModelSpec:
 def thin_state(
     thin_spec: ModelSpec, detectron2_state: Callable[[TreeRCNN], State]
 ) -> Callable[[], State]:
-    """Random weights of the thin network, a new dictionary of the same tensors each time."""
+    """Random weights of the narrow network; a new dictionary of the same tensors per call."""
     torch.manual_seed(5)
     model = TreeRCNN(thin_spec)
     for name, value in model.state_dict().items():
@@ -102,7 +102,7 @@ def thin_state(
 
 @pytest.fixture
 def write(tmp_path: Path) -> Callable[[object], Path]:
-    """Writes content with torch into a file."""
+    """Write content to a file by torch."""
 
     def written(content: object) -> Path:
         path = tmp_path / "their model.pth"

@@ -1,4 +1,4 @@
-"""Which network a checkpoint is, and that its weights arrive; other networks are named."""
+"""Import of Detectron2 checkpoints: recognition, weights, and errors for other networks."""
 
 import dataclasses
 import json
@@ -15,7 +15,7 @@ from perceptree.models import ModelSpec, TreeRCNN, make_spec
 from perceptree.models.presets import IMAGENET_MEAN, IMAGENET_STD, NINE_ANCHORS_PX
 from perceptree.models.weights import Imported, import_checkpoint
 from perceptree.models.weights.detectron2 import our_name, their_name
-from perceptree.models.weights.recognition import Recognised, Wanted, recognise
+from perceptree.models.weights.recognition import ImportOptions, RecognisedNetwork, recognise
 
 State = dict[str, Tensor]
 Shapes = Callable[..., State]
@@ -33,8 +33,8 @@ def numbers(*shape: int) -> Tensor:
     return torch.zeros(()).expand(shape)
 
 
-def recognised(state: State, **wanted: object) -> Recognised:
-    return recognise(FILE, state, Wanted(**wanted))  # type: ignore[arg-type]
+def recognised(state: State, **wanted: object) -> RecognisedNetwork:
+    return recognise(FILE, state, ImportOptions(**wanted))  # type: ignore[arg-type]
 
 
 def refused(state: State, **wanted: object) -> str:
@@ -82,7 +82,7 @@ def test_branches_and_widths_are_those_of_the_file(
     assert spec == make_spec("r50", "depth", 90, 150, **widths, **branches)
 
 
-# The stride's place and the std that come of what the user says and of what the file says.
+# Position of the stride and std for combinations of the user's options and the file's values.
 NORMALISATIONS = [
     ("r50", {}, None, True, (1.0,) * 3),
     ("r50", {"stride_in": "3x3"}, None, False, IMAGENET_STD),
@@ -126,11 +126,11 @@ def test_nine_anchors_are_known_by_their_number(detectron2_shapes: Shapes) -> No
     state = detectron2_shapes("r50", anchor_sizes_px=NINE_ANCHORS_PX)
     assert recognised(state).spec.anchor_sizes_px == NINE_ANCHORS_PX
     state["proposal_generator.rpn_head.objectness_logits.weight"] = numbers(4, 256, 1, 1)
-    assert "4 anchors a cell, expected 3 or 9" in refused(state)
+    assert "4 anchors per cell, expected 3 or 9" in refused(state)
 
 
 def cell_anchors(sizes_px: tuple[float, ...], ratios: tuple[float, ...]) -> Tensor:
-    """Boxes about 0 as Detectron2 makes them."""
+    """Anchor boxes centred at 0 as Detectron2 makes them."""
     boxes = []
     for size in sizes_px:
         for ratio in ratios:
@@ -170,7 +170,7 @@ def test_anchors_that_are_no_grid_are_refused(detectron2_shapes: Shapes) -> None
         [boxes * 0.0] * 5,
         [cell_anchors((32.0, 64.0), (0.5, 1.0, 2.0))] * 5,
     ):
-        assert "cell_anchors.* are not 3 boxes" in refused(with_cells(*wrong))
+        assert "cell_anchors.*, expected 3 boxes" in refused(with_cells(*wrong))
 
 
 OTHERS = {
@@ -197,15 +197,15 @@ def test_other_networks_are_named_with_what_was_found_and_expected(kind: str) ->
 def test_other_depths_and_groupings_are_refused(detectron2_shapes: Shapes) -> None:
     state = detectron2_shapes("r50")
     more = state | {"backbone.bottom_up.res4.6.conv1.weight": numbers(256, 1024, 1, 1)}
-    assert "another architecture, with (3, 4, 7, 3) blocks of 1 groups of 64" in refused(more)
+    assert "the backbone has (3, 4, 7, 3) blocks with 1 groups of 64" in refused(more)
     grouped = state | {"backbone.bottom_up.res2.0.conv2.weight": numbers(128, 4, 3, 3)}
-    assert "(3, 4, 6, 3) blocks of 32 groups of 4 channels, expected" in refused(grouped)
+    assert "(3, 4, 6, 3) blocks with 32 groups of 4 channels, expected" in refused(grouped)
     flat = state | {"backbone.bottom_up.res2.0.conv2.weight": numbers(64)}
     assert "res2.0.conv2.weight has shape (64,), expected 4 axes" in refused(flat)
 
 
 def persons(state: State) -> State:
-    """The same network as trained for COCO's persons: 17 keypoints, another last layer each."""
+    """The same network for COCO's persons: 17 keypoints and other last layers."""
     channels = state[f"{HEAT}.weight"].shape[0]
     width = state[f"{SCORE}.weight"].shape[1]
     return state | {
@@ -246,7 +246,7 @@ def test_settings_that_make_no_sense_are_refused(
 
 @pytest.fixture(scope="module")
 def imported(thin_state: States, tmp_path_factory: pytest.TempPathFactory) -> Imported:
-    """The thin network for frames of 64x96 px, by way of a file."""
+    """The narrow network for 64x96 px, imported from a file."""
     counter = {"backbone.bottom_up.stem.conv1.norm.num_batches_tracked": torch.tensor(7)}
     path = tmp_path_factory.mktemp("thin") / "their model.pth"
     torch.save({"model": thin_state() | counter, "iteration": 3}, path)
@@ -305,7 +305,7 @@ def test_tensors_that_do_not_fit_are_named_as_in_the_file(thin_state: States, wr
         import_checkpoint(write(state))
     text = str(caught.value)
     assert "backbone.bottom_up.res3.1.conv2.norm.running_var is missing" in text
-    assert "roi_heads.stranger is surplus" in text
+    assert "roi_heads.stranger is unexpected" in text
     assert "backbone.fpn_lateral4.bias has shape (9,), expected (16,)" in text
     state["another"] = state["one more"] = torch.zeros(1)
     with pytest.raises(CheckpointError, match=r"and 2 more$"):
@@ -325,7 +325,7 @@ def test_starting_weights_leave_what_was_learnt_of_others_fresh(
 ) -> None:
     state = persons(thin_state())
     fitting = {f"{SCORE}.weight": torch.ones(2, 24), f"{SCORE}.bias": torch.ones(2)}
-    state |= fitting  # of another class, although its shape is ours
+    state |= fitting  # for another class, although the shape is the same
     path = write({"model": state})
     torch.manual_seed(1)
     first = import_checkpoint(path, as_init=True)

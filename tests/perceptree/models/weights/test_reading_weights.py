@@ -1,4 +1,4 @@
-"""Files of strangers: the same tensors from every format, one line for all else, nothing run."""
+"""Untrusted files: equal tensors from every format, one-line errors, and no code execution."""
 
 import io
 import os
@@ -46,7 +46,7 @@ def assert_equal_tensors(path: Path, expected: dict[str, np.ndarray]) -> None:
 
 
 def refused(path: Path) -> str:
-    """The one line that a file is refused with, without the file's name."""
+    """The one-line error for a file, without the file's name."""
     with pytest.raises(CheckpointError) as caught:
         read_weights(path)
     text = str(caught.value)
@@ -111,7 +111,7 @@ def test_a_network_in_parallel_and_a_bare_state_are_read(tmp_path: Path) -> None
 
 
 class Hostile:
-    """Touches a file when it is unpickled by a reader that believes it."""
+    """Creates a file if it is unpickled by an unsafe reader."""
 
     def __init__(self, touched: Path) -> None:
         self.touched = touched
@@ -136,9 +136,9 @@ def test_a_hostile_file_is_refused_and_nothing_runs(writer: str, tmp_path: Path)
     path, touched = tmp_path / "model.pkl", tmp_path / "touched"
     WRITERS[writer]({"model": {"a": Hostile(touched)}}, path)
     text = refused(path)
-    assert re.search(r"refused, it wants to use (posix|nt|os)\.system", text)
+    assert re.search(r"refused, it would call (posix|nt|os)\.system", text)
     assert not touched.exists()
-    if writer.startswith("pickle"):  # the file would have done it
+    if writer.startswith("pickle"):  # an unsafe reader would have made it
         pickle.loads(path.read_bytes())
         assert touched.exists()
 
@@ -157,7 +157,7 @@ GLOBALS = {
 def test_any_other_name_is_refused(name: str, tmp_path: Path) -> None:
     path, touched = tmp_path / "model.pkl", tmp_path / "touched"
     path.write_bytes(GLOBALS[name].replace(b"{}", str(touched).encode()))
-    assert "refused, it wants to use " in refused(path)
+    assert "refused, it would call " in refused(path)
     assert not touched.exists()
 
 
@@ -171,7 +171,7 @@ def test_a_pickle_cannot_change_what_stands_for_numpy(tmp_path: Path) -> None:
 
 
 def array_pickle(shape: tuple[int, ...], code: str = "f4", raw: bytes = b"\0" * 16) -> bytes:
-    """A pickle of one array that may lie about itself."""
+    """A pickle of one array with a possibly wrong description."""
     text = io.BytesIO()
     text.write(b"\x80\x04}X\x01\x00\x00\x00acnumpy._core.multiarray\n_reconstruct\n")
     text.write(b"cnumpy\nndarray\nK\x00\x85C\x01b\x87R(K\x01")
@@ -187,11 +187,11 @@ LIES = {
     "true": ((2, 2), "f4", None),
     "huge": ((2**20, 2**20, 2**20), "f4", "16 bytes for the shape"),
     "overflowing": ((2**62, 2**62), "f4", "16 bytes for the shape"),
-    "negative": ((-2, -2), "f4", "a shape that is none"),
+    "negative": ((-2, -2), "f4", "an array with an invalid shape"),
     "too short": ((5,), "f4", "16 bytes for the shape (5,), expected 20"),
-    "objects": ((2,), "O8", "numbers that are no plain floats"),
-    "text": ((2,), "U2", "numbers that are no plain floats"),
-    "complex": ((2,), "c8", "numbers that are no plain floats"),
+    "objects": ((2,), "O8", "neither a float nor an integer"),
+    "text": ((2,), "U2", "neither a float nor an integer"),
+    "complex": ((2,), "c8", "neither a float nor an integer"),
     "not finite": ((2, 2), "f4", "numbers that are not finite"),
 }
 
@@ -213,7 +213,7 @@ def test_an_array_that_lies_about_itself_is_refused(lie: str, tmp_path: Path) ->
 def test_a_tensor_that_its_file_does_not_fill_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "model.pth"
     torch.save({"a": torch.zeros(1).expand(10**6, 10**6)}, path)
-    assert "a has shape (1000000, 1000000), expected one that the file fills" in refused(path)
+    assert "a has shape (1000000, 1000000), more than its stored data" in refused(path)
     torch.save({"a": torch.zeros(3, device="meta")}, path)
     assert "a is not a plain tensor" in refused(path)
     torch.save({"a": torch.eye(3).to_sparse()}, path)
@@ -248,8 +248,8 @@ def test_content_that_is_no_weights_is_described(tmp_path: Path) -> None:
         ({"epoch": 3, "lr": 0.1}, "holds epoch, lr, expected tensors by name"),
         ({}, "holds nothing"),
         ({"model": {"a": np.zeros(1, np.float32), "b": "x"}}, "b is a str, expected a tensor"),
-        ({"a\nb": np.zeros(1, np.float32)}, "a tensor is called 'a b', expected plain text"),
-        ({"x" * 1000: np.zeros(1, np.float32)}, "expected plain text"),
+        ({"a\nb": np.zeros(1, np.float32)}, "a tensor is named 'a b', expected printable text"),
+        ({"x" * 1000: np.zeros(1, np.float32)}, "expected printable text"),
     ):
         path.write_bytes(pickle.dumps(content))
         assert expected in refused(path)
@@ -260,11 +260,11 @@ def test_content_that_is_no_weights_is_described(tmp_path: Path) -> None:
 def test_what_is_no_checkpoint_at_all_is_one_line(tmp_path: Path) -> None:
     path = tmp_path / "model.pkl"
     assert refused(path).startswith("no such file")
-    assert refused(tmp_path).startswith("a folder")
+    assert refused(tmp_path).startswith("is a folder")
     path.write_bytes(b"")
-    assert refused(path).startswith("an empty file")
+    assert refused(path).startswith("is empty, expected")
     save_file({"a": torch.zeros(2)}, path)
-    assert refused(path).startswith("a safetensors file")
+    assert refused(path).startswith("is a safetensors file")
     path.write_text("<html>404</html>")
     assert refused(path).startswith("not a readable checkpoint")
 
