@@ -51,7 +51,7 @@ def test_the_way_up_the_axis_ends_at_that_height_over_the_uphill_side(slope, lea
     across, ahead = np.random.default_rng(2).uniform(-1, 1, (2, 50))
     plane = fit_ground_plane(np.stack([across, 1.5 - slope * ahead, 4 + ahead], -1))
     assert isinstance(plane, GroundPlane)
-    ground = BaseGround(plane, np.array([0.0, -1.0, 0.0]), 1.0, level=False)
+    ground = BaseGround(plane, np.array([0.0, -1.0, 0.0]), 1.0, normal_as_vertical=False)
     along = np.array([np.sin(lean), -np.cos(lean), 0.0])
     axis_point = np.array([0.0, 1.5, 4.0]) + 0.3 * along
     up_axis_m = ground.axis_length_m(axis_point, along, 0.2, 1.3)

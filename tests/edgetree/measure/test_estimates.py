@@ -35,14 +35,14 @@ def test_records_name_their_units():
         cut_point_m=PointEstimate(np.array([1.0, 2.0, 3.0]), np.array([0.1, 0.2, 0.3])),
         cut_point_machine_m=Failure("no mounting of the camera given"),
         evidence=Evidence(
-            "keypoints",
-            {"keypoints": 0.31},
-            {"keypoints": 0.01},
-            106.0,
-            0.9,
-            1.0,
-            "a plane",
-            ("w",),
+            method="keypoints",
+            source_diameters_m={"keypoints": 0.31},
+            source_std_m={"keypoints": 0.01},
+            arc_deg=106.0,
+            valid_depth_share=0.9,
+            visible_share=1.0,
+            ground="a plane",
+            warnings=("w",),
         ),
     )
     expected = {

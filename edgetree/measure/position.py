@@ -1,4 +1,4 @@
-"""Where a stem is cut, how high above the ground, and how it leans: one stem at a time."""
+"""Distance, cut height, cut point and lean of one stem."""
 
 from __future__ import annotations
 
@@ -14,45 +14,49 @@ from edgetree.measure.estimates import Estimate, Failure, PointEstimate
 from edgetree.measure.ground import BaseGround
 from edgetree.measure.settings import MeasureSettings
 
-__all__ = ["CAMERA_UP_STD_DEG", "StemPlace"]
+__all__ = ["CAMERA_UP_STD_DEG", "StemPosition"]
 
 Float = NDArray[np.floating[Any]]
 
 CAMERA_UP_STD_DEG = 15.0
-"""How crookedly cameras are held or mounted, where nobody says: their own up stands in."""
+"""Standard deviation of the camera's own up direction, used where no vertical is given."""
 
-# Where nothing tells the vertical the ground's normal stands in: forest ground slopes by so much.
+# Standard deviation of the slope of forest ground, whose normal is used where no vertical is given.
 _SLOPE_STD_RAD = math.radians(12.0)
-# The cut lies a little below the diameter's section, and not in the ground.
+# The cut is a little below the section at which the diameter is measured.
 _CUT_ABOVE_SECTION_M = (-0.5, 0.3)
-_MOST_CUT_IN_GROUND_M = 0.1
-_MOST_CUT_ABOVE_GROUND_M = 0.8
+_MAX_CUT_BELOW_GROUND_M = 0.1
+_MAX_CUT_ABOVE_GROUND_M = 0.8
 _FORWARD = np.array([0.0, 0.0, 1.0])
+# Above this cosine to the vertical, a camera looks straight down and its forward is not used.
 _STRAIGHT_DOWN = 0.999
-# Stems nearer to the vertical than so many standard deviations lean nowhere.
-_LEAST_LEAN = 1.5
+# An inclination below this many standard deviations has no direction.
+_MIN_LEAN_STDS = 1.5
 
 
-@dataclass(frozen=True, eq=False)
-class StemPlace:
-    """One stem, and what is cut of it.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class StemPosition:
+    """Position and direction of one stem and its felling cut, in camera coordinates.
 
     Attributes:
-        along: (3,) unit vector up the axis; `across` (3,) to its right and `facing` (3,) away
-            from the camera.
-        section: (3,) axis point of the diameter's section.
+        along: (3,) unit vector up the axis.
+        across: (3,) unit vector at right angles to the axis, to the right.
+        view_direction: (3,) unit vector across the axis, from the camera to the axis.
+        section: (3,) axis point of the section at which the diameter is measured.
         cut: (3,) axis point of the felling cut.
-        radius_m: of the section.
-        distance_std_m: of the axis, along the line of sight.
-        diameter_std_m: of the diameter.
+        radius_m: radius at the section.
+        distance_std_m: standard deviation of the axis' distance.
+        diameter_std_m: standard deviation of the diameter.
         cut_rad: standard deviation of the cut's direction, up and down.
-        shape_std_m: how far bark, swell and bends move the axis between section and cut.
-        roll_std_rad: of the axis' angle as seen, `tilt_std_rad` towards or away from the camera.
+        shape_std_m: displacement of the axis between section and cut by bark, butt swell and
+            bends, as a standard deviation.
+        roll_std_rad: standard deviation of the axis' angle within the image.
+        tilt_std_rad: standard deviation of the axis' angle towards or away from the camera.
     """
 
     along: Float
     across: Float
-    facing: Float
+    view_direction: Float
     section: Float
     cut: Float
     radius_m: float
@@ -64,22 +68,27 @@ class StemPlace:
     tilt_std_rad: float
 
     def distance(self) -> Estimate:
-        """To the axis at the cut: what the depth gives is the bark, one radius before it."""
+        """Distance in metres from the camera to the axis at the cut.
+
+        The depth shows the bark, one radius in front of the axis, so the error of the radius is
+        part of the distance's.
+        """
         value = math.hypot(*self.cut)
         parts = (self._depth_std_m(), self.diameter_std_m / 2, self._along_std_m())
         return Estimate(value, math.hypot(*parts, self.shape_std_m))
 
     def _depth_std_m(self) -> float:
-        reach = float(self.cut @ self.facing)
+        """Standard deviation of the distance along the line of sight to the cut."""
+        reach = float(self.cut @ self.view_direction)
         return self.distance_std_m * math.hypot(*self.cut) / max(reach, 1e-6)
 
     def _along_std_m(self) -> float:
-        """How far the cut may slide along the axis, as it shows in the distance."""
-        slant = math.hypot(*self.cut) / max(float(self.cut @ self.facing), 1e-6)
+        """Standard deviation of the distance from the cut's position along the axis."""
+        slant = math.hypot(*self.cut) / max(float(self.cut @ self.view_direction), 1e-6)
         return abs(float(self.cut @ self.along)) * slant * self.cut_rad
 
     def cut_height(self, ground: BaseGround | Failure) -> Estimate | Failure:
-        """Above the ground; errs with the distance where looked at from above, and with the cut."""
+        """Height of the cut in metres above the ground on the uphill side, along the vertical."""
         if isinstance(ground, Failure):
             return ground
         distance = self.distance()
@@ -87,22 +96,24 @@ class StemPlace:
         std = math.hypot(rise * distance.std, self.cut_rad * distance.value)
         return ground.height_m(self.cut, self.along, self.radius_m, std)
 
-    def misplaced(self, height: Estimate | Failure, has_section: bool) -> Failure | None:
-        """Why the keypoint of the felling cut cannot be where the tree is cut, if so.
+    def cut_failure(self, height: Estimate | Failure, has_section: bool) -> Failure | None:
+        """Why the keypoint of the felling cut is implausible, or None if it is plausible.
 
-        `has_section` tells whether the section is the keypoints' own, which lies close by.
+        Args:
+            height: height of the cut above the ground.
+            has_section: whether the section is given by keypoints, which are near the cut.
         """
         above_m = float((self.cut - self.section) @ self.along)
         lowest_m, highest_m = _CUT_ABOVE_SECTION_M
         if has_section and not lowest_m <= above_m <= highest_m:
             side = "above" if above_m > 0 else "below"
             return Failure(f"the felling cut is {abs(above_m):.2f} m {side} the diameter's section")
-        if isinstance(height, Estimate) and height.value < -_MOST_CUT_IN_GROUND_M - 2 * height.std:
-            return Failure(f"the felling cut is {-height.value:.2f} m below the ground")
         if (
             isinstance(height, Estimate)
-            and height.value > _MOST_CUT_ABOVE_GROUND_M + 2 * height.std
+            and height.value < -_MAX_CUT_BELOW_GROUND_M - 2 * height.std
         ):
+            return Failure(f"the felling cut is {-height.value:.2f} m below the ground")
+        if isinstance(height, Estimate) and height.value > _MAX_CUT_ABOVE_GROUND_M + 2 * height.std:
             return Failure(
                 f"the felling cut is {height.value:.2f} m above the ground: the depth may be of"
                 " what stands before the stem"
@@ -110,25 +121,25 @@ class StemPlace:
         return None
 
     def cut_point(self) -> PointEstimate:
-        """On the bark that faces the camera."""
-        point = self.cut - self.radius_m * self.facing
+        """Point of the cut on the bark that faces the camera, in camera coordinates."""
+        point = self.cut - self.radius_m * self.view_direction
         return PointEstimate(point, np.sqrt(np.diag(self._covariance())))
 
     def cut_point_machine(self, mounting: RigidTransform | None) -> PointEstimate | Failure:
-        """The same in the machine's frame."""
+        """The same point in machine coordinates."""
         if mounting is None:
             return Failure("no mounting of the camera given")
         turn = np.asarray(mounting.rotation, np.float64)
         covariance = turn @ self._covariance() @ turn.T
-        point = mounting.apply(self.cut - self.radius_m * self.facing)
+        point = mounting.apply(self.cut - self.radius_m * self.view_direction)
         return PointEstimate(np.asarray(point), np.sqrt(np.diag(covariance)))
 
     def _covariance(self) -> Float:
-        """(3, 3) of the cut point, square metres."""
+        """(3, 3) covariance matrix of the cut point in m²."""
         reach = math.hypot(*self.cut)
         ahead_m = math.hypot(self._depth_std_m(), self.diameter_std_m / 4)
         sides = (
-            (self.facing, ahead_m),
+            (self.view_direction, ahead_m),
             (self.across, self.diameter_std_m / 4 + self.cut_rad * reach / 2),
             (self.along, self.cut_rad * reach),
         )
@@ -138,35 +149,48 @@ class StemPlace:
     def lean(
         self, up: Float | None, ground: BaseGround | Failure, settings: MeasureSettings
     ) -> tuple[Estimate | Failure, Estimate | Failure]:
-        """The axis against the vertical, and where it leans to as seen from above."""
+        """Inclination of the axis from the vertical, and the direction of the lean, in degrees.
+
+        The inclination has a sideways component (roll) and one along the line of sight (tilt).
+        Its variance, and that of the direction, follow from those of both components by
+        first-order error propagation in polar coordinates.
+
+        Args:
+            up: (3,) unit vector of the vertical; None uses the ground's normal.
+            ground: ground at the stem.
+            settings: bend of stems.
+
+        Returns:
+            The inclination, and its direction as in `TreeMeasurement.lean_direction_deg`.
+        """
         if up is None and isinstance(ground, Failure):
             missing = Failure(f"no vertical: {ground.reason}")
             return missing, missing
         vertical = up if isinstance(ground, Failure) else ground.up
         assert vertical is not None
-        roll, tilt = float(vertical @ self.across), float(vertical @ self.facing)
+        roll, tilt = float(vertical @ self.across), float(vertical @ self.view_direction)
         value = math.degrees(math.acos(min(max(float(vertical @ self.along), -1.0), 1.0)))
         total = roll**2 + tilt**2
-        share = roll**2 / total if total > 0 else 0.5
+        roll_part = roll**2 / total if total > 0 else 0.5
         vertical_std = 0.0 if up is not None else _SLOPE_STD_RAD
         bend = math.radians(settings.bend_std_deg)
         roll_std = math.hypot(self.roll_std_rad, vertical_std, bend)
         tilt_std = math.hypot(self.tilt_std_rad, vertical_std, bend)
-        std_deg = math.degrees(math.sqrt(share * roll_std**2 + (1 - share) * tilt_std**2))
+        std_deg = math.degrees(math.sqrt(roll_part * roll_std**2 + (1 - roll_part) * tilt_std**2))
         inclination = Estimate(value, std_deg)
-        if value < _LEAST_LEAN * std_deg:
+        if value < _MIN_LEAN_STDS * std_deg:
             return inclination, Failure(
                 f"upright within its error: {value:.1f} ± {std_deg:.1f} deg"
             )
-        sideways = math.sqrt((1 - share) * roll_std**2 + share * tilt_std**2)
-        turn_std = math.degrees(sideways / math.radians(max(value, 1e-3)))
-        return inclination, Estimate(self._lean_direction_deg(vertical), turn_std)
+        sideways = math.sqrt((1 - roll_part) * roll_std**2 + roll_part * tilt_std**2)
+        direction_std_deg = math.degrees(sideways / math.radians(max(value, 1e-3)))
+        return inclination, Estimate(self._lean_direction_deg(vertical), direction_std_deg)
 
     def _lean_direction_deg(self, vertical: Float) -> float:
-        """From where the camera looks on the level, clockwise as seen from above."""
+        """Direction of the lean, clockwise from the camera's forward, as seen from above."""
         forward = _FORWARD if abs(vertical[2]) < _STRAIGHT_DOWN else np.array(CAMERA_UP)
         ahead = forward - (forward @ vertical) * vertical
-        # As vertical x along lies to the left of where the stem leans, on the level.
+        # The cross product (vertical x along) points horizontally, at right angles to the lean.
         (ax, ay, az), (ux, uy, uz) = self.along.tolist(), vertical.tolist()
         sideways = np.array([uy * az - uz * ay, uz * ax - ux * az, ux * ay - uy * ax])
         return math.degrees(math.atan2(float(sideways @ ahead), float(self.along @ ahead)))
