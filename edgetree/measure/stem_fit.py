@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from edgetree.measure.outline import masked_medians
+from edgetree.measure.edge_lines import masked_medians
 from edgetree.measure.section import Sections, StemAxes
 from edgetree.measure.settings import MeasureSettings
 from edgetree.measure.width import HalfAngle, StemEdges, fuse

@@ -16,7 +16,8 @@ from edgetree.measure.axis import fit_axes
 from edgetree.measure.estimates import Estimate, Evidence, Failure, TreeMeasurement
 from edgetree.measure.frame import DepthFrame
 from edgetree.measure.ground import BaseGround, find_grounds
-from edgetree.measure.observations import CUT, Keypoints, StemObservations, observe_stems
+from edgetree.measure.keypoints import CUT, Keypoints
+from edgetree.measure.observations import StemObservations, observe_stems
 from edgetree.measure.position import CAMERA_UP_STD_DEG, StemPosition
 from edgetree.measure.settings import MeasureSettings
 from edgetree.measure.stem_fit import MAX_USED_OFFSET, Stems, fit_stems

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib import PinholeCamera
-from edgetree.measure.outline import fit_lines
+from edgetree.measure.edge_lines import fit_lines
 from edgetree.measure.section import Sections, StemAxes
 
 __all__ = ["HalfAngle", "MaskWidths", "StemEdges", "fuse"]
