@@ -140,16 +140,16 @@ def test_int8_that_loses_trees_is_not_written(
 def test_a_data_set_is_compared_on_its_test_frames(frame_folder: Path, tmp_path: Path) -> None:
     folder = tmp_path / "data"
     shutil.copytree(frame_folder, folder)
-    assert len(find_frames(folder, "rgb", 20, unseen=True)) == 6
+    assert len(find_frames(folder, "rgb", 20, test_split=True)) == 6
     split = {"images": [{"file_name": "images/000001.png"}, {"file_name": "images/000004.png"}]}
     (folder / "test_RGB.json").write_text(json.dumps(split))
     for modality in ("rgb", "depth"):
-        unseen = find_frames(folder, modality, 20, unseen=True)
-        assert [path.stem for path in unseen] == ["000001", "000004"]
+        test_split = find_frames(folder, modality, 20, test_split=True)
+        assert [path.stem for path in test_split] == ["000001", "000004"]
         assert len(find_frames(folder, modality, 20)) == 6
     (folder / "test_RGB.json").write_text("[]")
     with pytest.raises(InputError, match=r"test_RGB.json: not a COCO file"):
-        find_frames(folder, "rgb", 20, unseen=True)
+        find_frames(folder, "rgb", 20, test_split=True)
 
 
 def test_int8_needs_frames_beside_those_compared_on(

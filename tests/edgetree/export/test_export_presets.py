@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from edgetree.export import ExportReport, ExportSettings, export_preset
-from edgetree.export.prepare import untrained_model
+from edgetree.export.models import untrained_model
 from edgetree.runtime.detector import TreeDetector
 from perceptree.models import PRESETS
 from perceptree.models.cost import classifier_cost, multiply_adds, parameters
@@ -56,7 +56,7 @@ def test_an_untrained_network_is_lively_and_the_same_every_time() -> None:
 
 
 def test_the_costs_in_the_manifest_are_those_of_the_network(tmp_path: Path) -> None:
-    from edgetree.export.describe import describe
+    from edgetree.export.build import describe
     from perceptree.models import TreeRCNN, make_spec
 
     model = TreeRCNN(make_spec("r50", "rgb", 96, 160))

@@ -17,7 +17,7 @@ from edgetree.export import (
     ParityFailed,
     verify_model,
 )
-from edgetree.export.prepare import with_settings
+from edgetree.export.models import with_settings
 from edgetree.model_file.manifest import METADATA_KEY
 from edgetree.runtime.detector import TreeDetector
 from perceptree.models import load_checkpoint
@@ -197,7 +197,7 @@ def test_a_wrong_number_of_samples_is_refused(
 def test_a_file_of_another_modality_is_refused(
     exported: ExportReport, depth_checkpoint: Path, frame_folder: Path, tmp_path: Path
 ) -> None:
-    with pytest.raises(InputError, match="takes rgb frames: expected depth ones"):
+    with pytest.raises(InputError, match="takes rgb frames: expected depth frames"):
         verify_model(exported.path, depth_checkpoint, data=frame_folder)
     proto = onnx.load(exported.path)
     manifest = json.loads(exported.manifest.to_json())

@@ -1,14 +1,8 @@
 import numpy as np
 import pytest
 
-from edgetree.export.parity import (
-    Arrays,
-    FrameParity,
-    ParityReport,
-    compare_frame,
-    compare_frames,
-    limits_of,
-)
+from edgetree.export.comparison import Arrays, compare_frame, compare_frames
+from edgetree.export.parity import FrameParity, ParityReport, limits_of
 
 K = 4
 

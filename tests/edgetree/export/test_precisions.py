@@ -12,9 +12,9 @@ import torch
 from numpy.typing import NDArray
 from onnx import TensorProto
 
-from edgetree.export.frames import InputRules, find_frames, read_frames
-from edgetree.export.graph import output_names, trace
-from edgetree.export.half import halve
+from edgetree.export.build import output_names, trace
+from edgetree.export.float16 import to_float16
+from edgetree.export.frames import find_frames, read_frames
 from edgetree.export.layers import frame_reader
 from edgetree.export.quantise import quantise
 from perceptree.models import TreeRCNN, load_checkpoint
@@ -64,7 +64,7 @@ def model(rgb_checkpoint: Path) -> TreeRCNN:
 
 @pytest.fixture(scope="module")
 def frames(model: TreeRCNN, frame_folder: Path) -> NDArray[np.uint8]:
-    return read_frames(find_frames(frame_folder, "rgb", 4), InputRules.of(model.spec))
+    return read_frames(find_frames(frame_folder, "rgb", 4), model.spec)
 
 
 @pytest.fixture(scope="module")
@@ -203,7 +203,7 @@ def loud() -> Callable[[TreeRCNN], None]:
 def half(rgb_checkpoint: Path, frames: NDArray[np.uint8], loud: Callable[[TreeRCNN], None]) -> Any:
     model, _ = load_checkpoint(rgb_checkpoint)
     loud(model)
-    return halve(trace(model, batch=1), frames)
+    return to_float16(trace(model, batch=1), frames)
 
 
 def test_half_precision_keeps_what_goes_in_and_out(half: Any, model: TreeRCNN) -> None:

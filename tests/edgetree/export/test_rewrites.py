@@ -9,8 +9,9 @@ import pytest
 import torch
 from torch import nn
 
-from edgetree.export.parity import Limits, ParityReport, compare_frames
-from edgetree.export.rewrites import deployable
+from edgetree.export.comparison import compare_frames
+from edgetree.export.parity import Limits, ParityReport
+from edgetree.export.rewrites import rewrite_for_export
 from perceptree.models import TreeRCNN
 
 Lively = Callable[..., TreeRCNN]
@@ -91,7 +92,7 @@ def test_the_deployed_form_finds_the_same(
 ) -> None:
     model = network(name)
     before = {key: value.clone() for key, value in model.state_dict().items()}
-    changed = deployable(model, quantised=quantised)
+    changed = rewrite_for_export(model, quantised=quantised)
     assert_same_answers(model, changed)
     for key, value in model.state_dict().items():
         assert torch.equal(value, before[key]), f"{key} of the model itself"
@@ -108,9 +109,9 @@ def test_the_deployed_form_finds_the_same(
 def test_only_the_quantised_form_reads_pixels_keypoints_between_them(lively: Lively) -> None:
     model = lively(preset="r50")
     assert model.spec.keypoint_grid == "pixels"
-    float32, int8 = (deployable(model, quantised=quantised) for quantised in (False, True))
+    float32, int8 = (rewrite_for_export(model, quantised=quantised) for quantised in (False, True))
     assert_same_answers(model, float32)
-    between = deployable(model, quantised=False)
+    between = rewrite_for_export(model, quantised=False)
     between.spec = dataclasses.replace(between.spec, keypoint_grid="subcell")
     assert_same_answers(between, int8)
     images = images_of(model)
@@ -125,11 +126,11 @@ def test_networks_without_some_branch_are_changed_too(
     masks: bool, keypoints: bool, quantised: bool, lively: Lively
 ) -> None:
     model = lively(masks=masks, keypoints=keypoints)
-    assert_same_answers(model, deployable(model, quantised=quantised))
+    assert_same_answers(model, rewrite_for_export(model, quantised=quantised))
 
 
 def test_a_stem_that_cannot_be_read_in_blocks_is_named(lively: Lively) -> None:
     model = lively()
     first_convolution(model).stride = (1, 1)
     with pytest.raises(ValueError, match="expected stride 2"):
-        deployable(model, quantised=True)
+        rewrite_for_export(model, quantised=True)

@@ -7,7 +7,7 @@ import onnxruntime
 import pytest
 import torch
 
-from edgetree.export.graph import output_names, trace
+from edgetree.export.build import output_names, trace
 from perceptree.models import TreeRCNN
 
 Lively = Callable[..., TreeRCNN]
