@@ -1,4 +1,4 @@
-"""Presets without training: files that cost what trained ones cost, proven like these."""
+"""Export of presets without training, and their cost in the manifest."""
 
 from pathlib import Path
 
@@ -33,7 +33,7 @@ def assert_proven(report: ExportReport, settings: ExportSettings) -> None:
     ("modality", "batch", "precision"),
     [pytest.param("rgb", 4, "fp32", marks=pytest.mark.slow), ("depth", 1, "int8")],
 )
-def test_a_light_preset_is_proven_without_training(
+def test_a_light_preset_is_verified_without_training(
     modality: str, batch: int, precision: str, tmp_path: Path
 ) -> None:
     settings = ExportSettings(height=96, width=160, batch=batch, precision=precision)
@@ -43,7 +43,7 @@ def test_a_light_preset_is_proven_without_training(
     assert report.manifest.modality == modality
 
 
-def test_an_untrained_network_is_lively_and_the_same_every_time() -> None:
+def test_an_untrained_network_has_varied_scores_and_is_reproducible() -> None:
     settings = ExportSettings(height=96, width=160)
     first, second = (untrained_model("edge-n", "rgb", settings) for _ in range(2))
     for mine, theirs in zip(first.parameters(), second.parameters(), strict=True):
@@ -75,7 +75,7 @@ def test_the_costs_in_the_manifest_are_those_of_the_network(tmp_path: Path) -> N
     ("preset", "modality"),
     [*((p, m) for p in LIGHT for m in ("rgb", "depth")), *((p, "rgb") for p in PAPER)],
 )
-def test_every_preset_is_proven_without_training(
+def test_every_preset_is_verified_without_training(
     preset: str, modality: str, batch: int, tmp_path: Path
 ) -> None:
     settings = ExportSettings(height=256, width=256, batch=batch)

@@ -4,16 +4,16 @@ import pytest
 from edgetree.export.comparison import Arrays, compare_frame, compare_frames
 from edgetree.export.parity import FrameParity, ParityReport, limits_of
 
-K = 4
+ROWS = 4
 
 
 def outputs(boxes: list[list[float]], scores: list[float]) -> dict[str, np.ndarray]:
     count = len(scores)
     result = {
-        "boxes": np.zeros((1, K, 4), np.float32),
-        "scores": np.zeros((1, K), np.float32),
-        "keypoints": np.zeros((1, K, 5, 3), np.float32),
-        "masks": np.zeros((1, K, 28, 28), np.float32),
+        "boxes": np.zeros((1, ROWS, 4), np.float32),
+        "scores": np.zeros((1, ROWS), np.float32),
+        "keypoints": np.zeros((1, ROWS, 5, 3), np.float32),
+        "masks": np.zeros((1, ROWS, 28, 28), np.float32),
         "num_detections": np.array([count]),
     }
     result["boxes"][0, :count] = np.reshape(boxes, (-1, 4))
@@ -37,7 +37,7 @@ def test_equal_detections_pass_in_any_order() -> None:
     assert faults(expected, outputs([RIGHT, LEFT], [0.8999, 0.9])) == []
 
 
-def test_frames_without_a_tree_prove_nothing() -> None:
+def test_frames_without_trees_are_a_fault() -> None:
     assert faults(outputs([], []), outputs([], [])) == [
         "all: no tree to compare, expected frames in which the model finds some"
     ]
@@ -63,21 +63,21 @@ def test_each_kind_of_difference_is_seen(
     assert any(message in fault for fault in faults(expected, found))
 
 
-def test_a_tree_at_the_threshold_may_come_and_go() -> None:
+def test_a_tree_at_the_threshold_may_be_missing() -> None:
     expected = outputs([LEFT, RIGHT], [0.9, 0.0105])
     assert faults(expected, outputs([LEFT], [0.9])) == []
     assert faults(outputs([LEFT], [0.9]), expected) == []
     assert faults(outputs([LEFT, RIGHT], [0.9, 0.02]), outputs([LEFT], [0.9])) != []
 
 
-def test_the_last_of_full_rows_may_be_another_of_its_score() -> None:
+def test_the_last_of_full_rows_may_differ_at_equal_score() -> None:
     boxes = [[100.0 * i, 0, 100.0 * i + 20, 100] for i in range(5)]
     expected = outputs(boxes[:4], [0.9, 0.8, 0.7, 0.3])
     assert faults(expected, outputs([*boxes[:3], boxes[4]], [0.9, 0.8, 0.7, 0.3])) == []
     assert faults(expected, outputs(boxes[1:5], [0.9, 0.8, 0.7, 0.3])) != []
 
 
-def test_int8_is_judged_on_confident_trees_both_ways() -> None:
+def test_int8_compares_confident_trees_in_both_directions() -> None:
     expected = outputs([LEFT, RIGHT], [0.9, 0.3])
     assert faults(expected, outputs([LEFT], [0.6]), "int8") == []
     assert faults(expected, outputs([LEFT], [0.3]), "int8") != []
@@ -95,7 +95,7 @@ def test_int8_is_judged_on_confident_trees_both_ways() -> None:
         (lambda o: o.pop("masks"), "masks is missing"),
     ],
 )
-def test_nonsense_is_a_fault_even_on_a_blank_frame(change: object, message: str) -> None:
+def test_invalid_outputs_are_a_fault_even_on_a_blank_frame(change: object, message: str) -> None:
     expected, found = outputs([LEFT], [0.9]), outputs([LEFT], [0.9])
     change(found)  # type: ignore[operator]
     shown = compare_frames(
@@ -119,8 +119,8 @@ def test_pairs_are_counted_in_both_directions() -> None:
 
 
 @pytest.mark.parametrize("broken", [0, 2, 5, 8])
-def test_a_fault_in_one_row_of_a_batch_is_told_of_the_right_frame(broken: int) -> None:
-    """Nine frames, four at a time: the last one goes with the first three once more."""
+def test_a_fault_in_one_row_of_a_batch_names_the_right_frame(broken: int) -> None:
+    """Nine frames in batches of four: the last batch is filled up with the first three frames."""
     frames = {f"frame {n}": np.full((8, 8), n, np.uint8) for n in range(9)}
     sizes = []
 
@@ -162,7 +162,7 @@ def test_a_score_under_the_stated_threshold_is_a_fault() -> None:
     assert fault == "frame: a score is 0.2, expected 0.3 or more, as the manifest says"
 
 
-def test_untrained_networks_in_8_bits_are_held_to_sanity_alone() -> None:
+def test_untrained_int8_networks_are_only_checked_for_validity() -> None:
     limits = limits_of("int8", trained=False)
     expected, found = outputs([LEFT], [0.9]), outputs([RIGHT], [0.9])
     shown = compare_frames(lambda _: expected, lambda _: found, IMAGE, "int8", 0.01)

@@ -1,4 +1,4 @@
-"""The form that is deployed answers as the network does, before any runtime sees it."""
+"""The network rewritten for export gives the same outputs, evaluated in torch."""
 
 import dataclasses
 import functools
@@ -41,13 +41,13 @@ NETWORKS: dict[str, dict[str, Any]] = {
         "width": 150,
     },
 }
-# Channels of the block of 2x2 pixels that the quantised stem reads, per pixel.
+# Channels per pixel that the first convolution reads if quantised.
 CHANNELS = {"rgb, all means whole": 3, "depth, one mean, std": 1, "depth, one mean, 90x150": 1}
 
 
 @pytest.fixture(scope="module")
 def network(lively: Lively) -> Callable[[str], TreeRCNN]:
-    """Those of NETWORKS, made once; they read keypoints between pixels."""
+    """The NETWORKS by name, each built once, with keypoints between pixels."""
     return functools.cache(lambda name: lively(**NETWORKS[name], keypoint_grid="subcell"))
 
 
@@ -68,7 +68,7 @@ def first_convolution(model: TreeRCNN) -> nn.Conv2d:
 
 
 def assert_same_answers(model: TreeRCNN, changed: TreeRCNN) -> None:
-    """Tree by tree, as the gate compares: rows of equal scores may change places."""
+    """Compare matched trees, since the order of equal scores is undefined."""
     images = images_of(model)
     with torch.inference_mode():
         expected, found = (
@@ -87,7 +87,7 @@ def assert_same_answers(model: TreeRCNN, changed: TreeRCNN) -> None:
 
 @pytest.mark.parametrize("name", NETWORKS)
 @pytest.mark.parametrize("quantised", [False, True])
-def test_the_deployed_form_finds_the_same(
+def test_the_rewritten_network_gives_the_same_detections(
     name: str, quantised: bool, network: Callable[[str], TreeRCNN]
 ) -> None:
     model = network(name)
@@ -101,12 +101,12 @@ def test_the_deployed_form_finds_the_same(
         stem = first_convolution(changed)
         assert stem.in_channels == 4 * CHANNELS.get(name, per_pixel)
         assert stem.stride == (1, 1)
-    # No division is left, and no layer that spreads its input over zeros.
+    # No division and no transposed convolution is left.
     assert set(changed.spec.std) == {1.0}
     assert not any(isinstance(part, nn.ConvTranspose2d) for part in changed.modules())
 
 
-def test_only_the_quantised_form_reads_pixels_keypoints_between_them(lively: Lively) -> None:
+def test_only_the_quantised_network_reads_keypoints_between_pixels(lively: Lively) -> None:
     model = lively(preset="r50")
     assert model.spec.keypoint_grid == "pixels"
     float32, int8 = (rewrite_for_export(model, quantised=quantised) for quantised in (False, True))
@@ -122,14 +122,14 @@ def test_only_the_quantised_form_reads_pixels_keypoints_between_them(lively: Liv
 
 @pytest.mark.parametrize(("masks", "keypoints"), [(True, False), (False, True), (False, False)])
 @pytest.mark.parametrize("quantised", [False, True])
-def test_networks_without_some_branch_are_changed_too(
+def test_networks_without_some_branches_are_rewritten(
     masks: bool, keypoints: bool, quantised: bool, lively: Lively
 ) -> None:
     model = lively(masks=masks, keypoints=keypoints)
     assert_same_answers(model, rewrite_for_export(model, quantised=quantised))
 
 
-def test_a_stem_that_cannot_be_read_in_blocks_is_named(lively: Lively) -> None:
+def test_an_unsupported_first_convolution_is_named(lively: Lively) -> None:
     model = lively()
     first_convolution(model).stride = (1, 1)
     with pytest.raises(ValueError, match="expected stride 2"):

@@ -1,4 +1,4 @@
-"""The paper's layout as an ONNX graph: onnxruntime answers as the model does."""
+"""The traced graph of the r50 preset gives the outputs of the model in onnxruntime."""
 
 from collections.abc import Callable
 

@@ -1,4 +1,4 @@
-"""The geometry of cylinders seen from near, against intersections computed directly."""
+"""Cross-section geometry, compared with ray-cylinder intersections in space."""
 
 import numpy as np
 import pytest
@@ -7,12 +7,12 @@ from edgetree.measure.section import Sections, StemAxes, axes_in_planes
 
 RADIUS_M, DISTANCE_M = 0.4, 1.7
 HALF_RAD = np.arcsin(RADIUS_M / DISTANCE_M)
-# Bearing of the stem's middle, and how far up its axis the section lies.
+# Bearings of the stems' middles, and heights of the sections along the axes.
 MIDDLE_RAD, UP_AXIS_M = np.array([0.1, -0.2]), np.array([0.6, -0.3])
 
 
 def circle_depths(rays, along, centre):
-    """Depths where rays first meet a cylinder, by the quadratic equation in space."""
+    """Depth at which rays first meet a cylinder, from the quadratic equation."""
     flat = rays - (rays @ along)[:, None] * along
     middle = centre - (centre @ along) * along
     a, b, c = (flat**2).sum(1), flat @ middle, middle @ middle - RADIUS_M**2
@@ -25,9 +25,7 @@ def axes_of(frames: StemAxes, place: int):
 
 @pytest.fixture
 def leaning():
-    """Two frames, the axis points of sections on them (2, 3), the rays that graze these (2, 2, 3),
-    and the sections.
-    """
+    """Two stems: axes, centres of the sections (2, 3), tangent rays (2, 2, 3) and sections."""
     normals = np.array([[0.9, 0.1, -0.3], [-0.95, 0.2, 0.1]])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     frames = axes_in_planes(
@@ -48,7 +46,7 @@ def leaning():
     return frames, centres, tangents / tangents[..., 2:], sections
 
 
-def test_frames_are_right_handed_and_look_away(leaning):
+def test_axes_are_right_handed_and_point_away(leaning):
     frames = leaning[0]
     tilted = frames.tilted(np.array([0.4, -0.1]))
     for place, tangent in enumerate((0.4, -0.1)):
@@ -75,7 +73,7 @@ def test_grazing_rays_lie_half_the_angle_beside_the_middle(leaning):
     assert 2 * front_m * sine / (1 - sine) == pytest.approx(np.full(2, 2 * RADIUS_M))
 
 
-def test_every_ray_between_the_edges_meets_the_front(leaning):
+def test_rays_between_the_edges_meet_the_front(leaning):
     frames, centres, edges, sections = leaning
     share = np.linspace(0.02, 0.98, 40)[:, None]
     climb = np.linspace(-0.3, 0.3, 40)[:, None] * [0, 1, 0]
@@ -102,7 +100,7 @@ def test_the_slope_is_how_the_depth_changes_with_the_half_angle(leaning):
     assert sections.view(rays).depth_ratio_slope == pytest.approx(change, rel=1e-3)
 
 
-def test_rays_beside_or_behind_see_nothing(leaning):
+def test_rays_that_miss_the_stem_give_zero(leaning):
     _, _, edges, sections = leaning
     left, right = edges[:, 0], edges[:, 1]
     outwards = np.stack([2 * left - right, 2 * right - left, -left - right], 1)
