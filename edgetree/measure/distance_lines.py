@@ -24,8 +24,9 @@ __all__ = [
 Float = NDArray[np.floating[Any]]
 Flags = NDArray[np.bool_]
 
-# Error of a straight stem of constant radius: real stems bend and taper. In 1/m, times the square
-# of the height from the section in metres, so that readings near the section count most.
+# Real stems bend and taper. At height h from the section, the bark of a straight stem of constant
+# radius is off by this value times h² metres. In terms of the inverse distance 1 / d that is this
+# value times (h / d)², so readings near the section count most.
 _BEND_PER_M = 0.02
 # Candidates for the first line: this many tilts, up to this many standard deviations of the lean,
 # through these quantiles of the readings. Their support is counted on every fourth reading.

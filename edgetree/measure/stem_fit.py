@@ -155,6 +155,8 @@ def fit_stems(
     std = np.sqrt(np.diagonal(lines.covariance, axis1=1, axis2=2))
     bias = settings.depth_bias_per_m * masked_means(points.depth_ratio, points.used)
     disagreement = _DISAGREEMENT_STD * (1 - agreeing) ** 2
+    # First-order error propagation: the relative error of a distance d is d times the error of its
+    # inverse. The slope divided by the inverse distance is the tangent of the tilt.
     return Stems(
         sections=sections,
         distance_m=distance_m,
