@@ -78,17 +78,29 @@ class StemPosition:
         return Estimate(value, math.hypot(*parts, self.shape_std_m))
 
     def _depth_std_m(self) -> float:
-        """Standard deviation of the distance along the line of sight to the cut."""
+        """Standard deviation of the distance from that of the axis, which is across the axis.
+
+        The ratio of both distances is the slant of the line of sight.
+        """
         reach = float(self.cut @ self.view_direction)
         return self.distance_std_m * math.hypot(*self.cut) / max(reach, 1e-6)
 
     def _along_std_m(self) -> float:
-        """Standard deviation of the distance from the cut's position along the axis."""
+        """Standard deviation of the distance from the cut's position along the axis.
+
+        A turn of the line of sight by an angle moves the cut along the axis by |cut| * slant *
+        angle, with slant = |cut| / reach. By h along the axis from the camera's level, the
+        distance changes by h / |cut| per metre. The product is h * slant * angle.
+        """
         slant = math.hypot(*self.cut) / max(float(self.cut @ self.view_direction), 1e-6)
         return abs(float(self.cut @ self.along)) * slant * self.cut_rad
 
     def cut_height(self, ground: BaseGround | Failure) -> Estimate | Failure:
-        """Height of the cut in metres above the ground on the uphill side, along the vertical."""
+        """Height of the cut in metres above the ground on the uphill side, along the vertical.
+
+        The cut's own error has two parts: the error of the distance times the rise per metre of
+        distance, and the error of the cut's direction times the distance.
+        """
         if isinstance(ground, Failure):
             return ground
         distance = self.distance()
@@ -135,15 +147,19 @@ class StemPosition:
         return PointEstimate(np.asarray(point), np.sqrt(np.diag(covariance)))
 
     def _covariance(self) -> Float:
-        """(3, 3) covariance matrix of the cut point in m²."""
+        """(3, 3) covariance matrix of the cut point in m².
+
+        The sum of independent errors in three directions. The depth shows the bark itself, so
+        only a part of the error of the diameter counts; these parts are rough values.
+        """
         reach = math.hypot(*self.cut)
         ahead_m = math.hypot(self._depth_std_m(), self.diameter_std_m / 4)
-        sides = (
+        directions = (
             (self.view_direction, ahead_m),
             (self.across, self.diameter_std_m / 4 + self.cut_rad * reach / 2),
             (self.along, self.cut_rad * reach),
         )
-        scaled = np.array([std * side for side, std in sides])
+        scaled = np.array([std * direction for direction, std in directions])
         return np.asarray(scaled.T @ scaled)
 
     def lean(
