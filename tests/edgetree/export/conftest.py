@@ -27,10 +27,10 @@ NARROW_PAPER = {
     "detections": 6,
 }
 
-Lively = Callable[..., TreeRCNN]
+BuildModel = Callable[..., TreeRCNN]
 
 
-def lively_model(modality: str = "rgb", preset: str = "edge-n", **changes: Any) -> TreeRCNN:
+def random_model(modality: str = "rgb", preset: str = "edge-n", **changes: Any) -> TreeRCNN:
     """A model with random weights, scaled up in the last layers for clear peaks of the scores."""
     torch.manual_seed(1)
     narrow = NARROW_LIGHT if preset.startswith("edge-") else NARROW_PAPER
@@ -59,22 +59,22 @@ def input_shape(model: TreeRCNN) -> tuple[int, ...]:
 
 
 @pytest.fixture(scope="session")
-def lively() -> Lively:
-    """The function `lively_model`, which builds such a network."""
-    return lively_model
+def build_model() -> BuildModel:
+    """The function `random_model`, which builds such a network."""
+    return random_model
 
 
 @pytest.fixture(scope="session")
 def rgb_checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("checkpoints") / "rgb.safetensors"
-    save_checkpoint(path, lively_model("rgb"), {"data": "random numbers"})
+    save_checkpoint(path, random_model("rgb"), {"data": "random numbers"})
     return path
 
 
 @pytest.fixture(scope="session")
 def depth_checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("checkpoints") / "depth.safetensors"
-    save_checkpoint(path, lively_model("depth", masks=False), {"data": "random numbers"})
+    save_checkpoint(path, random_model("depth", masks=False), {"data": "random numbers"})
     return path
 
 

@@ -16,7 +16,7 @@ LIGHT = [preset for preset in PRESETS if preset.startswith("edge-")]
 PAPER = [preset for preset in PRESETS if preset not in LIGHT]
 
 
-def assert_proven(report: ExportReport, settings: ExportSettings) -> None:
+def assert_verified(report: ExportReport, settings: ExportSettings) -> None:
     figures = report.parity.figures()
     assert report.parity.faults() == []
     assert figures["trees_compared"] > 0
@@ -39,7 +39,7 @@ def test_a_light_preset_is_verified_without_training(
     settings = ExportSettings(height=96, width=160, batch=batch, precision=precision)
     out = tmp_path / "model.onnx"
     report = export_preset("edge-n", out, modality=modality, settings=settings)
-    assert_proven(report, settings)
+    assert_verified(report, settings)
     assert report.manifest.modality == modality
 
 
@@ -81,4 +81,4 @@ def test_every_preset_is_verified_without_training(
     settings = ExportSettings(height=256, width=256, batch=batch)
     out = tmp_path / "model.onnx"
     report = export_preset(preset, out, modality=modality, settings=settings)
-    assert_proven(report, settings)
+    assert_verified(report, settings)

@@ -150,10 +150,10 @@ def test_a_wrong_setting_gives_one_line(
     monkeypatch.setattr(sys, "argv", [*base, "--data", str(frame_folder), *options])
     with pytest.raises(SystemExit) as ended:
         cli.main()
-    told = capfd.readouterr().err.strip()
+    message = capfd.readouterr().err.strip()
     assert ended.value.code == 2
-    assert line in told
-    assert "\n" not in told
+    assert line in message
+    assert "\n" not in message
     assert list(tmp_path.iterdir()) == []
 
 

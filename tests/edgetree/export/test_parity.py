@@ -27,8 +27,8 @@ IMAGE = {"frame": np.zeros((8, 8), np.uint8)}
 
 
 def faults(expected: Arrays, found: Arrays, precision: str = "float32") -> list[str]:
-    shown = compare_frames(lambda _: expected, lambda _: found, IMAGE, precision, 0.01)
-    return ParityReport(precision, shown, limits=limits_of(precision)).faults()
+    compared = compare_frames(lambda _: expected, lambda _: found, IMAGE, precision, 0.01)
+    return ParityReport(precision, compared, limits=limits_of(precision)).faults()
 
 
 def test_equal_detections_pass_in_any_order() -> None:
@@ -98,17 +98,17 @@ def test_int8_compares_confident_trees_in_both_directions() -> None:
 def test_invalid_outputs_are_a_fault_even_on_a_blank_frame(change: object, message: str) -> None:
     expected, found = outputs([LEFT], [0.9]), outputs([LEFT], [0.9])
     change(found)  # type: ignore[operator]
-    shown = compare_frames(
+    compared = compare_frames(
         lambda _: expected, lambda _: found, {"blank": IMAGE["frame"]}, "float32", 0.01
     )
-    (fault,) = ParityReport("float32", shown, limits=limits_of("float32")).faults()
+    (fault,) = ParityReport("float32", compared, limits=limits_of("float32")).faults()
     assert message in fault
 
 
 def test_lost_average_precision_is_a_fault() -> None:
     precision = {"box": (60.0, 58.5), "mask": (30.0, 29.5)}
-    shown = (FrameParity("f", trees=2, matched=2),)
-    report = ParityReport("int8", shown, precision, limits_of("int8"))
+    compared = (FrameParity("f", trees=2, matched=2),)
+    report = ParityReport("int8", compared, precision, limits_of("int8"))
     assert report.faults() == ["all: box AP fell from 60.00 to 58.50, limit 1"]
 
 
@@ -132,7 +132,7 @@ def test_a_fault_in_one_row_of_a_batch_names_the_right_frame(broken: int) -> Non
             rows.append(outputs([[LEFT[0] + move, *LEFT[1:]], RIGHT], [0.9, 0.8]))
         return {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
 
-    shown = compare_frames(
+    compared = compare_frames(
         lambda images: detect(images, 0.0),
         lambda images: detect(images, 3.0),
         frames,
@@ -141,9 +141,9 @@ def test_a_fault_in_one_row_of_a_batch_names_the_right_frame(broken: int) -> Non
         batch=4,
     )
     assert set(sizes) == {4}
-    assert [frame.name for frame in shown] == list(frames)
-    assert [frame.trees for frame in shown] == [4] * 9
-    report = ParityReport("float32", shown, limits=limits_of("float32"))
+    assert [frame.name for frame in compared] == list(frames)
+    assert [frame.trees for frame in compared] == [4] * 9
+    report = ParityReport("float32", compared, limits=limits_of("float32"))
     assert report.faults() == [f"frame {broken}: box_px differs by 3, limit 0.5"]
 
 
@@ -151,24 +151,24 @@ def test_another_number_of_rows_than_the_batch_is_a_fault() -> None:
     expected = {name: value.repeat(2, axis=0) for name, value in outputs([LEFT], [0.9]).items()}
     frames = {"a": IMAGE["frame"], "b": IMAGE["frame"]}
     one = {name: value[:1] for name, value in expected.items()}
-    shown = compare_frames(lambda _: expected, lambda _: one, frames, "float32", 0.01, batch=2)
-    assert [frame.fault for frame in shown] == ["boxes is missing or of another shape"] * 2
+    compared = compare_frames(lambda _: expected, lambda _: one, frames, "float32", 0.01, batch=2)
+    assert [frame.fault for frame in compared] == ["boxes is missing or of another shape"] * 2
 
 
 def test_a_score_under_the_stated_threshold_is_a_fault() -> None:
     both = outputs([LEFT, RIGHT], [0.9, 0.2])
-    shown = compare_frames(lambda _: both, lambda _: both, IMAGE, "float32", 0.3)
-    (fault,) = ParityReport("float32", shown, limits=limits_of("float32")).faults()
+    compared = compare_frames(lambda _: both, lambda _: both, IMAGE, "float32", 0.3)
+    (fault,) = ParityReport("float32", compared, limits=limits_of("float32")).faults()
     assert fault == "frame: a score is 0.2, expected 0.3 or more, as the manifest says"
 
 
 def test_untrained_int8_networks_are_only_checked_for_validity() -> None:
     limits = limits_of("int8", trained=False)
     expected, found = outputs([LEFT], [0.9]), outputs([RIGHT], [0.9])
-    shown = compare_frames(lambda _: expected, lambda _: found, IMAGE, "int8", 0.01)
-    assert ParityReport("int8", shown, limits=limits).faults() == []
+    compared = compare_frames(lambda _: expected, lambda _: found, IMAGE, "int8", 0.01)
+    assert ParityReport("int8", compared, limits=limits).faults() == []
     found["boxes"][0, 0, 0] = np.inf
-    shown = compare_frames(lambda _: expected, lambda _: found, IMAGE, "int8", 0.01)
-    (fault,) = ParityReport("int8", shown, limits=limits).faults()
+    compared = compare_frames(lambda _: expected, lambda _: found, IMAGE, "int8", 0.01)
+    (fault,) = ParityReport("int8", compared, limits=limits).faults()
     assert fault == "frame: boxes is not finite"
     assert limits_of("float32", trained=False) == limits_of("float32")

@@ -258,9 +258,9 @@ def test_a_layer_near_the_largest_float16_stays_in_float32(
         half.SerializeToString(), providers=["CPUExecutionProvider"]
     )
     names = output_names(masks=True, keypoints=True)
-    answers = dict(zip(names, session.run(None, {"image": frames[:1]}), strict=True))
+    outputs = dict(zip(names, session.run(None, {"image": frames[:1]}), strict=True))
     with torch.inference_mode():
         expected = model.detect(torch.from_numpy(frames[:1]))
-    best, found = expected.boxes[0, 0].numpy(), answers["boxes"][0, 0]
+    best, found = expected.boxes[0, 0].numpy(), outputs["boxes"][0, 0]
     assert np.abs(best - found).max() < 1.0
-    assert np.abs(expected.masks[0, 0].numpy() - answers["masks"][0, 0]).max() < 0.05
+    assert np.abs(expected.masks[0, 0].numpy() - outputs["masks"][0, 0]).max() < 0.05

@@ -14,7 +14,7 @@ from edgetree.export.parity import Limits, ParityReport
 from edgetree.export.rewrites import rewrite_for_export
 from perceptree.models import TreeRCNN
 
-Lively = Callable[..., TreeRCNN]
+BuildModel = Callable[..., TreeRCNN]
 
 UNIT = (1.0, 1.0, 1.0)
 CLOSE = Limits(box_px=0.01, keypoint_px=0.05, score=1e-4, keypoint_score=1e-4, mask_iou=0.999)
@@ -46,9 +46,9 @@ CHANNELS = {"rgb, all means whole": 3, "depth, one mean, std": 1, "depth, one me
 
 
 @pytest.fixture(scope="module")
-def network(lively: Lively) -> Callable[[str], TreeRCNN]:
+def network(build_model: BuildModel) -> Callable[[str], TreeRCNN]:
     """The NETWORKS by name, each built once, with keypoints between pixels."""
-    return functools.cache(lambda name: lively(**NETWORKS[name], keypoint_grid="subcell"))
+    return functools.cache(lambda name: build_model(**NETWORKS[name], keypoint_grid="subcell"))
 
 
 @pytest.fixture(autouse=True)
@@ -67,7 +67,7 @@ def first_convolution(model: TreeRCNN) -> nn.Conv2d:
     return next(part for part in model.backbone.modules() if isinstance(part, nn.Conv2d))
 
 
-def assert_same_answers(model: TreeRCNN, changed: TreeRCNN) -> None:
+def assert_same_outputs(model: TreeRCNN, changed: TreeRCNN) -> None:
     """Compare matched trees, since the order of equal scores is undefined."""
     images = images_of(model)
     with torch.inference_mode():
@@ -77,10 +77,10 @@ def assert_same_answers(model: TreeRCNN, changed: TreeRCNN) -> None:
         )
     assert int(expected["num_detections"].min()) > 1
     frames = {str(number): image.numpy() for number, image in enumerate(images)}
-    shown = compare_frames(
+    compared = compare_frames(
         lambda _: expected, lambda _: found, frames, "float32", model.spec.score_threshold, 2
     )
-    report = ParityReport("float32", shown, limits=CLOSE)
+    report = ParityReport("float32", compared, limits=CLOSE)
     assert report.faults() == []
     assert report.trees > 4
 
@@ -93,7 +93,7 @@ def test_the_rewritten_network_gives_the_same_detections(
     model = network(name)
     before = {key: value.clone() for key, value in model.state_dict().items()}
     changed = rewrite_for_export(model, quantised=quantised)
-    assert_same_answers(model, changed)
+    assert_same_outputs(model, changed)
     for key, value in model.state_dict().items():
         assert torch.equal(value, before[key]), f"{key} of the model itself"
     if quantised:
@@ -106,14 +106,14 @@ def test_the_rewritten_network_gives_the_same_detections(
     assert not any(isinstance(part, nn.ConvTranspose2d) for part in changed.modules())
 
 
-def test_only_the_quantised_network_reads_keypoints_between_pixels(lively: Lively) -> None:
-    model = lively(preset="r50")
+def test_only_the_quantised_network_reads_keypoints_between_pixels(build_model: BuildModel) -> None:
+    model = build_model(preset="r50")
     assert model.spec.keypoint_grid == "pixels"
     float32, int8 = (rewrite_for_export(model, quantised=quantised) for quantised in (False, True))
-    assert_same_answers(model, float32)
+    assert_same_outputs(model, float32)
     between = rewrite_for_export(model, quantised=False)
     between.spec = dataclasses.replace(between.spec, keypoint_grid="subcell")
-    assert_same_answers(between, int8)
+    assert_same_outputs(between, int8)
     images = images_of(model)
     with torch.inference_mode():
         pixels, read = (form.detect(images).keypoints for form in (float32, int8))
@@ -123,14 +123,14 @@ def test_only_the_quantised_network_reads_keypoints_between_pixels(lively: Livel
 @pytest.mark.parametrize(("masks", "keypoints"), [(True, False), (False, True), (False, False)])
 @pytest.mark.parametrize("quantised", [False, True])
 def test_networks_without_some_branches_are_rewritten(
-    masks: bool, keypoints: bool, quantised: bool, lively: Lively
+    masks: bool, keypoints: bool, quantised: bool, build_model: BuildModel
 ) -> None:
-    model = lively(masks=masks, keypoints=keypoints)
-    assert_same_answers(model, rewrite_for_export(model, quantised=quantised))
+    model = build_model(masks=masks, keypoints=keypoints)
+    assert_same_outputs(model, rewrite_for_export(model, quantised=quantised))
 
 
-def test_an_unsupported_first_convolution_is_named(lively: Lively) -> None:
-    model = lively()
+def test_an_unsupported_first_convolution_is_named(build_model: BuildModel) -> None:
+    model = build_model()
     first_convolution(model).stride = (1, 1)
     with pytest.raises(ValueError, match="expected stride 2"):
         rewrite_for_export(model, quantised=True)
