@@ -30,7 +30,7 @@ import onnxruntime
 import torch
 from numpy.typing import NDArray
 
-from edgetree.export.graph import trace
+from edgetree.export.build import trace
 from edgetree.export.quantise import quantise
 from perceptree.data import FrameStore, read_split
 from perceptree.evaluation import evaluate, predict_with

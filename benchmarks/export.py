@@ -39,14 +39,14 @@ from numpy.typing import NDArray
 from edgetree import TreeDetector, default_model, sample_frames
 from edgetree.doctor.machine import examine_machine
 from edgetree.errors import EdgetreeError
-from edgetree.export.frames import InputRules, sample_inputs
+from edgetree.export.frames import sample_inputs
 from edgetree.results.atomic_files import output_folder
 from edgetree.runtime.providers import SessionSettings
 from edgetree.runtime.session import OrtSession, usable_cores
 from perceptree.data import FrameStore, read_split
 from perceptree.errors import PerceptreeError
 from perceptree.evaluation import RawDetections, evaluate
-from perceptree.models import TreeRCNN
+from perceptree.models import TreeRCNN, make_spec
 
 OURS = ("float32", "int8")  # prefixes of the names of this project's files at 800x800
 LOADS, EDGE_CALLS = 3, 10
@@ -75,10 +75,9 @@ class Contestant:
 
 
 def inputs_at_side(model: TreeRCNN) -> dict[str, NDArray[Any]]:
-    """The first sample frame, letterboxed, in the form that each kind of file takes."""
-    rules = InputRules.of(model.spec)
-    ours = sample_inputs(rules)[:1]
-    colour = InputRules("rgb", SIDE_PX, SIDE_PX, rules.pad_value, None)
+    """The first sample frame, letterboxed, as each kind of file takes it."""
+    ours = sample_inputs(model.spec)[:1]
+    colour = make_spec("r50", "rgb", SIDE_PX, SIDE_PX, pad_value=model.spec.pad_value)
     rgb = sample_inputs(colour)[0][..., ::-1].transpose(2, 0, 1)
     return {
         "torchvision": np.ascontiguousarray(rgb).astype(np.float32) / 255,

@@ -17,9 +17,9 @@ from eager import torchvision_network
 from numpy.typing import NDArray
 
 from edgetree.export import ExportSettings
-from edgetree.export.frames import InputRules, frames_sha256, sample_inputs
-from edgetree.export.graph import trace
-from edgetree.export.prepare import UNTRAINED, load_model, untrained_model, with_settings
+from edgetree.export.build import trace
+from edgetree.export.frames import frames_sha256, sample_inputs
+from edgetree.export.models import UNTRAINED, load_model, untrained_model, with_settings
 from edgetree.export.quantise import quantise
 from edgetree.export.quiet import quiet
 from edgetree.results.atomic_files import replacing
@@ -86,7 +86,7 @@ def our_model(checkpoint: Path | None) -> tuple[TreeRCNN, str, str]:
 def calibration_frames(model: TreeRCNN, data: Path | None, most: int) -> NDArray[np.uint8]:
     """Evenly spaced frames of the train split; without a dataset, the package's samples."""
     if data is None:
-        return sample_inputs(InputRules.of(model.spec))[:most]
+        return sample_inputs(model.spec)[:most]
     store = FrameStore(spread(read_split(data, "train"), most), model.spec)
     return np.stack([store[index].image for index in range(len(store))])
 

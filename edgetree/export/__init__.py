@@ -1,6 +1,6 @@
-"""Export: a checkpoint becomes one ONNX file that is proven to find the same trees.
+"""Export checkpoints to ONNX files that are verified to give the same detections.
 
-Importing this package is cheap; torch, onnx and perceptree are loaded by the functions.
+Importing this package is fast: its functions import torch, onnx and perceptree when called.
 """
 
 from edgetree.export.exporter import ExportReport, export_model, export_preset, verify_model

@@ -1,13 +1,12 @@
-"""Real frames as a model takes them: for calibration, and for comparing a file with its model."""
+"""Read frames and prepare them as input of a model, for calibration and verification."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,80 +19,74 @@ if TYPE_CHECKING:
     from perceptree.models import ModelSpec
 
 __all__ = [
-    "InputRules",
+    "edge_case_frames",
     "find_frames",
     "frames_sha256",
-    "probe_frames",
+    "input_shape",
+    "prepare_frame",
+    "read_calibration_frames",
     "read_frames",
     "sample_inputs",
 ]
 
+_CALIBRATION_FRAMES: Final = 64
 _DATASET_FOLDERS = {"rgb": "images", "depth": "depth"}
 
 
-@dataclass(frozen=True)
-class InputRules:
-    """How a frame becomes a model's input: size in px, padding, and the depth encoding."""
-
-    modality: str
-    height: int
-    width: int
-    pad_value: int
-    depth_encoding: dict[str, Any] | None
-
-    @classmethod
-    def of(cls, spec: ModelSpec) -> InputRules:
-        """The rules in a model spec."""
-        encoding = spec.depth_encoding
-        return cls(
-            spec.modality,
-            spec.height,
-            spec.width,
-            spec.pad_value,
-            None if encoding is None else dict(encoding),
-        )
-
-    @property
-    def image_shape(self) -> tuple[int, ...]:
-        """(H, W, 3) or (H, W)."""
-        return (self.height, self.width, 3)[: 3 if self.modality == "rgb" else 2]
-
-    def prepare(self, image: NDArray[Any]) -> NDArray[np.uint8]:
-        """A frame of any size, BGR or metres -> uint8 of ``image_shape``, letterboxed."""
-        if self.depth_encoding is not None:
-            encoding = calib.DepthEncoding.from_dict(self.depth_encoding)
-            image = calib.encode_depth(image, encoding)
-        height, width = image.shape[:2]
-        fit = calib.Letterbox.fit(width, height, self.width, self.height)
-        return fit.apply(image, self.pad_value)
+def input_shape(spec: ModelSpec) -> tuple[int, ...]:
+    """Shape of one frame as input of a model: (H, W, 3) for ``rgb``, (H, W) for ``depth``."""
+    return (spec.height, spec.width, 3)[: 3 if spec.modality == "rgb" else 2]
 
 
-def find_frames(folder: Path, modality: str, most: int, *, unseen: bool = False) -> list[Path]:
-    """At most ``most`` frames of a folder, evenly spread over its sorted names.
+def prepare_frame(image: NDArray[Any], spec: ModelSpec) -> NDArray[np.uint8]:
+    """Encode and letterbox a frame of any size.
 
-    A folder of the data set's form is entered (``images`` or ``depth``); any other holds the
-    images themselves, for depth 16-bit PNGs in millimetres. ``unseen`` takes a data set's frames
-    from its test split, where it has one: no model was trained on them.
+    Args:
+        image: (h, w, 3) uint8 BGR, or (h, w) float depth in metres.
+        spec: model with input size, padding and depth encoding.
+
+    Returns:
+        uint8 frame of ``input_shape(spec)``.
+    """
+    if spec.depth_encoding is not None:
+        encoding = calib.DepthEncoding.from_dict(dict(spec.depth_encoding))
+        image = calib.encode_depth(image, encoding)
+    height, width = image.shape[:2]
+    return calib.Letterbox.fit(width, height, spec.width, spec.height).apply(image, spec.pad_value)
+
+
+def find_frames(folder: Path, modality: str, most: int, *, test_split: bool = False) -> list[Path]:
+    """Find at most ``most`` frames of a folder, evenly spread over its sorted names.
+
+    Args:
+        folder: a dataset, with its frames in ``images`` or ``depth``, or a folder of images. Depth
+            frames are 16-bit PNG files in millimetres.
+        modality: ``rgb`` or ``depth``.
+        most: largest number of frames.
+        test_split: take only frames of the dataset's test split if it has one. No model was
+            trained on these.
 
     Raises:
-        InputError: no such folder, or no images in it.
+        InputError: the folder does not exist or holds no images.
     """
     if not folder.is_dir():
         raise InputError(f"{folder} is no folder: expected one with {modality} frames")
-    inner = folder / _DATASET_FOLDERS[modality]
-    place = inner if inner.is_dir() else folder
+    subfolder = folder / _DATASET_FOLDERS[modality]
+    images = subfolder if subfolder.is_dir() else folder
     suffixes = IMAGE_SUFFIXES if modality == "rgb" else (".png",)
-    paths = sorted(path for path in place.iterdir() if path.suffix.lower() in suffixes)
-    tested = _test_names(folder) if unseen else frozenset()
-    paths = [path for path in paths if path.stem in tested] or paths
+    paths = sorted(path for path in images.iterdir() if path.suffix.lower() in suffixes)
+    chosen = _test_split_names(folder) if test_split else frozenset()
+    paths = [path for path in paths if path.stem in chosen] or paths
     if not paths:
-        raise InputError(f"folder {place} has no {modality} frames: expected {', '.join(suffixes)}")
+        raise InputError(
+            f"folder {images} has no {modality} frames: expected {', '.join(suffixes)}"
+        )
     count = min(most, len(paths))
     return [paths[i * len(paths) // count] for i in range(count)]
 
 
-def _test_names(folder: Path) -> frozenset[str]:
-    """Stems of the frames in a data set's test split; none without one."""
+def _test_split_names(folder: Path) -> frozenset[str]:
+    """File names without suffix of the frames in a dataset's test split; empty without one."""
     path = folder / "test_RGB.json"
     if not path.is_file():
         return frozenset()
@@ -104,38 +97,62 @@ def _test_names(folder: Path) -> frozenset[str]:
         raise InputError(f"{path}: not a COCO file ({error!r}), expected images in it") from error
 
 
-def read_frames(paths: Sequence[Path], rules: InputRules) -> NDArray[np.uint8]:
-    """(N, H, W, 3) or (N, H, W) uint8, ready for the model."""
-    read = read_image if rules.modality == "rgb" else calib.read_depth
-    return np.stack([rules.prepare(read(path)) for path in paths])
+def read_frames(paths: Sequence[Path], spec: ModelSpec) -> NDArray[np.uint8]:
+    """Read and prepare frames: (N, H, W, 3) or (N, H, W) uint8, see ``prepare_frame``."""
+    read = read_image if spec.modality == "rgb" else calib.read_depth
+    return np.stack([prepare_frame(read(path), spec) for path in paths])
 
 
-def sample_inputs(rules: InputRules) -> NDArray[np.uint8]:
-    """The package's sample frames, as :func:`read_frames` gives others."""
+def read_calibration_frames(
+    folder: Path, spec: ModelSpec, *, exclude: Sequence[Path]
+) -> NDArray[np.uint8]:
+    """Read frames for calibration: (N, H, W, 3) or (N, H, W) uint8, at most 64.
+
+    Args:
+        folder: a dataset or a folder of images, see ``find_frames``.
+        spec: model with input size, padding and depth encoding.
+        exclude: files not to use.
+
+    Raises:
+        InputError: the folder has no other frames.
+    """
+    excluded = {path.resolve() for path in exclude}
+    found = find_frames(folder, spec.modality, _CALIBRATION_FRAMES + len(excluded))
+    paths = [path for path in found if path.resolve() not in excluded][:_CALIBRATION_FRAMES]
+    if not paths:
+        raise InputError(
+            f"folder {folder} has no frames beside those compared on: expected some to calibrate on"
+        )
+    return read_frames(paths, spec)
+
+
+def sample_inputs(spec: ModelSpec) -> NDArray[np.uint8]:
+    """The sample frames of the package, prepared like ``read_frames``."""
     from edgetree.samples import sample_frames
 
     samples = sample_frames()
-    images = (s.image() if rules.modality == "rgb" else s.depth_m() for s in samples)
-    return np.stack([rules.prepare(image) for image in images])
+    images = (s.image() if spec.modality == "rgb" else s.depth_m() for s in samples)
+    return np.stack([prepare_frame(image, spec) for image in images])
 
 
-def probe_frames(rules: InputRules, real: NDArray[np.uint8]) -> dict[str, NDArray[np.uint8]]:
-    """Frames that only an odd day brings: another aspect, an empty one, and noise.
+def edge_case_frames(spec: ModelSpec, real: NDArray[np.uint8]) -> dict[str, NDArray[np.uint8]]:
+    """Edge cases by name: a frame with much padding, a blank frame, and noise.
 
-    The other aspect is the left half of the first real frame, letterboxed.
+    Args:
+        spec: model with input size and padding.
+        real: (N, H, W, 3) or (N, H, W) prepared frames. The left half of the first one is
+            letterboxed for the case ``padded``.
     """
-    shape = rules.image_shape
-    half = real[0][:, : rules.width // 2]
-    fit = calib.Letterbox.fit(half.shape[1], half.shape[0], rules.width, rules.height)
-    odd = fit.apply(half, rules.pad_value)
-    noise = np.random.default_rng(0).integers(0, 256, shape, dtype=np.uint8)
+    shape = input_shape(spec)
+    half = real[0][:, : spec.width // 2]
+    fit = calib.Letterbox.fit(half.shape[1], half.shape[0], spec.width, spec.height)
     return {
-        "padded": odd,
-        "blank": np.full(shape, rules.pad_value, np.uint8),
-        "noise": noise,
+        "padded": fit.apply(half, spec.pad_value),
+        "blank": np.full(shape, spec.pad_value, np.uint8),
+        "noise": np.random.default_rng(0).integers(0, 256, shape, dtype=np.uint8),
     }
 
 
 def frames_sha256(frames: NDArray[np.uint8]) -> str:
-    """Hash of prepared frames."""
+    """SHA-256 of the pixels of prepared frames, as a hexadecimal string."""
     return hashlib.sha256(np.ascontiguousarray(frames).tobytes()).hexdigest()

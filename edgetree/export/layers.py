@@ -1,4 +1,4 @@
-"""Which nodes of a traced graph are which part of the network, and frames to watch them on."""
+"""Select nodes of a traced graph by the module they come from, and feed calibration frames."""
 
 from __future__ import annotations
 
@@ -9,10 +9,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LAST_LAYERS", "frame_reader", "last_products", "network_nodes", "scopes_of"]
+__all__ = ["LAST_LAYERS", "frame_reader", "last_matmuls", "module_scopes", "network_nodes"]
 
 _SCOPES: Final = "pkg.torch.onnx.name_scopes"
-# Their outputs are read as coordinates and probabilities: rounding shows directly in the results.
 LAST_LAYERS: Final = (
     "model.proposer.objectness",
     "model.proposer.shift",
@@ -21,10 +20,11 @@ LAST_LAYERS: Final = (
     "model.mask_head.score",
     "model.keypoint_head.tower.up",
 )
+"""Modules whose outputs are coordinates and scores, so that rounding them changes the results."""
 
 
-def scopes_of(node: Any) -> list[str]:
-    """The modules that a node comes from, outermost first."""
+def module_scopes(node: Any) -> list[str]:
+    """Names of the modules that a node comes from, outermost first."""
     for entry in node.metadata_props:
         if entry.key == _SCOPES:
             return [str(scope) for scope in ast.literal_eval(entry.value)]
@@ -32,10 +32,10 @@ def scopes_of(node: Any) -> list[str]:
 
 
 def network_nodes(model: Any) -> list[Any]:
-    """Nodes of the network proper but for its last layers; the rest is arithmetic on boxes."""
+    """Nodes of the network, without its last layers and without the arithmetic on boxes."""
     chosen = []
     for node in model.graph.node:
-        scopes = scopes_of(node)
+        scopes = module_scopes(node)
         inside = any(scope.startswith("model.") for scope in scopes)
         last = any(scope in LAST_LAYERS for scope in scopes)
         bilinear = node.op_type == "Resize" and "model.keypoint_head" in scopes
@@ -44,19 +44,22 @@ def network_nodes(model: Any) -> list[Any]:
     return chosen
 
 
-def last_products(model: Any) -> list[Any]:
-    """The last layers' products of matrices."""
+def last_matmuls(model: Any) -> list[Any]:
+    """Matrix multiplications of the last layers."""
     return [
         node
         for node in model.graph.node
-        if node.op_type == "MatMul" and any(s in LAST_LAYERS for s in scopes_of(node))
+        if node.op_type == "MatMul" and any(s in LAST_LAYERS for s in module_scopes(node))
     ]
 
 
 def frame_reader(model: Any, frames: NDArray[np.uint8]) -> Any:
-    """Frames (N, H, W, 3) or (N, H, W) in the model's batches, as onnxruntime's tools read them.
+    """A calibration data reader of onnxruntime that gives frames in batches.
 
-    As many as fill the batches are taken; the first ones again if there are fewer than one.
+    Args:
+        model: an ``onnx.ModelProto``; its input has the batch size.
+        frames: (N, H, W, 3) or (N, H, W) uint8 frames. Those that do not fill a batch are left
+            out. Fewer frames than one batch are repeated.
     """
     from onnxruntime.quantization import CalibrationDataReader
 

@@ -1,48 +1,32 @@
-"""Does a file find what its model finds? Detections of both are matched and compared."""
+"""Limits on the differences between a file and its model, and the report of a comparison."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, Final
 
-import numpy as np
-from numpy.typing import NDArray
-
-from calib import box_iou
 from edgetree.errors import CheckFailed
 
-__all__ = [
-    "UNMATCHED_FRAMES",
-    "Arrays",
-    "FrameParity",
-    "Limits",
-    "ParityFailed",
-    "ParityReport",
-    "compare_frame",
-    "compare_frames",
-    "limits_of",
-]
+__all__ = ["FrameParity", "Limits", "ParityFailed", "ParityReport", "limits_of"]
 
-Arrays = Mapping[str, NDArray[Any]]
-Detect = Callable[[NDArray[np.uint8]], Arrays]
-
-MATCH_IOU: Final = 0.5
-SCORE_OF_INTEREST: Final = 0.5
-# A quantised score may fall this far below the score of interest and still count as found.
-SCORE_SLACK: Final = 0.1
-# Frames on which networks answer with ties, whose order is anybody's; only sanity counts there.
-UNMATCHED_FRAMES: Final = ("blank", "noise")
-SCORE_ROUNDING: Final = 1e-3
+_MATCH_IOU: Final = 0.5
 
 
 @dataclass(frozen=True)
 class Limits:
-    """How far a file may be from its model; None for what is not limited.
+    """Largest allowed differences between a file and its model. None means no limit.
 
-    Pixels are those of the input. ``match_iou`` is the overlap from which two detections are the
-    same tree, ``matched`` the least fraction of trees scored 0.5 or more that both find,
-    ``ap_loss`` the most points of average precision that may be lost.
+    Attributes:
+        box_px: largest difference of a box coordinate, in pixels of the input.
+        keypoint_px: largest difference of a keypoint coordinate, in pixels of the input.
+        score: largest difference of a score.
+        keypoint_score: largest difference of a keypoint's score.
+        mask_iou: smallest intersection over union of two masks.
+        match_iou: intersection over union of boxes from which two detections are the same tree.
+        matched: smallest fraction of trees that both must find. For ``float32`` all trees count,
+            otherwise those with a score of 0.5 or more.
+        ap_loss: largest loss of average precision, in percentage points.
     """
 
     box_px: float | None = None
@@ -50,7 +34,7 @@ class Limits:
     score: float | None = None
     keypoint_score: float | None = None
     mask_iou: float | None = None
-    match_iou: float = MATCH_IOU
+    match_iou: float = _MATCH_IOU
     matched: float = 1.0
     ap_loss: float | None = None
 
@@ -62,10 +46,12 @@ _LIMITS: Final = {"float32": FLOAT32_LIMITS, "float16": FLOAT16_LIMITS, "int8": 
 
 
 def limits_of(precision: str, *, trained: bool = True) -> Limits:
-    """The limits of ``float32``, ``float16`` or ``int8``.
+    """The limits for a precision.
 
-    An untrained network's scores and boxes do not survive rounding: beside float32 only sanity
-    counts there.
+    Args:
+        precision: ``float32``, ``float16`` or ``int8``.
+        trained: whether the network is trained. The scores and boxes of an untrained one change
+            too much by rounding, so there is no limit for it except in ``float32``.
     """
     limits = _LIMITS[precision]
     return limits if trained or precision == "float32" else Limits(matched=0.0)
@@ -73,7 +59,19 @@ def limits_of(precision: str, *, trained: bool = True) -> Limits:
 
 @dataclass(frozen=True)
 class FrameParity:
-    """What one frame showed: largest differences over matched trees, and how many matched."""
+    """Comparison on one frame. Differences are the largest over the matched trees.
+
+    Attributes:
+        name: name of the frame.
+        trees: number of trees to match, counted in both directions.
+        matched: how many of them are matched.
+        box_px: difference of a box coordinate, in pixels of the input.
+        keypoint_px: difference of a keypoint coordinate, in pixels of the input.
+        score: difference of a score.
+        keypoint_score: difference of a keypoint's score.
+        mask_iou: smallest intersection over union of two masks.
+        fault: why the file's outputs are invalid, or None.
+    """
 
     name: str
     trees: int
@@ -84,15 +82,18 @@ class FrameParity:
     keypoint_score: float = 0.0
     mask_iou: float = 1.0
     fault: str | None = None
-    """Why the outputs make no sense at all, if so."""
 
 
 @dataclass(frozen=True)
 class ParityReport:
-    """All frames and the verdict.
+    """Comparison of a file with its model.
 
-    ``average_precision`` has, where labels were given, the model's and the file's, in percent, of
-    ``box``, ``mask`` and ``keypoint``.
+    Attributes:
+        precision: ``float32``, ``float16`` or ``int8``.
+        frames: comparison on each frame.
+        average_precision: in percent, of the model and of the file, for ``box``, ``mask`` and
+            ``keypoint``; empty without labels.
+        limits: largest allowed differences.
     """
 
     precision: str
@@ -102,17 +103,17 @@ class ParityReport:
 
     @property
     def trees(self) -> int:
-        """Trees looked for, in both directions."""
+        """Number of trees to match, counted in both directions."""
         return sum(frame.trees for frame in self.frames)
 
     @property
     def matched(self) -> float:
-        """Fraction of them that was found; 1 where there were none to find."""
+        """Fraction of the trees that are matched; 1 if there are none."""
         found = sum(frame.matched for frame in self.frames)
         return found / self.trees if self.trees else 1.0
 
     def faults(self) -> list[str]:
-        """One line for each limit that does not hold; empty if the file passes."""
+        """One line for each exceeded limit; empty if the file passes."""
         found = [f"{f.name}: {f.fault}" for f in self.frames if f.fault is not None]
         if not found and self.trees == 0 and self.limits.matched > 0:
             found.append("all: no tree to compare, expected frames in which the model finds some")
@@ -138,7 +139,7 @@ class ParityReport:
         return found
 
     def figures(self) -> dict[str, Any]:
-        """JSON-ready summary for the manifest."""
+        """A JSON-ready summary, for the manifest."""
         worst = {
             f"{name}_max": max((getattr(frame, name) for frame in self.frames), default=0.0)
             for name in ("box_px", "keypoint_px", "score", "keypoint_score")
@@ -157,7 +158,7 @@ class ParityReport:
         }
 
     def table(self) -> str:
-        """The frames as text, one line each."""
+        """A table as text, with one line per frame."""
         head = f"{'frame':16}{'trees':>6}{'match':>6}{'box px':>9}{'kp px':>9}{'score':>10}"
         lines = [head + f"{'kp score':>10}{'mask IoU':>10}"]
         for f in self.frames:
@@ -171,158 +172,12 @@ class ParityReport:
 
 
 class ParityFailed(CheckFailed):
-    """A file differs from its model by more than the limits; ``report`` tells where."""
+    """A file differs from its model by more than the limits.
+
+    Attributes:
+        report: the comparison.
+    """
 
     def __init__(self, message: str, report: ParityReport) -> None:
         super().__init__(message)
         self.report = report
-
-
-def compare_frames(
-    model: Detect,
-    file: Detect,
-    frames: Mapping[str, NDArray[np.uint8]],
-    precision: str,
-    threshold: float,
-    batch: int = 1,
-    unmatched: Sequence[str] = UNMATCHED_FRAMES,
-) -> tuple[FrameParity, ...]:
-    """Run both on every frame, uint8 as the model takes it without the batch axis.
-
-    They go through in batches of ``batch``, the last one filled up with the first frames.
-    ``threshold`` is the score that the graph keeps detections from. On the ``unmatched`` frames
-    only sanity counts.
-    """
-    names, results = list(frames), []
-    for start in range(0, len(names), batch):
-        taken = [names[i % len(names)] for i in range(start, start + batch)]
-        images = np.stack([frames[name] for name in taken])
-        expected, found = model(images), file(images)
-        fault = _missing(found, expected)
-        for row, name in enumerate(taken[: len(names) - start]):
-            if fault is not None:
-                results.append(FrameParity(name, 0, 0, fault=fault))
-                continue
-            ours, theirs = _row(expected, row), _row(found, row)
-            fault = _nonsense(theirs, threshold)
-            if fault is not None or name in unmatched:
-                results.append(FrameParity(name, 0, 0, fault=fault))
-                continue
-            pair = _used(ours), _used(theirs)
-            results.append(compare_frame(name, *pair, precision, threshold))
-    return tuple(results)
-
-
-def _row(outputs: Arrays, row: int) -> Arrays:
-    return {name: values[row] for name, values in outputs.items()}
-
-
-def _missing(found: Arrays, expected: Arrays) -> str | None:
-    for name in expected:
-        if name not in found or found[name].shape != expected[name].shape:
-            return f"{name} is missing or of another shape"
-    return None
-
-
-def _nonsense(found: Arrays, threshold: float) -> str | None:
-    """What no detector may answer, whatever the frame."""
-    for name, values in found.items():
-        if not np.isfinite(values).all():
-            return f"{name} is not finite"
-    count, rows = int(found["num_detections"]), len(found["boxes"])
-    if not 0 <= count <= rows:
-        return f"num_detections is {count}, expected 0 to {rows}"
-    if any(found[name][count:].any() for name in found if name != "num_detections"):
-        return "rows past num_detections are not zero"
-    lowest = found["scores"][:count].min(initial=1.0)
-    if lowest < threshold - SCORE_ROUNDING:
-        return f"a score is {lowest:.4g}, expected {threshold:g} or more, as the manifest says"
-    return None
-
-
-def _used(outputs: Arrays) -> Arrays:
-    """One image's rows in use, and how many there could be."""
-    count = int(outputs["num_detections"])
-    return {
-        name: values[:count] for name, values in outputs.items() if name != "num_detections"
-    } | {"rows": np.array(len(outputs["boxes"]))}
-
-
-def compare_frame(
-    name: str, expected: Arrays, found: Arrays, precision: str, threshold: float
-) -> FrameParity:
-    """Match the trees of one frame by overlap and measure how far they differ.
-
-    Both hold ``boxes`` (N, 4), ``scores`` (N,), maybe ``keypoints`` (N, 5, 3) and ``masks``
-    (N, 28, 28), and ``rows``, the most there could be.
-    """
-    limits = limits_of(precision)
-    overlap = box_iou(expected["boxes"], found["boxes"])
-    if precision == "float32":
-        slack = limits.score or 0.0
-        low = [_lowest_certain(side, threshold, slack) for side in (expected, found)]
-        partner = [threshold, threshold]
-    else:
-        low = [SCORE_OF_INTEREST] * 2
-        partner = [SCORE_OF_INTEREST - SCORE_SLACK] * 2
-    trees, matched = 0, 0
-    pairs: list[tuple[int, int]] = []
-    for side, (ours, theirs, iou) in enumerate(
-        ((expected, found, overlap), (found, expected, overlap.T))
-    ):
-        wanted = np.flatnonzero(ours["scores"] >= low[side])
-        trees += len(wanted)
-        allowed = np.where(theirs["scores"] >= partner[side], 1.0, 0.0)[None]
-        for i in wanted:
-            best = int((iou[i] * allowed[0]).argmax()) if iou.shape[1] else -1
-            if best >= 0 and iou[i, best] * allowed[0, best] >= limits.match_iou:
-                matched += 1
-                pairs.append((int(i), best) if side == 0 else (best, int(i)))
-    return _differences(name, expected, found, sorted(set(pairs)), trees, matched)
-
-
-def _lowest_certain(side: Arrays, threshold: float, slack: float) -> float:
-    """The score from which a row cannot have come or gone by a rounding of the scores."""
-    scores = side["scores"]
-    full = len(scores) == int(side["rows"]) and len(scores) > 0
-    return float(max(threshold, scores.min() if full else 0.0)) + slack
-
-
-def _differences(
-    name: str,
-    expected: Arrays,
-    found: Arrays,
-    pairs: list[tuple[int, int]],
-    trees: int,
-    matched: int,
-) -> FrameParity:
-    if not pairs:
-        return FrameParity(name, trees, matched)
-    left, right = (list(side) for side in zip(*pairs, strict=True))
-    gap = {
-        key: np.abs(expected[key][left] - found[key][right])
-        for key in ("boxes", "scores", "keypoints")
-        if key in expected
-    }
-    points = gap.get("keypoints", np.zeros((1, 1, 3)))
-    return FrameParity(
-        name,
-        trees,
-        matched,
-        box_px=float(gap["boxes"].max()),
-        keypoint_px=float(points[..., :2].max()),
-        score=float(gap["scores"].max()),
-        keypoint_score=float(points[..., 2].max()),
-        mask_iou=_mask_iou(expected["masks"][left], found["masks"][right])
-        if "masks" in expected
-        else 1.0,
-    )
-
-
-def _mask_iou(first: NDArray[Any], second: NDArray[Any]) -> float:
-    """The lowest overlap of paired (N, 28, 28) masks; cells on the very edge do not count."""
-    sure = np.abs(first - 0.5) > 1e-3
-    a, b = (first > 0.5) & sure, (second > 0.5) & sure
-    union = (a | b).sum(axis=(1, 2))
-    both = (a & b).sum(axis=(1, 2))
-    return float(np.where(union > 0, both / np.maximum(union, 1), 1.0).min())

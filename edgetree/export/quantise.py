@@ -1,4 +1,8 @@
-"""INT8 by static quantisation: weights signed per channel, activations unsigned (QDQ form)."""
+"""Quantise a traced graph to 8 bits.
+
+Static quantisation in the QDQ format: signed weights with a scale per channel, unsigned activations
+with a scale per tensor.
+"""
 
 from __future__ import annotations
 
@@ -9,15 +13,15 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from edgetree.export.layers import frame_reader, last_products, network_nodes
+from edgetree.export.first_convolution import byte_range, use_bytes_as_quantised
+from edgetree.export.layers import frame_reader, last_matmuls, network_nodes
 from edgetree.export.quiet import quiet
-from edgetree.export.stem import byte_range, take_bytes_as_quantised
 
 __all__ = ["quantise"]
 
 _QUANTISED: Final = {"Add", "Clip", "Conv", "Gemm", "MaxPool", "Relu", "Resize"}
 _JOINING: Final = {"Concat", "Gather"}
-# The last layers take 8 bits and give floats where they are products of matrices.
+# Matrix multiplications, which the last layers are, take 8-bit inputs and give float outputs.
 _FLOAT_OUTPUT: Final = "MatMul"
 
 
@@ -25,11 +29,11 @@ def quantise(model: Any, frames: NDArray[np.uint8], *, symmetric: bool = False) 
     """Quantise a traced ``onnx.ModelProto``.
 
     Args:
-        model: as ``edgetree.export.graph.trace`` gives it for quantising, with the names of its
-            modules.
-        frames: (N, H, W, 3) or (N, H, W) uint8, real frames that show the range of activations;
-            as many as fill the model's batches are taken.
-        symmetric: activations signed about zero, as TensorRT takes them; a slow path on CPUs.
+        model: a graph from ``edgetree.export.build.trace`` with ``quantised=True``.
+        frames: (N, H, W, 3) or (N, H, W) uint8 real frames for the ranges of activations. Those
+            that do not fill a batch are left out.
+        symmetric: whether activations are signed with zero point 0, as TensorRT needs. This is
+            slow on CPUs.
 
     Returns:
         An ``onnx.ModelProto`` with the same inputs and outputs.
@@ -43,7 +47,7 @@ def quantise(model: Any, frames: NDArray[np.uint8], *, symmetric: bool = False) 
     )
 
     with tempfile.TemporaryDirectory() as folder:
-        # From a file, as quantize_static() moves a model's weights out of the one it is given.
+        # quantize_static() removes the weights from a model given in memory, so pass a file.
         source, result = Path(folder) / "float32.onnx", Path(folder) / "int8.onnx"
         onnx.save(model, source)
         with quiet():
@@ -67,17 +71,17 @@ def quantise(model: Any, frames: NDArray[np.uint8], *, symmetric: bool = False) 
             )
         quantised = onnx.load(result)
     if not symmetric:
-        take_bytes_as_quantised(quantised)
+        use_bytes_as_quantised(quantised)
     return quantised
 
 
 def _nodes_to_quantise(model: Any) -> list[str]:
     network = [node for node in network_nodes(model) if node.op_type in _QUANTISED]
-    return [node.name for node in (*network, *_joining_maps(model), *last_products(model))]
+    return [node.name for node in (*network, *_pyramid_joins(model), *last_matmuls(model))]
 
 
-def _joining_maps(model: Any) -> list[Any]:
-    """The nodes that lay the pyramid's maps side by side for RoIAlign."""
+def _pyramid_joins(model: Any) -> list[Any]:
+    """The nodes that concatenate the maps of the feature pyramid for RoIAlign."""
     makers = {output: node for node in model.graph.node for output in node.output}
     waiting = [node.input[0] for node in model.graph.node if node.op_type == "RoiAlign"]
     found: dict[str, Any] = {}

@@ -1,4 +1,4 @@
-"""Silence for libraries that warn of their own insides."""
+"""Silence warnings and log messages of libraries."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["quiet"]
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Keep warnings and log lines below errors off the terminal; errors pass."""
+    """Suppress warnings and log messages below the level of errors."""
     before = logging.root.manager.disable
     logging.disable(logging.WARNING)
     try:

@@ -1,10 +1,10 @@
-"""A trained network in the form that runtimes run fastest, with the same answers."""
+"""Rewrite a trained network into an equivalent one that inference runtimes run faster."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from edgetree.export.stem import read_bytes_in_stem
+from edgetree.export.first_convolution import read_bytes_in_first_convolution
 
 if TYPE_CHECKING:
     from torch import Tensor, nn
@@ -12,37 +12,42 @@ if TYPE_CHECKING:
     from perceptree.models import TreeRCNN
     from perceptree.models.heads import MaskHead
 
-__all__ = ["deployable"]
+__all__ = ["rewrite_for_export"]
 
 
-def deployable(model: TreeRCNN, *, quantised: bool) -> TreeRCNN:
-    """A copy of ``model`` with the same answers, to be traced.
+def rewrite_for_export(model: TreeRCNN, *, quantised: bool) -> TreeRCNN:
+    """A copy of a model with the same detections, ready to be traced.
 
-    The division by std goes into the first convolution. Each transposed convolution of stride 2
-    becomes one that makes the four pixels of a doubled cell as channels, and a shuffle of these
-    (Shi et al. 2016), which for masks comes last, when one channel is left.
+    The division by the standard deviation of the input moves into the weights of the first
+    convolution. Each transposed convolution of stride 2 becomes a sub-pixel convolution: a
+    convolution with the four pixels of an upsampled cell as channels, followed by a pixel shuffle
+    (Shi et al. 2016, Real-Time Single Image and Video Super-Resolution Using an Efficient
+    Sub-Pixel Convolutional Neural Network). The mask head shuffles last, when one channel is left.
 
-    ``quantised`` prepares for 8 bits: the last layers are products of matrices, which take 8 bits
-    and give floats; the first convolution reads bytes; and keypoints that lie on a box's pixels
-    are read between them, where the same surface is highest.
+    Args:
+        model: the model; it is not changed.
+        quantised: whether to prepare for 8 bits. Then the last layers become matrix
+            multiplications, which take 8-bit inputs and give float outputs, and the first
+            convolution reads bytes. Keypoints are read between the pixels of a heat map, also
+            where the model reads them at the centres of pixels, so these may differ slightly.
     """
     import copy
     import dataclasses
 
     changed = copy.deepcopy(model)
     if quantised:
-        read_bytes_in_stem(changed)
+        read_bytes_in_first_convolution(changed)
     else:
         _divide_in_first_convolution(changed)
     if changed.mask_head is not None:
-        _shuffle_last(changed.mask_head, quantised)
+        _shuffle_after_score(changed.mask_head, quantised)
     if changed.keypoint_head is not None:
         tower: Any = changed.keypoint_head.tower
-        tower.up = (_overlapping if quantised else _subpixel)(tower.up)
+        tower.up = (_upsampling_matmul if quantised else _subpixel_convolution)(tower.up)
     if quantised:
         proposer: Any = changed.proposer
-        proposer.objectness = _pointwise(proposer.objectness)
-        proposer.shift = _pointwise(proposer.shift)
+        proposer.objectness = _pointwise_matmul(proposer.objectness)
+        proposer.shift = _pointwise_matmul(proposer.shift)
         changed.spec = dataclasses.replace(changed.spec, keypoint_grid="subcell")
     return changed
 
@@ -57,11 +62,11 @@ def _divide_in_first_convolution(model: TreeRCNN) -> None:
     model.spec = dataclasses.replace(model.spec, std=(1.0,) * model.spec.channels)
 
 
-def _shuffle_last(head: MaskHead, quantised: bool) -> None:
-    """Have the mask's 1x1 convolution read all four pixels of a doubled cell, then shuffle."""
+def _shuffle_after_score(head: MaskHead, quantised: bool) -> None:
+    """Apply the mask's 1x1 convolution to all four pixels of an upsampled cell, then shuffle."""
     from torch import nn
 
-    conv, shuffle = _subpixel(head.tower.up)
+    conv, shuffle = _subpixel_convolution(head.tower.up)
     weight = head.score.weight.detach()[0]
     joined = nn.Conv2d(4 * len(weight), 4, 1)
     spread = weight.new_zeros(4, len(weight), 4, 1, 1)
@@ -72,12 +77,12 @@ def _shuffle_last(head: MaskHead, quantised: bool) -> None:
     joined.bias = nn.Parameter(head.score.bias.detach().repeat(4))
     tower: Any = head.tower
     tower.up = conv
-    last: Any = nn.Sequential(_pointwise(joined) if quantised else joined, shuffle)
+    last: Any = nn.Sequential(_pointwise_matmul(joined) if quantised else joined, shuffle)
     head.score = last
 
 
-def _pointwise(layer: nn.Conv2d) -> nn.Module:
-    """A 1x1 convolution as a product of matrices, for runtimes that hold channels last."""
+def _pointwise_matmul(layer: nn.Conv2d) -> nn.Module:
+    """A 1x1 convolution as a matrix multiplication with channels last."""
     import torch
     from torch import nn
 
@@ -86,7 +91,8 @@ def _pointwise(layer: nn.Conv2d) -> nn.Module:
             super().__init__()
             self.weight = nn.Parameter(layer.weight.detach().flatten(1).T.contiguous())
             assert layer.bias is not None
-            # Of four axes, so that runtimes do not merge it with the product into a float one.
+            # With four axes, since runtimes fuse a bias of one axis with the multiplication into
+            # one in float.
             self.bias = nn.Parameter(layer.bias.detach()[None, None, None])
 
         def forward(self, x: Tensor) -> Tensor:
@@ -97,10 +103,10 @@ def _pointwise(layer: nn.Conv2d) -> nn.Module:
     return Pointwise()
 
 
-def _overlapping(layer: nn.ConvTranspose2d) -> nn.Module:
-    """A transposed convolution of kernel 4 and stride 2 as a product of matrices, and a sum.
+def _upsampling_matmul(layer: nn.ConvTranspose2d) -> nn.Module:
+    """A transposed convolution of kernel 4 and stride 2 as a matrix multiplication and a sum.
 
-    Each cell makes 4x4 values, which overlap those of its neighbours by two.
+    Each cell gives 4x4 output values, which overlap those of its neighbours by two.
     """
     import torch
     from torch import nn
@@ -114,7 +120,8 @@ def _overlapping(layer: nn.ConvTranspose2d) -> nn.Module:
     class Overlapping(nn.Module):
         def __init__(self) -> None:
             super().__init__()
-            # Columns (down, across, channel, row, column): halves of the 4x4, and pixels in these.
+            # Columns in the order (vertical half, horizontal half, channel, row, column): the 4x4
+            # values are split into halves of 2x2 pixels.
             taps = layer.weight.detach().reshape(-1, channels, 2, 2, 2, 2)
             self.weight = nn.Parameter(taps.permute(0, 2, 4, 1, 3, 5).flatten(1).contiguous())
 
@@ -132,7 +139,8 @@ def _overlapping(layer: nn.ConvTranspose2d) -> nn.Module:
     return Overlapping()
 
 
-def _subpixel(layer: nn.ConvTranspose2d) -> nn.Sequential:
+def _subpixel_convolution(layer: nn.ConvTranspose2d) -> nn.Sequential:
+    """A transposed convolution of stride 2 as a convolution and a pixel shuffle."""
     from torch import nn
 
     side, padding = layer.kernel_size[0], layer.padding[0]
@@ -146,16 +154,25 @@ def _subpixel(layer: nn.ConvTranspose2d) -> nn.Sequential:
         padding=reach,
         bias=layer.bias is not None,
     )
-    conv.weight = nn.Parameter(_spread_taps(layer.weight.detach(), int(padding), reach))
+    conv.weight = nn.Parameter(_subpixel_weight(layer.weight.detach(), int(padding), reach))
     if layer.bias is not None:
         conv.bias = nn.Parameter(layer.bias.detach().repeat_interleave(4))
     return nn.Sequential(conv, nn.PixelShuffle(2))
 
 
-def _spread_taps(weight: Tensor, padding: int, reach: int) -> Tensor:
-    """(in, out, k, k) of a transposed convolution -> (4 * out, in, 2 * reach + 1, same).
+def _subpixel_weight(weight: Tensor, padding: int, reach: int) -> Tensor:
+    """Weight of the sub-pixel convolution of a transposed convolution.
 
-    Pixel i of a doubled cell takes tap ``i + padding - 2 * d`` from the cell at distance d.
+    Output pixel ``2 c + i`` of a transposed convolution of stride 2 gets input cell ``c + d``
+    through tap ``t`` with ``2 (c + d) + t - padding = 2 c + i``, so ``t = i + padding - 2 d``.
+
+    Args:
+        weight: (in, out, k, k) weight of the transposed convolution.
+        padding: its padding.
+        reach: largest distance d of a cell.
+
+    Returns:
+        (4 * out, in, 2 * reach + 1, 2 * reach + 1) weight.
     """
     inner, outer, side, _ = weight.shape
     width = 2 * reach + 1

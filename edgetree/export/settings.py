@@ -1,4 +1,4 @@
-"""What an export may choose: one frozen, checked dataclass."""
+"""Options of an export."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ OPSET: Final = 20
 _OPSETS: Final = range(18, 24)
 PRECISIONS: Final = {"fp32": "float32", "fp16": "float16", "int8": "int8"}
 TARGETS: Final = ("cpu", "cuda", "tensorrt", "openvino", "coreml", "directml")
-# What runs a file in 8 bits at least as fast as in float: the others convert back to float.
+# Targets that run 8-bit files at least as fast as float32 files. The others convert to float.
 _INT8_TARGETS: Final = ("cpu", "tensorrt", "openvino")
 _LARGEST: Final = {"batch": 64, "max_detections": 1000, "proposals": 10000}
 
 
 @dataclass(frozen=True)
 class ExportSettings:
-    """What the file is to be; None keeps what the checkpoint says.
+    """Options of an export. None keeps the value of the checkpoint.
 
     Attributes:
-        height: of the graph's input, px.
-        width: of the graph's input, px.
-        batch: frames of one inference.
-        max_detections: rows of every output, filled or not.
-        proposals: regions that the box head looks at, per frame.
-        precision: a key of ``PRECISIONS``.
-        score_threshold: lowest score that the graph keeps, 0 to 1.
+        height: height of the graph's input in pixels.
+        width: width of the graph's input in pixels.
+        batch: number of frames of one inference, 1 to 64.
+        max_detections: number of rows of every output, 1 to 1000.
+        proposals: number of regions per frame that the box head classifies, 1 to 10000.
+        precision: ``fp32``, ``fp16`` or ``int8``.
+        score_threshold: lowest score of a detection, 0 or more and under 1.
         opset: ONNX operator set, 18 to 23.
-        target: the provider that the file is for, one of ``TARGETS``; it decides how ``int8``
-            stores activations.
+        target: execution provider that will run the file, one of ``TARGETS``. It decides how
+            ``int8`` stores activations.
 
     Raises:
-        InputError: a value out of its range, or a precision that the target does not run.
+        InputError: a value is out of its range, or the target does not support the precision.
     """
 
     height: int | None = None

@@ -1,4 +1,7 @@
-"""From detections, depth and a camera to metres, each with a standard deviation or a reason."""
+"""Measure stems in metres from detections, depth and a camera.
+
+Every quantity has a standard deviation, or the reason why it could not be measured.
+"""
 
 from edgetree.measure.estimates import (
     QUANTITIES,

@@ -1,4 +1,4 @@
-"""The axes of stems in the picture: the planes through the camera that hold them."""
+"""Fit the directions of stem axes to points in the image and to the vertical."""
 
 from __future__ import annotations
 
@@ -7,27 +7,30 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from edgetree.measure.section import AxisFrames, axis_frames
+from edgetree.measure.section import StemAxes, axes_in_planes
 
 __all__ = ["fit_axes"]
 
 Float = NDArray[np.floating[Any]]
 
 
-def fit_axes(
-    rays: Float, std_rad: Float, up: Float, lean_std_rad: float
-) -> tuple[AxisFrames, Float]:
-    """The planes through the camera nearest to the rays on each axis and to the vertical.
+def fit_axes(rays: Float, std_rad: Float, up: Float, lean_std_rad: float) -> tuple[StemAxes, Float]:
+    """Fit the plane through the camera that holds each stem's axis.
+
+    A weighted total least squares fit: the plane's normal is the eigenvector with the smallest
+    eigenvalue of the rays' weighted scatter matrix. The vertical counts as one more ray, with
+    standard deviation `lean_std_rad`. It decides where the rays are too close together to tell
+    the direction.
 
     Args:
-        rays: (T, N, 3) rays to points of the axes.
-        std_rad: (T, N) standard deviations of their angles; infinite for rays that say nothing.
-        up: (3,) unit vector of the vertical, which a stem follows within `lean_std_rad`: where
-            the rays lie too close together to tell the direction, it does.
+        rays: (T, N, 3) rays to points on the axes; NaN where there is none.
+        std_rad: (T, N) standard deviations of their angles; infinite for rays to ignore.
+        up: (3,) unit vector of the vertical.
+        lean_std_rad: standard deviation of a stem's angle from the vertical.
 
     Returns:
-        The frames whose axes are, in those planes, nearest to the vertical; and (T,) the standard
-        deviation in radians of each axis' angle as seen, within the picture.
+        The axes in those planes that are closest to the vertical, and (T,) the standard deviation
+        of each axis' angle in the image, in radians, from the inverse of the information matrix.
     """
     known = np.isfinite(rays).all(axis=2) & ~np.isnan(std_rad)
     rays = np.where(known[..., None], rays, up)
@@ -36,8 +39,8 @@ def fit_axes(
     scatter = np.matmul((directions * weight[..., None]).transpose(0, 2, 1), directions)
     scatter = scatter + np.outer(up, up) / lean_std_rad**2
     normals = np.linalg.eigh(scatter)[1][:, :, 0]
-    frames = axis_frames(normals, up)
-    turned = np.stack([frames.along, frames.away], 1)
-    information = np.matmul(np.matmul(turned, scatter), turned.transpose(0, 2, 1))
+    axes = axes_in_planes(normals, up)
+    in_plane = np.stack([axes.along, axes.away], 1)
+    information = np.matmul(np.matmul(in_plane, scatter), in_plane.transpose(0, 2, 1))
     determinant = information[:, 0, 0] * information[:, 1, 1] - information[:, 0, 1] ** 2
-    return frames, np.sqrt(information[:, 1, 1] / np.maximum(determinant, 1e-12))
+    return axes, np.sqrt(information[:, 1, 1] / np.maximum(determinant, 1e-12))

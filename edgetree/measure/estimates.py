@@ -1,4 +1,4 @@
-"""What a measurement is: a value with its standard deviation, or a failure with its reason."""
+"""Results of a measurement: values with standard deviations, or failures with reasons."""
 
 from __future__ import annotations
 
@@ -20,21 +20,25 @@ QUANTITIES: Final = (
     "lean_direction_deg",
     "distance_m",
 )
-"""The numbers of a `TreeMeasurement`, in the order in which records hold them."""
+"""The scalar quantities of a `TreeMeasurement`, in the order of its records."""
 
-_NORMAL_95 = 1.96
+# 97.5 % quantile of the standard normal distribution.
+_NORMAL_975 = 1.96
 
 
 class Estimate(NamedTuple):
-    """A measured value and its standard deviation, both finite, in the unit of its name."""
+    """A measured value and its standard deviation, both finite and in the quantity's unit.
+
+    Always true, even if the value is 0.
+    """
 
     value: float
     std: float
 
     @property
     def interval95(self) -> tuple[float, float]:
-        """Where the truth lies in 95 of 100 cases."""
-        return self.value - _NORMAL_95 * self.std, self.value + _NORMAL_95 * self.std
+        """Lower and upper end of the 95 % confidence interval, for a normal error."""
+        return self.value - _NORMAL_975 * self.std, self.value + _NORMAL_975 * self.std
 
     def __bool__(self) -> Literal[True]:
         return True
@@ -42,7 +46,12 @@ class Estimate(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class PointEstimate:
-    """A measured point: `xyz_m` (3,) and the standard deviation of each coordinate (3,)."""
+    """A measured point.
+
+    Attributes:
+        xyz_m: (3,) coordinates in metres.
+        std_m: (3,) standard deviation of each coordinate in metres.
+    """
 
     xyz_m: NDArray[np.floating[Any]]
     std_m: NDArray[np.floating[Any]]
@@ -50,7 +59,11 @@ class PointEstimate:
 
 @dataclass(frozen=True)
 class Failure:
-    """No value, and why. Falsy."""
+    """The reason why a quantity could not be measured. Always false.
+
+    Attributes:
+        reason: one line of text.
+    """
 
     reason: str
 
@@ -58,20 +71,21 @@ class Failure:
         return False
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Evidence:
-    """What a measurement rests on, so that a reader can judge it.
+    """What a measurement is based on, for judging its quality.
 
     Attributes:
-        method: the sources of the diameter that counted, such as "keypoints + mask + depth".
-        source_diameters_m: the diameter that each source gives by itself.
-        source_std_m: and its standard deviation.
-        arc_deg: how much of the stem's round the depth shows, 180 being the half that can be seen.
-        valid_depth_share: share of the places looked at inside the stem that have a reading.
-        visible_share: share of the stem's length, from foot to top of its box, that the mask
-            shows; None without a mask.
-        ground: what heights refer to, in words.
-        warnings: what a reader should know before using the numbers.
+        method: sources with a weight in the diameter, such as "keypoints + mask + depth".
+        source_diameters_m: diameter in metres that each source gives by itself.
+        source_std_m: standard deviation of each of these in metres.
+        arc_deg: arc of the stem's circumference with depth readings, in degrees; at most 180 is
+            visible.
+        valid_depth_share: fraction of the depth samples on the stem that have a reading.
+        visible_share: fraction of the stem's length, from the bottom to the top of its box, that
+            the mask shows; None without a mask.
+        ground: reference of the heights, as text.
+        warnings: problems to know about before using the values.
     """
 
     method: str = ""
@@ -84,7 +98,7 @@ class Evidence:
     warnings: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, JsonValue]:
-        """JSON-ready."""
+        """The attributes as a JSON-ready dictionary."""
         return {
             "method": self.method,
             "source_diameters_m": dict(self.source_diameters_m),
@@ -97,28 +111,28 @@ class Evidence:
         }
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class TreeMeasurement:
-    """One tree in metres.
+    """The measurements of one tree.
 
     Attributes:
-        diameter_m: of the stem, across its axis, at the felling cut (on the section through the
-            diameter keypoints); where the cut is below the picture, inferred from the lowest
-            visible section by `MeasureSettings.butt_swell`, with a warning; of a mask without
-            keypoints in the middle of what it shows.
-        dbh_m: the same at breast height.
-        cut_height_m: of the axis at the felling cut above the ground on the uphill side, along
-            the vertical.
-        inclination_deg: of the axis from the vertical; from the ground's normal, and as uncertain
-            as the ground's slope, where no vertical is given.
-        lean_direction_deg: where the stem leans to, seen from above: 0 away from the camera,
-            90 to the right, -90 to the left, 180 towards it.
-        distance_m: from the camera's centre to the axis at the felling cut; of a mask without
-            keypoints to the middle of what it shows.
-        cut_point_m: where the cut meets the bark that faces the camera, in the camera's frame
+        diameter_m: stem diameter at right angles to the axis, at the section through the diameter
+            keypoints near the felling cut. If the cut is below the image, it is inferred from the
+            lowest visible section with `MeasureSettings.butt_swell`, with a warning. Without
+            keypoints, it is measured in the middle of the visible part of the mask.
+        dbh_m: stem diameter at breast height.
+        cut_height_m: height of the axis at the felling cut above the ground on the uphill side,
+            along the vertical.
+        inclination_deg: angle of the axis from the vertical. If no vertical is given, the
+            ground's normal is used, and the standard deviation includes the ground's slope.
+        lean_direction_deg: direction of the lean, seen from above: 0 away from the camera, 90 to
+            the right, -90 to the left, 180 towards the camera.
+        distance_m: distance from the camera's centre to the axis at the felling cut; without
+            keypoints, to the middle of the visible part of the mask.
+        cut_point_m: point of the cut on the bark that faces the camera, in camera coordinates
             (x right, y down, z forward).
-        cut_point_machine_m: the same in the machine's frame.
-        evidence: what all of it rests on.
+        cut_point_machine_m: the same point in machine coordinates.
+        evidence: what the measurement is based on.
     """
 
     diameter_m: Estimate | Failure
@@ -133,13 +147,25 @@ class TreeMeasurement:
 
     @classmethod
     def failed(cls, reason: str) -> TreeMeasurement:
-        """A tree of which nothing can be measured, for one reason."""
+        """A tree of which nothing can be measured, all for the same reason."""
         failure = Failure(reason)
-        return cls(failure, failure, failure, failure, failure, failure, failure, failure)
+        return cls(
+            diameter_m=failure,
+            dbh_m=failure,
+            cut_height_m=failure,
+            inclination_deg=failure,
+            lean_direction_deg=failure,
+            distance_m=failure,
+            cut_point_m=failure,
+            cut_point_machine_m=failure,
+        )
 
     def to_dict(self) -> dict[str, JsonValue]:
-        """JSON-ready: `diameter_m`, `diameter_std_m`, `diameter_low95_m` and `diameter_high95_m`,
-        or `diameter_failure`; so for each quantity; points; and the evidence.
+        """A JSON-ready dictionary.
+
+        Each quantity gives four entries such as `diameter_m`, `diameter_std_m`,
+        `diameter_low95_m` and `diameter_high95_m`, or one such as `diameter_failure`. The points
+        and the evidence follow.
         """
         values: dict[str, JsonValue] = {}
         for quantity in QUANTITIES:

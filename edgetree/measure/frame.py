@@ -1,4 +1,4 @@
-"""One frame as the measurement looks at it: depth, masks and rays at points of the picture."""
+"""One frame as input to the measurement: depth, masks and camera, sampled at image points."""
 
 from __future__ import annotations
 
@@ -14,24 +14,30 @@ from calib import PinholeCamera, pixels_to_rays
 from edgetree.detections import TreeDetections
 from edgetree.measure.settings import MeasureSettings
 
-__all__ = ["DepthFrame", "MaskGrid"]
+__all__ = ["MASK_THRESHOLD", "DepthFrame", "MaskGrid"]
 
 Float = NDArray[np.floating[Any]]
 Mask = NDArray[np.bool_]
 
-_SHOWN = 0.5
+MASK_THRESHOLD = 0.5
+"""Mask probability from which a point counts as part of the stem."""
 
 
 @dataclass(frozen=True, eq=False)
 class MaskGrid:
-    """A mask as probabilities (rows, columns) on equal cells over a box (4,), xyxy px."""
+    """A mask as probabilities on a regular grid over a box.
+
+    Attributes:
+        grid: (rows, columns) float32 probabilities.
+        box_px: (4,) x0, y0, x1, y1 of the box in the image.
+    """
 
     grid: NDArray[np.float32]
     box_px: Float
 
     @classmethod
     def of_image(cls, mask: Mask) -> MaskGrid:
-        """From an (H, W) bool mask: its cells are the pixels around what it shows."""
+        """Crop an (H, W) bool mask to its bounding box; each pixel becomes one cell."""
         rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
         if not len(rows):
             return cls(np.zeros((1, 1), np.float32), np.zeros(4))
@@ -40,11 +46,11 @@ class MaskGrid:
 
     @property
     def cell_px(self) -> float:
-        """Width of a cell."""
+        """Width of a cell in pixels."""
         return float(self.box_px[2] - self.box_px[0]) / float(self.grid.shape[1])
 
     def at(self, xy_px: Float) -> Float:
-        """(...) probability at (..., 2) points of the picture, interpolated as masks are pasted."""
+        """Probabilities (...) at image points (..., 2), bilinearly interpolated; 0 outside."""
         x0, y0, x1, y1 = self.box_px.tolist()
         if not (x1 > x0 and y1 > y0):
             return np.zeros(xy_px.shape[:-1])
@@ -59,12 +65,12 @@ class MaskGrid:
 
 @dataclass(frozen=True, eq=False)
 class DepthFrame:
-    """A depth map, its camera, and the stems in it.
+    """A depth map with its camera and the masks of T trees.
 
     Attributes:
-        camera: of this size.
-        depth_m: (H, W) metres; 0, NaN and infinities where it has no reading.
-        masks: one for each of T trees; None where there are none.
+        camera: intrinsics for the depth map's size.
+        depth_m: (H, W) depth in metres; 0, NaN or infinite where there is no reading.
+        masks: one per tree, or None if the model gives no masks.
         settings: assumptions of the measurement.
     """
 
@@ -82,7 +88,7 @@ class DepthFrame:
         masks: Sequence[Mask] | NDArray[np.bool_] | None,
         settings: MeasureSettings,
     ) -> DepthFrame:
-        """Take the masks of image size where there are some, else the grids of the detections."""
+        """Build a frame; `masks` of image size take precedence over those of the detections."""
         grids = None
         if masks is not None:
             grids = [MaskGrid.of_image(mask) for mask in masks]
@@ -91,40 +97,46 @@ class DepthFrame:
             grids = [MaskGrid(*pair) for pair in zip(trees.masks, boxes, strict=True)]
         return cls(camera, depth_m, grids, settings)
 
-    def shown(self, xy_px: Float) -> Float:
-        """(T, ...) how much the mask of each tree shows at its own points (T, ..., 2)."""
+    def mask_probability(self, xy_px: Float) -> Float:
+        """Mask probability (T, ...) of each tree at its own points (T, ..., 2); 1 without masks."""
         result = np.ones(xy_px.shape[:-1], np.float32)
-        for mask, own, shown in zip(self.masks or (), xy_px, result, strict=False):
-            shown[:] = mask.at(own)
+        for mask, points, probability in zip(self.masks or (), xy_px, result, strict=False):
+            probability[:] = mask.at(points)
         return result
 
     def on_any_stem(self, xy_px: Float) -> NDArray[np.bool_]:
-        """(T, N) whether points (T, N, 2) lie on the mask of any tree of the picture."""
+        """(T, N) whether points (T, N, 2) lie on the mask of any tree in the image."""
         result = np.zeros(xy_px.shape[:-1], np.bool_)
         for mask in self.masks or ():
             x0, y0, x1, y1 = mask.box_px
             x, y = xy_px[..., 0], xy_px[..., 1]
             near = (x > x0) & (x < x1) & (y > y0) & (y < y1)
             if near.any():
-                result[near] |= mask.at(xy_px[near][None])[0] >= _SHOWN
+                result[near] |= mask.at(xy_px[near][None])[0] >= MASK_THRESHOLD
         return result
 
     def inside(self, xy_px: Float, margin_px: Float | float = 0.0) -> NDArray[np.bool_]:
-        """(...) whether points (..., 2) lie in the picture, so far from its border."""
+        """(...) whether points (..., 2) are in the image, at least `margin_px` from its border."""
         x, y = xy_px[..., 0], xy_px[..., 1]
         width, height = self.camera.width, self.camera.height
         across = (x >= margin_px) & (x <= width - margin_px)
         return np.asarray(across & (y >= margin_px) & (y <= height - margin_px))
 
     def readings(self, xy_px: Float) -> tuple[Float, Float]:
-        """Rays (..., 3) through the pixels under points (..., 2), and their depth (...), 0 where
-        there is none, or none in range.
+        """Sample the depth map at the nearest pixels.
+
+        Args:
+            xy_px: (..., 2) image points.
+
+        Returns:
+            Rays (..., 3) with z = 1 through the pixels' centres, and depth (...) in metres, 0
+            outside the image, without a reading, or beyond `MeasureSettings.max_range_m`.
         """
         pixel = self._pixels(xy_px)
         return pixels_to_rays(self.camera, pixel + 0.5), self._depth_m(xy_px, pixel)
 
     def depth_at(self, xy_px: Float) -> Float:
-        """(...) depth of the pixels under points (..., 2), as `readings` gives it."""
+        """Depth (...) in metres at image points (..., 2), as from `readings`."""
         return self._depth_m(xy_px, self._pixels(xy_px))
 
     def _pixels(self, xy_px: Float) -> NDArray[np.intp]:
@@ -137,10 +149,10 @@ class DepthFrame:
         return np.where(usable, depth_m, 0.0)
 
     def mask_std_px(self) -> Float:
-        """(T,) error of an edge of each mask."""
+        """(T,) standard deviation of an edge of each mask, in pixels."""
         cells = np.array([mask.cell_px for mask in self.masks or ()])
         return np.hypot(self.settings.mask_std_px, self.settings.mask_spread * cells)
 
     def rays(self, xy_px: Float) -> Float:
-        """(..., 3) rays with z = 1 through points (..., 2)."""
+        """Rays (..., 3) with z = 1 through image points (..., 2)."""
         return pixels_to_rays(self.camera, xy_px)

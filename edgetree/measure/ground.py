@@ -1,10 +1,10 @@
-"""The ground around the stems' bases, and heights above it."""
+"""Fit the ground around the bases of stems, and measure heights above it."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,78 +18,95 @@ __all__ = ["BaseGround", "find_grounds"]
 Float = NDArray[np.floating[Any]]
 Flags = NDArray[np.bool_]
 
-# Ground is looked for this far around the stem; only where that is hidden, further away, since
-# the ground is no plane and heights err with the distance.
-_REACHES_M = (0.6, 1.4)
-# How far above and below the felling cut ground may lie.
-_ABOVE_CUT_M = 0.3
-_BELOW_CUT_M = 1.5
-# Where to look: so many rows and columns of places, crowded towards the stem; more of them where
-# the depth is too sparse for the first.
-_GRIDS, _CROWDING = (19, 72), 1.5
+# Ground is searched for within the first distance around the stem, and within the second only if
+# that is hidden: ground is not flat, so heights get less accurate with the distance.
+_SEARCH_RADII_M = (0.6, 1.4)
+# Ground points are at most this far above and below the felling cut.
+_MAX_ABOVE_CUT_M = 0.3
+_MAX_BELOW_CUT_M = 1.5
+# Rows and columns of the sampling grid, which is denser towards the stem by this exponent. The
+# second grid is for depth with readings at less than this fraction of the first grid's points.
+_GRIDS, _GRID_EXPONENT = (19, 72), 1.5
 _SPARSE = 0.3
-_LEAST_POINTS, _MOST_POINTS = 20, 140
+_MIN_POINTS, _MAX_POINTS = 20, 140
 _TOLERANCE_M = 0.05
-# The plane is never known better: litter, moss and roots lie on it.
+# Smallest standard deviation of the ground's height: litter, moss and roots.
 _LITTER_STD_M = 0.02
 _POINTS_PER_ERROR = 8.0
-# Where much of what is seen is not in the plane it may be the top of plants: heights are doubted
-# by this, times the square of that share.
-_DOUBT_M = 0.35
-_LEAST_MEETING = 0.2
+# Points off the plane may mean that the plane is the top of plants. Standard deviation of the
+# height, times the squared fraction of such points.
+_OUTLIER_STD_M = 0.35
+# Smallest cosine of the angle between an axis and the ground's normal, or the vertical.
+_MIN_COSINE = 0.2
 
 
 @dataclass(frozen=True, eq=False)
 class BaseGround:
-    """The ground plane at a stem, and the vertical that heights are taken along.
+    """The ground plane at a stem, and the vertical along which heights are measured.
 
     Attributes:
-        plane: fitted to the depth around the base.
-        up: (3,) unit vector away from gravity, in the camera's frame.
-        reach_m: how far around the stem it was looked at.
-        level: whether the plane's own normal stands in for the vertical.
+        plane: plane fitted to the depth around the base.
+        up: (3,) unit vector away from gravity, in camera coordinates.
+        reach_m: distance from the stem within which ground points were used.
+        normal_as_vertical: whether the plane's normal is used as the vertical.
     """
 
     plane: GroundPlane
     up: Float
     reach_m: float
-    level: bool
+    normal_as_vertical: bool
 
     def height_m(
         self, axis_point: Float, along: Float, radius_m: float, axis_std_m: float
     ) -> Estimate | Failure:
-        """Height of a point (3,) of the axis above the ground on the stem's uphill side.
+        """Height of a point of the axis above the ground on the stem's uphill side.
 
-        The axis, (3,) unit `along`, is followed to the ground; there the ground rises by the
-        radius times its slope towards the uphill side.
+        The axis is followed to where it meets the plane. On the uphill side of the stem the
+        ground is higher by the radius times the tangent of its slope.
+
+        Args:
+            axis_point: (3,) camera point on the axis.
+            along: (3,) unit vector up the axis.
+            radius_m: radius of the stem.
+            axis_std_m: standard deviation of the point's height.
+
+        Returns:
+            The height in metres along the vertical, or why there is none.
         """
-        meeting = float(self.plane.normal @ along)
-        if meeting < _LEAST_MEETING:
+        cosine = float(self.plane.normal @ along)
+        if cosine < _MIN_COSINE:
             return Failure("the stem lies along the ground")
-        length = float(self.plane.height_m(axis_point)) / meeting
+        length = float(self.plane.height_m(axis_point)) / cosine
         foot = axis_point - length * along
         value = length * float(along @ self.up) - self._uphill_m(radius_m)
         plane_std_m = float(self.plane.height_std_m(foot))
-        doubt_m = _DOUBT_M * (1 - self.plane.inlier_fraction) ** 2
-        return Estimate(value, math.hypot(plane_std_m, doubt_m, _LITTER_STD_M, axis_std_m))
+        outlier_std_m = _OUTLIER_STD_M * (1 - self.plane.inlier_fraction) ** 2
+        return Estimate(value, math.hypot(plane_std_m, outlier_std_m, _LITTER_STD_M, axis_std_m))
 
     def axis_length_m(
-        self, axis_point: Float, along: Float, radius_m: float, height: float
+        self, axis_point: Float, along: Float, radius_m: float, height_m: float
     ) -> float:
-        """How far up the axis from a point (3,) of it the height above the uphill side lies."""
-        meeting = max(float(self.plane.normal @ along), _LEAST_MEETING)
-        foot = -float(self.plane.height_m(axis_point)) / meeting
-        climb = max(float(along @ self.up), _LEAST_MEETING)
-        return foot + (height + self._uphill_m(radius_m)) / climb
+        """Distance along the axis from a point of it up to a height, the inverse of `height_m`.
+
+        Args:
+            axis_point: (3,) camera point on the axis.
+            along: (3,) unit vector up the axis.
+            radius_m: radius of the stem.
+            height_m: height above the ground on the uphill side, along the vertical.
+        """
+        cosine = max(float(self.plane.normal @ along), _MIN_COSINE)
+        foot_m = -float(self.plane.height_m(axis_point)) / cosine
+        up_cosine = max(float(along @ self.up), _MIN_COSINE)
+        return foot_m + (height_m + self._uphill_m(radius_m)) / up_cosine
 
     def _uphill_m(self, radius_m: float) -> float:
-        """How much higher the ground is at the stem's uphill side than at its axis."""
-        steepness = float(self.plane.normal @ self.up)
-        return radius_m * math.sqrt(max(1 - steepness**2, 0.0)) / steepness
+        """Height of the ground on the stem's uphill side above that at its axis: r tan(slope)."""
+        cos_slope = float(self.plane.normal @ self.up)
+        return radius_m * math.sqrt(max(1 - cos_slope**2, 0.0)) / cos_slope
 
-    def in_words(self) -> str:
-        """What heights refer to."""
-        vertical = "across it" if self.level else "along the given vertical"
+    def description(self) -> str:
+        """The plane, and the direction along which heights are measured, as text."""
+        vertical = "across it" if self.normal_as_vertical else "along the given vertical"
         residual_cm = 100 * self.plane.residual_std_m
         return (
             f"plane within {self.reach_m:.1f} m of the stem, {self.plane.points} points"
@@ -100,32 +117,35 @@ class BaseGround:
 def find_grounds(
     frame: DepthFrame, axis_points: Float, radii_m: Float, up: Float | None
 ) -> list[BaseGround | Failure]:
-    """The ground next to each stem, or where that does not show, further around it.
+    """Fit the ground next to each stem, or further around it where that is hidden.
 
     Args:
         frame: depth, camera and masks.
-        axis_points: (T, 3) on the axes at the felling cuts.
-        radii_m: (T,) of the stems.
-        up: (3,) the vertical; None takes the planes' normals for it.
+        axis_points: (T, 3) camera points on the axes at the felling cuts.
+        radii_m: (T,) radii of the stems.
+        up: (3,) unit vector of the vertical; None uses the planes' normals.
+
+    Returns:
+        T grounds, or why there is none.
     """
     vertical = np.array(CAMERA_UP) if up is None else up
     grounds: list[BaseGround | Failure] = [Failure("no ground around the base")] * len(radii_m)
     missing = np.arange(len(radii_m))
     for grid in _GRIDS:
-        near, far = (reach_m + radii_m[missing] for reach_m in _REACHES_M)
-        around = axis_points[missing]
-        points, usable, level, sparse = _points_around(frame, around, far, vertical, grid)
-        close = usable & (level < near[:, None])
-        enough = close.sum(1) >= _LEAST_POINTS
+        near, far = (radius_m + radii_m[missing] for radius_m in _SEARCH_RADII_M)
+        samples = _sample_around(frame, axis_points[missing], far, vertical, grid)
+        points, usable = samples.points, samples.usable
+        close = usable & (samples.level_m < near[:, None])
+        enough = close.sum(1) >= _MIN_POINTS
         found = _fit_grounds(frame, points, np.where(enough[:, None], close, usable), enough, up)
         again = np.flatnonzero([not ground for ground in found] & enough)
         if len(again):
             wider = _fit_grounds(frame, points[again], usable[again], ~enough[again], up)
-            for place, ground in zip(again, wider, strict=True):
-                found[place] = ground
-        for place, ground in zip(missing, found, strict=True):
-            grounds[place] = ground
-        missing = missing[sparse & (usable.sum(1) < _LEAST_POINTS)]
+            for index, ground in zip(again, wider, strict=True):
+                found[index] = ground
+        for index, ground in zip(missing, found, strict=True):
+            grounds[index] = ground
+        missing = missing[samples.sparse & (usable.sum(1) < _MIN_POINTS)]
         if not len(missing):
             break
     return grounds
@@ -134,7 +154,10 @@ def find_grounds(
 def _fit_grounds(
     frame: DepthFrame, points: Float, usable: Flags, close: Flags, up: Float | None
 ) -> list[BaseGround | Failure]:
-    """Planes through the usable ones of (T, N, 3) points, which are `close` (T,) by or further."""
+    """Fit planes to the usable ones of (T, N, 3) points.
+
+    `close` (T,) tells which of the two search radii the points are from.
+    """
     points, usable = _thinned(points, usable)
     planes = fit_ground_planes(
         points, usable, up, frame.settings.max_slope_deg, _TOLERANCE_M, _POINTS_PER_ERROR
@@ -143,19 +166,35 @@ def _fit_grounds(
         Failure(f"no ground around the base: {plane.reason}")
         if isinstance(plane, GroundPlaneFailure)
         else BaseGround(
-            plane, plane.normal if up is None else up, _REACHES_M[0 if near else 1], up is None
+            plane=plane,
+            up=plane.normal if up is None else up,
+            reach_m=_SEARCH_RADII_M[0 if near else 1],
+            normal_as_vertical=up is None,
         )
         for plane, near in zip(planes, close, strict=True)
     ]
 
 
-def _points_around(
-    frame: DepthFrame, axis_points: Float, reach_m: Float, vertical: Float, grid: int
-) -> tuple[Float, Flags, Float, Flags]:
-    """Camera points (T, N, 3) of `grid` rows and columns of places around axis points (T, 3),
-    which (T, N) may be ground, how far they lie off on the level, and (T,) whether most have no
-    reading.
+class _GroundSamples(NamedTuple):
+    """Samples of the depth around T stems.
+
+    Attributes:
+        points: (T, N, 3) camera points in metres.
+        usable: (T, N) whether the point may be ground.
+        level_m: (T, N) horizontal distance from the axis point.
+        sparse: (T,) whether most of the samples have no depth reading.
     """
+
+    points: Float
+    usable: Flags
+    level_m: Float
+    sparse: Flags
+
+
+def _sample_around(
+    frame: DepthFrame, axis_points: Float, reach_m: Float, vertical: Float, grid: int
+) -> _GroundSamples:
+    """Sample the depth on a grid of `grid` rows and columns around axis points (T, 3)."""
     ahead = np.maximum(axis_points[:, 2], 0.05)
     middle = project_points(frame.camera, np.stack([*axis_points.T[:2], ahead], -1))
     size = np.array([frame.camera.width, frame.camera.height])
@@ -163,27 +202,31 @@ def _points_around(
     low = np.clip(middle - reach_px, 0, size)[:, None]
     high = np.clip(middle + reach_px, 0, size)[:, None]
     ticks = np.linspace(-1.0, 1.0, grid)
-    ticks = (1 + np.sign(ticks) * np.abs(ticks) ** _CROWDING) / 2
+    ticks = (1 + np.sign(ticks) * np.abs(ticks) ** _GRID_EXPONENT) / 2
     xy_px = low + (high - low) * np.stack(np.meshgrid(ticks, ticks), -1).reshape(1, -1, 2)
     rays, depth_m = frame.readings(xy_px)
     points = rays * depth_m[..., None]
     offset = points - axis_points[:, None]
     rise = offset @ vertical
-    level = np.sqrt(np.maximum((offset**2).sum(2) - rise**2, 0.0))
+    level_m = np.sqrt(np.maximum((offset**2).sum(2) - rise**2, 0.0))
     beside = ~frame.on_any_stem(xy_px)
     sparse = ((depth_m > 0) & beside).sum(1) < _SPARSE * beside.sum(1)
-    usable = beside & (depth_m > 0) & (level < reach_m[:, None]) & (axis_points[:, 2:] > 0)
-    usable &= (rise < _ABOVE_CUT_M) & (rise > -_BELOW_CUT_M)
-    return points, usable, level, sparse
+    usable = beside & (depth_m > 0) & (level_m < reach_m[:, None]) & (axis_points[:, 2:] > 0)
+    usable &= (rise < _MAX_ABOVE_CUT_M) & (rise > -_MAX_BELOW_CUT_M)
+    return _GroundSamples(points, usable, level_m, sparse)
 
 
 def _thinned(points: Float, usable: Flags) -> tuple[Float, Flags]:
-    """At most so many usable points of each stem, evenly picked."""
+    """At most `_MAX_POINTS` usable ones of (T, N, 3) points, evenly spread over the N.
+
+    Returns:
+        (T, M, 3) points, and (T, M) which of them are filled.
+    """
     order = np.argsort(~usable, axis=1, kind="stable")
     count = usable.sum(1)
-    taken = np.minimum(count, _MOST_POINTS)
-    place = np.arange(_MOST_POINTS)[None] * (count / np.maximum(taken, 1))[:, None]
-    kept = np.arange(_MOST_POINTS)[None] < taken[:, None]
-    place = np.where(kept, place, 0).astype(np.intp)
-    picked = np.take_along_axis(order, place, 1)
+    taken = np.minimum(count, _MAX_POINTS)
+    rank = np.arange(_MAX_POINTS)[None] * (count / np.maximum(taken, 1))[:, None]
+    kept = np.arange(_MAX_POINTS)[None] < taken[:, None]
+    rank = np.where(kept, rank, 0).astype(np.intp)
+    picked = np.take_along_axis(order, rank, 1)
     return np.take_along_axis(points, picked[..., None], 1), kept

@@ -1,4 +1,4 @@
-"""Trees in metres: from keypoints, masks, depth and camera."""
+"""Measure the trees of one image: check the input and start the measurement."""
 
 from __future__ import annotations
 
@@ -20,9 +20,10 @@ __all__ = ["measure_trees"]
 
 Float = NDArray[np.floating[Any]]
 
-# Cameras are not held upside down and do not look at the sky: then gravity was given for its
-# opposite, or a mounting without the turn from the camera's axes to the machine's.
-_DOWN, _SKYWARD = 0.5, 0.9
+# A vertical with larger components than these, downwards in the image or along the optical axis,
+# means that gravity was given in place of its opposite, or a mounting without the rotation from
+# camera to machine axes: cameras are not upside down and do not look at the sky.
+_MAX_DOWN, _MAX_FORWARD = 0.5, 0.9
 
 
 def measure_trees(
@@ -38,24 +39,26 @@ def measure_trees(
     """Measure every tree of one image.
 
     Args:
-        detections: the trees, in this image's pixels, with keypoints, masks or both. A keypoint
-            of score 0 is not used.
-        depth_m: (H, W) float metres along the optical axis, 0 where it has no reading.
-        camera: what took the depth, for this size of image.
-        masks: (N, H, W) bool, one for each tree, in place of the detections' own: drawn by hand,
-            or by another segmentation.
-        up_camera: (3,) direction away from gravity in the camera's frame, as an IMU gives it;
-            without it the mounting's, on a level machine; without both, heights and inclinations
-            refer to the ground's plane.
-        mounting: from the camera's frame to the machine's (x forward, y left, z up).
+        detections: the N trees, in pixels of this image, with keypoints, masks or both.
+            Keypoints with score 0 are not used.
+        depth_m: (H, W) depth z along the optical axis in metres, of a float dtype; 0, NaN or
+            infinite where there is no reading.
+        camera: intrinsics of the depth map, for this image size.
+        masks: (N, H, W) bool masks that replace those of the detections, for example drawn by
+            hand or from another segmentation.
+        up_camera: (3,) direction away from gravity in camera coordinates, as from an IMU. By
+            default the mounting's, for a level machine. Without both, heights and inclinations
+            refer to the normal of the ground plane.
+        mounting: transform from camera to machine coordinates (x forward, y left, z up).
         settings: assumed errors and limits.
 
     Returns:
-        One measurement per detection, in their order. What cannot be measured says why.
+        One measurement per detection, in their order. Quantities that cannot be measured hold the
+        reason.
 
     Raises:
-        InputError: depth, camera or masks are for another image size, the depth is not in float
-            metres, or the vertical is no direction, or not one that a camera has.
+        InputError: depth, camera or masks are for another image size, the depth does not have a
+            float dtype, or the vertical is not a valid direction.
     """
     settings = settings or MeasureSettings()
     _check_sizes(detections, depth_m, camera)
@@ -109,18 +112,25 @@ def _check_masks(
 
 
 def unit_up(up_camera: ArrayLike) -> Float:
-    """The direction away from gravity in the camera's frame as a unit vector (3,).
+    """Normalise the direction away from gravity.
+
+    Args:
+        up_camera: (3,) direction in camera coordinates.
+
+    Returns:
+        (3,) unit vector.
 
     Raises:
-        InputError: no direction, or one of a camera that looks upside down or at the sky.
+        InputError: the value is not a direction, or the camera would be upside down or look at
+            the sky.
     """
     up = np.asarray(up_camera, np.float64)
     if up.shape != (3,) or not np.isfinite(up).all() or not np.abs(up).max() > 0:
         raise InputError(f"up_camera is {up.tolist()}: expected a direction of three numbers")
     up = up / np.abs(up).max()
     up = np.asarray(up / np.linalg.norm(up))
-    if up[1] > _DOWN or up[2] > _SKYWARD:
-        seen = "upside down" if up[1] > _DOWN else "at the sky"
+    if up[1] > _MAX_DOWN or up[2] > _MAX_FORWARD:
+        seen = "upside down" if up[1] > _MAX_DOWN else "at the sky"
         raise InputError(
             f"up is {np.round(up, 2).tolist()} in the camera's frame (x right, y down, z forward),"
             f" so that the camera looks {seen}: expected the direction away from gravity"

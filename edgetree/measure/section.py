@@ -1,13 +1,18 @@
-"""The exact geometry of cylinders seen from near, on the planes across their axes.
+"""Geometry of cylinders seen from a nearby camera, in the plane across their axes.
 
-Seen along its axis a cylinder is a circle, the camera a point, and every ray a direction in that
-plane. The two rays that graze the stem's edges are tangents of the circle; with half the angle
-between them, delta, and the distance d from camera to axis in the plane, the radius is
-d sin(delta). A ray at angle theta from the middle meets the front of the circle at
-d (cos(theta) - sqrt(sin²(delta) - sin²(theta))); in the middle that is the front range
-rho = d (1 - sin(delta)), so the diameter is 2 rho sin(delta) / (1 - sin(delta)).
+In the plane at right angles to the stem's axis, the stem is a circle, the camera a point and each
+viewing ray a direction. Let ``d`` be the distance from the camera to the axis in that plane and
+``delta`` half the angle between the two rays that touch the circle. From the right triangle of
+camera, tangent point and centre follows:
 
-Everything is for T stems at once.
+- The radius is ``d sin(delta)``.
+- A ray at angle ``theta`` from the centre meets the front of the circle at the range
+  ``d (cos(theta) - sqrt(sin²(delta) - sin²(theta)))``, the smaller root of the quadratic equation
+  for the intersection of a line with a circle.
+- At the centre this is the front range ``rho = d (1 - sin(delta))``, so the diameter is
+  ``2 rho sin(delta) / (1 - sin(delta))``.
+
+All functions work on T stems at once.
 """
 
 from __future__ import annotations
@@ -19,117 +24,144 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["AxisFrames", "Sections", "View", "axis_frames", "dot"]
+__all__ = ["Sections", "StemAxes", "StemView", "axes_in_planes", "dot"]
 
 Float = NDArray[np.floating[Any]]
 
-# Where a ray grazes the stem the depth changes without bound; readings there are not used.
-_GRAZING = 0.995
+# Close to the edge, the depth changes without bound with the angle. Readings at a larger offset
+# than this (1 at the edge) are not used.
+_MAX_OFFSET = 0.995
 
 
 def dot(vectors: Float, axes: Float) -> Float:
-    """(T, N) products of (T, N, 3) vectors with the (T, 3) axes of their stems."""
+    """(T, N) dot products of (T, N, 3) vectors with one (T, 3) axis per stem."""
     return np.asarray(np.matmul(vectors, axes[..., None])[..., 0])
 
 
 @dataclass(frozen=True, eq=False)
-class AxisFrames:
-    """Unit vectors (T, 3) at stems: `along` the axis upwards, `across` it to the right as seen,
-    and `away` from the camera, both at right angles to the axis.
+class StemAxes:
+    """An orthonormal coordinate system for each of T stems, in camera coordinates.
+
+    Attributes:
+        along: (T, 3) unit vectors along the stem's axis, upwards.
+        across: (T, 3) unit vectors at right angles to the axis, to the right in the image.
+        away: (T, 3) unit vectors at right angles to both, away from the camera.
     """
 
     along: Float
     across: Float
     away: Float
 
-    def tilted(self, tangent: Float) -> AxisFrames:
-        """With each axis tilted away from the camera by an angle of this tangent (T,)."""
+    def tilted(self, tangent: Float) -> StemAxes:
+        """The same systems with each axis tilted away from the camera.
+
+        Args:
+            tangent: (T,) tangents of the tilt angles.
+        """
         tangent = tangent[:, None]
         length = np.hypot(1.0, tangent)
-        return AxisFrames(
+        return StemAxes(
             (self.along + tangent * self.away) / length,
             self.across,
             (self.away - tangent * self.along) / length,
         )
 
     def bearing_rad(self, rays: Float) -> Float:
-        """(T, N) angles of (T, N, 3) rays across the axis, from `away` towards `across`."""
+        """(T, N) angles of (T, N, 3) rays around the axis, 0 at `away`, positive to `across`."""
         return np.arctan2(dot(rays, self.across), dot(rays, self.away))
 
     def slope(self, rays: Float) -> Float:
-        """(T, N) how far (T, N, 3) rays climb along the axis per metre across it."""
+        """(T, N) metres along the axis per metre across it, of (T, N, 3) rays."""
         reach = np.hypot(dot(rays, self.across), dot(rays, self.away))
         return np.asarray(dot(rays, self.along) / reach)
 
 
-def axis_frames(normals: Float, up: Float) -> AxisFrames:
-    """The frames whose axes lie in the planes with `normals` (T, 3) through the camera, nearest
-    to `up` (3,). `across` is the normal turned to the right of an upright camera's image.
+def axes_in_planes(normals: Float, up: Float) -> StemAxes:
+    """Coordinate systems of the axes that lie in given planes and are closest to the vertical.
+
+    Args:
+        normals: (T, 3) unit normals of planes through the camera, each holding one stem's axis.
+        up: (3,) unit vector of the vertical.
+
+    Returns:
+        The systems; `across` is the plane's normal, turned to the right of an upright image.
     """
     along = up - (normals @ up)[:, None] * normals
     along = along / np.linalg.norm(along, axis=1, keepdims=True)
     away = np.cross(along, normals)
     turn = np.where(away[:, 2:] < 0, -1.0, 1.0)
-    return AxisFrames(along, normals * turn, away * turn)
+    return StemAxes(along, normals * turn, away * turn)
 
 
-class View(NamedTuple):
-    """How rays see their stem, each (T, N).
+class StemView(NamedTuple):
+    """Where viewing rays meet their stem, each array (T, N).
 
-    `offset` is sin(theta) / sin(delta), -1 and 1 at the edges; `share` the depth z of the front
-    per metre from the camera to the axis and `share_slope` its change per radian of delta, 0
-    where the ray misses; `height` along the axis of the point of the bark, in the same share.
+    Attributes:
+        offset: sin(theta) / sin(delta), the lateral position on the stem: -1 and 1 at the edges.
+        depth_ratio: depth z of the front surface per metre from the camera to the axis; 0 where
+            the ray misses the stem.
+        depth_ratio_slope: derivative of `depth_ratio` with respect to delta, per radian; 0 where
+            the ray misses the stem.
+        height_ratio: height along the axis of the surface point, per metre from the camera to the
+            axis.
     """
 
     offset: Float
-    share: Float
-    share_slope: Float
-    height: Float
+    depth_ratio: Float
+    depth_ratio_slope: Float
+    height_ratio: Float
 
 
 @dataclass(frozen=True, eq=False)
 class Sections:
-    """Stems in the planes across their axes.
+    """Cross-sections of T stems, scaled to 1 m from the camera to the axis.
 
     Attributes:
-        frames: the axes.
-        middle_rad: (T,) bearing of the stem's middle.
-        half_rad: (T,) delta, half the angle between the tangent rays.
-        height: (T,) how far up the axis the section lies, per metre from the camera to the axis.
+        axes: coordinate systems of the stems.
+        middle_rad: (T,) bearings of the stems' centres, see `StemAxes.bearing_rad`.
+        half_rad: (T,) delta, half the angle between the two tangent rays.
+        height_ratio: (T,) heights of the sections along the axes, per metre from the camera to
+            the axis.
     """
 
-    frames: AxisFrames
+    axes: StemAxes
     middle_rad: Float
     half_rad: Float
-    height: Float
+    height_ratio: Float
 
     @property
-    def front_share(self) -> Float:
-        """(T,) front range per distance to the axis: 1 - sin(delta)."""
+    def front_ratio(self) -> Float:
+        """(T,) front range per metre from the camera to the axis: 1 - sin(delta)."""
         return np.asarray(1.0 - np.sin(self.half_rad))
 
     @cached_property
-    def facing(self) -> Float:
-        """(T, 3) unit vectors across the axis, from the camera to the stem's middle."""
+    def view_direction(self) -> Float:
+        """(T, 3) unit vectors across the axis, from the camera to the stem's centre."""
         cos, sin = np.cos(self.middle_rad)[:, None], np.sin(self.middle_rad)[:, None]
-        return np.asarray(cos * self.frames.away + sin * self.frames.across)
+        return np.asarray(cos * self.axes.away + sin * self.axes.across)
 
     @cached_property
     def centre(self) -> Float:
-        """(T, 3) axis points of the sections for 1 m from the camera to the axis."""
-        return np.asarray(self.facing + self.height[:, None] * self.frames.along)
+        """(T, 3) centres of the sections, for 1 m from the camera to the axis."""
+        return np.asarray(self.view_direction + self.height_ratio[:, None] * self.axes.along)
 
-    def look(self, rays: Float) -> View:
-        """How (T, N, 3) rays with z = 1 see the stems."""
-        frames = self.frames
+    def view(self, rays: Float) -> StemView:
+        """Intersect viewing rays with the stems.
+
+        Args:
+            rays: (T, N, 3) rays with z = 1.
+        """
+        axes = self.axes
         cos, sin = np.cos(self.middle_rad)[:, None], np.sin(self.middle_rad)[:, None]
-        ahead = dot(rays, cos * frames.away + sin * frames.across)
-        aside = dot(rays, cos * frames.across - sin * frames.away)
+        ahead = dot(rays, cos * axes.away + sin * axes.across)
+        aside = dot(rays, cos * axes.across - sin * axes.away)
         squared_reach = ahead**2 + aside**2
         edge = np.sin(self.half_rad)[:, None]
         offset = aside / (edge * np.sqrt(squared_reach))
-        inside = (np.abs(offset) < _GRAZING) & (ahead > 0)
-        behind = edge * np.sqrt(np.where(inside, (1 - offset**2) * squared_reach, 1.0))
-        share = np.where(inside, (ahead - behind) / squared_reach, 0.0)
-        bulge = edge * np.cos(self.half_rad)[:, None] / behind
-        return View(offset, share, np.where(inside, -bulge, 0.0), dot(rays, frames.along) * share)
+        inside = (np.abs(offset) < _MAX_OFFSET) & (ahead > 0)
+        root = edge * np.sqrt(np.where(inside, (1 - offset**2) * squared_reach, 1.0))
+        ratio = np.where(inside, (ahead - root) / squared_reach, 0.0)
+        # Derivative of the root with respect to delta; the depth has the opposite sign.
+        root_slope = edge * np.cos(self.half_rad)[:, None] / root
+        slope = np.where(inside, -root_slope, 0.0)
+        return StemView(offset, ratio, slope, dot(rays, axes.along) * ratio)

@@ -1,4 +1,4 @@
-"""What the measurement assumes about sensor, model and forest."""
+"""Assumptions of the measurement about sensor, model and forest."""
 
 from __future__ import annotations
 
@@ -12,44 +12,50 @@ __all__ = ["MeasureSettings"]
 
 @dataclass(frozen=True)
 class MeasureSettings:
-    """Assumptions of `measure_trees`; all positive.
+    """Assumptions of `measure_trees`. All values are positive.
+
+    "Standard deviation" is a one-sigma error. Fractions are between 0 and 1.
 
     Attributes:
-        keypoint_std_px: least error of a keypoint, in pixels of the image.
-        keypoint_spread: error of a keypoint as a share of its box's extent where its score is 1;
-            it grows with the inverse root of the score, as the peak p of a normal heat map of
-            deviation s is 1 / (2 pi s²).
-        keypoint_slide: the same along the stem, where no edge holds the heat map, as a share of
-            the root of the box's area.
-        mask_std_px: least error of a mask's edge, in pixels of the image.
-        mask_spread: error of a mask's edge in cells of the mask.
-        depth_noise_per_m: standard deviation of the depth in metres at 1 m; at z metres it is
-            z² times that, as with stereo. What the readings of a stem scatter replaces it where
-            there are many.
-        depth_noise_m: the least standard deviation of the depth, as time-of-flight cameras have it.
-        depth_bias_per_m: what all depth on one stem is off by together, in metres at 1 m; at z
-            metres it is z² times that. Steps of the disparity do it.
-        depth_correlation_px: depth within squares of so many pixels has one error.
-        outline_doubt: how far a diameter is doubted, as a share of it, for what its mask does not
-            show: times the square of the share of stations along the stem without both edges.
-        depth_doubt: the same for contradictory depth: times the square of the share of readings
-            that disagree with the stem.
-        arc_doubt: the same for depth on one side only: times the share of the visible round
-            without a reading. All three together count at most 0.3.
-        butt_swell: how much thicker a stem is at the cut than where it shows lowest, as a share,
-            where the cut is below the picture; and butt_swell_std how far stems differ in that.
-        out_of_round_std: how far the diameter of a real stem differs with the side it is seen
-            from and the height, as a share of it.
-        curvature_std: how far the roundness of what the depth sees of a stem can be trusted to
-            tell its diameter, as a share of it.
-        bend_std_deg: how far the axis of a real stem turns along it.
-        lean_std_deg: how far stems lean from the vertical, before looking.
-        breast_height_m: where the second diameter is measured, above the ground on the uphill
-            side, along the vertical.
-        max_stump_height_m: felling cuts higher above the ground are warned of.
-        max_range_m: depth beyond it is not used.
-        max_diameter_m: stems that seem thicker are refused.
-        max_slope_deg: ground that seems steeper is refused.
+        keypoint_std_px: smallest standard deviation of a keypoint, in pixels of the image.
+        keypoint_spread: standard deviation of a keypoint across the stem at score 1, as a
+            fraction of the box width. It grows with 1 / sqrt(score), because a normal heat map
+            of standard deviation s has the peak 1 / (2 pi s²).
+        keypoint_slide: the same along the stem, where no edge limits the heat map, as a fraction
+            of the square root of the box area.
+        mask_std_px: smallest standard deviation of a mask edge, in pixels of the image.
+        mask_spread: standard deviation of a mask edge, in cells of the mask grid.
+        depth_noise_per_m: standard deviation of the depth at 1 m, in metres. At z metres it is
+            z² times as large, as for stereo cameras. It is adjusted to the scatter of the
+            readings on a stem where there are many.
+        depth_noise_m: smallest standard deviation of the depth in metres, as for time-of-flight
+            cameras.
+        depth_bias_per_m: error that all depth readings on one stem share, for example from the
+            steps of the disparity, at 1 m, in metres. At z metres it is z² times as large.
+        depth_correlation_px: side of the image squares in which all depth readings share one
+            error, in pixels.
+        outline_doubt: relative standard deviation that is added to a diameter for missing mask
+            edges: this value times the square of the fraction of stations along the stem that do
+            not show both edges.
+        depth_doubt: the same for contradictory depth: this value times the square of the fraction
+            of readings that disagree with the fitted stem.
+        arc_doubt: the same for depth on one side only: this value times the fraction of the
+            visible arc without a reading. The three together are limited to 0.3.
+        butt_swell: relative difference between the diameter at the cut and the diameter where the
+            stem is lowest in the image, used where the cut is below the image.
+        butt_swell_std: standard deviation of `butt_swell` between stems.
+        out_of_round_std: relative standard deviation of a real stem's diameter with viewing
+            direction and height.
+        curvature_std: relative standard deviation of the diameter from the curvature of the depth
+            across the stem.
+        bend_std_deg: standard deviation of the axis direction along a real stem, in degrees.
+        lean_std_deg: standard deviation of a stem's lean before it is measured, in degrees.
+        breast_height_m: height of the second diameter above the ground on the uphill side, along
+            the vertical, in metres.
+        max_stump_height_m: felling cuts higher above the ground give a warning, in metres.
+        max_range_m: depth readings beyond this are not used, in metres.
+        max_diameter_m: larger diameters are reported as failures, in metres.
+        max_slope_deg: steeper ground is rejected, in degrees.
 
     Raises:
         InputError: a value is not a positive number.

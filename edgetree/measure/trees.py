@@ -1,4 +1,4 @@
-"""All trees of a frame at once, from what is seen of them to measurements."""
+"""Measure all trees of a frame: combine observations, fitted stems and ground."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ from edgetree.measure.axis import fit_axes
 from edgetree.measure.estimates import Estimate, Evidence, Failure, TreeMeasurement
 from edgetree.measure.frame import DepthFrame
 from edgetree.measure.ground import BaseGround, find_grounds
-from edgetree.measure.look import CUT, Keypoints, StemLook, look_at_stems
-from edgetree.measure.place import CAMERA_UP_STD_DEG, StemPlace
+from edgetree.measure.keypoints import CUT, Keypoints
+from edgetree.measure.observations import StemObservations, observe_stems
+from edgetree.measure.position import CAMERA_UP_STD_DEG, StemPosition
 from edgetree.measure.settings import MeasureSettings
-from edgetree.measure.stem import USED_WIDTH, Stems, fit_stems
+from edgetree.measure.stem_fit import MAX_USED_OFFSET, Stems, fit_stems
 from edgetree.measure.width import HalfAngle
 
 __all__ = ["measure_all"]
@@ -28,66 +29,81 @@ Float = NDArray[np.floating[Any]]
 Flags = NDArray[np.bool_]
 
 _SOURCES = ("keypoints", "mask", "depth")
-_COUNTED = 0.02
-# What the used part of the width shows of a stem's round at most.
-_WHOLE_ARC_RAD = 2 * math.asin(USED_WIDTH)
-_MOST_DOUBT = 0.3
-# Stems are so much less regular at breast height, with its branches, and between section and cut,
-# with its swell, than the section is out of round.
-_BREAST_SHAPE, _CUT_SHAPE = 2.0, 2.6
-_LEAST_SHOWN = 0.03
-_LEAST_DEPTH_SHARE = 0.05
-_LEAST_DIAMETER_M = 0.02
-_MOST_RELATIVE_STD = 0.5
-_MOST_DISAGREEMENT = 3.0
+# A source is named in `Evidence.method` from this weight on.
+_MIN_WEIGHT = 0.02
+# Largest arc of the circumference that readings within MAX_USED_OFFSET can cover.
+_MAX_ARC_RAD = 2 * math.asin(MAX_USED_OFFSET)
+# Largest relative standard deviation for incomplete or contradictory observations.
+_MAX_INCOMPLETE_STD = 0.3
+# Real stems are more irregular at breast height, because of branches, and between section and
+# cut, because of the butt swell. Factors on `MeasureSettings.out_of_round_std`.
+_BREAST_HEIGHT_SHAPE, _CUT_SHAPE = 2.0, 2.6
+_MIN_ON_STEM_FRACTION = 0.03
+_MIN_DEPTH_FRACTION = 0.05
+_MIN_DIAMETER_M = 0.02
+_MAX_RELATIVE_STD = 0.5
+# Keypoints and mask disagree if their diameters differ by more than this many standard deviations.
+_MAX_DISAGREEMENT_STDS = 3.0
 
 
 def measure_all(
     frame: DepthFrame, trees: TreeDetections, up: Float | None, mounting: RigidTransform | None
 ) -> list[TreeMeasurement]:
-    """Measure the trees of a frame, at least one.
+    """Measure all trees of a frame.
 
     Args:
         frame: depth, camera, masks and settings.
-        trees: the detections.
-        up: (3,) unit vector of the vertical; None takes the grounds' normals.
-        mounting: from the camera's frame to the machine's.
+        trees: the detections, at least one.
+        up: (3,) unit vector of the vertical; None uses the grounds' normals.
+        mounting: transform from camera to machine coordinates.
+
+    Returns:
+        One measurement per detection, in their order.
     """
     settings = frame.settings
     keypoints = Keypoints.of(trees, settings)
+    # Values that are not finite are found and reported by `failure_reasons`.
     with np.errstate(all="ignore"):
-        look = look_at_stems(frame, trees.boxes_px.astype(np.float64), keypoints)
+        observed = observe_stems(frame, trees.boxes_px.astype(np.float64), keypoints)
         vertical = np.array(CAMERA_UP) if up is None else up
-        crooked_deg = CAMERA_UP_STD_DEG if up is None else 0.0
-        lean_std_rad = float(np.radians(np.hypot(settings.lean_std_deg, crooked_deg)))
-        frames, roll_std_rad = fit_axes(look.axis_rays, look.axis_std_rad, vertical, lean_std_rad)
-        stems = fit_stems(look.readings, frames, look.edges, lean_std_rad, settings)
-        work = _Work(frame, keypoints, look, stems, roll_std_rad)
-        reasons = work.reasons()
-        cuts = work.cuts()
+        up_std_deg = CAMERA_UP_STD_DEG if up is None else 0.0
+        lean_std_rad = float(np.radians(np.hypot(settings.lean_std_deg, up_std_deg)))
+        axes, roll_std_rad = fit_axes(
+            observed.axis_rays, observed.axis_std_rad, vertical, lean_std_rad
+        )
+        stems = fit_stems(observed.readings, axes, observed.edges, lean_std_rad, settings)
+        fitted = _FittedFrame(
+            frame=frame,
+            keypoints=keypoints,
+            observed=observed,
+            stems=stems,
+            roll_std_rad=roll_std_rad,
+        )
+        reasons = fitted.failure_reasons()
+        cuts = fitted.cut_points()
         sound = np.array([reason is None for reason in reasons])
         grounds: list[BaseGround | Failure] = [Failure("")] * len(sound)
-        places = np.flatnonzero(sound)
-        if len(places):
-            found = find_grounds(frame, cuts[places], stems.radius_m[places], up)
-            for place, ground in zip(places, found, strict=True):
-                grounds[place] = ground
-        breast = work.breast(cuts, grounds)
+        indices = np.flatnonzero(sound)
+        if len(indices):
+            found = find_grounds(frame, cuts[indices], stems.radius_m[indices], up)
+            for index, ground in zip(indices, found, strict=True):
+                grounds[index] = ground
+        dbh = fitted.breast_height_diameters(cuts, grounds)
         return [
             TreeMeasurement.failed(reason)
             if reason is not None
-            else work.measurement(place, cuts[place], grounds[place], breast[place], up, mounting)
-            for place, reason in enumerate(reasons)
+            else fitted.measurement(index, cuts[index], grounds[index], dbh[index], up, mounting)
+            for index, reason in enumerate(reasons)
         ]
 
 
-@dataclass(frozen=True, eq=False)
-class _Work:
-    """What is known of T stems once depth and outline are fitted."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _FittedFrame:
+    """The fitted stems of a frame, with the observations that they are fitted to."""
 
     frame: DepthFrame
     keypoints: Keypoints
-    look: StemLook
+    observed: StemObservations
     stems: Stems
     roll_std_rad: Float
 
@@ -95,223 +111,247 @@ class _Work:
     def settings(self) -> MeasureSettings:
         return self.frame.settings
 
-    def reasons(self) -> list[str | None]:
-        """Why nothing can be measured of a stem, if so."""
-        return [self._reason(place) for place in range(len(self.roll_std_rad))]
+    def failure_reasons(self) -> list[str | None]:
+        """Why a stem cannot be measured at all, or None, for each stem."""
+        return [self._failure_reason(index) for index in range(len(self.roll_std_rad))]
 
-    def _reason(self, place: int) -> str | None:
-        edges, stems = self.look.edges, self.stems
-        outlined = edges.left_valid[place].any() and edges.right_valid[place].any()
-        if not self.keypoints.has_section[place] and not outlined:
+    def _failure_reason(self, index: int) -> str | None:
+        edges, stems = self.observed.edges, self.stems
+        outlined = edges.left_valid[index].any() and edges.right_valid[index].any()
+        if not self.keypoints.has_section[index] and not outlined:
             if self.frame.masks is None:
                 return "the diameter keypoints are not in the image"
             return "neither the diameter keypoints nor the mask show both edges of the stem"
-        if self.look.places[place] < _LEAST_SHOWN:
+        if self.observed.on_stem_fraction[index] < _MIN_ON_STEM_FRACTION:
             return "the mask shows hardly any of the stem"
-        if self.look.valid_depth[place] < _LEAST_DEPTH_SHARE:
+        if self.observed.valid_depth_fraction[index] < _MIN_DEPTH_FRACTION:
             return "no depth on the stem"
-        if not (stems.fitted[place] and self.finite[place]):
+        if not (stems.fitted[index] and self.finite[index]):
             return "the depth on the stem does not agree with itself"
-        diameter_m = 2 * float(stems.radius_m[place])
-        if not _LEAST_DIAMETER_M <= diameter_m <= self.settings.max_diameter_m:
+        diameter_m = 2 * float(stems.radius_m[index])
+        if not _MIN_DIAMETER_M <= diameter_m <= self.settings.max_diameter_m:
             return f"a diameter of {diameter_m:.2f} m is not plausible"
         return None
 
-    def cuts(self) -> Float:
-        """(T, 3) points of the axes level with where the cuts' rays meet the fronts of the stems;
-        of the sections where the cut is not in the image.
+    def cut_points(self) -> Float:
+        """(T, 3) axis points at the felling cuts.
+
+        Each is level with the point where the ray of the cut's keypoint meets the front of the
+        stem. If the cut is not in the image, it is the axis point of the section.
         """
         sections = self.stems.sections
         rays = self.frame.rays(
             np.where(self.keypoints.within[:, CUT, None], self.keypoints.xy_px[:, CUT], 0.0)
         )
-        along, facing = sections.frames.along, sections.facing
-        slope = (rays * along).sum(1) / (rays * facing).sum(1) * sections.front_share
-        height = np.where(self.keypoints.within[:, CUT], slope, sections.height)
-        return np.asarray(self.stems.distance_m[:, None] * (facing + height[:, None] * along))
+        along, view_direction = sections.axes.along, sections.view_direction
+        slope = (rays * along).sum(1) / (rays * view_direction).sum(1) * sections.front_ratio
+        height_ratio = np.where(self.keypoints.within[:, CUT], slope, sections.height_ratio)
+        points = view_direction + height_ratio[:, None] * along
+        return np.asarray(self.stems.distance_m[:, None] * points)
 
     @cached_property
     def finite(self) -> Flags:
-        """(T,) whether all errors can be stated."""
+        """(T,) whether all standard deviations are finite."""
         errors = [self.roll_std_rad, self.stems.tilt_std_rad, self.diameter_std_m]
         return np.asarray(np.isfinite(errors).all(axis=0))
 
     @cached_property
     def diameter_std_m(self) -> Float:
-        """(T,) from distance, edges, calibration and shape."""
+        """(T,) standard deviations of the diameters.
+
+        First-order error propagation through the diameter 2 d sin(delta): its relative change is
+        that of the distance d, plus that of delta times cot(delta). Since d depends on delta too,
+        the relative change of d per radian of delta is added to cot(delta). Focal length, stem
+        shape and incomplete observations add independent relative errors.
+        """
         stems, camera = self.stems, self.frame.camera
         half = stems.sections.half_rad
-        edges = stems.half_std_rad * np.abs(1 / np.tan(half) + stems.growth)
+        edges = stems.half_std_rad * np.abs(1 / np.tan(half) + stems.distance_change_per_rad)
         distance = stems.distance_std_m / stems.distance_m
         focal = np.full_like(half, camera.focal_std_px / camera.fx)
         shape = np.full_like(half, self.settings.out_of_round_std)
-        parts = [edges, distance, focal, shape, self.doubts]
+        parts = [edges, distance, focal, shape, self.incomplete_std]
         return np.asarray(2 * stems.radius_m * np.linalg.norm(parts, axis=0))
 
     @cached_property
-    def doubts(self) -> Float:
-        """(T,) of the diameter, for what of the stem could not be seen, or contradicts itself."""
-        settings, edges = self.settings, self.look.edges
+    def incomplete_std(self) -> Float:
+        """(T,) relative standard deviations for incomplete or contradictory observations.
+
+        See `MeasureSettings.outline_doubt`, `depth_doubt` and `arc_doubt`.
+        """
+        settings, edges = self.settings, self.observed.edges
         both = (edges.left_valid & edges.right_valid).mean(1)
-        outline = 0.0 if self.look.outline is None else settings.outline_doubt
-        hidden = np.maximum(1 - self.stems.arc_rad / _WHOLE_ARC_RAD, 0.0)
+        outline = 0.0 if self.observed.outline is None else settings.outline_doubt
+        uncovered = np.maximum(1 - self.stems.arc_rad / _MAX_ARC_RAD, 0.0)
         parts = (
             outline * (1 - both) ** 2,
             settings.depth_doubt * (1 - self.stems.agreeing) ** 2,
-            settings.arc_doubt * hidden,
+            settings.arc_doubt * uncovered,
         )
-        return np.asarray(np.minimum(np.linalg.norm(parts, axis=0), _MOST_DOUBT))
+        return np.asarray(np.minimum(np.linalg.norm(parts, axis=0), _MAX_INCOMPLETE_STD))
 
-    def _swollen(self, place: int, diameter: Estimate) -> tuple[Estimate, tuple[str, ...]]:
-        """The diameter at a cut below the picture, from where the stem shows lowest."""
-        points = self.keypoints
-        if points.has_section[place] or points.within[place, CUT] or not points.offered:
-            return diameter, ()
+    def _diameter_at_cut(self, index: int, section: Estimate) -> tuple[Estimate, tuple[str, ...]]:
+        """The diameter at the cut from that at the section, and a warning if it is inferred."""
+        keypoints = self.keypoints
+        has_cut = keypoints.has_section[index] or keypoints.within[index, CUT]
+        if has_cut or not keypoints.offered:
+            return section, ()
         settings = self.settings
-        value = diameter.value * (1 + settings.butt_swell)
-        std = math.hypot(diameter.std, diameter.value * settings.butt_swell_std)
+        value = section.value * (1 + settings.butt_swell)
+        std = math.hypot(section.std, section.value * settings.butt_swell_std)
         warning = "the cut is not in the picture: its diameter is inferred from the stem above"
         return Estimate(value, std), (warning,)
 
-    def breast(self, cuts: Float, grounds: list[BaseGround | Failure]) -> list[Estimate | Failure]:
-        """Diameters at breast height, where the mask shows the stem there."""
+    def breast_height_diameters(
+        self, cuts: Float, grounds: list[BaseGround | Failure]
+    ) -> list[Estimate | Failure]:
+        """Diameters at breast height, where the mask shows the stem there.
+
+        Args:
+            cuts: (T, 3) axis points at the felling cuts.
+            grounds: ground at each stem.
+        """
         stems, sections = self.stems, self.stems.sections
-        above = np.zeros(len(cuts))
-        for place, ground in enumerate(grounds):
+        above_section_m = np.zeros(len(cuts))
+        for index, ground in enumerate(grounds):
             if isinstance(ground, BaseGround):
-                along, radius_m = sections.frames.along[place], float(stems.radius_m[place])
-                to_section = (stems.distance_m * sections.height)[place] - cuts[place] @ along
-                above[place] = ground.axis_length_m(
-                    cuts[place], along, radius_m, self.settings.breast_height_m
-                ) - float(to_section)
-        edges = self.look.edges
-        widths = edges.mask_widths(sections.frames, sections.height)
-        half, _ = widths.at(above)
-        seen = widths.seen_at(above)
+                along, radius_m = sections.axes.along[index], float(stems.radius_m[index])
+                section_m = (stems.distance_m * sections.height_ratio)[index]
+                cut_to_section_m = section_m - cuts[index] @ along
+                above_section_m[index] = ground.axis_length_m(
+                    cuts[index], along, radius_m, self.settings.breast_height_m
+                ) - float(cut_to_section_m)
+        widths = self.observed.edges.mask_widths(sections.axes, sections.height_ratio)
+        half, _ = widths.at(above_section_m)
+        visible = widths.visible_at(above_section_m)
         return [
-            self._breast(place, grounds[place], half, bool(seen[place]))
-            for place in range(len(cuts))
+            self._breast_height_diameter(index, grounds[index], half, bool(visible[index]))
+            for index in range(len(cuts))
         ]
 
-    def _breast(
-        self, place: int, ground: BaseGround | Failure, half: HalfAngle, seen: bool
+    def _breast_height_diameter(
+        self, index: int, ground: BaseGround | Failure, half: HalfAngle, visible: bool
     ) -> Estimate | Failure:
         if isinstance(ground, Failure):
             return ground
         if self.frame.masks is None:
             return Failure("the model gives no masks to see the stem at breast height")
-        if not seen or not np.isfinite(half.std_rad[place]):
+        if not visible or not np.isfinite(half.std_rad[index]):
             return Failure("the stem is not seen at breast height")
         stems = self.stems
-        distance_m = float(stems.distance_m[place])
-        value = 2 * distance_m * float(np.sin(half.rad[place]))
-        shares = (
-            float(half.std_rad[place] / np.tan(half.rad[place])),
-            float(stems.distance_std_m[place]) / distance_m,
-            float(stems.tilt_std_rad[place]) * self.settings.breast_height_m / distance_m,
-            _BREAST_SHAPE * self.settings.out_of_round_std,
-            float(self.doubts[place]),
+        distance_m = float(stems.distance_m[index])
+        value = 2 * distance_m * float(np.sin(half.rad[index]))
+        # Relative errors of 2 d sin(delta), as in `diameter_std_m`.
+        relative_stds = (
+            float(half.std_rad[index] / np.tan(half.rad[index])),
+            float(stems.distance_std_m[index]) / distance_m,
+            float(stems.tilt_std_rad[index]) * self.settings.breast_height_m / distance_m,
+            _BREAST_HEIGHT_SHAPE * self.settings.out_of_round_std,
+            float(self.incomplete_std[index]),
         )
-        return _sure_enough(Estimate(value, value * math.hypot(*shares)))
+        return _if_certain(Estimate(value, value * math.hypot(*relative_stds)))
 
     def measurement(
         self,
-        place: int,
+        index: int,
         cut: Float,
         ground: BaseGround | Failure,
-        breast: Estimate | Failure,
+        dbh: Estimate | Failure,
         up: Float | None,
         mounting: RigidTransform | None,
     ) -> TreeMeasurement:
-        """One tree."""
-        stem = self._placed(place, cut)
-        measured = Estimate(2 * stem.radius_m, stem.diameter_std_m)
-        swollen, warnings = self._swollen(place, measured)
-        diameter = _sure_enough(swollen)
+        """All measurements of one tree.
+
+        Args:
+            index: number of the tree.
+            cut: (3,) axis point at the felling cut.
+            ground: ground at the tree.
+            dbh: diameter at breast height.
+            up: (3,) unit vector of the vertical, if given.
+            mounting: transform from camera to machine coordinates, if given.
+        """
+        stem = self._position(index, cut)
+        diameter, warnings = self._diameter_at_cut(
+            index, Estimate(2 * stem.radius_m, stem.diameter_std_m)
+        )
         inclination, direction = stem.lean(up, ground, self.settings)
         height = stem.cut_height(ground)
-        offered = self.keypoints.offered
-        problem: Failure | None = None
-        if not offered:
-            problem = Failure("no keypoint tells the felling cut")
-        elif not self.keypoints.within[place, CUT]:
-            problem = Failure("the felling cut is not in the image")
-        else:
-            problem = stem.misplaced(height, bool(self.keypoints.has_section[place]))
-        evidence = self._evidence(place, ground, height if problem is None else problem, warnings)
-        if problem is not None:
-            return TreeMeasurement(
-                diameter,
-                breast,
-                problem,
-                inclination,
-                direction,
-                problem if offered else stem.distance(),
-                problem,
-                problem,
-                evidence,
-            )
+        problem = self._cut_failure(index, stem, height)
         return TreeMeasurement(
-            diameter,
-            breast,
-            height,
-            inclination,
-            direction,
-            stem.distance(),
-            stem.cut_point(),
-            stem.cut_point_machine(mounting),
-            evidence,
+            diameter_m=_if_certain(diameter),
+            dbh_m=dbh,
+            cut_height_m=height if problem is None else problem,
+            inclination_deg=inclination,
+            lean_direction_deg=direction,
+            distance_m=stem.distance()
+            if problem is None or not self.keypoints.offered
+            else problem,
+            cut_point_m=stem.cut_point() if problem is None else problem,
+            cut_point_machine_m=stem.cut_point_machine(mounting) if problem is None else problem,
+            evidence=self._evidence(
+                index, ground, height if problem is None else problem, warnings
+            ),
         )
 
-    def _placed(self, place: int, cut: Float) -> StemPlace:
+    def _cut_failure(
+        self, index: int, stem: StemPosition, height: Estimate | Failure
+    ) -> Failure | None:
+        """Why the felling cut is unknown, or None if it is known."""
+        if not self.keypoints.offered:
+            return Failure("no keypoint tells the felling cut")
+        if not self.keypoints.within[index, CUT]:
+            return Failure("the felling cut is not in the image")
+        return stem.cut_failure(height, bool(self.keypoints.has_section[index]))
+
+    def _position(self, index: int, cut: Float) -> StemPosition:
         stems, sections = self.stems, self.stems.sections
-        ray = self.look.edges.section[place].mean(0)
-        pixel_rad = 1 / (self.frame.camera.fx * float(np.linalg.norm(ray)))
-        return StemPlace(
-            along=sections.frames.along[place],
-            across=sections.frames.across[place],
-            facing=sections.facing[place],
-            section=stems.distance_m[place] * sections.centre[place],
+        ray = self.observed.edges.section[index].mean(0)
+        rad_per_px = 1 / (self.frame.camera.fx * float(np.linalg.norm(ray)))
+        return StemPosition(
+            along=sections.axes.along[index],
+            across=sections.axes.across[index],
+            view_direction=sections.view_direction[index],
+            section=stems.distance_m[index] * sections.centre[index],
             cut=cut,
-            radius_m=float(stems.radius_m[place]),
-            distance_std_m=float(stems.distance_std_m[place]),
-            diameter_std_m=float(self.diameter_std_m[place]),
-            cut_rad=float(self.keypoints.std_px[place, CUT, 1]) * pixel_rad,
+            radius_m=float(stems.radius_m[index]),
+            distance_std_m=float(stems.distance_std_m[index]),
+            diameter_std_m=float(self.diameter_std_m[index]),
+            cut_rad=float(self.keypoints.std_px[index, CUT, 1]) * rad_per_px,
             shape_std_m=_CUT_SHAPE
             * self.settings.out_of_round_std
             * 2
-            * float(stems.radius_m[place]),
-            roll_std_rad=float(self.roll_std_rad[place]),
-            tilt_std_rad=float(stems.tilt_std_rad[place]),
+            * float(stems.radius_m[index]),
+            roll_std_rad=float(self.roll_std_rad[index]),
+            tilt_std_rad=float(stems.tilt_std_rad[index]),
         )
 
     def _evidence(
         self,
-        place: int,
+        index: int,
         ground: BaseGround | Failure,
         height: Estimate | Failure,
         warnings: tuple[str, ...],
     ) -> Evidence:
         stems = self.stems
-        distance_m = float(stems.distance_m[place])
+        distance_m = float(stems.distance_m[index])
         known = {
-            name: (float(half.rad[place]), float(half.std_rad[place]))
+            name: (float(half.rad[index]), float(half.std_rad[index]))
             for name, half in zip(_SOURCES, self.stems.sources, strict=True)
-            if np.isfinite(half.std_rad[place])
+            if np.isfinite(half.std_rad[index])
         }
         diameters = {name: 2 * distance_m * math.sin(rad) for name, (rad, _) in known.items()}
         stds = {name: 2 * distance_m * math.cos(rad) * std for name, (rad, std) in known.items()}
-        counted = [n for n, s in zip(_SOURCES, stems.shares[place], strict=True) if s > _COUNTED]
-        outline = self.look.outline
+        weights = zip(_SOURCES, stems.weights[index], strict=True)
+        outline = self.observed.outline
         return Evidence(
-            " + ".join(counted),
-            diameters,
-            stds,
-            float(np.degrees(stems.arc_rad[place])),
-            float(self.look.valid_depth[place]),
-            None if outline is None else float(outline.shown[place]),
-            ground.in_words() if isinstance(ground, BaseGround) else ground.reason,
-            warnings + self._warnings(height, diameters, stds),
+            method=" + ".join(name for name, weight in weights if weight > _MIN_WEIGHT),
+            source_diameters_m=diameters,
+            source_std_m=stds,
+            arc_deg=float(np.degrees(stems.arc_rad[index])),
+            valid_depth_share=float(self.observed.valid_depth_fraction[index]),
+            visible_share=None if outline is None else float(outline.visible_fraction[index]),
+            ground=ground.description() if isinstance(ground, BaseGround) else ground.reason,
+            warnings=warnings + self._warnings(height, diameters, stds),
         )
 
     def _warnings(
@@ -327,7 +367,7 @@ class _Work:
         names = [name for name in ("keypoints", "mask") if name in diameters]
         if len(names) == 2:
             apart = abs(diameters["keypoints"] - diameters["mask"])
-            if apart > _MOST_DISAGREEMENT * math.hypot(stds["keypoints"], stds["mask"]):
+            if apart > _MAX_DISAGREEMENT_STDS * math.hypot(stds["keypoints"], stds["mask"]):
                 warnings.append(
                     f"keypoints and mask disagree: {diameters['keypoints']:.2f} m"
                     f" and {diameters['mask']:.2f} m"
@@ -335,8 +375,9 @@ class _Work:
         return tuple(warnings)
 
 
-def _sure_enough(diameter: Estimate) -> Estimate | Failure:
-    if not diameter.std <= _MOST_RELATIVE_STD * diameter.value:
+def _if_certain(diameter: Estimate) -> Estimate | Failure:
+    """The diameter, or a failure if its relative standard deviation is too large."""
+    if not diameter.std <= _MAX_RELATIVE_STD * diameter.value:
         return Failure(
             f"the diameter is too uncertain: {diameter.value:.2f} m ± {diameter.std:.2f} m"
         )

@@ -1,4 +1,4 @@
-"""Half the angle that a stem fills: from keypoints, from the mask's edges, and all fused."""
+"""Half the viewing angle of stems, from keypoints and mask edges, and the fusion of sources."""
 
 from __future__ import annotations
 
@@ -9,26 +9,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib import PinholeCamera
-from edgetree.measure.outline import weighted_lines
-from edgetree.measure.section import AxisFrames, Sections
+from edgetree.measure.edge_lines import fit_lines
+from edgetree.measure.section import Sections, StemAxes
 
 __all__ = ["HalfAngle", "MaskWidths", "StemEdges", "fuse"]
 
 Float = NDArray[np.floating[Any]]
 Flags = NDArray[np.bool_]
 
-# The mask's width at a height is read off its edges this far around; where there are few, from
-# further away, and the worse the further.
+# The width at a height is read from mask edges with Gaussian weights of this standard deviation.
+# Edges further away keep a small weight, for stems with few edges.
 _WINDOW_M = 0.2
 _FAR_WEIGHT = 1e-3
-_SHAPE_PER_M = 0.05
-_SEEN_M = 0.25
+# Relative error of the width per metre of distance from the edges it is read from.
+_SHAPE_STD_PER_M = 0.05
+# The stem counts as visible at a height if both edges show within this distance.
+_VISIBLE_WITHIN_M = 0.25
 
 
 class HalfAngle(NamedTuple):
-    """One source's half angles and their standard deviations, (T,) radians.
+    """Half angles of T stems from one source.
 
-    Where the source says nothing the deviation is infinite.
+    Attributes:
+        rad: (T,) half the angle between the two rays that touch the stem.
+        std_rad: (T,) standard deviations; infinite where the source gives no value.
     """
 
     rad: Float
@@ -37,13 +41,13 @@ class HalfAngle(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class MaskWidths:
-    """What the masks show of the stems' widths.
+    """Edges of T stems in their masks, as angles around the camera.
 
     Attributes:
-        height_m: (T, S) of the stations along the axis.
+        height_m: (T, S) heights of the stations along the axis, from the section.
         left_rad, right_rad: (T, S) bearings of the edges.
-        left_valid, right_valid: (T, S) stations where they show.
-        std_rad: (T,) standard deviation of a half angle, the same along a stem.
+        left_valid, right_valid: (T, S) stations at which the edge is visible.
+        std_rad: (T,) standard deviation of a half angle.
     """
 
     height_m: Float
@@ -54,39 +58,47 @@ class MaskWidths:
     std_rad: Float
 
     def at(self, height_m: Float) -> tuple[HalfAngle, Float]:
-        """Half angles and middle bearings (T,) at heights (T,) along the axis."""
+        """Half angles and bearings of the middle, by local linear fits to the edges.
+
+        Args:
+            height_m: (T,) heights along the axis, from the section.
+
+        Returns:
+            The half angles, and (T,) bearings of the middle in radians.
+        """
         offset = self.height_m - height_m[:, None]
         nearness = np.exp(-0.5 * (offset / _WINDOW_M) ** 2) + _FAR_WEIGHT / (1 + offset**2)
         valid = np.concatenate([self.left_valid, self.right_valid])
         bearing = np.where(valid, np.concatenate([self.left_rad, self.right_rad]), 0.0)
         offset = np.concatenate([offset, offset])
         weight = np.where(valid, np.concatenate([nearness, nearness]), 0.0)
-        left, right = weighted_lines(offset, bearing, weight)[0].reshape(2, -1)
-        support_m = (weight * np.abs(offset)).sum(1) / np.maximum(weight.sum(1), 1e-12)
-        half, away_m = (right - left) / 2, support_m.reshape(2, -1).max(0)
-        std = np.hypot(self.std_rad, _SHAPE_PER_M * away_m * half)
+        left, right = fit_lines(offset, bearing, weight)[0].reshape(2, -1)
+        mean_offset_m = (weight * np.abs(offset)).sum(1) / np.maximum(weight.sum(1), 1e-12)
+        half, away_m = (right - left) / 2, mean_offset_m.reshape(2, -1).max(0)
+        std = np.hypot(self.std_rad, _SHAPE_STD_PER_M * away_m * half)
         known = self.left_valid.any(1) & self.right_valid.any(1) & (half > 0)
         return HalfAngle(half, np.where(known, std, np.inf)), (left + right) / 2
 
-    def seen_at(self, height_m: Float) -> Flags:
-        """(T,) whether both edges show near heights (T,) along the axis."""
-        near = np.abs(self.height_m - height_m[:, None]) < _SEEN_M
+    def visible_at(self, height_m: Float) -> Flags:
+        """(T,) whether both edges are visible near heights (T,) along the axis."""
+        near = np.abs(self.height_m - height_m[:, None]) < _VISIBLE_WITHIN_M
         return np.asarray((near & self.left_valid).any(1) & (near & self.right_valid).any(1))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class StemEdges:
-    """The edges of T stems as rays, from keypoints and from masks.
+    """The edges of T stems as viewing rays with z = 1, from keypoints and from masks.
 
     Attributes:
-        camera: the camera of the rays.
-        section: (T, 2, 3) rays that graze the section left and right; where there are none, twice
-            the ray to the middle of where the section shall be.
-        section_std_px: (T,) error of one of them across; infinite where there are none.
-        left, right: (T, S, 3) rays that graze the stems at their stations, by the masks.
-        left_valid, right_valid: (T, S) which of these there are.
-        mask_std_px: (T,) error of one of them.
-        distance_m: (T,) roughly, to the axis.
+        camera: camera of the rays.
+        section: (T, 2, 3) rays to the left and right edge of the section, by keypoints. Where
+            there are none, both are the ray to the middle of the section to be measured.
+        section_std_px: (T,) standard deviation of one of them across the stem; infinite where
+            there are none.
+        left, right: (T, S, 3) rays to the edges at the stations, by masks.
+        left_valid, right_valid: (T, S) which of these are valid.
+        mask_std_px: (T,) standard deviation of one of them.
+        distance_m: (T,) approximate distance to the axis.
     """
 
     camera: PinholeCamera
@@ -100,66 +112,83 @@ class StemEdges:
     distance_m: Float
 
     def sections(
-        self, frames: AxisFrames, half_rad: Float | None = None
+        self, axes: StemAxes, half_rad: Float | None = None
     ) -> tuple[Sections, list[HalfAngle]]:
-        """The sections across the axes of these frames, with half angles (T,) where they are
-        known better than from these edges, which are given too: by keypoints, by masks.
+        """Cross-sections of the stems.
+
+        Args:
+            axes: coordinate systems of the stems.
+            half_rad: (T,) half angles, if known better than from these edges.
+
+        Returns:
+            The cross-sections, and the half angles from keypoints and from masks.
         """
-        bearing = frames.bearing_rad(self.section)
-        keypoints = HalfAngle(np.abs(bearing[:, 1] - bearing[:, 0]) / 2, self._std_rad(frames))
-        slope = frames.slope(self.section).mean(1)
-        widths = self.mask_widths(frames, slope * np.cos(keypoints.rad))
+        bearing = axes.bearing_rad(self.section)
+        keypoints = HalfAngle(np.abs(bearing[:, 1] - bearing[:, 0]) / 2, self._std_rad(axes))
+        slope = axes.slope(self.section).mean(1)
+        widths = self.mask_widths(axes, slope * np.cos(keypoints.rad))
         mask, mask_middle = widths.at(np.zeros(len(slope)))
         sources = [keypoints, mask]
-        fused, shares = fuse(sources)
+        fused, weights = fuse(sources)
         half = fused.rad if half_rad is None else half_rad
-        middle = shares[:, 0] * bearing.mean(1) + shares[:, 1] * mask_middle
-        # The tangent points lie at d cos(delta), and both on the section.
-        return Sections(frames, middle, half, slope * np.cos(half)), sources
+        middle = weights[:, 0] * bearing.mean(1) + weights[:, 1] * mask_middle
+        # The tangent points are at d cos(delta) from the camera and in the plane of the section.
+        return Sections(axes, middle, half, slope * np.cos(half)), sources
 
-    def mask_widths(self, frames: AxisFrames, section_height: Float) -> MaskWidths:
-        """What the masks show, by metres along these axes from the sections."""
-        left, right = frames.bearing_rad(self.left), frames.bearing_rad(self.right)
-        slope = (frames.slope(self.left) + frames.slope(self.right)) / 2
-        height = slope * np.cos((right - left) / 2) - section_height[:, None]
-        std_rad = self.mask_std_px * self._pixel_rad(frames) / np.sqrt(2)
+    def mask_widths(self, axes: StemAxes, section_height_ratio: Float) -> MaskWidths:
+        """The mask edges by height along the axis.
+
+        Args:
+            axes: coordinate systems of the stems.
+            section_height_ratio: (T,) heights of the sections, see `Sections.height_ratio`.
+        """
+        left, right = axes.bearing_rad(self.left), axes.bearing_rad(self.right)
+        slope = (axes.slope(self.left) + axes.slope(self.right)) / 2
+        height_ratio = slope * np.cos((right - left) / 2) - section_height_ratio[:, None]
         return MaskWidths(
-            height * self.distance_m[:, None],
-            left,
-            right,
-            self.left_valid,
-            self.right_valid,
-            std_rad,
+            height_m=height_ratio * self.distance_m[:, None],
+            left_rad=left,
+            right_rad=right,
+            left_valid=self.left_valid,
+            right_valid=self.right_valid,
+            std_rad=self.mask_std_px * self._rad_per_px(axes) / np.sqrt(2),
         )
 
-    def _std_rad(self, frames: AxisFrames) -> Float:
-        return np.asarray(self.section_std_px * self._pixel_rad(frames) / np.sqrt(2))
+    def _std_rad(self, axes: StemAxes) -> Float:
+        """(T,) of the half angle: half the difference of two edges with independent errors."""
+        return np.asarray(self.section_std_px * self._rad_per_px(axes) / np.sqrt(2))
 
-    def _pixel_rad(self, frames: AxisFrames) -> Float:
-        """(T,) how far one pixel turns an edge of the stem around the camera, across the axis."""
+    def _rad_per_px(self, axes: StemAxes) -> Float:
+        """(T,) change of an edge's bearing per pixel across the stem."""
         middle = self.section.mean(1)
-        reach = np.hypot((middle * frames.across).sum(1), (middle * frames.away).sum(1))
-        pixel = np.hypot(frames.across[:, 0] / self.camera.fx, frames.across[:, 1] / self.camera.fy)
+        reach = np.hypot((middle * axes.across).sum(1), (middle * axes.away).sum(1))
+        pixel = np.hypot(axes.across[:, 0] / self.camera.fx, axes.across[:, 1] / self.camera.fy)
         return np.asarray(pixel / reach)
 
 
 def fuse(sources: list[HalfAngle]) -> tuple[HalfAngle, Float]:
-    """The mean of sources by their uncertainty, from whichever there are.
+    """Combine half angles by inverse variance weighting.
 
-    Sources that disagree by more than they state make the mean as uncertain as their spread
-    (Birge's ratio). Where there is no source at all the deviation is infinite.
+    If the sources disagree by more than their standard deviations allow, the result's standard
+    deviation is multiplied by the Birge ratio, the square root of the reduced chi-squared
+    (Birge 1932, The calculation of errors by the method of least squares).
+
+    Args:
+        sources: half angles; those with an infinite standard deviation are ignored.
 
     Returns:
-        The mean, and (T, sources) the share of each in it.
+        The weighted mean, with an infinite standard deviation where there is no source, and
+        (T, sources) the weights, which add up to 1.
     """
     values = np.stack([source.rad for source in sources], -1)
-    weights = np.stack([1 / source.std_rad**2 for source in sources], -1)
-    values = np.where(weights > 0, values, 0.0)
-    total = weights.sum(-1)
+    information = np.stack([1 / source.std_rad**2 for source in sources], -1)
+    values = np.where(information > 0, values, 0.0)
+    total = information.sum(-1)
     known = total > 0
-    share = weights / np.where(known, total, 1.0)[:, None]
-    mean = (share * values).sum(-1)
-    spread = (weights * (values - mean[:, None]) ** 2).sum(-1)
-    birge = np.sqrt(np.maximum(1.0, spread / np.maximum((weights > 0).sum(-1) - 1, 1)))
-    std = np.where(known, birge / np.sqrt(np.where(known, total, 1.0)), np.inf)
-    return HalfAngle(mean, std), share
+    weights = information / np.where(known, total, 1.0)[:, None]
+    mean = (weights * values).sum(-1)
+    chi_squared = (information * (values - mean[:, None]) ** 2).sum(-1)
+    degrees_of_freedom = np.maximum((information > 0).sum(-1) - 1, 1)
+    birge_ratio = np.sqrt(np.maximum(1.0, chi_squared / degrees_of_freedom))
+    std = np.where(known, birge_ratio / np.sqrt(np.where(known, total, 1.0)), np.inf)
+    return HalfAngle(mean, std), weights

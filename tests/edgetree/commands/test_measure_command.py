@@ -33,7 +33,13 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> Asked:
 
     def measure(trees: TreeDetections, depth_m: Any, camera: Any, **more: Any) -> Any:
         received.update(more, trees=trees, depth_m=depth_m, camera=camera)
-        evidence = Evidence("mask + depth", {}, {}, 90.0, 0.8, 0.9, "", ("a high stump",))
+        evidence = Evidence(
+            method="mask + depth",
+            arc_deg=90.0,
+            valid_depth_share=0.8,
+            visible_share=0.9,
+            warnings=("a high stump",),
+        )
         measured = replace(
             TreeMeasurement.failed("no ground"),
             diameter_m=Estimate(0.312, 0.008),

@@ -1,4 +1,4 @@
-"""A small network whose answers are lively without training, and frames for it."""
+"""A small network with varied detections without training, and frames for it."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -27,20 +27,20 @@ NARROW_PAPER = {
     "detections": 6,
 }
 
-Lively = Callable[..., TreeRCNN]
+BuildModel = Callable[..., TreeRCNN]
 
 
-def lively_model(modality: str = "rgb", preset: str = "edge-n", **changes: Any) -> TreeRCNN:
-    """Random weights, the last layers so strong that scores and heat maps have clear peaks."""
+def random_model(modality: str = "rgb", preset: str = "edge-n", **changes: Any) -> TreeRCNN:
+    """A model with random weights, scaled up in the last layers for clear peaks of the scores."""
     torch.manual_seed(1)
     narrow = NARROW_LIGHT if preset.startswith("edge-") else NARROW_PAPER
     values: dict[str, Any] = {"height": HEIGHT, "width": WIDTH, **narrow, **changes}
     model = TreeRCNN(make_spec(preset, modality, **values))  # type: ignore[arg-type]
     for part in model.modules():
         if isinstance(part, torch.nn.BatchNorm2d):
-            part.momentum = None  # plain means
+            part.momentum = None  # use the mean over all batches
     with torch.no_grad():
-        for _ in range(3):  # gives batch norm the statistics that training would
+        for _ in range(3):  # statistics for the batch norms
             images = torch.randint(0, 256, (4, *input_shape(model)), dtype=torch.uint8)
             model.features(images)
         model.proposer.objectness.weight.mul_(100)
@@ -53,34 +53,34 @@ def lively_model(modality: str = "rgb", preset: str = "edge-n", **changes: Any) 
 
 
 def input_shape(model: TreeRCNN) -> tuple[int, ...]:
-    """(H, W, 3) or (H, W)."""
+    """Shape of one input image: (H, W, 3) or (H, W)."""
     spec = model.spec
     return (spec.height, spec.width, 3)[: 3 if spec.modality == "rgb" else 2]
 
 
 @pytest.fixture(scope="session")
-def lively() -> Lively:
-    """Builds such networks: modality, preset, changes of its spec."""
-    return lively_model
+def build_model() -> BuildModel:
+    """The function `random_model`, which builds such a network."""
+    return random_model
 
 
 @pytest.fixture(scope="session")
 def rgb_checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("checkpoints") / "rgb.safetensors"
-    save_checkpoint(path, lively_model("rgb"), {"data": "random numbers"})
+    save_checkpoint(path, random_model("rgb"), {"data": "random numbers"})
     return path
 
 
 @pytest.fixture(scope="session")
 def depth_checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("checkpoints") / "depth.safetensors"
-    save_checkpoint(path, lively_model("depth", masks=False), {"data": "random numbers"})
+    save_checkpoint(path, random_model("depth", masks=False), {"data": "random numbers"})
     return path
 
 
 @pytest.fixture(scope="session")
 def frame_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Like a data set's folder: images and metric depth, larger than the input."""
+    """A folder like a dataset's, with images and depth larger than the input."""
     folder = tmp_path_factory.mktemp("frames")
     random = np.random.default_rng(3)
     (folder / "images").mkdir()
@@ -98,6 +98,6 @@ def frame_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def exported(
     rgb_checkpoint: Path, frame_folder: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> ExportReport:
-    """The RGB checkpoint as a float32 file."""
+    """The RGB checkpoint, exported in float32."""
     out = tmp_path_factory.mktemp("out") / "rgb.onnx"
     return export_model(rgb_checkpoint, out, data=frame_folder)

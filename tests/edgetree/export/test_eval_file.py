@@ -1,4 +1,4 @@
-"""`edgetree eval` and `perceptree eval` give a file and its checkpoint the same report."""
+"""`edgetree eval` of a file and `perceptree eval` of its checkpoint give the same report."""
 
 import json
 import sys
@@ -22,7 +22,7 @@ SHARE_OF_TREES = 0.6
 
 @pytest.fixture(scope="session")
 def labelled(exported: ExportReport, frame_folder: Path, tmp_path_factory: Any) -> Path:
-    """Frames whose labels are some of what the file finds, each a little aside."""
+    """Frames labelled with some detections of the file, each slightly displaced."""
     folder = tmp_path_factory.mktemp("labelled")
     detector = TreeDetector.load(exported.path, score_threshold=0.05)
     rng = np.random.default_rng(2)
@@ -74,7 +74,7 @@ def test_a_checkpoint_and_its_float32_file_score_equal(
     checkpoint = report_of_checkpoint(rgb_checkpoint, labelled, monkeypatch, capfd)
     assert file.keys() == checkpoint.keys()
     for kind, found in checkpoint["average_precision"].items():
-        assert 2 < found["ap"] < 98, kind  # the comparison is of something
+        assert 2 < found["ap"] < 98, kind  # neither perfect nor empty
         for name in ("ap", "ap50", "ap75"):
             theirs = file["average_precision"][kind][name]
             assert theirs == pytest.approx(found[name], abs=0.1), (kind, name)
@@ -86,7 +86,7 @@ def test_a_checkpoint_and_its_float32_file_score_equal(
     assert file["model"]["input_px"] == checkpoint["model"]["input_px"]
 
 
-def test_the_report_is_a_folder_with_a_page(
+def test_the_report_is_a_folder_with_an_html_page(
     exported: ExportReport, labelled: Path, run_cli: Cli, tmp_path: Path
 ) -> None:
     out = tmp_path / "made" / "report"

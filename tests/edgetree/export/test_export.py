@@ -26,7 +26,7 @@ from perceptree.models import load_checkpoint, save_checkpoint
 INT8 = ExportSettings(precision="int8")
 
 
-def test_the_file_finds_what_the_checkpoint_finds(exported: ExportReport) -> None:
+def test_file_and_checkpoint_give_the_same_detections(exported: ExportReport) -> None:
     figures = exported.parity.figures()
     assert figures["frames"] == 6 + 3
     assert figures["trees_compared"] > 40
@@ -35,7 +35,7 @@ def test_the_file_finds_what_the_checkpoint_finds(exported: ExportReport) -> Non
     assert figures["keypoint_score_max"] < 1e-3
 
 
-def test_the_manifest_tells_what_the_file_is(exported: ExportReport, rgb_checkpoint: Path) -> None:
+def test_the_manifest_describes_the_file(exported: ExportReport, rgb_checkpoint: Path) -> None:
     manifest = TreeDetector.load(exported.path).manifest
     assert manifest == exported.manifest
     assert (manifest.modality, manifest.precision) == ("rgb", "float32")
@@ -64,7 +64,7 @@ def test_every_size_is_static_and_every_roi_align_attribute_written(
         assert {attribute.name for attribute in node.attribute} == names
 
 
-def test_nothing_of_this_machine_is_in_the_file(exported: ExportReport) -> None:
+def test_the_file_holds_no_paths_of_this_machine(exported: ExportReport) -> None:
     content = exported.path.read_bytes()
     assert b"site-packages" not in content
     assert b".py:" not in content
@@ -140,16 +140,16 @@ def test_int8_that_loses_trees_is_not_written(
 def test_a_data_set_is_compared_on_its_test_frames(frame_folder: Path, tmp_path: Path) -> None:
     folder = tmp_path / "data"
     shutil.copytree(frame_folder, folder)
-    assert len(find_frames(folder, "rgb", 20, unseen=True)) == 6
+    assert len(find_frames(folder, "rgb", 20, test_split=True)) == 6
     split = {"images": [{"file_name": "images/000001.png"}, {"file_name": "images/000004.png"}]}
     (folder / "test_RGB.json").write_text(json.dumps(split))
     for modality in ("rgb", "depth"):
-        unseen = find_frames(folder, modality, 20, unseen=True)
-        assert [path.stem for path in unseen] == ["000001", "000004"]
+        test_split = find_frames(folder, modality, 20, test_split=True)
+        assert [path.stem for path in test_split] == ["000001", "000004"]
         assert len(find_frames(folder, modality, 20)) == 6
     (folder / "test_RGB.json").write_text("[]")
     with pytest.raises(InputError, match=r"test_RGB.json: not a COCO file"):
-        find_frames(folder, "rgb", 20, unseen=True)
+        find_frames(folder, "rgb", 20, test_split=True)
 
 
 def test_int8_needs_frames_beside_those_compared_on(
@@ -160,7 +160,7 @@ def test_int8_needs_frames_beside_those_compared_on(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_commands_prove_and_print(
+def test_the_commands_verify_and_print(
     rgb_checkpoint: Path, frame_folder: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "model.onnx"

@@ -1,4 +1,4 @@
-"""Presets without training: files that cost what trained ones cost, proven like these."""
+"""Export of presets without training, and their cost in the manifest."""
 
 from pathlib import Path
 
@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from edgetree.export import ExportReport, ExportSettings, export_preset
-from edgetree.export.prepare import untrained_model
+from edgetree.export.models import untrained_model
 from edgetree.runtime.detector import TreeDetector
 from perceptree.models import PRESETS
 from perceptree.models.cost import classifier_cost, multiply_adds, parameters
@@ -16,7 +16,7 @@ LIGHT = [preset for preset in PRESETS if preset.startswith("edge-")]
 PAPER = [preset for preset in PRESETS if preset not in LIGHT]
 
 
-def assert_proven(report: ExportReport, settings: ExportSettings) -> None:
+def assert_verified(report: ExportReport, settings: ExportSettings) -> None:
     figures = report.parity.figures()
     assert report.parity.faults() == []
     assert figures["trees_compared"] > 0
@@ -33,17 +33,17 @@ def assert_proven(report: ExportReport, settings: ExportSettings) -> None:
     ("modality", "batch", "precision"),
     [pytest.param("rgb", 4, "fp32", marks=pytest.mark.slow), ("depth", 1, "int8")],
 )
-def test_a_light_preset_is_proven_without_training(
+def test_a_light_preset_is_verified_without_training(
     modality: str, batch: int, precision: str, tmp_path: Path
 ) -> None:
     settings = ExportSettings(height=96, width=160, batch=batch, precision=precision)
     out = tmp_path / "model.onnx"
     report = export_preset("edge-n", out, modality=modality, settings=settings)
-    assert_proven(report, settings)
+    assert_verified(report, settings)
     assert report.manifest.modality == modality
 
 
-def test_an_untrained_network_is_lively_and_the_same_every_time() -> None:
+def test_an_untrained_network_has_varied_scores_and_is_reproducible() -> None:
     settings = ExportSettings(height=96, width=160)
     first, second = (untrained_model("edge-n", "rgb", settings) for _ in range(2))
     for mine, theirs in zip(first.parameters(), second.parameters(), strict=True):
@@ -56,7 +56,7 @@ def test_an_untrained_network_is_lively_and_the_same_every_time() -> None:
 
 
 def test_the_costs_in_the_manifest_are_those_of_the_network(tmp_path: Path) -> None:
-    from edgetree.export.describe import describe
+    from edgetree.export.build import describe
     from perceptree.models import TreeRCNN, make_spec
 
     model = TreeRCNN(make_spec("r50", "rgb", 96, 160))
@@ -75,10 +75,10 @@ def test_the_costs_in_the_manifest_are_those_of_the_network(tmp_path: Path) -> N
     ("preset", "modality"),
     [*((p, m) for p in LIGHT for m in ("rgb", "depth")), *((p, "rgb") for p in PAPER)],
 )
-def test_every_preset_is_proven_without_training(
+def test_every_preset_is_verified_without_training(
     preset: str, modality: str, batch: int, tmp_path: Path
 ) -> None:
     settings = ExportSettings(height=256, width=256, batch=batch)
     out = tmp_path / "model.onnx"
     report = export_preset(preset, out, modality=modality, settings=settings)
-    assert_proven(report, settings)
+    assert_verified(report, settings)

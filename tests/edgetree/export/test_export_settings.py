@@ -1,4 +1,4 @@
-"""What can be chosen at an export: it is checked, reaches graph and manifest, and is proven."""
+"""Export settings: they are checked, and reach graph, manifest and verification."""
 
 import json
 import sys
@@ -17,7 +17,7 @@ from edgetree.export import (
     ParityFailed,
     verify_model,
 )
-from edgetree.export.prepare import with_settings
+from edgetree.export.models import with_settings
 from edgetree.model_file.manifest import METADATA_KEY
 from edgetree.runtime.detector import TreeDetector
 from perceptree.models import load_checkpoint
@@ -39,7 +39,7 @@ CHOSEN = ExportSettings(
 def chosen(
     rgb_checkpoint: Path, frame_folder: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> tuple[Path, dict[str, Any]]:
-    """A file with everything chosen on the command line, and what the command printed."""
+    """A file exported with all command line options, and the printed record."""
     out = tmp_path_factory.mktemp("chosen") / "model.onnx"
     done = CliRunner().invoke(
         cli.app,
@@ -54,7 +54,7 @@ def chosen(
     return out, json.loads(done.stdout)
 
 
-def test_choices_reach_the_graph(chosen: tuple[Path, dict[str, Any]], frame_folder: Path) -> None:
+def test_settings_reach_the_graph(chosen: tuple[Path, dict[str, Any]], frame_folder: Path) -> None:
     proto = onnx.load(chosen[0])
     assert {entry.version for entry in proto.opset_import if entry.domain in ("", "ai.onnx")} == {
         18
@@ -64,7 +64,7 @@ def test_choices_reach_the_graph(chosen: tuple[Path, dict[str, Any]], frame_fold
     assert shapes["boxes"] == [2, 7, 4]
     assert shapes["keypoints"] == [2, 7, 5, 3]
     assert shapes["masks"] == [2, 7, 28, 28]
-    # The box head sees the proposals of both frames, the other heads the detections.
+    # The box head pools the proposals of both frames, the other heads the detections.
     inferred = onnx.shape_inference.infer_shapes(proto).graph.value_info
     rows = {v.name: v.type.tensor_type.shape.dim[0].dim_value for v in inferred if _sizes(v)}
     pooled = [rows[node.output[0]] for node in proto.graph.node if node.op_type == "RoiAlign"]
@@ -75,7 +75,7 @@ def _sizes(value: Any) -> list[int]:
     return [size.dim_value for size in value.type.tensor_type.shape.dim]
 
 
-def test_choices_are_told_by_the_manifest_and_the_record(
+def test_settings_are_in_the_manifest_and_the_record(
     chosen: tuple[Path, dict[str, Any]], exported: ExportReport, rgb_checkpoint: Path
 ) -> None:
     out, record = chosen
@@ -96,7 +96,7 @@ def test_choices_are_told_by_the_manifest_and_the_record(
     assert record["parameters"] == manifest.parameters
 
 
-def test_no_score_is_under_the_lowest_one(
+def test_no_score_is_below_the_threshold(
     chosen: tuple[Path, dict[str, Any]], exported: ExportReport, frame_folder: Path
 ) -> None:
     from edgetree.frames.sources import read_image
@@ -109,7 +109,7 @@ def test_no_score_is_under_the_lowest_one(
     assert float(found.scores.min()) > 0.97
 
 
-def test_verify_repeats_the_proof_of_what_was_chosen(
+def test_verify_uses_the_settings_of_the_file(
     chosen: tuple[Path, dict[str, Any]], rgb_checkpoint: Path, frame_folder: Path
 ) -> None:
     report = verify_model(chosen[0], rgb_checkpoint, data=frame_folder)
@@ -136,7 +136,7 @@ def test_verify_repeats_the_proof_of_what_was_chosen(
         (["--height", "8"], "the input is 8x160, expected 32 to 8192 px each way"),
     ],
 )
-def test_a_wrong_choice_is_one_line(
+def test_a_wrong_setting_gives_one_line(
     options: list[str],
     line: str,
     rgb_checkpoint: Path,
@@ -150,10 +150,10 @@ def test_a_wrong_choice_is_one_line(
     monkeypatch.setattr(sys, "argv", [*base, "--data", str(frame_folder), *options])
     with pytest.raises(SystemExit) as ended:
         cli.main()
-    told = capfd.readouterr().err.strip()
+    message = capfd.readouterr().err.strip()
     assert ended.value.code == 2
-    assert line in told
-    assert "\n" not in told
+    assert line in message
+    assert "\n" not in message
     assert list(tmp_path.iterdir()) == []
 
 
@@ -197,7 +197,7 @@ def test_a_wrong_number_of_samples_is_refused(
 def test_a_file_of_another_modality_is_refused(
     exported: ExportReport, depth_checkpoint: Path, frame_folder: Path, tmp_path: Path
 ) -> None:
-    with pytest.raises(InputError, match="takes rgb frames: expected depth ones"):
+    with pytest.raises(InputError, match="takes rgb frames: expected depth frames"):
         verify_model(exported.path, depth_checkpoint, data=frame_folder)
     proto = onnx.load(exported.path)
     manifest = json.loads(exported.manifest.to_json())

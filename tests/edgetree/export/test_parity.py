@@ -1,25 +1,19 @@
 import numpy as np
 import pytest
 
-from edgetree.export.parity import (
-    Arrays,
-    FrameParity,
-    ParityReport,
-    compare_frame,
-    compare_frames,
-    limits_of,
-)
+from edgetree.export.comparison import Arrays, compare_frame, compare_frames
+from edgetree.export.parity import FrameParity, ParityReport, limits_of
 
-K = 4
+ROWS = 4
 
 
 def outputs(boxes: list[list[float]], scores: list[float]) -> dict[str, np.ndarray]:
     count = len(scores)
     result = {
-        "boxes": np.zeros((1, K, 4), np.float32),
-        "scores": np.zeros((1, K), np.float32),
-        "keypoints": np.zeros((1, K, 5, 3), np.float32),
-        "masks": np.zeros((1, K, 28, 28), np.float32),
+        "boxes": np.zeros((1, ROWS, 4), np.float32),
+        "scores": np.zeros((1, ROWS), np.float32),
+        "keypoints": np.zeros((1, ROWS, 5, 3), np.float32),
+        "masks": np.zeros((1, ROWS, 28, 28), np.float32),
         "num_detections": np.array([count]),
     }
     result["boxes"][0, :count] = np.reshape(boxes, (-1, 4))
@@ -33,8 +27,8 @@ IMAGE = {"frame": np.zeros((8, 8), np.uint8)}
 
 
 def faults(expected: Arrays, found: Arrays, precision: str = "float32") -> list[str]:
-    shown = compare_frames(lambda _: expected, lambda _: found, IMAGE, precision, 0.01)
-    return ParityReport(precision, shown, limits=limits_of(precision)).faults()
+    compared = compare_frames(lambda _: expected, lambda _: found, IMAGE, precision, 0.01)
+    return ParityReport(precision, compared, limits=limits_of(precision)).faults()
 
 
 def test_equal_detections_pass_in_any_order() -> None:
@@ -43,7 +37,7 @@ def test_equal_detections_pass_in_any_order() -> None:
     assert faults(expected, outputs([RIGHT, LEFT], [0.8999, 0.9])) == []
 
 
-def test_frames_without_a_tree_prove_nothing() -> None:
+def test_frames_without_trees_are_a_fault() -> None:
     assert faults(outputs([], []), outputs([], [])) == [
         "all: no tree to compare, expected frames in which the model finds some"
     ]
@@ -69,21 +63,21 @@ def test_each_kind_of_difference_is_seen(
     assert any(message in fault for fault in faults(expected, found))
 
 
-def test_a_tree_at_the_threshold_may_come_and_go() -> None:
+def test_a_tree_at_the_threshold_may_be_missing() -> None:
     expected = outputs([LEFT, RIGHT], [0.9, 0.0105])
     assert faults(expected, outputs([LEFT], [0.9])) == []
     assert faults(outputs([LEFT], [0.9]), expected) == []
     assert faults(outputs([LEFT, RIGHT], [0.9, 0.02]), outputs([LEFT], [0.9])) != []
 
 
-def test_the_last_of_full_rows_may_be_another_of_its_score() -> None:
+def test_the_last_of_full_rows_may_differ_at_equal_score() -> None:
     boxes = [[100.0 * i, 0, 100.0 * i + 20, 100] for i in range(5)]
     expected = outputs(boxes[:4], [0.9, 0.8, 0.7, 0.3])
     assert faults(expected, outputs([*boxes[:3], boxes[4]], [0.9, 0.8, 0.7, 0.3])) == []
     assert faults(expected, outputs(boxes[1:5], [0.9, 0.8, 0.7, 0.3])) != []
 
 
-def test_int8_is_judged_on_confident_trees_both_ways() -> None:
+def test_int8_compares_confident_trees_in_both_directions() -> None:
     expected = outputs([LEFT, RIGHT], [0.9, 0.3])
     assert faults(expected, outputs([LEFT], [0.6]), "int8") == []
     assert faults(expected, outputs([LEFT], [0.3]), "int8") != []
@@ -101,20 +95,20 @@ def test_int8_is_judged_on_confident_trees_both_ways() -> None:
         (lambda o: o.pop("masks"), "masks is missing"),
     ],
 )
-def test_nonsense_is_a_fault_even_on_a_blank_frame(change: object, message: str) -> None:
+def test_invalid_outputs_are_a_fault_even_on_a_blank_frame(change: object, message: str) -> None:
     expected, found = outputs([LEFT], [0.9]), outputs([LEFT], [0.9])
     change(found)  # type: ignore[operator]
-    shown = compare_frames(
+    compared = compare_frames(
         lambda _: expected, lambda _: found, {"blank": IMAGE["frame"]}, "float32", 0.01
     )
-    (fault,) = ParityReport("float32", shown, limits=limits_of("float32")).faults()
+    (fault,) = ParityReport("float32", compared, limits=limits_of("float32")).faults()
     assert message in fault
 
 
 def test_lost_average_precision_is_a_fault() -> None:
     precision = {"box": (60.0, 58.5), "mask": (30.0, 29.5)}
-    shown = (FrameParity("f", trees=2, matched=2),)
-    report = ParityReport("int8", shown, precision, limits_of("int8"))
+    compared = (FrameParity("f", trees=2, matched=2),)
+    report = ParityReport("int8", compared, precision, limits_of("int8"))
     assert report.faults() == ["all: box AP fell from 60.00 to 58.50, limit 1"]
 
 
@@ -125,8 +119,8 @@ def test_pairs_are_counted_in_both_directions() -> None:
 
 
 @pytest.mark.parametrize("broken", [0, 2, 5, 8])
-def test_a_fault_in_one_row_of_a_batch_is_told_of_the_right_frame(broken: int) -> None:
-    """Nine frames, four at a time: the last one goes with the first three once more."""
+def test_a_fault_in_one_row_of_a_batch_names_the_right_frame(broken: int) -> None:
+    """Nine frames in batches of four: the last batch is filled up with the first three frames."""
     frames = {f"frame {n}": np.full((8, 8), n, np.uint8) for n in range(9)}
     sizes = []
 
@@ -138,7 +132,7 @@ def test_a_fault_in_one_row_of_a_batch_is_told_of_the_right_frame(broken: int) -
             rows.append(outputs([[LEFT[0] + move, *LEFT[1:]], RIGHT], [0.9, 0.8]))
         return {name: np.concatenate([row[name] for row in rows]) for name in rows[0]}
 
-    shown = compare_frames(
+    compared = compare_frames(
         lambda images: detect(images, 0.0),
         lambda images: detect(images, 3.0),
         frames,
@@ -147,9 +141,9 @@ def test_a_fault_in_one_row_of_a_batch_is_told_of_the_right_frame(broken: int) -
         batch=4,
     )
     assert set(sizes) == {4}
-    assert [frame.name for frame in shown] == list(frames)
-    assert [frame.trees for frame in shown] == [4] * 9
-    report = ParityReport("float32", shown, limits=limits_of("float32"))
+    assert [frame.name for frame in compared] == list(frames)
+    assert [frame.trees for frame in compared] == [4] * 9
+    report = ParityReport("float32", compared, limits=limits_of("float32"))
     assert report.faults() == [f"frame {broken}: box_px differs by 3, limit 0.5"]
 
 
@@ -157,24 +151,24 @@ def test_another_number_of_rows_than_the_batch_is_a_fault() -> None:
     expected = {name: value.repeat(2, axis=0) for name, value in outputs([LEFT], [0.9]).items()}
     frames = {"a": IMAGE["frame"], "b": IMAGE["frame"]}
     one = {name: value[:1] for name, value in expected.items()}
-    shown = compare_frames(lambda _: expected, lambda _: one, frames, "float32", 0.01, batch=2)
-    assert [frame.fault for frame in shown] == ["boxes is missing or of another shape"] * 2
+    compared = compare_frames(lambda _: expected, lambda _: one, frames, "float32", 0.01, batch=2)
+    assert [frame.fault for frame in compared] == ["boxes is missing or of another shape"] * 2
 
 
 def test_a_score_under_the_stated_threshold_is_a_fault() -> None:
     both = outputs([LEFT, RIGHT], [0.9, 0.2])
-    shown = compare_frames(lambda _: both, lambda _: both, IMAGE, "float32", 0.3)
-    (fault,) = ParityReport("float32", shown, limits=limits_of("float32")).faults()
+    compared = compare_frames(lambda _: both, lambda _: both, IMAGE, "float32", 0.3)
+    (fault,) = ParityReport("float32", compared, limits=limits_of("float32")).faults()
     assert fault == "frame: a score is 0.2, expected 0.3 or more, as the manifest says"
 
 
-def test_untrained_networks_in_8_bits_are_held_to_sanity_alone() -> None:
+def test_untrained_int8_networks_are_only_checked_for_validity() -> None:
     limits = limits_of("int8", trained=False)
     expected, found = outputs([LEFT], [0.9]), outputs([RIGHT], [0.9])
-    shown = compare_frames(lambda _: expected, lambda _: found, IMAGE, "int8", 0.01)
-    assert ParityReport("int8", shown, limits=limits).faults() == []
+    compared = compare_frames(lambda _: expected, lambda _: found, IMAGE, "int8", 0.01)
+    assert ParityReport("int8", compared, limits=limits).faults() == []
     found["boxes"][0, 0, 0] = np.inf
-    shown = compare_frames(lambda _: expected, lambda _: found, IMAGE, "int8", 0.01)
-    (fault,) = ParityReport("int8", shown, limits=limits).faults()
+    compared = compare_frames(lambda _: expected, lambda _: found, IMAGE, "int8", 0.01)
+    (fault,) = ParityReport("int8", compared, limits=limits).faults()
     assert fault == "frame: boxes is not finite"
     assert limits_of("float32", trained=False) == limits_of("float32")

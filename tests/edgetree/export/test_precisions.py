@@ -1,4 +1,4 @@
-"""What an 8-bit and a half-precision graph hold, and that they still find the same."""
+"""Contents of int8 and float16 graphs, and their outputs."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -12,9 +12,9 @@ import torch
 from numpy.typing import NDArray
 from onnx import TensorProto
 
-from edgetree.export.frames import InputRules, find_frames, read_frames
-from edgetree.export.graph import output_names, trace
-from edgetree.export.half import halve
+from edgetree.export.build import output_names, trace
+from edgetree.export.float16 import to_float16
+from edgetree.export.frames import find_frames, read_frames
 from edgetree.export.layers import frame_reader
 from edgetree.export.quantise import quantise
 from perceptree.models import TreeRCNN, load_checkpoint
@@ -23,7 +23,7 @@ BYTE_MOVERS = {"Concat", "Expand", "Gather", "Pad", "Reshape", "Slice", "Transpo
 
 
 class Graph:
-    """A graph's nodes by what they make and take, and the types of its constants."""
+    """Look up the nodes and constants of a graph by their tensors."""
 
     def __init__(self, proto: Any) -> None:
         self.nodes = list(proto.graph.node)
@@ -37,7 +37,7 @@ class Graph:
         return [node for node in self.nodes if name in node.input]
 
     def weight_of(self, node: Any) -> Any:
-        """The constant that a node multiplies with, behind its dequantising if there is one."""
+        """The weight of a node, before dequantisation if there is any."""
         name = node.input[1]
         source = self.makers.get(name)
         return self.constants[source.input[0] if source is not None else name]
@@ -47,7 +47,7 @@ class Graph:
         return all(m is not None and m.op_type == "DequantizeLinear" for m in makers)
 
     def upstream(self, node: Any) -> Iterator[Any]:
-        """Every node that the node's first input comes from, by first inputs and joined ones."""
+        """All nodes upstream of a node's first input, through first inputs and concatenations."""
         waiting = [node.input[0]]
         while waiting:
             source = self.makers.get(waiting.pop())
@@ -64,7 +64,7 @@ def model(rgb_checkpoint: Path) -> TreeRCNN:
 
 @pytest.fixture(scope="module")
 def frames(model: TreeRCNN, frame_folder: Path) -> NDArray[np.uint8]:
-    return read_frames(find_frames(frame_folder, "rgb", 4), InputRules.of(model.spec))
+    return read_frames(find_frames(frame_folder, "rgb", 4), model.spec)
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +78,7 @@ def int8(plain: bytes, frames: NDArray[np.uint8]) -> Graph:
     return Graph(quantise(onnx.ModelProto.FromString(plain), frames))
 
 
-def test_the_frames_are_not_lost_from_the_traced_model(
+def test_quantising_does_not_change_the_traced_model(
     plain: bytes, frames: NDArray[np.uint8]
 ) -> None:
     traced = onnx.ModelProto.FromString(plain)
@@ -103,7 +103,7 @@ def test_every_convolution_and_the_heads_take_8_bits(int8: Graph, model: TreeRCN
     convolutions = int8.of("Conv")
     assert len(convolutions) > 40
     assert [node.name for node in convolutions if not int8.is_8_bit(node)] == []
-    # The mask and keypoint convolutions and the box head are fed by RoIAlign.
+    # The mask and keypoint convolutions and the box head are downstream of RoIAlign.
     fed = [n for n in convolutions if any(s.op_type == "RoiAlign" for s in int8.upstream(n))]
     assert len(fed) >= len(model.spec.mask_head_widths) + len(model.spec.keypoint_head_widths)
     products = {tuple(int8.weight_of(node).dims): int8.is_8_bit(node) for node in int8.of("Gemm")}
@@ -127,7 +127,7 @@ def test_last_layers_take_8_bits_and_give_floats(int8: Graph, model: TreeRCNN) -
         assert "QuantizeLinear" not in {taker.op_type for taker in takers}
 
 
-def test_the_image_s_bytes_reach_the_first_convolution_as_they_are(int8: Graph) -> None:
+def test_image_bytes_reach_the_first_convolution_unchanged(int8: Graph) -> None:
     waiting, seen = ["image"], []
     while waiting:
         for node in int8.takers(waiting.pop()):
@@ -171,7 +171,7 @@ def test_calibration_fills_batches_of_the_model(count: int, batch: int, calls: i
     assert numbers[:count] == list(range(count))[: len(numbers)]
 
 
-def test_a_file_of_four_frames_is_calibrated_on_three(
+def test_a_batch_of_four_is_calibrated_on_three_frames(
     model: TreeRCNN, frames: NDArray[np.uint8]
 ) -> None:
     proto = quantise(trace(model, batch=4, quantised=True), frames[:3])
@@ -186,7 +186,7 @@ def test_a_file_of_four_frames_is_calibrated_on_three(
 
 @pytest.fixture(scope="module")
 def loud() -> Callable[[TreeRCNN], None]:
-    """Makes one layer of the mask head so loud that half precision overflows, and the next mute."""
+    """Scale one layer of the mask head so that float16 overflows, and the next one back."""
 
     def change(model: TreeRCNN) -> None:
         assert model.mask_head is not None
@@ -203,10 +203,10 @@ def loud() -> Callable[[TreeRCNN], None]:
 def half(rgb_checkpoint: Path, frames: NDArray[np.uint8], loud: Callable[[TreeRCNN], None]) -> Any:
     model, _ = load_checkpoint(rgb_checkpoint)
     loud(model)
-    return halve(trace(model, batch=1), frames)
+    return to_float16(trace(model, batch=1), frames)
 
 
-def test_half_precision_keeps_what_goes_in_and_out(half: Any, model: TreeRCNN) -> None:
+def test_float16_keeps_the_types_of_inputs_and_outputs(half: Any, model: TreeRCNN) -> None:
     (image,) = half.graph.input
     assert image.type.tensor_type.elem_type == TensorProto.UINT8
     kinds = {value.name: value.type.tensor_type.elem_type for value in half.graph.output}
@@ -215,7 +215,7 @@ def test_half_precision_keeps_what_goes_in_and_out(half: Any, model: TreeRCNN) -
     assert len(kinds) == 4
 
 
-def test_half_precision_is_a_graph_in_order_that_rounds_no_coordinates(half: Any) -> None:
+def test_float16_graph_is_sorted_and_rounds_no_coordinates(half: Any) -> None:
     onnx.checker.check_model(half)
     graph = Graph(half)
     names = [node.name for node in graph.nodes]
@@ -226,7 +226,7 @@ def test_half_precision_is_a_graph_in_order_that_rounds_no_coordinates(half: Any
         assert not (back and target.get(node.input[0]) == TensorProto.FLOAT16), node.name
 
 
-def test_half_precision_is_for_the_network_and_not_for_coordinates(half: Any) -> None:
+def test_float16_is_used_in_the_network_but_not_for_coordinates(half: Any) -> None:
     graph = Graph(half)
     kinds = [graph.weight_of(node).data_type for node in graph.of("Conv")]
     assert kinds.count(TensorProto.FLOAT16) > 40
@@ -241,7 +241,7 @@ def test_half_precision_is_for_the_network_and_not_for_coordinates(half: Any) ->
         assert kind.get(node.input[0], TensorProto.FLOAT) == TensorProto.FLOAT, node.name
 
 
-def test_a_layer_near_the_largest_half_stays_in_single_precision(
+def test_a_layer_near_the_largest_float16_stays_in_float32(
     half: Any, model: TreeRCNN, frames: NDArray[np.uint8]
 ) -> None:
     graph = Graph(half)
@@ -258,9 +258,9 @@ def test_a_layer_near_the_largest_half_stays_in_single_precision(
         half.SerializeToString(), providers=["CPUExecutionProvider"]
     )
     names = output_names(masks=True, keypoints=True)
-    answers = dict(zip(names, session.run(None, {"image": frames[:1]}), strict=True))
+    outputs = dict(zip(names, session.run(None, {"image": frames[:1]}), strict=True))
     with torch.inference_mode():
         expected = model.detect(torch.from_numpy(frames[:1]))
-    best, found = expected.boxes[0, 0].numpy(), answers["boxes"][0, 0]
+    best, found = expected.boxes[0, 0].numpy(), outputs["boxes"][0, 0]
     assert np.abs(best - found).max() < 1.0
-    assert np.abs(expected.masks[0, 0].numpy() - answers["masks"][0, 0]).max() < 0.05
+    assert np.abs(expected.masks[0, 0].numpy() - outputs["masks"][0, 0]).max() < 0.05

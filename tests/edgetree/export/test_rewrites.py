@@ -1,4 +1,4 @@
-"""The form that is deployed answers as the network does, before any runtime sees it."""
+"""The network rewritten for export gives the same outputs, evaluated in torch."""
 
 import dataclasses
 import functools
@@ -9,11 +9,12 @@ import pytest
 import torch
 from torch import nn
 
-from edgetree.export.parity import Limits, ParityReport, compare_frames
-from edgetree.export.rewrites import deployable
+from edgetree.export.comparison import compare_frames
+from edgetree.export.parity import Limits, ParityReport
+from edgetree.export.rewrites import rewrite_for_export
 from perceptree.models import TreeRCNN
 
-Lively = Callable[..., TreeRCNN]
+BuildModel = Callable[..., TreeRCNN]
 
 UNIT = (1.0, 1.0, 1.0)
 CLOSE = Limits(box_px=0.01, keypoint_px=0.05, score=1e-4, keypoint_score=1e-4, mask_iou=0.999)
@@ -40,14 +41,14 @@ NETWORKS: dict[str, dict[str, Any]] = {
         "width": 150,
     },
 }
-# Channels of the block of 2x2 pixels that the quantised stem reads, per pixel.
+# Channels per pixel that the first convolution reads if quantised.
 CHANNELS = {"rgb, all means whole": 3, "depth, one mean, std": 1, "depth, one mean, 90x150": 1}
 
 
 @pytest.fixture(scope="module")
-def network(lively: Lively) -> Callable[[str], TreeRCNN]:
-    """Those of NETWORKS, made once; they read keypoints between pixels."""
-    return functools.cache(lambda name: lively(**NETWORKS[name], keypoint_grid="subcell"))
+def network(build_model: BuildModel) -> Callable[[str], TreeRCNN]:
+    """The NETWORKS by name, each built once, with keypoints between pixels."""
+    return functools.cache(lambda name: build_model(**NETWORKS[name], keypoint_grid="subcell"))
 
 
 @pytest.fixture(autouse=True)
@@ -66,8 +67,8 @@ def first_convolution(model: TreeRCNN) -> nn.Conv2d:
     return next(part for part in model.backbone.modules() if isinstance(part, nn.Conv2d))
 
 
-def assert_same_answers(model: TreeRCNN, changed: TreeRCNN) -> None:
-    """Tree by tree, as the gate compares: rows of equal scores may change places."""
+def assert_same_outputs(model: TreeRCNN, changed: TreeRCNN) -> None:
+    """Compare matched trees, since the order of equal scores is undefined."""
     images = images_of(model)
     with torch.inference_mode():
         expected, found = (
@@ -76,23 +77,23 @@ def assert_same_answers(model: TreeRCNN, changed: TreeRCNN) -> None:
         )
     assert int(expected["num_detections"].min()) > 1
     frames = {str(number): image.numpy() for number, image in enumerate(images)}
-    shown = compare_frames(
+    compared = compare_frames(
         lambda _: expected, lambda _: found, frames, "float32", model.spec.score_threshold, 2
     )
-    report = ParityReport("float32", shown, limits=CLOSE)
+    report = ParityReport("float32", compared, limits=CLOSE)
     assert report.faults() == []
     assert report.trees > 4
 
 
 @pytest.mark.parametrize("name", NETWORKS)
 @pytest.mark.parametrize("quantised", [False, True])
-def test_the_deployed_form_finds_the_same(
+def test_the_rewritten_network_gives_the_same_detections(
     name: str, quantised: bool, network: Callable[[str], TreeRCNN]
 ) -> None:
     model = network(name)
     before = {key: value.clone() for key, value in model.state_dict().items()}
-    changed = deployable(model, quantised=quantised)
-    assert_same_answers(model, changed)
+    changed = rewrite_for_export(model, quantised=quantised)
+    assert_same_outputs(model, changed)
     for key, value in model.state_dict().items():
         assert torch.equal(value, before[key]), f"{key} of the model itself"
     if quantised:
@@ -100,19 +101,19 @@ def test_the_deployed_form_finds_the_same(
         stem = first_convolution(changed)
         assert stem.in_channels == 4 * CHANNELS.get(name, per_pixel)
         assert stem.stride == (1, 1)
-    # No division is left, and no layer that spreads its input over zeros.
+    # No division and no transposed convolution is left.
     assert set(changed.spec.std) == {1.0}
     assert not any(isinstance(part, nn.ConvTranspose2d) for part in changed.modules())
 
 
-def test_only_the_quantised_form_reads_pixels_keypoints_between_them(lively: Lively) -> None:
-    model = lively(preset="r50")
+def test_only_the_quantised_network_reads_keypoints_between_pixels(build_model: BuildModel) -> None:
+    model = build_model(preset="r50")
     assert model.spec.keypoint_grid == "pixels"
-    float32, int8 = (deployable(model, quantised=quantised) for quantised in (False, True))
-    assert_same_answers(model, float32)
-    between = deployable(model, quantised=False)
+    float32, int8 = (rewrite_for_export(model, quantised=quantised) for quantised in (False, True))
+    assert_same_outputs(model, float32)
+    between = rewrite_for_export(model, quantised=False)
     between.spec = dataclasses.replace(between.spec, keypoint_grid="subcell")
-    assert_same_answers(between, int8)
+    assert_same_outputs(between, int8)
     images = images_of(model)
     with torch.inference_mode():
         pixels, read = (form.detect(images).keypoints for form in (float32, int8))
@@ -121,15 +122,15 @@ def test_only_the_quantised_form_reads_pixels_keypoints_between_them(lively: Liv
 
 @pytest.mark.parametrize(("masks", "keypoints"), [(True, False), (False, True), (False, False)])
 @pytest.mark.parametrize("quantised", [False, True])
-def test_networks_without_some_branch_are_changed_too(
-    masks: bool, keypoints: bool, quantised: bool, lively: Lively
+def test_networks_without_some_branches_are_rewritten(
+    masks: bool, keypoints: bool, quantised: bool, build_model: BuildModel
 ) -> None:
-    model = lively(masks=masks, keypoints=keypoints)
-    assert_same_answers(model, deployable(model, quantised=quantised))
+    model = build_model(masks=masks, keypoints=keypoints)
+    assert_same_outputs(model, rewrite_for_export(model, quantised=quantised))
 
 
-def test_a_stem_that_cannot_be_read_in_blocks_is_named(lively: Lively) -> None:
-    model = lively()
+def test_an_unsupported_first_convolution_is_named(build_model: BuildModel) -> None:
+    model = build_model()
     first_convolution(model).stride = (1, 1)
     with pytest.raises(ValueError, match="expected stride 2"):
-        deployable(model, quantised=True)
+        rewrite_for_export(model, quantised=True)

@@ -1,4 +1,4 @@
-"""The paper's layout as an ONNX graph: onnxruntime answers as the model does."""
+"""The traced graph of the r50 preset gives the outputs of the model in onnxruntime."""
 
 from collections.abc import Callable
 
@@ -7,10 +7,10 @@ import onnxruntime
 import pytest
 import torch
 
-from edgetree.export.graph import output_names, trace
+from edgetree.export.build import output_names, trace
 from perceptree.models import TreeRCNN
 
-Lively = Callable[..., TreeRCNN]
+BuildModel = Callable[..., TreeRCNN]
 
 
 def frames(height: int, width: int) -> torch.Tensor:
@@ -18,7 +18,7 @@ def frames(height: int, width: int) -> torch.Tensor:
     return torch.randint(0, 256, (2, height, width, 3), generator=random, dtype=torch.uint8)
 
 
-def assert_same_answers(model: TreeRCNN) -> None:
+def assert_same_outputs(model: TreeRCNN) -> None:
     spec = model.spec
     images = frames(spec.height, spec.width)
     with torch.inference_mode():
@@ -29,17 +29,17 @@ def assert_same_answers(model: TreeRCNN) -> None:
         trace(model, batch=2).SerializeToString(), providers=["CPUExecutionProvider"]
     )
     assert tuple(output.name for output in session.get_outputs()) == names
-    answers = dict(zip(names, session.run(None, {"image": images.numpy()}), strict=True))
-    assert answers["num_detections"].tolist() == expected["num_detections"].tolist()
+    outputs = dict(zip(names, session.run(None, {"image": images.numpy()}), strict=True))
+    assert outputs["num_detections"].tolist() == expected["num_detections"].tolist()
     tolerances = {"boxes": 0.02, "scores": 1e-4, "keypoints": 0.05, "masks": 1e-3}
     for name in names[:-1]:
         theirs = expected[name].numpy()
         assert theirs.any(), name
-        assert answers[name].shape == theirs.shape
-        assert np.abs(answers[name] - theirs).max() < tolerances[name], name
+        assert outputs[name].shape == theirs.shape
+        assert np.abs(outputs[name] - theirs).max() < tolerances[name], name
     if spec.keypoints:
         np.testing.assert_allclose(
-            answers["keypoints"][..., 2], expected["keypoints"][..., 2].numpy(), atol=1e-4
+            outputs["keypoints"][..., 2], expected["keypoints"][..., 2].numpy(), atol=1e-4
         )
 
 
@@ -51,12 +51,14 @@ def assert_same_answers(model: TreeRCNN) -> None:
         (False, False),
     ],
 )
-def test_a_network_with_some_branches_exports(masks: bool, keypoints: bool, lively: Lively) -> None:
-    assert_same_answers(lively(preset="r50", masks=masks, keypoints=keypoints))
+def test_a_network_with_some_branches_exports(
+    masks: bool, keypoints: bool, build_model: BuildModel
+) -> None:
+    assert_same_outputs(build_model(preset="r50", masks=masks, keypoints=keypoints))
 
 
 def test_the_whole_r50_network_exports_at_a_size_that_is_no_multiple_of_32(
-    lively: Lively,
+    build_model: BuildModel,
 ) -> None:
     size = {"height": 90, "width": 150}
-    assert_same_answers(lively(preset="r50", backbone="resnet50", stride_in_1x1=True, **size))
+    assert_same_outputs(build_model(preset="r50", backbone="resnet50", stride_in_1x1=True, **size))

@@ -1,7 +1,7 @@
-"""Scenes of cylinders and cones on planes, cast ray by ray, with exact keypoints, depth and truth.
+"""Synthetic scenes of cylinders and cones on planes, with exact keypoints, depth and truth.
 
-Nothing here comes from the simulator or from the code under test but the pinhole projection,
-which `tests/calib` holds against OpenCV, and `Scene.measure`, which hands all of it to that code.
+The scenes are ray traced here, independently of the simulator and of the code under test. Only the
+pinhole projection is shared; `tests/calib` compares it with OpenCV.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ EXACT = MeasureSettings(
     out_of_round_std=1e-6,
     bend_std_deg=1e-6,
 )
-"""For keypoints that are where they say, and stems that are as round as these."""
+"""Settings for exact keypoints and depth, and for perfectly round stems."""
 
 
 @dataclass(frozen=True)
 class Pole:
-    """A stem standing on the ground at a place right of and before the camera, metres.
+    """A cylindrical or conical stem on the ground; positions are relative to the camera, in metres.
 
-    It is a cylinder, or a cone that loses `taper` of its diameter per metre along its axis.
+    The diameter shrinks by `taper` metres per metre along the axis.
     """
 
     diameter_m: float = 0.3
@@ -48,22 +48,23 @@ class Pole:
     ahead_m: float = 5.0
     lean_deg: float = 0.0
     lean_towards_deg: float = 0.0
-    """Direction of the lean: 0 to the right of the picture, 90 away from the camera."""
+    """Direction of the lean: 0 to the right of the image, 90 away from the camera."""
     cut_m: float = 0.25
     section_m: float = 0.4
     top_m: float = 3.0
     taper: float = 0.0
 
     def diameter_at_m(self, height_m: float) -> float:
-        """At a height along the axis."""
+        """Diameter at a height along the axis."""
         return self.diameter_m - self.taper * height_m
 
 
 @dataclass
 class Scene:
-    """Poles before a camera at a height over a sloping ground.
+    """Poles on sloping ground in front of a camera.
 
-    `slope_deg` rises towards `uphill_deg`, counted like `lean_towards_deg`.
+    The ground rises by `slope_deg` towards `uphill_deg`, which is defined like
+    `Pole.lean_towards_deg`.
     """
 
     poles: list[Pole]
@@ -75,7 +76,7 @@ class Scene:
     uphill_deg: float = 90.0
     depth_m: np.ndarray = field(init=False)
     owner: np.ndarray = field(init=False)
-    """(H, W) which pole a pixel shows, from 1; 0 ground; -1 nothing."""
+    """(H, W) number of the pole that a pixel shows, from 1; 0 for ground, -1 for nothing."""
 
     def __post_init__(self) -> None:
         pitch, roll = np.radians([self.pitch_deg, self.roll_deg])
@@ -85,7 +86,7 @@ class Scene:
         turn = np.array(
             [[np.cos(roll), -np.sin(roll), 0], [np.sin(roll), np.cos(roll), 0], [0, 0, 1]]
         )
-        # Level axes (right, down, ahead) to the camera's.
+        # Rotation from level axes (right, down, forward) to camera axes.
         self.to_camera = turn @ nod
         self.up = self.to_camera @ np.array([0.0, -1.0, 0.0])
         slope, uphill = np.radians([self.slope_deg, self.uphill_deg])
@@ -93,7 +94,7 @@ class Scene:
         self._cast()
 
     def foot(self, pole: Pole) -> np.ndarray:
-        """(3,) camera point where the axis meets the ground."""
+        """(3,) camera point at which the axis meets the ground."""
         rise = self.gradient @ (pole.right_m, pole.ahead_m)
         level = np.array([pole.right_m, self.camera_height_m - rise, pole.ahead_m])
         return self.to_camera @ level
@@ -108,13 +109,13 @@ class Scene:
         return self.foot(pole) + height_m * self.along(pole)
 
     def front(self, pole: Pole, centre: np.ndarray) -> np.ndarray:
-        """(3,) unit vector from the axis to the camera, across the axis."""
+        """(3,) unit vector across the axis, from the axis to the camera."""
         along = self.along(pole)
         towards = (centre @ along) * along - centre
         return towards / np.linalg.norm(towards)
 
     def edges(self, pole: Pole) -> np.ndarray:
-        """(2, 3) camera points where rays graze the section, left then right."""
+        """(2, 3) camera points at which rays touch the section, left then right."""
         radius = pole.diameter_at_m(pole.section_m) / 2
         centre, along = self.axis_point(pole, pole.section_m), self.along(pole)
         front = self.front(pole, centre)
@@ -131,12 +132,12 @@ class Scene:
         return centre + pole.diameter_at_m(pole.cut_m) / 2 * self.front(pole, centre)
 
     def cut_height_m(self, pole: Pole) -> float:
-        """From the uphill side of the foot to the axis at the cut, along the vertical."""
+        """Vertical height of the axis at the cut above the ground on the uphill side."""
         uphill = pole.diameter_m / 2 * np.linalg.norm(self.gradient)
         return pole.cut_m * np.cos(np.radians(pole.lean_deg)) - uphill
 
     def keypoints(self, pole: Pole) -> np.ndarray:
-        """(5, 2) px."""
+        """(5, 2) keypoints in pixels."""
         middle = (pole.cut_m + pole.top_m / 2) / 2
         axis = [self.axis_point(pole, height) for height in (middle, pole.top_m / 2)]
         points = np.stack([self.cut_point(pole), *self.edges(pole), *axis])
@@ -174,11 +175,11 @@ class Scene:
         return np.where((height > -1) & (height < pole.top_m) & (z > 0), z, np.inf)
 
     def masks(self) -> list[np.ndarray]:
-        """(H, W) bool what the picture shows of each pole."""
+        """Visible mask (H, W) bool of each pole."""
         return [self.owner == number + 1 for number in range(len(self.poles))]
 
     def detections(self, masks: list[np.ndarray] | None = None) -> TreeDetections:
-        """Exact keypoints; `masks` (H, W) bool replace what the picture shows of the poles."""
+        """Detections with exact keypoints; `masks` (H, W) bool replace the visible masks."""
         boxes, grids = [], []
         for mask in masks or self.masks():
             rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
@@ -207,7 +208,7 @@ class Scene:
         settings: MeasureSettings | None = EXACT,
         **options: object,
     ) -> TreeMeasurement:
-        """The only tree of `trees`; `level` leaves out the vertical."""
+        """Measure a scene with one tree; `level` measures without a vertical."""
         [tree] = measure_trees(
             self.detections() if trees is None else trees,
             self.depth_m if depth_m is None else depth_m,
@@ -219,13 +220,13 @@ class Scene:
         return tree
 
     def measure_mask(self, mask: np.ndarray | None = None, **options: object) -> TreeMeasurement:
-        """The only tree by its (H, W) bool mask and depth alone, without keypoints."""
+        """Measure one tree by an (H, W) bool mask and depth, without keypoints."""
         mask = self.owner == 1 if mask is None else mask
         trees = replace(self.detections([mask]), keypoints_px=None, masks=None)
         return self.measure(trees, masks=[mask], **options)  # type: ignore[arg-type]
 
     def noisy_depth_m(self, seed: int, noise_per_m: float = 0.002) -> np.ndarray:
-        """Depth as stereo gives it: an error that grows with z², the same within a few pixels."""
+        """Depth with stereo noise: it grows with z² and is constant in blocks of 4x4 pixels."""
         rng = np.random.default_rng(seed)
         height, width = self.depth_m.shape
         coarse = rng.standard_normal((height // 4 + 1, width // 4 + 1))

@@ -1,4 +1,4 @@
-"""Metres of analytic cylinders: exact keypoints and depth, then noise and hidden parts."""
+"""Accuracy on synthetic cylinders: exact input, noise, and hidden parts."""
 
 from dataclasses import replace
 
@@ -47,7 +47,7 @@ def test_cut_heights_count_from_the_uphill_side(scene, pole, slope_deg, uphill_d
 @pytest.mark.parametrize(
     ("right_m", "ahead_m", "least_bias"), [(0.0, 1.6, 0.07), (0.0, 3.0, 0.035), (3.6, 4.5, 0.08)]
 )
-def test_the_pixel_formula_is_worse(scene, pole, right_m, ahead_m, least_bias):
+def test_the_exact_formula_beats_the_pixel_formula(scene, pole, right_m, ahead_m, least_bias):
     stand = scene(pole(0.3, right_m, ahead_m), camera_height_m=0.8, pitch_deg=0.0)
     left, right = stand.detections().keypoints_px[0, 1:3, :2]
     middle = (left + right) / 2
@@ -57,14 +57,14 @@ def test_the_pixel_formula_is_worse(scene, pole, right_m, ahead_m, least_bias):
     assert stand.measure().diameter_m.value == pytest.approx(0.3, rel=0.005)
 
 
-def test_lens_distortion_is_taken_out(scene, pole):
+def test_lens_distortion_is_corrected(scene, pole):
     bent = PinholeCamera(1280, 720, 700.0, 690.0, 650.0, 350.0, (-0.12, 0.05, 0.001, -0.002, 0.0))
     tree = scene(pole(0.3, 2.0, 3.5), camera=bent).measure()
     assert tree.diameter_m.value == pytest.approx(0.3, rel=0.005)
     assert tree.cut_height_m.value == pytest.approx(0.25, abs=0.01)
 
 
-def test_without_a_given_vertical_the_ground_is_level(scene, pole):
+def test_without_a_vertical_the_ground_normal_is_used(scene, pole):
     stand = scene(pole(0.3, 0.3, 4.0), pitch_deg=15.0, roll_deg=4.0)
     tree = stand.measure(level=True)
     assert tree.diameter_m.value == pytest.approx(0.3, rel=0.005)
@@ -92,7 +92,7 @@ def test_a_section_hidden_by_grass_is_measured_from_the_stem_above(scene, pole):
     assert tree.distance_m.std > 2 * stand.measure().distance_m.std
 
 
-def test_what_crosses_before_a_stem_is_kept_out_by_its_mask(scene, pole):
+def test_objects_in_front_of_a_stem_are_excluded_by_its_mask(scene, pole):
     stand = scene(pole(0.3, 0.3, 4.0))
     stem = stand.owner == 1
     heights = [stand.axis_point(stand.poles[0], height_m) for height_m in (2.8, 0.6)]
@@ -105,14 +105,14 @@ def test_what_crosses_before_a_stem_is_kept_out_by_its_mask(scene, pole):
 
 
 def test_readings_on_the_stem_are_not_ground(scene, pole):
-    """Where the ground shows little, the stem would outvote it."""
+    """Where little ground is visible, most depth samples are on the stem."""
     stand = scene(pole(0.6, 0.0, 3.0))
     shown = np.random.default_rng(0).random(stand.owner.shape) < 0.05
     depth_m = np.where(shown | (stand.owner == 1), stand.depth_m, 0).astype(np.float32)
     assert stand.measure(depth_m=depth_m).cut_height_m.value == pytest.approx(0.25, abs=0.01)
 
 
-def test_twigs_and_background_inside_the_mask_do_not_count(scene, pole):
+def test_twigs_and_background_inside_the_mask_are_ignored(scene, pole):
     stand = scene(pole(0.3, -0.4, 5.0))
     rng = np.random.default_rng(3)
     mask = stand.owner == 1
@@ -130,7 +130,7 @@ def test_twigs_and_background_inside_the_mask_do_not_count(scene, pole):
 
 
 @pytest.mark.parametrize("ahead_m", [2.5, 5.0, 8.0])
-def test_stated_errors_hold_under_noise(scene, pole, exact, ahead_m):
+def test_errors_under_noise_match_the_standard_deviations(scene, pole, exact, ahead_m):
     stand = scene(pole(0.3, 0.5, ahead_m))
     settings = replace(exact, keypoint_std_px=1.0)
     distance_m = float(np.linalg.norm(stand.axis_point(stand.poles[0], 0.25)))
@@ -148,7 +148,7 @@ def test_stated_errors_hold_under_noise(scene, pole, exact, ahead_m):
     assert np.all(spread < 1.25), spread
 
 
-def test_more_noise_is_stated_as_more_error(scene, pole, exact):
+def test_more_noise_gives_larger_standard_deviations(scene, pole, exact):
     stand = scene(pole(0.3, 0.5, 6.0))
     quiet = stand.measure(depth_m=stand.noisy_depth_m(1, 0.001))
     loud = stand.measure(depth_m=stand.noisy_depth_m(1, 0.01))
@@ -162,7 +162,7 @@ def test_more_noise_is_stated_as_more_error(scene, pole, exact):
     assert masked[1].cut_height_m.std > 1.3 * masked[0].cut_height_m.std
 
 
-def test_flat_heat_maps_are_stated_as_more_error(scene, pole):
+def test_low_keypoint_scores_give_larger_standard_deviations(scene, pole):
     stand = scene(pole(0.3, 0.5, 4.0))
     sure = replace(stand.detections(), masks=None)
     flat = sure.keypoints_px.copy()

@@ -1,4 +1,4 @@
-"""Diameters 1.3 m above the uphill side, of stems that taper."""
+"""Diameter at breast height, 1.3 m above the uphill side, of tapering stems."""
 
 from dataclasses import replace
 
@@ -11,10 +11,10 @@ from edgetree.measure.ground import BaseGround
 
 
 def at_breast_height_m(stand, height_m=1.3):
-    """The cone's diameter on its axis so far above the ground's uphill side."""
+    """Diameter of the cone at a height above the ground on the uphill side."""
     [stem] = stand.poles
     lean = np.cos(np.radians(stem.lean_deg))
-    # Uphill counts at the radius that the section has.
+    # The uphill side is one radius of the section from the axis.
     uphill_m = stem.diameter_at_m(stem.section_m) / 2 * np.linalg.norm(stand.gradient)
     return stem.diameter_at_m((height_m + uphill_m) / lean)
 
@@ -47,26 +47,26 @@ def test_a_cone_is_measured_where_breast_height_lies(
 
 @pytest.mark.parametrize("slope", [0.0, 0.2, 0.55])
 @pytest.mark.parametrize("lean", [0.0, 0.4])
-def test_the_way_up_the_axis_ends_at_that_height_over_the_uphill_side(slope, lean):
+def test_axis_length_ends_at_the_height_above_the_uphill_side(slope, lean):
     across, ahead = np.random.default_rng(2).uniform(-1, 1, (2, 50))
     plane = fit_ground_plane(np.stack([across, 1.5 - slope * ahead, 4 + ahead], -1))
     assert isinstance(plane, GroundPlane)
-    ground = BaseGround(plane, np.array([0.0, -1.0, 0.0]), 1.0, level=False)
+    ground = BaseGround(plane, np.array([0.0, -1.0, 0.0]), 1.0, normal_as_vertical=False)
     along = np.array([np.sin(lean), -np.cos(lean), 0.0])
     axis_point = np.array([0.0, 1.5, 4.0]) + 0.3 * along
     up_axis_m = ground.axis_length_m(axis_point, along, 0.2, 1.3)
-    # The ground is reached 0.3 m further down; uphill of the axis it is higher by slope * radius.
+    # The ground is 0.3 m further down; on the uphill side it is higher by slope * radius.
     assert (0.3 + up_axis_m) * np.cos(lean) - 0.2 * slope == pytest.approx(1.3)
 
 
-def test_the_height_is_a_setting(scene, pole, exact):
+def test_breast_height_is_a_setting(scene, pole, exact):
     stand = scene(pole(0.4, 0.3, 4.0, taper=0.03))
     settings = replace(exact, breast_height_m=0.9)
     tree = stand.measure(masks=stand.masks(), settings=settings)
     assert tree.dbh_m.value == pytest.approx(at_breast_height_m(stand, 0.9), rel=0.01)
 
 
-def test_the_stated_error_covers_the_models_coarse_mask(scene, pole):
+def test_the_standard_deviation_covers_a_coarse_mask(scene, pole):
     stand = scene(pole(0.4, 0.3, 4.0, taper=0.04))
     low_m, high_m = stand.measure(settings=None).dbh_m.interval95
     assert low_m < at_breast_height_m(stand) < high_m
@@ -92,7 +92,7 @@ def test_a_stem_hidden_at_breast_height(scene, pole):
     assert stand.measure(masks=[mask]).dbh_m == Failure("the stem is not seen at breast height")
 
 
-def test_without_masks_or_ground_there_is_none(scene, pole):
+def test_without_masks_or_ground_there_is_no_dbh(scene, pole):
     stand = scene(pole(0.4, 0.3, 4.0))
     bare = stand.measure(replace(stand.detections(), masks=None))
     assert bare.dbh_m == Failure("the model gives no masks to see the stem at breast height")

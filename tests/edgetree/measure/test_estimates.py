@@ -1,4 +1,4 @@
-"""Values with their errors, and the records made of them."""
+"""Estimates, failures, and their JSON records."""
 
 import json
 
@@ -17,7 +17,7 @@ def test_a_failure_is_false():
     assert not Failure("why")
 
 
-def test_95_of_100_truths_lie_in_the_interval():
+def test_the_interval_holds_95_percent_of_true_values():
     rng = np.random.default_rng(1)
     low, high = Estimate(0.3, 0.02).interval95
     truths = rng.normal(0.3, 0.02, 20_000)
@@ -35,14 +35,14 @@ def test_records_name_their_units():
         cut_point_m=PointEstimate(np.array([1.0, 2.0, 3.0]), np.array([0.1, 0.2, 0.3])),
         cut_point_machine_m=Failure("no mounting of the camera given"),
         evidence=Evidence(
-            "keypoints",
-            {"keypoints": 0.31},
-            {"keypoints": 0.01},
-            106.0,
-            0.9,
-            1.0,
-            "a plane",
-            ("w",),
+            method="keypoints",
+            source_diameters_m={"keypoints": 0.31},
+            source_std_m={"keypoints": 0.01},
+            arc_deg=106.0,
+            valid_depth_share=0.9,
+            visible_share=1.0,
+            ground="a plane",
+            warnings=("w",),
         ),
     )
     expected = {
@@ -81,7 +81,7 @@ def test_records_name_their_units():
     assert json.loads(json.dumps(tree.to_dict(), allow_nan=False)) == expected
 
 
-def test_what_failed_as_a_whole_has_one_reason():
+def test_a_failed_tree_has_one_reason():
     record = TreeMeasurement.failed("no depth on the stem").to_dict()
     reasons = {value for name, value in record.items() if name.endswith("_failure")}
     assert reasons == {"no depth on the stem"}

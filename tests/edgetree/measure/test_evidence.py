@@ -1,4 +1,4 @@
-"""What a measurement says that it rests on, and what it warns of."""
+"""Evidence and warnings of a measurement."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ def stand(scene, pole):
     return scene(pole(0.3, 0.5, 4.0))
 
 
-def test_the_method_names_what_counted(stand):
+def test_the_method_names_the_sources_used(stand):
     trees = stand.detections()
     assert stand.measure(trees, settings=None).evidence.method == "keypoints + mask + depth"
     bare = stand.measure(replace(trees, masks=None), settings=None).evidence
@@ -33,7 +33,7 @@ def test_every_source_gives_its_own_diameter(stand):
 
 
 @pytest.mark.parametrize("off_px", [-4.0, 4.0])
-def test_the_round_of_the_depth_tells_the_diameter_by_itself(stand, off_px):
+def test_the_curvature_of_the_depth_gives_a_diameter_by_itself(stand, off_px):
     trees = replace(stand.detections(), masks=None)
     keypoints = trees.keypoints_px.copy()
     keypoints[0, 1, 0] -= off_px
@@ -44,7 +44,7 @@ def test_the_round_of_the_depth_tells_the_diameter_by_itself(stand, off_px):
     assert errors_m["depth"] < 0.5 * errors_m["keypoints"]
 
 
-def test_sources_that_disagree_make_the_result_less_sure(stand):
+def test_disagreeing_sources_increase_the_standard_deviation(stand):
     trees = stand.detections()
     keypoints = trees.keypoints_px.copy()
     keypoints[0, 1, 0] -= 30
@@ -59,7 +59,7 @@ def test_sources_that_disagree_make_the_result_less_sure(stand):
     assert torn.diameter_m.std > 1.5 * agreed.diameter_m.std
 
 
-def test_the_arc_is_what_the_depth_shows_of_the_round(stand):
+def test_the_arc_is_the_part_of_the_circumference_with_depth(stand):
     whole = stand.measure().evidence.arc_deg
     assert 90 < whole < 180
     columns = np.arange(stand.camera.width)[None]
@@ -70,7 +70,7 @@ def test_the_arc_is_what_the_depth_shows_of_the_round(stand):
 
 
 @pytest.mark.parametrize("share", [0.25, 0.6, 1.0])
-def test_holes_in_the_depth_show(stand, share):
+def test_valid_depth_share_counts_holes_in_the_depth(stand, share):
     kept = np.random.default_rng(1).random(stand.depth_m.shape) < share
     depth_m = np.where(kept, stand.depth_m, 0).astype(np.float32)
     tree = stand.measure(depth_m=depth_m)
@@ -79,7 +79,7 @@ def test_holes_in_the_depth_show(stand, share):
 
 
 @pytest.mark.parametrize("hidden", [0.0, 0.3, 0.5])
-def test_hidden_parts_show(stand, hidden):
+def test_visible_share_counts_hidden_parts(stand, hidden):
     mask = stand.owner == 1
     rows = np.flatnonzero(mask.any(1))
     low, high = (int(np.quantile(rows, 0.4 + sign * hidden / 2)) for sign in (-1, 1))
@@ -88,7 +88,7 @@ def test_hidden_parts_show(stand, hidden):
     assert tree.evidence.visible_share == pytest.approx(1 - hidden, abs=0.06)
 
 
-def test_the_ground_is_put_in_words(stand):
+def test_the_ground_is_described(stand):
     words = stand.measure().evidence.ground
     assert words.startswith("plane within 0.6 m of the stem, ")
     assert words.endswith("heights along the given vertical")
@@ -98,7 +98,7 @@ def test_the_ground_is_put_in_words(stand):
 
 
 @pytest.mark.parametrize(("cut_m", "warned"), [(0.27, False), (0.34, True)])
-def test_high_stumps_are_warned_of(scene, pole, cut_m, warned):
+def test_a_high_stump_gives_a_warning(scene, pole, cut_m, warned):
     stand = scene(pole(0.3, 0.5, 4.0, cut_m=cut_m, section_m=0.5))
     tree = stand.measure()
     std_m = tree.cut_height_m.std
@@ -107,7 +107,7 @@ def test_high_stumps_are_warned_of(scene, pole, cut_m, warned):
     assert stand.measure(settings=MeasureSettings(max_stump_height_m=0.5)).evidence.warnings == ()
 
 
-def test_a_stump_that_may_be_low_is_not_warned_of(scene, pole):
+def test_a_stump_within_the_error_of_the_limit_gives_no_warning(scene, pole):
     stand = scene(pole(0.3, 0.5, 4.0, cut_m=0.31, section_m=0.5))
     tree = stand.measure(settings=None)
     assert tree.cut_height_m.value > 0.3
@@ -115,7 +115,7 @@ def test_a_stump_that_may_be_low_is_not_warned_of(scene, pole):
     assert tree.evidence.warnings == ()
 
 
-def test_without_a_mask_nothing_is_said_of_what_shows(stand):
+def test_without_a_mask_there_is_no_visible_share(stand):
     trees = stand.detections()
     bare = type(trees)(trees.boxes_px, trees.scores, trees.keypoints_px, None, 1280, 720)
     tree = stand.measure(bare)
@@ -123,7 +123,7 @@ def test_without_a_mask_nothing_is_said_of_what_shows(stand):
     assert tree.evidence.visible_share is None
 
 
-def test_a_cut_below_the_picture_is_inferred_and_warned_of(scene, pole):
+def test_a_cut_below_the_image_is_inferred_with_a_warning(scene, pole):
     stand = scene(pole(0.3, 0.0, 2.0), pitch_deg=-20.0)
     assert stand.detections().keypoints_px[0, :3, 1].min() > stand.camera.height
     tree = stand.measure(settings=None)
@@ -133,7 +133,7 @@ def test_a_cut_below_the_picture_is_inferred_and_warned_of(scene, pole):
     shown = stand.measure_mask(settings=None)
     assert shown.evidence.warnings == ()
     assert shown.diameter_m.value == pytest.approx(0.3, rel=0.01)
-    # Butts are thicker than what shows above them: most, but not a cylinder's.
+    # Stems are thicker at the butt than above it. A cylinder is not, so the result is too large.
     assert 1.05 < tree.diameter_m.value / shown.diameter_m.value < 1.25
     assert tree.diameter_m.std > 1.5 * shown.diameter_m.std
     low_m, high_m = tree.diameter_m.interval95

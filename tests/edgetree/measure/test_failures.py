@@ -1,4 +1,4 @@
-"""What cannot be measured says why; nothing is ever NaN."""
+"""Failed measurements give a reason, and no value is NaN."""
 
 from dataclasses import replace
 
@@ -45,7 +45,7 @@ def test_a_model_with_neither_keypoints_nor_masks(stand):
 
 
 @pytest.mark.parametrize("index", [1, 2])
-def test_without_one_edge_the_mask_stands_in(stand, index):
+def test_without_one_edge_keypoint_the_mask_is_used(stand, index):
     trees = with_keypoints(stand.detections(), index, 0.0)
     tree = stand.measure(trees)
     assert tree.diameter_m.value == pytest.approx(0.3, rel=0.01)
@@ -55,7 +55,7 @@ def test_without_one_edge_the_mask_stands_in(stand, index):
 
 
 @pytest.mark.parametrize(("index", "x_px"), [(1, 0.05), (2, 1279.95)])
-def test_an_edge_at_the_images_border_may_lie_beyond_it(stand, index, x_px):
+def test_an_edge_keypoint_at_the_image_border_is_not_used(stand, index, x_px):
     trees = stand.detections()
     trees = with_keypoints(trees, index, [x_px, trees.keypoints_px[0, index, 1], 1.0])
     tree = stand.measure(trees)
@@ -63,7 +63,7 @@ def test_an_edge_at_the_images_border_may_lie_beyond_it(stand, index, x_px):
     assert "keypoints" not in tree.evidence.method
 
 
-def test_edges_on_one_point_are_none(stand):
+def test_coinciding_edge_keypoints_are_not_used(stand):
     trees = stand.detections()
     trees = with_keypoints(trees, 2, trees.keypoints_px[0, 1] + [0.25, 0.0, 0.0])
     assert stand.measure(trees).diameter_m.value == pytest.approx(0.3, rel=0.01)
@@ -145,7 +145,7 @@ def test_no_ground_around_the_base(stand):
         assert result.reason.startswith("no vertical: no ground around the base")
 
 
-def test_a_thickness_that_no_stem_has(stand):
+def test_an_implausible_diameter_is_a_failure(stand):
     tree = stand.measure(settings=MeasureSettings(max_diameter_m=0.25))
     assert all_fail(tree, "a diameter of 0.30 m is not plausible")
 
@@ -167,7 +167,7 @@ def test_too_few_pixels_for_a_diameter_still_give_a_distance(scene, pole, exact)
         (150, "m below the diameter's section"),
     ],
 )
-def test_a_cut_that_is_none_is_refused(stand, dy_px, reason):
+def test_an_implausible_cut_is_a_failure(stand, dy_px, reason):
     tree = stand.measure(moved(stand.detections(), 0, 0, dy_px))
     for result in (tree.cut_height_m, tree.distance_m, tree.cut_point_m):
         assert isinstance(result, Failure)
@@ -175,7 +175,7 @@ def test_a_cut_that_is_none_is_refused(stand, dy_px, reason):
     assert tree.diameter_m
 
 
-def test_a_cut_at_the_images_border_may_lie_beyond_it(stand):
+def test_a_cut_at_the_image_border_is_a_failure(stand):
     dy_px = 719.95 - stand.detections().keypoints_px[0, 0, 1]
     tree = stand.measure(moved(stand.detections(), 0, 0, dy_px))
     for result in (tree.cut_height_m, tree.distance_m, tree.cut_point_m):
@@ -184,7 +184,7 @@ def test_a_cut_at_the_images_border_may_lie_beyond_it(stand):
     assert tree.diameter_m
 
 
-def test_a_cut_in_the_ground_is_refused(scene, pole):
+def test_a_cut_below_the_ground_is_a_failure(scene, pole):
     stand = scene(pole(0.3, 0.5, 4.0, cut_m=0.1, section_m=0.2))
     tree = stand.measure(moved(stand.detections(), 0, 0, 45))
     for result in (tree.cut_height_m, tree.distance_m, tree.cut_point_m):
@@ -193,7 +193,7 @@ def test_a_cut_in_the_ground_is_refused(scene, pole):
 
 
 @pytest.mark.parametrize("far_px", [1e5, 1e30])
-def test_keypoints_absurdly_far_outside_count_as_missing(stand, far_px):
+def test_keypoints_far_outside_the_image_are_ignored(stand, far_px):
     trees = moved(stand.detections(), 1, -far_px, 0)
     assert "keypoints" not in stand.measure(trees).evidence.method
     assert all_fail(stand.measure(replace(trees, masks=None)), "diameter keypoints")
@@ -201,7 +201,7 @@ def test_keypoints_absurdly_far_outside_count_as_missing(stand, far_px):
 
 
 def numbers_of(values):
-    """Every number in a record."""
+    """All numbers in a record."""
     for value in values:
         if isinstance(value, dict):
             yield from numbers_of(value.values())
@@ -225,7 +225,7 @@ def test_one_impossible_tree_does_not_spoil_the_others(stand):
 
 
 @pytest.mark.filterwarnings("error")
-def test_rubbish_gives_finite_numbers_or_reasons(stand):
+def test_random_input_gives_finite_numbers_or_reasons(stand):
     rng = np.random.default_rng(5)
     exact = stand.detections()
     numbers: list[float] = []

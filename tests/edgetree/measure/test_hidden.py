@@ -1,4 +1,4 @@
-"""Stems that show in part: hidden on one side, with branches in their masks, cut by the border."""
+"""Partly visible stems: hidden on one side, with branches in their masks, cut by the border."""
 
 from dataclasses import replace
 
@@ -12,7 +12,7 @@ LEANS = pytest.mark.parametrize(("lean_deg", "towards_deg"), [(0, 0), (12, 0), (
 
 @pytest.fixture(scope="module")
 def stand_of(scene, pole):
-    """Stands by the stem's lean, cast once."""
+    """Scenes by the lean of their stem, each rendered once."""
     stands = {}
 
     def build(lean_deg, towards_deg):
@@ -25,7 +25,7 @@ def stand_of(scene, pole):
 
 
 def beside_the_middle(stem):
-    """(H, W) px right of the stem's middle, and (H, 1) share of its height from its top."""
+    """Pixels to the right of the middle (H, W), and fraction of the height from the top (H, 1)."""
     rows = np.flatnonzero(stem.any(1))
     middle = np.zeros(len(stem))
     middle[rows] = [np.flatnonzero(stem[row]).mean() for row in rows]
@@ -42,7 +42,7 @@ def test_a_side_hidden_over_half_the_length(stand_of, lean_deg, towards_deg, hal
     stand = stand_of(lean_deg, towards_deg)
     stem = stand.owner == 1
     right_px, share = beside_the_middle(stem)
-    # Leaves at the stem's own depth only the mask tells from it, so that most of it has to show.
+    # Only the mask separates leaves at the depth of the stem, so most of the stem must be visible.
     hidden = 0.5 if by == "something nearer" else 0.35
     low = {"lower": 1 - hidden, "upper": -1.0, "middle": (1 - hidden) / 2}[half]
     high = {"lower": 2.0, "upper": hidden, "middle": (1 + hidden) / 2}[half]
@@ -69,7 +69,7 @@ def test_a_branch_in_the_mask(stand_of, lean_deg, towards_deg, depth):
     assert stand.measure(coarse, depth_m).diameter_m.value == pytest.approx(0.3, rel=0.02)
 
 
-def test_a_side_hidden_all_along_is_not_guessed(stand_of):
+def test_a_side_hidden_along_the_whole_stem_is_not_guessed(stand_of):
     stand = stand_of(0, 0)
     stem = stand.owner == 1
     right_px, _ = beside_the_middle(stem)
@@ -83,7 +83,7 @@ def test_a_side_hidden_all_along_is_not_guessed(stand_of):
 
 @pytest.mark.parametrize("column", [-10, 0, 10, 20, 34, 1246, 1260, 1272, 1285])
 @pytest.mark.parametrize("how", ["mask", "coarse mask", "keypoints"])
-def test_a_stem_at_the_border_is_refused_or_its_error_covers_it(scene, pole, column, how):
+def test_a_stem_at_the_border_fails_or_has_a_large_enough_error(scene, pole, column, how):
     stand = scene(pole(0.3, 4.0 * (column - 640) / 700, 4.0))
     if how == "mask":
         tree = stand.measure_mask(settings=None)
@@ -98,7 +98,7 @@ def test_a_stem_at_the_border_is_refused_or_its_error_covers_it(scene, pole, col
         assert tree.diameter_m.reason
 
 
-def test_the_borders_own_edge_is_none_of_the_stem(scene, pole):
+def test_the_image_border_is_not_an_edge_of_the_stem(scene, pole):
     stand = scene(pole(0.3, 4.0, 4.375))
     assert stand.measure_mask().diameter_m == Failure(
         "neither the diameter keypoints nor the mask show both edges of the stem"

@@ -1,6 +1,4 @@
-"""Depth, camera, masks, vertical and settings that are not what was asked for; readings that
-are none.
-"""
+"""Invalid depth, camera, masks, vertical and settings, and missing readings."""
 
 import math
 from dataclasses import replace
@@ -79,7 +77,7 @@ def test_masks_for_another_number_of_trees(stand, count):
         (lambda mask: mask[..., None], r"\(720, 1280, 1\) of bool"),
     ],
 )
-def test_masks_that_are_none_of_this_image(stand, change, found):
+def test_masks_of_another_size_or_type(stand, change, found):
     message = rf"^a mask has shape {found}: expected \(720, 1280\) of bool$"
     with pytest.raises(InputError, match=message):
         stand.measure(masks=[change(stand.owner == 1)])
@@ -90,7 +88,7 @@ def test_masks_may_be_one_array(stand):
     assert stand.measure(masks=mask[None]).diameter_m == stand.measure(masks=[mask]).diameter_m
 
 
-def test_given_masks_take_the_place_of_the_models(scene, pole):
+def test_given_masks_replace_those_of_the_model(scene, pole):
     stand = scene(pole(0.3, 0.5, 4.0))
     trees = replace(stand.detections(), keypoints_px=None)
     thick = replace(trees, masks=np.ones_like(trees.masks))
@@ -99,7 +97,7 @@ def test_given_masks_take_the_place_of_the_models(scene, pole):
     assert tree.diameter_m.value == pytest.approx(0.3, rel=0.01)
 
 
-def test_readings_that_are_not_finite_are_none(stand):
+def test_readings_that_are_not_finite_are_ignored(stand):
     depth_m = stand.depth_m.copy()
     depth_m[::3], depth_m[1::7], depth_m[2::11] = np.nan, np.inf, -1.0
     holes = np.where(np.isfinite(depth_m) & (depth_m > 0), depth_m, 0).astype(np.float32)

@@ -1,4 +1,4 @@
-"""Diameters of real trees, by a time-of-flight camera, against a tape around their stems."""
+"""Diameters of real trees from a time-of-flight camera, compared with a measuring tape."""
 
 import json
 from pathlib import Path
@@ -13,7 +13,7 @@ from edgetree.measure import measure_trees
 
 DATA = Path(__file__).resolve().parents[3] / ".." / "shared" / "data"
 TREES, FOREST = DATA / "tof_trees", DATA / "forest_rgbd"
-# The outline of the straight stem in the colour picture, drawn by hand, px.
+# Outline of the straight stem in the colour image in pixels, drawn by hand.
 DRAWN = [
     (275, 0),
     (302, 0),
@@ -28,14 +28,14 @@ DRAWN = [
 
 
 def largest_part(depth_m: np.ndarray) -> np.ndarray:
-    """(H, W) bool the largest connected part with readings: the tree that was aimed at."""
+    """(H, W) bool mask of the largest connected component with readings: the measured tree."""
     valid = (depth_m > 0).astype(np.uint8)
     closed = cv2.morphologyEx(valid, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
     _, labels, stats, _ = cv2.connectedComponentsWithStats(closed)
     return np.asarray(labels == 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA])))
 
 
-def test_stems_are_as_thick_as_the_tape_says() -> None:
+def test_diameters_agree_with_a_measuring_tape() -> None:
     truth_file = TREES / "truth.json"
     if not truth_file.is_file():
         pytest.skip("the folder shared is not beside the checkout")

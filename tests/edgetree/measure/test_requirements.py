@@ -1,5 +1,7 @@
-"""What is promised: 1 to 10 m, 5 to 80 cm, leaning up to 30 degrees, anywhere in the picture, on
-slopes up to 30 degrees; from exact keypoints and depth, and from masks and depth alone.
+"""The required range of conditions, with exact keypoints and depth, and with masks and depth.
+
+Distances of 1 to 10 m, diameters of 5 to 80 cm, leans of up to 30 degrees and slopes of up to 30
+degrees, anywhere in the image.
 """
 
 from dataclasses import replace
@@ -8,7 +10,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-# diameter m, distance m, column and row px of the section, lean and where to, slope and uphill deg
+# Diameter and distance in m, column and row of the section in px; lean and its direction, slope and
+# uphill direction in degrees.
 CORNERS = [
     (0.05, 1.0, 276, 375, 0, 0, 0, 90),
     (0.05, 1.0, 1100, 300, 30, 150, 10, 200),
@@ -48,7 +51,7 @@ STANDS = pytest.mark.parametrize("place", CORNERS + BETWEEN)
 
 @pytest.fixture(scope="module")
 def standing(scene, pole):
-    """The stand in which the section of the stem is seen at a place of the picture."""
+    """Build a scene whose section is at a given point of the image."""
 
     @cache
     def build(diameter_m, distance_m, column, row, lean, towards, slope, uphill):

@@ -1,36 +1,36 @@
-"""The geometry of cylinders seen from near, against intersections computed directly."""
+"""Cross-section geometry, compared with ray-cylinder intersections in space."""
 
 import numpy as np
 import pytest
 
-from edgetree.measure.section import AxisFrames, Sections, axis_frames
+from edgetree.measure.section import Sections, StemAxes, axes_in_planes
 
 RADIUS_M, DISTANCE_M = 0.4, 1.7
 HALF_RAD = np.arcsin(RADIUS_M / DISTANCE_M)
-# Bearing of the stem's middle, and how far up its axis the section lies.
+# Bearings of the stems' middles, and heights of the sections along the axes.
 MIDDLE_RAD, UP_AXIS_M = np.array([0.1, -0.2]), np.array([0.6, -0.3])
 
 
 def circle_depths(rays, along, centre):
-    """Depths where rays first meet a cylinder, by the quadratic equation in space."""
+    """Depth at which rays first meet a cylinder, from the quadratic equation."""
     flat = rays - (rays @ along)[:, None] * along
     middle = centre - (centre @ along) * along
     a, b, c = (flat**2).sum(1), flat @ middle, middle @ middle - RADIUS_M**2
     return (b - np.sqrt(b**2 - a * c)) / a
 
 
-def axes_of(frames: AxisFrames, place: int):
+def axes_of(frames: StemAxes, place: int):
     return np.stack([frames.along[place], frames.across[place], frames.away[place]])
 
 
 @pytest.fixture
 def leaning():
-    """Two frames, the axis points of sections on them (2, 3), the rays that graze these (2, 2, 3),
-    and the sections.
-    """
+    """Two stems: axes, centres of the sections (2, 3), tangent rays (2, 2, 3) and sections."""
     normals = np.array([[0.9, 0.1, -0.3], [-0.95, 0.2, 0.1]])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    frames = axis_frames(normals, np.array([0.2, -0.95, 0.1]) / np.linalg.norm([0.2, -0.95, 0.1]))
+    frames = axes_in_planes(
+        normals, np.array([0.2, -0.95, 0.1]) / np.linalg.norm([0.2, -0.95, 0.1])
+    )
     cos, sin = np.cos(MIDDLE_RAD)[:, None], np.sin(MIDDLE_RAD)[:, None]
     away = cos * frames.away + sin * frames.across
     across = cos * frames.across - sin * frames.away
@@ -46,7 +46,7 @@ def leaning():
     return frames, centres, tangents / tangents[..., 2:], sections
 
 
-def test_frames_are_right_handed_and_look_away(leaning):
+def test_axes_are_right_handed_and_point_away(leaning):
     frames = leaning[0]
     tilted = frames.tilted(np.array([0.4, -0.1]))
     for place, tangent in enumerate((0.4, -0.1)):
@@ -68,26 +68,26 @@ def test_grazing_rays_lie_half_the_angle_beside_the_middle(leaning):
     assert bearings.mean(1) == pytest.approx(MIDDLE_RAD)
     assert np.diff(bearings, axis=1)[:, 0] / 2 == pytest.approx(np.full(2, HALF_RAD))
     assert DISTANCE_M * sections.centre == pytest.approx(centres)
-    front_m = DISTANCE_M * sections.front_share
+    front_m = DISTANCE_M * sections.front_ratio
     sine = np.sin(HALF_RAD)
     assert 2 * front_m * sine / (1 - sine) == pytest.approx(np.full(2, 2 * RADIUS_M))
 
 
-def test_every_ray_between_the_edges_meets_the_front(leaning):
+def test_rays_between_the_edges_meet_the_front(leaning):
     frames, centres, edges, sections = leaning
     share = np.linspace(0.02, 0.98, 40)[:, None]
     climb = np.linspace(-0.3, 0.3, 40)[:, None] * [0, 1, 0]
     rays = (1 - share) * edges[:, :1] + share * edges[:, 1:] + climb
-    view = sections.look(rays)
+    view = sections.view(rays)
     for place in range(2):
-        inside = view.share[place] > 0
+        inside = view.depth_ratio[place] > 0
         assert inside.sum() > 30
         assert (np.abs(view.offset[place][inside]) < 1).all()
         along, shown = frames.along[place], rays[place][inside]
         expected = circle_depths(shown, along, centres[place])
-        assert DISTANCE_M * view.share[place][inside] == pytest.approx(expected)
+        assert DISTANCE_M * view.depth_ratio[place][inside] == pytest.approx(expected)
         heights = (shown * expected[:, None]) @ along
-        assert DISTANCE_M * view.height[place][inside] == pytest.approx(heights)
+        assert DISTANCE_M * view.height_ratio[place][inside] == pytest.approx(heights)
 
 
 def test_the_slope_is_how_the_depth_changes_with_the_half_angle(leaning):
@@ -95,16 +95,16 @@ def test_the_slope_is_how_the_depth_changes_with_the_half_angle(leaning):
     share = np.linspace(0.1, 0.9, 9)[:, None]
     rays = (1 - share) * edges[:, :1] + share * edges[:, 1:]
     step = 1e-6
-    wider = Sections(frames, MIDDLE_RAD, sections.half_rad + step, sections.height)
-    change = (wider.look(rays).share - sections.look(rays).share) / step
-    assert sections.look(rays).share_slope == pytest.approx(change, rel=1e-3)
+    wider = Sections(frames, MIDDLE_RAD, sections.half_rad + step, sections.height_ratio)
+    change = (wider.view(rays).depth_ratio - sections.view(rays).depth_ratio) / step
+    assert sections.view(rays).depth_ratio_slope == pytest.approx(change, rel=1e-3)
 
 
-def test_rays_beside_or_behind_see_nothing(leaning):
+def test_rays_that_miss_the_stem_give_zero(leaning):
     _, _, edges, sections = leaning
     left, right = edges[:, 0], edges[:, 1]
     outwards = np.stack([2 * left - right, 2 * right - left, -left - right], 1)
-    view = sections.look(outwards)
+    view = sections.view(outwards)
     assert (np.abs(view.offset[:, :2]) > 1).all()
-    assert not view.share.any()
-    assert not view.share_slope.any()
+    assert not view.depth_ratio.any()
+    assert not view.depth_ratio_slope.any()

@@ -21,7 +21,12 @@ MEASURED = replace(
     diameter_m=Estimate(0.312, 0.01),
     cut_point_m=PointEstimate(np.array([0.1, 0.2, 5.0]), np.full(3, 0.02)),
     evidence=Evidence(
-        "mask + depth", {}, {}, 92.0, 0.8, 0.9, "-a plane", ("first", "second\nline")
+        method="mask + depth",
+        arc_deg=92.0,
+        valid_depth_share=0.8,
+        visible_share=0.9,
+        ground="-a plane",
+        warnings=("first", "second\nline"),
     ),
 )
 

@@ -19,7 +19,14 @@ MEASURED = TreeMeasurement(
     distance_m=Estimate(5.257, 0.05),
     cut_point_m=Failure("x"),
     cut_point_machine_m=Failure("x"),
-    evidence=Evidence("mask + depth", {}, {}, 92.4, 0.83, 0.95, "no ground", ("a warning",)),
+    evidence=Evidence(
+        method="mask + depth",
+        arc_deg=92.4,
+        valid_depth_share=0.83,
+        visible_share=0.95,
+        ground="no ground",
+        warnings=("a warning",),
+    ),
 )
 
 

@@ -1,4 +1,4 @@
-"""FP16 for GPUs: the network in half precision, its coordinates and large values in float32."""
+"""Convert a traced graph to float16, keeping coordinates and large values in float32."""
 
 from __future__ import annotations
 
@@ -12,22 +12,26 @@ from numpy.typing import NDArray
 from edgetree.export.layers import frame_reader, network_nodes
 from edgetree.export.quiet import quiet
 
-__all__ = ["halve"]
+__all__ = ["to_float16"]
 
-LARGEST_HALF: Final = 65504.0
-# Other frames than those seen may reach so many times their values.
+# Largest finite float16 of IEEE 754: (2 - 2**-10) * 2**15.
+_MAX_FLOAT16: Final = 65504.0
+# Safety factor: other frames may give values this many times larger than the calibration frames.
 _HEADROOM: Final = 4.0
 
 
-def halve(model: Any, frames: NDArray[np.uint8]) -> Any:
+def to_float16(model: Any, frames: NDArray[np.uint8]) -> Any:
     """Convert a traced ``onnx.ModelProto`` to float16 where that is safe.
 
-    Whatever comes near the largest float16 on one of the frames stays float32, as does the
-    arithmetic on boxes around the network. Inputs and outputs stay what they are.
+    Nodes whose values come near the largest float16 on any frame stay in float32, as do the last
+    layers and the arithmetic on boxes. Inputs and outputs keep their types.
 
     Args:
-        model: as ``edgetree.export.graph.trace`` gives it.
-        frames: (N, H, W, 3) or (N, H, W) uint8, real frames that show the range of activations.
+        model: a graph from ``edgetree.export.build.trace``.
+        frames: (N, H, W, 3) or (N, H, W) uint8 real frames for the ranges of activations.
+
+    Returns:
+        The converted ``onnx.ModelProto``.
     """
     from onnxruntime.transformers.float16 import convert_float_to_float16
 
@@ -37,7 +41,7 @@ def halve(model: Any, frames: NDArray[np.uint8]) -> Any:
         node.name
         for node in inside
         if all(
-            reached.get(name, 0.0) * _HEADROOM < LARGEST_HALF
+            reached.get(name, 0.0) * _HEADROOM < _MAX_FLOAT16
             for name in (*node.input, *node.output)
         )
     }
@@ -46,40 +50,49 @@ def halve(model: Any, frames: NDArray[np.uint8]) -> Any:
         converted = convert_float_to_float16(
             model, keep_io_types=True, op_block_list=[], node_block_list=kept
         )
-    return _without_detours(converted)
+    return _without_redundant_casts(converted)
 
 
-def _without_detours(model: Any) -> Any:
-    """The converter's graph in order, with one cast of each kind and none to half and back.
+def _without_redundant_casts(model: Any) -> Any:
+    """The converted graph without casts to float16 and back, sorted topologically.
 
-    It rounds whatever passes between two nodes that stay float32, coordinates too.
+    The converter puts such casts between nodes that stay in float32, which would round
+    coordinates to float16.
     """
     from onnxruntime.transformers.onnx_model import OnnxModel
 
     graph = model.graph
-    exact = {n.output[0]: n.input[0] for n in graph.node if n.name.endswith("_cast_to_fp16_node")}
-    same = {
-        node.output[0]: exact[node.input[0]]
-        for node in graph.node
-        if node.name.endswith("_cast_to_fp32_node") and node.input[0] in exact
+    before_cast = {
+        n.output[0]: n.input[0] for n in graph.node if n.name.endswith("_cast_to_fp16_node")
     }
-    once = {node.output[0]: node for node in graph.node if node.output[0] not in same}
-    for node in once.values():
-        outward = node.name.startswith("graph_output_cast")
-        known = exact if outward else same
-        node.input[:] = [known.get(name, name) for name in node.input]
+    cast_back = {
+        node.output[0]: before_cast[node.input[0]]
+        for node in graph.node
+        if node.name.endswith("_cast_to_fp32_node") and node.input[0] in before_cast
+    }
+    kept = {node.output[0]: node for node in graph.node if node.output[0] not in cast_back}
+    for node in kept.values():
+        is_output_cast = node.name.startswith("graph_output_cast")
+        replacements = before_cast if is_output_cast else cast_back
+        node.input[:] = [replacements.get(name, name) for name in node.input]
     used = {value.name for value in graph.output}
-    used.update(name for node in once.values() for name in node.input)
-    nodes = [type(n).FromString(n.SerializeToString()) for n in once.values()]
+    used.update(name for node in kept.values() for name in node.input)
+    nodes = [type(n).FromString(n.SerializeToString()) for n in kept.values()]
     del graph.node[:]
     graph.node.extend(node for node in nodes if not used.isdisjoint(node.output))
-    del graph.value_info[:]  # partly of tensors that are gone
+    del graph.value_info[:]  # some are of removed tensors
     OnnxModel(model).topological_sort()
     return model
 
 
 def _largest_values(model: Any, kinds: list[str], frames: NDArray[np.uint8]) -> dict[str, float]:
-    """The largest absolute value of each tensor at nodes of such ``kinds``, over the frames."""
+    """Largest absolute value over all frames of each tensor at nodes of some operator types.
+
+    Args:
+        model: an ``onnx.ModelProto``.
+        kinds: the operator types.
+        frames: (N, H, W, 3) or (N, H, W) uint8 frames.
+    """
     import onnx
     from onnxruntime.quantization import CalibrationMethod
     from onnxruntime.quantization.calibrate import create_calibrator

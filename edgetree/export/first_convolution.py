@@ -1,8 +1,9 @@
-"""The first convolution on the camera's own bytes: no float image is made of them.
+"""Rewrite the first convolution for 8 bits, to read the bytes of the image directly.
 
-Of one or three channels and at full size, it is what 8-bit runtimes do worst. Blocks of 2x2
-pixels as channels make it a convolution of stride 1 with four times the channels, and its
-taps absorb what the normalisation subtracts.
+With one or three input channels at full resolution, the first convolution is slow in 8-bit
+runtimes. With blocks of 2x2 pixels as channels (space to depth), it becomes a convolution of stride
+1 with four times the channels. The normalisation moves into its weights, so that no float image
+is needed.
 """
 
 from __future__ import annotations
@@ -15,16 +16,19 @@ if TYPE_CHECKING:
 
     from perceptree.models import TreeRCNN
 
-__all__ = ["read_bytes_in_stem", "take_bytes_as_quantised"]
+__all__ = ["byte_range", "read_bytes_in_first_convolution", "use_bytes_as_quantised"]
 
-_BRIGHTEST: Final = 255
+_MAX_BYTE: Final = 255
 
 
-def read_bytes_in_stem(model: TreeRCNN) -> None:
-    """Change ``model``, to be traced, so that its first convolution reads blocks of bytes.
+def read_bytes_in_first_convolution(model: TreeRCNN) -> None:
+    """Change a model in place so that its first convolution reads 2x2 blocks of bytes.
 
-    The bytes count from ``zero``, the mean rounded, so that the zeros around an image stay what
-    they are. What is left of each channel's mean comes from a channel of constant brightness.
+    One value ``zero``, the rounded mean over all channels, is subtracted from all bytes. The rest
+    of each channel's mean comes from an additional channel of constant value: with weight w, pixel
+    x and channel mean m, ``w (x - m) / std = w / std (x - zero) + w / std (zero - m)``, and the
+    sum of the last term over the channels is the weight of the additional channel times its value.
+    Around the image all channels are 0, as in the original, where 0 stands for the mean.
     """
     import torch
     from torch.nn import functional
@@ -39,17 +43,17 @@ def read_bytes_in_stem(model: TreeRCNN) -> None:
         weight = weight.sum(1, keepdim=True)
     constant = bool((means != zero).any())
     if constant:
-        weight = torch.cat((weight, offset / (_BRIGHTEST - zero)), dim=1)
-    stem, borders = _blocked(weight, int(first.padding[0]))
-    model.backbone.set_submodule(name, stem)
+        weight = torch.cat((weight, offset / (_MAX_BYTE - zero)), dim=1)
+    convolution, borders = _block_convolution(weight, int(first.padding[0]))
+    model.backbone.set_submodule(name, convolution)
     rows, columns = (32 * cells for cells in spec.map_size(5))
     padding = (0, 0, 0, columns - spec.width, 0, rows - spec.height)
 
     def normalise(images: Tensor) -> Tensor:
-        """uint8 images -> (B, 4C, H / 2, W / 2) float32, counted from ``zero``."""
+        """uint8 images -> (B, 4C, H / 2, W / 2) float32 with ``zero`` subtracted, and padded."""
         x = images if spec.modality == "rgb" else images[..., None]
         if constant:
-            x = torch.cat((x, torch.full_like(x[..., :1], _BRIGHTEST)), dim=3)
+            x = torch.cat((x, torch.full_like(x[..., :1], _MAX_BYTE)), dim=3)
         if any(padding):
             x = functional.pad(x, padding, value=zero)
         batch, high, wide, channels = x.shape
@@ -62,6 +66,7 @@ def read_bytes_in_stem(model: TreeRCNN) -> None:
 
 
 def _first_convolution(model: TreeRCNN) -> tuple[str, nn.Conv2d]:
+    """The first convolution of the backbone, and its name."""
     from torch import nn
 
     parts = model.backbone.named_modules()
@@ -72,10 +77,19 @@ def _first_convolution(model: TreeRCNN) -> tuple[str, nn.Conv2d]:
     return name, first
 
 
-def _blocked(weight: Tensor, padding: int) -> tuple[nn.Conv2d, tuple[int, int, int, int]]:
-    """(out, C, k, k) of stride 2 -> the convolution of 2x2 blocks, and the borders it needs.
+def _block_convolution(weight: Tensor, padding: int) -> tuple[nn.Conv2d, tuple[int, int, int, int]]:
+    """The convolution of 2x2 blocks that equals a convolution of stride 2.
 
-    A block's channel is ``(row * 2 + column) * C + channel``.
+    Through tap i, output row o reads the image row 2 o + i - padding. That is row
+    (i - padding) mod 2 of the block row o + (i - padding) div 2. Columns likewise.
+
+    Args:
+        weight: (out, C, k, k) weight of the convolution of stride 2.
+        padding: its padding in pixels.
+
+    Returns:
+        The convolution, whose input channels are ``(row * 2 + column) * C + channel`` of a block,
+        and the padding in blocks that it needs: left, right, top, bottom.
     """
     from torch import nn
 
@@ -93,10 +107,15 @@ def _blocked(weight: Tensor, padding: int) -> tuple[nn.Conv2d, tuple[int, int, i
 
 
 def byte_range(model: Any) -> dict[str, list[dict[str, Any]]]:
-    """The range that bytes have, for the quantiser: scale 1, from the subtrahend on.
+    """Quantisation parameters with which the subtraction gives the bytes of the image.
 
-    ``model`` is a traced ``onnx.ModelProto``; the answer is by tensor, as
-    ``TensorQuantOverrides`` of onnxruntime's quantiser takes it.
+    The scale is 1 and the zero point is the value that is subtracted.
+
+    Args:
+        model: a traced ``onnx.ModelProto``.
+
+    Returns:
+        Parameters by tensor, for ``TensorQuantOverrides`` of onnxruntime's quantiser.
     """
     import numpy as np
 
@@ -105,8 +124,8 @@ def byte_range(model: Any) -> dict[str, list[dict[str, Any]]]:
     return {subtract.output[0]: [values]}
 
 
-def take_bytes_as_quantised(model: Any) -> None:
-    """Drop the way from bytes over floats back to the same bytes from a quantised model."""
+def use_bytes_as_quantised(model: Any) -> None:
+    """Remove the conversion from bytes to floats and back to bytes from a quantised model."""
     graph = model.graph
     subtract, _ = _subtraction(model)
     cast = next(node for node in graph.node if subtract.input[0] in node.output)
@@ -120,7 +139,7 @@ def take_bytes_as_quantised(model: Any) -> None:
 
 
 def _subtraction(model: Any) -> tuple[Any, float]:
-    """The node that counts the bytes from a value, and that value."""
+    """The node that subtracts a constant from the bytes of the image, and that constant."""
     from onnx import numpy_helper
 
     makers = {output: node for node in model.graph.node for output in node.output}
@@ -130,4 +149,6 @@ def _subtraction(model: Any) -> tuple[Any, float]:
             source = makers.get(node.input[0])
             if source is not None and source.op_type == "Cast":
                 return node, float(numpy_helper.to_array(values[node.input[1]]))
-    raise ValueError("the graph does not count bytes from a value: expected a trace for quantising")
+    raise ValueError(
+        "the graph does not subtract a constant from the image: expected one traced for quantising"
+    )

@@ -1,4 +1,4 @@
-"""The model that a file is made of: a checkpoint's, fitted to the settings, or an untrained one."""
+"""Load the model to export: from a checkpoint, or a preset with untrained weights."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edgetree.errors import MissingDependency, install_hint
-from edgetree.export.frames import InputRules, sample_inputs
-from edgetree.export.settings import ExportSettings
+from edgetree.export.frames import sample_inputs
+from edgetree.export.settings import PRECISIONS, ExportSettings
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -19,28 +19,36 @@ if TYPE_CHECKING:
     from edgetree.model_file.manifest import Manifest
     from perceptree.models import TreeRCNN
 
-__all__ = ["UNTRAINED", "load_model", "settings_of", "untrained_model", "with_settings"]
+__all__ = ["UNTRAINED", "load_model", "settings_from_manifest", "untrained_model", "with_settings"]
 
 UNTRAINED = "untrained"
-# Spread of an untrained network's last layers: logits as lively as a trained one's.
-_LOGIT_SPREAD = 2.0
+"""Id of the training data of a model without training."""
+
+# Standard deviation of the logits of an untrained network, about that of a trained one.
+_LOGIT_STD = 2.0
 
 
 def load_model(checkpoint: Path) -> tuple[TreeRCNN, str]:
-    """The model of a checkpoint, and the id of the data that it was trained on.
+    """Load a checkpoint.
+
+    Args:
+        checkpoint: a perceptree checkpoint.
+
+    Returns:
+        The model, and the id of the data that it was trained on.
 
     Raises:
-        MissingDependency: what exporting needs is not installed.
+        MissingDependency: a package that exporting needs is not installed.
         CheckpointError: the checkpoint cannot be read.
     """
-    _require_training_side()
+    _require_packages()
     from perceptree.models import load_checkpoint
 
     model, record = load_checkpoint(checkpoint)
     return model, str(record.get("training", {}).get("data", "unknown"))
 
 
-def _require_training_side() -> None:
+def _require_packages() -> None:
     try:
         import onnx  # noqa: F401
         import onnxscript  # noqa: F401
@@ -53,9 +61,15 @@ def _require_training_side() -> None:
 
 
 def with_settings(model: TreeRCNN, settings: ExportSettings) -> TreeRCNN:
-    """The same weights for another input size, number of rows or proposals, or threshold.
+    """A model with the same weights and other settings.
 
-    Raises SpecError for a size that no network takes.
+    Args:
+        model: the model; it is not changed.
+        settings: input size, numbers of detections and proposals, and score threshold. Those that
+            are None stay as they are.
+
+    Raises:
+        SpecError: the network does not support the input size.
     """
     from perceptree.models import TreeRCNN
 
@@ -75,10 +89,8 @@ def with_settings(model: TreeRCNN, settings: ExportSettings) -> TreeRCNN:
     return changed.eval()
 
 
-def settings_of(manifest: Manifest) -> ExportSettings:
-    """The settings that make a checkpoint the model of a file."""
-    from edgetree.export.settings import PRECISIONS
-
+def settings_from_manifest(manifest: Manifest) -> ExportSettings:
+    """The export settings of an existing file."""
     names = {precision: name for name, precision in PRECISIONS.items()}
     rows = next(output.shape[1] for output in manifest.outputs if output.name == "boxes")
     return ExportSettings(
@@ -95,14 +107,22 @@ def settings_of(manifest: Manifest) -> ExportSettings:
 
 
 def untrained_model(preset: str, modality: str, settings: ExportSettings) -> TreeRCNN:
-    """A preset with random weights that answers as lively as a trained network.
+    """A preset with random weights.
 
-    Its batch norms have the statistics of the package's sample frames, and its last layers are
-    scaled on one of them. It costs what the trained network costs and finds nothing.
+    It takes as much computation as the trained network, but its detections are meaningless. The
+    batch norms take their statistics from the sample frames of the package, and the last layers
+    are scaled on one of them, so that scores vary as much as those of a trained network.
 
-    Raises SpecError for an unknown preset, MissingDependency where training is not installed.
+    Args:
+        preset: name of the preset.
+        modality: ``rgb`` or ``depth``.
+        settings: input size and other options.
+
+    Raises:
+        SpecError: the preset is unknown.
+        MissingDependency: a package that exporting needs is not installed.
     """
-    _require_training_side()
+    _require_packages()
     import torch
 
     from perceptree.models import TreeRCNN, make_spec
@@ -110,20 +130,20 @@ def untrained_model(preset: str, modality: str, settings: ExportSettings) -> Tre
     torch.manual_seed(0)
     spec = make_spec(preset, modality, settings.height, settings.width)  # type: ignore[arg-type]
     model = with_settings(TreeRCNN(spec), settings)
-    images = sample_inputs(InputRules.of(model.spec))
+    images = sample_inputs(model.spec)
     with torch.no_grad():
-        _fit_norms(model, images)
+        _fit_batch_norms(model, images)
         _scale_last_layers(model, images[:1])
     return model
 
 
-def _fit_norms(model: TreeRCNN, images: NDArray[np.uint8]) -> None:
+def _fit_batch_norms(model: TreeRCNN, images: NDArray[np.uint8]) -> None:
     import torch
     from torch import nn
 
     for norm in model.modules():
         if isinstance(norm, nn.BatchNorm2d):
-            norm.momentum = None  # plain means over all frames
+            norm.momentum = None  # use the mean over all frames
     model.train()
     for image in images:
         model.features(torch.from_numpy(image[None]))
@@ -131,7 +151,10 @@ def _fit_norms(model: TreeRCNN, images: NDArray[np.uint8]) -> None:
 
 
 def _scale_last_layers(model: TreeRCNN, image: NDArray[np.uint8]) -> None:
-    """Give each last layer its spread when it is first called, the earlier ones first."""
+    """Scale the weights of the last layers to outputs of the standard deviation `_LOGIT_STD`.
+
+    Each layer is scaled when the model first calls it, so that later layers get scaled inputs.
+    """
     import torch
 
     layers: list[Any] = [model.proposer.objectness, model.box_head.score]
@@ -142,7 +165,7 @@ def _scale_last_layers(model: TreeRCNN, image: NDArray[np.uint8]) -> None:
 
     def scale(layer: Any, _: Any, output: Tensor) -> Tensor:
         handles.pop(layer).remove()
-        gain = _LOGIT_SPREAD / output.std().clamp(min=1e-6)
+        gain = _LOGIT_STD / output.std().clamp(min=1e-6)
         layer.weight.mul_(gain)
         return output * gain
 

@@ -1,0 +1,233 @@
+"""Build the ONNX graph of a model, and the manifest that describes it."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edgetree.export.float16 import to_float16
+from edgetree.export.frames import frames_sha256, input_shape
+from edgetree.export.quantise import quantise
+from edgetree.export.quiet import quiet
+from edgetree.export.rewrites import rewrite_for_export
+from edgetree.export.settings import OPSET, PRECISIONS, ExportSettings
+from edgetree.model_file.manifest import (
+    METADATA_KEY,
+    ClassifierCost,
+    Manifest,
+    ResizeRule,
+    Thresholds,
+    standard_input,
+    standard_outputs,
+)
+from edgetree.runtime.session import InferenceSession, OrtSession
+
+if TYPE_CHECKING:
+    from perceptree.models import ModelSpec, TreeRCNN
+
+__all__ = ["BuiltModel", "ExportSource", "build", "describe", "output_names", "trace"]
+
+
+@dataclass(frozen=True, eq=False)
+class ExportSource:
+    """What an ONNX file is built from.
+
+    Attributes:
+        model: the model, with the input size and thresholds of the file.
+        training_data: id of the data that it was trained on.
+        calibration_frames: (N, H, W, 3) or (N, H, W) uint8 prepared frames for the ranges of
+            activations. Needed unless the precision is ``fp32``.
+    """
+
+    model: TreeRCNN
+    training_data: str
+    calibration_frames: NDArray[np.uint8] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class BuiltModel:
+    """An ONNX graph and its manifest.
+
+    Attributes:
+        proto: an ``onnx.ModelProto`` without metadata.
+        manifest: description of the graph, without the results of the verification.
+    """
+
+    proto: Any
+    manifest: Manifest
+
+    def serialized(self, manifest: Manifest) -> bytes:
+        """The bytes of an ONNX file with this manifest."""
+        import onnx
+
+        onnx.helper.set_model_props(self.proto, {METADATA_KEY: manifest.to_json()})
+        content: bytes = self.proto.SerializeToString()
+        return content
+
+    @contextmanager
+    def session(self) -> Iterator[InferenceSession]:
+        """An inference session of the graph, as a file of it would give."""
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "model.onnx"
+            path.write_bytes(self.serialized(self.manifest))
+            yield OrtSession(path)
+
+
+def build(source: ExportSource, settings: ExportSettings, say: Callable[[str], None]) -> BuiltModel:
+    """Trace a model to ONNX, convert it to the precision of the settings, and describe it.
+
+    Args:
+        source: model and calibration frames.
+        settings: precision, batch size, operator set and target.
+        say: called with progress messages.
+    """
+    manifest = describe(source.model, source.training_data, settings)
+    say("tracing the graph")
+    int8 = settings.precision == "int8"
+    proto = trace(source.model, settings.batch, settings.opset, quantised=int8)
+    frames = source.calibration_frames
+    if settings.precision != "fp32" and frames is not None:
+        say(f"calibrating on {len(frames)} frames")
+        manifest = replace(manifest, calibration_sha256=frames_sha256(frames))
+        if int8:
+            proto = quantise(proto, frames, symmetric=settings.target == "tensorrt")
+        else:
+            proto = to_float16(proto, frames)
+    _remove_debug_info(proto)
+    return BuiltModel(proto, manifest)
+
+
+def output_names(masks: bool, keypoints: bool) -> tuple[str, ...]:
+    """Names of the graph's outputs in their order, without those of missing branches."""
+    return (
+        "boxes",
+        "scores",
+        *(["keypoints"] if keypoints else []),
+        *(["masks"] if masks else []),
+        "num_detections",
+    )
+
+
+def trace(model: TreeRCNN, batch: int, opset: int = OPSET, *, quantised: bool = False) -> Any:
+    """Trace ``model.detect`` to ONNX with static shapes, in float32.
+
+    The model has no branches that depend on data, so it is traced on zeros.
+
+    Args:
+        model: the model.
+        batch: number of frames of one inference.
+        opset: ONNX operator set.
+        quantised: whether to rewrite the model for ``edgetree.export.quantise``.
+
+    Returns:
+        An ``onnx.ModelProto``, whose nodes name the modules that they come from.
+
+    Raises:
+        RuntimeError: torch gave no ONNX program.
+    """
+    import torch
+
+    names = output_names(model.spec.masks, model.spec.keypoints)
+    rewritten = rewrite_for_export(model, quantised=quantised)
+
+    class Exported(torch.nn.Module):
+        def __init__(self) -> None:
+            super().__init__()
+            self.model = rewritten
+
+        def forward(self, image: torch.Tensor) -> tuple[torch.Tensor, ...]:
+            found = rewritten.detect(image)._asdict()
+            return tuple(found[name] for name in names)
+
+    with quiet():
+        program = torch.onnx.export(
+            Exported().eval(),
+            (torch.zeros(batch, *input_shape(model.spec), dtype=torch.uint8),),
+            dynamo=True,
+            input_names=["image"],
+            output_names=list(names),
+            opset_version=opset,
+            verbose=False,
+        )
+    if program is None:
+        raise RuntimeError("torch.onnx.export returned no program: expected an ONNXProgram")
+    return program.model_proto
+
+
+def describe(model: TreeRCNN, training_data: str, settings: ExportSettings) -> Manifest:
+    """The manifest of the file of a model.
+
+    Args:
+        model: the model, with the input size and thresholds of the file.
+        training_data: id of the data that it was trained on.
+        settings: precision, batch size, operator set and target.
+    """
+    from perceptree.keypoints import KEYPOINT_FLIP_PAIRS, KEYPOINT_NAMES
+    from perceptree.models import CLASS_NAMES
+    from perceptree.models.cost import classifier_cost, multiply_adds, parameters
+
+    spec: ModelSpec = model.spec
+    model_input = standard_input(spec.modality, spec.height, spec.width)
+    return Manifest(
+        name=spec.name,
+        backbone=spec.backbone,
+        modality=spec.modality,
+        input=replace(model_input, batch_sizes=(settings.batch,)),
+        resize=ResizeRule(pad_value=spec.pad_value),
+        mean=spec.mean,
+        std=spec.std,
+        depth_encoding=spec.depth_encoding,
+        outputs=standard_outputs(spec.detections, keypoints=spec.keypoints, masks=spec.masks),
+        classes=CLASS_NAMES,
+        keypoint_names=KEYPOINT_NAMES if spec.keypoints else (),
+        keypoint_flip_pairs=KEYPOINT_FLIP_PAIRS if spec.keypoints else (),
+        thresholds=Thresholds(spec.score_threshold, spec.nms_iou),
+        precision=PRECISIONS[settings.precision],
+        opset=settings.opset,
+        parameters=parameters(model),
+        weights_sha256=_weights_sha256(model),
+        training_data=training_data,
+        project_version=_version(),
+        proposals=spec.proposals,
+        multiply_adds=multiply_adds(model),
+        classifier=ClassifierCost(*classifier_cost(spec.backbone, spec.stride_in_1x1)),
+        target=settings.target,
+    )
+
+
+def _weights_sha256(model: Any) -> str:
+    """Hash of the names and values of all weights; their memory layout does not matter."""
+    digest = hashlib.sha256()
+    for name, value in sorted(model.state_dict().items()):
+        digest.update(name.encode())
+        digest.update(np.ascontiguousarray(value.numpy()).tobytes())
+    return digest.hexdigest()
+
+
+def _version() -> str:
+    try:
+        return importlib.metadata.version("edgetree")
+    except importlib.metadata.PackageNotFoundError:
+        return "unknown"
+
+
+def _remove_debug_info(proto: Any) -> None:
+    """Remove the notes of torch's exporter, which include paths of this machine."""
+    proto.doc_string = ""
+    del proto.metadata_props[:]
+    graph = proto.graph
+    del graph.metadata_props[:]
+    graph.doc_string = ""
+    for items in (graph.node, graph.value_info, graph.input, graph.output, graph.initializer):
+        for item in items:
+            item.doc_string = ""
+            del item.metadata_props[:]

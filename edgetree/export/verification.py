@@ -1,0 +1,142 @@
+"""Verify an ONNX file: compare its detections and average precision with those of its model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edgetree.evaluate import predict_with_file
+from edgetree.export.comparison import UNMATCHED_FRAMES, Arrays, compare_frames
+from edgetree.export.frames import edge_case_frames, find_frames, read_frames
+from edgetree.export.models import UNTRAINED
+from edgetree.export.parity import ParityFailed, ParityReport, limits_of
+from edgetree.model_file.manifest import Manifest
+from edgetree.runtime.session import InferenceSession
+
+if TYPE_CHECKING:
+    from perceptree.models import ModelSpec, TreeRCNN
+
+__all__ = ["Say", "VerificationFrames", "read_verification_frames", "verify"]
+
+_COMPARED_FRAMES: Final = 20
+_AP_FRAMES: Final = 100
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class VerificationFrames:
+    """Frames on which a file and its model are compared.
+
+    Attributes:
+        images: prepared frames by name, (H, W, 3) or (H, W) uint8.
+        paths: files that they were read from; empty for samples of the package.
+        dataset: folder of a dataset whose labels may give the average precision, or None.
+    """
+
+    images: Mapping[str, NDArray[np.uint8]]
+    paths: tuple[Path, ...] = ()
+    dataset: Path | None = None
+
+
+def read_verification_frames(data: Path, spec: ModelSpec) -> VerificationFrames:
+    """Read frames of a folder, of its test split if it has one.
+
+    Args:
+        data: a dataset or a folder of images.
+        spec: model with input size, padding and depth encoding.
+
+    Raises:
+        InputError: the folder has no frames.
+    """
+    paths = find_frames(data, spec.modality, _COMPARED_FRAMES, test_split=True)
+    images = read_frames(paths, spec)
+    named = dict(zip((path.stem for path in paths), images, strict=True))
+    return VerificationFrames(named, tuple(paths), data)
+
+
+def verify(
+    model: TreeRCNN,
+    session: InferenceSession,
+    manifest: Manifest,
+    frames: VerificationFrames,
+    say: Say,
+) -> ParityReport:
+    """Compare a file with its model on given frames and on edge cases.
+
+    Args:
+        model: the model.
+        session: inference session of the file.
+        manifest: manifest of the file.
+        frames: the frames to compare on.
+        say: called with progress messages.
+
+    Raises:
+        ParityFailed: they differ by more than the limits of the file's precision.
+    """
+    edge_cases = edge_case_frames(model.spec, np.stack(list(frames.images.values())))
+    images = {**frames.images, **edge_cases}
+    trained = manifest.training_data != UNTRAINED
+    batch = manifest.input.batch_sizes[0]
+    say(f"comparing on {len(images)} frames, {batch} at a time")
+    compared = compare_frames(
+        lambda batch_images: _detect(model, manifest, batch_images),
+        lambda batch_images: session.run({manifest.input.name: batch_images}),
+        images,
+        manifest.precision,
+        manifest.thresholds.score,
+        batch,
+        UNMATCHED_FRAMES if trained else tuple(edge_cases),
+    )
+    limits = limits_of(manifest.precision, trained=trained)
+    report = ParityReport(manifest.precision, compared, limits=limits)
+    if limits.ap_loss is not None and frames.dataset is not None:
+        average_precision = _average_precision(model, session, manifest, frames.dataset, say)
+        report = replace(report, average_precision=average_precision)
+    faults = report.faults()
+    if faults:
+        more = f" and {len(faults) - 2} more" if len(faults) > 2 else ""
+        raise ParityFailed(
+            f"the file does not find what the checkpoint finds: {'; '.join(faults[:2])}{more}",
+            report,
+        )
+    return report
+
+
+def _detect(model: TreeRCNN, manifest: Manifest, images: NDArray[np.uint8]) -> Arrays:
+    """Detections of the model, as arrays with the names of the file's outputs."""
+    import torch
+
+    with torch.inference_mode():
+        found = model.detect(torch.from_numpy(images))._asdict()
+    return {name: found[name].numpy() for name in manifest.output_names}
+
+
+def _average_precision(
+    model: TreeRCNN, session: InferenceSession, manifest: Manifest, data: Path, say: Say
+) -> dict[str, tuple[float, float]]:
+    """Average precision in percent of model and file, by kind of result.
+
+    On the test split of a dataset, or else on its validation split. Empty without either.
+    """
+    from perceptree.data import FrameStore, read_split
+    from perceptree.evaluation import evaluate, predict_with
+
+    split = next((name for name in ("test", "val") if (data / f"{name}_RGB.json").is_file()), None)
+    if split is None:
+        return {}
+    store = FrameStore(read_split(data, split)[:_AP_FRAMES], model.spec)
+    say(f"evaluating on {len(store)} labelled frames")
+    batch = manifest.input.batch_sizes[0]
+    of_model = evaluate(predict_with(model), store)
+    of_file = evaluate(predict_with_file(session, manifest), store, batch)
+    pairs = {
+        name: (getattr(of_model, f"{name}_ap"), getattr(of_file, f"{name}_ap"))
+        for name in ("box", "mask", "keypoint")
+    }
+    return {name: pair for name, pair in pairs.items() if None not in pair}

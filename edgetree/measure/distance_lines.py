@@ -1,0 +1,206 @@
+"""Robust lines of inverse distance over height along the axis, for T stems at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edgetree.measure.edge_lines import masked_medians
+from edgetree.measure.settings import MeasureSettings
+
+__all__ = [
+    "DistanceLines",
+    "InverseDistances",
+    "NormalEquations",
+    "best_distance_lines",
+    "fit_distance_lines",
+    "level_distance_lines",
+    "masked_means",
+]
+
+Float = NDArray[np.floating[Any]]
+Flags = NDArray[np.bool_]
+
+# Real stems bend and taper. At height h from the section, the bark of a straight stem of constant
+# radius is off by this value times h² metres. In terms of the inverse distance 1 / d that is this
+# value times (h / d)², so readings near the section count most.
+_BEND_PER_M = 0.02
+# Candidates for the first line: this many tilts, up to this many standard deviations of the lean,
+# through these quantiles of the readings. Their support is counted on every fourth reading.
+_MAX_TILT_STDS = 6.0
+_SLOPES = 15
+_QUANTILES = np.array((0.15, 0.3, 0.5, 0.7, 0.85))
+_SUPPORT_STEP = 4
+# Residual in standard deviations from which Tukey's biweight is 0.
+_CUTOFF = 4.0
+# Weight of the assumed noise when it is adjusted, in independent readings.
+_NOISE_PRIOR = 8.0
+
+
+class InverseDistances(NamedTuple):
+    """What each reading says about its stem's distance, each array (T, N).
+
+    Attributes:
+        height_ratio: height along the axis above the section, per metre of distance.
+        inverse: inverse distance to the axis, 1/m.
+        per_narrowing: change of `inverse` per radian of decrease of the half angle.
+        offset: lateral position on the stem, see `StemView.offset`.
+        depth_ratio: depth per metre of distance to the axis, see `StemView.depth_ratio`.
+        depth_m: depth; 1 where the reading is not used.
+        used: whether the reading is used.
+    """
+
+    height_ratio: Float
+    inverse: Float
+    per_narrowing: Float
+    offset: Float
+    depth_ratio: Float
+    depth_m: Float
+    used: Flags
+
+    def noise(self, settings: MeasureSettings) -> Float:
+        """(T,) mean standard deviation of the inverse distances, 1/m.
+
+        A depth error e changes the inverse depth by e / z² to first order. With an error of
+        a z² (stereo) or b (time of flight), that is a or b / z².
+        """
+        per_m = np.hypot(settings.depth_noise_per_m, settings.depth_noise_m / self.depth_m**2)
+        return masked_means(self.depth_ratio * per_m, self.used)
+
+
+@dataclass(eq=False)
+class NormalEquations:
+    """Normal equations of the linear model of the inverse distances, 1/m.
+
+    inverse = value + slope * height_ratio + per_narrowing * (half angle - assumed half angle)
+
+    Attributes:
+        information: (T, 3, 3) normal matrix of value, slope and half angle change.
+        right: (T, 3) right-hand side.
+        kept: (T, N) readings with a weight above 0.
+    """
+
+    information: Float
+    right: Float
+    kept: Flags
+
+    def solve(self) -> Float:
+        """(T, 3) value, slope and half angle change from the depth alone."""
+        return np.asarray(np.linalg.solve(self.information, self.right[..., None])[..., 0])
+
+    def solve_line(self, half_change: Float) -> DistanceLines:
+        """Value and slope for known changes (T,) of the half angle."""
+        covariance = np.linalg.inv(self.information[:, :2, :2])
+        per_half_rad = -np.matmul(covariance, self.information[:, :2, 2:])[..., 0]
+        line = np.matmul(covariance, self.right[:, :2, None])[..., 0]
+        return DistanceLines(line + per_half_rad * half_change[:, None], covariance, per_half_rad)
+
+
+class DistanceLines(NamedTuple):
+    """Lines of inverse distance over height, for known half angles.
+
+    Attributes:
+        value_slope: (T, 2) value at the section and slope.
+        covariance: (T, 2, 2) their covariance.
+        per_half_rad: (T, 2) their change per radian of half angle.
+    """
+
+    value_slope: Float
+    covariance: Float
+    per_half_rad: Float
+
+
+def fit_distance_lines(
+    points: InverseDistances,
+    start: Float,
+    noise: Float,
+    *,
+    per_error: Float,
+    tilt: Float,
+    lean_std_rad: float,
+    rounds: int,
+) -> NormalEquations:
+    """Robust lines through the inverse distances, with a normal prior on their tilt.
+
+    Iteratively reweighted least squares with Tukey's biweights. The noise is adjusted to the
+    scatter of the readings; the assumed noise counts as `_NOISE_PRIOR` readings.
+
+    Args:
+        points: inverse distances.
+        start: (T, 2) value and slope to start from.
+        noise: (T,) standard deviation of the inverse distances, 1/m.
+        per_error: (T,) number of readings that share one error.
+        tilt: (T,) tilt that the axes already have, in radians; the prior refers to a tilt of 0.
+        lean_std_rad: standard deviation of the tilt.
+        rounds: number of times the weights are updated.
+    """
+    basis = np.stack(
+        [np.ones_like(points.height_ratio), points.height_ratio, points.per_narrowing], 1
+    )
+    bend = _BEND_PER_M * points.height_ratio**2
+    variance = np.ones(len(start))
+    state = np.concatenate([start, np.zeros((len(start), 1))], 1)
+    for _ in range(rounds):
+        squared_noise = (variance * noise**2)[:, None]
+        expected = np.sqrt(squared_noise + bend**2)
+        residual = (points.inverse - np.matmul(state[:, None], basis)[:, 0]) / expected
+        biweight = np.where(points.used, np.maximum(1 - (residual / _CUTOFF) ** 2, 0) ** 2, 0.0)
+        weight = biweight / per_error[:, None]
+        weighted = basis * (weight / expected**2)[:, None]
+        # A reading counts in the adjustment of the noise as far as noise, not bend, dominates it.
+        noise_weight = weight * squared_noise / expected**2
+        scatter = (noise_weight * residual**2).sum(1)
+        variance = variance * (_NOISE_PRIOR + scatter) / (_NOISE_PRIOR + noise_weight.sum(1))
+        information = np.matmul(weighted, basis.transpose(0, 2, 1))
+        right = np.matmul(weighted, points.inverse[..., None])[..., 0]
+        # The prior: slope / value has mean tan(tilt) and standard deviation tan(lean_std_rad).
+        prior = 1 / (np.tan(lean_std_rad) * np.abs(state[:, 0]) + 1e-9) ** 2
+        information[:, 1, 1] += prior
+        right[:, 1] += prior * np.tan(tilt) * state[:, 0]
+        information[:, [0, 2], [0, 2]] += 1e-9
+        equations = NormalEquations(information, right, biweight > 0)
+        state[:, :2] = equations.solve_line(np.zeros(len(start))).value_slope
+    return equations
+
+
+def masked_means(values: Float, used: Flags) -> Float:
+    """(T,) means of the used ones among (T, N) values; 0 where there are none."""
+    return np.asarray(np.where(used, values, 0).sum(1) / np.maximum(used.sum(1), 1))
+
+
+def level_distance_lines(points: InverseDistances) -> Float:
+    """(T, 2) medians of the used inverse distances, and slope 0."""
+    value = masked_medians(points.inverse, points.used)
+    value = np.where(value > 0, value, 1.0)
+    return np.stack([value, np.zeros(len(value))], 1)
+
+
+def best_distance_lines(points: InverseDistances, noise: Float, lean_std_rad: float) -> Float:
+    """(T, 2) value and slope of the candidate line with the most readings near it.
+
+    The candidates have several slopes and go through several quantiles of the readings. So one of
+    them lies on the stem even if most readings belong to an object in front of it.
+    """
+    height, inverse, used = (
+        part[:, ::_SUPPORT_STEP] for part in (points.height_ratio, points.inverse, points.used)
+    )
+    count, scale = used.sum(1), level_distance_lines(points)[:, 0]
+    allowed = _CUTOFF * np.hypot(noise[:, None], _BEND_PER_M * height**2)
+    tilt_stds = np.linspace(-_MAX_TILT_STDS, _MAX_TILT_STDS, _SLOPES)
+    slopes = tilt_stds * (np.tan(lean_std_rad) * scale)[:, None]
+    values = np.where(used[:, None], inverse[:, None] - slopes[..., None] * height[:, None], np.inf)
+    ordered = np.sort(values, axis=2)
+    rank = (_QUANTILES * count[:, None]).astype(np.intp)[:, None]
+    shape = (*slopes.shape, len(_QUANTILES))
+    candidates = np.take_along_axis(ordered, np.broadcast_to(rank, shape), 2)
+    candidates = np.where(np.isfinite(candidates), candidates, 1.0)
+    near = np.abs(values[:, :, None] - candidates[..., None]) < allowed[:, None, None]
+    # The squared tilt is the penalty of a normal prior.
+    support = near.sum(-1) - tilt_stds[:, None] ** 2
+    best = support.reshape(len(count), -1).argmax(1)
+    rows = np.arange(len(count))
+    value = candidates.reshape(len(count), -1)[rows, best]
+    return np.stack([value, slopes[rows, best // len(_QUANTILES)]], 1)

@@ -1,0 +1,84 @@
+"""The keypoints of trees, with their errors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edgetree.detections import KEYPOINT_NAMES, TreeDetections
+from edgetree.measure.settings import MeasureSettings
+
+__all__ = ["CUT", "LEFT", "MIDDLE", "MIN_WIDTH_PX", "RIGHT", "TOP", "Keypoints"]
+
+Float = NDArray[np.floating[Any]]
+Flags = NDArray[np.bool_]
+
+CUT, LEFT, RIGHT, MIDDLE, TOP = range(len(KEYPOINT_NAMES))
+
+MIN_WIDTH_PX = 1.0
+"""Smallest distance between the left and the right edge of the diameter's section."""
+
+# A cut keypoint this many standard deviations from the lower border may be below the image.
+_BORDER_CUT_STDS = 12.0
+
+
+@dataclass(frozen=True, eq=False)
+class Keypoints:
+    """The keypoints of T trees.
+
+    Attributes:
+        xy_px: (T, 5, 2) points in the image.
+        given: (T, 5) which have a score above 0 and are at most one image size outside the image.
+        std_px: (T, 5, 2) standard deviations across and along the stem.
+        within: (T, 5) which are certainly inside the image. Points near its border may in truth
+            be outside.
+        offered: whether the model predicts keypoints.
+    """
+
+    xy_px: Float
+    given: Flags
+    std_px: Float
+    within: Flags
+    offered: bool
+
+    @classmethod
+    def of(cls, trees: TreeDetections, settings: MeasureSettings) -> Keypoints:
+        """Take the keypoints of detections and estimate their errors.
+
+        The standard deviations grow with 1 / sqrt(score), see `MeasureSettings.keypoint_spread`,
+        and with the size of the box: across the stem with its width, along the stem with the
+        square root of its area.
+        """
+        count = len(trees)
+        values = np.zeros((count, len(KEYPOINT_NAMES), 3))
+        if trees.keypoints_px is not None:
+            values = trees.keypoints_px.astype(np.float64)
+        size = np.array([trees.image_width, trees.image_height])
+        near = (np.abs(values[..., :2] - size / 2) <= 1.5 * size).all(2)
+        extent = np.maximum(trees.boxes_px[:, 2:] - trees.boxes_px[:, :2], 0.0).astype(np.float64)
+        extent[:, 1] = np.sqrt(extent.prod(1))
+        score = np.clip(values[..., 2:], 1e-4, 1.0)
+        fraction = np.array([settings.keypoint_spread, settings.keypoint_slide])
+        spread = fraction * extent[:, None] / np.sqrt(score)
+        std_px = np.hypot(settings.keypoint_std_px, spread)
+        given = (values[..., 2] > 0) & near
+        inside = (values[..., :2] > std_px) & (values[..., :2] < size - std_px)
+        within = given & inside.all(2)
+        # If the stem reaches the lower border, the cut may be below the image. Networks then
+        # predict a point inside the image.
+        cut_std_px = std_px[:, CUT, 1]
+        reaches_border = trees.boxes_px[:, 3] > trees.image_height - np.maximum(cut_std_px, 1.0)
+        low = values[:, CUT, 1] > trees.image_height - _BORDER_CUT_STDS * cut_std_px
+        within[:, CUT] &= ~(reaches_border & low)
+        return cls(values[..., :2], given, std_px, within, trees.keypoints_px is not None)
+
+    @cached_property
+    def has_section(self) -> Flags:
+        """(T,) whether both edges of the diameter's section are in the image and distinct."""
+        width = np.linalg.norm(self.xy_px[:, RIGHT] - self.xy_px[:, LEFT], axis=1)
+        size_known = width >= MIN_WIDTH_PX
+        return np.asarray(self.within[:, LEFT] & self.within[:, RIGHT] & size_known)

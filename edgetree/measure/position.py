@@ -1,0 +1,212 @@
+"""Distance, cut height, cut point and lean of one stem."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib import CAMERA_UP, RigidTransform
+from edgetree.measure.estimates import Estimate, Failure, PointEstimate
+from edgetree.measure.ground import BaseGround
+from edgetree.measure.settings import MeasureSettings
+
+__all__ = ["CAMERA_UP_STD_DEG", "StemPosition"]
+
+Float = NDArray[np.floating[Any]]
+
+CAMERA_UP_STD_DEG = 15.0
+"""Standard deviation of the camera's own up direction, used where no vertical is given."""
+
+# Standard deviation of the slope of forest ground, whose normal is used where no vertical is given.
+_SLOPE_STD_RAD = math.radians(12.0)
+# The cut is a little below the section at which the diameter is measured.
+_CUT_ABOVE_SECTION_M = (-0.5, 0.3)
+_MAX_CUT_BELOW_GROUND_M = 0.1
+_MAX_CUT_ABOVE_GROUND_M = 0.8
+_FORWARD = np.array([0.0, 0.0, 1.0])
+# Above this cosine to the vertical, a camera looks straight down and its forward is not used.
+_STRAIGHT_DOWN = 0.999
+# An inclination below this many standard deviations has no direction.
+_MIN_LEAN_STDS = 1.5
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class StemPosition:
+    """Position and direction of one stem and its felling cut, in camera coordinates.
+
+    Attributes:
+        along: (3,) unit vector up the axis.
+        across: (3,) unit vector at right angles to the axis, to the right.
+        view_direction: (3,) unit vector across the axis, from the camera to the axis.
+        section: (3,) axis point of the section at which the diameter is measured.
+        cut: (3,) axis point of the felling cut.
+        radius_m: radius at the section.
+        distance_std_m: standard deviation of the axis' distance.
+        diameter_std_m: standard deviation of the diameter.
+        cut_rad: standard deviation of the cut's direction, up and down.
+        shape_std_m: displacement of the axis between section and cut by bark, butt swell and
+            bends, as a standard deviation.
+        roll_std_rad: standard deviation of the axis' angle within the image.
+        tilt_std_rad: standard deviation of the axis' angle towards or away from the camera.
+    """
+
+    along: Float
+    across: Float
+    view_direction: Float
+    section: Float
+    cut: Float
+    radius_m: float
+    distance_std_m: float
+    diameter_std_m: float
+    cut_rad: float
+    shape_std_m: float
+    roll_std_rad: float
+    tilt_std_rad: float
+
+    def distance(self) -> Estimate:
+        """Distance in metres from the camera to the axis at the cut.
+
+        The depth shows the bark, one radius in front of the axis, so the error of the radius is
+        part of the distance's.
+        """
+        value = math.hypot(*self.cut)
+        parts = (self._depth_std_m(), self.diameter_std_m / 2, self._along_std_m())
+        return Estimate(value, math.hypot(*parts, self.shape_std_m))
+
+    def _depth_std_m(self) -> float:
+        """Standard deviation of the distance from that of the axis, which is across the axis.
+
+        The ratio of both distances is the slant of the line of sight.
+        """
+        reach = float(self.cut @ self.view_direction)
+        return self.distance_std_m * math.hypot(*self.cut) / max(reach, 1e-6)
+
+    def _along_std_m(self) -> float:
+        """Standard deviation of the distance from the cut's position along the axis.
+
+        A turn of the line of sight by an angle moves the cut along the axis by |cut| * slant *
+        angle, with slant = |cut| / reach. By h along the axis from the camera's level, the
+        distance changes by h / |cut| per metre. The product is h * slant * angle.
+        """
+        slant = math.hypot(*self.cut) / max(float(self.cut @ self.view_direction), 1e-6)
+        return abs(float(self.cut @ self.along)) * slant * self.cut_rad
+
+    def cut_height(self, ground: BaseGround | Failure) -> Estimate | Failure:
+        """Height of the cut in metres above the ground on the uphill side, along the vertical.
+
+        The cut's own error has two parts: the error of the distance times the rise per metre of
+        distance, and the error of the cut's direction times the distance.
+        """
+        if isinstance(ground, Failure):
+            return ground
+        distance = self.distance()
+        rise = float(self.cut @ ground.up) / distance.value
+        std = math.hypot(rise * distance.std, self.cut_rad * distance.value)
+        return ground.height_m(self.cut, self.along, self.radius_m, std)
+
+    def cut_failure(self, height: Estimate | Failure, has_section: bool) -> Failure | None:
+        """Why the keypoint of the felling cut is implausible, or None if it is plausible.
+
+        Args:
+            height: height of the cut above the ground.
+            has_section: whether the section is given by keypoints, which are near the cut.
+        """
+        above_m = float((self.cut - self.section) @ self.along)
+        lowest_m, highest_m = _CUT_ABOVE_SECTION_M
+        if has_section and not lowest_m <= above_m <= highest_m:
+            side = "above" if above_m > 0 else "below"
+            return Failure(f"the felling cut is {abs(above_m):.2f} m {side} the diameter's section")
+        if (
+            isinstance(height, Estimate)
+            and height.value < -_MAX_CUT_BELOW_GROUND_M - 2 * height.std
+        ):
+            return Failure(f"the felling cut is {-height.value:.2f} m below the ground")
+        if isinstance(height, Estimate) and height.value > _MAX_CUT_ABOVE_GROUND_M + 2 * height.std:
+            return Failure(
+                f"the felling cut is {height.value:.2f} m above the ground: the depth may be of"
+                " what stands before the stem"
+            )
+        return None
+
+    def cut_point(self) -> PointEstimate:
+        """Point of the cut on the bark that faces the camera, in camera coordinates."""
+        point = self.cut - self.radius_m * self.view_direction
+        return PointEstimate(point, np.sqrt(np.diag(self._covariance())))
+
+    def cut_point_machine(self, mounting: RigidTransform | None) -> PointEstimate | Failure:
+        """The same point in machine coordinates."""
+        if mounting is None:
+            return Failure("no mounting of the camera given")
+        turn = np.asarray(mounting.rotation, np.float64)
+        covariance = turn @ self._covariance() @ turn.T
+        point = mounting.apply(self.cut - self.radius_m * self.view_direction)
+        return PointEstimate(np.asarray(point), np.sqrt(np.diag(covariance)))
+
+    def _covariance(self) -> Float:
+        """(3, 3) covariance matrix of the cut point in m².
+
+        The sum of independent errors in three directions. The depth shows the bark itself, so
+        only a part of the error of the diameter counts; these parts are rough values.
+        """
+        reach = math.hypot(*self.cut)
+        ahead_m = math.hypot(self._depth_std_m(), self.diameter_std_m / 4)
+        directions = (
+            (self.view_direction, ahead_m),
+            (self.across, self.diameter_std_m / 4 + self.cut_rad * reach / 2),
+            (self.along, self.cut_rad * reach),
+        )
+        scaled = np.array([std * direction for direction, std in directions])
+        return np.asarray(scaled.T @ scaled)
+
+    def lean(
+        self, up: Float | None, ground: BaseGround | Failure, settings: MeasureSettings
+    ) -> tuple[Estimate | Failure, Estimate | Failure]:
+        """Inclination of the axis from the vertical, and the direction of the lean, in degrees.
+
+        The inclination has a sideways component (roll) and one along the line of sight (tilt).
+        Its variance, and that of the direction, follow from those of both components by
+        first-order error propagation in polar coordinates.
+
+        Args:
+            up: (3,) unit vector of the vertical; None uses the ground's normal.
+            ground: ground at the stem.
+            settings: bend of stems.
+
+        Returns:
+            The inclination, and its direction as in `TreeMeasurement.lean_direction_deg`.
+        """
+        if up is None and isinstance(ground, Failure):
+            missing = Failure(f"no vertical: {ground.reason}")
+            return missing, missing
+        vertical = up if isinstance(ground, Failure) else ground.up
+        assert vertical is not None
+        roll, tilt = float(vertical @ self.across), float(vertical @ self.view_direction)
+        value = math.degrees(math.acos(min(max(float(vertical @ self.along), -1.0), 1.0)))
+        total = roll**2 + tilt**2
+        roll_part = roll**2 / total if total > 0 else 0.5
+        vertical_std = 0.0 if up is not None else _SLOPE_STD_RAD
+        bend = math.radians(settings.bend_std_deg)
+        roll_std = math.hypot(self.roll_std_rad, vertical_std, bend)
+        tilt_std = math.hypot(self.tilt_std_rad, vertical_std, bend)
+        std_deg = math.degrees(math.sqrt(roll_part * roll_std**2 + (1 - roll_part) * tilt_std**2))
+        inclination = Estimate(value, std_deg)
+        if value < _MIN_LEAN_STDS * std_deg:
+            return inclination, Failure(
+                f"upright within its error: {value:.1f} ± {std_deg:.1f} deg"
+            )
+        sideways = math.sqrt((1 - roll_part) * roll_std**2 + roll_part * tilt_std**2)
+        direction_std_deg = math.degrees(sideways / math.radians(max(value, 1e-3)))
+        return inclination, Estimate(self._lean_direction_deg(vertical), direction_std_deg)
+
+    def _lean_direction_deg(self, vertical: Float) -> float:
+        """Direction of the lean, clockwise from the camera's forward, as seen from above."""
+        forward = _FORWARD if abs(vertical[2]) < _STRAIGHT_DOWN else np.array(CAMERA_UP)
+        ahead = forward - (forward @ vertical) * vertical
+        # The cross product (vertical x along) points horizontally, at right angles to the lean.
+        (ax, ay, az), (ux, uy, uz) = self.along.tolist(), vertical.tolist()
+        sideways = np.array([uy * az - uz * ay, uz * ax - ux * az, ux * ay - uy * ax])
+        return math.degrees(math.atan2(float(sideways @ ahead), float(self.along @ ahead)))

@@ -1,0 +1,209 @@
+"""Fit distance, tilt and width of stems to depth readings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edgetree.measure.distance_lines import (
+    InverseDistances,
+    NormalEquations,
+    best_distance_lines,
+    fit_distance_lines,
+    level_distance_lines,
+    masked_means,
+)
+from edgetree.measure.section import Sections, StemAxes
+from edgetree.measure.settings import MeasureSettings
+from edgetree.measure.width import HalfAngle, StemEdges, fuse
+
+__all__ = ["MAX_USED_OFFSET", "Readings", "Stems", "fit_stems"]
+
+Float = NDArray[np.floating[Any]]
+Flags = NDArray[np.bool_]
+
+MAX_USED_OFFSET = 0.8
+"""Readings further from the middle than this, 1 at the edge, may show the background."""
+
+_MIN_READINGS = 4
+# Repetitions of the fit, until all tilts change by less than this.
+_ITERATIONS = 5
+_CONVERGED_RAD = 3e-3
+# Rounds of reweighted least squares in the first and in later repetitions.
+_ROUNDS = (3, 2)
+# Relative standard deviation of the distance, times the squared fraction of readings that
+# disagree: these may show the stem, and the others an object in front of it.
+_DISAGREEMENT_STD = 0.5
+
+
+class Readings(NamedTuple):
+    """Depth readings on T stems.
+
+    Attributes:
+        rays: (T, N, 3) viewing rays with z = 1.
+        depth_m: (T, N) depth z in metres; 0 where there is no reading.
+        per_error: (T,) number of neighbouring readings that share one sensor error.
+    """
+
+    rays: Float
+    depth_m: Float
+    per_error: Float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Stems:
+    """Fitted stems, T at once. All distances are across the axis, from the camera to the axis.
+
+    Attributes:
+        sections: cross-sections and axes.
+        distance_m: (T,) distance to the axis at the section.
+        distance_std_m: (T,) its standard deviation.
+        tilt_std_rad: (T,) standard deviation of the axis' angle towards or away from the camera.
+        half_std_rad: (T,) standard deviation of the half angle.
+        distance_change_per_rad: (T,) relative change of the distance per radian of half angle.
+        sources: half angles from keypoints, masks and depth curvature, each by itself.
+        weights: (T, 3) weights of these sources in the half angle.
+        arc_rad: (T,) arc of the stem's circumference that the readings cover.
+        used: (T,) number of readings that agree with the stem.
+        agreeing: (T,) their fraction of the readings between the edges.
+    """
+
+    sections: Sections
+    distance_m: Float
+    distance_std_m: Float
+    tilt_std_rad: Float
+    half_std_rad: Float
+    distance_change_per_rad: Float
+    sources: list[HalfAngle]
+    weights: Float
+    arc_rad: Float
+    used: NDArray[np.intp]
+    agreeing: Float
+
+    @cached_property
+    def fitted(self) -> Flags:
+        """(T,) whether the fit succeeded."""
+        sound = np.isfinite(self.distance_m) & (self.distance_m > 0)
+        return np.asarray(sound & (self.used >= _MIN_READINGS) & (self.sections.centre[:, 2] > 0))
+
+    @cached_property
+    def radius_m(self) -> Float:
+        """(T,) radius at the section."""
+        return np.asarray(self.distance_m * np.sin(self.sections.half_rad))
+
+
+def fit_stems(
+    readings: Readings,
+    axes: StemAxes,
+    edges: StemEdges,
+    lean_std_rad: float,
+    settings: MeasureSettings,
+) -> Stems:
+    """Fit distance, tilt and half angle to the depth readings between the edges.
+
+    Each reading gives a distance to the axis by itself, because the section tells how far the
+    surface point is in front of the axis. The inverse of this distance is used because its noise
+    does not depend on the distance for stereo cameras, and because it is linear in the height
+    along the axis: slope / value is the negative tangent of the tilt. The curvature of the depth
+    across the stem gives one more estimate of the half angle.
+
+    Args:
+        readings: depth readings within the stems' outlines.
+        axes: the axes from image and vertical.
+        edges: the stems' edges from keypoints and masks.
+        lean_std_rad: standard deviation of the tilt towards or away from the camera.
+        settings: noise of the depth.
+    """
+    tilt = step = np.zeros(len(readings.depth_m))
+    sections, sources = edges.sections(axes)
+    for iteration in range(_ITERATIONS):
+        points = _inverse_distances(sections, readings)
+        noise = points.noise(settings)
+        start = (
+            level_distance_lines(points)
+            if iteration
+            else best_distance_lines(points, noise, lean_std_rad)
+        )
+        equations = fit_distance_lines(
+            points,
+            start,
+            noise,
+            per_error=readings.per_error,
+            tilt=tilt,
+            lean_std_rad=lean_std_rad,
+            rounds=_ROUNDS[iteration > 0],
+        )
+        curvature = _curvature(equations, sections.half_rad + equations.solve()[:, 2], settings)
+        half, weights = fuse([*sources, curvature])
+        lines = equations.solve_line(half.rad - sections.half_rad)
+        found = np.arctan(-lines.value_slope[:, 1] / lines.value_slope[:, 0])
+        # For near, thick stems the steps of the tilt alternate in sign and shrink by a constant
+        # ratio. The sum of this geometric series is the limit.
+        ratio = np.where(step == 0, 0.0, np.clip(found / np.where(step == 0, 1.0, step), -0.9, 0.0))
+        step = found / (1 - ratio)
+        tilt = tilt + step
+        axis_points = sections.centre / lines.value_slope[:, :1]
+        sections, sources = edges.sections(axes.tilted(np.tan(tilt)), half.rad)
+        if np.nanmax(np.abs(step), initial=0.0) < _CONVERGED_RAD:
+            break
+    distance_m = (axis_points * sections.view_direction).sum(1)
+    agreeing = equations.kept.sum(1) / np.maximum(points.used.sum(1), 1)
+    std = np.sqrt(np.diagonal(lines.covariance, axis1=1, axis2=2))
+    bias = settings.depth_bias_per_m * masked_means(points.depth_ratio, points.used)
+    disagreement = _DISAGREEMENT_STD * (1 - agreeing) ** 2
+    # First-order error propagation: the relative error of a distance d is d times the error of its
+    # inverse. The slope divided by the inverse distance is the tangent of the tilt.
+    return Stems(
+        sections=sections,
+        distance_m=distance_m,
+        distance_std_m=np.hypot(np.hypot(std[:, 0], bias) * distance_m, disagreement) * distance_m,
+        tilt_std_rad=std[:, 1] * np.abs(distance_m),
+        half_std_rad=half.std_rad,
+        distance_change_per_rad=-lines.per_half_rad[:, 0] * distance_m,
+        sources=[*sources, curvature],
+        weights=weights,
+        arc_rad=_covered_arc_rad(points, equations.kept),
+        used=equations.kept.sum(1),
+        agreeing=agreeing,
+    )
+
+
+def _covered_arc_rad(points: InverseDistances, kept: Flags) -> Float:
+    """(T,) arc between the outermost kept readings.
+
+    `points.offset` is about the sine of the angle at the stem's centre, exactly so from afar.
+    """
+    sides = [np.where(kept, sign * points.offset, -1.0).max(1, initial=-1.0) for sign in (1, -1)]
+    arc = sum(np.arcsin(np.clip(side, -1, 1)) for side in sides)
+    return np.asarray(np.maximum(arc, 0.0))
+
+
+def _inverse_distances(sections: Sections, readings: Readings) -> InverseDistances:
+    view = sections.view(readings.rays)
+    used = (view.depth_ratio > 0) & (np.abs(view.offset) < MAX_USED_OFFSET) & (readings.depth_m > 0)
+    depth_m = np.where(used, readings.depth_m, 1.0)
+    height_ratio = np.where(used, view.height_ratio - sections.height_ratio[:, None], 0.0)
+    return InverseDistances(
+        height_ratio=height_ratio,
+        inverse=view.depth_ratio / depth_m,
+        per_narrowing=-view.depth_ratio_slope / depth_m,
+        offset=view.offset,
+        depth_ratio=view.depth_ratio,
+        depth_m=depth_m,
+        used=used,
+    )
+
+
+def _curvature(equations: NormalEquations, rad: Float, settings: MeasureSettings) -> HalfAngle:
+    """The half angles `rad` (T,) from the depth alone, with their standard deviations.
+
+    Bark and bends limit the accuracy to `MeasureSettings.curvature_std`.
+    """
+    variance = np.linalg.inv(equations.information)[:, 2, 2]
+    std = np.sqrt(variance + (settings.curvature_std * rad) ** 2)
+    plausible = (rad > 0) & (std < 0.5 * rad) & (equations.kept.sum(1) >= _MIN_READINGS)
+    return HalfAngle(np.where(plausible, rad, 1.0), np.where(plausible, std, np.inf))
