@@ -42,6 +42,10 @@ def _require(condition: bool, what: str, value: object, expected: str) -> None:
         raise ModelFileError(f"manifest: {what} is {value!r}: expected {expected}")
 
 
+def _refuse_constant(name: str) -> None:
+    raise ValueError(f"{name} is not a JSON number")
+
+
 @dataclass(frozen=True)
 class InputSpec:
     """The graph's one input. `layout` names the axes; `batch_sizes` are the verified ones."""
@@ -222,8 +226,8 @@ class Manifest:
             ModelFileError: no JSON, another schema, a field missing or of the wrong kind.
         """
         try:
-            data = json.loads(text)
-        except ValueError as error:
+            data = json.loads(text, parse_constant=_refuse_constant)
+        except (ValueError, RecursionError) as error:
             raise ModelFileError(f"manifest: not JSON ({error})") from error
         schema = data.get("schema") if isinstance(data, dict) else None
         _require(schema == SCHEMA, "schema", schema, repr(SCHEMA))
