@@ -1,9 +1,13 @@
 """Settings and fixtures of all tests: threads, hypothesis, recorded data, golden files."""
 
+import difflib
 import os
 from collections.abc import Callable
+from html.parser import HTMLParser
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
@@ -44,10 +48,76 @@ def shared_path() -> Callable[[str], Path]:
     return find
 
 
-@pytest.fixture(scope="session")
-def golden_path() -> Callable[[str], Path]:
-    """The path of a stored result in ``tests/data/golden``."""
-    return lambda name: GOLDEN / name
+@pytest.fixture
+def check_golden_picture(tmp_path: Path) -> Callable[[str, np.ndarray], None]:
+    """Compares a picture with a stored PNG, by a mean and a largest difference of its levels."""
+
+    def check(name: str, picture: np.ndarray) -> None:
+        path = GOLDEN / name
+        expected = cv2.imread(str(path), cv2.IMREAD_COLOR) if path.is_file() else None
+        told = "there is no such file"
+        if expected is not None and expected.shape != picture.shape:
+            told = f"it is {expected.shape}, expected {picture.shape}"
+        elif expected is not None:
+            levels = np.abs(expected.astype(int) - picture)
+            mean, high = float(levels.mean()), float(np.percentile(levels, 99.9))
+            told = f"off by {mean:.2f} levels on average, and by {high:.0f} at the 99.9 percentile"
+            if mean < 1 and high < 8:
+                return
+        cv2.imwrite(str(tmp_path / name), picture)
+        pytest.fail(_how_to_accept(name, told, tmp_path))
+
+    return check
+
+
+@pytest.fixture
+def check_golden_layout(tmp_path: Path) -> Callable[[str, str], None]:
+    """Compares the layout of an HTML page with a stored one; its words may change.
+
+    The layout is one line for each heading, picture and chart, and for each table with the names
+    of its columns.
+    """
+
+    def check(name: str, html: str) -> None:
+        reader = _Layout()
+        reader.feed(html)
+        found = "\n".join(reader.lines) + "\n"
+        path = GOLDEN / name
+        expected = path.read_text("utf-8") if path.is_file() else ""
+        if found != expected:
+            (tmp_path / name).write_text(found, "utf-8")
+            changed = difflib.unified_diff(expected.splitlines(), found.splitlines(), lineterm="")
+            pytest.fail(_how_to_accept(name, "\n".join(changed), tmp_path))
+
+    return check
+
+
+def _how_to_accept(name: str, told: str, folder: Path) -> str:
+    return f"{name} has changed: {told}\nTo accept the change: cp '{folder / name}' '{GOLDEN}'"
+
+
+class _Layout(HTMLParser):
+    """Reads a page's layout into lines."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.lines: list[str] = []
+        self._cell: list[str] | None = None
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag in ("h1", "h2", "h3", "img", "svg", "table"):
+            self.lines.append(tag)
+        if tag == "th":
+            self._cell = []
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag == "th" and self._cell is not None:
+            self.lines[-1] += " | " + " ".join("".join(self._cell).split())
+            self._cell = None
+
+    def handle_data(self, data: str) -> None:
+        if self._cell is not None:
+            self._cell.append(data)
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

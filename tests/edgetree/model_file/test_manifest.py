@@ -140,7 +140,7 @@ def test_every_required_field_is_refused_when_damaged(
 @example('{"schema": ' * 100_000)
 @example("1" * 5000)
 def test_any_text_is_read_or_refused(text: str) -> None:
-    with pytest.raises(EdgetreeError, match="^manifest"):
+    with pytest.raises(EdgetreeError, match=r"^manifest"):
         Manifest.from_json(text)
 
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from edgetree.doctor.onnx_bytes import Node, TensorType, onnx_bytes
 from edgetree.errors import ModelFileError
 from edgetree.model_file.manifest import Manifest, standard_outputs
-from edgetree.model_file.safety_check import read_model_file
+from edgetree.model_file.safety_check import Shape, read_model_file
 from edgetree.runtime.detector import TreeDetector, default_model
 
 ModelWriter = Callable[..., Path]
@@ -106,24 +106,39 @@ def small_file() -> bytes:
     )
 
 
-@settings(max_examples=400)
-@given(data=st.data())
-def test_a_damaged_file_is_read_or_refused(
-    small_file: bytes, tmp_path: Path, data: st.DataObject
+def _check_read_or_refused(path: Path, content: bytes) -> None:
+    path.write_bytes(content)
+    message = ""
+    shapes: list[Shape] = []
+    try:
+        found = read_model_file(path)
+        shapes = [*found.input_shapes.values(), *found.output_shapes.values()]
+    except ModelFileError as error:
+        message = str(error)
+    assert message.startswith(f"model {path} " if message else "")
+    assert "\n" not in message
+    assert all(size >= 1 for shape in shapes for size in shape if isinstance(size, int))
+
+
+def test_a_file_with_one_bit_turned_over_is_read_or_refused(
+    small_file: bytes, tmp_path: Path
 ) -> None:
     path = tmp_path / "trees.onnx"
     path.write_bytes(small_file)
     assert read_model_file(path).input_shapes == {"x": ("batch", 4), "z": (2, 3)}
-    path.write_bytes(data.draw(_damage(small_file)))
-    try:
-        found = read_model_file(path)
-    except ModelFileError as error:
-        shapes, message = [], str(error)
-    else:
-        shapes, message = [*found.input_shapes.values(), *found.output_shapes.values()], ""
-    assert message.startswith(f"model {path} " if message else "")
-    assert "\n" not in message
-    assert all(size >= 1 for shape in shapes for size in shape if isinstance(size, int))
+    for place in range(len(small_file)):
+        for bit in (1, 2, 7):  # of a field's kind, of the small sizes, of how long a number is
+            content = bytearray(small_file)
+            content[place] ^= 1 << bit
+            _check_read_or_refused(path, bytes(content))
+
+
+@settings(max_examples=200)
+@given(data=st.data())
+def test_a_damaged_file_is_read_or_refused(
+    small_file: bytes, tmp_path: Path, data: st.DataObject
+) -> None:
+    _check_read_or_refused(tmp_path / "trees.onnx", data.draw(_damage(small_file)))
 
 
 @settings(max_examples=200)
