@@ -48,6 +48,12 @@ def shared_path() -> Callable[[str], Path]:
     return find
 
 
+@pytest.fixture(scope="session")
+def golden_path() -> Callable[[str], Path]:
+    """The path of a stored result in ``tests/data/golden``."""
+    return lambda name: GOLDEN / name
+
+
 @pytest.fixture
 def check_golden_picture(tmp_path: Path) -> Callable[[str, np.ndarray], None]:
     """Compares a picture with a stored PNG, by a mean and a largest difference of its levels."""

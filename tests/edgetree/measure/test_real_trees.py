@@ -1,6 +1,7 @@
 """Diameters of real trees, by a time-of-flight camera, against a tape around their stems."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -11,8 +12,6 @@ from calib import PinholeCamera, RigidTransform, read_depth, register_depth
 from edgetree import TreeDetections
 from edgetree.measure import measure_trees
 
-DATA = Path(__file__).resolve().parents[3] / ".." / "shared" / "data"
-TREES, FOREST = DATA / "tof_trees", DATA / "forest_rgbd"
 # The outline of the straight stem in the colour picture, drawn by hand, px.
 DRAWN = [
     (275, 0),
@@ -35,15 +34,13 @@ def largest_part(depth_m: np.ndarray) -> np.ndarray:
     return np.asarray(labels == 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA])))
 
 
-def test_stems_are_as_thick_as_the_tape_says() -> None:
-    truth_file = TREES / "truth.json"
-    if not truth_file.is_file():
-        pytest.skip("the folder shared is not beside the checkout")
-    truth = json.loads(truth_file.read_text(encoding="utf-8"))
+def test_stems_are_as_thick_as_the_tape_says(shared_path: Callable[[str], Path]) -> None:
+    folder = shared_path("data/tof_trees")
+    truth = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
     camera = PinholeCamera(**truth["camera"])
     measured_m, tape_m, within = [], [], []
     for frame in truth["frames"]:
-        depth_m = read_depth(TREES / f"{frame['frame']}_depth_mm.png")
+        depth_m = read_depth(folder / f"{frame['frame']}_depth_mm.png")
         mask = largest_part(depth_m)
         x, y, width, height = cv2.boundingRect(mask.astype(np.uint8))
         trees = TreeDetections(
@@ -67,13 +64,12 @@ def test_stems_are_as_thick_as_the_tape_says() -> None:
     assert np.mean(within) > 0.9
 
 
-def test_a_stem_drawn_by_hand_in_a_real_picture() -> None:
-    if not (FOREST / "camera.json").is_file():
-        pytest.skip("the folder shared is not beside the checkout")
-    known = json.loads((FOREST / "camera.json").read_text(encoding="utf-8"))
+def test_a_stem_drawn_by_hand_in_a_real_picture(shared_path: Callable[[str], Path]) -> None:
+    folder = shared_path("data/forest_rgbd")
+    known = json.loads((folder / "camera.json").read_text(encoding="utf-8"))
     size = ("width", "height", "fx", "fy", "cx", "cy")
     colour, depth = (PinholeCamera(*(known[k][name] for name in size)) for k in ("color", "depth"))
-    depth_m = read_depth(FOREST / "depth_mm.png")
+    depth_m = read_depth(folder / "depth_mm.png")
     registered_m = register_depth(depth_m, depth, colour, RigidTransform.identity())
     mask = np.zeros(registered_m.shape, np.uint8)
     cv2.fillPoly(mask, [np.array(DRAWN)], [1])

@@ -50,6 +50,15 @@ def test_numbers_that_a_reader_may_cut_to_32_bits_hide_nothing(
         read_model_file(path)
 
 
+def test_a_size_that_is_no_number_is_refused(tmp_path: Path) -> None:
+    size = _part(1, b"\x0a\x00")  # a size as an empty text
+    graph_input = _part(1, b"x") + _part(2, _part(1, _part(2, size)))
+    path = tmp_path / "trees.onnx"
+    path.write_bytes(_part(7, _part(11, graph_input)))
+    with pytest.raises(ModelFileError, match="is not an ONNX model"):
+        read_model_file(path)
+
+
 def test_a_file_of_endless_small_parts_is_refused_soon(tmp_path: Path) -> None:
     path = tmp_path / "trees.onnx"
     path.write_bytes(b"\x08\x01" * 1_000_001)
