@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import types
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from edgetree.errors import ModelFileError
@@ -60,7 +62,15 @@ def _convert(hint: Any, value: object, where: str, name: str) -> Any:
     kinds, expected = _JSON_KINDS[origin or hint]
     if not isinstance(value, kinds) or isinstance(value, bool):
         raise ModelFileError(f"{here} is {_kind_of(value)}: expected {expected}")
-    return float(value) if isinstance(value, int) and hint is float else value
+    return _finite(value, here) if hint is float else value
+
+
+def _finite(value: Any, here: str) -> float:
+    """A JSON number as a float; JSON's whole numbers may be larger than any float."""
+    with suppress(OverflowError):
+        if math.isfinite(value):
+            return float(value)
+    raise ModelFileError(f"{here} is {_kind_of(value)}: expected a finite number")
 
 
 def _convert_union(arguments: tuple[Any, ...], value: object, where: str, name: str) -> Any:

@@ -43,6 +43,10 @@ def _require(condition: bool, what: str, value: object, expected: str) -> None:
         raise ModelFileError(f"manifest: {what} is {value!r}: expected {expected}")
 
 
+def _refuse_constant(name: str) -> None:
+    raise ValueError(f"{name} is not a JSON number")
+
+
 @dataclass(frozen=True)
 class InputSpec:
     """The graph's only input.
@@ -242,8 +246,8 @@ class Manifest:
                 the wrong type.
         """
         try:
-            data = json.loads(text)
-        except ValueError as error:
+            data = json.loads(text, parse_constant=_refuse_constant)
+        except (ValueError, RecursionError) as error:
             raise ModelFileError(f"manifest: not JSON ({error})") from error
         schema = data.get("schema") if isinstance(data, dict) else None
         _require(schema == SCHEMA, "schema", schema, repr(SCHEMA))

@@ -1,5 +1,6 @@
 """Camera files of OpenCV and ROS."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -8,8 +9,6 @@ import numpy as np
 import pytest
 
 from calib import CameraError, InputFileError, PinholeCamera, load_camera
-
-RIGS = Path(__file__).resolve().parents[2] / ".." / "shared" / "data" / "digiforests"
 
 ROS = """\
 image_width: 640
@@ -208,10 +207,9 @@ def test_intrinsics_for_larger_images_are_scaled(tmp_path: Path) -> None:
         camera.scaled(640, 360)
 
 
-def test_published_rigs_are_read() -> None:
-    paths = sorted(RIGS.glob("*.yaml"))
-    if not paths:
-        pytest.skip("the folder shared is not beside the checkout")
+def test_published_rigs_are_read(shared_path: Callable[[str], Path]) -> None:
+    paths = sorted(shared_path("data/digiforests").glob("*.yaml"))
+    assert paths
     for path in paths:
         for name in ("cam_front", "cam_left", "cam_right"):
             camera = load_camera(path, name=name)

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
 
 from calib import CameraError, Letterbox
 
@@ -55,8 +57,68 @@ def test_points_scale_per_axis_and_round_trip() -> None:
     box = Letterbox.fit(1000, 333, 640, 384)
     corner = box.to_model([[1000.0, 333.0], [0.0, 0.0]])
     assert corner.tolist() == [[640.0, 213.0], [0.0, 0.0]]
-    points = np.random.default_rng(0).uniform(0, 900, (3, 5, 2))
-    np.testing.assert_allclose(box.to_source(box.to_model(points)), points, atol=1e-9)
+
+
+SIDES = st.integers(1, 4000)
+BOXES = st.builds(Letterbox.fit, SIDES, SIDES, st.integers(1, 1300), st.integers(1, 1300))
+POINTS = st.lists(st.tuples(st.floats(-1e4, 1e4), st.floats(-1e4, 1e4)), min_size=1, max_size=5)
+
+
+@given(BOXES, POINTS)
+def test_points_survive_the_way_into_the_model_and_back(
+    box: Letterbox, points: list[tuple[float, float]]
+) -> None:
+    np.testing.assert_allclose(box.to_source(box.to_model(points)), points, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(box.to_model(box.to_source(points)), points, rtol=1e-12, atol=1e-12)
+
+
+@given(BOXES)
+def test_the_copy_fills_one_side_and_keeps_the_aspect(box: Letterbox) -> None:
+    assert 1 <= box.resized_width <= box.width
+    assert 1 <= box.resized_height <= box.height
+    assert box.resized_width == box.width or box.resized_height == box.height
+    scale = min(box.width / box.source_width, box.height / box.source_height)
+    for resized, source in (
+        (box.resized_width, box.source_width),
+        (box.resized_height, box.source_height),
+    ):
+        assert resized == 1 or abs(resized - source * scale) <= 0.5 + 1e-9
+    corner = box.to_model([box.source_width, box.source_height])
+    np.testing.assert_allclose(corner, [box.resized_width, box.resized_height], rtol=1e-12)
+
+
+SMALL_SIDES = st.integers(8, 60)
+
+
+@given(
+    st.builds(Letterbox.fit, SMALL_SIDES, SMALL_SIDES, SMALL_SIDES, SMALL_SIDES),
+    st.integers(0, 255),
+    st.integers(0, 255),
+)
+def test_even_images_stay_even_and_the_rest_is_padding(
+    box: Letterbox, value: int, pad_value: int
+) -> None:
+    placed = box.apply(
+        np.full((box.source_height, box.source_width, 3), value, np.uint8), pad_value
+    )
+    inside = np.zeros((box.height, box.width), bool)
+    inside[: box.resized_height, : box.resized_width] = True
+    assert (placed[inside] == value).all()
+    assert (placed[~inside] == pad_value).all()
+
+
+@given(st.integers(20, 80), st.integers(20, 80), st.integers(20, 120), st.integers(20, 120))
+def test_a_ramp_is_found_where_to_source_says(
+    source_width: int, source_height: int, width: int, height: int
+) -> None:
+    """In an image of a column's own number, each model pixel shows the column it comes from."""
+    box = Letterbox.fit(source_width, source_height, width, height)
+    assume(min(box.resized_width, box.resized_height) > 4)
+    ramp = np.tile(np.arange(source_width, dtype=np.uint8) * 3, (source_height, 1))
+    placed = box.apply(ramp, 0)[: box.resized_height, : box.resized_width]
+    middles = np.stack([np.arange(box.resized_width) + 0.5, np.full(box.resized_width, 0.5)], -1)
+    expected = np.clip(box.to_source(middles)[:, 0] - 0.5, 0, source_width - 1) * 3
+    np.testing.assert_allclose(placed[box.resized_height // 2], expected, atol=2.5)
 
 
 def test_to_model_locates_a_feature() -> None:

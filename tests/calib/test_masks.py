@@ -5,6 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from calib import encode_rle, mask_polygons, paste_mask
@@ -29,16 +31,21 @@ def _reference_paste(
     return values
 
 
-@pytest.mark.parametrize(
-    "box",
-    [(10.3, 5.7, 31.9, 44.1), (-8.2, -3.0, 70.5, 66.6), (20.0, 20.0, 21.5, 22.5), (0, 0, 60, 50)],
-)
-def test_pasting_follows_the_sampling_rule(box: tuple[float, ...]) -> None:
-    probability = np.random.default_rng(1).uniform(0, 1, (28, 28)).astype(np.float32)
-    box_px = np.array(box, dtype=np.float32)
-    expected = _reference_paste(probability, box_px, 60, 50)
-    pasted = paste_mask(probability, box_px, 60, 50)
-    sure = np.abs(expected - 0.5) > 1e-5
+SEEDS = st.integers(0, 2**32 - 1)
+# Corners on, between and beyond the pixels; boxes from a fraction of a pixel to all of the image.
+CORNERS = st.integers(-20, 30) | st.floats(-20, 30)
+SIDES = st.integers(1, 60) | st.floats(0.3, 60)
+
+
+@given(CORNERS, CORNERS, SIDES, SIDES, st.sampled_from([1, 2, 7, 28]), SEEDS)
+def test_pasting_follows_the_sampling_rule(
+    x0: float, y0: float, width: float, height: float, cells: int, seed: int
+) -> None:
+    probability = np.random.default_rng(seed).uniform(0, 1, (cells, cells)).astype(np.float32)
+    box_px = np.array([x0, y0, x0 + width, y0 + height], np.float32)
+    expected = _reference_paste(probability, box_px, 30, 24)
+    pasted = paste_mask(probability, box_px, 30, 24)
+    sure = np.abs(expected - 0.5) > 1e-4
     np.testing.assert_array_equal(pasted[sure], expected[sure] >= 0.5)
 
 
@@ -76,11 +83,43 @@ def test_rle_of_a_known_mask() -> None:
     assert encode_rle(mask) == {"size": [2, 3], "counts": "231"}
 
 
-@pytest.mark.parametrize("seed", range(30))
-def test_rle_of_random_masks_equals_pycocotools(seed: int) -> None:
+@st.composite
+def masks(draw: st.DrawFn) -> NDArray[np.bool_]:
+    """Speckles of any density, some with whole columns empty or full."""
+    rng = np.random.default_rng(draw(SEEDS))
+    shape = draw(st.tuples(st.integers(1, 90), st.integers(1, 90)))
+    mask = rng.uniform(size=shape) < draw(st.floats(0, 1))
+    for value in (False, True):
+        mask[:, rng.uniform(size=shape[1]) < draw(st.sampled_from([0, 0, 0.3, 0.9]))] = value
+    return mask
+
+
+def _decode(counts: str, height: int, width: int) -> NDArray[np.bool_]:
+    """COCO's compressed runs, read one character at a time as its C code does."""
+    runs: list[int] = []
+    value = shift = 0
+    for character in counts.encode():
+        digit = character - 48
+        value |= (digit & 0x1F) << shift
+        shift += 5
+        if not digit & 0x20:
+            value -= (1 << shift) if digit & 0x10 else 0
+            runs.append(value + (runs[-2] if len(runs) > 2 else 0))
+            value = shift = 0
+    flat = np.repeat(np.arange(len(runs)) % 2 == 1, runs)
+    return flat.reshape(width, height).T
+
+
+@given(masks())
+def test_rle_decodes_to_the_mask(mask: NDArray[np.bool_]) -> None:
+    rle = encode_rle(mask)
+    assert rle["size"] == list(mask.shape)
+    np.testing.assert_array_equal(_decode(rle["counts"], *mask.shape), mask)
+
+
+@given(masks())
+def test_rle_of_any_mask_is_that_of_the_coco_tools(mask: NDArray[np.bool_]) -> None:
     coco = pytest.importorskip("pycocotools.mask")
-    rng = np.random.default_rng(seed)
-    mask = rng.uniform(size=rng.integers(1, 90, 2)) < rng.uniform()
     reference = coco.encode(np.asfortranarray(mask.astype(np.uint8)))
     assert encode_rle(mask)["counts"] == reference["counts"].decode()
 

@@ -7,16 +7,28 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from calib import CalibError, InputFileError, RigidTransform, load_transform, save_transform
 
 ROOT_HALF = math.sqrt(0.5)
 
 
-def random_transform(seed: int) -> RigidTransform:
-    rng = np.random.default_rng(seed)
-    angles = rng.uniform(-180, 180, 3)
-    return RigidTransform.from_euler_deg(*angles, rng.uniform(-2, 2, 3))
+ANGLES, METRES = st.floats(-180, 180), st.floats(-2, 2)
+
+
+@st.composite
+def transforms(draw: st.DrawFn) -> RigidTransform:
+    """Any turn, given as angles or as a quaternion, and a motion of up to 2 m along each axis."""
+    move_m = [draw(METRES) for _ in range(3)]
+    if draw(st.booleans()):
+        return RigidTransform.from_euler_deg(draw(ANGLES), draw(ANGLES), draw(ANGLES), move_m)
+    quaternion = np.array([1.0, *(draw(METRES) for _ in range(3))])
+    return RigidTransform.from_quaternion(quaternion / np.linalg.norm(quaternion), move_m)
+
+
+POINTS = st.integers(0, 2**32 - 1).map(lambda seed: np.random.default_rng(seed).normal(size=(6, 3)))
 
 
 def assert_same(one: RigidTransform, other: RigidTransform) -> None:
@@ -24,20 +36,28 @@ def assert_same(one: RigidTransform, other: RigidTransform) -> None:
     np.testing.assert_allclose(one.translation_m, other.translation_m, atol=1e-12)
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_a_transform_and_its_inverse_cancel(seed: int) -> None:
-    transform, points = random_transform(seed), np.random.default_rng(seed).normal(size=(4, 7, 3))
-    np.testing.assert_allclose(transform.inverse().apply(transform.apply(points)), points)
+@given(transforms(), POINTS)
+def test_a_transform_and_its_inverse_cancel(transform: RigidTransform, points: np.ndarray) -> None:
+    same = transform.inverse().apply(transform.apply(points))
+    np.testing.assert_allclose(same, points, atol=1e-12)
     assert_same(transform.then(transform.inverse()), RigidTransform.identity())
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_then_applies_both_transforms_in_order(seed: int) -> None:
-    first, second = random_transform(seed), random_transform(seed + 100)
-    point = np.array([1.0, -2.0, 3.0])
+@given(transforms(), transforms(), POINTS)
+def test_then_is_one_after_the_other(
+    first: RigidTransform, second: RigidTransform, points: np.ndarray
+) -> None:
     both = first.then(second)
-    np.testing.assert_allclose(both.apply(point), second.apply(first.apply(point)))
-    np.testing.assert_allclose(both.rotate(point), second.rotate(first.rotate(point)))
+    np.testing.assert_allclose(both.apply(points), second.apply(first.apply(points)), atol=1e-12)
+    np.testing.assert_allclose(both.rotate(points), second.rotate(first.rotate(points)), atol=1e-12)
+
+
+@given(transforms(), POINTS)
+def test_turns_keep_lengths_and_angles(transform: RigidTransform, points: np.ndarray) -> None:
+    turned = transform.rotate(points)
+    np.testing.assert_allclose(turned @ turned.T, points @ points.T, atol=1e-12)
+    crossed = transform.rotate(np.cross(points[0], points[1]))
+    np.testing.assert_allclose(np.cross(turned[0], turned[1]), crossed, atol=1e-12)
 
 
 def test_quaternions_have_their_scalar_last() -> None:
@@ -72,8 +92,9 @@ def test_a_mounting_gives_the_cameras_directions(
     assert mounting.apply([0, 0, 0]).tolist() == [1.0, 0.5, 2.5]
 
 
-def test_a_rounded_rotation_is_orthonormalised() -> None:
-    rounded = np.round(random_transform(3).rotation, 4)
+@given(transforms())
+def test_a_rounded_rotation_becomes_a_true_one(transform: RigidTransform) -> None:
+    rounded = np.round(transform.rotation, 4)
     kept = RigidTransform(rounded, np.zeros(3)).rotation
     np.testing.assert_allclose(kept @ kept.T, np.eye(3), atol=1e-14)
     np.testing.assert_allclose(kept, rounded, atol=2e-4)
@@ -105,11 +126,11 @@ def test_a_quaternion_of_another_length_is_rejected() -> None:
         RigidTransform.from_quaternion([0, 0, 0, 1.1], [0, 0, 0])
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_a_transform_file_round_trips(tmp_path: Path, seed: int) -> None:
+@given(transform=transforms())
+def test_a_transform_survives_its_file(tmp_path: Path, transform: RigidTransform) -> None:
     path = tmp_path / "depth_to_colour.json"
-    save_transform(path, random_transform(seed))
-    assert_same(load_transform(path), random_transform(seed))
+    save_transform(path, transform)
+    assert_same(load_transform(path), transform)
     assert list(tmp_path.iterdir()) == [path]
 
 

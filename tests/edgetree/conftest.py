@@ -25,6 +25,8 @@ from edgetree.model_file.manifest import (
     standard_input,
     standard_outputs,
 )
+from edgetree.model_file.safety_check import read_model_file
+from edgetree.runtime.detector import default_model
 from edgetree.runtime.session import FakeSession
 
 ModelWriter = Callable[..., Path]
@@ -82,6 +84,7 @@ def images(tmp_path: Path) -> Path:
 @pytest.fixture
 def rgb_manifest() -> Manifest:
     """The manifest of an rgb model with an input of 640x384 px and 20 output rows."""
+    shipped = read_model_file(default_model("rgb"))
     return Manifest(
         name="test-rgb",
         backbone="none",
@@ -102,7 +105,7 @@ def rgb_manifest() -> Manifest:
         weights_sha256="0" * 64,
         training_data="none",
         project_version="0.1.0",
-        parity={"frames": 20, "box_px": 0.01},
+        parity=Manifest.from_json(shipped.metadata[METADATA_KEY]).parity,
     )
 
 

@@ -3,6 +3,7 @@
 import dataclasses
 import importlib.util
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,16 +18,8 @@ from perceptree.models import TreeRCNN, make_spec
 from perceptree.models.rpn import ProposalMaps
 from perceptree.models.weights.detectron2 import our_name
 
-SHARED = Path(__file__).resolve().parents[2].parent / "shared"
-GOLDEN = SHARED / "golden"
-FRAME = SHARED / "data" / "real" / "forest_1280x720.png"
 LEVELS = (2, 3, 4, 5, 6)
 TREES = 20
-
-needs_golden = pytest.mark.skipif(
-    not (GOLDEN / "R50.npz").is_file() or not FRAME.is_file(),
-    reason="Detectron2's outputs (../shared/golden) are not beside this checkout",
-)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,21 +36,23 @@ class Run:
 
 
 @pytest.fixture(scope="module", params=["R50", "R101"])
-def run(request: pytest.FixtureRequest) -> Run:
+def run(request: pytest.FixtureRequest, shared_path: Callable[[str], Path]) -> Run:
+    golden = shared_path("golden")
+    frame = shared_path("data/real/forest_1280x720.png")
     model = TreeRCNN(make_spec(request.param.lower(), "rgb", score_threshold=0.05)).eval()
-    shapes = json.loads((GOLDEN / f"{request.param}_shapes.json").read_text("utf-8"))
-    weights = {our_name(k): torch.from_numpy(v) for k, v in fill(shapes).items()}
+    shapes = json.loads((golden / f"{request.param}_shapes.json").read_text("utf-8"))
+    weights = {our_name(k): torch.from_numpy(v) for k, v in fill(golden, shapes).items()}
     missing, surplus = model.load_state_dict(weights, strict=False)
     assert surplus == []
     assert all(name.endswith("num_batches_tracked") for name in missing)
     seen: dict[str, Any] = {}
     model.pyramid.register_forward_hook(lambda _m, _i, maps: seen.update(maps=maps))
     model.proposer.register_forward_hook(lambda _m, _i, out: seen.update(proposals=out))
-    image = torch.from_numpy(cv2.imread(str(FRAME), cv2.IMREAD_COLOR))[None]
+    image = torch.from_numpy(cv2.imread(str(frame), cv2.IMREAD_COLOR))[None]
     with torch.inference_mode():
         found = {name: value[0].numpy() for name, value in model.detect(image)._asdict().items()}
         proposals = model.proposer.propose(ProposalMaps(*seen["proposals"]), 1000, 1000)
-    expected = dict(np.load(GOLDEN / f"{request.param}.npz"))
+    expected = dict(np.load(golden / f"{request.param}.npz"))
     assert found.pop("num_detections") == TREES
     nearest = distances(expected["boxes"], found["boxes"]).argmin(axis=1)
     return Run(
@@ -70,8 +65,8 @@ def run(request: pytest.FixtureRequest) -> Run:
     )
 
 
-def fill(shapes: dict[str, list[int]]) -> dict[str, np.ndarray]:
-    found = importlib.util.spec_from_file_location("fill_weights", GOLDEN / "fill_weights.py")
+def fill(golden: Path, shapes: dict[str, list[int]]) -> dict[str, np.ndarray]:
+    found = importlib.util.spec_from_file_location("fill_weights", golden / "fill_weights.py")
     assert found is not None
     assert found.loader is not None
     module = importlib.util.module_from_spec(found)
@@ -85,7 +80,6 @@ def distances(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     return np.abs(first[:, None] - second[None]).max(axis=-1)
 
 
-@needs_golden
 def test_pyramid_maps_are_detectron2s(run: Run) -> None:
     assert len(run.maps) == len(LEVELS)
     for level, ours in zip(LEVELS, run.maps, strict=True):
@@ -97,7 +91,6 @@ def test_pyramid_maps_are_detectron2s(run: Run) -> None:
         assert statistics == pytest.approx(run.expected[f"p{level}_stats"], rel=1e-3, abs=1e-5)
 
 
-@needs_golden
 def test_proposals_are_detectron2s_as_a_set(run: Run) -> None:
     # Neighbours' objectness differs by as little as 6e-6, so ranks may swap.
     gap = distances(run.expected["proposals"], run.proposals)
@@ -108,7 +101,6 @@ def test_proposals_are_detectron2s_as_a_set(run: Run) -> None:
     assert np.abs(run.objectness[: len(gap)] - run.expected["objectness"]).max() < 1e-3
 
 
-@needs_golden
 def test_boxes_and_scores_are_detectron2s(run: Run) -> None:
     gap = distances(run.expected["boxes"], run.found["boxes"])
     assert gap.diagonal().max() < 0.1
@@ -116,7 +108,6 @@ def test_boxes_and_scores_are_detectron2s(run: Run) -> None:
     assert np.abs(run.found["scores"] - run.expected["scores"]).max() < 1e-3
 
 
-@needs_golden
 def test_masks_are_detectron2s(run: Run) -> None:
     theirs = np.unpackbits(run.expected["masks"], axis=-1)[..., :1280].astype(bool)
     rows = zip(run.found["masks"], run.found["boxes"], theirs, strict=True)
@@ -125,7 +116,6 @@ def test_masks_are_detectron2s(run: Run) -> None:
         assert (ours & expected).sum() >= 0.99 * (ours | expected).sum() > 0
 
 
-@needs_golden
 def test_keypoints_and_their_scores_are_detectron2s(run: Run) -> None:
     ours, theirs = run.found["keypoints"], run.expected["keypoints"]
     # On a near tie of two peaks rounding decides, so a few may lie elsewhere.
@@ -135,7 +125,6 @@ def test_keypoints_and_their_scores_are_detectron2s(run: Run) -> None:
     assert np.abs(ours[..., 2] / theirs[..., 2] - 1).max() < 0.01
 
 
-@needs_golden
 def test_the_networks_hold_as_many_parameters_as_detectron2s(run: Run) -> None:
     million = {"resnet50": 61.66, "resnet101": 80.60}[run.model.spec.backbone]
     assert without_norms(run.model) / 1e6 == pytest.approx(million, abs=0.005)

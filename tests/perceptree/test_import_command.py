@@ -19,8 +19,6 @@ from perceptree.models.weights.detectron2 import our_name, their_name
 Result = tuple[int, str, str]
 Call = Callable[..., Result]
 
-GOLDEN = Path(__file__).resolve().parents[2] / ".." / "shared" / "golden"
-
 
 @pytest.fixture(scope="module")
 def weights() -> dict[str, Tensor]:
@@ -154,15 +152,16 @@ def test_an_error_is_one_line_and_writes_nothing(
     assert sorted(tmp_path.iterdir()) == before
 
 
-def test_all_detectron2_weights_are_imported(call: Call, tmp_path: Path) -> None:
-    if not (GOLDEN / "fill_weights.py").is_file():
-        pytest.skip("the folder shared is not beside the checkout")
-    source = importlib.util.spec_from_file_location("fill_weights", GOLDEN / "fill_weights.py")
+def test_detectron2s_weights_arrive_whole(
+    call: Call, tmp_path: Path, shared_path: Callable[[str], Path]
+) -> None:
+    golden = shared_path("golden")
+    source = importlib.util.spec_from_file_location("fill_weights", golden / "fill_weights.py")
     assert source is not None
     assert source.loader is not None
     fill_weights = importlib.util.module_from_spec(source)
     source.loader.exec_module(fill_weights)
-    shapes = json.loads((GOLDEN / "R50_shapes.json").read_text())
+    shapes = json.loads((golden / "R50_shapes.json").read_text())
     filled = fill_weights.fill(shapes, unit_pixel_std=True)
     path, out = tmp_path / "model_final.pkl", tmp_path / "ours.safetensors"
     with path.open("wb") as file:

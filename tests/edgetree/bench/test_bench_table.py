@@ -23,35 +23,42 @@ from edgetree.bench.files import (
     find_files,
 )
 from edgetree.bench.paper_table import table_lines, table_record
-from edgetree.bench.speed import model_record
+from edgetree.bench.speed import BenchResult, model_record
 from edgetree.errors import CheckFailed, InputError, ModelFileError
 from edgetree.export import ExportSettings
-from edgetree.model_file.manifest import ClassifierCost, Manifest, standard_input
+from edgetree.model_file.manifest import (
+    METADATA_KEY,
+    ClassifierCost,
+    Manifest,
+    standard_input,
+)
+from edgetree.model_file.safety_check import read_model_file
 
 NAMES = ("r50", "r101", "x101-32x4d", "x101-32x8d", "edge-n")
 
 
 def bench_of(**changes: Any) -> dict[str, Any]:
-    """A record of `edgetree bench --json` with values that fill the table's columns."""
-    classifier = {"parameters": 25_557_032, "multiply_adds": 3_857_973_248, "flops": 7_715_946_496}
-    return {
-        "input_px": [800, 800],
-        "precision": "float32",
-        "provider": "cpu",
-        "threads": 2,
-        "parameters": 124_700_000,
-        "proposals": 1000,
-        "multiply_adds": 510_400_000_000,
-        "flops": 1_020_800_000_000,
-        "classifier": classifier,
-        "trained": False,
-        "box_ap": None,
-        "detect_p50_ms": 12345.6,
-        "detect_p90_ms": 13456.7,
-        "fps": 0.08,
-        "peak_memory_mib": 3210.0,
-        **changes,
-    }
+    """What `edgetree bench --json` says of an untrained R50, so large that columns are full."""
+    costs = {"parameters": 124_700_000, "multiply_adds": 510_400_000_000, "proposals": 1000}
+    manifest = dataclasses.replace(
+        Manifest.from_json(read_model_file(default_model("rgb")).metadata[METADATA_KEY]),
+        input=standard_input("rgb", 800, 800),
+        precision="float32",
+        training_data="untrained",
+        parity=None,
+        classifier=ClassifierCost(25_557_032, 3_857_973_248),
+        **costs,
+    )
+    measured = BenchResult(
+        runs=5,
+        threads=2,
+        detect_p50_ms=12345.6,
+        detect_p90_ms=13456.7,
+        fps=0.08,
+        trees_per_frame=2.0,
+        peak_memory_mib=3210.0,
+    )
+    return {**model_record(manifest), "provider": "cpu", **measured.to_dict(), **changes}
 
 
 def text_of(benches: dict[str, dict[str, Any]]) -> str:
@@ -110,7 +117,8 @@ def test_the_json_names_the_network_of_the_papers_counts() -> None:
 
 def test_the_cost_comes_from_the_manifest(rgb_manifest: Manifest) -> None:
     counts = {"multiply_adds": 500, "proposals": 300, "classifier": ClassifierCost(100, 40)}
-    record = model_record(dataclasses.replace(rgb_manifest, training_data="untrained", **counts))
+    unknown = dataclasses.replace(rgb_manifest, training_data="untrained", parity=None)
+    record = model_record(dataclasses.replace(unknown, **counts))
     assert (record["multiply_adds"], record["flops"]) == (500, 1000)
     assert (record["classifier"]["parameters"], record["classifier"]["flops"]) == (100, 80)
     assert (record["proposals"], record["detections"]) == (300, 20)
@@ -217,6 +225,7 @@ def test_each_file_is_measured_in_its_own_process(
     assert records["b"]["model"] == str(tmp_path / "b-fp32-640x384.onnx")
     assert (records["a"]["rounds"], records["a"]["threads"]) == (ROUNDS, 1)
     assert records["a"]["runs"] == 5 * ROUNDS
+    assert set(bench_of()) <= set(records["a"])
     assert 0 < records["a"]["detect_p50_ms"] <= records["a"]["detect_p90_ms"]
     assert records["a"]["peak_memory_mib"] > 20
     assert row_of(text_of(records), "a")[4] == "0.0"

@@ -4,6 +4,7 @@ import base64
 import dataclasses
 import json
 import re
+from collections.abc import Callable
 from html.parser import HTMLParser
 
 import cv2
@@ -97,6 +98,14 @@ def test_the_page_is_valid_and_self_contained(result: DemoResult) -> None:
     assert {"script", "link", "iframe"} & set(outline.tags) == set()
     assert "@import" not in html
     assert "url(" not in html
+
+
+def test_the_page_is_laid_out_as_it_was(
+    result: DemoResult, check_golden_layout: Callable[[str, str], None]
+) -> None:
+    steps = (Step("Train", "12 rounds", 301.0),)
+    chain = dataclasses.replace(result, steps=steps)
+    check_golden_layout("demo_report.txt", render_report(chain, [NextCommand("see", "edgetree")]))
 
 
 def test_the_page_shows_truth_measurement_and_reason(result: DemoResult) -> None:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -12,6 +14,7 @@ from numpy.typing import NDArray
 from edgetree.detections import TreeDetections
 from edgetree.drawing.label_placement import Rect, place_label
 from edgetree.drawing.trees import CutMark, draw_trees, picture_of_depth
+from edgetree.samples import sample_frames
 
 
 def _trees(width: int = 640, height: int = 360) -> TreeDetections:
@@ -174,6 +177,31 @@ def test_a_label_is_placed_where_it_hides_no_stem() -> None:
     x0, y0, _, y1 = place_label((90, 40), (0, 36, 200), [], stems, (640, 360))
     assert 80 <= x0 < 100, "to the right of the neighbour too"
     assert y0 < 200 < y1
+
+
+def test_a_drawn_sample_frame_looks_as_it_did(
+    check_golden_picture: Callable[[str, NDArray[np.uint8]], None],
+) -> None:
+    """Masks, boxes, keypoints, labels with a warning, and a measured cut, at a quarter's size."""
+    frame = sample_frames()[0]
+    width, height, scale = 320, 180, np.float32(0.25)
+    picture = cv2.resize(frame.image(), (width, height), interpolation=cv2.INTER_AREA)
+    known = [tree for tree in frame.trees if tree.keypoints_px[:, 2].all()]
+    count = len(known)
+    assert count >= 3
+    grid = np.minimum(np.arange(28), 27 - np.arange(28)) / 14
+    trees = TreeDetections(
+        boxes_px=np.stack([tree.box_px for tree in known]) * scale,
+        scores=np.linspace(0.9, 0.6, count, dtype=np.float32),
+        keypoints_px=np.stack([tree.keypoints_px for tree in known])
+        * np.array([scale, scale, 0.5], np.float32),
+        masks=np.tile(0.3 + grid, (count, 28, 1)).astype(np.float32),
+        image_width=width,
+        image_height=height,
+    )
+    labels = [[f"{index + 1}", "31 cm", "! low"][: 1 + index % 3] for index in range(count)]
+    cuts = [CutMark((40.0, 150.0), "15 cm"), *[None] * (count - 1)]
+    check_golden_picture("drawn_trees.png", draw_trees(picture, trees, labels, cuts=cuts))
 
 
 def test_depth_without_reading_is_black() -> None:

@@ -4,17 +4,144 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 from typing import Any
 
 import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 
-from edgetree.errors import ModelFileError
-from edgetree.model_file.manifest import Manifest, standard_outputs
+from edgetree.detections import KEYPOINT_NAMES
+from edgetree.errors import EdgetreeError, ModelFileError
+from edgetree.model_file.manifest import (
+    ClassifierCost,
+    Manifest,
+    ResizeRule,
+    Thresholds,
+    standard_input,
+    standard_outputs,
+)
+
+COUNTS = st.integers(0, 2**53)
+MAYBE_COUNTS = st.none() | COUNTS
+SHARES = st.floats(0, 1)
+FINITE = st.floats(allow_nan=False, allow_infinity=False)
+FACTS = st.dictionaries(st.text(), st.none() | COUNTS | FINITE | st.text() | st.lists(FINITE))
 
 
-def test_a_manifest_survives_json(rgb_manifest: Manifest, depth_manifest: Manifest) -> None:
-    for manifest in (rgb_manifest, depth_manifest):
-        assert Manifest.from_json(manifest.to_json()) == manifest
+@st.composite
+def manifests(draw: st.DrawFn) -> Manifest:
+    """Manifests of both modalities with any values that fit each other."""
+    modality = draw(st.sampled_from(["rgb", "depth"]))
+    keypoints = draw(st.booleans())
+    channels = 3 if modality == "rgb" else draw(st.sampled_from([1, 3]))
+    numbers = st.lists(FINITE, min_size=channels, max_size=channels).map(tuple)
+    side = st.integers(32, 4096)
+    sizes = st.lists(st.integers(1, 64), min_size=1, max_size=3).map(tuple)
+    pairs = st.lists(st.tuples(st.integers(0, 9), st.integers(0, 9)), max_size=3).map(tuple)
+    graph_input = standard_input(modality, draw(side), draw(side))
+    masks = draw(st.booleans())
+    return Manifest(
+        name=draw(st.text()),
+        backbone=draw(st.text()),
+        modality=modality,
+        input=dataclasses.replace(graph_input, batch_sizes=draw(sizes)),
+        resize=ResizeRule(pad_value=draw(st.integers(0, 255))),
+        mean=draw(numbers),
+        std=draw(numbers),
+        depth_encoding=draw(FACTS) if modality == "depth" else None,
+        outputs=standard_outputs(draw(st.integers(1, 300)), keypoints=keypoints, masks=masks),
+        classes=draw(st.lists(st.text(), max_size=3).map(tuple)),
+        keypoint_names=KEYPOINT_NAMES if keypoints else (),
+        keypoint_flip_pairs=draw(pairs),
+        thresholds=Thresholds(draw(SHARES), draw(SHARES)),
+        precision=draw(st.text()),
+        opset=draw(COUNTS),
+        parameters=draw(COUNTS),
+        weights_sha256=draw(st.text()),
+        training_data=draw(st.text()),
+        project_version=draw(st.text()),
+        parity=draw(st.none() | FACTS),
+        calibration_sha256=draw(st.none() | st.text()),
+        proposals=draw(MAYBE_COUNTS),
+        multiply_adds=draw(MAYBE_COUNTS),
+        classifier=draw(st.none() | st.builds(ClassifierCost, COUNTS, COUNTS)),
+        target=draw(st.text()),
+    )
+
+
+@given(manifests())
+def test_a_manifest_survives_json(manifest: Manifest) -> None:
+    assert Manifest.from_json(manifest.to_json()) == manifest
+
+
+def _places(value: Any, here: tuple[str | int, ...] = ()) -> list[tuple[str | int, ...]]:
+    """Paths of everything inside a JSON value."""
+    inside: list[tuple[Any, Any]] = []
+    if isinstance(value, dict):
+        inside = list(value.items())
+    elif isinstance(value, list):
+        inside = list(enumerate(value))
+    deeper = [place for key, part in inside for place in _places(part, (*here, key))]
+    return [(*here, key) for key, _ in inside] + deeper
+
+
+JSON_VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=4), inner),
+    max_leaves=6,
+)
+
+
+@settings(max_examples=300)
+@given(data=st.data())
+def test_a_manifest_with_a_damaged_field_is_read_or_refused(
+    rgb_manifest: Manifest, depth_manifest: Manifest, data: st.DataObject
+) -> None:
+    costs = {"classifier": ClassifierCost(100, 40), "proposals": 300}
+    complete = [dataclasses.replace(known, **costs) for known in (rgb_manifest, depth_manifest)]
+    values = json.loads(data.draw(st.sampled_from(complete), "manifest").to_json())
+    *path, last = data.draw(st.sampled_from(_places(values)), "place")
+    target = values
+    for key in path:
+        target = target[key]
+    if data.draw(st.booleans(), "removed"):
+        del target[last]
+    else:
+        target[last] = data.draw(JSON_VALUES, "value")
+    message = ""
+    try:
+        Manifest.from_json(json.dumps(values)).to_json()
+    except EdgetreeError as error:
+        message = str(error)
+    assert message.startswith("manifest" if message else "")
+    assert "\n" not in message
+
+
+@pytest.mark.parametrize(
+    "name",
+    [field.name for field in dataclasses.fields(Manifest) if field.default is dataclasses.MISSING],
+)
+@pytest.mark.parametrize("how", ["missing", "of another kind"])
+def test_every_required_field_is_refused_when_damaged(
+    rgb_manifest: Manifest, name: str, how: str
+) -> None:
+    values = json.loads(rgb_manifest.to_json())
+    if how == "missing":
+        del values[name]
+    else:
+        values[name] = True
+    with pytest.raises(EdgetreeError, match=rf"manifest.*{name}"):
+        Manifest.from_json(json.dumps(values))
+
+
+@given(st.text() | JSON_VALUES.map(json.dumps))
+@example("[" * 100_000)
+@example('{"schema": ' * 100_000)
+@example("1" * 5000)
+def test_any_text_is_read_or_refused(text: str) -> None:
+    with pytest.raises(EdgetreeError, match=r"^manifest"):
+        Manifest.from_json(text)
 
 
 def test_json_integers_are_valid_floats(rgb_manifest: Manifest) -> None:
@@ -42,6 +169,8 @@ def test_unknown_fields_are_ignored(rgb_manifest: Manifest) -> None:
         (["input", "batch_sizes"], [0], "batch_sizes is .* expected at least one number"),
         (["resize", "rule"], "stretch", "resize rule is 'stretch': expected 'letterbox-top-left'"),
         (["mean"], [0.5], "mean is .* expected 3 number"),
+        (["mean"], [10**400, 0, 0], r"mean\[0\] is 1000.*: expected a finite number"),
+        (["std"], [1, math.nan, 1], r"manifest: not JSON \(NaN is not a JSON number\)"),
         (["mean"], "none", "mean is 'none': expected a list"),
         (["depth_encoding"], {"near_m": 0.0}, "depth_encoding is .* null for an rgb model"),
         (["keypoint_names"], ["top"], "keypoint_names is .*'top'.* expected .*felling_cut"),

@@ -92,8 +92,12 @@ def test_weather_has_its_own_precision(
     assert (slope["name"], slope["trees"]) == ("10 to 20°", 9)
 
 
-def test_a_folder_has_the_results_and_a_self_contained_page(
-    posts: Path, store_of: Any, oracle: Any, tmp_path: Path
+def test_a_folder_has_the_figures_and_a_page_that_needs_nothing_else(
+    posts: Path,
+    store_of: Any,
+    oracle: Any,
+    tmp_path: Path,
+    check_golden_layout: Callable[[str, str], None],
 ) -> None:
     store = store_of(posts)
     report = report_of(oracle(store, flawed), store)
@@ -115,6 +119,7 @@ def test_a_folder_has_the_results_and_a_self_contained_page(
     assert "mean absolute error of 4.0 pixels" in words
     assert "000000.png: score 0.90" in words
     assert "read so" in words
+    check_golden_layout("evaluation_report.txt", html)
 
 
 def test_the_page_of_a_depth_model_shows_colour_and_depth(

@@ -2,6 +2,7 @@
 
 import dataclasses
 import hashlib
+from collections.abc import Callable
 
 import cv2
 import numpy as np
@@ -54,6 +55,17 @@ def test_older_presets_draw_the_very_same_frames(assets: Assets, name: str):
         digest.update(label.keypoints.tobytes())
     assert digest.hexdigest()[:16] == OLDER[name]
     assert frame.realism == {}
+
+
+def test_a_plain_frame_looks_as_it_did(
+    assets: Assets, check_golden_picture: Callable[[str, np.ndarray], None]
+):
+    """Like the hashes above, but on any machine and with any version of the libraries."""
+    settings = dataclasses.replace(
+        PRESETS["plain"].settings, camera=CameraSettings.of_size(160, 90)
+    )
+    [frame] = simulate_frames(settings, 1_000_003, 1, assets)
+    check_golden_picture("plain_frame.png", frame.image)
 
 
 def test_objects_stand_clear_of_stems_and_cameras_clear_of_objects(field_settings, field_forest):

@@ -118,12 +118,22 @@ def test_the_page_is_whole_and_needs_nothing_else(dataset: Path, figures: dict):
     assert "nan" not in re.sub(r"<style>.*?</style>", "", page, flags=re.DOTALL).lower()
 
 
-def record(number: int, scene: int, weather: str = "clear", light: str = "daylight") -> dict:
-    conditions = {"seed": scene, "terrain": "moss", "weather": weather, "light": light}
-    return {"image": {"id": number, "scene": conditions}, "annotations": []}
+@pytest.fixture(scope="module")
+def record(dataset: Path) -> Callable[..., dict]:
+    """A frame's record as the simulator writes it, of another frame, scene and weather."""
+    first = json.loads((dataset / "scenes/000000.json").read_text())[0]
+
+    def make(number: int, scene: int, weather: str = "clear", light: str = "daylight") -> dict:
+        conditions = {"seed": scene, "terrain": "moss", "weather": weather, "light": light}
+        known = first["image"]
+        return first | {"image": known | {"id": number, "scene": known["scene"] | conditions}}
+
+    return make
 
 
-def test_frames_come_from_as_many_scenes_as_there_are_and_are_never_shown_twice():
+def test_frames_come_from_as_many_scenes_as_there_are_and_are_never_shown_twice(
+    record: Callable[..., dict],
+):
     many = [record(5 * scene + view, scene) for scene in range(100) for view in range(5)]
     chosen = choose_frames(many)
     assert len({r["image"]["scene"]["seed"] for r in chosen}) == len(chosen) == 48
@@ -134,7 +144,7 @@ def test_frames_come_from_as_many_scenes_as_there_are_and_are_never_shown_twice(
     assert {number // 20 for number in shown} == {0, 1, 2}
 
 
-def test_a_rare_weather_is_on_the_sheet():
+def test_a_rare_weather_is_on_the_sheet(record: Callable[..., dict]):
     plenty = [record(scene, scene) for scene in range(1000)]
     plenty[777] = record(777, 777, "snowfall", "dusk")
     assert [r["image"]["id"] for r in choose_frames(plenty)][-1] == 777

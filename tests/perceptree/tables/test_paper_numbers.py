@@ -1,23 +1,21 @@
 """The paper's numbers equal those in its LaTeX source."""
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from perceptree.tables.paper import TABLE_2, TABLE_3
 
-PAPER = Path(__file__).resolve().parents[3] / ".." / "shared" / "paper" / "paper.tex"
-
 
 @pytest.fixture
-def rows() -> dict[str, list[list[str]]]:
+def rows(shared_path: Callable[[str], Path]) -> dict[str, list[list[str]]]:
     """The cells of both tables by label, without LaTeX's commands."""
-    if not PAPER.is_file():
-        pytest.skip("the folder shared is not beside the checkout")
+    text = shared_path("paper/paper.tex").read_text("utf-8")
     found = {}
     for label in ("tab:AP_synth", "tab:multi-task_learning"):
-        body = PAPER.read_text("utf-8").split(rf"\label{{{label}}}")[1].split(r"\end{tabular}")[0]
+        body = text.split(rf"\label{{{label}}}")[1].split(r"\end{tabular}")[0]
         body = re.sub(r"\\multirow\{2\}\{\*\}|\\text\w\w|\\hline|\\cline\{1-4\}", "", body)
         lines = re.sub(r"[{}\t]|\\(?=&)", "", body).replace(r"keypoint \& mask", "both")
         cells = [[cell.strip() for cell in line.split("&")] for line in lines.split(r"\\")]

@@ -1,6 +1,6 @@
 """``perceptree plot``: the picture shows a run's log."""
 
-import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,10 @@ import numpy as np
 import pytest
 
 from perceptree.errors import CheckpointError
+from perceptree.models import ModelSpec
+from perceptree.training import TrainSettings, train, trainer
 from perceptree.training.plot import draw_runs, read_curves
+from perceptree.training.run_log import EVENTS_NAME, RunLog
 
 Call = Callable[..., tuple[int, str, str]]
 
@@ -29,7 +32,11 @@ def write_log(run: Path, steps: int = 6, lowest: float = 1.0, **losses: float) -
         if number % 2 == 0:
             val = {"box_ap": 10.0 * number, "mask_ap": 5.0 * number, "keypoint_ap": None}
             entries.append(at | {"val": val})
-    (run / "log.jsonl").write_text("".join(json.dumps(entry) + "\n" for entry in entries))
+    log = RunLog(run, 0)
+    for entry in entries:
+        log.write(entry)
+    log.close()
+    shutil.rmtree(run / EVENTS_NAME)
     return run
 
 
@@ -52,6 +59,24 @@ def test_curves_hold_what_was_logged(tmp_path: Path) -> None:
     assert found.curves["learning rate"].values.tolist() == [1e-3] * 6
     assert found.hours[-1] == 3.0
     assert found.label == "run: 300 steps, 3.0 h, best AP of boxes 60.0"
+
+
+def test_the_log_of_a_training_has_all_curves(
+    posts: Path,
+    tmp_path: Path,
+    narrow: Callable[..., ModelSpec],
+    plan: Callable[..., TrainSettings],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(trainer, "_LOG_EVERY_STEPS", 1)
+    run = tmp_path / "run"
+    report = train(narrow(), plan(steps=1), posts, run)
+    curves = read_curves(run, "run").curves
+    made_up = read_curves(write_log(tmp_path / "made up", mask=1.0), "made up").curves
+    assert set(made_up) <= set(curves)
+    assert all(curve.steps.tolist() == [1] for curve in curves.values())
+    assert curves["AP of boxes on val"].values.tolist() == [report.metrics.box_ap]
+    assert coloured(decoded(draw_runs([run])), (180, 119, 31)) > 9
 
 
 def test_every_run_is_drawn_in_its_colour_and_settings_of_plots_stay(tmp_path: Path) -> None:

@@ -23,7 +23,6 @@ States = Callable[[], State]
 Write = Callable[[object], Path]
 
 FILE = Path("their.pth")
-GOLDEN = Path(__file__).resolve().parents[4] / ".." / "shared" / "golden"
 CELLS = "proposal_generator.anchor_generator.cell_anchors"
 SCORE, SHIFT = "roi_heads.box_predictor.cls_score", "roi_heads.box_predictor.bbox_pred"
 HEAT = "roi_heads.keypoint_head.score_lowres"
@@ -54,10 +53,10 @@ def test_each_published_backbone_is_recognised(preset: str, detectron2_shapes: S
 
 
 @pytest.mark.parametrize("name", ["R50", "R101"])
-def test_detectron2s_own_names_and_shapes_are_those_of_the_preset(name: str) -> None:
-    path = GOLDEN / f"{name}_shapes.json"
-    if not path.is_file():
-        pytest.skip("the folder shared is not beside the checkout")
+def test_detectron2s_own_names_and_shapes_are_those_of_the_preset(
+    name: str, shared_path: Callable[[str], Path]
+) -> None:
+    path = shared_path(f"golden/{name}_shapes.json")
     state = {key: numbers(*shape) for key, shape in json.loads(path.read_text()).items()}
     found = recognised(state)
     assert found.spec == make_spec(name.lower())
