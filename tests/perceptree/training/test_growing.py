@@ -132,13 +132,13 @@ def test_settings_that_do_not_allow_stages_are_refused(
         train_while_simulating(narrow(), plan(**changes), posts, 20, tmp_path / "run")
 
 
-def test_simulate_goes_with_neither_branch_nor_fold(call: Make) -> None:
+def test_simulate_excludes_branch(call: Make) -> None:
     code, _, told = call(
         "train", "data", "--out", "run", "--simulate", 9, "--minutes", 1, "--branch", "run"
     )
     assert (code, told) == (
         2,
-        "perceptree: --simulate goes without --branch: expected one of the two\n",
+        "perceptree: --simulate excludes --branch: expected one of the two\n",
     )
 
 
