@@ -24,6 +24,7 @@ from perceptree.simulator.settings.presets import PRESETS
 COMPONENTS = {5126: np.float32, 5121: np.uint8, 5125: np.uint32}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 TREES = ("fir_grey", "beech_smooth")
+MAX_REACH_M = 9  # of a crown and a leaning stem; with 25 stems per hectare trees are farther apart
 
 
 def small_scene() -> SimpleNamespace:
@@ -139,10 +140,9 @@ def test_a_simulated_scene_is_split_into_its_trees_and_nothing_is_lost(preset: s
     for number, (tree, node) in enumerate(zip(scene.trees, nodes[1:-1], strict=True), start=1):
         assert node.name == f"tree_{number:03d}_{tree.stem.model.name}"
         assert set(mesh.object_id[node.faces]) <= {0, number}
-        lowest = mesh.vertices[mesh.faces[node.faces]].reshape(-1, 3).min(0)
-        highest = mesh.vertices[mesh.faces[node.faces]].reshape(-1, 3).max(0)
-        assert (lowest <= tree.position_m + 0.01).all()
-        assert (tree.position_m[:2] <= highest[:2]).all()
+        corners = mesh.vertices[mesh.faces[node.faces]].reshape(-1, 3)
+        assert corners[:, 2].min() <= tree.position_m[2]
+        assert np.abs(corners[:, :2] - tree.position_m[:2]).max() < MAX_REACH_M
     assert not mesh.object_id[nodes[-1].faces].any()
     glb = Glb(gltf_bytes(mesh, nodes, flat_textures()))
     counts = [a["count"] for a in glb.document["accessors"] if a["type"] == "SCALAR"]
