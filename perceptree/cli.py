@@ -78,7 +78,7 @@ def main() -> None:
             raise
         typer.echo(f"perceptree: {_one_line(error)}", err=True)
     if code == _INTERRUPTED:  # typer returns this code for Ctrl-C inside a command
-        typer.echo("perceptree: interrupted; repeat the command to continue", err=True)
+        typer.echo("perceptree: interrupted; run the same command again to resume", err=True)
     sys.exit(code)
 
 

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from perceptree.training import Init, TrainReport, TrainSettings
 
 _DEFAULT_MODEL = "edge-n"
-_PAPER_FREEZE_LEVEL = 2
 _STEPS = 20_000
 _SETTINGS = (
     "steps",
@@ -241,13 +240,13 @@ def _given(options: dict[str, Any]) -> dict[str, Any]:
 
 def _settings(spec: ModelSpec, options: dict[str, Any], start: Init | None) -> TrainSettings:
     """Return the recipe's settings with the changes from the options."""
-    from perceptree.training import PAPER_STEPS, recipe_settings
+    from perceptree.training import PAPER_FREEZING, PAPER_STEPS, recipe_settings
 
     changes = _given({name: options[name] for name in _SETTINGS})
     paper = _is_paper(spec)
     recipe = options["recipe"] or ("paper" if paper else "scratch")
     if paper and start is not None:
-        changes = {"freeze_level": _PAPER_FREEZE_LEVEL, "frozen_norms": True} | changes
+        changes = PAPER_FREEZING | changes
     if "minutes" not in changes and "steps" not in changes:
         changes["steps"] = PAPER_STEPS if recipe == "paper" else _STEPS
     if options["branch"] is not None:

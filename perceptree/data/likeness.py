@@ -16,7 +16,7 @@ from perceptree.errors import DatasetError
 Float = NDArray[np.floating[Any]]
 Picture = NDArray[np.uint8]
 
-SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
+IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 _WIDTH_PX = 640
 _MIN_IMAGES = 3
 
@@ -120,7 +120,7 @@ def find_pictures(folder: Path, limit: int) -> list[Path]:
         raise DatasetError(f"{folder}: no such folder, expected a folder with images")
     images = folder / "images"
     inside = images if images.is_dir() and (folder / "scenes").is_dir() else folder
-    found = sorted(path for path in inside.rglob("*") if path.suffix.lower() in SUFFIXES)
+    found = sorted(path for path in inside.rglob("*") if path.suffix.lower() in IMAGE_SUFFIXES)
     if len(found) < _MIN_IMAGES:
         raise DatasetError(f"{folder}: holds {len(found)} images, expected at least {_MIN_IMAGES}")
     chosen = np.unique(np.linspace(0, len(found) - 1, min(limit, len(found))).round().astype(int))

@@ -15,6 +15,7 @@ from pycocotools import mask as coco_mask
 
 from calib import CocoLabels, DepthEncoding, Letterbox, encode_depth, read_depth
 from calib.writing import write_whole
+from perceptree.data.likeness import IMAGE_SUFFIXES
 from perceptree.drawing import Picture, draw_trees, with_caption
 from perceptree.errors import DatasetError
 from perceptree.evaluation.gallery import picture_of_grey
@@ -27,7 +28,6 @@ from perceptree.evaluation.predictions import (
 from perceptree.keypoints import KEYPOINT_NAMES
 from perceptree.models import ModelSpec
 
-PICTURE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 SKELETON = ((0, 3), (3, 4), (1, 2))
 """The trunk's axis upwards from the felling cut, and the diameter; indices of KEYPOINT_NAMES."""
 
@@ -73,10 +73,10 @@ def find_pictures(folder: Path) -> list[Path]:
     paths = sorted(
         path
         for path in folder.iterdir()
-        if path.suffix.lower() in PICTURE_SUFFIXES and not path.name.startswith(".")
+        if path.suffix.lower() in IMAGE_SUFFIXES and not path.name.startswith(".")
     )
     if not paths:
-        raise DatasetError(f"{folder}: no images, expected {', '.join(PICTURE_SUFFIXES)}")
+        raise DatasetError(f"{folder}: no images, expected {', '.join(IMAGE_SUFFIXES)}")
     return paths
 
 

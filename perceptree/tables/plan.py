@@ -20,7 +20,7 @@ from perceptree.tables.paper import (
     TABLE_3,
     PaperRow,
 )
-from perceptree.training import Init, TrainSettings, recipe_settings
+from perceptree.training import PAPER_FREEZING, Init, TrainSettings, recipe_settings
 
 TABLES = (2, 3)
 _MODALITIES: tuple[Modality, ...] = ("rgb", "depth")
@@ -31,7 +31,6 @@ _TASKS = {MASK_ONLY: "masks", BOTH: "both", KEYPOINT_ONLY: "keypoints"}
 _PUBLISHED = ("imagenet", "coco")
 # Evaluate at the end only, when the learning rate has decayed.
 _NEVER = 10**9
-_PAPER_FREEZE_LEVEL = 2
 
 
 @dataclass(frozen=True)
@@ -226,7 +225,7 @@ class TableSettings:
         if self.batch is not None:
             changes["batch"] = self.batch
         if model.preset in PAPER_PRESETS and self.init is not None:
-            changes |= {"freeze_level": _PAPER_FREEZE_LEVEL, "frozen_norms": True}
+            changes |= PAPER_FREEZING
         return recipe_settings(self.recipe_of(model), **changes)
 
 

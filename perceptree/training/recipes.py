@@ -36,6 +36,9 @@ ImageNet weights with FREEZE_AT 2 and fixed batch norms.
 PAPER_STEPS = 60_000
 """Training steps of Grondin et al. (2022)."""
 
+PAPER_FREEZING = {"freeze_level": 2, "frozen_norms": True}
+"""What Grondin et al. (2022) keep fixed where training starts from published weights."""
+
 
 def recipe_settings(name: str, **changes: Any) -> TrainSettings:
     """Make the training settings of a recipe.

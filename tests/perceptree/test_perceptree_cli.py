@@ -84,7 +84,7 @@ def test_an_interrupted_training_says_how_to_continue(
     size = ("--height", 64, "--width", 128)
     code, printed, told = call("train", posts, "--out", tmp_path / "run", *size, "--steps", 3)
     assert (code, printed) == (130, "")
-    assert told == "perceptree: interrupted; repeat the command to continue\n"
+    assert told == "perceptree: interrupted; run the same command again to resume\n"
     assert (tmp_path / "run/state.pt").is_file()
 
 

@@ -39,6 +39,7 @@ class SceneMesh:
         instance_start: (I + 1,) first face of each instance, and F.
         instance_centre: (I, 3) centres of the instances' bounding spheres, m.
         instance_radius: (I,) radii of the instances' bounding spheres, m.
+        tree_start: (T + 1,) first face of each tree of the scene, and of what follows the last.
     """
 
     vertices: NDArray[np.float32]
@@ -52,6 +53,7 @@ class SceneMesh:
     instance_start: NDArray[np.int64]
     instance_centre: Float
     instance_radius: Float
+    tree_start: NDArray[np.int64]
 
 
 class _Assembly:
@@ -65,6 +67,11 @@ class _Assembly:
         self._centres: list[Float] = []
         self._radii: list[Float] = []
         self._vertex_count = 0
+        self._tree_start: list[int] = []
+
+    def begin_tree(self) -> None:
+        """Mark the start of the next tree, or of what follows the last tree."""
+        self._tree_start.append(sum(int(counts.sum()) for counts in self._face_counts))
 
     def add(
         self,
@@ -116,6 +123,7 @@ class _Assembly:
             starts,
             np.concatenate(self._centres),
             np.concatenate(self._radii),
+            np.array(self._tree_start, np.int64),
         )
 
 
@@ -131,7 +139,9 @@ def assemble(scene: Scene, prototypes: Prototypes) -> SceneMesh:
     number = 0
     for tree in scene.trees:
         number += tree.near
+        assembly.begin_tree()
         _add_tree(assembly, tree, prototypes, scene, number if tree.near else 0)
+    assembly.begin_tree()
     for placement in scene.undergrowth:
         _add_undergrowth(assembly, placement, prototypes.undergrowth[placement.kind])
     return assembly.scene_mesh()

@@ -31,7 +31,6 @@ _FLOAT, _UBYTE, _UINT = 5126, 5121, 5125
 _ARRAY_BUFFER, _ELEMENT_BUFFER = 34962, 34963
 _JPEG_QUALITY = 90
 _ALPHA_CUTOFF = 0.5
-_INSTANCES_PER_TREE = 2
 
 
 @dataclass(frozen=True)
@@ -51,15 +50,14 @@ def scene_nodes(mesh: SceneMesh, tree_names: Sequence[str]) -> list[Node]:
     """Split a scene into nodes: the ground, every tree, and the undergrowth.
 
     Args:
-        mesh: The scene, whose instances are the ground, stem and crown of each tree, and the
-            undergrowth.
+        mesh: The scene: first the ground, then the trees, then the undergrowth.
         tree_names: Name of each tree.
     """
-    first = mesh.instance_start[1::_INSTANCES_PER_TREE]
-    nodes = [Node("ground", np.arange(mesh.instance_start[1]))]
+    first = mesh.tree_start
+    nodes = [Node("ground", np.arange(first[0]))]
     for number, name in enumerate(tree_names):
         nodes.append(Node(f"tree_{number + 1:03d}_{name}", np.arange(*first[number : number + 2])))
-    nodes.append(Node("undergrowth", np.arange(first[len(tree_names)], len(mesh.faces))))
+    nodes.append(Node("undergrowth", np.arange(first[-1], len(mesh.faces))))
     return [node for node in nodes if len(node.faces)]
 
 

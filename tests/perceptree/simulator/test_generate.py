@@ -309,7 +309,7 @@ def test_ctrl_c_ends_every_process_at_once_and_says_how_to_go_on(tmp_path: Path)
         time.sleep(0.01)
     os.killpg(process.pid, signal.SIGINT)
     told = process.communicate(timeout=60)
-    assert told == ("", "perceptree: interrupted; repeat the command to continue\n")
+    assert told == ("", "perceptree: interrupted; run the same command again to resume\n")
     assert process.returncode == 130
 
 

@@ -97,6 +97,7 @@ def draw(textures, plain):
             np.array([0, len(whole.faces)]),
             np.zeros((1, 3)),
             np.array([500.0]),
+            np.zeros(0, np.int64),
         )
         return Renderer(textures, plain, mesh).draw(view)
 

@@ -317,7 +317,7 @@ def test_the_commands_options_become_settings(
         "--precision",
         "bf16",
     )
-    assert (code, told) == (130, "perceptree: interrupted; repeat the command to continue\n")
+    assert (code, told) == (130, "perceptree: interrupted; run the same command again to resume\n")
     assert asked[:5] == [
         TableSettings(
             table=2,
