@@ -12,9 +12,10 @@ line prints it unchanged.
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import ClassVar, Final
 
 __all__ = [
+    "TRAINING_PACKAGES",
     "CheckFailed",
     "EdgetreeError",
     "InputError",
@@ -22,6 +23,19 @@ __all__ = [
     "ModelFileError",
     "install_hint",
 ]
+
+
+TRAINING_PACKAGES: Final = (
+    "torch",
+    "torchvision",
+    "timm",
+    "pycocotools",
+    "safetensors",
+    "numba",
+    "onnx",
+    "onnxscript",
+)
+"""Packages of the extras train, export and sim that these need, by distribution and module."""
 
 
 class EdgetreeError(Exception):

@@ -17,9 +17,9 @@ from edgetree.errors import CheckFailed, InputError, ModelFileError
 from edgetree.export.settings import PRECISIONS, TARGETS
 from edgetree.runtime.providers import AUTO, CPU
 
-__all__ = ["BACKBONES", "ROUNDS", "TableSettings", "bench_in_turn", "cache_folder", "find_files"]
+__all__ = ["NETWORKS", "ROUNDS", "TableSettings", "bench_in_turn", "cache_folder", "find_files"]
 
-BACKBONES: Final = ("edge-n", "edge-s", "edge-m", "r50", "r101", "x101-32x8d", "x101-32x4d")
+NETWORKS: Final = ("edge-n", "edge-s", "edge-m", "r50", "r101", "x101-32x8d", "x101-32x4d")
 ROUNDS: Final = 3
 _SMALLEST_PX: Final = 32
 _USAGE: Final = 2
@@ -33,7 +33,7 @@ class TableSettings:
     """The networks of a table, and how to measure them.
 
     Attributes:
-        backbones: names of networks in `BACKBONES`, or of files in `models`.
+        backbones: names of networks in `NETWORKS`, or of files in `models`.
         models: folder of the model files; missing files are exported to it.
         precision: a key of `edgetree.export.PRECISIONS`.
         height: height of the input in pixels.
@@ -122,16 +122,16 @@ def find_files(settings: TableSettings, say: Say) -> dict[str, Path]:
         The path of each network's file, by name.
 
     Raises:
-        InputError: a name has no file and is not in `BACKBONES`, or the folder is not writable.
+        InputError: a name has no file and is not in `NETWORKS`, or the folder is not writable.
         MissingDependency: a file is missing and torch is not installed.
     """
     files = {name: settings.path_of(name) for name in settings.backbones}
     missing = {name: path for name, path in files.items() if not path.is_file()}
     for name, path in missing.items():
-        if name not in BACKBONES:
+        if name not in NETWORKS:
             raise InputError(
                 f"backbone {name!r} has no file {path} and is not a known network: expected one of"
-                f" {', '.join(BACKBONES)}"
+                f" {', '.join(NETWORKS)}"
             )
     if missing:
         _export(missing, settings, say)

@@ -22,11 +22,11 @@ Data: TypeAlias = Annotated[
     Path, typer.Option(help="Folder of real frames, or a dataset, to compare file and model on.")
 ]
 Precision: TypeAlias = Annotated[
-    str, typer.Option(help="fp32; fp16 for GPUs; int8 for CPUs and TensorRT.")
+    str, typer.Option(help="fp32; fp16 for GPUs; int8 for CPUs, OpenVINO and TensorRT.")
 ]
 Calibration: TypeAlias = Annotated[
     Path | None,
-    typer.Option(help="Folder of frames to calibrate int8 on; --data if not given."),
+    typer.Option(help="Folder of frames to calibrate fp16 and int8 on; --data if not given."),
 ]
 Side: TypeAlias = Annotated[int | None, typer.Option(help="Size of the input in px.")]
 Batch: TypeAlias = Annotated[int, typer.Option(help="Frames per inference.")]

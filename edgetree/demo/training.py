@@ -11,21 +11,11 @@ from typing import Any, Final
 from edgetree.demo.held_out import held_out_frames
 from edgetree.demo.result import DemoResult, Step
 from edgetree.demo.running import Progress, demonstrate
-from edgetree.errors import MissingDependency, install_hint
+from edgetree.errors import TRAINING_PACKAGES, MissingDependency, install_hint
 
 __all__ = ["run_trained"]
 
-_NEEDED: Final = (
-    "torch",
-    "torchvision",
-    "timm",
-    "pycocotools",
-    "safetensors",
-    "numba",
-    "onnx",
-    "onnxscript",
-    "onnxruntime",
-)
+_NEEDED: Final = (*TRAINING_PACKAGES, "onnxruntime")
 _FRAMES: Final = 300
 _FRAME_SIZE_PX: Final = (640, 360)
 _INPUT_SIZE_PX: Final = (512, 288)

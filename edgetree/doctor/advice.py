@@ -9,7 +9,7 @@ from typing import Final, Literal
 
 from edgetree.doctor.findings import Findings, Libraries, Machine
 from edgetree.doctor.libraries import ONNXRUNTIME_BUILDS, OPENCV_BUILDS
-from edgetree.errors import install_hint
+from edgetree.errors import TRAINING_PACKAGES, install_hint
 from edgetree.runtime.providers import CPU
 
 __all__ = ["Advice", "Level", "advise"]
@@ -20,7 +20,6 @@ _X86: Final = {"x86_64", "amd64"}
 _ARM: Final = {"aarch64", "arm64"}
 _X86_INT8: Final = {"avx512_vnni", "avx_vnni", "amx_int8"}
 _NVIDIA: Final = {"cuda", "tensorrt"}
-_TRAINING: Final = ("torch", "torchvision", "timm", "onnx", "onnxscript", "numba")
 _LITTLE_MEMORY_MIB: Final = 2048
 _THREADS_HELP_FROM: Final = 1.15
 _BUSY_FROM: Final = 0.5
@@ -187,7 +186,7 @@ def _memory(machine: Machine) -> Iterator[Advice]:
 
 
 def _extras(findings: Findings) -> Iterator[Advice]:
-    missing = [name for name in _TRAINING if name not in findings.libraries.versions]
+    missing = [name for name in TRAINING_PACKAGES if name not in findings.libraries.versions]
     if missing:
         yield Advice(
             "advice",

@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from typing import Final
 
 from edgetree.doctor.findings import Libraries
+from edgetree.errors import TRAINING_PACKAGES
 
 __all__ = ["examine_libraries", "import_error", "minimum_versions"]
 
@@ -36,12 +37,7 @@ _LOOKED_AT: Final = (
     "typer",
     *OPENCV_BUILDS,
     *ONNXRUNTIME_BUILDS,
-    "torch",
-    "torchvision",
-    "timm",
-    "onnx",
-    "onnxscript",
-    "numba",
+    *TRAINING_PACKAGES,
 )
 # The module of each distribution that is test-imported.
 _MODULES: Final = {

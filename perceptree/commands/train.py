@@ -80,7 +80,8 @@ _Recipe = Annotated[
 _Steps = Annotated[
     int | None,
     typer.Option(
-        help="Stop after this many steps; a larger number extends a run. [20000, paper 60000]"
+        help="Stop after this many steps; a larger number extends a run. By default 20000;"
+        " 60000 with the recipe paper."
     ),
 ]
 _Batch = Annotated[int | None, typer.Option(help="Frames per step, over all processes. [8]")]

@@ -15,7 +15,7 @@ import edgetree.export
 from edgetree import TreeDetector, default_model
 from edgetree.bench import files as bench_files
 from edgetree.bench.files import (
-    BACKBONES,
+    NETWORKS,
     ROUNDS,
     TableSettings,
     bench_in_turn,
@@ -195,7 +195,7 @@ def test_the_networks_are_those_of_perceptree() -> None:
     pytest.importorskip("torch")
     from perceptree.models import PRESETS
 
-    assert set(BACKBONES) == set(PRESETS)
+    assert set(NETWORKS) == set(PRESETS)
 
 
 BAD_SETTINGS = {

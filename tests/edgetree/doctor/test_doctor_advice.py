@@ -34,6 +34,8 @@ VERSIONS = {
     "torch": "2.15.0",
     "torchvision": "0.29.2",
     "timm": "1.0",
+    "pycocotools": "2.0",
+    "safetensors": "0.5",
     "onnx": "1.23",
     "onnxscript": "0.7",
     "numba": "0.68",
