@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from calib.camera import PinholeCamera
-from calib.errors import CameraError, DepthError, InputFileError
-from calib.files.text import parse, read_text
+from calib.errors import CameraError, DepthError
+from calib.files.text import parse_record
 from calib.points import pixels_to_rays
 from calib.writing import write_whole
 
@@ -377,10 +377,7 @@ def load_depth_scale(path: Path | str) -> DepthScale:
         DepthError: If a value is invalid; the message names the file.
     """
     path = Path(path)
-    values = parse(path, read_text(path, _EXPECTED), _EXPECTED)
-    found = values.get("schema") if isinstance(values, Mapping) else type(values).__name__
-    if not isinstance(values, Mapping) or found != SCHEMA:
-        raise InputFileError(f"{path}: schema is {found!r}, expected {SCHEMA!r}")
+    values = parse_record(path, SCHEMA, _EXPECTED)
     try:
         return DepthScale.from_dict(values)
     except DepthError as error:

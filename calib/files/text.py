@@ -5,7 +5,7 @@ from __future__ import annotations
 import configparser
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, cast
 from xml.etree import ElementTree
@@ -61,6 +61,24 @@ def parse(path: Path, text: str, expected: str) -> Any:
     except (ValueError, RecursionError, ElementTree.ParseError, configparser.Error) as error:
         reason = " ".join(str(error).split())
         raise InputFileError(f"{path}: not {kind} ({reason}), expected {expected}") from error
+
+
+def parse_record(path: Path, schema: str, expected: str) -> Mapping[str, Any]:
+    """Read a file of this project's own format.
+
+    Args:
+        path: The file.
+        schema: Value of its field ``schema``.
+        expected: What the file should be, for the message.
+
+    Raises:
+        InputFileError: If the file is missing, unreadable or has another schema.
+    """
+    values = parse(path, read_text(path, expected), expected)
+    found = values.get("schema") if isinstance(values, Mapping) else type(values).__name__
+    if not isinstance(values, Mapping) or found != schema:
+        raise InputFileError(f"{path}: schema is {found!r}, expected {schema!r}")
+    return values
 
 
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

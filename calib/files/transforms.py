@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from calib.errors import CalibError, InputFileError
-from calib.files.text import parse, read_text
+from calib.errors import CalibError
+from calib.files.text import parse_record
 from calib.transform import RigidTransform
 from calib.writing import write_whole
 
@@ -31,10 +31,7 @@ def load_transform(path: Path | str) -> RigidTransform:
         CalibError: If a value is invalid; the message names the file.
     """
     path = Path(path)
-    values = parse(path, read_text(path, _EXPECTED), _EXPECTED)
-    found = values.get("schema") if isinstance(values, Mapping) else type(values).__name__
-    if not isinstance(values, Mapping) or found != SCHEMA:
-        raise InputFileError(f"{path}: schema is {found!r}, expected {SCHEMA!r}")
+    values = parse_record(path, SCHEMA, _EXPECTED)
     try:
         return _build(values)
     except CalibError as error:

@@ -12,6 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from edgetree.detections import MASK_SIZE
 from edgetree.errors import ModelFileError
 from edgetree.model_file.manifest import METADATA_KEY, Manifest
 from edgetree.model_file.safety_check import Shape, read_model_file
@@ -197,7 +198,7 @@ class FakeSession:
             "boxes": boxes,
             "scores": scores,
             "keypoints": keypoints,
-            "masks": np.ones((count, 28, 28), np.float32) if masks is None else masks,
+            "masks": np.ones((count, MASK_SIZE, MASK_SIZE), np.float32) if masks is None else masks,
         }
         outputs: dict[str, NDArray[Any]] = {}
         for output in manifest.outputs:

@@ -15,7 +15,6 @@ from perceptree.errors import DatasetError
 Float = NDArray[np.floating[Any]]
 
 SPLITS = ("train", "val", "test")
-KEYPOINTS = 5
 
 
 @dataclass(frozen=True, eq=False, slots=True)

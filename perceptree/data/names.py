@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from perceptree.data.coco import KEYPOINTS
 from perceptree.data.entries import EntryError, refuse, rows
 from perceptree.errors import DatasetError
 from perceptree.keypoints import KEYPOINT_NAMES
@@ -217,7 +216,7 @@ def _map_keypoints(
     if not all(isinstance(name, str) for name in names):
         raise DatasetError(f"keypoints of category {category['name']!r}: expected their names")
     found = [_KEYPOINT_OF.get(_normalise(name)) for name in names]
-    places = tuple(found.index(k) if k in found else -1 for k in range(KEYPOINTS))
+    places = tuple(found.index(k) if k in found else -1 for k in range(len(KEYPOINT_NAMES)))
     if max(places) < 0:
         listed = ", ".join(names)
         return KeypointMap(len(names), None), [
@@ -225,7 +224,7 @@ def _map_keypoints(
         ]
     missing = [name for name, place in zip(KEYPOINT_NAMES, places, strict=True) if place < 0]
     messages = [f"the file has no keypoint {', '.join(missing)}"] if missing else []
-    if len(names) > KEYPOINTS - len(missing):
+    if len(names) > len(KEYPOINT_NAMES) - len(missing):
         others = [name for name, known in zip(names, found, strict=True) if known is None]
         messages += [f"keypoints left out: {', '.join(others)}"] if others else []
     return KeypointMap(len(names), places), messages
@@ -241,12 +240,12 @@ def _unnamed_keypoints(
             count, rest = divmod(len(listed), 3) if isinstance(listed, list) else (0, 1)
             if rest:
                 raise EntryError(annotation, "annotation", "keypoints", "x, y, flag of each")
-            if count == KEYPOINTS:
+            if count == len(KEYPOINT_NAMES):
                 order = ", ".join(KEYPOINT_NAMES)
                 return KeypointMap(count, tuple(range(count))), [
                     f"keypoints have no names: taken as {order}"
                 ]
             return KeypointMap(count, None), [
-                f"keypoints are left out: {count} without names, expected {KEYPOINTS}"
+                f"keypoints are left out: {count} without names, expected {len(KEYPOINT_NAMES)}"
             ]
-    return KeypointMap(KEYPOINTS, tuple(range(KEYPOINTS))), []
+    return KeypointMap(len(KEYPOINT_NAMES), tuple(range(len(KEYPOINT_NAMES)))), []

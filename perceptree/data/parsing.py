@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib import opencv_to_image
-from perceptree.data.coco import KEYPOINTS, FrameRecord, TreeRecord
+from perceptree.data.coco import FrameRecord, TreeRecord
 from perceptree.data.entries import (
     Entry,
     EntryError,
@@ -25,6 +25,7 @@ from perceptree.data.entries import (
 from perceptree.data.names import KeypointMap, NameMap, map_names
 from perceptree.data.pictures import Pictures
 from perceptree.errors import DatasetError
+from perceptree.keypoints import KEYPOINT_NAMES
 
 OnError = Callable[[EntryError], None]
 
@@ -34,8 +35,8 @@ _FILE_FIELDS = ("file_name", "depth_file", "depth8_file")
 _BORDER_PX = 1.0
 _CHUNK = 512
 _FLAGS = frozenset((0, 1, 2))
-_IN_ORDER = tuple(range(KEYPOINTS))
-_NOTHING = [0.0] * (3 * KEYPOINTS)
+_IN_ORDER = tuple(range(len(KEYPOINT_NAMES)))
+_NOTHING = [0.0] * (3 * len(KEYPOINT_NAMES))
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,7 +230,7 @@ class Parser:
         Returns:
             (N, 5, 3) x, y, flag.
         """
-        places = np.array(found.points, np.float64).reshape(-1, KEYPOINTS, 3)
+        places = np.array(found.points, np.float64).reshape(-1, len(KEYPOINT_NAMES), 3)
         sizes = np.array(found.sizes, np.float64).reshape(-1, 1, 2)
         labelled = places[..., 2] > 0
         places[..., :2] = opencv_to_image(places[..., :2])
