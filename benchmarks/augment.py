@@ -29,6 +29,7 @@ import cv2
 import numpy as np
 import torch
 import torchvision
+from scratch import CANDIDATES
 from torchvision import tv_tensors
 from torchvision.transforms import v2
 
@@ -62,30 +63,7 @@ ALL: dict[str, Any] = {
     "noise": 8,
     **TONE,
 }
-FAULTS = replace(
-    AugmentSettings(),
-    far_noise_m=0.3,
-    far_step_m=0.5,
-    range_loss=0.4,
-    stereo_px_m=35,
-    edge_loss_px=3,
-    hole_area=0.1,
-)
-STRONG = replace(
-    AugmentSettings(),
-    shadow=0.6,
-    vignette=0.5,
-    hue_deg=20,
-    grey_share=0.05,
-    curves=0.4,
-    channel_shuffle_share=0.05,
-    blur_px=1.5,
-    motion_blur_px=6,
-    sharpening=1,
-    cutouts=4,
-    chroma_noise=5,
-    jpeg_share=0.3,
-)
+STRONG, FAULTS = (CANDIDATES[name][1]["augment"] for name in ("colours", "faults"))
 
 
 @dataclass(frozen=True)

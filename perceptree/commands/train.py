@@ -51,7 +51,7 @@ _Modality = Annotated[
     str | None, typer.Option(help="Input of the model: depth (the default) or rgb.")
 ]
 _Side = Annotated[int | None, typer.Option(help="Size of the input in px; by default the model's.")]
-_Branch = Annotated[
+_HasBranch = Annotated[
     bool | None, typer.Option(help="Whether the model has this branch; by default the preset's.")
 ]
 _FreezeLevel = Annotated[
@@ -97,7 +97,7 @@ _EvaluateEvery = Annotated[
         help="Steps between evaluations on val; by default the recipe's.",
     ),
 ]
-_From = Annotated[
+_BranchedRun = Annotated[
     Path | None,
     typer.Option(
         "--branch",
@@ -133,12 +133,12 @@ def train(
     recipe: _Recipe = None,
     model: _Model = None,
     init: _Init = None,
-    branch: _From = None,
+    branch: _BranchedRun = None,
     modality: _Modality = None,
     height: _Side = None,
     width: _Side = None,
-    masks: _Branch = None,
-    keypoints: _Branch = None,
+    masks: _HasBranch = None,
+    keypoints: _HasBranch = None,
     freeze_level: _FreezeLevel = None,
     frozen_norms: _FrozenNorms = None,
     minutes: Annotated[

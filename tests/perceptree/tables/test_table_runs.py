@@ -28,6 +28,18 @@ TINY: dict[str, Any] = {
     "batch": 2,
 }
 ENGINE = Engine(precision="fp32", workers=0)
+ONE_SMALL_STEP = [
+    "--steps",
+    "1",
+    "--height",
+    "64",
+    "--width",
+    "96",
+    "--batch",
+    "2",
+    "--precision",
+    "fp32",
+]
 BOTH = "keypoint & mask"
 
 
@@ -92,22 +104,7 @@ def test_a_result_equals_the_checkpoints_score_on_the_test_frames(
     call: Call, posts: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
-    options = (
-        "--table",
-        3,
-        "--steps",
-        1,
-        "--seeds",
-        3,
-        "--height",
-        64,
-        "--width",
-        96,
-        "--batch",
-        2,
-        "--precision",
-        "fp32",
-    )
+    options = ("--table", 3, "--seeds", 3, *ONE_SMALL_STEP)
     code, printed, told = call("tables", posts, "--out", out, *options)
     assert code == 0
     assert "| edge-n, Depth | keypoint-only" in printed
@@ -129,22 +126,7 @@ def test_a_result_equals_the_checkpoints_score_on_the_test_frames(
 def test_the_papers_six_models_are_trained_and_listed(
     call: Call, posts: Path, tmp_path: Path
 ) -> None:
-    options = (
-        "--table",
-        2,
-        "--steps",
-        1,
-        "--seeds",
-        0,
-        "--height",
-        64,
-        "--width",
-        96,
-        "--batch",
-        2,
-        "--precision",
-        "fp32",
-    )
+    options = ("--table", 2, "--seeds", 0, *ONE_SMALL_STEP)
     code, printed, _ = call("tables", posts, "--out", tmp_path / "out", *options, "--json")
     assert code == 0
     rows = json.loads(printed)["rows"]
