@@ -4,11 +4,11 @@ python benchmarks/field.py WORK --tests TEST,FIELD_TEST --pictures PICTURES/inst
     --mixes paper-0,field-0,paper-1,field-1,none,scene,camera,objects,colours --result FILE.json
 
 ``paper-N`` and ``field-N`` train for ``--minutes`` with seed N. Each group of ``FIELD_GROUPS`` is
-added to ``paper`` alone and trained for half the time, as is ``none``, which is ``paper``; these
-short runs give hints, not decisions. Every network starts from the same weights (``--start``, by
-default random). It is evaluated on the test split of each of TESTS and, as a float32 file, on the
-real pictures. WORK keeps datasets (640x360 px, four views per scene), runs and scores. Existing
-ones are reused, so that mixes can run in several single-threaded processes
+added to ``paper`` alone and trained for half the time on a third of the frames, as is ``none``,
+which is ``paper``; these short runs give hints, not decisions. Every network starts from the same
+weights (``--start``, by default random). It is evaluated on the test split of each of TESTS and, as
+a float32 file, on the real pictures. WORK keeps datasets (640x360 px, four views per scene), runs
+and scores. Existing ones are reused, so that mixes can run in several single-threaded processes
 (``OMP_NUM_THREADS=1``).
 """
 
@@ -54,13 +54,14 @@ def run(name: str, arguments: argparse.Namespace) -> dict[str, Any]:
     """Simulate, train and evaluate one mix, or read the scores of an earlier run."""
     mix, _, seed = name.partition("-")
     whole = mix in ("paper", "field")
-    data = arguments.work / "data" / ("paper" if mix == NONE else mix)
+    frames = arguments.frames if whole else arguments.frames // 3
+    data = arguments.work / "data" / mix
     folder = arguments.work / "runs" / name
     found = folder / "scores.json"
     if found.exists():
         return dict(json.loads(found.read_text("utf-8")))
     sys.stderr.write(f"{name}: simulating\n")
-    generate_dataset(data, arguments.frames, settings_of(mix), SEED, workers=arguments.workers)
+    generate_dataset(data, frames, settings_of(mix), SEED, workers=arguments.workers)
     sys.stderr.write(f"{name}: training\n")
     minutes = arguments.minutes / (1 if whole else 2)
     settings = recipe_settings(
@@ -74,11 +75,11 @@ def run(name: str, arguments: argparse.Namespace) -> dict[str, Any]:
     start = arguments.start
     spec = make_spec("edge-n", "rgb") if start is None else load_checkpoint(start)[0].spec
     report = train(spec, settings, data, folder, init=start)
-    scores: dict[str, Any] = {"minutes": minutes, "steps": report.steps}
+    scores: dict[str, Any] = {"minutes": minutes, "frames": frames, "steps": report.steps}
     model = load_checkpoint(report.checkpoint)[0].eval()
     for test in arguments.tests.split(","):
-        frames = FrameStore(read_split(Path(test), "test"), model.spec)
-        metrics = evaluate(predict_with(model), frames, 4).to_dict()
+        store = FrameStore(read_split(Path(test), "test"), model.spec)
+        metrics = evaluate(predict_with(model), store, 4).to_dict()
         scores[Path(test).name] = {measure: metrics[measure] for measure in MEASURES}
     scores["real pictures"] = real(report.checkpoint, data, folder, arguments.pictures)
     found.write_text(json.dumps(scores), "utf-8")
@@ -133,7 +134,7 @@ def main() -> None:
             )
     rows = {name: run(name, arguments) for name in arguments.mixes.split(",")}
     if arguments.result is not None:
-        result = {"frames": arguments.frames, "start": arguments.start and arguments.start.name}
+        result = {"start": arguments.start and arguments.start.name}
         arguments.result.write_text(json.dumps(result | {"rows": rows}, indent=1) + "\n", "utf-8")
 
 
