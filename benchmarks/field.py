@@ -4,7 +4,7 @@ python benchmarks/field.py WORK --tests TEST,FIELD_TEST --pictures PICTURES/inst
     --mixes paper-0,field-0,paper-1,field-1,none,scene,camera,objects,colours --result FILE.json
 
 ``paper-N`` and ``field-N`` train for ``--minutes`` with seed N. Each group of ``FIELD_GROUPS`` is
-added to ``paper`` alone and trained for half the time on a third of the frames, as is ``none``,
+added to ``paper`` alone and trained for half the time on a quarter of the frames, as is ``none``,
 which is ``paper``; these short runs give hints, not decisions. Every network starts from the same
 weights (``--start``, by default random). It is evaluated on the test split of each of TESTS and, as
 a float32 file, on the real pictures. WORK keeps datasets (640x360 px, four views per scene), runs
@@ -54,7 +54,7 @@ def run(name: str, arguments: argparse.Namespace) -> dict[str, Any]:
     """Simulate, train and evaluate one mix, or read the scores of an earlier run."""
     mix, _, seed = name.partition("-")
     whole = mix in ("paper", "field")
-    frames = arguments.frames if whole else arguments.frames // 3
+    frames = arguments.frames if whole else arguments.frames // 4
     data = arguments.work / "data" / mix
     folder = arguments.work / "runs" / name
     found = folder / "scores.json"
