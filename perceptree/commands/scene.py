@@ -18,7 +18,10 @@ def scene(
     ] = 0,
     preset: Annotated[
         str | None,
-        typer.Option(help="Preset of the simulator: paper, field, drive, plain, test."),
+        typer.Option(
+            help="Preset of the simulator: paper, field (the default), drive, plain, test,"
+            " field-test."
+        ),
     ] = None,
 ) -> None:
     """Export the scene of one seed as binary glTF: ground, named trees, undergrowth."""

@@ -30,7 +30,10 @@ def synth(
     seed: Annotated[int | None, typer.Option(help="Seed of the simulation. [0]")] = None,
     preset: Annotated[
         str | None,
-        typer.Option(help="Preset: paper, field, drive, plain, test, field-test."),
+        typer.Option(
+            help="Preset: paper, field, drive, plain, test, field-test. By default 400 frames of"
+            " field."
+        ),
     ] = None,
     settings: Annotated[
         Path | None,
@@ -97,20 +100,22 @@ def chosen_preset(name: str | None, settings_file: Path | None = None) -> Preset
     """Return a preset, with the changes of a settings file.
 
     Args:
-        name: Name of the preset; None for the default settings.
+        name: Name of the preset; None for 400 frames in the conditions of ``field``.
         settings_file: JSON file with changed settings.
 
     Raises:
         SettingsError: If the preset is unknown or the file is invalid.
     """
     from perceptree.simulator.settings import SimulatorSettings
+    from perceptree.simulator.settings.field import field_settings
     from perceptree.simulator.settings.presets import PRESETS, Preset
     from perceptree.simulator.settings.reading import read_settings
 
     if name is not None and name not in PRESETS:
         known = "; ".join(f"{p.name} ({p.description})" for p in PRESETS.values())
         raise SettingsError(f"--preset is {name!r}: expected one of {known}")
-    start = PRESETS[name] if name else Preset("default", SimulatorSettings(), 0, 400, "")
+    default = Preset("default", field_settings(SimulatorSettings()), 0, 400, "")
+    start = PRESETS[name] if name else default
     if settings_file is None:
         return start
     return dataclasses.replace(start, settings=read_settings(settings_file, start.settings))

@@ -14,11 +14,16 @@ Node = TypeVar("Node")
 
 
 def read_settings(path: Path, start: SimulatorSettings) -> SimulatorSettings:
-    """``start`` with the values of a file; what the file does not name stays as it is.
+    """Read settings from a file.
 
-    The file holds an object with the tree's names, such as
-    ``{"stand": {"stems_per_ha": [400, 500]}}``, or is a dataset's ``settings.json``. Raises
-    SettingsError for what cannot be read, is no setting or out of its bounds.
+    Args:
+        path: A JSON object of changed settings, such as
+            ``{"stand": {"stems_per_ha": [400, 500]}}``, or the ``settings.json`` of a dataset.
+        start: What the changes are applied to. The record of a dataset is complete and does not
+            use it: what it leaves out was off.
+
+    Raises:
+        SettingsError: If the file cannot be read, or a name or value is wrong.
     """
     try:
         values = json.loads(path.read_text("utf-8"))
@@ -27,7 +32,7 @@ def read_settings(path: Path, start: SimulatorSettings) -> SimulatorSettings:
     except ValueError as error:
         raise SettingsError(f"{path}: not JSON ({error})") from error
     if isinstance(values, dict) and "sha256" in values:
-        values = values.get("settings")
+        start, values = SimulatorSettings(), values.get("settings")
     try:
         return _changed(start, values, "")
     except SettingsError as error:

@@ -40,7 +40,8 @@ def test_a_whole_tree_comes_back_as_it_was_written(tmp_path: Path, model: str, s
     base = PRESETS["plain"].settings
     saved = dataclasses.replace(base, camera=dataclasses.replace(base.camera, intrinsics=camera))
     record = {"settings": saved.to_dict(), "seed": 1, "sha256": "x"}
-    assert read_settings(written(tmp_path, record), SimulatorSettings()) == saved
+    for start in (SimulatorSettings(), PRESETS["field"].settings):
+        assert read_settings(written(tmp_path, record), start) == saved
 
 
 @pytest.mark.parametrize(

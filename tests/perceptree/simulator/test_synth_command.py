@@ -218,3 +218,13 @@ def test_a_mistake_with_a_scene_is_one_line(call: Call, mistake: str):
     assert (code, printed) == (2, "")
     assert told.count("\n") == 1
     assert expected in told
+
+
+def test_without_a_preset_the_frames_are_of_the_field(call: Call, tmp_path: Path):
+    code, _, _ = call("synth", "--out", tmp_path / "own", "--frames", 8, *SMALL)
+    assert code == 0
+    kept = settings_of(tmp_path / "own")
+    field = json.loads(json.dumps(presets.PRESETS["field"].settings.to_dict()))
+    for group in ("clutter", "objects", "weather", "stand", "imaging", "randomisation"):
+        assert kept["settings"][group] == field[group]
+    assert (kept["seed"], kept["settings"]["splits"]) == (0, {"val": 0.1, "test": 0.1})
