@@ -13,9 +13,11 @@ from calib.files import (
     camodocal,
     kalibr,
     opencv,
+    orb_slam,
     own,
     realsense,
     ros_camera_info,
+    ros_message,
     ros_parameters,
     zed,
 )
@@ -40,24 +42,28 @@ class _Format(NamedTuple):
     build: Callable[[Values], PinholeCamera]
 
 
-# In order of trial: ROS's camera_info also matches OpenCV's less specific format.
+# In order of trial: the first that finds a camera reads the file, so general formats come last.
 _FORMATS = (
     _Format(own.SCHEMA, own.find, own.build),
     _Format("ROS camera_info", ros_camera_info.find, ros_camera_info.build),
     _Format("OpenCV", opencv.find, opencv.build),
+    _Format("ROS CameraInfo messages", ros_message.find, ros_message.build),
     _Format("Kalibr camchain", kalibr.find, kalibr.build),
     _Format("CamOdoCal", camodocal.find, camodocal.build),
+    _Format("ORB-SLAM settings", orb_slam.find, orb_slam.build),
     _Format("RealSense", realsense.find, realsense.build),
     _Format("ZED", zed.find, zed.build),
     _Format("ROS parameters", ros_parameters.find, ros_parameters.build),
+    _Format("fx, fy, cx and cy alone", own.find_plain, own.build_plain),
 )
 
 
 def load_camera(path: Path | str, *, name: str | None = None) -> PinholeCamera:
     """Read a camera file; the format is recognised by the content.
 
-    Supported: the project's own JSON, ROS camera_info and parameter files, OpenCV FileStorage
-    (YAML, XML), Kalibr camchains, CamOdoCal, RealSense (text, JSON) and ZED factory calibration.
+    Supported: the project's own JSON, also without its schema; ROS camera_info, CameraInfo messages
+    as ``ros2 topic echo`` prints them, and parameter files; OpenCV FileStorage (YAML, XML); Kalibr
+    camchains; CamOdoCal; ORB-SLAM settings; RealSense (text, JSON); ZED factory calibration.
 
     Args:
         path: The file.
@@ -71,6 +77,8 @@ def load_camera(path: Path | str, *, name: str | None = None) -> PinholeCamera:
     path = Path(path)
     text = read_text(path, _EXPECTED)
     values: Any = realsense.parse_text(text) or parse(path, text, _EXPECTED)
+    if isinstance(values, list):
+        values = ros_message.by_frame(values)
     for form in _FORMATS:
         if isinstance(values, Mapping) and (cameras := form.find(values)):
             chosen = _choose(path, cameras, name)

@@ -14,6 +14,11 @@ from calib.errors import CameraError
 
 Values = Mapping[str, Any]
 
+_SIZES = (
+    ("image_width", "image_height"),
+    ("image_Width", "image_Height"),  # OpenCV 2
+    ("width", "height"),
+)
 _FULL_RATIONAL = 8  # OpenCV's further terms are thin prisms and tilted sensors
 
 
@@ -78,7 +83,7 @@ def size(values: Values) -> tuple[int, int]:
     Read from image_width and image_height, width and height, or resolution.
     """
     sizes = set()
-    for width, height in (("image_width", "image_height"), ("width", "height")):
+    for width, height in _SIZES:
         if width in values or height in values:
             sizes.add((number(values, width), number(values, height)))
     if "resolution" in values:

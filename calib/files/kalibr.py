@@ -13,11 +13,12 @@ _TERMS = 4
 
 
 def find(values: Values) -> dict[str, Values]:
-    """Return every top-level map that has intrinsics."""
+    """Return every top-level map that has a list of intrinsics."""
     return {
         str(name): camera_values
         for name, camera_values in values.items()
-        if isinstance(camera_values, Mapping) and "intrinsics" in camera_values
+        if isinstance(camera_values, Mapping)
+        and not isinstance(camera_values.get("intrinsics", {}), Mapping)
     }
 
 

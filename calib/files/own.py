@@ -1,4 +1,4 @@
-"""The project's own camera files: versioned JSON."""
+"""The project's own camera files: versioned JSON, or the values of a camera alone."""
 
 from __future__ import annotations
 
@@ -7,6 +7,9 @@ from calib.errors import CameraError
 from calib.files.fields import Values
 
 SCHEMA = "calib.camera/1"
+
+_PINHOLE = ("fx", "fy", "cx", "cy")
+_FIELDS = ("width", "height", *_PINHOLE, "distortion", "distortion_model", "focal_std_px")
 
 
 def find(values: Values) -> dict[str, Values]:
@@ -18,4 +21,22 @@ def build(values: Values) -> PinholeCamera:
     """Create the camera from the values of ``PinholeCamera.to_dict``."""
     if values["schema"] != SCHEMA:
         raise CameraError(f"schema is {values['schema']!r}, expected {SCHEMA!r}")
+    return PinholeCamera.from_dict(values)
+
+
+def find_plain(values: Values) -> dict[str, Values]:
+    """Return the values if they hold fx, fy, cx and cy."""
+    return {"": values} if all(name in values for name in _PINHOLE) else {}
+
+
+def build_plain(values: Values) -> PinholeCamera:
+    """Create the camera from the values of ``PinholeCamera.to_dict`` without a schema.
+
+    Such a file may be another tool's, so other fields, such as k1, are refused.
+    """
+    unknown = sorted(str(name) for name in values if name not in _FIELDS)
+    if unknown:
+        raise CameraError(
+            f"the file has {', '.join(unknown)} and no schema: expected only {', '.join(_FIELDS)}"
+        )
     return PinholeCamera.from_dict(values)

@@ -16,6 +16,12 @@ _PRINTED = re.compile(
     r"\[ *(?P<width>\d+)x(?P<height>\d+) +p\[(?P<ppx>\S+) (?P<ppy>\S+)\]"
     r" +f\[(?P<fx>\S+) (?P<fy>\S+)\] +(?P<model>[\w -]+?) +\[(?P<coeffs>[^\]]*)\] *\]"
 )
+_PRINTED_OLD = re.compile(
+    r"width: (?P<width>\d+), height: (?P<height>\d+), ppx: (?P<ppx>\S+), ppy: (?P<ppy>\S+),"
+    r" fx: (?P<fx>\S+), fy: (?P<fy>\S+),\s+model: (?P<model>[\w -]+),"
+    r" coeffs: \[(?P<coeffs>[^\]]*)\]"
+)
+_MODEL_NAMES = ("model", "distortion", "distortion_model")
 _SUPPORTED = {"none": RADTAN, "brown conrady": RADTAN, "kannala brandt4": FISHEYE}
 _UNSUPPORTED = {"inverse brown conrady": RADTAN, "modified brown conrady": RADTAN}
 
@@ -23,12 +29,16 @@ _UNSUPPORTED = {"inverse brown conrady": RADTAN, "modified brown conrady": RADTA
 def parse_text(text: str) -> dict[str, Values]:
     """Return the streams in a text by name, such as "Depth 1280x720"; empty for another text.
 
-    pyrealsense2 does not print the stream's name: there the name is size and model.
+    pyrealsense2 does not print the stream's name: there the name is size and model, with a number
+    if another stream has the same.
     """
-    streams: dict[str, Values] = {
-        "{width}x{height} {model}".format(**printed.groupdict()): printed.groupdict()
-        for printed in _PRINTED.finditer(text)
-    }
+    streams: dict[str, Values] = {}
+    for printed in (*_PRINTED.finditer(text), *_PRINTED_OLD.finditer(text)):
+        values = {**printed.groupdict(), "coeffs": printed["coeffs"].replace(",", " ")}
+        if values not in streams.values():
+            name = "{width}x{height} {model}".format(**values)
+            same = sum(known.startswith(name) for known in streams)
+            streams[f"{name} {same + 1}" if same else name] = values
     current: dict[str, Any] | None = None
     for line in text.splitlines():
         if header := _HEADER.search(line):
@@ -41,15 +51,15 @@ def parse_text(text: str) -> dict[str, Values]:
     return streams
 
 
-def find(values: Values) -> dict[str, Values]:
-    """Return one unnamed stream, or several by name."""
+def find(values: Values, name: str = "") -> dict[str, Values]:
+    """Return every map with a ppx, at any depth, by its keys: "color" or "color.intrinsics"."""
     if "ppx" in values:
-        return {"": values}
-    return {
-        str(name): stream
-        for name, stream in values.items()
-        if isinstance(stream, Mapping) and "ppx" in stream
-    }
+        return {name: values}
+    found: dict[str, Values] = {}
+    for key, inner in values.items():
+        if isinstance(inner, Mapping):
+            found.update(find(inner, f"{name}.{key}" if name else str(key)))
+    return found
 
 
 def build(values: Values) -> PinholeCamera:
@@ -59,11 +69,16 @@ def build(values: Values) -> PinholeCamera:
     inverse and modified Brown Conrady models have other formulas and are accepted only if all terms
     are 0.
     """
-    given = str(values.get("model", values.get("distortion")))
-    name = re.sub(r"^(distortion\.|rs2_distortion_)", "", given.lower()).replace("_", " ")
     terms = numbers(values, "coeffs")
     if len(terms) != 5:
         raise CameraError(f"coeffs has {len(terms)} numbers: expected 5")
+    names = [name for name in _MODEL_NAMES if name in values]
+    if not names and any(terms):
+        raise CameraError(f"{' or '.join(_MODEL_NAMES)} is missing: expected the model of coeffs")
+    given = str(values[names[0]]) if names else "none"
+    name = re.sub(r"^(distortion\.|rs2_distortion_)", "", given.lower()).replace("_", " ")
+    if name == "none" and any(terms):
+        raise CameraError(f"the model is {given} with terms {list(terms)}: expected terms of 0")
     if name in _UNSUPPORTED and any(terms):
         raise CameraError(
             f"the model is {given} with terms {list(terms)}: expected Brown Conrady, because the"

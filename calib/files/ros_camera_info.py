@@ -5,7 +5,7 @@ from __future__ import annotations
 from calib.camera import FISHEYE, RADTAN, PinholeCamera
 from calib.files.fields import Values, camera, lens_model, matrix, numbers, one_of, size
 
-_MODELS = {"plumb_bob": RADTAN, "rational_polynomial": RADTAN, "equidistant": FISHEYE}
+MODELS = {"plumb_bob": RADTAN, "rational_polynomial": RADTAN, "equidistant": FISHEYE}
 
 
 def find(values: Values) -> dict[str, Values]:
@@ -21,5 +21,5 @@ def build(values: Values) -> PinholeCamera:
         size(values),
         matrix(values, "camera_matrix"),
         numbers(values, one_of(values, "distortion_coefficients", "distortion_coeffs")),
-        lens_model("distortion_model", name, _MODELS),
+        lens_model("distortion_model", name, MODELS),
     )

@@ -14,6 +14,7 @@ from calib.errors import InputFileError
 
 _INI = re.compile(r"(\s*[;#].*\n)*\s*\[[A-Za-z]\w*\]\s*\n")
 _OLD_OPENCV_HEADER = re.compile(r"\s*%YAML:1\.0[^\n]*\n")
+_NO_SPACE_AFTER_KEY = re.compile(r"^(\s*[A-Za-z_][\w.]*:)(?=[\d\[\"-])", re.MULTILINE)
 
 
 def read_text(path: Path, expected: str) -> str:
@@ -37,7 +38,7 @@ def read_text(path: Path, expected: str) -> str:
 
 
 def parse(path: Path, text: str, expected: str) -> Any:
-    """Parse JSON, XML, INI or YAML.
+    """Parse JSON, XML, INI or YAML; a YAML file of several documents becomes a list.
 
     Args:
         path: The file, for messages.
@@ -115,7 +116,10 @@ def _parse_xml(text: str) -> Any:
 
 
 def _parse_yaml(text: str) -> Any:
-    """Parse YAML, including OpenCV's matrices, which become maps. Repeated keys are an error."""
+    """Parse YAML, including OpenCV's matrices, which become maps. Repeated keys are an error.
+
+    Several documents become a list. OpenCV's old YAML needs no space between a key and its value.
+    """
     import yaml
 
     class Loader(yaml.SafeLoader):
@@ -131,7 +135,10 @@ def _parse_yaml(text: str) -> Any:
         "tag:yaml.org,2002:opencv-matrix",
         lambda loader, node: loader.construct_mapping(cast("yaml.MappingNode", node), deep=True),
     )
+    if _OLD_OPENCV_HEADER.match(text):
+        text = _NO_SPACE_AFTER_KEY.sub(r"\1 ", _OLD_OPENCV_HEADER.sub("", text, count=1))
     try:
-        return yaml.load(_OLD_OPENCV_HEADER.sub("", text, count=1), Loader)
+        documents = [item for item in yaml.load_all(text, Loader) if item is not None]
+        return documents if len(documents) > 1 else next(iter(documents), None)
     except yaml.YAMLError as error:
         raise ValueError(str(error)) from error

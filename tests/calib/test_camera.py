@@ -115,6 +115,49 @@ def test_a_camera_file_round_trips(tmp_path: Path, camera: PinholeCamera) -> Non
     assert list(tmp_path.iterdir()) == [path]
 
 
+@pytest.mark.parametrize(
+    "camera",
+    [
+        replace(CAMERA, distortion=()),
+        replace(CAMERA, focal_std_px=1.25),
+        replace(CAMERA, distortion=(0.1, 0.2, 0.3, 0.4), distortion_model="fisheye"),
+    ],
+)
+def test_the_values_of_a_camera_need_no_schema(tmp_path: Path, camera: PinholeCamera) -> None:
+    path = tmp_path / "camera.json"
+    path.write_text(json.dumps(camera.to_dict()))
+    assert load_camera(path) == camera
+
+
+def test_distortion_is_optional_without_a_schema(tmp_path: Path) -> None:
+    path = tmp_path / "camera.json"
+    path.write_text('{"width": 640, "height": 480, "fx": 500, "fy": 501, "cx": 320, "cy": 240}')
+    assert load_camera(path) == PinholeCamera(640, 480, 500, 501, 320, 240)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (
+            {"k1": -0.1, "k2": 0.01},
+            "the file has k1, k2 and no schema: expected only width, height",
+        ),
+        ({"schema": "other/1"}, "schema is 'other/1', expected 'calib.camera/1'"),
+        ({"width": None}, "camera field width is None: expected a number"),
+        ({"distortion": [0.1]}, "distortion has 1 terms: expected none, 4"),
+        ({"distortion_model": "plumb_bob"}, "distortion_model is 'plumb_bob': expected radtan"),
+    ],
+)
+def test_values_without_a_schema_are_checked(
+    tmp_path: Path, change: dict[str, object], message: str
+) -> None:
+    path = tmp_path / "camera.json"
+    path.write_text(json.dumps({**CAMERA.to_dict(), **change}))
+    with pytest.raises(CameraError) as caught:
+        load_camera(path)
+    assert str(caught.value).startswith(f"{path}: {message}")
+
+
 def _with(field: str, other: str) -> str:
     """A camera file with another text for one of its fields."""
     values = '"width": 640, "height": 480, "fx": 500, "fy": 500, "cx": 320, "cy": 240'

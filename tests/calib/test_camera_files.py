@@ -116,12 +116,43 @@ PARAMETERS = """\
           D: [-0.0396, -0.0022, 0.0006, -0.0004]
 """
 
+# OpenCV 2's calibration program
+OPENCV_2 = """\
+<?xml version="1.0"?>
+<opencv_storage>
+<calibration_Time>"Fri 24 Oct 2014 10:12:07 AM CEST"</calibration_Time>
+<nrOfFrames>25</nrOfFrames>
+<image_Width>1280</image_Width>
+<image_Height>720</image_Height>
+<board_Width>9</board_Width>
+<board_Height>6</board_Height>
+<square_Size>50.</square_Size>
+<FixAspectRatio>1.</FixAspectRatio>
+<flagValue>14</flagValue>
+<Camera_Matrix type_id="opencv-matrix">
+  <rows>3</rows>
+  <cols>3</cols>
+  <dt>d</dt>
+  <data>
+    9.0512e+02 0. 6.3985e+02 0. 9.0371e+02 3.6271e+02 0. 0. 1.</data></Camera_Matrix>
+<Distortion_Coefficients type_id="opencv-matrix">
+  <rows>5</rows>
+  <cols>1</cols>
+  <dt>d</dt>
+  <data>
+    1.25e-01 -2.5e-01 1.5e-03 -7.5e-04 0.</data></Distortion_Coefficients>
+<Avg_Reprojection_Error>1.8e-01</Avg_Reprojection_Error>
+</opencv_storage>
+"""
+
 KNOWN = [
     ("ros.yaml", ROS, None, ROS_CAMERA),
+    ("ros.yaml", f"{ROS}---\n", None, ROS_CAMERA),
     ("ros.yaml", ROS, "narrow_stereo/left", ROS_CAMERA),
     ("opencv.yml", OPENCV, None, OPENCV_CAMERA),
     ("opencv5.yml", OPENCV.replace("%YAML:1.0", "%YAML 1.2"), None, OPENCV_CAMERA),
     ("opencv.xml", OPENCV_XML, None, OPENCV_CAMERA),
+    ("opencv2.xml", OPENCV_2, None, OPENCV_CAMERA),
     (
         "sensors.yaml",
         PARAMETERS,
@@ -252,6 +283,13 @@ BROKEN = [
     (OPENCV + "cameraMatrix: [1]\n", None, "camera_matrix and cameraMatrix are both given"),
     (ROS + "distortion_coeffs: [0, 0, 0, 0]\n", None, "are both given: expected one of them"),
     (ROS + "image_width: 320\n", None, "image_width is given twice"),
+    (
+        OPENCV_2.replace(
+            "<flag", "<image_width>640</image_width><image_height>1</image_height><flag"
+        ),
+        None,
+        "the image size is 640x1 and 1280x720: expected one",
+    ),
     (ROS + "resolution: [320, 240]\n", None, "the image size is 320x240 and 640x480: expected"),
     (
         PARAMETERS.replace("      cam_left:", "        radtan: {K: [1], D: [1]}\n      cam_left:"),
@@ -267,6 +305,7 @@ BROKEN = [
     ("a: [1, 2", None, "not YAML"),
     ("<opencv_storage><a></opencv_storage>", None, "not XML"),
     ("<s><a>1</a><a>2</a></s>", None, "a is given twice"),
+    ("a: 1\n---\nb: 2\n", None, "no known camera format"),
     ("[LEFT_CAM_HD]\nfx\n", None, "not INI"),
     ('{"schema": 1, "schema": 2}', None, "schema is given twice"),
 ]

@@ -194,7 +194,7 @@ def opencv_file(path: Path, camera: PinholeCamera) -> None:
     storage.release()
 
 
-def ros_camera_info(camera: PinholeCamera) -> object:
+def ros_camera_info(camera: PinholeCamera) -> dict[str, object]:
     models = {0: "plumb_bob", 4: "plumb_bob", 5: "plumb_bob", 8: "rational_polynomial"}
     fisheye, terms = camera.distortion_model == "fisheye", list(camera.distortion)
     return {
@@ -203,6 +203,31 @@ def ros_camera_info(camera: PinholeCamera) -> object:
         "camera_matrix": {"rows": 3, "cols": 3, "data": matrix_of(camera)},
         "distortion_model": "equidistant" if fisheye else models[len(terms)],
         "distortion_coefficients": {"rows": 1, "cols": len(terms), "data": terms},
+    }
+
+
+def ros_message(camera: PinholeCamera) -> object:
+    info = ros_camera_info(camera)
+    return {
+        "header": {"frame_id": "front"},
+        "width": camera.width,
+        "height": camera.height,
+        "distortion_model": info["distortion_model"],
+        "d": list(camera.distortion),
+        "k": matrix_of(camera),
+    }
+
+
+def orb_slam(camera: PinholeCamera) -> object:
+    fisheye = camera.distortion_model == "fisheye"
+    names = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
+    fields = dict(zip(("fx", "fy", "cx", "cy"), numbers(camera)[2:], strict=True))
+    fields |= dict(zip(names, camera.distortion, strict=False))
+    return {
+        "Camera.type": "KannalaBrandt8" if fisheye else "PinHole",
+        "Camera.width": camera.width,
+        "Camera.height": camera.height,
+        **{f"Camera1.{name}": value for name, value in fields.items()},
     }
 
 
@@ -276,6 +301,7 @@ def as_text(values_of: Callable[[PinholeCamera], object]) -> Callable[[Path, Pin
 
 WITH_FIVE = [lens for lens in LENSES if len(lens[1]) in (0, 5) or lens[0] == "fisheye"]
 WITH_FOUR = [lens for lens in LENSES if len(lens[1]) in (0, 4)]
+UP_TO_FIVE = [lens for lens in LENSES if len(lens[1]) <= 5]
 WITHOUT_FOUR = [lens for lens in LENSES if len(lens[1]) != 4 or lens[0] == "fisheye"]
 HD = (1280, 720)
 FORMATS: dict[str, tuple[str, Callable[[Path, PinholeCamera], None], st.SearchStrategy]] = {
@@ -283,6 +309,8 @@ FORMATS: dict[str, tuple[str, Callable[[Path, PinholeCamera], None], st.SearchSt
     "OpenCV YAML": ("camera.yml", opencv_file, cameras()),
     "OpenCV XML": ("camera.xml", opencv_file, cameras()),
     "ROS camera_info": ("camera.yaml", as_text(ros_camera_info), cameras()),
+    "ROS message": ("camera.yaml", as_text(ros_message), cameras()),
+    "ORB-SLAM": ("settings.yaml", as_text(orb_slam), cameras(UP_TO_FIVE)),
     "Kalibr": ("camchain.yaml", as_text(kalibr), cameras(WITH_FOUR)),
     "CamOdoCal": ("camera.yaml", as_text(camodocal), cameras(WITH_FOUR)),
     "RealSense": ("camera.json", as_text(realsense), cameras(WITH_FIVE)),

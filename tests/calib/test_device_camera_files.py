@@ -106,6 +106,11 @@ Device info:
 REALSENSE_PRINTED = (
     "[ 640x480  p[313.947 236.609]  f[612.916 613.482]  Inverse Brown Conrady [0 0 0 0 0] ]\n"
 )
+# Older versions of pyrealsense2
+REALSENSE_PRINTED_OLD = (
+    "width: 640, height: 480, ppx: 313.947, ppy: 236.609, fx: 612.916, fy: 613.482,"
+    " model: Brown Conrady, coeffs: [0.1, -0.2, 0.001, 0.002, 0.03]\n"
+)
 REALSENSE_JSON: dict[str, Any] = {
     "width": 848,
     "height": 480,
@@ -116,6 +121,9 @@ REALSENSE_JSON: dict[str, Any] = {
     "model": "distortion.brown_conrady",
     "coeffs": [0.1, -0.2, 0.001, 0.002, 0.03],
 }
+REALSENSE_CAMERA = PinholeCamera(
+    848, 480, 423.1, 423.2, 425.3, 237.8, (0.1, -0.2, 0.001, 0.002, 0.03)
+)
 
 ZED = """\
 [LEFT_CAM_HD]
@@ -235,13 +243,50 @@ KNOWN = [
         "realsense.json",
         json.dumps(REALSENSE_JSON),
         None,
-        PinholeCamera(848, 480, 423.1, 423.2, 425.3, 237.8, (0.1, -0.2, 0.001, 0.002, 0.03)),
+        REALSENSE_CAMERA,
     ),
     (
         "realsense.json",
         json.dumps({"left": REALSENSE_JSON, "right": REALSENSE_JSON}),
         "right",
-        PinholeCamera(848, 480, 423.1, 423.2, 425.3, 237.8, (0.1, -0.2, 0.001, 0.002, 0.03)),
+        REALSENSE_CAMERA,
+    ),
+    (
+        "realsense.json",
+        json.dumps({"serial": "1234", "intrinsics": REALSENSE_JSON}),
+        None,
+        REALSENSE_CAMERA,
+    ),
+    (
+        "realsense.json",
+        json.dumps({"color": {"intrinsics": REALSENSE_JSON}, "depth": {"intrinsics": {"ppx": 1}}}),
+        "color.intrinsics",
+        REALSENSE_CAMERA,
+    ),
+    (
+        "realsense.json",
+        json.dumps(
+            {
+                **{name: value for name, value in REALSENSE_JSON.items() if name != "model"},
+                "distortion_model": "distortion.brown_conrady",
+            }
+        ),
+        None,
+        REALSENSE_CAMERA,
+    ),
+    (
+        "printed.txt",
+        REALSENSE_PRINTED_OLD,
+        None,
+        PinholeCamera(
+            640, 480, 612.916, 613.482, 313.947, 236.609, (0.1, -0.2, 0.001, 0.002, 0.03)
+        ),
+    ),
+    (
+        "printed.txt",
+        REALSENSE_PRINTED * 2 + REALSENSE_PRINTED.replace("612.916", "600.0"),
+        "640x480 Inverse Brown Conrady 2",
+        PinholeCamera(640, 480, 600.0, 613.482, 313.947, 236.609),
     ),
     ("SN1234.conf", ZED, "LEFT_CAM_HD", HD),
     (
@@ -291,6 +336,7 @@ def test_known_files_are_recognised_by_their_content(
     assert load_camera(write(tmp_path, "any.name", f"\ufeff{text}"), name=name) == expected
 
 
+REALSENSE_UNNAMED = {name: value for name, value in REALSENSE_JSON.items() if name != "model"}
 REALSENSE_INVERSE = {**REALSENSE_JSON, "model": "distortion.inverse_brown_conrady"}
 BROKEN = [
     # several cameras, or none of that name
@@ -298,7 +344,14 @@ BROKEN = [
     (KALIBR, "cam7", "has no camera 'cam7', expected one of 'cam0', 'cam1', 'cam2'"),
     (REALSENSE, None, "expected one of the names 'Depth 848x480', 'Color 640x480'"),
     (ZED, None, "expected one of the names 'LEFT_CAM_HD', 'RIGHT_CAM_HD', 'LEFT_CAM_VGA'"),
+    (
+        json.dumps({"intrinsics": {"color": REALSENSE_JSON, "depth": REALSENSE_JSON}}),
+        None,
+        "expected one of the names 'intrinsics.color', 'intrinsics.depth'",
+    ),
     # unsupported camera models
+    (json.dumps({**REALSENSE_JSON, "model": "distortion.none"}), None, "expected terms of 0"),
+    (json.dumps(REALSENSE_UNNAMED), None, "model or distortion or distortion_model is missing"),
     (KALIBR, "cam2", "(cam2): camera_model is 'omni': expected pinhole"),
     (KALIBR.replace("radtan", "fov"), "cam0", "distortion_model is 'fov': expected radtan"),
     (KANNALA.replace("KANNALA_BRANDT", "MEI"), None, "model_type is 'MEI': expected PINHOLE"),
