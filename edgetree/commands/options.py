@@ -35,8 +35,8 @@ __all__ = [
 ]
 
 CAMERA_FILES = (
-    "Formats: calib.camera/1 JSON of this project, ROS, OpenCV, Kalibr, CamOdoCal, RealSense, ZED."
-    " NAME selects one of several cameras in a file."
+    "Formats: calib.camera/1 JSON of this project, ROS, OpenCV, Kalibr, CamOdoCal, ORB-SLAM,"
+    " RealSense, ZED. NAME selects one of several cameras in a file."
 )
 
 Json: TypeAlias = Annotated[

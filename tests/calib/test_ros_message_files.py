@@ -129,6 +129,11 @@ def test_a_dump_of_two_cameras_asks_for_a_name(tmp_path: Path) -> None:
     assert load_camera(path, name="camera_depth_optical_frame").distortion == ()
 
 
+def test_two_frames_of_equal_values_keep_their_names(tmp_path: Path) -> None:
+    path = write(tmp_path, ros2(PLUMB_BOB, frame="infra1") + ros2(PLUMB_BOB, frame="infra2"))
+    assert load_camera(path, name="infra1") == load_camera(path, name="infra2")
+
+
 def test_other_values_of_the_same_frame_are_another_camera(tmp_path: Path) -> None:
     path = write(tmp_path, ros2(PLUMB_BOB) + ros2(RATIONAL, "rational_polynomial"))
     with pytest.raises(InputFileError, match="'camera_color_optical_frame 2'"):
