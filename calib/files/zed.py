@@ -24,6 +24,7 @@ _FIVE = ("k1", "k2", "p1", "p2", "k3")
 _RATIONAL = (*_FIVE, "k4", "k5", "k6")
 _FISHEYE = ("k1", "k2", "k3", "k4")
 _PRISM = ("s1", "s2", "s3", "s4")
+_REMEDY = "download the factory file again or calibrate with a board"
 
 
 def find(values: Values) -> dict[str, Values]:
@@ -48,55 +49,50 @@ def build(values: Values) -> PinholeCamera:
 
     Newer files hold two models of the same lens: five terms in each section of a resolution, for
     older programs, and the model of the manufacturer's own software in LEFT_DISTO, RIGHT_DISTO or
-    DISTO. The second is used if there is one, and never mixed with the first.
+    DISTO. The second is used if there is one, and never mixed with the first. Sections without one
+    may leave out terms that are 0, except k1 and k2.
     """
-    section, lens = values["section"], values["lens"]
-    focal = [number(section, name) for name in ("fx", "fy", "cx", "cy")]
-    size_px = _SIZES[values["size"]]
-    if not lens:
-        return camera(size_px, focal, *_lens("the section", section))
-    _check_complete(values["lens_name"], lens)
-    terms, model = _lens(values["lens_name"], lens)
-    if not any(terms) and any(number(section, term) for term in _RATIONAL if term in section):
-        raise CameraError(
-            f"the terms of {values['lens_name']} are 0 and those of the section are not: expected"
-            " one lens; remove the wrong terms from the file"
-        )
-    return camera(size_px, focal, terms, model)
-
-
-def _check_complete(name: str, lens: Values) -> None:
-    """Check that a distortion section holds all terms of one model."""
-    if set(_RATIONAL).intersection(lens) == set(_FISHEYE):
-        return
-    rational = any(term in lens for term in ("k4", "k5", "k6"))
-    missing = [term for term in (_RATIONAL if rational else _FIVE) if term not in lens]
+    section = values["section"]
+    lens = values["lens"] or section
+    name = "the section" if lens is section else values["lens_name"]
+    used, model = _model(name, lens)
+    required = used[:2] if lens is section else used
+    missing = [term for term in required if term not in lens]
     if missing:
         raise CameraError(
             f"{name} has no {', '.join(missing)}: expected k1 to k6, p1 and p2 (radial-tangential)"
-            " or k1 to k4 (fisheye); download the factory file again or calibrate with a board"
+            f" or k1 to k4 (fisheye); {_REMEDY}"
         )
+    terms = [_term(lens, term) for term in used]
+    if not any(terms) and any(_term(section, term) for term in _RATIONAL):
+        raise CameraError(
+            f"the terms of {name} are 0 and those of the section are not: expected one lens; remove"
+            " the wrong terms from the file"
+        )
+    focal = [number(section, field) for field in ("fx", "fy", "cx", "cy")]
+    return camera(_SIZES[values["size"]], focal, terms, model)
 
 
-def _lens(name: str, values: Values) -> tuple[list[float], str]:
-    """Return the distortion terms and their model.
+def _model(name: str, values: Values) -> tuple[tuple[str, ...], str]:
+    """Return the names of the terms that are used, and the model.
 
     The files do not name the model. As in the manufacturer's calibration program, k3 and k4 without
-    p1 and p2 are a fisheye lens, whose other terms are missing or 0. Missing terms except k1 and k2
-    are 0.
+    p1 and p2 are a fisheye lens, whose other terms are missing or 0.
     """
-    prism = [term for term in _PRISM if term in values and number(values, term)]
+    prism = [term for term in _PRISM if _term(values, term)]
     if prism:
         raise CameraError(f"{prism[0]} is {values[prism[0]]}: expected no thin prism")
-    terms = {term: number(values, term) for term in ("k1", "k2")}
-    terms |= {term: number({term: 0, **values}, term) for term in _RATIONAL[2:]}
-    if not terms["k4"] or any(terms[term] for term in ("p1", "p2", "k5", "k6")):
-        used = _RATIONAL if any(terms[term] for term in ("k4", "k5", "k6")) else _FIVE
-        return [terms[term] for term in used], RADTAN
-    if not terms["k3"]:
+    k4 = _term(values, "k4")
+    if not k4 or any(_term(values, term) for term in ("p1", "p2", "k5", "k6")):
+        rational = any(_term(values, term) for term in ("k4", "k5", "k6"))
+        return (_RATIONAL if rational else _FIVE), RADTAN
+    if not _term(values, "k3"):
         raise CameraError(
-            f"{name} has k4 {terms['k4']:g} without k3, p1, p2, k5 and k6, which does not tell a"
-            " fisheye lens from a radial-tangential one: expected all terms of one of them;"
-            " download the factory file again or calibrate with a board"
+            f"{name} has k4 {k4:g} without k3, p1, p2, k5 and k6, which is neither a whole fisheye"
+            f" lens nor a whole radial-tangential one: expected all terms of one; {_REMEDY}"
         )
-    return [terms[term] for term in _FISHEYE], FISHEYE
+    return _FISHEYE, FISHEYE
+
+
+def _term(values: Values, name: str) -> float:
+    return number({name: 0, **values}, name)

@@ -361,7 +361,7 @@ BROKEN = [
     (json.dumps({**REALSENSE_JSON, "model": "ftheta"}), None, "model is 'ftheta': expected none"),
     (ZED.replace("k3=4.06032e-11", "s1=0.1"), "LEFT_CAM_HD", "s1 is 0.1: expected no thin prism"),
     # missing fields, or values that are not numbers
-    (ZED.replace("k1=-0.175286\n", ""), "LEFT_CAM_HD", "k1 is missing: expected a number"),
+    (ZED.replace("k1=-0.175286\n", ""), "LEFT_CAM_HD", "the section has no k1: expected k1 to k6"),
     (ZED.replace("fx=701.88", "fx=a"), "LEFT_CAM_HD", "fx is 'a': expected a number"),
     (KANNALA.replace("   mu: 6.1e+02\n", ""), None, "mu is missing: expected a number"),
     (CAMODOCAL.replace("distortion_parameters", "distortion"), None, "distortion_parameters is"),

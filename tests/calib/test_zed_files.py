@@ -66,6 +66,8 @@ def by_opencv(terms: dict[str, float]) -> np.ndarray:
         (FIVE, FISHEYE, FISHEYE),
         ({}, PADDED, FISHEYE),  # ZED X with fisheye lenses
         (FIVE, PADDED, FISHEYE),
+        (FIVE, FISHEYE | {"p1": 0, "p2": 0}, FISHEYE),
+        (FIVE, RATIONAL | {"k3": 0, "k4": 0}, RATIONAL | {"k3": 0, "k4": 0}),
         (FISHEYE, None, FISHEYE),  # ZED Mini since 2022
         (PADDED, None, FISHEYE),
         ({}, FIVE | {"k4": 0, "k5": 0, "k6": 0}, FIVE),
@@ -99,7 +101,12 @@ def test_files_of_cameras_with_one_eye_are_read(tmp_path: Path) -> None:
     ("section", "lens", "message"),
     [
         (FIVE, {"k1": 0.6}, "LEFT_DISTO has no k2, p1, p2, k3: expected k1 to k6"),
-        (FIVE, {"k1": 0.6, "k2": 0.1, "k3": 0, "k4": 0.1, "p1": 0}, "LEFT_DISTO has no p2, k5, k6"),
+        (
+            FIVE,
+            {"k1": 0.6, "k2": 0.1, "k3": 0, "k4": 0.1, "p1": 0},
+            "LEFT_DISTO has k4 0.1 without k3",
+        ),
+        (FIVE, {"k1": 0.6, "k2": 0.1, "k3": 0, "k4": 0.1, "p1": 1e-4}, "no p2, k5, k6: expected"),
         (
             {},
             PADDED | {"k3": 0},
@@ -112,7 +119,7 @@ def test_files_of_cameras_with_one_eye_are_read(tmp_path: Path) -> None:
             "the terms of LEFT_DISTO are 0 and those of the section",
         ),
         (FIVE, RATIONAL | {"s1": 0.1}, "s1 is 0.1: expected no thin prism"),
-        ({}, None, "k1 is missing: expected a number"),
+        ({}, None, "the section has no k1, k2: expected k1 to k6"),
     ],
 )
 def test_a_lens_of_no_clear_model_is_refused(
