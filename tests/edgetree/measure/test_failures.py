@@ -249,3 +249,15 @@ def test_random_input_gives_finite_numbers_or_reasons(stand):
             numbers.extend(numbers_of([tree.to_dict()]))
     assert len(numbers) > 600
     assert np.isfinite(numbers).all()
+
+
+@pytest.mark.parametrize("ahead_m", [1.2, 2.5])
+def test_the_stems_own_depth_is_not_ground(scene, pole, ahead_m):
+    """A time-of-flight capture that shows the stem alone, cut off by the picture's lower edge."""
+    stand = scene(pole(0.3, 0.1, ahead_m, top_m=4.0), pitch_deg=-20.0, camera_height_m=1.5)
+    stem = stand.owner == 1
+    assert stem[-1].any()
+    tree = stand.measure_mask(depth_m=np.where(stem, stand.depth_m, 0.0), level=True)
+    assert tree.diameter_m.value == pytest.approx(0.3, rel=0.02)
+    assert "no ground around the base" in tree.evidence.ground
+    assert "no vertical" in tree.inclination_deg.reason
