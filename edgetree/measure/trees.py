@@ -20,6 +20,8 @@ from edgetree.measure.ground import BaseGround, find_grounds
 from edgetree.measure.keypoints import CUT, Keypoints
 from edgetree.measure.observations import StemObservations, observe_stems
 from edgetree.measure.position import StemPosition
+from edgetree.measure.regions import STATIONS
+from edgetree.measure.roundness import shows_several_stems
 from edgetree.measure.settings import MeasureSettings
 from edgetree.measure.stem_fit import MAX_USED_OFFSET, Stems, fit_stems
 from edgetree.measure.vertical import CAMERA_UP_STD_DEG, Verticals
@@ -127,6 +129,8 @@ class _FittedFrame:
             return "the mask shows hardly any of the stem"
         if self.observed.valid_depth_fraction[index] < _MIN_DEPTH_FRACTION:
             return "no depth on the stem"
+        if self.several_stems[index] and not self.keypoints.has_section[index]:
+            return "the mask shows more than one stem: its middle lies further back than its sides"
         if not (stems.fitted[index] and self.finite[index]):
             return "the depth on the stem does not agree with itself"
         diameter_m = 2 * float(stems.radius_m[index])
@@ -166,6 +170,11 @@ class _FittedFrame:
         """(T,) whether all standard deviations are finite."""
         errors = [self.roll_std_rad, self.stems.tilt_std_rad, self.diameter_std_m]
         return np.asarray(np.isfinite(errors).all(axis=0))
+
+    @cached_property
+    def several_stems(self) -> Flags:
+        """(T,) whether the depth across the stem is that of several stems."""
+        return shows_several_stems(self.stems, self.observed.readings, STATIONS)
 
     @cached_property
     def diameter_std_m(self) -> Float:
