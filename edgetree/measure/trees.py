@@ -334,6 +334,13 @@ class _FittedFrame:
         """Why the felling cut is unknown, or None if it is known."""
         if not self.keypoints.offered:
             return Failure("no keypoint tells the felling cut")
+        above_px = float(self.keypoints.doubtful_cut_px[index])
+        if above_px > 0:
+            std_px = float(self.keypoints.std_px[index, CUT, 1])
+            return Failure(
+                "the felling cut may be below the image: the stem reaches the lower edge, and the"
+                f" keypoint is only {above_px:.0f} px above it (± {std_px:.0f} px)"
+            )
         if not self.keypoints.within[index, CUT]:
             return Failure("the felling cut is not in the image")
         return stem.cut_failure(height, bool(self.keypoints.has_section[index]))
