@@ -348,6 +348,9 @@ class _FittedFrame:
     def _position(self, index: int, cut: Float) -> StemPosition:
         stems, sections = self.stems, self.stems.sections
         ray = self.observed.edges.section[index].mean(0)
+        # Without a cut, the position is that of the section, which no keypoint's error moves.
+        has_cut = self.keypoints.within[index, CUT]
+        cut_std_px = float(self.keypoints.std_px[index, CUT, 1]) if has_cut else 0.0
         rad_per_px = 1 / (self.frame.camera.fx * float(np.linalg.norm(ray)))
         return StemPosition(
             along=sections.axes.along[index],
@@ -358,7 +361,7 @@ class _FittedFrame:
             radius_m=float(stems.radius_m[index]),
             distance_std_m=float(stems.distance_std_m[index]),
             diameter_std_m=float(self.diameter_std_m[index]),
-            cut_rad=float(self.keypoints.std_px[index, CUT, 1]) * rad_per_px,
+            cut_rad=cut_std_px * rad_per_px,
             shape_std_m=_CUT_SHAPE
             * self.settings.out_of_round_std
             * 2

@@ -79,6 +79,16 @@ def test_without_masks_the_edges_bound_the_stem(scene, pole):
     assert stand.measure(bare).diameter_m.value == pytest.approx(0.3, rel=0.005)
 
 
+def test_a_distance_without_keypoints_carries_no_keypoints_error(scene, pole):
+    stand = scene(pole(0.3, 0.0, 4.0), pitch_deg=0.0)
+    tree = stand.measure_mask(settings=None)
+    rows = np.flatnonzero((stand.owner == 1).any(1))
+    middle = (rows[0] + rows[-1]) / 2 - 359.5
+    true_m = 4.0 * np.hypot(1.0, middle / 700.0)
+    assert tree.distance_m.value == pytest.approx(true_m, abs=2 * tree.distance_m.std)
+    assert tree.distance_m.std < 0.02
+
+
 def test_a_section_hidden_by_grass_is_measured_from_the_stem_above(scene, pole):
     leaning = pole(0.3, 0.3, 4.0, 8.0, 270.0)
     stand = scene(leaning)
