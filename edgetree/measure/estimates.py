@@ -123,10 +123,11 @@ class TreeMeasurement:
         dbh_m: stem diameter at breast height.
         cut_height_m: height of the axis at the felling cut above the ground on the uphill side,
             along the vertical.
-        inclination_deg: angle of the axis from the vertical. If no vertical is given, the
-            ground's normal is used, and the standard deviation includes the ground's slope.
+        inclination_deg: angle of the axis from the vertical. If no vertical is given, it is
+            estimated from the other stems, the ground and the camera, and its error is included.
         lean_direction_deg: direction of the lean, seen from above: 0 away from the camera, 90 to
-            the right, -90 to the left, 180 towards the camera.
+            the right, -90 to the left, 180 towards the camera. Without a given vertical it needs
+            three other stems.
         distance_m: distance from the camera's centre to the axis at the felling cut; without
             keypoints, to the middle of the visible part of the mask.
         cut_point_m: point of the cut on the bark that faces the camera, in camera coordinates

@@ -9,9 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from calib import CAMERA_UP, GroundPlane, GroundPlaneFailure, fit_ground_planes, project_points
+from calib import GroundPlane, GroundPlaneFailure, fit_ground_planes, project_points
 from edgetree.measure.estimates import Estimate, Failure
 from edgetree.measure.frame import DepthFrame
+from edgetree.measure.vertical import Vertical, Verticals
 
 __all__ = ["BaseGround", "find_grounds"]
 
@@ -46,15 +47,18 @@ class BaseGround:
 
     Attributes:
         plane: plane fitted to the depth around the base.
-        up: (3,) unit vector away from gravity, in camera coordinates.
+        vertical: the vertical at the stem.
         reach_m: distance from the stem within which ground points were used.
-        normal_as_vertical: whether the plane's normal is used as the vertical.
     """
 
     plane: GroundPlane
-    up: Float
+    vertical: Vertical
     reach_m: float
-    normal_as_vertical: bool
+
+    @property
+    def up(self) -> Float:
+        """(3,) unit vector away from gravity, in camera coordinates."""
+        return self.vertical.up
 
     def height_m(
         self, axis_point: Float, along: Float, radius_m: float, axis_std_m: float
@@ -81,7 +85,10 @@ class BaseGround:
         value = length * float(along @ self.up) - self._uphill_m(radius_m)
         plane_std_m = float(self.plane.height_std_m(foot))
         outlier_std_m = _OUTLIER_STD_M * (1 - self.plane.inlier_fraction) ** 2
-        return Estimate(value, math.hypot(plane_std_m, outlier_std_m, _LITTER_STD_M, axis_std_m))
+        # An error of the vertical changes the slope by as much.
+        uphill_std_m = radius_m * self.vertical.tilt_std_rad
+        parts = (plane_std_m, outlier_std_m, uphill_std_m, _LITTER_STD_M, axis_std_m)
+        return Estimate(value, math.hypot(*parts))
 
     def axis_length_m(
         self, axis_point: Float, along: Float, radius_m: float, height_m: float
@@ -106,16 +113,20 @@ class BaseGround:
 
     def description(self) -> str:
         """The plane, and the direction along which heights are measured, as text."""
-        vertical = "across it" if self.normal_as_vertical else "along the given vertical"
         residual_cm = 100 * self.plane.residual_std_m
         return (
             f"plane within {self.reach_m:.1f} m of the stem, {self.plane.points} points"
-            f" ({self.plane.inlier_fraction:.0%} there) ± {residual_cm:.1f} cm, heights {vertical}"
+            f" ({self.plane.inlier_fraction:.0%} there) ± {residual_cm:.1f} cm, heights along"
+            f" {self.vertical.description()}"
         )
 
 
 def find_grounds(
-    frame: DepthFrame, axis_points: Float, radii_m: Float, up: Float | None
+    frame: DepthFrame,
+    axis_points: Float,
+    radii_m: Float,
+    verticals: Verticals,
+    indices: NDArray[np.intp],
 ) -> list[BaseGround | Failure]:
     """Fit the ground next to each stem, or further around it where that is hidden.
 
@@ -123,40 +134,50 @@ def find_grounds(
         frame: depth, camera and masks.
         axis_points: (T, 3) camera points on the axes at the felling cuts.
         radii_m: (T,) radii of the stems.
-        up: (3,) unit vector of the vertical; None uses the planes' normals.
+        verticals: the verticals of all stems of the frame.
+        indices: (T,) numbers of these stems in it.
 
     Returns:
         T grounds, or why there is none.
     """
-    vertical = np.array(CAMERA_UP) if up is None else up
+    up = verticals.common
     grounds: list[BaseGround | Failure] = [Failure("no ground around the base")] * len(radii_m)
     missing = np.arange(len(radii_m))
     for grid in _GRIDS:
         near, far = (radius_m + radii_m[missing] for radius_m in _SEARCH_RADII_M)
-        samples = _sample_around(frame, axis_points[missing], far, vertical, grid)
+        samples = _sample_around(frame, axis_points[missing], far, up, grid)
         points, usable = samples.points, samples.usable
         close = usable & (samples.level_m < near[:, None])
         enough = close.sum(1) >= _MIN_POINTS
-        found = _fit_grounds(frame, points, np.where(enough[:, None], close, usable), enough, up)
+        found = _fit_planes(frame, points, np.where(enough[:, None], close, usable), enough, up)
         again = np.flatnonzero([not ground for ground in found] & enough)
         if len(again):
-            wider = _fit_grounds(frame, points[again], usable[again], ~enough[again], up)
-            for index, ground in zip(again, wider, strict=True):
-                found[index] = ground
-        for index, ground in zip(missing, found, strict=True):
-            grounds[index] = ground
+            wider = _fit_planes(frame, points[again], usable[again], ~enough[again], up)
+            for index, plane in zip(again, wider, strict=True):
+                found[index] = plane
+        for index, plane in zip(missing, found, strict=True):
+            grounds[index] = (
+                plane
+                if isinstance(plane, Failure)
+                else BaseGround(
+                    plane[0], verticals.at(int(indices[index]), plane[0].normal), plane[1]
+                )
+            )
         missing = missing[samples.sparse & (usable.sum(1) < _MIN_POINTS)]
         if not len(missing):
             break
     return grounds
 
 
-def _fit_grounds(
-    frame: DepthFrame, points: Float, usable: Flags, close: Flags, up: Float | None
-) -> list[BaseGround | Failure]:
+def _fit_planes(
+    frame: DepthFrame, points: Float, usable: Flags, close: Flags, up: Float
+) -> list[tuple[GroundPlane, float] | Failure]:
     """Fit planes to the usable ones of (T, N, 3) points.
 
     `close` (T,) tells which of the two search radii the points are from.
+
+    Returns:
+        T planes with their search radii, or why there is none.
     """
     points, usable = _thinned(points, usable)
     planes = fit_ground_planes(
@@ -165,12 +186,7 @@ def _fit_grounds(
     return [
         Failure(f"no ground around the base: {plane.reason}")
         if isinstance(plane, GroundPlaneFailure)
-        else BaseGround(
-            plane=plane,
-            up=plane.normal if up is None else up,
-            reach_m=_SEARCH_RADII_M[0 if near else 1],
-            normal_as_vertical=up is None,
-        )
+        else (plane, _SEARCH_RADII_M[0 if near else 1])
         for plane, near in zip(planes, close, strict=True)
     ]
 
@@ -197,10 +213,12 @@ def _sample_around(
     """Sample the depth on a grid of `grid` rows and columns around axis points (T, 3)."""
     ahead = np.maximum(axis_points[:, 2], 0.05)
     middle = project_points(frame.camera, np.stack([*axis_points.T[:2], ahead], -1))
-    size = np.array([frame.camera.width, frame.camera.height])
+    # From the centre of the first pixel to that of the last: a point on the border itself lies on
+    # no mask, so the stem's own depth there would pass for ground.
+    last = np.array([frame.camera.width, frame.camera.height]) - 0.5
     reach_px = (frame.camera.fx * reach_m / ahead)[:, None]
-    low = np.clip(middle - reach_px, 0, size)[:, None]
-    high = np.clip(middle + reach_px, 0, size)[:, None]
+    low = np.clip(middle - reach_px, 0.5, last)[:, None]
+    high = np.clip(middle + reach_px, 0.5, last)[:, None]
     ticks = np.linspace(-1.0, 1.0, grid)
     ticks = (1 + np.sign(ticks) * np.abs(ticks) ** _GRID_EXPONENT) / 2
     xy_px = low + (high - low) * np.stack(np.meshgrid(ticks, ticks), -1).reshape(1, -1, 2)

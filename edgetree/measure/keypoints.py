@@ -36,6 +36,8 @@ class Keypoints:
         std_px: (T, 5, 2) standard deviations across and along the stem.
         within: (T, 5) which are certainly inside the image. Points near its border may in truth
             be outside.
+        doubtful_cut_px: (T,) how far above the lower border a cut keypoint lies that is not used
+            because the stem reaches this border, so that the cut may be below it; NaN elsewhere.
         offered: whether the model predicts keypoints.
     """
 
@@ -43,6 +45,7 @@ class Keypoints:
     given: Flags
     std_px: Float
     within: Flags
+    doubtful_cut_px: Float
     offered: bool
 
     @classmethod
@@ -72,9 +75,18 @@ class Keypoints:
         # predict a point inside the image.
         cut_std_px = std_px[:, CUT, 1]
         reaches_border = trees.boxes_px[:, 3] > trees.image_height - np.maximum(cut_std_px, 1.0)
-        low = values[:, CUT, 1] > trees.image_height - _BORDER_CUT_STDS * cut_std_px
-        within[:, CUT] &= ~(reaches_border & low)
-        return cls(values[..., :2], given, std_px, within, trees.keypoints_px is not None)
+        above_border_px = trees.image_height - values[:, CUT, 1]
+        doubtful = given[:, CUT] & (above_border_px > 0) & reaches_border
+        doubtful &= above_border_px < _BORDER_CUT_STDS * cut_std_px
+        within[:, CUT] &= ~doubtful
+        return cls(
+            xy_px=values[..., :2],
+            given=given,
+            std_px=std_px,
+            within=within,
+            doubtful_cut_px=np.where(doubtful, above_border_px, np.nan),
+            offered=trees.keypoints_px is not None,
+        )
 
     @cached_property
     def has_section(self) -> Flags:

@@ -13,16 +13,12 @@ from calib import CAMERA_UP, RigidTransform
 from edgetree.measure.estimates import Estimate, Failure, PointEstimate
 from edgetree.measure.ground import BaseGround
 from edgetree.measure.settings import MeasureSettings
+from edgetree.measure.vertical import Vertical
 
-__all__ = ["CAMERA_UP_STD_DEG", "StemPosition"]
+__all__ = ["StemPosition"]
 
 Float = NDArray[np.floating[Any]]
 
-CAMERA_UP_STD_DEG = 15.0
-"""Standard deviation of the camera's own up direction, used where no vertical is given."""
-
-# Standard deviation of the slope of forest ground, whose normal is used where no vertical is given.
-_SLOPE_STD_RAD = math.radians(12.0)
 # The cut is a little below the section at which the diameter is measured.
 _CUT_ABOVE_SECTION_M = (-0.5, 0.3)
 _MAX_CUT_BELOW_GROUND_M = 0.1
@@ -163,7 +159,7 @@ class StemPosition:
         return np.asarray(scaled.T @ scaled)
 
     def lean(
-        self, up: Float | None, ground: BaseGround | Failure, settings: MeasureSettings
+        self, vertical: Vertical, ground: BaseGround | Failure, settings: MeasureSettings
     ) -> tuple[Estimate | Failure, Estimate | Failure]:
         """Inclination of the axis from the vertical, and the direction of the lean, in degrees.
 
@@ -172,35 +168,35 @@ class StemPosition:
         first-order error propagation in polar coordinates.
 
         Args:
-            up: (3,) unit vector of the vertical; None uses the ground's normal.
+            vertical: the vertical at the stem.
             ground: ground at the stem.
             settings: bend of stems.
 
         Returns:
             The inclination, and its direction as in `TreeMeasurement.lean_direction_deg`.
         """
-        if up is None and isinstance(ground, Failure):
+        if isinstance(ground, Failure) and not vertical.shows_leans:
             missing = Failure(f"no vertical: {ground.reason}")
             return missing, missing
-        vertical = up if isinstance(ground, Failure) else ground.up
-        assert vertical is not None
-        roll, tilt = float(vertical @ self.across), float(vertical @ self.view_direction)
-        value = math.degrees(math.acos(min(max(float(vertical @ self.along), -1.0), 1.0)))
+        up = vertical.up
+        roll, tilt = float(up @ self.across), float(up @ self.view_direction)
+        value = math.degrees(math.acos(min(max(float(up @ self.along), -1.0), 1.0)))
         total = roll**2 + tilt**2
         roll_part = roll**2 / total if total > 0 else 0.5
-        vertical_std = 0.0 if up is not None else _SLOPE_STD_RAD
         bend = math.radians(settings.bend_std_deg)
-        roll_std = math.hypot(self.roll_std_rad, vertical_std, bend)
-        tilt_std = math.hypot(self.tilt_std_rad, vertical_std, bend)
+        roll_std = math.hypot(self.roll_std_rad, vertical.std_rad(self.across), bend)
+        tilt_std = math.hypot(self.tilt_std_rad, vertical.std_rad(self.view_direction), bend)
         std_deg = math.degrees(math.sqrt(roll_part * roll_std**2 + (1 - roll_part) * tilt_std**2))
         inclination = Estimate(value, std_deg)
+        if not vertical.has_directions:
+            return inclination, Failure("no vertical given to tell the direction of the lean")
         if value < _MIN_LEAN_STDS * std_deg:
             return inclination, Failure(
                 f"upright within its error: {value:.1f} ± {std_deg:.1f} deg"
             )
         sideways = math.sqrt((1 - roll_part) * roll_std**2 + roll_part * tilt_std**2)
         direction_std_deg = math.degrees(sideways / math.radians(max(value, 1e-3)))
-        return inclination, Estimate(self._lean_direction_deg(vertical), direction_std_deg)
+        return inclination, Estimate(self._lean_direction_deg(up), direction_std_deg)
 
     def _lean_direction_deg(self, vertical: Float) -> float:
         """Direction of the lean, clockwise from the camera's forward, as seen from above."""

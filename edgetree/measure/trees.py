@@ -13,14 +13,18 @@ from numpy.typing import NDArray
 from calib import CAMERA_UP, RigidTransform
 from edgetree.detections import TreeDetections
 from edgetree.measure.axis import fit_axes
-from edgetree.measure.estimates import Estimate, Evidence, Failure, TreeMeasurement
+from edgetree.measure.estimates import Estimate, Failure, TreeMeasurement
+from edgetree.measure.evidence import gather_evidence
 from edgetree.measure.frame import DepthFrame
 from edgetree.measure.ground import BaseGround, find_grounds
 from edgetree.measure.keypoints import CUT, Keypoints
 from edgetree.measure.observations import StemObservations, observe_stems
-from edgetree.measure.position import CAMERA_UP_STD_DEG, StemPosition
+from edgetree.measure.position import StemPosition
+from edgetree.measure.regions import STATIONS
+from edgetree.measure.roundness import shows_several_stems
 from edgetree.measure.settings import MeasureSettings
 from edgetree.measure.stem_fit import MAX_USED_OFFSET, Stems, fit_stems
+from edgetree.measure.vertical import CAMERA_UP_STD_DEG, Verticals
 from edgetree.measure.width import HalfAngle
 
 __all__ = ["measure_all"]
@@ -28,9 +32,6 @@ __all__ = ["measure_all"]
 Float = NDArray[np.floating[Any]]
 Flags = NDArray[np.bool_]
 
-_SOURCES = ("keypoints", "mask", "depth")
-# A source is named in `Evidence.method` from this weight on.
-_MIN_WEIGHT = 0.02
 # Largest arc of the circumference that readings within MAX_USED_OFFSET can cover.
 _MAX_ARC_RAD = 2 * math.asin(MAX_USED_OFFSET)
 # Largest relative standard deviation for incomplete or contradictory observations.
@@ -42,8 +43,6 @@ _MIN_ON_STEM_FRACTION = 0.03
 _MIN_DEPTH_FRACTION = 0.05
 _MIN_DIAMETER_M = 0.02
 _MAX_RELATIVE_STD = 0.5
-# Keypoints and mask disagree if their diameters differ by more than this many standard deviations.
-_MAX_DISAGREEMENT_STDS = 3.0
 
 
 def measure_all(
@@ -54,7 +53,8 @@ def measure_all(
     Args:
         frame: depth, camera, masks and settings.
         trees: the detections, at least one.
-        up: (3,) unit vector of the vertical; None uses the grounds' normals.
+        up: (3,) unit vector of the vertical; None estimates it from the stems, the ground and the
+            camera.
         mounting: transform from camera to machine coordinates.
 
     Returns:
@@ -84,15 +84,18 @@ def measure_all(
         sound = np.array([reason is None for reason in reasons])
         grounds: list[BaseGround | Failure] = [Failure("")] * len(sound)
         indices = np.flatnonzero(sound)
+        verticals = fitted.verticals(sound, up)
         if len(indices):
-            found = find_grounds(frame, cuts[indices], stems.radius_m[indices], up)
+            found = find_grounds(frame, cuts[indices], stems.radius_m[indices], verticals, indices)
             for index, ground in zip(indices, found, strict=True):
                 grounds[index] = ground
         dbh = fitted.breast_height_diameters(cuts, grounds)
         return [
             TreeMeasurement.failed(reason)
             if reason is not None
-            else fitted.measurement(index, cuts[index], grounds[index], dbh[index], up, mounting)
+            else fitted.measurement(
+                index, cuts[index], grounds[index], verticals, dbh[index], mounting
+            )
             for index, reason in enumerate(reasons)
         ]
 
@@ -126,12 +129,25 @@ class _FittedFrame:
             return "the mask shows hardly any of the stem"
         if self.observed.valid_depth_fraction[index] < _MIN_DEPTH_FRACTION:
             return "no depth on the stem"
+        if self.several_stems[index] and not self.keypoints.has_section[index]:
+            return "the mask shows more than one stem: its middle lies further back than its sides"
         if not (stems.fitted[index] and self.finite[index]):
             return "the depth on the stem does not agree with itself"
         diameter_m = 2 * float(stems.radius_m[index])
         if not _MIN_DIAMETER_M <= diameter_m <= self.settings.max_diameter_m:
             return f"a diameter of {diameter_m:.2f} m is not plausible"
         return None
+
+    def verticals(self, sound: Flags, up: Float | None) -> Verticals:
+        """The verticals: given, or estimated from the (T,) sound stems and the camera."""
+        if up is not None:
+            return Verticals(up)
+        return Verticals.from_stems(
+            self.stems.sections.axes,
+            np.where(sound, self.roll_std_rad, np.inf),
+            self.stems.tilt_std_rad,
+            math.radians(self.settings.lean_std_deg),
+        )
 
     def cut_points(self) -> Float:
         """(T, 3) axis points at the felling cuts.
@@ -154,6 +170,11 @@ class _FittedFrame:
         """(T,) whether all standard deviations are finite."""
         errors = [self.roll_std_rad, self.stems.tilt_std_rad, self.diameter_std_m]
         return np.asarray(np.isfinite(errors).all(axis=0))
+
+    @cached_property
+    def several_stems(self) -> Flags:
+        """(T,) whether the depth across the stem is that of several stems."""
+        return shows_several_stems(self.stems, self.observed.readings, STATIONS)
 
     @cached_property
     def diameter_std_m(self) -> Float:
@@ -256,8 +277,8 @@ class _FittedFrame:
         index: int,
         cut: Float,
         ground: BaseGround | Failure,
+        verticals: Verticals,
         dbh: Estimate | Failure,
-        up: Float | None,
         mounting: RigidTransform | None,
     ) -> TreeMeasurement:
         """All measurements of one tree.
@@ -266,15 +287,16 @@ class _FittedFrame:
             index: number of the tree.
             cut: (3,) axis point at the felling cut.
             ground: ground at the tree.
+            verticals: the verticals of all trees.
             dbh: diameter at breast height.
-            up: (3,) unit vector of the vertical, if given.
             mounting: transform from camera to machine coordinates, if given.
         """
         stem = self._position(index, cut)
         diameter, warnings = self._diameter_at_cut(
             index, Estimate(2 * stem.radius_m, stem.diameter_std_m)
         )
-        inclination, direction = stem.lean(up, ground, self.settings)
+        vertical = ground.vertical if isinstance(ground, BaseGround) else verticals.at(index, None)
+        inclination, direction = stem.lean(vertical, ground, self.settings)
         height = stem.cut_height(ground)
         problem = self._cut_failure(index, stem, height)
         return TreeMeasurement(
@@ -288,9 +310,22 @@ class _FittedFrame:
             else problem,
             cut_point_m=stem.cut_point() if problem is None else problem,
             cut_point_machine_m=stem.cut_point_machine(mounting) if problem is None else problem,
-            evidence=self._evidence(
-                index, ground, height if problem is None else problem, warnings
+            evidence=gather_evidence(
+                index,
+                self.stems,
+                self.observed,
+                ground,
+                warnings + self._stump_warning(height if problem is None else problem),
             ),
+        )
+
+    def _stump_warning(self, height: Estimate | Failure) -> tuple[str, ...]:
+        limit_m = self.settings.max_stump_height_m
+        if not isinstance(height, Estimate) or height.value - height.std <= limit_m:
+            return ()
+        return (
+            f"the stump would be {height.value:.2f} ± {height.std:.2f} m high,"
+            f" limit {limit_m:.2f} m",
         )
 
     def _cut_failure(
@@ -299,6 +334,13 @@ class _FittedFrame:
         """Why the felling cut is unknown, or None if it is known."""
         if not self.keypoints.offered:
             return Failure("no keypoint tells the felling cut")
+        above_px = float(self.keypoints.doubtful_cut_px[index])
+        if above_px > 0:
+            std_px = float(self.keypoints.std_px[index, CUT, 1])
+            return Failure(
+                "the felling cut may be below the image: the stem reaches the lower edge, and the"
+                f" keypoint is only {above_px:.0f} px above it (± {std_px:.0f} px)"
+            )
         if not self.keypoints.within[index, CUT]:
             return Failure("the felling cut is not in the image")
         return stem.cut_failure(height, bool(self.keypoints.has_section[index]))
@@ -306,6 +348,9 @@ class _FittedFrame:
     def _position(self, index: int, cut: Float) -> StemPosition:
         stems, sections = self.stems, self.stems.sections
         ray = self.observed.edges.section[index].mean(0)
+        # Without a cut, the position is that of the section, which no keypoint's error moves.
+        has_cut = self.keypoints.within[index, CUT]
+        cut_std_px = float(self.keypoints.std_px[index, CUT, 1]) if has_cut else 0.0
         rad_per_px = 1 / (self.frame.camera.fx * float(np.linalg.norm(ray)))
         return StemPosition(
             along=sections.axes.along[index],
@@ -316,7 +361,7 @@ class _FittedFrame:
             radius_m=float(stems.radius_m[index]),
             distance_std_m=float(stems.distance_std_m[index]),
             diameter_std_m=float(self.diameter_std_m[index]),
-            cut_rad=float(self.keypoints.std_px[index, CUT, 1]) * rad_per_px,
+            cut_rad=cut_std_px * rad_per_px,
             shape_std_m=_CUT_SHAPE
             * self.settings.out_of_round_std
             * 2
@@ -324,55 +369,6 @@ class _FittedFrame:
             roll_std_rad=float(self.roll_std_rad[index]),
             tilt_std_rad=float(stems.tilt_std_rad[index]),
         )
-
-    def _evidence(
-        self,
-        index: int,
-        ground: BaseGround | Failure,
-        height: Estimate | Failure,
-        warnings: tuple[str, ...],
-    ) -> Evidence:
-        stems = self.stems
-        distance_m = float(stems.distance_m[index])
-        known = {
-            name: (float(half.rad[index]), float(half.std_rad[index]))
-            for name, half in zip(_SOURCES, self.stems.sources, strict=True)
-            if np.isfinite(half.std_rad[index])
-        }
-        diameters = {name: 2 * distance_m * math.sin(rad) for name, (rad, _) in known.items()}
-        stds = {name: 2 * distance_m * math.cos(rad) * std for name, (rad, std) in known.items()}
-        weights = zip(_SOURCES, stems.weights[index], strict=True)
-        outline = self.observed.outline
-        return Evidence(
-            method=" + ".join(name for name, weight in weights if weight > _MIN_WEIGHT),
-            source_diameters_m=diameters,
-            source_std_m=stds,
-            arc_deg=float(np.degrees(stems.arc_rad[index])),
-            valid_depth_share=float(self.observed.valid_depth_fraction[index]),
-            visible_share=None if outline is None else float(outline.visible_fraction[index]),
-            ground=ground.description() if isinstance(ground, BaseGround) else ground.reason,
-            warnings=warnings + self._warnings(height, diameters, stds),
-        )
-
-    def _warnings(
-        self, height: Estimate | Failure, diameters: dict[str, float], stds: dict[str, float]
-    ) -> tuple[str, ...]:
-        warnings = []
-        limit_m = self.settings.max_stump_height_m
-        if isinstance(height, Estimate) and height.value - height.std > limit_m:
-            warnings.append(
-                f"the stump would be {height.value:.2f} ± {height.std:.2f} m high,"
-                f" limit {limit_m:.2f} m"
-            )
-        names = [name for name in ("keypoints", "mask") if name in diameters]
-        if len(names) == 2:
-            apart = abs(diameters["keypoints"] - diameters["mask"])
-            if apart > _MAX_DISAGREEMENT_STDS * math.hypot(stds["keypoints"], stds["mask"]):
-                warnings.append(
-                    f"keypoints and mask disagree: {diameters['keypoints']:.2f} m"
-                    f" and {diameters['mask']:.2f} m"
-                )
-        return tuple(warnings)
 
 
 def _if_certain(diameter: Estimate) -> Estimate | Failure:

@@ -64,18 +64,29 @@ def test_lens_distortion_is_corrected(scene, pole):
     assert tree.cut_height_m.value == pytest.approx(0.25, abs=0.01)
 
 
-def test_without_a_vertical_the_ground_normal_is_used(scene, pole):
+def test_the_vertical_is_estimated_where_none_is_given(scene, pole):
     stand = scene(pole(0.3, 0.3, 4.0), pitch_deg=15.0, roll_deg=4.0)
     tree = stand.measure(level=True)
     assert tree.diameter_m.value == pytest.approx(0.3, rel=0.005)
-    assert tree.cut_height_m.value == pytest.approx(0.25, abs=0.01)
-    assert tree.inclination_deg.value == pytest.approx(0.0, abs=0.5)
+    assert tree.cut_height_m.value == pytest.approx(0.25, abs=0.02)
+    low_deg, high_deg = tree.inclination_deg.interval95
+    assert low_deg < 0.0 < high_deg
 
 
 def test_without_masks_the_edges_bound_the_stem(scene, pole):
     stand = scene(pole(0.3, 0.3, 4.0))
     bare = replace(stand.detections(), masks=None)
     assert stand.measure(bare).diameter_m.value == pytest.approx(0.3, rel=0.005)
+
+
+def test_a_distance_without_keypoints_carries_no_keypoints_error(scene, pole):
+    stand = scene(pole(0.3, 0.0, 4.0), pitch_deg=0.0)
+    tree = stand.measure_mask(settings=None)
+    rows = np.flatnonzero((stand.owner == 1).any(1))
+    middle = (rows[0] + rows[-1]) / 2 - 359.5
+    true_m = 4.0 * np.hypot(1.0, middle / 700.0)
+    assert tree.distance_m.value == pytest.approx(true_m, abs=2 * tree.distance_m.std)
+    assert tree.distance_m.std < 0.02
 
 
 def test_a_section_hidden_by_grass_is_measured_from_the_stem_above(scene, pole):

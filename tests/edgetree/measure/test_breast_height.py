@@ -8,6 +8,7 @@ import pytest
 from calib import GroundPlane, fit_ground_plane, project_points
 from edgetree.measure import Failure, MeasureSettings
 from edgetree.measure.ground import BaseGround
+from edgetree.measure.vertical import Verticals
 
 
 def at_breast_height_m(stand, height_m=1.3):
@@ -51,7 +52,7 @@ def test_axis_length_ends_at_the_height_above_the_uphill_side(slope, lean):
     across, ahead = np.random.default_rng(2).uniform(-1, 1, (2, 50))
     plane = fit_ground_plane(np.stack([across, 1.5 - slope * ahead, 4 + ahead], -1))
     assert isinstance(plane, GroundPlane)
-    ground = BaseGround(plane, np.array([0.0, -1.0, 0.0]), 1.0, normal_as_vertical=False)
+    ground = BaseGround(plane, Verticals(np.array([0.0, -1.0, 0.0])).at(0, None), 1.0)
     along = np.array([np.sin(lean), -np.cos(lean), 0.0])
     axis_point = np.array([0.0, 1.5, 4.0]) + 0.3 * along
     up_axis_m = ground.axis_length_m(axis_point, along, 0.2, 1.3)

@@ -92,7 +92,9 @@ def test_the_ground_is_described(stand):
     words = stand.measure().evidence.ground
     assert words.startswith("plane within 0.6 m of the stem, ")
     assert words.endswith("heights along the given vertical")
-    assert stand.measure(level=True).evidence.ground.endswith("heights across it")
+    assert stand.measure(level=True).evidence.ground.endswith(
+        "heights along a vertical estimated from the ground's slope and the camera's own up (± 9°)"
+    )
     floating = np.where(stand.owner == 1, stand.depth_m, 0).astype(np.float32)
     assert stand.measure(depth_m=floating).evidence.ground.startswith("no ground around the base")
 

@@ -184,6 +184,18 @@ def test_a_cut_at_the_image_border_is_a_failure(stand):
     assert tree.diameter_m
 
 
+@pytest.mark.parametrize("above_px", [12, 60])
+def test_a_doubtful_cut_above_the_lower_border_is_named_as_such(scene, pole, above_px):
+    """Networks put the cut of a stem that leaves the picture just above the border."""
+    stand = scene(pole(0.3, 0.0, 2.0), pitch_deg=-20.0)
+    trees = with_keypoints(stand.detections(), 0, [640.0, 720.0 - above_px, 0.1])
+    tree = stand.measure(trees, settings=None)
+    for result in (tree.cut_height_m, tree.distance_m, tree.cut_point_m):
+        assert result.reason.startswith("the felling cut may be below the image")
+        assert f"only {above_px} px above it" in result.reason
+    assert tree.diameter_m
+
+
 def test_a_cut_below_the_ground_is_a_failure(scene, pole):
     stand = scene(pole(0.3, 0.5, 4.0, cut_m=0.1, section_m=0.2))
     tree = stand.measure(moved(stand.detections(), 0, 0, 45))
@@ -249,3 +261,15 @@ def test_random_input_gives_finite_numbers_or_reasons(stand):
             numbers.extend(numbers_of([tree.to_dict()]))
     assert len(numbers) > 600
     assert np.isfinite(numbers).all()
+
+
+@pytest.mark.parametrize("ahead_m", [1.2, 2.5])
+def test_the_stems_own_depth_is_not_ground(scene, pole, ahead_m):
+    """A time-of-flight capture that shows the stem alone, cut off by the picture's lower edge."""
+    stand = scene(pole(0.3, 0.1, ahead_m, top_m=4.0), pitch_deg=-20.0, camera_height_m=1.5)
+    stem = stand.owner == 1
+    assert stem[-1].any()
+    tree = stand.measure_mask(depth_m=np.where(stem, stand.depth_m, 0.0), level=True)
+    assert tree.diameter_m.value == pytest.approx(0.3, rel=0.02)
+    assert "no ground around the base" in tree.evidence.ground
+    assert "no vertical" in tree.inclination_deg.reason

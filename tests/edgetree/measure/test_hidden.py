@@ -103,3 +103,29 @@ def test_the_image_border_is_not_an_edge_of_the_stem(scene, pole):
     assert stand.measure_mask().diameter_m == Failure(
         "neither the diameter keypoints nor the mask show both edges of the stem"
     )
+
+
+@pytest.mark.parametrize("diameter_m", [0.15, 0.3, 0.5])
+@pytest.mark.parametrize("ahead_m", [2.5, 4.0])
+@pytest.mark.parametrize("gap_m", [0.0, 0.1])
+def test_two_stems_in_one_mask_are_refused(scene, pole, diameter_m, ahead_m, gap_m):
+    right_m = (diameter_m + gap_m) / 2
+    stand = scene(pole(diameter_m, -right_m, ahead_m), pole(diameter_m, right_m, ahead_m))
+    columns = np.flatnonzero((stand.owner > 0).any(0))
+    both = (stand.owner > 0) | (stand.owner == 0)
+    both[:, : columns[0]] = both[:, columns[-1] + 1 :] = False
+    both &= (stand.owner > 0).any(1)[:, None]
+    trees = replace(stand.detections([both, both]).select([0]), keypoints_px=None, masks=None)
+    tree = stand.measure(trees, depth_m=stand.noisy_depth_m(1), masks=[both], settings=None)
+    assert isinstance(tree.diameter_m, Failure)
+    assert "more than one stem" in tree.diameter_m.reason
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("noise_per_m", [0.002, 0.006])
+def test_one_noisy_stem_is_not_taken_for_two(scene, pole, seed, noise_per_m):
+    rng = np.random.default_rng(seed)
+    stem = pole(rng.uniform(0.1, 0.6), 0.3, rng.uniform(1.5, 8), 8.0, 60.0 * seed)
+    stand = scene(stem)
+    tree = stand.measure_mask(depth_m=stand.noisy_depth_m(seed, noise_per_m), settings=None)
+    assert tree.diameter_m.value == pytest.approx(stem.diameter_m, rel=0.12)

@@ -73,13 +73,64 @@ def test_a_given_vertical_takes_precedence_over_the_mounting(scene, pole):
     assert stand.measure(level=True, mounting=wrong).inclination_deg.value > 15
 
 
-def test_without_a_vertical_a_lean_is_as_uncertain_as_the_ground(scene, pole):
-    stand = scene(pole(0.3, 0.5, 4.0), slope_deg=12.0)
+def test_without_a_vertical_the_lean_of_a_single_stem_is_uncertain(scene, pole):
+    stand = scene(pole(0.3, 0.5, 4.0), slope_deg=20.0)
     tree = stand.measure(level=True)
-    assert tree.inclination_deg.value == pytest.approx(12.0, abs=0.5)
     low_deg, high_deg = tree.inclination_deg.interval95
     assert low_deg < 0 < high_deg
+    assert tree.lean_direction_deg.reason == "no vertical given to tell the direction of the lean"
     assert stand.measure().inclination_deg.std < 1.0
+
+
+def test_a_stems_own_direction_does_not_tell_its_vertical(scene, pole):
+    tree = scene(pole(0.3, 0.2, 4.0, 20.0, 0.0), pitch_deg=0.0).measure(level=True)
+    assert tree.inclination_deg.value == pytest.approx(20.0, abs=0.5)
+
+
+# Upright poles at several distances, for a vertical from stems.
+OTHERS = ((-1.6, 5.0), (-0.6, 6.5), (0.6, 4.5), (1.7, 6.0))
+
+
+@pytest.mark.parametrize("slope_deg", [0.0, 15.0, 25.0])
+@pytest.mark.parametrize("uphill_deg", [0.0, 90.0, 200.0])
+def test_other_stems_tell_the_vertical_on_slopes(scene, pole, slope_deg, uphill_deg):
+    poles = [pole(0.3, right_m, ahead_m) for right_m, ahead_m in OTHERS]
+    leaning = pole(0.25, 0.0, 4.2, 15.0, 0.0)
+    stand = scene(
+        leaning,
+        *poles,
+        slope_deg=slope_deg,
+        uphill_deg=uphill_deg,
+        pitch_deg=12.0,
+        roll_deg=5.0,
+        camera_height_m=2.2,
+    )
+    trees = measure_trees(stand.detections(), stand.depth_m, stand.camera)
+    for stem, tree in zip(stand.poles, trees, strict=True):
+        assert tree.inclination_deg.value == pytest.approx(stem.lean_deg, abs=5.0)
+        assert tree.inclination_deg.std < 5.0
+        assert abs(tree.cut_height_m.value - stand.cut_height_m(stem)) < 0.03
+    assert "4 other stems" in trees[0].evidence.ground
+    assert trees[0].lean_direction_deg.value == pytest.approx(90.0, abs=20.0)
+    assert not any(tree.lean_direction_deg for tree in trees[1:])
+
+
+def test_one_fallen_stem_does_not_turn_the_vertical(scene, pole):
+    upright = [pole(0.3, right_m, ahead_m) for right_m, ahead_m in OTHERS]
+    stand = scene(*upright, pole(0.2, -0.2, 3.0, 40.0, 180.0))
+    trees = measure_trees(stand.detections(), stand.depth_m, stand.camera)
+    assert max(tree.inclination_deg.value for tree in trees[:4]) < 5.0
+
+
+def test_stems_alone_tell_the_vertical_where_no_ground_is_seen(scene, pole):
+    poles = [pole(0.3, right_m, ahead_m) for right_m, ahead_m in OTHERS]
+    stand = scene(*poles, roll_deg=10.0)
+    depth_m = np.where(stand.owner > 0, stand.depth_m, 0.0).astype(np.float32)
+    trees = measure_trees(stand.detections(), depth_m, stand.camera)
+    assert not any(tree.cut_height_m for tree in trees)
+    assert all(tree.inclination_deg.value < 5.0 for tree in trees)
+    [lone] = measure_trees(stand.detections().select([0]), depth_m, stand.camera)
+    assert "no vertical: no ground around the base" in lone.inclination_deg.reason
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,83 @@
+"""Tell a single round stem from several stems in one mask by the depth across it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edgetree.measure.edge_lines import masked_medians
+from edgetree.measure.section import Sections
+from edgetree.measure.stem_fit import Readings, Stems
+
+__all__ = ["shows_several_stems"]
+
+Float = NDArray[np.floating[Any]]
+Flags = NDArray[np.bool_]
+
+# Readings further from the middle than this, 1 at the edge of the mask, may show the background.
+_MAX_OFFSET = 0.85
+_MIN_READINGS = 5
+# Least squared difference of the two shapes over the readings of a station.
+_MIN_POWER = 0.05
+_MAD_TO_STD = 1.4826
+# Score of a mask, 0 for one round stem and 1 for two equal ones side by side: this much, and this
+# many standard deviations, tell several stems.
+_MIN_SCORE, _MIN_STDS = 0.4, 3.0
+# Part of the stations along the stem that must have enough readings.
+_MIN_STATIONS = 0.25
+
+
+def shows_several_stems(stems: Stems, readings: Readings, stations: int) -> Flags:
+    """Whether the depth across the masks is that of two stems side by side, and not of one.
+
+    The depth of each station is compared with both shapes: one circle, and two circles of half its
+    radius that touch. Its score is the share of their difference that the readings show, by least
+    squares. The score of a mask is the median of its stations.
+
+    Args:
+        stems: T fitted stems.
+        readings: their depth readings (T, N), station by station.
+        stations: number of stations.
+
+    Returns:
+        (T,) flags.
+    """
+    scores, known = _scores(stems.sections, readings, stations)
+    score = masked_medians(scores, known)
+    scatter = _MAD_TO_STD * masked_medians(np.abs(scores - score[:, None]), known)
+    seen = known.sum(1)
+    std = scatter / np.sqrt(np.maximum(seen / np.maximum(readings.per_error, 1.0), 1.0))
+    enough = seen >= _MIN_STATIONS * stations
+    return np.asarray(enough & (score > np.maximum(_MIN_SCORE, _MIN_STDS * std)))
+
+
+def _scores(sections: Sections, readings: Readings, stations: int) -> tuple[Float, Flags]:
+    """(T, S) scores of the stations, and which are known."""
+    view = sections.view(readings.rays)
+    shape = (len(readings.depth_m), stations, -1)
+    offset = np.abs(view.offset).reshape(shape)
+    used = ((view.depth_ratio > 0) & (readings.depth_m > 0)).reshape(shape)
+    used &= offset < _MAX_OFFSET
+    # The distance to the axis that each reading gives by itself is the same across a round stem.
+    axis_m = (readings.depth_m / np.where(view.depth_ratio > 0, view.depth_ratio, 1.0)).reshape(
+        shape
+    )
+    radius_m = _means(axis_m, used) * np.sin(sections.half_rad)[:, None, None]
+    behind = (axis_m - _means(axis_m, used)) / np.where(radius_m > 0, radius_m, 1.0)
+    inner = np.clip(np.abs(offset - 0.5) / 0.5, 0.0, 1.0)
+    shapes = np.sqrt(1 - np.minimum(offset, 1.0) ** 2) - 0.5 * np.sqrt(1 - inner**2)
+    template = np.where(used, shapes - _means(shapes, used), 0.0)
+    power = (template**2).sum(2)
+    known = (used.sum(2) >= _MIN_READINGS) & (power > _MIN_POWER)
+    score = (template * np.where(used, behind, 0.0)).sum(2) / np.where(known, power, 1.0)
+    return np.where(known, score, 0.0), known
+
+
+def _means(values: Float, used: Flags) -> Float:
+    """(T, S, 1) means of the used ones of (T, S, N) values."""
+    return np.asarray(
+        np.where(used, values, 0.0).sum(2, keepdims=True)
+        / np.maximum(used.sum(2, keepdims=True), 1)
+    )

@@ -1,0 +1,160 @@
+"""The vertical at each stem: given, or estimated from other stems, the ground and the camera."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib import CAMERA_UP
+from edgetree.measure.section import StemAxes
+
+__all__ = ["CAMERA_UP_STD_DEG", "Vertical", "Verticals"]
+
+Float = NDArray[np.floating[Any]]
+
+CAMERA_UP_STD_DEG = 15.0
+"""Standard deviation of the camera's own up direction, used where no vertical is given."""
+
+# Standard deviation of the slope of forest ground, as an error of its normal as the vertical.
+_SLOPE_STD_RAD = math.radians(12.0)
+# Wind, snow and light turn the stems of a stand the same way.
+_COMMON_LEAN_STD_RAD = math.radians(2.0)
+# Stems further from the common direction than this many standard deviations count less (Huber).
+_HUBER_STDS, _HUBER_ROUNDS = 1.5, 4
+_MIN_STEMS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Vertical:
+    """The vertical at one stem.
+
+    Attributes:
+        up: (3,) unit vector away from gravity, in camera coordinates.
+        covariance: (3, 3) of its error, in rad²; zero if the vertical is given.
+        stems: number of other stems that it is estimated from; None if it is given.
+        from_ground: whether it is also estimated from the slope of the ground.
+    """
+
+    up: Float
+    covariance: Float
+    stems: int | None
+    from_ground: bool
+
+    def std_rad(self, direction: Float) -> float:
+        """Standard deviation of its angle towards a (3,) unit direction."""
+        return math.sqrt(max(float(direction @ self.covariance @ direction), 0.0))
+
+    @property
+    def tilt_std_rad(self) -> float:
+        """Standard deviation of its angle, averaged over all horizontal directions."""
+        return math.sqrt(max(float(np.trace(self.covariance)), 0.0) / 2)
+
+    @property
+    def shows_leans(self) -> bool:
+        """Whether it is certain enough for the inclination of a stem."""
+        return self.has_directions or self.from_ground
+
+    @property
+    def has_directions(self) -> bool:
+        """Whether it is certain enough for the direction of a lean."""
+        return self.stems is None or self.stems >= _MIN_STEMS
+
+    def description(self) -> str:
+        """Where it comes from, as text."""
+        if self.stems is None:
+            return "the given vertical"
+        sources = [f"{self.stems} other stem{'s' if self.stems > 1 else ''}"] * (self.stems > 0)
+        sources += ["the ground's slope"] * self.from_ground + ["the camera's own up"]
+        known = " and ".join([", ".join(sources[:-1]), sources[-1]] if sources[1:] else sources)
+        return f"a vertical estimated from {known} (± {math.degrees(self.tilt_std_rad):.0f}°)"
+
+
+@dataclass(frozen=True, eq=False)
+class Verticals:
+    """The verticals of T stems.
+
+    Attributes:
+        common: (3,) unit vector, the best vertical before the ground is known.
+        stem_information: (T, 3, 3) what each stem's axis tells of the vertical: the inverse
+            covariance of its direction as the vertical's, times its robust weight. None if the
+            vertical is given.
+        counted: (T,) whether the stem's axis is used.
+    """
+
+    common: Float
+    stem_information: Float | None = None
+    counted: NDArray[np.bool_] | None = None
+
+    @classmethod
+    def from_stems(
+        cls, axes: StemAxes, roll_std_rad: Float, tilt_std_rad: Float, lean_std_rad: float
+    ) -> Verticals:
+        """Estimate the vertical from the directions of stems, and the camera's own up.
+
+        A weighted least squares fit with Huber's weights, which trust a leaning stem less.
+
+        Args:
+            axes: (T) coordinate systems of the stems.
+            roll_std_rad: (T,) standard deviations of the axes' angles within the image; infinite
+                for stems that are not to be used.
+            tilt_std_rad: (T,) the same towards or away from the camera.
+            lean_std_rad: standard deviation of a stem's lean.
+        """
+        roll, tilt = (
+            1 / (lean_std_rad**2 + std_rad**2)[:, None, None]
+            for std_rad in (roll_std_rad, tilt_std_rad)
+        )
+        information = _outer(axes.across) * roll + _outer(axes.away) * tilt
+        counted = np.isfinite(roll_std_rad) & np.isfinite(information).all(axis=(1, 2))
+        information = np.where(counted[:, None, None], information, 0.0)
+        matrix, vector = _camera()
+        weight = np.ones(len(roll_std_rad))
+        for _ in range(_HUBER_ROUNDS):
+            common = _solved(matrix + (weight[:, None, None] * information).sum(0), vector)
+            apart = np.sqrt((information @ common) @ common)
+            weight = _HUBER_STDS / np.maximum(apart, _HUBER_STDS)
+        return cls(common, weight[:, None, None] * information, np.asarray(counted))
+
+    def at(self, index: int, normal: Float | None) -> Vertical:
+        """The vertical at one stem. The stem's own direction is left out.
+
+        Args:
+            index: number of the stem.
+            normal: (3,) normal of the ground there, if it is known.
+        """
+        if self.stem_information is None or self.counted is None:
+            return Vertical(self.common, np.zeros((3, 3)), None, False)
+        others = self.stem_information.sum(0) - self.stem_information[index]
+        # The common lean of the stand limits what many stems tell.
+        others = others @ np.linalg.inv(np.eye(3) + _COMMON_LEAN_STD_RAD**2 * others)
+        matrix, vector = _camera()
+        matrix = matrix + others
+        if normal is not None:
+            matrix = matrix + np.eye(3) / _SLOPE_STD_RAD**2
+            vector = vector + normal / _SLOPE_STD_RAD**2
+        up = _solved(matrix, vector)
+        level = np.eye(3) - np.outer(up, up)
+        covariance = level @ np.linalg.inv(matrix) @ level
+        stems = int(self.counted.sum()) - int(self.counted[index])
+        return Vertical(up, covariance, stems, normal is not None)
+
+
+def _outer(vectors: Float) -> Float:
+    """(T, 3, 3) outer products of (T, 3) vectors with themselves."""
+    return np.asarray(vectors[:, :, None] * vectors[:, None, :])
+
+
+def _camera() -> tuple[Float, Float]:
+    """Information matrix (3, 3) and vector (3,) of the camera's own up direction."""
+    variance = math.radians(CAMERA_UP_STD_DEG) ** 2
+    return np.eye(3) / variance, np.array(CAMERA_UP) / variance
+
+
+def _solved(matrix: Float, vector: Float) -> Float:
+    """(3,) unit vector that solves the normal equations."""
+    solution = np.linalg.solve(matrix, vector)
+    return np.asarray(solution / np.linalg.norm(solution))
