@@ -52,8 +52,8 @@ class BaseInstall:
 
     def _note_skip(self, report: pytest.TestReport | pytest.CollectReport) -> None:
         if report.skipped:
-            place = report.longrepr
-            reason = place[2] if isinstance(place, tuple) else str(place)
+            location = report.longrepr
+            reason = location[2] if isinstance(location, tuple) else str(location)
             self.skips.append(f"{report.nodeid}: {reason}")
 
     @pytest.hookimpl(tryfirst=True)

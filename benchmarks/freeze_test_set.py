@@ -41,10 +41,10 @@ def main() -> None:
         preset.files,
     )
     frozen = describe_dataset(arguments.out, arguments.preset)
-    place = Path(presets.__file__).with_name(frozen_file(arguments.preset))
-    write_atomically(place, frozen.to_json().encode())
+    path = Path(presets.__file__).with_name(frozen_file(arguments.preset))
+    write_atomically(path, frozen.to_json().encode())
     sys.stdout.write(
-        f"\n{place}\ncontent {frozen.content_sha256}\n{frozen.trees_per_frame:.3f} trees a frame\n"
+        f"\n{path}\ncontent {frozen.content_sha256}\n{frozen.trees_per_frame:.3f} trees a frame\n"
         f"occlusion {frozen.occlusion}\n"
     )
 

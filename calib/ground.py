@@ -59,8 +59,8 @@ class GroundPlane:
         The prediction error of a regression plane: residual * sqrt((1 + (u / su)² + (v / sv)²) /
         n), where u, v are the point's coordinates along the axes and su, sv the extents.
         """
-        place = (np.asarray(points_m, np.float64) - self.centre_m) @ self.axes.T
-        leverage = 1 + ((place / self.extents_m) ** 2).sum(-1)
+        offset_m = (np.asarray(points_m, np.float64) - self.centre_m) @ self.axes.T
+        leverage = 1 + ((offset_m / self.extents_m) ** 2).sum(-1)
         return np.asarray(self.residual_std_m * np.sqrt(leverage / self.independent_points))
 
     @property
@@ -117,7 +117,7 @@ def fit_ground_planes(
     tolerance_m: float = 0.06,
     points_per_error: float = 1.0,
 ) -> list[GroundPlane | GroundPlaneFailure]:
-    """Fit a plane at each of T places at once; see ``fit_ground_plane``.
+    """Fit a plane to each of T sets of points at once; see ``fit_ground_plane``.
 
     Args:
         points_m: (T, N, 3) camera points in metres.
@@ -129,7 +129,7 @@ def fit_ground_planes(
             lowers ``independent_points``.
 
     Returns:
-        A plane or a GroundPlaneFailure for each place.
+        A plane or a GroundPlaneFailure for each set.
 
     Raises:
         CalibError: If ``up`` is not a direction.
@@ -150,13 +150,13 @@ def fit_ground_planes(
         support = usable & (np.abs(distances) < tolerance_m)
     fits = _Fits(count, flat, variances, axes, centre, normal, offset, support)
     return [
-        fits.plane(place, points[place], points_per_error, max_slope_deg, vertical)
-        for place in range(len(points))
+        fits.plane(index, points[index], points_per_error, max_slope_deg, vertical)
+        for index in range(len(points))
     ]
 
 
 class _Fits(NamedTuple):
-    """Planes fitted at T places.
+    """Planes fitted to T sets of points.
 
     Attributes:
         usable: (T,) number of usable points.
@@ -181,7 +181,7 @@ class _Fits(NamedTuple):
     def plane(
         self, at: int, points: Float, points_per_error: float, max_slope_deg: float, vertical: Float
     ) -> GroundPlane | GroundPlaneFailure:
-        """Return the plane at place ``at``, or the reason why there is none."""
+        """Return the plane of set ``at``, or the reason why there is none."""
         support, normal, variances = self.support[at], self.normal[at], self.variances[at]
         held = int(support.sum())
         share = held / max(int(self.usable[at]), 1)
@@ -224,7 +224,7 @@ def _direction(up: ArrayLike) -> Float:
 
 
 def _principal_axes(points: Float, support: Flags) -> tuple[Float, Float, Float]:
-    """Return the principal axes of the supporting points at each place.
+    """Return the principal axes of the supporting points of each set.
 
     Returns:
         Means (T, 3), variances along the axes (T, 3) in ascending order, and axes (T, 3, 3) in
@@ -241,7 +241,7 @@ def _principal_axes(points: Float, support: Flags) -> tuple[Float, Float, Float]
 def _best_support(
     points: Float, usable: Flags, vertical: Float, least_cosine: float, tolerance_m: float
 ) -> tuple[Flags, Flags]:
-    """Find the best of many planes through three random points at each place.
+    """Find the best of many planes through three random points of each set.
 
     Returns:
         (T, N) inliers of the best plane, and (T,) whether any plane was flat enough.

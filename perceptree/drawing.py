@@ -83,8 +83,8 @@ def _draw_keypoints(drawn: Picture, points: Float, scale: float, weight: float) 
     radius = max(2, round(weight * drawn.shape[1] / 250))
     for (x, y, flag), colour in zip(points, KEYPOINT_COLOURS, strict=True):
         if flag > 0:
-            place = (int(x * scale), int(y * scale))
-            cv2.circle(drawn, place, radius, colour, -1 if flag == 2 else 1, cv2.LINE_AA)
+            centre_px = (int(x * scale), int(y * scale))
+            cv2.circle(drawn, centre_px, radius, colour, -1 if flag == 2 else 1, cv2.LINE_AA)
 
 
 def fitted(image: NDArray[Any], width_px: int, interpolation: int = cv2.INTER_AREA) -> NDArray[Any]:

@@ -79,5 +79,5 @@ def draw_line(
 
 def draw_dot(canvas: Picture, centre: Point, radius_px: float, colour: Colour) -> None:
     """Draw an antialiased filled circle."""
-    place = (_fixed(centre[0]), _fixed(centre[1]))
-    cv2.circle(canvas, place, round(radius_px * 2**_SHIFT), colour, -1, cv2.LINE_AA, _SHIFT)
+    fixed_centre = (_fixed(centre[0]), _fixed(centre[1]))
+    cv2.circle(canvas, fixed_centre, round(radius_px * 2**_SHIFT), colour, -1, cv2.LINE_AA, _SHIFT)

@@ -145,9 +145,9 @@ def open_cache(
             _build(frames, spec, folder, key, skip_broken, progress)
         return FrameCache(folder)
     except OSError as error:
-        place = error.filename or folder
+        path = error.filename or folder
         raise DatasetError(
-            f"{place}: cannot be written ({error.strerror or error}); expected a folder with"
+            f"{path}: cannot be written ({error.strerror or error}); expected a folder with"
             " space for the decoded frames, or another folder with --cache"
         ) from error
 

@@ -85,8 +85,8 @@ def _box_plots(difference: Difference) -> str:
 
 
 def _box_plot(values: Float, low: float, scale: float, top: float, colour: str) -> str:
-    places = np.percentile(values, (5, 25, 50, 75, 95))
-    first, left, middle, right, last = np.clip(4 + (places - low) * scale, 2, _SPAN_PX - 2)
+    quantiles = np.percentile(values, (5, 25, 50, 75, 95))
+    first, left, middle, right, last = np.clip(4 + (quantiles - low) * scale, 2, _SPAN_PX - 2)
     y = top + _ROW_PX / 2
     return (
         f'<line x1="{first:.1f}" x2="{last:.1f}" y1="{y}" y2="{y}" stroke="{colour}"/>'
@@ -100,8 +100,8 @@ def _box_plot(values: Float, low: float, scale: float, top: float, colour: str) 
 def _examples(comparison: Comparison) -> str:
     columns = []
     for title, paths in (("Real", comparison.real), ("Simulated", comparison.simulated)):
-        places = np.unique(np.linspace(0, len(paths) - 1, _EXAMPLES).round().astype(int))
-        shown = "".join(_figure(paths[place]) for place in places)
+        indices = np.unique(np.linspace(0, len(paths) - 1, _EXAMPLES).round().astype(int))
+        shown = "".join(_figure(paths[index]) for index in indices)
         columns.append(card(title, f'<div class="gallery">{shown}</div>'))
     return f'<div class="grid halves">{"".join(columns)}</div>'
 

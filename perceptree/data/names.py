@@ -113,12 +113,12 @@ class KeypointMap:
 
     Attributes:
         count: Number of keypoints in an annotation.
-        places: Index in that list of each of this project's keypoints, -1 if missing; None if none
+        indices: Index in that list of each of this project's keypoints, -1 if missing; None if none
             are used.
     """
 
     count: int
-    places: tuple[int, ...] | None
+    indices: tuple[int, ...] | None
 
 
 @dataclass(frozen=True)
@@ -216,18 +216,18 @@ def _map_keypoints(
     if not all(isinstance(name, str) for name in names):
         raise DatasetError(f"keypoints of category {category['name']!r}: expected their names")
     found = [_KEYPOINT_OF.get(_normalise(name)) for name in names]
-    places = tuple(found.index(k) if k in found else -1 for k in range(len(KEYPOINT_NAMES)))
-    if max(places) < 0:
+    indices = tuple(found.index(k) if k in found else -1 for k in range(len(KEYPOINT_NAMES)))
+    if max(indices) < 0:
         listed = ", ".join(names)
         return KeypointMap(len(names), None), [
             f"keypoints are left out: {listed} are not {', '.join(KEYPOINT_NAMES)}"
         ]
-    missing = [name for name, place in zip(KEYPOINT_NAMES, places, strict=True) if place < 0]
+    missing = [name for name, index in zip(KEYPOINT_NAMES, indices, strict=True) if index < 0]
     messages = [f"the file has no keypoint {', '.join(missing)}"] if missing else []
     if len(names) > len(KEYPOINT_NAMES) - len(missing):
         others = [name for name, known in zip(names, found, strict=True) if known is None]
         messages += [f"keypoints left out: {', '.join(others)}"] if others else []
-    return KeypointMap(len(names), places), messages
+    return KeypointMap(len(names), indices), messages
 
 
 def _unnamed_keypoints(

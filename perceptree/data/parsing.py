@@ -230,18 +230,18 @@ class Parser:
         Returns:
             (N, 5, 3) x, y, flag.
         """
-        places = np.array(found.points, np.float64).reshape(-1, len(KEYPOINT_NAMES), 3)
+        keypoints = np.array(found.points, np.float64).reshape(-1, len(KEYPOINT_NAMES), 3)
         sizes = np.array(found.sizes, np.float64).reshape(-1, 1, 2)
-        labelled = places[..., 2] > 0
-        places[..., :2] = opencv_to_image(places[..., :2])
-        gap = np.maximum(-places[..., :2], places[..., :2] - sizes).max(-1)
+        labelled = keypoints[..., 2] > 0
+        keypoints[..., :2] = opencv_to_image(keypoints[..., :2])
+        gap = np.maximum(-keypoints[..., :2], keypoints[..., :2] - sizes).max(-1)
         outside = labelled & (gap > _BORDER_PX)
-        for row, place in zip(*np.nonzero(outside), strict=True):
-            x, y = found.points[row][3 * place : 3 * place + 2]
+        for row, point in zip(*np.nonzero(outside), strict=True):
+            x, y = found.points[row][3 * point : 3 * point + 2]
             self.outside.append((found.entries[row]["id"], x, y))
-        places[~labelled | outside] = 0.0
-        places[..., :2] = np.clip(places[..., :2], 0.0, sizes)
-        return places
+        keypoints[~labelled | outside] = 0.0
+        keypoints[..., :2] = np.clip(keypoints[..., :2], 0.0, sizes)
+        return keypoints
 
 
 def _check_image(image: Entry) -> None:
@@ -279,11 +279,11 @@ def _points(annotation: Entry, keypoints: KeypointMap) -> list[float]:
     listed = numbers(annotation, "keypoints", 3 * keypoints.count)
     if not _FLAGS.issuperset(listed[2::3]):
         refuse(annotation, "annotation", "keypoints", "flags of 0, 1 or 2")
-    if keypoints.places is None:
+    if keypoints.indices is None:
         return _NOTHING
-    if keypoints.places == _IN_ORDER and len(listed) == len(_NOTHING):
+    if keypoints.indices == _IN_ORDER and len(listed) == len(_NOTHING):
         return listed
     values: list[float] = []
-    for place in keypoints.places:
-        values += [0.0] * 3 if place < 0 else listed[3 * place : 3 * place + 3]
+    for index in keypoints.indices:
+        values += [0.0] * 3 if index < 0 else listed[3 * index : 3 * index + 3]
     return values

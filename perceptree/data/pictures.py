@@ -85,9 +85,9 @@ def _find_path_rule(labels: LabelFile, names: list[str]) -> _PathRule:
     """Return the first rule that finds one of the named images."""
     for flat in (False, True):
         for folder in _folders(labels):
-            place = _PathRule(folder, flat)
-            if any(place(name).is_file() for name in names):
-                return place
+            rule = _PathRule(folder, flat)
+            if any(rule(name).is_file() for name in names):
+                return rule
     return _PathRule(labels.root)
 
 
@@ -135,13 +135,13 @@ class _DepthRule:
 
 def _depth_rules(root: Path) -> Iterator[_DepthRule]:
     """Yield rules to try: folders named like depth, file names with "depth" in them."""
-    places = [(None, False)] + [
+    candidates = [(None, False)] + [
         (folder, nested)
-        for place, called in ((root, "depth"), (root.parent, f"{root.name.lower()}_depth"))
-        for folder in sorted(place.glob("*/"))
+        for parent, called in ((root, "depth"), (root.parent, f"{root.name.lower()}_depth"))
+        for folder in sorted(parent.glob("*/"))
         if called in folder.name.lower()
         for nested in (False, True)
     ]
     renames = (("^$", ""), ("rgb", "depth"), ("rgb", "Depth"), ("$", "_depth"))
-    for (pattern, word), png, (folder, nested) in product(renames, (False, True), places):
+    for (pattern, word), png, (folder, nested) in product(renames, (False, True), candidates):
         yield _DepthRule(folder, nested, pattern, word, png)

@@ -32,13 +32,13 @@ def choose_frames(
     rng = np.random.default_rng(seed)
     drawn = [rng.permutation(len(dataset.frames))[:count] for dataset in datasets]
     turns = [
-        (turn, place, int(frames[turn]))
-        for place, frames in enumerate(drawn)
+        (turn, split, int(frames[turn]))
+        for split, frames in enumerate(drawn)
         for turn in range(len(frames))
     ]
-    chosen = sorted((place, frame) for _, place, frame in sorted(turns)[:count])
+    chosen = sorted((split, frame) for _, split, frame in sorted(turns)[:count])
     return [
-        (datasets[place].labels.split, datasets[place].frames[frame]) for place, frame in chosen
+        (datasets[split].labels.split, datasets[split].frames[frame]) for split, frame in chosen
     ]
 
 

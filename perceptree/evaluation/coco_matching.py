@@ -102,7 +102,7 @@ class Evaluation(COCOeval):  # type: ignore[misc]
         low, high = limits
         skipped = [int(t["ignore"] or not low <= t["area"] <= high) for t in trees]
         order = sorted(range(len(trees)), key=skipped.__getitem__)
-        trees, ignored = [trees[place] for place in order], [skipped[place] for place in order]
+        trees, ignored = [trees[index] for index in order], [skipped[index] for index in order]
         found = sorted(found, key=lambda one: -one["score"])[:most]
         near = _near(self.ious[image, category], order, self.params.iouThrs[0])
         crowds = [bool(tree["iscrowd"]) for tree in trees]

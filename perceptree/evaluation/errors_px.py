@@ -117,11 +117,11 @@ def measure_errors(
     if any(prediction.keypoints is None for prediction in predictions):
         return None
     truth, predicted = np.zeros((2, len(found), len(KEYPOINT_NAMES), 2))
-    for place, pair in enumerate(found):
+    for index, pair in enumerate(found):
         labelled = frames[pair.frame].trees[pair.tree].keypoints
-        truth[place] = np.where(labelled[:, 2:] > 0, labelled[:, :2], np.nan)
+        truth[index] = np.where(labelled[:, 2:] > 0, labelled[:, :2], np.nan)
         keypoints = predictions[pair.frame].keypoints
-        predicted[place] = 0 if keypoints is None else keypoints[pair.row, :, :2]
+        predicted[index] = 0 if keypoints is None else keypoints[pair.row, :, :2]
     if np.isnan(truth).all():
         return None
     error = predicted - truth

@@ -107,8 +107,8 @@ def _data_figures(measured: Measured, about: About) -> Figures:
 def _keypoint_figures(errors: PixelErrors) -> Figures:
     """Return the error statistics of each keypoint; its histograms share one range."""
     figures: Figures = {}
-    for place, name in enumerate(KEYPOINT_NAMES):
-        by_direction = {direction: errors.of(place, direction) for direction in DIRECTIONS}
+    for index, name in enumerate(KEYPOINT_NAMES):
+        by_direction = {direction: errors.of(index, direction) for direction in DIRECTIONS}
         reach = round_reach(by_direction["distance"])
         figures[name] = {
             direction: _spread(values, reach) for direction, values in by_direction.items()

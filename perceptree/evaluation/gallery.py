@@ -68,15 +68,15 @@ def example_images(measured: Measured) -> dict[str, list[ExampleImage]]:
         false positives, highest score first.
     """
     pairs = measured.matches.found
-    fits = sorted(((_fit(measured, pair), place) for place, pair in enumerate(pairs)), reverse=True)
+    fits = sorted(((_fit(measured, pair), index) for index, pair in enumerate(pairs)), reverse=True)
     found = [
         _Case(
-            pairs[place].frame,
-            pairs[place].tree,
-            pairs[place].row,
-            _found_caption(measured, place, fit),
+            pairs[index].frame,
+            pairs[index].tree,
+            pairs[index].row,
+            _found_caption(measured, index, fit),
         )
-        for fit, place in fits
+        for fit, index in fits
     ]
     return {
         "best": _make_examples(measured, found),
@@ -96,11 +96,11 @@ def _fit(measured: Measured, pair: Pair) -> float:
     return sum(fits) / len(fits)
 
 
-def _found_caption(measured: Measured, place: int, fit: float) -> str:
-    pair, errors = measured.matches.found[place], measured.errors
+def _found_caption(measured: Measured, index: int, fit: float) -> str:
+    pair, errors = measured.matches.found[index], measured.errors
     parts = [f"score {measured.predictions[pair.frame].scores[pair.row]:.2f}", f"fit {fit:.2f}"]
     if errors is not None:
-        cut, width = errors.of(0, "distance")[place], errors.width[place]
+        cut, width = errors.of(0, "distance")[index], errors.width[index]
         parts += [f"cut {cut:.1f} px off"] if np.isfinite(cut) else []
         parts += [f"diameter {width:+.1f} px"] if np.isfinite(width) else []
     tree = measured.store.frames[pair.frame].trees[pair.tree]
@@ -119,12 +119,12 @@ def _describe_label(tree: TreeRecord) -> list[str]:
 
 def _missed(measured: Measured) -> list[_Case]:
     cases = []
-    for number, place in measured.matches.missed:
-        tree, found = measured.store.frames[number].trees[place], measured.predictions[number]
+    for number, tree_index in measured.matches.missed:
+        tree, found = measured.store.frames[number].trees[tree_index], measured.predictions[number]
         width, height = tree.box_px[2:] - tree.box_px[:2]
         near = _nearest(tree.box_px, found.boxes[found.scores >= DISPLAY_SCORE], "a detection")
         caption = ", ".join([f"box {width:.0f}x{height:.0f} px", *_describe_label(tree), *near])
-        cases.append((width * height, _Case(number, place, None, caption)))
+        cases.append((width * height, _Case(number, tree_index, None, caption)))
     return [case for _, case in sorted(cases, key=lambda entry: -entry[0])]
 
 

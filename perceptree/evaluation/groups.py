@@ -109,15 +109,15 @@ def groups_of(frames: Sequence[FrameRecord], axis: Axis) -> list[Group]:
     """
     trees: dict[str, set[int]] = {}
     own_frames: dict[str, set[int]] = {}
-    place = 0
+    tree_index = 0
     for number, frame in enumerate(frames):
         if axis.of_frames and (label := _label(axis, axis.value(frame, None))) is not None:
             own_frames.setdefault(label, set()).add(number)
         for tree in frame.trees:
             label = _label(axis, axis.value(frame, tree))
             if label is not None and not tree.crowd:
-                trees.setdefault(label, set()).add(place)
-            place += 1
+                trees.setdefault(label, set()).add(tree_index)
+            tree_index += 1
     everywhere = range(len(frames))
     return [
         Group(name, frozenset(trees[name]), frozenset(own_frames.get(name, everywhere)))

@@ -76,9 +76,9 @@ def match_trees(frames: Sequence[FrameRecord], predictions: Sequence[FramePredic
 
 
 def _match_frame(number: int, frame: FrameRecord, found: FramePrediction, matches: Matches) -> None:
-    trees = [place for place, tree in enumerate(frame.trees) if not tree.crowd]
+    trees = [index for index, tree in enumerate(frame.trees) if not tree.crowd]
     crowds = [tree.box_px for tree in frame.trees if tree.crowd]
-    boxes = np.array([frame.trees[place].box_px for place in trees]).reshape(-1, 4)
+    boxes = np.array([frame.trees[index].box_px for index in trees]).reshape(-1, 4)
     free = np.ones(len(trees), bool)
     for row in _shown_rows(found):
         overlap = np.where(free, box_iou(found.boxes[row], boxes)[0], -1.0)
@@ -88,7 +88,7 @@ def _match_frame(number: int, frame: FrameRecord, found: FramePrediction, matche
             matches.found.append(Pair(number, trees[best], row, float(overlap[best])))
         elif not any(_share_within(found.boxes[row], crowd) >= MATCH_IOU for crowd in crowds):
             matches.invented.append((number, row))
-    matches.missed.extend((number, trees[place]) for place in np.flatnonzero(free))
+    matches.missed.extend((number, trees[index]) for index in np.flatnonzero(free))
 
 
 def _shown_rows(found: FramePrediction) -> Iterator[int]:

@@ -102,8 +102,8 @@ class Measured:
         if self.errors is None:
             return {}
         spreads = {
-            name: Spread.of(self.errors.of(place, "distance"))
-            for place, name in enumerate(KEYPOINT_NAMES)
+            name: Spread.of(self.errors.of(index, "distance"))
+            for index, name in enumerate(KEYPOINT_NAMES)
         }
         return {name: spread.median for name, spread in spreads.items() if spread is not None}
 

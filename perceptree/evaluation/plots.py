@@ -90,8 +90,8 @@ def directions_svg(figures: Figures) -> str:
     """Plot the paper's figure 4: horizontal and vertical keypoint errors, felling cut density."""
     with _style("directions"):
         figure = _figure(10.4, 5.4)
-        for place, (letter, name) in enumerate(_PANELS, start=1):
-            axes = figure.add_subplot(2, 3, place)
+        for panel, (letter, name) in enumerate(_PANELS, start=1):
+            axes = figure.add_subplot(2, 3, panel)
             if letter is None or name is None:
                 _draw_density(axes, figures["felling_cut_density"])
                 continue
@@ -105,8 +105,8 @@ def stem_directions_svg(figures: Figures) -> str:
     """Plot the errors of each keypoint across and along the trunk's axis."""
     with _style("stem"):
         figure = _figure(10.4, 5.4)
-        for place, (name, errors) in enumerate(figures["keypoint_error_px"].items(), start=1):
-            axes = figure.add_subplot(2, 3, place)
+        for panel, (name, errors) in enumerate(figures["keypoint_error_px"].items(), start=1):
+            axes = figure.add_subplot(2, 3, panel)
             _two_histograms(axes, errors, "across", "along")
             axes.set_title(name.replace("_", " "))
         return _svg(figure)

@@ -97,7 +97,7 @@ def _threads(count: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(count)
 
 
-def weighted_sums(rows: Tensor, places: Tensor, starts: Tensor, weights: Tensor) -> Tensor:
+def weighted_sums(rows: Tensor, indices: Tensor, starts: Tensor, weights: Tensor) -> Tensor:
     """Weighted sums of groups of rows, as ``torch.nn.functional.embedding_bag`` computes them.
 
     Group ``b`` consists of the entries from ``starts[b]`` to the next start. The gradient is
@@ -105,42 +105,42 @@ def weighted_sums(rows: Tensor, places: Tensor, starts: Tensor, weights: Tensor)
 
     Args:
         rows: (P, C) float32.
-        places: (T,) int64, the row of each entry.
+        indices: (T,) int64, the row of each entry.
         starts: (B,) int64, the first entry of each group, ascending from 0.
         weights: (T,) float32, the weight of each entry.
 
     Returns:
-        (B, C) float32, the sum of ``rows[places] * weights`` over each group.
+        (B, C) float32, the sum of ``rows[indices] * weights`` over each group.
     """
     if torch.is_grad_enabled() and rows.requires_grad:
-        sums: Tensor = _WeightedSums.apply(rows, places, starts, weights)
+        sums: Tensor = _WeightedSums.apply(rows, indices, starts, weights)
         return sums
-    return _sums(rows, places, starts, weights)
+    return _sums(rows, indices, starts, weights)
 
 
-def _sums(rows: Tensor, places: Tensor, starts: Tensor, weights: Tensor) -> Tensor:
-    return functional.embedding_bag(places, rows, starts, mode="sum", per_sample_weights=weights)
+def _sums(rows: Tensor, indices: Tensor, starts: Tensor, weights: Tensor) -> Tensor:
+    return functional.embedding_bag(indices, rows, starts, mode="sum", per_sample_weights=weights)
 
 
 class _WeightedSums(torch.autograd.Function):
     @staticmethod
-    def forward(ctx: Any, rows: Tensor, places: Tensor, starts: Tensor, weights: Tensor) -> Tensor:
-        ctx.save_for_backward(places, starts, weights)
+    def forward(ctx: Any, rows: Tensor, indices: Tensor, starts: Tensor, weights: Tensor) -> Tensor:
+        ctx.save_for_backward(indices, starts, weights)
         ctx.count = len(rows)
-        return _sums(rows, places, starts, weights)
+        return _sums(rows, indices, starts, weights)
 
     @staticmethod
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None, None, None]:
         from perceptree.models.cpu_kernels import weighted_sums_gradient
 
-        places, starts, weights = ctx.saved_tensors
+        indices, starts, weights = ctx.saved_tensors
         out = torch.zeros(ctx.count, gradient.shape[1])
-        ends = torch.cat((starts, starts.new_tensor([len(places)])))
+        ends = torch.cat((starts, starts.new_tensor([len(indices)])))
         _run_parts(
             weighted_sums_gradient,
             out.shape[1],
             gradient.contiguous().numpy(),
-            places.numpy(),
+            indices.numpy(),
             ends.numpy(),
             weights.numpy(),
             out.numpy(),

@@ -48,14 +48,14 @@ def depthwise_weight_gradient(x, gradient, stride, padding, out, start, stop):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def weighted_sums_gradient(gradient, places, starts, weights, out, start, stop):
+def weighted_sums_gradient(gradient, indices, starts, weights, out, start, stop):
     """Gradient of weighted sums of rows with respect to the rows.
 
-    Sum ``b`` adds the rows ``places[starts[b]:starts[b + 1]]`` times their ``weights``.
+    Sum ``b`` adds the rows ``indices[starts[b]:starts[b + 1]]`` times their ``weights``.
 
     Args:
         gradient: (B, C) float32, gradient of the sums.
-        places: (T,) int64, the row of each entry.
+        indices: (T,) int64, the row of each entry.
         starts: (B + 1,) int64, the first entry of each sum, and T.
         weights: (T,) float32.
         out: (P, C) float32 zeros, receives the gradient of the rows.
@@ -65,6 +65,6 @@ def weighted_sums_gradient(gradient, places, starts, weights, out, start, stop):
     for bag in range(gradient.shape[0]):
         sum_gradient = gradient[bag, start:stop]
         for tap in range(starts[bag], starts[bag + 1]):
-            row, weight = out[places[tap], start:stop], weights[tap]
+            row, weight = out[indices[tap], start:stop], weights[tap]
             for c in range(len(row)):
                 row[c] += weight * sum_gradient[c]

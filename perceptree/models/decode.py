@@ -143,8 +143,8 @@ def pixel_peaks(maps: Tensor, sides: Tensor, longest_px: int) -> tuple[Tensor, T
     steps = 2 * reach + 1
     candidate, within = _split(best, steps * steps)
     down, across = _split(within, steps)
-    place = torch.arange(count, device=maps.device) * PEAK_CANDIDATES + candidate
-    found = torch.stack((number[place, 0, across], number[place, 1, down]), dim=1)
+    index = torch.arange(count, device=maps.device) * PEAK_CANDIDATES + candidate
+    found = torch.stack((number[index, 0, across], number[index, 1, down]), dim=1)
     return (found + 0.5) / pixels, peak
 
 

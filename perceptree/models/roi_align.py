@@ -118,8 +118,8 @@ def _pad_replicate(x: Tensor, axis: int, before: int, after: int) -> Tensor:
 def _replicated_parts(x: Tensor, axis: int, before: int, after: int) -> list[Tensor]:
     ends = ((0, before), (x.shape[axis] - 1, after))
     low, high = (
-        [x.index_select(axis, torch.tensor([place] * times, device=x.device))] if times else []
-        for place, times in ends
+        [x.index_select(axis, torch.tensor([index] * times, device=x.device))] if times else []
+        for index, times in ends
     )
     return [*low, x, *high]
 
@@ -156,8 +156,8 @@ class _GatherPool:
         y = torch.minimum(down.first[cell_y] + tap_y, size[region, 0] - 1)
         x = torch.minimum(across.first[cell_x] + tap_x, size[region, 1] - 1)
         start = self._starts[row] + images * size.prod(dim=1)
-        place = start[region] + y * size[region, 1] + x
-        pooled = weighted_sums(self._columns, place, ends - counts, weight)
+        row_indices = start[region] + y * size[region, 1] + x
+        pooled = weighted_sums(self._columns, row_indices, ends - counts, weight)
         channels = self._columns.shape[1]
         return pooled.reshape(len(boxes), cells, cells, channels).permute(0, 3, 1, 2)
 

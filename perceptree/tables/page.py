@@ -127,7 +127,7 @@ def _signed(value: float | None, digits: int) -> str:
 def _aligned(rows: Iterator[list[str]]) -> Iterator[str]:
     """Yield a Markdown table with aligned columns."""
     table = list(rows)
-    widths = [max(len(row[place]) for row in table) for place in range(len(table[0]))]
+    widths = [max(len(row[column]) for row in table) for column in range(len(table[0]))]
     for number, row in enumerate(table):
         cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=True))
         yield f"| {' | '.join(cells)} |"

@@ -75,10 +75,10 @@ class TableData:
         test = _read_complete(test_folder, "test")
         for note in test.notes:
             preparing.say(f"{test.labels.path}: {note}")
-        places = {"train": folder, "val": folder, "test": test_folder}
+        folders = {"train": folder, "val": folder, "test": test_folder}
         labels = {
-            split: hashlib.sha256(find_labels(place, split).path.read_bytes()).hexdigest()
-            for split, place in places.items()
+            split: hashlib.sha256(find_labels(split_folder, split).path.read_bytes()).hexdigest()
+            for split, split_folder in folders.items()
         }
         return cls(folder, test_folder, test.frames, labels)
 

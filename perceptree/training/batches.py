@@ -1,4 +1,4 @@
-"""Reproducible batches: order and augmentation depend only on seed, step and place in the batch.
+"""Reproducible batches: order and augmentation depend only on seed, step and row of the batch.
 
 Neither the number of workers nor that of processes changes the content of a step, and a resumed
 run continues with the same batches.
@@ -51,11 +51,11 @@ class Batch:
 
 
 Slot = tuple[int, int]
-"""A place in the training: number of the step, and place in the joint batch of that step."""
+"""One frame of the training: number of the step, and row in the joint batch of that step."""
 
 
 class TrainingFrames(Dataset[Any]):
-    """Augmented frames by their place in the training.
+    """Augmented frames by step and row.
 
     Args:
         frames: Cached frames.
@@ -73,10 +73,10 @@ class TrainingFrames(Dataset[Any]):
             The sample, the seed for the sampling of its regions and its name; or, if a frame
             cannot be read, the error message.
         """
-        step, place = slot
+        step, row = slot
         settings = self._settings
-        number = self.frame_at(step * settings.batch + place)
-        rng = np.random.default_rng([settings.seed, _AUGMENT, step, place])
+        number = self.frame_at(step * settings.batch + row)
+        rng = np.random.default_rng([settings.seed, _AUGMENT, step, row])
 
         def other() -> Sample:
             return self._frames[int(rng.integers(len(self._frames)))]
@@ -85,13 +85,13 @@ class TrainingFrames(Dataset[Any]):
             sample = augment(rng, self._frames[number], self._spec, settings.augment, other)
         except DatasetError as error:
             return str(error)
-        seed = np.random.SeedSequence([settings.seed, _SAMPLING, step, place]).generate_state(1)
+        seed = np.random.SeedSequence([settings.seed, _SAMPLING, step, row]).generate_state(1)
         return sample, int(seed[0]), self._frames.names[number]
 
     def frame_at(self, position: int) -> int:
         """Index of the frame at a position of the training; each epoch is a new permutation."""
-        epoch, place = divmod(position, len(self._frames))
-        return int(_permutation(self._settings.seed, epoch, len(self._frames))[place])
+        epoch, index = divmod(position, len(self._frames))
+        return int(_permutation(self._settings.seed, epoch, len(self._frames))[index])
 
 
 @lru_cache(maxsize=2)
@@ -118,7 +118,7 @@ class SlotSampler(Sampler[list[Slot]]):
         step, size = self._step, len(self._own) // self._parts
         while True:
             for start in range(0, len(self._own), size):
-                yield [(step, place) for place in self._own[start : start + size]]
+                yield [(step, row) for row in self._own[start : start + size]]
             step += 1
 
 

@@ -137,11 +137,11 @@ def draw_runs(folders: Sequence[Path]) -> bytes:
     titles = list(dict.fromkeys(title for run in runs for title in run.curves))
     rows = -(-len(titles) // _COLUMNS)
     figure, grid = _grid(rows, _HEAD_IN + _LEGEND_LINE_IN * len(runs))
-    for place, title in enumerate(titles):
-        axes = figure.add_subplot(grid[place // _COLUMNS, place % _COLUMNS])
+    for panel, title in enumerate(titles):
+        axes = figure.add_subplot(grid[panel // _COLUMNS, panel % _COLUMNS])
         _draw(axes, [run.curves.get(title) for run in runs], title)
         _style_axes(axes, runs, logarithmic=title.endswith(_LOSS))
-        if place < _COLUMNS and len(runs) == 1:
+        if panel < _COLUMNS and len(runs) == 1:
             _add_hours(axes, runs[0])
     _add_legend(figure, runs)
     buffer = io.BytesIO()

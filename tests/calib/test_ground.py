@@ -139,15 +139,15 @@ def test_several_places_are_fitted_independently() -> None:
     level = np.stack([*np.random.default_rng(1).uniform(-2, 2, (2, 90)), np.full(90, 1.4)], -1)
     sloping, _ = sloping_ground(90, noise_m=0.01)
     rubbish = np.full((90, 3), np.nan)
-    places = np.stack([sloping, level[:, [0, 2, 1]], rubbish])
-    usable = np.isfinite(places).all(2)
+    sets = np.stack([sloping, level[:, [0, 2, 1]], rubbish])
+    usable = np.isfinite(sets).all(2)
     usable[0, 60:] = False
-    first, second, third = fit_ground_planes(places, usable)
+    first, second, third = fit_ground_planes(sets, usable)
     assert isinstance(first, GroundPlane)
     assert isinstance(second, GroundPlane)
     assert isinstance(third, GroundPlaneFailure)
     assert third.reason == "0 ground points, expected at least 12"
-    alone = [fit_ground_plane(sloping[:60]), fit_ground_plane(places[1])]
+    alone = [fit_ground_plane(sloping[:60]), fit_ground_plane(sets[1])]
     for plane, same in zip((first, second), alone, strict=True):
         assert isinstance(same, GroundPlane)
         assert plane.points == same.points
@@ -171,9 +171,9 @@ def test_height_and_tilt_errors_match_their_standard_deviations() -> None:
     # Four neighbours share one error.
     x, z, noise_m = rng.standard_normal((3, 300, 15)).repeat(4, 2)
     x, z, noise_m = 0.5 * x + rng.normal(0, 0.01, x.shape), 4 + 0.5 * z, 0.02 * noise_m
-    places = np.stack([x, 1.5 + noise_m, z], -1)
+    sets = np.stack([x, 1.5 + noise_m, z], -1)
     planes = fit_ground_planes(
-        places, np.ones((300, 60), np.bool_), tolerance_m=0.2, points_per_error=4.0
+        sets, np.ones((300, 60), np.bool_), tolerance_m=0.2, points_per_error=4.0
     )
     near, far = [0.0, 1.5, 4.0], [0.0, 1.5, 8.0]
     heights, stds, tilts = [], [], []

@@ -55,8 +55,8 @@ def write_split(directory: Path, split: str, first: int, frames: int) -> None:
     for image_id in range(first, first + frames):
         image = rng.integers(0, 60, (HEIGHT_PX, WIDTH_PX, 3), np.uint8)
         depth_m = np.full((HEIGHT_PX, WIDTH_PX), 12.0, np.float32)
-        for place in range(1 + image_id % 2):
-            left, width = int(rng.integers(10, 40)) + 60 * place, int(rng.integers(8, 20))
+        for number in range(1 + image_id % 2):
+            left, width = int(rng.integers(10, 40)) + 60 * number, int(rng.integers(8, 20))
             image[8:60, left : left + width] += np.uint8(150)
             depth_m[8:60, left : left + width] = 5.0
             annotations.append(post_annotation(len(annotations) + 1, image_id, left, width))
@@ -112,7 +112,7 @@ def posts(write_dataset: DatasetWriter) -> Path:
 
 @pytest.fixture
 def edit_split() -> Callable[[Path, str, Callable[[dict[str, Any]], None]], None]:
-    """Changes a split's COCO file in place."""
+    """Changes a split's COCO file in number."""
 
     def edit(directory: Path, split: str, change: Callable[[dict[str, Any]], None]) -> None:
         path = directory / f"{split}_RGB.json"

@@ -122,9 +122,9 @@ def _tone(rng: np.random.Generator, image: Bytes, settings: ColourSettings) -> B
 
 def _curves(rng: np.random.Generator, deviation: float) -> Float:
     """Return (256, 3) levels of random increasing curves from 0 to 1."""
-    places = np.linspace(0, _CURVE_KNOTS - 1, 256)
+    positions = np.linspace(0, _CURVE_KNOTS - 1, 256)
     knots = rng.standard_normal((3, _CURVE_KNOTS)) * deviation
-    slopes = np.exp([np.interp(places, np.arange(_CURVE_KNOTS), row) for row in knots])
+    slopes = np.exp([np.interp(positions, np.arange(_CURVE_KNOTS), row) for row in knots])
     slopes[:, 0] = 0
     return np.asarray((slopes.cumsum(1) / slopes.sum(1, keepdims=True)).T)
 

@@ -68,15 +68,15 @@ def stacked_svg(name: str, rows: Mapping[str, Mapping[str, int]]) -> str:
         drawn.append(
             f'<text x="{_NAME_WIDTH - 8}" y="{y + 16}" text-anchor="end">{escape(row)}</text>'
         )
-        for place, (part, count) in enumerate(parts.items()):
+        for index, (part, count) in enumerate(parts.items()):
             width, share = span * count / total, f"{100 * count / total:.0f} %"
             drawn.append(
-                f'<rect class="part{place}" x="{x:.1f}" y="{y + 4}" width="{width:.1f}"'
+                f'<rect class="part{index}" x="{x:.1f}" y="{y + 4}" width="{width:.1f}"'
                 f' height="{_ROW - 8}"><title>{escape(part)}: {count:,}, {share}</title></rect>'
             )
             if width > 34:
                 drawn.append(
-                    f'<text class="on{place}" x="{x + width / 2:.1f}" y="{y + 16}"'
+                    f'<text class="on{index}" x="{x + width / 2:.1f}" y="{y + 16}"'
                     f' text-anchor="middle">{share}</text>'
                 )
             x += width

@@ -82,8 +82,8 @@ def choose_frames(records: list[Record]) -> list[Record]:
 def _spread(records: list[Record]) -> list[Record]:
     """Reorder records by a golden-ratio sequence, so that every prefix is spread over the whole."""
     golden = (5**0.5 - 1) / 2
-    places = sorted(range(len(records)), key=lambda n: (n * golden) % 1)
-    return [records[place] for place in places]
+    order = sorted(range(len(records)), key=lambda n: (n * golden) % 1)
+    return [records[index] for index in order]
 
 
 def _conditions(record: Record) -> list[tuple[str, str]]:

@@ -80,8 +80,8 @@ def frozen_file(name: str) -> str:
 
 def read_frozen(name: str) -> FrozenSet:
     """Read the values of one of FROZEN_PRESETS from the package."""
-    place = resources.files("perceptree.simulator.settings").joinpath(frozen_file(name))
-    return FrozenSet(**json.loads(place.read_text("utf-8")))
+    path = resources.files("perceptree.simulator.settings").joinpath(frozen_file(name))
+    return FrozenSet(**json.loads(path.read_text("utf-8")))
 
 
 def preset_sha256(name: str) -> str:
@@ -180,8 +180,8 @@ def _differing(found: str, expected: str) -> int:
     """Count the digests that differ between two strings, missing ones included."""
     longest = max(len(found), len(expected))
     return sum(
-        found[place : place + _DIGEST_LENGTH] != expected[place : place + _DIGEST_LENGTH]
-        for place in range(0, longest, _DIGEST_LENGTH)
+        found[start : start + _DIGEST_LENGTH] != expected[start : start + _DIGEST_LENGTH]
+        for start in range(0, longest, _DIGEST_LENGTH)
     )
 
 

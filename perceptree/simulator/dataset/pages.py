@@ -129,7 +129,7 @@ def _keypoints(keypoints: Figures) -> str:
         for name, flags in keypoints.items()
     }
     legend = " ".join(
-        f'<span class="key key{place}"></span>{flag}' for place, flag in enumerate(_FLAG_ORDER)
+        f'<span class="key key{index}"></span>{flag}' for index, flag in enumerate(_FLAG_ORDER)
     )
     chart = stacked_svg("Keypoints", rows)
     return (

@@ -50,14 +50,14 @@ def remove_leftovers(directory: Path) -> None:
 
 def storage_error(error: OSError, directory: Path) -> DatasetError:
     """Make the error for a file that cannot be written, with a hint on how to continue."""
-    place = error.filename or directory
+    path = error.filename or directory
     if error.errno in _OUT_OF_SPACE:
         return DatasetError(
-            f"{place}: no space left on the disk; finished scenes are kept: free some space and run"
+            f"{path}: no space left on the disk; finished scenes are kept: free some space and run"
             " the same command again to resume"
         )
     return DatasetError(
-        f"{place}: cannot be written ({error.strerror}); run the same command again to resume"
+        f"{path}: cannot be written ({error.strerror}); run the same command again to resume"
     )
 
 

@@ -258,11 +258,11 @@ def _cards(
     away = vertices - (origins * [0.0, 0.0, 1.0] - 0.5 * UP)[:, None, None]
     quads = np.array([[0, 3, 4, 1], [1, 4, 5, 2]])
     local = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
-    places = [(along, place) for along in (0.0, 1.0) for place in (0.0, 0.5, 1.0)]
+    corners = [(along, across) for along in (0.0, 1.0) for across in (0.0, 0.5, 1.0)]
     return make_mesh(
         vertices.reshape(-1, 3),
         unit(upper[:, None] + 0.9 * unit(away)).reshape(-1, 3),
-        np.tile(places, (len(origins), 1)),
+        np.tile(corners, (len(origins), 1)),
         (np.arange(len(origins))[:, None, None] * 6 + local).reshape(-1, 3),
         habit.foliage,
         np.repeat(tint, 6),

@@ -93,9 +93,9 @@ def machine(rng: np.random.Generator) -> Mesh:
     body, cabin = _colour(rng, _SAFETY, _METAL, _ANY), _colour(rng, _METAL)
     long, wide, low = rng.uniform(4.0, 7.0), rng.uniform(2.0, 2.8), rng.uniform(0.6, 0.9)
     parts = [painted(block([0, 0, low + 0.6], (long, 0.8 * wide, 1.2)), body)]
-    place = rng.uniform(-0.25, 0.25) * long
-    parts.append(painted(block([place, 0, low + 2.0], (1.7, 0.75 * wide, 1.7)), cabin))
-    parts.append(painted(block([place + 0.3, 0, low + 2.1], (1.3, 0.78 * wide, 1.0)), _DARK))
+    cab_m = rng.uniform(-0.25, 0.25) * long
+    parts.append(painted(block([cab_m, 0, low + 2.0], (1.7, 0.75 * wide, 1.7)), cabin))
+    parts.append(painted(block([cab_m + 0.3, 0, low + 2.1], (1.3, 0.78 * wide, 1.0)), _DARK))
     for x in np.linspace(-0.4, 0.4, int(rng.integers(2, 5))) * long:
         for side in (-1, 1):
             hub = np.array([x, side * 0.5 * wide, low])
@@ -144,8 +144,8 @@ def timber(rng: np.random.Generator) -> Mesh:
         long, radius, logs = rng.uniform(2.0, 4.5), rng.uniform(0.09, 0.18), []
         width = int(rng.integers(3, 7))
         for level in range(int(rng.integers(2, 5))):
-            for place in range(max(1, width - level)):
-                shift = [0, 2.05 * radius * (place - (width - level) / 2), 1.75 * radius * level]
+            for column in range(max(1, width - level)):
+                shift = [0, 2.05 * radius * (column - (width - level) / 2), 1.75 * radius * level]
                 one = _log(rng, long * rng.uniform(0.93, 1.0), radius * rng.uniform(0.75, 1.0))
                 logs.append(replace(one, vertices=one.vertices + np.array(shift)))
         return merge(logs)

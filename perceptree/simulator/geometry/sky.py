@@ -57,9 +57,9 @@ def sky_visibility(
         shade[level] = above + 0.5 * density[level]
         above = _blur(above + density[level])
     open_sky = np.exp(-_LEAF_EXTINCTION * shade).astype(np.float32)
-    place = np.clip((vertices - origin) / _VOXEL_M - 0.5, 0, highest - 1.001).astype(np.float32)
-    low = place.astype(np.int32)
-    rest = place - low
+    cell = np.clip((vertices - origin) / _VOXEL_M - 0.5, 0, highest - 1.001).astype(np.float32)
+    low = cell.astype(np.int32)
+    rest = cell - low
     visible = np.zeros(len(vertices), np.float32)
     for dz in (0, 1):
         for dy in (0, 1):

@@ -107,5 +107,5 @@ def painted(mesh: Mesh, colour: int) -> Mesh:
         colour: Number of the colour in the layer PAINT.
     """
     cell = np.array([colour % PAINT_CELLS, colour // PAINT_CELLS])
-    place = (cell + 0.5 + _PAINT_SHARE * (np.asarray(mesh.uv) % 1.0 - 0.5)) / PAINT_CELLS
-    return replace(mesh, uv=place, layer=np.full_like(mesh.layer, Layer.PAINT))
+    uv = (cell + 0.5 + _PAINT_SHARE * (np.asarray(mesh.uv) % 1.0 - 0.5)) / PAINT_CELLS
+    return replace(mesh, uv=uv, layer=np.full_like(mesh.layer, Layer.PAINT))

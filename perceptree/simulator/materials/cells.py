@@ -30,9 +30,9 @@ def jittered_cells(
         which is 0 on borders; and (SIZE, SIZE) number of the cell.
     """
     columns, rows = cells
-    place = np.arange(SIZE_PX, dtype=np.float32) / SIZE_PX
-    x = place * columns + np.float32(_WARP) * warp_across.astype(np.float32)
-    y = (place * rows)[:, None] + np.float32(_WARP) * warp_along.astype(np.float32)
+    position = np.arange(SIZE_PX, dtype=np.float32) / SIZE_PX
+    x = position * columns + np.float32(_WARP) * warp_across.astype(np.float32)
+    y = (position * rows)[:, None] + np.float32(_WARP) * warp_along.astype(np.float32)
     column, row = np.floor(x).astype(np.int32), np.floor(y).astype(np.int32)
     jitter = rng.uniform(0.08, 0.92, (2, rows, columns)).astype(np.float32)
     number = np.arange(rows * columns, dtype=np.intp).reshape(rows, columns)

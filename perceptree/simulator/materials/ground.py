@@ -247,11 +247,11 @@ def _prints(rng: np.random.Generator) -> Float:
         centre, turn = rng.uniform(0, SIZE_PX, 2), rng.uniform(0, 2 * np.pi)
         along, across = _heading(turn), _heading(turn + np.pi / 2)
         deep = rng.uniform(130, 255)
-        for place, half, wide in ((14, 25, 15), (-27, 13, 12)):
-            rim = centre + (place + half * np.cos(angle)) * along + wide * np.sin(angle) * across
+        for offset, half, wide in ((14, 25, 15), (-27, 13, 12)):
+            rim = centre + (offset + half * np.cos(angle)) * along + wide * np.sin(angle) * across
             _polygon(sunk, rim, np.zeros(3), deep)
-        for place in range(-34, 36, 9):
-            ends = centre + place * along + np.array([[-10], [10]]) * across
+        for offset in range(-34, 36, 9):
+            ends = centre + offset * along + np.array([[-10], [10]]) * across
             _line(sunk, ends, np.zeros(3), 0.72 * deep, 2)
     depth = sunk[..., 3].astype(np.float32) / 255
     return _soft(depth, 1) * 4.5 - _soft(depth, 9) * 2.0

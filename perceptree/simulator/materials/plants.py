@@ -170,10 +170,10 @@ def _draw_bilberry(rng: np.random.Generator, canvas: Canvas) -> None:
         foot = np.array([0.0, size * rng.uniform(0.35, 0.65)])
         cv2.line(canvas, point(*foot), point(*end), ink(_STALK, 0.8), 5)
         for share in np.linspace(0.2, 1.0, 13):
-            place = foot + (end - foot) * share + rng.normal(0, 0.022 * size, 2)
+            centre = foot + (end - foot) * share + rng.normal(0, 0.022 * size, 2)
             axes = (
                 round(size * rng.uniform(0.016, 0.028)),
                 round(size * rng.uniform(0.009, 0.016)),
             )
             tone = _tone(rng, _BERRY, rng.uniform(0.75, 1.15))
-            cv2.ellipse(canvas, point(*place), axes, rng.uniform(0, 180), 0, 360, tone, -1)
+            cv2.ellipse(canvas, point(*centre), axes, rng.uniform(0, 180), 0, 360, tone, -1)

@@ -72,9 +72,9 @@ def make_textures(seed: int = 0) -> Textures:
         slopes = _mip_levels(_normals(height).astype(np.float32))
         for level, (tone, slope) in enumerate(zip(_mip_levels(linear), slopes, strict=True)):
             first = offsets[level] + layer * _SIZES[level] ** 2
-            place = slice(first, first + _SIZES[level] ** 2)
+            texels = slice(first, first + _SIZES[level] ** 2)
             root = np.concatenate([np.sqrt(tone[..., :3]), tone[..., 3:]], -1)
-            albedo[place], normals[place] = _bytes(root), _bytes(slope)
+            albedo[texels], normals[texels] = _bytes(root), _bytes(slope)
 
     additions_rng = np.random.default_rng([seed, 1])
     opaque, flat = np.ones((SIZE_PX, SIZE_PX, 1)), np.zeros((SIZE_PX, SIZE_PX))

@@ -62,8 +62,8 @@ def _dead_wood(rng: np.random.Generator) -> tuple[Float, Float]:
 
 def _cut_wood(rng: np.random.Generator) -> tuple[Float, Float]:
     """A sawn surface inside bark: growth rings, dark heartwood, cracks and saw marks."""
-    place = (np.arange(SIZE_PX) + 0.5) / SIZE_PX - 0.5
-    across, along = place[None], place[:, None]
+    position = (np.arange(SIZE_PX) + 0.5) / SIZE_PX - 0.5
+    across, along = position[None], position[:, None]
     radius, angle = np.hypot(along, across), np.arctan2(along, across)
     wobble = 0.006 * noise(rng, 3.2) + 0.012 * radius / 0.5 * np.cos(2 * angle + rng.uniform(0, 6))
     ring_edges = np.cumsum(rng.uniform(0.5, 1.6, _RINGS))

@@ -60,9 +60,9 @@ class Drive:
 
     def view(self, number: int) -> View:
         """The view of a frame."""
-        place = self.sample(number)
+        index = self.sample(number)
         return View(
-            self.settings.intrinsics, self.origin_m[place], self.rotation[place], self.poses[number]
+            self.settings.intrinsics, self.origin_m[index], self.rotation[index], self.poses[number]
         )
 
 
@@ -88,15 +88,15 @@ def make_drive(
     count = round((frames - 1) / settings.rate_hz * IMU_HZ) + 1 + 2 * margin
     time_s = np.arange(count) / IMU_HZ
     path_m = rng.uniform(0, circuit.length_m) + np.cumsum(_speed(rng, settings, count)) / IMU_HZ
-    place = np.stack([_smooth(column, 0.3) for column in circuit.points_at(path_m).T], -1)
+    position = np.stack([_smooth(column, 0.3) for column in circuit.points_at(path_m).T], -1)
     ahead = circuit.points_at(path_m + 0.5) - circuit.points_at(path_m - 0.5)
     heading = _smooth(np.unwrap(np.arctan2(ahead[:, 1], ahead[:, 0])), 0.5)
     ranges = camera.mast
-    height_m = terrain.height_m(*place.T) + rng.uniform(*ranges.height_m)
+    height_m = terrain.height_m(*position.T) + rng.uniform(*ranges.height_m)
     side = _TRACK_M * np.stack([-np.sin(heading), np.cos(heading)], -1)
     front = 1.5 * np.stack([np.cos(heading), np.sin(heading)], -1)
-    climb = terrain.height_m(*(place + front).T) - terrain.height_m(*(place - front).T)
-    tilt = terrain.height_m(*(place + side).T) - terrain.height_m(*(place - side).T)
+    climb = terrain.height_m(*(position + front).T) - terrain.height_m(*(position - front).T)
+    tilt = terrain.height_m(*(position + side).T) - terrain.height_m(*(position - side).T)
     sway_deg = rng.uniform(*settings.sway_deg)
     slew_deg = rng.uniform(*settings.slew_deg)
     yaw_deg = np.degrees(heading) + slew_deg * _wave(rng, time_s, 1 / rng.uniform(*_SLEW_PERIOD_S))
@@ -111,14 +111,14 @@ def make_drive(
     roll_deg = 0.5 * np.degrees(_smooth(roll, _WHEELBASE_S))
     pitch_deg = pitch_deg + sway_deg * _wave(rng, time_s, rng.uniform(*_SWAY_HZ))
     roll_deg = roll_deg + sway_deg * _wave(rng, time_s, rng.uniform(*_SWAY_HZ))
-    origin = np.column_stack([place, _smooth(height_m, _WHEELBASE_S)])
+    origin = np.column_stack([position, _smooth(height_m, _WHEELBASE_S)])
     rotation = _rotations(camera, yaw_deg, pitch_deg, roll_deg)
     gyro, accel = _imu(origin, rotation)
     kept = slice(margin, count - margin)
     poses = [
         Pose(
             "drive",
-            float(origin[n, 2] - terrain.height_m(*place[n])),
+            float(origin[n, 2] - terrain.height_m(*position[n])),
             float(pitch_deg[n]),
             float(roll_deg[n]),
             float(yaw_deg[n] % 360),

@@ -99,6 +99,6 @@ def nearest(table, offsets, texture, level, u, v, out):
     size = SIZE_PX >> level
     mask = size - 1
     column, row = int(np.floor(u * size)) & mask, int(np.floor(v * size)) & mask
-    place = offsets[level] + texture * size * size + row * size + column
+    texel = offsets[level] + texture * size * size + row * size + column
     for c in range(3):
-        out[c] = table[place, c] * _f32(1 / 255)
+        out[c] = table[texel, c] * _f32(1 / 255)

@@ -68,15 +68,15 @@ def _trunk(along_m, height_m, spacing_m, shift, towards_sun):
     thick = hashed(cell, key + 2)
     taper = max(_f32(0.2), _f32(1) - height_m * _f32(0.04))
     radius_m = (_f32(0.05) + _f32(0.17) * thick * thick) * taper
-    place = (along_m - middle_m) / radius_m
-    if abs(place) > _f32(1):
+    offset = (along_m - middle_m) / radius_m
+    if abs(offset) > _f32(1):
         return _f32(0)
     albedo = _f32(0.08) + _f32(0.30) * hashed(cell, key + 4)
     rough = _f32(0.75) + _f32(0.5) * value_noise(along_m * _f32(14), height_m * _f32(3))
     return (
         albedo
         * rough
-        * (_f32(1) - _f32(0.45) * place * place)
+        * (_f32(1) - _f32(0.45) * offset * offset)
         * (_f32(1) - _f32(0.4) * towards_sun)
     )
 

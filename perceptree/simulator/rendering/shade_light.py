@@ -24,10 +24,10 @@ def _in_shadow_map(point, normal, sun, maps):
     rows = maps.shadow_rows
     column, row, nearness = rows[0, 3], rows[1, 3], rows[2, 3]
     for axis in range(3):
-        place = point[axis] + normal[axis] * _f32(0.03) + sun[axis] * _f32(0.04)
-        column += rows[0, axis] * place
-        row += rows[1, axis] * place
-        nearness += rows[2, axis] * place
+        position = point[axis] + normal[axis] * _f32(0.03) + sun[axis] * _f32(0.04)
+        column += rows[0, axis] * position
+        row += rows[1, axis] * position
+        nearness += rows[2, axis] * position
     return column, row, nearness + maps.shadow_bias
 
 

@@ -115,17 +115,17 @@ def random_view(rng: np.random.Generator, settings: CameraSettings, scene: Scene
     """Draw a random view near the scene's centre, away from stems and obstacles."""
     feet = np.array([tree.position_m[:2] for tree in scene.near_trees]).reshape(-1, 2)
     things = scene.obstacles
-    place = np.zeros(2)
+    position = np.zeros(2)
     for _ in range(_ATTEMPTS):
         distance, angle = VIEW_RADIUS_M * np.sqrt(rng.random()), rng.uniform(0, 2 * np.pi)
-        place = distance * np.array([np.cos(angle), np.sin(angle)])
-        beside = not len(feet) or np.hypot(*(feet - place).T).min() > _STEM_CLEARANCE_M
-        gap_m = np.hypot(*(things[:, :2] - place).T) - things[:, 2]
+        position = distance * np.array([np.cos(angle), np.sin(angle)])
+        beside = not len(feet) or np.hypot(*(feet - position).T).min() > _STEM_CLEARANCE_M
+        gap_m = np.hypot(*(things[:, :2] - position).T) - things[:, 2]
         if beside and gap_m.min(initial=np.inf) > _STEM_CLEARANCE_M:
             break
     pose = _random_pose(rng, settings)
-    height = float(scene.terrain.height_m(*place)) + pose.height_m
-    return look_from(settings.intrinsics, np.array([*place, height]), pose)
+    height = float(scene.terrain.height_m(*position)) + pose.height_m
+    return look_from(settings.intrinsics, np.array([*position, height]), pose)
 
 
 def visible_faces(mesh: SceneMesh, view: View) -> NDArray[np.int64]:

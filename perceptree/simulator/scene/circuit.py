@@ -35,9 +35,9 @@ class Circuit:
 
     def points_at(self, distance_m: Float) -> Float:
         """(..., 2) points at distances along the path, m; after one lap it starts again."""
-        place = np.asarray(distance_m) / self.step_m
-        low = np.floor(place).astype(int)
-        rest = (place - low)[..., None]
+        position = np.asarray(distance_m) / self.step_m
+        low = np.floor(position).astype(int)
+        rest = (position - low)[..., None]
         points, count = self.points_m, len(self.points_m)
         return np.asarray(points[low % count] * (1 - rest) + points[(low + 1) % count] * rest)
 

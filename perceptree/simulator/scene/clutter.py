@@ -65,11 +65,11 @@ def surround_feet(
     stems = np.repeat(chosen, rng.integers(2, 9, len(chosen)))
     gap_m = radii_m[stems] + rng.uniform(*_FOOT_REACH_M, len(stems))
     angle = rng.uniform(0, 2 * np.pi, len(stems))
-    places = feet_m[stems] + gap_m[:, None] * np.stack([np.cos(angle), np.sin(angle)], -1)
+    positions = feet_m[stems] + gap_m[:, None] * np.stack([np.cos(angle), np.sin(angle)], -1)
     weights = np.array([4, 3, 4, 3, 2, 1, 2, 1, 0.3])
     kinds = rng.choice(len(_FOOT_PLANTS), len(stems), p=weights / weights.sum())
     return [
-        _make_placement(rng, kind, terrain, places[kinds == number], (0.5, 1.1))
+        _make_placement(rng, kind, terrain, positions[kinds == number], (0.5, 1.1))
         for number, kind in enumerate(_FOOT_PLANTS)
     ]
 
@@ -78,10 +78,10 @@ def _make_placement(
     rng: np.random.Generator,
     kind: str,
     terrain: Terrain,
-    places: Float,
+    positions: Float,
     scale: tuple[float, float],
 ) -> Placement:
-    x, y = places.T
+    x, y = positions.T
     return Placement(
         kind,
         np.stack([x, y, terrain.height_m(x, y)], -1),

@@ -222,11 +222,11 @@ def _with_visible_cut(tree: Tree, undergrowth: list[Placement]) -> Tree:
         size = _OBSTACLES_M.get(placement.kind)
         if size is not None and len(placement.position_m):
             width_m, height_m = np.multiply.outer(size, placement.scale)
-            places = placement.position_m
+            positions = placement.position_m
             near = is_near_foot(
-                tree.position_m[:2], tree.stem.diameter_m / 2, places[:, :2], width_m
+                tree.position_m[:2], tree.stem.diameter_m / 2, positions[:, :2], width_m
             )
-            tops = places[near, 2] + height_m[near] - tree.position_m[2] - tree.uphill_m
+            tops = positions[near, 2] + height_m[near] - tree.position_m[2] - tree.uphill_m
             heights_m += tops.tolist()
     cut_m = cut_height_m(tree.stem, tree.uphill_m, heights_m)
     return replace(tree, cut_height_m=cut_m, diameter_height_m=cut_m + DIAMETER_ABOVE_CUT_M)

@@ -109,18 +109,18 @@ def _place(
     for name, kind in _KINDS.items():
         if (kind.radius_m >= _LARGE_RADIUS_M) != large:
             continue
-        places = []
+        positions = []
         for _ in range(round(rng.uniform(*getattr(settings, kind.setting)))):
-            place = _free_place(rng, kind.radius_m, taken_m, circles)
-            if place is not None:
-                places.append(place)
-                circles = np.concatenate([circles, [[*place, kind.radius_m]]])
-        if places:
-            placements.append(_placement(rng, name, kind, terrain, np.array(places)))
+            position = _free_position(rng, kind.radius_m, taken_m, circles)
+            if position is not None:
+                positions.append(position)
+                circles = np.concatenate([circles, [[*position, kind.radius_m]]])
+        if positions:
+            placements.append(_placement(rng, name, kind, terrain, np.array(positions)))
     return Objects(placements, circles)
 
 
-def _free_place(
+def _free_position(
     rng: np.random.Generator, radius_m: float, taken_m: Float, circles: Float
 ) -> Float | None:
     """Draw a point (2,) with nothing within the radius; None if no attempt succeeds."""
@@ -128,18 +128,18 @@ def _free_place(
     for _ in range(_ATTEMPTS):
         distance = np.sqrt(rng.uniform(nearest_m**2, _RADIUS_M**2))
         angle = rng.uniform(0, 2 * np.pi)
-        place = distance * np.array([np.cos(angle), np.sin(angle)])
-        free_m = np.hypot(*(taken_m - place).T) - _STEM_CLEARANCE_M
-        apart_m = np.hypot(*(circles[:, :2] - place).T) - circles[:, 2]
+        position = distance * np.array([np.cos(angle), np.sin(angle)])
+        free_m = np.hypot(*(taken_m - position).T) - _STEM_CLEARANCE_M
+        apart_m = np.hypot(*(circles[:, :2] - position).T) - circles[:, 2]
         if min(free_m.min(initial=np.inf), apart_m.min(initial=np.inf)) > radius_m:
-            return np.asarray(place)
+            return np.asarray(position)
     return None
 
 
 def _placement(
-    rng: np.random.Generator, name: str, kind: _ObjectKind, terrain: Terrain, places: Float
+    rng: np.random.Generator, name: str, kind: _ObjectKind, terrain: Terrain, positions: Float
 ) -> Placement:
-    x, y = places.T
+    x, y = positions.T
     turn = rng.uniform(0, 2 * np.pi, len(x))
     rotation = slope_rotations(terrain, x, y, turn) if kind.follows_slope else yaw_rotations(turn)
     return Placement(

@@ -47,8 +47,8 @@ def test_points_are_detected_where_they_project(
     for view in views:
         pose = poses[int(view.name.removeprefix("picture"))]
         # A board without markers may be found upside down.
-        places = (view.object_m, view.object_m[::-1])
-        turned = [fake.projected(camera, pose, place) - view.image_px for place in places]
+        orders = (view.object_m, view.object_m[::-1])
+        turned = [fake.projected(camera, pose, order) - view.image_px for order in orders]
         misses.append(min(turned, key=lambda miss: float(np.abs(miss).sum())))
     assert len(views) >= 10
     miss_px = np.concatenate(misses)

@@ -125,10 +125,10 @@ def test_a_tree_that_fails_does_not_change_the_others(scene, pole):
         trees, stand.depth_m, stand.camera, masks=masks, up_camera=stand.up
     )
     assert all_fail(empty, NO_EDGES)
-    for place, tree in ((0, first), (2, last)):
-        alone = trees.select(slice(place, place + 1))
+    for index, tree in ((0, first), (2, last)):
+        alone = trees.select(slice(index, index + 1))
         assert tree.diameter_m.value == pytest.approx(
-            stand.measure(alone, masks=masks[place : place + 1], settings=None).diameter_m.value,
+            stand.measure(alone, masks=masks[index : index + 1], settings=None).diameter_m.value,
             rel=1e-4,
         )
 

@@ -46,7 +46,7 @@ BETWEEN = [
     (0.182, 7.5, 663, 321, 2, 131, 23, 237),
     (0.158, 8.1, 338, 70, 30, 9, 24, 215),
 ]
-STANDS = pytest.mark.parametrize("place", CORNERS + BETWEEN)
+STANDS = pytest.mark.parametrize("position", CORNERS + BETWEEN)
 
 
 @pytest.fixture(scope="module")
@@ -76,8 +76,8 @@ def standing(scene, pole):
 
 
 @STANDS
-def test_keypoints_and_depth_give_the_diameter_and_the_cut(standing, exact, place):
-    stand = standing(*place)
+def test_keypoints_and_depth_give_the_diameter_and_the_cut(standing, exact, position):
+    stand = standing(*position)
     stem = stand.poles[0]
     tree = stand.measure(settings=replace(exact, keypoint_std_px=0.02))
     assert tree.diameter_m.value == pytest.approx(stem.diameter_m, rel=0.005)
@@ -87,8 +87,8 @@ def test_keypoints_and_depth_give_the_diameter_and_the_cut(standing, exact, plac
 
 
 @STANDS
-def test_masks_and_depth_alone_give_the_diameter(standing, place):
-    stand = standing(*place)
+def test_masks_and_depth_alone_give_the_diameter(standing, position):
+    stand = standing(*position)
     stem = stand.poles[0]
     three_tenths_px = 0.3 * stand.axis_point(stem, stem.section_m)[2] / stand.camera.fx
     tree = stand.measure_mask()

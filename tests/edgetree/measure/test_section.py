@@ -19,8 +19,8 @@ def circle_depths(rays, along, centre):
     return (b - np.sqrt(b**2 - a * c)) / a
 
 
-def axes_of(frames: StemAxes, place: int):
-    return np.stack([frames.along[place], frames.across[place], frames.away[place]])
+def axes_of(frames: StemAxes, index: int):
+    return np.stack([frames.along[index], frames.across[index], frames.away[index]])
 
 
 @pytest.fixture
@@ -49,17 +49,17 @@ def leaning():
 def test_axes_are_right_handed_and_point_away(leaning):
     frames = leaning[0]
     tilted = frames.tilted(np.array([0.4, -0.1]))
-    for place, tangent in enumerate((0.4, -0.1)):
+    for index, tangent in enumerate((0.4, -0.1)):
         for some in (frames, tilted):
-            axes = axes_of(some, place)
+            axes = axes_of(some, index)
             assert axes @ axes.T == pytest.approx(np.eye(3))
             assert np.linalg.det(axes) == pytest.approx(1.0)
-        assert frames.along[place, 1] < 0
-        assert frames.across[place, 0] > 0
-        assert frames.away[place, 2] > 0
-        turned = np.arccos(tilted.along[place] @ frames.along[place])
+        assert frames.along[index, 1] < 0
+        assert frames.across[index, 0] > 0
+        assert frames.away[index, 2] > 0
+        turned = np.arccos(tilted.along[index] @ frames.along[index])
         assert np.tan(turned) == pytest.approx(abs(tangent))
-        assert np.sign(tilted.along[place] @ frames.away[place]) == np.sign(tangent)
+        assert np.sign(tilted.along[index] @ frames.away[index]) == np.sign(tangent)
 
 
 def test_grazing_rays_lie_half_the_angle_beside_the_middle(leaning):
@@ -79,15 +79,15 @@ def test_rays_between_the_edges_meet_the_front(leaning):
     climb = np.linspace(-0.3, 0.3, 40)[:, None] * [0, 1, 0]
     rays = (1 - share) * edges[:, :1] + share * edges[:, 1:] + climb
     view = sections.view(rays)
-    for place in range(2):
-        inside = view.depth_ratio[place] > 0
+    for index in range(2):
+        inside = view.depth_ratio[index] > 0
         assert inside.sum() > 30
-        assert (np.abs(view.offset[place][inside]) < 1).all()
-        along, shown = frames.along[place], rays[place][inside]
-        expected = circle_depths(shown, along, centres[place])
-        assert DISTANCE_M * view.depth_ratio[place][inside] == pytest.approx(expected)
+        assert (np.abs(view.offset[index][inside]) < 1).all()
+        along, shown = frames.along[index], rays[index][inside]
+        expected = circle_depths(shown, along, centres[index])
+        assert DISTANCE_M * view.depth_ratio[index][inside] == pytest.approx(expected)
         heights = (shown * expected[:, None]) @ along
-        assert DISTANCE_M * view.height_ratio[place][inside] == pytest.approx(heights)
+        assert DISTANCE_M * view.height_ratio[index][inside] == pytest.approx(heights)
 
 
 def test_the_slope_is_how_the_depth_changes_with_the_half_angle(leaning):

@@ -87,17 +87,17 @@ def test_a_truncated_file_is_rejected(share: float, tmp_path: Path) -> None:
 def _damage(draw: st.DrawFn, whole: bytes) -> bytes:
     """A file cut short, with bits turned over, or with bytes replaced, put in or taken out."""
     content = bytearray(whole)
-    places = st.integers(0, len(whole) - 1)
+    positions = st.integers(0, len(whole) - 1)
     how = draw(st.sampled_from(["cut short", "bits", "bytes"]))
     if how == "cut short":
-        del content[draw(places) :]
+        del content[draw(positions) :]
     elif how == "bits":
-        for place in draw(st.lists(places, min_size=1, max_size=16)):
-            content[place] ^= 1 << draw(st.integers(0, 7))
+        for position in draw(st.lists(positions, min_size=1, max_size=16)):
+            content[position] ^= 1 << draw(st.integers(0, 7))
     else:
         for _ in range(draw(st.integers(1, 3))):
-            place = min(draw(places), len(content))
-            content[place : place + draw(st.integers(0, 4))] = draw(st.binary(max_size=6))
+            position = min(draw(positions), len(content))
+            content[position : position + draw(st.integers(0, 4))] = draw(st.binary(max_size=6))
     return bytes(content)
 
 
@@ -133,10 +133,10 @@ def test_a_file_with_one_bit_turned_over_is_read_or_refused(
     path = tmp_path / "trees.onnx"
     path.write_bytes(small_file)
     assert read_model_file(path).input_shapes == {"x": ("batch", 4), "z": (2, 3)}
-    for place in range(len(small_file)):
+    for position in range(len(small_file)):
         for bit in (1, 2, 7):  # of a field's kind, of the small sizes, of how long a number is
             content = bytearray(small_file)
-            content[place] ^= 1 << bit
+            content[position] ^= 1 << bit
             _check_read_or_refused(path, bytes(content))
 
 

@@ -79,8 +79,8 @@ def test_stereo_noise_grows_with_distance() -> None:
 def test_steps_of_disparity_grow_with_distance() -> None:
     image = faulty(2, far_step_m=3.0).image[:, 10].astype(int)
     steps = np.diff(image)
-    sizes, places = steps[steps > 0], image[1:][steps > 0]
-    near, far = sizes[places < 110].mean(), sizes[places > 160].mean()
+    sizes, rows_px = steps[steps > 0], image[1:][steps > 0]
+    near, far = sizes[rows_px < 110].mean(), sizes[rows_px > 160].mean()
     assert far > 2 * near
     # In 1/z all steps are equal.
     inverse = np.unique(image[image < NONE]) * LEVEL_M

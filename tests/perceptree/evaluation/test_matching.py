@@ -81,7 +81,7 @@ def test_errors_equal_a_separate_computation() -> None:
     found = [finding((0, 0.9), points=points[None]) for points in moved]
     errors = measure_errors(frames, found, match_trees(frames, found).found)
     assert errors is not None
-    for place, (true, guess) in enumerate(zip(truth, moved, strict=True)):
+    for index, (true, guess) in enumerate(zip(truth, moved, strict=True)):
         stem = true[4, :2] - true[0, :2]
         angle = np.arctan2(stem[0], -stem[1])  # of the trunk from the vertical
         for point in range(5):
@@ -89,9 +89,9 @@ def test_errors_equal_a_separate_computation() -> None:
             across = dx * np.cos(angle) + dy * np.sin(angle)
             along = dx * np.sin(angle) - dy * np.cos(angle)
             expected = [np.sqrt(dx**2 + dy**2), across, along, dx, dy]
-            assert errors.keypoints[place, point].tolist() == pytest.approx(expected)
+            assert errors.keypoints[index, point].tolist() == pytest.approx(expected)
         widths = [np.hypot(*(points[2, :2] - points[1, :2])) for points in (true, guess)]
-        assert errors.width[place] == pytest.approx(widths[1] - widths[0])
+        assert errors.width[index] == pytest.approx(widths[1] - widths[0])
     sizes = [abs(value) for value in errors.width.tolist()]
     spread = Spread.of(errors.width)
     assert spread is not None

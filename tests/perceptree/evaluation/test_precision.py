@@ -206,9 +206,9 @@ def test_matches_equal_pycocotools_in_every_case(kind: str) -> None:
         labels = [
             dataclasses.replace(
                 tree(10.0 * rng.integers(0, 4), bool(rng.uniform() < 0.2)),
-                keypoints=np.dstack([points[place][None], np.full((1, 5, 1), 2)])[0],
+                keypoints=np.dstack([points[index][None], np.full((1, 5, 1), 2)])[0],
             )
-            for place in range(rng.integers(0, 6))
+            for index in range(rng.integers(0, 6))
         ]
         frames.append(frame(number, *labels))
         count = int(rng.integers(0, 8))

@@ -73,15 +73,15 @@ def test_any_depthwise_module_has_torchs_gradients(changes: dict[str, Any]) -> N
 def test_weighted_sums_have_torchs_gradients(threads: int) -> None:
     torch.manual_seed(0)
     rows = torch.randn(40, 7, requires_grad=True)
-    places, weights = torch.randint(40, (60,)), torch.rand(60)
+    row_indices, weights = torch.randint(40, (60,)), torch.rand(60)
     starts = torch.tensor([0, 0, 12, 30, 60])  # two empty sums
     chosen = torch.randn(5, 7)
     ends = [*starts.tolist()[1:], 60]
     parts = [
-        (rows[places[a:b]] * weights[a:b, None]).sum(0)
+        (rows[row_indices[a:b]] * weights[a:b, None]).sum(0)
         for a, b in zip(starts.tolist(), ends, strict=True)
     ]
     (wanted,) = torch.autograd.grad((torch.stack(parts) * chosen).sum(), rows)
-    found = weighted_sums(rows, places, starts, weights)
+    found = weighted_sums(rows, row_indices, starts, weights)
     torch.testing.assert_close(found, torch.stack(parts))
     torch.testing.assert_close(torch.autograd.grad((found * chosen).sum(), rows)[0], wanted)

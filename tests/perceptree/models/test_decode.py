@@ -37,8 +37,8 @@ def detectron2_peak(heat: Tensor, sides: Tensor) -> tuple[Tensor, float]:
         heat[None, None], size=(rows, columns), mode="bicubic", align_corners=False
     )[0, 0]
     row, column = divmod(int(fine.argmax()), columns)
-    place = torch.tensor([(column + 0.5) * width / columns, (row + 0.5) * height / rows])
-    return place, float(1.0 / torch.exp(heat - fine.max()).sum())
+    peak = torch.tensor([(column + 0.5) * width / columns, (row + 0.5) * height / rows])
+    return peak, float(1.0 / torch.exp(heat - fine.max()).sum())
 
 
 def test_peaks_on_pixels_are_those_of_detectron2() -> None:
@@ -46,8 +46,8 @@ def test_peaks_on_pixels_are_those_of_detectron2() -> None:
     share, peak = pixel_peaks(maps, sides, LONGEST_PX)
     equal, worst_score = [], 0.0
     for heat, side, found, height in zip(maps, sides, share, peak, strict=True):
-        place, score = detectron2_peak(heat, side)
-        equal.append(bool(((found * side.clamp(min=1.0) - place).abs() < 1e-2).all()))
+        peak, score = detectron2_peak(heat, side)
+        equal.append(bool(((found * side.clamp(min=1.0) - peak).abs() < 1e-2).all()))
         ours = float(1.0 / torch.exp(heat - height).sum())
         worst_score = max(worst_score, abs(ours - score) / score)
     assert float((sides.amin(dim=1) < S).float().mean()) > 0.5
@@ -66,11 +66,11 @@ def test_sharp_peaks_on_pixels_are_all_found() -> None:
     boxes = torch.cat((torch.zeros(200, 2), sides.clamp(min=1.0)), dim=1)
     found = decode_keypoints(stacked[:, None], boxes, "pixels", LONGEST_PX)[:, 0]
     for heat, side, (x, y, score) in zip(stacked, sides, found.tolist(), strict=True):
-        place, expected = detectron2_peak(heat, side)
+        peak, expected = detectron2_peak(heat, side)
         # Two pixels that are equal up to float32 rounding may swap.
         pixel = float((side.clamp(min=1.0) / side.clamp(min=1.0).ceil()).max())
-        assert abs(x - place[0]) < 1.01 * pixel
-        assert abs(y - place[1]) < 1.01 * pixel
+        assert abs(x - peak[0]) < 1.01 * pixel
+        assert abs(y - peak[1]) < 1.01 * pixel
         assert score == pytest.approx(expected, rel=1e-3)
 
 

@@ -37,10 +37,10 @@ def bars(spec: ModelSpec) -> tuple[torch.Tensor, list[TreeTargets]]:
     shape = (2, spec.height, spec.width, 3)
     images = torch.randint(60, 200, shape, generator=random, dtype=torch.uint8)
     targets = []
-    for number, places in enumerate([[(20, 60, 8), (70, 88, 20)], [(100, 80, 30)]]):
-        masks = torch.zeros(len(places), spec.height, spec.width, dtype=torch.bool)
+    for number, posts in enumerate([[(20, 60, 8), (70, 88, 20)], [(100, 80, 30)]]):
+        masks = torch.zeros(len(posts), spec.height, spec.width, dtype=torch.bool)
         boxes, points = [], []
-        for row, (x, bottom, width) in enumerate(places):
+        for row, (x, bottom, width) in enumerate(posts):
             masks[row, 5:bottom, x : x + width] = True
             images[number, 5:bottom, x : x + width] = 20
             boxes.append([x, 5.0, x + width, bottom])

@@ -40,9 +40,9 @@ def bumps(kind: str) -> Tensor:
 def dense_peaks(maps: Tensor) -> Tensor:
     """(N, 2) x and y of the highest of ``FINE`` x ``FINE`` samples per cell, over the side."""
     fine = functional.interpolate(maps[:, None], scale_factor=FINE, mode="bicubic")[:, 0]
-    place = fine.flatten(1).argmax(dim=1)
-    row = torch.div(place, S * FINE, rounding_mode="floor")
-    return torch.stack((place - row * S * FINE + 0.5, row + 0.5), dim=1) / (S * FINE)
+    peak = fine.flatten(1).argmax(dim=1)
+    row = torch.div(peak, S * FINE, rounding_mode="floor")
+    return torch.stack((peak - row * S * FINE + 0.5, row + 0.5), dim=1) / (S * FINE)
 
 
 @pytest.mark.parametrize("kind", ["clear", "noise", "two", "border"])

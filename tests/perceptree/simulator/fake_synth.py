@@ -78,7 +78,7 @@ def fake_frame(settings: SimulatorSettings, seed: int, number: int) -> LabelledF
         rng.integers(0, 255, (*shape, 3), np.uint8),
         measured,
         exact,
-        [fake_label(shape, rng, place) for place in range(1 + number % 2)],
+        [fake_label(shape, rng, number) for number in range(1 + number % 2)],
         SimpleNamespace(intrinsics=camera, up=np.array([0.0, -1.0, 0.0])),
         scene,
         PoseRecord("mast", 2.5, -10.0, 1.0),
@@ -86,9 +86,9 @@ def fake_frame(settings: SimulatorSettings, seed: int, number: int) -> LabelledF
     )
 
 
-def fake_label(shape: tuple[int, int], rng: np.random.Generator, place: int) -> SimpleNamespace:
+def fake_label(shape: tuple[int, int], rng: np.random.Generator, number: int) -> SimpleNamespace:
     """A post with five keypoints, the last one outside the frame."""
-    left = 10 + 50 * place
+    left = 10 + 50 * number
     mask = np.zeros(shape, bool)
     mask[8:60, left : left + 12] = True
     keypoints = np.array(

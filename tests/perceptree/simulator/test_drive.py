@@ -87,8 +87,8 @@ def test_a_stem_keeps_its_number_and_its_truth(dataset: Path):
         numbers = [tree["stem"] for tree in record["annotations"]]
         assert len(set(numbers)) == len(numbers)
         for tree in record["annotations"]:
-            place = (*tree["position_world_m"], tree["diameter_m"], tree["cut_height_m"])
-            truths.setdefault(tree["stem"], set()).add(place)
+            truth = (*tree["position_world_m"], tree["diameter_m"], tree["cut_height_m"])
+            truths.setdefault(tree["stem"], set()).add(truth)
             views[tree["stem"]] = views.get(tree["stem"], 0) + 1
     assert max(views.values()) >= FRAMES - 1
     assert all(len(found) == 1 for found in truths.values())

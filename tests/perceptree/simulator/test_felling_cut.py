@@ -54,8 +54,8 @@ def test_a_stone_at_the_foot_lifts_the_cut_above_it_but_not_over_half_a_metre():
 
 
 def test_only_what_stands_against_the_bark_stands_at_the_foot():
-    places = np.array([[0.5, 0.0], [0.9, 0.0], [0.0, -0.3]])
-    near = is_near_foot(np.zeros(2), 0.15, places, np.array([0.22, 0.22, 0.1]))
+    positions = np.array([[0.5, 0.0], [0.9, 0.0], [0.0, -0.3]])
+    near = is_near_foot(np.zeros(2), 0.15, positions, np.array([0.22, 0.22, 0.1]))
     assert near.tolist() == [True, False, True]
 
 

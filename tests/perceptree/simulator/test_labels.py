@@ -252,9 +252,9 @@ def test_masks_hold_their_trees_pixels_and_boxes_bound_them(small_settings, text
         view = random_view(np.random.default_rng(scene.seed), small_settings.camera, scene)
         drawing = Renderer(textures, scene, mesh).draw(view)
         claimed = np.zeros(drawing.object_id.shape, int)
-        places = {tuple(tree.point(tree.cut_z_m)): n for n, tree in enumerate(scene.near_trees, 1)}
+        numbers = {tuple(tree.point(tree.cut_z_m)): n for n, tree in enumerate(scene.near_trees, 1)}
         for label in label_view(view, drawing, scene.near_trees, small_settings.labels):
-            number = places[tuple(label.position_world_m)]
+            number = numbers[tuple(label.position_world_m)]
             assert np.array_equal(label.mask, drawing.object_id == number)
             assert label.distance_m <= small_settings.labels.reach_m
             claimed += label.mask

@@ -97,4 +97,4 @@ def test_the_frames_of_a_step_are_dealt_out_whatever_the_processes(plan: Make) -
     for step in (3, 4):
         whole = [slot for _ in range(2) for slot in next(alone)]
         dealt = [slot for part in parts for _ in range(2) for slot in next(part)]
-        assert sorted(dealt) == whole == [(step, place) for place in range(12)]
+        assert sorted(dealt) == whole == [(step, row) for row in range(12)]

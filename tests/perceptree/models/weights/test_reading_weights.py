@@ -297,8 +297,8 @@ def test_a_garbled_file_is_read_or_refused_in_one_line(
 ) -> None:
     path = tmp_path / "model.bin"
     garbled = bytearray(whole_file(writer, path))
-    for place in data.draw(st.lists(st.integers(0, len(garbled) - 1), min_size=1, max_size=3)):
-        garbled[place] = data.draw(st.integers(0, 255))
+    for position in data.draw(st.lists(st.integers(0, len(garbled) - 1), min_size=1, max_size=3)):
+        garbled[position] = data.draw(st.integers(0, 255))
     path.write_bytes(garbled)
     message = ""
     try:
