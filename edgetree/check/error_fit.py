@@ -49,9 +49,11 @@ _NORMAL_975: Final = 1.96  # 97.5 % quantile of the standard normal distribution
 _CLIP: Final = 2.0  # errors beyond this many standard deviations count as this many
 # For a standard normal Z: the mean and the standard deviation of min(Z², _CLIP²).
 _CLIPPED_MEAN, _CLIPPED_STD = 0.92054, 1.1102
+_MEDIAN_ABS_NORMAL: Final = 0.6745  # the median of |Z|
 _SMALLEST_FACTOR: Final = 0.05
 _ITERATIONS: Final = 200
-_CONVERGED: Final = 1e-7
+_CONVERGED: Final = 1e-5
+_MAX_RELATIVE_STD: Final = 0.5
 _DIGITS: Final = 4
 
 
@@ -128,8 +130,8 @@ def fit_errors(
         settings: the settings that the stems were measured with.
 
     Returns:
-        The fit, or the reason why there is none: fewer than `MIN_STEMS` stems, or differences that
-        the caliper's standard deviations explain alone.
+        The fit, or the reason why there is none: fewer than `MIN_STEMS` stems, or a factor that is
+        hardly known, for example because the caliper's errors are larger than the machine's.
     """
     count = len(comparisons)
     if count < MIN_STEMS:
@@ -139,12 +141,17 @@ def fit_errors(
     columns = np.array([[*each.measured, *each.caliper] for each in comparisons]).T
     data = _Data(*columns)
     solution = _solve(data)
-    if solution.factor.value <= _SMALLEST_FACTOR:
-        return Failure("the differences are too small beside the stated errors of the caliper")
+    factor = solution.factor
+    if factor.value <= _SMALLEST_FACTOR or factor.std > _MAX_RELATIVE_STD * factor.value:
+        return Failure(
+            f"their factor of {factor.value:.2f} ± {factor.std:.2f} is too uncertain: measure more"
+            " stems, or with smaller errors of the caliper"
+        )
     inside = 0
     for index in range(count):
         chosen = np.arange(count) == index
-        inside += bool(data.take(chosen).covered(*_solve(data.take(~chosen)).used)[0])
+        others = _solve(data.take(~chosen), solution)
+        inside += bool(data.take(chosen).covered(*others.used)[0])
     new = {}
     if solution.factor_significant:
         base = settings or MeasureSettings()
@@ -164,24 +171,34 @@ def fit_errors(
     )
 
 
-def _solve(data: _Data) -> _Solution:
-    """Fit the scale; if it is not significant, fit the factor again with the scale 1."""
-    scale, factor = _iterate(data, fit_scale=True)
+def _solve(data: _Data, near: _Solution | None = None) -> _Solution:
+    """Fit the scale; if it is not significant, fit the factor again with the scale 1.
+
+    Args:
+        data: the diameters.
+        near: the solution of similar data to start from.
+    """
+    if near is None:
+        error = np.abs(data.measured_m - data.caliper_m)
+        start = 1.0, float(np.median(error / data.measured_std_m)) / _MEDIAN_ABS_NORMAL
+    else:
+        start = near.scale.value, near.factor.value
+    scale, factor = _iterate(data, start, fit_scale=True)
     significant = abs(scale.value - 1) > BIAS_STDS * scale.std
     if not significant:
-        _, factor = _iterate(data, fit_scale=False)
+        _, factor = _iterate(data, (1.0, factor.value), fit_scale=False)
     reach = _NORMAL_975 * factor.std / factor.value
     return _Solution(scale, significant, factor, abs(math.log(factor.value)) > reach)
 
 
-def _iterate(data: _Data, *, fit_scale: bool) -> tuple[Estimate, Estimate]:
+def _iterate(
+    data: _Data, start: tuple[float, float], *, fit_scale: bool
+) -> tuple[Estimate, Estimate]:
     """Scale and factor with their standard deviations, by fixed-point iteration."""
     count = len(data.measured_m)
     # The fitted scale takes one degree of freedom.
     correction = count / (count - fit_scale)
-    scale = 1.0
-    error = data.measured_m - data.caliper_m
-    factor = max(float(np.median(np.abs(error) / data.measured_std_m)) / 0.6745, _SMALLEST_FACTOR)
+    scale, factor = start[0], max(start[1], _SMALLEST_FACTOR)
     for _ in range(_ITERATIONS):
         before = (scale, factor)
         if fit_scale:

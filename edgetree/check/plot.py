@@ -47,7 +47,7 @@ class _Axis:
     @classmethod
     def around(cls, low: float, high: float) -> _Axis:
         """An axis with round ends that holds both values."""
-        rough = max(high - low, 1e-6) / 5
+        rough = max(high - low, 1e-6) / 8
         magnitude = 10.0 ** math.floor(math.log10(rough))
         step = magnitude * min((m for m in (1, 2, 5) if m * magnitude >= rough), default=10)
         return cls(math.floor(low / step) * step, math.ceil(high / step) * step, step)
@@ -78,10 +78,8 @@ def draw_check(check: QuantityCheck) -> Picture:
     large.panel(_LEFT, f"{name}: measured, cm", "caliper, cm", both, both)
     large.line((_LEFT, _TOP + _PANEL), (_LEFT + _PANEL, _TOP), _INK)
     large.marks(check, _LEFT, both, both, lambda each: each.measured.value * 100)
-    reach = [
-        abs(low - each.caliper.value * 100) for each in check.comparisons for low in _sides(each)
-    ]
-    errors = _Axis.around(-max(reach), max(reach))
+    ends = [end - each.caliper.value * 100 for each in check.comparisons for end in _sides(each)]
+    errors = _Axis.around(min(*ends, 0.0), max(*ends, 0.0))
     left = _LEFT + _PANEL + _GAP
     large.panel(left, f"{name}: measured - caliper, cm", "caliper, cm", both, errors)
     for value, colour in ((0.0, _INK), (check.bias_m * 100, _BIAS)):

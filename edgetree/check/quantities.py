@@ -93,7 +93,7 @@ class Comparison(NamedTuple):
     def covered(self) -> bool:
         """Whether the 95 % interval holds the caliper's value."""
         low, high = self.error.interval95
-        return low <= 0 <= high
+        return bool(low <= 0 <= high)
 
 
 class NotMeasured(NamedTuple):
@@ -154,6 +154,13 @@ class QuantityCheck:
         return float(np.median(np.abs(self.errors_m)))
 
     @property
+    def median_ratio(self) -> float:
+        """Median of the measured values divided by the median of the caliper's; 1 if that is 0."""
+        measured = float(np.median([each.measured.value for each in self.comparisons]))
+        caliper = float(np.median([each.caliper.value for each in self.comparisons]))
+        return measured / caliper if caliper > 0 else 1.0
+
+    @property
     def coverage(self) -> Share:
         """How many of the 95 % intervals hold the caliper's value."""
         return Share(sum(each.covered for each in self.comparisons), len(self.comparisons))
@@ -180,7 +187,7 @@ class QuantityCheck:
         if coverage.interval95[1] < MIN_COVERAGE:
             found.append(
                 f"{name}: the 95 % intervals hold {coverage.count} of {coverage.total} values,"
-                f" certainly less than {MIN_COVERAGE:.0%}"
+                f" certainly less than {MIN_COVERAGE * 100:g} %"
             )
         bias_m, std_m = self.bias_m, self.bias_std_m
         if (
@@ -191,7 +198,7 @@ class QuantityCheck:
         ):
             found.append(
                 f"{name}: the bias of {bias_m * 100:+.1f} cm is more than {BIAS_STDS:g} standard"
-                f" errors and {_BIAS_SHARE:.0%} of the mean"
+                f" errors and {_BIAS_SHARE * 100:g} % of the mean"
             )
         return found
 

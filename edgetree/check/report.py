@@ -9,7 +9,7 @@ from typing import Final
 from edgetree.check.compare import CheckResult
 from edgetree.check.error_fit import MIN_STEMS, ErrorFit
 from edgetree.check.matching import Matching
-from edgetree.check.quantities import Comparison, QuantityCheck, Share
+from edgetree.check.quantities import BIAS_STDS, Comparison, QuantityCheck, Share
 from edgetree.measure import Failure
 
 __all__ = ["QUANTITY_NAMES", "report_lines"]
@@ -23,6 +23,8 @@ QUANTITY_NAMES: Final = {
 
 _LINE: Final = 100
 _MOST_NAMES: Final = 10
+# A median ratio of measured and caliper's diameters beyond this hints at a wrong unit.
+_UNLIKELY: Final = 1.8
 _LABEL_WIDTH: Final = 22
 _BY: Final = {
     "number": "by frame and tree number",
@@ -77,25 +79,35 @@ def _wrapped(text: str) -> list[str]:
 def _quantity_lines(check: QuantityCheck) -> Iterator[str]:
     name = QUANTITY_NAMES[check.quantity]
     yield f"{name}: {len(check.comparisons)} stems"
-    too = ("high", "low") if check.quantity == "cut_height_m" else ("thick", "thin")
-    std = check.bias_std_m
-    spread = "" if std is None else f" ± {std * 100:.1f}"
-    sense = too[check.bias_m < 0]
-    yield _line("mean error", f"{check.bias_m * 100:+.1f}{spread} cm (measured too {sense})")
-    share = check.rmse_share
-    of_mean = "" if share is None else f", {share:.1%} of the mean of {check.mean_m * 100:.1f} cm"
+    yield _line("mean error", _bias_text(check))
+    share, mean_cm = check.rmse_share, check.mean_m * 100
+    of_mean = "" if share is None else f", {share * 100:.1f} % of the mean of {mean_cm:.1f} cm"
     yield _line("root mean square", f"{check.rmse_m * 100:.1f} cm{of_mean}")
     yield _line("median error", f"{check.median_abs_error_m * 100:.1f} cm, without its sign")
-    yield _line("95 % intervals", f"hold the caliper's value {_share_text(check.coverage)}")
+    yield _line("95 % intervals", f"hold {_share_text(check.coverage)}")
     yield _line(
         "squared error",
         f"{check.mean_squared_standardised_error:.2f} times the stated one (1 is right)",
     )
-    yield from _names("  outliers", [_outlier(each) for each in check.outliers])
-    yield from _names(
-        "  not measured",
-        [f"{each.pair.measured.name}: {each.reason}" for each in check.not_measured],
-    )
+    for each in check.outliers:
+        yield _line("outlier", _outlier(each))
+    for missing in check.not_measured:
+        yield _line("not measured", f"{missing.pair.measured.name}: {missing.reason}")
+    ratio = check.median_ratio
+    if check.quantity != "cut_height_m" and not 1 / _UNLIKELY < ratio < _UNLIKELY:
+        yield _line("caliper's unit?", f"measured values are typically {ratio:.2g} times the")
+        yield _line("", "caliper's: is its unit right, and are they diameters, not circumferences?")
+
+
+def _bias_text(check: QuantityCheck) -> str:
+    text, std_m = f"{check.bias_m * 100:+.1f}", check.bias_std_m
+    if std_m is None:
+        return f"{text} cm"
+    text = f"{text} ± {std_m * 100:.1f} cm"
+    if abs(check.bias_m) <= BIAS_STDS * std_m:
+        return f"{text}, which may be chance"
+    too = ("high", "low") if check.quantity == "cut_height_m" else ("thick", "thin")
+    return f"{text}: measured too {too[check.bias_m < 0]}"
 
 
 def _line(label: str, text: str) -> str:
@@ -105,8 +117,8 @@ def _line(label: str, text: str) -> str:
 def _share_text(share: Share) -> str:
     low, high = share.interval95
     return (
-        f"of {share.count} of {share.total} stems ({share.value:.0%}; in the long run"
-        f" {low:.0%} to {high:.0%})"
+        f"{share.count} of {share.total} caliper readings ({share.value * 100:.0f} %; in the long"
+        f" run {low * 100:.0f} to {high * 100:.0f} %)"
     )
 
 
@@ -126,8 +138,8 @@ def _fit_lines(fit: ErrorFit | Failure) -> Iterator[str]:
     yield _line("scale", f"{fit.scale.value:.3f} ± {fit.scale.std:.3f}, {_scale_words(fit)}")
     yield _line("factor", f"{fit.factor.value:.2f} ± {fit.factor.std:.2f}, {_factor_words(fit)}")
     yield _line("intervals as stated", f"hold {_share_text(fit.coverage_before)}")
-    yield _line("with the fit", f"hold {_share_text(fit.coverage_after)},")
-    yield _line("", "each stem with a fit to the other stems")
+    yield _line("with the fit", f"hold {_share_text(fit.coverage_after)};")
+    yield _line("", "each stem is judged by a fit to the other stems")
     if fit.scale_significant:
         yield from _indented(
             "If the distances have the same scale, divide the depth scale by it: --depth-scale"
@@ -151,13 +163,13 @@ def _indented(text: str) -> Iterable[str]:
 
 def _scale_words(fit: ErrorFit) -> str:
     if not fit.scale_significant:
-        return "not significantly different from 1"
+        return "which may be chance"
     share = fit.scale.value - 1
-    return f"the diameters are {abs(share):.1%} too {'large' if share > 0 else 'small'}"
+    return f"the diameters are {abs(share) * 100:.1f} % too {'large' if share > 0 else 'small'}"
 
 
 def _factor_words(fit: ErrorFit) -> str:
     if not fit.factor_significant:
-        return "not significantly different from 1: keep the settings"
+        return "which may be chance: keep the settings"
     size = "larger" if fit.factor.value > 1 else "smaller"
     return f"the errors are {size} than stated"

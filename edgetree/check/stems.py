@@ -176,6 +176,8 @@ def read_caliper(path: Path) -> CaliperTable:
         InputError: the file cannot be read, a column is missing, or a value is not plausible.
     """
     file = read_csv(path)
+    if "diameter_low95_m" in file.columns:
+        raise InputError(f"{path} is a machine's table: expected the readings of a caliper")
     columns = {quantity: _reading_column(file, quantity) for quantity in CHECKED}
     stds = {quantity: _reading_column(file, _std(quantity)) for quantity in CHECKED}
     if columns["diameter_m"] is None and columns["dbh_m"] is None:
