@@ -135,16 +135,16 @@ def fit_errors(
     """
     count = len(comparisons)
     if count < MIN_STEMS:
-        return Failure(
-            f"{count} stems with a measured diameter: a fit of the stated errors needs {MIN_STEMS}"
-        )
+        return Failure(f"a fit needs {MIN_STEMS} stems with a measured diameter, there are {count}")
     columns = np.array([[*each.measured, *each.caliper] for each in comparisons]).T
     data = _Data(*columns)
     solution = _solve(data)
     factor = solution.factor
-    if factor.value <= _SMALLEST_FACTOR or factor.std > _MAX_RELATIVE_STD * factor.value:
+    if factor.value <= _SMALLEST_FACTOR:
+        return Failure("the differences are much smaller than the stated errors")
+    if factor.std > _MAX_RELATIVE_STD * factor.value:
         return Failure(
-            f"their factor of {factor.value:.2f} ± {factor.std:.2f} is too uncertain: measure more"
+            f"the factor of {factor.value:.2f} ± {factor.std:.2f} is too uncertain: measure more"
             " stems, or with smaller errors of the caliper"
         )
     inside = 0

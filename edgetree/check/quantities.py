@@ -27,7 +27,7 @@ __all__ = [
 Float = NDArray[np.floating[Any]]
 
 MIN_COVERAGE: Final = 0.9
-"""The check fails if the 95 % intervals certainly hold less than this share of the readings."""
+"""The check fails if the 95 % intervals hold clearly less than this share of the readings."""
 
 BIAS_STDS: Final = 3.0
 """A bias is significant from this many of its standard errors on."""
@@ -187,7 +187,7 @@ class QuantityCheck:
         if coverage.interval95[1] < MIN_COVERAGE:
             found.append(
                 f"{name}: the 95 % intervals hold {coverage.count} of {coverage.total} values,"
-                f" certainly less than {MIN_COVERAGE * 100:g} %"
+                f" clearly less than {MIN_COVERAGE * 100:g} %"
             )
         bias_m, std_m = self.bias_m, self.bias_std_m
         if (

@@ -52,7 +52,7 @@ def check(
     Prints the bias, the scatter and how many of the 95 % intervals hold the caliper's value. From
     20 stems on, the stated errors are fitted to the machine.
 
-    The exit code is 1 if the intervals hold certainly less than 90 %, or if the diameters have a
+    The exit code is 1 if the intervals hold clearly less than 90 %, or if the diameters have a
     bias of more than 3 standard errors and more than 2 % of their mean.
     """
     from edgetree.check import compare, read_caliper, read_measured
@@ -65,8 +65,8 @@ def check(
         raise InputError(f"--max-distance is {max_distance}: expected metres above 0")
     files = [] if out is None else check_files(out)
     check_paths(
-        {f"--out {out}: {path.name}": path for path in files},
-        {"measured": measured, "caliper": caliper},
+        {f"{path.name} of --out": path for path in files},
+        {"MEASURED.csv": measured, "CALIPER.csv": caliper},
     )
     result = compare(read_measured(measured), read_caliper(caliper), max_distance_m=max_distance)
     with ExitStack() as stack:

@@ -93,6 +93,11 @@ def test_the_nearest_pair_is_matched_first_and_once() -> None:
     assert numbers(wider.pairs) == [(2, 1), (3, 2), (4, 3)]
 
 
+def test_the_nearest_stem_is_taken_and_not_the_first() -> None:
+    machine = measured(found(1, (0, 0, 4)), found(2, (1, 0, 4)))
+    assert numbers(match(machine, caliper(typed(2, 0.95, 0, 4)), 1.0).pairs) == [(2, 2)]
+
+
 def test_the_pair_at_the_limit_counts() -> None:
     assert match(measured(found(1, (0, 0, 4))), caliper(typed(2, 0, 0, 4.5)), 0.5).pairs
     with pytest.raises(InputError):

@@ -64,7 +64,7 @@ def test_errors_that_are_too_small_fail(simulated: Tables) -> None:
     result = compare(*simulated(60, factor=2.0))
     (problem,) = result.problems
     assert "the 95 % intervals hold" in problem
-    assert "of 60 values, certainly less than 90 %" in problem
+    assert "of 60 values, clearly less than 90 %" in problem
 
 
 def test_low_coverage_of_few_stems_does_not_fail(tables: Tables) -> None:

@@ -30,7 +30,7 @@ def written(folder: Path, content: str | bytes) -> Path:
         '"frame","tree","diameter_cm"\na,3,"31,4"\na,4,28.0\n',
         "\ufeffFrame;Tree;Diameter (cm)\r\na;3;31,4\r\n;;\r\na;4;28,0\r\n",
         "frame\ttree\tdiameter_cm\r a\t3\t31,4\r a\t4\t28\r",
-        "sep=;\r\nframe; tree ;DIAMETER [cm];;\r\na;3; 31,4 ;;\r\na;4;28;;\r\n",
+        "\ufeffsep=;\r\nframe; tree ;DIAMETER [cm];;\r\na;3; 31,4 ;;\r\na;4;28;;\r\n",
         "frame;tree;diameter_cm;Höhe\na;3;31,4;ä\na;4;28;\n".encode("cp1252"),
         "frame,tree,diameter_cm,note\na,3,31.4,\na,5,,lost\na,4.0,2.8e1,\n",
     ],

@@ -76,11 +76,13 @@ def test_the_calipers_own_error_is_not_blamed_on_the_machine(simulated: Tables) 
     hidden = compare(*simulated(100, factor=1e-6, caliper_std_m=0.01)).fit
     assert isinstance(hidden, Failure)
     assert "is too uncertain: measure more stems" in hidden.reason
+    exact = compare(*simulated(30, factor=1e-6)).fit
+    assert exact == Failure("the differences are much smaller than the stated errors")
 
 
 def test_fewer_than_twenty_stems_are_refused(simulated: Tables) -> None:
     assert compare(*simulated(19)).fit == Failure(
-        "19 stems with a measured diameter: a fit of the stated errors needs 20"
+        "a fit needs 20 stems with a measured diameter, there are 19"
     )
     assert isinstance(compare(*simulated(20)).fit, ErrorFit)
 

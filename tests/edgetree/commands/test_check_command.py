@@ -121,11 +121,11 @@ def test_few_stems_pass_with_a_warning_and_without_a_fit(run_cli: Cli, folder: P
     write_tables(folder, 6, factor=1.0)
     done = run_cli(*CHECK, "--out", "out")
     assert done.code == 0, done.err
-    assert "not fitted: 6 stems with a measured diameter: a fit of the stated errors" in done.out
+    assert "not fitted: a fit needs 20 stems with a measured diameter, there are 6" in done.out
     assert done.out.splitlines()[-1] == "result: passed, but 6 stems say little"
     saved = json.loads(Path("out/settings.json").read_text())
     assert saved["settings"] == {}
-    assert saved["reason"].startswith("6 stems")
+    assert saved["reason"].startswith("a fit needs 20")
 
 
 def test_stems_are_matched_by_position_within_the_limit(run_cli: Cli, folder: Path) -> None:
@@ -177,5 +177,5 @@ def test_the_output_does_not_overwrite_an_input(run_cli: Cli, folder: Path) -> N
     before = (folder / "matched.csv").read_bytes()
     done = run_cli("check", "matched.csv", "caliper.csv", "--out", ".")
     assert done.code == 2
-    assert "matched.csv, which is measured matched.csv too: expected another path" in done.err
+    assert "matched.csv, which is MEASURED.csv matched.csv too: expected another path" in done.err
     assert (folder / "matched.csv").read_bytes() == before
