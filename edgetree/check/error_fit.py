@@ -141,7 +141,7 @@ def fit_errors(
     solution = _solve(data)
     factor = solution.factor
     if factor.value <= _SMALLEST_FACTOR:
-        return Failure("the differences are much smaller than the stated errors")
+        return Failure("the differences are too small to fit the stated errors to")
     if factor.std > _MAX_RELATIVE_STD * factor.value:
         return Failure(
             f"the factor of {factor.value:.2f} ± {factor.std:.2f} is too uncertain: measure more"

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
-import cv2
 import numpy as np
 
 from edgetree.check.quantities import OUTLIER_STDS, Comparison, QuantityCheck
@@ -15,6 +14,7 @@ from edgetree.check.report import QUANTITY_NAMES
 from edgetree.drawing.primitives import (
     Colour,
     Picture,
+    Point,
     draw_dot,
     draw_line,
     text_size,
@@ -25,8 +25,9 @@ __all__ = ["draw_check"]
 
 _WIDTH, _HEIGHT = 1640, 860
 _PANEL, _TOP, _LEFT, _GAP = 690, 84, 100, 120
-_OVERSAMPLING: Final = 2
 _FONT: Final = 0.62
+_LINE_WIDTH: Final = 1
+_DOT_RADIUS: Final = 4.5
 _NORMAL_975: Final = 1.96
 
 _INK: Final[Colour] = (40, 40, 40)
@@ -70,24 +71,24 @@ def draw_check(check: QuantityCheck) -> Picture:
     Returns:
         (860, 1640, 3) uint8 BGR.
     """
-    large = _Canvas(_OVERSAMPLING)
+    canvas = _Canvas()
     name = QUANTITY_NAMES[check.quantity]
     sides = [value for each in check.comparisons for value in _sides(each)]
     values = [*sides, *(each.caliper.value * 100 for each in check.comparisons)]
     both = _Axis.around(min(values), max(values))
-    large.panel(_LEFT, f"{name}: measured, cm", "caliper, cm", both, both)
-    large.line((_LEFT, _TOP + _PANEL), (_LEFT + _PANEL, _TOP), _INK)
-    large.marks(check, _LEFT, both, both, lambda each: each.measured.value * 100)
+    canvas.panel(_LEFT, f"{name}: measured, cm", "caliper, cm", both, both)
+    canvas.line((_LEFT, _TOP + _PANEL), (_LEFT + _PANEL, _TOP), _INK)
+    canvas.marks(check, _LEFT, both, both, lambda each: each.measured.value * 100)
     ends = [end - each.caliper.value * 100 for each in check.comparisons for end in _sides(each)]
     errors = _Axis.around(min(*ends, 0.0), max(*ends, 0.0))
     left = _LEFT + _PANEL + _GAP
-    large.panel(left, f"{name}: measured - caliper, cm", "caliper, cm", both, errors)
+    canvas.panel(left, f"{name}: measured - caliper, cm", "caliper, cm", both, errors)
     for value, colour in ((0.0, _INK), (check.bias_m * 100, _BIAS)):
         y = _TOP + _PANEL * (1 - errors.place(value))
-        large.line((left, y), (left + _PANEL, y), colour)
-    large.marks(check, left, both, errors, lambda each: each.error.value * 100)
-    large.legend(check)
-    return large.reduced()
+        canvas.line((left, y), (left + _PANEL, y), colour)
+    canvas.marks(check, left, both, errors, lambda each: each.error.value * 100)
+    canvas.legend(check)
+    return canvas.pixels
 
 
 def _sides(comparison: Comparison) -> tuple[float, float]:
@@ -97,23 +98,19 @@ def _sides(comparison: Comparison) -> tuple[float, float]:
 
 
 class _Canvas:
-    """A picture that is drawn enlarged, in coordinates of the reduced one."""
+    """The picture `pixels` and what is drawn on it."""
 
-    def __init__(self, scale: int) -> None:
-        self.scale = scale
-        self.pixels: Picture = np.full((_HEIGHT * scale, _WIDTH * scale, 3), 255, np.uint8)
+    def __init__(self) -> None:
+        self.pixels: Picture = np.full((_HEIGHT, _WIDTH, 3), 255, np.uint8)
 
-    def line(self, start: tuple[float, float], end: tuple[float, float], colour: Colour) -> None:
+    def line(self, start: Point, end: Point, colour: Colour) -> None:
         """Draw a line."""
-        first, second = ((x * self.scale, y * self.scale) for x, y in (start, end))
-        draw_line(self.pixels, first, second, colour, self.scale)
+        draw_line(self.pixels, start, end, colour, _LINE_WIDTH)
 
     def text(self, text: str, x: float, y: float, align: float, colour: Colour = _INK) -> None:
         """Write a line of text; `align` is 0 to begin at x, 0.5 for the middle, 1 to end there."""
-        font = _FONT * self.scale
-        width, _ = text_size(text, font)
-        left = round(x * self.scale - align * width)
-        write_text(self.pixels, text, (left, round(y * self.scale)), font, colour)
+        width, _ = text_size(text, _FONT)
+        write_text(self.pixels, text, (round(x - align * width), round(y)), _FONT, colour)
 
     def panel(self, left: float, title: str, below: str, across: _Axis, up: _Axis) -> None:
         """Draw the grid, the numbers and the names of the axes."""
@@ -147,7 +144,7 @@ class _Canvas:
                 bottom - _PANEL * up.place(end) for end in (value - reach, value, value + reach)
             )
             self.line((x, low), (x, high), colour)
-            draw_dot(self.pixels, (x * self.scale, middle * self.scale), 4.5 * self.scale, colour)
+            draw_dot(self.pixels, (x, middle), _DOT_RADIUS, colour)
 
     def legend(self, check: QuantityCheck) -> None:
         """Explain bars, colours and lines in one row at the top."""
@@ -156,8 +153,3 @@ class _Canvas:
         self.text(f"outliers: {count}", _LEFT + _PANEL, 30, 1.0, _OUTLIER if count else _INK)
         bias = f"green line: mean error {check.bias_m * 100:+.2f} cm"
         self.text(bias, _LEFT + _PANEL + _GAP, 30, 0.0, _BIAS)
-
-    def reduced(self) -> Picture:
-        """The finished picture."""
-        size = (_WIDTH, _HEIGHT)
-        return np.asarray(cv2.resize(self.pixels, size, interpolation=cv2.INTER_AREA), np.uint8)
