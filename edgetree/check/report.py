@@ -146,7 +146,8 @@ def _fit_lines(fit: ErrorFit | Failure) -> Iterator[str]:
             f" {0.001 / fit.scale.value:.6f} in place of 0.001. Otherwise calibrate the camera."
         )
     if fit.settings:
-        yield "  new settings for edgetree.measure:"
+        first = ", once the scale is corrected" if fit.scale_significant else ""
+        yield f"  new settings for edgetree.measure{first}:"
         values = ", ".join(f"{name}={value:g}" for name, value in fit.settings.items())
         yield from wrap(
             f"settings = MeasureSettings({values})",
