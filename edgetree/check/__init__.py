@@ -1,6 +1,6 @@
 """Compare measured stems with a caliper's: bias, scatter, and whether the stated errors hold."""
 
-from edgetree.check.compare import CheckResult, compare
+from edgetree.check.acceptance import CheckResult, compare
 from edgetree.check.error_fit import ErrorFit, fit_errors
 from edgetree.check.matching import Matching, Pair, match_stems
 from edgetree.check.plot import draw_check

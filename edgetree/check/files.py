@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Final
 
-from edgetree.check.compare import CheckResult
+from edgetree.check.acceptance import CheckResult
 from edgetree.check.error_fit import ErrorFit
 from edgetree.check.matching import Pair
 from edgetree.check.plot import draw_check

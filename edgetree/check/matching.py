@@ -103,9 +103,13 @@ def _check_unique(source: str, names: Iterable[str]) -> None:
 def _frames_of(measured: MeasuredTable, caliper: CaliperTable) -> dict[int, str]:
     """The measured table's frame of each stem of the caliper's table, by the stem's `id`.
 
-    A frame may be typed with the suffix of its file.
+    A frame may be typed with the suffix of its file, and without leading zeros, which spreadsheets
+    remove.
     """
     known = {stem.frame for stem in measured.stems}
+    without_zeros = {name.lstrip("0"): name for name in known}
+    if len(without_zeros) < len(known):
+        without_zeros = {}
     frames = {}
     for stem in caliper.stems:
         if stem.frame is None and len(known) > 1:
@@ -114,7 +118,9 @@ def _frames_of(measured: MeasuredTable, caliper: CaliperTable) -> dict[int, str]
                 f" {len(known)}: expected the column frame with one of their names"
             )
         name = next(iter(known)) if stem.frame is None else stem.frame
-        frames[id(stem)] = name if name in known else Path(name).stem
+        if name not in known:
+            name = Path(name).stem
+        frames[id(stem)] = name if name in known else without_zeros.get(name.lstrip("0"), name)
     return frames
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from textwrap import wrap
 from typing import Final
 
-from edgetree.check.compare import CheckResult
+from edgetree.check.acceptance import CheckResult
 from edgetree.check.error_fit import MIN_STEMS, ErrorFit
 from edgetree.check.matching import Matching
 from edgetree.check.quantities import BIAS_STDS, Comparison, QuantityCheck, Share

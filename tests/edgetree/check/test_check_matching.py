@@ -53,6 +53,15 @@ def test_frame_and_number_match() -> None:
     assert [stem.name for stem in result.measured_only] == ["a tree 1", "b tree 1"]
 
 
+def test_leading_zeros_that_a_spreadsheet_removed_are_found() -> None:
+    machine = measured(*(MeasuredStem(frame, 1, VALUES) for frame in ("0012", "0112")))
+    result = match(machine, caliper(CaliperStem(2, READING, "12", 1)), 0.5)
+    assert [pair.measured.frame for pair in result.pairs] == ["0012"]
+    two = measured(*(MeasuredStem(frame, 1, VALUES) for frame in ("0012", "012")))
+    with pytest.raises(InputError, match="none of its 1 stems"):
+        match(two, caliper(CaliperStem(2, READING, "12", 1)), 0.5)
+
+
 def test_the_only_frame_need_not_be_typed() -> None:
     result = match(measured(found(1), found(2)), caliper(CaliperStem(2, READING, None, 2)), 0.5)
     assert numbers(result.pairs) == [(2, 2)]
