@@ -11,6 +11,7 @@ import typer
 
 from edgetree.commands.bench import bench
 from edgetree.commands.calibrate import calibrate
+from edgetree.commands.check import check
 from edgetree.commands.demo import demo
 from edgetree.commands.doctor import doctor
 from edgetree.commands.eval import evaluate
@@ -32,6 +33,7 @@ app = typer.Typer(
 app.command()(demo)
 app.command()(run)
 app.command()(measure)
+app.command()(check)
 app.command()(calibrate)
 app.command(name="eval")(evaluate)
 app.command()(bench)

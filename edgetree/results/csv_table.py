@@ -9,7 +9,7 @@ from typing import Any, Final, TextIO
 from edgetree.frames.pipeline import FrameResult
 from edgetree.measure import QUANTITIES, TreeMeasurement
 
-__all__ = ["COLUMNS", "write_header", "write_rows"]
+__all__ = ["COLUMNS", "cell", "write_header", "write_rows"]
 
 _BOX: Final = ("box_x0_px", "box_y0_px", "box_x1_px", "box_y1_px")
 _POINTS: Final = {"cut_point": "cut_point_camera", "cut_point_machine": "cut_point_machine"}
@@ -51,7 +51,7 @@ def write_rows(stream: TextIO, result: FrameResult) -> None:
     Cells without a value are empty; the column `<quantity>_failure` then gives the reason.
     """
     writer = csv.DictWriter(stream, COLUMNS)
-    writer.writerows({name: _cell(value) for name, value in row.items()} for row in _rows(result))
+    writer.writerows({name: cell(value) for name, value in row.items()} for row in _rows(result))
     stream.flush()
 
 
@@ -82,7 +82,7 @@ def _metres(values: Mapping[str, Any]) -> dict[str, Any]:
     return {**row, **{name: evidence[name] for name in _EVIDENCE}}
 
 
-def _cell(value: object) -> object:
+def cell(value: object) -> object:
     """A value for a cell.
 
     Numbers are rounded to five digits. Text is put on one line, and escaped if a spreadsheet

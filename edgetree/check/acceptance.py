@@ -1,0 +1,124 @@
+"""The field's acceptance test: compare a machine's table with that of a caliper."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Final
+
+from edgetree.check.error_fit import ErrorFit, fit_errors
+from edgetree.check.matching import Matching, match_stems
+from edgetree.check.quantities import QuantityCheck, check_quantity
+from edgetree.check.records import fit_record, matching_record, quantity_record
+from edgetree.check.stems import CHECKED, CaliperTable, MeasuredTable
+from edgetree.errors import InputError
+from edgetree.measure import Failure, MeasureSettings
+
+__all__ = ["MAX_DISTANCE_M", "CheckResult", "compare"]
+
+MAX_DISTANCE_M: Final = 0.5
+"""Default of the largest distance between two positions of one stem, in metres."""
+
+
+@dataclass(frozen=True)
+class CheckResult:
+    """The comparison of two tables.
+
+    Attributes:
+        matching: which stems are the same.
+        max_distance_m: largest distance between two positions of one stem.
+        quantities: the compared quantities, by their keys in `TreeMeasurement`.
+        not_compared: why a quantity of the caliper's table could not be compared, by quantity.
+        fit: the fit of the stated errors, or why there is none.
+    """
+
+    matching: Matching
+    max_distance_m: float
+    quantities: dict[str, QuantityCheck]
+    not_compared: dict[str, str]
+    fit: ErrorFit | Failure
+
+    @property
+    def problems(self) -> list[str]:
+        """Why the check fails; empty if it passes. See `QuantityCheck.problems`."""
+        return [text for check in self.quantities.values() for text in check.problems()]
+
+    @property
+    def passed(self) -> bool:
+        """Whether the check passes."""
+        return not self.problems
+
+    def to_dict(self) -> dict[str, Any]:
+        """A JSON-ready dictionary. Lengths are in metres, shares between 0 and 1."""
+        fit = self.fit
+        return {
+            **matching_record(self.matching),
+            "max_distance_m": None if self.matching.by == "number" else self.max_distance_m,
+            "quantities": {name: quantity_record(each) for name, each in self.quantities.items()},
+            "not_compared": self.not_compared,
+            "fit": None if isinstance(fit, Failure) else fit_record(fit),
+            "fit_failure": fit.reason if isinstance(fit, Failure) else None,
+            "passed": self.passed,
+            "reasons": self.problems,
+        }
+
+
+def compare(
+    measured: MeasuredTable,
+    caliper: CaliperTable,
+    *,
+    max_distance_m: float = MAX_DISTANCE_M,
+    settings: MeasureSettings | None = None,
+) -> CheckResult:
+    """Compare a machine's table with a caliper's.
+
+    Args:
+        measured: the machine's table.
+        caliper: the caliper's table.
+        max_distance_m: largest distance between two positions of one stem, in metres. Not used
+            for stems with numbers.
+        settings: the settings that the machine measured with.
+
+    Raises:
+        InputError: the stems cannot be matched (see `match_stems`), no matched stem has a measured
+            diameter, or `max_distance_m` is not positive.
+    """
+    if not (math.isfinite(max_distance_m) and max_distance_m > 0):
+        raise InputError(f"max_distance_m is {max_distance_m}: expected metres above 0")
+    matching = match_stems(measured, caliper, max_distance_m)
+    if not matching.pairs:
+        raise InputError(
+            f"{caliper.source}: all matches with {measured.source} are ambiguous, the first:"
+            f" {matching.ambiguous[0].caliper.name}: expected tree numbers or more accurate"
+            " positions"
+        )
+    results = {quantity: check_quantity(quantity, matching.pairs) for quantity in CHECKED}
+    quantities = {name: each for name, each in results.items() if isinstance(each, QuantityCheck)}
+    if "diameter_m" not in quantities and "dbh_m" not in quantities:
+        reasons = [
+            f"{name}: {each.reason}"
+            for name, each in results.items()
+            if isinstance(each, Failure) and _was_read(name, caliper)
+        ]
+        raise InputError(
+            f"{measured.source}: expected a measured diameter for a stem of {caliper.source},"
+            f" found none ({'; '.join(reasons)})"
+        )
+    diameter = quantities.get("diameter_m")
+    return CheckResult(
+        matching=matching,
+        max_distance_m=max_distance_m,
+        quantities=quantities,
+        not_compared={
+            name: each.reason
+            for name, each in results.items()
+            if isinstance(each, Failure) and _was_read(name, caliper)
+        },
+        fit=Failure("no diameter at the cut to fit the stated errors to")
+        if diameter is None
+        else fit_errors(diameter.comparisons, settings),
+    )
+
+
+def _was_read(quantity: str, caliper: CaliperTable) -> bool:
+    return any(quantity in stem.values for stem in caliper.stems)

@@ -1,0 +1,153 @@
+"""Read CSV files as spreadsheets in different countries write them."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from edgetree.errors import InputError
+
+__all__ = ["CsvFile", "Row", "read_csv"]
+
+_DELIMITERS: Final = (";", "\t", ",")
+_NUMBER: Final = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row of a CSV file.
+
+    Attributes:
+        place: file and line, for error messages.
+        line: number of the line in the file, from 1.
+        cells: text of each cell by column, without spaces around it.
+    """
+
+    place: str
+    line: int
+    cells: Mapping[str, str]
+
+    def text(self, column: str) -> str:
+        """The text of a cell; empty if there is no such column."""
+        return self.cells.get(column, "")
+
+    def number(self, column: str) -> float | None:
+        """The number in a cell, with a decimal point or comma; None if the cell is empty.
+
+        Raises:
+            InputError: the cell holds something else.
+        """
+        text = self.text(column)
+        if not text:
+            return None
+        value = float(text.replace(",", ".")) if _NUMBER.fullmatch(text) else float("inf")
+        if abs(value) == float("inf"):
+            raise InputError(f"{self.place}: {column} is {text!r}: expected a number, such as 31.4")
+        return value
+
+    def whole_number(self, column: str) -> int | None:
+        """The whole number in a cell; None if the cell is empty.
+
+        Raises:
+            InputError: the cell holds something else.
+        """
+        value = self.number(column)
+        if value is not None and value != int(value):
+            raise InputError(
+                f"{self.place}: {column} is {self.text(column)!r}: expected a whole number"
+            )
+        return None if value is None else int(value)
+
+
+@dataclass(frozen=True)
+class CsvFile:
+    """The content of a CSV file.
+
+    Attributes:
+        path: the file.
+        columns: names of the columns, in lower case, with `_` for spaces and signs:
+            "Diameter (cm)" becomes "diameter_cm".
+        rows: the rows that are not empty.
+    """
+
+    path: Path
+    columns: tuple[str, ...]
+    rows: tuple[Row, ...]
+
+
+def read_csv(path: Path) -> CsvFile:
+    """Read a CSV file.
+
+    The columns are separated by semicolons, tabs or commas: the first of these in the header.
+    The encoding is UTF-8, or Windows-1252 if the file is not valid UTF-8. A byte order mark, CRLF
+    line ends and a first line such as "sep=;" are understood.
+
+    Raises:
+        InputError: the file cannot be read, has no header or no rows, or a row has more cells than
+            the header.
+    """
+    lines = list(io.StringIO(_text(path), newline=""))
+    skipped = 1 if lines and lines[0].lower().startswith("sep=") else 0
+    lines = lines[skipped:]
+    header = lines[0] if lines else ""
+    delimiter = next((each for each in _DELIMITERS if each in header), ",")
+    reader = csv.reader(lines, delimiter=delimiter)
+    try:
+        columns = _columns(path, next(reader, []))
+        rows = [
+            _row(path, reader.line_num + skipped, columns, cells)
+            for cells in reader
+            if any(cell.strip() for cell in cells)
+        ]
+    except csv.Error as error:
+        raise InputError(
+            f"{path}, line {reader.line_num + skipped}: {error}: expected a CSV table"
+        ) from error
+    if not rows:
+        raise InputError(f"{path} has no rows: expected a header and a row for each stem")
+    return CsvFile(path, tuple(name for name in columns if name), tuple(rows))
+
+
+def _text(path: Path) -> str:
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(
+            f"{path} cannot be read ({error.strerror}): expected a CSV file"
+        ) from error
+    if b"\0" in data:
+        raise InputError(f"{path} is not a text file: expected CSV, in UTF-8")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("cp1252", errors="replace")
+
+
+def _columns(path: Path, cells: list[str]) -> list[str]:
+    names = [re.sub(r"[^a-z0-9]+", "_", cell.lower()).strip("_") for cell in cells]
+    if len([name for name in names if name]) < 2:
+        raise InputError(
+            f"{path}: the first line has fewer than two columns: expected a header with names"
+            " separated by semicolons, tabs or commas"
+        )
+    for name in names:
+        if name and names.count(name) > 1:
+            raise InputError(f"{path}: the header has the column {name} twice: expected once")
+    return names
+
+
+def _row(path: Path, line: int, columns: list[str], cells: list[str]) -> Row:
+    place = f"{path}, line {line}"
+    if any(cell.strip() for cell in cells[len(columns) :]):
+        raise InputError(
+            f"{place}: {len(cells)} cells, but the header has {len(columns)}: expected as many"
+            " (with decimal commas, separate the columns by semicolons)"
+        )
+    return Row(
+        place, line, {name: cell.strip() for name, cell in zip(columns, cells, strict=False)}
+    )

@@ -1,0 +1,107 @@
+"""Files of a check: the matched stems as CSV, plots, and the fitted settings."""
+
+from __future__ import annotations
+
+import csv
+import json
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Final
+
+from edgetree.check.acceptance import CheckResult
+from edgetree.check.error_fit import ErrorFit
+from edgetree.check.matching import Pair
+from edgetree.check.plot import draw_check
+from edgetree.check.quantities import Comparison
+from edgetree.check.records import fit_record
+from edgetree.check.stems import CHECKED
+from edgetree.measure import Failure
+from edgetree.results.atomic_files import replacing, text_file
+from edgetree.results.csv_table import cell
+from edgetree.results.pictures import encode_picture
+
+__all__ = ["SETTINGS_FILE", "TABLE_FILE", "check_files", "write_files"]
+
+TABLE_FILE: Final = "matched.csv"
+SETTINGS_FILE: Final = "settings.json"
+
+
+def check_files(folder: Path) -> list[Path]:
+    """The files that `write_files` may write."""
+    return [
+        folder / name
+        for name in (TABLE_FILE, SETTINGS_FILE, *(_plot_name(quantity) for quantity in CHECKED))
+    ]
+
+
+def write_files(folder: Path, result: CheckResult) -> list[Path]:
+    """Write the matched stems, a plot for each compared quantity, and the fitted settings.
+
+    All files are written, or none. `settings.json` is written in every case; it has no settings if
+    none were fitted.
+
+    Returns:
+        The paths of the files.
+
+    Raises:
+        InputError: a file cannot be written.
+    """
+    settings = folder / SETTINGS_FILE
+    with ExitStack() as stack:
+        table = stack.enter_context(text_file(folder / TABLE_FILE))
+        writer = csv.DictWriter(table, _COLUMNS)
+        writer.writeheader()
+        writer.writerows(_row(pair) for pair in result.matching.pairs)
+        stack.enter_context(text_file(settings)).write(_settings_text(result.fit))
+        plots = [folder / _plot_name(quantity) for quantity in result.quantities]
+        for path, check in zip(plots, result.quantities.values(), strict=True):
+            temporary = stack.enter_context(replacing(path))
+            temporary.write_bytes(encode_picture(draw_check(check), path.suffix))
+    return [folder / TABLE_FILE, *plots, settings]
+
+
+def _plot_name(quantity: str) -> str:
+    return f"{quantity.removesuffix('_m')}.png"
+
+
+def _columns_of(quantity: str) -> tuple[str, ...]:
+    name = quantity.removesuffix("_m")
+    values = (f"{name}_{what}_m" for what in ("measured", "std", "caliper", "error"))
+    return (*values, f"{name}_within95", f"{name}_failure")
+
+
+_COLUMNS: Final = (
+    "frame",
+    "tree",
+    "caliper_line",
+    *(column for quantity in CHECKED for column in _columns_of(quantity)),
+)
+
+
+def _row(pair: Pair) -> dict[str, object]:
+    row: dict[str, object] = {"frame": pair.measured.frame, "tree": pair.measured.tree}
+    row["caliper_line"] = pair.caliper.line
+    for quantity in CHECKED:
+        caliper, measured = pair.caliper.values.get(quantity), pair.measured.values[quantity]
+        cells: list[object] = [None] * len(_columns_of(quantity))
+        if caliper is not None:
+            cells[2] = caliper.value
+        if isinstance(measured, Failure):
+            cells[5] = measured.reason
+        else:
+            cells[:2] = measured
+            if caliper is not None:
+                each = Comparison(pair, measured, caliper)
+                cells[3:5] = each.error.value, int(each.covered)
+        row |= zip(_columns_of(quantity), cells, strict=True)
+    return {name: cell(value) for name, value in row.items()}
+
+
+def _settings_text(fit: ErrorFit | Failure) -> str:
+    """The fit as JSON; `settings` are arguments of `MeasureSettings`."""
+    record: dict[str, object] = {"schema": "edgetree.check_settings/1"}
+    if isinstance(fit, Failure):
+        record |= {"settings": {}, "reason": fit.reason}
+    else:
+        record |= fit_record(fit)
+    return json.dumps(record, indent=2, allow_nan=False) + "\n"

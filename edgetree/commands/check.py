@@ -1,0 +1,93 @@
+"""`edgetree check`: compare measured stems with a caliper's readings."""
+
+from __future__ import annotations
+
+import math
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Annotated, TypeAlias
+
+import typer
+
+from edgetree.commands.options import Json, quoted
+from edgetree.console import note, print_json
+
+__all__ = ["check"]
+
+_Measured: TypeAlias = Annotated[
+    Path,
+    typer.Argument(
+        metavar="MEASURED.csv", help="Table of `edgetree run --csv` or `measure --csv`."
+    ),
+]
+_Caliper: TypeAlias = Annotated[
+    Path,
+    typer.Argument(
+        metavar="CALIPER.csv",
+        help="Table with a header and one row per stem: tree (its number in MEASURED.csv) or x_m,"
+        " y_m, z_m (its position); frame, if MEASURED.csv has several; diameter_cm, dbh_cm or both"
+        " (or _mm, _m, _in); cut_height_cm if measured. Comma, semicolon and decimal comma are"
+        " understood.",
+    ),
+]
+_Out: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(help="Folder for plots, the table of matched stems and the fitted settings."),
+]
+_MaxDistance: TypeAlias = Annotated[
+    float,
+    typer.Option(metavar="M", help="Largest distance between two positions of one stem, metres."),
+]
+
+
+def check(
+    measured: _Measured,
+    caliper: _Caliper,
+    out: _Out = None,
+    max_distance: _MaxDistance = 0.5,
+    as_json: Json = False,
+) -> None:
+    """Compare measured stems with a caliper's: an acceptance test for a machine.
+
+    Prints the bias, the scatter and how many of the 95 % intervals hold the caliper's value. From
+    20 stems on, the stated errors are fitted to the machine.
+
+    The exit code is 1 if the intervals hold clearly less than 90 %, or if the diameters have a
+    bias of more than 3 standard errors and more than 2 % of their mean.
+    """
+    from edgetree.check import compare, read_caliper, read_measured
+    from edgetree.check.files import check_files, write_files
+    from edgetree.check.report import report_lines
+    from edgetree.errors import CheckFailed, InputError
+    from edgetree.results.atomic_files import check_paths, output_folder
+
+    if not (math.isfinite(max_distance) and max_distance > 0):
+        raise InputError(f"--max-distance is {max_distance}: expected metres above 0")
+    files = [] if out is None else check_files(out)
+    check_paths(
+        {f"{path.name} of --out": path for path in files},
+        {"MEASURED.csv": measured, "CALIPER.csv": caliper},
+    )
+    result = compare(read_measured(measured), read_caliper(caliper), max_distance_m=max_distance)
+    with ExitStack() as stack:
+        folder = None if out is None else stack.enter_context(output_folder(out))
+        written = [] if folder is None else write_files(folder, result)
+    if as_json:
+        print_json(
+            {
+                "schema": "edgetree.check/1",
+                "measured": str(measured),
+                "caliper": str(caliper),
+                **result.to_dict(),
+                "files": [str(path) for path in written],
+            }
+        )
+    else:
+        for line in report_lines(result):
+            typer.echo(line)
+    for path in written:
+        note(f"written: {path}")
+    if out is None:
+        note(f"next: edgetree check {quoted(measured)} {quoted(caliper)} --out check")
+    if not result.passed:
+        raise CheckFailed(f"{measured}: the check failed: {'; '.join(result.problems)}")
