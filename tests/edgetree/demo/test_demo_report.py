@@ -115,7 +115,7 @@ def test_the_page_shows_truth_measurement_and_reason(result: DemoResult) -> None
     assert "not found" in text
     assert "1 of 2 labelled trees found by the depth model" in text
     assert "1.5 cm median error of the stem diameter" in text
-    assert "50 per second" in text
+    assert "50 frames per second" in text
     assert "50.0 / 40.0" in text
 
 
