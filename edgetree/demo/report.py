@@ -49,7 +49,10 @@ def _header(result: DemoResult) -> str:
         (f"{model.found_trees} of {model.true_trees}", f"labelled trees found by the {who}"),
         (_median_text(model, "diameter_m"), "median error of the stem diameter"),
         (_median_text(model, "cut_height_m"), "median error of the felling cut's height"),
-        (str(model.unmatched_detections), f"invented by the {who}: they match no labelled tree"),
+        (
+            str(model.unmatched_detections),
+            f"invented trees: detections of the {who} without a labelled tree",
+        ),
         (f"{model.speed.fps:.0f}", "frames per second on this computer's processor"),
     ]
     return (
