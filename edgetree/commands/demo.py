@@ -103,9 +103,9 @@ def _next_commands(out: Path, train: bool) -> list[NextCommand]:
     depth_model = model or " --model depth"
     commands = [
         NextCommand(
-            "Measure trees in your own frames, with a 16-bit depth image in millimetres for each"
-            " frame and the camera's calibration:",
-            f"edgetree run FRAMES --depth DEPTHS --camera camera.json --out pictures{model}",
+            "Measure trees in your own frames and write a report, with a 16-bit depth image in"
+            " millimetres for each frame and the camera's calibration:",
+            f"edgetree run FRAMES --depth DEPTHS --camera camera.json --report trees.html{model}",
         ),
         NextCommand("Measure the speed on this machine:", f"edgetree bench{depth_model}"),
     ]

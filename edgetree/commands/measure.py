@@ -15,7 +15,9 @@ from edgetree.commands.options import (
     Csv,
     Depth,
     Json,
+    Report,
     ScoreThreshold,
+    check_report,
     model_file,
     model_record,
     quoted,
@@ -50,6 +52,15 @@ _Picture: TypeAlias = Annotated[
 ]
 
 
+@dataclass(frozen=True)
+class _Outputs:
+    """The options for output files."""
+
+    out: _Picture = None
+    csv: Csv = None
+    report: Report = None
+
+
 @expand_groups
 def measure(
     image: _Image,
@@ -59,8 +70,7 @@ def measure(
     model: _Model = None,
     mask: _Mask = None,
     rig_options: RigOptions,
-    out: _Picture = None,
-    csv: Csv = None,
+    outputs: _Outputs,
     score_threshold: ScoreThreshold = 0.5,
     session: SessionOptions,
     as_json: Json = False,
@@ -72,15 +82,17 @@ def measure(
     from edgetree.results.text_table import table_lines
 
     inputs = _Inputs(image, camera, depth, model, mask, rig_options)
-    inputs.check(out, csv)
+    inputs.check(outputs)
     rig, settings = rig_options.rig(camera, depth), rig_options.settings()
     detector = None
     trees_from: dict[str, Any] = {"mask": str(mask)}
+    trees_from_words = f"the mask {mask}"
     if mask is None:
         detector, model_path = session.open_model(model or "rgb", score_threshold)
         trees_from = {"model": model_record(detector, model_path)}
+        trees_from_words = f"the model {model_path.name}"
     result = inputs.process(detector, rig, settings)
-    _write(result, out, csv)
+    _write(result, outputs, str(image), trees_from_words)
     if as_json:
         from edgetree.results.json_records import frame_record
 
@@ -92,8 +104,8 @@ def measure(
                 "depth": str(depth or image),
                 "camera": result.camera.to_dict(),
                 "frame": frame_record(result),
-                "picture": None if out is None else str(out),
-                "csv": None if csv is None else str(csv),
+                "picture": None if outputs.out is None else str(outputs.out),
+                "csv": None if outputs.csv is None else str(outputs.csv),
             }
         )
     else:
@@ -101,10 +113,14 @@ def measure(
             typer.echo(line)
     if result.scaling is not None:
         note(result.scaling)
-    for name, path in (("picture", out), ("table", csv)):
+    for name, path in (
+        ("picture", outputs.out),
+        ("table", outputs.csv),
+        ("report", outputs.report),
+    ):
         if path is not None:
             note(f"{name}: {path}")
-    note(f"next: edgetree {inputs.next_command(out, csv)}")
+    note(f"next: edgetree {inputs.next_command(outputs.out, outputs.csv)}")
 
 
 @dataclass(frozen=True)
@@ -118,7 +134,7 @@ class _Inputs:
     mask: Path | None
     rig_options: RigOptions
 
-    def check(self, out: Path | None, csv: Path | None) -> None:
+    def check(self, outputs: _Outputs) -> None:
         """Raise InputError if options contradict each other, or an output overwrites a file."""
         from edgetree.errors import InputError
         from edgetree.frames.sources import VIDEO_SUFFIXES
@@ -133,11 +149,13 @@ class _Inputs:
             raise InputError("--model given with --mask: expected only one")
         if self.mask is not None and self.depth is None:
             raise InputError("--mask given without --depth: expected the depth image to measure in")
+        out = outputs.out
         if out is not None and out.suffix.lower() not in PICTURE_SUFFIXES:
             suffixes = ", ".join(PICTURE_SUFFIXES)
             raise InputError(f"--out is {out}: expected a file name ending in {suffixes}")
+        check_report(outputs.report)
         check_paths(
-            {"--out": out, "--csv": csv},
+            {f"--{name}": path for name, path in vars(outputs).items()},
             {
                 "source": self.image,
                 "--depth": self.depth,
@@ -181,17 +199,22 @@ class _Inputs:
         return f"run FRAMES --depth DEPTHS{options} --csv trees.csv"
 
 
-def _write(result: FrameResult, out: Path | None, csv: Path | None) -> None:
-    """Write the picture and the table; if one fails, neither is written."""
+def _write(result: FrameResult, outputs: _Outputs, source: str, trees_from: str) -> None:
+    """Write the picture, the table and the report; if one fails, none is written."""
+    from edgetree.report import report_file
     from edgetree.results.atomic_files import replacing, text_file
     from edgetree.results.csv_table import write_header, write_rows
     from edgetree.results.pictures import draw_frame, encode_picture
 
     with ExitStack() as stack:
-        if csv is not None:
-            stream = stack.enter_context(text_file(csv))
+        if outputs.csv is not None:
+            stream = stack.enter_context(text_file(outputs.csv))
             write_header(stream)
             write_rows(stream, result)
-        if out is not None:
-            picture = stack.enter_context(replacing(out))
-            picture.write_bytes(encode_picture(draw_frame(result), out.suffix.lower()))
+        if outputs.report is not None:
+            add = stack.enter_context(report_file(outputs.report, source, trees_from))
+            add(result)
+        if outputs.out is not None:
+            picture = stack.enter_context(replacing(outputs.out))
+            data = encode_picture(draw_frame(result), outputs.out.suffix.lower())
+            picture.write_bytes(data)

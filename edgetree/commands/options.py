@@ -23,11 +23,13 @@ __all__ = [
     "Model",
     "Mounting",
     "Provider",
+    "Report",
     "ScoreThreshold",
     "Strict",
     "StumpHeight",
     "Threads",
     "Up",
+    "check_report",
     "existing_file",
     "model_file",
     "model_record",
@@ -126,11 +128,26 @@ StumpHeight: TypeAlias = Annotated[
 Csv: TypeAlias = Annotated[
     Path | None, typer.Option(help="CSV file to write, one row per tree, units in column names.")
 ]
+Report: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE.html",
+        help="Report to write: one HTML page with the pictures, all trees and diameter classes.",
+    ),
+]
 
 
 def existing_file(text: str | None) -> Path | None:
     """The value as a path, if it is an existing file; it may also be a number or a name."""
     return None if text is None or not Path(text).is_file() else Path(text)
+
+
+def check_report(path: Path | None) -> None:
+    """Raise InputError if the value of --report is not the name of an HTML file."""
+    from edgetree.errors import InputError
+
+    if path is not None and path.suffix.lower() not in (".html", ".htm"):
+        raise InputError(f"--report is {path}: expected a file name ending in .html")
 
 
 def model_file(model: str | None) -> Path | None:

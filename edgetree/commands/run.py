@@ -18,7 +18,9 @@ from edgetree.commands.options import (
     Depth,
     Json,
     Model,
+    Report,
     ScoreThreshold,
+    check_report,
     model_file,
     model_record,
     quoted,
@@ -54,6 +56,7 @@ class _Outputs:
     jsonl: _JsonLines = None
     csv: Csv = None
     coco: _Coco = None
+    report: Report = None
 
 
 @expand_groups
@@ -84,7 +87,7 @@ def run(
     totals = _Totals()
     records: list[dict[str, Any]] = []
     lines_to_stdout = not (outputs.jsonl or as_json)
-    with _writer(outputs, model_path.name, score_threshold, lines_to_stdout) as write:
+    with _writer(outputs, source, model_path.name, score_threshold, lines_to_stdout) as write:
         shown = not (lines_to_stdout and sys.stdout.isatty())
         for frame in track(frames, "detecting", frames.count, shown=shown):
             result = process(frame, detector, rig, settings)
@@ -113,6 +116,7 @@ def run(
         ("table", outputs.csv),
         ("labels", outputs.coco),
         ("pictures", outputs.out),
+        ("report", outputs.report),
     ):
         if path is not None:
             note(f"{name}: {path}")
@@ -132,7 +136,7 @@ def _check(
     rig_options: RigOptions,
     outputs: _Outputs,
 ) -> None:
-    """Raise InputError if an output overwrites a file, or labels are requested for a video."""
+    """Raise InputError if outputs overwrite files or do not fit the source."""
     from edgetree.errors import InputError
     from edgetree.frames.sources import VIDEO_SUFFIXES
     from edgetree.results.atomic_files import check_paths
@@ -146,15 +150,18 @@ def _check(
             **rig_options.files(camera),
         },
     )
+    check_report(outputs.report)
     if outputs.coco and source.suffix.lower() in VIDEO_SUFFIXES and source.is_file():
         raise InputError(f"source {source} is a video: expected images, as --coco is given")
 
 
 @contextmanager
 def _writer(
-    outputs: _Outputs, model: str, score_threshold: float, lines_to_stdout: bool
+    outputs: _Outputs, source: Path, model: str, score_threshold: float, lines_to_stdout: bool
 ) -> Iterator[_Write]:
     """Open the output files; yields a function that writes a frame's result and its record."""
+    from edgetree.frames.sources import as_typed
+    from edgetree.report import report_file
     from edgetree.results.atomic_files import output_folder, text_file
     from edgetree.results.coco_labels import labels_file
     from edgetree.results.csv_table import write_header, write_rows
@@ -170,6 +177,11 @@ def _writer(
         add_labels = None
         if outputs.coco is not None:
             add_labels = stack.enter_context(labels_file(outputs.coco, model, score_threshold))
+        add_to_report = None
+        if outputs.report is not None:
+            add_to_report = stack.enter_context(
+                report_file(outputs.report, as_typed(source), f"the model {model}")
+            )
         if table is not None:
             write_header(table)
 
@@ -182,6 +194,8 @@ def _writer(
                 write_picture(folder, result)
             if add_labels is not None:
                 add_labels(result)
+            if add_to_report is not None:
+                add_to_report(result)
 
         yield write
 

@@ -14,6 +14,8 @@ from edgetree.measure import Estimate, Failure, TreeMeasurement
 from edgetree.samples import SampleTree
 
 __all__ = [
+    "GROSS_DIAMETER_SHARE",
+    "GROSS_STDS",
     "QUANTITIES",
     "FrameComparison",
     "QuantitySummary",
@@ -23,6 +25,9 @@ __all__ = [
 ]
 
 QUANTITIES: Final = ("diameter_m", "cut_height_m", "distance_m")
+
+GROSS_STDS: Final = 3.0
+GROSS_DIAMETER_SHARE: Final = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +58,25 @@ class TreeComparison:
         """Why one of `QUANTITIES` could not be measured; None if it was, or the tree not found."""
         value = getattr(self.measurement, quantity, None)
         return value.reason if isinstance(value, Failure) else None
+
+    def error_m(self, quantity: str) -> float | None:
+        """Measured minus true value of one of `QUANTITIES`; None if it was not measured."""
+        estimate = self.estimate(quantity)
+        return None if estimate is None else estimate.value - float(getattr(self.truth, quantity))
+
+    def is_gross(self, quantity: str) -> bool:
+        """Whether one of `QUANTITIES` has a gross error.
+
+        It is gross if it is more than `GROSS_STDS` standard deviations; for a diameter also if it
+        is more than `GROSS_DIAMETER_SHARE` of the true diameter.
+        """
+        estimate, error_m = self.estimate(quantity), self.error_m(quantity)
+        if estimate is None or error_m is None:
+            return False
+        limit_m = GROSS_STDS * estimate.std
+        if quantity == "diameter_m":
+            limit_m = min(limit_m, GROSS_DIAMETER_SHARE * self.truth.diameter_m)
+        return abs(error_m) > limit_m
 
     def to_dict(self) -> dict[str, Any]:
         """A flat JSON object: the truth as `true_*` in metres, and the measurement."""

@@ -1,4 +1,4 @@
-"""Scatter plots of measured and true values as SVG, without a plotting library."""
+"""Plots of measured and true values, and of errors, as SVG."""
 
 from __future__ import annotations
 
@@ -7,11 +7,13 @@ from collections.abc import Sequence
 
 from edgetree.demo.result import ModelResult
 from edgetree.demo.tables import QUANTITY_STYLES
+from edgetree.report.charts import Bars, bar_chart, nice_axis
 
-__all__ = ["scatter_plot"]
+__all__ = ["error_histogram", "scatter_plot"]
 
 _SIZE, _LEFT, _BOTTOM, _TOP = 300, 38, 34, 24
 _SPAN = _SIZE - _LEFT - 10
+_BINS_PER_SIDE = 4
 
 
 def scatter_plot(models: Sequence[ModelResult], quantity: str) -> str:
@@ -28,7 +30,7 @@ def scatter_plot(models: Sequence[ModelResult], quantity: str) -> str:
     values_m = [abs(value) for model_dots in dots for dot in model_dots for value in dot[:2]]
     if not values_m:
         return ""
-    top, step = _nice_axis(max(values_m) * style.per_metre)
+    top, step = nice_axis(max(values_m) * style.per_metre)
     scale = _SPAN / top
     ticks = "".join(_tick(index * step, scale) for index in range(round(top / step) + 1))
     series = "".join(
@@ -58,14 +60,6 @@ def _dots(model: ModelResult, quantity: str) -> list[tuple[float, float, float]]
     return found
 
 
-def _nice_axis(largest: float) -> tuple[float, float]:
-    """(end, step) of an axis from zero to at least `largest`, with four to ten round steps."""
-    rough = max(largest, 1e-6) / 5.0
-    magnitude = 10.0 ** math.floor(math.log10(rough))
-    step = magnitude * min((m for m in (1, 2, 5, 10) if m * magnitude >= rough), default=10)
-    return step * math.ceil(largest / step + 1e-9), step
-
-
 def _tick(value: float, scale: float) -> str:
     """Grid lines and labels of one value on both axes."""
     x, y = _LEFT + value * scale, _TOP + _SPAN - value * scale
@@ -89,3 +83,50 @@ def _mark(dot: tuple[float, float, float], scale: float) -> str:
         f'<line x1="{x:.1f}" y1="{low:.1f}" x2="{x:.1f}" y2="{high:.1f}"/>'
         f'<circle cx="{x:.1f}" cy="{middle:.1f}" r="3.2"/>'
     )
+
+
+def error_histogram(models: Sequence[ModelResult], quantity: str) -> str:
+    """Plot how many trees have which error, measured minus true value; gross errors are marked.
+
+    The first and the last bin also hold all errors beyond them.
+
+    Returns:
+        The SVG element; an empty string if nothing was measured.
+    """
+    style = QUANTITY_STYLES[quantity]
+    errors = [_errors(model, quantity) for model in models]
+    sizes = sorted(abs(error_m) for found in errors for error_m, _ in found)
+    if not sizes:
+        return ""
+    # Nine of ten errors are inside; the largest would make the bins too wide for the others.
+    common = sizes[math.ceil(0.9 * len(sizes)) - 1] * style.per_metre
+    width = nice_axis(max(common, 10.0**-style.digits) / _BINS_PER_SIDE)[1]
+    while width * _BINS_PER_SIDE < common:
+        width *= 2
+    edges = [f"{index * width:+g}" if index else "0" for index in _sides()]
+    series = [_bars(found, width / style.per_metre) for found in errors]
+    return bar_chart(f"{style.name} error, {style.unit}", edges, series)
+
+
+def _sides() -> range:
+    return range(-_BINS_PER_SIDE, _BINS_PER_SIDE + 1)
+
+
+def _errors(model: ModelResult, quantity: str) -> list[tuple[float, bool]]:
+    """The error in metres of each measured tree, and whether it is gross."""
+    trees = (tree for frame in model.frames for tree in frame.trees)
+    return [
+        (error_m, tree.is_gross(quantity))
+        for tree in trees
+        if (error_m := tree.error_m(quantity)) is not None
+    ]
+
+
+def _bars(errors: Sequence[tuple[float, bool]], width_m: float) -> Bars:
+    counts, marked = [0] * 2 * _BINS_PER_SIDE, [0] * 2 * _BINS_PER_SIDE
+    for error_m, gross in errors:
+        place = math.floor(error_m / width_m) + _BINS_PER_SIDE
+        place = min(max(place, 0), len(counts) - 1)
+        counts[place] += 1
+        marked[place] += gross
+    return Bars(counts, marked)

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import base64
 import platform
 from collections.abc import Sequence
 from html import escape
-from importlib import resources
 from typing import NamedTuple
 
-from edgetree.demo.plot import scatter_plot
+from edgetree.demo.comparison import GROSS_DIAMETER_SHARE, GROSS_STDS
+from edgetree.demo.plot import error_histogram, scatter_plot
 from edgetree.demo.result import DemoResult, ModelResult, Picture
 from edgetree.demo.tables import MODEL_LABELS, QUANTITY_STYLES, frame_table, model_table
+from edgetree.report.page import figure, page_end, page_start, plot_tiles, scrolling, tiles
 
 __all__ = ["NextCommand", "render_report"]
 
@@ -25,13 +25,13 @@ class NextCommand(NamedTuple):
 
 def render_report(result: DemoResult, next_commands: Sequence[NextCommand]) -> str:
     """The report as HTML text, including pictures and styles."""
-    style = resources.files("edgetree.demo").joinpath("report.css").read_text("utf-8")
     body = "".join(
         (
             _header(result),
             _plain_words(result.models[0]),
             _chain(result),
             _agreement(result.models),
+            _errors(result.models),
             _frames(result),
             f"<h2>The models</h2>{model_table(result.models)}",
             _how_it_works(),
@@ -39,30 +39,27 @@ def render_report(result: DemoResult, next_commands: Sequence[NextCommand]) -> s
             _footer(result),
         )
     )
-    return (
-        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>edgetree: trees in metres</title><style>{style}</style></head>"
-        f"<body><main>{body}</main></body></html>\n"
-    )
+    return page_start("edgetree: trees in metres") + body + page_end()
 
 
 def _header(result: DemoResult) -> str:
     model = result.models[0]
     who = MODEL_LABELS[model.modality].lower()
-    tiles = [
+    entries = [
         (f"{model.found_trees} of {model.true_trees}", f"labelled trees found by the {who}"),
         (_median_text(model, "diameter_m"), "median error of the stem diameter"),
         (_median_text(model, "cut_height_m"), "median error of the felling cut's height"),
-        (f"{model.speed.fps:.0f} per second", "frames on this computer's processor"),
+        (
+            str(model.unmatched_detections),
+            f"invented trees: detections of the {who} without a labelled tree",
+        ),
+        (f"{model.speed.fps:.0f}", "frames per second on this computer's processor"),
     ]
     return (
         "<h1>Trees in metres</h1>"
         f'<p class="lead">{len(model.frames)} forest frames, their trees '
         "found, measured and compared with the truth.</p>"
-        '<div class="tiles">'
-        + "".join(f'<div class="tile"><b>{v}</b><span>{t}</span></div>' for v, t in tiles)
-        + "</div>"
+        f"{tiles(entries)}"
     )
 
 
@@ -112,10 +109,9 @@ def _chain(result: DemoResult) -> str:
         f"<td>{step.duration_s:.0f} s</td></tr>"
         for step in result.steps
     )
-    return (
-        "<h2>From nothing to this model</h2>"
-        '<div class="scroll"><table class="text"><thead><tr><th>step</th><th>outcome</th>'
-        f"<th>time</th></tr></thead><tbody>{rows}</tbody></table></div>"
+    return "<h2>From nothing to this model</h2>" + scrolling(
+        '<table class="text"><thead><tr><th>step</th><th>outcome</th><th>time</th></tr>'
+        f"</thead><tbody>{rows}</tbody></table>"
     )
 
 
@@ -124,18 +120,36 @@ def _agreement(models: Sequence[ModelResult]) -> str:
     plots = [plot for quantity in QUANTITY_STYLES if (plot := scatter_plot(models, quantity))]
     if not plots:
         return ""
-    legend = " and ".join(
+    return (
+        "<h2>Measured and true values</h2>"
+        f'<p class="note">{_legend(models)}; bars are one standard deviation; the dashed line is '
+        "the truth.</p>"
+        f"{plot_tiles(plots)}"
+    )
+
+
+def _legend(models: Sequence[ModelResult]) -> str:
+    """The models in their colours."""
+    return " and ".join(
         f'<span class="{"first" if index == 0 else "second"}">● '
         f"{MODEL_LABELS[model.modality].lower()}</span>"
         for index, model in enumerate(models)
     )
+
+
+def _errors(models: Sequence[ModelResult]) -> str:
+    """A histogram of the errors of each measured quantity."""
+    plots = [plot for quantity in QUANTITY_STYLES if (plot := error_histogram(models, quantity))]
+    if not plots:
+        return ""
     return (
-        "<h2>Measured and true values</h2>"
-        f'<p class="note">{legend}; bars are one standard deviation; the dashed line is the '
-        "truth.</p>"
-        '<div class="plots">'
-        + "".join(f'<div class="tile">{plot}</div>' for plot in plots)
-        + "</div>"
+        "<h2>Errors</h2>"
+        f'<p class="note">Measured minus true value: {_legend(models)}; '
+        '<span class="gross">■ gross errors</span> are larger than '
+        f"{GROSS_STDS:g} standard deviations, for diameters also those larger than "
+        f"{GROSS_DIAMETER_SHARE:.0%} of the diameter. The first and the last bar also count all "
+        "errors beyond them.</p>"
+        f"{plot_tiles(plots)}"
     )
 
 
@@ -160,7 +174,6 @@ def _frames(result: DemoResult) -> str:
 
 
 def _figure(picture: Picture) -> str:
-    data = base64.b64encode(picture.jpeg).decode("ascii")
     sight = {
         "depth": "the depth image (near is light)",
         "rgb": "the colour image",
@@ -168,12 +181,8 @@ def _figure(picture: Picture) -> str:
     caption = (
         f"What the {MODEL_LABELS[picture.modality].lower()} found in {sight[picture.modality]}"
     )
-    return (
-        '<figure><label><input type="checkbox" aria-label="enlarge">'
-        f'<img src="data:image/jpeg;base64,{data}" width="{picture.width_px}" '
-        f'height="{picture.height_px}" alt="{caption}: {escape(picture.frame)}"></label>'
-        f"<figcaption>{caption}</figcaption></figure>"
-    )
+    size_px = (picture.width_px, picture.height_px)
+    return figure(picture.jpeg, size_px, caption, f"{caption}: {picture.frame}")
 
 
 def _how_it_works() -> str:

@@ -90,6 +90,10 @@ class ModelResult:
         """Number of detections that match no labelled tree."""
         return sum(frame.unmatched_detections for frame in self.frames)
 
+    def gross_errors(self, quantity: str) -> int:
+        """Number of trees with a gross error of one of `QUANTITIES`."""
+        return sum(tree.is_gross(quantity) for frame in self.frames for tree in frame.trees)
+
     def summary(self, quantity: str) -> QuantitySummary:
         """The errors of one of `QUANTITIES`."""
         return summarise(self.frames, quantity)

@@ -89,6 +89,8 @@ def _measured_cell(tree: TreeComparison, quantity: str, style: QuantityStyle) ->
     estimate = tree.estimate(quantity)
     if estimate is not None:
         value, std = style.text(estimate.value), style.std_text(estimate.std)
+        if tree.is_gross(quantity):
+            return f'<td class="gross">{value} <small>{std}</small> gross error</td>'
         return f"<td>{value} <small>{std}</small></td>"
     reason = tree.failure(quantity) if tree.found else "not found"
     return f'<td class="why">{escape(reason or "")}</td>'
@@ -118,6 +120,9 @@ def model_table(models: Sequence[ModelResult]) -> str:
         style = QUANTITY_STYLES[quantity]
         rows.append((f"{style.name.lower()}: measured", [_count(m, quantity) for m in models]))
         rows.append((f"{style.name.lower()}: median error", [_error(m, quantity) for m in models]))
+        rows.append(
+            (f"{style.name.lower()}: gross errors", [str(m.gross_errors(quantity)) for m in models])
+        )
         rows.append(
             (f"{style.name.lower()}: within 1 / 2 std", [_coverage(m, quantity) for m in models])
         )

@@ -65,8 +65,8 @@ def draw_trees(
     Args:
         picture: (H, W, 3) uint8 BGR, of the image size of `trees`.
         trees: the trees; masks and keypoints are drawn if there are any.
-        labels: lines of text for each tree; the scores if None. A line that starts with
-            `WARNING_SIGN`, and all lines below it, are drawn in amber.
+        labels: lines of text for each tree; the scores if None. A line that ends with
+            `WARNING_SIGN` is drawn in amber.
         masks: (H, W) bool mask of each tree, to draw instead of the detections' masks.
         cuts: measured felling cut of each tree; for None, the keypoint is drawn instead.
 
@@ -222,9 +222,8 @@ def _draw_label(
     darken(canvas, rect)
     x, y, _, bottom = rect
     canvas[y:bottom, x : x + round(4 * scale)] = colour
-    ink = _WHITE
     for row, line in enumerate(lines, start=1):
-        ink = _AMBER if line.startswith(WARNING_SIGN) else ink
+        ink = _AMBER if line.endswith(WARNING_SIGN) else _WHITE
         origin = (x + round(10 * scale), y + row * round(19 * scale) - round(4 * scale))
         write_text(canvas, line, origin, 0.5 * scale, ink)
 

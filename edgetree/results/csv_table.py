@@ -9,7 +9,7 @@ from typing import Any, Final, TextIO
 from edgetree.frames.pipeline import FrameResult
 from edgetree.measure import QUANTITIES, TreeMeasurement
 
-__all__ = ["COLUMNS", "cell", "write_header", "write_rows"]
+__all__ = ["COLUMNS", "cell", "measurements_of", "write_header", "write_rows"]
 
 _BOX: Final = ("box_x0_px", "box_y0_px", "box_x1_px", "box_y1_px")
 _POINTS: Final = {"cut_point": "cut_point_camera", "cut_point_machine": "cut_point_machine"}
@@ -55,19 +55,22 @@ def write_rows(stream: TextIO, result: FrameResult) -> None:
     stream.flush()
 
 
+def measurements_of(result: FrameResult) -> list[TreeMeasurement]:
+    """The measurement of each tree; failures that name the missing options if there is none."""
+    if result.measurements is not None:
+        return result.measurements
+    return [TreeMeasurement.failed(f"metres {result.metres_need}")] * len(result.trees)
+
+
 def _rows(result: FrameResult) -> Iterator[dict[str, Any]]:
-    trees = result.trees
+    trees, measurements = result.trees, measurements_of(result)
     for index, number in enumerate(result.found.numbers):
-        if result.measurements is not None:
-            measured = result.measurements[index]
-        else:
-            measured = TreeMeasurement.failed(f"metres {result.metres_need}")
         yield {
             "frame": result.frame.name,
             "tree": number,
             "score": float(trees.scores[index]),
             **dict(zip(_BOX, trees.boxes_px[index].tolist(), strict=True)),
-            **_metres(measured.to_dict()),
+            **_metres(measurements[index].to_dict()),
         }
 
 

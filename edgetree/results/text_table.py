@@ -9,7 +9,7 @@ from typing import Final
 from edgetree.measure import Estimate, Evidence, Failure, TreeMeasurement
 from edgetree.results.units import AMOUNTS, direction_words
 
-__all__ = ["table_lines"]
+__all__ = ["failure_reasons", "table_lines"]
 
 _WIDTHS: Final = {
     "diameter_m": 16,
@@ -37,7 +37,8 @@ def table_lines(measurements: list[TreeMeasurement], numbers: tuple[int, ...]) -
     yield _row("tree", {name: AMOUNTS[name].name for name in _WIDTHS})
     for number, tree in zip(numbers, measurements, strict=True):
         yield _row(f"{number:4}", {name: _cell(tree, name) for name in _WIDTHS})
-        notes = [*_failures(tree), *(f"warning: {text}" for text in tree.evidence.warnings)]
+        notes = [f"{what}: {reason}" for what, reason in failure_reasons(tree)]
+        notes += [f"warning: {text}" for text in tree.evidence.warnings]
         ground = tree.evidence.ground
         if ground and not any(ground in text for text in notes):
             notes.append(f"ground: {ground}")
@@ -63,16 +64,15 @@ def _cell(tree: TreeMeasurement, quantity: str) -> str:
     return text
 
 
-def _failures(tree: TreeMeasurement) -> Iterator[str]:
-    """The quantities that could not be measured, grouped by reason."""
+def failure_reasons(tree: TreeMeasurement) -> Iterator[tuple[str, str]]:
+    """The quantities that could not be measured, grouped by reason, such as ("no DBH", reason)."""
     missing: dict[str, list[str]] = {}
     for quantity, amount in AMOUNTS.items():
         result: Estimate | Failure = getattr(tree, quantity)
         if isinstance(result, Failure):
             missing.setdefault(result.reason, []).append(amount.name)
     for reason, names in missing.items():
-        what = "not measured" if len(names) == len(AMOUNTS) else f"no {', '.join(names)}"
-        yield f"{what}: {reason}"
+        yield "not measured" if len(names) == len(AMOUNTS) else f"no {', '.join(names)}", reason
 
 
 def _evidence(evidence: Evidence) -> str:

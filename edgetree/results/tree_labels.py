@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from textwrap import wrap
 
 from calib import PinholeCamera, project_points
 from edgetree.detections import TreeDetections
@@ -13,16 +12,14 @@ from edgetree.results.units import AMOUNTS
 
 __all__ = ["cut_marks", "numbered", "tree_labels"]
 
-_LINE_LENGTH = 34
-_MAX_LINES = 2
-
 
 def tree_labels(
     trees: TreeDetections, measurements: list[TreeMeasurement] | None = None
 ) -> list[list[str]]:
     """The label of each tree, as lines of text.
 
-    With measurements: the values, or the reason for a missing one, and the first warning. Without:
+    With measurements: the values. The first line ends with `WARNING_SIGN` if there are warnings.
+    There are no lines if nothing was measured; the tables give the reasons. Without measurements:
     the score.
     """
     if measurements is None:
@@ -31,10 +28,10 @@ def tree_labels(
 
 
 def numbered(labels: Sequence[Sequence[str]], numbers: Sequence[object]) -> list[list[str]]:
-    """The labels, each with the tree's number in front."""
+    """The labels, each with the tree's number in front; the number alone for an empty label."""
     return [
-        [f"{number}  {first}", *rest]
-        for number, (first, *rest) in zip(numbers, labels, strict=True)
+        [f"{number}  {lines[0]}", *lines[1:]] if lines else [f"{number}"]
+        for number, lines in zip(numbers, labels, strict=True)
     ]
 
 
@@ -53,21 +50,21 @@ def _cut_mark(tree: TreeMeasurement, camera: PinholeCamera) -> CutMark | None:
 
 
 def _measured(tree: TreeMeasurement) -> list[str]:
-    if isinstance(tree.diameter_m, Estimate):
-        lines = [f"Ø {AMOUNTS['diameter_m'].with_std(tree.diameter_m, ' ±')}"]
-    else:
-        lines = _wrapped(f"Ø ? {tree.diameter_m.reason}")
-    if isinstance(tree.dbh_m, Estimate):
-        lines.append(f"DBH {AMOUNTS['dbh_m'].with_std(tree.dbh_m, ' ±')}")
+    diameters = (("Ø", "diameter_m"), ("DBH", "dbh_m"))
+    lines = [f"{word} {text}" for word, name in diameters if (text := _with_std(tree, name))]
     places = (("cut", "cut_height_m"), ("dist", "distance_m"))
     known = [f"{word} {text}" for word, name in places if (text := _short(tree, name))]
     if known:
         lines.append("  ".join(known))
-    if isinstance(tree.diameter_m, Estimate) and not isinstance(tree.cut_height_m, Estimate):
-        lines += _wrapped(f"cut ? {tree.cut_height_m.reason}")
-    for text in tree.evidence.warnings[:1]:
-        lines += _wrapped(f"{WARNING_SIGN} {text}")
+    if lines and tree.evidence.warnings:
+        lines[0] = f"{lines[0]}  {WARNING_SIGN}"
     return lines
+
+
+def _with_std(tree: TreeMeasurement, quantity: str) -> str:
+    """The value with its standard deviation; empty if it was not measured."""
+    result = getattr(tree, quantity)
+    return AMOUNTS[quantity].with_std(result, " ±") if isinstance(result, Estimate) else ""
 
 
 def _short(tree: TreeMeasurement, quantity: str) -> str:
@@ -75,7 +72,3 @@ def _short(tree: TreeMeasurement, quantity: str) -> str:
     result = getattr(tree, quantity)
     amount = AMOUNTS[quantity]
     return f"{amount.value(result)} {amount.unit}" if isinstance(result, Estimate) else ""
-
-
-def _wrapped(text: str) -> list[str]:
-    return wrap(text, _LINE_LENGTH, max_lines=_MAX_LINES, placeholder=" ...")

@@ -13,6 +13,7 @@ import pytest
 
 from edgetree.demo.comparison import compare_trees
 from edgetree.demo.matching import Match
+from edgetree.demo.plot import error_histogram
 from edgetree.demo.report import NextCommand, render_report
 from edgetree.demo.result import DemoResult, ModelResult, Picture, Speed, Step
 from edgetree.measure import Estimate, Failure, TreeMeasurement
@@ -115,8 +116,47 @@ def test_the_page_shows_truth_measurement_and_reason(result: DemoResult) -> None
     assert "not found" in text
     assert "1 of 2 labelled trees found by the depth model" in text
     assert "1.5 cm median error of the stem diameter" in text
-    assert "50 per second" in text
+    assert "50 frames per second" in text
     assert "50.0 / 40.0" in text
+
+
+def test_the_cards_count_detections_of_no_tree(result: DemoResult) -> None:
+    frame = dataclasses.replace(result.models[0].frames[0], unmatched_detections=3)
+    invented = dataclasses.replace(result.models[0], frames=(frame,))
+    text = words(render_report(dataclasses.replace(result, models=(invented,)), []))
+    assert "3 invented trees: detections of the depth model without a labelled tree" in text
+
+
+@pytest.mark.parametrize(
+    ("diameter", "gross"),
+    [
+        (Estimate(0.37, 0.0171), True),  # 5.6 cm, 3.3 standard deviations
+        (Estimate(0.36, 0.0171), False),  # 4.6 cm, 2.7 standard deviations, 15 %
+        (Estimate(0.38, 0.05), True),  # 6.6 cm, 21 % of the diameter
+        (Failure("no depth"), False),
+    ],
+)
+def test_gross_errors_are_marked_in_plot_and_tables(
+    diameter: Estimate | Failure, gross: bool
+) -> None:
+    html = render_report(DemoResult((model("depth", diameter),), (), 1.0), [])
+    assert ('<td class="gross">' in html) is gross
+    assert ("gross errors: 1" in html) is gross
+    assert f"diameter: gross errors {int(gross)}" in words(html)
+    assert "distance: gross errors 0" in words(html)
+
+
+def test_errors_are_counted_in_bins_around_zero() -> None:
+    estimates = [Estimate(0.314 + error_m, 0.1) for error_m in (0.005, 0.006, -0.005, 0.3)]
+    frames = tuple(model("depth", estimate).frames[0] for estimate in estimates)
+    depth = dataclasses.replace(model("depth", estimates[0]), frames=frames)
+    svg = error_histogram([depth], "diameter_m")
+    edges = re.findall(r'text-anchor="middle">([^<]*)<', svg)
+    assert "0" in edges
+    assert edges[0].startswith("-")
+    assert sum(map(int, re.findall(r"trees: (\d+)", svg))) == 4
+    assert re.findall(r"gross errors: (\d+)", svg) == ["1"]
+    assert error_histogram([model("depth", Failure("no depth"))], "diameter_m") == ""
 
 
 def test_a_tiny_std_is_not_shown_as_zero() -> None:

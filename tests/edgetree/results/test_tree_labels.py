@@ -1,4 +1,4 @@
-"""Labels show measured values, or why they are missing."""
+"""Labels show measured values only; the tables give the reasons for missing ones."""
 
 from __future__ import annotations
 
@@ -39,26 +39,27 @@ def test_measurements_are_shown_with_their_standard_deviation() -> None:
     assert label == ["Ø 31.2 ±0.8 cm", "DBH 28.9 ±1.1 cm", "cut 15 cm  dist 5.26 m"]
 
 
-def test_missing_values_are_left_out_except_for_the_reason_of_the_cut() -> None:
+def test_missing_values_are_left_out() -> None:
     partly = replace(MEASURED, dbh_m=Failure("too low"), cut_height_m=Failure("no ground"))
     (label,) = tree_labels(TREES, [partly])
-    assert label == ["Ø 31.2 ±0.8 cm", "dist 5.26 m", "cut ? no ground"]
+    assert label == ["Ø 31.2 ±0.8 cm", "dist 5.26 m"]
+    partly = replace(MEASURED, diameter_m=Failure("no edges"), cut_height_m=Failure("no ground"))
+    assert tree_labels(TREES, [partly]) == [["DBH 28.9 ±1.1 cm", "dist 5.26 m"]]
 
 
-@pytest.mark.parametrize(
-    ("reason", "lines"),
-    [
-        ("no depth at the stem", ["Ø ? no depth at the stem"]),
-        ("hidden " * 12, ["Ø ? hidden hidden hidden hidden", "hidden hidden hidden hidden ..."]),
-    ],
-)
-def test_a_reason_takes_at_most_two_lines(reason: str, lines: list[str]) -> None:
-    assert tree_labels(TREES, [TreeMeasurement.failed(reason)]) == [lines]
+def test_a_tree_without_values_gets_only_its_number() -> None:
+    failed = replace(
+        TreeMeasurement.failed("no depth on the stem"), evidence=Evidence(warnings=("far",))
+    )
+    labels = tree_labels(TREES, [failed])
+    assert labels == [[]]
+    assert numbered(labels, (4,)) == [["4"]]
 
 
-def test_the_first_warning_is_shown_and_marked() -> None:
+def test_a_warning_is_a_sign_behind_the_first_line() -> None:
     warned = replace(MEASURED, evidence=Evidence(warnings=("the stump is high", "and more")))
-    assert tree_labels(TREES, [warned])[0][-1] == "! the stump is high"
+    label = tree_labels(TREES, [warned])[0]
+    assert label == ["Ø 31.2 ±0.8 cm  !", "DBH 28.9 ±1.1 cm", "cut 15 cm  dist 5.26 m"]
 
 
 def test_labels_start_with_the_number() -> None:

@@ -1,0 +1,179 @@
+"""The report of `edgetree run` and `measure`: pictures, all trees and diameter classes."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from html import escape
+from pathlib import Path
+from statistics import median
+from typing import Final
+
+import cv2
+
+from edgetree.drawing.primitives import Picture
+from edgetree.frames.pipeline import FrameResult
+from edgetree.measure import Estimate
+from edgetree.report.page import figure, page_end, page_start, plot_tiles, tiles
+from edgetree.report.tree_table import class_chart, reason_table, tree_row, tree_table
+from edgetree.report.units import length_attributes, unit_buttons
+from edgetree.results.atomic_files import replacing
+from edgetree.results.csv_table import measurements_of
+from edgetree.results.pictures import draw_frame
+from edgetree.results.text_table import failure_reasons
+from edgetree.results.units import AMOUNTS
+
+__all__ = ["report_file"]
+
+_MAX_SIDE_PX: Final = 1280
+_MAX_BYTES: Final = 180_000  # 240 kB as text in the page: 24 MB for 100 frames
+_QUALITIES: Final = (82, 70, 58, 46)
+
+
+@contextmanager
+def report_file(
+    path: Path, source: str, trees_from: str
+) -> Iterator[Callable[[FrameResult], None]]:
+    """Write a report at the end of the block; yields a function that adds a frame to it.
+
+    The pictures go to a temporary file as they come, so memory holds only the rows of the tables.
+    If the block raises, nothing is written.
+
+    Args:
+        path: the HTML file to write.
+        source: what was measured, for the heading.
+        trees_from: the model or the mask image that the trees come from, likewise.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    with (
+        replacing(path) as temporary,
+        tempfile.TemporaryFile("w+", encoding="utf-8", dir=path.parent) as figures,
+    ):
+        totals = _Totals()
+
+        def add(result: FrameResult) -> None:
+            figures.write(totals.add(result))
+
+        yield add
+        figures.seek(0)
+        with temporary.open("w", encoding="utf-8") as page:
+            page.write(page_start(f"Trees in {source}"))
+            page.write(totals.summary(source, trees_from))
+            shutil.copyfileobj(figures, page)
+            page.write(totals.tables())
+            page.write(page_end("report.js"))
+
+
+class _Totals:
+    """What the report says about all frames."""
+
+    def __init__(self) -> None:
+        self._frames = 0
+        self._rows: list[str] = []
+        self._diameters_m: list[float] = []
+        self._dbhs_m: list[float] = []
+        self._reasons: Counter[tuple[str, str]] = Counter()
+
+    def add(self, result: FrameResult) -> str:
+        """Count a frame; returns its picture as HTML."""
+        self._frames += 1
+        anchor, name = f"frame-{self._frames}", result.frame.name
+        measured = 0
+        for number, score, tree in zip(
+            result.found.numbers, result.trees.scores, measurements_of(result), strict=True
+        ):
+            self._rows.append(tree_row(anchor, name, number, float(score), tree))
+            self._reasons.update(failure_reasons(tree))
+            if isinstance(tree.diameter_m, Estimate):
+                self._diameters_m.append(tree.diameter_m.value)
+                measured += 1
+            if isinstance(tree.dbh_m, Estimate):
+                self._dbhs_m.append(tree.dbh_m.value)
+        words = f"{_count(len(result.trees), 'tree')}, {measured} with a diameter"
+        if result.frame.depth_fault is not None:
+            words += f"; {result.frame.depth_fault}"
+        jpeg, size_px = _embedded(draw_frame(result))
+        caption = f"<b>{escape(name)}</b> {escape(words)}"
+        return figure(jpeg, size_px, caption, f"{name}: {words}", anchor)
+
+    def summary(self, source: str, trees_from: str) -> str:
+        """The page from its heading to the beginning of the pictures."""
+        trees, measured = len(self._rows), len(self._diameters_m)
+        middle_html = "–"
+        if self._diameters_m:
+            value_m = median(self._diameters_m)
+            text = AMOUNTS["diameter_m"].value(Estimate(value_m, 0.0))
+            attributes = length_attributes("diameter_m", value_m)
+            middle_html = f"<span {attributes}>{text} cm</span>"
+        return (
+            f"<h1>Trees in {escape(source)}</h1>"
+            f'<p class="lead">Found by {escape(trees_from)}.</p>{unit_buttons()}'
+            + tiles(
+                [
+                    (str(self._frames), "frame" if self._frames == 1 else "frames"),
+                    (str(trees), "tree found" if trees == 1 else "trees found"),
+                    (f"{measured} of {trees}", "trees with a measured diameter"),
+                    (middle_html, "median diameter at the felling cut"),
+                ]
+            )
+            + self._classes()
+            + reason_table(self._reasons)
+            + '<h2>Pictures</h2><p class="note">Click a picture to enlarge it. A red dot is the '
+            "felling cut, with its height above the ground; the white line is the diameter. Each "
+            "label begins with the tree's number in the table. A label with only the number means "
+            "that nothing could be measured; an amber line that ends with ! has a warning. The "
+            'table gives the reasons and warnings.</p><div class="pair">'
+        )
+
+    def _classes(self) -> str:
+        """The diameter classes."""
+        charts = [
+            chart
+            for name, diameters_m in (
+                ("Diameter at the cut", self._diameters_m),
+                ("DBH (at breast height)", self._dbhs_m),
+            )
+            if (chart := class_chart(name, diameters_m))
+        ]
+        if not charts:
+            return ""
+        return (
+            '<h2>Diameter classes</h2><p class="note">Trees in classes of 4 cm.</p>'
+            f"{plot_tiles(charts)}"
+        )
+
+    def tables(self) -> str:
+        """The page from the end of the pictures to its end."""
+        return (
+            '</div><h2>All trees</h2><p class="note">Click the head of a column to sort by it, '
+            "and again for the opposite order. ± is one standard deviation; twice that holds the "
+            "truth for 95 trees in 100.</p>"
+            f"{tree_table(self._rows)}"
+            '<footer class="note">Made by edgetree. Apache License 2.0.</footer>'
+        )
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
+def _embedded(picture: Picture) -> tuple[bytes, tuple[int, int]]:
+    """A picture as JPEG of at most `_MAX_BYTES`, and its width and height.
+
+    It is scaled down to `_MAX_SIDE_PX`. If it is still too large, first the quality is lowered,
+    then the size.
+    """
+    scale = min(_MAX_SIDE_PX / max(picture.shape[:2]), 1.0)
+    while True:
+        size_px = [max(round(side * scale), 1) for side in picture.shape[1::-1]]
+        shown = cv2.resize(picture, size_px, interpolation=cv2.INTER_AREA)
+        for quality in _QUALITIES:
+            jpeg = cv2.imencode(".jpg", shown, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes()
+            if len(jpeg) <= _MAX_BYTES:
+                return jpeg, (size_px[0], size_px[1])
+        scale *= 0.8
