@@ -69,12 +69,16 @@ def labelled(image: dict[str, Any], trees: list[dict[str, Any]]) -> TreeDetectio
 
 
 def measured(
-    data: Path, image: dict[str, Any], trees: list[dict[str, Any]], detector: TreeDetector | None
+    data: Path,
+    image: dict[str, Any],
+    trees: list[dict[str, Any]],
+    detector: TreeDetector | None,
+    vertical: bool,
 ) -> list[tuple[TreeMeasurement | None, float | None]]:
     """Measurement of each labelled tree (None if it was not detected), and naive diameters."""
     depth_m = read_depth(data / image["depth_file"])
     camera = PinholeCamera.from_dict(image["camera"])
-    up = image["up_camera"]
+    up = image["up_camera"] if vertical else None
     truth = labelled(image, trees)
     naive_m = [naive_diameter_m(tree["keypoints"], depth_m, camera) for tree in trees]
     if detector is None:
@@ -130,6 +134,7 @@ def main() -> None:
     parser.add_argument("--model", type=Path)
     parser.add_argument("--score-threshold", type=float, default=0.5)
     parser.add_argument("--frames", type=int)
+    parser.add_argument("--no-vertical", action="store_true", help="estimate it, as without --up")
     parser.add_argument("--rows", type=Path)
     parser.add_argument("--result", type=Path)
     options = parser.parse_args()
@@ -142,7 +147,7 @@ def main() -> None:
     for data in options.data:
         for image, trees in frames(data, options.frames):
             if trees:
-                results = measured(data, image, trees, detector)
+                results = measured(data, image, trees, detector, not options.no_vertical)
                 rows += [row(image, tree, *made) for tree, made in zip(trees, results, strict=True)]
     if options.rows is not None:
         options.rows.write_text("".join(json.dumps(values) + "\n" for values in rows))

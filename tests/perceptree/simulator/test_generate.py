@@ -152,9 +152,9 @@ def test_colour_images_are_lossless_as_png(
 def test_killed_in_the_middle_it_resumes_to_the_same_bytes(
     dataset: Path, tmp_path: Path, synth: ModuleType
 ):
-    out = tmp_path / "forest"
+    out, settings = tmp_path / "forest", ("--settings", dataset / "settings.json")
     process = subprocess.Popen(
-        command(out, "--workers", 2),
+        command(out, *settings, "--workers", 2),
         env=os.environ | {PACE: "0.15"},
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
@@ -168,7 +168,7 @@ def test_killed_in_the_middle_it_resumes_to_the_same_bytes(
     process.send_signal(signal.SIGKILL)
     process.wait()
     assert not (out / "train_RGB.json").exists()
-    resumed = run(out, "--workers", 1)
+    resumed = run(out, *settings, "--workers", 1)
     assert (resumed.returncode, resumed.stderr) == (0, "")
     assert synth.contents(out) == synth.contents(dataset)
 
@@ -285,12 +285,13 @@ def test_a_full_disk_while_the_end_is_written_says_so_too(
 def test_workers_make_no_difference_and_a_killed_one_is_one_line(
     dataset: Path, tmp_path: Path, synth: ModuleType
 ):
-    done = run(tmp_path, "--workers", 2, **{DYING_SCENE: str(SEED * 1_000_000 + 2)})
+    options = ("--settings", dataset / "settings.json", "--workers", 2)
+    done = run(tmp_path, *options, **{DYING_SCENE: str(SEED * 1_000_000 + 2)})
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.count("\n") == 1
     assert f"{tmp_path}: a simulating process was killed, perhaps for lack of memory" in done.stderr
     assert "run the same command again to resume" in done.stderr
-    resumed = run(tmp_path, "--workers", 2)
+    resumed = run(tmp_path, *options)
     assert (resumed.returncode, resumed.stderr) == (0, "")
     assert synth.contents(tmp_path) == synth.contents(dataset)
 
