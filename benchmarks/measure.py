@@ -1,6 +1,6 @@
 """Accuracy of metric measurements on every labelled tree of simulated frames.
 
-perceptree synth --out forest --frames 1600 --seed 600
+perceptree synth --out forest --preset paper --frames 1600 --seed 600
 python benchmarks/measure.py forest --result benchmarks/results/measure_labels.json
 python benchmarks/measure.py forest --model FILE --result benchmarks/results/measure_model.json
 
