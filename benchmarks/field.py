@@ -108,7 +108,9 @@ def real(checkpoint: Path, data: Path, folder: Path, pictures: Path) -> dict[str
         capture_output=True,
         text=True,
     )
-    return dict(json.loads(told.stdout))
+    scores = dict(json.loads(told.stdout))
+    del scores["model"]
+    return scores
 
 
 def main() -> None:
