@@ -36,7 +36,8 @@ def main() -> None:
     }
     model.load_state_dict(average)
     sources = [record["training"] for _, record in loaded]
-    save_checkpoint(arguments.out, model, {"average_of": sources})
+    data = dict.fromkeys(str(source.get("data", "unknown")) for source in sources)
+    save_checkpoint(arguments.out, model, {"average_of": sources, "data": ", ".join(data)})
 
 
 if __name__ == "__main__":
