@@ -117,6 +117,9 @@ class Verticals:
             common = _solved(matrix + (weight[:, None, None] * information).sum(0), vector)
             apart = np.sqrt((information @ common) @ common)
             weight = _HUBER_STDS / np.maximum(apart, _HUBER_STDS)
+        # Few stems may all lean.
+        if counted.sum() < _MIN_STEMS:
+            common = np.array(CAMERA_UP)
         return cls(common, weight[:, None, None] * information, np.asarray(counted))
 
     def at(self, index: int, normal: Float | None) -> Vertical:

@@ -87,6 +87,18 @@ def test_a_stems_own_direction_does_not_tell_its_vertical(scene, pole):
     assert tree.inclination_deg.value == pytest.approx(20.0, abs=0.5)
 
 
+@pytest.mark.parametrize(("lean_deg", "slope_deg", "uphill_deg"), [(30, 25, 0), (35, 30, 90)])
+def test_a_lone_leaning_stem_on_a_slope_finds_its_ground(
+    scene, pole, lean_deg, slope_deg, uphill_deg
+):
+    stem = pole(0.3, 0.0, 4.0, lean_deg, uphill_deg)
+    stand = scene(
+        stem, slope_deg=slope_deg, uphill_deg=uphill_deg, pitch_deg=12.0, camera_height_m=2.4
+    )
+    tree = stand.measure(level=True, settings=None)
+    assert tree.cut_height_m.value == pytest.approx(stand.cut_height_m(stem), abs=0.02)
+
+
 # Upright poles at several distances, for a vertical from stems.
 OTHERS = ((-1.6, 5.0), (-0.6, 6.5), (0.6, 4.5), (1.7, 6.0))
 
