@@ -86,14 +86,14 @@ def _grid_line(count: float, y: float) -> str:
     )
 
 
-def _series(bars: Bars, place: int, places: int, width: float, scale: float) -> str:
-    """The bars of one series, which has one of `places` positions in each bin."""
-    bar_width = (width - 2) / places
+def _series(bars: Bars, number: int, count: int, width: float, scale: float) -> str:
+    """The bars of one of `count` series, which stand side by side in each bin."""
+    bar_width = (width - 2) / count
     drawn = []
-    for index, (count, marked) in enumerate(zip(bars.counts, bars.marked, strict=True)):
-        x = _LEFT + index * width + 1 + place * bar_width
-        if count:
-            drawn.append(_bar("", x, bar_width, count, scale, f"trees: {count}"))
+    for index, (trees, marked) in enumerate(zip(bars.counts, bars.marked, strict=True)):
+        x = _LEFT + index * width + 1 + number * bar_width
+        if trees:
+            drawn.append(_bar("", x, bar_width, trees, scale, f"trees: {trees}"))
         if marked:
             drawn.append(
                 _bar(' class="gross"', x, bar_width, marked, scale, f"gross errors: {marked}")
