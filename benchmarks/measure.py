@@ -30,14 +30,12 @@ from edgetree.measure import Failure, MeasureSettings, TreeMeasurement, measure_
 
 # Uncertainty of keypoints and masks that are exact to the pixel.
 LABELS = MeasureSettings(
-    keypoint_std_px=0.3,
+    keypoint_std_px=0.15,
     keypoint_spread=1e-6,
     keypoint_slide=1e-6,
-    mask_std_px=0.5,
-    mask_spread=1e-6,
-    outline_doubt=0.02,
-    depth_doubt=2.4,
-    arc_doubt=0.1,
+    given_mask_std_px=0.25,
+    outline_doubt=0.013,
+    readings_doubt=0.27,
 )
 
 

@@ -31,12 +31,12 @@ FITTED_SETTINGS: Final = (
     "keypoint_spread",
     "mask_std_px",
     "mask_spread",
+    "given_mask_std_px",
     "depth_bias_per_m",
     "curvature_std",
     "out_of_round_std",
     "outline_doubt",
-    "depth_doubt",
-    "arc_doubt",
+    "readings_doubt",
     "butt_swell_std",
 )
 """The fields of `MeasureSettings` that are multiplied by the factor.

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from calib import PinholeCamera, pixels_to_rays
 from edgetree.detections import TreeDetections
-from edgetree.measure.settings import MeasureSettings
+from edgetree.measure.settings import MeasureSettings, reference_px
 
 __all__ = ["MASK_THRESHOLD", "DepthFrame", "MaskGrid"]
 
@@ -72,12 +72,14 @@ class DepthFrame:
         depth_m: (H, W) depth in metres; 0, NaN or infinite where there is no reading.
         masks: one per tree, or None if the model gives no masks.
         settings: assumptions of the measurement.
+        masks_given: whether the caller gave the masks, at the image's size.
     """
 
     camera: PinholeCamera
     depth_m: Float
     masks: list[MaskGrid] | None
     settings: MeasureSettings
+    masks_given: bool = False
 
     @classmethod
     def of(
@@ -95,7 +97,7 @@ class DepthFrame:
         elif trees.masks is not None:
             boxes = trees.boxes_px.astype(np.float64)
             grids = [MaskGrid(*pair) for pair in zip(trees.masks, boxes, strict=True)]
-        return cls(camera, depth_m, grids, settings)
+        return cls(camera, depth_m, grids, settings, masks is not None)
 
     def mask_probability(self, xy_px: Float) -> Float:
         """Mask probability (T, ...) of each tree at its own points (T, ..., 2); 1 without masks."""
@@ -151,7 +153,10 @@ class DepthFrame:
     def mask_std_px(self) -> Float:
         """(T,) standard deviation of an edge of each mask, in pixels."""
         cells = np.array([mask.cell_px for mask in self.masks or ()])
-        return np.hypot(self.settings.mask_std_px, self.settings.mask_spread * cells)
+        if self.masks_given:
+            return np.full_like(cells, self.settings.given_mask_std_px)
+        smallest = self.settings.mask_std_px * reference_px(self.camera.width)
+        return np.hypot(smallest, self.settings.mask_spread * cells)
 
     def rays(self, xy_px: Float) -> Float:
         """Rays (..., 3) with z = 1 through image points (..., 2)."""

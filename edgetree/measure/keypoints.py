@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edgetree.detections import KEYPOINT_NAMES, TreeDetections
-from edgetree.measure.settings import MeasureSettings
+from edgetree.measure.settings import MeasureSettings, reference_px
 
 __all__ = ["CUT", "LEFT", "MIDDLE", "MIN_WIDTH_PX", "RIGHT", "TOP", "Keypoints"]
 
@@ -24,6 +24,12 @@ MIN_WIDTH_PX = 1.0
 
 # A cut keypoint this many standard deviations from the lower border may be below the image.
 _BORDER_CUT_STDS = 12.0
+# Where the box reaches a side of the image, edge keypoints this near to it, in widths of the
+# section, may be beyond it: networks then predict a point inside the image. Their standard
+# deviation grows to this share of the width.
+_NEAR_SIDE, _NEAR_SIDE_STD = 0.4, 0.2
+# A box reaches a side that is less than this share of its width away.
+_REACHES_SIDE = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +73,8 @@ class Keypoints:
         score = np.clip(values[..., 2:], 1e-4, 1.0)
         fraction = np.array([settings.keypoint_spread, settings.keypoint_slide])
         spread = fraction * extent[:, None] / np.sqrt(score)
-        std_px = np.hypot(settings.keypoint_std_px, spread)
+        std_px = np.hypot(settings.keypoint_std_px * reference_px(trees.image_width), spread)
+        std_px[..., 0] = np.hypot(std_px[..., 0], _cut_off_std_px(trees, values))
         given = (values[..., 2] > 0) & near
         inside = (values[..., :2] > std_px) & (values[..., :2] < size - std_px)
         within = given & inside.all(2)
@@ -94,3 +101,24 @@ class Keypoints:
         width = np.linalg.norm(self.xy_px[:, RIGHT] - self.xy_px[:, LEFT], axis=1)
         size_known = width >= MIN_WIDTH_PX
         return np.asarray(self.within[:, LEFT] & self.within[:, RIGHT] & size_known)
+
+
+def _cut_off_std_px(trees: TreeDetections, values: Float) -> Float:
+    """(T, 5) standard deviations of edge keypoints of stems that a side of the image may cut off.
+
+    Args:
+        trees: the detections.
+        values: (T, 5, 3) their keypoints.
+    """
+    std_px = np.zeros(values.shape[:2])
+    picked = [LEFT, RIGHT]
+    x_px = values[:, picked, 0]
+    width_px = np.abs(x_px[:, 1] - x_px[:, 0])[:, None]
+    left_px, right_px = trees.boxes_px[:, 0], trees.boxes_px[:, 2]
+    reach_px = _REACHES_SIDE * (right_px - left_px)
+    near_px = _NEAR_SIDE * width_px
+    cut_off = (left_px < reach_px)[:, None] & (x_px < near_px)
+    size = trees.image_width
+    cut_off |= (right_px > size - reach_px)[:, None] & (x_px > size - near_px)
+    std_px[:, picked] = np.where(cut_off, _NEAR_SIDE_STD * width_px, 0.0)
+    return std_px

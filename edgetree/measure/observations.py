@@ -21,8 +21,9 @@ __all__ = ["StemObservations", "observe_stems"]
 Float = NDArray[np.floating[Any]]
 Flags = NDArray[np.bool_]
 
-# Depth is sampled at this many points across the stem, within this fraction of its half width.
-_DEPTH_SAMPLES, _DEPTH_WITHIN = 9, 0.8
+# Depth is sampled at this many points across the stem, within this fraction of its half width. It
+# is below `MAX_USED_OFFSET`, so that small corrections of the edges lose no samples.
+_DEPTH_SAMPLES, _DEPTH_WITHIN = 9, 0.75
 # A midpoint between the mask's edges this far off the centre line, in half widths, is not used.
 _MAX_OFF_CENTRE = 0.35
 # The edges of a mask have correlated errors: this many stations count as one.
@@ -226,6 +227,9 @@ def _edges(
         rays = frame.rays(np.where(known, points, 0.0))
         left, right = rays[:, :, 0], rays[:, :, 1]
         mask_std_px = frame.mask_std_px()
+        if frame.masks_given:
+            scatter_px = outline.scatter_px / np.sqrt(_STATIONS_PER_ERROR)
+            mask_std_px = np.hypot(mask_std_px, scatter_px)
     return StemEdges(
         camera=frame.camera,
         section=section,
@@ -236,6 +240,8 @@ def _edges(
         right_valid=right_valid,
         mask_std_px=mask_std_px,
         distance_m=depth_m * np.linalg.norm(section.mean(1), axis=1),
+        butt_swell=keypoints.has_section * frame.settings.butt_swell,
+        butt_swell_std=keypoints.has_section * frame.settings.butt_swell_std,
     )
 
 

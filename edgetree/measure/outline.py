@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from edgetree.measure.edge_lines import outer_lines
+from edgetree.measure.edge_lines import fit_lines, outer_lines
 from edgetree.measure.frame import MASK_THRESHOLD, DepthFrame
 from edgetree.measure.regions import (
     MIN_HALF_PX,
@@ -51,6 +51,22 @@ class Outline:
     left_valid: Flags
     right_valid: Flags
     visible_fraction: Float
+
+    @property
+    def scatter_px(self) -> Float:
+        """(T,) root mean square distance of the valid edges from straight lines along them."""
+        position = self.regions.stations_px
+        squares, count = np.zeros(len(position)), np.zeros(len(position))
+        for edge_px, valid in (
+            (self.left_px, self.left_valid),
+            (self.right_px, self.right_valid),
+        ):
+            edge_px = np.where(valid, edge_px, 0.0)
+            value, slope = fit_lines(position, edge_px, valid.astype(np.float64))
+            residual = edge_px - value[:, None] - slope[:, None] * position
+            squares += np.where(valid, residual**2, 0.0).sum(1)
+            count += np.maximum(valid.sum(1) - 2, 0)
+        return np.asarray(np.sqrt(squares / np.maximum(count, 1)))
 
 
 def regions_from_masks(frame: DepthFrame, boxes_px: Float) -> SearchRegions:

@@ -7,7 +7,14 @@ from dataclasses import dataclass, fields
 
 from edgetree.errors import InputError
 
-__all__ = ["MeasureSettings"]
+__all__ = ["MeasureSettings", "reference_px"]
+
+_REFERENCE_WIDTH_PX = 1280
+
+
+def reference_px(image_width: int) -> float:
+    """Pixels of an image that are as wide as one pixel of an image of 1280 px width."""
+    return image_width / _REFERENCE_WIDTH_PX
 
 
 @dataclass(frozen=True)
@@ -17,14 +24,18 @@ class MeasureSettings:
     "Standard deviation" is a one-sigma error. Fractions are between 0 and 1.
 
     Attributes:
-        keypoint_std_px: smallest standard deviation of a keypoint, in pixels of the image.
+        keypoint_std_px: smallest standard deviation of a keypoint, in pixels of an image of
+            1280 px width. In other images it is the same share of the width.
         keypoint_spread: standard deviation of a keypoint across the stem at score 1, as a
             fraction of the box width. It grows with 1 / sqrt(score), because a normal heat map
             of standard deviation s has the peak 1 / (2 pi s²).
         keypoint_slide: the same along the stem, where no edge limits the heat map, as a fraction
             of the square root of the box area.
-        mask_std_px: smallest standard deviation of a mask edge, in pixels of the image.
+        mask_std_px: smallest standard deviation of a mask edge, in the same pixels.
         mask_spread: standard deviation of a mask edge, in cells of the mask grid.
+        given_mask_std_px: the same for masks of the image's size that the caller gives, instead of
+            the two above, in pixels of the image. The scatter of each outline about straight
+            lines adds to it.
         depth_noise_per_m: standard deviation of the depth at 1 m, in metres. At z metres it is
             z² times as large, as for stereo cameras. It is adjusted to the scatter of the
             readings on a stem where there are many.
@@ -35,14 +46,15 @@ class MeasureSettings:
         depth_correlation_px: side of the image squares in which all depth readings share one
             error, in pixels.
         outline_doubt: relative standard deviation that is added to a diameter for missing mask
-            edges: this value times the square of the fraction of stations along the stem that do
-            not show both edges.
-        depth_doubt: the same for contradictory depth: this value times the square of the fraction
-            of readings that disagree with the fitted stem.
-        arc_doubt: the same for depth on one side only: this value times the fraction of the
-            visible arc without a reading. The three together are limited to 0.3.
-        butt_swell: relative difference between the diameter at the cut and the diameter where the
-            stem is lowest in the image, used where the cut is below the image.
+            edges: this value times the fourth power of the share of stations along the stem
+            without an edge, on the side that shows fewer.
+        readings_doubt: the same for missing or contradictory depth: this value times the square of
+            the share of the samples within the outline that give no reading on the fitted stem.
+            Both together are limited to 0.45. For masks that the caller gives, 0.3 of both is
+            added, because they do not depend on a detector.
+        butt_swell: relative difference between the diameter at the cut and that of the stem well
+            above it. It is added where the cut is below the image, and as far as the lowest edges
+            of a mask are above the section.
         butt_swell_std: standard deviation of `butt_swell` between stems.
         out_of_round_std: relative standard deviation of a real stem's diameter with viewing
             direction and height.
@@ -61,22 +73,22 @@ class MeasureSettings:
         InputError: a value is not a positive number.
     """
 
-    keypoint_std_px: float = 1.0
-    keypoint_spread: float = 0.009
+    keypoint_std_px: float = 1.3
+    keypoint_spread: float = 0.0117
     keypoint_slide: float = 0.02
-    mask_std_px: float = 2.0
-    mask_spread: float = 0.3
+    mask_std_px: float = 2.6
+    mask_spread: float = 0.39
+    given_mask_std_px: float = 1.1
     depth_noise_per_m: float = 0.002
     depth_noise_m: float = 0.005
     depth_bias_per_m: float = 0.0005
     depth_correlation_px: float = 6.0
-    outline_doubt: float = 0.4
-    depth_doubt: float = 1.1
-    arc_doubt: float = 0.85
+    outline_doubt: float = 0.5
+    readings_doubt: float = 1.9
     butt_swell: float = 0.14
     butt_swell_std: float = 0.08
-    out_of_round_std: float = 0.0115
-    curvature_std: float = 0.1
+    out_of_round_std: float = 0.0135
+    curvature_std: float = 0.05
     bend_std_deg: float = 0.85
     lean_std_deg: float = 6.0
     breast_height_m: float = 1.3

@@ -30,6 +30,8 @@ MAX_USED_OFFSET = 0.8
 """Readings further from the middle than this, 1 at the edge, may show the background."""
 
 _MIN_READINGS = 4
+# With a larger relative standard deviation, the curvature tells nothing about the half angle.
+_MAX_CURVATURE_STD = 0.3
 # Repetitions of the fit, until all tilts change by less than this.
 _ITERATIONS = 5
 _CONVERGED_RAD = 3e-3
@@ -205,5 +207,7 @@ def _curvature(equations: NormalEquations, rad: Float, settings: MeasureSettings
     """
     variance = np.linalg.inv(equations.information)[:, 2, 2]
     std = np.sqrt(variance + (settings.curvature_std * rad) ** 2)
-    plausible = (rad > 0) & (std < 0.5 * rad) & (equations.kept.sum(1) >= _MIN_READINGS)
+    plausible = (
+        (rad > 0) & (std < _MAX_CURVATURE_STD * rad) & (equations.kept.sum(1) >= _MIN_READINGS)
+    )
     return HalfAngle(np.where(plausible, rad, 1.0), np.where(plausible, std, np.inf))

@@ -23,7 +23,7 @@ from edgetree.measure.position import StemPosition
 from edgetree.measure.regions import STATIONS
 from edgetree.measure.roundness import shows_several_stems
 from edgetree.measure.settings import MeasureSettings
-from edgetree.measure.stem_fit import MAX_USED_OFFSET, Stems, fit_stems
+from edgetree.measure.stem_fit import Stems, fit_stems
 from edgetree.measure.vertical import CAMERA_UP_STD_DEG, Verticals
 from edgetree.measure.width import HalfAngle
 
@@ -32,10 +32,10 @@ __all__ = ["measure_all"]
 Float = NDArray[np.floating[Any]]
 Flags = NDArray[np.bool_]
 
-# Largest arc of the circumference that readings within MAX_USED_OFFSET can cover.
-_MAX_ARC_RAD = 2 * math.asin(MAX_USED_OFFSET)
 # Largest relative standard deviation for incomplete or contradictory observations.
-_MAX_INCOMPLETE_STD = 0.3
+_MAX_INCOMPLETE_STD = 0.45
+# Share of these deviations where the caller gives the masks.
+_GIVEN_MASK_DOUBT = 0.3
 # Real stems are more irregular at breast height, because of branches, and between section and
 # cut, because of the butt swell. Factors on `MeasureSettings.out_of_round_std`.
 _BREAST_HEIGHT_SHAPE, _CUT_SHAPE = 2.0, 2.6
@@ -198,18 +198,15 @@ class _FittedFrame:
     def incomplete_std(self) -> Float:
         """(T,) relative standard deviations for incomplete or contradictory observations.
 
-        See `MeasureSettings.outline_doubt`, `depth_doubt` and `arc_doubt`.
+        See `MeasureSettings.outline_doubt` and `readings_doubt`.
         """
         settings, edges = self.settings, self.observed.edges
-        both = (edges.left_valid & edges.right_valid).mean(1)
+        shown = np.minimum(edges.left_valid.mean(1), edges.right_valid.mean(1))
         outline = 0.0 if self.observed.outline is None else settings.outline_doubt
-        uncovered = np.maximum(1 - self.stems.arc_rad / _MAX_ARC_RAD, 0.0)
-        parts = (
-            outline * (1 - both) ** 2,
-            settings.depth_doubt * (1 - self.stems.agreeing) ** 2,
-            settings.arc_doubt * uncovered,
-        )
-        return np.asarray(np.minimum(np.linalg.norm(parts, axis=0), _MAX_INCOMPLETE_STD))
+        unread = 1 - self.stems.used / self.observed.readings.depth_m.shape[1]
+        parts = (outline * (1 - shown) ** 4, settings.readings_doubt * unread**2)
+        share = _GIVEN_MASK_DOUBT if self.frame.masks_given else 1.0
+        return np.asarray(np.minimum(share * np.linalg.norm(parts, axis=0), _MAX_INCOMPLETE_STD))
 
     def _diameter_at_cut(self, index: int, section: Estimate) -> tuple[Estimate, tuple[str, ...]]:
         """The diameter at the cut from that at the section, and a warning if it is inferred."""

@@ -23,6 +23,9 @@ _WINDOW_M = 0.2
 _FAR_WEIGHT = 1e-3
 # Relative error of the width per metre of distance from the edges it is read from.
 _SHAPE_STD_PER_M = 0.05
+# The butt of a stem widens towards the ground: at a height h it is narrower than at the section by
+# the share 1 - exp(-h / length) of the butt swell. The length fits simulated stems.
+_SWELL_LENGTH_M = 0.6
 # The stem counts as visible at a height if both edges show within this distance.
 _VISIBLE_WITHIN_M = 0.25
 
@@ -79,6 +82,14 @@ class MaskWidths:
         known = self.left_valid.any(1) & self.right_valid.any(1) & (half > 0)
         return HalfAngle(half, np.where(known, std, np.inf)), (left + right) / 2
 
+    def below_edges(self) -> Float:
+        """(T,) share of the butt swell between the lowest edges and the section, from 0 to 1."""
+        shares = []
+        for valid in (self.left_valid, self.right_valid):
+            lowest_m = np.where(valid, self.height_m, np.inf).min(1)
+            shares.append(1 - np.exp(-np.maximum(lowest_m, 0.0) / _SWELL_LENGTH_M))
+        return np.asarray((shares[0] + shares[1]) / 2)
+
     def visible_at(self, height_m: Float) -> Flags:
         """(T,) whether both edges are visible near heights (T,) along the axis."""
         near = np.abs(self.height_m - height_m[:, None]) < _VISIBLE_WITHIN_M
@@ -99,6 +110,9 @@ class StemEdges:
         left_valid, right_valid: (T, S) which of these are valid.
         mask_std_px: (T,) standard deviation of one of them.
         distance_m: (T,) approximate distance to the axis.
+        butt_swell, butt_swell_std: (T,) relative difference between the diameter at the section and
+            that of the stem well above it, where the section is at the butt, and its standard
+            deviation. See `MeasureSettings.butt_swell`.
     """
 
     camera: PinholeCamera
@@ -110,6 +124,8 @@ class StemEdges:
     right_valid: Flags
     mask_std_px: Float
     distance_m: Float
+    butt_swell: Float
+    butt_swell_std: Float
 
     def sections(
         self, axes: StemAxes, half_rad: Float | None = None
@@ -127,13 +143,23 @@ class StemEdges:
         keypoints = HalfAngle(np.abs(bearing[:, 1] - bearing[:, 0]) / 2, self._std_rad(axes))
         slope = axes.slope(self.section).mean(1)
         widths = self.mask_widths(axes, slope * np.cos(keypoints.rad))
-        mask, mask_middle = widths.at(np.zeros(len(slope)))
+        mask, mask_middle = self._at_section(widths)
         sources = [keypoints, mask]
         fused, weights = fuse(sources)
         half = fused.rad if half_rad is None else half_rad
         middle = weights[:, 0] * bearing.mean(1) + weights[:, 1] * mask_middle
         # The tangent points are at d cos(delta) from the camera and in the plane of the section.
         return Sections(axes, middle, half, slope * np.cos(half)), sources
+
+    def _at_section(self, widths: MaskWidths) -> tuple[HalfAngle, Float]:
+        """Half angles and bearings of the middle at the sections, by the mask edges.
+
+        Where the lowest edges are above the section, the butt swell between them is added.
+        """
+        half, middle = widths.at(np.zeros(len(widths.height_m)))
+        share = widths.below_edges()
+        std = np.hypot(half.std_rad, self.butt_swell_std * share * half.rad)
+        return HalfAngle(half.rad * (1 + self.butt_swell * share), std), middle
 
     def mask_widths(self, axes: StemAxes, section_height_ratio: Float) -> MaskWidths:
         """The mask edges by height along the axis.

@@ -28,7 +28,7 @@ def test_a_known_scale_and_factor_are_found(simulated: Tables) -> None:
     assert fit.factor_significant
     assert fit.coverage_before.value < 0.65
     assert fit.coverage_after.value == pytest.approx(0.95, abs=0.012)
-    for name in ("keypoint_spread", "out_of_round_std", "arc_doubt"):
+    for name in ("keypoint_spread", "out_of_round_std", "readings_doubt"):
         expected = getattr(MeasureSettings(), name) * fit.factor.value
         assert fit.settings[name] == pytest.approx(expected, rel=1e-3)
     MeasureSettings(**fit.settings)

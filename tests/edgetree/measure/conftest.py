@@ -28,8 +28,8 @@ EXACT = MeasureSettings(
     depth_noise_m=1e-4,
     depth_bias_per_m=1e-6,
     outline_doubt=1e-6,
-    depth_doubt=1e-6,
-    arc_doubt=1e-6,
+    readings_doubt=1e-6,
+    butt_swell=1e-6,
     out_of_round_std=1e-6,
     bend_std_deg=1e-6,
 )
