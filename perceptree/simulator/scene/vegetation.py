@@ -22,7 +22,7 @@ _NO_GRASS_SNOW_M = 0.03  # grass lies flat under deeper snow
 _GRASS, _HEDGES, _SNOW = range(3)  # numbers of the random streams
 
 _TUFT_WIDTH_M = 0.38  # width of tufts near the cameras
-_TUFTS = 2.4  # number of tufts per area, times their width and height
+_TUFTS = 3.6  # number of tufts per area, times their width and height
 _FULL_M, _REACH_M = 10.0, 30.0  # distances from the centre: of full density, and of the last tuft
 _THINNING = 3.0  # the density decreases with this power of the distance
 _PATCH_CELL_M = 0.25  # cell of the noise that decides where grass stands
