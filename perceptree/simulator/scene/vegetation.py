@@ -26,7 +26,8 @@ _TUFTS = 3.6  # number of tufts per area, times their width and height
 _FULL_M, _REACH_M = 10.0, 30.0  # distances from the centre: of full density, and of the last tuft
 _THINNING = 3.0  # the density decreases with this power of the distance
 _PATCH_CELL_M = 0.25  # cell of the noise that decides where grass stands
-_PATCH_EXPONENT = 2.6  # spectrum of that noise
+_PATCH_CELLS = 48  # its period, which keeps the share nearly the same everywhere
+_PATCH_EXPONENT = 2.4  # spectrum of that noise
 _HEIGHT_SPREAD = 0.25  # tufts differ from the mean height by up to this fraction
 _BARK_GAP_M = 0.02
 
@@ -134,13 +135,9 @@ def _grass(
 
 def _in_patches(rng: np.random.Generator, cover: float, x: Float, y: Float) -> NDArray[np.bool_]:
     """(n,) whether points are where grass stands: the share ``cover`` of the ground's area."""
-    cells = int(2 * _REACH_M / _PATCH_CELL_M)
-    noise = spectral_noise(rng, (cells, cells), _PATCH_EXPONENT)
-    column, row = (
-        np.clip(((axis + _REACH_M) / _PATCH_CELL_M).astype(int), 0, cells - 1) for axis in (x, y)
-    )
-    middle = slice(cells // 4, 3 * cells // 4)
-    return np.asarray(noise[row, column] < np.quantile(noise[middle, middle], cover))
+    noise = spectral_noise(rng, (_PATCH_CELLS, _PATCH_CELLS), _PATCH_EXPONENT)
+    column, row = (np.floor(axis / _PATCH_CELL_M).astype(int) % _PATCH_CELLS for axis in (x, y))
+    return np.asarray(noise[row, column] < np.quantile(noise, cover))
 
 
 def _outside_stems(x: Float, y: Float, stems_m: Float) -> NDArray[np.bool_]:
