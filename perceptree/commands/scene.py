@@ -19,8 +19,8 @@ def scene(
     preset: Annotated[
         str | None,
         typer.Option(
-            help="Preset of the simulator: paper, field (the default), drive, plain, test,"
-            " field-test."
+            help="Preset of the simulator: paper, field (the default), vegetation, drive, plain,"
+            " test, field-test."
         ),
     ] = None,
 ) -> None:

@@ -31,8 +31,8 @@ def synth(
     preset: Annotated[
         str | None,
         typer.Option(
-            help="Preset: paper, field, drive, plain, test, field-test. By default 400 frames of"
-            " field."
+            help="Preset: paper, field, vegetation, drive, plain, test, field-test. By default 400"
+            " frames of field."
         ),
     ] = None,
     settings: Annotated[

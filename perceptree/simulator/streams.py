@@ -22,6 +22,7 @@ class Stream(IntEnum):
     DEATH = 6
     SENSORS = 7
     DRIVE = 8
+    VEGETATION = 9
 
 
 def stream(seed: int, purpose: Stream, *numbers: int) -> np.random.Generator:

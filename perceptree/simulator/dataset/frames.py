@@ -34,6 +34,7 @@ from perceptree.simulator.settings import (
     ObjectSettings,
     RandomisationSettings,
     SimulatorSettings,
+    VegetationSettings,
 )
 from perceptree.simulator.streams import Stream, stream
 
@@ -176,6 +177,13 @@ def _realism(
         }
     if settings.randomisation != RandomisationSettings():
         values["recoloured"] = scene.appearance.changed
+    if settings.vegetation != VegetationSettings():
+        values |= {
+            "grass_cover": scene.vegetation.grass_cover,
+            "grass_height_m": scene.vegetation.grass_height_m,
+            "hedges": scene.vegetation.hedges,
+            "snow_depth_m": scene.vegetation.snow_depth_m,
+        }
     return values
 
 

@@ -25,7 +25,7 @@ class SceneMesh:
     """All triangles of a scene. World axes are x east, y north and z up, in metres.
 
     The instances are the ground, then stem and crown (and dead twigs) of each tree, then the
-    undergrowth. The faces of an instance are consecutive.
+    undergrowth, grass and hedges. The faces of an instance are consecutive.
 
     Attributes:
         vertices: (V, 3) m.
@@ -135,14 +135,14 @@ def assemble(scene: Scene, prototypes: Prototypes) -> SceneMesh:
         prototypes: The shared meshes.
     """
     assembly = _Assembly()
-    assembly.place(ground_mesh(scene.terrain), np.zeros(3))
+    assembly.place(ground_mesh(scene.terrain, scene.vegetation.snow_m), np.zeros(3))
     number = 0
     for tree in scene.trees:
         number += tree.near
         assembly.begin_tree()
         _add_tree(assembly, tree, prototypes, scene, number if tree.near else 0)
     assembly.begin_tree()
-    for placement in scene.undergrowth:
+    for placement in scene.undergrowth + scene.vegetation.placements:
         _add_undergrowth(assembly, placement, prototypes.undergrowth[placement.kind])
     return assembly.scene_mesh()
 

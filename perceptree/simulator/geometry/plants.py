@@ -28,11 +28,11 @@ def fern(rng: np.random.Generator) -> Mesh:
     """A fern with arching fronds, about 0.5 m high; 66 faces."""
     count = 11
     azimuth = np.arange(count) * 2 * np.pi / count + rng.normal(0, 0.2, count)
-    outwards = _level(azimuth)
+    outwards = directions(azimuth)
     rise = rng.uniform(1.1, 2.8, (count, 1))
     length = rng.uniform(0.5, 0.78, count)
-    across = _level(azimuth + np.pi / 2) + UP * rng.normal(0, 0.2, (count, 1))
-    return _strips(
+    across = directions(azimuth + np.pi / 2) + UP * rng.normal(0, 0.2, (count, 1))
+    return strips(
         0.04 * outwards - 0.02 * UP,
         unit(outwards + rise * UP),
         unit(across),
@@ -51,15 +51,15 @@ def scrub(rng: np.random.Generator) -> Mesh:
     count = shoots + twigs
     azimuth = rng.uniform(0, 2 * np.pi, count)
     spread = 0.55 * height * np.sqrt(rng.random(count))
-    foot = _level(azimuth) * spread[:, None] - 0.03 * UP
+    foot = directions(azimuth) * spread[:, None] - 0.03 * UP
     share = np.where(np.arange(count) < shoots, 0.0, rng.uniform(0.25, 0.6, count))
     dome = np.sqrt(np.maximum(0.2, 1 - (spread / height) ** 2))
     foot += UP * (share * dome * height)[:, None]
     lean = 0.25 + 0.5 * spread / height + 0.8 * share
-    axis = unit(UP + _level(azimuth + rng.normal(0, 0.7, count)) * lean[:, None])
+    axis = unit(UP + directions(azimuth + rng.normal(0, 0.7, count)) * lean[:, None])
     side = unit(np.cross(axis, rng.normal(0, 1, (count, 3))))
     length = height * dome * (1 - 0.75 * share) * rng.uniform(0.75, 1.1, count)
-    return _strips(
+    return strips(
         foot,
         axis,
         side,
@@ -83,10 +83,10 @@ def seedling(rng: np.random.Generator) -> Mesh:
     level = np.linspace(0.3, 1.0, count)
     foot = np.stack([np.interp(level, share, curve[:, axis]) for axis in range(3)], -1)
     azimuth = np.arange(count) * 2.4 + rng.normal(0, 0.4, count)
-    axis = unit(_level(azimuth) + UP * rng.uniform(0.1, 0.6, (count, 1)))
+    axis = unit(directions(azimuth) + UP * rng.uniform(0.1, 0.6, (count, 1)))
     length = height * (0.55 - 0.3 * level) * rng.uniform(0.7, 1.2, count)
-    across = _level(azimuth + np.pi / 2) + UP * rng.normal(0, 0.25, (count, 1))
-    leaves = _strips(
+    across = directions(azimuth + np.pi / 2) + UP * rng.normal(0, 0.25, (count, 1))
+    leaves = strips(
         foot, axis, unit(across), length, 0.9 * length, 2, np.full(count, 0.3), layer, (0.8, 1.05)
     )
     return merge([stem, leaves])
@@ -107,12 +107,12 @@ def _rosette(
 ) -> Mesh:
     """Cards that lean outwards in all directions."""
     azimuth = np.arange(count) * 2 * np.pi / count + rng.normal(0, 0.4, count)
-    axis = unit(UP + _level(azimuth) * spread * rng.uniform(0.6, 1.4, (count, 1)))
+    axis = unit(UP + directions(azimuth) * spread * rng.uniform(0.6, 1.4, (count, 1)))
     length = size_m * rng.uniform(0.75, 1.25, count)
-    return _strips(
-        0.03 * _level(azimuth) - 0.02 * UP,
+    return strips(
+        0.03 * directions(azimuth) - 0.02 * UP,
         axis,
-        _level(azimuth + np.pi / 2),
+        directions(azimuth + np.pi / 2),
         length,
         length * rng.uniform(0.9, 1.3, count),
         2,
@@ -127,12 +127,12 @@ def _tuft(rng: np.random.Generator, layer: Layer, size_m: float, lean: float) ->
     count = 3
     azimuth = np.arange(count) * 2 * np.pi / count + rng.normal(0, 0.3, count)
     foot = rng.normal(0, 0.035, (count, 3)) * [1, 1, 0] - 0.02 * UP
-    axis = unit(UP + _level(rng.uniform(0, 2 * np.pi, count)) * lean)
+    axis = unit(UP + directions(rng.uniform(0, 2 * np.pi, count)) * lean)
     length = size_m * rng.uniform(0.75, 1.15, count)
-    return _strips(
+    return strips(
         foot,
         axis,
-        _level(azimuth),
+        directions(azimuth),
         length,
         length * rng.uniform(0.9, 1.2, count),
         2,
@@ -142,12 +142,12 @@ def _tuft(rng: np.random.Generator, layer: Layer, size_m: float, lean: float) ->
     )
 
 
-def _level(azimuth_rad: Float) -> Float:
+def directions(azimuth_rad: Float) -> Float:
     """(n, 3) horizontal unit vectors of azimuths (n,)."""
     return np.stack([np.cos(azimuth_rad), np.sin(azimuth_rad), 0 * azimuth_rad], -1)
 
 
-def _strips(
+def strips(
     feet: Float,
     axes: Float,
     sides: Float,

@@ -11,6 +11,7 @@ from perceptree.simulator.geometry.crowns import crown, dead_twigs, sapling
 from perceptree.simulator.geometry.mesh import Mesh
 from perceptree.simulator.geometry.objects import OBJECTS
 from perceptree.simulator.geometry.undergrowth import LOW_PLANTS, UNDERGROWTH
+from perceptree.simulator.geometry.vegetation import VEGETATION
 from perceptree.simulator.scene.models import MODELS, TreeModel
 
 _NEAR_CROWNS, _FAR_CROWNS = 2, 1
@@ -25,7 +26,7 @@ class Prototypes:
 
     Attributes:
         crowns: Variants by model name, near (or far), and with leaves (or bare).
-        undergrowth: Variants of undergrowth and objects by kind.
+        undergrowth: Variants of undergrowth, vegetation and objects by kind.
         twigs: Dead twigs of a lower stem, by their number.
     """
 
@@ -82,8 +83,8 @@ def make_prototypes(seed: int = 5) -> Prototypes:
         undergrowth[name] = [kind.make(additions_rng) for _ in range(kind.variants)]
     for name, (make, variants) in OBJECTS.items():
         undergrowth[name] = [make(additions_rng) for _ in range(variants)]
-    return Prototypes(
-        crowns,
-        undergrowth,
-        {count: dead_twigs(additions_rng, count) for count in _DEAD_TWIG_COUNTS},
-    )
+    vegetation_rng = np.random.default_rng([seed, 2])
+    twigs = {count: dead_twigs(additions_rng, count) for count in _DEAD_TWIG_COUNTS}
+    for name, kind in VEGETATION.items():
+        undergrowth[name] = [kind.make(vegetation_rng) for _ in range(kind.variants)]
+    return Prototypes(crowns, undergrowth, twigs)

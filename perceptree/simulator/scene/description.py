@@ -26,6 +26,7 @@ from perceptree.simulator.scene.scatter import Placement, scatter, scatter_roots
 from perceptree.simulator.scene.stand import stem_positions
 from perceptree.simulator.scene.stem import Stem, random_stem
 from perceptree.simulator.scene.terrain import Terrain, make_terrain
+from perceptree.simulator.scene.vegetation import Vegetation, grow_vegetation
 from perceptree.simulator.settings import (
     GROUNDS,
     PATTERNS,
@@ -41,6 +42,7 @@ Float = NDArray[np.floating[Any]]
 NEAR_M = 18.0  # trees within this distance of the centre have full detail
 _OBSTACLES_M = {"rock": (0.22, 0.17), "stump": (0.18, 0.33)}  # typical radius and height
 _LEAFLESS_SNOW = 0.25  # broadleaved trees have no leaves with this much snow
+_DEEP_SNOW = 0.7  # least amount of snow on everything where snow has a depth
 _BROKEN_ABOVE_LABELS_M = (0.3, 5.0)  # height of breaks above the labelled stem
 _BROKEN_SHARE = 0.8  # stems are not broken above this fraction of their height
 _STEM_GAP_M = 0.3  # minimum distance of a stem from a large object
@@ -122,6 +124,7 @@ class Scene:
         backdrop: Density of the forest beyond the stand, as in ClutterSettings.
         appearance: Colours and textures of the materials.
         fine_crowns: Whether near crowns have fine twigs, as in StandSettings.
+        vegetation: Dense grass, hedges and deep snow.
         circuit: Path of the machine in a drive, else None.
     """
 
@@ -139,6 +142,7 @@ class Scene:
     backdrop: float
     appearance: Appearance
     fine_crowns: bool
+    vegetation: Vegetation
     circuit: Circuit | None = None
 
     @property
@@ -184,6 +188,10 @@ def describe_scene(settings: SimulatorSettings, seed: int) -> Scene:
     undergrowth += surround_feet(additions_rng, clutter, terrain, near, radii_m)
     taken_m = np.concatenate([feet, path_m])
     small = place_small(additions_rng, settings.objects, terrain, taken_m, large.circles)
+    stems_m = np.column_stack([near, radii_m])
+    vegetation = grow_vegetation(seed, settings.vegetation, terrain, weather, stems_m, path_m)
+    if vegetation.snow_m is not None:
+        weather = replace(weather, snow=max(weather.snow, _DEEP_SNOW))
     if settings.labels.cut_rule == "visible":
         trees = [_with_visible_cut(tree, undergrowth) for tree in trees]
     return Scene(
@@ -201,6 +209,7 @@ def describe_scene(settings: SimulatorSettings, seed: int) -> Scene:
         float(additions_rng.uniform(*clutter.backdrop)),
         random_appearance(additions_rng, settings.randomisation),
         stand.fine_crowns,
+        vegetation,
         circuit,
     )
 

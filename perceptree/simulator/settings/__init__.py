@@ -30,6 +30,7 @@ from perceptree.simulator.settings.sensors import (
     ideal_camera,
 )
 from perceptree.simulator.settings.tree import LabelSettings, SimulatorSettings, SplitSettings
+from perceptree.simulator.settings.vegetation import VegetationSettings
 
 __all__ = [
     "DEPTH_KINDS",
@@ -54,6 +55,7 @@ __all__ = [
     "StandSettings",
     "TerrainSettings",
     "UndergrowthSettings",
+    "VegetationSettings",
     "WeatherSettings",
     "ideal_camera",
 ]

@@ -16,6 +16,7 @@ from perceptree.simulator.settings.sensors import (
     RgbSettings,
 )
 from perceptree.simulator.settings.tree import SimulatorSettings, SplitSettings
+from perceptree.simulator.settings.vegetation import VegetationSettings
 
 
 @dataclass(frozen=True)
@@ -81,6 +82,18 @@ def _drive() -> SimulatorSettings:
     )
 
 
+def _vegetation() -> SimulatorSettings:
+    """``field`` with grass, hedges and deep snow that hide the ground and the feet of stems."""
+    cover = VegetationSettings(
+        grass_share=0.7,
+        grass_cover=(0.5, 0.95),
+        grass_height_m=(0.1, 0.5),
+        hedge_share=0.2,
+        snow_depth_m=(0.05, 0.4),
+    )
+    return replace(_field(), vegetation=cover)
+
+
 _ALL = (
     Preset(
         "paper",
@@ -97,6 +110,7 @@ _ALL = (
         "the frozen test set that accuracy is measured on, of the paper's mix",
     ),
     Preset("field", _field(), 3, 10_000, "what real pictures hold, for networks to be deployed"),
+    Preset("vegetation", _vegetation(), 5, 10_000, "field, with the ground under grass and snow"),
     Preset("drive", _drive(), 4, 600, "a machine's drives through the field mix, with an IMU"),
     Preset(
         "field-test",

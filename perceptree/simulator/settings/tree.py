@@ -23,6 +23,7 @@ from perceptree.simulator.settings.realism import (
     RandomisationSettings,
 )
 from perceptree.simulator.settings.sensors import CameraSettings, DepthSettings, RgbSettings
+from perceptree.simulator.settings.vegetation import VegetationSettings
 
 CUT_RULES = ("fixed", "visible")
 
@@ -113,6 +114,7 @@ class SimulatorSettings:
         imaging: Camera faults.
         randomisation: Unnatural colours and textures.
         drive: Drives instead of independent views.
+        vegetation: Dense grass, hedges and deep snow that hide the ground.
 
     Raises:
         SettingsError: If a value is out of range.
@@ -136,6 +138,9 @@ class SimulatorSettings:
         default_factory=RandomisationSettings, metadata=OMIT_DEFAULT
     )
     drive: DriveSettings = field(default_factory=DriveSettings, metadata=OMIT_DEFAULT)
+    vegetation: VegetationSettings = field(
+        default_factory=VegetationSettings, metadata=OMIT_DEFAULT
+    )
 
     def __post_init__(self) -> None:
         check_number("views_per_scene", self.views_per_scene, 1, 1000)

@@ -33,7 +33,8 @@ def dataset(tmp_path: Path, synth: ModuleType, in_process: None) -> Path:
 
 
 def test_presets_are_found_by_their_own_name():
-    assert list(PRESETS) == ["paper", "test", "field", "drive", "field-test", "plain"]
+    names = ["paper", "test", "field", "vegetation", "drive", "field-test", "plain"]
+    assert list(PRESETS) == names
     assert all(preset.name == name for name, preset in PRESETS.items())
 
 
