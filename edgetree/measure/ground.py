@@ -21,15 +21,15 @@ Flags = NDArray[np.bool_]
 
 # Ground is searched for within the first distance around the stem, and within the second only if
 # that is hidden: ground is not flat, so heights get less accurate with the distance.
-_SEARCH_RADII_M = (0.6, 1.4)
+_SEARCH_RADII_M = (0.9, 1.4)
 # Ground points are at most this far above and below the felling cut.
 _MAX_ABOVE_CUT_M = 0.3
 _MAX_BELOW_CUT_M = 1.5
 # Rows and columns of the sampling grid, which is denser towards the stem by this exponent. The
 # second grid is for depth with readings at less than this fraction of the first grid's points.
-_GRIDS, _GRID_EXPONENT = (19, 72), 1.5
+_GRIDS, _GRID_EXPONENT = (31, 72), 1.5
 _SPARSE = 0.3
-_MIN_POINTS, _MAX_POINTS = 20, 140
+_MIN_POINTS, _MAX_POINTS = 20, 300
 _TOLERANCE_M = 0.05
 # Smallest standard deviation of the ground's height: litter, moss and roots.
 _LITTER_STD_M = 0.02
@@ -180,8 +180,10 @@ def _fit_planes(
         T planes with their search radii, or why there is none.
     """
     points, usable = _thinned(points, usable)
+    settings = frame.settings
+    depth_std_m = np.hypot(settings.depth_noise_m, settings.depth_noise_per_m * points[..., 2] ** 2)
     planes = fit_ground_planes(
-        points, usable, up, frame.settings.max_slope_deg, _TOLERANCE_M, _POINTS_PER_ERROR
+        points, usable, up, settings.max_slope_deg, _TOLERANCE_M, _POINTS_PER_ERROR, depth_std_m
     )
     return [
         Failure(f"no ground around the base: {plane.reason}")
