@@ -15,10 +15,10 @@ Flags = NDArray[np.bool_]
 
 CAMERA_UP = (0.0, -1.0, 0.0)
 _MIN_POINTS = 12
-_TRIALS = 40
-_SCORED_POINTS = 75  # of each set, at least, for a trial plane
+_TRIALS = 32
+_SCORED_POINTS = 60  # of each set, at least, for a trial plane
 _MIN_INLIER_SHARE = 0.1
-_REFINEMENTS = 5
+_REFINEMENTS = 3
 _MIN_WIDTH_RATIO = 0.01  # of the points' spread across to the spread along
 # Trial planes go through the lowest points of this many cells in each horizontal direction.
 _CELLS = 8
