@@ -15,12 +15,21 @@ Flags = NDArray[np.bool_]
 
 CAMERA_UP = (0.0, -1.0, 0.0)
 _MIN_POINTS = 12
-_TRIALS = 40
-_MIN_INLIER_SHARE = 0.3
-_REFINEMENTS = 2
+_TRIALS = 32
+_SCORED_POINTS = 60  # of each set, at least, for a trial plane
+_MIN_INLIER_SHARE = 0.1
+_REFINEMENTS = 3
 _MIN_WIDTH_RATIO = 0.01  # of the points' spread across to the spread along
-# Plants stand above the ground and nothing lies below it: points below a plane reduce its score.
-_PENALTY_BELOW = 0.7
+# Trial planes go through the lowest points of this many cells in each horizontal direction.
+_CELLS = 8
+# Returns above a plane may be plants. Returns below it are errors, so they cost a plane more.
+# Largest costs, in the units of a squared distance over twice its variance.
+_COST_ABOVE, _COST_BELOW = 2.0, 6.0
+# The mixture of ground, plants and errors that weighs the points of the final fit: the first share
+# of ground; the share of errors among the other points; the height of plants, in tolerances.
+_GROUND_SHARE, _ERROR_SHARE, _PLANT_TOLERANCES = 0.2, 0.003, 12.0
+# The tolerance is this many standard deviations of the ground's unevenness.
+_TOLERANCE_STDS = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +41,7 @@ class GroundPlane:
         offset_m: Height of the camera above the plane, in metres.
         residual_std_m: Root mean square distance of the inliers from the plane.
         inlier_fraction: Share of the usable points that are inliers.
+        above_fraction: Share of the usable points that are above the plane, for example plants.
         points: Number of inliers.
         independent_points: Number of inliers with independent errors.
         centre_m: (3,) mean of the inliers.
@@ -43,6 +53,7 @@ class GroundPlane:
     offset_m: float
     residual_std_m: float
     inlier_fraction: float
+    above_fraction: float
     points: int
     independent_points: float
     centre_m: Float
@@ -86,20 +97,26 @@ def fit_ground_plane(
     max_slope_deg: float = 45.0,
     tolerance_m: float = 0.06,
 ) -> GroundPlane | GroundPlaneFailure:
-    """Fit a plane by RANSAC (random samples of three points), then least squares.
+    """Fit the lowest plane that many points support.
 
-    The result is deterministic.
+    Points above the plane may be plants, hedges or walls; points below it are errors. Trial planes
+    through three of the lowest points of their surroundings (RANSAC) are scored by a truncated
+    squared distance, with a higher limit below the plane. The best one is refined by weighted
+    least squares: a point's weight is the probability that it is ground, in a mixture of ground
+    (normally distributed), plants (uniform above the ground) and errors (expectation
+    maximisation). The result is deterministic.
 
     Args:
         points_m: (N, 3) camera points in metres; rows that are not finite are ignored.
         up: (3,) direction away from gravity in camera coordinates, from an IMU or the mounting. The
             default is the camera's own up, (0, -1, 0).
         max_slope_deg: Largest angle between the plane's normal and ``up``.
-        tolerance_m: Largest distance of an inlier from the plane.
+        tolerance_m: Largest distance of ground points from the plane: three standard deviations of
+            the ground's unevenness.
 
     Returns:
         The plane, or a falsy GroundPlaneFailure if there are fewer than 12 points, if they lie on a
-        line, if every plane is too steep, or if less than 30 % of the points are inliers.
+        line, if every plane is too steep, or if less than 10 % of the points are inliers.
 
     Raises:
         CalibError: If ``up`` is not a direction.
@@ -116,6 +133,7 @@ def fit_ground_planes(
     max_slope_deg: float = 45.0,
     tolerance_m: float = 0.06,
     points_per_error: float = 1.0,
+    depth_std_m: ArrayLike = 0.0,
 ) -> list[GroundPlane | GroundPlaneFailure]:
     """Fit a plane to each of T sets of points at once; see ``fit_ground_plane``.
 
@@ -124,9 +142,10 @@ def fit_ground_planes(
         usable: (T, N) bool, the points to use.
         up: (3,) direction away from gravity in camera coordinates.
         max_slope_deg: Largest angle between a plane's normal and ``up``.
-        tolerance_m: Largest distance of an inlier from its plane.
+        tolerance_m: Largest distance of ground points from their plane, without errors of depth.
         points_per_error: Number of neighbouring points that share one error of the sensor; it
             lowers ``independent_points``.
+        depth_std_m: (T, N) or scalar standard deviation of the depth, which enlarges the tolerance.
 
     Returns:
         A plane or a GroundPlaneFailure for each set.
@@ -138,21 +157,140 @@ def fit_ground_planes(
     if not points_m.shape[1]:
         few = f"0 ground points, expected at least {_MIN_POINTS}"
         return [GroundPlaneFailure(few)] * len(points_m)
-    least_cosine = float(np.cos(np.radians(max_slope_deg)))
     points = np.where(usable[..., None], points_m, 0.0)
-    count = usable.sum(1)
-    support, flat = _best_support(points, usable, vertical, least_cosine, tolerance_m)
+    depth = np.where(usable, points[..., 2], 1.0)
+    noise = np.where(usable, np.asarray(depth_std_m) / np.maximum(np.abs(depth), 1e-9), 0.0)
+    level_axes = _level_axes(vertical)
+    cloud = _Cloud(points @ level_axes.T, usable, noise, tolerance_m)
+    normal, offset, flat = cloud.best_trial(float(np.cos(np.radians(max_slope_deg))))
+    ground_share = np.full(len(points), _GROUND_SHARE)
     for _ in range(_REFINEMENTS):
-        centre, variances, axes = _principal_axes(points, support)
-        normal = axes[:, :, 0] * np.where(axes[:, :, 0] @ vertical < 0, -1.0, 1.0)[:, None]
-        offset = -(normal * centre).sum(1)
-        distances = np.matmul(points, normal[..., None])[..., 0] + offset[:, None]
-        support = usable & (np.abs(distances) < tolerance_m)
-    fits = _Fits(count, flat, variances, axes, centre, normal, offset, support)
+        ground, _, variance = cloud.probabilities(normal, offset, ground_share)
+        ground_share = ground.sum(1) / np.maximum(usable.sum(1), 1)
+        normal, offset = cloud.regression(ground / variance, normal, offset)
+    ground, plants, _ = cloud.probabilities(normal, offset, ground_share)
+    support, normal = ground > 0.5, normal @ level_axes
+    centre, variances, axes = _principal_axes(points, support)
+    above = plants.sum(1) / np.maximum(usable.sum(1), 1)
+    fits = _Fits(usable.sum(1), flat, variances, axes, centre, normal, offset, support, above)
     return [
         fits.plane(index, points[index], points_per_error, max_slope_deg, vertical)
         for index in range(len(points))
     ]
+
+
+class _Cloud(NamedTuple):
+    """T sets of N points to which planes are fitted.
+
+    Attributes:
+        points: (T, N, 3) points in metres, 0 where not usable. The third axis is the vertical.
+        usable: (T, N) the points to use.
+        noise: (T, N) standard deviations of the depth, relative to it.
+        tolerance_m: largest distance of ground points from their plane, without errors of depth.
+    """
+
+    points: Float
+    usable: Flags
+    noise: Float
+    tolerance_m: float
+
+    def best_trial(self, least_cosine: float) -> tuple[Float, Float, Flags]:
+        """Find the best of many planes through three random low points of each set.
+
+        Returns:
+            (T, 3) normals, (T,) offsets, and (T,) whether any plane was flat enough.
+        """
+        low, count = self._lowest()
+        draw = np.random.default_rng(0).random((1, 3 * _TRIALS))
+        picked = np.take_along_axis(low, (draw * count[:, None]).astype(np.intp), 1)
+        a, b, c = np.split(np.take_along_axis(self.points, picked[..., None], 1), 3, axis=1)
+        normals = np.cross(b - a, c - a)
+        length = np.linalg.norm(normals, axis=2, keepdims=True)
+        normals = normals / np.where(length > 1e-9, length, np.inf)
+        normals = normals * np.where(normals[..., 2:] < 0, -1.0, 1.0)
+        flat = normals[..., 2] >= least_cosine
+        through = (normals * a).sum(2)
+        scored = slice(None, None, max(self.points.shape[1] // _SCORED_POINTS, 1))
+        along = np.matmul(normals, self.points[:, scored].transpose(0, 2, 1))
+        height = along - through[..., None]
+        cost = height**2 / (2 * self._variance(along, self.noise[:, None, scored]))
+        cost = np.minimum(cost, np.where(height > 0, _COST_ABOVE, _COST_BELOW))
+        cost = np.matmul(cost, self.usable[:, scored, None].astype(np.float64))[..., 0]
+        total = np.where(flat, cost, np.inf)
+        best = total.argmin(1)
+        each = np.arange(len(best))
+        return normals[each, best], -through[each, best], np.asarray(flat.any(axis=1))
+
+    def _lowest(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Indices (T, C) of the lowest point in each horizontal cell, and their numbers (T,)."""
+        level = self.points[..., :2]
+        first = np.where(self.usable[..., None], level, np.inf).min(1, keepdims=True)
+        last = np.where(self.usable[..., None], level, -np.inf).max(1, keepdims=True)
+        width = np.maximum(last - first, 1e-9)
+        cells = np.clip((level - first) / width * _CELLS, 0, _CELLS - 1)
+        cell = cells.astype(np.intp) @ (1, _CELLS)
+        order = np.argsort(-self.points[..., 2], axis=1)
+        lowest = np.full((len(cell), _CELLS**2 + 1), -1)
+        # Of several values for one place the last one stays, which is that of the lowest point.
+        place = np.where(self.usable, cell, _CELLS**2)
+        lowest[np.arange(len(cell))[:, None], np.take_along_axis(place, order, 1)] = order
+        lowest = lowest[:, :-1]
+        filled = (lowest >= 0).sum(1)
+        return np.take_along_axis(lowest, np.argsort(lowest < 0, axis=1, kind="stable"), 1), filled
+
+    def _variance(self, along: Float, noise: Float) -> Float:
+        """Variance of a ground point's height: of unevenness, and of the depth times its slope.
+
+        Args:
+            along: normal times point; divided by the depth, the height's change per depth.
+            noise: standard deviation of the depth, relative to it.
+        """
+        return (self.tolerance_m / _TOLERANCE_STDS) ** 2 + (along * noise) ** 2
+
+    def probabilities(
+        self, normal: Float, offset: Float, ground_share: Float
+    ) -> tuple[Float, Float, Float]:
+        """(T, N) probabilities that points are ground, and plants, and their height's variances.
+
+        Args:
+            normal: (T, 3) normals of the planes.
+            offset: (T,) their offsets.
+            ground_share: (T,) shares of ground among the points.
+        """
+        along = np.matmul(self.points, normal[..., None])[..., 0]
+        height = along + offset[:, None]
+        variance = self._variance(along, self.noise)
+        std = np.sqrt(variance)
+        share, plants_m = ground_share[:, None], _PLANT_TOLERANCES * self.tolerance_m
+        ground = share * np.exp(-(height**2) / (2 * variance)) / (np.sqrt(2 * np.pi) * std)
+        plants = (1 - share) * (1 - _ERROR_SHARE) / plants_m * (height > 0)
+        errors = (1 - share) * _ERROR_SHARE / plants_m + 1e-12
+        total = ground + plants + errors
+        return self.usable * ground / total, self.usable * plants / total, variance
+
+    def regression(self, weight: Float, normal: Float, offset: Float) -> tuple[Float, Float]:
+        """Fit the planes' heights along the vertical by weighted least squares.
+
+        Args:
+            weight: (T, N) weights of the points.
+            normal: (T, 3) normals that stay where the points fix no plane.
+            offset: (T,) offsets that stay there.
+        """
+        total = np.maximum(weight.sum(1), 1e-300)
+        centre = np.matmul(weight[:, None], self.points)[:, 0] / total[:, None]
+        apart = self.points - centre[:, None]
+        weighted = (weight[..., None] * apart[..., :2]).transpose(0, 2, 1)
+        products = np.matmul(weighted, apart)
+        xx, xy, xz = products[:, 0].T
+        _, yy, yz = products[:, 1].T
+        determinant = xx * yy - xy**2
+        fixed = determinant > 1e-9 * (xx + yy) ** 2
+        divisor = np.where(fixed, determinant, 1.0)
+        slopes = (yy * xz - xy * yz) / divisor, (xx * yz - xy * xz) / divisor
+        tilted = np.stack([-slopes[0], -slopes[1], np.ones(len(xx))], -1)
+        tilted /= np.linalg.norm(tilted, axis=1, keepdims=True)
+        new = np.where(fixed[:, None], tilted, normal)
+        return new, np.where(fixed, -(tilted * centre).sum(1), offset)
 
 
 class _Fits(NamedTuple):
@@ -167,6 +305,7 @@ class _Fits(NamedTuple):
         normal: (T, 3) unit normals pointing up.
         offset: (T,) plane offsets in metres.
         support: (T, N) inliers.
+        above: (T,) shares of the points that are above the planes.
     """
 
     usable: NDArray[np.intp]
@@ -177,6 +316,7 @@ class _Fits(NamedTuple):
     normal: Float
     offset: Float
     support: Flags
+    above: Float
 
     def plane(
         self, at: int, points: Float, points_per_error: float, max_slope_deg: float, vertical: Float
@@ -190,12 +330,12 @@ class _Fits(NamedTuple):
             return GroundPlaneFailure(few)
         if not self.flat[at]:
             return GroundPlaneFailure(f"no plane flatter than {max_slope_deg:g} degrees")
-        if variances[1] < _MIN_WIDTH_RATIO**2 * variances[2]:
-            return GroundPlaneFailure("the ground points lie on one line")
         if share < _MIN_INLIER_SHARE:
             return GroundPlaneFailure(
                 f"the best plane holds {share:.0%} of the points, expected {_MIN_INLIER_SHARE:.0%}"
             )
+        if variances[1] < _MIN_WIDTH_RATIO**2 * variances[2]:
+            return GroundPlaneFailure("the ground points lie on one line")
         if normal @ vertical < np.cos(np.radians(max_slope_deg)):
             return GroundPlaneFailure(f"no plane flatter than {max_slope_deg:g} degrees")
         offset_m = float(self.offset[at])
@@ -206,6 +346,7 @@ class _Fits(NamedTuple):
             offset_m,
             residual,
             share,
+            float(self.above[at]),
             held,
             independent,
             self.centre[at],
@@ -223,6 +364,13 @@ def _direction(up: ArrayLike) -> Float:
     return vertical / length
 
 
+def _level_axes(vertical: Float) -> Float:
+    """(3, 3) rotation to axes of which the third one is the vertical."""
+    first = np.cross(vertical, np.eye(3)[np.abs(vertical).argmin()])
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(vertical, first), vertical])
+
+
 def _principal_axes(points: Float, support: Flags) -> tuple[Float, Float, Float]:
     """Return the principal axes of the supporting points of each set.
 
@@ -236,31 +384,3 @@ def _principal_axes(points: Float, support: Flags) -> tuple[Float, Float, Float]
     scatter = np.matmul((offset * weight[..., None]).transpose(0, 2, 1), offset)
     variances, axes = np.linalg.eigh(scatter)
     return centre, np.maximum(variances, 1e-18), axes
-
-
-def _best_support(
-    points: Float, usable: Flags, vertical: Float, least_cosine: float, tolerance_m: float
-) -> tuple[Flags, Flags]:
-    """Find the best of many planes through three random points of each set.
-
-    Returns:
-        (T, N) inliers of the best plane, and (T,) whether any plane was flat enough.
-    """
-    order = np.argsort(~usable, axis=1, kind="stable")
-    count = np.maximum(usable.sum(1), 1)
-    draw = np.random.default_rng(0).random((1, 3 * _TRIALS))
-    picked = np.take_along_axis(order, (draw * count[:, None]).astype(np.intp), 1)
-    a, b, c = np.split(np.take_along_axis(points, picked[..., None], 1), 3, axis=1)
-    normals = np.cross(b - a, c - a)
-    length = np.linalg.norm(normals, axis=2, keepdims=True)
-    normals = normals / np.where(length > 1e-9, length, np.inf)
-    cosine = normals @ vertical
-    normals = normals * np.where(cosine < 0, -1.0, 1.0)[..., None]
-    flat = np.abs(cosine) >= least_cosine
-    through = (normals * a).sum(2)
-    height = np.matmul(normals, points.transpose(0, 2, 1)) - through[..., None]
-    within = usable[:, None] & flat[..., None]
-    near = (np.abs(height) < tolerance_m) & within
-    below = (height <= -tolerance_m) & within
-    best = (near.sum(2) - _PENALTY_BELOW * below.sum(2)).argmax(1)
-    return np.asarray(near[np.arange(len(points)), best]), np.asarray(flat.any(axis=1))

@@ -21,22 +21,24 @@ Flags = NDArray[np.bool_]
 
 # Ground is searched for within the first distance around the stem, and within the second only if
 # that is hidden: ground is not flat, so heights get less accurate with the distance.
-_SEARCH_RADII_M = (0.6, 1.4)
+_SEARCH_RADII_M = (0.9, 1.4)
 # Ground points are at most this far above and below the felling cut.
 _MAX_ABOVE_CUT_M = 0.3
 _MAX_BELOW_CUT_M = 1.5
 # Rows and columns of the sampling grid, which is denser towards the stem by this exponent. The
 # second grid is for depth with readings at less than this fraction of the first grid's points.
-_GRIDS, _GRID_EXPONENT = (19, 72), 1.5
+_GRIDS, _GRID_EXPONENT = (23, 72), 1.5
 _SPARSE = 0.3
-_MIN_POINTS, _MAX_POINTS = 20, 140
+_MIN_POINTS, _MAX_POINTS = 20, 150
 _TOLERANCE_M = 0.05
 # Smallest standard deviation of the ground's height: litter, moss and roots.
 _LITTER_STD_M = 0.02
-_POINTS_PER_ERROR = 8.0
-# Points off the plane may mean that the plane is the top of plants. Standard deviation of the
-# height, times the squared fraction of such points.
-_OUTLIER_STD_M = 0.35
+_POINTS_PER_ERROR = 36.0
+# Points off the plane may mean that plants hide the ground. Standard deviation of the height, times
+# the squared fraction of such points.
+_OUTLIER_STD_M = 0.15
+# From this fraction of points above the plane on, plants hide the ground.
+_MIN_PLANTS = 0.3
 # Smallest cosine of the angle between an axis and the ground's normal, or the vertical.
 _MIN_COSINE = 0.2
 
@@ -60,6 +62,11 @@ class BaseGround:
         """(3,) unit vector away from gravity, in camera coordinates."""
         return self.vertical.up
 
+    @property
+    def overgrown(self) -> bool:
+        """Whether plants hide a large part of the ground."""
+        return self.plane.above_fraction > _MIN_PLANTS
+
     def height_m(
         self, axis_point: Float, along: Float, radius_m: float, axis_std_m: float
     ) -> Estimate | Failure:
@@ -82,7 +89,7 @@ class BaseGround:
             return Failure("the stem lies along the ground")
         length = float(self.plane.height_m(axis_point)) / cosine
         foot = axis_point - length * along
-        value = length * float(along @ self.up) - self._uphill_m(radius_m)
+        value = length * float(along @ self.up) - self.uphill_m(radius_m)
         plane_std_m = float(self.plane.height_std_m(foot))
         outlier_std_m = _OUTLIER_STD_M * (1 - self.plane.inlier_fraction) ** 2
         # An error of the vertical changes the slope by as much.
@@ -104,9 +111,9 @@ class BaseGround:
         cosine = max(float(self.plane.normal @ along), _MIN_COSINE)
         foot_m = -float(self.plane.height_m(axis_point)) / cosine
         up_cosine = max(float(along @ self.up), _MIN_COSINE)
-        return foot_m + (height_m + self._uphill_m(radius_m)) / up_cosine
+        return foot_m + (height_m + self.uphill_m(radius_m)) / up_cosine
 
-    def _uphill_m(self, radius_m: float) -> float:
+    def uphill_m(self, radius_m: float) -> float:
         """Height of the ground on the stem's uphill side above that at its axis: r tan(slope)."""
         cos_slope = float(self.plane.normal @ self.up)
         return radius_m * math.sqrt(max(1 - cos_slope**2, 0.0)) / cos_slope
@@ -180,8 +187,10 @@ def _fit_planes(
         T planes with their search radii, or why there is none.
     """
     points, usable = _thinned(points, usable)
+    settings = frame.settings
+    depth_std_m = np.hypot(settings.depth_noise_m, settings.depth_noise_per_m * points[..., 2] ** 2)
     planes = fit_ground_planes(
-        points, usable, up, frame.settings.max_slope_deg, _TOLERANCE_M, _POINTS_PER_ERROR
+        points, usable, up, settings.max_slope_deg, _TOLERANCE_M, _POINTS_PER_ERROR, depth_std_m
     )
     return [
         Failure(f"no ground around the base: {plane.reason}")

@@ -128,6 +128,28 @@ class StemPosition:
             )
         return None
 
+    def height_above_seen_ground(
+        self, height: Estimate | Failure, ground: BaseGround | Failure
+    ) -> Estimate | Failure:
+        """The height of the cut, or a failure if the cut is below what is seen of the ground.
+
+        Where the cut comes out below the ground at the axis by more than its own error, the plane
+        is the top of plants without gaps.
+
+        Args:
+            height: height of the cut above the ground on the uphill side.
+            ground: ground at the stem.
+        """
+        if isinstance(height, Failure) or isinstance(ground, Failure):
+            return height
+        above_axis_m = height.value + ground.uphill_m(self.radius_m)
+        if above_axis_m >= -self.cut_rad * math.hypot(*self.cut):
+            return height
+        return Failure(
+            f"plants hide the ground: the felling cut is {-above_axis_m:.2f} m below the lowest"
+            " surface around the base"
+        )
+
     def cut_point(self) -> PointEstimate:
         """Point of the cut on the bark that faces the camera, in camera coordinates."""
         point = self.cut - self.radius_m * self.view_direction

@@ -296,10 +296,11 @@ class _FittedFrame:
         inclination, direction = stem.lean(vertical, ground, self.settings)
         height = stem.cut_height(ground)
         problem = self._cut_failure(index, stem, height)
+        height = stem.height_above_seen_ground(height, ground) if problem is None else problem
         return TreeMeasurement(
             diameter_m=_if_certain(diameter),
             dbh_m=dbh,
-            cut_height_m=height if problem is None else problem,
+            cut_height_m=height,
             inclination_deg=inclination,
             lean_direction_deg=direction,
             distance_m=stem.distance()
@@ -312,18 +313,23 @@ class _FittedFrame:
                 self.stems,
                 self.observed,
                 ground,
-                warnings + self._stump_warning(height if problem is None else problem),
+                warnings + self._stump_warning(height, ground),
             ),
         )
 
-    def _stump_warning(self, height: Estimate | Failure) -> tuple[str, ...]:
+    def _stump_warning(
+        self, height: Estimate | Failure, ground: BaseGround | Failure
+    ) -> tuple[str, ...]:
         limit_m = self.settings.max_stump_height_m
-        if not isinstance(height, Estimate) or height.value - height.std <= limit_m:
+        if not isinstance(height, Estimate):
             return ()
-        return (
-            f"the stump would be {height.value:.2f} ± {height.std:.2f} m high,"
-            f" limit {limit_m:.2f} m",
-        )
+        stump = f"{height.value:.2f} ± {height.std:.2f} m high, limit {limit_m:.2f} m"
+        if height.value - height.std > limit_m:
+            return (f"the stump would be {stump}",)
+        hidden = isinstance(ground, BaseGround) and ground.overgrown
+        if hidden and height.interval95[1] > limit_m:
+            return (f"plants hide the ground: the stump may be too high, {stump}",)
+        return ()
 
     def _cut_failure(
         self, index: int, stem: StemPosition, height: Estimate | Failure

@@ -1,4 +1,4 @@
-"""Synthetic scenes of cylinders and cones on planes, with exact keypoints, depth and truth.
+"""Synthetic scenes of stems, grass and walls on planes, with exact keypoints, depth and truth.
 
 The scenes are ray traced here, independently of the simulator and of the code under test. Only the
 pinhole projection is shared; `tests/calib` compares it with OpenCV.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import cv2
 import numpy as np
@@ -59,6 +60,46 @@ class Pole:
         return self.diameter_m - self.taper * height_m
 
 
+@dataclass(frozen=True)
+class Grass:
+    """Upright columns with square bases and random heights, on a share of the ground.
+
+    The grass stands within `RADIUS_M` of the stems. Heights are uniform between `low` and 1 times
+    `height_m`.
+    """
+
+    height_m: float = 0.3
+    share: float = 0.7
+    column_m: float = 0.05
+    low: float = 0.3
+    seed: int = 0
+    RADIUS_M: ClassVar[float] = 2.0
+
+    def heights_m(self, right_m: np.ndarray, ahead_m: np.ndarray) -> np.ndarray:
+        """Heights at horizontal positions; the pattern repeats after 256 columns."""
+        rng = np.random.default_rng(self.seed)
+        heights_m = self.height_m * rng.uniform(self.low, 1, (256, 256))
+        heights_m[rng.random((256, 256)) >= self.share] = 0
+        cells = [np.floor(at / self.column_m).astype(int) % 256 for at in (right_m, ahead_m)]
+        return heights_m[cells[0], cells[1]]
+
+
+@dataclass(frozen=True)
+class Wall:
+    """A box with vertical sides. With a roughness, its faces are as uneven as a hedge.
+
+    The position is that of its middle. `turned_deg` turns it from crossing the view to along it.
+    """
+
+    right_m: float
+    ahead_m: float
+    width_m: float = 4.0
+    thickness_m: float = 0.4
+    height_m: float = 1.2
+    turned_deg: float = 0.0
+    roughness_m: float = 0.0
+
+
 @dataclass
 class Scene:
     """Poles on sloping ground in front of a camera.
@@ -74,9 +115,12 @@ class Scene:
     roll_deg: float = 0.0
     slope_deg: float = 0.0
     uphill_deg: float = 90.0
+    grass: Grass | None = None
+    walls: tuple[Wall, ...] = ()
     depth_m: np.ndarray = field(init=False)
     owner: np.ndarray = field(init=False)
-    """(H, W) number of the pole that a pixel shows, from 1; 0 for ground, -1 for nothing."""
+    """(H, W) number of the pole that a pixel shows, from 1; 0 for ground and -1 for nothing, -2
+    for grass and walls."""
 
     def __post_init__(self) -> None:
         pitch, roll = np.radians([self.pitch_deg, self.roll_deg])
@@ -157,6 +201,10 @@ class Scene:
             z = self._cast_pole(pole, rays)
             nearer = z < depth
             depth, self.owner = np.where(nearer, z, depth), np.where(nearer, number, self.owner)
+        things = [self._cast_wall(wall, level) for wall in self.walls]
+        for z in things + ([] if self.grass is None else [self._cast_grass(self.grass, level)]):
+            nearer = z < depth
+            depth, self.owner = np.where(nearer, z, depth), np.where(nearer, -2, self.owner)
         self.depth_m = np.where(depth < 60, depth, 0).astype(np.float32)
 
     def _cast_pole(self, pole: Pole, rays: np.ndarray) -> np.ndarray:
@@ -173,6 +221,46 @@ class Scene:
         z = np.where(root > 0, (b - np.sqrt(np.maximum(root, 0))) / a, np.inf)
         height = np.where(np.isfinite(z), z, 0) * climb - foot @ along
         return np.where((height > -1) & (height < pole.top_m) & (z > 0), z, np.inf)
+
+    def _cast_grass(self, grass: Grass, level: np.ndarray) -> np.ndarray:
+        """(H, W) depth of the grass, found in steps of half a column along each ray."""
+        falling = level[..., 1] + level[..., [0, 2]] @ self.gradient
+        falls = falling > 1e-3
+        ground = np.where(falls, self.camera_height_m / np.where(falls, falling, 1.0), np.inf)
+        feet = np.array([[pole.right_m, pole.ahead_m] for pole in self.poles])
+        at = np.where(falls, ground, 0.0)[..., None] * level[..., [0, 2]]
+        apart_m = np.linalg.norm(at[..., None, :] - feet, axis=-1).min(-1)
+        rows, columns = np.nonzero(falls & (apart_m < grass.RADIUS_M))
+        z_ground, across = ground[rows, columns], level[rows, columns][:, [0, 2]]
+        travel_m = grass.height_m / self.camera_height_m * z_ground * np.linalg.norm(across, axis=1)
+        steps = int(np.ceil(2 * travel_m.max(initial=0.0) / grass.column_m)) + 1
+        result = np.full(ground.shape, np.inf)
+        found = np.full(len(rows), np.inf)
+        for height_m in np.linspace(grass.height_m, 0.0, steps, endpoint=False):
+            z = z_ground * (1 - height_m / self.camera_height_m)
+            at = z[:, None] * across
+            hit = np.isinf(found) & (grass.heights_m(at[:, 0], at[:, 1]) > height_m)
+            found[hit] = z[hit]
+        result[rows, columns] = found
+        return result
+
+    def _cast_wall(self, wall: Wall, level: np.ndarray) -> np.ndarray:
+        """(H, W) depth of a wall whose middle is at the height of the ground there."""
+        turned = np.radians(wall.turned_deg)
+        sides = np.array([[np.cos(turned), np.sin(turned)], [-np.sin(turned), np.cos(turned)]])
+        middle = np.array([wall.right_m, wall.ahead_m])
+        base_m = self.camera_height_m - self.gradient @ middle
+        rays = np.concatenate([level[..., [0, 2]] @ sides.T, level[..., 1:2]], -1)
+        centre = np.array([*(sides @ middle), base_m])
+        half = np.array([wall.width_m / 2, wall.thickness_m / 2, wall.height_m])
+        rays = np.where(np.abs(rays) < 1e-9, 1e-9, rays)
+        near, far = (centre - half) / rays, (centre + half) / rays
+        enter, leave = np.minimum(near, far).max(-1), np.maximum(near, far).min(-1)
+        hit = (enter < leave) & (enter > 0)
+        bumps = np.random.default_rng(1).uniform(0, wall.roughness_m, (64, 64))
+        at = np.where(hit, enter, 0.0)[..., None] * rays
+        cells = [np.floor(at[..., axis] / 0.06).astype(int) % 64 for axis in (0, 2)]
+        return np.where(hit, enter + bumps[cells[0], cells[1]], np.inf)
 
     def masks(self) -> list[np.ndarray]:
         """Visible mask (H, W) bool of each pole."""
@@ -242,6 +330,16 @@ def exact() -> MeasureSettings:
 @pytest.fixture(scope="session")
 def pole() -> type[Pole]:
     return Pole
+
+
+@pytest.fixture(scope="session")
+def grass() -> type[Grass]:
+    return Grass
+
+
+@pytest.fixture(scope="session")
+def wall() -> type[Wall]:
+    return Wall
 
 
 @pytest.fixture(scope="session")

@@ -1,0 +1,61 @@
+"""Heights where grass hides the ground, and where hedges or walls stand beside the stem."""
+
+import numpy as np
+import pytest
+
+from edgetree.measure import Failure
+
+
+def measured(stand, seed=0):
+    [mask] = stand.masks()
+    trees = stand.detections([mask])
+    return stand.measure(trees, stand.noisy_depth_m(seed), masks=[mask], settings=None)
+
+
+@pytest.fixture(scope="module")
+def meadow(scene, pole, grass):
+    """Build a scene of one stem in grass of 0.3 m."""
+
+    def build(cut_m=0.25, **options):
+        stem = pole(0.3, 0.1, 4.0, cut_m=cut_m, section_m=cut_m + 0.15)
+        return scene(stem, camera_height_m=2.5, pitch_deg=25.0, grass=grass(**options))
+
+    return build
+
+
+@pytest.mark.parametrize(("share", "column_m"), [(0.3, 0.1), (0.7, 0.35)])
+def test_the_interval_holds_where_gaps_between_tufts_show_the_ground(meadow, share, column_m):
+    stand = meadow(share=share, column_m=column_m)
+    height = measured(stand).cut_height_m
+    low_m, high_m = height.interval95
+    assert low_m < stand.cut_height_m(stand.poles[0]) < high_m
+    bare = measured(meadow(share=0.0)).cut_height_m
+    assert bare.value == pytest.approx(0.25, abs=0.02)
+    assert height.std > 1.2 * bare.std
+
+
+def test_tufts_in_front_of_a_high_stump_do_not_hide_its_warning(meadow):
+    tree = measured(meadow(cut_m=0.4, share=0.7, column_m=0.25))
+    assert any("the stump" in warning for warning in tree.evidence.warnings)
+
+
+def test_a_cut_below_closed_grass_has_no_height(meadow):
+    tree = measured(meadow(cut_m=0.12, share=0.9, column_m=0.03, low=0.8))
+    assert isinstance(tree.cut_height_m, Failure)
+    assert tree.cut_height_m.reason.startswith("plants hide the ground: the felling cut is ")
+    assert tree.distance_m
+
+
+@pytest.mark.parametrize("slope_deg", [0.0, 15.0, 25.0])
+@pytest.mark.parametrize("roughness_m", [0.0, 0.2])
+def test_hedges_and_walls_do_not_carry_the_ground(scene, pole, wall, slope_deg, roughness_m):
+    stem = pole(0.3, 0.1, 4.0)
+    around = (
+        wall(0.1, 4.6, roughness_m=roughness_m),
+        wall(0.9, 4.0, turned_deg=90.0, roughness_m=roughness_m),
+    )
+    stand = scene(
+        stem, camera_height_m=2.5, pitch_deg=25.0, slope_deg=slope_deg, uphill_deg=0.0, walls=around
+    )
+    height = measured(stand, seed=int(slope_deg)).cut_height_m
+    assert np.isclose(height.value, stand.cut_height_m(stem), atol=0.03)
