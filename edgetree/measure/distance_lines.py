@@ -173,21 +173,27 @@ def masked_means(values: Float, used: Flags) -> Float:
 
 def level_distance_lines(points: InverseDistances) -> Float:
     """(T, 2) medians of the used inverse distances, and slope 0."""
-    value = masked_medians(points.inverse, points.used)
-    value = np.where(value > 0, value, 1.0)
+    value = _medians(points.inverse, points.used)
     return np.stack([value, np.zeros(len(value))], 1)
 
 
-def best_distance_lines(points: InverseDistances, noise: Float, lean_std_rad: float) -> Float:
+def _medians(inverse: Float, used: Flags) -> Float:
+    value = masked_medians(inverse, used)
+    return np.where(value > 0, value, 1.0)
+
+
+def best_distance_lines(
+    height_ratio: Float, inverse: Float, used: Flags, noise: Float, lean_std_rad: float
+) -> Float:
     """(T, 2) value and slope of the candidate line with the most readings near it.
 
     The candidates have several slopes and go through several quantiles of the readings. So one of
     them lies on the stem even if most readings belong to an object in front of it.
     """
     height, inverse, used = (
-        part[:, ::_SUPPORT_STEP] for part in (points.height_ratio, points.inverse, points.used)
+        part[:, ::_SUPPORT_STEP] for part in (height_ratio, inverse, used)
     )
-    count, scale = used.sum(1), level_distance_lines(points)[:, 0]
+    count, scale = used.sum(1), _medians(inverse, used)
     allowed = _CUTOFF * np.hypot(noise[:, None], _BEND_PER_M * height**2)
     tilt_stds = np.linspace(-_MAX_TILT_STDS, _MAX_TILT_STDS, _SLOPES)
     slopes = tilt_stds * (np.tan(lean_std_rad) * scale)[:, None]

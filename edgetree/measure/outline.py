@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from edgetree.measure.depth_edges import find_depth_edges
 from edgetree.measure.edge_lines import outer_lines
 from edgetree.measure.frame import MASK_THRESHOLD, DepthFrame
 from edgetree.measure.regions import (
@@ -18,7 +19,7 @@ from edgetree.measure.regions import (
     mask_moments,
 )
 
-__all__ = ["Outline", "regions_from_masks", "trace_outline"]
+__all__ = ["Outline", "checked_outline", "regions_from_masks", "trace_outline"]
 
 Float = NDArray[np.floating[Any]]
 Flags = NDArray[np.bool_]
@@ -43,6 +44,8 @@ class Outline:
         left_px, right_px: (T, S) positions of the edges across the region.
         left_valid, right_valid: (T, S) whether these are edges of the stem itself.
         visible_fraction: (T,) fraction of the stations at which the mask shows both sides.
+        found: (2, T, S) at which stations the mask has a left and a right edge.
+        std_px: (T,) standard deviation of an edge.
     """
 
     regions: SearchRegions
@@ -51,6 +54,8 @@ class Outline:
     left_valid: Flags
     right_valid: Flags
     visible_fraction: Float
+    found: Flags
+    std_px: Float
 
 
 def regions_from_masks(frame: DepthFrame, boxes_px: Float) -> SearchRegions:
@@ -112,8 +117,44 @@ def trace_outline(frame: DepthFrame, regions: SearchRegions, border_px: Float) -
     regions = _realigned(regions, *_coarse_edges(frame, regions))
     left, right, seen = _coarse_edges(frame, regions)
     left, right, found = _fine_edges(frame, regions, left, right, border_px)
-    left_valid, right_valid = outer_lines(regions, left, right, seen & found).agreeing
-    return Outline(regions, left, right, left_valid, right_valid, seen.mean(1))
+    found &= seen
+    left_valid, right_valid = outer_lines(regions, left, right, found).agreeing
+    return Outline(
+        regions, left, right, left_valid, right_valid, seen.mean(1), found, frame.mask_std_px()
+    )
+
+
+def checked_outline(frame: DepthFrame, outline: Outline, depth_m: Float) -> Outline:
+    """Correct outlines by the depth.
+
+    Where the stems' surfaces end inside their masks, the edges are moved there. The lines along the
+    edges are fitted anew with the knowledge where the depth shows the end of the stem.
+
+    Args:
+        frame: the frame.
+        outline: edges by masks alone.
+        depth_m: (T, S) depth of the front of the stems at the stations.
+    """
+    regions = outline.regions
+    edges_px = np.stack([outline.left_px, outline.right_px])
+    depth = find_depth_edges(frame, regions, edges_px, outline.found, depth_m)
+    inside = depth.median_px > 0
+    moved = inside[..., None] & depth.known
+    found = np.where(inside[..., None], depth.known, outline.found)
+    outwards = np.array([-1.0, 1.0])[:, None, None]
+    edges_px = edges_px - outwards * np.where(moved, depth.inset_px, 0.0)
+    blank = (moved & ~depth.behind).sum(2) > (moved & depth.behind).sum(2)
+    doubt_px = np.where(blank, depth.median_px, 0.0).max(0)
+    left_valid, right_valid = outer_lines(regions, *edges_px, found, depth.known).agreeing
+    return replace(
+        outline,
+        left_px=edges_px[0],
+        right_px=edges_px[1],
+        left_valid=left_valid,
+        right_valid=right_valid,
+        found=found,
+        std_px=np.hypot(outline.std_px, doubt_px),
+    )
 
 
 def _coarse_edges(frame: DepthFrame, regions: SearchRegions) -> tuple[Float, Float, Flags]:

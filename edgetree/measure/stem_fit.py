@@ -126,7 +126,9 @@ def fit_stems(
         start = (
             level_distance_lines(points)
             if iteration
-            else best_distance_lines(points, noise, lean_std_rad)
+            else best_distance_lines(
+                points.height_ratio, points.inverse, points.used, noise, lean_std_rad
+            )
         )
         equations = fit_distance_lines(
             points,
