@@ -19,7 +19,7 @@ _TOLERANCE, _MIN_TOLERANCE_PX = 0.08, 1.0
 # Score that a candidate line loses for every edge that lies outside it.
 _OUTSIDE_PENALTY = 0.5
 # The same for every edge inside it at which the depth shows that the stem ends there.
-_CERTAIN_PENALTY = 1.0
+_CERTAIN_PENALTY = 2.0
 # Edges further inside a line than this many times the median distance are removed.
 _MAX_INSIDE = 4.0
 # Smallest fraction of stations that must agree with a line.

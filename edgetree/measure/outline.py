@@ -144,14 +144,19 @@ def checked_outline(frame: DepthFrame, outline: Outline, depth_m: Float) -> Outl
     outwards = np.array([-1.0, 1.0])[:, None, None]
     edges_px = edges_px - outwards * np.where(moved, depth.inset_px, 0.0)
     blank = (moved & ~depth.behind).sum(2) > (moved & depth.behind).sum(2)
-    doubt_px = np.where(blank, depth.median_px, 0.0).max(0)
-    left_valid, right_valid = outer_lines(regions, *edges_px, found, depth.known).agreeing
+    moved_px = np.where(blank, depth.median_px, 0.0)
+    lines = outer_lines(regions, *edges_px, found, depth.behind)
+    line_px = lines.value[..., None] + lines.slope[..., None] * regions.stations_px
+    short_px = np.where(depth.known & ~lines.agreeing, line_px - outwards * edges_px, 0.0)
+    short_px = np.maximum(short_px, 0.0)
+    contradiction_px = np.sqrt((short_px**2).sum(2) / np.maximum(found.sum(2), 1))
+    doubt_px = np.hypot(moved_px, contradiction_px).max(0)
     return replace(
         outline,
         left_px=edges_px[0],
         right_px=edges_px[1],
-        left_valid=left_valid,
-        right_valid=right_valid,
+        left_valid=lines.agreeing[0],
+        right_valid=lines.agreeing[1],
         found=found,
         std_px=np.hypot(outline.std_px, doubt_px),
     )
