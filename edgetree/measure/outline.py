@@ -138,13 +138,14 @@ def checked_outline(frame: DepthFrame, outline: Outline, depth_m: Float) -> Outl
     regions = outline.regions
     edges_px = np.stack([outline.left_px, outline.right_px])
     depth = find_depth_edges(frame, regions, edges_px, outline.found, depth_m)
-    inside = depth.median_px > 0
-    moved = inside[..., None] & depth.known
-    found = np.where(inside[..., None], depth.known, outline.found)
+    # Missing readings alone may be a fault of the depth, so they do not move the edges.
+    seen = depth.known.sum(2)
+    moves = (depth.median_px > 0) & (depth.behind.sum(2) >= 0.5 * seen)
+    found = np.where(moves[..., None], depth.known, outline.found)
     outwards = np.array([-1.0, 1.0])[:, None, None]
-    edges_px = edges_px - outwards * np.where(moved, depth.inset_px, 0.0)
-    blank = (moved & ~depth.behind).sum(2) > (moved & depth.behind).sum(2)
-    moved_px = np.where(blank, depth.median_px, 0.0)
+    moved_px = np.where(moves[..., None] & depth.known, depth.inset_px, 0.0)
+    edges_px = edges_px - outwards * moved_px
+    moved_px = np.where(moves, 0.0, depth.median_px)
     lines = outer_lines(regions, *edges_px, found, depth.behind)
     line_px = lines.value[..., None] + lines.slope[..., None] * regions.stations_px
     short_px = np.where(depth.known & ~lines.agreeing, line_px - outwards * edges_px, 0.0)
