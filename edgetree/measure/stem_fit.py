@@ -124,7 +124,7 @@ def fit_stems(
         points = _inverse_distances(sections, readings)
         noise = points.noise(settings)
         start = (
-            level_distance_lines(points)
+            level_distance_lines(points, equations.kept)
             if iteration
             else best_distance_lines(
                 points.height_ratio, points.inverse, points.used, noise, lean_std_rad
