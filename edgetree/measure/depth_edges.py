@@ -67,7 +67,10 @@ def find_depth_edges(
     step_px = np.maximum(_STEP * regions.half_px, 1.0)
     inwards_px = np.arange(-_STEPS_OUTSIDE, _STEPS_INSIDE) * step_px[:, None]
     across = np.concatenate(
-        [edges_px[0][..., None] + inwards_px[:, None], edges_px[1][..., None] - inwards_px[:, None]],
+        [
+            edges_px[0][..., None] + inwards_px[:, None],
+            edges_px[1][..., None] - inwards_px[:, None],
+        ],
         -1,
     )
     count, stations = depth_m.shape

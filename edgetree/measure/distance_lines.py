@@ -193,9 +193,8 @@ def best_distance_lines(
     them lies on the stem even if most readings belong to an object in front of it. A nearer
     candidate wins if readings near it lie all along the stem: then the others show the background.
     """
-    height, inverse, used = (
-        part[:, ::_SUPPORT_STEP] for part in (height_ratio, inverse, used)
-    )
+    height, inverse = height_ratio[:, ::_SUPPORT_STEP], inverse[:, ::_SUPPORT_STEP]
+    used = used[:, ::_SUPPORT_STEP]
     count, scale = used.sum(1), _medians(inverse, used)
     allowed = _CUTOFF * np.hypot(noise[:, None], _BEND_PER_M * height**2)
     tilt_stds = np.linspace(-_MAX_TILT_STDS, _MAX_TILT_STDS, _SLOPES)

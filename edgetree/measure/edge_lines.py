@@ -52,9 +52,9 @@ def outer_lines(
     """Robustly fit a straight line to each edge of the stems.
 
     An object in front of a stem can only make its mask narrower, so edges inside the line are
-    outliers and edges outside it count against the line. Edges at which the depth falls back to the
-    background count against lines outside them, because the stem ends there. The best of several candidate lines
-    starts a least squares fit with Tukey's biweights.
+    outliers and edges outside it count against the line. Where the depth shows that the stem ends
+    at its edge, a line outside this edge is wrong. The best of several candidate lines starts a
+    least squares fit with Tukey's biweights.
 
     Args:
         regions: search regions.

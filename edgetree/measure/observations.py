@@ -118,15 +118,18 @@ def _search_regions(frame: DepthFrame, boxes_px: Float, keypoints: Keypoints) ->
     known = np.linalg.norm(upwards, axis=1) > 2 * half
     along = np.where(known[:, None], upwards, perpendicular)
     without = ~keypoints.has_section
+    limit = np.full((len(origin), 2), np.inf) * (-1.0, 1.0)
     if without.any() and frame.masks is not None:
         indices = np.flatnonzero(without)
         few = replace(frame, masks=[frame.masks[index] for index in indices])
         found = regions_from_masks(few, boxes_px[indices])
         origin[indices], along[indices] = found.origin_px, found.along
-        half[indices] = found.half_px
+        half[indices], limit[indices] = found.half_px, found.span_px
     length = np.linalg.norm(along, axis=1, keepdims=True)
     along = np.where(length > 0, along / np.where(length > 0, length, 1.0), np.array([0.0, -1.0]))
-    return SearchRegions(origin, along, half, line_spans(origin, along, boxes_px))
+    span = line_spans(origin, along, boxes_px)
+    span = np.stack([np.maximum(span[:, 0], limit[:, 0]), np.minimum(span[:, 1], limit[:, 1])], -1)
+    return SearchRegions(origin, along, half, span)
 
 
 class _DepthSamples(NamedTuple):
@@ -185,16 +188,14 @@ def _front_depth_m(frame: DepthFrame, regions: SearchRegions, readings: Readings
     """(T, S) depth of the front of the stems at the stations, on robust lines of inverse depth."""
     used = readings.depth_m > 0
     depth_m = np.where(used, readings.depth_m, 1.0)
-    noise = np.hypot(
-        frame.settings.depth_noise_per_m, frame.settings.depth_noise_m / depth_m**2
-    )
+    noise = np.hypot(frame.settings.depth_noise_per_m, frame.settings.depth_noise_m / depth_m**2)
     along = regions.stations_px / frame.camera.fx
     lines = best_distance_lines(
         np.repeat(along, _DEPTH_SAMPLES, axis=1),
         1 / depth_m,
         used,
         masked_means(noise, used),
-        np.radians(frame.settings.lean_std_deg) ,
+        np.radians(frame.settings.lean_std_deg),
     )
     inverse = lines[:, :1] + lines[:, 1:] * along
     return np.asarray(1 / np.maximum(inverse, 1 / frame.settings.max_range_m))

@@ -15,6 +15,7 @@ from edgetree.measure.regions import (
     MIN_HALF_PX,
     STATIONS,
     SearchRegions,
+    clean_rows,
     line_spans,
     mask_moments,
 )
@@ -33,6 +34,11 @@ _FINE_REACH, _MIN_FINE_REACH_PX = 0.12, 1.5
 _MIN_STATIONS = 6
 # Realignments of a region from each start.
 _REALIGNMENTS = 2
+# If a smaller fraction of the edges of a short mask lies on straight lines, only its rows with
+# smooth edges are searched.
+_MIN_AGREEING = 0.5
+# Edges closer than this to the border of the image do not count then.
+_BORDER_PX = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +69,8 @@ def regions_from_masks(frame: DepthFrame, boxes_px: Float) -> SearchRegions:
 
     The direction comes from the image moments of each mask. If the mask is short for its width,
     as of a near stem that the image cuts off, the moments may point askew. Then the vertical of
-    the image is tried as well, and the direction with more edges on straight lines wins.
+    the image is tried as well, and the direction with more edges on straight lines wins. If few
+    edges lie on straight lines either way, the region is that of the mask's clean rows.
 
     Args:
         frame: the frame, with one mask per stem.
@@ -87,7 +94,11 @@ def regions_from_masks(frame: DepthFrame, boxes_px: Float) -> SearchRegions:
             )
             for direction in (along[index, None], vertical)
         ]
-        best, _ = max(candidates, key=lambda pair: pair[1])
+        best, agreeing = max(candidates, key=lambda pair: pair[1])
+        best = replace(best, span_px=line_spans(best.origin_px, best.along, box))
+        clean = clean_rows(masks[index], frame.camera.width)
+        if clean is not None and agreeing < _MIN_AGREEING * 2 * STATIONS:
+            best = clean
         for target, source in zip(regions.arrays, best.arrays, strict=True):
             target[index] = source[0]
     return regions
@@ -97,7 +108,9 @@ def _repeatedly_realigned(frame: DepthFrame, regions: SearchRegions) -> tuple[Se
     """Align a region with its mask's edges; also return how many edges lay on straight lines."""
     for _ in range(_REALIGNMENTS):
         left, right, seen = _coarse_edges(frame, regions)
-        agreeing = int(outer_lines(regions, left, right, np.stack([seen] * 2)).agreeing.sum())
+        straight = outer_lines(regions, left, right, np.stack([seen] * 2)).agreeing
+        within = frame.inside(regions.points(np.stack([left, right], -1)), _BORDER_PX)
+        agreeing = int((straight & within.transpose(2, 0, 1)).sum())
         regions = _realigned(regions, left, right, seen)
     return regions, agreeing
 
@@ -146,7 +159,7 @@ def checked_outline(frame: DepthFrame, outline: Outline, depth_m: Float) -> Outl
     moved_px = np.where(moves[..., None] & depth.known, depth.inset_px, 0.0)
     edges_px = edges_px - outwards * moved_px
     moved_px = np.where(moves, 0.0, depth.median_px)
-    lines = outer_lines(regions, *edges_px, found, depth.behind)
+    lines = outer_lines(regions, edges_px[0], edges_px[1], found, depth.behind)
     line_px = lines.value[..., None] + lines.slope[..., None] * regions.stations_px
     short_px = np.where(depth.known & ~lines.agreeing, line_px - outwards * edges_px, 0.0)
     short_px = np.maximum(short_px, 0.0)
