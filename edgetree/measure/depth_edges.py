@@ -7,14 +7,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from edgetree.measure.frame import DepthFrame
+from edgetree.measure.distance_lines import best_distance_lines, masked_means
+from edgetree.measure.frame import MASK_THRESHOLD, DepthFrame
 from edgetree.measure.regions import SearchRegions
 
-__all__ = ["DepthEdges", "find_depth_edges"]
+__all__ = ["DepthEdges", "find_depth_edges", "front_depth_m"]
 
 Float = NDArray[np.floating[Any]]
 Flags = NDArray[np.bool_]
 
+# The front of the stems is found from readings at these positions across, in half widths.
+_FRONT = np.linspace(-0.6, 0.6, 5)
 # The depth is read across each edge of the mask, from this many steps outside to this many inside.
 # A step is this fraction of the half width, or at least 1 px.
 _STEPS_OUTSIDE, _STEPS_INSIDE = 4, 14
@@ -45,6 +48,31 @@ class DepthEdges(NamedTuple):
     known: Flags
     behind: Flags
     median_px: Float
+
+
+def front_depth_m(frame: DepthFrame, regions: SearchRegions) -> Float:
+    """Depth of the front of the stems at the stations, by robust lines of inverse depth.
+
+    Returns:
+        (T, S) depths in metres.
+    """
+    along = regions.stations_px / frame.camera.fx
+    across = np.broadcast_to(_FRONT * regions.half_px[:, None, None], (*along.shape, len(_FRONT)))
+    xy_px = regions.points(across).reshape(len(along), -1, 2)
+    depth_m = frame.depth_at(xy_px)
+    used = (depth_m > 0) & (frame.mask_probability(xy_px) >= MASK_THRESHOLD)
+    depth_m = np.where(used, depth_m, 1.0)
+    settings = frame.settings
+    noise = np.hypot(settings.depth_noise_per_m, settings.depth_noise_m / depth_m**2)
+    lines = best_distance_lines(
+        np.repeat(along, len(_FRONT), axis=1),
+        1 / depth_m,
+        used,
+        masked_means(noise, used),
+        float(np.radians(settings.lean_std_deg)),
+    )
+    inverse = lines[:, :1] + lines[:, 1:] * along
+    return np.asarray(1 / np.maximum(inverse, 1 / settings.max_range_m))
 
 
 def find_depth_edges(

@@ -8,16 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from edgetree.measure.distance_lines import best_distance_lines, masked_means
 from edgetree.measure.edge_lines import fit_lines, masked_medians
 from edgetree.measure.frame import MASK_THRESHOLD, DepthFrame
 from edgetree.measure.keypoints import LEFT, MIDDLE, MIN_WIDTH_PX, RIGHT, TOP, Keypoints
-from edgetree.measure.outline import (
-    Outline,
-    checked_outline,
-    regions_from_masks,
-    trace_outline,
-)
+from edgetree.measure.outline import Outline, regions_from_masks, trace_outline
 from edgetree.measure.regions import STATIONS, SearchRegions, line_spans
 from edgetree.measure.stem_fit import Readings
 from edgetree.measure.width import StemEdges
@@ -85,8 +79,6 @@ def observe_stems(frame: DepthFrame, boxes_px: Float, keypoints: Keypoints) -> S
         regions = outline.regions
     depth = _sample_depth(frame, regions, outline)
     if outline is not None:
-        outline = checked_outline(frame, outline, _front_depth_m(frame, regions, depth.readings))
-        depth = _sample_depth(frame, regions, outline)
         outline = _without_occluded_edges(frame, outline, depth.median_m)
     edges = _edges(frame, regions, outline, keypoints, depth.median_m)
     rays, std_rad = _axis_rays(frame, regions, edges, keypoints)
@@ -182,23 +174,6 @@ def _sample_depth(
         valid_fraction=with_depth.sum(1) / np.maximum(seen, 1),
         median_m=np.where(median > 0, median, 1.0),
     )
-
-
-def _front_depth_m(frame: DepthFrame, regions: SearchRegions, readings: Readings) -> Float:
-    """(T, S) depth of the front of the stems at the stations, on robust lines of inverse depth."""
-    used = readings.depth_m > 0
-    depth_m = np.where(used, readings.depth_m, 1.0)
-    noise = np.hypot(frame.settings.depth_noise_per_m, frame.settings.depth_noise_m / depth_m**2)
-    along = regions.stations_px / frame.camera.fx
-    lines = best_distance_lines(
-        np.repeat(along, _DEPTH_SAMPLES, axis=1),
-        1 / depth_m,
-        used,
-        masked_means(noise, used),
-        np.radians(frame.settings.lean_std_deg),
-    )
-    inverse = lines[:, :1] + lines[:, 1:] * along
-    return np.asarray(1 / np.maximum(inverse, 1 / frame.settings.max_range_m))
 
 
 def _without_occluded_edges(frame: DepthFrame, outline: Outline, depth_m: Float) -> Outline:

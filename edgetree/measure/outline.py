@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from edgetree.measure.depth_edges import find_depth_edges
-from edgetree.measure.edge_lines import outer_lines
+from edgetree.measure.depth_edges import find_depth_edges, front_depth_m
+from edgetree.measure.edge_lines import OuterLines, outer_lines
 from edgetree.measure.frame import MASK_THRESHOLD, DepthFrame
 from edgetree.measure.regions import (
     MIN_HALF_PX,
@@ -20,7 +20,7 @@ from edgetree.measure.regions import (
     mask_moments,
 )
 
-__all__ = ["Outline", "checked_outline", "regions_from_masks", "trace_outline"]
+__all__ = ["Outline", "regions_from_masks", "trace_outline"]
 
 Float = NDArray[np.floating[Any]]
 Flags = NDArray[np.bool_]
@@ -30,6 +30,8 @@ Flags = NDArray[np.bool_]
 _SEARCH_HALF_WIDTHS = 1.8
 _COARSE_SAMPLES, _FINE_SAMPLES = 25, 13
 _FINE_REACH, _MIN_FINE_REACH_PX = 0.12, 1.5
+# Direction across the region in which each edge faces away from the stem.
+_OUTWARDS = np.array([-1.0, 1.0])[:, None, None]
 # With fewer stations than this a search region is not realigned.
 _MIN_STATIONS = 6
 # Realignments of a region from each start.
@@ -50,7 +52,6 @@ class Outline:
         left_px, right_px: (T, S) positions of the edges across the region.
         left_valid, right_valid: (T, S) whether these are edges of the stem itself.
         visible_fraction: (T,) fraction of the stations at which the mask shows both sides.
-        found: (2, T, S) at which stations the mask has a left and a right edge.
         std_px: (T,) standard deviation of an edge.
     """
 
@@ -60,7 +61,6 @@ class Outline:
     left_valid: Flags
     right_valid: Flags
     visible_fraction: Float
-    found: Flags
     std_px: Float
 
 
@@ -119,7 +119,8 @@ def trace_outline(frame: DepthFrame, regions: SearchRegions, border_px: Float) -
     """Find both edges of every stem at every station.
 
     A coarse search first aligns the search regions with the masks, then a fine search locates the
-    edges.
+    edges. Where the depth shows that a stem's surface ends inside its mask, the edges are moved
+    there. Edges that contradict the depth or each other have a larger standard deviation.
 
     Args:
         frame: the frame, with one mask per stem.
@@ -130,50 +131,30 @@ def trace_outline(frame: DepthFrame, regions: SearchRegions, border_px: Float) -
     regions = _realigned(regions, *_coarse_edges(frame, regions))
     left, right, seen = _coarse_edges(frame, regions)
     left, right, found = _fine_edges(frame, regions, left, right, border_px)
+    edges_px, std_px = np.stack([left, right]), frame.mask_std_px()
     found &= seen
-    left_valid, right_valid = outer_lines(regions, left, right, found).agreeing
-    return Outline(
-        regions, left, right, left_valid, right_valid, seen.mean(1), found, frame.mask_std_px()
-    )
-
-
-def checked_outline(frame: DepthFrame, outline: Outline, depth_m: Float) -> Outline:
-    """Correct outlines by the depth.
-
-    Where the stems' surfaces end inside their masks, the edges are moved there. The lines along the
-    edges are fitted anew with the knowledge where the depth shows the end of the stem.
-
-    Args:
-        frame: the frame.
-        outline: edges by masks alone.
-        depth_m: (T, S) depth of the front of the stems at the stations.
-    """
-    regions = outline.regions
-    edges_px = np.stack([outline.left_px, outline.right_px])
-    depth = find_depth_edges(frame, regions, edges_px, outline.found, depth_m)
+    depth = find_depth_edges(frame, regions, edges_px, found, front_depth_m(frame, regions))
     # Missing readings alone may be a fault of the depth, so they do not move the edges.
-    seen = depth.known.sum(2)
-    moves = (depth.median_px > 0) & (depth.behind.sum(2) >= 0.5 * seen)
-    found = np.where(moves[..., None], depth.known, outline.found)
-    outwards = np.array([-1.0, 1.0])[:, None, None]
-    moved_px = np.where(moves[..., None] & depth.known, depth.inset_px, 0.0)
-    edges_px = edges_px - outwards * moved_px
-    moved_px = np.where(moves, 0.0, depth.median_px)
+    moves = (depth.median_px > 0) & (depth.behind.sum(2) >= 0.5 * depth.known.sum(2))
+    found = np.where(moves[..., None], depth.known, found)
+    edges_px -= _OUTWARDS * np.where(moves[..., None] & depth.known, depth.inset_px, 0.0)
     lines = outer_lines(regions, edges_px[0], edges_px[1], found, depth.behind)
+    inside_px = np.where(moves, 0.0, depth.median_px)
+    contradiction_px = _contradiction_px(regions, lines, edges_px, found, depth.known)
+    std_px = np.hypot(std_px, np.hypot(inside_px, contradiction_px).max(0))
+    left_valid, right_valid = lines.agreeing
+    left, right = edges_px
+    return Outline(regions, left, right, left_valid, right_valid, seen.mean(1), std_px)
+
+
+def _contradiction_px(
+    regions: SearchRegions, lines: OuterLines, edges_px: Float, found: Flags, ends: Flags
+) -> Float:
+    """(2, T) root mean square distance by which edges where the stem ends lie inside the lines."""
     line_px = lines.value[..., None] + lines.slope[..., None] * regions.stations_px
-    short_px = np.where(depth.known & ~lines.agreeing, line_px - outwards * edges_px, 0.0)
-    short_px = np.maximum(short_px, 0.0)
-    contradiction_px = np.sqrt((short_px**2).sum(2) / np.maximum(found.sum(2), 1))
-    doubt_px = np.hypot(moved_px, contradiction_px).max(0)
-    return replace(
-        outline,
-        left_px=edges_px[0],
-        right_px=edges_px[1],
-        left_valid=lines.agreeing[0],
-        right_valid=lines.agreeing[1],
-        found=found,
-        std_px=np.hypot(outline.std_px, doubt_px),
-    )
+    inside_px = np.maximum(line_px - _OUTWARDS * edges_px, 0.0)
+    inside_px = np.where(ends & found & ~lines.agreeing, inside_px, 0.0)
+    return np.asarray(np.sqrt((inside_px**2).sum(2) / np.maximum(found.sum(2), 1)))
 
 
 def _coarse_edges(frame: DepthFrame, regions: SearchRegions) -> tuple[Float, Float, Flags]:
