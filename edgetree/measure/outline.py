@@ -39,8 +39,9 @@ _REALIGNMENTS = 2
 # If a smaller fraction of the edges of a short mask lies on straight lines, only its rows with
 # smooth edges are searched.
 _MIN_AGREEING = 0.5
-# Edges closer than this to the border of the image do not count then.
-_BORDER_PX = 2.0
+# Edges closer than this to the border of the image do not count then, in half widths: the distance
+# of the samples of a coarse search.
+_BORDER = 2 * _SEARCH_HALF_WIDTHS / (_COARSE_SAMPLES - 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +110,8 @@ def _repeatedly_realigned(frame: DepthFrame, regions: SearchRegions) -> tuple[Se
     for _ in range(_REALIGNMENTS):
         left, right, seen = _coarse_edges(frame, regions)
         straight = outer_lines(regions, left, right, np.stack([seen] * 2)).agreeing
-        within = frame.inside(regions.points(np.stack([left, right], -1)), _BORDER_PX)
+        border_px = _BORDER * regions.half_px[:, None, None]
+        within = frame.inside(regions.points(np.stack([left, right], -1)), border_px)
         agreeing = int((straight & within.transpose(2, 0, 1)).sum())
         regions = _realigned(regions, left, right, seen)
     return regions, agreeing
