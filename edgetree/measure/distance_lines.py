@@ -34,6 +34,8 @@ _MAX_TILT_STDS = 6.0
 _SLOPES = 15
 _QUANTILES = np.array((0.15, 0.3, 0.5, 0.7, 0.85))
 _SUPPORT_STEP = 4
+# A nearer candidate needs this fraction of the readings in each of so many parts of the length.
+_MIN_NEARER, _PARTS = 0.15, 4
 # Residual in standard deviations from which Tukey's biweight is 0.
 _CUTOFF = 4.0
 # Weight of the assumed noise when it is adjusted, in independent readings.
@@ -171,23 +173,29 @@ def masked_means(values: Float, used: Flags) -> Float:
     return np.asarray(np.where(used, values, 0).sum(1) / np.maximum(used.sum(1), 1))
 
 
-def level_distance_lines(points: InverseDistances) -> Float:
-    """(T, 2) medians of the used inverse distances, and slope 0."""
-    value = masked_medians(points.inverse, points.used)
-    value = np.where(value > 0, value, 1.0)
+def level_distance_lines(points: InverseDistances, kept: Flags) -> Float:
+    """(T, 2) medians of the used inverse distances (T, N) that are kept, and slope 0."""
+    value = _medians(points.inverse, points.used & kept)
     return np.stack([value, np.zeros(len(value))], 1)
 
 
-def best_distance_lines(points: InverseDistances, noise: Float, lean_std_rad: float) -> Float:
+def _medians(inverse: Float, used: Flags) -> Float:
+    value = masked_medians(inverse, used)
+    return np.where(value > 0, value, 1.0)
+
+
+def best_distance_lines(
+    height_ratio: Float, inverse: Float, used: Flags, noise: Float, lean_std_rad: float
+) -> Float:
     """(T, 2) value and slope of the candidate line with the most readings near it.
 
     The candidates have several slopes and go through several quantiles of the readings. So one of
-    them lies on the stem even if most readings belong to an object in front of it.
+    them lies on the stem even if most readings belong to an object in front of it. A nearer
+    candidate wins if readings near it lie all along the stem: then the others show the background.
     """
-    height, inverse, used = (
-        part[:, ::_SUPPORT_STEP] for part in (points.height_ratio, points.inverse, points.used)
-    )
-    count, scale = used.sum(1), level_distance_lines(points)[:, 0]
+    height, inverse = height_ratio[:, ::_SUPPORT_STEP], inverse[:, ::_SUPPORT_STEP]
+    used = used[:, ::_SUPPORT_STEP]
+    count, scale = used.sum(1), _medians(inverse, used)
     allowed = _CUTOFF * np.hypot(noise[:, None], _BEND_PER_M * height**2)
     tilt_stds = np.linspace(-_MAX_TILT_STDS, _MAX_TILT_STDS, _SLOPES)
     slopes = tilt_stds * (np.tan(lean_std_rad) * scale)[:, None]
@@ -199,8 +207,24 @@ def best_distance_lines(points: InverseDistances, noise: Float, lean_std_rad: fl
     candidates = np.where(np.isfinite(candidates), candidates, 1.0)
     near = np.abs(values[:, :, None] - candidates[..., None]) < allowed[:, None, None]
     # The squared tilt is the penalty of a normal prior.
-    support = near.sum(-1) - tilt_stds[:, None] ** 2
-    best = support.reshape(len(count), -1).argmax(1)
+    support = (near.sum(-1) - tilt_stds[:, None] ** 2).reshape(len(count), -1)
     rows = np.arange(len(count))
+    best = support.argmax(1)
+    # What is behind an opaque stem cannot be seen through it.
+    middle = masked_means(height, used)[:, None, None]
+    inverse_there = (candidates + slopes[..., None] * middle).reshape(len(count), -1)
+    clearance = 2 * masked_means(allowed, used)[:, None]
+    nearer = inverse_there > inverse_there[rows, best][:, None] + clearance
+    nearer &= _all_along(near, used)
+    best = np.where(nearer.any(1), np.where(nearer, support, -np.inf).argmax(1), best)
     value = candidates.reshape(len(count), -1)[rows, best]
     return np.stack([value, slopes[rows, best // len(_QUANTILES)]], 1)
+
+
+def _all_along(near: Flags, used: Flags) -> Flags:
+    """(T, K) whether readings near the candidates (T, slopes, quantiles, N) are all along them."""
+    quarter = np.arange(near.shape[-1])[:, None] * _PARTS // near.shape[-1] == np.arange(_PARTS)
+    weight = quarter.astype(np.float32)
+    found = np.matmul(near.reshape(len(near), -1, near.shape[-1]).astype(np.float32), weight)
+    total = np.matmul(used.astype(np.float32), weight)[:, None]
+    return np.asarray((found >= _MIN_NEARER * total).all(2))

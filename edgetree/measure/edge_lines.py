@@ -18,6 +18,8 @@ Flags = NDArray[np.bool_]
 _TOLERANCE, _MIN_TOLERANCE_PX = 0.08, 1.0
 # Score that a candidate line loses for every edge that lies outside it.
 _OUTSIDE_PENALTY = 0.5
+# The same for every edge inside it at which the depth shows that the stem ends there.
+_CERTAIN_PENALTY = 2.0
 # Edges further inside a line than this many times the median distance are removed.
 _MAX_INSIDE = 4.0
 # Smallest fraction of stations that must agree with a line.
@@ -44,24 +46,29 @@ class OuterLines(NamedTuple):
     agreeing: Flags
 
 
-def outer_lines(regions: SearchRegions, left: Float, right: Float, seen: Flags) -> OuterLines:
+def outer_lines(
+    regions: SearchRegions, left: Float, right: Float, seen: Flags, certain: Flags | None = None
+) -> OuterLines:
     """Robustly fit a straight line to each edge of the stems.
 
     An object in front of a stem can only make its mask narrower, so edges inside the line are
-    outliers and edges outside it count against the line. The best of several candidate lines
-    starts a least squares fit with Tukey's biweights.
+    outliers and edges outside it count against the line. Where the depth shows that the stem ends
+    at its edge, a line outside this edge is wrong. The best of several candidate lines starts a
+    least squares fit with Tukey's biweights.
 
     Args:
         regions: search regions.
         left, right: (T, S) edges of the masks across the regions, in px.
         seen: (2, T, S) where a left and a right edge was found.
+        certain: (2, T, S) where the depth shows that the stem ends at the edge, if known.
     """
     count = len(left)
     position = np.concatenate([regions.stations_px] * 2)
     outward, seen = np.concatenate([-left, right]), seen.reshape(2 * count, -1)
     tolerance = np.maximum(_TOLERANCE * regions.half_px, _MIN_TOLERANCE_PX)
     tolerance = np.concatenate([tolerance] * 2)[:, None]
-    value, slope = _best_line(position, outward, seen, tolerance)
+    ends = np.zeros_like(seen) if certain is None else seen & certain.reshape(2 * count, -1)
+    value, slope = _best_line(position, outward, seen, ends, tolerance)
     for _ in range(_ROUNDS):
         residual = (outward - value[:, None] - slope[:, None] * position) / tolerance
         weight = np.where(seen, np.maximum(1 - (residual / 2) ** 2, 0) ** 2, 0.0)
@@ -77,7 +84,7 @@ def outer_lines(regions: SearchRegions, left: Float, right: Float, seen: Flags) 
 
 
 def _best_line(
-    position: Float, outward: Float, seen: Flags, tolerance: Float
+    position: Float, outward: Float, seen: Flags, certain: Flags, tolerance: Float
 ) -> tuple[Float, Float]:
     """Value and slope (T,) of the candidate line that the most stations agree with."""
     rows = np.arange(len(position))
@@ -87,6 +94,7 @@ def _best_line(
     residual = outward[:, None] - value[..., None] - slope[..., None] * position[:, None]
     residual = residual / tolerance[:, None]
     score = np.maximum(1 - residual**2, 0.0) - _OUTSIDE_PENALTY * (residual > 1)
+    score -= _CERTAIN_PENALTY * ((residual < -1) & certain[:, None])
     best = np.where(seen[:, None], score, 0.0).sum(2).argmax(1)
     return value[rows, best], slope[rows, best]
 

@@ -111,15 +111,18 @@ def _search_regions(frame: DepthFrame, boxes_px: Float, keypoints: Keypoints) ->
     known = np.linalg.norm(upwards, axis=1) > 2 * half
     along = np.where(known[:, None], upwards, perpendicular)
     without = ~keypoints.has_section
+    limit = np.full((len(origin), 2), np.inf) * (-1.0, 1.0)
     if without.any() and frame.masks is not None:
         indices = np.flatnonzero(without)
         few = replace(frame, masks=[frame.masks[index] for index in indices])
         found = regions_from_masks(few, boxes_px[indices])
         origin[indices], along[indices] = found.origin_px, found.along
-        half[indices] = found.half_px
+        half[indices], limit[indices] = found.half_px, found.span_px
     length = np.linalg.norm(along, axis=1, keepdims=True)
     along = np.where(length > 0, along / np.where(length > 0, length, 1.0), np.array([0.0, -1.0]))
-    return SearchRegions(origin, along, half, line_spans(origin, along, boxes_px))
+    span = line_spans(origin, along, boxes_px)
+    span = np.stack([np.maximum(span[:, 0], limit[:, 0]), np.minimum(span[:, 1], limit[:, 1])], -1)
+    return SearchRegions(origin, along, half, span)
 
 
 class _DepthSamples(NamedTuple):
@@ -226,7 +229,7 @@ def _edges(
         known = np.stack([left_valid, right_valid], -1)[..., None]
         rays = frame.rays(np.where(known, points, 0.0))
         left, right = rays[:, :, 0], rays[:, :, 1]
-        mask_std_px = frame.mask_std_px()
+        mask_std_px = outline.std_px
         if frame.masks_given:
             scatter_px = outline.scatter_px / np.sqrt(_STATIONS_PER_ERROR)
             mask_std_px = np.hypot(mask_std_px, scatter_px)

@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from edgetree.measure.edge_lines import fit_lines, outer_lines
+from edgetree.measure.depth_edges import find_depth_edges, front_depth_m
+from edgetree.measure.edge_lines import OuterLines, fit_lines, outer_lines
 from edgetree.measure.frame import MASK_THRESHOLD, DepthFrame
 from edgetree.measure.regions import (
     MIN_HALF_PX,
     STATIONS,
     SearchRegions,
+    clean_rows,
     line_spans,
     mask_moments,
 )
@@ -28,10 +30,18 @@ Flags = NDArray[np.bool_]
 _SEARCH_HALF_WIDTHS = 1.8
 _COARSE_SAMPLES, _FINE_SAMPLES = 25, 13
 _FINE_REACH, _MIN_FINE_REACH_PX = 0.12, 1.5
+# Direction across the region in which each edge faces away from the stem.
+_OUTWARDS = np.array([-1.0, 1.0])[:, None, None]
 # With fewer stations than this a search region is not realigned.
 _MIN_STATIONS = 6
 # Realignments of a region from each start.
 _REALIGNMENTS = 2
+# If a smaller fraction of the edges of a short mask lies on straight lines, only its rows with
+# smooth edges are searched.
+_MIN_AGREEING = 0.5
+# Edges closer than this to the border of the image do not count then, in half widths: the distance
+# of the samples of a coarse search.
+_BORDER = 2 * _SEARCH_HALF_WIDTHS / (_COARSE_SAMPLES - 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +53,7 @@ class Outline:
         left_px, right_px: (T, S) positions of the edges across the region.
         left_valid, right_valid: (T, S) whether these are edges of the stem itself.
         visible_fraction: (T,) fraction of the stations at which the mask shows both sides.
+        std_px: (T,) standard deviation of an edge.
     """
 
     regions: SearchRegions
@@ -51,6 +62,7 @@ class Outline:
     left_valid: Flags
     right_valid: Flags
     visible_fraction: Float
+    std_px: Float
 
     @property
     def scatter_px(self) -> Float:
@@ -74,7 +86,8 @@ def regions_from_masks(frame: DepthFrame, boxes_px: Float) -> SearchRegions:
 
     The direction comes from the image moments of each mask. If the mask is short for its width,
     as of a near stem that the image cuts off, the moments may point askew. Then the vertical of
-    the image is tried as well, and the direction with more edges on straight lines wins.
+    the image is tried as well, and the direction with more edges on straight lines wins. If few
+    edges lie on straight lines either way, the region is that of the mask's clean rows.
 
     Args:
         frame: the frame, with one mask per stem.
@@ -98,7 +111,11 @@ def regions_from_masks(frame: DepthFrame, boxes_px: Float) -> SearchRegions:
             )
             for direction in (along[index, None], vertical)
         ]
-        best, _ = max(candidates, key=lambda pair: pair[1])
+        best, agreeing = max(candidates, key=lambda pair: pair[1])
+        best = replace(best, span_px=line_spans(best.origin_px, best.along, box))
+        clean = clean_rows(masks[index], frame.camera.width)
+        if clean is not None and agreeing < _MIN_AGREEING * 2 * STATIONS:
+            best = clean
         for target, source in zip(regions.arrays, best.arrays, strict=True):
             target[index] = source[0]
     return regions
@@ -108,7 +125,10 @@ def _repeatedly_realigned(frame: DepthFrame, regions: SearchRegions) -> tuple[Se
     """Align a region with its mask's edges; also return how many edges lay on straight lines."""
     for _ in range(_REALIGNMENTS):
         left, right, seen = _coarse_edges(frame, regions)
-        agreeing = int(outer_lines(regions, left, right, np.stack([seen] * 2)).agreeing.sum())
+        straight = outer_lines(regions, left, right, np.stack([seen] * 2)).agreeing
+        border_px = _BORDER * regions.half_px[:, None, None]
+        within = frame.inside(regions.points(np.stack([left, right], -1)), border_px)
+        agreeing = int((straight & within.transpose(2, 0, 1)).sum())
         regions = _realigned(regions, left, right, seen)
     return regions, agreeing
 
@@ -117,7 +137,8 @@ def trace_outline(frame: DepthFrame, regions: SearchRegions, border_px: Float) -
     """Find both edges of every stem at every station.
 
     A coarse search first aligns the search regions with the masks, then a fine search locates the
-    edges.
+    edges. Where the depth shows that a stem's surface ends inside its mask, the edges are moved
+    there. Edges that contradict the depth or each other have a larger standard deviation.
 
     Args:
         frame: the frame, with one mask per stem.
@@ -128,8 +149,30 @@ def trace_outline(frame: DepthFrame, regions: SearchRegions, border_px: Float) -
     regions = _realigned(regions, *_coarse_edges(frame, regions))
     left, right, seen = _coarse_edges(frame, regions)
     left, right, found = _fine_edges(frame, regions, left, right, border_px)
-    left_valid, right_valid = outer_lines(regions, left, right, seen & found).agreeing
-    return Outline(regions, left, right, left_valid, right_valid, seen.mean(1))
+    edges_px, std_px = np.stack([left, right]), frame.mask_std_px()
+    found &= seen
+    depth = find_depth_edges(frame, regions, edges_px, found, front_depth_m(frame, regions))
+    # Missing readings alone may be a fault of the depth, so they do not move the edges.
+    moves = (depth.median_px > 0) & (depth.behind.sum(2) >= 0.5 * depth.known.sum(2))
+    found = np.where(moves[..., None], depth.known, found)
+    edges_px -= _OUTWARDS * np.where(moves[..., None] & depth.known, depth.inset_px, 0.0)
+    lines = outer_lines(regions, edges_px[0], edges_px[1], found, depth.behind)
+    inside_px = np.where(moves, 0.0, depth.median_px)
+    contradiction_px = _contradiction_px(regions, lines, edges_px, found, depth.known)
+    std_px = np.hypot(std_px, np.hypot(inside_px, contradiction_px).max(0))
+    left_valid, right_valid = lines.agreeing
+    left, right = edges_px
+    return Outline(regions, left, right, left_valid, right_valid, seen.mean(1), std_px)
+
+
+def _contradiction_px(
+    regions: SearchRegions, lines: OuterLines, edges_px: Float, found: Flags, ends: Flags
+) -> Float:
+    """(2, T) root mean square distance by which edges where the stem ends lie inside the lines."""
+    line_px = lines.value[..., None] + lines.slope[..., None] * regions.stations_px
+    inside_px = np.maximum(line_px - _OUTWARDS * edges_px, 0.0)
+    inside_px = np.where(ends & found & ~lines.agreeing, inside_px, 0.0)
+    return np.asarray(np.sqrt((inside_px**2).sum(2) / np.maximum(found.sum(2), 1)))
 
 
 def _coarse_edges(frame: DepthFrame, regions: SearchRegions) -> tuple[Float, Float, Flags]:

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edgetree.measure.edge_lines import masked_medians
-from edgetree.measure.section import Sections
 from edgetree.measure.stem_fit import Readings, Stems
 
 __all__ = ["shows_several_stems"]
@@ -19,6 +18,8 @@ Flags = NDArray[np.bool_]
 # Readings further from the middle than this, 1 at the edge of the mask, may show the background.
 _MAX_OFFSET = 0.85
 _MIN_READINGS = 5
+# Readings further from the fitted stem than this many radii show something else.
+_MAX_OFF = 2.0
 # Least squared difference of the two shapes over the readings of a station.
 _MIN_POWER = 0.05
 _MAD_TO_STD = 1.4826
@@ -44,7 +45,7 @@ def shows_several_stems(stems: Stems, readings: Readings, stations: int) -> Flag
     Returns:
         (T,) flags.
     """
-    scores, known = _scores(stems.sections, readings, stations)
+    scores, known = _scores(stems, readings, stations)
     score = masked_medians(scores, known)
     scatter = _MAD_TO_STD * masked_medians(np.abs(scores - score[:, None]), known)
     seen = known.sum(1)
@@ -53,8 +54,9 @@ def shows_several_stems(stems: Stems, readings: Readings, stations: int) -> Flag
     return np.asarray(enough & (score > np.maximum(_MIN_SCORE, _MIN_STDS * std)))
 
 
-def _scores(sections: Sections, readings: Readings, stations: int) -> tuple[Float, Flags]:
+def _scores(stems: Stems, readings: Readings, stations: int) -> tuple[Float, Flags]:
     """(T, S) scores of the stations, and which are known."""
+    sections = stems.sections
     view = sections.view(readings.rays)
     shape = (len(readings.depth_m), stations, -1)
     offset = np.abs(view.offset).reshape(shape)
@@ -64,6 +66,8 @@ def _scores(sections: Sections, readings: Readings, stations: int) -> tuple[Floa
     axis_m = (readings.depth_m / np.where(view.depth_ratio > 0, view.depth_ratio, 1.0)).reshape(
         shape
     )
+    off_m = np.abs(axis_m - stems.distance_m[:, None, None])
+    used &= off_m < _MAX_OFF * stems.radius_m[:, None, None]
     radius_m = _means(axis_m, used) * np.sin(sections.half_rad)[:, None, None]
     behind = (axis_m - _means(axis_m, used)) / np.where(radius_m > 0, radius_m, 1.0)
     inner = np.clip(np.abs(offset - 0.5) / 0.5, 0.0, 1.0)

@@ -122,14 +122,16 @@ def fit_stems(
     """
     tilt = step = np.zeros(len(readings.depth_m))
     sections, sources = edges.sections(axes)
+    kept: Flags | None = None
     for iteration in range(_ITERATIONS):
         points = _inverse_distances(sections, readings)
         noise = points.noise(settings)
-        start = (
-            level_distance_lines(points)
-            if iteration
-            else best_distance_lines(points, noise, lean_std_rad)
-        )
+        if kept is None:
+            start = best_distance_lines(
+                points.height_ratio, points.inverse, points.used, noise, lean_std_rad
+            )
+        else:
+            start = level_distance_lines(points, kept)
         equations = fit_distance_lines(
             points,
             start,
@@ -139,6 +141,7 @@ def fit_stems(
             lean_std_rad=lean_std_rad,
             rounds=_ROUNDS[iteration > 0],
         )
+        kept = equations.kept
         curvature = _curvature(equations, sections.half_rad + equations.solve()[:, 2], settings)
         half, weights = fuse([*sources, curvature])
         lines = equations.solve_line(half.rad - sections.half_rad)

@@ -1,0 +1,129 @@
+"""Compare the edges of masks with the places where the surface of the stem ends in the depth."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edgetree.measure.distance_lines import best_distance_lines, masked_means
+from edgetree.measure.frame import MASK_THRESHOLD, DepthFrame
+from edgetree.measure.regions import SearchRegions
+
+__all__ = ["DepthEdges", "find_depth_edges", "front_depth_m"]
+
+Float = NDArray[np.floating[Any]]
+Flags = NDArray[np.bool_]
+
+# The front of the stems is found from readings at these positions across, in half widths.
+_FRONT = np.linspace(-0.6, 0.6, 5)
+# The depth is read across each edge of the mask, from this many steps outside to this many inside.
+# A step is this fraction of the half width, or at least 1 px.
+_STEPS_OUTSIDE, _STEPS_INSIDE = 4, 14
+_STEP = 0.03
+# Readings are on the stem within its radius, this many standard deviations and metres.
+_SURFACE_STDS, _SURFACE_M = 3.0, 0.05
+# The stem ends inside its mask if the median distance from the edge of the mask is above this, at
+# this many stations at least, and this fraction of the stations at which the mask has an edge.
+_MIN_INSET_PX = 2.0
+# The edge is known if at least this fraction of the readings from there inwards is on the stem.
+_MIN_ON_STEM = 0.75
+_MIN_STATIONS, _MIN_FRACTION = 4, 0.25
+
+
+class DepthEdges(NamedTuple):
+    """Where the depth shows the ends of T stems' surfaces, at the left and right edges of masks.
+
+    Attributes:
+        inset_px: (2, T, S) distance of the end of the surface from the edge of the mask, positive
+            inwards.
+        known: (2, T, S) whether the readings beyond it are all behind the stem, or missing.
+        behind: (2, T, S) whether the reading beside it is behind the stem.
+        median_px: (2, T) median of the known `inset_px`; 0 where the edges of mask and depth agree,
+            or too few are known.
+    """
+
+    inset_px: Float
+    known: Flags
+    behind: Flags
+    median_px: Float
+
+
+def front_depth_m(frame: DepthFrame, regions: SearchRegions) -> Float:
+    """Depth of the front of the stems at the stations, by robust lines of inverse depth.
+
+    Returns:
+        (T, S) depths in metres.
+    """
+    along = regions.stations_px / frame.camera.fx
+    across = np.broadcast_to(_FRONT * regions.half_px[:, None, None], (*along.shape, len(_FRONT)))
+    xy_px = regions.points(across).reshape(len(along), -1, 2)
+    depth_m = frame.depth_at(xy_px)
+    used = (depth_m > 0) & (frame.mask_probability(xy_px) >= MASK_THRESHOLD)
+    depth_m = np.where(used, depth_m, 1.0)
+    settings = frame.settings
+    noise = np.hypot(settings.depth_noise_per_m, settings.depth_noise_m / depth_m**2)
+    lines = best_distance_lines(
+        np.repeat(along, len(_FRONT), axis=1),
+        1 / depth_m,
+        used,
+        masked_means(noise, used),
+        float(np.radians(settings.lean_std_deg)),
+    )
+    inverse = lines[:, :1] + lines[:, 1:] * along
+    return np.asarray(1 / np.maximum(inverse, 1 / settings.max_range_m))
+
+
+def find_depth_edges(
+    frame: DepthFrame,
+    regions: SearchRegions,
+    edges_px: Float,
+    found: Flags,
+    depth_m: Float,
+) -> DepthEdges:
+    """Find where the stems' surfaces end in the depth, from outside inwards.
+
+    Args:
+        frame: depth and camera.
+        regions: search regions.
+        edges_px: (2, T, S) left and right edges of the masks across the regions.
+        found: (2, T, S) which of these were found.
+        depth_m: (T, S) depth of the front of the stems at the stations.
+    """
+    settings = frame.settings
+    step_px = np.maximum(_STEP * regions.half_px, 1.0)
+    inwards_px = np.arange(-_STEPS_OUTSIDE, _STEPS_INSIDE) * step_px[:, None]
+    across = np.concatenate(
+        [
+            edges_px[0][..., None] + inwards_px[:, None],
+            edges_px[1][..., None] - inwards_px[:, None],
+        ],
+        -1,
+    )
+    count, stations = depth_m.shape
+    read_m = frame.depth_at(regions.points(across)).reshape(count, stations, 2, -1)
+    radius_m = (edges_px[1] - edges_px[0]) / 2 * depth_m / frame.camera.fx
+    noise_m = np.hypot(settings.depth_noise_per_m * depth_m**2, settings.depth_noise_m)
+    reach_m = (radius_m + _SURFACE_STDS * noise_m + _SURFACE_M)[..., None, None]
+    middle_m = depth_m[..., None, None]
+    nearer = (read_m > 0) & (read_m < middle_m - reach_m)
+    on_stem = (read_m > 0) & (np.abs(read_m - middle_m) <= reach_m)
+    first = (on_stem | nearer).argmax(-1)
+    index = np.maximum(first, 1)[..., None]
+    inner = np.arange(on_stem.shape[-1]) >= index
+    share = (on_stem & inner).sum(-1) / inner.sum(-1)
+    on_it = np.take_along_axis(on_stem, index, -1)[..., 0] & (first > 0) & (share >= _MIN_ON_STEM)
+    behind = np.take_along_axis(read_m, index - 1, -1)[..., 0] > 0
+    inset_px = (index[..., 0] - _STEPS_OUTSIDE - 0.5) * step_px[:, None, None]
+    known = found & on_it.transpose(2, 0, 1)
+    inset_px = inset_px.transpose(2, 0, 1)
+    ordered = np.sort(np.where(known, inset_px, np.inf), axis=2)
+    seen = known.sum(2)
+    median = np.take_along_axis(ordered, np.minimum(seen // 2, stations - 1)[..., None], 2)[..., 0]
+    inside = (seen >= np.maximum(_MIN_STATIONS, _MIN_FRACTION * found.sum(2))) & (
+        median > _MIN_INSET_PX
+    )
+    return DepthEdges(
+        inset_px, known, known & behind.transpose(2, 0, 1), np.where(inside, median, 0.0)
+    )
