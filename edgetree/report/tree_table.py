@@ -8,9 +8,10 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from typing import Final
 
-from edgetree.measure import Estimate, Failure, TreeMeasurement
+from edgetree.measure import Estimate, Failure, StemProfile, TreeMeasurement
 from edgetree.report.charts import Bars, bar_chart
 from edgetree.report.page import scrolling
+from edgetree.report.profile_chart import profile_chart
 from edgetree.report.units import CLASS_EDGE, UNITS, length_attributes, unit_name
 from edgetree.results.text_table import failure_reasons
 from edgetree.results.units import AMOUNTS, direction_words
@@ -34,12 +35,14 @@ def tree_row(anchor: str, frame: str, number: int, score: float, measured: TreeM
     lengths = "".join(_cell(measured, name) for name in AMOUNTS)
     notes = [f"{what}: {reason}" for what, reason in failure_reasons(measured)]
     notes += [f"warning: {text}" for text in measured.evidence.warnings]
-    items = "".join(f"<li>{escape(note)}</li>" for note in notes)
+    remarks = "".join(f"<li>{escape(note)}</li>" for note in notes)
+    if isinstance(measured.profile, StemProfile):
+        remarks += f"<li>{profile_chart(measured.profile)}</li>"
     return (
         f'<tr><td data-name="frame"><a href="#{anchor}">{escape(frame)}</a></td>'
         f'<td data-name="tree" data-value="{number}">{number}</td>{lengths}'
         f'<td data-name="score" data-value="{float(score):.4f}">{score:.0%}</td>'
-        + (f'<td class="notes"><ul>{items}</ul></td></tr>' if notes else f"{_MISSING}</tr>")
+        + (f'<td class="notes"><ul>{remarks}</ul></td></tr>' if remarks else f"{_MISSING}</tr>")
     )
 
 

@@ -275,7 +275,7 @@ def test_the_page_needs_no_other_file(tmp_path: Path) -> None:
     anchors = page.attributes("figure", "id")
     assert [each.removeprefix("#") for each in page.attributes("a", "href")] == anchors
     heads = page.html.partition('<table class="sortable')[2].partition("</thead>")[0]
-    assert heads.count("<th ") == heads.count('<button type="button">') == 9
+    assert heads.count("<th ") == heads.count('<button type="button">') == 13
 
 
 def test_values_reasons_and_warnings_are_in_the_row(tmp_path: Path) -> None:
@@ -285,7 +285,10 @@ def test_values_reasons_and_warnings_are_in_the_row(tmp_path: Path) -> None:
     assert row["distance"].text == "5.26 ± 0.05 m"
     assert row["DBH"].text == row["cut height"].text == row["lean"].text == "–"
     assert "none" in (row["DBH"].attributes["class"] or "")
-    assert "no DBH, cut height, lean: no ground <near> the stem" in row["remarks"].text
+    assert (
+        "no DBH, cut height, lean, axis distance, taper, seen volume: no ground <near> the stem"
+        in row["remarks"].text
+    )
     assert "warning: a high stump" in row["remarks"].text
 
 
