@@ -85,8 +85,9 @@ def draw_trees(
         if masks is not None or trees.masks is not None:
             mask = trees.mask(index) if masks is None else masks[index]
             _draw_mask(canvas, mask, _colour(index))
-    for index in far_first if profiles is not None else ():
-        _draw_profile(canvas, profiles[index], scale)
+    if profiles is not None:
+        for profile in profiles:
+            _draw_profile(canvas, profile, scale)
     marks: list[CutMark | None] = list(cuts) if cuts is not None else [None] * len(trees)
     taken: list[Rect] = []
     for index in far_first:

@@ -83,7 +83,7 @@ class StemDiameters:
 
     def _sums(self, values: Float) -> Float:
         """(T,) sums over the diameters of each stem."""
-        return np.bincount(self.stem, values, len(self.tilt_std))
+        return np.asarray(np.bincount(self.stem, values, len(self.tilt_std)), np.float64)
 
     def profiles(self) -> list[StemProfile | Failure]:
         """The diameters of each stem."""

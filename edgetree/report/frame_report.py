@@ -153,9 +153,8 @@ class _Totals:
         return (
             '</div><h2>All trees</h2><p class="note">Click the head of a column to sort by it, '
             "and again for the opposite order. ± is one standard deviation; twice that holds the "
-            "truth for 95 trees in 100. The seen volume is that of the stem between the lowest and "
-            "the highest diameter of its profile. Click “profile” in the remarks to see these "
-            "diameters.</p>"
+            "truth for 95 trees in 100. A profile in the remarks holds the diameters along the "
+            "stem, its taper and the volume between the lowest and the highest of them.</p>"
             f"{tree_table(self._rows)}"
             '<footer class="note">Made by edgetree. Apache License 2.0.</footer>'
         )
