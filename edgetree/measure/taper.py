@@ -27,9 +27,10 @@ _STEP_M, _MAX_DIAMETERS = 0.1, 300
 _MIN_TAPER_M = 0.5
 # Diameters with a larger relative standard deviation are not given.
 _MAX_RELATIVE_STD = 0.5
-# The root collar: no diameters below this height in diameters, and above it a relative standard
-# deviation at height 0 that falls by e within this height in diameters.
-_LOWEST, _COLLAR_STD, _COLLAR_HEIGHT = 0.5, 0.2, 0.9
+# The root collar: no diameters below this height in diameters and in m, and above it a relative
+# standard deviation at height 0 that falls by e within this height in diameters.
+_LOWEST, _LOWEST_M = 0.5, 0.2
+_COLLAR_STD, _COLLAR_HEIGHT = 0.2, 0.9
 # Edges at several stations are averaged at each height: factor on the half angle's error.
 _EDGE_SHARE = 0.8
 # The edges within this distance along the stem share one error, in m.
@@ -185,7 +186,7 @@ def read_diameters(
     tilt_std = stems.tilt_std_rad / stems.distance_m
     edge_std_m = value_m * np.hypot(_EDGE_SHARE * half.std_rad / np.tan(half.rad), shape_std)
     other_std = np.hypot(shared_std[rows], tilt_std[rows] * along_m)
-    collar_std, above_collar = _root_collar(heights.from_ground[rows], height_m / value_m)
+    collar_std, above_collar = _root_collar(heights.from_ground[rows], height_m, value_m)
     collar_std_m = value_m * collar_std
     std_m = np.hypot(np.hypot(edge_std_m, value_m * other_std), collar_std_m)
     seen = picked.visible_at(along_m) & (std_m <= _MAX_RELATIVE_STD * value_m) & above_collar
@@ -228,15 +229,21 @@ def _steps(widths: MaskWidths, heights: HeightScale) -> tuple[Rows, Float]:
     return rows, (first[rows] + within) * _STEP_M
 
 
-def _root_collar(from_ground: Flags, height: Float) -> tuple[Float, Flags]:
-    """(N,) relative standard deviations by the root collar, and which heights are above it.
+def _root_collar(from_ground: Flags, height_m: Float, diameter_m: Float) -> tuple[Float, Flags]:
+    """Errors by the root collar.
 
     Args:
         from_ground: (N,) whether the heights are above the ground.
-        height: (N,) heights in diameters.
+        height_m: (N,) heights.
+        diameter_m: (N,) diameters.
+
+    Returns:
+        (N,) relative standard deviations, and (N,) which heights are above the collar.
     """
+    height = height_m / diameter_m
+    above = (height >= _LOWEST) & (height_m > _LOWEST_M - _STEP_M / 2)
     std = _COLLAR_STD * np.exp(-height / _COLLAR_HEIGHT)
-    return np.where(from_ground, std, 0.0), ~from_ground | (height >= _LOWEST)
+    return np.where(from_ground, std, 0.0), ~from_ground | above
 
 
 def _picked(widths: MaskWidths, rows: Rows) -> MaskWidths:

@@ -29,7 +29,9 @@ def further_values_html(tree: TreeMeasurement) -> Iterator[str]:
         yield f"stem volume {volume} ({tree.species}, {VOLUME_SOURCE})"
     if isinstance(tree.profile, StemProfile):
         parts = (("taper", "taper_cm_per_m"), ("volume of the seen part", "seen_volume_m3"))
-        words = (f"<div>{what} {text}</div>" for what, name in parts if (text := _value(tree, name)))
+        words = (
+            f"<div>{what} {text}</div>" for what, name in parts if (text := _value(tree, name))
+        )
         yield (
             f"<details><summary>profile of {len(tree.profile.height_m)} diameters</summary>"
             f"{''.join(words)}{_chart(tree.profile)}</details>"
