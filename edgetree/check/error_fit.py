@@ -152,7 +152,7 @@ def fit_errors(
         chosen = np.arange(count) == index
         others = _solve(data.take(~chosen), solution)
         inside += bool(data.take(chosen).covered(*others.used)[0])
-    new = {}
+    new: dict[str, Any] = {}
     if solution.factor_significant:
         base = settings or MeasureSettings()
         new = {

@@ -15,6 +15,7 @@ from edgetree.commands.options import (
     Csv,
     Depth,
     Json,
+    Profiles,
     Report,
     ScoreThreshold,
     check_report,
@@ -58,6 +59,7 @@ class _Outputs:
 
     out: _Picture = None
     csv: Csv = None
+    profiles: Profiles = None
     report: Report = None
 
 
@@ -106,6 +108,7 @@ def measure(
                 "frame": frame_record(result),
                 "picture": None if outputs.out is None else str(outputs.out),
                 "csv": None if outputs.csv is None else str(outputs.csv),
+                "profiles": None if outputs.profiles is None else str(outputs.profiles),
             }
         )
     else:
@@ -116,6 +119,7 @@ def measure(
     for name, path in (
         ("picture", outputs.out),
         ("table", outputs.csv),
+        ("profiles", outputs.profiles),
         ("report", outputs.report),
     ):
         if path is not None:
@@ -205,12 +209,15 @@ def _write(result: FrameResult, outputs: _Outputs, source: str, trees_from: str)
     from edgetree.results.atomic_files import replacing, text_file
     from edgetree.results.csv_table import write_header, write_rows
     from edgetree.results.pictures import draw_frame, encode_picture
+    from edgetree.results.profile_table import profiles_file
 
     with ExitStack() as stack:
         if outputs.csv is not None:
             stream = stack.enter_context(text_file(outputs.csv))
             write_header(stream)
             write_rows(stream, result)
+        if outputs.profiles is not None:
+            stack.enter_context(profiles_file(outputs.profiles))(result)
         if outputs.report is not None:
             add = stack.enter_context(report_file(outputs.report, source, trees_from))
             add(result)

@@ -16,6 +16,7 @@ from edgetree.commands.options import (
     DepthScale,
     Mounting,
     Provider,
+    SpeciesName,
     Strict,
     StumpHeight,
     Threads,
@@ -88,6 +89,7 @@ class RigOptions:
     depth_extrinsics: DepthExtrinsics = None
     depth_scale: DepthScale = None
     stump_height: StumpHeight = None
+    species: SpeciesName = None
 
     def rig(self, camera: Path | None, depth: Path | None) -> Rig:
         """Read the files.
@@ -121,17 +123,22 @@ class RigOptions:
         """The settings of the measurement; None for the defaults.
 
         Raises:
-            InputError: --stump-height is not positive.
+            InputError: --stump-height is not positive, or --species is unknown.
         """
         from edgetree.errors import InputError
-        from edgetree.measure import MeasureSettings
+        from edgetree.measure import SPECIES, MeasureSettings
+        from edgetree.measure.volume import EXPECTED_SPECIES
 
         height_m = self.stump_height
-        if height_m is None:
+        if height_m is None and self.species is None:
             return None
-        if not (math.isfinite(height_m) and height_m > 0):
+        if height_m is not None and not (math.isfinite(height_m) and height_m > 0):
             raise InputError(f"--stump-height is {height_m}: expected metres above 0")
-        return MeasureSettings(max_stump_height_m=height_m)
+        species = next((name for name in SPECIES if name == self.species), None)
+        if species != self.species:
+            raise InputError(f"--species is {self.species!r}: expected {EXPECTED_SPECIES}")
+        settings = MeasureSettings(species=species)
+        return settings if height_m is None else replace(settings, max_stump_height_m=height_m)
 
     def files(self, camera: Path | None) -> dict[str, Path | None]:
         """The files that these options and --camera name, by option."""

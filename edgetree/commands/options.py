@@ -22,9 +22,11 @@ __all__ = [
     "Json",
     "Model",
     "Mounting",
+    "Profiles",
     "Provider",
     "Report",
     "ScoreThreshold",
+    "SpeciesName",
     "Strict",
     "StumpHeight",
     "Threads",
@@ -125,8 +127,19 @@ StumpHeight: TypeAlias = Annotated[
         metavar="M", help="Warn of felling cuts higher than this, in metres; 0.3 if not given."
     ),
 ]
+SpeciesName: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="Species of the trees, for the volume of whole stems: pine, spruce or birch.",
+    ),
+]
 Csv: TypeAlias = Annotated[
     Path | None, typer.Option(help="CSV file to write, one row per tree, units in column names.")
+]
+Profiles: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(help="CSV file to write, one row per tree and height with the diameter there."),
 ]
 Report: TypeAlias = Annotated[
     Path | None,

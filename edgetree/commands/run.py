@@ -18,6 +18,7 @@ from edgetree.commands.options import (
     Depth,
     Json,
     Model,
+    Profiles,
     Report,
     ScoreThreshold,
     check_report,
@@ -55,6 +56,7 @@ class _Outputs:
     out: _Out = None
     jsonl: _JsonLines = None
     csv: Csv = None
+    profiles: Profiles = None
     coco: _Coco = None
     report: Report = None
 
@@ -98,7 +100,7 @@ def run(
                 records.append(record)
     if as_json:
         paths = {"pictures": outputs.out, "jsonl": outputs.jsonl}
-        paths |= {"csv": outputs.csv, "coco": outputs.coco}
+        paths |= {"csv": outputs.csv, "profiles": outputs.profiles, "coco": outputs.coco}
         print_json(
             {
                 "schema": "edgetree.run/1",
@@ -114,6 +116,7 @@ def run(
     for name, path in (
         ("JSON lines", outputs.jsonl),
         ("table", outputs.csv),
+        ("profiles", outputs.profiles),
         ("labels", outputs.coco),
         ("pictures", outputs.out),
         ("report", outputs.report),
@@ -167,6 +170,7 @@ def _writer(
     from edgetree.results.csv_table import write_header, write_rows
     from edgetree.results.json_records import write_json_line
     from edgetree.results.pictures import write_picture
+    from edgetree.results.profile_table import profiles_file
 
     with ExitStack() as stack:
         folder = None if outputs.out is None else stack.enter_context(output_folder(outputs.out))
@@ -174,14 +178,14 @@ def _writer(
         if outputs.jsonl is not None:
             lines = stack.enter_context(text_file(outputs.jsonl))
         table = None if outputs.csv is None else stack.enter_context(text_file(outputs.csv))
-        add_labels = None
+        others: list[Callable[[FrameResult], None]] = []
+        if outputs.profiles is not None:
+            others.append(stack.enter_context(profiles_file(outputs.profiles)))
         if outputs.coco is not None:
-            add_labels = stack.enter_context(labels_file(outputs.coco, model, score_threshold))
-        add_to_report = None
+            others.append(stack.enter_context(labels_file(outputs.coco, model, score_threshold)))
         if outputs.report is not None:
-            add_to_report = stack.enter_context(
-                report_file(outputs.report, as_typed(source), f"the model {model}")
-            )
+            words = f"the model {model}"
+            others.append(stack.enter_context(report_file(outputs.report, as_typed(source), words)))
         if table is not None:
             write_header(table)
 
@@ -192,10 +196,8 @@ def _writer(
                 write_rows(table, result)
             if folder is not None:
                 write_picture(folder, result)
-            if add_labels is not None:
-                add_labels(result)
-            if add_to_report is not None:
-                add_to_report(result)
+            for add in others:
+                add(result)
 
         yield write
 

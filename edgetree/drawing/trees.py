@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import cv2
 import numpy as np
@@ -42,6 +42,8 @@ _CUT: Final[Colour] = (60, 60, 255)
 _WHITE: Final[Colour] = (255, 255, 255)
 _AMBER: Final[Colour] = (60, 190, 255)
 _GAP_PX: Final = 6
+# Ticks of a profile: smallest distance between two, and largest length as a share of the diameter.
+_MIN_TICK_GAP_PX, _TICK_SHARE = 5.0, 0.25
 _PICTURE_WEIGHT, _MASK_WEIGHT = 0.68, 0.32
 
 
@@ -59,6 +61,7 @@ def draw_trees(
     *,
     masks: Sequence[NDArray[np.bool_]] | None = None,
     cuts: Sequence[CutMark | None] | None = None,
+    profiles: Sequence[NDArray[np.floating[Any]] | None] | None = None,
 ) -> Picture:
     """Draw trees on a copy of a picture.
 
@@ -69,6 +72,8 @@ def draw_trees(
             `WARNING_SIGN` is drawn in amber.
         masks: (H, W) bool mask of each tree, to draw instead of the detections' masks.
         cuts: measured felling cut of each tree; for None, the keypoint is drawn instead.
+        profiles: (N, 2, 2) left and right ends of the diameters along each tree in px, at equal
+            steps, to mark by ticks at the edges.
 
     Returns:
         (H, W, 3) uint8 BGR. The size of lines and text is proportional to the picture's height.
@@ -80,6 +85,9 @@ def draw_trees(
         if masks is not None or trees.masks is not None:
             mask = trees.mask(index) if masks is None else masks[index]
             _draw_mask(canvas, mask, _colour(index))
+    if profiles is not None:
+        for profile in profiles:
+            _draw_profile(canvas, profile, scale)
     marks: list[CutMark | None] = list(cuts) if cuts is not None else [None] * len(trees)
     taken: list[Rect] = []
     for index in far_first:
@@ -143,6 +151,19 @@ def _draw_box(canvas: Picture, box_px: NDArray[np.float32], colour: Colour, scal
         for y, dy in ((y0, reach), (y1, -reach)):
             draw_line(canvas, (x, y), (x + dx, y), colour, width)
             draw_line(canvas, (x, y), (x, y + dy), colour, width)
+
+
+def _draw_profile(canvas: Picture, ends_px: NDArray[np.floating[Any]] | None, scale: float) -> None:
+    """Draw short ticks at both ends of the diameters; only every fifth or tenth of dense ones."""
+    if ends_px is None:
+        return
+    step_px = float(np.median(np.linalg.norm(np.diff(ends_px.mean(1), axis=0), axis=1)))
+    every = next((n for n in (1, 5, 10) if n * step_px >= _MIN_TICK_GAP_PX * scale), 50)
+    for left, right in ends_px[::every]:
+        inwards = (right - left) * min(_TICK_SHARE, 8 * scale / np.linalg.norm(right - left))
+        for start, end in ((left, left + inwards), (right - inwards, right)):
+            (x0, y0), (x1, y1) = start.tolist(), end.tolist()
+            draw_line(canvas, (x0, y0), (x1, y1), _WHITE, 1)
 
 
 def _draw_keypoints(

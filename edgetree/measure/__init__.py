@@ -12,15 +12,21 @@ from edgetree.measure.estimates import (
     TreeMeasurement,
 )
 from edgetree.measure.measure import measure_trees
+from edgetree.measure.profile import StemProfile
 from edgetree.measure.settings import MeasureSettings
+from edgetree.measure.volume import SPECIES, Species, stem_volume
 
 __all__ = [
     "QUANTITIES",
+    "SPECIES",
     "Estimate",
     "Evidence",
     "Failure",
     "MeasureSettings",
     "PointEstimate",
+    "Species",
+    "StemProfile",
     "TreeMeasurement",
     "measure_trees",
+    "stem_volume",
 ]

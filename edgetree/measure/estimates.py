@@ -8,9 +8,28 @@ from typing import Any, Final, Literal, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["QUANTITIES", "Estimate", "Evidence", "Failure", "PointEstimate", "TreeMeasurement"]
+from edgetree.measure.profile import StemProfile
 
-JsonValue: TypeAlias = float | str | bool | list[float] | list[str] | dict[str, float] | None
+__all__ = [
+    "QUANTITIES",
+    "Estimate",
+    "Evidence",
+    "Failure",
+    "PointEstimate",
+    "TreeMeasurement",
+    "split_unit",
+]
+
+JsonValue: TypeAlias = (
+    float
+    | str
+    | bool
+    | list[float]
+    | list[str]
+    | dict[str, float]
+    | dict[str, str | list[float]]
+    | None
+)
 
 QUANTITIES: Final = (
     "diameter_m",
@@ -19,11 +38,23 @@ QUANTITIES: Final = (
     "inclination_deg",
     "lean_direction_deg",
     "distance_m",
+    "axis_distance_m",
+    "taper_cm_per_m",
+    "seen_volume_m3",
+    "volume_m3",
 )
 """The scalar quantities of a `TreeMeasurement`, in the order of its records."""
 
+_UNITS: Final = ("cm_per_m", "m3", "deg", "m")
+
 # 97.5 % quantile of the standard normal distribution.
 _NORMAL_975 = 1.96
+
+
+def split_unit(quantity: str) -> tuple[str, str]:
+    """Split one of `QUANTITIES` into its name and its unit, such as "taper" and "cm_per_m"."""
+    unit = next(unit for unit in _UNITS if quantity.endswith(f"_{unit}"))
+    return quantity.removesuffix(f"_{unit}"), unit
 
 
 class Estimate(NamedTuple):
@@ -130,6 +161,17 @@ class TreeMeasurement:
             three other stems.
         distance_m: distance from the camera's centre to the axis at the felling cut; without
             keypoints, to the middle of the visible part of the mask.
+        axis_distance_m: shortest distance from the camera's centre to the line of the stem's axis.
+            For an upright stem it is the horizontal distance. It needs neither the felling cut nor
+            the ground.
+        taper_cm_per_m: mean decrease of the diameter, in cm per metre of the stem, between the
+            lowest and the highest diameter of `profile`.
+        seen_volume_m3: volume over bark of the part of the stem between the lowest and the highest
+            diameter of `profile`. Between two diameters it is a truncated cone.
+        volume_m3: volume over bark of the whole stem, from `dbh_m` by the volume function of
+            `MeasureSettings.species`, see `stem_volume`.
+        profile: diameters at every 10 cm along the stem.
+        species: species of the volume function, if one was given.
         cut_point_m: point of the cut on the bark that faces the camera, in camera coordinates
             (x right, y down, z forward).
         cut_point_machine_m: the same point in machine coordinates.
@@ -142,6 +184,12 @@ class TreeMeasurement:
     inclination_deg: Estimate | Failure
     lean_direction_deg: Estimate | Failure
     distance_m: Estimate | Failure
+    axis_distance_m: Estimate | Failure
+    taper_cm_per_m: Estimate | Failure
+    seen_volume_m3: Estimate | Failure
+    volume_m3: Estimate | Failure
+    profile: StemProfile | Failure
+    species: str | None = None
     cut_point_m: PointEstimate | Failure
     cut_point_machine_m: PointEstimate | Failure
     evidence: Evidence = Evidence()
@@ -157,6 +205,11 @@ class TreeMeasurement:
             inclination_deg=failure,
             lean_direction_deg=failure,
             distance_m=failure,
+            axis_distance_m=failure,
+            taper_cm_per_m=failure,
+            seen_volume_m3=failure,
+            volume_m3=failure,
+            profile=failure,
             cut_point_m=failure,
             cut_point_machine_m=failure,
         )
@@ -165,12 +218,12 @@ class TreeMeasurement:
         """A JSON-ready dictionary.
 
         Each quantity gives four entries such as `diameter_m`, `diameter_std_m`,
-        `diameter_low95_m` and `diameter_high95_m`, or one such as `diameter_failure`. The points
-        and the evidence follow.
+        `diameter_low95_m` and `diameter_high95_m`, or one such as `diameter_failure`. The species,
+        the profile, the points and the evidence follow.
         """
         values: dict[str, JsonValue] = {}
         for quantity in QUANTITIES:
-            name, unit = quantity.rsplit("_", 1)
+            name, unit = split_unit(quantity)
             result: Estimate | Failure = getattr(self, quantity)
             if isinstance(result, Failure):
                 values[f"{name}_failure"] = result.reason
@@ -178,6 +231,11 @@ class TreeMeasurement:
                 values[quantity] = result.value
                 values[f"{name}_std_{unit}"] = result.std
                 values[f"{name}_low95_{unit}"], values[f"{name}_high95_{unit}"] = result.interval95
+        values["species"] = self.species
+        if isinstance(self.profile, Failure):
+            values["profile_failure"] = self.profile.reason
+        else:
+            values["profile"] = self.profile.to_dict()
         for name in ("cut_point", "cut_point_machine"):
             point: PointEstimate | Failure = getattr(self, f"{name}_m")
             if isinstance(point, Failure):

@@ -26,6 +26,8 @@ _MAX_CUT_ABOVE_GROUND_M = 0.8
 _FORWARD = np.array([0.0, 0.0, 1.0])
 # Above this cosine to the vertical, a camera looks straight down and its forward is not used.
 _STRAIGHT_DOWN = 0.999
+# Relative decrease of the diameter per metre of a lower stem, and its standard deviation.
+_TAPER, _TAPER_STD = 0.07, 0.04
 # An inclination below this many standard deviations has no direction.
 _MIN_LEAN_STDS = 1.5
 
@@ -71,6 +73,23 @@ class StemPosition:
         """
         value = math.hypot(*self.cut)
         parts = (self._depth_std_m(), self.diameter_std_m / 2, self._along_std_m())
+        return Estimate(value, math.hypot(*parts, self.shape_std_m))
+
+    def axis_distance(self, bend_rad: float) -> Estimate:
+        """Shortest distance in metres from the camera to the line of the axis.
+
+        The depth shows the line at the section. From there to the camera's level the line is
+        extended, with the error of its direction and the bend of real stems. The depth is that of
+        the bark. As the stem gets thinner upwards, its bark recedes by half of the taper, and the
+        fitted line leans away by as much; this is subtracted.
+
+        Args:
+            bend_rad: standard deviation of the axis direction along a stem.
+        """
+        level_m = float(self.section @ self.along)
+        value = float(self.section @ self.view_direction) + level_m * _TAPER * self.radius_m
+        direction_std = math.hypot(self.tilt_std_rad, _TAPER_STD * self.radius_m, bend_rad)
+        parts = (self.distance_std_m, self.diameter_std_m / 2, level_m * direction_std)
         return Estimate(value, math.hypot(*parts, self.shape_std_m))
 
     def _depth_std_m(self) -> float:

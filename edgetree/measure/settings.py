@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, fields
 
 from edgetree.errors import InputError
+from edgetree.measure.volume import EXPECTED_SPECIES, SPECIES, Species
 
 __all__ = ["MeasureSettings", "reference_px"]
 
@@ -19,7 +20,7 @@ def reference_px(image_width: int) -> float:
 
 @dataclass(frozen=True)
 class MeasureSettings:
-    """Assumptions of `measure_trees`. All values are positive.
+    """Assumptions of `measure_trees`. All numbers are positive.
 
     "Standard deviation" is a one-sigma error. Fractions are between 0 and 1.
 
@@ -68,9 +69,11 @@ class MeasureSettings:
         max_range_m: depth readings beyond this are not used, in metres.
         max_diameter_m: larger diameters are reported as failures, in metres.
         max_slope_deg: steeper ground is rejected, in degrees.
+        species: species of the function for the volume of whole stems: "pine", "spruce" or
+            "birch". None gives no such volume.
 
     Raises:
-        InputError: a value is not a positive number.
+        InputError: a number is not positive, or the species is unknown.
     """
 
     keypoint_std_px: float = 1.3
@@ -96,9 +99,14 @@ class MeasureSettings:
     max_range_m: float = 25.0
     max_diameter_m: float = 2.5
     max_slope_deg: float = 45.0
+    species: Species | None = None
 
     def __post_init__(self) -> None:
+        if self.species not in (None, *SPECIES):
+            raise InputError(f"species is {self.species!r}: expected {EXPECTED_SPECIES}")
         for field in fields(self):
             value = getattr(self, field.name)
+            if field.name == "species":
+                continue
             if not (math.isfinite(value) and value > 0):
                 raise InputError(f"{field.name} is {value}: expected a positive number")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,12 +20,14 @@ from edgetree.measure.ground import BaseGround, find_grounds
 from edgetree.measure.keypoints import CUT, Keypoints
 from edgetree.measure.observations import StemObservations, observe_stems
 from edgetree.measure.position import StemPosition
+from edgetree.measure.profile import StemProfile
 from edgetree.measure.regions import STATIONS
 from edgetree.measure.roundness import shows_several_stems
 from edgetree.measure.settings import MeasureSettings
 from edgetree.measure.stem_fit import Stems, fit_stems
+from edgetree.measure.taper import HeightScale, StemDiameters, read_diameters
 from edgetree.measure.vertical import CAMERA_UP_STD_DEG, Verticals
-from edgetree.measure.width import HalfAngle
+from edgetree.measure.volume import Species, stem_volume
 
 __all__ = ["measure_all"]
 
@@ -89,15 +91,24 @@ def measure_all(
             found = find_grounds(frame, cuts[indices], stems.radius_m[indices], verticals, indices)
             for index, ground in zip(indices, found, strict=True):
                 grounds[index] = ground
-        dbh = fitted.breast_height_diameters(cuts, grounds)
+        tapers = fitted.tapers(fitted.diameters(cuts, grounds), grounds)
         return [
             TreeMeasurement.failed(reason)
             if reason is not None
             else fitted.measurement(
-                index, cuts[index], grounds[index], verticals, dbh[index], mounting
+                index, cuts[index], grounds[index], verticals, tapers[index], mounting
             )
             for index, reason in enumerate(reasons)
         ]
+
+
+class _Taper(NamedTuple):
+    """What the diameters along one stem tell, as in `TreeMeasurement`."""
+
+    dbh_m: Estimate | Failure
+    profile: StemProfile | Failure
+    taper_cm_per_m: Estimate | Failure
+    seen_volume_m3: Estimate | Failure
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -220,54 +231,66 @@ class _FittedFrame:
         warning = "the cut is not in the picture: its diameter is inferred from the stem above"
         return Estimate(value, std), (warning,)
 
-    def breast_height_diameters(
-        self, cuts: Float, grounds: list[BaseGround | Failure]
-    ) -> list[Estimate | Failure]:
-        """Diameters at breast height, where the mask shows the stem there.
+    def diameters(self, cuts: Float, grounds: list[BaseGround | Failure]) -> StemDiameters:
+        """The diameters along each stem.
 
         Args:
             cuts: (T, 3) axis points at the felling cuts.
             grounds: ground at each stem.
         """
+        stems, sections, camera = self.stems, self.stems.sections, self.frame.camera
+        widths = self.observed.edges.mask_widths(sections.axes, sections.height_ratio)
+        shared = (
+            stems.distance_std_m / stems.distance_m,
+            np.full_like(stems.distance_m, camera.focal_std_px / camera.fx),
+            self.incomplete_std,
+        )
+        return read_diameters(
+            stems,
+            widths,
+            self._height_scale(cuts, grounds),
+            shared_std=np.linalg.norm(shared, axis=0),
+            shape_std=_BREAST_HEIGHT_SHAPE * self.settings.out_of_round_std,
+            breast_height_m=self.settings.breast_height_m,
+        )
+
+    def tapers(self, diameters: StemDiameters, grounds: list[BaseGround | Failure]) -> list[_Taper]:
+        """What the diameters along each stem tell."""
+        if self.frame.masks is None:
+            unseen = Failure("the model gives no masks to see the edges of the stem")
+            return [
+                _Taper(self._breast_height_diameter(ground, None), unseen, unseen, unseen)
+                for ground in grounds
+            ]
+        dbh = map(self._breast_height_diameter, grounds, diameters.breast)
+        parts = (diameters.profiles(), diameters.tapers_cm_per_m(), diameters.volumes_m3())
+        return list(map(_Taper, dbh, *parts))
+
+    def _height_scale(self, cuts: Float, grounds: list[BaseGround | Failure]) -> HeightScale:
+        """Heights above the ground along the axes, or from the section without a ground."""
         stems, sections = self.stems, self.stems.sections
-        above_section_m = np.zeros(len(cuts))
+        zero_m, per_m = np.zeros(len(cuts)), np.ones(len(cuts))
         for index, ground in enumerate(grounds):
             if isinstance(ground, BaseGround):
                 along, radius_m = sections.axes.along[index], float(stems.radius_m[index])
                 section_m = (stems.distance_m * sections.height_ratio)[index]
                 cut_to_section_m = section_m - cuts[index] @ along
-                above_section_m[index] = ground.axis_length_m(
-                    cuts[index], along, radius_m, self.settings.breast_height_m
-                ) - float(cut_to_section_m)
-        widths = self.observed.edges.mask_widths(sections.axes, sections.height_ratio)
-        half, _ = widths.at(above_section_m)
-        visible = widths.visible_at(above_section_m)
-        return [
-            self._breast_height_diameter(index, grounds[index], half, bool(visible[index]))
-            for index in range(len(cuts))
-        ]
+                above_m = [
+                    ground.axis_length_m(cuts[index], along, radius_m, height) for height in (0, 1)
+                ]
+                zero_m[index] = above_m[0] - float(cut_to_section_m)
+                per_m[index] = above_m[1] - above_m[0]
+        known = np.array([isinstance(ground, BaseGround) for ground in grounds])
+        return HeightScale(zero_m, per_m, known)
 
     def _breast_height_diameter(
-        self, index: int, ground: BaseGround | Failure, half: HalfAngle, visible: bool
+        self, ground: BaseGround | Failure, dbh: Estimate | None
     ) -> Estimate | Failure:
         if isinstance(ground, Failure):
             return ground
         if self.frame.masks is None:
             return Failure("the model gives no masks to see the stem at breast height")
-        if not visible or not np.isfinite(half.std_rad[index]):
-            return Failure("the stem is not seen at breast height")
-        stems = self.stems
-        distance_m = float(stems.distance_m[index])
-        value = 2 * distance_m * float(np.sin(half.rad[index]))
-        # Relative errors of 2 d sin(delta), as in `diameter_std_m`.
-        relative_stds = (
-            float(half.std_rad[index] / np.tan(half.rad[index])),
-            float(stems.distance_std_m[index]) / distance_m,
-            float(stems.tilt_std_rad[index]) * self.settings.breast_height_m / distance_m,
-            _BREAST_HEIGHT_SHAPE * self.settings.out_of_round_std,
-            float(self.incomplete_std[index]),
-        )
-        return _if_certain(Estimate(value, value * math.hypot(*relative_stds)))
+        return dbh or Failure("the stem is not seen at breast height")
 
     def measurement(
         self,
@@ -275,7 +298,7 @@ class _FittedFrame:
         cut: Float,
         ground: BaseGround | Failure,
         verticals: Verticals,
-        dbh: Estimate | Failure,
+        taper: _Taper,
         mounting: RigidTransform | None,
     ) -> TreeMeasurement:
         """All measurements of one tree.
@@ -285,7 +308,7 @@ class _FittedFrame:
             cut: (3,) axis point at the felling cut.
             ground: ground at the tree.
             verticals: the verticals of all trees.
-            dbh: diameter at breast height.
+            taper: its diameters along the stem.
             mounting: transform from camera to machine coordinates, if given.
         """
         stem = self._position(index, cut)
@@ -297,15 +320,22 @@ class _FittedFrame:
         height = stem.cut_height(ground)
         problem = self._cut_failure(index, stem, height)
         height = stem.height_above_seen_ground(height, ground) if problem is None else problem
+        species = self.settings.species
         return TreeMeasurement(
             diameter_m=_if_certain(diameter),
-            dbh_m=dbh,
+            dbh_m=taper.dbh_m,
             cut_height_m=height,
             inclination_deg=inclination,
             lean_direction_deg=direction,
             distance_m=stem.distance()
             if problem is None or not self.keypoints.offered
             else problem,
+            axis_distance_m=stem.axis_distance(math.radians(self.settings.bend_std_deg)),
+            taper_cm_per_m=taper.taper_cm_per_m,
+            seen_volume_m3=taper.seen_volume_m3,
+            volume_m3=_volume(species, taper.dbh_m),
+            profile=taper.profile,
+            species=species,
             cut_point_m=stem.cut_point() if problem is None else problem,
             cut_point_machine_m=stem.cut_point_machine(mounting) if problem is None else problem,
             evidence=gather_evidence(
@@ -372,6 +402,13 @@ class _FittedFrame:
             roll_std_rad=float(self.roll_std_rad[index]),
             tilt_std_rad=float(stems.tilt_std_rad[index]),
         )
+
+
+def _volume(species: Species | None, dbh: Estimate | Failure) -> Estimate | Failure:
+    """Volume of the whole stem, or why there is none."""
+    if species is None:
+        return Failure("no species given")
+    return dbh if isinstance(dbh, Failure) else stem_volume(species, dbh)
 
 
 def _if_certain(diameter: Estimate) -> Estimate | Failure:

@@ -127,7 +127,8 @@ class _Totals:
             "felling cut, with its height above the ground; the white line is the diameter. Each "
             "label begins with the tree's number in the table. A label with only the number means "
             "that nothing could be measured; an amber line that ends with ! has a warning. The "
-            'table gives the reasons and warnings.</p><div class="pair">'
+            "table gives the reasons and warnings. Short white ticks at the edges of a stem mark "
+            'the diameters of its profile, every 10 cm or in wider steps.</p><div class="pair">'
         )
 
     def _classes(self) -> str:
@@ -152,7 +153,8 @@ class _Totals:
         return (
             '</div><h2>All trees</h2><p class="note">Click the head of a column to sort by it, '
             "and again for the opposite order. ± is one standard deviation; twice that holds the "
-            "truth for 95 trees in 100.</p>"
+            "truth for 95 trees in 100. A profile in the remarks holds the diameters along the "
+            "stem, its taper and the volume between the lowest and the highest of them.</p>"
             f"{tree_table(self._rows)}"
             '<footer class="note">Made by edgetree. Apache License 2.0.</footer>'
         )

@@ -1,6 +1,6 @@
 "use strict";
 
-// Units: every length is an element with data-quantity and data-value in metres.
+// Units: every converted value is an element with data-quantity and data-value in metres, m³ or cm/m.
 const units = JSON.parse(document.getElementById("units").textContent);
 const unitButtons = document.querySelectorAll(".units button");
 

@@ -11,6 +11,7 @@ from typing import Final
 from edgetree.measure import Estimate, Failure, TreeMeasurement
 from edgetree.report.charts import Bars, bar_chart
 from edgetree.report.page import scrolling
+from edgetree.report.profile_chart import further_values_html
 from edgetree.report.units import CLASS_EDGE, UNITS, length_attributes, unit_name
 from edgetree.results.text_table import failure_reasons
 from edgetree.results.units import AMOUNTS, direction_words
@@ -18,6 +19,7 @@ from edgetree.results.units import AMOUNTS, direction_words
 __all__ = ["class_chart", "reason_table", "tree_row", "tree_table"]
 
 _CLASS_CM: Final = 4
+_COLUMNS: Final = ("diameter_m", "dbh_m", "cut_height_m", "inclination_deg", "distance_m")
 _MISSING: Final = '<td class="none">–</td>'
 
 
@@ -31,15 +33,16 @@ def tree_row(anchor: str, frame: str, number: int, score: float, measured: TreeM
         score: score of the detection.
         measured: its measurement.
     """
-    lengths = "".join(_cell(measured, name) for name in AMOUNTS)
+    lengths = "".join(_cell(measured, name) for name in _COLUMNS)
     notes = [f"{what}: {reason}" for what, reason in failure_reasons(measured)]
     notes += [f"warning: {text}" for text in measured.evidence.warnings]
-    items = "".join(f"<li>{escape(note)}</li>" for note in notes)
+    items = [*(escape(note) for note in notes), *further_values_html(measured)]
+    remarks = "".join(f"<li>{item}</li>" for item in items)
     return (
         f'<tr><td data-name="frame"><a href="#{anchor}">{escape(frame)}</a></td>'
         f'<td data-name="tree" data-value="{number}">{number}</td>{lengths}'
         f'<td data-name="score" data-value="{float(score):.4f}">{score:.0%}</td>'
-        + (f'<td class="notes"><ul>{items}</ul></td></tr>' if notes else f"{_MISSING}</tr>")
+        + (f'<td class="notes"><ul>{remarks}</ul></td></tr>' if remarks else f"{_MISSING}</tr>")
     )
 
 
@@ -60,7 +63,7 @@ def tree_table(rows: Sequence[str]) -> str:
     """The table of all trees, from `tree_row`; a click on a column's head sorts it."""
     if not rows:
         return "<p>No trees.</p>"
-    names = ("frame", "tree", *(amount.name for amount in AMOUNTS.values()), "score", "remarks")
+    names = ("frame", "tree", *(AMOUNTS[name].name for name in _COLUMNS), "score", "remarks")
     heads = "".join(f'<th scope="col"><button type="button">{name}</button></th>' for name in names)
     return scrolling(
         '<table class="sortable text"><thead><tr>'

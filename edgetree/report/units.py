@@ -1,4 +1,4 @@
-"""Lengths in the report, which the page's script converts to the unit that the reader chooses."""
+"""Quantities in the report, which the page's script converts to the units of the reader."""
 
 from __future__ import annotations
 
@@ -8,29 +8,58 @@ from typing import Final
 from edgetree.measure import Estimate
 from edgetree.results.units import AMOUNTS, Amount
 
-__all__ = ["CLASS_EDGE", "UNITS", "length_attributes", "unit_buttons", "unit_name"]
+__all__ = [
+    "CLASS_EDGE",
+    "PROFILE_HEIGHT",
+    "UNITS",
+    "length_attributes",
+    "unit_buttons",
+    "unit_name",
+]
 
 CLASS_EDGE: Final = "class_edge_m"
 """Name in `UNITS` of the edges of diameter classes."""
 
+PROFILE_HEIGHT: Final = "profile_height_m"
+"""Name in `UNITS` of the heights of a profile's chart."""
 
-def _in(unit: str, per_m: float, digits: int, distance: Amount) -> dict[str, Amount]:
-    """All lengths in one unit, except for the distance."""
-    names = ("diameter_m", "dbh_m", "cut_height_m", CLASS_EDGE)
-    amounts = {name: Amount(name.removesuffix("_m"), unit, per_m, digits) for name in names}
-    return {**amounts, "distance_m": distance}
+_DIAMETERS: Final = ("diameter_m", "dbh_m", "cut_height_m", CLASS_EDGE)
+_DISTANCES: Final = ("distance_m", "axis_distance_m")
+_VOLUMES: Final = ("seen_volume_m3", "volume_m3")
+_PROFILE_HEIGHT: Final = Amount("height", "m", 1.0, 0)
+
+
+def _millimetres() -> dict[str, Amount]:
+    amounts = {name: Amount("", "mm", 1000.0, 0) for name in _DIAMETERS}
+    amounts |= {name: AMOUNTS[name] for name in (*_DISTANCES, *_VOLUMES)}
+    return {
+        **amounts,
+        "taper_cm_per_m": Amount("", "mm/m", 10.0, 0),
+        PROFILE_HEIGHT: _PROFILE_HEIGHT,
+    }
+
+
+def _inches() -> dict[str, Amount]:
+    amounts = {name: Amount("", "in", 1 / 0.0254, 1) for name in _DIAMETERS}
+    amounts |= {name: Amount("", "ft", 1 / 0.3048, 1) for name in (*_DISTANCES, PROFILE_HEIGHT)}
+    amounts |= {name: Amount("", "ft³", 1 / 0.3048**3, 1) for name in _VOLUMES}
+    return {**amounts, "taper_cm_per_m": Amount("", "in/ft", 0.3048 / 2.54, 2)}
 
 
 UNITS: Final = {
-    "cm": {**AMOUNTS, CLASS_EDGE: Amount("class edge", "cm", 100.0, 0)},
-    "mm": _in("mm", 1000.0, 0, AMOUNTS["distance_m"]),
-    "inch": _in("in", 1 / 0.0254, 1, Amount("distance", "ft", 1 / 0.3048, 1)),
+    "cm": {
+        **AMOUNTS,
+        CLASS_EDGE: Amount("class edge", "cm", 100.0, 0),
+        PROFILE_HEIGHT: _PROFILE_HEIGHT,
+    },
+    "mm": _millimetres(),
+    "inch": _inches(),
 }
-"""How to format each length, by the unit that the reader chooses. Pages start with "cm"."""
+"""How to format each quantity, by the unit that the reader chooses. Pages start with "cm"."""
 
 
 def length_attributes(quantity: str, value: Estimate | float) -> str:
-    """Attributes of an element whose text is a length: quantity, value and std in metres."""
+    """Attributes of an element that the script converts: quantity, value and std in its unit."""
     if isinstance(value, Estimate):
         number, spread = value.value, f' data-std="{float(value.std)!r}"'
     else:

@@ -8,19 +8,26 @@ from typing import Any, Final, TextIO
 
 from edgetree.frames.pipeline import FrameResult
 from edgetree.measure import QUANTITIES, TreeMeasurement
+from edgetree.measure.estimates import split_unit
 
 __all__ = ["COLUMNS", "cell", "measurements_of", "write_header", "write_rows"]
 
 _BOX: Final = ("box_x0_px", "box_y0_px", "box_x1_px", "box_y1_px")
 _POINTS: Final = {"cut_point": "cut_point_camera", "cut_point_machine": "cut_point_machine"}
 _EVIDENCE: Final = ("method", "arc_deg", "valid_depth_share", "visible_share", "ground", "warnings")
+_PROFILE: Final = (
+    "profile_heights_from",
+    "profile_lowest_m",
+    "profile_highest_m",
+    "profile_failure",
+)
 _FORMULA_SIGNS: Final = ("=", "+", "-", "@", "\t", "\r")
 _DIGITS: Final = 5
 
 
 def _quantity_columns(quantity: str) -> tuple[str, ...]:
     """The columns of a quantity, with the keys of `TreeMeasurement.to_dict`."""
-    name, unit = quantity.rsplit("_", 1)
+    name, unit = split_unit(quantity)
     spread = (f"{name}_{what}_{unit}" for what in ("std", "low95", "high95"))
     return (quantity, *spread, f"{name}_failure")
 
@@ -35,6 +42,8 @@ COLUMNS: Final = (
     "score",
     *_BOX,
     *(column for quantity in QUANTITIES for column in _quantity_columns(quantity)),
+    "species",
+    *_PROFILE,
     *(column for name in _POINTS.values() for column in _point_columns(name)),
     *_EVIDENCE,
 )
@@ -81,6 +90,10 @@ def _metres(values: Mapping[str, Any]) -> dict[str, Any]:
         x, y, z, failure = _point_columns(column)
         row |= zip((x, y, z), values.get(f"{name}_m", ()), strict=False)
         row[failure] = values.get(f"{name}_failure")
+    if "profile" in values:
+        profile = values["profile"]
+        ends = (profile["height_m"][0], profile["height_m"][-1])
+        row |= zip(_PROFILE, (profile["heights_from"], *ends), strict=False)
     evidence = values["evidence"]
     return {**row, **{name: evidence[name] for name in _EVIDENCE}}
 

@@ -12,7 +12,7 @@ from edgetree.drawing.trees import draw_trees, picture_of_depth
 from edgetree.errors import InputError
 from edgetree.frames.pipeline import FrameResult
 from edgetree.results.atomic_files import replacing
-from edgetree.results.tree_labels import cut_marks, numbered, tree_labels
+from edgetree.results.tree_labels import cut_marks, numbered, profile_marks, tree_labels
 
 __all__ = [
     "PICTURE_SUFFIXES",
@@ -40,12 +40,16 @@ def draw_frame(result: FrameResult) -> Picture:
     if picture is None:
         raise InputError(f"frame {frame.name} has neither image nor depth: nothing to draw on")
     measurements, camera = result.measurements, result.camera
+    cuts, profiles = None, None
+    if measurements is not None and camera is not None:
+        cuts, profiles = cut_marks(measurements, camera), profile_marks(measurements, camera)
     return draw_trees(
         picture,
         found.trees,
         numbered(tree_labels(found.trees, measurements), found.numbers),
         masks=None if found.masks is None else list(found.masks),
-        cuts=None if measurements is None or camera is None else cut_marks(measurements, camera),
+        cuts=cuts,
+        profiles=profiles,
     )
 
 

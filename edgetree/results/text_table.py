@@ -6,10 +6,11 @@ from collections.abc import Iterator
 from textwrap import wrap
 from typing import Final
 
-from edgetree.measure import Estimate, Evidence, Failure, TreeMeasurement
+from edgetree.measure import Estimate, Evidence, Failure, StemProfile, TreeMeasurement
+from edgetree.measure.volume import VOLUME_SOURCE
 from edgetree.results.units import AMOUNTS, direction_words
 
-__all__ = ["failure_reasons", "table_lines"]
+__all__ = ["failure_reasons", "further_values", "table_lines"]
 
 _WIDTHS: Final = {
     "diameter_m": 16,
@@ -25,7 +26,8 @@ _INDENT: Final = " " * 6
 def table_lines(measurements: list[TreeMeasurement], numbers: tuple[int, ...]) -> Iterator[str]:
     """The lines of the table.
 
-    Each tree has a row, followed by its failures, its warnings and the evidence.
+    Each tree has a row, followed by the values without a column, its failures, its warnings and
+    the evidence.
 
     Args:
         measurements: the measurement of each tree.
@@ -37,7 +39,8 @@ def table_lines(measurements: list[TreeMeasurement], numbers: tuple[int, ...]) -
     yield _row("tree", {name: AMOUNTS[name].name for name in _WIDTHS})
     for number, tree in zip(numbers, measurements, strict=True):
         yield _row(f"{number:4}", {name: _cell(tree, name) for name in _WIDTHS})
-        notes = [f"{what}: {reason}" for what, reason in failure_reasons(tree)]
+        notes = [*further_values(tree)]
+        notes += [f"{what}: {reason}" for what, reason in failure_reasons(tree)]
         notes += [f"warning: {text}" for text in tree.evidence.warnings]
         ground = tree.evidence.ground
         if ground and not any(ground in text for text in notes):
@@ -64,15 +67,42 @@ def _cell(tree: TreeMeasurement, quantity: str) -> str:
     return text
 
 
+def further_values(tree: TreeMeasurement) -> Iterator[str]:
+    """The values that have no column, as lines of text."""
+    if isinstance(tree.distance_m, Failure) and isinstance(tree.axis_distance_m, Estimate):
+        yield f"distance to the axis: {AMOUNTS['axis_distance_m'].with_std(tree.axis_distance_m)}"
+    profile = tree.profile
+    if isinstance(profile, StemProfile):
+        lowest, highest = profile.height_m[[0, -1]]
+        what = {"ground": "above the ground", "section": "from the diameter's section"}
+        parts = [
+            f"{len(profile.height_m)} diameters from {lowest:.1f} to {highest:.1f} m"
+            f" {what[profile.heights_from]}"
+        ]
+        if isinstance(tree.taper_cm_per_m, Estimate):
+            parts.append(f"taper {AMOUNTS['taper_cm_per_m'].with_std(tree.taper_cm_per_m)}")
+        if isinstance(tree.seen_volume_m3, Estimate):
+            volume = AMOUNTS["seen_volume_m3"].with_std(tree.seen_volume_m3)
+            parts.append(f"volume of this part {volume}")
+        yield f"profile: {', '.join(parts)}"
+    if isinstance(tree.volume_m3, Estimate):
+        volume = AMOUNTS["volume_m3"].with_std(tree.volume_m3)
+        yield f"volume of the whole stem: {volume} ({tree.species}, {VOLUME_SOURCE})"
+
+
 def failure_reasons(tree: TreeMeasurement) -> Iterator[tuple[str, str]]:
     """The quantities that could not be measured, grouped by reason, such as ("no DBH", reason)."""
     missing: dict[str, list[str]] = {}
-    for quantity, amount in AMOUNTS.items():
+    # Without a species, nobody asked for the volume of whole stems.
+    asked = {**AMOUNTS}
+    if tree.species is None:
+        del asked["volume_m3"]
+    for quantity, amount in asked.items():
         result: Estimate | Failure = getattr(tree, quantity)
         if isinstance(result, Failure):
             missing.setdefault(result.reason, []).append(amount.name)
     for reason, names in missing.items():
-        yield "not measured" if len(names) == len(AMOUNTS) else f"no {', '.join(names)}", reason
+        yield "not measured" if len(names) == len(asked) else f"no {', '.join(names)}", reason
 
 
 def _evidence(evidence: Evidence) -> str:

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from calib import PinholeCamera, project_points
 from edgetree.detections import TreeDetections
 from edgetree.drawing.trees import WARNING_SIGN, CutMark
-from edgetree.measure import Estimate, PointEstimate, TreeMeasurement
+from edgetree.measure import Estimate, PointEstimate, StemProfile, TreeMeasurement
 from edgetree.results.units import AMOUNTS
 
-__all__ = ["cut_marks", "numbered", "tree_labels"]
+__all__ = ["cut_marks", "numbered", "profile_marks", "tree_labels"]
 
 
 def tree_labels(
@@ -42,6 +46,18 @@ def cut_marks(
     return [_cut_mark(measurement, camera) for measurement in measurements]
 
 
+def profile_marks(
+    measurements: Sequence[TreeMeasurement], camera: PinholeCamera
+) -> list[NDArray[np.floating[Any]] | None]:
+    """(N, 2, 2) left and right ends of the diameters along each tree in pixels, or None."""
+    return [
+        project_points(camera, tree.profile.edges_m)
+        if isinstance(tree.profile, StemProfile)
+        else None
+        for tree in measurements
+    ]
+
+
 def _cut_mark(tree: TreeMeasurement, camera: PinholeCamera) -> CutMark | None:
     if not isinstance(tree.cut_point_m, PointEstimate):
         return None
@@ -53,6 +69,8 @@ def _measured(tree: TreeMeasurement) -> list[str]:
     diameters = (("Ø", "diameter_m"), ("DBH", "dbh_m"))
     lines = [f"{word} {text}" for word, name in diameters if (text := _with_std(tree, name))]
     places = (("cut", "cut_height_m"), ("dist", "distance_m"))
+    if not tree.distance_m:
+        places = (("cut", "cut_height_m"), ("axis", "axis_distance_m"))
     known = [f"{word} {text}" for word, name in places if (text := _short(tree, name))]
     if known:
         lines.append("  ".join(known))

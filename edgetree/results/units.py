@@ -45,6 +45,10 @@ AMOUNTS: Final = {
     "cut_height_m": Amount("cut height", "cm", 100.0, 0),
     "inclination_deg": Amount("lean", "°", 1.0, 1),
     "distance_m": Amount("distance", "m", 1.0, 2),
+    "axis_distance_m": Amount("axis distance", "m", 1.0, 2),
+    "taper_cm_per_m": Amount("taper", "cm/m", 1.0, 1),
+    "seen_volume_m3": Amount("seen volume", "m³", 1.0, 3),
+    "volume_m3": Amount("stem volume", "m³", 1.0, 3),
 }
 """The quantities in tables and labels, in this order."""
 

@@ -75,6 +75,15 @@ BAD_INPUTS = {
         "run images/a.jpg --model model.onnx --depth images/a.jpg --camera camera.json --up 0,0,0",
         r"up_camera is \[0.0, 0.0, 0.0\]: expected a direction",
     ),
+    "an unknown species": (
+        "run images/a.jpg --model model.onnx --depth depth/a.png --camera camera.json"
+        " --species oak",
+        "--species is 'oak': expected pine, spruce or birch",
+    ),
+    "profiles that overwrite the source": (
+        "run images/a.jpg --model model.onnx --profiles images/a.jpg",
+        "--profiles",
+    ),
     "a threshold out of range": (
         "run images --model model.onnx --score-threshold 7",
         r"--score-threshold.*see `edgetree run --help`",

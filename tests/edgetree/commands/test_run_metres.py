@@ -45,6 +45,35 @@ def test_the_table_has_all_trees_of_all_frames(run_cli: Cli, model: Path, folder
     assert "table: trees.csv" in done.err
 
 
+def test_profiles_are_a_table_of_heights_and_diameters(
+    run_cli: Cli, model: Path, folder: Path
+) -> None:
+    done = run_cli(*FRAMES, "--model", model, "--profiles", "profiles.csv", "--species", "birch")
+    assert done.code == 0, done.err
+    assert "profiles: profiles.csv" in done.err
+    rows = _rows(folder / "profiles.csv")
+    frames = [json.loads(line) for line in done.out.splitlines()]
+    for frame in frames:
+        for tree in frame["trees"]:
+            metres = tree["metres"]
+            assert metres["species"] == "birch"
+            kept = [
+                row
+                for row in rows
+                if (row["frame"], row["tree"]) == (frame["frame"], str(tree["tree"]))
+            ]
+            profile = metres.get("profile", {"height_m": [], "diameter_m": []})
+            assert [float(row["height_m"]) for row in kept] == profile["height_m"]
+            assert [float(row["diameter_m"]) for row in kept] == profile["diameter_m"]
+            assert all(
+                float(row["diameter_low95_m"])
+                < float(row["diameter_m"])
+                < float(row["diameter_high95_m"])
+                for row in kept
+            )
+    assert rows
+
+
 def test_without_depth_the_table_asks_for_depth(run_cli: Cli, model: Path, folder: Path) -> None:
     done = run_cli("run", "images", "--model", model, "--csv", "trees.csv")
     assert done.code == 0, done.err

@@ -128,6 +128,28 @@ def test_a_measured_cut_is_drawn_with_its_height() -> None:
     assert not beside[:, 180:].any()
 
 
+def _profile(step_px: float) -> NDArray[np.floating[Any]]:
+    """Ends of diameters of 20 px around x = 110 px, from y = 250 px upwards."""
+    level_px = np.arange(250.0, 120.0, -step_px)
+    ends = np.stack([np.full((len(level_px), 2), (100.0, 120.0)), np.stack([level_px] * 2, 1)], -1)
+    return np.asarray(ends)
+
+
+def test_the_diameters_of_a_profile_are_ticks_at_the_edges() -> None:
+    plain, ticked = _ink(_trees()), _ink(_trees(), profiles=[_profile(20.0)])
+    rows = np.flatnonzero((ticked != plain)[:, 101].any(axis=1))
+    assert len(rows) >= 7
+    for level in np.arange(250, 120, -20):
+        assert np.abs(rows - level).min() <= 1
+    assert (ticked[:, 112] == plain[:, 112]).all(), "ticks leave the middle of the stem free"
+
+
+def test_dense_diameters_have_fewer_ticks() -> None:
+    plain, dense = _ink(_trees()), _ink(_trees(), profiles=[_profile(2.0)])
+    rows = np.flatnonzero((dense != plain)[:, 101].any(axis=1))
+    assert 7 <= len(rows) <= 40
+
+
 @pytest.mark.parametrize("x_px", [2.0, 630.0])
 def test_the_height_of_a_cut_stays_in_the_picture(x_px: float) -> None:
     bare = dataclasses.replace(_trees(), keypoints_px=None, masks=None)

@@ -5,8 +5,15 @@ import json
 import numpy as np
 import pytest
 
-from edgetree.measure import Estimate, Evidence, Failure, PointEstimate, TreeMeasurement
-from edgetree.measure.estimates import QUANTITIES
+from edgetree.measure import (
+    Estimate,
+    Evidence,
+    Failure,
+    PointEstimate,
+    StemProfile,
+    TreeMeasurement,
+)
+from edgetree.measure.estimates import QUANTITIES, split_unit
 
 
 def test_an_estimate_of_zero_is_still_true():
@@ -32,6 +39,18 @@ def test_records_name_their_units():
         inclination_deg=Estimate(2.0, 0.5),
         lean_direction_deg=Estimate(-90.0, 20.0),
         distance_m=Estimate(5.0, 0.02),
+        axis_distance_m=Failure("far"),
+        taper_cm_per_m=Estimate(1.2, 0.5),
+        seen_volume_m3=Estimate(0.2, 0.01),
+        volume_m3=Failure("no species given"),
+        profile=StemProfile(
+            heights_from="ground",
+            height_m=np.array([0.3, 0.4]),
+            diameter_m=np.array([0.3123456, 0.31]),
+            diameter_std_m=np.array([0.01, 0.02]),
+            edges_m=np.zeros((2, 2, 3)),
+        ),
+        species="birch",
         cut_point_m=PointEstimate(np.array([1.0, 2.0, 3.0]), np.array([0.1, 0.2, 0.3])),
         cut_point_machine_m=Failure("no mounting of the camera given"),
         evidence=Evidence(
@@ -64,6 +83,23 @@ def test_records_name_their_units():
         "distance_std_m": 0.02,
         "distance_low95_m": 5.0 - 1.96 * 0.02,
         "distance_high95_m": 5.0 + 1.96 * 0.02,
+        "axis_distance_failure": "far",
+        "taper_cm_per_m": 1.2,
+        "taper_std_cm_per_m": 0.5,
+        "taper_low95_cm_per_m": 1.2 - 1.96 * 0.5,
+        "taper_high95_cm_per_m": 1.2 + 1.96 * 0.5,
+        "seen_volume_m3": 0.2,
+        "seen_volume_std_m3": 0.01,
+        "seen_volume_low95_m3": 0.2 - 1.96 * 0.01,
+        "seen_volume_high95_m3": 0.2 + 1.96 * 0.01,
+        "volume_failure": "no species given",
+        "species": "birch",
+        "profile": {
+            "heights_from": "ground",
+            "height_m": [0.3, 0.4],
+            "diameter_m": [0.31235, 0.31],
+            "diameter_std_m": [0.01, 0.02],
+        },
         "cut_point_m": [1.0, 2.0, 3.0],
         "cut_point_std_m": [0.1, 0.2, 0.3],
         "cut_point_machine_failure": "no mounting of the camera given",
@@ -85,7 +121,8 @@ def test_a_failed_tree_has_one_reason():
     record = TreeMeasurement.failed("no depth on the stem").to_dict()
     reasons = {value for name, value in record.items() if name.endswith("_failure")}
     assert reasons == {"no depth on the stem"}
-    assert len(record) == len(QUANTITIES) + 2 + 1
+    assert record.pop("species") is None
+    assert len(record) == len(QUANTITIES) + 3 + 1
 
 
 @pytest.mark.parametrize("how", ["keypoints", "mask", "holes"])
@@ -98,7 +135,7 @@ def test_measured_records_are_plain_json(scene, pole, how):
     record = tree.to_dict()
     assert json.loads(json.dumps(record, allow_nan=False)) == record
     for quantity in QUANTITIES:
-        name, unit = quantity.rsplit("_", 1)
+        name, unit = split_unit(quantity)
         if quantity in record:
             low, high = record[f"{name}_low95_{unit}"], record[f"{name}_high95_{unit}"]
             assert low < record[quantity] < high

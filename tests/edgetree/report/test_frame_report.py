@@ -24,7 +24,7 @@ from edgetree.detections import TreeDetections
 from edgetree.errors import InputError
 from edgetree.frames.pipeline import FoundTrees, FrameResult
 from edgetree.frames.sources import Frame
-from edgetree.measure import Estimate, Evidence, Failure, TreeMeasurement
+from edgetree.measure import Estimate, Evidence, Failure, StemProfile, TreeMeasurement
 from edgetree.report import report_file
 from edgetree.report.units import UNITS
 from edgetree.results.units import AMOUNTS
@@ -285,8 +285,38 @@ def test_values_reasons_and_warnings_are_in_the_row(tmp_path: Path) -> None:
     assert row["distance"].text == "5.26 ± 0.05 m"
     assert row["DBH"].text == row["cut height"].text == row["lean"].text == "–"
     assert "none" in (row["DBH"].attributes["class"] or "")
-    assert "no DBH, cut height, lean: no ground <near> the stem" in row["remarks"].text
+    assert (
+        "no DBH, cut height, lean, axis distance, taper, seen volume: no ground <near> the stem"
+        in row["remarks"].text
+    )
     assert "warning: a high stump" in row["remarks"].text
+
+
+def test_the_profile_is_folded_in_the_remarks(tmp_path: Path) -> None:
+    profile = StemProfile(
+        heights_from="ground",
+        height_m=np.array([0.4, 0.5, 0.6]),
+        diameter_m=np.array([0.33, 0.32, 0.31]),
+        diameter_std_m=np.full(3, 0.01),
+        edges_m=np.zeros((3, 2, 3)),
+    )
+    tree = replace(
+        MEASURED,
+        profile=profile,
+        taper_cm_per_m=Estimate(1.0, 0.4),
+        seen_volume_m3=Estimate(0.016, 0.001),
+        volume_m3=Estimate(0.5, 0.1),
+        species="birch",
+    )
+    page = written(tmp_path / "r.html", result("a", tree))
+    (row,) = page.trees
+    remarks = row["remarks"].text
+    assert "profile of 3 diameters" in remarks
+    assert "taper 1.0 ± 0.4 cm/m" in remarks
+    assert "volume of the seen part 0.016 ± 0.001 m³" in remarks
+    assert "stem volume 0.500 ± 0.100 m³ (birch, Laasasenaho 1982)" in remarks
+    assert {"details", "svg"} <= {tag for tag, _ in page.tags}
+    assert 'data-quantity="seen_volume_m3" data-value="0.016" data-std="0.001"' in page.html
 
 
 def test_the_summary_counts_trees_and_reasons(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from edgetree.detections import TreeDetections
 from edgetree.frames.pipeline import FoundTrees, FrameResult
 from edgetree.frames.sources import Frame
 from edgetree.measure import QUANTITIES, Estimate, Evidence, PointEstimate, TreeMeasurement
+from edgetree.measure.estimates import split_unit
 from edgetree.results.csv_table import COLUMNS, write_header, write_rows
 
 MEASURED = replace(
@@ -74,7 +75,7 @@ def test_a_failed_quantity_is_empty_and_has_a_reason() -> None:
 
 def test_all_quantities_have_columns_with_units() -> None:
     for quantity in QUANTITIES:
-        name, unit = quantity.rsplit("_", 1)
+        name, unit = split_unit(quantity)
         expected = {quantity, f"{name}_failure"}
         expected |= {f"{name}_{what}_{unit}" for what in ("std", "low95", "high95")}
         assert expected <= set(COLUMNS)

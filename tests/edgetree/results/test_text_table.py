@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
-from edgetree.measure import Estimate, Evidence, Failure, TreeMeasurement
+from edgetree.measure import Estimate, Evidence, Failure, StemProfile, TreeMeasurement
 from edgetree.results.text_table import table_lines
 from edgetree.results.units import AMOUNTS, direction_words
 
@@ -17,6 +18,17 @@ MEASURED = TreeMeasurement(
     inclination_deg=Estimate(4.1, 0.9),
     lean_direction_deg=Estimate(93.0, 10.0),
     distance_m=Estimate(5.257, 0.05),
+    axis_distance_m=Estimate(4.81, 0.05),
+    taper_cm_per_m=Estimate(1.23, 0.34),
+    seen_volume_m3=Estimate(0.2041, 0.012),
+    volume_m3=Failure("no species given"),
+    profile=StemProfile(
+        heights_from="ground",
+        height_m=np.array([0.3, 0.4, 0.5]),
+        diameter_m=np.array([0.32, 0.31, 0.3]),
+        diameter_std_m=np.full(3, 0.01),
+        edges_m=np.zeros((3, 2, 3)),
+    ),
     cut_point_m=Failure("x"),
     cut_point_machine_m=Failure("x"),
     evidence=Evidence(
@@ -37,11 +49,33 @@ def test_a_tree_has_a_row_and_notes_below() -> None:
     cells = ["3", "31.2 ± 0.8 cm", "–", "–", "4.1 ± 0.9° right", "5.26 ± 0.05 m"]
     assert [cell.strip() for cell in row.split("  ") if cell.strip()] == cells
     assert [note.strip() for note in notes] == [
+        "profile: 3 diameters from 0.3 to 0.5 m above the ground, taper 1.2 ± 0.3 cm/m, volume of"
+        " this",
+        "part 0.204 ± 0.012 m³",
         "no DBH, cut height: no ground in view",
         "warning: a warning",
         "from mask + depth; 95% of the stem visible, depth at 83% of it, an arc of 92° seen",
     ]
     assert "one standard deviation" in last
+
+
+def test_the_volume_of_the_whole_stem_names_its_function() -> None:
+    pine = replace(MEASURED, species="pine", volume_m3=Estimate(0.4567, 0.08))
+    line = "      volume of the whole stem: 0.457 ± 0.080 m³ (pine, Laasasenaho 1982)"
+    assert line in list(table_lines([pine], (1,)))
+
+
+def test_a_missing_volume_is_told_only_if_a_species_was_given() -> None:
+    assert "stem volume" not in "".join(table_lines([MEASURED], (1,)))
+    pine = replace(MEASURED, species="pine", volume_m3=Failure("no ground in view"))
+    lines = list(table_lines([pine], (1,)))
+    assert "      no DBH, cut height, stem volume: no ground in view" in lines
+
+
+def test_the_distance_to_the_axis_stands_in_for_that_to_the_cut() -> None:
+    line = "      distance to the axis: 4.81 ± 0.05 m"
+    assert line not in list(table_lines([MEASURED], (1,)))
+    assert line in list(table_lines([replace(MEASURED, distance_m=Failure("no cut"))], (1,)))
 
 
 def test_columns_are_aligned_with_their_names() -> None:

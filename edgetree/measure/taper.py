@@ -1,0 +1,272 @@
+"""Diameters along stems, and what follows from them: DBH, taper and volume of the seen part."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edgetree.measure.estimates import Estimate, Failure
+from edgetree.measure.profile import StemProfile
+from edgetree.measure.stem_fit import Stems
+from edgetree.measure.width import MaskWidths
+
+__all__ = ["HeightScale", "StemDiameters", "read_diameters"]
+
+Float = NDArray[np.floating[Any]]
+Flags = NDArray[np.bool_]
+Rows = NDArray[np.intp]
+
+# Distance between the diameters of a profile, in m, and their largest number.
+_STEP_M, _MAX_DIAMETERS = 0.1, 300
+# Shortest part of a stem whose taper is given, in m.
+_MIN_TAPER_M = 0.5
+# Diameters with a larger relative standard deviation are not given.
+_MAX_RELATIVE_STD = 0.5
+# The root collar: no diameters below this height in diameters and in m, and above it a relative
+# standard deviation at height 0 that falls by e within this height in diameters.
+_LOWEST, _LOWEST_M = 0.5, 0.2
+_COLLAR_STD, _COLLAR_HEIGHT = 0.2, 0.9
+# Edges at several stations are averaged at each height: factor on the half angle's error.
+_EDGE_SHARE = 0.8
+# The edges within this distance along the stem share one error, in m.
+_EDGE_ERROR_M = 1.0
+
+
+class HeightScale(NamedTuple):
+    """Heights along the axes of T stems.
+
+    Attributes:
+        zero_m: (T,) position of height 0 along the axis, from the section.
+        per_m: (T,) metres along the axis per metre of height.
+        from_ground: (T,) whether heights are above the ground on the uphill side. The others are
+            along the axis from the section.
+    """
+
+    zero_m: Float
+    per_m: Float
+    from_ground: Flags
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class StemDiameters:
+    """N diameters along T stems, sorted by stem and height.
+
+    Attributes:
+        heights: heights along the axes.
+        stem: (N,) number of the stem.
+        height_m: (N,) heights.
+        along_m: (N,) positions along the axis, from the section.
+        value_m: (N,) diameters.
+        std_m: (N,) their standard deviations.
+        edge_std_m: (N,) the part of these from the edges and the shape of the stem.
+        collar_std_m: (N,) the part from the root collar.
+        tilt_std: (T,) relative error of a diameter per metre from the section, from the axis' tilt.
+        edges_m: (N, 2, 3) camera points at the left and the right edge.
+        breast: diameter at breast height of each stem; None if the edges do not show there.
+    """
+
+    heights: HeightScale
+    stem: Rows
+    height_m: Float
+    along_m: Float
+    value_m: Float
+    std_m: Float
+    edge_std_m: Float
+    collar_std_m: Float
+    tilt_std: Float
+    edges_m: Float
+    breast: list[Estimate | None]
+
+    def _sums(self, values: Float) -> Float:
+        """(T,) sums over the diameters of each stem."""
+        return np.asarray(np.bincount(self.stem, values, len(self.tilt_std)), np.float64)
+
+    def profiles(self) -> list[StemProfile | Failure]:
+        """The diameters of each stem."""
+        ends = np.searchsorted(self.stem, np.arange(len(self.tilt_std) + 1))
+        return [
+            StemProfile(
+                heights_from="ground" if self.heights.from_ground[index] else "section",
+                height_m=self.height_m[first:last],
+                diameter_m=self.value_m[first:last],
+                diameter_std_m=self.std_m[first:last],
+                edges_m=self.edges_m[first:last],
+            )
+            if last - first > 1
+            else _UNSEEN
+            for index, (first, last) in enumerate(pairwise(ends))
+        ]
+
+    def volumes_m3(self) -> list[Estimate | Failure]:
+        """Volume of each stem between its lowest and its highest diameter, of truncated cones.
+
+        The errors of the diameters have mostly the same causes. They are taken as fully
+        correlated, so the relative error of a volume is twice that of the diameters. Only that by
+        the root collar is independent of the others.
+        """
+        same = self.stem[1:] == self.stem[:-1]
+        length_m = np.where(same, np.diff(self.along_m), 0.0)
+        low, high = self.value_m[:-1], self.value_m[1:]
+        cones = math.pi / 12 * length_m * (low**2 + low * high + high**2)
+        count = len(self.tilt_std)
+        parts = []
+        for std_m in (np.sqrt(self.std_m**2 - self.collar_std_m**2), self.collar_std_m):
+            spread = math.pi / 4 * self.value_m * std_m
+            errors = length_m * (spread[:-1] + spread[1:])
+            parts.append(np.bincount(self.stem[1:], errors, count))
+        values = np.bincount(self.stem[1:], cones, count).tolist()
+        return [
+            Estimate(value, std) if value > 0 else _UNSEEN
+            for value, std in zip(values, np.hypot(*parts).tolist(), strict=True)
+        ]
+
+    def tapers_cm_per_m(self) -> list[Estimate | Failure]:
+        """Decrease of the diameter along each stem, by a straight line fitted to the diameters.
+
+        Errors that all diameters of a stem share do not change it. The edges have independent
+        errors only at distances of `_EDGE_ERROR_M`.
+        """
+        number = np.maximum(self._sums(np.ones(len(self.stem))), 1.0)
+        offset = self.along_m - (self._sums(self.along_m) / number)[self.stem]
+        square = np.maximum(self._sums(offset**2), 1e-9)
+        slope = self._sums(offset * self.value_m) / square
+        seen_m = np.zeros(len(number))
+        np.maximum.at(seen_m, self.stem, 2 * np.abs(offset))
+        independent = (1 + seen_m / _EDGE_ERROR_M) * square / number
+        edges = self._sums(self.edge_std_m) / number / np.sqrt(independent)
+        std = np.hypot(edges, self._sums(self.value_m) / number * self.tilt_std)
+        return [
+            Estimate(-100 * value, 100 * error)
+            if length_m >= _MIN_TAPER_M
+            else Failure(
+                f"the taper needs {_MIN_TAPER_M:g} m of the stem: {length_m:.1f} m are seen"
+            )
+            for value, error, length_m in zip(
+                slope.tolist(), std.tolist(), seen_m.tolist(), strict=True
+            )
+        ]
+
+
+_UNSEEN = Failure("both edges of the stem are seen at hardly any height")
+
+
+def read_diameters(
+    stems: Stems,
+    widths: MaskWidths,
+    heights: HeightScale,
+    *,
+    shared_std: Float,
+    shape_std: float,
+    breast_height_m: float,
+) -> StemDiameters:
+    """Read diameters at every 10 cm along T stems where both edges show, and at breast height.
+
+    Args:
+        stems: the fitted stems.
+        widths: mask edges by height.
+        heights: heights along the axes.
+        shared_std: (T,) relative standard deviation that all diameters of a stem share.
+        shape_std: relative standard deviation of a diameter from the shape of the stem.
+        breast_height_m: breast height.
+    """
+    count = len(shared_std)
+    rows, height_m = _steps(widths, heights)
+    # The last T diameters are at breast height.
+    rows = np.concatenate([rows, np.arange(count)])
+    height_m = np.concatenate([height_m, np.full(count, breast_height_m)])
+    along_m = heights.zero_m[rows] + height_m * heights.per_m[rows]
+    picked = _picked(widths, rows)
+    half, middle_rad = picked.at(along_m)
+    value_m = 2 * stems.distance_m[rows] * np.sin(half.rad)
+    tilt_std = stems.tilt_std_rad / stems.distance_m
+    edge_std_m = value_m * np.hypot(_EDGE_SHARE * half.std_rad / np.tan(half.rad), shape_std)
+    other_std = np.hypot(shared_std[rows], tilt_std[rows] * along_m)
+    collar_std, above_collar = _root_collar(heights.from_ground[rows], height_m, value_m)
+    collar_std_m = value_m * collar_std
+    std_m = np.hypot(np.hypot(edge_std_m, value_m * other_std), collar_std_m)
+    seen = picked.visible_at(along_m) & (std_m <= _MAX_RELATIVE_STD * value_m) & above_collar
+    breast = [
+        Estimate(value, std) if visible else None
+        for value, std, visible in zip(
+            value_m[-count:].tolist(), std_m[-count:].tolist(), seen[-count:].tolist(), strict=True
+        )
+    ]
+    kept = np.flatnonzero(seen[:-count])
+    edges_m = _edges_m(stems, rows[kept], along_m[kept], half.rad[kept], middle_rad[kept])
+    return StemDiameters(
+        heights=heights,
+        stem=rows[kept],
+        height_m=height_m[kept],
+        along_m=along_m[kept],
+        value_m=value_m[kept],
+        std_m=std_m[kept],
+        edge_std_m=edge_std_m[kept],
+        collar_std_m=collar_std_m[kept],
+        tilt_std=tilt_std,
+        edges_m=edges_m,
+        breast=breast,
+    )
+
+
+def _steps(widths: MaskWidths, heights: HeightScale) -> tuple[Rows, Float]:
+    """(N,) numbers of stems, and heights in steps of 10 cm between the ends of their edges."""
+    low, high = np.full(len(heights.zero_m), -np.inf), np.full(len(heights.zero_m), np.inf)
+    for valid in (widths.left_valid, widths.right_valid):
+        low = np.maximum(low, np.where(valid, widths.height_m, np.inf).min(1))
+        high = np.minimum(high, np.where(valid, widths.height_m, -np.inf).max(1))
+    first = np.ceil((low - heights.zero_m) / heights.per_m / _STEP_M)
+    first = np.where(heights.from_ground, np.maximum(first, 0.0), first)
+    last = np.floor((high - heights.zero_m) / heights.per_m / _STEP_M)
+    known = np.isfinite(first) & np.isfinite(last)
+    number = np.where(known, np.clip(last - first + 1, 0, _MAX_DIAMETERS), 0).astype(np.intp)
+    rows = np.repeat(np.arange(len(number)), number)
+    within = np.arange(len(rows)) - np.repeat(np.cumsum(number) - number, number)
+    return rows, (first[rows] + within) * _STEP_M
+
+
+def _root_collar(from_ground: Flags, height_m: Float, diameter_m: Float) -> tuple[Float, Flags]:
+    """Errors by the root collar.
+
+    Args:
+        from_ground: (N,) whether the heights are above the ground.
+        height_m: (N,) heights.
+        diameter_m: (N,) diameters.
+
+    Returns:
+        (N,) relative standard deviations, and (N,) which heights are above the collar.
+    """
+    height = height_m / diameter_m
+    above = (height >= _LOWEST) & (height_m > _LOWEST_M - _STEP_M / 2)
+    std = _COLLAR_STD * np.exp(-height / _COLLAR_HEIGHT)
+    return np.where(from_ground, std, 0.0), ~from_ground | above
+
+
+def _picked(widths: MaskWidths, rows: Rows) -> MaskWidths:
+    """The edges of some stems, in this order."""
+    return MaskWidths(
+        height_m=widths.height_m[rows],
+        left_rad=widths.left_rad[rows],
+        right_rad=widths.right_rad[rows],
+        left_valid=widths.left_valid[rows],
+        right_valid=widths.right_valid[rows],
+        std_rad=widths.std_rad[rows],
+    )
+
+
+def _edges_m(stems: Stems, rows: Rows, along_m: Float, half_rad: Float, middle_rad: Float) -> Float:
+    """(N, 2, 3) camera points at which the left and the right viewing ray touch the stem."""
+    axes, distance_m = stems.sections.axes, stems.distance_m[rows]
+    along, across, away = axes.along[rows], axes.across[rows], axes.away[rows]
+    level_m = distance_m * stems.sections.height_ratio[rows] + along_m
+    reach_m = (distance_m * np.cos(half_rad))[:, None]
+    points = []
+    for sign in (-1, 1):
+        bearing = (middle_rad + sign * half_rad)[:, None]
+        flat = np.cos(bearing) * away + np.sin(bearing) * across
+        points.append(reach_m * flat + level_m[:, None] * along)
+    return np.stack(points, 1)

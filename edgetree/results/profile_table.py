@@ -1,0 +1,65 @@
+"""Diameters along stems as a CSV table: one row per tree and height."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Final
+
+from edgetree.frames.pipeline import FrameResult
+from edgetree.measure import Estimate, StemProfile
+from edgetree.results.atomic_files import text_file
+from edgetree.results.csv_table import cell, measurements_of
+
+__all__ = ["PROFILE_COLUMNS", "profiles_file"]
+
+PROFILE_COLUMNS: Final = (
+    "frame",
+    "tree",
+    "heights_from",
+    "height_m",
+    "diameter_m",
+    "diameter_std_m",
+    "diameter_low95_m",
+    "diameter_high95_m",
+)
+
+
+@contextmanager
+def profiles_file(path: Path) -> Iterator[Callable[[FrameResult], None]]:
+    """Write the table; yields a function that adds the trees of a frame.
+
+    Trees without a profile have no rows. If the block raises, no file is left.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    with text_file(path) as stream:
+        writer = csv.writer(stream)
+        writer.writerow(PROFILE_COLUMNS)
+
+        def add(result: FrameResult) -> None:
+            trees = zip(result.found.numbers, measurements_of(result), strict=True)
+            for number, tree in trees:
+                if isinstance(tree.profile, StemProfile):
+                    for values in _values(tree.profile):
+                        writer.writerow(
+                            [cell(value) for value in (result.frame.name, number, *values)]
+                        )
+            stream.flush()
+
+        yield add
+
+
+def _values(profile: StemProfile) -> Iterator[tuple[Any, ...]]:
+    """The columns from `heights_from` on."""
+    for height_m, diameter_m, std_m in zip(
+        profile.height_m.tolist(),
+        profile.diameter_m.tolist(),
+        profile.diameter_std_m.tolist(),
+        strict=True,
+    ):
+        interval = Estimate(diameter_m, std_m).interval95
+        yield profile.heights_from, height_m, diameter_m, std_m, *interval
