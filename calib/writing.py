@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
+
+import cv2
+from numpy.typing import NDArray
 
 from calib.errors import InputFileError
 
@@ -44,3 +48,28 @@ def write_whole(path: Path, data: bytes) -> None:
             beside.write_bytes(data)
     except OSError as error:
         raise InputFileError(f"{path}: cannot be written ({error.strerror})") from error
+
+
+def write_text(path: Path, text: str) -> None:
+    r"""Write a UTF-8 text file at once or not at all.
+
+    Bytes of file names that are not UTF-8 are spelled out: ``\udcff`` for the byte ff.
+
+    Raises:
+        InputFileError: If it cannot be written.
+    """
+    write_whole(path, text.encode("utf-8", "backslashreplace"))
+
+
+def write_image(path: Path, image: NDArray[Any], options: Sequence[int] = ()) -> None:
+    """Write an image file at once or not at all.
+
+    Args:
+        path: File to write; its suffix is the format.
+        image: (H, W) or (H, W, 3) BGR.
+        options: Flags and values of ``cv2.imwrite``.
+
+    Raises:
+        InputFileError: If it cannot be written.
+    """
+    write_whole(path, cv2.imencode(path.suffix, image, options)[1].tobytes())

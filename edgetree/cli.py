@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 from importlib.metadata import version
@@ -75,6 +76,7 @@ def main() -> None:
     """
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    _accept_all_names()
     try:
         code = typer.main.get_command(app).main(prog_name="edgetree", standalone_mode=False) or 0
     except (KeyboardInterrupt, typer.Abort):
@@ -87,6 +89,13 @@ def main() -> None:
     if code == _INTERRUPTED:
         note("edgetree: interrupted")
     sys.exit(code)
+
+
+def _accept_all_names() -> None:
+    r"""Print bytes of file names that are not UTF-8 as ``\udcff`` instead of failing."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _one_line(error: Exception) -> str:

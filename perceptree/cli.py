@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import sys
 from importlib.metadata import version
 from typing import Annotated
@@ -65,6 +66,7 @@ def main() -> None:
     Exit codes: 0 success, 1 a check failed, 2 wrong usage or bad input, 130 interrupted. An error
     with an ``exit_code`` is printed as one line on stderr; any other error is raised.
     """
+    _accept_all_names()
     try:
         code = typer.main.get_command(app).main(prog_name="perceptree", standalone_mode=False) or 0
     except (KeyboardInterrupt, typer.Abort):
@@ -80,6 +82,13 @@ def main() -> None:
     if code == _INTERRUPTED:  # typer returns this code for Ctrl-C inside a command
         typer.echo("perceptree: interrupted; run the same command again to resume", err=True)
     sys.exit(code)
+
+
+def _accept_all_names() -> None:
+    r"""Print bytes of file names that are not UTF-8 as ``\udcff`` instead of failing."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _one_line(error: Exception) -> str:

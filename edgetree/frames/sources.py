@@ -13,6 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.file_names import is_utf8
+from calib.reading import decode_image, is_image_file, open_video
 from edgetree.errors import InputError
 from edgetree.frames.rig import Rig
 
@@ -90,7 +92,7 @@ def open_source(
         raise InputError(
             f"source {as_typed(path)} does not exist: expected an image, a folder or a video"
         )
-    if path.suffix.lower() in IMAGE_SUFFIXES or cv2.haveImageReader(str(path)):
+    if path.suffix.lower() in IMAGE_SUFFIXES or is_image_file(path):
         if depth is not None and not depth.is_file():
             raise InputError(f"depth {depth} is not a file: expected the depth image of {path}")
         return _ImageFrames([(path.stem, path, depth)], depth_only, rig)
@@ -120,7 +122,8 @@ def read_image(path: Path) -> NDArray[np.uint8]:
         data = np.fromfile(path, dtype=np.uint8)
     except OSError as error:
         raise InputError(f"image {path} cannot be read ({error.strerror}): {expected}") from error
-    image = None if is_cut_off(data) else cv2.imdecode(data, cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR)
+    flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR
+    image = None if is_cut_off(data) else decode_image(data, flags)
     if image is None:
         raise InputError(f"image {path} cannot be read ({data.size} bytes): {expected}")
     if image.dtype != np.uint8:
@@ -176,7 +179,7 @@ class _FolderFrames(_ImageFrames):
         if not paths:
             raise InputError(f"folder {folder} has no images: expected {', '.join(IMAGE_SUFFIXES)}")
         for path in paths:
-            if not cv2.haveImageReader(str(path)):
+            if is_utf8(path) and not is_image_file(path):
                 raise InputError(
                     f"image {path} cannot be read: expected an image that OpenCV reads"
                 )
@@ -235,7 +238,7 @@ class _Capture:
     """An open video."""
 
     def __init__(self, path: Path) -> None:
-        self.video = cv2.VideoCapture(str(path))
+        self.video = open_video(path)
         # The suffix is checked too, because OpenCV opens even text files as videos.
         if path.suffix.lower() not in VIDEO_SUFFIXES or not self.video.isOpened():
             raise InputError(

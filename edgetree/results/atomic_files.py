@@ -74,10 +74,13 @@ def replacing(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def text_file(path: Path) -> Iterator[TextIO]:
-    """Open a text file as in `replacing`. Line ends are not translated."""
+    r"""Open a UTF-8 text file as in `replacing`. Line ends are not translated.
+
+    Bytes of file names that are not UTF-8 are spelled out: `\udcff` for the byte ff.
+    """
     with (
         replacing(path) as temporary,
-        temporary.open("w", encoding="utf-8", newline="") as stream,
+        temporary.open("w", encoding="utf-8", errors="backslashreplace", newline="") as stream,
     ):
         yield stream
 

@@ -46,7 +46,7 @@ def predict(
     Writes each image with the detections drawn on it, and one COCO file with boxes, masks and
     keypoints for labelling tools.
     """
-    from calib.writing import write_whole
+    from calib.writing import write_text
     from perceptree.evaluation import on_device, predict_with, report_folder
     from perceptree.evaluation.pictures import (
         add_labels,
@@ -77,7 +77,7 @@ def predict(
             add_labels(labels, picture)
             write_drawing(picture, out / names[picture.path])
             trees += len(picture.trees.scores)
-    write_whole(out / _LABELS_FILE, json.dumps(labels.to_dict(), allow_nan=False).encode())
+    write_text(out / _LABELS_FILE, json.dumps(labels.to_dict(), allow_nan=False))
     _print_result(len(paths), trees, folder, out, as_json)
 
 

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from pycocotools import mask as coco_mask
 
 from calib import CocoLabels, DepthEncoding, Letterbox, encode_depth, read_depth
-from calib.writing import write_whole
+from calib.reading import read_image
+from calib.writing import write_image
 from perceptree.data.likeness import IMAGE_SUFFIXES
 from perceptree.drawing import Picture, draw_trees, with_caption
 from perceptree.errors import DatasetError
@@ -146,10 +147,7 @@ def _read_depth(path: Path, encoding: DepthEncoding) -> NDArray[np.uint8]:
 
 
 def _decoded(path: Path, flag: int) -> NDArray[Any]:
-    try:
-        image = cv2.imread(str(path), flag)
-    except cv2.error:
-        image = None
+    image = read_image(path, flag)
     if image is None:
         raise DatasetError(f"{path}: not a readable image, expected one")
     return image
@@ -191,5 +189,4 @@ def write_drawing(found: FoundTrees, path: Path) -> None:
     )
     scores = ", ".join(f"{score:.2f}" for score in trees.scores)
     drawn = with_caption(drawn, f"{found.path.name}: {len(trees.scores)} trees  {scores}")
-    data = cv2.imencode(".jpg", drawn, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1]
-    write_whole(path, data.tobytes())
+    write_image(path, drawn, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
