@@ -37,8 +37,8 @@ def save_checkpoint(path: str | Path, model: TreeRCNN, training: dict[str, Any])
     tensors = {name: value.contiguous() for name, value in model.state_dict().items()}
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(path) as beside:
-            beside.write_bytes(save(tensors, metadata={METADATA_KEY: json.dumps(record)}))
+        with replacing(path) as file:
+            file.write(save(tensors, metadata={METADATA_KEY: json.dumps(record)}))
     except OSError as error:
         raise CheckpointError(f"{path}: cannot be written ({error.strerror or error})") from error
 

@@ -38,10 +38,18 @@ def write_state(path: Path, state: Mapping[str, Any], identity: Identity) -> Non
     """
     record = {"version": _VERSION, "identity": json.dumps(identity)}
     try:
-        with replacing(path) as beside:
-            torch.save({**state, **record}, beside)
+        with replacing(path) as file:
+            torch.save({**state, **record}, file)
     except (OSError, RuntimeError) as error:  # torch reports a full disk as RuntimeError
-        raise CheckpointError(f"{path}: cannot be written ({error})") from error
+        raise CheckpointError(f"{path}: cannot be written ({_reason(error)})") from error
+
+
+def _reason(error: BaseException) -> str:
+    """Why writing failed: the system's reason if there is one."""
+    cause: BaseException | None = error
+    while cause is not None and not isinstance(cause, OSError):
+        cause = cause.__cause__ or cause.__context__
+    return str(error) if cause is None else str(cause.strerror or cause)
 
 
 def read_state(path: Path, identity: Identity, defaults: Identity | None = None) -> dict[str, Any]:

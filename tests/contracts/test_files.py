@@ -16,6 +16,14 @@ BY_PATH = (
     r"cv2\.(imread|imreadmulti|imwrite|haveImageReader|VideoCapture|VideoWriter|FileStorage)\("
 )
 
+# Writers beside calib/writing.py: files that only this process sees, and a log that grows.
+WRITERS = {
+    "edgetree/export/build.py",  # in a temporary folder
+    "perceptree/data/cache.py",  # in a folder of `replacing_folder`
+    "perceptree/training/run_log.py",  # appends
+}
+WRITES = r"\.write_(bytes|text)\(|open\([^)]*[\"'][wxa]b?\+?[\"']|mkstemp|NamedTemporaryFile"
+
 
 def uses(pattern: str) -> set[str]:
     return {
@@ -27,6 +35,17 @@ def uses(pattern: str) -> set[str]:
 
 def test_paths_are_given_to_opencv_in_one_place_only() -> None:
     assert uses(BY_PATH) == {"calib/reading.py"}
+
+
+def test_files_are_written_whole() -> None:
+    found = {name for name in uses(WRITES) if not name.startswith("benchmarks")}
+    assert found == WRITERS
+
+
+@pytest.mark.parametrize("call", ["path.write_bytes(data)", 'path.open("w", encoding="utf-8")'])
+def test_the_check_finds_writers(call: str) -> None:
+    assert re.search(WRITES, call)
+    assert not re.search(WRITES, 'path.open("rb")')
 
 
 @pytest.mark.parametrize("call", ["cv2.imread(str(path))", "cv2.FileStorage(name, 0)"])

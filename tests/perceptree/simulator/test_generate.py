@@ -8,15 +8,18 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
+from typing import BinaryIO
 
 import cv2
 import numpy as np
 import pytest
 
 import calib
+from calib import writing
 from perceptree.errors import DatasetError, SettingsError
 from perceptree.simulator.dataset import generate, pool, storage
 from perceptree.simulator.dataset.generate import generate_dataset
@@ -196,8 +199,8 @@ def test_leftovers_and_lost_files_of_a_run_before_are_made_good(
     dataset: Path, tmp_path: Path, in_process: None, synth: ModuleType, settings: SimulatorSettings
 ):
     generate_dataset(tmp_path, FRAMES, settings, SEED)
-    (tmp_path / "images/000001.jpg.123.part").write_bytes(b"half")
-    (tmp_path / "scenes/000001.json.123.part").write_bytes(b"half")
+    for folder in ("images", "scenes"):
+        (tmp_path / folder / ".calib-0123456789abcdef.part").write_bytes(b"half")
     (tmp_path / "depth/000002.png").unlink()
     (tmp_path / "images/000005.jpg").write_bytes(b"")
     (tmp_path / "scenes/000003.json").write_bytes(b"[")
@@ -246,15 +249,16 @@ def test_a_full_disk_stops_with_one_line_and_the_rest_resumes(
     synth: ModuleType,
     settings: SimulatorSettings,
 ):
-    real = Path.write_bytes
+    real = writing.replacing
 
-    def fill(path: Path, data: bytes) -> int:
-        if "000004" in path.name:
-            real(path, data[:10])
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
-        return real(path, data)
+    @contextmanager
+    def fill(path: Path) -> Iterator[BinaryIO]:
+        with real(path) as file:
+            yield file
+            if "000004" in path.name:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
 
-    monkeypatch.setattr(Path, "write_bytes", fill)
+    monkeypatch.setattr(writing, "replacing", fill)
     with pytest.raises(DatasetError) as caught:
         generate_dataset(tmp_path, FRAMES, settings, SEED)
     assert str(caught.value) == (
@@ -262,7 +266,7 @@ def test_a_full_disk_stops_with_one_line_and_the_rest_resumes(
         " some space and run the same command again to resume"
     )
     assert not list(tmp_path.rglob("*.part"))
-    monkeypatch.setattr(Path, "write_bytes", real)
+    monkeypatch.setattr(writing, "replacing", real)
     generate_dataset(tmp_path, FRAMES, settings, SEED)
     assert synth.contents(tmp_path) == synth.contents(dataset)
 
