@@ -1,15 +1,11 @@
-"""Save and read the state of a training, and delay an interrupt to the end of a step."""
+"""Save and read the state of a training."""
 
 from __future__ import annotations
 
-import contextlib
 import json
 import pickle
-import signal
-import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 import torch
@@ -87,29 +83,3 @@ def read_state(path: Path, identity: Identity, defaults: Identity | None = None)
                 " expected the same to resume it, or another output folder"
             )
     return dict(state)
-
-
-@contextlib.contextmanager
-def interrupt_afterwards() -> Iterator[None]:
-    """Delay KeyboardInterrupt to the end of the block; a second Ctrl-C interrupts at once.
-
-    Has no effect outside the main thread, where Python delivers no signals.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    pressed = False
-
-    def remember(number: int, frame: FrameType | None) -> None:
-        nonlocal pressed
-        if pressed:
-            raise KeyboardInterrupt
-        pressed = True
-
-    before = signal.signal(signal.SIGINT, remember)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-    if pressed:
-        raise KeyboardInterrupt

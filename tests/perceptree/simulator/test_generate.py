@@ -300,6 +300,28 @@ def test_workers_make_no_difference_and_a_killed_one_is_one_line(
     assert synth.contents(tmp_path) == synth.contents(dataset)
 
 
+def test_sigterm_ends_the_simulation_at_once_and_leaves_whole_files(tmp_path: Path):
+    process = subprocess.Popen(
+        command(tmp_path, "--workers", 2, frames=400),
+        env=os.environ | {PACE: "15"},  # 30 s for a scene
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    while not (tmp_path / "images").is_dir():
+        assert process.poll() is None
+        time.sleep(0.01)
+    (tmp_path / "images" / ".calib-0123456789abcdef.part").write_bytes(b"half")
+    time.sleep(3)
+    process.terminate()
+    started = time.monotonic()
+    told = process.communicate(timeout=60)  # until all processes with this stdout have ended
+    assert time.monotonic() - started < 10
+    assert told == ("", "perceptree: interrupted; run the same command again to resume\n")
+    assert process.returncode == 143
+    assert not list(tmp_path.rglob("*.part"))
+
+
 def test_ctrl_c_ends_every_process_at_once_and_says_how_to_go_on(tmp_path: Path):
     process = subprocess.Popen(
         command(tmp_path, "--workers", 2, frames=400),
@@ -308,6 +330,8 @@ def test_ctrl_c_ends_every_process_at_once_and_says_how_to_go_on(tmp_path: Path)
         stderr=subprocess.PIPE,
         text=True,
         process_group=0,
+        # A test runner in the background ignores the signal, which child processes inherit.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     while not list((tmp_path / "scenes").glob("*.json")):
         assert process.poll() is None
