@@ -13,7 +13,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.file_names import is_utf8
 from calib.reading import decode_image, is_image_file, open_video
 from edgetree.errors import InputError
 from edgetree.frames.rig import Rig
@@ -80,7 +79,8 @@ def open_source(
         rig: cameras and depth unit. By default, depth is in millimetres and aligned with the image.
 
     Returns:
-        The frames. Images are read during iteration, which may raise `InputError`.
+        The frames. Images are read during iteration, which may raise `InputError` or `CalibError`
+        for a frame and then go on with the next one.
 
     Raises:
         InputError: a file is missing or has another format.
@@ -155,16 +155,17 @@ class _ImageFrames:
         return len(self._files)
 
     def __iter__(self) -> Iterator[Frame]:
-        for name, path, depth in self._files:
-            if self._depth_only:
-                yield Frame(name, path, None, *self._rig.read_depth(depth or path))
-                continue
-            image = read_image(path)
-            if depth is None:
-                yield Frame(name, path, image)
-                continue
-            size_px = (image.shape[1], image.shape[0])
-            yield Frame(name, path, image, *self._rig.read_depth(depth, path, size_px))
+        return map(self._read, self._files)  # which, unlike a generator, goes on after an error
+
+    def _read(self, files: tuple[str, Path, Path | None]) -> Frame:
+        name, path, depth = files
+        if self._depth_only:
+            return Frame(name, path, None, *self._rig.read_depth(depth or path))
+        image = read_image(path)
+        if depth is None:
+            return Frame(name, path, image)
+        size_px = (image.shape[1], image.shape[0])
+        return Frame(name, path, image, *self._rig.read_depth(depth, path, size_px))
 
 
 class _FolderFrames(_ImageFrames):
@@ -178,11 +179,6 @@ class _FolderFrames(_ImageFrames):
         )
         if not paths:
             raise InputError(f"folder {folder} has no images: expected {', '.join(IMAGE_SUFFIXES)}")
-        for path in paths:
-            if is_utf8(path) and not is_image_file(path):
-                raise InputError(
-                    f"image {path} cannot be read: expected an image that OpenCV reads"
-                )
         stems = [path.stem for path in paths]
         names = [path.stem if stems.count(path.stem) == 1 else path.name for path in paths]
         files = _depth_files(paths, depth)

@@ -229,7 +229,7 @@ def test_a_run_that_fails_leaves_the_old_report(run_cli: Cli, model: Path, folde
     (folder / "r.html").write_text("old")
     (folder / "images" / "b.jpg").write_bytes((folder / "images" / "b.jpg").read_bytes()[:400])
     before = sorted(folder.iterdir())
-    done = run_cli("run", "images", "--model", model, "--report", "r.html")
+    done = run_cli("run", "images", "--model", model, "--report", "r.html", "--strict-frames")
     assert done.code == 2
     assert (folder / "r.html").read_text() == "old"
     assert sorted(folder.iterdir()) == before
