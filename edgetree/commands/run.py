@@ -50,8 +50,8 @@ _StrictFrames: TypeAlias = Annotated[
     bool,
     typer.Option(
         "--strict-frames",
-        help="Stop at the first frame of a folder that cannot be read or measured, and write"
-        " nothing. Otherwise such frames are left out, and the exit code is 1.",
+        help="Stop at the first frame of a folder that cannot be read or measured, with exit code"
+        " 2 and only the pictures so far. Otherwise such frames are left out, with exit code 1.",
     ),
 ]
 _Write: TypeAlias = "Callable[[FrameResult, dict[str, Any]], None]"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pycocotools import mask as coco_mask
 
-from calib import CocoLabels, DepthEncoding, Letterbox, encode_depth, read_depth
+from calib import CalibError, CocoLabels, DepthEncoding, Letterbox, encode_depth, read_depth
 from calib.reading import read_image
 from calib.writing import write_image
 from perceptree.data.likeness import IMAGE_SUFFIXES
@@ -82,7 +82,12 @@ def find_pictures(folder: Path) -> list[Path]:
 
 
 def detect_pictures(
-    predict: Predict, spec: ModelSpec, paths: list[Path], score: float, batch: int
+    predict: Predict,
+    spec: ModelSpec,
+    paths: list[Path],
+    score: float,
+    batch: int,
+    on_error: Callable[[Exception], None],
 ) -> Iterator[FoundTrees]:
     """Detect trees in images.
 
@@ -92,18 +97,19 @@ def detect_pictures(
         paths: Image files.
         score: Smallest score to keep.
         batch: Batch size.
+        on_error: Called with the error of each file that is not a readable image of the model's
+            modality; the image is left out.
 
     Yields:
         The trees of each image, highest score first.
-
-    Raises:
-        DatasetError: If a file is not a readable image of the model's modality.
-        DepthError: If a depth image has an unsupported type.
     """
     pending: deque[_Read] = deque()
 
     def images() -> Iterator[tuple[NDArray[np.uint8], Letterbox]]:
-        for read in read_ahead(lambda path: _read(path, spec), paths):
+        for read in read_ahead(lambda path: _read_or_error(path, spec), paths):
+            if isinstance(read, Exception):
+                on_error(read)
+                continue
             pending.append(read)
             yield read.image, read.letterbox
 
@@ -120,6 +126,13 @@ def _above(found: FramePrediction, score: float) -> FramePrediction:
         None if found.keypoints is None else found.keypoints[kept],
         None if found.masks is None else [found.masks[row] for row in kept],
     )
+
+
+def _read_or_error(path: Path, spec: ModelSpec) -> _Read | DatasetError | CalibError:
+    try:
+        return _read(path, spec)
+    except (DatasetError, CalibError) as error:
+        return error
 
 
 def _read(path: Path, spec: ModelSpec) -> _Read:

@@ -18,6 +18,8 @@ BY_PATH = (
 
 # Writers beside calib/writing.py: files that only this process sees, and a log that grows.
 WRITERS = {
+    "edgetree/process.py",  # the null device
+    "perceptree/process.py",
     "edgetree/export/build.py",  # in a temporary folder
     "perceptree/data/cache.py",  # in a folder of `replacing_folder`
     "perceptree/training/run_log.py",  # appends
