@@ -209,6 +209,15 @@ def test_leftovers_and_lost_files_of_a_run_before_are_made_good(
     assert synth.contents(tmp_path) == synth.contents(dataset)
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="names are UTF-8 on this system")
+def test_a_folder_whose_name_is_not_utf8_holds_the_same_dataset(
+    dataset: Path, tmp_path: Path, in_process: None, synth: ModuleType, settings: SimulatorSettings
+):
+    folder = tmp_path / os.fsdecode(b"caf\xe9")
+    generate_dataset(folder, FRAMES, settings, SEED)
+    assert synth.contents(folder) == synth.contents(dataset)
+
+
 def test_only_what_is_missing_is_drawn_again(
     tmp_path: Path, in_process: None, monkeypatch, synth: ModuleType, settings: SimulatorSettings
 ):
