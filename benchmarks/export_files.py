@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import sys
+import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -38,8 +39,11 @@ def reuse_or_make(path: Path, make: Callable[[Path], object]) -> Path:
     """Return the file, and make it if it does not exist."""
     if not path.is_file():
         note(f"making {path.name}")
-        with replacing(path) as beside, quiet():
-            make(beside)
+        with tempfile.TemporaryDirectory() as folder, quiet():
+            made = Path(folder) / path.name
+            make(made)
+            with replacing(path) as file:
+                file.write(made.read_bytes())
     return path
 
 

@@ -18,11 +18,12 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
+from calib.reading import read_image
+from calib.writing import write_image
 from edgetree import TreeDetections, TreeDetector, default_model
 from edgetree.drawing.trees import draw_trees
 
@@ -95,7 +96,7 @@ def main() -> None:
     found: list[dict[str, Any]] = []
     for image in truth.dataset["images"]:
         path = arguments.labels.parent / "images" / image["file_name"]
-        picture = cv2.imread(str(path))
+        picture = read_image(path)
         if picture is None:
             parser.error(f"{path}: cannot be read, expected a picture")
         trees = detector.detect(picture)
@@ -103,7 +104,7 @@ def main() -> None:
         if arguments.drawn is not None:
             arguments.drawn.mkdir(parents=True, exist_ok=True)
             drawn = draw_trees(np.asarray(picture, np.uint8), trees.above(SHOWN_SCORE))
-            cv2.imwrite(str(arguments.drawn / f"{path.stem}.jpg"), drawn)
+            write_image(arguments.drawn / f"{path.stem}.jpg", drawn)
     matched = compare(truth, found)
     told = counts(matched)
     precision = matched.eval["precision"][0, :, 0, 0, -1]

@@ -18,8 +18,9 @@ import time
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
+
+from calib.writing import write_image
 
 WIDTH_PX, HEIGHT_PX = 64, 36
 BATCH = 8
@@ -32,7 +33,7 @@ def write_split(folder: Path, split: str, first: int, frames: int) -> None:
     for number in range(first, first + frames):
         rng = np.random.default_rng(number)
         name = f"depth8/{number:06d}.png"
-        cv2.imwrite(str(folder / name), rng.integers(0, 256, (HEIGHT_PX, WIDTH_PX), np.uint8))
+        write_image(folder / name, rng.integers(0, 256, (HEIGHT_PX, WIDTH_PX), np.uint8))
         images.append(
             {
                 "id": number,

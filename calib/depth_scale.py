@@ -18,7 +18,7 @@ from calib.camera import PinholeCamera
 from calib.errors import CameraError, DepthError
 from calib.files.text import parse_record
 from calib.points import pixels_to_rays
-from calib.writing import write_whole
+from calib.writing import write_text
 
 Float = NDArray[np.floating[Any]]
 
@@ -391,4 +391,4 @@ def save_depth_scale(path: Path | str, depth_scale: DepthScale) -> None:
         InputFileError: If the file cannot be written.
     """
     text = json.dumps({"schema": SCHEMA, **depth_scale.to_dict()}, indent=1)
-    write_whole(Path(path), f"{text}\n".encode())
+    write_text(Path(path), f"{text}\n")

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import os
-import sys
 from importlib.metadata import version
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
 
@@ -19,7 +18,7 @@ from edgetree.commands.export import export
 from edgetree.commands.measure import measure
 from edgetree.commands.run import run
 from edgetree.commands.verify import verify
-from edgetree.console import note
+from edgetree.process import run_command_line
 
 __all__ = ["app", "main"]
 
@@ -40,8 +39,6 @@ app.command()(bench)
 app.command()(export)
 app.command()(verify)
 app.command()(doctor)
-
-_INTERRUPTED = 130  # exit code: 128 + SIGINT
 
 
 def _print_version(requested: bool) -> None:
@@ -65,33 +62,15 @@ def options(
         typer.echo(context.get_help())
 
 
-def main() -> None:
+def main() -> NoReturn:
     """Run the command line and exit.
 
-    Exit codes: 0 success, 1 a check failed, 2 wrong usage or bad input, 130 interrupted.
-
-    An error with an attribute `exit_code` is meant for the user and is printed as one line on
-    stderr. Any other error is a bug and shows its traceback.
+    Exit codes: 0 success, 1 a check failed, 2 wrong usage or bad input, 130 interrupted, 143 ended
+    by SIGTERM.
     """
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-    try:
-        code = typer.main.get_command(app).main(prog_name="edgetree", standalone_mode=False) or 0
-    except (KeyboardInterrupt, typer.Abort):
-        code = _INTERRUPTED
-    except Exception as error:
-        code = getattr(error, "exit_code", None)
-        if code is None:
-            raise
-        note(f"edgetree: {_one_line(error)}")
-    if code == _INTERRUPTED:
-        note("edgetree: interrupted")
-    sys.exit(code)
-
-
-def _one_line(error: Exception) -> str:
-    """The error's message on one line; usage errors of typer also name the command's help."""
-    message = error.format_message() if hasattr(error, "format_message") else str(error)
-    context = getattr(error, "ctx", None)
-    hint = f" (see `{context.command_path} --help`)" if context is not None else ""
-    return " ".join(message.split()) + hint
+    command = typer.main.get_command
+    run_command_line(
+        "edgetree", lambda: command(app).main(prog_name="edgetree", standalone_mode=False)
+    )

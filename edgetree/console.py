@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any, Protocol, TypeVar
 
 import typer
@@ -28,8 +28,9 @@ class _NoBar:
 
 
 def note(text: str) -> None:
-    """Print one line on stderr."""
-    typer.echo(text, err=True)
+    """Print one line on stderr, if it can be written."""
+    with suppress(OSError):
+        typer.echo(text, err=True)
 
 
 def print_json(value: dict[str, Any]) -> None:

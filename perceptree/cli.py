@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import sys
 from importlib.metadata import version
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
 
@@ -17,6 +16,8 @@ from perceptree.commands.scene import scene
 from perceptree.commands.synth import synth
 from perceptree.commands.tables import tables
 from perceptree.commands.train import train
+from perceptree.errors import MissingPackage
+from perceptree.process import run_command_line
 
 app = typer.Typer(
     name="perceptree",
@@ -34,8 +35,6 @@ app.command()(plot)
 app.command()(predict)
 app.command(name="import")(import_)
 app.add_typer(data, name="data")
-
-_INTERRUPTED = 130
 
 
 def _print_version(asked: bool) -> None:
@@ -59,32 +58,17 @@ def options(
         typer.echo(context.get_help())
 
 
-def main() -> None:
+def main() -> NoReturn:
     """Run the command line and exit.
 
-    Exit codes: 0 success, 1 a check failed, 2 wrong usage or bad input, 130 interrupted. An error
-    with an ``exit_code`` is printed as one line on stderr; any other error is raised.
+    Exit codes: 0 success, 1 a check failed, 2 wrong usage or bad input, 130 interrupted, 143 ended
+    by SIGTERM.
     """
+    run_command_line("perceptree", _run, "; run the same command again to resume")
+
+
+def _run() -> object:
     try:
-        code = typer.main.get_command(app).main(prog_name="perceptree", standalone_mode=False) or 0
-    except (KeyboardInterrupt, typer.Abort):
-        code = _INTERRUPTED
+        return typer.main.get_command(app).main(prog_name="perceptree", standalone_mode=False)
     except ModuleNotFoundError as error:
-        typer.echo(f'perceptree: {error}: install with pip install ".[train,sim]"', err=True)
-        code = 2
-    except Exception as error:
-        code = getattr(error, "exit_code", None)
-        if code is None:
-            raise
-        typer.echo(f"perceptree: {_one_line(error)}", err=True)
-    if code == _INTERRUPTED:  # typer returns this code for Ctrl-C inside a command
-        typer.echo("perceptree: interrupted; run the same command again to resume", err=True)
-    sys.exit(code)
-
-
-def _one_line(error: Exception) -> str:
-    """Return the message as one line, with a hint for typer's usage errors."""
-    message = error.format_message() if hasattr(error, "format_message") else str(error)
-    context = getattr(error, "ctx", None)
-    hint = f" (see `{context.command_path} --help`)" if context is not None else ""
-    return " ".join(message.split()) + hint
+        raise MissingPackage(f'{error}: install with pip install ".[train,sim]"') from error

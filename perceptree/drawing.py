@@ -9,6 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.file_names import printable
+
 Picture = NDArray[np.uint8]
 Float = NDArray[np.floating[Any]]
 Colour = tuple[int, int, int]
@@ -100,6 +102,7 @@ def fitted(image: NDArray[Any], width_px: int, interpolation: int = cv2.INTER_AR
 
 def with_caption(cell: Picture, text: str) -> Picture:
     """Add a line of text below an image (H, W, 3); text that does not fit is cut off with dots."""
+    text = printable(text)
     while len(text) > 4 and cv2.getTextSize(text, _FONT, 0.42, 1)[0][0] > cell.shape[1] - 4:
         text = text[:-4] + "..."
     strip = np.full((CAPTION_PX, cell.shape[1], 3), PAPER, np.uint8)

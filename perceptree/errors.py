@@ -3,7 +3,8 @@
 PerceptreeError
 ├── SettingsError      invalid setting
 ├── DatasetError       missing, unreadable or inconsistent frames or labels
-└── CheckpointError    not a checkpoint of this project, or not writable
+├── CheckpointError    not a checkpoint of this project, or not writable
+└── MissingPackage     an optional package is not installed
 """
 
 from __future__ import annotations
@@ -25,3 +26,7 @@ class DatasetError(PerceptreeError):
 
 class CheckpointError(PerceptreeError):
     """A file that is not a checkpoint of this project, or that cannot be written."""
+
+
+class MissingPackage(PerceptreeError):
+    """An optional package is needed but not installed."""

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.errors import DepthError, InputFileError
-from calib.writing import write_whole
+from calib.reading import read_image
+from calib.writing import write_image
 
 _MM_PER_M = 1000.0
 _MAX_MM = 65535
@@ -77,10 +78,7 @@ def _read_array(path: Path) -> NDArray[Any]:
 
 
 def _read_image(path: Path) -> NDArray[Any]:
-    try:
-        image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    except cv2.error:
-        image = None
+    image = read_image(path, cv2.IMREAD_UNCHANGED)
     if image is None:
         raise InputFileError(f"{path}: not a readable image, expected a depth PNG or TIFF")
     return image
@@ -97,4 +95,4 @@ def write_depth(path: Path | str, depth_m: NDArray[np.floating[Any]]) -> None:
     """
     millimetres = np.where(np.isfinite(depth_m), np.rint(depth_m * _MM_PER_M), 0)
     millimetres = np.where((millimetres < 0) | (millimetres > _MAX_MM), 0, millimetres)
-    write_whole(Path(path), cv2.imencode(".png", millimetres.astype(np.uint16))[1].tobytes())
+    write_image(Path(path), millimetres.astype(np.uint16))

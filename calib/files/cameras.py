@@ -23,7 +23,7 @@ from calib.files import (
 )
 from calib.files.fields import Values
 from calib.files.text import parse, read_text
-from calib.writing import write_whole
+from calib.writing import write_text
 
 _EXPECTED = "a camera file"
 
@@ -114,4 +114,4 @@ def save_camera(path: Path | str, camera: PinholeCamera) -> None:
         InputFileError: If the file cannot be written.
     """
     text = json.dumps({"schema": own.SCHEMA, **camera.to_dict()}, indent=1)
-    write_whole(Path(path), f"{text}\n".encode())
+    write_text(Path(path), f"{text}\n")

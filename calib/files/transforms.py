@@ -10,7 +10,7 @@ from typing import Any
 from calib.errors import CalibError
 from calib.files.text import parse_record
 from calib.transform import RigidTransform
-from calib.writing import write_whole
+from calib.writing import write_text
 
 SCHEMA = "calib.transform/1"
 
@@ -79,4 +79,4 @@ def save_transform(path: Path | str, transform: RigidTransform) -> None:
         "rotation": transform.rotation.tolist(),
         "translation_m": transform.translation_m.tolist(),
     }
-    write_whole(Path(path), f"{json.dumps(values, indent=1)}\n".encode())
+    write_text(Path(path), f"{json.dumps(values, indent=1)}\n")

@@ -55,8 +55,8 @@ def write_files(folder: Path, result: CheckResult) -> list[Path]:
         stack.enter_context(text_file(settings)).write(_settings_text(result.fit))
         plots = [folder / _plot_name(quantity) for quantity in result.quantities]
         for path, check in zip(plots, result.quantities.values(), strict=True):
-            temporary = stack.enter_context(replacing(path))
-            temporary.write_bytes(encode_picture(draw_check(check), path.suffix))
+            file = stack.enter_context(replacing(path))
+            file.write(encode_picture(draw_check(check), path.suffix))
     return [folder / TABLE_FILE, *plots, settings]
 
 

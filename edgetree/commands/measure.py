@@ -224,4 +224,4 @@ def _write(result: FrameResult, outputs: _Outputs, source: str, trees_from: str)
         if outputs.out is not None:
             picture = stack.enter_context(replacing(outputs.out))
             data = encode_picture(draw_frame(result), outputs.out.suffix.lower())
-            picture.write_bytes(data)
+            picture.write(data)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
@@ -26,10 +26,11 @@ from edgetree.commands.options import (
     model_record,
     quoted,
 )
-from edgetree.console import note, print_json, track
+from edgetree.console import note, print_json
 
 if TYPE_CHECKING:
     from edgetree.frames.pipeline import FrameResult
+    from edgetree.frames.sources import Frame
 
 __all__ = ["run"]
 
@@ -45,6 +46,14 @@ _JsonLines: TypeAlias = Annotated[
 _Coco: TypeAlias = Annotated[
     Path | None,
     typer.Option(help="File for COCO labels, to correct in a labelling tool; not for videos."),
+]
+_StrictFrames: TypeAlias = Annotated[
+    bool,
+    typer.Option(
+        "--strict-frames",
+        help="Stop at the first frame of a folder that cannot be read or measured, with exit code"
+        " 2 and only the pictures so far. Otherwise such frames are left out, with exit code 1.",
+    ),
 ]
 _Write: TypeAlias = "Callable[[FrameResult, dict[str, Any]], None]"
 
@@ -72,13 +81,17 @@ def run(
     outputs: _Outputs,
     score_threshold: ScoreThreshold = 0.5,
     session: SessionOptions,
+    strict_frames: _StrictFrames = False,
     as_json: Json = False,
 ) -> None:
     """Detect the trees of an image, a folder of images or a video.
 
     Prints one JSON line per frame: boxes, masks (COCO RLE) and keypoints in pixels, and with
-    --depth and --camera the measurements of each tree in metres.
+    --depth and --camera the measurements of each tree in metres. Ctrl-C and SIGTERM keep the
+    results so far.
     """
+    from calib.interrupts import interrupt_afterwards
+    from edgetree.commands.frame_results import LeftOut, Totals, frame_results
     from edgetree.frames.pipeline import open_frames, process
     from edgetree.results.json_records import frame_record
 
@@ -86,18 +99,29 @@ def run(
     detector, model_path = session.open_model(model, score_threshold)
     rig, settings = rig_options.rig(camera, depth), rig_options.settings()
     frames = open_frames(source, depth, rig=rig, detector=detector)
-    totals = _Totals()
+    totals, left_out = Totals(), LeftOut(strict_frames or not source.is_dir())
+    is_interrupted = False
     records: list[dict[str, Any]] = []
     lines_to_stdout = not (outputs.jsonl or as_json)
     with _writer(outputs, source, model_path.name, score_threshold, lines_to_stdout) as write:
         shown = not (lines_to_stdout and sys.stdout.isatty())
-        for frame in track(frames, "detecting", frames.count, shown=shown):
-            result = process(frame, detector, rig, settings)
-            record = frame_record(result)
-            totals.add(result)
-            write(result, record)
-            if as_json:
-                records.append(record)
+
+        def measure(frame: Frame) -> FrameResult:
+            return process(frame, detector, rig, settings)
+
+        try:
+            for result in frame_results(frames, measure, left_out, shown=shown):
+                record = frame_record(result)
+                with interrupt_afterwards():
+                    totals.add(result)
+                    write(result, record)
+                    if as_json:
+                        records.append(record)
+        except KeyboardInterrupt:
+            if not totals.frames:
+                raise
+            is_interrupted = True
+        left_out.check_some(totals.frames)
     if as_json:
         paths = {"pictures": outputs.out, "jsonl": outputs.jsonl}
         paths |= {"csv": outputs.csv, "profiles": outputs.profiles, "coco": outputs.coco}
@@ -109,6 +133,8 @@ def run(
                 "score_threshold": detector.score_threshold,
                 "frames": records,
                 **{name: None if path is None else str(path) for name, path in paths.items()},
+                **({"left_out": left_out.reasons} if left_out.reasons else {}),
+                **({"interrupted": True} if is_interrupted else {}),
             }
         )
     for line in totals.lines():
@@ -123,6 +149,9 @@ def run(
     ):
         if path is not None:
             note(f"{name}: {path}")
+    if is_interrupted:
+        raise KeyboardInterrupt
+    left_out.check_none(totals.frames)
     if outputs.out is None:
         options = f"{rig_options.words(depth, camera)} --model {quoted(model)} --out pictures"
         note(f"next: edgetree run {quoted(source)}{options}")
@@ -200,35 +229,3 @@ def _writer(
                 add(result)
 
         yield write
-
-
-@dataclass
-class _Totals:
-    """Counts over all frames, for the summary."""
-
-    trees: int = 0
-    times_ms: list[float] = field(default_factory=list)
-    metres_need: str | None = None
-    scaling: str | None = None
-    faults: list[str] = field(default_factory=list)
-
-    def add(self, result: FrameResult) -> None:
-        """Count a frame."""
-        self.trees += len(result.trees)
-        self.times_ms.append(result.detect_ms)
-        self.metres_need = self.metres_need or result.metres_need
-        self.scaling = self.scaling or result.scaling
-        if result.frame.depth_fault is not None:
-            self.faults.append(result.frame.depth_fault)
-
-    def lines(self) -> Iterator[str]:
-        """The summary."""
-        frames = len(self.times_ms)
-        median_ms = sorted(self.times_ms)[frames // 2]
-        yield f"{self.trees} trees in {frames} frame(s), {median_ms:.0f} ms each to detect"
-        if self.metres_need is not None:
-            yield f"metres {self.metres_need}"
-        if self.scaling is not None:
-            yield self.scaling
-        if self.faults:
-            yield f"unusable depth in {len(self.faults)} frame(s): {self.faults[0]}"

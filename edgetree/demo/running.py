@@ -12,7 +12,7 @@ from edgetree.demo.examine import examine
 from edgetree.demo.report import NextCommand, render_report
 from edgetree.demo.result import DemoResult, ModelResult, Picture, Speed
 from edgetree.frames.pipeline import image_for
-from edgetree.results.atomic_files import replacing
+from edgetree.results.atomic_files import text_file
 from edgetree.runtime.detector import TreeDetector, default_model
 from edgetree.samples import SampleFrame, sample_frames
 
@@ -105,6 +105,6 @@ def write_report(folder: Path, result: DemoResult, next_commands: Sequence[NextC
         InputError: the file cannot be written.
     """
     path = folder / "report.html"
-    with replacing(path) as temporary:
-        temporary.write_text(render_report(result, next_commands), encoding="utf-8")
+    with text_file(path) as page:
+        page.write(render_report(result, next_commands))
     return path

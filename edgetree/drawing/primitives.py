@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.file_names import printable
 from edgetree.drawing.label_placement import Rect
 
 __all__ = [
@@ -53,7 +54,8 @@ def text_size(text: str, font_scale: float) -> tuple[int, int]:
 
 
 def _printable(text: str) -> str:
-    """Replace non-ASCII signs, which the fonts of OpenCV before version 5 do not have."""
+    """Replace signs that OpenCV cannot draw; before version 5 its fonts have only ASCII."""
+    text = printable(text)
     if hasattr(cv2, "FontFace"):
         return text
     return text.replace("±", "+-").replace("Ø", "D").replace("°", " deg")

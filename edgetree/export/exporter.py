@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import BinaryIO
 
 from edgetree.errors import InputError
 from edgetree.export.build import ExportSource, build
@@ -84,7 +85,7 @@ def export_model(
         ParityFailed: the file differs from the checkpoint by more than the limits.
     """
     settings = settings or ExportSettings()
-    with _new_onnx_file(out) as temporary:
+    with _new_onnx_file(out) as file:
         loaded, training_data = load_model(checkpoint)
         model = with_settings(loaded, settings)
         frames = read_verification_frames(data, model.spec)
@@ -94,8 +95,7 @@ def export_model(
                 calibration or data, model.spec, exclude=frames.paths
             )
         source = ExportSource(model, training_data, calibration_frames)
-        report = _build_verify_write(source, settings, frames, temporary, say)
-        return replace(report, path=out)
+        return _build_verify_write(source, settings, frames, file, out, say)
 
 
 def export_preset(
@@ -126,14 +126,13 @@ def export_preset(
         ParityFailed: the file differs from the model by more than the limits.
     """
     settings = settings or ExportSettings()
-    with _new_onnx_file(out) as temporary:
+    with _new_onnx_file(out) as file:
         model = untrained_model(preset, modality, settings)
         images = sample_inputs(model.spec)
         half = len(images) // 2
         named = {f"sample {number}": image for number, image in enumerate(images[:half])}
         source = ExportSource(model, UNTRAINED, images[half:])
-        report = _build_verify_write(source, settings, VerificationFrames(named), temporary, say)
-        return replace(report, path=out)
+        return _build_verify_write(source, settings, VerificationFrames(named), file, out, say)
 
 
 def verify_model(file: Path, checkpoint: Path, *, data: Path, say: Say = _silent) -> ExportReport:
@@ -169,24 +168,27 @@ def verify_model(file: Path, checkpoint: Path, *, data: Path, say: Say = _silent
 
 
 @contextmanager
-def _new_onnx_file(out: Path) -> Iterator[Path]:
-    """Name of a temporary file that becomes ``out`` if the block succeeds."""
+def _new_onnx_file(out: Path) -> Iterator[BinaryIO]:
+    """A temporary file that becomes ``out`` if the block succeeds."""
     if out.suffix.lower() != ".onnx":
         raise InputError(f"the file to write is {out}: expected a name that ends in .onnx")
-    with output_folder(out.parent), replacing(out) as temporary:
-        yield temporary
+    with output_folder(out.parent), replacing(out) as file:
+        yield file
 
 
 def _build_verify_write(
     source: ExportSource,
     settings: ExportSettings,
     frames: VerificationFrames,
+    file: BinaryIO,
     path: Path,
     say: Say,
 ) -> ExportReport:
+    """Build and verify a model, and write it to a file that becomes ``path``."""
     built = build(source, settings, say)
     with built.session() as session:
         parity = verify(source.model, session, built.manifest, frames, say)
     manifest = replace(built.manifest, parity=parity.figures())
-    path.write_bytes(built.serialized(manifest))
-    return ExportReport(path, manifest, parity, path.stat().st_size)
+    content = built.serialized(manifest)
+    file.write(content)
+    return ExportReport(path, manifest, parity, len(content))

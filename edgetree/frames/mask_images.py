@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.reading import decode_image
 from edgetree.detections import TreeDetections
 from edgetree.errors import InputError
 from edgetree.frames.pipeline import FoundTrees
@@ -68,7 +69,7 @@ def _read_values(path: Path) -> NDArray[np.integer]:
         data = np.fromfile(path, dtype=np.uint8)
     except OSError as error:
         raise InputError(f"mask {path} cannot be read ({error.strerror}): {expected}") from error
-    values = None if is_cut_off(data) else cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+    values = None if is_cut_off(data) else decode_image(data, cv2.IMREAD_UNCHANGED)
     if values is None:
         raise InputError(f"mask {path} cannot be read ({data.size} bytes): {expected}")
     if values.ndim != 2 or values.dtype not in (np.uint8, np.uint16):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calib import CameraError, PinholeCamera
+from calib import CalibError, CameraError, PinholeCamera
 from edgetree.detections import TreeDetections
 from edgetree.errors import InputError
 from edgetree.frames.rig import Rig
@@ -20,7 +21,15 @@ from edgetree.runtime.detector import TreeDetector
 if TYPE_CHECKING:
     from edgetree.measure import MeasureSettings, TreeMeasurement
 
-__all__ = ["FoundTrees", "FrameResult", "image_for", "measure_frame", "open_frames", "process"]
+__all__ = [
+    "FoundTrees",
+    "FrameResult",
+    "image_for",
+    "measure_frame",
+    "open_frames",
+    "process",
+    "readable",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +108,25 @@ def open_frames(
     """
     depth_only = depth is None and detector is not None and detector.manifest.takes_depth
     return open_source(source, depth, depth_only=depth_only, rig=rig)
+
+
+def readable(frames: FrameSource, on_error: Callable[[Exception], None]) -> Iterator[Frame]:
+    """Yield the frames that can be read.
+
+    Args:
+        frames: the frames.
+        on_error: called with the error of each frame that cannot be read.
+    """
+    iterator = iter(frames)
+    while True:
+        try:
+            frame = next(iterator)
+        except StopIteration:
+            return
+        except (InputError, CalibError) as error:
+            on_error(error)
+            continue
+        yield frame
 
 
 def image_for(detector: TreeDetector, frame: Frame) -> NDArray[Any]:

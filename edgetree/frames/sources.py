@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.reading import decode_image, is_image_file, open_video
 from edgetree.errors import InputError
 from edgetree.frames.rig import Rig
 
@@ -78,7 +79,8 @@ def open_source(
         rig: cameras and depth unit. By default, depth is in millimetres and aligned with the image.
 
     Returns:
-        The frames. Images are read during iteration, which may raise `InputError`.
+        The frames. Images are read during iteration, which may raise `InputError` or `CalibError`
+        for a frame and then go on with the next one.
 
     Raises:
         InputError: a file is missing or has another format.
@@ -90,7 +92,7 @@ def open_source(
         raise InputError(
             f"source {as_typed(path)} does not exist: expected an image, a folder or a video"
         )
-    if path.suffix.lower() in IMAGE_SUFFIXES or cv2.haveImageReader(str(path)):
+    if path.suffix.lower() in IMAGE_SUFFIXES or is_image_file(path):
         if depth is not None and not depth.is_file():
             raise InputError(f"depth {depth} is not a file: expected the depth image of {path}")
         return _ImageFrames([(path.stem, path, depth)], depth_only, rig)
@@ -120,7 +122,8 @@ def read_image(path: Path) -> NDArray[np.uint8]:
         data = np.fromfile(path, dtype=np.uint8)
     except OSError as error:
         raise InputError(f"image {path} cannot be read ({error.strerror}): {expected}") from error
-    image = None if is_cut_off(data) else cv2.imdecode(data, cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR)
+    flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR
+    image = None if is_cut_off(data) else decode_image(data, flags)
     if image is None:
         raise InputError(f"image {path} cannot be read ({data.size} bytes): {expected}")
     if image.dtype != np.uint8:
@@ -152,16 +155,17 @@ class _ImageFrames:
         return len(self._files)
 
     def __iter__(self) -> Iterator[Frame]:
-        for name, path, depth in self._files:
-            if self._depth_only:
-                yield Frame(name, path, None, *self._rig.read_depth(depth or path))
-                continue
-            image = read_image(path)
-            if depth is None:
-                yield Frame(name, path, image)
-                continue
-            size_px = (image.shape[1], image.shape[0])
-            yield Frame(name, path, image, *self._rig.read_depth(depth, path, size_px))
+        return map(self._read, self._files)  # which, unlike a generator, goes on after an error
+
+    def _read(self, files: tuple[str, Path, Path | None]) -> Frame:
+        name, path, depth = files
+        if self._depth_only:
+            return Frame(name, path, None, *self._rig.read_depth(depth or path))
+        image = read_image(path)
+        if depth is None:
+            return Frame(name, path, image)
+        size_px = (image.shape[1], image.shape[0])
+        return Frame(name, path, image, *self._rig.read_depth(depth, path, size_px))
 
 
 class _FolderFrames(_ImageFrames):
@@ -175,11 +179,6 @@ class _FolderFrames(_ImageFrames):
         )
         if not paths:
             raise InputError(f"folder {folder} has no images: expected {', '.join(IMAGE_SUFFIXES)}")
-        for path in paths:
-            if not cv2.haveImageReader(str(path)):
-                raise InputError(
-                    f"image {path} cannot be read: expected an image that OpenCV reads"
-                )
         stems = [path.stem for path in paths]
         names = [path.stem if stems.count(path.stem) == 1 else path.name for path in paths]
         files = _depth_files(paths, depth)
@@ -235,7 +234,7 @@ class _Capture:
     """An open video."""
 
     def __init__(self, path: Path) -> None:
-        self.video = cv2.VideoCapture(str(path))
+        self.video = open_video(path)
         # The suffix is checked too, because OpenCV opens even text files as videos.
         if path.suffix.lower() not in VIDEO_SUFFIXES or not self.video.isOpened():
             raise InputError(

@@ -20,7 +20,7 @@ from edgetree.measure import Estimate
 from edgetree.report.page import figure, page_end, page_start, plot_tiles, tiles
 from edgetree.report.tree_table import class_chart, reason_table, tree_row, tree_table
 from edgetree.report.units import length_attributes, unit_buttons
-from edgetree.results.atomic_files import replacing
+from edgetree.results.atomic_files import text_file
 from edgetree.results.csv_table import measurements_of
 from edgetree.results.pictures import draw_frame
 from edgetree.results.text_table import failure_reasons
@@ -51,8 +51,10 @@ def report_file(
         InputError: the file cannot be written.
     """
     with (
-        replacing(path) as temporary,
-        tempfile.TemporaryFile("w+", encoding="utf-8", dir=path.parent) as figures,
+        text_file(path) as page,
+        tempfile.TemporaryFile(
+            "w+", encoding="utf-8", errors="backslashreplace", dir=path.parent
+        ) as figures,
     ):
         totals = _Totals()
 
@@ -61,12 +63,11 @@ def report_file(
 
         yield add
         figures.seek(0)
-        with temporary.open("w", encoding="utf-8") as page:
-            page.write(page_start(f"Trees in {source}"))
-            page.write(totals.summary(source, trees_from))
-            shutil.copyfileobj(figures, page)
-            page.write(totals.tables())
-            page.write(page_end("report.js"))
+        page.write(page_start(f"Trees in {source}"))
+        page.write(totals.summary(source, trees_from))
+        shutil.copyfileobj(figures, page)
+        page.write(totals.tables())
+        page.write(page_end("report.js"))
 
 
 class _Totals:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import secrets
+import io
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TextIO
+from typing import BinaryIO, TextIO
 
 from calib import writing
 from edgetree.errors import InputError
@@ -48,38 +48,42 @@ def _frames_in(folder: Path) -> list[Path]:
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
-    """Yield a temporary path next to `path`, which replaces `path` if the block succeeds.
+def replacing(path: Path) -> Iterator[BinaryIO]:
+    """Yield a file to write, which replaces `path` if the block succeeds.
 
-    Before the block, it is checked that the file can be created. If the block raises, the
-    temporary file is removed and `path` is left unchanged.
+    It is created before the block. If the block raises, `path` is left unchanged.
 
     Raises:
-        InputError: the file cannot be created.
+        InputError: the file cannot be created or written.
     """
     if path.is_dir():
         raise InputError(f"{path} is a folder: expected the name of a file to write")
-    unique = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
-    with writing.replacing(path, unique) as temporary:
-        try:
-            temporary.touch(exist_ok=False)
-            temporary.unlink()
-        except OSError as error:
-            raise InputError(
-                f"{path} cannot be written ({error.strerror}):"
-                " expected a file in an existing, writable folder"
-            ) from error
-        yield temporary
+    try:
+        with writing.replacing(path) as stream:
+            yield stream
+    except OSError as error:
+        if error.filename != str(path):
+            raise
+        raise InputError(
+            f"{path} cannot be written ({error.strerror}):"
+            " expected a file in an existing, writable folder with space for it"
+        ) from error
 
 
 @contextmanager
 def text_file(path: Path) -> Iterator[TextIO]:
-    """Open a text file as in `replacing`. Line ends are not translated."""
-    with (
-        replacing(path) as temporary,
-        temporary.open("w", encoding="utf-8", newline="") as stream,
-    ):
-        yield stream
+    r"""Open a UTF-8 text file as in `replacing`. Line ends are not translated.
+
+    Bytes of file names that are not UTF-8 are spelled out: `\udcff` for the byte ff.
+    """
+    with replacing(path) as stream:
+        text = io.TextIOWrapper(stream, "utf-8", "backslashreplace", newline="")
+        try:
+            yield text
+            text.flush()
+        finally:
+            with suppress(OSError, InputError):
+                text.detach()  # or it would close the file
 
 
 @contextmanager

@@ -70,6 +70,6 @@ def write_picture(folder: Path, result: FrameResult) -> Path:
     """
     path = folder / f"{result.frame.name}_trees.jpg"
     data = encode_picture(draw_frame(result), path.suffix)
-    with replacing(path) as temporary:
-        temporary.write_bytes(data)
+    with replacing(path) as file:
+        file.write(data)
     return path

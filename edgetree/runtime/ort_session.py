@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+from calib.file_names import is_utf8
 from edgetree.errors import InputError, ModelFileError
 from edgetree.runtime.providers import (
     AUTO,
@@ -75,7 +76,7 @@ def _start(path: Path, provider: Provider, settings: SessionSettings, threads: i
         asked.append((PROVIDERS[CPU].ort_name, {}))
     try:
         session = onnxruntime.InferenceSession(
-            str(path),
+            str(path) if is_utf8(path) else path.read_bytes(),
             sess_options=_options(onnxruntime, provider, settings, threads),
             providers=asked,
             enable_fallback=0,

@@ -81,7 +81,7 @@ def show(
     """Draw pages of labelled frames: boxes, mask outlines, keypoints."""
     import cv2
 
-    from calib.writing import write_whole
+    from calib.writing import write_image
     from perceptree.data import SPLITS
     from perceptree.data.dataset import read_labels
     from perceptree.data.layouts import find_labels, find_splits
@@ -110,7 +110,7 @@ def show(
     chosen = choose_frames(datasets, pages * per_page, seed)
     for number, page in enumerate(labelled_pages(chosen, per_page), start=1):
         path = out / f"page_{number:03d}.jpg"
-        write_whole(path, bytes(cv2.imencode(".jpg", page, [cv2.IMWRITE_JPEG_QUALITY, 90])[1]))
+        write_image(path, page, [cv2.IMWRITE_JPEG_QUALITY, 90])
         typer.echo(str(path))
 
 
@@ -123,7 +123,7 @@ def compare(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Compare real with simulated images: colour, contrast, sharpness, edges, texture."""
-    from calib.writing import write_whole
+    from calib.writing import write_text
     from perceptree.data.likeness import compare_pictures, find_pictures
     from perceptree.data.likeness_page import likeness_page
 
@@ -135,7 +135,7 @@ def compare(
         length=len(taken) + len(drawn), label="comparing", file=sys.stderr, hidden=not shown
     ) as bar:
         comparison = compare_pictures(taken, drawn, bar.update)
-    write_whole(out, likeness_page(comparison).encode())
+    write_text(out, likeness_page(comparison))
     if as_json:
         typer.echo(json.dumps(comparison.to_dict() | {"page": str(out)}))
         return

@@ -5,11 +5,15 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from perceptree.commands.progress import say
 from perceptree.errors import DatasetError, SettingsError
+
+if TYPE_CHECKING:
+    from calib import CocoLabels
 
 _LABELS_FILE = "labels.json"
 _BATCH = 4
@@ -44,9 +48,9 @@ def predict(
     """Detect trees in a folder of images, for review and correction in a labelling tool.
 
     Writes each image with the detections drawn on it, and one COCO file with boxes, masks and
-    keypoints for labelling tools.
+    keypoints for labelling tools. Files that cannot be read are left out, and the exit code is 1.
     """
-    from calib.writing import write_whole
+    from calib.interrupts import interrupt_afterwards
     from perceptree.evaluation import on_device, predict_with, report_folder
     from perceptree.evaluation.pictures import (
         add_labels,
@@ -67,18 +71,40 @@ def predict(
     names = _drawing_names(paths)
     report_folder(out)
     labels = new_labels(checkpoint.name, score, runs)
-    trees = 0
-    found = detect_pictures(predict_with(model), model.spec, paths, score, _BATCH)
+    left_out: list[str] = []
+
+    def leave_out(error: Exception) -> None:
+        left_out.append(str(error))
+        say(f"left out: {error}")
+
+    found = detect_pictures(predict_with(model), model.spec, paths, score, _BATCH, leave_out)
     shown = sys.stderr.isatty() and not as_json
-    with typer.progressbar(
-        found, length=len(paths), label="detecting", file=sys.stderr, hidden=not shown
-    ) as pictures:
-        for picture in pictures:
-            add_labels(labels, picture)
-            write_drawing(picture, out / names[picture.path])
-            trees += len(picture.trees.scores)
-    write_whole(out / _LABELS_FILE, json.dumps(labels.to_dict(), allow_nan=False).encode())
-    _print_result(len(paths), trees, folder, out, as_json)
+    trees = 0
+    try:
+        with typer.progressbar(
+            found, length=len(paths), label="detecting", file=sys.stderr, hidden=not shown
+        ) as pictures:
+            for picture in pictures:
+                with interrupt_afterwards():
+                    add_labels(labels, picture)
+                    write_drawing(picture, out / names[picture.path])
+                    trees += len(picture.trees.scores)
+    except KeyboardInterrupt:
+        _write_labels(labels, out)
+        raise
+    if len(left_out) == len(paths):
+        raise DatasetError(f"{folder}: no image can be read, expected one of the model's modality")
+    _write_labels(labels, out)
+    _print_result(len(paths) - len(left_out), trees, folder, out, as_json)
+    if left_out:
+        say(f"{len(left_out)} of {len(paths)} images left out, see above")
+        raise typer.Exit(1)
+
+
+def _write_labels(labels: CocoLabels, out: Path) -> None:
+    from calib.writing import write_text
+
+    write_text(out / _LABELS_FILE, json.dumps(labels.to_dict(), allow_nan=False))
 
 
 def _drawing_names(paths: list[Path]) -> dict[Path, str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 import typer
@@ -15,8 +15,9 @@ if TYPE_CHECKING:
 
 
 def say(line: str) -> None:
-    """Print a message for the user to stderr."""
-    typer.echo(f"perceptree: {line}", err=True)
+    """Print a message for the user to stderr, if it can be written."""
+    with suppress(OSError):
+        typer.echo(f"perceptree: {line}", err=True)
 
 
 @contextmanager

@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-import shutil
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -22,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.writing import replacing_folder
 from perceptree.data.coco import FrameRecord
 from perceptree.data.frames import Sample, load_sample, source_path
 from perceptree.errors import DatasetError
@@ -189,10 +188,7 @@ def _build(
 ) -> None:
     """Write to a temporary folder next to ``folder``, then rename it."""
     folder.parent.mkdir(parents=True, exist_ok=True)
-    partial_folder = folder.with_name(f"{folder.name}.{os.getpid()}.part")
-    shutil.rmtree(partial_folder, ignore_errors=True)
-    partial_folder.mkdir()
-    try:
+    with replacing_folder(folder) as partial_folder:
         writer = _Writer(partial_folder, spec)
         for done, (frame, outcome) in enumerate(_load_in_order(frames, spec), start=1):
             try:
@@ -203,10 +199,6 @@ def _build(
                 writer.skipped.append(Skipped(frame.image_path.name, str(error)))
             progress(done, len(frames))
         writer.finish(key)
-        shutil.rmtree(folder, ignore_errors=True)
-        os.replace(partial_folder, folder)
-    finally:
-        shutil.rmtree(partial_folder, ignore_errors=True)
 
 
 def _load_in_order(

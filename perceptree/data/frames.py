@@ -13,6 +13,7 @@ import torch
 from numpy.typing import NDArray
 
 from calib import Letterbox
+from calib.reading import read_image
 from perceptree.data.coco import FrameRecord
 from perceptree.errors import DatasetError
 from perceptree.models import ModelSpec, TreeTargets
@@ -147,7 +148,7 @@ def read_frame(frame: FrameRecord, modality: str) -> NDArray[np.uint8]:
     """
     path = source_path(frame, modality)
     flag = cv2.IMREAD_COLOR if modality == "rgb" else cv2.IMREAD_UNCHANGED
-    image = cv2.imread(str(path), flag) if path.is_file() else None
+    image = read_image(path, flag)
     if image is None:
         raise DatasetError(f"{path}: missing or not a readable image, expected one")
     if image.shape[:2] != (frame.height, frame.width):

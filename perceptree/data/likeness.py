@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.reading import read_image
 from perceptree.errors import DatasetError
 
 Float = NDArray[np.floating[Any]]
@@ -133,7 +134,7 @@ def read_small(path: Path) -> Picture:
     Raises:
         DatasetError: If the file cannot be read.
     """
-    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    image = read_image(path)
     if image is None:
         raise DatasetError(f"{path}: not a readable image, expected one")
     height = round(image.shape[0] * _WIDTH_PX / image.shape[1])

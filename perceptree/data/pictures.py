@@ -12,6 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from calib.reading import read_image
 from perceptree.data.layouts import SPLIT_WORDS, LabelFile, words
 
 _SAMPLED_IMAGES = 3
@@ -55,7 +56,7 @@ class Pictures:
         for rule in _depth_rules(self._root) if pictures else ():
             if all((found := rule(path)) != path and found.is_file() for path in pictures):
                 first = rule(pictures[0])
-                image = cv2.imread(str(first), cv2.IMREAD_UNCHANGED)
+                image = read_image(first, cv2.IMREAD_UNCHANGED)
                 if image is not None and image.dtype == np.uint8 and image.ndim == 2:
                     self._depth8 = rule
                     self.notes = (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pycocotools import mask as coco_mask
 
-from calib import CocoLabels, DepthEncoding, Letterbox, encode_depth, read_depth
-from calib.writing import write_whole
+from calib import CalibError, CocoLabels, DepthEncoding, Letterbox, encode_depth, read_depth
+from calib.reading import read_image
+from calib.writing import write_image
 from perceptree.data.likeness import IMAGE_SUFFIXES
 from perceptree.drawing import Picture, draw_trees, with_caption
 from perceptree.errors import DatasetError
@@ -81,7 +82,12 @@ def find_pictures(folder: Path) -> list[Path]:
 
 
 def detect_pictures(
-    predict: Predict, spec: ModelSpec, paths: list[Path], score: float, batch: int
+    predict: Predict,
+    spec: ModelSpec,
+    paths: list[Path],
+    score: float,
+    batch: int,
+    on_error: Callable[[Exception], None],
 ) -> Iterator[FoundTrees]:
     """Detect trees in images.
 
@@ -91,18 +97,19 @@ def detect_pictures(
         paths: Image files.
         score: Smallest score to keep.
         batch: Batch size.
+        on_error: Called with the error of each file that is not a readable image of the model's
+            modality; the image is left out.
 
     Yields:
         The trees of each image, highest score first.
-
-    Raises:
-        DatasetError: If a file is not a readable image of the model's modality.
-        DepthError: If a depth image has an unsupported type.
     """
     pending: deque[_Read] = deque()
 
     def images() -> Iterator[tuple[NDArray[np.uint8], Letterbox]]:
-        for read in read_ahead(lambda path: _read(path, spec), paths):
+        for read in read_ahead(lambda path: _read_or_error(path, spec), paths):
+            if isinstance(read, Exception):
+                on_error(read)
+                continue
             pending.append(read)
             yield read.image, read.letterbox
 
@@ -119,6 +126,13 @@ def _above(found: FramePrediction, score: float) -> FramePrediction:
         None if found.keypoints is None else found.keypoints[kept],
         None if found.masks is None else [found.masks[row] for row in kept],
     )
+
+
+def _read_or_error(path: Path, spec: ModelSpec) -> _Read | DatasetError | CalibError:
+    try:
+        return _read(path, spec)
+    except (DatasetError, CalibError) as error:
+        return error
 
 
 def _read(path: Path, spec: ModelSpec) -> _Read:
@@ -146,10 +160,7 @@ def _read_depth(path: Path, encoding: DepthEncoding) -> NDArray[np.uint8]:
 
 
 def _decoded(path: Path, flag: int) -> NDArray[Any]:
-    try:
-        image = cv2.imread(str(path), flag)
-    except cv2.error:
-        image = None
+    image = read_image(path, flag)
     if image is None:
         raise DatasetError(f"{path}: not a readable image, expected one")
     return image
@@ -191,5 +202,4 @@ def write_drawing(found: FoundTrees, path: Path) -> None:
     )
     scores = ", ".join(f"{score:.2f}" for score in trees.scores)
     drawn = with_caption(drawn, f"{found.path.name}: {len(trees.scores)} trees  {scores}")
-    data = cv2.imencode(".jpg", drawn, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1]
-    write_whole(path, data.tobytes())
+    write_image(path, drawn, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from calib.writing import write_whole
+from calib.writing import write_text
 from perceptree.data import FrameStore
 from perceptree.errors import DatasetError
 from perceptree.evaluation.figures import About, figures_of
@@ -43,8 +43,8 @@ class Report:
 
         text = json.dumps(self.figures, indent=1, allow_nan=False)
         page = report_page(self)
-        write_whole(folder / JSON_FILE, text.encode())
-        write_whole(folder / PAGE_FILE, page.encode())
+        write_text(folder / JSON_FILE, text)
+        write_text(folder / PAGE_FILE, page)
         return folder / PAGE_FILE
 
 

@@ -11,6 +11,7 @@ import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 
+from calib.file_names import is_utf8
 from calib.writing import replacing
 from perceptree.errors import CheckpointError
 from perceptree.models.detector import TreeRCNN
@@ -36,8 +37,8 @@ def save_checkpoint(path: str | Path, model: TreeRCNN, training: dict[str, Any])
     tensors = {name: value.contiguous() for name, value in model.state_dict().items()}
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(path) as beside:
-            beside.write_bytes(save(tensors, metadata={METADATA_KEY: json.dumps(record)}))
+        with replacing(path) as file:
+            file.write(save(tensors, metadata={METADATA_KEY: json.dumps(record)}))
     except OSError as error:
         raise CheckpointError(f"{path}: cannot be written ({error.strerror or error})") from error
 
@@ -70,6 +71,8 @@ def load_checkpoint(path: str | Path) -> tuple[TreeRCNN, dict[str, Any]]:
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, torch.Tensor]]:
     if not path.is_file():
         raise CheckpointError(f"{path}: no such file, expected a .safetensors checkpoint")
+    if not is_utf8(path):
+        raise CheckpointError(f"{path}: its path is not UTF-8, expected another name")
     try:
         with safe_open(path, framework="pt") as file:
             text = (file.metadata() or {}).get(METADATA_KEY)

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from calib.writing import write_whole
+from calib.writing import write_text
 from perceptree.errors import CheckpointError, SettingsError
 from perceptree.tables.page import markdown
 from perceptree.tables.paper import TABLE_MEASURES
@@ -72,8 +72,8 @@ def build_table(
         results[model].append(make_result(settings, model, seed, opened, out, engine, watch))
         record = record_of(settings, results)
         known["tables"][str(settings.table)] = record
-        write_whole(out / JSON_FILE, json.dumps(known, indent=1).encode())
-        write_whole(out / PAGE_FILE, markdown(known["tables"]).encode())
+        write_text(out / JSON_FILE, json.dumps(known, indent=1))
+        write_text(out / PAGE_FILE, markdown(known["tables"]))
     return record
 
 

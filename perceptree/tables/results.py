@@ -12,7 +12,7 @@ from typing import Any
 
 import torch
 
-from calib.writing import write_whole
+from calib.writing import write_text
 from perceptree.data import FrameStore
 from perceptree.data.coco import FrameRecord
 from perceptree.data.dataset import Dataset, read_dataset
@@ -167,7 +167,7 @@ def make_result(
         result = {"schema": _SCHEMA, "training": wanted, "made": made}
     metrics = _score(folder / "best.safetensors", data.test, engine.device, watch)
     result |= {"test": data.test_identity, "metrics": metrics}
-    write_whole(folder / RESULT_FILE, json.dumps(result, indent=1).encode())
+    write_text(folder / RESULT_FILE, json.dumps(result, indent=1))
     return result
 
 

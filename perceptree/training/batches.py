@@ -172,8 +172,9 @@ def prefetch_one(batches: Iterator[Batch]) -> Iterator[Batch]:
 
 
 def _start_worker(number: int) -> None:
-    """Use one thread, and leave Ctrl-C to the main process."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Use one thread, and leave Ctrl-C and SIGTERM to the main process."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
     torch.set_num_threads(1)
     cv2.setNumThreads(0)
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import torch
 
+from calib.file_names import is_utf8
 from perceptree.errors import CheckpointError, SettingsError
 from perceptree.evaluation import Metrics
 from perceptree.models import ModelSpec, TreeRCNN
@@ -58,6 +59,11 @@ def train(
     engine = engine or Engine()
     if engine.device == "cuda" and not torch.cuda.is_available():
         raise SettingsError("device is cuda, but there is no GPU: expected cpu")
+    if not is_utf8(out):
+        raise CheckpointError(
+            f"{out}: its path is not UTF-8, which checkpoints and TensorBoard's log need: expected"
+            " another folder"
+        )
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -1,15 +1,11 @@
-"""Save and read the state of a training, and delay an interrupt to the end of a step."""
+"""Save and read the state of a training."""
 
 from __future__ import annotations
 
-import contextlib
 import json
 import pickle
-import signal
-import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 import torch
@@ -38,10 +34,18 @@ def write_state(path: Path, state: Mapping[str, Any], identity: Identity) -> Non
     """
     record = {"version": _VERSION, "identity": json.dumps(identity)}
     try:
-        with replacing(path) as beside:
-            torch.save({**state, **record}, beside)
+        with replacing(path) as file:
+            torch.save({**state, **record}, file)
     except (OSError, RuntimeError) as error:  # torch reports a full disk as RuntimeError
-        raise CheckpointError(f"{path}: cannot be written ({error})") from error
+        raise CheckpointError(f"{path}: cannot be written ({_reason(error)})") from error
+
+
+def _reason(error: BaseException) -> str:
+    """Why writing failed: the system's reason if there is one."""
+    cause: BaseException | None = error
+    while cause is not None and not isinstance(cause, OSError):
+        cause = cause.__cause__ or cause.__context__
+    return str(error) if cause is None else str(cause.strerror or cause)
 
 
 def read_state(path: Path, identity: Identity, defaults: Identity | None = None) -> dict[str, Any]:
@@ -79,29 +83,3 @@ def read_state(path: Path, identity: Identity, defaults: Identity | None = None)
                 " expected the same to resume it, or another output folder"
             )
     return dict(state)
-
-
-@contextlib.contextmanager
-def interrupt_afterwards() -> Iterator[None]:
-    """Delay KeyboardInterrupt to the end of the block; a second Ctrl-C interrupts at once.
-
-    Has no effect outside the main thread, where Python delivers no signals.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    pressed = False
-
-    def remember(number: int, frame: FrameType | None) -> None:
-        nonlocal pressed
-        if pressed:
-            raise KeyboardInterrupt
-        pressed = True
-
-    before = signal.signal(signal.SIGINT, remember)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-    if pressed:
-        raise KeyboardInterrupt

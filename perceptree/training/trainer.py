@@ -13,6 +13,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.parallel import DistributedDataParallel
 
+from calib.interrupts import interrupt_afterwards
 from perceptree.errors import DatasetError, SettingsError
 from perceptree.evaluation import Metrics, evaluate, predict_with
 from perceptree.models import ModelSpec, TreeRCNN, save_checkpoint
@@ -31,7 +32,7 @@ from perceptree.training.run_log import RunLog
 from perceptree.training.schedule import learning_rate
 from perceptree.training.settings import Engine, TrainSettings
 from perceptree.training.source import TrainingData
-from perceptree.training.state import STATE_NAME, interrupt_afterwards
+from perceptree.training.state import STATE_NAME
 
 _SECONDS_PER_MINUTE = 60.0
 _LOG_EVERY_STEPS = 50

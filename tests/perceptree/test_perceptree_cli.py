@@ -1,6 +1,7 @@
 """The perceptree command line: JSON output, errors in one line, next steps."""
 
 import json
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -86,6 +87,31 @@ def test_an_interrupted_training_says_how_to_continue(
     assert (code, printed) == (130, "")
     assert told == "perceptree: interrupted; run the same command again to resume\n"
     assert (tmp_path / "run/state.pt").is_file()
+
+
+def test_a_terminated_training_saves_its_state(
+    call: Call, posts: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from perceptree.commands import train as command
+
+    def terminate(*_: object) -> None:
+        signal.raise_signal(signal.SIGTERM)
+
+    monkeypatch.setattr(command.TrainingBar, "__call__", terminate)
+    size = ("--height", 64, "--width", 128, "--no-masks", "--no-keypoints")
+    out = tmp_path / "run"
+    code, printed, told = call("train", posts, "--out", out, *size, "--steps", 3)
+    assert (code, printed) == (143, "")
+    assert told == "perceptree: interrupted; run the same command again to resume\n"
+    assert (out / "state.pt").is_file()
+    assert not list(out.glob(".*"))
+    assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+
+
+def test_the_two_command_lines_share_their_process() -> None:
+    root = Path(__file__).parents[2]
+    one, two = (root / name / "process.py" for name in ("edgetree", "perceptree"))
+    assert one.read_text("utf-8") == two.read_text("utf-8")
 
 
 MISTAKES = {

@@ -2,8 +2,9 @@
 
 import json
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,6 +13,7 @@ import torch
 
 import calib
 from perceptree.data import read_split
+from perceptree.evaluation import pictures as evaluation_pictures
 from perceptree.keypoints import KEYPOINT_NAMES
 from perceptree.models import TreeRCNN, make_spec, save_checkpoint
 
@@ -160,5 +162,29 @@ def test_invalid_images_are_named(
     assert "a.jpg: a colour image, expected depth for this model: one channel, 16-bit" in told
     (pictures / "broken.jpg").write_bytes(b"no picture at all")
     code, _, told = call("predict", checkpoints["rgb"], pictures, "--out", tmp_path / "o")
-    assert code == 2
+    assert code == 1
     assert "broken.jpg: not a readable image" in told
+    assert told.endswith("1 of 4 images left out, see above\n")
+    labels = json.loads((tmp_path / "o" / "labels.json").read_text())
+    assert [image["file_name"] for image in labels["images"]] == ["a.jpg", "a.png", "b.png"]
+
+
+def test_an_interrupt_keeps_the_labels_so_far(
+    call: Call,
+    checkpoints: dict[str, Path],
+    pictures: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    found = evaluation_pictures.detect_pictures
+
+    def interrupted(*arguments: Any) -> Iterator[Any]:
+        yield next(found(*arguments))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(evaluation_pictures, "detect_pictures", interrupted)
+    out = tmp_path / "out"
+    assert call("predict", checkpoints["rgb"], pictures, "--out", out)[0] == 130
+    labels = json.loads((out / "labels.json").read_text())
+    assert [image["file_name"] for image in labels["images"]] == ["a.jpg"]
+    assert (out / "a.jpg_trees.jpg").is_file()

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.reading import decode_image
 from perceptree.data.coco import FrameRecord
 
 Signature = NDArray[np.uint64]
@@ -73,11 +74,8 @@ def _read(path: Path, flag: int) -> tuple[NDArray[Any] | None, str]:
         return None, "missing"
     if not data or not _is_whole(data):
         return None, "broken"
-    try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), flag)
-    except cv2.error:
-        image = None
-    return (None, "broken") if image is None else (np.asarray(image), "")
+    image = decode_image(data, flag)
+    return (None, "broken") if image is None else (image, "")
 
 
 def _is_whole(data: bytes) -> bool:

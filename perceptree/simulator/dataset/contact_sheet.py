@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pycocotools import mask as coco_mask
 
 from calib import opencv_to_image
+from calib.reading import read_image
 from perceptree.drawing import Picture, draw_trees, fitted, grid, with_caption
 from perceptree.errors import DatasetError
 from perceptree.simulator.dataset.storage import encode_jpeg, write_atomically
@@ -108,7 +109,7 @@ def _caption(image: dict[str, Any]) -> str:
 
 
 def _read(path: Path, flag: int) -> NDArray[Any]:
-    image = cv2.imread(str(path), flag)
+    image = read_image(path, flag)
     if image is None:
         raise DatasetError(f"{path}: missing or not a readable image; remove it to have it redrawn")
     return image

@@ -8,6 +8,7 @@ import json
 import math
 import os
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -100,8 +101,10 @@ def generate_dataset(
     jobs = _jobs(directory, frames, settings, seed, files)
     try:
         _prepare(directory, settings, seed, files)
-        _render_missing(jobs, workers or os.cpu_count() or 1, progress)
-        remove_leftovers(directory)
+        try:
+            _render_missing(jobs, workers or os.cpu_count() or 1, progress)
+        finally:
+            remove_leftovers(directory)
         return _collect(directory, jobs, settings)
     except OSError as error:
         raise storage_error(error, directory) from error
@@ -163,9 +166,10 @@ def _render_missing(jobs: list[SceneJob], workers: int, progress: Progress) -> N
     missing = [job for job in jobs if not job.records()]
     done = frames - sum(job.views for job in missing)
     progress(done, frames)
-    for drawn in draw_scenes(missing, workers):
-        done += drawn
-        progress(done, frames)
+    with closing(draw_scenes(missing, workers)) as scenes:
+        for drawn in scenes:
+            done += drawn
+            progress(done, frames)
 
 
 def _collect(directory: Path, jobs: list[SceneJob], settings: SimulatorSettings) -> SynthReport:

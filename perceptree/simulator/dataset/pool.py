@@ -11,7 +11,7 @@ import multiprocessing.connection
 import os
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from typing import TYPE_CHECKING
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 _assets: Assets | None = None
 
 
-def draw_scenes(jobs: list[SceneJob], workers: int) -> Iterator[int]:
+def draw_scenes(jobs: list[SceneJob], workers: int) -> Generator[int]:
     """Simulate scenes and write their files.
 
     Args:
@@ -42,10 +42,12 @@ def draw_scenes(jobs: list[SceneJob], workers: int) -> Iterator[int]:
     if not jobs:
         return
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(min(workers, len(jobs)), context, _start_worker) as pool:
-        with _interrupts_held():
-            pending = [pool.submit(_draw, job) for job in jobs]
+    ended, running = context.Pipe(duplex=False)
+    count = min(workers, len(jobs))
+    with ended, running, ProcessPoolExecutor(count, context, _start_worker, (ended,)) as pool:
         try:
+            with _interrupts_held():
+                pending = [pool.submit(_draw, job) for job in jobs]
             for done in as_completed(pending):
                 yield done.result()
         except BrokenProcessPool as error:
@@ -54,6 +56,9 @@ def draw_scenes(jobs: list[SceneJob], workers: int) -> Iterator[int]:
                 " finished scenes are kept: run the same command again to resume, with fewer"
                 " --workers if it happens again"
             ) from error
+        except BaseException:
+            running.close()  # ends the processes, which need not finish their scenes
+            raise
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
 
@@ -71,7 +76,9 @@ def _interrupts_held() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _start_worker() -> None:
+def _start_worker(ended: multiprocessing.connection.Connection) -> None:
+    threading.Thread(target=_end_with_parent, args=(ended,), daemon=True).start()
+
     import cv2
     import numba
 
@@ -82,17 +89,16 @@ def _start_worker() -> None:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-    threading.Thread(target=_end_with_parent, daemon=True).start()
     numba.set_num_threads(1)
     cv2.setNumThreads(1)
     _assets = make_assets()
 
 
-def _end_with_parent() -> None:
-    """End this process when its parent process ends, even if that was killed."""
+def _end_with_parent(ended: multiprocessing.connection.Connection) -> None:
+    """End this process when its parent process closes the pipe or ends, even if it was killed."""
     parent = multiprocessing.parent_process()
     assert parent is not None
-    multiprocessing.connection.wait([parent.sentinel])
+    multiprocessing.connection.wait([parent.sentinel, ended])
     os._exit(1)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import os
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.writing import replacing
+from calib import writing
 from perceptree.errors import DatasetError
 
 FRAME_FOLDERS = ("images", "depth", "depth8", "depth_exact")
@@ -19,7 +18,6 @@ IMU_FOLDER = "imu"
 SCENE_FOLDER = "scenes"
 SETTINGS_FILE = "settings.json"
 
-_PART = ".part"
 _PNG_LEVEL = 4
 _FLAT_PNG_LEVEL = 6
 _OUT_OF_SPACE = (errno.ENOSPC, errno.EDQUOT)
@@ -31,21 +29,14 @@ def write_atomically(path: Path, data: bytes) -> None:
     Raises:
         OSError: If the file cannot be written; it has the name of the file.
     """
-    try:
-        with replacing(path, path.with_name(f"{path.name}.{os.getpid()}{_PART}")) as beside:
-            beside.write_bytes(data)
-    except OSError as error:
-        raise OSError(error.errno, os.strerror(error.errno or errno.EIO), str(path)) from error
+    with writing.replacing(path) as file:
+        file.write(data)
 
 
 def remove_leftovers(directory: Path) -> None:
     """Remove the temporary files of a killed run."""
-    for folder in (
-        directory,
-        *(directory / name for name in (*FRAME_FOLDERS, SCENE_FOLDER, IMU_FOLDER)),
-    ):
-        for leftover in sorted(folder.glob(f"*{_PART}")):
-            leftover.unlink(missing_ok=True)
+    for name in (".", *FRAME_FOLDERS, SCENE_FOLDER, IMU_FOLDER):
+        writing.remove_leftovers(directory / name)
 
 
 def storage_error(error: OSError, directory: Path) -> DatasetError:

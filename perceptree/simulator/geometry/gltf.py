@@ -77,8 +77,8 @@ def write_gltf(path: Path, mesh: SceneMesh, nodes: Sequence[Node], textures: Tex
     """
     data = gltf_bytes(mesh, nodes, textures)
     try:
-        with replacing(path) as beside:
-            beside.write_bytes(data)
+        with replacing(path) as file:
+            file.write(data)
     except OSError as error:
         reason = os.strerror(error.errno or 0)
         raise DatasetError(f"{path}: cannot be written ({reason})") from error

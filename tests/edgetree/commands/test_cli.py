@@ -5,10 +5,8 @@ from __future__ import annotations
 import dataclasses
 import json
 import re
-import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
@@ -157,30 +155,6 @@ def test_an_interrupt_is_one_line_and_leaves_no_files(
     assert done == (130, "", "edgetree: interrupted\n")
     assert not jsonl.exists()
     assert not out.exists()
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT to send")
-def test_a_real_interrupt_leaves_no_files(model: Path, images: Path, tmp_path: Path) -> None:
-    for number in range(200):
-        (images / f"c{number}.jpg").write_bytes((images / "a.jpg").read_bytes())
-    out, jsonl = tmp_path / "out", tmp_path / "trees.jsonl"
-    command = [sys.executable, "-c", MAIN, "run", images, "--model", model]
-    process = subprocess.Popen(
-        [*map(str, command), "--out", str(out), "--jsonl", str(jsonl)],
-        stderr=subprocess.PIPE,
-        text=True,
-        # A test runner in the background ignores the signal, which child processes inherit.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    )
-    while process.poll() is None and not (out.is_dir() and list(out.glob("*.jpg"))):
-        time.sleep(0.01)
-    process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=30)
-    assert (process.returncode, errors) == (130, "edgetree: interrupted\n")
-    assert not jsonl.exists()
-    assert not list(tmp_path.glob(".*"))
-    pictures = [path for path in out.iterdir() if cv2.imread(str(path)) is not None]
-    assert sorted(pictures) == sorted(out.iterdir()), "only whole pictures are left"
 
 
 def test_an_interrupt_reported_by_typer_is_one_line(

@@ -35,7 +35,7 @@ BAD_INPUTS = {
     ),
     "a folder without images": ("run empty --model model.onnx", "empty has no images: expected"),
     "a broken image among good ones": (
-        "run mixed --model model.onnx --out out --jsonl lines.jsonl",
+        "run mixed --model model.onnx --jsonl lines.jsonl --report r.html --strict-frames",
         r"mixed.b\.png cannot be read.*expected",
     ),
     "a missing model": ("run images --model none.onnx", r"none\.onnx does not exist: expected"),

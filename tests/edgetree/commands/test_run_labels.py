@@ -67,7 +67,8 @@ def test_a_failed_run_keeps_the_old_labels(
     labels = tmp_path / "labels.json"
     labels.write_text("corrected by hand")
     (images / "c.jpg").write_bytes(b"no picture")
-    assert run_cli("run", images, "--model", model, "--coco", labels).code == 2
+    options = ("--model", model, "--coco", labels, "--strict-frames")
+    assert run_cli("run", images, *options).code == 2
     assert labels.read_text() == "corrected by hand"
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 import calib
 from edgetree.errors import InputError
+from edgetree.frames.pipeline import readable
 from edgetree.frames.sources import open_source, read_image
 
 
@@ -140,11 +141,20 @@ def test_a_folder_without_images_is_named(tmp_path: Path) -> None:
         open_source(tmp_path)
 
 
-def test_a_folder_with_a_broken_image_is_rejected_in_advance(tmp_path: Path) -> None:
-    _write(tmp_path / "a.png")
+def test_a_folder_goes_on_after_a_broken_image(tmp_path: Path) -> None:
+    for name in ("a.png", "c.png"):
+        _write(tmp_path / name)
     (tmp_path / "b.png").write_text("no image")
-    with pytest.raises(InputError, match=r"b\.png cannot be read: expected"):
-        open_source(tmp_path)
+    source = open_source(tmp_path)
+    assert source.count == 3
+    frames = iter(source)
+    assert next(frames).name == "a"
+    with pytest.raises(InputError, match=r"b\.png cannot be read .*: expected"):
+        next(frames)
+    assert [frame.name for frame in frames] == ["c"]
+    errors: list[Exception] = []
+    assert [frame.name for frame in readable(source, errors.append)] == ["a", "c"]
+    assert len(errors) == 1
 
 
 def test_depth_of_another_size_is_named(tmp_path: Path) -> None:

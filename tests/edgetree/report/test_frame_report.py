@@ -229,14 +229,14 @@ def test_a_run_that_fails_leaves_the_old_report(run_cli: Cli, model: Path, folde
     (folder / "r.html").write_text("old")
     (folder / "images" / "b.jpg").write_bytes((folder / "images" / "b.jpg").read_bytes()[:400])
     before = sorted(folder.iterdir())
-    done = run_cli("run", "images", "--model", model, "--report", "r.html")
+    done = run_cli("run", "images", "--model", model, "--report", "r.html", "--strict-frames")
     assert done.code == 2
     assert (folder / "r.html").read_text() == "old"
     assert sorted(folder.iterdir()) == before
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
-def test_a_run_that_is_killed_leaves_nothing(tmp_path: Path) -> None:
+def test_a_run_that_is_killed_leaves_nothing_for_long(tmp_path: Path) -> None:
     code = (
         "import os, signal, sys\n"
         "from pathlib import Path\n"
@@ -246,7 +246,9 @@ def test_a_run_that_is_killed_leaves_nothing(tmp_path: Path) -> None:
     )
     done = subprocess.run([sys.executable, "-c", code, str(tmp_path / "r.html")])
     assert done.returncode == -signal.SIGKILL
-    assert list(tmp_path.iterdir()) == []
+    assert [path.name[:7] for path in tmp_path.iterdir()] == [".calib-"]
+    written(tmp_path / "r.html", result("a", MEASURED))
+    assert [path.name for path in tmp_path.iterdir()] == ["r.html"]
 
 
 def test_an_error_in_the_block_leaves_nothing(tmp_path: Path) -> None:

@@ -8,15 +8,18 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
+from typing import BinaryIO
 
 import cv2
 import numpy as np
 import pytest
 
 import calib
+from calib import writing
 from perceptree.errors import DatasetError, SettingsError
 from perceptree.simulator.dataset import generate, pool, storage
 from perceptree.simulator.dataset.generate import generate_dataset
@@ -196,14 +199,23 @@ def test_leftovers_and_lost_files_of_a_run_before_are_made_good(
     dataset: Path, tmp_path: Path, in_process: None, synth: ModuleType, settings: SimulatorSettings
 ):
     generate_dataset(tmp_path, FRAMES, settings, SEED)
-    (tmp_path / "images/000001.jpg.123.part").write_bytes(b"half")
-    (tmp_path / "scenes/000001.json.123.part").write_bytes(b"half")
+    for folder in ("images", "scenes"):
+        (tmp_path / folder / ".calib-0123456789abcdef.part").write_bytes(b"half")
     (tmp_path / "depth/000002.png").unlink()
     (tmp_path / "images/000005.jpg").write_bytes(b"")
     (tmp_path / "scenes/000003.json").write_bytes(b"[")
     report = generate_dataset(tmp_path, FRAMES, settings, SEED)
     assert sum(report.frames.values()) == FRAMES
     assert synth.contents(tmp_path) == synth.contents(dataset)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names are UTF-8 on this system")
+def test_a_folder_whose_name_is_not_utf8_holds_the_same_dataset(
+    dataset: Path, tmp_path: Path, in_process: None, synth: ModuleType, settings: SimulatorSettings
+):
+    folder = tmp_path / os.fsdecode(b"caf\xe9")
+    generate_dataset(folder, FRAMES, settings, SEED)
+    assert synth.contents(folder) == synth.contents(dataset)
 
 
 def test_only_what_is_missing_is_drawn_again(
@@ -246,15 +258,16 @@ def test_a_full_disk_stops_with_one_line_and_the_rest_resumes(
     synth: ModuleType,
     settings: SimulatorSettings,
 ):
-    real = Path.write_bytes
+    real = writing.replacing
 
-    def fill(path: Path, data: bytes) -> int:
-        if "000004" in path.name:
-            real(path, data[:10])
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
-        return real(path, data)
+    @contextmanager
+    def fill(path: Path) -> Iterator[BinaryIO]:
+        with real(path) as file:
+            yield file
+            if "000004" in path.name:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
 
-    monkeypatch.setattr(Path, "write_bytes", fill)
+    monkeypatch.setattr(writing, "replacing", fill)
     with pytest.raises(DatasetError) as caught:
         generate_dataset(tmp_path, FRAMES, settings, SEED)
     assert str(caught.value) == (
@@ -262,7 +275,7 @@ def test_a_full_disk_stops_with_one_line_and_the_rest_resumes(
         " some space and run the same command again to resume"
     )
     assert not list(tmp_path.rglob("*.part"))
-    monkeypatch.setattr(Path, "write_bytes", real)
+    monkeypatch.setattr(writing, "replacing", real)
     generate_dataset(tmp_path, FRAMES, settings, SEED)
     assert synth.contents(tmp_path) == synth.contents(dataset)
 
@@ -296,6 +309,28 @@ def test_workers_make_no_difference_and_a_killed_one_is_one_line(
     assert synth.contents(tmp_path) == synth.contents(dataset)
 
 
+def test_sigterm_ends_the_simulation_at_once_and_leaves_whole_files(tmp_path: Path):
+    process = subprocess.Popen(
+        command(tmp_path, "--workers", 2, frames=400),
+        env=os.environ | {PACE: "15"},  # 30 s for a scene
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    while not (tmp_path / "images").is_dir():
+        assert process.poll() is None
+        time.sleep(0.01)
+    (tmp_path / "images" / ".calib-0123456789abcdef.part").write_bytes(b"half")
+    time.sleep(3)
+    process.terminate()
+    started = time.monotonic()
+    told = process.communicate(timeout=60)  # until all processes with this stdout have ended
+    assert time.monotonic() - started < 10
+    assert told == ("", "perceptree: interrupted; run the same command again to resume\n")
+    assert process.returncode == 143
+    assert not list(tmp_path.rglob("*.part"))
+
+
 def test_ctrl_c_ends_every_process_at_once_and_says_how_to_go_on(tmp_path: Path):
     process = subprocess.Popen(
         command(tmp_path, "--workers", 2, frames=400),
@@ -304,6 +339,8 @@ def test_ctrl_c_ends_every_process_at_once_and_says_how_to_go_on(tmp_path: Path)
         stderr=subprocess.PIPE,
         text=True,
         process_group=0,
+        # A test runner in the background ignores the signal, which child processes inherit.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     while not list((tmp_path / "scenes").glob("*.json")):
         assert process.poll() is None

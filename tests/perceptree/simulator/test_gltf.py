@@ -5,15 +5,19 @@ import errno
 import json
 import os
 import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, BinaryIO
 
 import cv2
 import numpy as np
 import pytest
 
+from calib.writing import replacing
 from perceptree.errors import DatasetError
+from perceptree.simulator.geometry import gltf
 from perceptree.simulator.geometry.assemble import assemble
 from perceptree.simulator.geometry.gltf import gltf_bytes, scene_nodes, write_gltf
 from perceptree.simulator.geometry.prototypes import make_prototypes
@@ -190,13 +194,13 @@ def test_textures_are_srgb_and_cut_out_where_the_layer_is(glb: Glb):
 
 
 def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path: Path, monkeypatch):
-    real = Path.write_bytes
+    @contextmanager
+    def fill(path: Path) -> Iterator[BinaryIO]:
+        with replacing(path) as file:
+            yield file
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    def fill(path: Path, data: bytes) -> int:
-        real(path, data[:5])
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(Path, "write_bytes", fill)
+    monkeypatch.setattr(gltf, "replacing", fill)
     scene = small_scene()
     with pytest.raises(DatasetError, match=r"scene.glb: cannot be written \(No space left"):
         write_gltf(tmp_path / "scene.glb", scene, scene_nodes(scene, TREES), flat_textures())

@@ -7,7 +7,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import pytest
 import torch
@@ -25,15 +25,34 @@ def test_a_full_disk_keeps_the_last_state(
     train(narrow(), plan(steps=1), posts, tmp_path / "run")
     kept = (tmp_path / "run/state.pt").read_bytes()
 
-    def full(state: Any, path: Path) -> None:
-        path.write_bytes(b"half of it")
+    def full(state: Any, file: BinaryIO) -> None:
+        file.write(b"half of it")
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(perceptree.training.state.torch, "save", full)
     with pytest.raises(CheckpointError, match=r"state\.pt: cannot be written .*No space left"):
         train(narrow(), plan(steps=2), posts, tmp_path / "run")
     assert (tmp_path / "run/state.pt").read_bytes() == kept
-    assert list((tmp_path / "run").glob("*.part")) == []
+    assert list((tmp_path / "run").glob(".*")) == []
+
+
+def test_a_disk_that_fills_while_torch_writes_is_said(tmp_path: Path) -> None:
+    pytest.importorskip("resource", reason="this system limits no file sizes")
+    script = (
+        "import resource, sys, torch\nfrom pathlib import Path\n"
+        "from perceptree.errors import CheckpointError\n"
+        "from perceptree.training.state import write_state\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (5000, 5000))\n"
+        "try:\n    write_state(Path(sys.argv[1]), {'model': torch.zeros(30000)}, {})\n"
+        "except CheckpointError as error:\n    print(error)\n"
+    )
+    path = tmp_path / "state.pt"
+    done = subprocess.run(
+        [sys.executable, "-c", script, str(path)], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout == f"{path}: cannot be written (File too large)\n"
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_killed_at_any_step_it_ends_with_the_same_weights(

@@ -1,7 +1,6 @@
 """Training: losses decrease, resuming is exact, and mismatches are refused."""
 
 import json
-import signal
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,6 @@ from perceptree.errors import CheckpointError, DatasetError, SettingsError
 from perceptree.evaluation import evaluate, predict_with
 from perceptree.models import ModelSpec, load_checkpoint, make_spec
 from perceptree.training import Status, TrainSettings, train
-from perceptree.training.state import interrupt_afterwards
 
 Edit = Callable[[Path, str, Callable[[dict[str, Any]], None]], None]
 
@@ -190,25 +188,6 @@ def test_a_loss_that_is_not_finite_ends_the_training(posts: Path, tmp_path: Path
         match=r"the loss is (nan|inf) at step \d+, on the frames 00\d+\.png, 00\d+\.png: .*rate",
     ):
         train(small_spec(), plan, posts, tmp_path / "run")
-
-
-def _press(times: int, done: list[str]) -> None:
-    with interrupt_afterwards():
-        for _ in range(times):
-            signal.raise_signal(signal.SIGINT)
-        done.append("step")
-
-
-def test_an_interrupt_waits_for_the_end_of_a_step_and_a_second_one_does_not() -> None:
-    done: list[str] = []
-    handler = signal.getsignal(signal.SIGINT)
-    with pytest.raises(KeyboardInterrupt):
-        _press(1, done)
-    assert done == ["step"]
-    with pytest.raises(KeyboardInterrupt):
-        _press(2, done)
-    assert done == ["step"]
-    assert signal.getsignal(signal.SIGINT) is handler
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,106 @@
+"""The results of a source's frames, one after the other, and what is said about all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+from calib import CalibError
+from edgetree.console import note, track
+from edgetree.errors import CheckFailed, InputError
+from edgetree.frames.pipeline import FrameResult, readable
+from edgetree.frames.sources import Frame, FrameSource
+
+__all__ = ["LeftOut", "Totals", "frame_results"]
+
+
+def frame_results(
+    frames: FrameSource, process: Callable[[Frame], FrameResult], left_out: LeftOut, *, shown: bool
+) -> Iterator[FrameResult]:
+    """Process frames with a progress bar.
+
+    Args:
+        frames: the frames.
+        process: detects and measures the trees of a frame.
+        left_out: takes the frames that cannot be read or processed.
+        shown: whether to show the progress bar on a terminal.
+    """
+    for frame in track(readable(frames, left_out.add), "detecting", frames.count, shown=shown):
+        try:
+            result = process(frame)
+        except (InputError, CalibError) as error:
+            left_out.add(error)
+            continue
+        yield result
+
+
+class LeftOut:
+    """The frames that cannot be read or measured.
+
+    Args:
+        strict: whether the first one ends the command.
+
+    Attributes:
+        reasons: what each error says, on one line.
+    """
+
+    def __init__(self, strict: bool) -> None:
+        self._strict = strict
+        self.reasons: list[str] = []
+
+    def add(self, error: Exception) -> None:
+        """Leave out a frame and say why; with `strict`, raise the error instead."""
+        if self._strict:
+            raise error
+        self.reasons.append(" ".join(str(error).split()))
+        note(f"left out: {self.reasons[-1]}")
+
+    def check_some(self, results: int) -> None:
+        """Raise InputError if all frames are left out."""
+        if self.reasons and not results:
+            raise InputError(
+                f"all {len(self.reasons)} frame(s) are left out: expected one that can be read"
+                " and measured"
+            )
+
+    def check_none(self, results: int) -> None:
+        """Raise CheckFailed if a frame is left out."""
+        if self.reasons:
+            count = len(self.reasons)
+            raise CheckFailed(f"{count} of {count + results} frame(s) left out, see above")
+
+
+@dataclass
+class Totals:
+    """Counts over all frames, for the summary."""
+
+    trees: int = 0
+    times_ms: list[float] = field(default_factory=list)
+    metres_need: str | None = None
+    scaling: str | None = None
+    faults: list[str] = field(default_factory=list)
+
+    @property
+    def frames(self) -> int:
+        """Number of frames."""
+        return len(self.times_ms)
+
+    def add(self, result: FrameResult) -> None:
+        """Count a frame."""
+        self.trees += len(result.trees)
+        self.times_ms.append(result.detect_ms)
+        self.metres_need = self.metres_need or result.metres_need
+        self.scaling = self.scaling or result.scaling
+        if result.frame.depth_fault is not None:
+            self.faults.append(result.frame.depth_fault)
+
+    def lines(self) -> Iterator[str]:
+        """The summary."""
+        median_ms = sorted(self.times_ms)[self.frames // 2]
+        yield f"{self.trees} trees in {self.frames} frame(s), {median_ms:.0f} ms each to detect"
+        if self.metres_need is not None:
+            yield f"metres {self.metres_need}"
+        if self.scaling is not None:
+            yield self.scaling
+        if self.faults:
+            yield f"unusable depth in {len(self.faults)} frame(s): {self.faults[0]}"

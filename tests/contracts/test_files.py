@@ -1,0 +1,56 @@
+"""Files are read and written in one place, so that every name works."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+SOURCES = [
+    path
+    for folder in ("calib", "edgetree", "perceptree", "benchmarks")
+    for path in sorted((ROOT / folder).rglob("*.py"))
+]
+# OpenCV crashes on names that are not UTF-8, and writes files that a killed process leaves half.
+BY_PATH = (
+    r"cv2\.(imread|imreadmulti|imwrite|haveImageReader|VideoCapture|VideoWriter|FileStorage)\("
+)
+
+# Writers beside calib/writing.py: files that only this process sees, and a log that grows.
+WRITERS = {
+    "edgetree/process.py",  # the null device
+    "perceptree/process.py",
+    "edgetree/export/build.py",  # in a temporary folder
+    "perceptree/data/cache.py",  # in a folder of `replacing_folder`
+    "perceptree/training/run_log.py",  # appends
+}
+WRITES = r"\.write_(bytes|text)\(|open\([^)]*[\"'][wxa]b?\+?[\"']|mkstemp|NamedTemporaryFile"
+
+
+def uses(pattern: str) -> set[str]:
+    return {
+        str(path.relative_to(ROOT))
+        for path in SOURCES
+        if re.search(pattern, path.read_text(encoding="utf-8"))
+    }
+
+
+def test_paths_are_given_to_opencv_in_one_place_only() -> None:
+    assert uses(BY_PATH) == {"calib/reading.py"}
+
+
+def test_files_are_written_whole() -> None:
+    found = {name for name in uses(WRITES) if not name.startswith("benchmarks")}
+    assert found == WRITERS
+
+
+@pytest.mark.parametrize("call", ["path.write_bytes(data)", 'path.open("w", encoding="utf-8")'])
+def test_the_check_finds_writers(call: str) -> None:
+    assert re.search(WRITES, call)
+    assert not re.search(WRITES, 'path.open("rb")')
+
+
+@pytest.mark.parametrize("call", ["cv2.imread(str(path))", "cv2.FileStorage(name, 0)"])
+def test_the_check_finds_calls(call: str) -> None:
+    assert re.search(BY_PATH, call)
+    assert not re.search(BY_PATH, "cv2.imdecode(data, flags)")

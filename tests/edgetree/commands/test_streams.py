@@ -1,0 +1,121 @@
+"""Full disks, and streams that are closed or full, give one line and leave nothing half-written."""
+
+from __future__ import annotations
+
+import os
+import resource
+import subprocess
+import sys
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
+
+MAIN = "from edgetree.cli import main; main()"
+FULL = "edgetree: standard output: No space left on device\n"
+
+
+def edgetree(
+    *arguments: object,
+    stdout: str | int = subprocess.PIPE,
+    stderr: str | int = subprocess.PIPE,
+    start: Callable[[], None] | None = None,
+) -> subprocess.CompletedProcess[str]:
+    """Run the command line in a process of its own; streams may be paths."""
+    with ExitStack() as stack:
+        streams = [
+            stack.enter_context(open(name, "w")) if isinstance(name, str) else name
+            for name in (stdout, stderr)
+        ]
+        return subprocess.run(
+            [sys.executable, "-c", MAIN, *map(str, arguments)],
+            stdout=streams[0],
+            stderr=streams[1],
+            preexec_fn=start,
+            text=True,
+            check=False,
+        )
+
+
+@pytest.fixture
+def metres(images: Path) -> tuple[object, ...]:
+    """The options to measure image a."""
+    folder = images.parent
+    return ("--depth", folder / "depth" / "a.png", "--camera", folder / "camera.json")
+
+
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_a_full_stdout_is_one_line(
+    images: Path,
+    model: Path,
+    metres: tuple[object, ...],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    unbuffered: str,
+) -> None:
+    monkeypatch.setenv("PYTHONUNBUFFERED", unbuffered)
+    image = images / "a.jpg"
+    csv = tmp_path / "trees.csv"
+    for arguments in (
+        ("run", images, "--model", model, "--csv", csv),
+        ("run", images, "--model", model, "--json"),
+        ("measure", image, *metres, "--model", model),
+        ("--version",),
+    ):
+        done = edgetree(*arguments, stdout="/dev/full")
+        assert done.returncode == 2, arguments
+        assert done.stderr.endswith(FULL), done.stderr
+        assert "Traceback" not in done.stderr
+        assert "Exception" not in done.stderr
+    assert not csv.exists()
+    assert not list(tmp_path.glob(".*"))
+
+
+def test_a_closed_stdout_is_one_line(images: Path, model: Path) -> None:
+    done = edgetree("run", images, "--model", model, start=lambda: os.close(1))
+    assert done.returncode == 2
+    assert done.stderr == (
+        "edgetree: standard output is closed: expected a terminal, a file or /dev/null\n"
+    )
+
+
+def test_a_closed_or_full_stderr_loses_no_results(images: Path, model: Path) -> None:
+    expected = edgetree("run", images / "a.jpg", "--model", model)
+    closed = edgetree("run", images / "a.jpg", "--model", model, start=lambda: os.close(2))
+    full = edgetree("run", images / "a.jpg", "--model", model, stderr="/dev/full")
+    for done in (closed, full):
+        assert done.returncode == 0
+        assert done.stdout.partition("detect_ms")[0] == expected.stdout.partition("detect_ms")[0]
+
+
+def test_a_reader_that_ends_is_no_error() -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = edgetree("--version", stdout=writer)
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (1, "")
+
+
+@pytest.mark.parametrize("option", ["--csv", "--jsonl", "--coco", "--report", "--out"])
+def test_a_full_disk_is_one_line_and_leaves_nothing(
+    images: Path, model: Path, tmp_path: Path, option: str
+) -> None:
+    out = tmp_path / "new" / ("trees.html" if option == "--report" else "trees")
+    if option != "--out":
+        out.parent.mkdir()
+    before = sorted(tmp_path.rglob("*"))
+
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))
+
+    done = edgetree("run", images, "--model", model, option, out, start=limit)
+    assert done.returncode == 2, done.stderr
+    (line,) = done.stderr.splitlines()
+    named = out / "a_trees.jpg" if option == "--out" else out
+    assert line.startswith("edgetree: ")
+    if option != "--report":  # its pictures are in a file without a name first
+        assert f"{named} cannot be written (File too large)" in line
+    assert sorted(tmp_path.rglob("*")) == before
