@@ -42,6 +42,7 @@ from calib.ground import (
 )
 from calib.labels import CocoLabels
 from calib.letterbox import Letterbox
+from calib.limits import Limits, current_limits, set_limits
 from calib.masks import CocoRle, encode_rle, mask_polygons, paste_mask
 from calib.pixels import image_to_opencv, opencv_to_image
 from calib.points import depth_to_points, pixels_to_points, pixels_to_rays, project_points
@@ -65,12 +66,14 @@ __all__ = [
     "GroundPlaneFailure",
     "InputFileError",
     "Letterbox",
+    "Limits",
     "PinholeCamera",
     "Rectification",
     "RigidTransform",
     "TargetReadings",
     "box_iou",
     "check_depth",
+    "current_limits",
     "decode_depth",
     "depth_to_disparity",
     "depth_to_points",
@@ -100,5 +103,6 @@ __all__ = [
     "save_camera",
     "save_depth_scale",
     "save_transform",
+    "set_limits",
     "write_depth",
 ]
