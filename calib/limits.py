@@ -24,6 +24,8 @@ class Limits:
         text_nesting: Levels of lists and maps in such a file, and in the records inside of model
             files, checkpoints and training states.
         image_pixels: Pixels of a picture or depth map, width times height.
+        model_memory_bytes: Memory that opening a model file on the CPU may take. Running it is not
+            limited. On Linux alone.
 
     Raises:
         CalibError: If a limit is not a whole number of at least 1.
@@ -33,6 +35,7 @@ class Limits:
     text_values: int = 50_000
     text_nesting: int = 50
     image_pixels: int = 100_000_000
+    model_memory_bytes: int = 8 * 2**30
 
     def __post_init__(self) -> None:
         for field in fields(self):
