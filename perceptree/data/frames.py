@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from calib import Letterbox
+from calib import InputFileError, Letterbox, check_picture_size
 from perceptree.data.coco import FrameRecord
 from perceptree.errors import DatasetError
 from perceptree.models import ModelSpec, TreeTargets
@@ -147,6 +147,10 @@ def read_frame(frame: FrameRecord, modality: str) -> NDArray[np.uint8]:
     """
     path = source_path(frame, modality)
     flag = cv2.IMREAD_COLOR if modality == "rgb" else cv2.IMREAD_UNCHANGED
+    try:
+        check_picture_size(path)
+    except InputFileError as error:
+        raise DatasetError(str(error)) from error
     image = cv2.imread(str(path), flag) if path.is_file() else None
     if image is None:
         raise DatasetError(f"{path}: missing or not a readable image, expected one")
