@@ -34,7 +34,7 @@ class Limits:
     text_file_bytes: int = 2 * 2**20
     text_values: int = 50_000
     text_nesting: int = 50
-    image_pixels: int = 100_000_000
+    image_pixels: int = 200_000_000
     model_memory_bytes: int = 8 * 2**30
 
     def __post_init__(self) -> None:

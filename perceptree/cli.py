@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from calib.errors import short_line
 from perceptree.commands.data import app as data
 from perceptree.commands.eval import evaluate
 from perceptree.commands.import_ import import_
@@ -87,4 +88,4 @@ def _one_line(error: Exception) -> str:
     message = error.format_message() if hasattr(error, "format_message") else str(error)
     context = getattr(error, "ctx", None)
     hint = f" (see `{context.command_path} --help`)" if context is not None else ""
-    return " ".join(message.split()) + hint
+    return short_line(" ".join(message.split())) + hint

@@ -29,6 +29,7 @@ _LARGEST = {
     "fpn_width": 4096,
     "box_head_width": 16_384,
 }
+_LARGEST_FLOAT = sys.float_info.max
 _WIDEST_HEAD, _DEEPEST_HEAD, _MOST_ANCHORS, _MOST_SAMPLES = 4096, 64, 16, 64
 _PLAIN_TYPES: dict[str, tuple[type, ...]] = {
     "str": (str,),
@@ -178,8 +179,8 @@ class ModelSpec:
 
     def _check_levels(self) -> None:
         first = self.levels[0] if self.levels else 0
-        consecutive = tuple(range(first, first + len(self.levels)))
-        if not 2 <= first <= 6 or self.levels != consecutive:
+        counted = tuple(range(first, first + len(self.levels)))
+        if not 2 <= first <= 6 or self.levels != counted:
             raise SpecError(f"levels are {self.levels}, expected consecutive levels, at least 2")
         if not 5 <= self.levels[-1] <= 6:
             raise SpecError(f"levels are {self.levels}, expected level 5 or 6 as the last")
@@ -279,7 +280,7 @@ def _is(value: Any, kind: str) -> bool:
     """Return whether a value has a plain type; bools are no numbers, floats must be finite."""
     if not isinstance(value, _PLAIN_TYPES[kind]) or (isinstance(value, bool) and kind != "bool"):
         return False
-    return kind != "float" or abs(value) <= sys.float_info.max
+    return not isinstance(value, int | float) or kind != "float" or abs(value) <= _LARGEST_FLOAT
 
 
 def _as_tuples(value: Any) -> Any:
