@@ -10,9 +10,10 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from calib.errors import CameraError
+from calib.lens_models import FISHEYE, RADTAN
+from calib.plausibility import check_camera, check_size, unusual_values
 
 _ASPECT_TOLERANCE = 0.01
-RADTAN, FISHEYE = "radtan", "fisheye"
 _TERM_COUNTS = {RADTAN: (0, 4, 5, 8), FISHEYE: (4,)}
 _TERM_NAMES = {
     RADTAN: "none, 4 (k1 k2 p1 p2), 5 (and k3) or 8 (and k4 k5 k6)",
@@ -57,8 +58,6 @@ class PinholeCamera:
     focal_std_px: float = 0.0
 
     def __post_init__(self) -> None:
-        from calib.plausibility import check_camera, check_size
-
         check_size(self.width, self.height)
         for name in ("fx", "fy"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0):
@@ -90,8 +89,6 @@ class PinholeCamera:
 
         ``load_camera`` logs them as warnings.
         """
-        from calib.plausibility import unusual_values
-
         return unusual_values(self)
 
     def _changed(self, **values: Any) -> PinholeCamera:
@@ -110,8 +107,6 @@ class PinholeCamera:
             CameraError: If the size is below 1x1 or too large, or if the aspect ratio changes
                 by more than 1 %: the image was cropped, and scaling would be wrong.
         """
-        from calib.plausibility import check_size
-
         check_size(width, height)
         sx, sy = width / self.width, height / self.height
         if abs(sx / sy - 1) > _ASPECT_TOLERANCE:

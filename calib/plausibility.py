@@ -9,14 +9,17 @@ from __future__ import annotations
 import copy
 import math
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.camera import FISHEYE, RADTAN, PinholeCamera
 from calib.distortion import distort, undistort
 from calib.errors import CameraError
+from calib.lens_models import FISHEYE, RADTAN
+
+if TYPE_CHECKING:
+    from calib.camera import PinholeCamera
 
 Float = NDArray[np.floating[Any]]
 
