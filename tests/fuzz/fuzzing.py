@@ -70,9 +70,7 @@ _XML = b"""<?xml version="1.0"?><opencv_storage><image_width>1280</image_width>
 </distCoeffs></opencv_storage>"""
 _KALIBR = b"""cam0: {camera_model: pinhole, intrinsics: [400, 400, 320, 240],
   resolution: [640, 480], distortion_model: equidistant, distortion_coeffs: [0.01, 0, 0, 0]}"""
-_ZED = (
-    b"[LEFT_CAM_HD]\nfx=700\nfy=700\ncx=640\ncy=360\nk1=0.1\nk2=0\n\n[LEFT_DISTO]\nk1=0.1\nk2=0\np1=0\np2=0\nk3=0\n"
-)
+_ZED = b"[LEFT_CAM_HD]\nfx=700\nfy=700\ncx=640\ncy=360\nk1=0.1\nk2=0\n\n[LEFT_DISTO]\nk1=0.1\nk2=0\np1=0\np2=0\nk3=0\n"
 _REALSENSE = b"[ 640x480  p[320 240]  f[600 600]  Brown Conrady [0 0 0 0 0] ]"
 _OWN = b'{"schema": "calib.camera/1", "width": 640, "height": 480, "fx": 500, "fy": 500, "cx": 320,'
 _OWN += b' "cy": 240, "distortion": [0.1, 0, 0, 0]}'
