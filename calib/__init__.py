@@ -42,7 +42,9 @@ from calib.ground import (
 )
 from calib.labels import CocoLabels
 from calib.letterbox import Letterbox
+from calib.limits import Limits, current_limits, set_limits
 from calib.masks import CocoRle, encode_rle, mask_polygons, paste_mask
+from calib.picture_size import check_picture_size, picture_size
 from calib.pixels import image_to_opencv, opencv_to_image
 from calib.points import depth_to_points, pixels_to_points, pixels_to_rays, project_points
 from calib.rectify import Rectification, rectify
@@ -65,12 +67,15 @@ __all__ = [
     "GroundPlaneFailure",
     "InputFileError",
     "Letterbox",
+    "Limits",
     "PinholeCamera",
     "Rectification",
     "RigidTransform",
     "TargetReadings",
     "box_iou",
     "check_depth",
+    "check_picture_size",
+    "current_limits",
     "decode_depth",
     "depth_to_disparity",
     "depth_to_points",
@@ -89,6 +94,7 @@ __all__ = [
     "mask_polygons",
     "opencv_to_image",
     "paste_mask",
+    "picture_size",
     "pixels_to_points",
     "pixels_to_rays",
     "project_points",
@@ -100,5 +106,6 @@ __all__ = [
     "save_camera",
     "save_depth_scale",
     "save_transform",
+    "set_limits",
     "write_depth",
 ]

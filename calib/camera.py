@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from calib.errors import CameraError
+from calib.lens_models import FISHEYE, RADTAN
+from calib.plausibility import check_camera, check_size, unusual_values
 
 _ASPECT_TOLERANCE = 0.01
-RADTAN, FISHEYE = "radtan", "fisheye"
 _TERM_COUNTS = {RADTAN: (0, 4, 5, 8), FISHEYE: (4,)}
 _TERM_NAMES = {
     RADTAN: "none, 4 (k1 k2 p1 p2), 5 (and k3) or 8 (and k4 k5 k6)",
@@ -40,7 +42,9 @@ class PinholeCamera:
         focal_std_px: Standard deviation of fx and fy in px; 0 if unknown.
 
     Raises:
-        CameraError: If a value is out of range or not finite.
+        CameraError: If a value is out of range or not finite, or if no lens has these parameters:
+            a field of view above 156 degrees (fisheye: 280) or below 0.1, a principal point more
+            than half the image outside of it, or a distortion that folds the image over.
     """
 
     width: int
@@ -54,14 +58,13 @@ class PinholeCamera:
     focal_std_px: float = 0.0
 
     def __post_init__(self) -> None:
-        if self.width < 1 or self.height < 1:
-            raise CameraError(f"image size is {self.width}x{self.height}: expected at least 1x1")
+        check_size(self.width, self.height)
         for name in ("fx", "fy"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0):
                 raise CameraError(f"{name} is {getattr(self, name)}: expected a positive number")
         for name, size in (("cx", self.width), ("cy", self.height)):
             value = getattr(self, name)
-            if not (math.isfinite(value) and -size <= value <= 2 * size):
+            if not math.isfinite(value):
                 raise CameraError(f"{name} is {value}: expected a point near the image, {size} px")
         object.__setattr__(self, "distortion", tuple(float(k) for k in self.distortion))
         if self.distortion_model not in _TERM_COUNTS:
@@ -75,8 +78,25 @@ class PinholeCamera:
             )
         if not all(math.isfinite(k) for k in self.distortion):
             raise CameraError(f"distortion is {self.distortion}: expected finite numbers")
-        if not (math.isfinite(self.focal_std_px) and self.focal_std_px >= 0):
-            raise CameraError(f"focal_std_px is {self.focal_std_px}: expected 0 or more")
+        if not 0 <= self.focal_std_px < min(self.fx, self.fy):
+            raise CameraError(
+                f"focal_std_px is {self.focal_std_px}: expected 0 or more, and less than fx and fy"
+            )
+        check_camera(self)
+
+    def unusual_values(self) -> tuple[str, ...]:
+        """Return one line for each value that lenses can have but seldom do.
+
+        ``load_camera`` logs them as warnings.
+        """
+        return unusual_values(self)
+
+    def _changed(self, **values: Any) -> PinholeCamera:
+        """Return a copy with other values, for values that follow from those of this camera."""
+        other = copy.copy(self)
+        for name, value in values.items():
+            object.__setattr__(other, name, value)
+        return other
 
     def scaled(self, width: int, height: int) -> PinholeCamera:
         """Return the camera of the image resized to ``width`` x ``height`` px.
@@ -84,19 +104,17 @@ class PinholeCamera:
         Pixel centres are at whole numbers, so a scale s moves cx to s (cx + 0.5) - 0.5.
 
         Raises:
-            CameraError: If the size is below 1x1, or the aspect ratio changes by more than 1 %. In
-                that case the image was cropped, and scaling the intrinsics would be wrong.
+            CameraError: If the size is below 1x1 or too large, or if the aspect ratio changes
+                by more than 1 %: the image was cropped, and scaling would be wrong.
         """
-        if width < 1 or height < 1:
-            raise CameraError(f"image size is {width}x{height}: expected at least 1x1")
+        check_size(width, height)
         sx, sy = width / self.width, height / self.height
         if abs(sx / sy - 1) > _ASPECT_TOLERANCE:
             raise CameraError(
                 f"the camera is for {self.width}x{self.height} px and the image is"
                 f" {width}x{height}: expected the same aspect ratio"
             )
-        return replace(
-            self,
+        return self._changed(
             width=width,
             height=height,
             fx=self.fx * sx,
@@ -124,7 +142,7 @@ class PinholeCamera:
                 f"the crop is {width}x{height} px at ({x_px}, {y_px}): expected one inside the"
                 f" camera's {self.width}x{self.height}"
             )
-        return replace(self, width=width, height=height, cx=self.cx - x_px, cy=self.cy - y_px)
+        return self._changed(width=width, height=height, cx=self.cx - x_px, cy=self.cy - y_px)
 
     def to_dict(self) -> dict[str, Any]:
         """Return JSON-ready values; optional fields are left out at their defaults."""

@@ -6,12 +6,15 @@ The formulas are OpenCV's: ``cv2.projectPoints`` (Brown-Conrady with the rationa
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.camera import FISHEYE, PinholeCamera
+from calib.lens_models import FISHEYE
+
+if TYPE_CHECKING:
+    from calib.camera import PinholeCamera
 
 Float = NDArray[np.floating[Any]]
 

@@ -8,11 +8,21 @@ CalibError
 
 from __future__ import annotations
 
+_LONGEST_MESSAGE = 2000
+_END_OF_MESSAGE = 500
+
 
 class CalibError(Exception):
-    """Base class of calib's errors; the message is one line meant for the user."""
+    """Base class of calib's errors; the message is one line meant for the user.
+
+    Messages may quote a file. Line breaks and control characters become spaces, and a message of
+    more than 2000 characters is shortened in its middle.
+    """
 
     exit_code = 2
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__(short_line(message))
 
 
 class CameraError(CalibError):
@@ -25,3 +35,11 @@ class DepthError(CalibError):
 
 class InputFileError(CalibError):
     """Missing, unreadable or unsupported file."""
+
+
+def short_line(text: str) -> str:
+    """Return a text on one line of at most 2000 characters that a terminal can show."""
+    if len(text) > _LONGEST_MESSAGE:
+        start = text[: _LONGEST_MESSAGE - _END_OF_MESSAGE - len(" ... ")]
+        text = f"{start} ... {text[-_END_OF_MESSAGE:]}"
+    return text if text.isprintable() else "".join(c if c.isprintable() else " " for c in text)

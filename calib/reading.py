@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from calib.errors import InputFileError
 from calib.file_names import is_utf8
+from calib.picture_size import check_picture_size
 
 
 def read_image(path: Path, flags: int = cv2.IMREAD_COLOR) -> NDArray[Any] | None:
@@ -25,7 +26,11 @@ def read_image(path: Path, flags: int = cv2.IMREAD_COLOR) -> NDArray[Any] | None
 
     Returns:
         (H, W) or (H, W, channels); None if the file cannot be read or is not an image.
+
+    Raises:
+        InputFileError: If it has more pixels than ``Limits.image_pixels``.
     """
+    check_picture_size(path)
     try:
         data = path.read_bytes()
     except OSError:

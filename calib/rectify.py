@@ -10,8 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.camera import RADTAN, PinholeCamera
+from calib.camera import PinholeCamera
 from calib.errors import CameraError
+from calib.lens_models import RADTAN
 from calib.pixels import image_to_opencv
 from calib.points import check_size, image_rays, pixels_to_rays, project_points
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from importlib.metadata import version
 from typing import Annotated, NoReturn
 
 import typer
 
+import calib
 from edgetree.commands.bench import bench
 from edgetree.commands.calibrate import calibrate
 from edgetree.commands.check import check
@@ -56,8 +58,17 @@ def options(
             "--version", callback=_print_version, is_eager=True, help="Print the version."
         ),
     ] = False,
+    max_megapixels: Annotated[
+        int | None,
+        typer.Option(
+            min=1, help="Largest pictures that are read, in millions of pixels.", show_default="200"
+        ),
+    ] = None,
 ) -> None:
     """Print the help if no command is given."""
+    if max_megapixels is not None:
+        limit = max_megapixels * 1_000_000
+        calib.set_limits(replace(calib.current_limits(), image_pixels=limit))
     if context.invoked_subcommand is None:
         typer.echo(context.get_help())
 

@@ -17,6 +17,8 @@ from typing import Any, NoReturn, TextIO
 
 import typer
 
+from calib.errors import short_line
+
 __all__ = ["run_command_line"]
 
 _FAILED = 1
@@ -142,7 +144,7 @@ def _one_line(error: Exception) -> str:
     message = error.format_message() if hasattr(error, "format_message") else str(error)
     context = getattr(error, "ctx", None)
     hint = f" (see `{context.command_path} --help`)" if context is not None else ""
-    return " ".join(message.split()) + hint
+    return short_line(" ".join(message.split())) + hint
 
 
 def _tell(line: str) -> None:

@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.camera import FISHEYE
+from calib.lens_models import FISHEYE
 
 Float = NDArray[np.floating[Any]]
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.errors import DepthError, InputFileError
+from calib.limits import current_limits
 from calib.reading import read_image
 from calib.writing import write_image
 
@@ -32,7 +33,7 @@ def read_depth(path: Path | str, scale: float = 1 / _MM_PER_M) -> NDArray[np.flo
         float32 become 0, no reading.
 
     Raises:
-        InputFileError: If the file is missing or unreadable.
+        InputFileError: If the file is missing, unreadable or larger than ``Limits`` allows.
         DepthError: If ``scale`` is not positive, or the file has another dtype or several channels.
     """
     path = Path(path)
@@ -66,15 +67,21 @@ def _in_metres(steps: NDArray[Any], scale: float) -> NDArray[np.float32]:
 
 
 def _read_array(path: Path) -> NDArray[Any]:
+    largest = current_limits().image_pixels
     try:
-        values = np.load(path, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
+        # Mapped: numpy takes no memory for a size that the header states and the file has not.
+        values = np.load(path, mmap_mode="r", allow_pickle=False)
+    except Exception as error:  # numpy parses the header as Python: many kinds of errors
         raise InputFileError(
             f"{path}: not a readable .npy file, expected one (H, W) array of depth"
         ) from error
     if not isinstance(values, np.ndarray):
         raise InputFileError(f"{path}: several arrays, expected one (H, W) array of depth")
-    return values.astype(values.dtype.newbyteorder("="), copy=False)
+    if values.size > largest:
+        raise InputFileError(
+            f"{path}: {values.size} values, expected at most {largest}, the limit image_pixels"
+        )
+    return np.array(values, values.dtype.newbyteorder("="))
 
 
 def _read_image(path: Path) -> NDArray[Any]:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+import logging
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from calib.camera import PinholeCamera
-from calib.errors import CameraError, InputFileError
+from calib.errors import CameraError, InputFileError, short_line
 from calib.files import (
     camodocal,
     kalibr,
@@ -25,6 +26,7 @@ from calib.files.fields import Values
 from calib.files.text import parse, read_text
 from calib.writing import write_text
 
+_log = logging.getLogger(__name__)
 _EXPECTED = "a camera file"
 
 
@@ -64,14 +66,15 @@ def load_camera(path: Path | str, *, name: str | None = None) -> PinholeCamera:
     Supported: the project's own JSON, also without its schema; ROS camera_info, CameraInfo messages
     as ``ros2 topic echo`` prints them, and parameter files; OpenCV FileStorage (YAML, XML); Kalibr
     camchains; CamOdoCal; ORB-SLAM settings; RealSense (text, JSON); ZED factory calibration.
+    Values that lenses seldom have are logged as warnings.
 
     Args:
         path: The file.
         name: Which camera of a file with several.
 
     Raises:
-        InputFileError: If the file is missing, unreadable or of no known format, or if ``name``
-            does not select one camera.
+        InputFileError: If the file is missing, unreadable, of no known format or larger than
+            ``Limits`` allows, or if ``name`` does not select one camera.
         CameraError: If a value is invalid; the message names the file.
     """
     path = Path(path)
@@ -83,12 +86,19 @@ def load_camera(path: Path | str, *, name: str | None = None) -> PinholeCamera:
         if isinstance(values, Mapping) and (cameras := form.find(values)):
             chosen = _choose(path, cameras, name)
             try:
-                return form.build(cameras[chosen])
+                camera = form.build(cameras[chosen])
             except CameraError as error:
-                of_camera = f" ({chosen})" if chosen else ""
-                raise CameraError(f"{path}{of_camera}: {error}") from error
+                raise CameraError(f"{_of_camera(path, chosen)}: {error}") from error
+            for line in camera.unusual_values():
+                _log.warning("%s: %s", short_line(_of_camera(path, chosen)), line)
+            return camera
     known = ", ".join(form.title for form in _FORMATS)
     raise InputFileError(f"{path}: no known camera format, expected one of {known}")
+
+
+def _of_camera(path: Path, name: str) -> str:
+    """Return the file and the name of its camera, for messages."""
+    return f"{path} ({name})" if name else str(path)
 
 
 def _choose(path: Path, cameras: Mapping[str, Values], name: str | None) -> str:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from calib.camera import FISHEYE, PinholeCamera
+from calib.camera import PinholeCamera
 from calib.errors import CameraError
 from calib.files.fields import Values, camera, number, size
+from calib.lens_models import FISHEYE
 
 
 def find(values: Values) -> dict[str, Values]:

@@ -9,8 +9,9 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from calib.camera import RADTAN, PinholeCamera
+from calib.camera import PinholeCamera
 from calib.errors import CameraError
+from calib.lens_models import RADTAN
 
 Values = Mapping[str, Any]
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from calib.camera import FISHEYE, RADTAN, PinholeCamera
+from calib.camera import PinholeCamera
 from calib.errors import CameraError
 from calib.files.fields import Values, camera, lens_model, numbers, one_of, size
+from calib.lens_models import FISHEYE, RADTAN
 
 _MODELS = {"radtan": RADTAN, "equidistant": FISHEYE, "none": RADTAN}
 _TERMS = 4

@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
-from calib.camera import FISHEYE, RADTAN, PinholeCamera
+from calib.camera import PinholeCamera
 from calib.errors import CameraError
 from calib.files.fields import Values, camera, lens_model, number, numbers, size
+from calib.lens_models import FISHEYE, RADTAN
 
 _HEADER = re.compile(r'Intrinsic of "(?P<stream>[^"]+)"[\s/]+(?P<size>\d+x\d+)[\s/]*(?P<form>.*)')
 _FIELD = re.compile(r"\s*(?P<name>Width|Height|PPX|PPY|Fx|Fy|Distortion|Coeffs):\s*(?P<value>.*)")
 _PRINTED = re.compile(
     r"\[ *(?P<width>\d+)x(?P<height>\d+) +p\[(?P<ppx>\S+) (?P<ppy>\S+)\]"
-    r" +f\[(?P<fx>\S+) (?P<fy>\S+)\] +(?P<model>[\w -]+?) +\[(?P<coeffs>[^\]]*)\] *\]"
+    r" +f\[(?P<fx>\S+) (?P<fy>\S+)\] +(?P<model>[\w-]+(?: [\w-]+){0,4})"
+    r" +\[(?P<coeffs>[^\]]{0,400})\] {0,9}\]"
 )
 _PRINTED_OLD = re.compile(
     r"width: (?P<width>\d+), height: (?P<height>\d+), ppx: (?P<ppx>\S+), ppy: (?P<ppy>\S+),"
     r" fx: (?P<fx>\S+), fy: (?P<fy>\S+),\s+model: (?P<model>[\w -]+),"
-    r" coeffs: \[(?P<coeffs>[^\]]*)\]"
+    r" coeffs: \[(?P<coeffs>[^\]]{0,400})\]"
 )
 _MODEL_NAMES = ("model", "distortion", "distortion_model")
 _SUPPORTED = {"none": RADTAN, "brown conrady": RADTAN, "kannala brandt4": FISHEYE}
@@ -33,12 +36,15 @@ def parse_text(text: str) -> dict[str, Values]:
     if another stream has the same.
     """
     streams: dict[str, Values] = {}
-    for printed in (*_PRINTED.finditer(text), *_PRINTED_OLD.finditer(text)):
-        values = {**printed.groupdict(), "coeffs": printed["coeffs"].replace(",", " ")}
-        if values not in streams.values():
-            name = "{width}x{height} {model}".format(**values)
-            same = sum(known.startswith(name) for known in streams)
-            streams[f"{name} {same + 1}" if same else name] = values
+    printed = [
+        {**found.groupdict(), "coeffs": found["coeffs"].replace(",", " ")}
+        for found in (*_PRINTED.finditer(text), *_PRINTED_OLD.finditer(text))
+    ]
+    count: Counter[str] = Counter()
+    for values in {tuple(sorted(found.items())): found for found in printed}.values():
+        name = "{width}x{height} {model}".format(**values)
+        count[name] += 1
+        streams[f"{name} {count[name]}" if count[name] > 1 else name] = values
     current: dict[str, Any] | None = None
     for line in text.splitlines():
         if header := _HEADER.search(line):

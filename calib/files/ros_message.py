@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from calib.camera import RADTAN, PinholeCamera
+from calib.camera import PinholeCamera
 from calib.errors import CameraError
 from calib.files.fields import Values, camera, lens_model, matrix, number, numbers, one_of, size
 from calib.files.ros_camera_info import MODELS
+from calib.lens_models import RADTAN
 
 _CALIBRATION = ("width", "height", "distortion_model", "d", "D", "k", "K", "roi")
 
@@ -21,12 +23,13 @@ def by_frame(documents: Sequence[Any]) -> dict[str, Values]:
     if not all(_is_message(document) for document in documents):
         return {}
     found: dict[str, Values] = {}
+    different: dict[tuple[str, str], Values] = {}
     for message in documents:
-        if not any(_same(message, known) for known in found.values()):
-            frame = _frame(message)
-            number_of_frame = 1 + sum(_frame(known) == frame for known in found.values())
-            name = frame if number_of_frame == 1 else f"{frame} {number_of_frame}".strip()
-            found[name] = message
+        different.setdefault((_frame(message), _calibration(message)), message)
+    count: Counter[str] = Counter()
+    for (frame, _), message in different.items():
+        count[frame] += 1
+        found[frame if count[frame] == 1 else f"{frame} {count[frame]}".strip()] = message
     return found
 
 
@@ -69,11 +72,9 @@ def _frame(message: Values) -> str:
     return str(frame or "")
 
 
-def _same(first: Values, second: Values) -> bool:
-    """Return whether two messages are of the same frame_id and calibration."""
-    return _frame(first) == _frame(second) and all(
-        first.get(name) == second.get(name) for name in _CALIBRATION
-    )
+def _calibration(message: Values) -> str:
+    """Return the calibration as text, to compare messages."""
+    return repr([message.get(name) for name in _CALIBRATION])
 
 
 def _check_region(values: Values) -> None:

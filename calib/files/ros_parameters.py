@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from calib.camera import FISHEYE, RADTAN, PinholeCamera
+from calib.camera import PinholeCamera
 from calib.errors import CameraError
 from calib.files.fields import Values, camera, lens_model, matrix, numbers, size
+from calib.lens_models import FISHEYE, RADTAN
 
 _MODELS = {"fisheye": FISHEYE, "equidistant": FISHEYE, "radtan": RADTAN, "plumb_bob": RADTAN}
 

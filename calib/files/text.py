@@ -1,20 +1,25 @@
-"""Parse a text file as JSON, XML, INI or YAML, recognised by its content."""
+"""Parse a text file as JSON, XML, INI or YAML, recognised by its content.
+
+Every camera, transform and depth scale file is read here, within the limits of ``calib.limits``.
+"""
 
 from __future__ import annotations
 
 import configparser
+import io
 import json
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 from xml.etree import ElementTree
 
 from calib.errors import InputFileError
+from calib.limits import current_limits
 
 _INI = re.compile(r"(\s*[;#].*\n)*\s*\[[A-Za-z]\w*\]\s*\n")
 _OLD_OPENCV_HEADER = re.compile(r"\s*%YAML:1\.0[^\n]*\n")
-_NO_SPACE_AFTER_KEY = re.compile(r"^(\s*[A-Za-z_][\w.]*:)(?=[\d\[\"-])", re.MULTILINE)
+_NO_SPACE_AFTER_KEY = re.compile(r"^([ \t]*[A-Za-z_][\w.]*:)(?=[\d\[\"-])", re.MULTILINE)
 
 
 def read_text(path: Path, expected: str) -> str:
@@ -25,16 +30,27 @@ def read_text(path: Path, expected: str) -> str:
         expected: What the file should be, for messages.
 
     Raises:
-        InputFileError: If the file is missing, unreadable or not text.
+        InputFileError: If the file is missing, unreadable, not text or too large.
     """
+    largest = current_limits().text_file_bytes
     try:
-        return path.read_text(encoding="utf-8-sig")
+        with path.open("rb") as file:
+            data = file.read(largest + 1)
     except FileNotFoundError as error:
         raise InputFileError(f"{path}: no such file, expected {expected}") from error
     except OSError as error:
         raise InputFileError(f"{path}: cannot be read ({error.strerror})") from error
+    except ValueError as error:  # a NUL in the path
+        raise InputFileError(f"{path}: not a path ({error}), expected {expected}") from error
+    if len(data) > largest:
+        raise InputFileError(
+            f"{path}: larger than {largest} bytes, the limit text_file_bytes, expected {expected}"
+        )
+    try:
+        text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputFileError(f"{path}: not a text file, expected {expected}") from error
+    return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def parse(path: Path, text: str, expected: str) -> Any:
@@ -46,7 +62,7 @@ def parse(path: Path, text: str, expected: str) -> Any:
         expected: What the file should be, for messages.
 
     Raises:
-        InputFileError: If the text cannot be parsed.
+        InputFileError: If the text cannot be parsed, or has more values or levels than allowed.
     """
     start = text.lstrip()[:1]
     kind: str = "YAML"
@@ -58,7 +74,9 @@ def parse(path: Path, text: str, expected: str) -> Any:
     elif start == "<":
         kind, parser = "XML", _parse_xml
     try:
-        return parser(text)
+        values = parser(text)
+        _check_extent(values)
+        return values
     except (ValueError, RecursionError, ElementTree.ParseError, configparser.Error) as error:
         reason = " ".join(str(error).split())
         raise InputFileError(f"{path}: not {kind} ({reason}), expected {expected}") from error
@@ -82,13 +100,43 @@ def parse_record(path: Path, schema: str, expected: str) -> Mapping[str, Any]:
     return values
 
 
+def refuse_repeated(names: Iterable[str]) -> None:
+    """Raise ValueError if a name is repeated."""
+    seen: set[str] = set()
+    for name in names:
+        if name in seen:
+            raise ValueError(f"{name} is given twice")
+        seen.add(name)
+
+
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     """Return the pairs as a dict; ValueError if a key is repeated."""
-    values = dict(pairs)
-    if len(values) < len(pairs):
-        names = [name for name, _ in pairs]
-        raise ValueError(f"{next(n for n in names if names.count(n) > 1)} is given twice")
-    return values
+    refuse_repeated(name for name, _ in pairs)
+    return dict(pairs)
+
+
+def _check_extent(values: Any) -> None:
+    """Check the number of values and their nesting.
+
+    Raises:
+        ValueError: If there are more than allowed.
+    """
+    limits = current_limits()
+    level, count = [values], 0
+    for _ in range(limits.text_nesting):
+        count += len(level)
+        if count > limits.text_values:
+            raise ValueError(f"more than {limits.text_values} values")
+        level = [inner for value in level for inner in _parts(value)]
+        if not level:
+            return
+    raise ValueError(f"nested more than {limits.text_nesting} levels deep")
+
+
+def _parts(value: Any) -> Iterable[Any]:
+    if isinstance(value, Mapping):
+        return value.values()
+    return value if isinstance(value, list) else ()
 
 
 def _parse_json(text: str) -> Any:
@@ -97,13 +145,22 @@ def _parse_json(text: str) -> Any:
 
 def _parse_ini(text: str) -> dict[str, dict[str, str]]:
     """Return the sections of an INI file; field names are lower case."""
-    parser = configparser.ConfigParser(interpolation=None)
+    parser = configparser.ConfigParser(interpolation=None, default_section="")
     parser.read_string(text)
     return {name: dict(parser[name]) for name in parser.sections()}
 
 
 def _parse_xml(text: str) -> Any:
     """Parse XML of OpenCV's FileStorage; leaves stay strings."""
+    if "<!DOCTYPE" in text:
+        raise ValueError("it has a document type, expected none")
+    deepest, level = current_limits().text_nesting, 0
+    elements: list[ElementTree.Element] = []
+    for event, element in ElementTree.iterparse(io.StringIO(text), events=("start", "end")):
+        level += 1 if event == "start" else -1
+        elements = elements or [element]
+        if level > deepest:
+            raise ValueError(f"nested more than {deepest} levels deep")
 
     def values(element: ElementTree.Element) -> Any:
         if not len(element):
@@ -112,33 +169,17 @@ def _parse_xml(text: str) -> Any:
             return [values(child) for child in element]
         return _unique([(child.tag, values(child)) for child in element])
 
-    return values(ElementTree.fromstring(text))
+    return values(elements[0])
 
 
 def _parse_yaml(text: str) -> Any:
-    """Parse YAML, including OpenCV's matrices, which become maps. Repeated keys are an error.
+    """Parse YAML, including OpenCV's matrices, which become maps.
 
     Several documents become a list. OpenCV's old YAML needs no space between a key and its value.
     """
-    import yaml
+    from calib.files.yaml_text import parse_yaml
 
-    class Loader(yaml.SafeLoader):
-        """Rejects repeated keys."""
-
-        def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-            """Check the keys, then do as the base class."""
-            keys = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
-            _unique([(key, None) for key in keys])
-            return super().construct_mapping(node, deep)
-
-    Loader.add_constructor(
-        "tag:yaml.org,2002:opencv-matrix",
-        lambda loader, node: loader.construct_mapping(cast("yaml.MappingNode", node), deep=True),
-    )
     if _OLD_OPENCV_HEADER.match(text):
         text = _NO_SPACE_AFTER_KEY.sub(r"\1 ", _OLD_OPENCV_HEADER.sub("", text, count=1))
-    try:
-        documents = [item for item in yaml.load_all(text, Loader) if item is not None]
-        return documents if len(documents) > 1 else next(iter(documents), None)
-    except yaml.YAMLError as error:
-        raise ValueError(str(error)) from error
+    documents = parse_yaml(text)
+    return documents if len(documents) > 1 else next(iter(documents), None)

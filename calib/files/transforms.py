@@ -39,7 +39,7 @@ def load_transform(path: Path | str) -> RigidTransform:
 
 
 def _build(values: Mapping[str, Any]) -> RigidTransform:
-    given = sorted(set(values) - {"schema"})
+    given = sorted(str(name) for name in values if name != "schema")
     rotations = [name for name in _ROTATIONS if name in values]
     if given == ["mounting"]:
         return _mounting(values["mounting"])
@@ -62,7 +62,7 @@ def _build(values: Mapping[str, Any]) -> RigidTransform:
 def _mounting(values: Any) -> RigidTransform:
     known = isinstance(values, Mapping) and set(values) <= {"position_m", *_ANGLES}
     if not known or "position_m" not in values:
-        found = sorted(values) if isinstance(values, Mapping) else repr(values)
+        found = sorted(map(str, values)) if isinstance(values, Mapping) else repr(values)
         raise CalibError(f"mounting has {found}: expected position_m, {', '.join(_ANGLES)}")
     angles = {name: values.get(name, 0.0) for name in _ANGLES}
     return RigidTransform.mounting(values["position_m"], **angles)

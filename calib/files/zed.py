@@ -5,9 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 
-from calib.camera import FISHEYE, RADTAN, PinholeCamera
+from calib.camera import PinholeCamera
 from calib.errors import CameraError
 from calib.files.fields import Values, camera, number
+from calib.lens_models import FISHEYE, RADTAN
 
 _SIZES = {
     "2K": (2208, 1242),

@@ -1,9 +1,10 @@
 """Check a model file before onnxruntime opens it.
 
 Models of this project are single, self-contained ONNX files. In general an ONNX model may refer to
-other files, declare tensors whose data are missing, or be truncated; opening it would then read
-those files or allocate that memory. This module parses the structure of the file once, without
-reading the weights, and rejects such models.
+other files, declare tensors whose data are missing, be truncated, or compute anything while it is
+opened; opening it would then read those files, or take any amount of memory and time. This module
+parses the structure of the file once, without reading the weights, and rejects such models. What
+the graph may contain is in `edgetree.model_file.graph_rules`.
 
 ONNX files are protobuf messages. A message is a sequence of fields, each with a number, a wire type
 and a value. See https://protobuf.dev/programming-guides/encoding for the encoding, and onnx.proto
@@ -14,20 +15,30 @@ from __future__ import annotations
 
 import math
 import mmap
+import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, TypeAlias
 
 from edgetree.errors import ModelFileError
+from edgetree.model_file.graph_rules import (
+    MAX_ELEMENTS,
+    Constant,
+    GraphNode,
+    RuleBroken,
+    check_graph,
+)
 
 __all__ = ["MAX_ELEMENTS", "ModelFile", "Shape", "read_model_file"]
 
 Shape: TypeAlias = tuple[int | str, ...]
 
-MAX_ELEMENTS: Final = 2**28  # of one input or output
 _MAX_FIELDS: Final = 1_000_000  # a model with a thousand nodes has about ten thousand fields
 _MAX_RANK: Final = 32
+_MAX_METADATA: Final = 2**20  # bytes of one entry; the manifest has about 5000
+_FEW_BYTES: Final = 8 * _MAX_RANK
+_FORMATS: Final = {1: "f", 7: "q", 10: "e"}  # of TensorProto.DataType: float32, int64, float16
 _DATA_INSIDE: Final = 0  # TensorProto.DataLocation.DEFAULT
 _MAX_ELEMENTS_PER_BYTE: Final = 8  # the smallest element types take less than a byte each
 
@@ -63,8 +74,8 @@ def read_model_file(path: Path) -> ModelFile:
 
     Raises:
         ModelFileError: the file is missing or unreadable, is not an ONNX model or truncated, refers
-            to data in other files, contains less data than it declares, or has an input or output
-            of more than `MAX_ELEMENTS` elements.
+            to data in other files, contains less data than it declares, has an input or output of
+            more than `MAX_ELEMENTS` elements, or has operators that no export of this project has.
     """
     if not path.is_file():
         problem = "is a folder" if path.is_dir() else "does not exist"
@@ -84,7 +95,7 @@ def read_model_file(path: Path) -> ModelFile:
             f"model {path} is not an ONNX model ({error}):"
             " expected a file made by `edgetree export`"
         ) from error
-    except _Refused as error:
+    except (_Refused, RuleBroken) as error:
         raise ModelFileError(f"model {path} {error}") from error
 
 
@@ -94,71 +105,106 @@ class _Parser:
     def __init__(self, data: _Bytes) -> None:
         self._data = data
         self._fields_left = _MAX_FIELDS
+        self._nodes: list[GraphNode] = []
+        self._constants: dict[str, Constant] = {}
 
     def parse_model(self) -> ModelFile:
         """Parse the whole file, a ModelProto, and check all its parts."""
         found = ModelFile()
         graphs: list[_Span] = []
-        parts: list[tuple[str, _Span]] = []
         for number, value in self._fields((0, len(self._data))):
             if number == 7:  # graph
                 graphs.append(_span(value))
             elif number == 14:  # metadata_props
                 key, text = self._entry(_span(value))
                 found.metadata[key] = text
-            elif number == 20:  # training_info: initialization, algorithm
-                for inner in (1, 2):
-                    parts += [("graph", part) for part in self._children(_span(value), inner)]
-            elif number == 25:  # functions: node, attribute_proto
-                for inner, kind in ((7, "node"), (11, "attribute")):
-                    parts += [(kind, part) for part in self._children(_span(value), inner)]
+            elif number in (20, 25):  # training_info, functions
+                raise _Refused("contains functions or a training graph: expected one plain graph")
         if len(graphs) != 1:
             raise _NotOnnx(f"it has {len(graphs)} graphs")
         for number, value in self._fields(graphs[0]):
             if number in (11, 12):  # input, output
                 name, shape = self._value_info(_span(value))
                 (found.input_shapes if number == 11 else found.output_shapes)[name] = shape
-        self._check_parts([*parts, ("graph", graphs[0])])
+        self._parse_graph(graphs[0])
+        check_graph(self._nodes, found.input_shapes, self._constants)
         return found
 
-    def _check_parts(self, waiting: list[tuple[str, _Span]]) -> None:
-        """Check all graphs, nodes and tensors, including those nested in attributes."""
-        while waiting:
-            kind, span = waiting.pop()
-            for number, value in self._fields(span):
-                what = _CHILD_KINDS[kind].get(number)
-                if what == "tensor":
-                    self._check_tensor(_span(value))
-                elif what == "sparse tensor":
-                    raise _Refused("contains a sparse tensor: expected dense tensors only")
-                elif what == "operator":
-                    self._check_operator(_span(value))
-                elif what is not None:
-                    waiting.append((what, _span(value)))
+    def _parse_graph(self, span: _Span) -> None:
+        """Check all nodes and tensors of the graph, and collect them."""
+        for number, value in self._fields(span):
+            if number == 1:  # node
+                self._nodes.append(self._node(_span(value)))
+            elif number == 5:  # initializer
+                name, constant = self._tensor(_span(value))
+                if name in self._constants:
+                    raise _Refused(f"has two constants {name[:100]!r}: expected unique names")
+                self._constants[name] = constant
+            elif number == 15:  # sparse_initializer
+                raise _Refused("contains a sparse tensor: expected dense tensors only")
 
-    def _check_operator(self, span: _Span) -> None:
-        if self._data[slice(*span)] == b"EPContext":
+    def _node(self, span: _Span) -> GraphNode:
+        node = GraphNode()
+        texts = {1: node.inputs, 2: node.outputs, 4: node.operators, 7: node.domains}
+        for number, value in self._fields(span):
+            if number in texts:
+                texts[number].append(self._text(_span(value)))
+            elif number == 5:  # attribute
+                self._parse_attribute(_span(value), node)
+        if "EPContext" in node.operators:
             raise _Refused(
                 "contains an operator EPContext, compiled for one machine: expected none"
             )
+        return node
 
-    def _check_tensor(self, span: _Span) -> None:
-        """Check that all of a tensor's data are in this file."""
+    def _parse_attribute(self, span: _Span, node: GraphNode) -> None:
+        name, integers = "", []
+        for number, value in self._fields(span):
+            if number == 1:  # name
+                name = self._text(_span(value))
+            elif number in (3, 8):  # i, ints
+                integers += self._numbers(value)
+            elif number in (5, 10):  # t, tensors
+                self._tensor(_span(value))
+            elif number in (6, 11):  # g, graphs
+                raise _Refused("contains a graph inside an operator: expected one plain graph")
+            elif number in (22, 23):  # sparse_tensor, sparse_tensors
+                raise _Refused("contains a sparse tensor: expected dense tensors only")
+            if len(integers) > _MAX_RANK:
+                raise _Refused(f"has an attribute of more than {_MAX_RANK} numbers: expected fewer")
+        node.integers.setdefault(name, []).extend(integers)
+
+    def _tensor(self, span: _Span) -> tuple[str, Constant]:
+        """Name and content of a tensor, after a check that all its data are in this file."""
         dims: list[int] = []
-        name = "?"
+        name, kind, raw = "?", 0, (0, 0)
         for number, value in self._fields(span):
             if number == 14 and value != _DATA_INSIDE:  # data_location
                 raise _Refused("stores weights in another file: expected a self-contained file")
             if number == 1:  # dims
                 dims += self._numbers(value)
+            elif number == 2:  # data_type
+                kind = _number(value)
             elif number == 8:  # name
                 name = self._text(_span(value))
+            elif number == 9:  # raw_data
+                raw = _span(value)
         size = span[1] - span[0]
-        if _product(dims) > size * _MAX_ELEMENTS_PER_BYTE:
+        elements = _product(dims)
+        if elements > size * _MAX_ELEMENTS_PER_BYTE:
             raise _Refused(
-                f"declares its tensor {name!r} as {'x'.join(map(str, dims))} but contains only"
-                f" {size} bytes of it: expected all of its data"
+                f"declares its tensor {name[:100]!r} as {'x'.join(map(str, dims))} but contains"
+                f" only {size} bytes of it: expected all of its data"
             )
+        return name, Constant(elements, self._few_values(kind, elements, raw))
+
+    def _few_values(self, kind: int, elements: int, raw: _Span) -> tuple[float, ...] | None:
+        """The values of a small tensor of numbers; None for other tensors."""
+        data = self._data[slice(*raw)] if raw[1] - raw[0] <= _FEW_BYTES else b""
+        layout = f"<{elements}{_FORMATS.get(kind, 'q')}" if elements <= _MAX_RANK else ""
+        if kind not in _FORMATS or not layout or struct.calcsize(layout) != len(data):
+            return None
+        return struct.unpack(layout, data)
 
     def _value_info(self, span: _Span) -> tuple[str, Shape]:
         """Name and shape of an input or output; the shape is () if it is not a tensor."""
@@ -172,9 +218,9 @@ class _Parser:
         ]
         known = [size for size in sizes if isinstance(size, int)]
         if min(known, default=1) < 1 or _product(known) > MAX_ELEMENTS:
-            text = "x".join(map(str, sizes))
+            text = "x".join(str(size)[:100] for size in sizes)
             raise _Refused(
-                f"declares {name!r} as {text}: expected sizes of at least 1"
+                f"declares {name[:100]!r} as {text}: expected sizes of at least 1"
                 f" and at most {MAX_ELEMENTS} elements"
             )
         return name, tuple(sizes)
@@ -188,6 +234,8 @@ class _Parser:
         return "?"
 
     def _entry(self, span: _Span) -> tuple[str, str]:
+        if span[1] - span[0] > _MAX_METADATA:
+            raise _Refused(f"has more than {_MAX_METADATA} bytes of metadata: expected fewer")
         texts = {number: self._text(_span(value)) for number, value in self._fields(span)}
         return texts.get(1, ""), texts.get(2, "")
 
@@ -254,21 +302,6 @@ class _Parser:
             if byte < 0x80:
                 return number & 0xFFFF_FFFF_FFFF_FFFF, position
         raise _NotOnnx(f"the number that ends at byte {position} is longer than ten bytes")
-
-
-# The fields to check in each kind of message, by field number.
-_CHILD_KINDS: Final[dict[str, dict[int, str]]] = {
-    "graph": {1: "node", 5: "tensor", 15: "sparse tensor"},
-    "node": {4: "operator", 5: "attribute"},
-    "attribute": {
-        5: "tensor",
-        6: "graph",
-        10: "tensor",
-        11: "graph",
-        22: "sparse tensor",
-        23: "sparse tensor",
-    },
-}
 
 
 def _product(sizes: list[int]) -> int:

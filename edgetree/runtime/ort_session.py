@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import logging
 import re
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
+import calib
 from calib.file_names import is_utf8
 from edgetree.errors import InputError, ModelFileError
+from edgetree.runtime.memory_limit import memory_limit
 from edgetree.runtime.providers import (
     AUTO,
     CPU,
@@ -74,13 +77,17 @@ def _start(path: Path, provider: Provider, settings: SessionSettings, threads: i
         listed = onnxruntime.get_available_providers()
         asked += [(name, {}) for name in provider.helpers if name in listed]
         asked.append((PROVIDERS[CPU].ort_name, {}))
+    # Providers with memory of their own reserve far more addresses than they use.
+    largest = calib.current_limits().model_memory_bytes
+    limit = memory_limit(largest) if provider.name == CPU else nullcontext()
     try:
-        session = onnxruntime.InferenceSession(
-            str(path) if is_utf8(path) else path.read_bytes(),
-            sess_options=_options(onnxruntime, provider, settings, threads),
-            providers=asked,
-            enable_fallback=0,
-        )
+        with limit:
+            session = onnxruntime.InferenceSession(
+                str(path) if is_utf8(path) else path.read_bytes(),
+                sess_options=_options(onnxruntime, provider, settings, threads),
+                providers=asked,
+                enable_fallback=0,
+            )
     except Exception as error:  # onnxruntime's errors have no common base class
         if provider.name != CPU:
             raise _NotStarted(reason_of(error)) from error

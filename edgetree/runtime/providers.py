@@ -27,6 +27,7 @@ __all__ = [
 
 AUTO: Final = "auto"
 CPU: Final = "cpu"
+_MAX_THREADS: Final = 1024
 
 
 @dataclass(frozen=True)
@@ -140,8 +141,8 @@ class SessionSettings:
         if self.provider != AUTO and self.provider not in PROVIDERS:
             names = ", ".join((AUTO, *PROVIDERS))
             raise InputError(f"provider is {self.provider!r}: expected one of {names}")
-        if self.threads is not None and self.threads < 1:
-            raise InputError(f"threads is {self.threads}: expected 1 or more")
+        if self.threads is not None and not 1 <= self.threads <= _MAX_THREADS:
+            raise InputError(f"threads is {self.threads}: expected 1 to {_MAX_THREADS}")
         caching = [provider.name for provider in PROVIDERS.values() if provider.cache_options]
         if self.cache_folder is not None and self.provider not in (AUTO, *caching):
             raise InputError(

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from calib import Letterbox
+from calib import InputFileError, Letterbox
 from calib.reading import read_image
 from perceptree.data.coco import FrameRecord
 from perceptree.errors import DatasetError
@@ -148,7 +148,10 @@ def read_frame(frame: FrameRecord, modality: str) -> NDArray[np.uint8]:
     """
     path = source_path(frame, modality)
     flag = cv2.IMREAD_COLOR if modality == "rgb" else cv2.IMREAD_UNCHANGED
-    image = read_image(path, flag)
+    try:
+        image = read_image(path, flag)
+    except InputFileError as error:
+        raise DatasetError(str(error)) from error
     if image is None:
         raise DatasetError(f"{path}: missing or not a readable image, expected one")
     if image.shape[:2] != (frame.height, frame.width):

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calib import opencv_to_image
+from calib import current_limits, opencv_to_image
 from perceptree.data.coco import FrameRecord, TreeRecord
 from perceptree.data.entries import (
     Entry,
@@ -155,7 +155,7 @@ class Parser:
         ends: list[int] = []
         for image, labels in zip(images, trees, strict=True):
             try:
-                _check_image(image)
+                _check_image(image, self._pictures)
             except EntryError as error:
                 self._report(error)
                 continue
@@ -244,14 +244,19 @@ class Parser:
         return keypoints
 
 
-def _check_image(image: Entry) -> None:
+def _check_image(image: Entry, pictures: Pictures) -> None:
     for key in _FILE_FIELDS:
         name = image.get(key)
-        if not (isinstance(name, str) and name) and (key == "file_name" or name is not None):
-            refuse(image, "image", key, "the path of a file in the dataset")
+        if name is None and key != "file_name":
+            continue
+        if not isinstance(name, str) or not name or "\0" in name or not pictures.is_inside(name):
+            refuse(image, "image", key, "the path of a file in the dataset's folder")
+    largest = current_limits().image_pixels
     for key in ("width", "height"):
         if whole(image, "image", key) < 1:
             refuse(image, "image", key, "at least 1 px")
+    if image["width"] * image["height"] > largest:
+        refuse(image, "image", "width", f"a picture of at most {largest} pixels")
 
 
 def _example(outside: list[tuple[int, float, float]]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -40,6 +41,17 @@ class Pictures:
         self.notes: tuple[str, ...] = ()
         if not any(image.get(field) for image in sampled for field in _DEPTH_FIELDS):
             self._find_depth([path for name in names if (path := self._path_of(name)).is_file()])
+
+    def is_inside(self, name: str) -> bool:
+        """Whether an image or depth image of this name is in the dataset's folder.
+
+        Links inside of the folder may lead out of it: whoever made them can read the target.
+        """
+        if ".." not in name and not os.path.isabs(name):
+            return True
+        root = os.path.abspath(self._root)
+        paths = (self._path_of(name), self._root / name)
+        return all(Path(os.path.abspath(path)).is_relative_to(root) for path in paths)
 
     def of(self, image: dict[str, Any]) -> tuple[Path, Path | None, Path | None]:
         """Return the paths of an image's colour, 16-bit depth and 8-bit depth; None if missing."""

@@ -54,18 +54,31 @@ def load_checkpoint(path: str | Path) -> tuple[TreeRCNN, dict[str, Any]]:
         ``training``.
 
     Raises:
-        CheckpointError: If the file is missing, unreadable or of another kind, or if its tensors
-            do not match its spec.
+        CheckpointError: If the file is missing, unreadable or of another kind, if its tensors do
+            not match its spec, or if a weight is not finite.
     """
     path = Path(path)
     record, tensors = _read(path)
     try:
-        model = TreeRCNN(ModelSpec.from_dict(record["spec"]))
+        spec = ModelSpec.from_dict(record["spec"])
+        expected = tensors_of(spec)
     except SpecError as error:
         raise CheckpointError(f"{path}: {error}") from error
-    check_tensors(path, model.state_dict(), tensors)
+    check_tensors(path, expected, tensors)
+    check_finite(path, tensors)
+    model = TreeRCNN(spec)
     model.load_state_dict(tensors)
     return model.eval(), record
+
+
+def tensors_of(spec: ModelSpec) -> dict[str, torch.Tensor]:
+    """Return the tensors of a model by name, without memory for their values.
+
+    Raises:
+        SpecError: If there is no such model.
+    """
+    with torch.device("meta"):
+        return TreeRCNN(spec).state_dict()
 
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, torch.Tensor]]:
@@ -78,12 +91,14 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, torch.Tensor]]:
             text = (file.metadata() or {}).get(METADATA_KEY)
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
         record = json.loads(text) if text else None
-    except (SafetensorError, OSError, ValueError) as error:
+    except (SafetensorError, OSError, ValueError, RecursionError) as error:
         raise CheckpointError(f"{path}: not a readable safetensors file ({error})") from error
     if not isinstance(record, dict) or record.get("schema") != SCHEMA:
         raise CheckpointError(f"{path}: not a perceptree checkpoint, expected schema {SCHEMA}")
     if not isinstance(record.get("spec"), dict):
         raise CheckpointError(f"{path}: the checkpoint has no model spec")
+    if not isinstance(record.get("training"), dict):
+        raise CheckpointError(f"{path}: the checkpoint has no training record")
     return record, tensors
 
 
@@ -111,3 +126,20 @@ def check_tensors(
     if faults:
         more = f" and {len(faults) - 3} more" if len(faults) > 3 else ""
         raise CheckpointError(f"{path}: {'; '.join(faults[:3])}{more}")
+
+
+def check_finite(path: Path | str, tensors: Mapping[str, torch.Tensor]) -> None:
+    """Check that all numbers are finite.
+
+    Args:
+        path: File or source that an error names.
+        tensors: Tensors by name.
+
+    Raises:
+        CheckpointError: If a number is infinite or NaN; the message names the first such tensor.
+    """
+    for name, value in tensors.items():
+        if value.is_floating_point() and value.numel():
+            low, high = value.aminmax()
+            if not (torch.isfinite(low) and torch.isfinite(high)):
+                raise CheckpointError(f"{path}: {name} holds NaN or infinity, expected numbers")

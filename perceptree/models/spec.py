@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
 from collections.abc import Mapping
 from typing import Any, Literal, get_args
 
@@ -20,7 +21,22 @@ KeypointGrid = Literal["subcell", "pixels"]
 
 _CHANNELS = {"rgb": (3,), "depth": (1, 3)}
 _SMALLEST_PX, _LARGEST_PX = 32, 8192
-_COUNTS = ("proposals_per_level", "proposals", "detections", "fpn_width", "box_head_width")
+# Counts and widths, with the largest that is accepted: far above any network that is used.
+_LARGEST = {
+    "proposals_per_level": 100_000,
+    "proposals": 100_000,
+    "detections": 10_000,
+    "fpn_width": 4096,
+    "box_head_width": 16_384,
+}
+_LARGEST_FLOAT = sys.float_info.max
+_WIDEST_HEAD, _DEEPEST_HEAD, _MOST_ANCHORS, _MOST_SAMPLES = 4096, 64, 16, 64
+_PLAIN_TYPES: dict[str, tuple[type, ...]] = {
+    "str": (str,),
+    "int": (int,),
+    "bool": (bool,),
+    "float": (int, float),
+}
 
 
 class SpecError(PerceptreeError):
@@ -105,19 +121,37 @@ class ModelSpec:
     """Overlap above which a detection is suppressed."""
 
     def __post_init__(self) -> None:
+        self._check_types()
         self._check_input()
         self._check_levels()
         self._check_choices()
-        for name in _COUNTS:
-            if getattr(self, name) < 1:
-                raise SpecError(f"{name} is {getattr(self, name)}, expected at least 1")
+        for name, largest in _LARGEST.items():
+            if not 1 <= getattr(self, name) <= largest:
+                raise SpecError(f"{name} is {getattr(self, name)}, expected 1 to {largest}")
         for name in ("proposal_nms_iou", "nms_iou"):
             if not 0.0 < getattr(self, name) <= 1.0:
                 raise SpecError(f"{name} is {getattr(self, name)}, expected over 0, at most 1")
         for name in ("mask_head_widths", "keypoint_head_widths"):
             widths = getattr(self, name)
-            if not widths or min(widths) < 1:
-                raise SpecError(f"{name} are {widths}, expected at least one, each at least 1")
+            in_range = all(1 <= width <= _WIDEST_HEAD for width in widths)
+            if not 1 <= len(widths) <= _DEEPEST_HEAD or not in_range:
+                raise SpecError(
+                    f"{name} are {widths}, expected 1 to {_DEEPEST_HEAD} of 1 to {_WIDEST_HEAD}"
+                )
+
+    def _check_types(self) -> None:
+        """Check that numbers are finite numbers of the right kind, also those in tuples."""
+        for field in dataclasses.fields(self):
+            kind = str(field.type).removeprefix("tuple[").removeprefix("tuple[").split(",")[0]
+            if kind not in _PLAIN_TYPES:
+                continue
+            value = getattr(self, field.name)
+            depth = str(field.type).count("tuple[")
+            if not all(_is(item, kind) for item in _flat(value, depth)):
+                raise SpecError(
+                    f"{field.name} is {str(value)[:200]}, expected {'tuples of ' * (depth > 0)}"
+                    f"{kind}{', finite' * (kind == 'float')}"
+                )
 
     def _check_input(self) -> None:
         allowed = _CHANNELS.get(self.modality)
@@ -145,7 +179,8 @@ class ModelSpec:
 
     def _check_levels(self) -> None:
         first = self.levels[0] if self.levels else 0
-        if first < 2 or self.levels != tuple(range(first, first + len(self.levels))):
+        counted = tuple(range(first, first + len(self.levels)))
+        if not 2 <= first <= 6 or self.levels != counted:
             raise SpecError(f"levels are {self.levels}, expected consecutive levels, at least 2")
         if not 5 <= self.levels[-1] <= 6:
             raise SpecError(f"levels are {self.levels}, expected level 5 or 6 as the last")
@@ -156,15 +191,20 @@ class ModelSpec:
                 "groups (one per level) with the same number of sizes"
             )
         sizes = (*self.anchor_ratios, *(s for group in self.anchor_sizes_px for s in group))
+        if max(counts) > _MOST_ANCHORS or len(self.anchor_ratios) > _MOST_ANCHORS:
+            raise SpecError(
+                f"there are {max(counts)} anchor sizes and {len(self.anchor_ratios)} ratios per"
+                f" level, expected at most {_MOST_ANCHORS} each"
+            )
         if not self.anchor_ratios or min(sizes) <= 0.0:
             raise SpecError(
                 f"anchor_ratios are {self.anchor_ratios}, anchor_sizes_px {self.anchor_sizes_px}, "
                 "expected at least one each, over 0"
             )
-        pooled = tuple(
-            range(self.roi_levels[0], self.roi_levels[-1] + 1) if self.roi_levels else ()
-        )
-        if not pooled or self.roi_levels != pooled or not set(pooled) <= set(self.levels) - {6}:
+        allowed = set(self.levels) - {6}
+        pooled = tuple(sorted(set(self.roi_levels) & allowed))
+        consecutive = bool(pooled) and pooled[-1] - pooled[0] == len(pooled) - 1
+        if not consecutive or self.roi_levels != pooled:
             raise SpecError(
                 f"roi_levels are {self.roi_levels}, expected consecutive levels of {self.levels}, "
                 "at most 5"
@@ -175,8 +215,8 @@ class ModelSpec:
             raise SpecError(
                 f"keypoint_grid is {self.keypoint_grid!r}, expected 'subcell' or 'pixels'"
             )
-        if self.roi_samples < 0:
-            raise SpecError(f"roi_samples is {self.roi_samples}, expected at least 0")
+        if not 0 <= self.roi_samples <= _MOST_SAMPLES:
+            raise SpecError(f"roi_samples is {self.roi_samples}, expected 0 to {_MOST_SAMPLES}")
         if not 0.0 <= self.anchor_offset <= 1.0:
             raise SpecError(f"anchor_offset is {self.anchor_offset}, expected 0 to 1")
         if not 0.0 <= self.score_threshold < 1.0:
@@ -220,11 +260,27 @@ class ModelSpec:
         surplus = sorted(set(values) - known)
         if surplus:
             raise SpecError(f"unknown model spec fields: {', '.join(surplus)}")
-        plain: dict[str, Any] = {name: _as_tuples(value) for name, value in values.items()}
         try:
-            return cls(**plain)
-        except TypeError as error:
+            return cls(**{name: _as_tuples(value) for name, value in values.items()})
+        except (TypeError, RecursionError) as error:
             raise SpecError(f"invalid model spec: {error}") from error
+
+
+def _flat(value: Any, depth: int) -> list[Any]:
+    """Return the items of nested tuples, in a list; None stands for what is no tuple."""
+    items = [value]
+    for _ in range(depth):
+        items = [
+            item for group in items for item in (group if isinstance(group, tuple) else (None,))
+        ]
+    return items
+
+
+def _is(value: Any, kind: str) -> bool:
+    """Return whether a value has a plain type; bools are no numbers, floats must be finite."""
+    if not isinstance(value, _PLAIN_TYPES[kind]) or (isinstance(value, bool) and kind != "bool"):
+        return False
+    return not isinstance(value, int | float) or kind != "float" or abs(value) <= _LARGEST_FLOAT
 
 
 def _as_tuples(value: Any) -> Any:

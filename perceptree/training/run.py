@@ -113,7 +113,7 @@ class _TrainingRun:
             "frames": len(data.frames),
         }
         if state is not None:
-            _restore(trainer, state, branched=not self._resumable)
+            _restore_from(self._state_path, trainer, state, branched=not self._resumable)
         identity = self._identity(data)
         return trainer.run(lambda: write_state(trainer.state_path, _state_of(trainer), identity))
 
@@ -149,6 +149,11 @@ class _TrainingRun:
     @property
     def _resumable(self) -> bool:
         return (self.out / STATE_NAME).exists()
+
+    @property
+    def _state_path(self) -> Path:
+        """The state to continue from: this run's, or else that of the run it branches from."""
+        return (self.out if self._resumable or self.branch is None else self.branch) / STATE_NAME
 
     def _state(self, data: TrainingData) -> dict[str, Any] | None:
         """The state to continue: this run's, or else that of the run it branches from."""
@@ -203,6 +208,17 @@ def _state_of(trainer: Trainer) -> dict[str, Any]:
         "stale": trainer.stale,
         "evaluated_at": trainer.evaluated_at,
     }
+
+
+def _restore_from(path: Path, trainer: Trainer, state: dict[str, Any], branched: bool) -> None:
+    """Restore a trainer; a state whose parts do not fit it is an error that names the file."""
+    try:
+        _restore(trainer, state, branched)
+    except (RuntimeError, ValueError, LookupError, TypeError, AttributeError) as error:
+        reason = " ".join(str(error).split())[:300]
+        raise CheckpointError(
+            f"{path}: does not fit the training ({reason}), expected the state of the same model"
+        ) from error
 
 
 def _restore(trainer: Trainer, state: dict[str, Any], branched: bool) -> None:

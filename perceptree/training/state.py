@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-import pickle
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,10 +12,16 @@ import torch
 
 from calib.writing import replacing
 from perceptree.errors import CheckpointError
+from perceptree.models.checkpoint import check_finite
+from perceptree.models.weights.archives import check_archive
 
 STATE_NAME = "state.pt"
 _VERSION = 1
-_KEYS = ("model", "optimizer", "step", "first_step", "elapsed_s", "means", "best", "stale")
+_LONGEST_REASON = 300
+_MOST_STEPS = 10**12
+_STEPS = ("step", "first_step", "stale", "evaluated_at")
+_TIMES = ("elapsed_s", "waited_s")
+_KEYS = ("model", "average", "optimizer", "precision", *_STEPS, *_TIMES, "means", "best")
 
 Identity = Mapping[str, Mapping[str, Any]]
 """What must be equal to resume a state: JSON values by group and name."""
@@ -58,16 +64,16 @@ def read_state(path: Path, identity: Identity, defaults: Identity | None = None)
             versions do.
 
     Raises:
-        CheckpointError: If the file is unreadable or no training state, or a value differs.
+        CheckpointError: If the file is unreadable or no training state, if a value of it is out of
+            range, or if its identity differs.
     """
     try:
+        check_archive(path)
         state = torch.load(path, weights_only=True, map_location="cpu")
-    except (OSError, RuntimeError, ValueError, EOFError, pickle.UnpicklingError) as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        found = _checked(state)
+    except Exception as error:  # torch has no common error for broken files
+        reason = str(error).partition("\n")[0][:_LONGEST_REASON] or type(error).__name__
         raise CheckpointError(f"{path}: not a readable training state ({reason})") from error
-    if not isinstance(state, dict) or not set(_KEYS) <= set(state) or "identity" not in state:
-        raise CheckpointError(f"{path}: not a training state of this project")
-    found = json.loads(state["identity"])
     wanted = json.loads(json.dumps(identity))
     filled = json.loads(json.dumps(defaults or {}))
     for group in wanted:
@@ -83,3 +89,57 @@ def read_state(path: Path, identity: Identity, defaults: Identity | None = None)
                 " expected the same to resume it, or another output folder"
             )
     return dict(state)
+
+
+def _checked(state: Any) -> dict[str, dict[str, Any]]:
+    """Check the types and ranges of a state's values, and return its identity.
+
+    Raises:
+        ValueError: If a value is missing or none that :func:`write_state` writes.
+    """
+    missing = [name for name in (*_KEYS, "identity") if name not in state]
+    if missing:
+        raise ValueError(f"{missing[0]} is missing")
+    for name in _STEPS:
+        if type(state[name]) is not int or not -1 <= state[name] <= _MOST_STEPS:
+            raise ValueError(f"{name} is {state[name]!r:.100}, expected a number of steps")
+    if state["first_step"] > state["step"]:
+        raise ValueError(f"first_step is {state['first_step']}, after step {state['step']}")
+    for name in _TIMES:
+        if not _is_finite(state[name]) or state[name] < 0:
+            raise ValueError(f"{name} is {state[name]!r:.100}, expected seconds")
+    _check_weights(state)
+    identity = json.loads(state["identity"])
+    if not isinstance(identity, dict) or not all(isinstance(v, dict) for v in identity.values()):
+        raise ValueError("identity is not an object of objects")
+    return identity
+
+
+def _check_weights(state: Mapping[str, Any]) -> None:
+    """Check the types of weights, optimizer and metrics, and that all numbers are finite.
+
+    Raises:
+        ValueError: If one has another type.
+        CheckpointError: If a weight is not finite.
+    """
+    means, best = state["means"], state["best"]
+    if not isinstance(means, dict) or not all(map(_is_finite, means.values())):
+        raise ValueError("means are no finite numbers by name")
+    if best is not None and (not isinstance(best, dict) or not _is_finite(best.get("box_ap"))):
+        raise ValueError("best has no box_ap")
+    for name in ("model", "average"):
+        if state[name] is None and name == "average":
+            continue
+        weights = state[name]
+        if not isinstance(weights, dict) or not all(
+            isinstance(value, torch.Tensor) for value in weights.values()
+        ):
+            raise ValueError(f"{name} does not hold tensors by name")
+        check_finite(name, weights)
+    if not isinstance(state["optimizer"], dict) or not isinstance(state["precision"], str):
+        raise ValueError("optimizer or precision is of another type")
+
+
+def _is_finite(value: Any) -> bool:
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return is_number and abs(value) <= sys.float_info.max

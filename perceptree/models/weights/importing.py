@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from perceptree.errors import SettingsError
-from perceptree.models.checkpoint import check_tensors
+from perceptree.models.checkpoint import check_tensors, tensors_of
 from perceptree.models.detector import TreeRCNN
 from perceptree.models.spec import Modality, ModelSpec
 from perceptree.models.weights.detectron2 import our_name, their_name
@@ -119,9 +119,7 @@ def _weights(tensors: Tensors, found: RecognisedNetwork) -> Tensors:
 
 def _shapes(spec: ModelSpec) -> dict[str, Tensor]:
     """The model's weights on the meta device, to check shapes before memory is allocated."""
-    with torch.device("meta"):
-        state = TreeRCNN(spec).state_dict()
-    return {name: value for name, value in state.items() if not name.endswith(_COUNTER)}
+    return {name: value for name, value in tensors_of(spec).items() if not name.endswith(_COUNTER)}
 
 
 def _fresh(shapes: dict[str, Tensor], weights: Tensors) -> list[str]:

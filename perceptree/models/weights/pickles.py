@@ -12,7 +12,7 @@ import math
 import mmap
 import pickle
 import pickletools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import IO, Any, BinaryIO, cast
 
 import numpy as np
@@ -83,6 +83,12 @@ class ArrayRecord:
         shape, dtype, by_columns, raw = state[-4:]
         self._parts = (raw, dtype, shape, "F" if by_columns else "C", None)
 
+    @property
+    def stored_bytes(self) -> int:
+        """Size of the recorded bytes; 0 if there are none."""
+        raw = self._parts[0] if self._parts else b""
+        return len(raw) if isinstance(raw, str | bytes | bytearray) else 0
+
     def build(self) -> np.ndarray[Any, Any]:
         """Make the array.
 
@@ -125,7 +131,6 @@ def _is_shape(shape: object) -> bool:
 
 
 _STAND_INS: Mapping[tuple[str, str], type] = {
-    ("_codecs", "encode"): _Bytes,
     ("collections", "OrderedDict"): _Mapping,
     ("numpy", "dtype"): _Dtype,
     ("numpy", "ndarray"): _Ignored,
@@ -146,14 +151,27 @@ SAFE_GLOBALS: tuple[tuple[type, str], ...] = tuple(
 
 
 class _Unpickler(pickle.Unpickler):
-    """An unpickler that knows only the stand-ins."""
+    """An unpickler that knows only the stand-ins, and encodes no more text than the file holds."""
 
-    def find_class(self, module: str, name: str) -> type:
+    def __init__(self, content: mmap.mmap) -> None:
+        super().__init__(cast("BinaryIO", content), encoding="latin1")
+        self._left = len(content)
+
+    def _encode(self, text: object, encoding: object = None) -> _Bytes:
+        """Encode a text; a pickle can name one long text any number of times."""
+        self._left -= len(text) if isinstance(text, str) else 0
+        if self._left < 0:
+            raise ValueError("more encoded text than the file holds")
+        return _Bytes(text, encoding)
+
+    def find_class(self, module: str, name: str) -> Callable[..., Any]:
         """Return the stand-in for a name.
 
         Raises:
             UnpicklingError: If there is none.
         """
+        if (module, name) == ("_codecs", "encode"):
+            return self._encode
         stand_in = _STAND_INS.get((module, name))
         if stand_in is None:
             raise pickle.UnpicklingError(f"unsupported GLOBAL {module}.{name}")
@@ -169,7 +187,7 @@ def read_pickle(file: BinaryIO) -> Any:
     with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
         _check_claims(content)
         content.seek(0)
-        return _Unpickler(content, encoding="latin1").load()
+        return _Unpickler(content).load()
 
 
 def _check_claims(content: mmap.mmap) -> None:

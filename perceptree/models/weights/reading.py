@@ -15,6 +15,7 @@ import torch
 from torch import Tensor
 
 from perceptree.errors import CheckpointError
+from perceptree.models.weights.archives import check_archive
 from perceptree.models.weights.pickles import SAFE_GLOBALS, ArrayRecord, read_pickle
 
 Tensors = dict[str, Tensor]
@@ -28,6 +29,7 @@ _TORCH_SAYS = "WeightsUnpickler error: "
 _HOLDERS = ("model", "state_dict", "blobs")
 _PARALLEL = "module."
 _LONGEST_NAME = 200
+_MOST_SHARED = 2  # times that the data of a file may be used, as by layers that share weights
 
 
 def read_weights(path: Path) -> Tensors:
@@ -49,7 +51,27 @@ def read_weights(path: Path) -> Tensors:
     tensors = {_checked_name(path, name): value for name, value in weights.items()}
     if all(name.startswith(_PARALLEL) for name in tensors):
         tensors = {name.removeprefix(_PARALLEL): value for name, value in tensors.items()}
+    _check_sum(path, tensors)
     return {name: _as_tensor(path, name, value) for name, value in tensors.items()}
+
+
+def _check_sum(path: Path, values: Mapping[str, Any]) -> None:
+    """Check that all tensors together are not much larger than the file.
+
+    Many names may share the data of one tensor, of which each would become a copy.
+    """
+    size = path.stat().st_size
+    claimed = 0
+    for value in values.values():
+        if isinstance(value, Tensor):
+            claimed += value.numel() * value.element_size()
+        elif isinstance(value, ArrayRecord):
+            claimed += value.stored_bytes
+    if claimed > _MOST_SHARED * size:
+        raise CheckpointError(
+            f"{path}: {len(values)} tensors of {claimed} bytes in a file of {size} bytes, expected"
+            " each with data of its own"
+        )
 
 
 def file_sha256(path: Path) -> str:
@@ -83,6 +105,7 @@ def _content(path: Path) -> Any:
 
 def _load(path: Path, head: bytes) -> Any:
     if head.startswith(_ZIP) or _OLD_TORCH in head:
+        check_archive(path)
         with torch.serialization.safe_globals(list(SAFE_GLOBALS)):
             return torch.load(path, map_location="cpu", weights_only=True)
     with path.open("rb") as file:

@@ -165,7 +165,7 @@ def test_tensorrt_gets_its_exclusions_and_its_cache_folder(
     ("settings", "message"),
     [
         ({"provider": "gpu"}, "provider is 'gpu': expected one of auto, cpu, cuda, tensorrt"),
-        ({"threads": 0}, "threads is 0: expected 1 or more"),
+        ({"threads": 0}, "threads is 0: expected 1 to 1024"),
         ({"cache_folder": Path("x")}, r"cache folder is x, but provider 'cpu' has no cache"),
     ],
 )

@@ -113,6 +113,35 @@ def test_a_wrong_entry_is_one_line_with_file_value_and_expectation(
     assert "\n" not in line
 
 
+@pytest.mark.parametrize(
+    "name", ["../secret.png", "images/../../secret.png", "/etc/passwd", "a\0b.png"]
+)
+@pytest.mark.parametrize("field", ["file_name", "depth_file", "depth8_file"])
+def test_paths_out_of_the_data_sets_folder_are_refused(
+    name: str, field: str, posts: Path, edit_split: Edit
+) -> None:
+    edit_split(posts, "train", _set("images", 1, field, name))
+    with pytest.raises(DatasetError, match=rf"{field} of image 1 is .*in the dataset's folder"):
+        read_split(posts, "train")
+
+
+def test_paths_with_dots_inside_the_folder_are_read(posts: Path, edit_split: Edit) -> None:
+    def with_dots(content: dict[str, Any]) -> None:
+        for image in content["images"]:
+            image["file_name"] = f"here/../{image['file_name']}"
+
+    expected = [frame.image_path.name for frame in read_split(posts, "train")]
+    edit_split(posts, "train", with_dots)
+    assert [frame.image_path.name for frame in read_split(posts, "train")] == expected
+
+
+@pytest.mark.parametrize("width", [10**9, int("9" * 400)])
+def test_sizes_that_no_picture_has_are_refused(width: int, posts: Path, edit_split: Edit) -> None:
+    edit_split(posts, "train", _set("images", 0, "width", width))
+    with pytest.raises(DatasetError, match="expected a picture of at most 200000000 pixels"):
+        read_split(posts, "train")
+
+
 def test_missing_and_unreadable_files_are_named(tmp_path: Path) -> None:
     with pytest.raises(DatasetError, match=r"train_RGB\.json: no such file, expected a dataset"):
         read_split(tmp_path, "train")

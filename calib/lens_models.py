@@ -1,0 +1,3 @@
+"""Names of the distortion models."""
+
+RADTAN, FISHEYE = "radtan", "fisheye"

@@ -1,0 +1,201 @@
+"""What the graph of a model file may contain: the operators and sizes that exports have.
+
+onnxruntime computes parts of a graph that depend on constants alone while it opens the file. A file
+of a few bytes could so ask for any amount of memory and time. The exports of this project have few
+such parts, and none that make anything large.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Final, NamedTuple
+
+__all__ = ["MAX_ELEMENTS", "Constant", "GraphNode", "RuleBroken", "check_graph"]
+
+MAX_ELEMENTS: Final = 2**28  # of one tensor
+_MAX_COMPUTED: Final = 2**30  # elements that are computed from constants, in sum
+_MAX_EXPANDED: Final = 64
+_MAX_NODES: Final = 20_000
+_MAX_ATTRIBUTE: Final = 1024
+_MAX_PADDING: Final = 1024
+_MAX_ENLARGEMENT: Final = 64.0
+
+# The operators of all backbones, precisions and operator sets, and Identity.
+OPERATORS: Final = frozenset(
+    (
+        *("Abs", "Add", "And", "ArgMax", "AveragePool", "Cast", "Ceil", "Clip", "Concat", "Conv"),
+        *("DepthToSpace", "DequantizeLinear", "Div", "Equal", "Exp", "Expand", "Flatten", "Floor"),
+        *("Gather", "GatherElements", "GatherND", "Gemm", "GlobalAveragePool", "Greater"),
+        *("GreaterOrEqual", "HardSigmoid", "HardSwish", "Identity", "Less", "LessOrEqual", "Log"),
+        *("MatMul", "Max", "MaxPool", "Min", "Mul", "Neg", "NonMaxSuppression", "Not", "Or", "Pad"),
+        *("QuantizeLinear", "Reciprocal", "ReduceMax", "ReduceMean", "ReduceMin", "ReduceProd"),
+        *("ReduceSum", "Relu", "Reshape", "Resize", "RoiAlign", "Round", "ScatterND", "Shape"),
+        *("Sigmoid", "Slice", "Softmax", "Sqrt", "Squeeze", "Sub", "TopK", "Transpose"),
+        *("Unsqueeze", "Where"),
+    )
+)
+# Those that exports apply to constants alone. None of them but Expand makes its input larger.
+_ON_CONSTANTS: Final = frozenset(("Cast", "DequantizeLinear", "Expand", "Identity", "Shape"))
+_KEEPING_VALUES: Final = frozenset(("Cast", "Identity"))
+_BOUNDED_ATTRIBUTES: Final = frozenset(("blocksize", "output_height", "output_width", "pads"))
+
+
+class RuleBroken(Exception):
+    """The graph is not like those of exports; the message says what it contains."""
+
+
+class Constant(NamedTuple):
+    """A constant of the graph.
+
+    Attributes:
+        elements: number of its elements.
+        values: its values if they are few numbers, else None.
+    """
+
+    elements: int
+    values: tuple[float, ...] | None
+
+
+@dataclass
+class GraphNode:
+    """One node of the graph.
+
+    Attributes:
+        operators: its operator; several only in files that no exporter writes.
+        domains: domain of the operator, likewise; none for ONNX's own operators.
+        inputs: names of its inputs, "" for those left out.
+        outputs: names of its outputs.
+        integers: whole numbers of its attributes by name.
+    """
+
+    operators: list[str] = field(default_factory=list)
+    domains: list[str] = field(default_factory=list)
+    inputs: list[str] = field(default_factory=list)
+    outputs: list[str] = field(default_factory=list)
+    integers: dict[str, list[int]] = field(default_factory=dict)
+
+
+def check_graph(
+    nodes: Iterable[GraphNode], inputs: Iterable[str], constants: Mapping[str, Constant]
+) -> None:
+    """Check the nodes of a graph, in their order.
+
+    Args:
+        nodes: the nodes.
+        inputs: names of the graph's inputs.
+        constants: the graph's constants by name.
+
+    Raises:
+        RuleBroken: the graph has an operator that exports do not have, computes something else from
+            constants alone than exports do, or enlarges a tensor by more than exports would.
+    """
+    checker = _Checker(inputs, constants)
+    for index, node in enumerate(nodes):
+        if index >= _MAX_NODES:
+            raise RuleBroken(f"has more than {_MAX_NODES} operators: expected fewer")
+        checker.check(node)
+
+
+class _Checker:
+    def __init__(self, inputs: Iterable[str], constants: Mapping[str, Constant]) -> None:
+        self._constants = dict(constants)
+        self._made = {"", *inputs, *constants}
+        self._shapes: set[str] = set()  # outputs of Shape
+        self._expanded: set[str] = set()  # constants of the size of another tensor
+        self._computed = 0
+
+    def check(self, node: GraphNode) -> None:
+        """Check one node, and note which of its outputs are constant."""
+        operator = self._operator(node)
+        early = [name for name in node.inputs if name not in self._made]
+        if early:
+            raise RuleBroken(
+                f"uses {early[0][:100]!r} before it is computed: expected operators in the order of"
+                " execution"
+            )
+        self._made.update(node.outputs)
+        for name, values in node.integers.items():
+            if name in _BOUNDED_ATTRIBUTES and max(values, default=0) > _MAX_ATTRIBUTE:
+                raise RuleBroken(
+                    f"has an operator {operator} with {name} of {max(values)}:"
+                    f" expected at most {_MAX_ATTRIBUTE}"
+                )
+        self._check_growth(operator, node)
+        if operator == "Shape":
+            self._shapes |= set(node.outputs)
+        elif all(self._is_constant(name) for name in node.inputs):
+            self._compute(operator, node)
+
+    def _is_constant(self, name: str) -> bool:
+        return not name or any(
+            name in known for known in (self._constants, self._shapes, self._expanded)
+        )
+
+    def _compute(self, operator: str, node: GraphNode) -> None:
+        """Check and note what onnxruntime computes while it opens the file."""
+        source = self._constants.get(node.inputs[0]) if node.inputs else None
+        if operator not in _ON_CONSTANTS or source is None:
+            raise RuleBroken(
+                f"computes {operator} from constants alone: expected the result as a constant"
+            )
+        if operator == "Expand" and self._shapes.intersection(node.inputs):
+            self._expanded |= set(node.outputs)
+            if len(self._expanded) > _MAX_EXPANDED:
+                raise RuleBroken(
+                    f"expands more than {_MAX_EXPANDED} constants: expected the results"
+                )
+            return
+        elements = source.elements
+        if operator == "Expand":
+            elements *= math.prod(int(abs(size)) for size in self._values(operator, node, 1))
+        self._computed += elements
+        self._limit(operator, self._computed, _MAX_COMPUTED)
+        values = source.values if operator in _KEEPING_VALUES else None
+        for name in node.outputs:
+            self._constants[name] = Constant(elements, values)
+
+    def _operator(self, node: GraphNode) -> str:
+        """The operator of a node, if it is one of `OPERATORS`."""
+        foreign = [domain for domain in node.domains if domain not in ("", "ai.onnx")]
+        unknown = [name for name in node.operators if name not in OPERATORS]
+        if unknown or foreign or len(node.operators) != 1:
+            of_domain = f" of {foreign[0][:100]!r}" if foreign else ""
+            name = (unknown or node.operators or ["without a name"])[0][:100]
+            raise RuleBroken(
+                f"contains an operator {name}{of_domain}: expected only those of `edgetree export`"
+            )
+        return node.operators[0]
+
+    def _check_growth(self, operator: str, node: GraphNode) -> None:
+        """Check the sizes that a node gives to its output; they must be constants."""
+        if operator in ("Expand", "Reshape"):
+            sizes = self._values(operator, node, 1)
+            self._limit(operator, math.prod(abs(size) or 1 for size in sizes), MAX_ELEMENTS)
+        elif operator == "Pad":
+            padding = self._values(operator, node, 1)
+            self._limit(operator, max(map(abs, padding), default=0), _MAX_PADDING)
+        elif operator == "Resize":
+            scales, sizes = self._values(operator, node, 2), self._values(operator, node, 3)
+            self._limit(operator, math.prod(max(scale, 1.0) for scale in scales), _MAX_ENLARGEMENT)
+            self._limit(operator, math.prod(abs(size) or 1 for size in sizes), MAX_ELEMENTS)
+
+    def _values(self, operator: str, node: GraphNode, position: int) -> tuple[float, ...]:
+        """The values of a constant input; none if it is left out or the shape of a tensor."""
+        name = node.inputs[position] if position < len(node.inputs) else ""
+        if not name or name in self._shapes:
+            return ()
+        constant = self._constants.get(name)
+        if constant is None or not all(map(math.isfinite, constant.values or (math.nan,))):
+            raise RuleBroken(
+                f"has an operator {operator} whose sizes are computed: expected constants"
+            )
+        return constant.values or ()
+
+    def _limit(self, operator: str, found: float, largest: float) -> None:
+        if not found <= largest:
+            raise RuleBroken(
+                f"has an operator {operator} that enlarges its input to or by {found:g}:"
+                f" expected at most {largest:g}"
+            )

@@ -1,0 +1,200 @@
+"""Model files that would compute too much are rejected before onnxruntime opens them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import calib
+from edgetree.doctor.onnx_bytes import Node, TensorType, onnx_bytes
+from edgetree.errors import ModelFileError
+from edgetree.model_file.safety_check import read_model_file
+from edgetree.runtime.detector import default_model
+from edgetree.runtime.session import OrtSession
+
+FLOAT = TensorType("float32", (1, 8))
+BILLIONS = np.array([40_000, 40_000], np.int64)
+ONE = np.ones(1, np.float32)
+
+
+def file_of(folder: Path, nodes: list[Node], **constants: np.ndarray) -> Path:
+    path = folder / "trees.onnx"
+    path.write_bytes(
+        onnx_bytes(nodes, inputs={"x": FLOAT}, outputs={"y": FLOAT}, constants=constants)
+    )
+    return path
+
+
+REFUSED: dict[str, tuple[list[Node], dict[str, np.ndarray], str]] = {
+    "an operator that makes constants": (
+        [Node("ConstantOfShape", ("n",), ("y",))],
+        {"n": BILLIONS},
+        "contains an operator ConstantOfShape: expected only those of `edgetree export`",
+    ),
+    "a range": (
+        [Node("Range", ("n", "n", "n"), ("y",))],
+        {"n": BILLIONS[:1]},
+        "contains an operator Range",
+    ),
+    "random numbers": ([Node("RandomNormalLike", ("x",), ("y",))], {}, "operator RandomNormalLike"),
+    "an expanded constant": (
+        [Node("Expand", ("one", "n"), ("y",))],
+        {"one": ONE, "n": BILLIONS},
+        "an operator Expand that enlarges its input to or by 1.6e+09: expected at most 2.68",
+    ),
+    "an expanded input": ([Node("Expand", ("x", "n"), ("y",))], {"n": BILLIONS}, "operator Expand"),
+    "a size that another operator computes": (
+        [Node("Add", ("n", "x"), ("m",)), Node("Expand", ("x", "m"), ("y",))],
+        {"n": BILLIONS},
+        "an operator Expand whose sizes are computed: expected constants",
+    ),
+    "an operator on constants": (
+        [Node("MatMul", ("c", "r"), ("y",))],
+        {"c": np.ones((9, 1), np.float32), "r": np.ones((1, 9), np.float32)},
+        "computes MatMul from constants alone: expected the result as a constant",
+    ),
+    "an operator on an expanded constant": (
+        [
+            Node("Shape", ("x",), ("s",)),
+            Node("Expand", ("one", "s"), ("e",)),
+            Node("Cast", ("e",), ("y",)),
+        ],
+        {"one": ONE},
+        "computes Cast from constants alone",
+    ),
+    "many expanded constants": (
+        [Node("Shape", ("x",), ("s",))]
+        + [Node("Expand", ("one", "s"), (f"e{number}",)) for number in range(65)],
+        {"one": ONE},
+        "expands more than 64 constants",
+    ),
+    "many large constants": (
+        [Node("Expand", ("one", "n"), (f"e{number}",)) for number in range(5)],
+        {"one": ONE, "n": np.array([2**14, 2**14], np.int64)},
+        "operator Expand that enlarges its input to or by 1.34218e+09",
+    ),
+    "operators in another order": (
+        [Node("MatMul", ("a", "a"), ("y",)), Node("Identity", ("one",), ("a",))],
+        {"one": ONE},
+        "uses 'a' before it is computed",
+    ),
+    "an enlarged image": (
+        [Node("Resize", ("x", "", "n"), ("y",))],
+        {"n": np.array([1000.0, 1000.0], np.float32)},
+        "an operator Resize that enlarges",
+    ),
+    "a wide border": (
+        [Node("Pad", ("x", "n"), ("y",))],
+        {"n": np.array([0, 10**9, 0, 0], np.int64)},
+        "an operator Pad that enlarges",
+    ),
+    "sizes that are no numbers": (
+        [Node("Resize", ("x", "", "n"), ("y",))],
+        {"n": np.array([np.inf, np.nan], np.float32)},
+        "an operator Resize whose sizes are computed",
+    ),
+    "very many operators": (
+        [Node("Identity", ("x",), ("y",))] * 20_001,
+        {},
+        "has more than 20000 operators",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_graphs_that_no_export_has_are_refused(name: str, tmp_path: Path) -> None:
+    nodes, constants, message = REFUSED[name]
+    with pytest.raises(ModelFileError) as caught:
+        OrtSession(file_of(tmp_path, nodes, **constants))
+    assert str(caught.value).startswith(f"model {tmp_path / 'trees.onnx'} ")
+    assert message in str(caught.value)
+
+
+@pytest.fixture
+def small_limit() -> Iterator[None]:
+    before = calib.current_limits()
+    calib.set_limits(dataclasses.replace(before, model_memory_bytes=2**29))
+    yield
+    calib.set_limits(before)
+
+
+@pytest.mark.usefixtures("small_limit")
+def test_opening_a_file_takes_limited_memory(tmp_path: Path) -> None:
+    path = file_of(
+        tmp_path,
+        [Node("Expand", ("one", "n"), ("e",)), Node("Add", ("x", "e"), ("y",))],
+        one=ONE,
+        n=np.array([2**14, 2**14], np.int64),
+    )
+    with pytest.raises(ModelFileError, match=r"trees\.onnx is not an ONNX model .* can load \("):
+        OrtSession(path)
+    assert OrtSession(default_model("depth")).input_shapes
+    assert np.ones(2**27, np.float64).sum() == 2**27  # the limit ends with the opening
+
+
+onnx = pytest.importorskip("onnx")
+helper, TensorProto = onnx.helper, onnx.TensorProto
+VALUE = helper.make_tensor_value_info
+
+
+def _loop() -> Any:
+    """A graph that counts to 2**60."""
+    inner = helper.make_graph(
+        [helper.make_node("Identity", ["c"], ["d"]), helper.make_node("Identity", ["v"], ["w"])],
+        "inner",
+        [
+            VALUE("i", TensorProto.INT64, []),
+            VALUE("c", TensorProto.BOOL, []),
+            VALUE("v", TensorProto.FLOAT, [1, 8]),
+        ],
+        [VALUE("d", TensorProto.BOOL, []), VALUE("w", TensorProto.FLOAT, [1, 8])],
+    )
+    return [helper.make_node("Loop", ["n", "", "x"], ["y"], body=inner)], {}
+
+
+def _functions() -> Any:
+    """Functions of which each calls the one before nine times."""
+    opset = [helper.make_opsetid("", 20), helper.make_opsetid("bomb", 1)]
+    functions = []
+    for level in range(20):
+        operator, domain = (f"f{level - 1}", "bomb") if level else ("Identity", "")
+        calls = [helper.make_node(operator, ["x"], [f"y{i}"], domain=domain) for i in range(9)]
+        functions.append(helper.make_function("bomb", f"f{level}", ["x"], ["y8"], calls, opset))
+    return [helper.make_node("f19", ["x"], ["y"], domain="bomb")], {"functions": functions}
+
+
+def _foreign_domain() -> Any:
+    return [helper.make_node("Gelu", ["x"], ["y"], domain="com.microsoft")], {}
+
+
+def _large_output() -> Any:
+    node = helper.make_node("RoiAlign", ["x", "x", "x"], ["y"], output_height=10**6)
+    return [node], {}
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (_loop, "contains a graph inside an operator: expected one plain graph"),
+        (_functions, "contains functions or a training graph"),
+        (_foreign_domain, "contains an operator Gelu of 'com.microsoft'"),
+        (_large_output, "RoiAlign with output_height of 1000000: expected at most 1024"),
+    ],
+)
+def test_loops_functions_and_large_attributes_are_refused(
+    make: Callable[[], Any], message: str, tmp_path: Path
+) -> None:
+    nodes, more = make()
+    ends = [VALUE("x", TensorProto.FLOAT, [1, 8])], [VALUE("y", TensorProto.FLOAT, [1, 8])]
+    count = helper.make_tensor("n", TensorProto.INT64, [], [2**60])
+    graph = helper.make_graph(nodes, "graph", *ends, initializer=[count])
+    path = tmp_path / "trees.onnx"
+    path.write_bytes(helper.make_model(graph, **more).SerializeToString())
+    with pytest.raises(ModelFileError) as caught:
+        read_model_file(path)
+    assert message in str(caught.value)
