@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.picture_size import check_picture_size
 from calib.reading import decode_image, is_image_file, open_video
 from edgetree.errors import InputError
 from edgetree.frames.rig import Rig
@@ -116,12 +117,14 @@ def read_image(path: Path) -> NDArray[np.uint8]:
 
     Raises:
         InputError: the file is missing, not an image, truncated, or has more than 8 bits.
+        InputFileError: it has more pixels than `calib.Limits.image_pixels`.
     """
     expected = "expected a complete 8-bit JPEG or PNG image, or another format that OpenCV reads"
     try:
         data = np.fromfile(path, dtype=np.uint8)
     except OSError as error:
         raise InputError(f"image {path} cannot be read ({error.strerror}): {expected}") from error
+    check_picture_size(path)
     flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR
     image = None if is_cut_off(data) else decode_image(data, flags)
     if image is None:

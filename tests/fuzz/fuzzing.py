@@ -35,6 +35,7 @@ from edgetree.runtime.detector import default_model
 
 CORPUS = Path(__file__).with_name("corpus")
 _LONGEST_S, _LARGEST_BYTES = 5, 2 * 2**30
+_LONGEST_WAIT_S = 120  # for an answer, of a busy machine too
 _ALLOWED = (calib.CalibError, EdgetreeError)
 _TOKENS = (
     *(b"0", b"-1", b"1e300", b"1e-300", b"nan", b"inf", b"9" * 400, b"0x" + b"f" * 30, b"null"),
@@ -189,7 +190,11 @@ def _work(pipe: Connection) -> None:
 
 
 def fuzz(count: int, seed: int = 0) -> list[Finding]:
-    """Read the corpus and ``count`` mutated files; return the findings."""
+    """Read the corpus and ``count`` mutated files; return the findings.
+
+    The workers are forks. Call it in a process of its own: a fork of a process with threads may
+    wait for ever for a lock that one of them held.
+    """
     context = multiprocessing.get_context("fork")
     findings: list[Finding] = []
     worker = None
@@ -201,6 +206,8 @@ def fuzz(count: int, seed: int = 0) -> list[Finding]:
             other.close()
         try:
             pipe.send((name, data))
+            if not pipe.poll(_LONGEST_WAIT_S):
+                worker.kill()
             problem = pipe.recv()
         except (EOFError, ConnectionError):
             worker.join()

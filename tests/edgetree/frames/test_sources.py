@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 
 import cv2
@@ -126,6 +127,14 @@ def test_a_truncated_image_is_rejected(tmp_path: Path, suffix: str) -> None:
     data = path.read_bytes()
     path.write_bytes(data[: len(data) // 2])
     with pytest.raises(InputError, match=r"half.* cannot be read \(\d+ bytes\)"):
+        read_image(path)
+
+
+def test_an_image_of_too_many_pixels_is_not_decoded(tmp_path: Path) -> None:
+    path = tmp_path / "huge.png"
+    header = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + struct.pack(">II", 30_000, 30_000)
+    path.write_bytes(header + b"\x08\2\0\0\0" + bytes(100) + b"IEND\xaeB`\x82")
+    with pytest.raises(calib.InputFileError, match=r"huge\.png: 30000x30000 px, expected at most"):
         read_image(path)
 
 
