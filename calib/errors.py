@@ -38,8 +38,16 @@ class InputFileError(CalibError):
 
 
 def short_line(text: str) -> str:
-    """Return a text on one line of at most 2000 characters that a terminal can show."""
+    r"""Return a text on one line of at most 2000 characters that a terminal can show.
+
+    Bytes of file names that are not UTF-8 are kept; streams print them as `\udcff`.
+    """
     if len(text) > _LONGEST_MESSAGE:
         start = text[: _LONGEST_MESSAGE - _END_OF_MESSAGE - len(" ... ")]
         text = f"{start} ... {text[-_END_OF_MESSAGE:]}"
-    return text if text.isprintable() else "".join(c if c.isprintable() else " " for c in text)
+    return text if text.isprintable() else "".join(map(_shown, text))
+
+
+def _shown(character: str) -> str:
+    is_name_byte = "\udc80" <= character <= "\udcff"
+    return character if character.isprintable() or is_name_byte else " "

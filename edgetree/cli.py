@@ -9,7 +9,6 @@ from typing import Annotated, NoReturn
 
 import typer
 
-import calib
 from edgetree.commands.bench import bench
 from edgetree.commands.calibrate import calibrate
 from edgetree.commands.check import check
@@ -67,6 +66,8 @@ def options(
 ) -> None:
     """Print the help if no command is given."""
     if max_megapixels is not None:
+        import calib
+
         limit = max_megapixels * 1_000_000
         calib.set_limits(replace(calib.current_limits(), image_pixels=limit))
     if context.invoked_subcommand is None:

@@ -17,8 +17,6 @@ from typing import Any, NoReturn, TextIO
 
 import typer
 
-from calib.errors import short_line
-
 __all__ = ["run_command_line"]
 
 _FAILED = 1
@@ -141,6 +139,8 @@ def _report(name: str, error: Exception) -> int:
 
 def _one_line(error: Exception) -> str:
     """The error's message on one line; usage errors of typer also name the command's help."""
+    from calib.errors import short_line
+
     message = error.format_message() if hasattr(error, "format_message") else str(error)
     context = getattr(error, "ctx", None)
     hint = f" (see `{context.command_path} --help`)" if context is not None else ""

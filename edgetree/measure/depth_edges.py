@@ -24,8 +24,9 @@ _STEPS_OUTSIDE, _STEPS_INSIDE = 4, 14
 _STEP = 0.03
 # Readings are on the stem within its radius, this many standard deviations and metres.
 _SURFACE_STDS, _SURFACE_M = 3.0, 0.05
-# The stem ends inside its mask if the median distance from the edge of the mask is above this, at
-# this many stations at least, and this fraction of the stations at which the mask has an edge.
+# The stem ends inside its mask if the median distance from the edge of the mask is above this and
+# above a step, at this many stations at least, and this fraction of the stations at which the mask
+# has an edge.
 _MIN_INSET_PX = 2.0
 # The edge is known if at least this fraction of the readings from there inwards is on the stem.
 _MIN_ON_STEM = 0.75
@@ -122,7 +123,7 @@ def find_depth_edges(
     seen = known.sum(2)
     median = np.take_along_axis(ordered, np.minimum(seen // 2, stations - 1)[..., None], 2)[..., 0]
     inside = (seen >= np.maximum(_MIN_STATIONS, _MIN_FRACTION * found.sum(2))) & (
-        median > _MIN_INSET_PX
+        median > np.maximum(_MIN_INSET_PX, step_px)
     )
     return DepthEdges(
         inset_px, known, known & behind.transpose(2, 0, 1), np.where(inside, median, 0.0)

@@ -34,6 +34,8 @@ _FINE_REACH, _MIN_FINE_REACH_PX = 0.12, 1.5
 _OUTWARDS = np.array([-1.0, 1.0])[:, None, None]
 # With fewer stations than this a search region is not realigned.
 _MIN_STATIONS = 6
+# Share of the edges that must contradict a line; fewer are the rounded foot of a stem.
+_MIN_CONTRADICTING = 0.2
 # Realignments of a region from each start.
 _REALIGNMENTS = 2
 # If a smaller fraction of the edges of a short mask lies on straight lines, only its rows with
@@ -171,8 +173,11 @@ def _contradiction_px(
     """(2, T) root mean square distance by which edges where the stem ends lie inside the lines."""
     line_px = lines.value[..., None] + lines.slope[..., None] * regions.stations_px
     inside_px = np.maximum(line_px - _OUTWARDS * edges_px, 0.0)
-    inside_px = np.where(ends & found & ~lines.agreeing, inside_px, 0.0)
-    return np.asarray(np.sqrt((inside_px**2).sum(2) / np.maximum(found.sum(2), 1)))
+    contradicts = ends & found & ~lines.agreeing & (inside_px > 0)
+    count = np.maximum(found.sum(2), 1)
+    many = contradicts.sum(2) >= _MIN_CONTRADICTING * count
+    squares = np.where(contradicts, inside_px**2, 0.0).sum(2)
+    return np.where(many, np.sqrt(squares / count), 0.0)
 
 
 def _coarse_edges(frame: DepthFrame, regions: SearchRegions) -> tuple[Float, Float, Flags]:

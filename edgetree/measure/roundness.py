@@ -18,7 +18,7 @@ Flags = NDArray[np.bool_]
 # Readings further from the middle than this, 1 at the edge of the mask, may show the background.
 _MAX_OFFSET = 0.85
 _MIN_READINGS = 5
-# Readings further from the fitted stem than this many radii show something else.
+# Readings further from the fitted stem than this many radii are clipped to it or left out.
 _MAX_OFF = 2.0
 # Least squared difference of the two shapes over the readings of a station.
 _MIN_POWER = 0.05
@@ -45,7 +45,18 @@ def shows_several_stems(stems: Stems, readings: Readings, stations: int) -> Flag
     Returns:
         (T,) flags.
     """
-    scores, known = _scores(stems, readings, stations)
+    return _shows_several(stems, readings, stations, False) | _shows_several(
+        stems, readings, stations, True
+    )
+
+
+def _shows_several(stems: Stems, readings: Readings, stations: int, near_only: bool) -> Flags:
+    """(T,) flags; `near_only` leaves out readings far from the stem instead of clipping them.
+
+    Between two stems, the background shows along the whole mask, and clipped it tells them apart.
+    Where most readings are of the background, only the others show the shape.
+    """
+    scores, known = _scores(stems, readings, stations, near_only)
     score = masked_medians(scores, known)
     scatter = _MAD_TO_STD * masked_medians(np.abs(scores - score[:, None]), known)
     seen = known.sum(1)
@@ -54,7 +65,9 @@ def shows_several_stems(stems: Stems, readings: Readings, stations: int) -> Flag
     return np.asarray(enough & (score > np.maximum(_MIN_SCORE, _MIN_STDS * std)))
 
 
-def _scores(stems: Stems, readings: Readings, stations: int) -> tuple[Float, Flags]:
+def _scores(
+    stems: Stems, readings: Readings, stations: int, near_only: bool
+) -> tuple[Float, Flags]:
     """(T, S) scores of the stations, and which are known."""
     sections = stems.sections
     view = sections.view(readings.rays)
@@ -66,8 +79,11 @@ def _scores(stems: Stems, readings: Readings, stations: int) -> tuple[Float, Fla
     axis_m = (readings.depth_m / np.where(view.depth_ratio > 0, view.depth_ratio, 1.0)).reshape(
         shape
     )
-    off_m = np.abs(axis_m - stems.distance_m[:, None, None])
-    used &= off_m < _MAX_OFF * stems.radius_m[:, None, None]
+    middle_m, reach_m = stems.distance_m[:, None, None], _MAX_OFF * stems.radius_m[:, None, None]
+    near_m = np.clip(axis_m, middle_m - reach_m, middle_m + reach_m)
+    if near_only:
+        used &= near_m == axis_m
+    axis_m = near_m
     radius_m = _means(axis_m, used) * np.sin(sections.half_rad)[:, None, None]
     behind = (axis_m - _means(axis_m, used)) / np.where(radius_m > 0, radius_m, 1.0)
     inner = np.clip(np.abs(offset - 0.5) / 0.5, 0.0, 1.0)

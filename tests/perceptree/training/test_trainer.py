@@ -163,7 +163,7 @@ def test_other_settings_data_or_files_are_refused(
             train(small_spec(), settings(), posts, out)
         assert "\n" not in str(caught.value)
     torch.save({"weights": torch.zeros(2)}, out / "state.pt")
-    with pytest.raises(CheckpointError, match="not a training state of this project"):
+    with pytest.raises(CheckpointError, match="not a readable training state"):
         train(small_spec(), settings(), posts, out)
 
 

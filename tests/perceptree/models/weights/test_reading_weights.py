@@ -215,7 +215,7 @@ def test_an_array_that_lies_about_itself_is_refused(lie: str, tmp_path: Path) ->
 def test_a_tensor_that_its_file_does_not_fill_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "model.pth"
     torch.save({"a": torch.zeros(1).expand(10**6, 10**6)}, path)
-    assert "a has shape (1000000, 1000000), more than its stored data" in refused(path)
+    assert "1 tensors of 4000000000000 bytes in a file of" in refused(path)
     torch.save({"a": torch.zeros(3, device="meta")}, path)
     assert "a is not a plain tensor" in refused(path)
     torch.save({"a": torch.eye(3).to_sparse()}, path)
