@@ -30,10 +30,10 @@ from edgetree.measure import Failure, MeasureSettings, TreeMeasurement, measure_
 
 # Uncertainty of keypoints and masks that are exact to the pixel.
 LABELS = MeasureSettings(
-    keypoint_std_px=0.15,
+    keypoint_std_px=0.3,
     keypoint_spread=1e-6,
     keypoint_slide=1e-6,
-    given_mask_std_px=0.25,
+    given_mask_std_px=0.35,
     outline_doubt=0.013,
     readings_doubt=0.27,
 )

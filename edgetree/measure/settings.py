@@ -78,7 +78,7 @@ class MeasureSettings:
 
     keypoint_std_px: float = 1.3
     keypoint_spread: float = 0.0117
-    keypoint_slide: float = 0.02
+    keypoint_slide: float = 0.028
     mask_std_px: float = 2.6
     mask_spread: float = 0.39
     given_mask_std_px: float = 1.1

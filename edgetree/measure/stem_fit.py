@@ -40,6 +40,8 @@ _ROUNDS = (3, 2)
 # Relative standard deviation of the distance, times the squared fraction of readings that
 # disagree: these may show the stem, and the others an object in front of it.
 _DISAGREEMENT_STD = 0.5
+# The same, times the squared fraction of samples without a reading on the stem.
+_UNREAD_STD = 0.15
 
 
 class Readings(NamedTuple):
@@ -159,13 +161,14 @@ def fit_stems(
     agreeing = equations.kept.sum(1) / np.maximum(points.used.sum(1), 1)
     std = np.sqrt(np.diagonal(lines.covariance, axis1=1, axis2=2))
     bias = settings.depth_bias_per_m * masked_means(points.depth_ratio, points.used)
-    disagreement = _DISAGREEMENT_STD * (1 - agreeing) ** 2
+    unread = 1 - equations.kept.mean(1)
+    doubt = np.hypot(_DISAGREEMENT_STD * (1 - agreeing) ** 2, _UNREAD_STD * unread**2)
     # First-order error propagation: the relative error of a distance d is d times the error of its
     # inverse. The slope divided by the inverse distance is the tangent of the tilt.
     return Stems(
         sections=sections,
         distance_m=distance_m,
-        distance_std_m=np.hypot(np.hypot(std[:, 0], bias) * distance_m, disagreement) * distance_m,
+        distance_std_m=np.hypot(np.hypot(std[:, 0], bias) * distance_m, doubt) * distance_m,
         tilt_std_rad=std[:, 1] * np.abs(distance_m),
         half_std_rad=half.std_rad,
         distance_change_per_rad=-lines.per_half_rad[:, 0] * distance_m,
