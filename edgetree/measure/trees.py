@@ -140,7 +140,7 @@ class _FittedFrame:
             return "the mask shows hardly any of the stem"
         if self.observed.valid_depth_fraction[index] < _MIN_DEPTH_FRACTION:
             return "no depth on the stem"
-        if self.several_stems[index] and not self.keypoints.has_section[index]:
+        if not self.keypoints.has_section[index] and self.several_stems[index]:
             return "the mask shows more than one stem: its middle lies further back than its sides"
         if not (stems.fitted[index] and self.finite[index]):
             return "the depth on the stem does not agree with itself"
