@@ -53,7 +53,9 @@ def test_depth_on_a_part_of_the_stem_widens_the_interval(stand):
     rows, _ = np.nonzero(stand.owner == 1)
     depth_m[int(np.quantile(rows, 0.4)) :][stand.owner[int(np.quantile(rows, 0.4)) :] == 1] = 0
     part = stand.measure(depth_m=depth_m, settings=None)
+    careless = stand.measure(depth_m=depth_m, settings=MeasureSettings(readings_doubt=1e-6))
     assert relative_std(part) > 2 * relative_std(whole)
+    assert relative_std(part) > 2 * relative_std(careless)
 
 
 def test_a_ragged_outline_has_a_larger_error_than_a_straight_one(stand):
