@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from calib import CAMERA_UP, RigidTransform
 from edgetree.detections import TreeDetections
 from edgetree.measure.axis import fit_axes
+from edgetree.measure.diameter_error import diameter_stds_m, incomplete_stds
 from edgetree.measure.estimates import Estimate, Failure, TreeMeasurement
 from edgetree.measure.evidence import gather_evidence
 from edgetree.measure.frame import DepthFrame
@@ -34,10 +35,6 @@ __all__ = ["measure_all"]
 Float = NDArray[np.floating[Any]]
 Flags = NDArray[np.bool_]
 
-# Largest relative standard deviation for incomplete or contradictory observations.
-_MAX_INCOMPLETE_STD = 0.45
-# Share of these deviations where the caller gives the masks.
-_GIVEN_MASK_DOUBT = 0.3
 # Real stems are more irregular at breast height, because of branches, and between section and
 # cut, because of the butt swell. Factors on `MeasureSettings.out_of_round_std`.
 _BREAST_HEIGHT_SHAPE, _CUT_SHAPE = 2.0, 2.6
@@ -188,36 +185,14 @@ class _FittedFrame:
         return shows_several_stems(self.stems, self.observed.readings, STATIONS)
 
     @cached_property
-    def diameter_std_m(self) -> Float:
-        """(T,) standard deviations of the diameters.
-
-        First-order error propagation through the diameter 2 d sin(delta): its relative change is
-        that of the distance d, plus that of delta times cot(delta). Since d depends on delta too,
-        the relative change of d per radian of delta is added to cot(delta). Focal length, stem
-        shape and incomplete observations add independent relative errors.
-        """
-        stems, camera = self.stems, self.frame.camera
-        half = stems.sections.half_rad
-        edges = stems.half_std_rad * np.abs(1 / np.tan(half) + stems.distance_change_per_rad)
-        distance = stems.distance_std_m / stems.distance_m
-        focal = np.full_like(half, camera.focal_std_px / camera.fx)
-        shape = np.full_like(half, self.settings.out_of_round_std)
-        parts = [edges, distance, focal, shape, self.incomplete_std]
-        return np.asarray(2 * stems.radius_m * np.linalg.norm(parts, axis=0))
+    def incomplete_std(self) -> Float:
+        """(T,) relative standard deviations for incomplete or contradictory observations."""
+        return incomplete_stds(self.frame, self.observed, self.stems)
 
     @cached_property
-    def incomplete_std(self) -> Float:
-        """(T,) relative standard deviations for incomplete or contradictory observations.
-
-        See `MeasureSettings.outline_doubt` and `readings_doubt`.
-        """
-        settings, edges = self.settings, self.observed.edges
-        shown = np.minimum(edges.left_valid.mean(1), edges.right_valid.mean(1))
-        outline = 0.0 if self.observed.outline is None else settings.outline_doubt
-        unread = 1 - self.stems.used / self.observed.readings.depth_m.shape[1]
-        parts = (outline * (1 - shown) ** 4, settings.readings_doubt * unread**2)
-        share = _GIVEN_MASK_DOUBT if self.frame.masks_given else 1.0
-        return np.asarray(np.minimum(share * np.linalg.norm(parts, axis=0), _MAX_INCOMPLETE_STD))
+    def diameter_std_m(self) -> Float:
+        """(T,) standard deviations of the diameters."""
+        return diameter_stds_m(self.frame, self.stems, self.incomplete_std)
 
     def _diameter_at_cut(self, index: int, section: Estimate) -> tuple[Estimate, tuple[str, ...]]:
         """The diameter at the cut from that at the section, and a warning if it is inferred."""
