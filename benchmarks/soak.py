@@ -1,11 +1,14 @@
-"""Endurance test of a detector: memory must not grow over many frames, and no frame may fail.
+"""Endurance test of detection and measurement: memory, handles and latency over many frames.
 
-python benchmarks/soak.py --result benchmarks/results/soak.json
+python benchmarks/soak.py --frames 100000 --result benchmarks/results/soak.json \
+    --plot docs/images/soak.png
 
-The package's samples alternate with frames without trees: blank, uniform and noise. Resident memory
-is recorded over the whole run. Its mean over the last tenth of the run may exceed that over the
-second tenth, when all buffers are allocated, by a few MiB. The exit code is 1 if it exceeds it by
-more, or if a frame fails. Needs Linux, for /proc.
+The package's samples alternate with frames without trees: blank, uniform and noise. Every mask is
+pasted, and with a depth model every tree is measured. Memory, open files and threads are recorded
+over the whole run, and the latency for each tenth of it. The mean of the resident memory over the
+last tenth may exceed that over the second tenth, when all buffers are allocated, by a few MiB. The
+exit code is 1 if it exceeds it by more, if open files or threads grew, or if a frame fails. Needs
+Linux, for /proc.
 """
 
 from __future__ import annotations
@@ -16,98 +19,176 @@ import os
 import platform
 import sys
 import time
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calib import PinholeCamera
 from edgetree import EdgetreeError, TreeDetector, default_model, sample_frames
+from edgetree.measure import measure_trees
 from edgetree.runtime.detector import MODALITIES
 from edgetree.runtime.providers import import_onnxruntime
 
-HEIGHT_PX, WIDTH_PX = 720, 1280
+WIDTH_PX = 1280
 MOST_SAMPLES = 1000
-STATM = Path("/proc/self/statm")
+PROCESS = Path("/proc/self")
 FEWEST_FRAMES = 20
+PARTS = 10
+
+Float = NDArray[np.float64]
 
 
 def rss_mib() -> float:
     """Resident memory of this process, MiB."""
-    pages = int(STATM.read_text(encoding="ascii").split()[1])
+    pages = int((PROCESS / "statm").read_text(encoding="ascii").split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE") / 1024**2
 
 
-def frames(modality: str) -> Iterator[tuple[str, NDArray[np.generic]]]:
-    """Yield endlessly kind and frame: alternately a sample and a frame without trees."""
-    samples = [frame.image() if modality == "rgb" else frame.depth_m() for frame in sample_frames()]
+def handles() -> tuple[int, int]:
+    """Number of open files and of threads of this process."""
+    return tuple(len(os.listdir(PROCESS / name)) for name in ("fd", "task"))
+
+
+def frames(
+    modality: str, width: int
+) -> Iterator[tuple[str, NDArray[np.generic], PinholeCamera, Float]]:
+    """Yield endlessly kind, frame, camera and vertical: a sample, then a frame without trees."""
+    samples = []
+    for sample in sample_frames():
+        image = sample.image() if modality == "rgb" else sample.depth_m()
+        camera = sample.camera.scaled(width, round(width * image.shape[0] / image.shape[1]))
+        small = cv2.resize(
+            image, (camera.width, camera.height), interpolation=cv2.INTER_NEAREST_EXACT
+        )
+        samples.append((small, camera, sample.up_camera))
     rng = np.random.default_rng(0)
-    shape = (HEIGHT_PX, WIDTH_PX, 3) if modality == "rgb" else (HEIGHT_PX, WIDTH_PX)
+    shape = samples[0][0].shape
+    dtype = np.uint8 if modality == "rgb" else np.float32
     empty = (
-        ("blank", lambda: np.zeros(shape, np.uint8)),
-        ("uniform", lambda: np.full(shape, rng.integers(256), np.uint8)),
-        ("noise", lambda: rng.integers(0, 256, shape, np.uint8)),
+        ("blank", lambda: np.zeros(shape, dtype)),
+        ("uniform", lambda: np.full(shape, rng.integers(256) / 8, dtype)),
+        ("noise", lambda: (rng.random(shape, np.float32) * 25).astype(dtype)),
     )
     turn = 0
     while True:
-        yield "sample", samples[turn % len(samples)]
+        image, camera, up = samples[turn % len(samples)]
+        yield "sample", image, camera, up
         kind, make = empty[turn % len(empty)]
-        yield kind, make()
+        yield kind, make(), camera, up
         turn += 1
 
 
-def soak(detector: TreeDetector, count: int, limit_mib: float) -> dict[str, object]:
-    """Detect on `count` frames, paste every mask, and record the memory."""
+def soak(detector: TreeDetector, count: int, width: int, limit_mib: float) -> dict[str, Any]:
+    """Detect and measure on `count` frames, and record memory, handles and latency."""
     every = max(1, count // MOST_SAMPLES)
+    modality = detector.manifest.modality
     memory_mib: list[float] = []
-    seen: dict[str, int] = {}
-    trees: dict[str, int] = {}
-    errors: list[str] = []
+    latency_ms = np.zeros(count, np.float32)
+    handles_seen: list[tuple[int, int]] = []
+    seen: Counter[str] = Counter()
+    trees: Counter[str] = Counter()
+    measured, errors = 0, Counter[str]()
     start = time.perf_counter()
-    for index, (kind, frame) in zip(range(count), frames(detector.manifest.modality), strict=False):
+    stream = frames(modality, width)
+    for index, (kind, frame, camera, up) in zip(range(count), stream, strict=False):
+        before = time.perf_counter()
         try:
             found = detector.detect(frame)
             for tree in range(len(found)):
                 found.mask(tree)
+            if modality == "depth":
+                metres = measure_trees(found, frame, camera, up_camera=up)
+                measured += sum(bool(tree.diameter_m) for tree in metres)
         except EdgetreeError as error:
-            errors.append(f"frame {index} ({kind}): {error}")
+            errors[f"{kind}: {error}"] += 1
         else:
-            seen[kind] = seen.get(kind, 0) + 1
-            trees[kind] = trees.get(kind, 0) + len(found)
+            seen[kind] += 1
+            trees[kind] += len(found)
+        latency_ms[index] = (time.perf_counter() - before) * 1000
         if index % every == 0:
             memory_mib.append(rss_mib())
-    tenth = len(memory_mib) // 10
+            handles_seen.append(handles())
+    tenth = len(memory_mib) // PARTS
     early, late = np.mean(memory_mib[tenth : 2 * tenth]), np.mean(memory_mib[-tenth:])
+    files, threads = np.array(handles_seen).T
+    grown = bool(files[-1] > files[tenth] or threads[-1] > threads[tenth])
     growth_mib = float(late - early)
     return {
         "frames": count,
+        "width_px": width,
         "seconds": round(time.perf_counter() - start, 1),
-        "frames_by_kind": seen,
-        "trees_by_kind": trees,
-        "second_tenth_mib": round(float(early), 2),
-        "last_tenth_mib": round(float(late), 2),
+        "frames_by_kind": dict(seen),
+        "trees_by_kind": dict(trees),
+        "diameters": measured,
+        "latency_ms": parts_of(latency_ms),
+        "memory_mib": [
+            round(float(np.mean(part)), 2) for part in np.array_split(memory_mib, PARTS)
+        ],
         "growth_mib": round(growth_mib, 2),
         "limit_mib": limit_mib,
         "highest_mib": round(max(memory_mib), 2),
-        "errors": errors[:20],
-        "failed_frames": len(errors),
-        "passed": growth_mib <= limit_mib and not errors,
+        "open_files": [int(files[tenth]), int(files[-1]), int(files.max())],
+        "threads": [int(threads[tenth]), int(threads[-1]), int(threads.max())],
+        "errors": dict(errors),
+        "passed": growth_mib <= limit_mib and not errors and not grown,
     }
+
+
+def parts_of(latency_ms: NDArray[np.float32]) -> dict[str, list[float]]:
+    """Percentiles of the latency in each tenth of the run, ms."""
+    parts = np.array_split(latency_ms, PARTS)
+    return {
+        f"p{percent}": [round(float(np.percentile(part, percent)), 2) for part in parts]
+        for percent in (50, 99)
+    }
+
+
+def plot(result: dict[str, Any], path: Path) -> None:
+    """Draw latency and memory over the run."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    ends = (np.arange(PARTS) + 1) * result["frames"] / PARTS / 1000
+    figure, (top, bottom) = plt.subplots(2, 1, figsize=(7, 5), sharex=True, layout="constrained")
+    for name, label in (("p99", "99 % of the frames are faster"), ("p50", "median")):
+        top.plot(ends, result["latency_ms"][name], marker="o", label=label)
+    top.set(ylabel="latency (ms)", ylim=(0, None))
+    top.legend()
+    bottom.plot(ends, result["memory_mib"], marker="o", color="tab:green")
+    bottom.set(
+        ylabel="resident memory (MiB)",
+        xlabel="thousand frames",
+        ylim=(0, 1.2 * max(result["memory_mib"])),
+    )
+    for axes in (top, bottom):
+        axes.grid(alpha=0.3)
+    figure.suptitle(f"{result['model']}, {result['frames']:,} frames of {result['width_px']} px")
+    figure.savefig(path, dpi=110)
 
 
 def main() -> None:
     """Print the results as JSON, and optionally write them to a file."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--frames", type=int, default=10_000)
-    parser.add_argument("--model", default="rgb", help="rgb, depth, or an .onnx file")
+    parser.add_argument("--width", type=int, default=WIDTH_PX, help="width of the frames, px")
+    parser.add_argument("--model", default="depth", help="rgb, depth, or an .onnx file")
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--limit-mib", type=float, default=4.0)
     parser.add_argument("--result", type=Path)
+    parser.add_argument("--plot", type=Path)
     arguments = parser.parse_args()
-    if not STATM.is_file():
-        parser.error(f"{STATM} is not there: expected Linux")
+    if not PROCESS.is_dir():
+        parser.error(f"{PROCESS} is not there: expected Linux")
     if arguments.frames < FEWEST_FRAMES:
         parser.error(f"--frames is {arguments.frames}: expected {FEWEST_FRAMES} or more")
+    cv2.setNumThreads(1)
     embedded = arguments.model in MODALITIES
     path = default_model(arguments.model) if embedded else Path(arguments.model)
     detector = TreeDetector.load(path, threads=arguments.threads, warm_up=True)
@@ -115,12 +196,16 @@ def main() -> None:
         "machine": platform.processor() or platform.machine(),
         "onnxruntime": import_onnxruntime().__version__,
         "model": detector.manifest.name,
-        **soak(detector, arguments.frames, arguments.limit_mib),
+        "input_px": list(detector.manifest.input.image_shape[:2]),
+        "threads_of_inference": arguments.threads,
+        **soak(detector, arguments.frames, arguments.width, arguments.limit_mib),
     }
     text = json.dumps(result, indent=2)
     sys.stdout.write(text + "\n")
     if arguments.result:
         arguments.result.write_text(text + "\n", encoding="utf-8")
+    if arguments.plot:
+        plot(result, arguments.plot)
     sys.exit(0 if result["passed"] else 1)
 
 

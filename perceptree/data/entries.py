@@ -6,6 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
+import numpy as np
+
 from perceptree.errors import DatasetError
 
 Entry = dict[str, Any]
@@ -95,6 +97,19 @@ def check_segmentation(annotation: Entry, width: int, height: int) -> None:
             are_numbers(polygon) and len(polygon) >= 6 and len(polygon) % 2 == 0
             for polygon in segmentation
         )
+        longest_px = width * height + 4 * (width + height)
+        if fits and sum(map(_boundary_px, segmentation)) > longest_px:
+            expected = f"polygons whose boundaries have at most {longest_px} px in sum"
+            refuse(annotation, "annotation", "segmentation", expected)
     if not fits:
         expected = f"polygons x, y, ... or runs of size [{height}, {width}]"
         refuse(annotation, "annotation", "segmentation", expected)
+
+
+def _boundary_px(polygon: list[float]) -> float:
+    """Pixels on a polygon's boundary and on the way to it from the frame's corner.
+
+    The decoder takes memory for each of them, and does not survive numbers beyond 32 bits.
+    """
+    points = np.array([0.0, 0.0, *polygon], np.float64).reshape(-1, 2)
+    return float(np.abs(np.diff(points, axis=0)).max(1).sum())

@@ -40,7 +40,9 @@ class Pictures:
         self._depth8: _DepthRule | None = None
         self.notes: tuple[str, ...] = ()
         if not any(image.get(field) for image in sampled for field in _DEPTH_FIELDS):
-            self._find_depth([path for name in names if (path := self._path_of(name)).is_file()])
+            self._find_depth(
+                [path for name in names if os.path.isfile(path := self._path_of(name))]
+            )
 
     def is_inside(self, name: str) -> bool:
         """Whether an image or depth image of this name is in the dataset's folder.
@@ -66,7 +68,7 @@ class Pictures:
 
     def _find_depth(self, pictures: list[Path]) -> None:
         for rule in _depth_rules(self._root) if pictures else ():
-            if all((found := rule(path)) != path and found.is_file() for path in pictures):
+            if all((found := rule(path)) != path and os.path.isfile(found) for path in pictures):
                 first = rule(pictures[0])
                 image = read_image(first, cv2.IMREAD_UNCHANGED)
                 if image is not None and image.dtype == np.uint8 and image.ndim == 2:
@@ -99,7 +101,7 @@ def _find_path_rule(labels: LabelFile, names: list[str]) -> _PathRule:
     for flat in (False, True):
         for folder in _folders(labels):
             rule = _PathRule(folder, flat)
-            if any(rule(name).is_file() for name in names):
+            if any(os.path.isfile(rule(name)) for name in names):
                 return rule
     return _PathRule(labels.root)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import sys
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -70,8 +71,8 @@ def _value(now: Any, value: Any, name: str) -> Any:
         if not isinstance(value, dict) or not all(_is_number(part) for part in value.values()):
             raise SettingsError(f"{name} is {value!r}: expected an object of weights")
         return value
-    if isinstance(now, bool) != isinstance(value, bool) or not isinstance(
-        value, bool | int | float
+    if isinstance(now, bool) != isinstance(value, bool) or not (
+        isinstance(value, bool) or _is_number(value)
     ):
         expected = "true or false" if isinstance(now, bool) else "a number"
         raise SettingsError(f"{name} is {value!r}: expected {expected}")
@@ -81,4 +82,6 @@ def _value(now: Any, value: Any, name: str) -> Any:
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
+    """Whether a value is a finite number that a float can hold."""
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return is_number and abs(value) <= sys.float_info.max

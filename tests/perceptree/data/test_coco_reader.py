@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from perceptree.data import read_split
+from perceptree.data.frames import read_frame
 from perceptree.errors import DatasetError
 
 Edit = Callable[[Path, str, Callable[[dict[str, Any]], None]], None]
@@ -88,6 +89,14 @@ FAULTS = {
     ),
     "no_mask": (_drop("annotations", 0, "segmentation"), "segmentation of annotation 1 is missing"),
     "polygon": (_set("annotations", 0, "segmentation", [[1, 2, 3]]), "polygons"),
+    "polygon_far": (
+        _set("annotations", 0, "segmentation", [[10**50, 0, 3, 0, 3, 4]]),
+        "expected polygons whose boundaries have at most",
+    ),
+    "polygon_long": (
+        _set("annotations", 0, "segmentation", [[0, 0, 60, 60] * 9999]),
+        "expected polygons whose boundaries have at most",
+    ),
     "truth": (_set("annotations", 0, "diameter_m", "thick"), "diameter_m of annotation 1"),
     "width": (_set("images", 0, "width", 0), "width of image 0 is 0"),
     "name": (_drop("images", 0, "file_name"), "file_name of image 0 is missing"),
@@ -133,6 +142,15 @@ def test_paths_with_dots_inside_the_folder_are_read(posts: Path, edit_split: Edi
     expected = [frame.image_path.name for frame in read_split(posts, "train")]
     edit_split(posts, "train", with_dots)
     assert [frame.image_path.name for frame in read_split(posts, "train")] == expected
+
+
+def test_a_name_longer_than_the_system_allows_names_a_missing_picture(
+    posts: Path, edit_split: Edit
+) -> None:
+    edit_split(posts, "train", _set("images", 0, "file_name", "n" * 5000))
+    frame = read_split(posts, "train")[0]
+    with pytest.raises(DatasetError, match=r"nnn: "):
+        read_frame(frame, "rgb")
 
 
 @pytest.mark.parametrize("width", [10**9, int("9" * 400)])
