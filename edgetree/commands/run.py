@@ -103,7 +103,9 @@ def run(
     is_interrupted = False
     records: list[dict[str, Any]] = []
     lines_to_stdout = not (outputs.jsonl or as_json)
-    with _writer(outputs, source, model_path.name, score_threshold, lines_to_stdout) as write:
+    with _writer(
+        outputs, source, model_path.name, score_threshold, lines_to_stdout, left_out.reasons
+    ) as write:
         shown = not (lines_to_stdout and sys.stdout.isatty())
 
         def measure(frame: Frame) -> FrameResult:
@@ -189,7 +191,12 @@ def _check(
 
 @contextmanager
 def _writer(
-    outputs: _Outputs, source: Path, model: str, score_threshold: float, lines_to_stdout: bool
+    outputs: _Outputs,
+    source: Path,
+    model: str,
+    score_threshold: float,
+    lines_to_stdout: bool,
+    left_out: list[str],
 ) -> Iterator[_Write]:
     """Open the output files; yields a function that writes a frame's result and its record."""
     from edgetree.frames.sources import as_typed
@@ -214,7 +221,8 @@ def _writer(
             others.append(stack.enter_context(labels_file(outputs.coco, model, score_threshold)))
         if outputs.report is not None:
             words = f"the model {model}"
-            others.append(stack.enter_context(report_file(outputs.report, as_typed(source), words)))
+            report = report_file(outputs.report, as_typed(source), words, left_out)
+            others.append(stack.enter_context(report))
         if table is not None:
             write_header(table)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from html import escape
 from pathlib import Path
@@ -35,7 +35,7 @@ _QUALITIES: Final = (82, 70, 58, 46)
 
 @contextmanager
 def report_file(
-    path: Path, source: str, trees_from: str
+    path: Path, source: str, trees_from: str, left_out: Sequence[str] = ()
 ) -> Iterator[Callable[[FrameResult], None]]:
     """Write a report at the end of the block; yields a function that adds a frame to it.
 
@@ -46,6 +46,7 @@ def report_file(
         path: the HTML file to write.
         source: what was measured, for the heading.
         trees_from: the model or the mask image that the trees come from, likewise.
+        left_out: why frames were left out, a line for each; read at the end of the block.
 
     Raises:
         InputError: the file cannot be written.
@@ -64,7 +65,7 @@ def report_file(
         yield add
         figures.seek(0)
         page.write(page_start(f"Trees in {source}"))
-        page.write(totals.summary(source, trees_from))
+        page.write(totals.summary(source, trees_from, left_out))
         shutil.copyfileobj(figures, page)
         page.write(totals.tables())
         page.write(page_end("report.js"))
@@ -102,7 +103,7 @@ class _Totals:
         caption = f"<b>{escape(name)}</b> {escape(words)}"
         return figure(jpeg, size_px, caption, f"{name}: {words}", anchor)
 
-    def summary(self, source: str, trees_from: str) -> str:
+    def summary(self, source: str, trees_from: str, left_out: Sequence[str]) -> str:
         """The page from its heading to the beginning of the pictures."""
         trees, measured = len(self._rows), len(self._diameters_m)
         middle_html = "–"
@@ -122,6 +123,7 @@ class _Totals:
                     (middle_html, "median diameter at the felling cut"),
                 ]
             )
+            + _left_out(left_out)
             + self._classes()
             + reason_table(self._reasons)
             + '<h2>Pictures</h2><p class="note">Click a picture to enlarge it. A red dot is the '
@@ -159,6 +161,14 @@ class _Totals:
             f"{tree_table(self._rows)}"
             '<footer class="note">Made by edgetree. Apache License 2.0.</footer>'
         )
+
+
+def _left_out(reasons: Sequence[str]) -> str:
+    """The frames that are not in the report, with the reasons."""
+    if not reasons:
+        return ""
+    lines = "".join(f"<li>{escape(reason)}</li>" for reason in reasons)
+    return f"<h2>{_count(len(reasons), 'frame')} left out</h2><ul>{lines}</ul>"
 
 
 def _count(number: int, what: str) -> str:

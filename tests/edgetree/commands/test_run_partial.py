@@ -69,6 +69,8 @@ def test_a_broken_image_is_named_and_the_others_are_kept(
     assert lines[0].startswith(f"left out: image {mixed / 'aa.jpg'} cannot be read (8 bytes)")
     assert "2 trees in 2 frame(s)" in lines[1]
     assert lines[-1] == "edgetree: 1 of 3 frame(s) left out, see above"
+    page = files["report.html"].read_text()
+    assert f"<h2>1 frame left out</h2><ul><li>image {mixed / 'aa.jpg'} cannot be read" in page
 
 
 def test_a_frame_that_does_not_fit_the_camera_is_left_out(
