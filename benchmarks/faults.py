@@ -127,7 +127,8 @@ def signalled(job: Job, out: Path, number: signal.Signals, after_s: float) -> tu
     code, said = finish(process)
     if "Traceback" in said:
         return False, "a traceback"
-    return code == 0, "" if code in (0, 128 + number) else f"exit code {code}"
+    # Python itself ends by the signal until the command line has started.
+    return code == 0, "" if code in (0, 128 + number, -number) else f"exit code {code}"
 
 
 def starved(job: Job, out: Path, room: float) -> tuple[bool, str]:

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import _thread
 import io
 import os
 import signal
@@ -23,16 +24,17 @@ _FAILED = 1
 _BAD_INPUT = 2
 _INTERRUPTED = 128 + signal.SIGINT
 _TERMINATED = 128 + signal.SIGTERM
+_AGAIN_S, _MOST_DELAYS = 0.05, 200  # until an interrupt during an import comes again
 
 
 def run_command_line(name: str, run: Callable[[], object], resume: str = "") -> NoReturn:
     r"""Run a command line and exit.
 
-    SIGTERM ends it as Ctrl-C does, by `KeyboardInterrupt`. An error with an attribute `exit_code`
-    is meant for the user, and so are errors of the operating system such as a full disk: they are
-    printed as one line on stderr. Any other error is a bug and shows its traceback. If the reader
-    of stdout ends, as `head` does, the process ends too, without a message. Bytes of file names
-    that are not UTF-8 are printed as `\udcff`.
+    SIGTERM ends it as Ctrl-C does, by `KeyboardInterrupt`; both wait for an import in progress. An
+    error with an attribute `exit_code` is meant for the user, and so are errors of the operating
+    system such as a full disk: they are printed as one line on stderr. Any other error is a bug and
+    shows its traceback. If the reader of stdout ends, as `head` does, the process ends too, without
+    a message. Bytes of file names that are not UTF-8 are printed as `\udcff`.
 
     Exit codes: what `run` returns; 1 if nobody reads stdout, 2 if stdout is closed or cannot be
     written, 130 for Ctrl-C, 143 for SIGTERM.
@@ -43,7 +45,7 @@ def run_command_line(name: str, run: Callable[[], object], resume: str = "") -> 
         resume: what an interrupted command tells the user to do.
     """
     stdout = _open_streams(name)
-    with _terminated_as_interrupted() as is_terminated:
+    with _interruptible() as is_terminated:
         try:
             code = run() or 0
         except (KeyboardInterrupt, typer.Abort):
@@ -105,24 +107,50 @@ class _StandardOutput(io.FileIO):
 
 
 @contextmanager
-def _terminated_as_interrupted() -> Iterator[Callable[[], bool]]:
-    """Raise KeyboardInterrupt for SIGTERM in the block; yields whether it was received."""
-    received = False
+def _interruptible() -> Iterator[Callable[[], bool]]:
+    """Raise KeyboardInterrupt for Ctrl-C and SIGTERM in the block; yields whether SIGTERM came.
+
+    Libraries turn a KeyboardInterrupt during their import into other errors, or let Python end
+    itself by SIGINT in the end. An interrupt therefore comes again until no import is in progress,
+    for some seconds.
+    """
+    is_terminated = False
+    delays = 0
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        nonlocal received
-        received = True
-        raise KeyboardInterrupt
+        nonlocal is_terminated, delays
+        is_terminated |= number == signal.SIGTERM
+        if delays >= _MOST_DELAYS or not _is_importing(frame):
+            raise KeyboardInterrupt
+        delays += 1
+        again = threading.Timer(_AGAIN_S, _thread.interrupt_main, (number,))
+        again.daemon = True
+        again.start()
 
-    is_main = threading.current_thread() is threading.main_thread()
-    if not is_main or signal.getsignal(signal.SIGTERM) != signal.SIG_DFL:
-        yield lambda: received
-        return
-    signal.signal(signal.SIGTERM, interrupt)
+    replaced = {}
+    if threading.current_thread() is threading.main_thread():
+        usual = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
+        replaced = {
+            number: handler
+            for number, handler in usual.items()
+            if signal.getsignal(number) == handler
+        }
+    for number in replaced:
+        signal.signal(number, interrupt)
     try:
-        yield lambda: received
+        yield lambda: is_terminated
     finally:
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        for number, handler in replaced.items():
+            signal.signal(number, handler)
+
+
+def _is_importing(frame: FrameType | None) -> bool:
+    """Whether a module is being imported in the frame or in one of its callers."""
+    while frame is not None:
+        if frame.f_code.co_filename.startswith("<frozen importlib"):
+            return True
+        frame = frame.f_back
+    return False
 
 
 def _report(name: str, error: Exception) -> int:

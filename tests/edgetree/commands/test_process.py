@@ -1,0 +1,48 @@
+"""Signals during an import, which libraries turn into other errors, end a command as usual."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+MODULE = """
+import ctypes, signal, sys, time
+from pathlib import Path
+signal.raise_signal({number})
+# As libraries in C do; Python then ends itself by SIGINT if the code is interrupted.
+if ctypes.pythonapi.PyRun_SimpleString(b"import time; time.sleep(0.3)"):
+    raise ImportError("interrupted")
+Path({whole!r}).touch()
+"""
+MAIN = """
+import time
+from edgetree.process import run_command_line
+def run():
+    import fragile
+    time.sleep(20)
+run_command_line("edgetree", run)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals to send")
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_during_an_import_ends_the_command_after_it(
+    tmp_path: Path, number: signal.Signals, code: int
+) -> None:
+    whole = tmp_path / "whole"
+    (tmp_path / "fragile.py").write_text(MODULE.format(number=int(number), whole=str(whole)))
+    done = subprocess.run(
+        [sys.executable, "-c", f"import sys; sys.path.insert(0, {str(tmp_path)!r}){MAIN}"],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+        # A test runner in the background ignores the signal, which child processes inherit.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    assert (done.returncode, done.stderr) == (code, "edgetree: interrupted\n")
+    assert whole.exists()
