@@ -30,7 +30,7 @@ def read_settings(path: Path, start: SimulatorSettings) -> SimulatorSettings:
         values = json.loads(path.read_text("utf-8"))
     except OSError as error:
         raise SettingsError(f"{path}: cannot be read ({error.strerror})") from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise SettingsError(f"{path}: not JSON ({error})") from error
     if isinstance(values, dict) and "sha256" in values:
         start, values = SimulatorSettings(), values.get("settings")
