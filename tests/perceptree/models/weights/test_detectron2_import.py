@@ -52,14 +52,16 @@ def test_each_published_backbone_is_recognised(preset: str, detectron2_shapes: S
     assert found.spec == make_spec(preset)
 
 
-@pytest.mark.parametrize("name", ["R50", "R101"])
+@pytest.mark.parametrize(
+    ("name", "preset"), [("R50", "r50"), ("R101", "r101"), ("X101", "x101-32x8d")]
+)
 def test_detectron2s_own_names_and_shapes_are_those_of_the_preset(
-    name: str, shared_path: Callable[[str], Path]
+    name: str, preset: str, shared_path: Callable[[str], Path]
 ) -> None:
     path = shared_path(f"golden/{name}_shapes.json")
     state = {key: numbers(*shape) for key, shape in json.loads(path.read_text()).items()}
     found = recognised(state)
-    assert found.spec == make_spec(name.lower())
+    assert found.spec == make_spec(preset)
     with torch.device("meta"):
         ours = TreeRCNN(found.spec).state_dict()
     expected = {k: v.shape for k, v in ours.items() if not k.endswith("num_batches_tracked")}
