@@ -67,6 +67,8 @@ def import_(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Import a Detectron2 Mask R-CNN checkpoint; code in the file is not executed."""
+    if not checkpoint.exists():
+        raise CheckpointError(f"{checkpoint}: no such file, expected a .pth or .pkl file")
     out = out or Path(checkpoint.stem + ".safetensors")
     if out.resolve() == checkpoint.resolve():
         raise CheckpointError(f"{out}: is the input file, expected another --out")

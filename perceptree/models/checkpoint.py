@@ -20,8 +20,8 @@ from perceptree.models.spec import ModelSpec, SpecError
 
 SCHEMA = "perceptree.checkpoint/1"
 METADATA_KEY = "perceptree"
-# Far above the weights of any trained network, and below most of what a flipped bit of a float's
-# exponent makes of them.
+# Far above the weights of any trained network, and far below those whose highest exponent bit was
+# flipped: it multiplies numbers below 2 by 2**128.
 LARGEST_WEIGHT = 1e6
 
 
@@ -152,7 +152,7 @@ def check_tensors(
 def check_values(path: Path | str, tensors: Mapping[str, torch.Tensor]) -> None:
     """Check that weights have values that a trained network can have.
 
-    A flipped bit of a float's exponent often gives a number that is far too large.
+    Most damage to a file stays unnoticed: it changes a number a little, or makes it smaller.
 
     Args:
         path: File or source that an error names.

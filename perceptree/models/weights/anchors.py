@@ -80,14 +80,14 @@ def _stated_layout(
 ) -> AnchorLayout:
     """The user's layout; what the user does not state is assumed."""
     assumed: tuple[str, ...] = ()
-    if ratios is None:
-        assumed += (f"anchor ratios {_listed((RATIOS,))}",)
     per_size = len(ratios or RATIOS)
     usual = {per_size: ONE_SIZE_ANCHORS_PX, 3 * per_size: NINE_ANCHORS_PX}
     if sizes_px is None and count in usual:
         sizes_px = usual[count]
         source = "Detectron2's" if sizes_px == ONE_SIZE_ANCHORS_PX else "of the paper"
         assumed += (f"anchor sizes {_listed(sizes_px)} px ({source} for {count} per cell)",)
+    if ratios is None:
+        assumed += (f"anchor ratios {_listed((RATIOS,))} (Detectron2's)",)
     if sizes_px is None:
         raise CheckpointError(
             f"{path}: {_OBJECTNESS} has {count} anchors per cell, expected"
