@@ -168,8 +168,7 @@ def _widths(path: Path, tensors: Tensors, options: ImportOptions) -> dict[str, A
         if not found:
             continue
         begin = f"{head}{convolution}"
-        convolutions = tuple(v.shape[0] for v in _numbered(tensors, begin, ".weight", 1))
-        count = len(convolutions)
+        count = sum(1 for _ in _numbered(tensors, begin, ".weight", 1))
         if count != expected:
             which = "missing" if count < expected else "unexpected"
             number = min(count, expected) + 1
@@ -179,7 +178,8 @@ def _widths(path: Path, tensors: Tensors, options: ImportOptions) -> dict[str, A
             )
         for layer in _LAST_LAYERS[branch]:
             _shape(path, tensors, f"{head}{layer}.weight", 4)
-        widths[f"{branch}_head_widths"] = convolutions
+        names = (f"{begin}{number}.weight" for number in range(1, count + 1))
+        widths[f"{branch}_head_widths"] = tuple(_shape(path, tensors, n, 4)[0] for n in names)
     return widths
 
 

@@ -312,6 +312,8 @@ def test_other_depths_and_groupings_are_refused(detectron2_shapes: Shapes) -> No
     assert "(3, 4, 6, 3) blocks with 32 groups of 4 channels, expected" in refused(grouped)
     flat = state | {"backbone.bottom_up.res2.0.conv2.weight": numbers(64)}
     assert "res2.0.conv2.weight has shape (64,), expected 4 axes" in refused(flat)
+    bare = state | {"roi_heads.mask_head.mask_fcn2.weight": torch.tensor(1.0)}
+    assert "mask_fcn2.weight has shape (), expected 4 axes" in refused(bare)
 
 
 def persons(state: State) -> State:
