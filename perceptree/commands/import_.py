@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from perceptree.errors import CheckpointError
+from perceptree.errors import CheckpointError, SettingsError
 
 if TYPE_CHECKING:
     from perceptree.models.weights import Imported
@@ -42,6 +43,27 @@ def import_(
             "--as-init", help="Keep matching tensors only, as starting weights for training."
         ),
     ] = False,
+    anchor_sizes: Annotated[
+        str | None,
+        typer.Option(
+            metavar="PX,...",
+            help="Anchor sizes of the five levels, such as 32,64,128,256,512; several of a level"
+            " as 32/48. [the file's, or the usual ones for its number of anchors]",
+        ),
+    ] = None,
+    anchor_ratios: Annotated[
+        str | None,
+        typer.Option(
+            metavar="RATIO,...",
+            help="Height over width of the anchors. [the file's, or 0.5,1,2]",
+        ),
+    ] = None,
+    mask_convolutions: Annotated[
+        int, typer.Option(help="Convolutions of the mask head, if it has one.")
+    ] = 4,
+    keypoint_convolutions: Annotated[
+        int, typer.Option(help="Convolutions of the keypoint head, if it has one.")
+    ] = 8,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Import a Detectron2 Mask R-CNN checkpoint; code in the file is not executed."""
@@ -55,7 +77,17 @@ def import_(
     from perceptree.models.weights import import_checkpoint
 
     named: dict[str, Any] = {"modality": modality, "stride_in": stride_in, "pixel_std": pixel_std}
-    imported = import_checkpoint(checkpoint, height=height, width=width, as_init=as_init, **named)
+    imported = import_checkpoint(
+        checkpoint,
+        height=height,
+        width=width,
+        as_init=as_init,
+        anchor_sizes_px=_groups("--anchor-sizes", anchor_sizes),
+        anchor_ratios=_numbers("--anchor-ratios", anchor_ratios),
+        mask_convolutions=mask_convolutions,
+        keypoint_convolutions=keypoint_convolutions,
+        **named,
+    )
     save_checkpoint(out, imported.model, imported.training)
     if imported.assumed:
         assumed = ", ".join(imported.assumed)
@@ -68,6 +100,25 @@ def import_(
         typer.echo(json.dumps(facts))
         return
     _show(facts)
+
+
+def _groups(option: str, text: str | None) -> list[list[float]] | None:
+    """Numbers by level: levels after commas, several of a level after slashes."""
+    if text is None:
+        return None
+    return [_numbers(option, level.replace("/", ",")) or [] for level in text.split(",")]
+
+
+def _numbers(option: str, text: str | None) -> list[float] | None:
+    if text is None:
+        return None
+    try:
+        numbers = [float(value) for value in text.split(",")]
+    except ValueError:
+        numbers = []
+    if not numbers or not all(0.0 < value < math.inf for value in numbers):
+        raise SettingsError(f"{option} is {text!r}, expected numbers above 0, after commas")
+    return numbers
 
 
 def _facts(imported: Imported, out: Path) -> dict[str, Any]:
@@ -84,6 +135,8 @@ def _facts(imported: Imported, out: Path) -> dict[str, Any]:
         "pixel_mean": list(spec.mean),
         "pixel_std": list(spec.std),
         "anchors_per_cell": spec.anchors_per_cell,
+        "anchor_sizes_px": [list(sizes) for sizes in spec.anchor_sizes_px],
+        "anchor_ratios": list(spec.anchor_ratios),
         "masks": spec.masks,
         "keypoints": spec.keypoints,
         "parameters": sum(value.numel() for value in imported.model.parameters()),
@@ -103,6 +156,10 @@ def _show(facts: dict[str, Any]) -> None:
         f"predicts: {', '.join(branches)}; {facts['anchors_per_cell']} anchors per cell, "
         f"{facts['parameters'] / 1e6:.2f} M parameters"
     )
+    sizes = ", ".join("/".join(f"{px:g}" for px in level) for level in facts["anchor_sizes_px"])
+    ratios = ", ".join(f"{ratio:g}" for ratio in facts["anchor_ratios"])
+    typer.echo(f"anchors: {sizes} px at the levels 2 to 6, ratios {ratios}")
+    typer.echo(f"sha256 of the imported file: {facts['sha256']}")
     out = facts["checkpoint"]
     if facts["init_only"]:
         typer.echo(f"fresh: {len(facts['fresh'])} tensors with random values, to be trained")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,9 @@ from perceptree.models.spec import ModelSpec, SpecError
 
 SCHEMA = "perceptree.checkpoint/1"
 METADATA_KEY = "perceptree"
+# Far above the weights of any trained network, and far below those whose highest exponent bit was
+# flipped: it multiplies numbers below 2 by 2**128.
+LARGEST_WEIGHT = 1e6
 
 
 def save_checkpoint(path: str | Path, model: TreeRCNN, training: dict[str, Any]) -> None:
@@ -55,7 +59,7 @@ def load_checkpoint(path: str | Path) -> tuple[TreeRCNN, dict[str, Any]]:
 
     Raises:
         CheckpointError: If the file is missing, unreadable or of another kind, if its tensors do
-            not match its spec, or if a weight is not finite.
+            not match its spec, or if a weight cannot be one.
     """
     path = Path(path)
     record, tensors = _read(path)
@@ -65,7 +69,7 @@ def load_checkpoint(path: str | Path) -> tuple[TreeRCNN, dict[str, Any]]:
     except SpecError as error:
         raise CheckpointError(f"{path}: {error}") from error
     check_tensors(path, expected, tensors)
-    check_finite(path, tensors)
+    check_values(path, tensors)
     model = TreeRCNN(spec)
     model.load_state_dict(tensors)
     return model.eval(), record
@@ -82,8 +86,7 @@ def tensors_of(spec: ModelSpec) -> dict[str, torch.Tensor]:
 
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, torch.Tensor]]:
-    if not path.is_file():
-        raise CheckpointError(f"{path}: no such file, expected a .safetensors checkpoint")
+    check_is_file(path, "a .safetensors checkpoint")
     if not is_utf8(path):
         raise CheckpointError(f"{path}: its path is not UTF-8, expected another name")
     try:
@@ -100,6 +103,24 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, torch.Tensor]]:
     if not isinstance(record.get("training"), dict):
         raise CheckpointError(f"{path}: the checkpoint has no training record")
     return record, tensors
+
+
+def check_is_file(path: Path, expected: str) -> None:
+    """Check that a path is a regular file; opening a pipe would wait for ever.
+
+    Args:
+        path: Path of the file.
+        expected: What the file should be, for messages.
+
+    Raises:
+        CheckpointError: If there is no such file, or it is a folder, a pipe or a device.
+    """
+    if path.is_dir():
+        raise CheckpointError(f"{path}: is a folder, expected {expected}")
+    if path.exists() and not path.is_file():
+        raise CheckpointError(f"{path}: is a pipe, socket or device, expected {expected}")
+    if not path.exists():
+        raise CheckpointError(f"{path}: no such file, expected {expected}")
 
 
 def check_tensors(
@@ -128,18 +149,31 @@ def check_tensors(
         raise CheckpointError(f"{path}: {'; '.join(faults[:3])}{more}")
 
 
-def check_finite(path: Path | str, tensors: Mapping[str, torch.Tensor]) -> None:
-    """Check that all numbers are finite.
+def check_values(path: Path | str, tensors: Mapping[str, torch.Tensor]) -> None:
+    """Check that weights have values that a trained network can have.
+
+    Most damage to a file stays unnoticed: it changes a number a little, or makes it smaller.
 
     Args:
         path: File or source that an error names.
-        tensors: Tensors by name.
+        tensors: Tensors by name, here or in Detectron2.
 
     Raises:
-        CheckpointError: If a number is infinite or NaN; the message names the first such tensor.
+        CheckpointError: If a number is infinite, NaN or larger than ``LARGEST_WEIGHT`` (its square
+            for a variance), or if a variance is negative. The message names the first such tensor.
     """
     for name, value in tensors.items():
-        if value.is_floating_point() and value.numel():
-            low, high = value.aminmax()
-            if not (torch.isfinite(low) and torch.isfinite(high)):
-                raise CheckpointError(f"{path}: {name} holds NaN or infinity, expected numbers")
+        if not value.is_floating_point() or not value.numel():
+            continue
+        low, high = (float(end) for end in value.aminmax())
+        if not (math.isfinite(low) and math.isfinite(high)):
+            raise CheckpointError(f"{path}: {name} holds NaN or infinity, expected numbers")
+        least, most = -LARGEST_WEIGHT, LARGEST_WEIGHT
+        if name.endswith("running_var"):
+            least, most = 0.0, LARGEST_WEIGHT**2
+        if low < least or high > most:
+            wrong = low if low < least else high
+            raise CheckpointError(
+                f"{path}: {name} holds {wrong:g}, expected {least:g} to {most:g}; the file may be"
+                " damaged"
+            )

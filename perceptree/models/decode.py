@@ -5,6 +5,8 @@ A heat map's logits are interpolated bicubically. The maximum of that surface is
 
 from __future__ import annotations
 
+import functools
+
 import torch
 from torch import Tensor
 from torch.nn import functional
@@ -13,10 +15,11 @@ from perceptree.models.spec import KeypointGrid
 
 STEPS_PER_CELL = 8
 BICUBIC_A = -0.75
-# Search of the best pixel: samples per cell in the first pass, and how many of the best samples
-# the second pass refines.
-COARSE_SAMPLES_PER_CELL = 2
-PEAK_CANDIDATES = 8
+# Search of the highest pixel: cells per round, pixels per cell and axis up to which the bound uses
+# the pixels themselves, and differences that rounding explains, relative to the highest logit.
+CELLS_PER_ROUND = 32
+PIXELS_PER_CELL = 2
+ROUNDING = 1e-6
 
 
 def decode_keypoints(maps: Tensor, boxes: Tensor, grid: KeypointGrid, longest_px: int) -> Tensor:
@@ -34,16 +37,16 @@ def decode_keypoints(maps: Tensor, boxes: Tensor, grid: KeypointGrid, longest_px
     """
     regions, keypoints, size, _ = maps.shape
     flat = maps.reshape(regions * keypoints, size, size)
-    sides = (boxes[:, 2:] - boxes[:, :2]).repeat_interleave(keypoints, dim=0)
+    sides = boxes[:, 2:] - boxes[:, :2]
     if grid == "subcell":
         share, peak = subcell_peaks(flat)
     else:
         share, peak = pixel_peaks(flat, sides, longest_px)
     # The interpolated peak can be far above all cells; keep the score finite.
     score = 1.0 / torch.exp(flat - peak[:, None, None]).sum(dim=(1, 2)).clamp(min=1e-6)
-    start = boxes[:, :2].repeat_interleave(keypoints, dim=0)
-    found = torch.cat((start + share * sides, score[:, None]), dim=1)
-    return found.reshape(regions, keypoints, 3)
+    share = share.reshape(regions, keypoints, 2)
+    found = boxes[:, None, :2] + share * sides[:, None]
+    return torch.cat((found, score.reshape(regions, keypoints, 1)), dim=2)
 
 
 def cubic_weights(distance: Tensor) -> Tensor:
@@ -109,63 +112,116 @@ def pixel_peaks(maps: Tensor, sides: Tensor, longest_px: int) -> tuple[Tensor, T
     """Find the highest pixel of each heat map resized to the size of its box, as Detectron2 does.
 
     The surface is evaluated at the centres of the box's pixels, whose number is rounded up. The
-    first pass evaluates two pixels per cell and axis (every pixel of small boxes), the second one
-    all pixels within one cell of the best of these.
+    cells, the squares between four nodes, are searched in the order of an upper bound of the
+    surface, until no other cell can have a higher pixel. An exported graph, whose amount of work
+    is fixed, searches the first ``CELLS_PER_ROUND`` cells.
 
     Args:
         maps: (N, S, S) logits.
-        sides: (N, 2) width and height of the boxes, px.
+        sides: (R, 2) width and height of the boxes, px. N is a multiple of R; the maps of a box
+            follow each other.
         longest_px: Longest possible side of a box, px.
 
     Returns:
-        As :func:`subcell_peaks`.
+        As :func:`subcell_peaks`. Which one of several equal pixels is returned is undefined.
     """
     count, size, _ = maps.shape
+    most = longest_px // size + 1
     pixels = sides.clamp(min=1.0).ceil()
-    spread, coarse = _coarse_surface(maps, pixels)
-    rows, columns = _split(torch.topk(coarse, PEAK_CANDIDATES, dim=1).indices, spread.shape[2])
-    chosen = torch.gather(spread, 2, torch.stack((columns, rows), dim=1))
-    chosen = chosen.transpose(1, 2).flatten(0, 1)[..., None]
-    reach = longest_px // size + 1
-    number = chosen + torch.arange(-reach, reach + 1, device=maps.device)
-    limit = pixels.repeat_interleave(PEAK_CANDIDATES, dim=0)[..., None]
-    middle = _node_position(chosen, limit, size)
-    position = _node_position(number, limit, size)
-    start = middle.floor() - 2.0
-    taps = start + torch.arange(6, device=maps.device)
-    matrix = cubic_weights(position[..., None] - taps[:, :, None])
-    first = start[..., 0].long()
-    patches = _patches(maps, first[:, 1], first[:, 0], 6)
-    surface = matrix[:, 1] @ patches @ matrix[:, 0].transpose(1, 2)
-    seen = (number >= 0.0) & (number < limit) & ((position - middle).abs() <= 1.0)
-    surface = surface.masked_fill(~(seen[:, 1, :, None] & seen[:, 0, None, :]), -torch.inf)
-    peak, best = surface.reshape(count, -1).max(dim=1)
-    steps = 2 * reach + 1
-    candidate, within = _split(best, steps * steps)
-    down, across = _split(within, steps)
-    index = torch.arange(count, device=maps.device) * PEAK_CANDIDATES + candidate
-    found = torch.stack((number[index, 0, across], number[index, 1, down]), dim=1)
+    bounds = _cell_bounds(maps, pixels)
+    pixels = pixels.repeat_interleave(count // len(sides), dim=0)
+    bound, cells = torch.topk(bounds, CELLS_PER_ROUND, dim=1)
+    found, peak = _highest_pixels(maps, pixels, cells, bound, most)
+    if not torch.compiler.is_exporting():
+        margin = ROUNDING * maps.abs().amax(dim=(1, 2))
+        bounds = bounds.scatter(1, cells, -torch.inf)
+        left = (bounds.amax(dim=1) > peak + margin).nonzero()[:, 0]
+        while len(left):
+            bound, cells = torch.topk(bounds[left], CELLS_PER_ROUND, dim=1)
+            others, height = _highest_pixels(maps[left], pixels[left], cells, bound, most)
+            higher = height > peak[left]
+            found[left[higher]], peak[left[higher]] = others[higher], height[higher]
+            bounds[left] = bounds[left].scatter(1, cells, -torch.inf)
+            left = (bounds.amax(dim=1) > peak + margin).nonzero()[:, 0]
     return (found + 0.5) / pixels, peak
 
 
-def _coarse_surface(maps: Tensor, pixels: Tensor) -> tuple[Tensor, Tensor]:
-    """Evaluate the surface on a coarse grid of pixels.
+def _cell_bounds(maps: Tensor, pixels: Tensor) -> Tensor:
+    """Upper bounds of the surface at the pixels of each cell; minus infinity without pixels.
 
-    Returns pixel numbers (N, 2, P) in x and y, and the surface there (N, P * P). P is two per
-    node. A box with fewer pixels uses all of them, and the remaining values are minus infinity.
+    Between two nodes a row or column of the surface is a cubic, which does not exceed the highest
+    of its four Bezier control values. An axis with few pixels uses their own values instead.
+
+    Returns (N, (S + 1) * (S + 1)): the border is replicated, so there is one cell more than nodes.
     """
-    size = maps.shape[-1]
-    count = COARSE_SAMPLES_PER_CELL * size
-    number = torch.arange(count, device=maps.device)
+    count, size, _ = maps.shape
+    matrix, empty = _bounding_matrices(pixels, size)
+    bordered = functional.pad(maps[:, None], (2,) * 4, mode="replicate")
+    bordered = bordered.reshape(len(pixels), -1, size + 4, size + 4)
+    values = matrix[:, 1, None] @ bordered @ matrix[:, 0, None].transpose(2, 3)
+    for _ in range(2):  # both axes
+        values = functools.reduce(
+            torch.maximum, (values[..., i : i + 3 * size + 1 : 3] for i in range(4))
+        ).transpose(2, 3)
+    empty = empty[:, 1, None, :, None] | empty[:, 0, None, None, :]
+    return values.masked_fill(empty, -torch.inf).reshape(count, -1)
+
+
+def _bounding_matrices(pixels: Tensor, size: int) -> tuple[Tensor, Tensor]:
+    """Matrices from S + 4 nodes to bounding values, and which cells have no pixels, by axis.
+
+    Each cell has three values, and shares the first one of the next cell.
+
+    Returns (R, 2, 3 * (S + 1) + 1, S + 4) and (R, 2, S + 1).
+    """
+    start = torch.arange(-1, size + 1, device=pixels.device)
     limit = pixels[..., None]
-    number = torch.where(limit > count, ((number + 0.5) * limit / count - 0.5).round(), number)
-    bordered = functional.pad(maps[:, None], (2,) * 4, mode="replicate")[:, 0]
-    taps = torch.arange(-2, size + 2, device=maps.device)
-    matrix = cubic_weights(_node_position(number, limit, size)[..., None] - taps)
-    surface = matrix[:, 1] @ bordered @ matrix[:, 0].transpose(1, 2)
-    seen = number < limit
-    surface = surface.masked_fill(~(seen[:, 1, :, None] & seen[:, 0, None, :]), -torch.inf)
-    return number, surface.flatten(1)
+    first, last = _pixel_range(start, limit, size)
+    third = torch.arange(3, device=pixels.device)
+    number = torch.minimum(first[..., None] + third, last[..., None])
+    position = _node_position(number, limit[..., None], size)
+    nodes = torch.arange(-2, size + 2, device=pixels.device)
+    exact = cubic_weights(position[..., None] - nodes)
+    # The tangent at a node is -a times the difference of its neighbours (Keys 1981).
+    at = torch.eye(size + 6, device=pixels.device)
+    at, tangent = at[:, 1:-1], BICUBIC_A / 3 * (at[:, 2:] - at[:, :-2])
+    bezier = torch.stack((at[2:-2], at[2:-2] + tangent[2:-2], at[3:-1] - tangent[3:-1]), dim=1)
+    few = limit <= PIXELS_PER_CELL * size
+    matrix = torch.where(few[..., None, None], exact, bezier).flatten(2, 3)
+    return matrix[:, :, :-2], (last < first)[..., :-1]
+
+
+def _highest_pixels(
+    maps: Tensor, pixels: Tensor, cells: Tensor, bound: Tensor, most: int
+) -> tuple[Tensor, Tensor]:
+    """Find the highest pixel in some cells (N, C) of each map.
+
+    A cell has at most ``most`` pixels on each axis. Cells with a bound (N, C) of minus infinity
+    have none. Returns pixel numbers (N, 2) in x and y, and the surface there (N,).
+    """
+    count, size, _ = maps.shape
+    row, column = _split(cells, size + 1)
+    start = torch.stack((column, row), dim=-1).flatten(0, 1) - 1
+    limit = pixels.repeat_interleave(cells.shape[1], dim=0)
+    first, last = (end[..., None] for end in _pixel_range(start, limit, size))
+    number = torch.minimum(first + torch.arange(most, device=maps.device), last)
+    position = _node_position(number, limit[..., None], size)
+    taps = start[..., None] + torch.arange(-1, 3, device=maps.device)
+    matrix = cubic_weights(position[..., None] - taps[:, :, None])
+    patches = _patches(maps, start[:, 1] - 1, start[:, 0] - 1, 4)
+    surface = matrix[:, 1] @ patches @ matrix[:, 0].transpose(1, 2)
+    highest, within = surface.flatten(1).max(dim=1)
+    highest = highest.reshape(bound.shape).masked_fill(bound == -torch.inf, -torch.inf)
+    peak, cell = highest.max(dim=1)
+    index = torch.arange(count, device=maps.device) * cells.shape[1] + cell
+    down, across = _split(within[index], most)
+    return torch.stack((number[index, 0, across], number[index, 1, down]), dim=1), peak
+
+
+def _pixel_range(node: Tensor, pixels: Tensor, size: int) -> tuple[Tensor, Tensor]:
+    """Numbers of the first and the last pixel with their centres from a node to the next one."""
+    first, after = (((node + n + 0.5) * pixels / size - 0.5).ceil() for n in (0, 1))
+    return first.clamp(min=0.0), torch.minimum(after, pixels) - 1.0
 
 
 def _node_position(pixel: Tensor, pixels: Tensor, size: int) -> Tensor:

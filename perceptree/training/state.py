@@ -12,7 +12,7 @@ import torch
 
 from calib.writing import replacing
 from perceptree.errors import CheckpointError
-from perceptree.models.checkpoint import check_finite
+from perceptree.models.checkpoint import check_values
 from perceptree.models.weights.archives import check_archive
 
 STATE_NAME = "state.pt"
@@ -135,7 +135,7 @@ def _check_weights(state: Mapping[str, Any]) -> None:
             isinstance(value, torch.Tensor) for value in weights.values()
         ):
             raise ValueError(f"{name} does not hold tensors by name")
-        check_finite(name, weights)
+        check_values(name, weights)
     if not isinstance(state["optimizer"], dict) or not isinstance(state["precision"], str):
         raise ValueError("optimizer or precision is of another type")
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 import torch
 from numpy.typing import NDArray
 
@@ -72,11 +73,12 @@ def outputs(preset: str) -> Arrays:
     return arrays | levels
 
 
+@pytest.mark.parametrize("preset", ["r50", "x101-32x8d"])
 def test_outputs_are_those_that_were_stored(
-    golden_path: Callable[[str], Path], tmp_path: Path
+    preset: str, golden_path: Callable[[str], Path], tmp_path: Path
 ) -> None:
-    name = "r50_outputs.npz"
-    found = outputs("r50")
+    name = f"{preset}_outputs.npz"
+    found = outputs(preset)
     np.savez_compressed(tmp_path / name, **found)
     accept = f"to accept the new outputs: cp '{tmp_path / name}' '{golden_path('.')}'"
     assert golden_path(name).is_file(), accept

@@ -1,6 +1,7 @@
 """``perceptree import``: convert a published checkpoint."""
 
 import dataclasses
+import hashlib
 import importlib.util
 import json
 import os
@@ -24,7 +25,7 @@ Call = Callable[..., Result]
 def weights() -> dict[str, Tensor]:
     """A ResNet-50 with narrow heads and no masks, with Detectron2's names."""
     spec = dataclasses.replace(
-        make_spec("r50", masks=False), fpn_width=8, box_head_width=8, keypoint_head_widths=(8,)
+        make_spec("r50", masks=False), fpn_width=8, box_head_width=8, keypoint_head_widths=(8,) * 8
     )
     return {
         their_name(name): value
@@ -40,6 +41,10 @@ def checkpoint(weights: dict[str, Tensor], tmp_path: Path) -> Path:
     return path
 
 
+def sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
 def test_the_recognised_model_and_next_steps_are_printed(
     call: Call, checkpoint: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -51,9 +56,12 @@ def test_the_recognised_model_and_next_steps_are_printed(
     assert printed.splitlines()[0] == "r50: resnet50, stride in the 1x1"
     assert "input: rgb, 1280x720, pixel std 1, 1, 1" in printed
     assert "predicts: boxes, keypoints; 3 anchors per cell, " in printed
+    assert "anchors: 32, 64, 128, 256, 512 px at the levels 2 to 6, ratios 0.5, 1, 2\n" in printed
+    assert f"sha256 of the imported file: {sha256(checkpoint)}\n" in printed
     assert "next: perceptree eval model_final.safetensors DATA\n" in printed
     assert "edgetree export model_final.safetensors --data DATA --out model.onnx\n" in printed
     assert told.count("\n") == 1
+    assert "anchor sizes 32,64,128,256,512 px (Detectron2's for 3 per cell)" in told
     assert (
         f"{checkpoint} does not contain these settings, assumed: pixel mean of ImageNet, stride"
         in told
@@ -66,6 +74,7 @@ def test_json_is_one_object_that_agrees_with_the_file(
 ) -> None:
     out = tmp_path / "new" / "ours.safetensors"
     options = ("--modality", "depth", "--height", 90, "--width", 160, "--stride-in", "3x3")
+    options += ("--anchor-sizes", "16,32,64,128,256", "--anchor-ratios", "1,2,4")
     code, printed, told = call("import", checkpoint, "--out", out, *options, "--json")
     assert code == 0
     assert "depth from 0 to 20 m as 0 to 255" in told
@@ -78,7 +87,10 @@ def test_json_is_one_object_that_agrees_with_the_file(
     assert report["stride_in"] == "3x3"
     assert report["pixel_std"] == list(model.spec.std)
     assert report["parameters"] == sum(value.numel() for value in model.parameters())
-    assert report["sha256"] == record["training"]["sha256"]
+    assert report["anchor_sizes_px"] == [[16.0], [32.0], [64.0], [128.0], [256.0]]
+    assert report["anchor_ratios"] == list(model.spec.anchor_ratios) == [1.0, 2.0, 4.0]
+    assert model.spec.anchor_sizes_px == ((16.0,), (32.0,), (64.0,), (128.0,), (256.0,))
+    assert report["sha256"] == record["training"]["sha256"] == sha256(checkpoint)
     assert record["training"]["data"] == "imported from model_final.pth"
 
 
@@ -104,7 +116,9 @@ def test_a_complete_file_gives_no_warning(
     said = {"pixel_mean": torch.full((3, 1, 1), 99.0), "pixel_std": torch.ones(3, 1, 1)}
     path, out = tmp_path / "said.pth", tmp_path / "ours.safetensors"
     torch.save(weights | said, path)
-    code, printed, told = call("import", path, "--out", out, "--stride-in", "1x1", "--json")
+    stated = ("--stride-in", "1x1", "--anchor-sizes", "32,64,128,256,512")
+    stated += ("--anchor-ratios", "0.5,1,2")
+    code, printed, told = call("import", path, "--out", out, *stated, "--json")
     assert (code, told) == (0, "")
     assert json.loads(printed)["pixel_mean"] == [99.0] * 3
     assert json.loads(printed)["assumed"] == []
@@ -129,6 +143,11 @@ MISTAKES: dict[str, tuple[tuple[object, ...], str]] = {
     ),
     "modality": (("{}/other.pth", "--modality", "x"), "--modality is 'x', expected one of: rgb"),
     "stride": (("{}/other.pth", "--stride-in", "x"), "--stride-in is 'x', expected one of: auto"),
+    "anchor sizes": (
+        ("{}/other.pth", "--anchor-sizes", "a"),
+        "--anchor-sizes is 'a', expected num",
+    ),
+    "no ratio": (("{}/other.pth", "--anchor-ratios", "1,0"), "--anchor-ratios is '1,0', expected"),
     "option": (("{}/other.pth", "--speed", "9"), "--speed"),
 }
 

@@ -3,25 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, get_args
 
 import torch
 from torch import Tensor
 
-from perceptree.errors import SettingsError
-from perceptree.models.checkpoint import check_tensors, tensors_of
+from perceptree.errors import CheckpointError, SettingsError
+from perceptree.models.checkpoint import check_tensors, check_values, tensors_of
 from perceptree.models.detector import TreeRCNN
 from perceptree.models.spec import Modality, ModelSpec
 from perceptree.models.weights.detectron2 import our_name, their_name
+from perceptree.models.weights.normalisation import PixelStd, StrideIn
 from perceptree.models.weights.reading import Tensors, file_sha256, read_weights
-from perceptree.models.weights.recognition import (
-    ImportOptions,
-    PixelStd,
-    RecognisedNetwork,
-    StrideIn,
-    recognise,
-)
+from perceptree.models.weights.recognition import ImportOptions, RecognisedNetwork, recognise
 
 _STEM = "backbone.bottom_up.stem.conv1.weight"
 # Tensors that are no weights: constants of the configuration, and counters of the training.
@@ -30,6 +26,7 @@ _COUNTER = "num_batches_tracked"
 # Layers that depend on the classes and keypoints of the original task. Starting weights for
 # another task do not use them.
 _TASK_LAYERS = ("box_head.score.", "box_head.shift.", "keypoint_head.tower.up.")
+_MASK_SCORE = "mask_head.score."  # depends on the classes too; kept if it fits
 _SEED = 0
 
 
@@ -57,6 +54,10 @@ def import_checkpoint(
     stride_in: StrideIn = "auto",
     pixel_std: PixelStd = "auto",
     as_init: bool = False,
+    anchor_sizes_px: Sequence[Sequence[float]] | None = None,
+    anchor_ratios: Sequence[float] | None = None,
+    mask_convolutions: int = 4,
+    keypoint_convolutions: int = 8,
 ) -> Imported:
     """Import a Detectron2 Mask R-CNN with FPN and a ResNet-50, -101 or ResNeXt-101 backbone.
 
@@ -71,9 +72,15 @@ def import_checkpoint(
             value or the published configuration.
         as_init: Import starting weights from a network for another task, such as COCO's persons.
             The layers that depend on the task get reproducible random weights.
+        anchor_sizes_px: Sizes (square roots of areas, px) of each of the levels 2 to 6; by default
+            the file's, or the usual ones for its number of anchors.
+        anchor_ratios: Height over width of the anchors; by default the file's, or 0.5, 1 and 2.
+        mask_convolutions: Convolutions of the mask head before its deconvolution.
+        keypoint_convolutions: Convolutions of the keypoint head before its deconvolution.
 
     Raises:
-        CheckpointError: If the file cannot be read, or is another kind of network.
+        CheckpointError: If the file cannot be read or is damaged, is another kind of network, or
+            contradicts an option.
         SettingsError: If an option is none of its choices.
     """
     path = Path(path)
@@ -81,7 +88,20 @@ def import_checkpoint(
     _check_choice("pixel_std", pixel_std, get_args(PixelStd))
     _check_choice("modality", modality, get_args(Modality))
     tensors = read_weights(path)
-    options = ImportOptions(modality, height, width, stride_in, pixel_std, as_init)
+    _check_floats(path, tensors)
+    check_values(path, tensors)
+    options = ImportOptions(
+        modality,
+        height,
+        width,
+        stride_in,
+        pixel_std,
+        as_init,
+        None if anchor_sizes_px is None else tuple(tuple(level) for level in anchor_sizes_px),
+        None if anchor_ratios is None else tuple(anchor_ratios),
+        mask_convolutions,
+        keypoint_convolutions,
+    )
     found = recognise(path, tensors, options)
     weights = _weights(tensors, found)
     shapes = _shapes(found.spec)
@@ -105,6 +125,14 @@ def import_checkpoint(
     return Imported(model.eval(), found.preset, found.assumed, training)
 
 
+def _check_floats(path: Path, tensors: Tensors) -> None:
+    """Check that all tensors but counters are floats; 8-bit weights lack their scales."""
+    for name, value in tensors.items():
+        if not value.is_floating_point() and not name.endswith(_COUNTER):
+            kind = str(value.dtype).removeprefix("torch.")
+            raise CheckpointError(f"{path}: {name} is {kind}, expected floating-point numbers")
+
+
 def _weights(tensors: Tensors, found: RecognisedNetwork) -> Tensors:
     """The tensors that are weights, with the first convolution converted to BGR input."""
     kept = {
@@ -124,13 +152,13 @@ def _shapes(spec: ModelSpec) -> dict[str, Tensor]:
 
 def _fresh(shapes: dict[str, Tensor], weights: Tensors) -> list[str]:
     """Names of the model's tensors that keep their random initial values."""
+    present = {our_name(name).partition(".")[0] for name in weights}
     fresh = []
     for name, value in shapes.items():
         theirs = weights.get(their_name(name))
         fits = theirs is not None and theirs.shape == value.shape
-        optional = name.startswith("keypoint_head.") and theirs is None
-        optional |= name.startswith("mask_head.") and not fits
-        if name.startswith(_TASK_LAYERS) or optional:
+        other_classes = name.startswith(_MASK_SCORE) and not fits
+        if name.startswith(_TASK_LAYERS) or other_classes or name.partition(".")[0] not in present:
             fresh.append(name)
     return fresh
 

@@ -15,6 +15,7 @@ import torch
 from torch import Tensor
 
 from perceptree.errors import CheckpointError
+from perceptree.models.checkpoint import check_is_file
 from perceptree.models.weights.archives import check_archive
 from perceptree.models.weights.pickles import SAFE_GLOBALS, ArrayRecord, read_pickle
 
@@ -81,13 +82,10 @@ def file_sha256(path: Path) -> str:
 
 
 def _content(path: Path) -> Any:
-    if path.is_dir():
-        raise CheckpointError(f"{path}: is a folder, expected a .pth or .pkl checkpoint")
+    check_is_file(path, "a .pth or .pkl checkpoint")
     try:
         with path.open("rb") as file:
             head = file.read(32)
-    except FileNotFoundError as error:
-        raise CheckpointError(f"{path}: no such file, expected a .pth or .pkl file") from error
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise CheckpointError(f"{path}: cannot be read ({reason})") from error

@@ -5,19 +5,17 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from torch import Tensor
 
 from perceptree.errors import CheckpointError
 from perceptree.keypoints import KEYPOINT_NAMES
-from perceptree.models.presets import IMAGENET_MEAN, IMAGENET_STD, UNIT_STD, make_spec
+from perceptree.models.presets import make_spec
 from perceptree.models.spec import CLASS_NAMES, Modality, ModelSpec, SpecError
-from perceptree.models.weights.anchors import anchor_layout
+from perceptree.models.weights.anchors import Sizes, anchor_layout
+from perceptree.models.weights.normalisation import PixelStd, StrideIn, normalisation
 from perceptree.models.weights.reading import Tensors
-
-StrideIn = Literal["auto", "1x1", "3x3"]
-PixelStd = Literal["auto", "unit", "imagenet"]
 
 # Blocks per stage, groups, and channels per group -> preset.
 _ARCHITECTURES: dict[tuple[tuple[int, ...], int, int], str] = {
@@ -40,7 +38,8 @@ _OTHERS = {
     "res2.0.": "a bare backbone",
     "layer1.0.": "a bare backbone",
 }
-_MEAN_TOLERANCE = 1.0
+# Layers after a head's convolutions.
+_LAST_LAYERS = {"mask": ("deconv", "predictor"), "keypoint": ("score_lowres",)}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,6 +66,10 @@ class ImportOptions:
     stride_in: StrideIn = "auto"
     pixel_std: PixelStd = "auto"
     as_init: bool = False
+    anchor_sizes_px: Sizes | None = None
+    anchor_ratios: tuple[float, ...] | None = None
+    mask_convolutions: int = 4
+    keypoint_convolutions: int = 8
 
 
 def recognise(path: Path, tensors: Tensors, options: ImportOptions) -> RecognisedNetwork:
@@ -86,17 +89,24 @@ def recognise(path: Path, tensors: Tensors, options: ImportOptions) -> Recognise
     base = make_spec(preset, options.modality, options.height, options.width)
     if not options.as_init:
         _check_counts(path, tensors)
-    changes, assumed, red_first = _normalisation(path, tensors, options, base.stride_in_1x1)
-    sizes_px, ratios = anchor_layout(path, tensors)
-    changes |= {"anchor_sizes_px": sizes_px, "anchor_ratios": ratios}
-    changes |= _widths(path, tensors, options.as_init)
+    pixels = normalisation(path, tensors, options.stride_in, options.pixel_std, base.stride_in_1x1)
+    anchors = anchor_layout(path, tensors, options.anchor_sizes_px, options.anchor_ratios)
+    assumed = pixels.assumed + anchors.assumed
+    changes: dict[str, Any] = {
+        "mean": pixels.mean,
+        "std": pixels.std,
+        "stride_in_1x1": pixels.stride_in_1x1,
+        "anchor_sizes_px": anchors.sizes_px,
+        "anchor_ratios": anchors.ratios,
+    }
+    changes |= _widths(path, tensors, options)
     if options.modality == "depth":
         assumed += ("depth from 0 to 20 m as 0 to 255",)
     try:
         spec = dataclasses.replace(base, **changes)
     except SpecError as error:
         raise CheckpointError(f"{path}: {error}") from error
-    return RecognisedNetwork(preset, spec, assumed, red_first)
+    return RecognisedNetwork(preset, spec, assumed, pixels.red_first)
 
 
 def _check_kind(path: Path, tensors: Tensors) -> None:
@@ -141,60 +151,35 @@ def _check_counts(path: Path, tensors: Tensors) -> None:
         )
 
 
-def _normalisation(
-    path: Path, tensors: Tensors, options: ImportOptions, usual_1x1: bool
-) -> tuple[dict[str, Any], tuple[str, ...], bool]:
-    """Mean, std and position of the stride; which of them are assumed; whether red comes first.
-
-    In the published configurations, networks with the stride in the 1x1 convolution have a std
-    of 1, and those with the stride in the 3x3 convolution have ImageNet's std.
-    """
-    assumed: tuple[str, ...] = ()
-    mean = _constant(path, tensors, "pixel_mean")
-    std = _constant(path, tensors, "pixel_std")
-    if mean is None:
-        mean, assumed = IMAGENET_MEAN, ("pixel mean of ImageNet",)
-    if options.pixel_std != "auto":
-        std = UNIT_STD if options.pixel_std == "unit" else IMAGENET_STD
-    in_1x1 = options.stride_in == "1x1"
-    if options.stride_in == "auto":
-        in_1x1 = usual_1x1 and (std is None or max(std) == 1.0)
-        assumed += ("stride in the " + ("1x1" if in_1x1 else "3x3"),)
-    if std is None:
-        std = UNIT_STD if in_1x1 else IMAGENET_STD
-        assumed += ("pixel std of " + ("1" if in_1x1 else "ImageNet"),)
-    pairs = zip(mean, reversed(IMAGENET_MEAN), strict=True)
-    red_first = all(abs(a - b) < _MEAN_TOLERANCE for a, b in pairs)
-    if red_first:
-        mean, std = mean[::-1], std if options.pixel_std != "auto" else std[::-1]
-    return {"mean": mean, "std": std, "stride_in_1x1": in_1x1}, assumed, red_first
-
-
-def _constant(path: Path, tensors: Tensors, name: str) -> tuple[float, ...] | None:
-    """Three values of the file's configuration; None if they are missing."""
-    value = tensors.get(name)
-    if value is None:
-        return None
-    if value.numel() != 3:
-        shape = tuple(value.shape)
-        raise CheckpointError(f"{path}: {name} has shape {shape}, expected three values")
-    return tuple(round(float(v), 4) for v in value.flatten())
-
-
-def _widths(path: Path, tensors: Tensors, as_init: bool) -> dict[str, Any]:
+def _widths(path: Path, tensors: Tensors, options: ImportOptions) -> dict[str, Any]:
     """Which heads the network has, and the widths of its layers, as fields of ModelSpec."""
     widths: dict[str, Any] = {
         "fpn_width": _shape(path, tensors, "backbone.fpn_output2.weight", 4)[0],
         "box_head_width": _shape(path, tensors, "roi_heads.box_head.fc1.weight", 2)[0],
     }
-    branches = {"mask": "mask_fcn", "keypoint": "conv_fcn"}
-    for branch, convolution in branches.items():
+    branches = {
+        "mask": ("mask_fcn", options.mask_convolutions),
+        "keypoint": ("conv_fcn", options.keypoint_convolutions),
+    }
+    for branch, (convolution, expected) in branches.items():
         head = f"roi_heads.{branch}_head."
         found = _has(tensors, head)
-        widths[f"{branch}s"] = found or as_init
-        if found:
-            convolutions = _numbered(tensors, f"{head}{convolution}", ".weight", 1)
-            widths[f"{branch}_head_widths"] = tuple(value.shape[0] for value in convolutions)
+        widths[f"{branch}s"] = found or options.as_init
+        if not found:
+            continue
+        begin = f"{head}{convolution}"
+        count = sum(1 for _ in _numbered(tensors, begin, ".weight", 1))
+        if count != expected:
+            which = "missing" if count < expected else "unexpected"
+            number = min(count, expected) + 1
+            raise CheckpointError(
+                f"{path}: {begin}{number}.weight is {which}, expected {expected} convolutions;"
+                f" if the head has {count}, --{branch}-convolutions {count}"
+            )
+        for layer in _LAST_LAYERS[branch]:
+            _shape(path, tensors, f"{head}{layer}.weight", 4)
+        names = (f"{begin}{number}.weight" for number in range(1, count + 1))
+        widths[f"{branch}_head_widths"] = tuple(_shape(path, tensors, n, 4)[0] for n in names)
     return widths
 
 

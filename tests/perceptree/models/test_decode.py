@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 from torch import Tensor
 from torch.nn import functional
 
@@ -72,6 +74,44 @@ def test_sharp_peaks_on_pixels_are_all_found() -> None:
         assert abs(x - peak[0]) < 1.01 * pixel
         assert abs(y - peak[1]) < 1.01 * pixel
         assert score == pytest.approx(expected, rel=1e-3)
+
+
+def equal_peaks(count: int, levels: int, share: float, seed: int) -> Tensor:
+    """(N, S, S) whole logits below ``levels``, of which a share is not 0: many peaks are equal."""
+    random = torch.Generator().manual_seed(seed)
+    logits = torch.randint(0, levels, (count, S, S), generator=random).float()
+    return logits * (torch.rand(count, S, S, generator=random) < share)
+
+
+def assert_highest(maps: Tensor, sides: Tensor, share: Tensor, peak: Tensor) -> None:
+    """Check peaks against all pixels of the resized maps."""
+    for heat, side, (x, y), height in zip(maps, sides, share.tolist(), peak, strict=True):
+        columns, rows = side.clamp(min=1.0).ceil().int().tolist()
+        fine = functional.interpolate(heat[None, None], size=(rows, columns), mode="bicubic")[0, 0]
+        # Rounding differs, by up to some 1e-6 of the logits.
+        tolerance = 1e-5 * max(1.0, float(heat.abs().max()))
+        assert float(height) == pytest.approx(float(fine.max()), abs=tolerance)
+        assert float(fine[int(y * rows), int(x * columns)]) >= float(fine.max()) - tolerance
+
+
+@given(
+    levels=st.integers(1, 6),
+    share=st.sampled_from([0.01, 0.1, 1.0]),
+    sides=st.tuples(st.floats(0.0, 700.0), st.floats(0.0, 700.0)),
+    seed=st.integers(0, 1000),
+)
+def test_the_highest_of_many_equal_peaks_is_found(
+    levels: int, share: float, sides: tuple[float, float], seed: int
+) -> None:
+    maps, side = equal_peaks(3, levels, share, seed), torch.tensor([sides])
+    assert_highest(maps, side.expand(3, 2), *pixel_peaks(maps, side, LONGEST_PX))
+
+
+def test_an_exported_graph_finds_the_same_peaks(monkeypatch: pytest.MonkeyPatch) -> None:
+    noise = torch.randn(100, S, S, generator=torch.Generator().manual_seed(8))
+    maps, sides = torch.cat((heat_maps(100, seed=7), noise)), box_sides(200, seed=9)
+    monkeypatch.setattr(torch.compiler, "is_exporting", lambda: True)
+    assert_highest(maps, sides, *pixel_peaks(maps, sides, LONGEST_PX))
 
 
 def test_peaks_between_pixels_are_those_of_a_smooth_surface() -> None:

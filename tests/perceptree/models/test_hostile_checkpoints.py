@@ -74,11 +74,15 @@ def test_memory_for_weights_is_taken_after_the_check_of_the_tensors(
 
 def test_weights_that_are_no_numbers_are_refused(tmp_path: Path) -> None:
     model = TreeRCNN(SPEC)
-    with torch.no_grad():
-        model.box_head.score.weight[0, 0] = float("nan")
-    save_checkpoint(tmp_path / "nan.safetensors", model, {})
-    with pytest.raises(CheckpointError, match=r"box_head\.score\.weight holds NaN or infinity"):
-        load_checkpoint(tmp_path / "nan.safetensors")
+    for value, message in (
+        (float("nan"), r"box_head\.score\.weight holds NaN or infinity"),
+        (-2e30, r"box_head\.score\.weight holds -2e\+30, expected -1e\+06 to 1e\+06"),
+    ):
+        with torch.no_grad():
+            model.box_head.score.weight[0, 0] = value
+        save_checkpoint(tmp_path / "wrong.safetensors", model, {})
+        with pytest.raises(CheckpointError, match=message):
+            load_checkpoint(tmp_path / "wrong.safetensors")
 
 
 @pytest.mark.parametrize("record", ["[" * 100_000, '{"schema": "perceptree.checkpoint/1"}', "1"])

@@ -81,8 +81,8 @@ def thin_spec() -> ModelSpec:
         make_spec("r50"),
         fpn_width=16,
         box_head_width=24,
-        mask_head_widths=(8, 8),
-        keypoint_head_widths=(8, 8, 12),
+        mask_head_widths=(8,) * 4,
+        keypoint_head_widths=(*(8,) * 7, 12),
     )
 
 

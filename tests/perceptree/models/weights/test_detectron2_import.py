@@ -52,14 +52,16 @@ def test_each_published_backbone_is_recognised(preset: str, detectron2_shapes: S
     assert found.spec == make_spec(preset)
 
 
-@pytest.mark.parametrize("name", ["R50", "R101"])
+@pytest.mark.parametrize(
+    ("name", "preset"), [("R50", "r50"), ("R101", "r101"), ("X101", "x101-32x8d")]
+)
 def test_detectron2s_own_names_and_shapes_are_those_of_the_preset(
-    name: str, shared_path: Callable[[str], Path]
+    name: str, preset: str, shared_path: Callable[[str], Path]
 ) -> None:
     path = shared_path(f"golden/{name}_shapes.json")
     state = {key: numbers(*shape) for key, shape in json.loads(path.read_text()).items()}
     found = recognised(state)
-    assert found.spec == make_spec(name.lower())
+    assert found.spec == make_spec(preset)
     with torch.device("meta"):
         ours = TreeRCNN(found.spec).state_dict()
     expected = {k: v.shape for k, v in ours.items() if not k.endswith("num_batches_tracked")}
@@ -77,7 +79,8 @@ def test_branches_and_widths_are_those_of_the_file(
     widths |= {"keypoint_head_widths": (8, 12, 16)} if keypoints else {}
     branches = {"masks": masks, "keypoints": keypoints}
     state = detectron2_shapes("r50", **widths, **branches)
-    spec = recognised(state, modality="depth", height=90, width=150).spec
+    depths = {"mask_convolutions": 2, "keypoint_convolutions": 3}
+    spec = recognised(state, modality="depth", height=90, width=150, **depths).spec
     assert spec == make_spec("r50", "depth", 90, 150, **widths, **branches)
 
 
@@ -128,6 +131,55 @@ def test_nine_anchors_are_known_by_their_number(detectron2_shapes: Shapes) -> No
     assert "4 anchors per cell, expected 3 or 9" in refused(state)
 
 
+SIZES_PX = ((32.0,), (64.0,), (128.0,), (256.0,), (512.0,))
+
+
+def test_assumed_anchors_are_told_with_the_reason(detectron2_shapes: Shapes) -> None:
+    sizes, ratios = recognised(detectron2_shapes("r50")).assumed[-2:]
+    assert sizes == "anchor sizes 32,64,128,256,512 px (Detectron2's for 3 per cell)"
+    assert ratios == "anchor ratios 0.5,1,2 (Detectron2's)"
+    nine = recognised(detectron2_shapes("r50", anchor_sizes_px=NINE_ANCHORS_PX)).assumed
+    assert any("(of the paper for 9 per cell)" in text for text in nine)
+
+
+def test_stated_anchors_are_used_and_are_not_assumed(detectron2_shapes: Shapes) -> None:
+    state, mine = detectron2_shapes("r50"), tuple((n / 2,) for (n,) in SIZES_PX)
+    found = recognised(state, anchor_sizes_px=mine, anchor_ratios=(1.0, 2.0, 4.0))
+    assert found.spec.anchor_sizes_px == mine
+    assert found.spec.anchor_ratios == (1.0, 2.0, 4.0)
+    assert "anchor" not in " ".join(found.assumed)
+    found = recognised(state, anchor_ratios=(1.0,), anchor_sizes_px=NINE_ANCHORS_PX)
+    assert found.spec.anchor_sizes_px == NINE_ANCHORS_PX
+    found = recognised(state, anchor_ratios=(1.0, 2.0, 4.0))
+    assert found.spec.anchor_sizes_px == SIZES_PX
+    assert "anchor ratios" not in " ".join(found.assumed)
+
+
+@pytest.mark.parametrize(
+    ("wanted", "message"),
+    [
+        ({"anchor_sizes_px": NINE_ANCHORS_PX}, "has 3 anchors per cell, but sizes 32/64/128,"),
+        ({"anchor_sizes_px": SIZES_PX[:4]}, "expected 5 levels of 3 anchors"),
+        ({"anchor_ratios": (0.5, 1.0)}, "has 3 anchors per cell, expected 2 or 6, or --anchor-"),
+    ],
+)
+def test_stated_anchors_of_another_number_are_refused(
+    wanted: dict[str, object], message: str, detectron2_shapes: Shapes
+) -> None:
+    assert message in refused(detectron2_shapes("r50"), **wanted)
+
+
+def test_stated_anchors_that_contradict_the_file_are_refused(detectron2_shapes: Shapes) -> None:
+    boxes = {f"{CELLS}.{n}": cell_anchors(px, (0.5, 1.0, 2.0)) for n, px in enumerate(SIZES_PX)}
+    state = detectron2_shapes("r50") | boxes
+    agreed = recognised(state, anchor_sizes_px=SIZES_PX, anchor_ratios=(0.5, 1.0, 2.0))
+    assert agreed.spec.anchor_sizes_px == SIZES_PX
+    text = refused(state, anchor_ratios=(1.0, 2.0, 4.0))
+    assert "* has 0.5,1,2, but --anchor-ratios is 1,2,4, expected the same" in text
+    text = refused(state, anchor_sizes_px=((30.0,), *SIZES_PX[1:]))
+    assert "but --anchor-sizes is 30,64,128,256,512, expected the same" in text
+
+
 def cell_anchors(sizes_px: tuple[float, ...], ratios: tuple[float, ...]) -> Tensor:
     """Anchor boxes centred at 0 as Detectron2 makes them."""
     boxes = []
@@ -172,6 +224,65 @@ def test_anchors_that_are_no_grid_are_refused(detectron2_shapes: Shapes) -> None
         assert "cell_anchors.*, expected 3 boxes" in refused(with_cells(*wrong))
 
 
+@pytest.mark.parametrize(
+    ("name", "values", "message"),
+    [
+        ("pixel_mean", (0.406, 0.456, 0.485), "is 0.406, 0.456, 0.485, expected the mean of pixel"),
+        ("pixel_mean", (103.5, 116.3, 256.0), "is 103.5, 116.3, 256, expected"),
+        ("pixel_mean", (103.5, -116.3, 123.7), "is 103.5, -116.3, 123.7, expected"),
+        ("pixel_std", (0.225, 0.224, 0.229), "is 0.225, 0.224, 0.229, expected 1 to 255"),
+        ("pixel_std", (57.4, 0.0, 58.4), "is 57.4, 0, 58.4, expected 1 to 255"),
+    ],
+)
+def test_a_normalisation_of_other_pixels_is_refused(
+    name: str, values: tuple[float, ...], message: str, detectron2_shapes: Shapes
+) -> None:
+    state = detectron2_shapes("r50") | {name: torch.tensor(values)[:, None, None]}
+    assert f"{name} {message}" in refused(state)
+    if name == "pixel_std":
+        assert recognised(state, pixel_std="imagenet").spec.std == IMAGENET_STD
+
+
+@pytest.mark.parametrize("mean", [(0.0, 0.0, 0.0), (127.5, 127.5, 127.5)])
+def test_other_means_of_8_bit_pixels_are_accepted(
+    mean: tuple[float, ...], detectron2_shapes: Shapes
+) -> None:
+    said = {"pixel_mean": torch.tensor(mean), "pixel_std": torch.full((3,), 255.0)}
+    assert recognised(detectron2_shapes("r50") | said).spec.mean == mean
+
+
+@pytest.mark.parametrize("as_init", [True, False])
+@pytest.mark.parametrize(
+    ("last", "head"),
+    [("mask_fcn4", "mask_head"), ("conv_fcn8", "keypoint_head")],
+)
+def test_a_head_without_its_last_convolution_is_refused(
+    last: str, head: str, as_init: bool, detectron2_shapes: Shapes
+) -> None:
+    state = detectron2_shapes("r50")
+    begin, count = f"roi_heads.{head}.{last}", int(last[-1])
+    fewer = {name: value for name, value in state.items() if not name.startswith(begin)}
+    branch = head.removesuffix("_head")
+    text = refused(fewer, as_init=as_init)
+    assert f"{begin}.weight is missing, expected {count} convolutions" in text
+    assert text.endswith(f"--{branch}-convolutions {count - 1}")
+    stated = {f"{branch}_convolutions": count - 1}
+    found = recognised(fewer, as_init=as_init, **stated).spec
+    assert len(getattr(found, f"{branch}_head_widths")) == count - 1
+    assert f"{begin}.weight is unexpected" in refused(state, as_init=as_init, **stated)
+
+
+@pytest.mark.parametrize(
+    "layer", ["mask_head.deconv", "mask_head.predictor", "keypoint_head.score_lowres"]
+)
+def test_starting_weights_need_the_layers_after_the_convolutions(
+    layer: str, detectron2_shapes: Shapes
+) -> None:
+    state = detectron2_shapes("r50")
+    del state[f"roi_heads.{layer}.weight"]
+    assert f"roi_heads.{layer}.weight is missing" in refused(state, as_init=True)
+
+
 OTHERS = {
     "a torchvision detector": ("backbone.body.conv1.weight", "rpn.head.conv.0.0.weight"),
     "an mmdetection network": ("backbone.layer1.0.conv1.weight", "neck.lateral_convs.0.conv.bias"),
@@ -201,6 +312,8 @@ def test_other_depths_and_groupings_are_refused(detectron2_shapes: Shapes) -> No
     assert "(3, 4, 6, 3) blocks with 32 groups of 4 channels, expected" in refused(grouped)
     flat = state | {"backbone.bottom_up.res2.0.conv2.weight": numbers(64)}
     assert "res2.0.conv2.weight has shape (64,), expected 4 axes" in refused(flat)
+    bare = state | {"roi_heads.mask_head.mask_fcn2.weight": torch.tensor(1.0)}
+    assert "mask_fcn2.weight has shape (), expected 4 axes" in refused(bare)
 
 
 def persons(state: State) -> State:
@@ -279,6 +392,37 @@ def test_half_precision_becomes_float32(thin_state: States, write: Write) -> Non
     found = imported.model.backbone.trunk.conv1.weight
     assert found.dtype == torch.float32
     assert torch.equal(found, state["backbone.bottom_up.stem.conv1.weight"].float())
+
+
+@pytest.mark.parametrize("dtype", [torch.int8, torch.int64, torch.bool])
+def test_tensors_of_whole_numbers_are_refused(
+    dtype: torch.dtype, thin_state: States, write: Write
+) -> None:
+    state, name = thin_state(), "backbone.fpn_output3.weight"
+    path = write(state | {name: (100 * state[name]).to(dtype)})
+    kind = str(dtype).removeprefix("torch.")
+    with pytest.raises(CheckpointError) as caught:
+        import_checkpoint(path)
+    assert str(caught.value) == f"{path}: {name} is {kind}, expected floating-point numbers"
+
+
+def test_a_weight_with_a_flipped_exponent_bit_is_refused(thin_state: States, write: Write) -> None:
+    state, name = thin_state(), "roi_heads.box_head.fc1.weight"
+    changed = state[name].clone()
+    changed.flatten().view(torch.int32)[0] ^= 1 << 30
+    path = write(state | {name: changed})
+    with pytest.raises(CheckpointError) as caught:
+        import_checkpoint(path)
+    assert str(caught.value).startswith(f"{path}: {name} holds ")
+    assert "expected -1e+06 to 1e+06; the file may be damaged" in str(caught.value)
+
+
+def test_a_negative_variance_is_refused(thin_state: States, write: Write) -> None:
+    state, name = thin_state(), "backbone.bottom_up.stem.conv1.norm.running_var"
+    with pytest.raises(CheckpointError, match=r"running_var holds -1, expected 0 to 1e\+12"):
+        import_checkpoint(write(state | {name: -state[name]}))
+    path = write(state | {name: 1e7 * state[name]})
+    assert import_checkpoint(path, height=64, width=96).preset == "r50"
 
 
 def test_a_network_that_took_rgb_sees_the_same_in_our_bgr(
@@ -360,6 +504,9 @@ def test_starting_weights_may_lack_branches_or_classes(thin_state: States, write
         "mask_head.score.weight",
         "mask_head.score.bias",
     ]
+    fcn1 = "roi_heads.keypoint_head.conv_fcn1.bias"
+    with pytest.raises(CheckpointError, match=r"conv_fcn1.bias is missing"):
+        import_checkpoint(write({k: v for k, v in state.items() if k != fcn1}), as_init=True)
     del state["backbone.fpn_lateral3.weight"]
     with pytest.raises(CheckpointError, match=r"fpn_lateral3.weight is missing"):
         import_checkpoint(write(state), as_init=True)

@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 from safetensors.torch import save_file
 
 from perceptree.errors import CheckpointError
+from perceptree.models import load_checkpoint
 from perceptree.models.weights.reading import read_weights
 
 PROTOCOLS = (0, 1, 2, 3, 4, 5)
@@ -269,6 +270,44 @@ def test_what_is_no_checkpoint_at_all_is_one_line(tmp_path: Path) -> None:
     assert refused(path).startswith("is a safetensors file")
     path.write_text("<html>404</html>")
     assert refused(path).startswith("not a readable checkpoint")
+
+
+def test_pipes_and_devices_are_refused_and_not_waited_for(tmp_path: Path) -> None:
+    path = tmp_path / "model.pth"
+    os.mkfifo(path)
+    pipe = os.open(path, os.O_RDWR)  # with content, so that a reader would not wait either
+    try:
+        os.write(pipe, b"\0" * 1000)
+        assert refused(path).startswith("is a pipe, socket or device, expected a .pth or .pkl")
+        with pytest.raises(CheckpointError, match="is a pipe, socket or device, expected"):
+            load_checkpoint(path)
+    finally:
+        os.close(pipe)
+    assert refused(Path("/dev/zero")).startswith("is a pipe, socket or device")
+    with pytest.raises(CheckpointError, match="is a folder, expected"):
+        load_checkpoint(tmp_path)
+
+
+def test_a_changed_byte_in_a_zip_file_is_noticed(tmp_path: Path) -> None:
+    path = tmp_path / "model.pth"
+    torch.save({"model": {"a": torch.arange(1.0, 500.0)}}, path)
+    whole = bytearray(path.read_bytes())
+    number = whole.index(np.float32(100.0).tobytes())
+    whole[number] ^= 1  # 100.00001
+    path.write_bytes(whole)
+    assert "a damaged zip file: Bad CRC-32 for file 'model/data/0'" in refused(path)
+
+
+def test_a_zip_file_without_checksums_is_read(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "model.pth"
+    torch.serialization.set_crc32_options(False)
+    try:
+        torch.save({"model": {"a": torch.ones(500)}}, path)
+    finally:
+        torch.serialization.set_crc32_options(True)
+    assert read_weights(path)["a"].sum() == 500
 
 
 def whole_file(writer: str, path: Path) -> bytes:
