@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from edgetree.export.comparison import Arrays, compare_frame, compare_frames
-from edgetree.export.parity import FrameParity, ParityReport, limits_of
+from edgetree.export.limits import limits_of
+from edgetree.export.parity import FrameParity, ParityReport
 
 ROWS = 4
 
