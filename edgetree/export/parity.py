@@ -156,7 +156,7 @@ class ParityReport:
             **{name: float(f"{value:.4g}") for name, value in worst.items()},
             "mask_iou_min": round(min((f.mask_iou for f in self.frames), default=1.0), 4),
             "percentiles": {
-                name: None if value is None else round(value, 4)
+                name: None if value is None else float(f"{value:.4g}")
                 for name, value in self.percentiles.items()
             },
             "average_precision": {
