@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib import box_iou
-from edgetree.export.parity import FrameParity, limits_of
+from edgetree.export.limits import limits_of
+from edgetree.export.parity import FrameParity
 
 __all__ = ["UNMATCHED_FRAMES", "Arrays", "compare_frame", "compare_frames"]
 
@@ -162,10 +163,20 @@ def _differences(
     left, right = (list(side) for side in zip(*pairs, strict=True))
     gap = {
         key: np.abs(expected[key][left] - found[key][right])
-        for key in ("boxes", "scores", "keypoints")
+        for key in ("boxes", "scores", "keypoints", "masks")
         if key in expected
     }
-    points = gap.get("keypoints", np.zeros((1, 1, 3)))
+    points, masks = (gap.get(key, np.zeros((1, 1, 3))) for key in ("keypoints", "masks"))
+    iou = np.ones(1)
+    values = {"score": gap["scores"]}
+    if "keypoints" in gap:
+        shift_px = np.hypot(points[..., 0], points[..., 1])
+        values["keypoint_score"] = points[..., 2]
+        values["keypoint_shift"] = shift_px / _box_sizes_px(expected["boxes"][left])
+    if "masks" in gap:
+        iou = _mask_iou(expected["masks"][left], found["masks"][right])
+        values["mask_probability"] = masks.mean(axis=(1, 2))
+        values["mask_iou"] = iou
     return FrameParity(
         name,
         trees,
@@ -174,16 +185,24 @@ def _differences(
         keypoint_px=float(points[..., :2].max()),
         score=float(gap["scores"].max()),
         keypoint_score=float(points[..., 2].max()),
-        mask_iou=_mask_iou(expected["masks"][left], found["masks"][right])
-        if "masks" in expected
-        else 1.0,
+        mask_probability=float(masks.max()),
+        mask_iou=float(iou.min()),
+        values={key: tuple(value.ravel().tolist()) for key, value in values.items()},
     )
 
 
-def _mask_iou(first: NDArray[Any], second: NDArray[Any]) -> float:
-    """Smallest IoU of pairs of (N, 28, 28) masks, without cells that rounding may change."""
+def _box_sizes_px(boxes: NDArray[Any]) -> NDArray[Any]:
+    """(N, 1) square roots of the areas of (N, 4) boxes, at least 1."""
+    sides = boxes[:, 2:] - boxes[:, :2]
+    size: NDArray[Any] = np.sqrt(np.maximum(sides.prod(axis=1, keepdims=True), 1.0))
+    return size
+
+
+def _mask_iou(first: NDArray[Any], second: NDArray[Any]) -> NDArray[Any]:
+    """(N,) IoUs of pairs of (N, 28, 28) masks, without cells that rounding may change."""
     certain = np.abs(first - 0.5) > 1e-3
     a, b = (first > 0.5) & certain, (second > 0.5) & certain
     union = (a | b).sum(axis=(1, 2))
     both = (a & b).sum(axis=(1, 2))
-    return float(np.where(union > 0, both / np.maximum(union, 1), 1.0).min())
+    ious: NDArray[Any] = np.where(union > 0, both / np.maximum(union, 1), 1.0)
+    return ious

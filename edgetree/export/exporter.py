@@ -70,7 +70,7 @@ def export_model(
         checkpoint: a perceptree checkpoint.
         out: the file to write. It is not changed unless the export succeeds.
         data: folder with frames to compare on. If it is a labelled dataset, average precision
-            is compared too, for ``int8`` and ``fp16``.
+            is compared too, for ``int8`` and ``fp16``; otherwise the report says that it was not.
         settings: precision, input size and other options.
         calibration: folder with frames for the ranges of activations, for ``int8`` and ``fp16``.
             By default ``data``, without the frames to compare on.
@@ -132,11 +132,17 @@ def export_preset(
         half = len(images) // 2
         named = {f"sample {number}": image for number, image in enumerate(images[:half])}
         source = ExportSource(model, UNTRAINED, images[half:])
-        return _build_verify_write(source, settings, VerificationFrames(named), file, out, say)
+        verification = VerificationFrames(named)
+        report = _build_verify_write(source, settings, verification, file, out, say, trained=False)
+        for line in report.parity.not_checked:
+            say(line)
+        return report
 
 
 def verify_model(file: Path, checkpoint: Path, *, data: Path, say: Say = _silent) -> ExportReport:
     """Verify that an exported file and its checkpoint give the same detections.
+
+    The limits are those of a trained network, whatever the file says of its training data.
 
     Args:
         file: an ONNX file from ``export_model``.
@@ -183,11 +189,13 @@ def _build_verify_write(
     file: BinaryIO,
     path: Path,
     say: Say,
+    *,
+    trained: bool = True,
 ) -> ExportReport:
     """Build and verify a model, and write it to a file that becomes ``path``."""
     built = build(source, settings, say)
     with built.session() as session:
-        parity = verify(source.model, session, built.manifest, frames, say)
+        parity = verify(source.model, session, built.manifest, frames, say, trained=trained)
     manifest = replace(built.manifest, parity=parity.figures())
     content = built.serialized(manifest)
     file.write(content)

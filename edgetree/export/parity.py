@@ -1,60 +1,29 @@
-"""Limits on the differences between a file and its model, and the report of a comparison."""
+"""The report of a comparison of a file with its model."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any, Final
+from typing import Any, Final, Literal
+
+import numpy as np
 
 from edgetree.errors import CheckFailed
+from edgetree.export.limits import Limits
 
-__all__ = ["FrameParity", "Limits", "ParityFailed", "ParityReport", "limits_of"]
+__all__ = ["FrameParity", "ParityFailed", "ParityReport"]
 
-_MATCH_IOU: Final = 0.5
-
-
-@dataclass(frozen=True)
-class Limits:
-    """Largest allowed differences between a file and its model. None means no limit.
-
-    Attributes:
-        box_px: largest difference of a box coordinate, in pixels of the input.
-        keypoint_px: largest difference of a keypoint coordinate, in pixels of the input.
-        score: largest difference of a score.
-        keypoint_score: largest difference of a keypoint's score.
-        mask_iou: smallest intersection over union of two masks.
-        match_iou: intersection over union of boxes from which two detections are the same tree.
-        matched: smallest fraction of trees that both must find. For ``float32`` all trees count,
-            otherwise those with a score of 0.5 or more.
-        ap_loss: largest loss of average precision, in percentage points.
-    """
-
-    box_px: float | None = None
-    keypoint_px: float | None = None
-    score: float | None = None
-    keypoint_score: float | None = None
-    mask_iou: float | None = None
-    match_iou: float = _MATCH_IOU
-    matched: float = 1.0
-    ap_loss: float | None = None
-
-
-FLOAT32_LIMITS: Final = Limits(0.5, 0.5, 1e-3, 1e-3, 0.98)
-FLOAT16_LIMITS: Final = Limits(match_iou=0.8, matched=0.99, ap_loss=0.2)
-INT8_LIMITS: Final = Limits(match_iou=0.8, matched=0.95, ap_loss=1.0)
-_LIMITS: Final = {"float32": FLOAT32_LIMITS, "float16": FLOAT16_LIMITS, "int8": INT8_LIMITS}
-
-
-def limits_of(precision: str, *, trained: bool = True) -> Limits:
-    """The limits for a precision.
-
-    Args:
-        precision: ``float32``, ``float16`` or ``int8``.
-        trained: whether the network is trained. The scores and boxes of an untrained one change
-            too much by rounding, so there is no limit for it except in ``float32``.
-    """
-    limits = _LIMITS[precision]
-    return limits if trained or precision == "float32" else Limits(matched=0.0)
+_LARGEST: Final = ("box_px", "keypoint_px", "score", "keypoint_score", "mask_probability")
+# Name of the values of each percentile, and percent.
+_PERCENTILES: Final = {
+    "score_median": ("score", 50),
+    "keypoint_score_median": ("keypoint_score", 50),
+    "keypoint_shift_median": ("keypoint_shift", 50),
+    "keypoint_shift_p90": ("keypoint_shift", 90),
+    "mask_probability_median": ("mask_probability", 50),
+    "mask_iou_median": ("mask_iou", 50),
+    "mask_iou_p10": ("mask_iou", 10),
+}
 
 
 @dataclass(frozen=True)
@@ -69,7 +38,13 @@ class FrameParity:
         keypoint_px: difference of a keypoint coordinate, in pixels of the input.
         score: difference of a score.
         keypoint_score: difference of a keypoint's score.
+        mask_probability: difference of a mask's probability in one cell.
         mask_iou: smallest intersection over union of two masks.
+        values: one value per matched tree, by name: ``score``, the difference of its score;
+            ``keypoint_score``, that of its keypoints (5 values per tree); ``keypoint_shift``, the
+            distances of its keypoints (5 values), divided by the square root of the area of its
+            box; ``mask_probability``, the mean difference of its mask's cells; ``mask_iou``, the
+            intersection over union of its masks. Without those of missing branches.
         fault: why the file's outputs are invalid, or None.
     """
 
@@ -80,7 +55,9 @@ class FrameParity:
     keypoint_px: float = 0.0
     score: float = 0.0
     keypoint_score: float = 0.0
+    mask_probability: float = 0.0
     mask_iou: float = 1.0
+    values: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     fault: str | None = None
 
 
@@ -94,12 +71,14 @@ class ParityReport:
         average_precision: in percent, of the model and of the file, for ``box``, ``mask`` and
             ``keypoint``; empty without labels.
         limits: largest allowed differences.
+        not_checked: what could not be compared and why, one line each.
     """
 
     precision: str
     frames: tuple[FrameParity, ...]
     average_precision: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     limits: Limits = field(default_factory=Limits)
+    not_checked: tuple[str, ...] = ()
 
     @property
     def trees(self) -> int:
@@ -112,37 +91,63 @@ class ParityReport:
         found = sum(frame.matched for frame in self.frames)
         return found / self.trees if self.trees else 1.0
 
+    @property
+    def percentiles(self) -> dict[str, float | None]:
+        """Medians, 90th and 10th percentiles of the values of all frames, by name.
+
+        No interpolation: the percentile is the better one of the two nearest values. Thus one of
+        a single tree's five keypoints, and one of two masks, may be wrong. None without values.
+        """
+        return {
+            name: _percentile(
+                [value for frame in self.frames for value in frame.values.get(kind, ())],
+                percent,
+                "higher" if kind == "mask_iou" else "lower",
+            )
+            for name, (kind, percent) in _PERCENTILES.items()
+        }
+
     def faults(self) -> list[str]:
         """One line for each exceeded limit; empty if the file passes."""
         found = [f"{f.name}: {f.fault}" for f in self.frames if f.fault is not None]
         if not found and self.trees == 0 and self.limits.matched > 0:
             found.append("all: no tree to compare, expected frames in which the model finds some")
-        for name in ("box_px", "keypoint_px", "score", "keypoint_score"):
+        return [*found, *self._faults_of_frames(), *self._faults_of_all()]
+
+    def _faults_of_frames(self) -> Iterator[str]:
+        for name in _LARGEST:
             limit = getattr(self.limits, name)
             for frame in self.frames:
                 value = getattr(frame, name)
                 if limit is not None and not value <= limit:
-                    found.append(f"{frame.name}: {name} differs by {value:.4g}, limit {limit:g}")
+                    yield f"{frame.name}: {name} differs by {value:.4g}, limit {limit:g}"
         for frame in self.frames:
             if self.limits.mask_iou is not None and not frame.mask_iou >= self.limits.mask_iou:
                 limit = self.limits.mask_iou
-                found.append(f"{frame.name}: mask_iou is {frame.mask_iou:.4g}, limit {limit:g}")
+                yield f"{frame.name}: mask_iou is {frame.mask_iou:.4g}, limit {limit:g}"
+
+    def _faults_of_all(self) -> Iterator[str]:
         if self.matched < self.limits.matched:
-            found.append(
-                f"all: {self.matched:.1%} of {self.trees} trees matched,"
-                f" limit {self.limits.matched:.0%}"
-            )
+            limit = self.limits.matched
+            yield f"all: {self.matched:.1%} of {self.trees} trees matched, limit {limit:.0%}"
+        for name, (value, limit) in self._limited_percentiles().items():
+            if not (value >= limit if name.startswith("mask_iou") else value <= limit):
+                yield f"all: {name} is {value:.4g}, limit {limit:g}"
         most = self.limits.ap_loss
         for name, (model, file) in self.average_precision.items():
             if most is not None and model - file > most:
-                found.append(f"all: {name} AP fell from {model:.2f} to {file:.2f}, limit {most:g}")
-        return found
+                yield f"all: {name} AP fell from {model:.2f} to {file:.2f}, limit {most:g}"
+
+    def _limited_percentiles(self) -> dict[str, tuple[float, float]]:
+        """Value and limit of each percentile that has both."""
+        values, limits = self.percentiles, self.limits.percentiles
+        return {n: (v, limits[n]) for n, v in values.items() if v is not None and n in limits}
 
     def figures(self) -> dict[str, Any]:
         """A JSON-ready summary, for the manifest."""
         worst = {
             f"{name}_max": max((getattr(frame, name) for frame in self.frames), default=0.0)
-            for name in ("box_px", "keypoint_px", "score", "keypoint_score")
+            for name in _LARGEST
         }
         return {
             "frames": len(self.frames),
@@ -150,25 +155,38 @@ class ParityReport:
             "matched_fraction": round(self.matched, 4),
             **{name: float(f"{value:.4g}") for name, value in worst.items()},
             "mask_iou_min": round(min((f.mask_iou for f in self.frames), default=1.0), 4),
+            "percentiles": {
+                name: None if value is None else float(f"{value:.4g}")
+                for name, value in self.percentiles.items()
+            },
             "average_precision": {
                 name: {"model": round(model, 3), "file": round(file, 3)}
                 for name, (model, file) in self.average_precision.items()
             },
+            "not_checked": list(self.not_checked),
             "limits": asdict(self.limits),
         }
 
     def table(self) -> str:
-        """A table as text, with one line per frame."""
-        head = f"{'frame':16}{'trees':>6}{'match':>6}{'box px':>9}{'kp px':>9}{'score':>10}"
-        lines = [head + f"{'kp score':>10}{'mask IoU':>10}"]
+        """A table as text, with one line per frame, and a summary."""
+        head = f"{'frame':16}{'trees':>6}{'match':>6}{'box px':>9}{'kp px':>9}"
+        lines = [head + f"{'score':>9}{'kp score':>9}{'mask p':>9}{'mask IoU':>9}"]
         for f in self.frames:
             lines.append(
                 f"{f.name[:15]:16}{f.trees:6}{f.matched:6}{f.box_px:9.4f}{f.keypoint_px:9.4f}"
-                f"{f.score:10.2e}{f.keypoint_score:10.2e}{f.mask_iou:10.4f}"
+                f"{f.score:9.1e}{f.keypoint_score:9.1e}{f.mask_probability:9.1e}{f.mask_iou:9.4f}"
             )
+        for name, (value, limit) in self._limited_percentiles().items():
+            lines.append(f"{name.replace('_', ' ')}: {value:.4f}, limit {limit:g}")
         for name, (model, file) in self.average_precision.items():
             lines.append(f"{name} AP: model {model:.2f}, file {file:.2f}")
-        return "\n".join(lines)
+        return "\n".join((*lines, *self.not_checked))
+
+
+def _percentile(
+    values: Sequence[float], percent: float, method: Literal["lower", "higher"]
+) -> float | None:
+    return float(np.percentile(values, percent, method=method)) if values else None
 
 
 class ParityFailed(CheckFailed):

@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edgetree.evaluate import predict_with_file
+from edgetree.export.build import output_names
 from edgetree.export.comparison import UNMATCHED_FRAMES, Arrays, compare_frames
 from edgetree.export.frames import edge_case_frames, find_frames, read_frames
-from edgetree.export.models import UNTRAINED
-from edgetree.export.parity import ParityFailed, ParityReport, limits_of
+from edgetree.export.limits import UNTRAINED_LIMITS, limits_of
+from edgetree.export.parity import ParityFailed, ParityReport
 from edgetree.model_file.manifest import Manifest
 from edgetree.runtime.session import InferenceSession
 
@@ -25,6 +26,14 @@ __all__ = ["Say", "VerificationFrames", "read_verification_frames", "verify"]
 
 _COMPARED_FRAMES: Final = 20
 _AP_FRAMES: Final = 100
+_NO_LABELS: Final = (
+    "average precision not measured: no labelled frames; give --data a dataset with"
+    " test_RGB.json or val_RGB.json"
+)
+_UNTRAINED: Final = (
+    "trees not compared: scores of an untrained network change by rounding; its outputs were only"
+    " checked for validity"
+)
 
 Say = Callable[[str], None]
 
@@ -66,6 +75,8 @@ def verify(
     manifest: Manifest,
     frames: VerificationFrames,
     say: Say,
+    *,
+    trained: bool = True,
 ) -> ParityReport:
     """Compare a file with its model on given frames and on edge cases.
 
@@ -75,17 +86,18 @@ def verify(
         manifest: manifest of the file.
         frames: the frames to compare on.
         say: called with progress messages.
+        trained: False for random weights. Then files in ``float16`` and ``int8`` have no limits,
+            see ``limits_of``.
 
     Raises:
         ParityFailed: they differ by more than the limits of the file's precision.
     """
     edge_cases = edge_case_frames(model.spec, np.stack(list(frames.images.values())))
     images = {**frames.images, **edge_cases}
-    trained = manifest.training_data != UNTRAINED
     batch = manifest.input.batch_sizes[0]
     say(f"comparing on {len(images)} frames, {batch} at a time")
     compared = compare_frames(
-        lambda batch_images: _detect(model, manifest, batch_images),
+        lambda batch_images: _detect(model, batch_images),
         lambda batch_images: session.run({manifest.input.name: batch_images}),
         images,
         manifest.precision,
@@ -95,9 +107,14 @@ def verify(
     )
     limits = limits_of(manifest.precision, trained=trained)
     report = ParityReport(manifest.precision, compared, limits=limits)
-    if limits.ap_loss is not None and frames.dataset is not None:
-        average_precision = _average_precision(model, session, manifest, frames.dataset, say)
-        report = replace(report, average_precision=average_precision)
+    if limits.ap_loss is not None:
+        data = frames.dataset
+        found = {} if data is None else _average_precision(model, session, manifest, data, say)
+        report = replace(
+            report, average_precision=found, not_checked=_unmeasured(model.spec, found)
+        )
+    elif limits == UNTRAINED_LIMITS:
+        report = replace(report, not_checked=(_UNTRAINED,))
     faults = report.faults()
     if faults:
         more = f" and {len(faults) - 2} more" if len(faults) > 2 else ""
@@ -108,13 +125,14 @@ def verify(
     return report
 
 
-def _detect(model: TreeRCNN, manifest: Manifest, images: NDArray[np.uint8]) -> Arrays:
-    """Detections of the model, as arrays with the names of the file's outputs."""
+def _detect(model: TreeRCNN, images: NDArray[np.uint8]) -> Arrays:
+    """Detections of the model, as arrays with the names of a file's outputs."""
     import torch
 
     with torch.inference_mode():
         found = model.detect(torch.from_numpy(images))._asdict()
-    return {name: found[name].numpy() for name in manifest.output_names}
+    names = output_names(model.spec.masks, model.spec.keypoints)
+    return {name: found[name].numpy() for name in names}
 
 
 def _average_precision(
@@ -140,3 +158,15 @@ def _average_precision(
         for name in ("box", "mask", "keypoint")
     }
     return {name: pair for name, pair in pairs.items() if None not in pair}
+
+
+def _unmeasured(spec: ModelSpec, measured: Mapping[str, object]) -> tuple[str, ...]:
+    """One line for each average precision that could not be measured."""
+    if not measured:
+        return (_NO_LABELS,)
+    heads = {"mask": spec.masks, "keypoint": spec.keypoints}
+    return tuple(
+        f"average precision of {name}s not measured: the labels hold no {name}s"
+        for name, present in heads.items()
+        if present and name not in measured
+    )

@@ -1,16 +1,20 @@
 """A small network with varied detections without training, and frames for it."""
 
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
+import onnx
 import pytest
 import torch
+from numpy.typing import NDArray
 
 from calib import write_depth
 from edgetree.export import ExportReport, export_model
+from edgetree.model_file.manifest import METADATA_KEY
 from perceptree.models import TreeRCNN, make_spec, save_checkpoint
 
 HEIGHT, WIDTH = 96, 160
@@ -28,6 +32,8 @@ NARROW_PAPER = {
 }
 
 BuildModel = Callable[..., TreeRCNN]
+Change = Callable[[NDArray[Any]], NDArray[Any]]
+Tamper = Callable[..., Path]
 
 
 def random_model(modality: str = "rgb", preset: str = "edge-n", **changes: Any) -> TreeRCNN:
@@ -101,3 +107,40 @@ def exported(
     """The RGB checkpoint, exported in float32."""
     out = tmp_path_factory.mktemp("out") / "rgb.onnx"
     return export_model(rgb_checkpoint, out, data=frame_folder)
+
+
+@pytest.fixture
+def tamper(tmp_path: Path) -> Tamper:
+    """The function `tampered`, which changes weights and manifest of a model file."""
+
+    def tampered(
+        source: Path, changes: Mapping[str, Change] | None = None, /, **manifest: object
+    ) -> Path:
+        """A copy of a model file with other values.
+
+        Args:
+            source: the model file.
+            changes: functions of the weights and biases whose names start with the keys.
+            manifest: new values of the manifest.
+        """
+        proto = onnx.load(source)
+        for start, change in (changes or {}).items():
+            tensors = [
+                tensor
+                for tensor in proto.graph.initializer
+                if tensor.name.startswith(start)
+                and tensor.name.endswith(("weight", "bias", "weight_quantized"))
+            ]
+            assert tensors, start
+            for tensor in tensors:
+                values = onnx.numpy_helper.to_array(tensor)
+                changed = change(values).astype(values.dtype)
+                tensor.CopyFrom(onnx.numpy_helper.from_array(changed, tensor.name))
+        stored = {entry.key: entry.value for entry in proto.metadata_props}
+        about = json.loads(stored[METADATA_KEY]) | manifest
+        onnx.helper.set_model_props(proto, {METADATA_KEY: json.dumps(about)})
+        path = tmp_path / "tampered.onnx"
+        onnx.save(proto, path)
+        return path
+
+    return tampered

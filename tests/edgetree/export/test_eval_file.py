@@ -12,7 +12,7 @@ import pytest
 
 from calib import CocoLabels
 from edgetree import TreeDetector
-from edgetree.export import ExportReport
+from edgetree.export import ExportReport, verify_model
 from perceptree.cli import main as perceptree_main
 from perceptree.keypoints import KEYPOINT_NAMES
 
@@ -84,6 +84,15 @@ def test_a_checkpoint_and_its_float32_file_score_equal(
     assert file["model"]["kind"] == "ONNX file"
     assert file["model"]["weights_sha256"] == exported.manifest.weights_sha256
     assert file["model"]["input_px"] == checkpoint["model"]["input_px"]
+
+
+def test_labels_give_average_precision_to_the_verification(
+    exported: ExportReport, rgb_checkpoint: Path, labelled: Path, tamper: Callable[..., Path]
+) -> None:
+    file = tamper(exported.path, precision="float16")
+    report = verify_model(file, rgb_checkpoint, data=labelled).parity
+    assert report.average_precision.keys() == {"box", "mask", "keypoint"}
+    assert report.not_checked == ()
 
 
 def test_the_report_is_a_folder_with_an_html_page(

@@ -38,8 +38,10 @@ def test_a_light_preset_is_verified_without_training(
 ) -> None:
     settings = ExportSettings(height=96, width=160, batch=batch, precision=precision)
     out = tmp_path / "model.onnx"
-    report = export_preset("edge-n", out, modality=modality, settings=settings)
+    said: list[str] = []
+    report = export_preset("edge-n", out, modality=modality, settings=settings, say=said.append)
     assert_verified(report, settings)
+    assert any("trees not compared" in line for line in said) == (precision == "int8")
     assert report.manifest.modality == modality
 
 

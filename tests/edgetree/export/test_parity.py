@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from edgetree.export.comparison import Arrays, compare_frame, compare_frames
-from edgetree.export.parity import FrameParity, ParityReport, limits_of
+from edgetree.export.limits import limits_of
+from edgetree.export.parity import FrameParity, ParityReport
 
 ROWS = 4
 
@@ -79,7 +80,7 @@ def test_the_last_of_full_rows_may_differ_at_equal_score() -> None:
 
 def test_int8_compares_confident_trees_in_both_directions() -> None:
     expected = outputs([LEFT, RIGHT], [0.9, 0.3])
-    assert faults(expected, outputs([LEFT], [0.6]), "int8") == []
+    assert faults(expected, outputs([LEFT], [0.86]), "int8") == []
     assert faults(expected, outputs([LEFT], [0.3]), "int8") != []
     assert faults(expected, outputs([LEFT, RIGHT], [0.9, 0.8]), "int8") != []
     moved = [LEFT[0] + 5, *LEFT[1:]]
@@ -103,6 +104,33 @@ def test_invalid_outputs_are_a_fault_even_on_a_blank_frame(change: object, messa
     )
     (fault,) = ParityReport("float32", compared, limits=limits_of("float32")).faults()
     assert message in fault
+
+
+@pytest.mark.parametrize(
+    ("name", "index", "change", "message"),
+    [
+        ("scores", 0, -0.1, "score_median is 0.1, limit 0.05"),
+        ("keypoints", (0, slice(3), 1), 10.0, "keypoint_shift_median is"),
+        ("keypoints", (0, slice(2), 0), 20.0, "keypoint_shift_p90 is 0.4472, limit 0.15"),
+        ("keypoints", (0, slice(None), 2), 0.1, "keypoint_score_median is 0.1"),
+        ("masks", (0, slice(0, 14)), -0.1, "mask_probability_median is 0.05, limit 0.04"),
+        ("masks", (0, slice(0, 3)), -0.9, "mask_iou_median is 0.7857, limit 0.85"),
+        ("masks", (0, slice(0, 7)), -0.9, "mask_iou_p10 is 0.5, limit 0.6"),
+    ],
+)
+def test_int8_differences_of_a_single_tree_are_seen(
+    name: str, index: tuple[int, ...], change: float, message: str
+) -> None:
+    expected, found = outputs([LEFT], [0.9]), outputs([LEFT], [0.9])
+    found[name][0][index] += change
+    assert any(message in fault for fault in faults(expected, found, "int8"))
+
+
+def test_one_keypoint_of_a_tree_and_one_mask_of_two_may_be_wrong_in_int8() -> None:
+    expected, found = outputs([LEFT, RIGHT], [0.9, 0.9]), outputs([LEFT, RIGHT], [0.9, 0.9])
+    found["keypoints"][0, 1, 2, :2] += 80.0
+    found["masks"][0, 0] = 0.0
+    assert faults(expected, found, "int8") == []
 
 
 def test_lost_average_precision_is_a_fault() -> None:

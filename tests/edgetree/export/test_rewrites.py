@@ -10,7 +10,8 @@ import torch
 from torch import nn
 
 from edgetree.export.comparison import compare_frames
-from edgetree.export.parity import Limits, ParityReport
+from edgetree.export.limits import Limits
+from edgetree.export.parity import ParityReport
 from edgetree.export.rewrites import rewrite_for_export
 from perceptree.models import TreeRCNN
 

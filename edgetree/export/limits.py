@@ -1,0 +1,95 @@
+"""Limits on the differences between a file and its model, for each precision."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+__all__ = ["UNTRAINED_LIMITS", "Limits", "limits_of"]
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Largest allowed differences between a file and its model. None means no limit.
+
+    Attributes:
+        box_px: largest difference of a box coordinate, in pixels of the input.
+        keypoint_px: largest difference of a keypoint coordinate, in pixels of the input.
+        score: largest difference of a score.
+        keypoint_score: largest difference of a keypoint's score.
+        mask_probability: largest difference of a mask's probability in one cell.
+        mask_iou: smallest intersection over union of two masks.
+        percentiles: limits on percentiles over all matched trees, see
+            ``ParityReport.percentiles``; smallest values for ``mask_iou``, largest for the others.
+        match_iou: intersection over union of boxes from which two detections are the same tree.
+        matched: smallest fraction of trees that both must find. For ``float32`` all trees count,
+            otherwise those with a score of 0.5 or more.
+        ap_loss: largest loss of average precision, in percentage points.
+    """
+
+    box_px: float | None = None
+    keypoint_px: float | None = None
+    score: float | None = None
+    keypoint_score: float | None = None
+    mask_probability: float | None = None
+    mask_iou: float | None = None
+    percentiles: Mapping[str, float] = field(default_factory=dict)
+    match_iou: float = 0.5
+    matched: float = 1.0
+    ap_loss: float | None = None
+
+
+# docs/explanation/gate.md says what exports gave when the percentiles' limits were chosen.
+_LIMITS: Final = {
+    "float32": Limits(
+        box_px=0.5,
+        keypoint_px=0.5,
+        score=1e-3,
+        keypoint_score=1e-3,
+        mask_probability=2e-3,
+        mask_iou=0.98,
+    ),
+    "float16": Limits(
+        percentiles={
+            "score_median": 0.002,
+            "keypoint_score_median": 0.002,
+            "keypoint_shift_median": 0.005,
+            "keypoint_shift_p90": 0.02,
+            "mask_probability_median": 0.002,
+            "mask_iou_median": 0.98,
+            "mask_iou_p10": 0.95,
+        },
+        match_iou=0.8,
+        matched=0.99,
+        ap_loss=0.2,
+    ),
+    "int8": Limits(
+        percentiles={
+            "score_median": 0.05,
+            "keypoint_score_median": 0.05,
+            "keypoint_shift_median": 0.04,
+            "keypoint_shift_p90": 0.15,
+            "mask_probability_median": 0.04,
+            "mask_iou_median": 0.85,
+            "mask_iou_p10": 0.6,
+        },
+        match_iou=0.8,
+        matched=0.95,
+        ap_loss=1.0,
+    ),
+}
+UNTRAINED_LIMITS: Final = Limits(matched=0.0)
+"""For random weights in ``float16`` and ``int8``: only the validity of the outputs is checked."""
+
+
+def limits_of(precision: str, *, trained: bool = True) -> Limits:
+    """The limits for a precision.
+
+    Args:
+        precision: ``float32``, ``float16`` or ``int8``.
+        trained: whether the network is trained. The scores and boxes of an untrained one change
+            too much by rounding, so there is no limit for it except in ``float32``.
+    """
+    limits = _LIMITS[precision]
+    return limits if trained or precision == "float32" else UNTRAINED_LIMITS
