@@ -23,6 +23,7 @@ if TYPE_CHECKING:
         InputError,
         MissingDependency,
         ModelFileError,
+        SignatureError,
     )
     from edgetree.model_file import Manifest
     from edgetree.runtime import TreeDetector, default_model
@@ -38,6 +39,7 @@ __all__ = [
     "ModelFileError",
     "SampleFrame",
     "SampleTree",
+    "SignatureError",
     "TreeDetections",
     "TreeDetector",
     "default_model",
@@ -55,6 +57,7 @@ _MODULES = {
     "ModelFileError": "errors",
     "SampleFrame": "samples",
     "SampleTree": "samples",
+    "SignatureError": "errors",
     "TreeDetections": "detections",
     "TreeDetector": "runtime",
     "default_model": "runtime",

@@ -16,6 +16,7 @@ __all__ = ["build"]
 _T = TypeVar("_T")
 
 _JSON_KINDS: dict[Any, tuple[tuple[type, ...], str]] = {
+    bool: ((bool,), "true or false"),
     str: ((str,), "text"),
     int: ((int,), "a whole number"),
     float: ((int, float), "a number"),
@@ -60,7 +61,7 @@ def _convert(hint: Any, value: object, where: str, name: str) -> Any:
     if origin is tuple:
         return _convert_tuple(arguments, value, where, name)
     kinds, expected = _JSON_KINDS[origin or hint]
-    if not isinstance(value, kinds) or isinstance(value, bool):
+    if not isinstance(value, kinds) or (isinstance(value, bool) and hint is not bool):
         raise ModelFileError(f"{here} is {_kind_of(value)}: expected {expected}")
     return _finite(value, here) if hint is float else value
 
