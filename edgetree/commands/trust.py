@@ -94,23 +94,28 @@ def _change(
 
 def _listing() -> Iterator[str]:
     """What holds for this account."""
+    from edgetree.errors import SignatureError
     from edgetree.signing import current_trust
-    from edgetree.signing.trust import own_file
+    from edgetree.signing.trust import account_file
     from edgetree.signing.used_versions import read_used, used_file
 
     holds = current_trust()
     by = holds.required_by
     yield f"signatures  {'not required' if by is None else f'required by {by}'}"
-    for entry in holds.keys.values():
-        end = "" if entry.valid_until is None else f"  valid until {entry.valid_until}"
-        yield f"key         {entry.id}  {entry.name}{end}"
+    for key in holds.keys.values():
+        end = "" if key.valid_until is None else f"  valid until {key.valid_until}"
+        yield f"key         {key.id}  {key.name}{end}"
     if not holds.keys:
         yield "key         none"
-    if own_file() not in holds.files:
-        yield f"not in use  {own_file()}, as the machine requires signatures by its own keys"
-    state = used_file()
-    for model in read_used(state).models:
-        yield f"used        {model.name}  version {model.version}  ({state})"
+    own = account_file()
+    if own is not None and own not in holds.files and own.exists():
+        yield f"not in use  {own}, as {by} requires signatures by its own keys"
+    try:
+        state = used_file()
+        for model in read_used(state).models:
+            yield f"used        {model.name}  version {model.version}  ({state})"
+    except SignatureError as error:
+        yield f"used        not known: {error}"
 
 
 def _check_model(model: Path) -> None:

@@ -32,10 +32,13 @@ def read_small_text(path: Path, expected: str) -> str:
             what = "is not a regular file" if path.exists() else "does not exist"
             raise SignatureError(f"{path} {what}: expected {expected}")
         return read_text(path, expected)
-    except (InputFileError, OSError) as error:
-        reason = getattr(error, "strerror", None)
-        message = str(error) if reason is None else f"{path} cannot be read ({reason})"
-        raise SignatureError(message) from error
+    except OSError as error:
+        raise SignatureError(
+            f"{path} cannot be read ({error.strerror}): expected {expected}"
+        ) from error
+    except InputFileError as error:
+        more = "" if "expected" in str(error) else f": expected {expected}"
+        raise SignatureError(f"{error}{more}") from error
 
 
 def json_text(value: Any, schema: str) -> str:

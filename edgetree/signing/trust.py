@@ -26,6 +26,7 @@ __all__ = [
     "Trust",
     "TrustFile",
     "TrustedKey",
+    "account_file",
     "current_trust",
     "machine_file",
     "own_file",
@@ -138,7 +139,7 @@ def machine_file() -> Path | None:
     return None if sys.platform == "win32" else _MACHINE_FOLDER / _FILE_NAME
 
 
-def _account_file() -> Path | None:
+def account_file() -> Path | None:
     """The trust file of this account, which may not exist; None without a usable home folder."""
     if sys.platform == "win32":
         base = os.environ.get("LOCALAPPDATA") or os.path.expanduser(r"~\AppData\Local")
@@ -163,7 +164,7 @@ def own_file() -> Path:
     machine = machine_file()
     if machine is not None and os.geteuid() == 0:
         return machine
-    own = _account_file()
+    own = account_file()
     if own is None:
         raise InputError(
             "this account has no home folder that it can use: expected one, for its trusted keys"
@@ -217,7 +218,7 @@ def current_trust() -> Trust:
     files = [] if machine is None else [machine]
     contents = {path: read_trust_file(path) for path in files}
     if not any(content.require_signature for content in contents.values()):
-        own = _account_file()
+        own = account_file()
         if own is not None:
             files.append(own)
             contents[own] = read_trust_file(own)

@@ -62,13 +62,13 @@ class AcceptedModel:
         content: the content of the file.
         statement: what its signer says; None for a packaged model.
         key: the signer's key, likewise.
-        checked_at: the time by the clock.
+        checked_at: the time by the clock, likewise.
     """
 
     content: bytes
-    statement: Statement | None
-    key: TrustedKey | None
-    checked_at: datetime
+    statement: Statement | None = None
+    key: TrustedKey | None = None
+    checked_at: datetime | None = None
 
     def record_use(self) -> None:
         """Record the version of the model, so that older ones are refused from now on.
@@ -76,7 +76,7 @@ class AcceptedModel:
         Raises:
             SignatureError: a new version cannot be recorded.
         """
-        if self.statement is not None:
+        if self.statement is not None and self.checked_at is not None:
             record_use(self.statement, used_file(), self.checked_at)
 
 
@@ -93,15 +93,16 @@ def model_if_signed(path: Path, required: bool = False) -> AcceptedModel | None:
         required: require a signature, whatever the setting of the machine.
 
     Returns:
-        The accepted model; None if no signature is required.
+        The accepted model; None if the file can be opened by its path, as no signature is required.
 
     Raises:
         SignatureError: the signature is missing or not accepted, or a trust file is broken.
         MissingDependency: `cryptography` is not installed.
     """
-    if Path(os.path.realpath(path)).parent == _PACKAGED:
-        required = required or is_signature_required()
-        return AcceptedModel(_read(path, None), None, None, _now()) if required else None
+    real = Path(os.path.realpath(path))
+    if real.parent == _PACKAGED:
+        # Another path may lead elsewhere by the time it is opened.
+        return None if path.absolute() == real else AcceptedModel(_read(path, None))
     trust = current_trust()
     if required or _required_in_process or trust.required_by is not None:
         return check_signature(path, trust)
@@ -165,8 +166,8 @@ def _signer(envelope: Envelope, trust: Trust) -> TrustedKey:
     if key is None:
         known = ", ".join(f"{key.id} ({key.name})" for key in trust.keys.values()) or "no key"
         raise SignatureError(
-            f"its key {envelope.key_id[:100]!r} is not trusted: expected one of"
-            f" {', '.join(map(str, trust.files))}, which have {known}"
+            f"its key {envelope.key_id[:100]!r} is not trusted: expected a key of"
+            f" {' or '.join(map(str, trust.files))}, which trust {known}"
         )
     if not is_signed_by(key.public_bytes, envelope.signature, envelope.message):
         raise SignatureError(
