@@ -7,6 +7,7 @@ import math
 import types
 from collections.abc import Mapping
 from contextlib import suppress
+from functools import cache
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from edgetree.errors import ModelFileError
@@ -40,7 +41,7 @@ def build(kind: type[_T], data: object, where: str) -> _T:
     """
     if not isinstance(data, dict):
         raise ModelFileError(f"{where} is {_kind_of(data)}: expected an object")
-    hints = get_type_hints(kind)
+    hints = _hints_of(kind)
     values: dict[str, Any] = {}
     for field in dataclasses.fields(kind):  # type: ignore[arg-type]
         if field.name in data:
@@ -48,6 +49,11 @@ def build(kind: type[_T], data: object, where: str) -> _T:
         elif field.default is dataclasses.MISSING:
             raise ModelFileError(f"{where} has no field {field.name!r}: expected one")
     return kind(**values)
+
+
+@cache
+def _hints_of(kind: type) -> dict[str, Any]:
+    return get_type_hints(kind)
 
 
 def _convert(hint: Any, value: object, where: str, name: str) -> Any:
