@@ -56,20 +56,26 @@ class Machine:
 
 
 @pytest.fixture
-def machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Machine:
-    """A machine that requires signatures by the key `office.pem`."""
-    pytest.importorskip("cryptography")
+def empty_machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Machine:
+    """A machine without trust files, for a key that is not made."""
     folder = tmp_path / "machine"
     monkeypatch.setattr(edgetree.signing.trust, "_MACHINE_FOLDER", folder / "etc")
     monkeypatch.setattr(edgetree.signing.verify, "_required_in_process", False)
     monkeypatch.setenv("XDG_CONFIG_HOME", str(folder / "config"))
     monkeypatch.setenv("XDG_STATE_HOME", str(folder / "state"))
     monkeypatch.delenv("STATE_DIRECTORY", raising=False)
-    new_key(tmp_path / "office.pem")
     made = Machine(folder, tmp_path / "office.pem")
-    made.trusts(made.entry())
     monkeypatch.setattr(edgetree.signing.verify, "_now", lambda: made.now)
     return made
+
+
+@pytest.fixture
+def machine(empty_machine: Machine) -> Machine:
+    """A machine that requires signatures by the key `office.pem`."""
+    pytest.importorskip("cryptography")
+    new_key(empty_machine.key)
+    empty_machine.trusts(empty_machine.entry())
+    return empty_machine
 
 
 @pytest.fixture

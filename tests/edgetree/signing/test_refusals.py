@@ -360,6 +360,33 @@ def test_the_checked_content_is_what_is_opened(
     assert b'"two"' in model.read_bytes()
 
 
+def test_nothing_unsigned_opens_without_cryptography_either(
+    empty_machine: Machine, model: Path
+) -> None:
+    OrtSession(model)
+    empty_machine.trusts()
+    assert "has no signature" in refusal(model)
+
+
+@pytest.mark.parametrize("name", ["trust_file", "own_trust_file"])
+def test_a_trust_file_out_of_reach(
+    empty_machine: Machine, model: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    hidden = getattr(empty_machine, name)
+    lstat = os.lstat
+
+    def refuse(path: Any, **options: Any) -> os.stat_result:
+        if path == hidden:
+            raise PermissionError(13, "Permission denied")
+        return lstat(path, **options)
+
+    monkeypatch.setattr(os, "lstat", refuse)
+    if name == "trust_file":
+        assert f"{hidden} cannot be read (Permission denied)" in refusal(model)
+    else:  # in the home folder of another account
+        OrtSession(model)
+
+
 def test_models_are_opened_in_one_place() -> None:
     package = Path(edgetree.__file__).parent
     found = {
