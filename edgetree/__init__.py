@@ -12,6 +12,7 @@ model is opened.
 from __future__ import annotations
 
 import importlib
+import os
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -28,6 +29,9 @@ if TYPE_CHECKING:
     from edgetree.model_file import Manifest
     from edgetree.runtime import TreeDetector, default_model
     from edgetree.samples import SampleFrame, SampleTree, sample_frames
+
+# onnxruntime sends usage data to its maker, unless this is set before it is loaded.
+os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
 
 __all__ = [
     "KEYPOINT_NAMES",
