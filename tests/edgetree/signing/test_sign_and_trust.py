@@ -96,9 +96,12 @@ def test_a_private_key_is_its_owners_alone(machine: Machine) -> None:
     assert machine.key.read_bytes() == content
 
 
-def test_a_file_gets_the_permissions_asked_for(tmp_path: Path) -> None:
-    write_whole(tmp_path / "file", b"", 0o640)
-    assert stat.S_IMODE((tmp_path / "file").stat().st_mode) == 0o640
+def test_a_file_has_its_permissions_from_the_start(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(os, "fchmod", lambda descriptor, mode: None)
+    write_whole(tmp_path / "file", b"", 0o600)
+    assert stat.S_IMODE((tmp_path / "file").stat().st_mode) == 0o600
 
 
 def test_an_encrypted_key_needs_its_passphrase(
