@@ -41,7 +41,7 @@ def build(kind: type[_T], data: object, where: str) -> _T:
     """
     if not isinstance(data, dict):
         raise ModelFileError(f"{where} is {_kind_of(data)}: expected an object")
-    hints = _hints_of(kind)
+    hints = _hints_of(kind)  # type: ignore[arg-type]
     values: dict[str, Any] = {}
     for field in dataclasses.fields(kind):  # type: ignore[arg-type]
         if field.name in data:
