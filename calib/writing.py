@@ -31,15 +31,15 @@ _TEMPORARY = re.compile(r"\.calib-[0-9a-f]{16}\.part")
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[BinaryIO]:
+def replacing(path: Path, mode: int | None = None) -> Iterator[BinaryIO]:
     """Give the block a new file to write, which becomes ``path`` if the block succeeds.
 
     The content is on the disk before ``path`` changes. If the block raises, ``path`` is unchanged.
-    The file's permissions are those of any new file. A symbolic link at ``path`` is replaced, not
-    followed.
+    A symbolic link at ``path`` is replaced, not followed.
 
     Args:
         path: File to write or replace.
+        mode: Permissions of the file, such as 0o600; those of any new file if None.
 
     Raises:
         OSError: If the file cannot be written; ``filename`` is ``path``. And whatever the block
@@ -49,7 +49,7 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
         if path.exists() and not path.is_file():
             raise OSError(errno.EINVAL, "not a regular file")
         _remove_leftovers_once(os.path.realpath(path.parent))
-        temporary, descriptor = _new_file(path.parent)
+        temporary, descriptor = _new_file(path.parent, mode)
     stream = io.BufferedWriter(_OutputFile(descriptor, path))
     try:
         yield stream
@@ -91,14 +91,19 @@ def replacing_folder(path: Path) -> Iterator[Path]:
             os.close(lock)
 
 
-def write_whole(path: Path, data: bytes) -> None:
+def write_whole(path: Path, data: bytes, mode: int | None = None) -> None:
     """Write a file at once or not at all.
+
+    Args:
+        path: File to write or replace.
+        data: Its content.
+        mode: Permissions of the file, as for ``replacing``.
 
     Raises:
         InputFileError: If it cannot be written.
     """
     try:
-        with replacing(path) as stream:
+        with replacing(path, mode) as stream:
             stream.write(data)
     except OSError as error:
         raise InputFileError(f"{path}: cannot be written ({error.strerror})") from error
@@ -166,12 +171,14 @@ def _errors_naming(path: Path) -> Iterator[None]:
         raise OSError(number, error.strerror or os.strerror(number), str(path)) from error
 
 
-def _new_file(folder: Path) -> tuple[Path, int]:
+def _new_file(folder: Path, mode: int | None) -> tuple[Path, int]:
     """Create and lock a temporary file; returns its path and its descriptor."""
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
     while True:
         temporary = _random_name(folder)
-        descriptor = os.open(temporary, flags, 0o666)
+        descriptor = os.open(temporary, flags, 0o666 if mode is None else mode)
+        if mode is not None and sys.platform != "win32":  # what the umask took away
+            os.fchmod(descriptor, mode)
         _lock(descriptor, wait=True)
         if temporary.exists():  # not removed as a leftover before it was locked
             return temporary, descriptor

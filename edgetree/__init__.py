@@ -12,6 +12,7 @@ model is opened.
 from __future__ import annotations
 
 import importlib
+import os
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -23,10 +24,14 @@ if TYPE_CHECKING:
         InputError,
         MissingDependency,
         ModelFileError,
+        SignatureError,
     )
     from edgetree.model_file import Manifest
     from edgetree.runtime import TreeDetector, default_model
     from edgetree.samples import SampleFrame, SampleTree, sample_frames
+
+# onnxruntime sends usage data to its maker, unless this is set before it is loaded.
+os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
 
 __all__ = [
     "KEYPOINT_NAMES",
@@ -38,6 +43,7 @@ __all__ = [
     "ModelFileError",
     "SampleFrame",
     "SampleTree",
+    "SignatureError",
     "TreeDetections",
     "TreeDetector",
     "default_model",
@@ -55,6 +61,7 @@ _MODULES = {
     "ModelFileError": "errors",
     "SampleFrame": "samples",
     "SampleTree": "samples",
+    "SignatureError": "errors",
     "TreeDetections": "detections",
     "TreeDetector": "runtime",
     "default_model": "runtime",

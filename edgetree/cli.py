@@ -18,6 +18,8 @@ from edgetree.commands.eval import evaluate
 from edgetree.commands.export import export
 from edgetree.commands.measure import measure
 from edgetree.commands.run import run
+from edgetree.commands.sign import sign
+from edgetree.commands.trust import trust
 from edgetree.commands.verify import verify
 from edgetree.process import run_command_line
 
@@ -39,6 +41,8 @@ app.command(name="eval")(evaluate)
 app.command()(bench)
 app.command()(export)
 app.command()(verify)
+app.command()(sign)
+app.command()(trust)
 app.command()(doctor)
 
 
@@ -63,6 +67,14 @@ def options(
             min=1, help="Largest pictures that are read, in millions of pixels.", show_default="200"
         ),
     ] = None,
+    require_signature: Annotated[
+        bool,
+        typer.Option(
+            "--require-signature",
+            help="Open only models that are signed with a trusted key, as if the machine required"
+            " it (see `edgetree trust`).",
+        ),
+    ] = False,
 ) -> None:
     """Print the help if no command is given."""
     if max_megapixels is not None:
@@ -70,6 +82,10 @@ def options(
 
         limit = max_megapixels * 1_000_000
         calib.set_limits(replace(calib.current_limits(), image_pixels=limit))
+    if require_signature:
+        from edgetree.signing import require_signatures
+
+        require_signatures()
     if context.invoked_subcommand is None:
         typer.echo(context.get_help())
 

@@ -4,6 +4,7 @@
     ├── CheckFailed          exit code 1: the result did not pass a check
     ├── InputError           exit code 2: a file, folder or value given by the user cannot be used
     │   └── ModelFileError   exit code 2: a model file is missing, broken or not made by edgetree
+    │       └── SignatureError   exit code 2: a signature is required, and missing or not accepted
     └── MissingDependency    exit code 2: an optional package is not installed
 
 Every message is one line that names the file, what was found and what was expected. The command
@@ -21,6 +22,7 @@ __all__ = [
     "InputError",
     "MissingDependency",
     "ModelFileError",
+    "SignatureError",
     "install_hint",
 ]
 
@@ -56,6 +58,10 @@ class InputError(EdgetreeError):
 
 class ModelFileError(InputError):
     """A model file is missing, is not an ONNX model, or has no valid manifest."""
+
+
+class SignatureError(ModelFileError):
+    """A model's signature is required, and is missing or not accepted."""
 
 
 class MissingDependency(EdgetreeError):

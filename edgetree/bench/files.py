@@ -13,9 +13,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from edgetree.errors import CheckFailed, InputError, ModelFileError
+from edgetree.errors import CheckFailed, InputError, ModelFileError, SignatureError
 from edgetree.export.settings import PRECISIONS, TARGETS
 from edgetree.runtime.providers import AUTO, CPU
+from edgetree.signing.verify import is_signature_required
 
 __all__ = ["NETWORKS", "ROUNDS", "TableSettings", "bench_in_turn", "cache_folder", "find_files"]
 
@@ -123,6 +124,7 @@ def find_files(settings: TableSettings, say: Say) -> dict[str, Path]:
 
     Raises:
         InputError: a name has no file and is not in `NETWORKS`, or the folder is not writable.
+        SignatureError: a file is missing, and signatures are required.
         MissingDependency: a file is missing and torch is not installed.
     """
     files = {name: settings.path_of(name) for name in settings.backbones}
@@ -142,6 +144,12 @@ def _export(missing: Mapping[str, Path], settings: TableSettings, say: Say) -> N
     from edgetree.export import ExportSettings, export_preset
     from edgetree.results.atomic_files import output_folder
 
+    if is_signature_required():
+        first = next(iter(missing.values()))
+        raise SignatureError(
+            f"model {first} does not exist, and exporting it gives no signature, which is required"
+            " here: expected signed files"
+        )
     wanted = ExportSettings(
         height=settings.height,
         width=settings.width,
@@ -187,7 +195,9 @@ def bench_in_turn(
 
 
 def _bench(path: Path, settings: TableSettings) -> Record:
-    command = [sys.executable, "-m", "edgetree", "bench", "--model", str(path), "--json"]
+    command = [sys.executable, "-m", "edgetree"]
+    command += ["--require-signature"] if is_signature_required() else []
+    command += ["bench", "--model", str(path), "--json"]
     command += ["--seconds", str(settings.duration_s / ROUNDS)]
     command += ["--provider", settings.provider, "--strict" if settings.strict else "--no-strict"]
     if settings.threads is not None:

@@ -43,6 +43,8 @@ def demo(
     from edgetree.demo.training import run_trained
     from edgetree.results.atomic_files import output_folder
 
+    if train:
+        _check_no_signature_required()
     with output_folder(out):
         with _progress() as on_progress:
             result = run_trained(out, on_progress) if train else run_embedded(on_progress)
@@ -54,6 +56,18 @@ def demo(
     else:
         note("report:")
         typer.echo(str(report))
+
+
+def _check_no_signature_required() -> None:
+    """Raise SignatureError if the model of --train could not be opened after the training."""
+    from edgetree.errors import SignatureError
+    from edgetree.signing.verify import is_signature_required
+
+    if is_signature_required():
+        raise SignatureError(
+            "--train makes a model without a signature, which is required here: expected a machine"
+            " or an account without this setting (see `edgetree trust`)"
+        )
 
 
 @contextmanager

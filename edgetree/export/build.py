@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import importlib.metadata
-import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -76,10 +75,8 @@ class BuiltModel:
     @contextmanager
     def session(self) -> Iterator[InferenceSession]:
         """An inference session of the graph, as a file of it would give."""
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "model.onnx"
-            path.write_bytes(self.serialized(self.manifest))
-            yield OrtSession(path)
+        content = self.serialized(self.manifest)
+        yield OrtSession(Path("the exported model"), content=content)
 
 
 def build(source: ExportSource, settings: ExportSettings, say: Callable[[str], None]) -> BuiltModel:

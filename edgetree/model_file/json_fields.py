@@ -7,6 +7,7 @@ import math
 import types
 from collections.abc import Mapping
 from contextlib import suppress
+from functools import cache
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from edgetree.errors import ModelFileError
@@ -16,6 +17,7 @@ __all__ = ["build"]
 _T = TypeVar("_T")
 
 _JSON_KINDS: dict[Any, tuple[tuple[type, ...], str]] = {
+    bool: ((bool,), "true or false"),
     str: ((str,), "text"),
     int: ((int,), "a whole number"),
     float: ((int, float), "a number"),
@@ -39,7 +41,7 @@ def build(kind: type[_T], data: object, where: str) -> _T:
     """
     if not isinstance(data, dict):
         raise ModelFileError(f"{where} is {_kind_of(data)}: expected an object")
-    hints = get_type_hints(kind)
+    hints = _hints_of(kind)  # type: ignore[arg-type]
     values: dict[str, Any] = {}
     for field in dataclasses.fields(kind):  # type: ignore[arg-type]
         if field.name in data:
@@ -47,6 +49,11 @@ def build(kind: type[_T], data: object, where: str) -> _T:
         elif field.default is dataclasses.MISSING:
             raise ModelFileError(f"{where} has no field {field.name!r}: expected one")
     return kind(**values)
+
+
+@cache
+def _hints_of(kind: type) -> dict[str, Any]:
+    return get_type_hints(kind)
 
 
 def _convert(hint: Any, value: object, where: str, name: str) -> Any:
@@ -60,7 +67,7 @@ def _convert(hint: Any, value: object, where: str, name: str) -> Any:
     if origin is tuple:
         return _convert_tuple(arguments, value, where, name)
     kinds, expected = _JSON_KINDS[origin or hint]
-    if not isinstance(value, kinds) or isinstance(value, bool):
+    if not isinstance(value, kinds) or (isinstance(value, bool) and hint is not bool):
         raise ModelFileError(f"{here} is {_kind_of(value)}: expected {expected}")
     return _finite(value, here) if hint is float else value
 

@@ -17,6 +17,7 @@ import math
 import mmap
 import struct
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, TypeAlias
@@ -30,7 +31,14 @@ from edgetree.model_file.graph_rules import (
     check_graph,
 )
 
-__all__ = ["MAX_ELEMENTS", "ModelFile", "Shape", "read_model_file"]
+__all__ = [
+    "MAX_ELEMENTS",
+    "ModelFile",
+    "Shape",
+    "check_content",
+    "check_is_file",
+    "read_model_file",
+]
 
 Shape: TypeAlias = tuple[int | str, ...]
 
@@ -77,11 +85,9 @@ def read_model_file(path: Path) -> ModelFile:
             to data in other files, contains less data than it declares, has an input or output of
             more than `MAX_ELEMENTS` elements, or has operators that no export of this project has.
     """
-    if not path.is_file():
-        problem = "is a folder" if path.is_dir() else "does not exist"
-        raise ModelFileError(f"model {path} {problem}: expected an .onnx file")
+    check_is_file(path)
     try:
-        with path.open("rb") as stream:
+        with _errors_naming(path), path.open("rb") as stream:
             if not stream.read(1):
                 raise _NotOnnx("it is empty")
             with mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
@@ -90,6 +96,39 @@ def read_model_file(path: Path) -> ModelFile:
         raise ModelFileError(
             f"model {path} cannot be read ({error.strerror}): expected an .onnx file"
         ) from error
+
+
+def check_is_file(path: Path) -> None:
+    """Check that a model file exists.
+
+    Raises:
+        ModelFileError: it does not, or is a folder or another special file.
+    """
+    if not path.is_file():
+        problem = "is a folder" if path.is_dir() else "does not exist"
+        raise ModelFileError(f"model {path} {problem}: expected an .onnx file")
+
+
+def check_content(content: bytes, path: Path) -> ModelFile:
+    """Check the content of a model file, as `read_model_file` does.
+
+    Args:
+        content: the content.
+        path: the file that it is from, for messages.
+
+    Raises:
+        ModelFileError: as `read_model_file`.
+    """
+    with _errors_naming(path):
+        if not content:
+            raise _NotOnnx("it is empty")
+        return _Parser(content).parse_model()
+
+
+@contextmanager
+def _errors_naming(path: Path) -> Iterator[None]:
+    try:
+        yield
     except _NotOnnx as error:
         raise ModelFileError(
             f"model {path} is not an ONNX model ({error}):"

@@ -75,14 +75,15 @@ class TreeDetector:
         cache_folder: Path | str | None = None,
         score_threshold: float = DISPLAY_THRESHOLD,
         warm_up: bool = False,
+        require_signature: bool = False,
     ) -> TreeDetector:
         """Open a model file.
 
-        `provider`, `strict`, `threads`, `spinning` and `cache_folder` are described in
-        `edgetree.runtime.SessionSettings`.
+        `provider`, `strict`, `threads`, `spinning`, `cache_folder` and `require_signature` are
+        described in `edgetree.runtime.SessionSettings`.
 
         Args:
-            model: the .onnx file. No other file is read.
+            model: the .onnx file. Beside its signature, no other file is read.
             provider: "cpu", "cuda", "tensorrt", "openvino", "coreml", "directml", or "auto".
             strict: raise an error if the provider cannot be used, instead of using the CPU.
             threads: threads of one inference on the CPU; None for all usable cores.
@@ -90,15 +91,17 @@ class TreeDetector:
             cache_folder: where TensorRT, OpenVINO or CoreML store compiled models.
             score_threshold: trees with a lower score are left out.
             warm_up: call `warm_up` before returning.
+            require_signature: refuse a file without an accepted signature.
 
         Raises:
             ModelFileError: the file is missing, is not an ONNX model, fails the safety check, or
                 has no manifest of edgetree that matches its graph.
+            SignatureError: a signature is required, and missing or not accepted.
             InputError: a setting is out of range, or the provider cannot be used.
             MissingDependency: onnxruntime is not installed.
         """
         cache = None if cache_folder is None else Path(cache_folder)
-        settings = SessionSettings(provider, strict, threads, spinning, cache)
+        settings = SessionSettings(provider, strict, threads, spinning, cache, require_signature)
         detector = cls(OrtSession(Path(model), settings), score_threshold=score_threshold)
         if warm_up:
             detector.warm_up()

@@ -31,7 +31,9 @@ class _NotStarted(Exception):
     """A provider cannot be used for this model; the message is the reason."""
 
 
-def open_session(path: Path, settings: SessionSettings, threads: int) -> tuple[Any, Provider]:
+def open_session(
+    path: Path, settings: SessionSettings, threads: int, content: bytes | None = None
+) -> tuple[Any, Provider]:
     """Open a model file in onnxruntime.
 
     onnxruntime silently uses the CPU if a provider does not start, and for operators that a
@@ -42,6 +44,7 @@ def open_session(path: Path, settings: SessionSettings, threads: int) -> tuple[A
         path: the .onnx file.
         settings: the provider and its options.
         threads: threads of one inference on the CPU.
+        content: the content to open instead of the file, whose path is then only a name.
 
     Returns:
         The `onnxruntime.InferenceSession` and the provider in use.
@@ -58,7 +61,7 @@ def open_session(path: Path, settings: SessionSettings, threads: int) -> tuple[A
         _log.warning("provider %r is not installed: using the CPU", settings.provider)
     for provider in tried:
         try:
-            return _start(path, provider, settings, threads), provider
+            return _start(path, content, provider, settings, threads), provider
         except _NotStarted as problem:
             if settings.strict and settings.provider != AUTO:
                 raise InputError(
@@ -69,7 +72,9 @@ def open_session(path: Path, settings: SessionSettings, threads: int) -> tuple[A
     raise AssertionError("the CPU is always among the candidates")
 
 
-def _start(path: Path, provider: Provider, settings: SessionSettings, threads: int) -> Any:
+def _start(
+    path: Path, content: bytes | None, provider: Provider, settings: SessionSettings, threads: int
+) -> Any:
     """Open a session on one provider; raises `_NotStarted` if the provider is not used."""
     onnxruntime = import_onnxruntime()
     asked = [(provider.ort_name, provider.options_for(threads, settings.cache_folder))]
@@ -80,10 +85,13 @@ def _start(path: Path, provider: Provider, settings: SessionSettings, threads: i
     # Providers with memory of their own reserve far more addresses than they use.
     largest = calib.current_limits().model_memory_bytes
     limit = memory_limit(largest) if provider.name == CPU else nullcontext()
+    model: str | bytes = str(path)
+    if content is not None or not is_utf8(path):
+        model = path.read_bytes() if content is None else content
     try:
         with limit:
             session = onnxruntime.InferenceSession(
-                str(path) if is_utf8(path) else path.read_bytes(),
+                model,
                 sess_options=_options(onnxruntime, provider, settings, threads),
                 providers=asked,
                 enable_fallback=0,

@@ -126,6 +126,8 @@ class SessionSettings:
             between inferences, which slows down other programs.
         cache_folder: where TensorRT, OpenVINO or CoreML store compiled models to start faster the
             next time; created if needed. None for no cache.
+        require_signature: refuse a model file without an accepted signature, even if the machine
+            does not require one, see `edgetree.signing`.
 
     Raises:
         InputError: a value is out of range, or the provider has no cache.
@@ -136,6 +138,7 @@ class SessionSettings:
     threads: int | None = None
     spinning: bool = False
     cache_folder: Path | None = None
+    require_signature: bool = False
 
     def __post_init__(self) -> None:
         if self.provider != AUTO and self.provider not in PROVIDERS:

@@ -15,9 +15,15 @@ from numpy.typing import NDArray
 from edgetree.detections import MASK_SIZE
 from edgetree.errors import ModelFileError
 from edgetree.model_file.manifest import METADATA_KEY, Manifest
-from edgetree.model_file.safety_check import Shape, read_model_file
+from edgetree.model_file.safety_check import (
+    Shape,
+    check_content,
+    check_is_file,
+    read_model_file,
+)
 from edgetree.runtime.ort_session import open_session, placement_of, reason_of
 from edgetree.runtime.providers import CPU, SessionSettings, import_onnxruntime
+from edgetree.signing.verify import model_if_signed
 
 __all__ = ["FakeSession", "InferenceSession", "OrtSession", "usable_cores"]
 
@@ -66,21 +72,41 @@ class OrtSession:
     """A model file opened in onnxruntime. Thread-safe.
 
     Args:
-        path: the .onnx file. It must pass `edgetree.model_file.safety_check` before it is opened.
+        path: the .onnx file. It must pass `edgetree.model_file.safety_check` before it is opened,
+            and have an accepted signature where one is required, see `edgetree.signing`.
         settings: provider and options; the default settings if None.
+        content: the content of a model that the caller made itself, which needs no signature. The
+            path is then only a name for messages.
 
     Raises:
         ModelFileError: the file is missing, is not an ONNX model or fails the safety check.
+        SignatureError: a signature is required, and missing or not accepted.
         InputError: the provider cannot be used, or the cache folder cannot be created.
         MissingDependency: onnxruntime is not installed.
     """
 
-    def __init__(self, path: Path, settings: SessionSettings | None = None) -> None:
+    def __init__(
+        self,
+        path: Path,
+        settings: SessionSettings | None = None,
+        *,
+        content: bytes | None = None,
+    ) -> None:
         settings = settings or SessionSettings()
-        read_model_file(path)
+        accepted = None
+        if content is None:
+            check_is_file(path)
+            accepted = model_if_signed(path, settings.require_signature)
+            content = None if accepted is None else accepted.content
+        if content is None:
+            read_model_file(path)
+        else:
+            check_content(content, path)
         self._name = str(path)
         self._threads = settings.threads or usable_cores()
-        self._session, self._provider = open_session(path, settings, self._threads)
+        self._session, self._provider = open_session(path, settings, self._threads, content)
+        if accepted is not None:
+            accepted.record_use()
         self._metadata: dict[str, str] = self._session.get_modelmeta().custom_metadata_map
         self._inputs = {item.name: tuple(item.shape) for item in self._session.get_inputs()}
         self._outputs = {item.name: tuple(item.shape) for item in self._session.get_outputs()}

@@ -20,7 +20,6 @@ BY_PATH = (
 WRITERS = {
     "edgetree/process.py",  # the null device
     "perceptree/process.py",
-    "edgetree/export/build.py",  # in a temporary folder
     "perceptree/data/cache.py",  # in a folder of `replacing_folder`
     "perceptree/training/run_log.py",  # appends
 }

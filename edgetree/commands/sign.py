@@ -1,0 +1,121 @@
+"""`edgetree sign`: sign a model file, or make a pair of keys for it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, TypeAlias
+
+import typer
+
+from edgetree.console import note
+
+if TYPE_CHECKING:
+    from edgetree.signing import Statement
+
+__all__ = ["sign"]
+
+_Model: TypeAlias = Annotated[
+    Path | None,
+    typer.Argument(metavar="MODEL", help="A file of `edgetree export`.", show_default=False),
+]
+_Key: TypeAlias = Annotated[
+    Path | None, typer.Option(metavar="FILE", help="Private key to sign with.")
+]
+_Version: TypeAlias = Annotated[
+    int | None,
+    typer.Option(
+        help="Version of the model. Machines refuse lower ones than they have used. The time of"
+        " signing if not given, such as 20261123080000."
+    ),
+]
+_Name: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        help="Name of the model, whose versions are counted; the name in the file if not given."
+    ),
+]
+_ValidUntil: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        metavar="DATE", help="Last day of the signature's validity, in UTC; no end if not given."
+    ),
+]
+_NewKey: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        help="Instead of signing: make a private key in FILE, and its public key beside it with"
+        " the suffix .pub.",
+    ),
+]
+_Encrypt: TypeAlias = Annotated[
+    bool, typer.Option("--encrypt", help="With --new-key: ask for a passphrase.")
+]
+
+
+def sign(
+    model: _Model = None,
+    *,
+    key: _Key = None,
+    version: _Version = None,
+    name: _Name = None,
+    valid_until: _ValidUntil = None,
+    new_key: _NewKey = None,
+    encrypt: _Encrypt = False,
+) -> None:
+    """Sign a model file. The signature is written to MODEL.sig.
+
+    Machines that require signatures open only models signed with a key that they trust, see
+    `edgetree trust`.
+    """
+    from edgetree.errors import InputError
+
+    if new_key is not None:
+        if model is not None or key is not None:
+            raise InputError("--new-key given with MODEL or --key: expected only one of them")
+        _make_key(new_key, encrypt)
+        return
+    if model is None or key is None:
+        raise InputError("MODEL or --key is missing: expected both, or --new-key FILE")
+    _sign(model, key, version, name, valid_until)
+
+
+def _make_key(path: Path, encrypt: bool) -> None:
+    from edgetree.signing import new_key
+
+    passphrase = None
+    if encrypt:
+        passphrase = typer.prompt(
+            "passphrase", hide_input=True, confirmation_prompt=True, err=True, type=str
+        )
+    public, identity = new_key(path, passphrase)
+    typer.echo(f"private key  {path}  (keep it with the signer)")
+    typer.echo(f"public key   {public}  (for the machines)")
+    typer.echo(f"key id       {identity}")
+    note(f"next: edgetree sign MODEL --key {path}")
+
+
+def _sign(
+    model: Path, key: Path, version: int | None, name: str | None, valid_until: str | None
+) -> None:
+    from edgetree.signing import read_private_key, sign_model
+    from edgetree.signing.statement import end_of_day
+
+    end = None if valid_until is None else end_of_day(valid_until)
+    private = read_private_key(key, lambda: typer.prompt("passphrase", hide_input=True, err=True))
+    file, statement = sign_model(model, private, version=version, name=name, valid_until=end)
+    typer.echo(f"signature  {file}")
+    for line in statement_lines(statement):
+        typer.echo(line)
+    note(f"next, on the machine: edgetree trust --check {model.name}")
+
+
+def statement_lines(statement: Statement) -> list[str]:
+    """What a signature says, as lines of text."""
+    until = "without end" if statement.valid_until is None else f"until {statement.valid_until}"
+    return [
+        f"model      {statement.name}",
+        f"version    {statement.version}",
+        f"valid      from {statement.valid_from}, {until}",
+        f"SHA-256    {statement.file_sha256}",
+    ]

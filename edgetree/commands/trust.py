@@ -1,0 +1,132 @@
+"""`edgetree trust`: the keys whose models may be opened, and whether signatures are required."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, TypeAlias
+
+import typer
+
+from edgetree.console import note
+
+if TYPE_CHECKING:
+    from edgetree.signing import TrustFile
+
+__all__ = ["trust"]
+
+_Key: TypeAlias = Annotated[
+    Path | None,
+    typer.Argument(metavar="KEY", help="Public key to trust, a .pub file.", show_default=False),
+]
+_ValidUntil: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        metavar="DATE", help="Last day on which KEY is trusted, in UTC; no end if not given."
+    ),
+]
+_Remove: TypeAlias = Annotated[
+    str | None, typer.Option(metavar="ID", help="Id of a key to trust no longer.")
+]
+_Require: TypeAlias = Annotated[
+    bool | None,
+    typer.Option(
+        "--require/--no-require",
+        help="Refuse models without a signature by a trusted key, or open them.",
+    ),
+]
+_Check: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(metavar="MODEL", help="Check the signature of a model file, without opening it."),
+]
+
+
+def trust(
+    key: _Key = None,
+    *,
+    valid_until: _ValidUntil = None,
+    remove: _Remove = None,
+    require: _Require = None,
+    check: _Check = None,
+) -> None:
+    """Show or change the trusted keys, and whether models must be signed.
+
+    Run as root, it changes the machine's file, which holds for all accounts. Otherwise it changes
+    the file of your account; if the machine requires signatures, that file does not count.
+    """
+    from edgetree.errors import InputError
+
+    if valid_until is not None and key is None:
+        raise InputError("--valid-until given without KEY: expected both")
+    if check is not None:
+        if key is not None or remove is not None or require is not None:
+            raise InputError("--check given with a change: expected only one of them")
+        _check_model(check)
+        return
+    if key is not None or remove is not None or require is not None:
+        _change(key, valid_until, remove, require)
+    for line in _listing():
+        typer.echo(line)
+
+
+def _change(
+    key: Path | None, valid_until: str | None, remove: str | None, require: bool | None
+) -> None:
+    from edgetree.signing.keys import ed25519, read_public_key
+    from edgetree.signing.statement import end_of_day
+    from edgetree.signing.trust import TrustedKey, own_file, read_trust_file, write_trust_file
+
+    path = own_file()
+    content: TrustFile = read_trust_file(path)
+    if key is not None:
+        end = None if valid_until is None else end_of_day(valid_until)
+        content = content.with_key(TrustedKey.of(read_public_key(key), key.stem, end))
+    if remove is not None:
+        content = content.without_key(remove)
+    if require is not None:
+        if require:
+            ed25519()  # or no model could be opened
+        content = dataclasses.replace(content, require_signature=require)
+    write_trust_file(path, content)
+    note(f"changed: {path}")
+
+
+def _listing() -> Iterator[str]:
+    """What holds for this account."""
+    from edgetree.errors import SignatureError
+    from edgetree.signing import current_trust
+    from edgetree.signing.trust import account_file
+    from edgetree.signing.used_versions import read_used, used_file
+
+    holds = current_trust()
+    by = holds.required_by
+    yield f"signatures  {'not required' if by is None else f'required by {by}'}"
+    for key in holds.keys.values():
+        end = "" if key.valid_until is None else f"  valid until {key.valid_until}"
+        yield f"key         {key.id}  {key.name}{end}"
+    if not holds.keys:
+        yield "key         none"
+    own = account_file()
+    if own is not None and own not in holds.files and own.exists():
+        yield f"not in use  {own}, as {by} requires signatures by its own keys"
+    try:
+        state = used_file()
+        for model in read_used(state).models:
+            yield f"used        {model.name}  version {model.version}  ({state})"
+    except SignatureError as error:
+        yield f"used        not known: {error}"
+
+
+def _check_model(model: Path) -> None:
+    from edgetree.commands.sign import statement_lines
+    from edgetree.model_file.safety_check import check_is_file
+    from edgetree.signing import check_signature, current_trust
+
+    check_is_file(model)
+    accepted = check_signature(model, current_trust())
+    typer.echo(f"accepted   {model}")
+    if accepted.key is not None and accepted.statement is not None:
+        typer.echo(f"key        {accepted.key.id}  {accepted.key.name}")
+        for line in statement_lines(accepted.statement):
+            typer.echo(line)
