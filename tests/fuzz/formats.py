@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import pickle
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,6 +13,8 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 import torch
+from cryptography.hazmat.primitives import serialization
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from safetensors.torch import save
 
 import calib
@@ -23,6 +26,9 @@ from edgetree.model_file.safety_check import read_model_file
 from edgetree.runtime.detector import default_model
 from edgetree.runtime.providers import CPU, SessionSettings
 from edgetree.runtime.session import OrtSession
+from edgetree.signing import Statement, TrustedKey, TrustFile, parse_signature, read_public_key
+from edgetree.signing.envelope import Envelope
+from edgetree.signing.trust import read_trust_file, write_trust_file
 from perceptree.data.dataset import read_labels
 from perceptree.data.layouts import LabelFile
 from perceptree.keypoints import KEYPOINT_NAMES
@@ -171,6 +177,22 @@ def _coco() -> bytes:
     return json.dumps(content).encode()
 
 
+def _signature() -> bytes:
+    statement = Statement("small", 3, 100, "0" * 64, "2026-11-23T08:00:00Z", "2027-12-31T23:59:59Z")
+    return Envelope(statement.to_json().encode(), "0" * 64, bytes(64)).to_json().encode()
+
+
+def _public_key_and_trust() -> tuple[bytes, bytes]:
+    key = Ed25519PrivateKey.from_private_bytes(bytes(32)).public_key()
+    form = serialization.PublicFormat.SubjectPublicKeyInfo
+    pem = key.public_bytes(serialization.Encoding.PEM, form)
+    entry = TrustedKey.of(key.public_bytes_raw(), "office", "2027-12-31T23:59:59Z")
+    with tempfile.TemporaryDirectory() as name:
+        trust = Path(name, "trust.json")
+        write_trust_file(trust, TrustFile(True, (entry,)))
+        return pem, trust.read_bytes()
+
+
 def _read_coco(path: Path) -> None:
     dataset = read_labels(LabelFile("train", None, False, path, path.parent))
     for frame in dataset.frames:
@@ -188,6 +210,7 @@ def _formats() -> dict[str, Format]:
     header = b"\x93NUMPY\x01\x00F\x00{'descr': '<f4', 'fortran_order': False, 'shape': (2, 2), }"
     manifest = read_model_file(default_model("depth")).metadata["edgetree.manifest"].encode()
     cameras = (_ROS, _OPENCV, _XML, _KALIBR, _ZED, _REALSENSE, _OWN)
+    key, trust = _public_key_and_trust()
     settings = b'{"stand": {"stems_per_ha": [400, 500]}, "camera": {"mast_share": 0.5}}'
     return {
         "camera": Format(cameras, calib.load_camera),
@@ -202,6 +225,9 @@ def _formats() -> dict[str, Format]:
         "weights": Format(_weights(), read_weights),
         "state": Format((_state(),), lambda path: read_state(path, _IDENTITY)),
         "coco.json": Format((_coco(),), _read_coco),
+        "signature": Format((_signature(),), lambda path: parse_signature(path.read_bytes())),
+        "trust.json": Format((trust,), read_trust_file),
+        "key.pub": Format((key,), read_public_key),
         "settings": Format((settings,), lambda path: read_settings(path, SimulatorSettings())),
     }
 

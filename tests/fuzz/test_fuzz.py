@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("torch")
+pytest.importorskip("cryptography")
 if not Path("/proc/self/statm").exists():
     pytest.skip("the memory of a process is limited on Linux alone", allow_module_level=True)
 _FOLDER = str(Path(__file__).parent)
