@@ -32,6 +32,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 from edgetree import sample_frames
 
@@ -263,6 +264,14 @@ def jobs(folder: Path, share: float) -> list[Job]:
     return [Job(job.name, job.arguments, max(1, round(job.trials * share))) for job in found]
 
 
+def read_record(path: Path | None) -> dict[str, Any]:
+    """The outcomes of former runs, by command and fault."""
+    if path is None or not path.exists():
+        return {}
+    record: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return record
+
+
 def show(line: str) -> None:
     """Print a line at once."""
     sys.stdout.write(line + "\n")
@@ -275,10 +284,10 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--share", type=float, default=1.0, help="share of the trials to make")
     parser.add_argument("--only", help="commands whose name contains this")
-    parser.add_argument("--result", type=Path)
+    parser.add_argument("--result", type=Path, help="file to write, or to add outcomes to")
     options = parser.parse_args()
     faults = ["killed", "ended", *["disk full"] * can_mount(), "clock jumps"]
-    outcomes = []
+    record = read_record(options.result)
     show("| command | fault | trials | of them ended before | left temporary files | lost |")
     show("| --- | --- | --- | --- | --- | --- |")
     with tempfile.TemporaryDirectory() as name:
@@ -294,12 +303,13 @@ def main() -> None:
             whole = results_of(folder / job.name)
             for fault in faults:
                 rng = random.Random(f"{options.seed} {job.name} {fault}")
-                outcomes.append(disturbed(job, fault, whole, took_s, rng))
-                show(outcomes[-1].row())
-    record = {"seed": options.seed, "outcomes": [asdict(outcome) for outcome in outcomes]}
-    if options.result:
-        options.result.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
-    sys.exit(any(outcome.faults for outcome in outcomes))
+                outcome = disturbed(job, fault, whole, took_s, rng)
+                show(outcome.row())
+                record[f"{job.name}, {fault}"] = {"seed": options.seed, **asdict(outcome)}
+                if options.result:
+                    text = json.dumps(record, indent=2) + "\n"
+                    options.result.write_text(text, encoding="utf-8")
+    sys.exit(any(outcome["faults"] for outcome in record.values()))
 
 
 if __name__ == "__main__":
