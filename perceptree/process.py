@@ -123,7 +123,7 @@ def _interruptible() -> Iterator[Callable[[], bool]]:
         if delays >= _MOST_DELAYS or not _is_importing(frame):
             raise KeyboardInterrupt
         delays += 1
-        again = threading.Timer(_AGAIN_S, _thread.interrupt_main, (number,))
+        again = threading.Timer(_AGAIN_S, _send_again, (number,))
         again.daemon = True
         again.start()
 
@@ -142,6 +142,14 @@ def _interruptible() -> Iterator[Callable[[], bool]]:
     finally:
         for number, handler in replaced.items():
             signal.signal(number, handler)
+
+
+def _send_again(number: int) -> None:
+    """Send a signal to the main thread, also while it waits."""
+    if sys.platform == "win32":
+        _thread.interrupt_main(number)
+    else:
+        signal.pthread_kill(threading.main_thread().ident or 0, number)
 
 
 def _is_importing(frame: FrameType | None) -> bool:

@@ -23,7 +23,7 @@ import time
 from edgetree.process import run_command_line
 def run():
     import fragile
-    time.sleep(20)
+    time.sleep(600)
 run_command_line("edgetree", run)
 """
 
