@@ -57,6 +57,7 @@ def test_a_network_with_some_branches_exports(
     assert_same_outputs(build_model(preset="r50", masks=masks, keypoints=keypoints))
 
 
+@pytest.mark.slow
 def test_the_whole_r50_network_exports_at_a_size_that_is_no_multiple_of_32(
     build_model: BuildModel,
 ) -> None:

@@ -11,7 +11,7 @@ from perceptree.data import AugmentSettings
 from perceptree.models import SampleSettings, make_spec
 from perceptree.training import Engine, Status, TrainSettings, train
 
-STEPS = 20
+STEPS = 8
 # Proposals, NMS and overlap thresholds can depend on the last digit. So here all
 # anchors are proposed, none is suppressed, and only true boxes overlap enough.
 ALL_PROPOSALS = SampleSettings(
@@ -37,7 +37,7 @@ def main() -> None:
     settings = TrainSettings(
         steps=STEPS,
         batch=4,
-        warmup_steps=20,
+        warmup_steps=8,
         optimizer="sgd",
         learning_rate=1e-4,
         ema_decay=0.0,

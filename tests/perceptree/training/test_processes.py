@@ -50,7 +50,7 @@ def test_two_processes_have_the_losses_of_one(
         done = run_processes(number, data, tmp_path / str(number))
         assert done.returncode == 0, done.stderr
     one, two = losses(tmp_path / "1"), losses(tmp_path / "2")
-    assert len(one) == len(two) == 20
+    assert len(one) == len(two) == 8
     for alone, together in zip(one, two, strict=True):
         assert together == pytest.approx(alone, abs=1e-4)
     # The losses change, so the network is trained.
