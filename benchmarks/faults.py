@@ -141,7 +141,7 @@ def starved(job: Job, out: Path, room: float) -> tuple[bool, str]:
         os.posix_fallocate(file.fileno(), 0, max(1, free - int(room)))
     code, said = finish(start(job.arguments(out / "out")))
     ballast.unlink()
-    lines = [line for line in said.splitlines() if "No space left" in line]
+    lines = [line for line in said.splitlines() if "no space left" in line.lower()]
     if code == 0:
         return True, ""
     if "Traceback" in said:
@@ -283,7 +283,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--share", type=float, default=1.0, help="share of the trials to make")
-    parser.add_argument("--only", help="commands whose name contains this")
+    parser.add_argument(
+        "--only", help="part of a command and its fault, such as 'synth, disk full'"
+    )
     parser.add_argument("--result", type=Path, help="file to write, or to add outcomes to")
     options = parser.parse_args()
     faults = ["killed", "ended", *["disk full"] * can_mount(), "clock jumps"]
@@ -293,7 +295,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for job in jobs(folder, options.share):
-            if options.only and options.only not in job.name:
+            wanted = [f for f in faults if (options.only or "") in f"{job.name}, {f}"]
+            if not wanted:
                 continue
             before = time.perf_counter()
             code, said = finish(start(job.arguments(folder / job.name)))
@@ -301,7 +304,7 @@ def main() -> None:
             if code:
                 sys.exit(f"{job.name} failed undisturbed: {said}")
             whole = results_of(folder / job.name)
-            for fault in faults:
+            for fault in wanted:
                 rng = random.Random(f"{options.seed} {job.name} {fault}")
                 outcome = disturbed(job, fault, whole, took_s, rng)
                 show(outcome.row())
