@@ -7,8 +7,8 @@ The package's samples alternate with frames without trees: blank, uniform and no
 pasted, and with a depth model every tree is measured. Memory, open files and threads are recorded
 over the whole run, and the latency for each tenth of it. The mean of the resident memory over the
 last tenth may exceed that over the second tenth, when all buffers are allocated, by a few MiB. The
-exit code is 1 if it exceeds it by more, if open files or threads grew, or if a frame fails. Needs
-Linux, for /proc.
+exit code is 1 if it exceeds it by more, if open files or threads grew, or if a frame fails. Ctrl-C
+ends the run early, with the results of the frames so far. Needs Linux, for /proc.
 """
 
 from __future__ import annotations
@@ -17,7 +17,9 @@ import argparse
 import json
 import os
 import platform
+import signal
 import sys
+import threading
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -94,6 +96,8 @@ def soak(detector: TreeDetector, count: int, width: int, limit_mib: float) -> di
     trees: Counter[str] = Counter()
     measured, errors = 0, Counter[str]()
     start = time.perf_counter()
+    stopped = threading.Event()
+    signal.signal(signal.SIGINT, lambda *_: stopped.set())
     stream = frames(modality, width)
     for index, (kind, frame, camera, up) in zip(range(count), stream, strict=False):
         before = time.perf_counter()
@@ -113,19 +117,23 @@ def soak(detector: TreeDetector, count: int, width: int, limit_mib: float) -> di
         if index % every == 0:
             memory_mib.append(rss_mib())
             handles_seen.append(handles())
+            show(index, count, latency_ms[max(0, index - every) : index + 1], memory_mib[-1])
+        if stopped.is_set() and len(memory_mib) >= FEWEST_FRAMES:
+            break
+    done = index + 1
     tenth = len(memory_mib) // PARTS
     early, late = np.mean(memory_mib[tenth : 2 * tenth]), np.mean(memory_mib[-tenth:])
     files, threads = np.array(handles_seen).T
     grown = bool(files[-1] > files[tenth] or threads[-1] > threads[tenth])
     growth_mib = float(late - early)
     return {
-        "frames": count,
+        "frames": done,
         "width_px": width,
         "seconds": round(time.perf_counter() - start, 1),
         "frames_by_kind": dict(seen),
         "trees_by_kind": dict(trees),
         "diameters": measured,
-        "latency_ms": parts_of(latency_ms),
+        "latency_ms": parts_of(latency_ms[:done]),
         "memory_mib": [
             round(float(np.mean(part)), 2) for part in np.array_split(memory_mib, PARTS)
         ],
@@ -137,6 +145,13 @@ def soak(detector: TreeDetector, count: int, width: int, limit_mib: float) -> di
         "errors": dict(errors),
         "passed": growth_mib <= limit_mib and not errors and not grown,
     }
+
+
+def show(index: int, count: int, latency_ms: NDArray[np.float32], memory_mib: float) -> None:
+    """Show progress on one line of the terminal."""
+    sys.stderr.write(
+        f"\r{index:,} of {count:,} frames, {np.median(latency_ms):.0f} ms, {memory_mib:.1f} MiB "
+    )
 
 
 def parts_of(latency_ms: NDArray[np.float32]) -> dict[str, list[float]]:

@@ -1,0 +1,1 @@
+"""Sources of live frames: recordings and cameras."""

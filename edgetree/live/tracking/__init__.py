@@ -1,0 +1,1 @@
+"""Stems followed over time in three dimensions, and their measurements fused."""

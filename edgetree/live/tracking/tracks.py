@@ -1,0 +1,53 @@
+"""The stems that are followed over time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edgetree.measure import Estimate, Failure, PointEstimate
+
+__all__ = ["TreeTrack"]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TreeTrack:
+    """A stem that is followed over time, with what all views of it say together.
+
+    Attributes:
+        number: number of the stem, the same as long as it is followed.
+        tree: index of the stem among the trees of this frame; None if it is not seen in it.
+        state: "new" until enough views agree, then "confirmed".
+        position_m: where the stem's axis meets the ground or the cut, in the map (x and y level,
+            z up). The map is the frame of the source's poses, or else the first camera's place.
+        position_camera_m: (3,) the same point in the camera's frame.
+        diameter_m: diameter at the felling cut.
+        dbh_m: diameter at breast height.
+        cut_height_m: height of the felling cut above the ground.
+        inclination_deg: angle of the axis from the vertical.
+        frames: number of frames that the stem was measured in.
+        views: number of distinct views among them, which are what the intervals rest on.
+        arc_deg: angle around the stem between the outermost views.
+        more_views_help: whether another view would make the diameter's interval clearly narrower.
+        last_seen_s: time stamp of the last frame that shows it, s.
+        warnings: contradictions between the views.
+    """
+
+    number: int
+    tree: int | None
+    state: Literal["new", "confirmed"]
+    position_m: PointEstimate
+    position_camera_m: NDArray[np.floating[Any]]
+    diameter_m: Estimate | Failure
+    dbh_m: Estimate | Failure
+    cut_height_m: Estimate | Failure
+    inclination_deg: Estimate | Failure
+    frames: int
+    views: int
+    arc_deg: float
+    more_views_help: bool
+    last_seen_s: float
+    warnings: tuple[str, ...] = ()
