@@ -16,6 +16,7 @@ from edgetree.console import note, print_json, progress
 
 if TYPE_CHECKING:
     from edgetree.bench.speed import BenchResult
+    from edgetree.commands.frame_results import LeftOut
     from edgetree.frames.sources import Frame
     from edgetree.runtime.detector import TreeDetector
 
@@ -139,15 +140,22 @@ def _bench_one(
     as_json: bool,
 ) -> None:
     """Measure one model and print the figures."""
+    from edgetree.commands.frame_results import LeftOut
+
     detector, path = session.open_model(model)
-    images = _images(source, detector)
+    left_out = LeftOut(strict=source is None or not source.is_dir())
+    images = _images(source, detector, left_out)
+    left_out.check_some(len(images))
     result = _measure(detector, images, duration_s)
     record = _record(path, detector, len(images), result)
     if as_json:
         print_json(record)
+    else:
+        for name, value in _flat(record):
+            typer.echo(f"{name:26} {value}")
+    left_out.check_none(len(images))
+    if as_json:
         return
-    for name, value in _flat(record):
-        typer.echo(f"{name:26} {value}")
     note(f"next: edgetree run {source or 'IMAGE'} --model {model} --out pictures")
 
 
@@ -169,16 +177,17 @@ def _nodes(provider: str, operators: Mapping[str, int]) -> str:
     return f"{count} ({names})" if provider == "cpu" else str(count)
 
 
-def _images(source: Path | None, detector: TreeDetector) -> list[Any]:
+def _images(source: Path | None, detector: TreeDetector, left_out: LeftOut) -> list[Any]:
     """The first frames of the source in memory, as the model takes them."""
-    from edgetree.frames.pipeline import image_for, open_frames
+    from edgetree.frames.pipeline import image_for, open_frames, readable
     from edgetree.samples import sample_frames
 
     frames: Iterator[Frame]
     if source is None:
         frames = (sample.read() for sample in sample_frames())
     else:
-        frames = islice(open_frames(source, detector=detector), _MAX_FRAMES)
+        opened = open_frames(source, detector=detector)
+        frames = islice(readable(opened, left_out.add), _MAX_FRAMES)
     return [image_for(detector, frame) for frame in frames]
 
 

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
         Picture,
     )
     from calib.depth_scale import DepthScale, DepthScaleFailure
+    from edgetree.commands.frame_results import LeftOut
     from edgetree.frames.sources import FrameSource
 
 __all__ = ["calibrate"]
@@ -66,9 +67,10 @@ def calibrate(
     """Estimate a camera's focal length, centre and distortion with their standard deviations.
 
     If the calibration is not accurate enough for measuring, no file is written and the exit code
-    is 1.
+    is 1. Pictures of a folder that cannot be read are left out, with exit code 1 too.
     """
     from calib.boards import LENS_MODELS, parse_board
+    from edgetree.commands.frame_results import LeftOut
     from edgetree.errors import InputError
     from edgetree.frames.sources import open_source
     from edgetree.results.atomic_files import output_folder
@@ -81,12 +83,14 @@ def calibrate(
         raise InputError(f"--out is {out}: expected a file name ending in .json")
     printed_board, frames = parse_board(board), open_source(source)
     depth_frames = None if depth is None else open_source(source, depth)
+    left_out = LeftOut(strict=not source.is_dir())
     with output_folder(out.parent):
-        outcome = _solve(frames, depth_frames, printed_board, model)
+        outcome = _solve(frames, depth_frames, printed_board, model, left_out)
         written = outcome.write(out)
         if as_json:
             options = {"source": str(source), "board": board, "model": model}
             record = {**options, **outcome.record(), **written}
+            record |= {"left_out": left_out.reasons} if left_out.reasons else {}
             print_json({"schema": "edgetree.calibrate/1", **record})
         else:
             for line in outcome.lines():
@@ -95,6 +99,7 @@ def calibrate(
             if path is not None:
                 note(f"written: {path}")
         outcome.check()
+    left_out.check_none(outcome.sightings.pictures)
     scale = written["depth_scale_file"]
     scale_option = "" if scale is None else f" --depth-scale {quoted(scale)}"
     note(f"next: edgetree measure IMAGE --depth DEPTH --camera {quoted(out)}{scale_option}")
@@ -173,34 +178,41 @@ class _Outcome:
 
 
 def _solve(
-    frames: FrameSource, depth_frames: FrameSource | None, board: Board, model: str
+    frames: FrameSource,
+    depth_frames: FrameSource | None,
+    board: Board,
+    model: str,
+    left_out: LeftOut,
 ) -> _Outcome:
     from calib.boards import calibrate_camera, find_boards
 
-    seen = find_boards(_pictures(frames), board)
+    seen = find_boards(_pictures(frames, left_out), board)
+    left_out.check_some(seen.pictures)
     result = calibrate_camera(seen.views, (seen.width, seen.height), model)
     depth = None
     if depth_frames is not None and result:
-        depth = _depth_scale(depth_frames, seen, result)
+        depth = _depth_scale(depth_frames, seen, result, left_out)
     return _Outcome(seen, result, depth)
 
 
-def _pictures(frames: FrameSource) -> Iterator[Picture]:
+def _pictures(frames: FrameSource, left_out: LeftOut) -> Iterator[Picture]:
     import cv2
     import numpy as np
 
     from calib.boards import Picture
+    from edgetree.frames.pipeline import readable
 
-    for frame in track(frames, "looking for the board", frames.count):
+    for frame in track(readable(frames, left_out.add), "looking for the board", frames.count):
         if frame.image is not None:
             grey = cv2.cvtColor(frame.image, cv2.COLOR_BGR2GRAY)
             yield Picture(frame.name, np.asarray(grey, np.uint8), frame.time_s)
 
 
 def _depth_scale(
-    frames: FrameSource, seen: BoardDetections, result: Calibration
+    frames: FrameSource, seen: BoardDetections, result: Calibration, left_out: LeftOut
 ) -> DepthScale | DepthScaleFailure:
     from calib import fit_depth_scale, read_target
+    from edgetree.frames.pipeline import readable
 
     points_px = {view.name: view.image_px for view in seen.views}
     poses = {view.name: view.pose for view in result.views}
@@ -209,7 +221,7 @@ def _depth_scale(
             read_target(
                 frame.name, result.camera, poses[frame.name], points_px[frame.name], frame.depth_m
             )
-            for frame in track(frames, "reading depth", frames.count)
+            for frame in track(readable(frames, left_out.add), "reading depth", frames.count)
             if frame.name in poses and frame.depth_m is not None
         ]
     )

@@ -49,11 +49,13 @@ class LeftOut:
         self.reasons: list[str] = []
 
     def add(self, error: Exception) -> None:
-        """Leave out a frame and say why; with `strict`, raise the error instead."""
+        """Leave out a frame and say why, once; with `strict`, raise the error instead."""
         if self._strict:
             raise error
-        self.reasons.append(" ".join(str(error).split()))
-        note(f"left out: {self.reasons[-1]}")
+        reason = " ".join(str(error).split())
+        if reason not in self.reasons:
+            self.reasons.append(reason)
+            note(f"left out: {reason}")
 
     def check_some(self, results: int) -> None:
         """Raise InputError if all frames are left out."""

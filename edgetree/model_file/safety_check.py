@@ -161,16 +161,12 @@ class _Parser:
                 raise _Refused("contains functions or a training graph: expected one plain graph")
         if len(graphs) != 1:
             raise _NotOnnx(f"it has {len(graphs)} graphs")
-        for number, value in self._fields(graphs[0]):
-            if number in (11, 12):  # input, output
-                name, shape = self._value_info(_span(value))
-                (found.input_shapes if number == 11 else found.output_shapes)[name] = shape
-        self._parse_graph(graphs[0])
+        self._parse_graph(graphs[0], found)
         check_graph(self._nodes, found.input_shapes, self._constants)
         return found
 
-    def _parse_graph(self, span: _Span) -> None:
-        """Check all nodes and tensors of the graph, and collect them."""
+    def _parse_graph(self, span: _Span, found: ModelFile) -> None:
+        """Check all nodes and tensors of the graph, and collect them, inputs and outputs too."""
         for number, value in self._fields(span):
             if number == 1:  # node
                 self._nodes.append(self._node(_span(value)))
@@ -179,6 +175,9 @@ class _Parser:
                 if name in self._constants:
                     raise _Refused(f"has two constants {name[:100]!r}: expected unique names")
                 self._constants[name] = constant
+            elif number in (11, 12):  # input, output
+                name, shape = self._value_info(_span(value))
+                (found.input_shapes if number == 11 else found.output_shapes)[name] = shape
             elif number == 15:  # sparse_initializer
                 raise _Refused("contains a sparse tensor: expected dense tensors only")
 
@@ -301,27 +300,37 @@ class _Parser:
 
     def _fields(self, span: _Span) -> Iterator[tuple[int, int | _Span]]:
         """Yield (number, value) of each field; values other than varints as their byte range."""
+        data = self._data
         position, end = span
         while position < end:
             self._fields_left -= 1
             if self._fields_left < 0:
                 raise _Refused(f"has more than {_MAX_FIELDS} fields: expected fewer")
-            key, position = self._varint(position, end)
+            key = data[position]
+            if key < 0x80:  # nearly all keys and lengths are one byte
+                position += 1
+            else:
+                key, position = self._varint(position, end)
             number, kind = (key & 0xFFFF_FFFF) >> 3, key & 7  # some parsers use only 32 bits
-            if kind == 0:
+            if kind == 2:
+                length = data[position] if position < end else 0x80
+                if length < 0x80:
+                    position += 1
+                else:
+                    length, position = self._varint(position, end)
+            elif kind == 0:
                 value, position = self._varint(position, end)
                 yield number, value
                 continue
-            if kind == 2:
-                length, position = self._varint(position, end)
             elif kind in (1, 5):
                 length = 8 if kind == 1 else 4
             else:
                 raise _NotOnnx(f"no valid field at byte {position}")
-            if length > end - position:
+            field_end = position + length
+            if field_end > end:
                 raise _NotOnnx("it is truncated or damaged: a field reaches past its end")
-            yield number, (position, position + length)
-            position += length
+            yield number, (position, field_end)
+            position = field_end
 
     def _varint(self, position: int, end: int) -> tuple[int, int]:
         """Decode a varint: up to ten bytes of seven bits each, least significant first.

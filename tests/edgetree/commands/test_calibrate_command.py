@@ -116,6 +116,26 @@ def test_depth_images_give_scale_and_offset(
     assert re.search(r"^depth: true = \(1\.0\d+ ± 0\.\d+\) x reading", table.out, re.MULTILINE)
 
 
+def test_a_broken_picture_is_named_and_the_camera_is_written(
+    calibrate: Cli, board_files: Path, tmp_path: Path
+) -> None:
+    shutil.copytree(board_files / "pictures", tmp_path / "pictures")
+    shutil.copytree(board_files / "depth", tmp_path / "depth")
+    broken = tmp_path / "pictures" / "p05.png"
+    broken.write_text("no picture")
+    out = tmp_path / "camera.json"
+    options = ("--board", BOARD, "--out", out, "--depth", tmp_path / "depth")
+    done = calibrate(tmp_path / "pictures", *options, "--json")
+    assert done.code == 1
+    assert calib.load_camera(out).width == 640
+    lines = done.err.splitlines()
+    assert lines[0].startswith(f"left out: image {broken} cannot be read")
+    assert lines[-1] == "edgetree: 1 of 15 frame(s) left out, see above"
+    record = json.loads(done.out)
+    assert record["pictures"] == 14
+    assert record["left_out"] == [lines[0].removeprefix("left out: ")]
+
+
 def test_a_video_is_a_source(calibrate: Cli, board_files: Path, tmp_path: Path) -> None:
     video = tmp_path / "board.avi"
     writer = cv2.VideoWriter(str(video), cv2.VideoWriter.fourcc(*"MJPG"), 2.0, (640, 480))

@@ -73,6 +73,15 @@ def test_a_broken_image_is_named_and_the_others_are_kept(
     assert f"<h2>1 frame left out</h2><ul><li>image {mixed / 'aa.jpg'} cannot be read" in page
 
 
+def test_bench_measures_the_other_frames(run_cli: Cli, model: Path, mixed: Path) -> None:
+    done = run_cli("bench", mixed, "--model", model, "--seconds", 0, "--json")
+    assert done.code == 1
+    assert json.loads(done.out)["frames"] == 2
+    lines = done.err.splitlines()
+    assert lines[0].startswith(f"left out: image {mixed / 'aa.jpg'} cannot be read (8 bytes)")
+    assert lines[-1] == "edgetree: 1 of 3 frame(s) left out, see above"
+
+
 def test_a_frame_that_does_not_fit_the_camera_is_left_out(
     run_cli: Cli, model: Path, images: Path
 ) -> None:
