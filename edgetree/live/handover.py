@@ -1,0 +1,67 @@
+"""Pass values from one thread to another, one at a time."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from typing import Generic, TypeVar
+
+__all__ = ["Handover"]
+
+_T = TypeVar("_T")
+
+
+class Handover(Generic[_T]):
+    """Holds at most one value between the thread that puts and the thread that takes.
+
+    Args:
+        newest_only: whether a new value replaces one that nobody took, instead of waiting.
+
+    Attributes:
+        dropped: number of values that were replaced.
+    """
+
+    def __init__(self, *, newest_only: bool = False) -> None:
+        self._newest_only = newest_only
+        self._values: list[_T] = []
+        self._error: BaseException | None = None
+        self._is_ended = False
+        self._changed = threading.Condition()
+        self.dropped = 0
+
+    def put(self, value: _T) -> bool:
+        """Hand a value over; returns False if the other side has ended."""
+        with self._changed:
+            if self._newest_only and self._values:
+                self._values.clear()
+                self.dropped += 1
+            self._changed.wait_for(lambda: self._is_ended or not self._values)
+            if self._is_ended:
+                return False
+            self._values.append(value)
+            self._changed.notify_all()
+            return True
+
+    def end(self, error: BaseException | None = None) -> None:
+        """End the exchange, from either side. The other side takes what is left, then the error."""
+        with self._changed:
+            if not self._is_ended:
+                self._is_ended, self._error = True, error
+                self._changed.notify_all()
+
+    def __iter__(self) -> Iterator[_T]:
+        """Take the values until the end.
+
+        Raises:
+            BaseException: the error that the exchange was ended with.
+        """
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._is_ended or self._values)
+                if not self._values:
+                    if self._error is not None:
+                        raise self._error
+                    return
+                value = self._values.pop()
+                self._changed.notify_all()
+            yield value

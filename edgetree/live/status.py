@@ -1,0 +1,125 @@
+"""What a live pipeline tells about itself: rates, times per stage, and what was left out."""
+
+from __future__ import annotations
+
+import statistics
+import threading
+import time
+from collections import Counter, deque
+from dataclasses import dataclass, field
+from typing import Final, Literal
+
+__all__ = ["LiveStatus", "StatusRecorder"]
+
+_REMEMBERED: Final = 50  # results for rates and medians
+
+
+@dataclass(frozen=True)
+class LiveStatus:
+    """The state of a live pipeline.
+
+    Attributes:
+        state: "starting" before the first result; "running"; "lost" while the source does not
+            answer; "ended".
+        results: number of frames that have a result.
+        dropped: frames that were left out because newer ones had arrived.
+        left_out: frames that could not be used, by reason, with what the source left out itself.
+        lost: how many times the source was lost.
+        rate_hz: results per second, over the last 50; 0 before the second.
+        stages_ms: median time of each stage over the last 50 results, ms.
+        age_ms: median time from a frame's arrival to its result, likewise.
+        silent_s: time since the last result, s.
+    """
+
+    state: Literal["starting", "running", "lost", "ended"]
+    results: int
+    dropped: int
+    left_out: dict[str, int]
+    lost: int
+    rate_hz: float
+    stages_ms: dict[str, float]
+    age_ms: float
+    silent_s: float
+
+    def line(self) -> str:
+        """The state as one line of text."""
+        stages = ", ".join(f"{name} {value:.0f}" for name, value in self.stages_ms.items())
+        parts = [f"{self.state}: {self.results} frame(s), {self.rate_hz:.1f} per second"]
+        if stages:
+            parts.append(f"{self.age_ms:.0f} ms old ({stages} ms)")
+        if self.dropped:
+            parts.append(f"{self.dropped} dropped")
+        parts += [f"{count} left out: {reason}" for reason, count in self.left_out.items()]
+        if self.lost:
+            parts.append(f"source lost {self.lost} time(s)")
+        return ", ".join(parts)
+
+
+@dataclass
+class StatusRecorder:
+    """Collects the state of a pipeline. Thread-safe."""
+
+    is_lost: bool = False
+    is_ended: bool = False
+    lost: int = 0
+    results: int = 0
+    left_out: Counter[str] = field(default_factory=Counter)
+    _times_s: deque[float] = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
+    _stages: deque[dict[str, float]] = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
+    _ages_ms: deque[float] = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
+    _began_s: float = field(default_factory=time.monotonic)
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+
+    def add(self, stages_ms: dict[str, float], age_s: float) -> None:
+        """Count a result."""
+        with self._lock:
+            self.results += 1
+            self._times_s.append(time.monotonic())
+            self._stages.append(stages_ms)
+            self._ages_ms.append(age_s * 1000)
+
+    def leave_out(self, reason: str) -> int:
+        """Count a frame that could not be used; returns how many the reason has."""
+        with self._lock:
+            self.left_out[reason] += 1
+            return self.left_out[reason]
+
+    def lose_source(self) -> None:
+        """Count that the source was lost."""
+        with self._lock:
+            self.is_lost = True
+            self.lost += 1
+
+    def status(self, dropped: int, of_source: dict[str, int]) -> LiveStatus:
+        """The state now.
+
+        Args:
+            dropped: frames that were replaced by newer ones.
+            of_source: what the source left out.
+        """
+        with self._lock:
+            times, now = list(self._times_s), time.monotonic()
+            taken_s = times[-1] - times[0] if len(times) > 1 else 0.0
+            names = dict.fromkeys(name for stages in self._stages for name in stages)
+            stages_ms = {
+                name: statistics.median(row[name] for row in self._stages if name in row)
+                for name in names
+            }
+            return LiveStatus(
+                state=self._state(),
+                results=self.results,
+                dropped=dropped,
+                left_out={**self.left_out, **of_source},
+                lost=self.lost,
+                rate_hz=(len(times) - 1) / taken_s if taken_s > 0 else 0.0,
+                stages_ms=stages_ms,
+                age_ms=statistics.median(self._ages_ms) if self._ages_ms else 0.0,
+                silent_s=now - (times[-1] if times else self._began_s),
+            )
+
+    def _state(self) -> Literal["starting", "running", "lost", "ended"]:
+        if self.is_ended:
+            return "ended"
+        if self.is_lost:
+            return "lost"
+        return "running" if self.results else "starting"

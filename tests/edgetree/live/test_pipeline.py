@@ -1,0 +1,294 @@
+"""The live pipeline: what it drops, survives, counts, and how it ends."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from calib import PinholeCamera
+from edgetree.errors import InputError, ModelFileError
+from edgetree.live.frames import LiveFrame, SourceLost
+from edgetree.live.pipeline import LivePipeline
+from edgetree.live.sources.pacing import PacedSource
+from edgetree.live.tracking import StemTracker
+from edgetree.model_file.manifest import Manifest
+from edgetree.runtime.detector import TreeDetector
+from edgetree.runtime.session import Arrays, FakeSession
+
+CAMERA = PinholeCamera(640, 360, 400.0, 400.0, 319.5, 179.5)
+PATIENCE_S = 10.0
+
+
+class Source:
+    """A source that yields given frames; an exception among them is raised."""
+
+    def __init__(
+        self, items: Iterable[Any], *, is_live: bool = False, every_s: float = 0.0
+    ) -> None:
+        self.name = "test source"
+        self.is_live = is_live
+        self.counts: dict[str, int] = {}
+        self.closed = threading.Event()
+        self._items = items
+        self._every_s = every_s
+
+    def __iter__(self) -> Iterator[LiveFrame]:
+        for item in self._items:
+            if self.closed.wait(self._every_s):
+                return
+            if isinstance(item, Exception):
+                raise item
+            yield item
+
+    def close(self) -> None:
+        self.closed.set()
+
+
+def colour(number: int, **changes: Any) -> LiveFrame:
+    depth_m = np.tile(np.linspace(3.9, 4.1, 640, dtype=np.float32), (360, 1))
+    values = {"image": np.zeros((360, 640, 3), np.uint8), "depth_m": depth_m, "camera": CAMERA}
+    return LiveFrame(number=number, time_s=number / 10, **(values | changes))
+
+
+@pytest.fixture
+def detector(rgb_manifest: Manifest, two_trees: dict[str, Any]) -> TreeDetector:
+    return TreeDetector(FakeSession.with_trees(rgb_manifest, **two_trees))
+
+
+def calling(detector: TreeDetector, function: Callable[[Arrays], object]) -> TreeDetector:
+    """A detector that calls a function before each detection."""
+    found = detector.session.run
+
+    def run(inputs: Arrays) -> Arrays:
+        function(inputs)
+        return found(inputs)
+
+    return TreeDetector(FakeSession(detector.manifest, run))
+
+
+def opening(*sources: Any) -> Callable[[], Any]:
+    """A function that opens one source after the other; an exception is raised."""
+    left = list(sources)
+
+    def opened() -> Any:
+        source = left.pop(0)
+        if isinstance(source, Exception):
+            raise source
+        return source
+
+    return opened
+
+
+def test_a_recording_gives_every_frame_in_order(detector: TreeDetector) -> None:
+    source = Source([colour(number) for number in range(20)])
+    late = calling(detector, lambda _: time.sleep(0.01))
+    results = list(LivePipeline(opening(source), late))
+    assert [result.frame.number for result in results] == list(range(20))
+    assert all(len(result.trees) == 1 for result in results)
+    assert all(result.measurements[0].distance_m for result in results)
+    assert set(results[-1].stages_ms) == {"read", "detect", "measure", "track"}
+    assert results[-1].stages_ms["detect"] >= 10
+    assert source.closed.is_set()
+
+
+def test_a_camera_gives_its_newest_frame_and_counts_the_dropped(detector: TreeDetector) -> None:
+    all_read, source_read = threading.Event(), []
+
+    def read() -> Iterator[LiveFrame]:
+        for number in range(20):
+            source_read.append(number)
+            yield colour(number)
+        all_read.set()
+
+    def wait_for_all(_: Arrays) -> None:
+        assert all_read.wait(PATIENCE_S)
+
+    pipeline = LivePipeline(opening(Source(read(), is_live=True)), calling(detector, wait_for_all))
+    numbers = [result.frame.number for result in pipeline]
+    # The frame in detection and the newest one. The first may be replaced before it is detected.
+    assert numbers[-1] == 19
+    assert len(numbers) <= 2
+    assert pipeline.status.dropped == 20 - len(numbers)
+    assert len(source_read) == 20
+
+
+def test_detection_goes_on_while_the_caller_works(detector: TreeDetector) -> None:
+    begun = threading.Semaphore(0)
+    results = iter(
+        LivePipeline(
+            opening(Source(map(colour, range(10)))), calling(detector, lambda _: begun.release())
+        )
+    )
+    next(results)
+    for _ in range(2):  # of the first frame, and of the next one while the caller has the first
+        assert begun.acquire(timeout=PATIENCE_S)
+    results.close()
+
+
+def test_a_lost_camera_is_opened_again(
+    detector: TreeDetector, caplog: pytest.LogCaptureFixture
+) -> None:
+    lost = SourceLost("camera 0 does not answer")
+    first = Source([colour(0), colour(1), lost], is_live=True, every_s=0.05)
+    second = Source([colour(2), colour(3)], is_live=True, every_s=0.05)
+    open_source = opening(first, InputError("no camera 0"), InputError("no camera 0"), second)
+    pipeline = LivePipeline(open_source, detector, reopen_s=0.02)
+    assert [result.frame.number for result in pipeline] == [0, 1, 2, 3]
+    assert pipeline.status.lost == 1
+    assert first.closed.is_set()
+    assert caplog.messages == [
+        "camera 0 does not answer; opening it again every 0.02 s",
+        "test source is back",
+    ]
+
+
+def test_the_state_says_that_the_source_is_lost(detector: TreeDetector) -> None:
+    source = Source([colour(0), SourceLost("gone")], is_live=True)
+    missing = [InputError("no camera")] * 1000
+    pipeline = LivePipeline(opening(source, *missing), detector, reopen_s=0.02)
+    results = iter(pipeline)
+    next(results)
+    waiting = threading.Thread(target=lambda: list(results))
+    waiting.start()
+    deadline = time.monotonic() + PATIENCE_S
+    while pipeline.status.state != "lost" and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert pipeline.status.state == "lost"
+    assert "source lost 1 time(s)" in pipeline.status.line()
+    pipeline.stop()
+    waiting.join(PATIENCE_S)
+    assert not waiting.is_alive()
+
+
+def test_stopping_ends_all(detector: TreeDetector) -> None:
+    source = Source(map(colour, range(10_000)), every_s=0.001)
+    pipeline = LivePipeline(opening(source), detector)
+    threads = threading.active_count()
+    results = iter(pipeline)
+    next(results)
+    pipeline.stop()
+    assert len(list(results)) <= 1
+    assert source.closed.is_set()
+    assert threading.active_count() == threads
+    assert pipeline.status.state == "ended"
+
+
+def test_leaving_the_loop_ends_the_threads(detector: TreeDetector) -> None:
+    source = Source(map(colour, range(10_000)))
+    threads = threading.active_count()
+    results = iter(LivePipeline(opening(source), detector))
+    next(results)
+    results.close()
+    assert threading.active_count() == threads
+    assert source.closed.is_set()
+
+
+def test_frames_that_do_not_fit_are_counted(
+    detector: TreeDetector, caplog: pytest.LogCaptureFixture
+) -> None:
+    frames = [colour(0), colour(1, image=None), colour(2), colour(3, image=None), colour(4)]
+    pipeline = LivePipeline(opening(Source(frames)), detector)
+    assert [result.frame.number for result in pipeline] == [0, 2, 4]
+    assert pipeline.status.left_out == {"without colour, which the model takes": 2}
+    assert len(caplog.messages) == 1
+
+
+def test_what_the_source_left_out_is_in_the_status(detector: TreeDetector) -> None:
+    source = Source([colour(0)])
+    source.counts["colour without depth"] = 3
+    pipeline = LivePipeline(opening(source), detector)
+    list(pipeline)
+    assert pipeline.status.left_out == {"colour without depth": 3}
+    assert "3 left out: colour without depth" in pipeline.status.line()
+
+
+MISSING = {
+    "depth": ({"depth_m": None}, "need depth with each frame"),
+    "camera": ({"camera": None}, "need the camera: pass --camera"),
+}
+
+
+@pytest.mark.parametrize("what", MISSING)
+def test_metres_need_depth_and_a_camera(detector: TreeDetector, what: str) -> None:
+    changes, reason = MISSING[what]
+    (result,) = LivePipeline(opening(Source([colour(0, **changes)])), detector)
+    assert result.metres_need == reason
+    assert result.measurements is None
+    assert len(result.trees) == 1
+
+
+def test_depth_in_millimetres_is_a_reason_not_metres(detector: TreeDetector) -> None:
+    depth = np.tile(np.linspace(3900, 4100, 640, dtype=np.float32), (360, 1))
+    (result,) = LivePipeline(opening(Source([colour(0, depth_m=depth)])), detector)
+    assert "look like millimetres" in result.measurements[0].diameter_m.reason
+
+
+ENDS = {
+    "the source cannot be opened": (opening(InputError("no such bag")), InputError, "no such bag"),
+    "the source cannot be read": (
+        opening(Source([colour(0), InputError("cut off")])),
+        InputError,
+        "cut off",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", ENDS)
+def test_errors_of_the_source_reach_the_caller(detector: TreeDetector, case: str) -> None:
+    open_source, kind, message = ENDS[case]
+    threads = threading.active_count()
+    with pytest.raises(kind, match=message):
+        list(LivePipeline(open_source, detector))
+    assert threading.active_count() == threads
+
+
+def test_errors_of_the_model_reach_the_caller(rgb_manifest: Manifest) -> None:
+    def fail(_: Arrays) -> Arrays:
+        raise ModelFileError("model x failed")
+
+    detector = TreeDetector(FakeSession(rgb_manifest, fail))
+    source = Source(map(colour, range(10_000)))
+    with pytest.raises(ModelFileError, match="model x failed"):
+        list(LivePipeline(opening(source), detector))
+    assert source.closed.is_set()
+
+
+def test_a_tracker_may_be_given(detector: TreeDetector) -> None:
+    class Counting(StemTracker):
+        frames = 0
+
+        def update(self, *arguments: Any) -> list[Any]:
+            self.frames += 1
+            return []
+
+    tracker = Counting()
+    list(LivePipeline(opening(Source([colour(0), colour(1)])), detector, tracker=tracker))
+    assert tracker.frames == 2
+
+
+def test_a_recording_plays_no_faster_than_it_was_made() -> None:
+    source = PacedSource(Source([colour(number) for number in (0, 1, 2, 4)]))
+    start = time.monotonic()
+    arrived = [time.monotonic() - start for _ in source]
+    assert source.is_live
+    assert all(at >= due - 0.001 for at, due in zip(arrived, (0, 0.1, 0.2, 0.4), strict=True)), (
+        arrived
+    )
+
+
+def test_a_jump_of_the_clock_does_not_stop_the_recording() -> None:
+    frames = [colour(0), LiveFrame(1, 1e9, None), LiveFrame(2, 0.2, None)]
+    assert len(list(PacedSource(Source(frames)))) == 3
+
+
+def test_closing_ends_a_wait() -> None:
+    source = PacedSource(Source([LiveFrame(0, 0.0, None), LiveFrame(1, 4.0, None)]))
+    frames = iter(source)
+    next(frames)
+    threading.Timer(0.1, source.close).start()
+    assert next(frames, None) is None
