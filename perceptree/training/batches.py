@@ -6,11 +6,16 @@ run continues with the same batches.
 
 from __future__ import annotations
 
+import atexit
+import multiprocessing
+import os
 import signal
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
+from multiprocessing.synchronize import Event
+from types import FrameType
 from typing import Any
 
 import cv2
@@ -150,12 +155,15 @@ def make_loader(
         pinned: Whether batches are put in page-locked memory, for copying to a GPU.
     """
     ahead = {"prefetch_factor": _PREFETCH_BATCHES, "persistent_workers": True} if workers else {}
+    ending = multiprocessing.Event()
+    if workers:
+        atexit.register(ending.set)  # runs before multiprocessing ends the workers by SIGTERM
     return DataLoader(
         frames,
         batch_sampler=sampler,
         collate_fn=collate,
         num_workers=workers,
-        worker_init_fn=_start_worker,
+        worker_init_fn=partial(_start_worker, ending),
         pin_memory=pinned,
         **ahead,  # type: ignore[arg-type]
     )
@@ -171,10 +179,15 @@ def prefetch_one(batches: Iterator[Batch]) -> Iterator[Batch]:
             yield batch
 
 
-def _start_worker(number: int) -> None:
-    """Use one thread, and leave Ctrl-C and SIGTERM to the main process."""
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.SIG_IGN)
+def _start_worker(ending: Event, worker: int) -> None:
+    """Use one thread, and leave Ctrl-C and SIGTERM to the main process until it ends itself."""
+
+    def end(number: int, frame: FrameType | None) -> None:
+        if ending.is_set():
+            os._exit(0)
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, end)
     torch.set_num_threads(1)
     cv2.setNumThreads(0)
 

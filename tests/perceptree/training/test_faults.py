@@ -89,6 +89,20 @@ def test_killed_at_any_step_it_ends_with_the_same_weights(
     assert [name for name in one if not torch.equal(one[name], two[name])] == []
 
 
+def test_a_finished_training_ends_its_workers(posts: Path, tmp_path: Path) -> None:
+    script = (
+        "import sys\nfrom pathlib import Path\nfrom perceptree.models import make_spec\n"
+        "from perceptree.training import Engine, TrainSettings, train\n"
+        "spec = make_spec('edge-n', 'depth', 64, 128, fpn_width=16, box_head_width=16,"
+        " masks=False, keypoints=False)\n"
+        "plan = TrainSettings(steps=1, batch=2, warmup_steps=1, evaluate_every_steps=100)\n"
+        "train(spec, plan, Path(sys.argv[1]), Path(sys.argv[2]),"
+        " engine=Engine(precision='fp32', workers=1))\n"
+    )
+    command = [sys.executable, "-c", script, str(posts), str(tmp_path / "run")]
+    subprocess.run(command, check=True, timeout=300)
+
+
 @pytest.mark.slow
 def test_the_workers_end_with_a_killed_trainer(posts: Path, tmp_path: Path) -> None:
     script = (

@@ -1,0 +1,296 @@
+"""`edgetree live`: follow the trees in front of a camera, or in a recording."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
+
+import typer
+
+from edgetree.commands.option_groups import RigOptions, SessionOptions, expand_groups
+from edgetree.commands.options import (
+    Camera,
+    Model,
+    Mounting,
+    ScoreThreshold,
+    SpeciesName,
+    StumpHeight,
+    Up,
+)
+from edgetree.console import note
+
+if TYPE_CHECKING:
+    from edgetree.live.frames import LiveSource
+    from edgetree.live.page import PageServer
+    from edgetree.live.pipeline import LivePipeline
+    from edgetree.live.sinks import Sink
+
+__all__ = ["live"]
+
+_STATUS_EVERY_S: Final = 5.0
+_TOPIC_ROLES: Final = ("colour", "depth", "camera", "depth_camera", "imu")
+
+_Source: TypeAlias = Annotated[
+    str,
+    typer.Argument(
+        metavar="SOURCE",
+        help="A ROS 1 or ROS 2 bag or MCAP file; a video, a folder of images or a simulated drive;"
+        " a camera: a number, /dev/videoN, rtsp://..., http://..., realsense, oak or orbbec.",
+    ),
+]
+_DepthScaleM: TypeAlias = Annotated[
+    float | None,
+    typer.Option(
+        "--depth-scale",
+        metavar="M_PER_UNIT",
+        help="Metres per unit of depth. If not given: 0.001 for 16-bit depth, 1 for 32-bit depth,"
+        " or what the camera says.",
+    ),
+]
+_Topic: TypeAlias = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="ROLE=NAME",
+        help="Topic of a recording for a role: colour, depth, camera, depth_camera or imu. If not"
+        " given, topics are found by their type.",
+    ),
+]
+_AsLive: TypeAlias = Annotated[
+    bool,
+    typer.Option(
+        "--as-live",
+        help="Play a recording at its own pace and leave out frames that are not taken in time, as"
+        " of a camera. Otherwise every frame is used, as fast as possible.",
+    ),
+]
+_Loop: TypeAlias = Annotated[
+    bool, typer.Option("--loop", help="Play a recording again and again, until Ctrl-C.")
+]
+_Frames: TypeAlias = Annotated[int | None, typer.Option(min=1, help="End after this many results.")]
+_Page: TypeAlias = Annotated[
+    bool, typer.Option("--page", help="Serve a page with picture, stems and plan for a browser.")
+]
+_Host: TypeAlias = Annotated[
+    str,
+    typer.Option(
+        help="Address that the page listens on. Any other than this machine's own needs a token."
+    ),
+]
+_Port: TypeAlias = Annotated[int, typer.Option(help="Port of the page; 0 for any free one.")]
+_Token: TypeAlias = Annotated[
+    str | None,
+    typer.Option(help="Token that the page asks for; a random one if needed and not given."),
+]
+_JsonLines: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(help="File for the JSON lines, instead of stdout (with --page: nowhere)."),
+]
+_CsvFile: TypeAlias = Annotated[
+    Path | None, typer.Option("--csv", help="CSV file to write, one row per stem and frame.")
+]
+_Map: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", help="Map of the stems to write at the end: .geojson or .gpkg."),
+]
+_Udp: TypeAlias = Annotated[
+    str | None,
+    typer.Option(metavar="HOST:PORT", help="Send a datagram with the stems for each frame."),
+]
+_Mqtt: TypeAlias = Annotated[
+    str | None,
+    typer.Option(metavar="HOST:PORT/TOPIC", help="Publish the stems of each frame by MQTT."),
+]
+
+
+@dataclass(frozen=True)
+class _SourceOptions:
+    """The options about the source."""
+
+    topic: _Topic = None
+    depth_scale: _DepthScaleM = None
+    as_live: _AsLive = False
+    loop: _Loop = False
+
+    def open(self, source: str, takes_depth: bool) -> LiveSource:
+        """Open the source for a model that takes depth, or colour."""
+        from edgetree.live.sources.opening import open_live_source
+        from edgetree.live.sources.pacing import PacedSource
+
+        opened = open_live_source(
+            source,
+            topics=self.topics(),
+            depth_scale_m=self.depth_scale,
+            loop=self.loop,
+        )
+        return PacedSource(opened) if self.as_live and not opened.is_live else opened
+
+    def topics(self) -> dict[str, str]:
+        """The topics by role.
+
+        Raises:
+            InputError: a value has another form, or the role is unknown.
+        """
+        from edgetree.errors import InputError
+
+        found: dict[str, str] = {}
+        for text in self.topic or ():
+            role, equals, name = text.partition("=")
+            if not (equals and name and role in _TOPIC_ROLES):
+                raise InputError(
+                    f"--topic is {text!r}: expected ROLE=NAME, where ROLE is"
+                    f" {', '.join(_TOPIC_ROLES[:-1])} or {_TOPIC_ROLES[-1]}"
+                )
+            found[role] = name
+        return found
+
+
+@dataclass(frozen=True)
+class _MetresOptions:
+    """The options about the measurement."""
+
+    camera: Camera = None
+    up: Up = None
+    mounting: Mounting = None
+    stump_height: StumpHeight = None
+    species: SpeciesName = None
+
+    def as_rig_options(self) -> RigOptions:
+        """The same options as other commands have them."""
+        return RigOptions(
+            up=self.up,
+            mounting=self.mounting,
+            stump_height=self.stump_height,
+            species=self.species,
+        )
+
+
+@dataclass(frozen=True)
+class _PageOptions:
+    """The options of the page."""
+
+    page: _Page = False
+    host: _Host = "127.0.0.1"
+    port: _Port = 8420
+    token: _Token = None
+
+    @contextmanager
+    def serving(self) -> Iterator[PageServer | None]:
+        """Serve the page during a block; yields None if it is not wanted."""
+        if not self.page:
+            yield None
+            return
+        from edgetree.live.page import PageServer
+
+        with PageServer(self.host, self.port, self.token) as page:
+            note(f"page: {page.address}")
+            yield page
+
+
+@dataclass(frozen=True)
+class _Outputs:
+    """The options for outputs."""
+
+    jsonl: _JsonLines = None
+    csv: _CsvFile = None
+    map: _Map = None
+    udp: _Udp = None
+    mqtt: _Mqtt = None
+
+    def open(self, stack: ExitStack, to_stdout: bool) -> list[Sink]:
+        """Open all outputs; the stack closes them."""
+        from edgetree.live.sinks import open_sinks
+
+        return open_sinks(
+            stack,
+            jsonl=self.jsonl,
+            csv=self.csv,
+            stem_map=self.map,
+            udp=self.udp,
+            mqtt=self.mqtt,
+            to_stdout=to_stdout,
+        )
+
+
+@expand_groups
+def live(
+    source: _Source,
+    *,
+    model: Model = "depth",
+    metres: _MetresOptions,
+    source_options: _SourceOptions,
+    page_options: _PageOptions,
+    outputs: _Outputs,
+    score_threshold: ScoreThreshold = 0.5,
+    session: SessionOptions,
+    frames: _Frames = None,
+) -> None:
+    """Find, measure and follow the trees in front of a camera, or in a recording.
+
+    Stems keep their number from frame to frame, and all views of a stem are combined into one
+    diameter with its interval. Prints one JSON line per frame on stdout. Ctrl-C and SIGTERM end it
+    with everything written.
+    """
+    from edgetree.live.pipeline import LivePipeline
+    from edgetree.results.atomic_files import check_paths
+
+    check_paths(
+        {"--jsonl": outputs.jsonl, "--csv": outputs.csv, "--map": outputs.map},
+        {"source": Path(source), **metres.as_rig_options().files(metres.camera)},
+    )
+    rig_options = metres.as_rig_options()
+    rig, settings = rig_options.rig(metres.camera, None), rig_options.settings()
+    detector, _ = session.open_model(model, score_threshold)
+    takes_depth = detector.manifest.takes_depth
+    pipeline = LivePipeline(
+        lambda: source_options.open(source, takes_depth), detector, rig=rig, settings=settings
+    )
+    with _warnings_shown(), ExitStack() as stack:
+        page = stack.enter_context(page_options.serving())
+        sinks = outputs.open(stack, to_stdout=outputs.jsonl is None and page is None)
+        _follow(pipeline, sinks, page, frames)
+
+
+def _follow(
+    pipeline: LivePipeline, sinks: list[Sink], page: PageServer | None, most: int | None
+) -> None:
+    """Hand each result to all outputs, and say every few seconds how it goes."""
+    from calib.interrupts import interrupt_afterwards
+
+    results = iter(pipeline)
+    said_s = time.monotonic()
+    try:
+        for number, result in enumerate(results, 1):
+            with interrupt_afterwards():
+                for sink in sinks:
+                    sink.write(result)
+                if page is not None:
+                    page.publish(result)
+            if time.monotonic() - said_s > _STATUS_EVERY_S:
+                note(pipeline.status.line())
+                said_s = time.monotonic()
+            if number == most:
+                break
+    finally:
+        results.close()  # type: ignore[attr-defined]
+        note(pipeline.status.line())
+
+
+@contextmanager
+def _warnings_shown() -> Iterator[None]:
+    """Print what the package logs, from warnings on, as notes."""
+
+    class Notes(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            note(record.getMessage())
+
+    log, handler = logging.getLogger("edgetree"), Notes(logging.WARNING)
+    log.addHandler(handler)
+    try:
+        yield
+    finally:
+        log.removeHandler(handler)
