@@ -13,6 +13,7 @@ from edgetree.errors import InputError
 from edgetree.live.frames import LiveFrame, LiveSource
 from edgetree.live.sources.assembly import Assembly
 from edgetree.live.sources.bags import Bag, BrokenRecording, Message, open_bag
+from edgetree.live.sources.loop import Looped, RisingClock
 from edgetree.live.sources.messages import stamp_ns
 from edgetree.live.sources.pairing import Pair, Pairing, Picture, StampCheck
 from edgetree.live.sources.topics import Modality, Streams, choose_streams
@@ -57,7 +58,8 @@ def open_recording(
             topic is meant.
         MissingDependency: rosbags is not installed.
     """
-    return _Recording(path, topics or {}, depth_scale_m, modality, loop)
+    recording = _Recording(path, topics or {}, depth_scale_m, modality)
+    return Looped(recording) if loop else recording
 
 
 class _Recording:
@@ -71,15 +73,12 @@ class _Recording:
         topics: Mapping[str, str],
         depth_scale_m: float | None,
         modality: Modality,
-        loop: bool,
     ) -> None:
         self.name = str(path)
         self._counts = Counter[str]()
         self.counts: dict[str, int] = self._counts
-        self._path, self._scale_m, self._loop = path, depth_scale_m, loop
+        self._path, self._scale_m = path, depth_scale_m
         self._is_closed = threading.Event()
-        self._clock = _RisingClock()
-        self._number = 0
         with open_bag(path) as bag:
             self._streams = choose_streams(bag, topics, modality)
             if bag.is_cut_off:
@@ -88,37 +87,33 @@ class _Recording:
         self._log_choice()
 
     def __iter__(self) -> Iterator[LiveFrame]:
-        while not self._is_closed.is_set():
-            is_empty = True
-            for frame in self._one_pass():
-                is_empty = False
-                yield frame
-            if is_empty and not self._is_closed.is_set():
-                raise InputError(self._nothing())
-            if not self._loop:
-                return
-            self._clock.restart()
+        is_empty = True
+        for frame in self._frames():
+            is_empty = False
+            yield frame
+        if is_empty and not self._is_closed.is_set():
+            raise InputError(self._nothing())
 
     def close(self) -> None:
         """End an iteration in progress, which closes the file."""
         self._is_closed.set()
 
-    def _one_pass(self) -> Iterator[LiveFrame]:
-        is_empty = True
+    def _frames(self) -> Iterator[LiveFrame]:
+        clock = RisingClock()
+        number = 0
         try:
             with open_bag(self._path) as bag:
                 one_pass = _Pass(bag, self._streams, self._scale_m, self._counts)
                 for pair in one_pass.pairs():
                     if self._is_closed.is_set():
                         return
-                    time_s = self._clock.rising_s(pair.leading.stamp / _NS_PER_S)
-                    frame = one_pass.assembly.frame(self._number, time_s, pair)
-                    self._number += 1
+                    time_s = clock.rising_s(pair.leading.stamp / _NS_PER_S)
+                    frame = one_pass.assembly.frame(number, time_s, pair)
+                    number += 1
                     if frame is not None:
-                        is_empty = False
                         yield frame
         except BrokenRecording as error:
-            if is_empty:
+            if not number:
                 raise
             self.counts["ended early"] += 1
             _log.warning("%s; the frames before were read", error)
@@ -220,33 +215,6 @@ class _Pass:
         if self._pairing is not None:
             return self._pairing.add(role, picture, is_jump=state == "jump")
         return [Pair(picture, None) if role == "colour" else Pair(None, picture)]
-
-
-class _RisingClock:
-    """Turns time stamps into ones that never fall: after a jump back they go on from the last."""
-
-    def __init__(self) -> None:
-        self._offset_s = 0.0
-        self._last_s: float | None = None
-        self._step_s = _DEFAULT_PERIOD_NS / _NS_PER_S
-        self._is_new = False
-
-    def restart(self) -> None:
-        """The next stamp is the first of another pass."""
-        self._is_new = True
-
-    def rising_s(self, stamp_s: float) -> float:
-        """The stamp, moved so that it is later than the one before."""
-        time_s = stamp_s + self._offset_s
-        if self._last_s is not None:
-            if self._is_new or time_s <= self._last_s:
-                self._offset_s += self._last_s + self._step_s - time_s
-                time_s = self._last_s + self._step_s
-            else:
-                self._step_s = min(time_s - self._last_s, 1.0)
-        self._is_new = False
-        self._last_s = time_s
-        return time_s
 
 
 def _period_ns(bag: Bag, images: list[str]) -> int:
