@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 __all__ = ["GravityFilter"]
 
+# Sway and braking average out over some seconds; a gyroscope bridges them, but drifts over more.
 _TIME_CONSTANT_S: Final = 1.0
+_TIME_CONSTANT_WITH_GYRO_S: Final = 3.0
 _MAX_STEP_S: Final = 0.5  # after a longer gap the filter starts anew
 _KEPT_S: Final = 2.0
 _MAX_AGE_S: Final = 0.5
@@ -45,7 +47,7 @@ class GravityFilter:
         Args:
             time_s: time of the sample, s.
             acceleration: (3,) measured acceleration in the IMU's frame.
-            turn_rad_per_s: (3,) turn rates about the same axes; None without a gyroscope.
+            turn_rad_per_s: (3,) turn rates about the same axes; None or zeros without a gyroscope.
         """
         if not np.isfinite(acceleration).all() or not acceleration.any():
             return
@@ -54,10 +56,13 @@ class GravityFilter:
             self._history.clear()
             self._level, self._samples = np.array(acceleration, np.float64), 1
         else:
-            if turn_rad_per_s is not None and np.isfinite(turn_rad_per_s).all():
-                self._level = self._level - np.cross(turn_rad_per_s, self._level) * step_s
+            constant_s = _TIME_CONSTANT_S
+            turn = turn_rad_per_s
+            if turn is not None and turn.any() and np.isfinite(turn).all():
+                constant_s = _TIME_CONSTANT_WITH_GYRO_S
+                self._level = self._level - np.cross(turn, self._level) * step_s
             self._samples += 1
-            share = max(step_s / (_TIME_CONSTANT_S + step_s), 1 / self._samples)
+            share = max(step_s / (constant_s + step_s), 1 / self._samples)
             self._level = self._level + share * (acceleration - self._level)
         self._history.append((time_s, self._level))
         while self._history[0][0] < time_s - _KEPT_S:

@@ -154,7 +154,9 @@ def test_units_of_depth(bags: Any, tmp_path: Path) -> None:
     np.testing.assert_allclose(quarter, frame.depth / 4000, rtol=1e-6)
     with pytest.raises(InputError, match=r"millimetres: divide by 1000, or pass depth_scale_m"):
         first("mm", metres * 1000, "32FC1")
-    np.testing.assert_allclose(first("mm2", metres * 1000, "32FC1", 0.001).depth_m, floats, rtol=1e-6)
+    np.testing.assert_allclose(
+        first("mm2", metres * 1000, "32FC1", 0.001).depth_m, floats, rtol=1e-6
+    )
 
 
 def test_quantised_float_depth_is_decoded(bags: Any, tmp_path: Path) -> None:
