@@ -10,6 +10,7 @@ import heapq
 from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, NamedTuple
@@ -195,6 +196,7 @@ def _readers(path: Path) -> list[Any]:
     return [rosbag2.Reader(mcap_file(file)) for file in files]
 
 
+@cache
 def _typestore(*, is_ros1: bool) -> Any:
     from rosbags.typesys import Stores, get_typestore
 

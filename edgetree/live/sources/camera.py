@@ -47,6 +47,7 @@ def open_camera(
     Raises:
         SourceLost: the camera does not answer.
         InputError: OpenCV was built without GStreamer.
+        CameraError: during iteration, if `camera` is for another aspect ratio.
     """
     up = None if up_camera is None else unit_vector(up_camera)
     return _Camera(address, camera, up)
@@ -85,12 +86,7 @@ class _Camera:
                 newest, self._newest = self._newest, None
             if newest is None:
                 raise SourceLost(f"{self.name} sends no frames any more: expected it to be there")
-            number, time_s, picture = newest
-            image = bgr_image(picture, "bgr", f"picture of {self.name}")
-            camera = self._camera
-            if camera is not None:
-                camera = camera.scaled(image.shape[1], image.shape[0])
-            yield LiveFrame(number, time_s, image, None, camera, self._up)
+            yield self._frame(*newest)
 
     def close(self) -> None:
         """Release the camera, within a second."""
@@ -99,6 +95,16 @@ class _Camera:
             self._changed.notify_all()
         # A reader that waits for a dead network releases the camera when its wait ends.
         self._reader.join(_CLOSE_TIMEOUT_S)
+
+    def _frame(self, number: int, time_s: float, picture: NDArray[Any]) -> LiveFrame:
+        image = bgr_image(picture, "bgr", f"picture of {self.name}")
+        camera = self._camera
+        if camera is not None:
+            try:
+                camera = camera.scaled(image.shape[1], image.shape[0])
+            except calib.CameraError as error:
+                raise calib.CameraError(f"{self.name}: {error}") from error
+        return LiveFrame(number, time_s, image, None, camera, self._up)
 
     def _has_news(self) -> bool:
         return self._is_closed or self._is_lost or self._newest is not None
