@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("calib", "edgetree", "perceptree")
 TRAINING_STACK = {"torch", "torchvision", "timm", "pycocotools", "safetensors", "numba"}
 HEAVY = TRAINING_STACK | {"matplotlib", "onnx", "onnxruntime", "onnxscript", "perceptree", "PIL"}
-HEAVY |= {"cryptography", "rosbags", "pyrealsense2"}
+HEAVY |= {"cryptography", "rosbags", "pyrealsense2", "depthai", "pyorbbecsdk"}
 MAY_IMPORT = {
     "calib": {"calib", "numpy", "cv2", "yaml"},
     "perceptree": TRAINING_STACK | {"perceptree", "calib", "numpy", "cv2", "typer", "matplotlib"},

@@ -15,6 +15,7 @@ from edgetree.live.sources.camera import open_camera
 from edgetree.live.sources.drive import is_drive, open_drive
 from edgetree.live.sources.files import open_files
 from edgetree.live.sources.loop import Looped
+from edgetree.live.sources.oak import open_oak
 from edgetree.live.sources.realsense import open_realsense
 from edgetree.live.sources.recording import open_recording
 from edgetree.live.sources.topics import Modality
@@ -27,7 +28,7 @@ SOURCE_FORMS: Final = (
     " folder of images, or a video"
 )
 
-_VENDORS: Final = ("realsense",)
+_VENDORS: Final = {"realsense": open_realsense, "oak": open_oak}
 _OPTION_SOURCES: Final = {
     "topics": "recordings",
     "depth_scale_m": "recordings",
@@ -70,7 +71,8 @@ def open_live_source(
         MissingDependency: the package for the source is not installed.
     """
     name = text.strip()
-    is_camera = name in _VENDORS or _ADDRESS.match(name) or _DEVICE.fullmatch(name) or "!" in name
+    is_camera = name in _VENDORS or "!" in name or bool(_ADDRESS.match(name))
+    is_camera = is_camera or _DEVICE.fullmatch(name) is not None
     path = Path(name)
     is_recording = not is_camera and is_bag(path)
     _check_options(
@@ -98,8 +100,8 @@ def open_live_source(
 
 
 def _open_camera(name: str, rig: Rig) -> LiveSource:
-    if name == "realsense":
-        return open_realsense(up_camera=rig.up_camera)
+    if name in _VENDORS:
+        return _VENDORS[name](up_camera=rig.up_camera)
     device = _DEVICE.fullmatch(name)
     address = name if device is None else int(device[1])
     return open_camera(address, camera=rig.camera, up_camera=rig.up_camera)

@@ -21,17 +21,20 @@ from edgetree.live.sources.opening import open_live_source
         ("rtsp://camera/1", "open_camera", "rtsp://camera/1"),
         ("http://camera/video", "open_camera", "http://camera/video"),
         ("v4l2src ! appsink", "open_camera", "v4l2src ! appsink"),
-        ("realsense", "open_realsense", None),
+        ("realsense", "realsense", None),
+        ("oak", "oak", None),
     ],
 )
 def test_cameras_are_recognised(
     monkeypatch: pytest.MonkeyPatch, text: str, opener: str, address: Any
 ) -> None:
     calls: list[tuple[Any, ...]] = []
-    for name in ("open_camera", "open_realsense"):
-        monkeypatch.setattr(
-            opening, name, lambda *given, called=name, **_: calls.append((called, *given))
-        )
+
+    def note(called: str) -> Callable[..., None]:
+        return lambda *given, **_: calls.append((called, *given))
+
+    monkeypatch.setattr(opening, "open_camera", note("open_camera"))
+    monkeypatch.setattr(opening, "_VENDORS", {name: note(name) for name in opening._VENDORS})
     open_live_source(text)
     assert calls == [(opener,) if address is None else (opener, address)]
 
