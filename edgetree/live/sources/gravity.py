@@ -70,9 +70,10 @@ class GravityFilter:
 
     def up(self, time_s: float) -> NDArray[np.float64] | None:
         """(3,) unit vector away from gravity in the IMU's frame; None if not known at this time."""
-        if not self._history:
+        history = tuple(self._history)  # a copy, as samples may come from another thread
+        if not history:
             return None
-        stamp_s, level = min(self._history, key=lambda entry: abs(entry[0] - time_s))
+        stamp_s, level = min(history, key=lambda entry: abs(entry[0] - time_s))
         length = float(np.linalg.norm(level))
         if abs(stamp_s - time_s) > _MAX_AGE_S or not length > 0:
             return None

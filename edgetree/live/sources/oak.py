@@ -5,23 +5,19 @@ Tested against a fake of depthai that follows its documentation, never against a
 
 from __future__ import annotations
 
-import importlib
 import logging
-import threading
 import time
-from collections.abc import Iterator
 from datetime import timedelta
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 import calib
 from calib.files import fields
-from edgetree.errors import MissingDependency, install_hint
-from edgetree.live.frames import LiveFrame, LiveSource, SourceLost
-from edgetree.live.sources.arrays import frame_from_arrays, unit_vector
-from edgetree.live.sources.gravity import GravityFilter
+from edgetree.live.frames import LiveFrame, LiveSource
+from edgetree.live.sources.arrays import frame_from_arrays
+from edgetree.live.sources.device import Device, load_sdk
 
 __all__ = ["open_oak"]
 
@@ -33,7 +29,6 @@ _RATE_HZ: Final = 20
 _IMU_RATE_HZ: Final = 100
 _DEPTH_SCALE_M: Final = 0.001
 _POLL_S: Final = 0.005
-_FRAME_TIMEOUT_S: Final = 5.0
 
 
 def open_oak(*, up_camera: ArrayLike | None = None) -> LiveSource:
@@ -50,72 +45,38 @@ def open_oak(*, up_camera: ArrayLike | None = None) -> LiveSource:
         SourceLost: there is no such camera, or it does not start.
         MissingDependency: depthai is not installed.
     """
-    try:
-        dai = importlib.import_module("depthai")
-    except ImportError as error:
-        raise MissingDependency(
-            f"depthai is not installed, which OAK cameras need: {install_hint('oak')}"
-        ) from error
-    return _Oak(dai, None if up_camera is None else unit_vector(up_camera))
+    return _Oak(load_sdk("depthai", "depthai", "oak", "OAK"), up_camera)
 
 
-class _Oak:
-    """A camera that streams until it is closed."""
-
-    is_live = True
-    name = "oak"
-
-    def __init__(self, dai: Any, up: NDArray[np.float64] | None) -> None:
-        self.counts: dict[str, int] = {}
-        self._up = up
-        self._is_closed = threading.Event()
-        self._gravity = GravityFilter()
-        self._imu_to_camera: NDArray[np.float64] | None = None
-        self._camera: calib.PinholeCamera | None = None
+class _Oak(Device):
+    def __init__(self, dai: Any, up_camera: ArrayLike | None) -> None:
+        self._dai = dai
         # The camera's stamps are in the clock of time.monotonic.
         self._start_s = time.time() - time.monotonic()
-        try:
-            self._pipeline = dai.Pipeline()
-            self._pictures = _link_pictures(dai, self._pipeline)
-            self._motion = self._link_imu(dai)
-            self._pipeline.start()
-        except RuntimeError as error:
-            raise SourceLost(
-                f"oak cannot be opened ({error}): expected a camera with stereo depth"
-            ) from error
+        self._first: int | None = None  # number of the first frame
+        self._camera: calib.PinholeCamera | None = None
+        super().__init__("oak", up_camera, (RuntimeError,))
 
-    def __iter__(self) -> Iterator[LiveFrame]:
-        first = None
-        heard_s = time.monotonic()
-        while not self._is_closed.is_set():
-            try:
-                group = self._pictures.tryGet()
-                self._take_motion()
-            except RuntimeError as error:
-                if self._is_closed.is_set():
-                    return
-                raise SourceLost(f"oak stopped ({error}): expected it to be there") from error
-            if group is None:
-                if time.monotonic() - heard_s > _FRAME_TIMEOUT_S:
-                    raise SourceLost(
-                        f"oak sent no frames for {_FRAME_TIMEOUT_S:g} s: expected it to be there"
-                    )
-                self._is_closed.wait(_POLL_S)
-                continue
-            heard_s = time.monotonic()
-            colour, depth = group["colour"], group["depth"]
-            first = colour.getSequenceNum() if first is None else first
-            yield self._frame(colour.getSequenceNum() - first, colour, depth)
+    def _start(self) -> None:
+        self._pipeline = self._dai.Pipeline()
+        self._pictures = _link_pictures(self._dai, self._pipeline)
+        self._motion = self._link_imu()
+        self._pipeline.start()
 
-    def close(self) -> None:
-        """Stop the camera."""
-        if not self._is_closed.is_set():
-            self._is_closed.set()
-            self._pipeline.stop()
+    def _stop(self) -> None:
+        self._pipeline.stop()
 
-    def _link_imu(self, dai: Any) -> Any:
+    def _poll(self) -> LiveFrame | None:
+        self._take_motion()
+        group = self._pictures.tryGet()
+        if group is None:
+            self._is_closed.wait(_POLL_S)
+            return None
+        return self._frame(group["colour"], group["depth"])
+
+    def _link_imu(self) -> Any:
         """The queue of the IMU; None if there is none, or its axes are not calibrated."""
-        device = self._pipeline.getDefaultDevice()
+        dai, device = self._dai, self._pipeline.getDefaultDevice()
         if device.getConnectedIMU() in ("", "NONE"):
             return None
         try:
@@ -141,23 +102,20 @@ class _Oak:
                     np.array([turn.x, turn.y, turn.z], np.float64),
                 )
 
-    def _frame(self, number: int, colour: Any, depth: Any) -> LiveFrame:
+    def _frame(self, colour: Any, depth: Any) -> LiveFrame:
         image = colour.getCvFrame()
-        if self._camera is None:
+        if self._first is None:
+            self._first = int(colour.getSequenceNum())
             self._camera = _intrinsics(colour, image.shape[1], image.shape[0])
         time_s = self._time_s(colour.getTimestamp())
-        level = self._gravity.up(time_s)
-        up = self._up
-        if level is not None and self._imu_to_camera is not None:
-            up = self._imu_to_camera @ level
         return frame_from_arrays(
-            number,
+            colour.getSequenceNum() - self._first,
             time_s,
             image,
             depth.getFrame(),
             depth_scale_m=_DEPTH_SCALE_M,
             camera=self._camera,
-            up_camera=up,
+            up_camera=self._up(time_s),
         )
 
     def _time_s(self, stamp: timedelta) -> float:

@@ -16,6 +16,7 @@ from edgetree.live.sources.drive import is_drive, open_drive
 from edgetree.live.sources.files import open_files
 from edgetree.live.sources.loop import Looped
 from edgetree.live.sources.oak import open_oak
+from edgetree.live.sources.orbbec import open_orbbec
 from edgetree.live.sources.realsense import open_realsense
 from edgetree.live.sources.recording import open_recording
 from edgetree.live.sources.topics import Modality
@@ -28,7 +29,7 @@ SOURCE_FORMS: Final = (
     " folder of images, or a video"
 )
 
-_VENDORS: Final = {"realsense": open_realsense, "oak": open_oak}
+_VENDORS: Final = {"realsense": open_realsense, "oak": open_oak, "orbbec": open_orbbec}
 _OPTION_SOURCES: Final = {
     "topics": "recordings",
     "depth_scale_m": "recordings",

@@ -5,11 +5,7 @@ Tested against a fake of pyrealsense2 that follows its documentation, never agai
 
 from __future__ import annotations
 
-import importlib
 import logging
-import threading
-import time
-from collections.abc import Iterator
 from typing import Any, Final
 
 import numpy as np
@@ -17,10 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 
 import calib
 from calib.files import realsense
-from edgetree.errors import MissingDependency, install_hint
-from edgetree.live.frames import LiveFrame, LiveSource, SourceLost
-from edgetree.live.sources.arrays import frame_from_arrays, unit_vector
-from edgetree.live.sources.gravity import GravityFilter
+from edgetree.live.frames import LiveFrame, LiveSource
+from edgetree.live.sources.arrays import frame_from_arrays
+from edgetree.live.sources.device import Device, load_sdk
 
 __all__ = ["open_realsense"]
 
@@ -28,7 +23,6 @@ _log = logging.getLogger(__name__)
 
 _MS_PER_S: Final = 1000
 _POLL_MS: Final = 200
-_FRAME_TIMEOUT_S: Final = 5.0
 # Width, height and rate of both streams, best first; USB 2 carries only the last one.
 _MODES: Final = ((1280, 720, 30), (848, 480, 30), (640, 480, 30), (640, 480, 15))
 
@@ -48,81 +42,47 @@ def open_realsense(serial: str | None = None, *, up_camera: ArrayLike | None = N
         SourceLost: there is no such camera, or it has none of the known modes.
         MissingDependency: pyrealsense2 is not installed.
     """
-    try:
-        rs = importlib.import_module("pyrealsense2")
-    except ImportError as error:
-        raise MissingDependency(
-            "pyrealsense2 is not installed, which RealSense cameras need:"
-            f" {install_hint('realsense')}"
-        ) from error
-    return _RealSense(rs, serial, None if up_camera is None else unit_vector(up_camera))
+    sdk = load_sdk("pyrealsense2", "pyrealsense2", "realsense", "RealSense")
+    return _RealSense(sdk, serial, up_camera)
 
 
-class _RealSense:
-    """A camera that streams until it is closed."""
-
-    is_live = True
-
-    def __init__(self, rs: Any, serial: str | None, up: NDArray[np.float64] | None) -> None:
-        self.name = "realsense" if serial is None else f"realsense {serial}"
-        self.counts: dict[str, int] = {"colour without depth": 0}
-        self._rs, self._up = rs, up
-        self._is_closed = threading.Event()
-        self._gravity = GravityFilter()
-        self._camera: calib.PinholeCamera | None = None
-        self._has_intrinsics = False
-        self._imu_to_camera: NDArray[np.float64] | None = None
+class _RealSense(Device):
+    def __init__(self, rs: Any, serial: str | None, up_camera: ArrayLike | None) -> None:
+        self._rs, self._serial = rs, serial
         self._pipeline = rs.pipeline()
-        try:
-            profile = self._pipeline.start(self._config(serial))
-        except RuntimeError as error:
-            raise SourceLost(
-                f"{self.name} cannot be opened ({error}): expected a camera that answers"
-            ) from error
+        self._first: int | None = None  # number of the first frame
+        self._camera: calib.PinholeCamera | None = None
+        name = "realsense" if serial is None else f"realsense {serial}"
+        super().__init__(name, up_camera, (RuntimeError,))
+
+    def _start(self) -> None:
+        profile = self._pipeline.start(self._config())
         self._scale_m = float(profile.get_device().first_depth_sensor().get_depth_scale())
-        self._align = rs.align(rs.stream.color)
+        self._align = self._rs.align(self._rs.stream.color)
 
-    def __iter__(self) -> Iterator[LiveFrame]:
-        heard_s = time.monotonic()
-        first = None
-        while not self._is_closed.is_set():
-            try:
-                has_come, frames = self._pipeline.try_wait_for_frames(_POLL_MS)
-            except RuntimeError as error:
-                if self._is_closed.is_set():
-                    return
-                raise SourceLost(f"{self.name} stopped ({error})") from error
-            if not has_come:
-                if time.monotonic() - heard_s > _FRAME_TIMEOUT_S:
-                    raise SourceLost(
-                        f"{self.name} sent no frames for {_FRAME_TIMEOUT_S:g} s: expected it to be"
-                        " there"
-                    )
-                continue
-            heard_s = time.monotonic()
-            self._take_motion(frames)
-            aligned = self._align.process(frames)
-            colour, depth = aligned.get_color_frame(), aligned.get_depth_frame()
-            if not colour or not depth:
-                self.counts["colour without depth"] += 1
-                continue
-            first = colour.get_frame_number() if first is None else first
-            yield self._frame(colour.get_frame_number() - first, colour, depth)
+    def _stop(self) -> None:
+        self._pipeline.stop()
 
-    def close(self) -> None:
-        """Stop the camera."""
-        if not self._is_closed.is_set():
-            self._is_closed.set()
-            self._pipeline.stop()
+    def _poll(self) -> LiveFrame | None:
+        has_come, frames = self._pipeline.try_wait_for_frames(_POLL_MS)
+        if not has_come:
+            return None
+        self._take_motion(frames)
+        aligned = self._align.process(frames)
+        colour, depth = aligned.get_color_frame(), aligned.get_depth_frame()
+        if not colour or not depth:
+            self.counts["colour without depth"] = self.counts.get("colour without depth", 0) + 1
+            return None
+        return self._frame(colour, depth)
 
-    def _config(self, serial: str | None) -> Any:
+    def _config(self) -> Any:
         """The best mode that the camera has, with the IMU if there is one."""
         rs = self._rs
         for width, height, rate_hz in _MODES:
             for with_imu in (True, False):
                 config = rs.config()
-                if serial is not None:
-                    config.enable_device(serial)
+                if self._serial is not None:
+                    config.enable_device(self._serial)
                 config.enable_stream(rs.stream.color, width, height, rs.format.bgr8, rate_hz)
                 config.enable_stream(rs.stream.depth, width, height, rs.format.z16, rate_hz)
                 if with_imu:
@@ -131,9 +91,7 @@ class _RealSense:
                 if config.can_resolve(rs.pipeline_wrapper(self._pipeline)):
                     return config
         modes = ", ".join(f"{width}x{height} at {rate_hz} Hz" for width, height, rate_hz in _MODES)
-        raise SourceLost(
-            f"{self.name} is not there, or has no mode with colour and depth of {modes}"
-        )
+        raise RuntimeError(f"there is none with colour and depth of {modes}")
 
     def _take_motion(self, frames: Any) -> None:
         """Give the newest readings of the IMU to the filter."""
@@ -151,23 +109,19 @@ class _RealSense:
             accel.get_timestamp() / _MS_PER_S, _vector(accel), _vector(gyro) if gyro else None
         )
 
-    def _frame(self, number: int, colour: Any, depth: Any) -> LiveFrame:
-        image = np.asanyarray(colour.get_data())
-        if not self._has_intrinsics:
-            self._camera, self._has_intrinsics = self._intrinsics(colour), True
+    def _frame(self, colour: Any, depth: Any) -> LiveFrame:
+        if self._first is None:
+            self._first = int(colour.get_frame_number())
+            self._camera = self._intrinsics(colour)
         time_s = colour.get_timestamp() / _MS_PER_S
-        level = self._gravity.up(time_s)
-        up = self._up
-        if level is not None and self._imu_to_camera is not None:
-            up = self._imu_to_camera @ level
         return frame_from_arrays(
-            number,
+            colour.get_frame_number() - self._first,
             time_s,
-            image,
+            np.asanyarray(colour.get_data()),
             np.asanyarray(depth.get_data()),
             depth_scale_m=self._scale_m,
             camera=self._camera,
-            up_camera=up,
+            up_camera=self._up(time_s),
         )
 
     def _intrinsics(self, colour: Any) -> calib.PinholeCamera | None:

@@ -13,7 +13,7 @@ import pytest
 import calib
 from edgetree.errors import MissingDependency
 from edgetree.live.frames import SourceLost
-from edgetree.live.sources import oak as module
+from edgetree.live.sources import device
 from edgetree.live.sources.oak import open_oak
 
 WIDTH, HEIGHT = 1280, 720
@@ -160,7 +160,7 @@ class FakeSdk:
 def sdk(monkeypatch: pytest.MonkeyPatch) -> FakeSdk:
     fake = FakeSdk()
     monkeypatch.setitem(sys.modules, "depthai", fake)  # type: ignore[arg-type]
-    monkeypatch.setattr(module, "_FRAME_TIMEOUT_S", 0.05)
+    monkeypatch.setattr(device, "_FRAME_TIMEOUT_S", 0.05)
     return fake
 
 

@@ -23,6 +23,7 @@ from edgetree.live.sources.opening import open_live_source
         ("v4l2src ! appsink", "open_camera", "v4l2src ! appsink"),
         ("realsense", "realsense", None),
         ("oak", "oak", None),
+        ("orbbec", "orbbec", None),
     ],
 )
 def test_cameras_are_recognised(

@@ -12,7 +12,7 @@ import pytest
 import calib
 from edgetree.errors import MissingDependency
 from edgetree.live.frames import SourceLost
-from edgetree.live.sources import realsense as module
+from edgetree.live.sources import device
 from edgetree.live.sources.realsense import open_realsense
 
 SIZE = (848, 480)
@@ -162,7 +162,7 @@ class FakeSdk:
 def sdk(monkeypatch: pytest.MonkeyPatch) -> FakeSdk:
     fake = FakeSdk()
     monkeypatch.setitem(sys.modules, "pyrealsense2", fake)  # type: ignore[arg-type]
-    monkeypatch.setattr(module, "_FRAME_TIMEOUT_S", 0.05)
+    monkeypatch.setattr(device, "_FRAME_TIMEOUT_S", 0.05)
     return fake
 
 
