@@ -50,11 +50,11 @@ def read_depth(path: Path | str, scale: float = 1 / _MM_PER_M) -> NDArray[np.flo
         )
     values = values.reshape(values.shape[:2])
     if values.dtype == np.uint16:
-        return _in_metres(values, scale)
+        return in_metres(values, scale)
     return np.where((values > 0) & (values <= _MAX_READING_M), values, 0).astype(np.float32)
 
 
-def _in_metres(steps: NDArray[Any], scale: float) -> NDArray[np.float32]:
+def in_metres(steps: NDArray[Any], scale: float) -> NDArray[np.float32]:
     """Convert uint16 steps to metres.
 
     If 1 / scale is a whole number, divide by it: the result is then the float32 nearest to the

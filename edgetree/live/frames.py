@@ -20,7 +20,8 @@ class LiveFrame:
     """One frame with all that its source knows about it.
 
     Attributes:
-        number: number of the frame in its source, from 0 on, with gaps for frames left out.
+        number: number of the frame in its source, from 0 on. Numbers of left-out frames are
+            missing.
         time_s: time stamp of the picture, s, in the clock of the source.
         image: (H, W, 3) uint8 BGR; None if there is only depth.
         depth_m: (H, W) float32 metres along the optical axis, 0.0 = no reading, aligned with the

@@ -8,7 +8,14 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text("utf-8")
-REQUIREMENTS = {"runtime.txt": 15, "test.txt": 5, "sign.txt": 3, "sbom.txt": 20, "dev.txt": 80}
+REQUIREMENTS = {
+    "runtime.txt": 15,
+    "test.txt": 5,
+    "sign.txt": 3,
+    "record.txt": 5,
+    "sbom.txt": 20,
+    "dev.txt": 80,
+}
 
 
 CI_COMMANDS = [
@@ -80,7 +87,9 @@ def test_what_the_project_declares_is_pinned() -> None:
     assert declared - {"edgetree"} <= pins("dev.txt").keys()
     base = {re.split(r"[<>=]", line)[0] for line in [*project["dependencies"], *extras["cpu"]]}
     assert base <= pins("runtime.txt").keys()
-    assert {re.split(r"[<>=]", line)[0] for line in extras["sign"]} <= pins("sign.txt").keys()
+    for extra in ("sign", "record"):
+        names = {re.split(r"[<>=]", line)[0] for line in extras[extra]}
+        assert names <= pins(f"{extra}.txt").keys()
 
 
 @pytest.mark.parametrize("name", REQUIREMENTS)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import pickle
+import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -21,6 +22,7 @@ import calib
 from calib.reading import read_image
 from edgetree.check.csv_file import read_csv
 from edgetree.doctor.onnx_bytes import Node, TensorType, onnx_bytes
+from edgetree.live.sources.recording import open_recording
 from edgetree.model_file.manifest import Manifest
 from edgetree.model_file.safety_check import read_model_file
 from edgetree.runtime.detector import default_model
@@ -37,6 +39,9 @@ from perceptree.models.weights.reading import read_weights
 from perceptree.simulator import SimulatorSettings
 from perceptree.simulator.settings.reading import read_settings
 from perceptree.training.state import read_state
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "edgetree" / "live" / "sources"))
+import bag_files
 
 _ROS = b"""image_width: 640
 image_height: 480
@@ -201,6 +206,24 @@ def _read_coco(path: Path) -> None:
                 frame.mask(tree)
 
 
+def _recording(kind: str) -> bytes:
+    """A recording with a frame of colour and depth, camera, gravity and pose."""
+    with tempfile.TemporaryDirectory() as name:
+        with bag_files.BagFile(Path(name), kind) as bag:
+            frame, stamp = bag_files.small_frame(), bag_files.START_NS
+            bag.info(bag_files.INFO, frame.camera, stamp)
+            bag.tf("odom", bag_files.FRAME, calib.RigidTransform.identity(), stamp)
+            bag.imu("/imu", (0, -9.8, 0), stamp, bag_files.FRAME)
+            jpeg = cv2.imencode(".jpg", frame.image)[1].tobytes()
+            bag.packed(f"{bag_files.COLOUR}/compressed", jpeg, "jpeg", stamp)
+            bag.image(bag_files.DEPTH, frame.depth[:8], stamp, "16UC1", height=8)
+        return bag.file.read_bytes()
+
+
+def _read_recording(path: Path) -> list[object]:
+    return list(open_recording(path))
+
+
 def _open_model(path: Path) -> None:
     OrtSession(path, SessionSettings(CPU, threads=1))
 
@@ -225,6 +248,9 @@ def _formats() -> dict[str, Format]:
         "weights": Format(_weights(), read_weights),
         "state": Format((_state(),), lambda path: read_state(path, _IDENTITY)),
         "coco.json": Format((_coco(),), _read_coco),
+        "recording.bag": Format((_recording("ros1"),), _read_recording),
+        "recording.mcap": Format((_recording("mcap"),), _read_recording),
+        "recording.db3": Format((_recording("sqlite3"),), _read_recording),
         "signature": Format((_signature(),), lambda path: parse_signature(path.read_bytes())),
         "trust.json": Format((trust,), read_trust_file),
         "key.pub": Format((key,), read_public_key),
