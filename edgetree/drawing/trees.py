@@ -62,7 +62,7 @@ def draw_trees(
     masks: Sequence[NDArray[np.bool_]] | None = None,
     cuts: Sequence[CutMark | None] | None = None,
     profiles: Sequence[NDArray[np.floating[Any]] | None] | None = None,
-    colours: Sequence[int] | None = None,
+    colours: Sequence[Colour] | None = None,
 ) -> Picture:
     """Draw trees on a copy of a picture.
 
@@ -75,14 +75,13 @@ def draw_trees(
         cuts: measured felling cut of each tree; for None, the keypoint is drawn instead.
         profiles: (N, 2, 2) left and right ends of the diameters along each tree in px, at equal
             steps, to mark by ticks at the edges.
-        colours: number of each tree's colour, so that a stem keeps it from frame to frame; the
-            index if None.
+        colours: BGR colour of each tree; those of their indices if None.
 
     Returns:
         (H, W, 3) uint8 BGR. The size of lines and text is proportional to the picture's height.
     """
     canvas = picture.copy()
-    inks = [tree_colour(number) for number in (colours or range(len(trees)))]
+    inks = [tree_colour(n) for n in range(len(trees))] if colours is None else colours
     scale = max(picture.shape[0] / 720, 0.75)
     far_first = [int(index) for index in np.argsort(trees.boxes_px[:, 3], kind="stable")]
     for index in far_first:

@@ -1,4 +1,4 @@
-"""The newest result for all clients. Nothing is queued, and giving a result never waits."""
+"""The newest result for all clients. Nothing is queued, and publishing never waits."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from edgetree.live.results import LiveResult
 __all__ = ["Feed", "Shown"]
 
 _RATE_SPAN_S: Final = 2.0
+_POLL_S: Final = 0.02  # clients look this often, so that the publisher need not wake them
 
 
 class Shown:
@@ -69,7 +70,6 @@ class Feed:
 
     def __init__(self, stale_s: float) -> None:
         self.stale_s = stale_s
-        self._changed = threading.Condition()
         self._newest: Shown | None = None
         self._closed = False
         self._times_s: deque[float] = deque(maxlen=240)
@@ -85,24 +85,23 @@ class Feed:
         return self._closed
 
     def put(self, result: LiveResult, picture: Picture | None) -> None:
-        """Replace the newest result. Takes microseconds."""
+        """Replace the newest result. Takes no lock; call it from one thread."""
         now_s = time.monotonic()
-        with self._changed:
-            serial = 1 if self._newest is None else self._newest.serial + 1
-            rate_hz = self._rate_hz(now_s)
-            self._newest = Shown(serial, result, picture, now_s - result.age_s, rate_hz)
-            self._changed.notify_all()
+        serial = 1 if self._newest is None else self._newest.serial + 1
+        taken_s, rate_hz = now_s - result.age_s, self._rate_hz(now_s)
+        self._newest = Shown(serial, result, picture, taken_s, rate_hz)
 
     def wait(self, after: int, timeout_s: float) -> Shown | None:
         """Wait for a result with a serial above `after`; None if there is none in time."""
-
-        def ready() -> bool:
-            return self._closed or (self._newest is not None and self._newest.serial > after)
-
-        with self._changed:
-            self._changed.wait_for(ready, timeout_s)
+        end_s = time.monotonic() + timeout_s
+        while not self._closed:
             newest = self._newest
-        return newest if newest is not None and newest.serial > after else None
+            if newest is not None and newest.serial > after:
+                return newest
+            if time.monotonic() >= end_s:
+                break
+            time.sleep(_POLL_S)
+        return None
 
     def is_stale(self, shown: Shown) -> bool:
         """Whether a result is too old to be shown."""
@@ -121,10 +120,8 @@ class Feed:
         }
 
     def close(self) -> None:
-        """Wake all clients, to leave."""
-        with self._changed:
-            self._closed = True
-            self._changed.notify_all()
+        """Tell all clients to leave."""
+        self._closed = True
 
     def _rate_hz(self, now_s: float) -> float | None:
         times_s = self._times_s

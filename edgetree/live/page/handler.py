@@ -100,7 +100,8 @@ class PageHandler(BaseHTTPRequestHandler):
         feed = self.server.feed
         with self.server.slot("events") as free:
             if not free:
-                return self._refuse_full()
+                self._refuse_full()
+                return
             self._start("text/event-stream; charset=utf-8")
             self.wfile.write(b"retry: 1000\n\n")
             serial = 0
@@ -122,7 +123,8 @@ class PageHandler(BaseHTTPRequestHandler):
         feed = self.server.feed
         with self.server.slot("pictures") as free:
             if not free:
-                return self._refuse_full()
+                self._refuse_full()
+                return
             self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
             self._start(f"multipart/x-mixed-replace; boundary={_BOUNDARY}")
             serial = 0

@@ -48,11 +48,11 @@ function clearPicture() {
 }
 
 function stagesText() {
-  const stages = Object.entries(record.stages_ms).map(([name, ms]) => `${name} ${ms.toFixed(0)} ms`);
+  const stages = Object.entries(record.stages_ms).map(([name, ms]) => `${name} ${ms.toFixed(0)}`).join(", ");
   const age = Math.max(clock.age(record.taken_s), 0).toFixed(2);
   const rate = record.rate_hz === null ? "" : `${record.rate_hz.toFixed(1)} frames/s`;
-  const dropped = `${record.dropped} frames left out`;
-  return [rate, `stems ${age} s old`, ...stages, dropped].filter(Boolean).join("  ·  ");
+  const times = stages === "" ? "" : `${stages} ms`;
+  return [rate, `stems ${age} s old`, times, `${record.dropped} frames left out`].filter(Boolean).join("  ·  ");
 }
 
 // Stems
@@ -68,32 +68,25 @@ function centimetres(value, std, digits) {
   return [(value * 100).toFixed(digits), Math.max(std * 100, least).toFixed(digits)];
 }
 
-function diameterOf(stem) {
-  if (stem.diameter_m === undefined) return element("div", "diameter none", "no diameter");
-  const [value, std] = centimetres(stem.diameter_m, stem.diameter_std_m, 1);
-  const made = element("div", "diameter", value);
-  made.append(element("small", "", ` ± ${std} cm`));
-  return made;
-}
-
-function cutOf(stem) {
-  const made = element("div", "cut", "cut –");
-  if (stem.cut_height_m !== undefined) {
-    const [value, std] = centimetres(stem.cut_height_m, stem.cut_height_std_m, 0);
-    made.textContent = `cut ${value} ± ${std} cm`;
-  }
-  made.append(element("span", "", `${stem.distance_m.toFixed(1)} m away`));
+// A value with its standard deviation, or a dash.
+function amount(stem, name, digits, failed) {
+  const metres = stem[`${name}_m`];
+  if (metres === undefined) return element("div", `${name} none`, failed);
+  const [value, std] = centimetres(metres, stem[`${name}_std_m`], digits);
+  const made = element("div", name, value);
+  made.append(element("small", "", ` ± ${std}`));
   return made;
 }
 
 function noteOf(stem) {
-  if (stem.warnings.length > 0) return element("div", "note warn", `⚠ ${stem.warnings.join("; ")}`);
+  const place = `${stem.distance_m.toFixed(1)} m away`;
+  if (stem.warnings.length > 0) return element("div", "note warn", `⚠ ${place}, ${stem.warnings.join("; ")}`);
   const views = `${stem.views} view${stem.views === 1 ? "" : "s"}`;
-  const parts = [];
+  const parts = [place];
   if (!stem.in_view) parts.push(`not in view for ${stem.unseen_s.toFixed(0)} s`);
   if (stem.state === "new") parts.push("new");
+  if (stem.diameter_m === undefined) parts.push(stem.diameter_failure);
   parts.push(stem.more_views_help ? `${views}, more will help` : views);
-  if (stem.diameter_m === undefined) parts.unshift(stem.diameter_failure);
   return element("div", "note", parts.join(", "));
 }
 
@@ -101,18 +94,18 @@ function rowOf(stem) {
   const row = element("li", stem.in_view ? "" : "unseen", "");
   const number = element("div", "number", stem.number);
   number.style.background = stem.colour;
-  row.append(number, diameterOf(stem), cutOf(stem), noteOf(stem));
+  row.append(number, amount(stem, "diameter", 1, "no diameter"), amount(stem, "cut_height", 0, "–"), noteOf(stem));
   return row;
 }
 
 function showStems() {
   const list = at("list"), stems = record.stems;
   const seen = stems.filter((stem) => stem.in_view).length;
-  at("count").textContent = `${seen} in view, ${stems.length} known. Diameter ± 1 standard deviation`;
   const room = Math.max(1, Math.floor(list.clientHeight / rowHeight(list)));
   list.replaceChildren(...stems.slice(0, room).map(rowOf));
-  const hidden = stems.length - room;
-  at("more").textContent = record.metres_need || (hidden > 0 ? `and ${hidden} more` : "");
+  const parts = [`${stems.length} stem${stems.length === 1 ? "" : "s"}`, `${seen} in view`];
+  if (stems.length > room) parts.push(`${stems.length - room} not listed`);
+  at("more").textContent = record.metres_need || parts.join(", ");
 }
 
 function rowHeight(list) {

@@ -23,6 +23,7 @@ _QUALITY: Final = 80
 _FONT: Final = cv2.FONT_HERSHEY_SIMPLEX
 _GAP_PX: Final = 8
 _WHITE: Final = (255, 255, 255)
+_GREY: Final = (170, 170, 170)  # trees that are not followed
 
 
 def draw_result(result: LiveResult) -> Picture:
@@ -39,13 +40,13 @@ def draw_result(result: LiveResult) -> Picture:
         picture = picture_of_depth(frame.depth_m)
     if picture is None:
         picture = np.zeros((trees.image_height, trees.image_width, 3), np.uint8)
-    numbers = {track.tree: track.number for track in result.tracks if track.tree is not None}
+    inks = {track.tree: tree_colour(track.number) for track in result.tracks}
     canvas = draw_trees(
         picture,
         trees,
         [()] * len(trees),
         cuts=_cuts(result),
-        colours=[numbers.get(index, index) for index in range(len(trees))],
+        colours=[inks.get(index, _GREY) for index in range(len(trees))],
     )
     _draw_tags(canvas, result)
     return canvas

@@ -29,7 +29,7 @@ function drawPlan(canvas, record) {
 function planRange(stems) {
   const ahead = stems.filter((stem) => stem.in_view).map((stem) => stem.plan_m[1]);
   const needed = Math.max(0, ...ahead) + 0.5;
-  return [8, 12, 16, 20].find((range) => range >= needed) || 24;
+  return [6, 8, 10, 12, 16, 20].find((range) => range >= needed) || 24;
 }
 
 function drawRings(pen, { x0, y0, far, perMetre, text, width }, ink) {
@@ -37,13 +37,13 @@ function drawRings(pen, { x0, y0, far, perMetre, text, width }, ink) {
   pen.strokeStyle = ink("--grid");
   pen.fillStyle = ink("--soft");
   pen.textAlign = "center";
-  const labels = perMetre * 2 > text * 1.6 ? 2 : 4;
-  for (let range = 2; range <= Math.max(far, width / 2 / perMetre); range += 2) {
+  const step = [2, 4, 8].find((metres) => metres * perMetre > text * 2.6) || 16;
+  for (let range = 2; range <= far; range += 2) {
     pen.beginPath();
     pen.arc(x0, y0, range * perMetre, Math.PI, 2 * Math.PI);
     pen.stroke();
     const x = x0 + range * perMetre;
-    if (range % labels === 0 && x < width - text) pen.fillText(`${range} m`, x - text, y0 + text * 0.3);
+    if (range % step === 0 && x < width) pen.fillText(`${range} m`, x - text, y0 + text * 0.4);
   }
 }
 
@@ -52,7 +52,7 @@ function drawField(pen, { x0, y0, far, perMetre }, edges, ink) {
   pen.strokeStyle = ink("--soft");
   pen.setLineDash([6, 5]);
   for (const edge of edges) {
-    const angle = edge * Math.PI / 180, reach = far * 1.6 * perMetre;
+    const angle = edge * Math.PI / 180, reach = far * perMetre;
     pen.beginPath();
     pen.moveTo(x0, y0);
     pen.lineTo(x0 + reach * Math.sin(angle), y0 - reach * Math.cos(angle));

@@ -97,6 +97,6 @@ def _level_axes(up_camera: _Float | None) -> _Float:
 
 
 def _field_of_view_deg(camera: PinholeCamera) -> list[float]:
-    """Directions of the image's left and right edge, in degrees to the right, without distortion."""
+    """Directions of the image's left and right edge in degrees, positive to the right."""
     edges = (-0.5 - camera.cx, camera.width - 0.5 - camera.cx)
     return [round(math.degrees(math.atan2(edge, camera.fx)), 1) for edge in edges]
