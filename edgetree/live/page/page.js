@@ -105,7 +105,7 @@ function showStems() {
   list.replaceChildren(...stems.slice(0, room).map(rowOf));
   const parts = [`${stems.length} stem${stems.length === 1 ? "" : "s"}`, `${seen} in view`];
   if (stems.length > room) parts.push(`${stems.length - room} not listed`);
-  at("more").textContent = record.metres_need || parts.join(", ");
+  at("more").textContent = record.metres_need || `${parts.join(", ")}. ± is 1 std. deviation`;
 }
 
 function rowHeight(list) {
