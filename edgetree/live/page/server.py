@@ -144,6 +144,7 @@ class PageHttpServer(ThreadingHTTPServer):
     """
 
     daemon_threads = True
+    request_queue_size = 64
     # On Windows this would let two servers share a port.
     allow_reuse_address = os.name != "nt"
     allow_reuse_port = False
