@@ -23,7 +23,7 @@ from edgetree.drawing.primitives import (
     write_text,
 )
 
-__all__ = ["WARNING_SIGN", "CutMark", "draw_trees", "picture_of_depth"]
+__all__ = ["WARNING_SIGN", "CutMark", "draw_trees", "picture_of_depth", "tree_colour"]
 
 WARNING_SIGN: Final = "!"
 
@@ -62,6 +62,7 @@ def draw_trees(
     masks: Sequence[NDArray[np.bool_]] | None = None,
     cuts: Sequence[CutMark | None] | None = None,
     profiles: Sequence[NDArray[np.floating[Any]] | None] | None = None,
+    colours: Sequence[Colour] | None = None,
 ) -> Picture:
     """Draw trees on a copy of a picture.
 
@@ -74,32 +75,34 @@ def draw_trees(
         cuts: measured felling cut of each tree; for None, the keypoint is drawn instead.
         profiles: (N, 2, 2) left and right ends of the diameters along each tree in px, at equal
             steps, to mark by ticks at the edges.
+        colours: BGR colour of each tree; those of their indices if None.
 
     Returns:
         (H, W, 3) uint8 BGR. The size of lines and text is proportional to the picture's height.
     """
     canvas = picture.copy()
+    inks = [tree_colour(n) for n in range(len(trees))] if colours is None else colours
     scale = max(picture.shape[0] / 720, 0.75)
     far_first = [int(index) for index in np.argsort(trees.boxes_px[:, 3], kind="stable")]
     for index in far_first:
         if masks is not None or trees.masks is not None:
             mask = trees.mask(index) if masks is None else masks[index]
-            _draw_mask(canvas, mask, _colour(index))
+            _draw_mask(canvas, mask, inks[index])
     if profiles is not None:
         for profile in profiles:
             _draw_profile(canvas, profile, scale)
     marks: list[CutMark | None] = list(cuts) if cuts is not None else [None] * len(trees)
     taken: list[Rect] = []
     for index in far_first:
-        _draw_box(canvas, trees.boxes_px[index], _colour(index), scale)
+        _draw_box(canvas, trees.boxes_px[index], inks[index], scale)
         if trees.keypoints_px is not None:
             points_px = trees.keypoints_px[index, :, :2]
-            taken.append(_draw_keypoints(canvas, points_px, _colour(index), scale))
+            taken.append(_draw_keypoints(canvas, points_px, inks[index], scale))
             x, y, _ = trees.keypoints_px[index, 0]
             marks[index] = marks[index] or CutMark((float(x), float(y)), "")
     taken += [_draw_cut(canvas, mark, scale) for mark in marks if mark is not None]
     texts = labels if labels is not None else [[f"{score:.0%}"] for score in trees.scores]
-    _draw_labels(canvas, trees, texts, taken, scale)
+    _draw_labels(canvas, trees, texts, inks, taken, scale)
     return canvas
 
 
@@ -119,8 +122,9 @@ def picture_of_depth(depth_m: NDArray[np.float32], far_m: float = 20.0) -> Pictu
     return np.asarray(colours, dtype=np.uint8)
 
 
-def _colour(index: int) -> Colour:
-    return _PALETTE[index % len(_PALETTE)]
+def tree_colour(number: int) -> Colour:
+    """The colour, BGR, of a tree with this index or number."""
+    return _PALETTE[number % len(_PALETTE)]
 
 
 def _draw_mask(canvas: Picture, mask: NDArray[np.bool_], colour: Colour) -> None:
@@ -208,6 +212,7 @@ def _draw_labels(
     canvas: Picture,
     trees: TreeDetections,
     texts: Sequence[Sequence[str]],
+    inks: Sequence[Colour],
     taken: list[Rect],
     scale: float,
 ) -> None:
@@ -220,9 +225,9 @@ def _draw_labels(
             taken.append(_grown(rect, round(3 * scale)))
             labels.append((int(index), rect, lines))
     for index, rect, _ in labels:
-        _draw_leader(canvas, trees.boxes_px[index], rect, _colour(index))
+        _draw_leader(canvas, trees.boxes_px[index], rect, inks[index])
     for index, rect, lines in labels:
-        _draw_label(canvas, rect, lines, _colour(index), scale)
+        _draw_label(canvas, rect, lines, inks[index], scale)
 
 
 def _grown(rect: Rect, margin_px: int) -> Rect:

@@ -1,0 +1,133 @@
+"""The newest result for all clients. Nothing is queued, and publishing never waits."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from functools import cached_property
+from typing import Any, Final
+
+from edgetree.drawing.primitives import Picture
+from edgetree.live.page.pictures import draw_result, encode_jpeg
+from edgetree.live.page.records import page_record
+from edgetree.live.results import LiveResult
+
+__all__ = ["Feed", "Shown"]
+
+_RATE_SPAN_S: Final = 2.0
+_POLL_S: Final = 0.02  # clients look this often, so that the publisher need not wake them
+
+
+class Shown:
+    """A published result. Its record and its JPEG are made once, when a client first asks.
+
+    Attributes:
+        serial: number of the result, from 1 on.
+        taken_s: when its frame arrived, s of `time.monotonic`.
+        rate_hz: results per second around it; None for the first.
+    """
+
+    def __init__(
+        self,
+        serial: int,
+        result: LiveResult,
+        picture: Picture | None,
+        taken_s: float,
+        rate_hz: float | None,
+    ) -> None:
+        self.serial, self.taken_s, self.rate_hz = serial, taken_s, rate_hz
+        self._result, self._picture = result, picture
+        self._lock = threading.Lock()
+
+    def record(self) -> dict[str, Any]:
+        """The stems and rates, see `page_record`."""
+        with self._lock:
+            return self._record
+
+    def jpeg(self) -> bytes:
+        """The picture with the trees drawn."""
+        with self._lock:
+            return self._jpeg
+
+    @cached_property
+    def _record(self) -> dict[str, Any]:
+        rate_hz = None if self.rate_hz is None else round(self.rate_hz, 1)
+        return {**page_record(self._result), "serial": self.serial, "rate_hz": rate_hz}
+
+    @cached_property
+    def _jpeg(self) -> bytes:
+        picture = draw_result(self._result) if self._picture is None else self._picture
+        return encode_jpeg(picture)
+
+
+class Feed:
+    """Holds the newest result.
+
+    Args:
+        stale_s: age from which a result is too old to be shown, s.
+    """
+
+    def __init__(self, stale_s: float) -> None:
+        self.stale_s = stale_s
+        self._newest: Shown | None = None
+        self._closed = False
+        self._times_s: deque[float] = deque(maxlen=240)
+
+    @property
+    def newest(self) -> Shown | None:
+        """The newest result, old or not."""
+        return self._newest
+
+    @property
+    def closed(self) -> bool:
+        """Whether clients should leave."""
+        return self._closed
+
+    def put(self, result: LiveResult, picture: Picture | None) -> None:
+        """Replace the newest result. Takes no lock; call it from one thread."""
+        now_s = time.monotonic()
+        serial = 1 if self._newest is None else self._newest.serial + 1
+        taken_s, rate_hz = now_s - result.age_s, self._rate_hz(now_s)
+        self._newest = Shown(serial, result, picture, taken_s, rate_hz)
+
+    def wait(self, after: int, timeout_s: float) -> Shown | None:
+        """Wait for a result with a serial above `after`; None if there is none in time."""
+        end_s = time.monotonic() + timeout_s
+        while not self._closed:
+            newest = self._newest
+            if newest is not None and newest.serial > after:
+                return newest
+            if time.monotonic() >= end_s:
+                break
+            time.sleep(_POLL_S)
+        return None
+
+    def is_stale(self, shown: Shown) -> bool:
+        """Whether a result is too old to be shown."""
+        return time.monotonic() - shown.taken_s > self.stale_s
+
+    def status(self) -> dict[str, Any]:
+        """State and clock, sent with every event: the page computes the ages from them."""
+        newest, now_s = self._newest, time.monotonic()
+        state = "waiting" if newest is None else "stale" if self.is_stale(newest) else "live"
+        taken_s = None if newest is None else round(newest.taken_s, 4)
+        return {
+            "state": state,
+            "clock_s": round(now_s, 4),
+            "taken_s": taken_s,
+            "stale_s": self.stale_s,
+        }
+
+    def close(self) -> None:
+        """Tell all clients to leave."""
+        self._closed = True
+
+    def _rate_hz(self, now_s: float) -> float | None:
+        times_s = self._times_s
+        times_s.append(now_s)
+        while now_s - times_s[0] > _RATE_SPAN_S and len(times_s) > 2:
+            times_s.popleft()
+        if len(times_s) < 2 or now_s == times_s[0]:
+            return None
+        return (len(times_s) - 1) / (now_s - times_s[0])

@@ -1,0 +1,183 @@
+"""Answers of the page's server: the page, its events and its pictures."""
+
+from __future__ import annotations
+
+import io
+import json
+import socket
+import time
+from collections.abc import Callable
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler
+from typing import TYPE_CHECKING, Any, Final
+
+from edgetree.live.page.access import Refusal
+from edgetree.live.page.document import page_html, security_headers
+from edgetree.live.page.pictures import blank_jpeg
+
+if TYPE_CHECKING:
+    from edgetree.live.page.server import PageHttpServer
+
+__all__ = ["PageHandler"]
+
+_MAX_HEAD_BYTES: Final = 16_384
+_HEAD_S: Final = 5.0
+_SEND_S: Final = 5.0  # a client that takes longer for one picture is disconnected
+_SEND_BUFFER_BYTES: Final = 262_144  # about two pictures: more would only be older when shown
+_EVENT_INTERVAL_S: Final = 0.1
+_PICTURE_INTERVAL_S: Final = 1 / 15
+_BOUNDARY: Final = "edgetree-picture"
+
+
+class PageHandler(BaseHTTPRequestHandler):
+    """Answers one request of a client; each has a thread of its own."""
+
+    server: PageHttpServer
+    protocol_version = "HTTP/1.1"
+    disable_nagle_algorithm = True
+    error_message_format = "%(code)d %(message)s\n"
+    error_content_type = "text/plain; charset=utf-8"
+
+    def handle(self) -> None:
+        """Read the head of the request, within limits of size and time, and answer."""
+        self.requestline, self.request_version, self.command = "", self.protocol_version, ""
+        self.close_connection = True
+        head = _read_head(self.connection)
+        self.connection.settimeout(_SEND_S)
+        if head is None:
+            self.send_error(HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE)
+        elif head:
+            self.rfile.close()
+            self.rfile = io.BytesIO(head)
+            self.handle_one_request()
+
+    def do_GET(self) -> None:  # the name is that of the library
+        """Answer a request."""
+        path, _, query = self.path.partition("?")
+        answers: dict[str, Callable[[], None]] = {
+            "/": self._send_page,
+            "/events": self._send_events,
+            "/picture.mjpeg": self._send_pictures,
+        }
+        refusal = self._refusal(path, query)
+        if refusal is not None:
+            self.send_error(refusal.status, refusal.text)
+        elif path not in answers:
+            self.send_error(HTTPStatus.NOT_FOUND)
+        else:
+            answers[path]()
+
+    def _refusal(self, path: str, query: str) -> Refusal | None:
+        access = self.server.access
+        if refusal := access.refusal_of_host(self.headers.get_all("Host", [])):
+            return refusal
+        if path != "/" and self.headers.get("Sec-Fetch-Site") in ("cross-site", "same-site"):
+            return Refusal(HTTPStatus.FORBIDDEN, "another site asks for this")
+        try:
+            known = access.knows_token(query, self.headers.get("Cookie", ""), self._cookie)
+        except ValueError:
+            return Refusal(HTTPStatus.BAD_REQUEST, "the query has too many fields")
+        if not known:
+            text = "open the page by the address with the token that edgetree printed"
+            return Refusal(HTTPStatus.FORBIDDEN, text)
+        return None
+
+    @property
+    def _cookie(self) -> str:
+        """Name of the cookie; browsers share cookies among the ports of a machine."""
+        return f"edgetree_{self.server.server_port}"
+
+    def _send_page(self) -> None:
+        content, token = page_html(), self.server.access.token
+        headers = {"Content-Length": str(len(content))}
+        if token is not None:
+            headers["Set-Cookie"] = f"{self._cookie}={token}; Path=/; HttpOnly; SameSite=Strict"
+        self._start("text/html; charset=utf-8", headers)
+        self.wfile.write(content)
+
+    def _send_events(self) -> None:
+        """Send the newest stems, or at least a heartbeat."""
+        feed = self.server.feed
+        with self.server.slot("events") as free:
+            if not free:
+                self._refuse_full()
+                return
+            self._start("text/event-stream; charset=utf-8")
+            self.wfile.write(b"retry: 1000\n\n")
+            serial = 0
+            while not feed.closed:
+                shown = feed.wait(serial, timeout_s=self.server.heartbeat_s)
+                if shown is None:
+                    self._send_event("beat", feed.status())
+                    continue
+                serial = shown.serial
+                self._send_event("stems", {**shown.record(), **feed.status()})
+                time.sleep(_EVENT_INTERVAL_S)
+
+    def _send_event(self, name: str, record: dict[str, Any]) -> None:
+        data = json.dumps(record, allow_nan=False)
+        self.wfile.write(f"event: {name}\ndata: {data}\n\n".encode())
+
+    def _send_pictures(self) -> None:
+        """Send the newest picture whenever the client has taken the last one."""
+        feed = self.server.feed
+        with self.server.slot("pictures") as free:
+            if not free:
+                self._refuse_full()
+                return
+            self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
+            self._start(f"multipart/x-mixed-replace; boundary={_BOUNDARY}")
+            serial = 0
+            while not feed.closed:
+                shown = feed.wait(serial, timeout_s=feed.stale_s)
+                if shown is None:
+                    self._send_part(blank_jpeg(), {})
+                    continue
+                serial = shown.serial
+                about = {"X-Serial": str(serial), "X-Taken-S": f"{shown.taken_s:.4f}"}
+                self._send_part(shown.jpeg(), about)
+                time.sleep(_PICTURE_INTERVAL_S)
+
+    def _send_part(self, jpeg: bytes, about: dict[str, str]) -> None:
+        fields = {"Content-Type": "image/jpeg", "Content-Length": str(len(jpeg)), **about}
+        head = "".join(f"{name}: {value}\r\n" for name, value in fields.items())
+        self.wfile.write(f"--{_BOUNDARY}\r\n{head}\r\n".encode() + jpeg + b"\r\n")
+
+    def _refuse_full(self) -> None:
+        self.send_error(HTTPStatus.SERVICE_UNAVAILABLE, self.server.full_text)
+
+    def _start(self, content_type: str, headers: dict[str, str] | None = None) -> None:
+        self.send_response(HTTPStatus.OK)
+        self.send_header("Content-Type", content_type)
+        self.send_header("Connection", "close")
+        for name, value in (headers or {}).items():
+            self.send_header(name, value)
+        self.end_headers()
+
+    def end_headers(self) -> None:
+        """End the head of an answer with the headers that protect the page."""
+        for name, value in security_headers().items():
+            self.send_header(name, value)
+        super().end_headers()
+
+    def version_string(self) -> str:
+        """The `Server` header, without versions."""
+        return "edgetree"
+
+    def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 (the library's name)
+        """Log quietly, without the query, which may hold the token."""
+        self.server.logger.debug("%s %s", self.client_address[0], format % args)
+
+
+def _read_head(connection: socket.socket) -> bytes | None:
+    """The head of a request; empty if the client leaves, None if it is too large."""
+    head, end_s = b"", time.monotonic() + _HEAD_S
+    while b"\r\n\r\n" not in head and b"\n\n" not in head:
+        connection.settimeout(max(end_s - time.monotonic(), 0.001))
+        part = connection.recv(65_536)
+        if not part:
+            return b""
+        head += part
+        if len(head) > _MAX_HEAD_BYTES:
+            return None
+    return head

@@ -1,0 +1,228 @@
+"""The page's server: publishes results to browsers without ever slowing the publisher."""
+
+from __future__ import annotations
+
+import logging
+import os
+import socket
+import sys
+import threading
+import time
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from http.server import ThreadingHTTPServer
+from types import TracebackType
+from typing import Any, Final
+
+from edgetree.drawing.primitives import Picture
+from edgetree.errors import InputError
+from edgetree.live.page.access import Access
+from edgetree.live.page.feed import Feed
+from edgetree.live.page.handler import PageHandler
+from edgetree.live.results import LiveResult
+
+__all__ = ["PageHttpServer", "PageServer"]
+
+_LOGGER: Final = logging.getLogger(__name__)
+_POLL_S: Final = 0.05
+_CLOSE_S: Final = 0.6
+_EVERYWHERE: Final = ("", "0.0.0.0", "::")
+
+
+class PageServer:
+    """Serves the page for the cab.
+
+        with PageServer() as page:
+            print(page.address)
+            for result in results:
+                page.publish(result)
+
+    The page shows the newest result only. Pictures are drawn and encoded in the threads of the
+    clients, once per frame, and only if a client watches.
+
+    Args:
+        host: address to listen on. Any other than loopback needs a token.
+        port: port; 0 for any free one.
+        token: what a client must know, 16 to 128 letters, digits, - or _. If None, a random one is
+            made, or none on loopback.
+        stale_s: age from which results are blanked, s.
+        max_clients: largest number of open pages.
+
+    Attributes:
+        address: what to open in a browser, with the token. Known after `start`.
+
+    Raises:
+        InputError: a value cannot be used.
+    """
+
+    def __init__(
+        self,
+        host: str = "127.0.0.1",
+        port: int = 8420,
+        token: str | None = None,
+        stale_s: float = 1.0,
+        max_clients: int = 8,
+    ) -> None:
+        if not 0 <= port <= 65535:
+            raise InputError(f"the page's port is {port}: expected 1 to 65535, or 0 for a free one")
+        if not 0.1 <= stale_s <= 60:
+            raise InputError(f"stale_s is {stale_s:g} s: expected 0.1 to 60 s")
+        if max_clients < 1:
+            raise InputError(f"max_clients is {max_clients}: expected at least 1")
+        self.address = ""
+        self._where = (host, port)
+        self._access = Access(host, token)
+        self._feed = Feed(stale_s)
+        self._max_clients = max_clients
+        self._http: PageHttpServer | None = None
+        self._thread: threading.Thread | None = None
+
+    def start(self) -> None:
+        """Start to listen.
+
+        Raises:
+            InputError: the port is taken, or the address is not one of this machine.
+        """
+        host, port = self._where
+        try:
+            self._http = PageHttpServer((host, port), self._access, self._feed, self._max_clients)
+        except OSError as error:
+            raise InputError(
+                f"the page cannot be served at {host} port {port} ({error.strerror}):"
+                " expected an address of this machine and a free port"
+            ) from error
+        self.address = _address(host, self._http.server_port, self._access.token)
+        self._thread = threading.Thread(
+            target=self._http.serve_forever, args=(_POLL_S,), name="page", daemon=True
+        )
+        self._thread.start()
+        _LOGGER.info("the page is served at %s port %d", host, self._http.server_port)
+
+    def publish(self, result: LiveResult, picture: Picture | None = None) -> None:
+        """Show a result. Takes microseconds, whatever the clients do.
+
+        Args:
+            result: the result. It must not be changed afterwards.
+            picture: (H, W, 3) uint8 BGR to show, which must not be changed afterwards. If None, the
+                trees are drawn on the frame's image.
+        """
+        self._feed.put(result, picture)
+
+    def close(self) -> None:
+        """Disconnect all clients and stop listening, within a second."""
+        self._feed.close()
+        if self._http is not None and self._thread is not None:
+            self._http.shutdown()
+            self._http.server_close()
+            self._http.disconnect(_CLOSE_S)
+            self._thread.join()
+            self._http = None
+
+    def __enter__(self) -> PageServer:
+        self.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+class PageHttpServer(ThreadingHTTPServer):
+    """One thread for each connection, with limits.
+
+    Attributes:
+        access: who may open the page.
+        feed: the newest result.
+        heartbeat_s: longest time between two events, s.
+        full_text: what a client is told that is one too many.
+        logger: where requests and errors are logged.
+    """
+
+    daemon_threads = True
+    request_queue_size = 64
+    # On Windows this would let two servers share a port.
+    allow_reuse_address = os.name != "nt"
+    allow_reuse_port = False
+
+    def __init__(
+        self, where: tuple[str, int], access: Access, feed: Feed, max_clients: int
+    ) -> None:
+        self.address_family = socket.AF_INET6 if ":" in where[0] else socket.AF_INET
+        self.access, self.feed, self.logger = access, feed, _LOGGER
+        self.heartbeat_s = min(0.5, feed.stale_s / 2)
+        self.full_text = f"too many pages are open, {max_clients} are allowed: close one of them"
+        self._max_clients = max_clients
+        self._lock = threading.Lock()
+        self._used: Counter[str] = Counter()
+        self._open: set[socket.socket] = set()
+        super().__init__(where, PageHandler)
+
+    def server_bind(self) -> None:
+        """Bind without looking up names, which may wait for the network."""
+        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, self.allow_reuse_address)
+        self.socket.bind(self.server_address)
+        self.server_address = self.socket.getsockname()
+        self.server_name, self.server_port = str(self.server_address[0]), self.server_address[1]
+
+    @contextmanager
+    def slot(self, kind: str) -> Iterator[bool]:
+        """Take one of the slots for a kind of stream; yields whether one was free."""
+        with self._lock:
+            free = self._used[kind] < self._max_clients
+            self._used[kind] += free
+        try:
+            yield free
+        finally:
+            with self._lock:
+                self._used[kind] -= free
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Answer in a thread, or not at all if far too many connections are open."""
+        with self._lock:
+            full = len(self._open) >= 4 * self._max_clients + 8
+            if not full:
+                self._open.add(request)
+        if not full:
+            super().process_request(request, client_address)
+            return
+        with suppress(OSError):
+            request.settimeout(0.0)
+            text = f"503 {self.full_text}\n"
+            head = f"HTTP/1.1 503 Service Unavailable\r\nContent-Length: {len(text)}\r\n"
+            request.send(f"{head}Connection: close\r\n\r\n{text}".encode())
+        self.shutdown_request(request)
+
+    def shutdown_request(self, request: Any) -> None:
+        """End a connection."""
+        with self._lock:
+            self._open.discard(request)
+        super().shutdown_request(request)
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Log what went wrong with a client; one that left or stalled is no error."""
+        error = sys.exception()
+        if isinstance(error, OSError):
+            self.logger.debug("%s: %s", client_address[0], error)
+        else:
+            self.logger.exception("the answer to %s failed", client_address[0])
+
+    def disconnect(self, timeout_s: float) -> None:
+        """End all connections, and wait for their threads."""
+        with self._lock:
+            for connection in self._open:
+                with suppress(OSError):
+                    connection.shutdown(socket.SHUT_RDWR)
+        end_s = time.monotonic() + timeout_s
+        while self._open and time.monotonic() < end_s:
+            time.sleep(0.01)
+
+
+def _address(host: str, port: int, token: str | None) -> str:
+    name = socket.gethostname() if host in _EVERYWHERE else host
+    name = f"[{name}]" if ":" in name else name
+    return f"http://{name}:{port}/" + ("" if token is None else f"?token={token}")
