@@ -16,6 +16,7 @@ from edgetree.commands.demo import demo
 from edgetree.commands.doctor import doctor
 from edgetree.commands.eval import evaluate
 from edgetree.commands.export import export
+from edgetree.commands.live import live
 from edgetree.commands.measure import measure
 from edgetree.commands.run import run
 from edgetree.commands.sign import sign
@@ -35,6 +36,7 @@ app = typer.Typer(
 app.command()(demo)
 app.command()(run)
 app.command()(measure)
+app.command()(live)
 app.command()(check)
 app.command()(calibrate)
 app.command(name="eval")(evaluate)

@@ -15,20 +15,24 @@ import typer
 from edgetree.commands.option_groups import RigOptions, SessionOptions, expand_groups
 from edgetree.commands.options import (
     Camera,
+    Depth,
     Model,
     Mounting,
     ScoreThreshold,
     SpeciesName,
     StumpHeight,
     Up,
+    model_file,
 )
 from edgetree.console import note
 
 if TYPE_CHECKING:
+    from edgetree.frames.rig import Rig
     from edgetree.live.frames import LiveSource
     from edgetree.live.page import PageServer
     from edgetree.live.pipeline import LivePipeline
-    from edgetree.live.sinks import Sink
+    from edgetree.live.sinks import MapOrigin, Sink
+    from edgetree.live.sinks.opening import SinkOptions
 
 __all__ = ["live"]
 
@@ -48,8 +52,8 @@ _DepthScaleM: TypeAlias = Annotated[
     typer.Option(
         "--depth-scale",
         metavar="M_PER_UNIT",
-        help="Metres per unit of depth. If not given: 0.001 for 16-bit depth, 1 for 32-bit depth,"
-        " or what the camera says.",
+        help="Metres per unit of a recording's depth; 0.001 for 16-bit and 1 for 32-bit depth if"
+        " not given.",
     ),
 ]
 _Topic: TypeAlias = Annotated[
@@ -101,9 +105,19 @@ _Udp: TypeAlias = Annotated[
     str | None,
     typer.Option(metavar="HOST:PORT", help="Send a datagram with the stems for each frame."),
 ]
+_MapOrigin: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        metavar="LAT,LON[,HEIGHT[,HEADING]]",
+        help="Place of the map on Earth: degrees in WGS 84, metres, and direction of the map's y"
+        " axis in degrees clockwise from north. If not given, the map is in metres.",
+    ),
+]
 _Mqtt: TypeAlias = Annotated[
     str | None,
-    typer.Option(metavar="HOST:PORT/TOPIC", help="Publish the stems of each frame by MQTT."),
+    typer.Option(
+        metavar="HOST[:PORT]", help="Publish the stems of each frame at this MQTT broker."
+    ),
 ]
 
 
@@ -111,20 +125,28 @@ _Mqtt: TypeAlias = Annotated[
 class _SourceOptions:
     """The options about the source."""
 
+    depth: Depth = None
     topic: _Topic = None
     depth_scale: _DepthScaleM = None
     as_live: _AsLive = False
     loop: _Loop = False
 
-    def open(self, source: str, takes_depth: bool) -> LiveSource:
+    def open(self, source: str, rig: Rig, takes_depth: bool) -> LiveSource:
         """Open the source for a model that takes depth, or colour."""
+        from edgetree.live.sources.bags import is_bag
+        from edgetree.live.sources.drive import is_drive
         from edgetree.live.sources.opening import open_live_source
         from edgetree.live.sources.pacing import PacedSource
 
+        path = Path(source)
+        are_files = path.exists() and not (is_bag(path) or is_drive(path))
         opened = open_live_source(
             source,
+            depth=self.depth,
+            rig=rig,
             topics=self.topics(),
             depth_scale_m=self.depth_scale,
+            modality="depth" if are_files and takes_depth and self.depth is None else "both",
             loop=self.loop,
         )
         return PacedSource(opened) if self.as_live and not opened.is_live else opened
@@ -198,22 +220,36 @@ class _Outputs:
     jsonl: _JsonLines = None
     csv: _CsvFile = None
     map: _Map = None
+    map_origin: _MapOrigin = None
     udp: _Udp = None
     mqtt: _Mqtt = None
 
-    def open(self, stack: ExitStack, to_stdout: bool) -> list[Sink]:
-        """Open all outputs; the stack closes them."""
-        from edgetree.live.sinks import open_sinks
+    def options(self, to_stdout: bool) -> SinkOptions:
+        """The outputs, with JSON lines on stdout if `to_stdout`."""
+        from edgetree.live.sinks.opening import SinkOptions
 
-        return open_sinks(
-            stack,
-            jsonl=self.jsonl,
-            csv=self.csv,
-            stem_map=self.map,
-            udp=self.udp,
-            mqtt=self.mqtt,
-            to_stdout=to_stdout,
+        origin = None if self.map_origin is None else _origin(self.map_origin)
+        return SinkOptions(
+            self.jsonl, self.csv, self.map, origin, self.udp, self.mqtt, to_stdout=to_stdout
         )
+
+
+def _origin(text: str) -> MapOrigin:
+    """The place of the map.
+
+    Raises:
+        InputError: it has another form, or is out of range.
+    """
+    from edgetree.errors import InputError
+    from edgetree.live.sinks import MapOrigin
+
+    try:
+        latitude, longitude, *rest = (float(part) for part in text.split(","))
+        return MapOrigin(latitude, longitude, *rest)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"--map-origin is {text!r}: expected LAT,LON[,HEIGHT[,HEADING]], such as 60.5,24.3"
+        ) from error
 
 
 @expand_groups
@@ -235,23 +271,36 @@ def live(
     diameter with its interval. Prints one JSON line per frame on stdout. Ctrl-C and SIGTERM end it
     with everything written.
     """
+    from edgetree.errors import InputError
     from edgetree.live.pipeline import LivePipeline
+    from edgetree.live.sinks.opening import open_sinks
     from edgetree.results.atomic_files import check_paths
 
+    rig_options = metres.as_rig_options()
     check_paths(
         {"--jsonl": outputs.jsonl, "--csv": outputs.csv, "--map": outputs.map},
-        {"source": Path(source), **metres.as_rig_options().files(metres.camera)},
+        {
+            "source": Path(source),
+            "--depth": source_options.depth,
+            "--model": model_file(model),
+            **rig_options.files(metres.camera),
+        },
     )
-    rig_options = metres.as_rig_options()
+    if outputs.map_origin is not None and outputs.map is None:
+        raise InputError("--map-origin given without --map: expected both")
     rig, settings = rig_options.rig(metres.camera, None), rig_options.settings()
     detector, _ = session.open_model(model, score_threshold)
     takes_depth = detector.manifest.takes_depth
+    sink_options = outputs.options(to_stdout=not (outputs.jsonl or page_options.page))
     pipeline = LivePipeline(
-        lambda: source_options.open(source, takes_depth), detector, rig=rig, settings=settings
+        lambda: source_options.open(source, rig, takes_depth),
+        detector,
+        rig=rig,
+        settings=settings,
     )
     with _warnings_shown(), ExitStack() as stack:
+        sinks = open_sinks(sink_options, stack)
         page = stack.enter_context(page_options.serving())
-        sinks = outputs.open(stack, to_stdout=outputs.jsonl is None and page is None)
         _follow(pipeline, sinks, page, frames)
 
 
