@@ -102,11 +102,12 @@ def _cells(
     """(K,) which view of its stem each sighting belongs to; new ones are begun."""
     back = from_m - seen.line[:, :2]
     angle, log_m = np.arctan2(back[:, 1], back[:, 0]), np.log(np.maximum(np.hypot(*back.T), 0.1))
-    turn = stems["angle_rad"][rows] - angle[:, None]
-    turn = np.abs((turn + np.pi) % (2 * np.pi) - np.pi) / np.radians(settings.view_angle_deg)
-    nearer = np.abs(stems["log_m"][rows] - log_m[:, None]) / np.log(settings.view_distance_ratio)
     views = stems["views"][rows]
-    apart = np.where(np.arange(_MAX_VIEWS) < views[:, None], np.maximum(turn, nearer), np.inf)
+    begun = min(int(views.max()) + 1, _MAX_VIEWS)
+    turn = stems["angle_rad"][rows, :begun] - angle[:, None]
+    turn = np.abs((turn + np.pi) % (2 * np.pi) - np.pi) / np.radians(settings.view_angle_deg)
+    nearer = np.abs(stems["log_m"][rows, :begun] - log_m[:, None]) / np.log(settings.view_distance_ratio)
+    apart = np.where(np.arange(begun) < views[:, None], np.maximum(turn, nearer), np.inf)
     cells = apart.argmin(1)
     new = (apart[np.arange(len(rows)), cells] > 1.0) & (views < _MAX_VIEWS)
     cells = np.where(new, views, cells)
@@ -136,12 +137,13 @@ def _fuse_values(stems: NDArray[np.void], rows: Index, settings: TrackingSetting
     in all views, so it is averaged as a deviation.
     """
     bias, view, noise = settings.scalar_shares
-    count, info = stems["count"][rows], stems["info"][rows]
+    most = int(stems["views"][rows].max())
+    count, info = stems["count"][rows, :most], stems["info"][rows, :most]
     given = info > 0
     info = np.where(given, info, 1.0)
     variance = count / info
     within = variance * (view + noise / np.maximum(count, 1.0))
-    means = stems["sums"][rows] / info
+    means = stems["sums"][rows, :most] / info
     weight = np.where(given, 1.0 / np.maximum(bias * variance + within, 1e-12), 0.0)
     total = weight.sum(1)
     known = total > 0
@@ -174,11 +176,12 @@ def _worst_ratio(degrees: NDArray[np.intp]) -> Float:
 def _fuse_lines(stems: NDArray[np.void], rows: Index, settings: TrackingSettings) -> None:
     """Fuse the lines of some stems, by the same rule with covariance matrices."""
     share = settings.position
-    count, info = stems["line_count"][rows], stems["line_info"][rows]
+    most = int(stems["views"][rows].max())
+    count, info = stems["line_count"][rows, :most], stems["line_info"][rows, :most]
     each = np.where(count > 0, 1.0 / (share.view * count + share.noise), 0.0)
     total = (each[..., None, None] * info).sum(1)
     covariance = np.linalg.inv(total)
-    sums = (each[..., None] * stems["line_sums"][rows]).sum(1)
+    sums = (each[..., None] * stems["line_sums"][rows, :most]).sum(1)
     stems["line"][rows] = (covariance @ sums[..., None])[..., 0]
     frames = count.sum(1)[:, None, None]
     stems["line_covariance"][rows] = covariance + share.bias * frames * np.linalg.inv(info.sum(1))

@@ -54,9 +54,10 @@ class CameraMotion:
 
     def forget_speed(self) -> None:
         """The speed is not known any more, as after a jump of the clock."""
-        self.state[3:] = 0.0
-        self.covariance[3:, :] = self.covariance[:, 3:] = 0.0
-        self.covariance[3:, 3:] = np.diag(self._rates())
+        place = self.covariance[:3, :3]
+        self.state = np.concatenate([self.state[:3], np.zeros(3)])
+        self.covariance = np.diag([0.0, 0.0, 0.0, *self._rates()])
+        self.covariance[:3, :3] = place
 
     @property
     def place_std_m(self) -> float:
@@ -100,10 +101,9 @@ class CameraMotion:
 
     def take_found(self, place: Float) -> None:
         """Take the (3,) place and heading that a search found, before they are refined."""
-        self.forget_speed()
-        self.state[:3] = place
         turn = math.radians(_FOUND_STD_DEG) ** 2
-        self.covariance[:3, :3] = np.diag([_FOUND_STD_M**2, _FOUND_STD_M**2, turn])
+        self.state = np.concatenate([place, np.zeros(3)])
+        self.covariance = np.diag([_FOUND_STD_M**2, _FOUND_STD_M**2, turn, *self._rates()])
 
     def set_place(self, state: Float, covariance: Float) -> None:
         """Take what the stems say."""

@@ -15,7 +15,7 @@ __all__ = ["find_place", "refine_place"]
 Float = NDArray[np.floating[Any]]
 Flags = NDArray[np.bool_]
 
-_ROUNDS = 3
+_ROUNDS = 2
 # Residuals beyond this many standard deviations count less (Huber).
 _HUBER_STDS = 2.0
 # Two pairs of stems that are closer than this tell no heading.

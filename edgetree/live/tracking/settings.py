@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import astuple, dataclass, fields
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,7 +102,7 @@ class TrackingSettings:
     turn_deg_per_s: float = 40.0
     lost_std_m: float = 3.0
 
-    @property
+    @cached_property
     def scalar_shares(self) -> NDArray[np.float64]:
         """(3, 5) shares of bias, view and noise, for the columns of `Sightings.values`."""
         shares = (self.diameter, self.dbh, self.cut_height, self.inclination, self.position)

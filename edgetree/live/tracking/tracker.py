@@ -33,8 +33,9 @@ _LOG = logging.getLogger(__name__)
 # Largest part of a difference of diameters in the cost of a match, as a chi-square: diameters
 # decide between stems that are near each other, but refuse none.
 _MAX_DIAMETER_COST = 9.0
-# Added to the cost of a match with a stem that is not confirmed, as a chi-square.
-_NEW_COST = 4.0
+# Added to the cost of a match with a stem that is not confirmed, and with one that the last frame
+# did not show, as chi-squares.
+_NEW_COST, _UNSEEN_COST = 4.0, 4.0
 # Diameters further apart than this many standard deviations are of different stems, in a search
 # without a prediction.
 _MAX_DIAMETER_STDS = 3.0
@@ -46,7 +47,7 @@ _MAX_AWAY_M, _MAX_ASIDE_M, _MAX_ALONG_SIGHT_M = 1.0, 0.2, 2.0
 _MIN_HALF_WIDTH_RAD, _MAX_UNMEASURED_M = 0.03, 12.0
 # Where the prediction is less certain than this at a stem, m, stems may be taken for their
 # neighbours, and all are matched together.
-_AMBIGUOUS_M = 0.3
+_AMBIGUOUS_M = 0.5
 _REFINEMENTS = 2
 
 
@@ -184,10 +185,13 @@ class StemTracker:
             elif lost:
                 self._begin_map("nothing tells how the camera moved")
                 return
+        rows = columns = np.zeros(0, np.intp)
         for _ in range(_REFINEMENTS):
-            rows, columns = self._match(seen.in_map(motion))
+            before, (rows, columns) = (rows, columns), self._match(seen.in_map(motion))
             if not len(rows):
                 return
+            if np.array_equal(before, (rows, columns)):
+                break
             at = seen.select(columns)
             followed, spread = self._stems.at_height(rows, at.point_m[:, 2] + motion.height_m)
             state, covariance = refine_place(
@@ -202,10 +206,10 @@ class StemTracker:
         self._stems.level_camera(rows, at, motion)
 
     def _reach_std_m(self, seen: Sightings) -> float:
-        """Largest standard deviation of the predicted place of a seen stem."""
+        """Standard deviation of the predicted place of a seen stem, the median of all."""
         jacobian = self._motion.place_jacobian(seen.point_m[:, :2])
         spread = jacobian @ self._motion.covariance[:3, :3] @ jacobian.transpose(0, 2, 1)
-        return math.sqrt(float(np.trace(spread, axis1=1, axis2=2).max()))
+        return math.sqrt(float(np.median(np.trace(spread, axis1=1, axis2=2))))
 
     def _search(self, seen: Sightings, lost: bool) -> Float | None:
         """Search for the camera's place by all stems together, as `find_place`."""
@@ -241,7 +245,8 @@ class StemTracker:
         off_m = rows["values"][:, None, DIAMETER] - seen.values[:, DIAMETER]
         std_m = np.hypot(rows["stds"][:, None, DIAMETER], seen.stds[:, DIAMETER])
         cost = chi_square + vague + np.minimum((off_m / std_m) ** 2, _MAX_DIAMETER_COST)
-        return cost + np.where(self._stems.confirmed, 0.0, _NEW_COST)[:, None], chi_square
+        cost += np.where(self._stems.confirmed, 0.0, _NEW_COST)[:, None]
+        return cost + np.where(rows["missed"] > 1, _UNSEEN_COST, 0.0)[:, None], chi_square
 
     def _may_contradict(self, seen: Sightings, chi_square: Float) -> NDArray[np.bool_]:
         """(T, M) whether sightings that do not match may yet be of the stems."""
