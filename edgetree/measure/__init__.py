@@ -14,6 +14,7 @@ from edgetree.measure.estimates import (
 from edgetree.measure.measure import measure_trees
 from edgetree.measure.profile import StemProfile
 from edgetree.measure.settings import MeasureSettings
+from edgetree.measure.stem_axis import StemAxis
 from edgetree.measure.volume import SPECIES, Species, stem_volume
 
 __all__ = [
@@ -25,6 +26,7 @@ __all__ = [
     "MeasureSettings",
     "PointEstimate",
     "Species",
+    "StemAxis",
     "StemProfile",
     "TreeMeasurement",
     "measure_trees",

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edgetree.measure.profile import StemProfile
+from edgetree.measure.stem_axis import StemAxis
 
 __all__ = [
     "QUANTITIES",
@@ -175,6 +176,7 @@ class TreeMeasurement:
         cut_point_m: point of the cut on the bark that faces the camera, in camera coordinates
             (x right, y down, z forward).
         cut_point_machine_m: the same point in machine coordinates.
+        axis: line of the axis in camera coordinates. It is not part of `to_dict`.
         evidence: what the measurement is based on.
     """
 
@@ -192,6 +194,7 @@ class TreeMeasurement:
     species: str | None = None
     cut_point_m: PointEstimate | Failure
     cut_point_machine_m: PointEstimate | Failure
+    axis: StemAxis | Failure = Failure("the axis is not measured")
     evidence: Evidence = Evidence()
 
     @classmethod
@@ -212,6 +215,7 @@ class TreeMeasurement:
             profile=failure,
             cut_point_m=failure,
             cut_point_machine_m=failure,
+            axis=failure,
         )
 
     def to_dict(self) -> dict[str, JsonValue]:

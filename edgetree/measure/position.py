@@ -13,6 +13,7 @@ from calib import CAMERA_UP, RigidTransform
 from edgetree.measure.estimates import Estimate, Failure, PointEstimate
 from edgetree.measure.ground import BaseGround
 from edgetree.measure.settings import MeasureSettings
+from edgetree.measure.stem_axis import StemAxis
 from edgetree.measure.vertical import Vertical
 
 __all__ = ["StemPosition"]
@@ -183,6 +184,36 @@ class StemPosition:
         point = mounting.apply(self.cut - self.radius_m * self.view_direction)
         return PointEstimate(np.asarray(point), np.sqrt(np.diag(covariance)))
 
+    def axis(self, bend_rad: float, has_cut: bool) -> StemAxis:
+        """The line of the axis in camera coordinates.
+
+        The depth shows the bark, one radius in front of the axis, so the error of the radius is
+        part of the point's. To the side, an error of one edge moves the axis by half as much as it
+        changes the diameter.
+
+        Args:
+            bend_rad: standard deviation of the axis direction along a stem.
+            has_cut: whether the cut is known, and the point is taken there.
+        """
+        point = self.cut if has_cut else self.section
+        slide_m = self.cut_rad * math.hypot(*point) if has_cut else 0.0
+        ahead_m = math.hypot(self.distance_std_m, self.diameter_std_m / 2, self.shape_std_m)
+        turns = (
+            (self.view_direction, math.hypot(self.tilt_std_rad, bend_rad)),
+            (self.across, math.hypot(self.roll_std_rad, bend_rad)),
+        )
+        shifts = (
+            (self.view_direction, ahead_m),
+            (self.across, self.diameter_std_m / 2),
+            (self.along, slide_m),
+        )
+        return StemAxis(
+            point_m=point,
+            point_covariance_m2=_summed(shifts),
+            direction=self.along,
+            direction_covariance=_summed(turns),
+        )
+
     def _covariance(self) -> Float:
         """(3, 3) covariance matrix of the cut point in m².
 
@@ -196,8 +227,7 @@ class StemPosition:
             (self.across, self.diameter_std_m / 4 + self.cut_rad * reach / 2),
             (self.along, self.cut_rad * reach),
         )
-        scaled = np.array([std * direction for direction, std in directions])
-        return np.asarray(scaled.T @ scaled)
+        return _summed(directions)
 
     def lean(
         self, vertical: Vertical, ground: BaseGround | Failure, settings: MeasureSettings
@@ -247,3 +277,9 @@ class StemPosition:
         (ax, ay, az), (ux, uy, uz) = self.along.tolist(), vertical.tolist()
         sideways = np.array([uy * az - uz * ay, uz * ax - ux * az, ux * ay - uy * ax])
         return math.degrees(math.atan2(float(sideways @ ahead), float(self.along @ ahead)))
+
+
+def _summed(errors: tuple[tuple[Float, float], ...]) -> Float:
+    """(3, 3) covariance of independent errors, each a (3,) unit direction and its deviation."""
+    scaled = np.array([std * direction for direction, std in errors])
+    return np.asarray(scaled.T @ scaled)

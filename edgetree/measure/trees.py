@@ -313,6 +313,7 @@ class _FittedFrame:
             species=species,
             cut_point_m=stem.cut_point() if problem is None else problem,
             cut_point_machine_m=stem.cut_point_machine(mounting) if problem is None else problem,
+            axis=stem.axis(math.radians(self.settings.bend_std_deg), problem is None),
             evidence=gather_evidence(
                 index,
                 self.stems,

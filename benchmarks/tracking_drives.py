@@ -1,0 +1,89 @@
+"""Simulated drives with the detections and measurements of a network, for `tracking.py`."""
+
+from __future__ import annotations
+
+import json
+import pickle
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calib import PinholeCamera, RigidTransform, read_depth
+from edgetree import TreeDetections, TreeDetector
+from edgetree.demo.matching import match_boxes
+from edgetree.live.frames import LiveFrame
+from edgetree.measure import TreeMeasurement, measure_trees
+
+
+@dataclass(frozen=True)
+class DriveFrame:
+    """A frame with what was found in it and what is true.
+
+    Attributes:
+        image: keys of the frame in the labels.
+        labels: its labelled trees.
+        boxes: (L, 4) their boxes, xyxy px.
+        trees: what the network found.
+        measurements: one per found tree.
+        label_of: index of the labelled tree for each found one that matches one.
+    """
+
+    image: dict[str, Any]
+    labels: list[dict[str, Any]]
+    boxes: np.ndarray
+    trees: TreeDetections
+    measurements: list[TreeMeasurement]
+    label_of: dict[int, int]
+
+    def live(self, pose: bool, vertical: bool) -> LiveFrame:
+        """The frame as a source gives it, with the pose and the vertical or without them."""
+        there = self.image["pose_world"]
+        turn = np.array(there["rotation"]).T
+        return LiveFrame(
+            number=self.image["id"],
+            time_s=self.image["time_s"],
+            image=None,
+            camera=PinholeCamera.from_dict(self.image["camera"]),
+            up_camera=np.array(self.image["up_camera"]) if vertical else None,
+            pose=RigidTransform(turn, np.array(there["origin_m"])) if pose else None,
+        )
+
+
+def load_drives(
+    data: Path, detector: TreeDetector, cache: Path | None
+) -> dict[str, list[DriveFrame]]:
+    """All finished drives of a dataset that show stems, by the name of their scene.
+
+    Args:
+        data: folder of the dataset.
+        detector: network for depth images.
+        cache: folder for detections and measurements, so that they are made once.
+    """
+    drives = {}
+    for scene in sorted((data / "scenes").glob("*.json")):
+        kept = None if cache is None else cache / f"{scene.stem}.pickle"
+        if kept is not None and kept.exists():
+            frames = pickle.loads(kept.read_bytes())
+        else:
+            records = json.loads(scene.read_text(encoding="utf-8"))
+            frames = [_drive_frame(data, record, detector) for record in records]
+            if kept is not None:
+                kept.write_bytes(pickle.dumps(frames))
+        if any(frame.labels for frame in frames):
+            drives[scene.stem] = frames
+    return drives
+
+
+def _drive_frame(data: Path, record: dict[str, Any], detector: TreeDetector) -> DriveFrame:
+    image, labels = record["image"], record["annotations"]
+    depth_m = read_depth(data / image["depth_file"])
+    trees = detector.detect(depth_m)
+    camera = PinholeCamera.from_dict(image["camera"])
+    measurements = measure_trees(trees, depth_m, camera, up_camera=image["up_camera"])
+    boxes = np.array([label["bbox"] for label in labels], np.float64).reshape(-1, 4)
+    boxes[:, 2:] += boxes[:, :2]
+    matches = match_boxes(trees.boxes_px, boxes) if len(trees) and len(labels) else []
+    label_of = {match.detection: match.truth for match in matches}
+    return DriveFrame(image, labels, boxes, trees, measurements, label_of)

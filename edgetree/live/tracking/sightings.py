@@ -1,0 +1,154 @@
+"""The stems of one frame, in a level frame below the camera's heading."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edgetree.live.tracking.motion import CameraMotion
+from edgetree.measure import Estimate, Failure, StemAxis, TreeMeasurement
+
+__all__ = ["CUT_LEVEL", "DIAMETER", "QUANTITIES", "Sightings", "level_rotation"]
+
+Float = NDArray[np.floating[Any]]
+
+QUANTITIES: Final = ("diameter_m", "dbh_m", "cut_height_m", "inclination_deg")
+"""The scalar quantities that are fused; the height of the cut in the map follows them."""
+
+DIAMETER, CUT_LEVEL = 0, 4
+
+# An axis that leans more than this, as horizontal metres per metre of height, is not a stem's.
+_MAX_SLOPE = 1.0
+_STRAIGHT_DOWN = 0.999
+_CAMERA_UP = np.array([0.0, -1.0, 0.0])
+_FORWARD = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class Sightings:
+    """Measured stems of a frame, M at once.
+
+    The level frame has its origin at the camera, x forward, y left, z up.
+
+    Attributes:
+        tree: (M,) index of each among the trees of the frame.
+        point_m: (M, 3) axis point.
+        line: (M, 4) x and y of the axis at the height of the point, and its horizontal metres per
+            metre of height.
+        line_covariance: (M, 4, 4) covariance of its error.
+        values: (M, 5) `QUANTITIES` and the height of the cut in the level frame; 0 where unknown.
+        stds: (M, 5) their standard deviations; infinite where unknown.
+    """
+
+    tree: NDArray[np.intp]
+    point_m: Float
+    line: Float
+    line_covariance: Float
+    values: Float
+    stds: Float
+
+    def __len__(self) -> int:
+        return len(self.tree)
+
+    def select(self, rows: NDArray[np.intp]) -> Sightings:
+        """Some of the sightings."""
+        arrays = (self.point_m, self.line, self.line_covariance, self.values, self.stds)
+        return Sightings(self.tree[rows], *(array[rows] for array in arrays))
+
+    def in_map(self, motion: CameraMotion) -> Sightings:
+        """The same sightings in the map, with the error of the camera's place in their lines."""
+        turn = motion.rotation()
+        both = np.zeros((4, 4))
+        both[:2, :2] = both[2:, 2:] = turn
+        jacobian = motion.place_jacobian(self.point_m[:, :2])
+        line = self.line @ both.T
+        line[:, :2] += motion.state[:2]
+        covariance = both @ self.line_covariance @ both.T
+        covariance[:, :2, :2] += jacobian @ motion.covariance[:3, :3] @ jacobian.transpose(0, 2, 1)
+        height_m = self.point_m[:, 2] + motion.height_m
+        values, stds = self.values.copy(), self.stds.copy()
+        values[:, CUT_LEVEL] += np.where(np.isfinite(stds[:, CUT_LEVEL]), motion.height_m, 0.0)
+        stds[:, CUT_LEVEL] = np.hypot(stds[:, CUT_LEVEL], np.sqrt(motion.height_variance))
+        point = np.column_stack([line[:, :2], height_m])
+        return Sightings(self.tree, point, line, covariance, values, stds)
+
+    def at_height(self, height_m: Float) -> Sightings:
+        """The same sightings with their lines taken at other heights (M,)."""
+        rise = height_m - self.point_m[:, 2]
+        shift = np.zeros((len(self), 4, 4)) + np.eye(4)
+        shift[:, 0, 2] = shift[:, 1, 3] = rise
+        line = (shift @ self.line[..., None])[..., 0]
+        covariance = shift @ self.line_covariance @ shift.transpose(0, 2, 1)
+        return Sightings(self.tree, self.point_m, line, covariance, self.values, self.stds)
+
+    @classmethod
+    def of(
+        cls, measurements: Sequence[TreeMeasurement], level: Float, up_std_rad: float
+    ) -> Sightings:
+        """Collect the measured stems of a frame.
+
+        Args:
+            measurements: one per tree of the frame.
+            level: (3, 3) rotation from the camera's frame to the level frame.
+            up_std_rad: standard deviation of the vertical behind it.
+        """
+        indices: list[int] = []
+        axes: list[StemAxis] = []
+        for index, measurement in enumerate(measurements):
+            if not isinstance(measurement.axis, Failure):
+                indices.append(index)
+                axes.append(measurement.axis)
+        if not axes:
+            none = np.zeros((0, 5))
+            return cls(
+                np.zeros(0, np.intp), none[:, :3], none[:, :4], np.zeros((0, 4, 4)), none, none
+            )
+        point = np.array([axis.point_m for axis in axes]) @ level.T
+        direction = np.array([axis.direction for axis in axes]) @ level.T
+        point_covariance = level @ np.array([axis.point_covariance_m2 for axis in axes]) @ level.T
+        turn_covariance = level @ np.array([axis.direction_covariance for axis in axes]) @ level.T
+        values, stds = np.zeros((len(axes), 5)), np.full((len(axes), 5), np.inf)
+        for row, index in enumerate(indices):
+            measurement = measurements[index]
+            for column, name in enumerate(QUANTITIES):
+                result = getattr(measurement, name)
+                if isinstance(result, Estimate) and result.std > 0:
+                    values[row, column], stds[row, column] = result
+            if measurement.cut_point_m:
+                values[row, CUT_LEVEL] = point[row, 2]
+                stds[row, CUT_LEVEL] = np.sqrt(point_covariance[row, 2, 2])
+        reach = np.hypot(point[:, 0], point[:, 1])
+        stds[:, CUT_LEVEL] = np.hypot(stds[:, CUT_LEVEL], up_std_rad * reach)
+        sound = direction[:, 2] > 0
+        upwards = np.where(sound, direction[:, 2], 1.0)[:, None]
+        slope = direction[:, :2] / upwards
+        sound &= np.hypot(slope[:, 0], slope[:, 1]) < _MAX_SLOPE
+        sound &= np.isfinite(point).all(1) & np.isfinite(point_covariance).all((1, 2))
+        # First-order error propagation: along the axis a shift of the point changes nothing.
+        project = np.zeros((len(axes), 2, 3))
+        project[:, 0, 0] = project[:, 1, 1] = 1.0
+        project[:, :, 2] = -slope
+        turned = project.transpose(0, 2, 1)
+        covariance = np.zeros((len(axes), 4, 4))
+        level_variance = (up_std_rad * point[:, 2]) ** 2
+        unit = np.eye(2)
+        covariance[:, :2, :2] = project @ point_covariance @ turned
+        covariance[:, :2, :2] += level_variance[:, None, None] * unit
+        covariance[:, 2:, 2:] = project @ turn_covariance @ turned / upwards[:, None] ** 2
+        covariance[:, 2:, 2:] += (up_std_rad**2 + 1e-6) * unit
+        covariance[:, :2, :2] += 1e-6 * unit
+        line = np.concatenate([point[:, :2], slope], 1)
+        every = (point, line, covariance, values, stds)
+        return cls(np.array(indices)[sound], *(array[sound] for array in every))
+
+
+def level_rotation(up: Float) -> Float:
+    """(3, 3) rotation from the camera's frame to the level frame, from the (3,) vertical."""
+    forward = _CAMERA_UP if abs(up[2]) > _STRAIGHT_DOWN else _FORWARD
+    ahead = forward - (forward @ up) * up
+    ahead = ahead / np.linalg.norm(ahead)
+    return np.stack([ahead, np.cross(up, ahead), up])

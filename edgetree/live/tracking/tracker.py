@@ -1,0 +1,305 @@
+"""Follow the stems of a recording over time, and fuse what all views say of each."""
+
+from __future__ import annotations
+
+import logging
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib import CAMERA_UP, RigidTransform, pixels_to_rays
+from edgetree.detections import TreeDetections
+from edgetree.errors import InputError
+from edgetree.live.frames import LiveFrame
+from edgetree.live.tracking.association import chi_squares, match_greedily
+from edgetree.live.tracking.motion import CameraMotion
+from edgetree.live.tracking.registration import find_place, refine_place
+from edgetree.live.tracking.reports import report_tracks
+from edgetree.live.tracking.settings import TrackingSettings
+from edgetree.live.tracking.sightings import DIAMETER, Sightings, level_rotation
+from edgetree.live.tracking.stems import StemMap
+from edgetree.live.tracking.tracks import TreeTrack
+from edgetree.measure import Failure, TreeMeasurement
+
+__all__ = ["StemTracker"]
+
+Float = NDArray[np.floating[Any]]
+Index = NDArray[np.intp]
+
+_LOG = logging.getLogger(__name__)
+
+# Largest part of a difference of diameters in the cost of a match, as a chi-square: diameters
+# decide between stems that are near each other, but refuse none.
+_MAX_DIAMETER_COST = 9.0
+# Added to the cost of a match with a stem that is not confirmed, and with one that the last frame
+# did not show, as chi-squares.
+_NEW_COST, _UNSEEN_COST = 4.0, 4.0
+# Diameters further apart than this many standard deviations are of different stems, in a search
+# without a prediction.
+_MAX_DIAMETER_STDS = 3.0
+# A contradicting view is at most this far from its stem, m; on the line of sight it may be further
+# because the depth may be of something else, if it is to the side by at most the other distance.
+_MAX_AWAY_M, _MAX_ASIDE_M, _MAX_ALONG_SIGHT_M = 1.0, 0.2, 2.0
+# Trees without an axis are taken for a stem within half the width of their box, and at least this
+# angle, that is not further away than this.
+_MIN_HALF_WIDTH_RAD, _MAX_UNMEASURED_M = 0.03, 12.0
+# Where the prediction is less certain than this at a stem, m, stems may be taken for their
+# neighbours, and all are matched together.
+_AMBIGUOUS_M = 0.5
+_REFINEMENTS = 2
+
+
+class StemTracker:
+    """Follow stems in three dimensions, frame by frame.
+
+    Stems are landmarks on the level plane. A frame's pose places the camera in the map. Without one
+    the vertical gives its roll and pitch, the stems its place and heading, and constant velocity
+    bridges frames with too few stems. Where nothing tells how the camera moved, a new map begins,
+    and its stems say so in their warnings.
+
+    Attributes:
+        map_part: number of the map, from 1 on. Positions in different maps have nothing in common.
+    """
+
+    def __init__(self, settings: TrackingSettings | None = None) -> None:
+        self._settings = settings or TrackingSettings()
+        self._stems = StemMap(self._settings)
+        self._motion = CameraMotion(self._settings)
+        self._time_s: float | None = None
+        self._up = np.array(CAMERA_UP)
+        self._level = level_rotation(self._up)
+        self._from_poses = False
+        self._remark = ""
+        self.map_part = 1
+
+    @property
+    def motion(self) -> CameraMotion:
+        """Where the camera is in the map, how sure that is, and what it is from."""
+        return self._motion
+
+    @property
+    def camera_pose(self) -> RigidTransform:
+        """Transform from the camera's frame to the map."""
+        turn = np.eye(3)
+        turn[:2, :2] = self._motion.rotation()
+        place = np.array([*self._motion.state[:2], self._motion.height_m])
+        return RigidTransform(turn @ self._level, place)
+
+    def update(
+        self, frame: LiveFrame, trees: TreeDetections, measurements: list[TreeMeasurement]
+    ) -> list[TreeTrack]:
+        """Follow the stems into one more frame.
+
+        Args:
+            frame: the frame. Its time stamp, vertical and pose are used.
+            trees: its trees.
+            measurements: one per tree, from `measure_trees` with the frame's vertical.
+
+        Returns:
+            All stems that are followed, seen in this frame or not, in the order of their numbers.
+
+        Raises:
+            InputError: there is not one measurement per tree.
+        """
+        if len(measurements) != len(trees):
+            raise InputError(
+                f"there are {len(measurements)} measurements: expected {len(trees)}, one per tree"
+            )
+        step_s = self._step_s(frame.time_s)
+        up_std_deg = self._take_vertical(frame, measurements)
+        seen = Sightings.of(measurements, self._level, math.radians(up_std_deg))
+        self._stems.begin_frame()
+        if frame.pose is not None:
+            self._take_pose(frame.pose, step_s)
+        else:
+            self._find_motion(seen, step_s, frame.time_s)
+        self._follow(seen.in_map(self._motion), frame.time_s)
+        self._name_unmeasured(frame, trees)
+        self._stems.note_reasons(measurements)
+        self._stems.forget(frame.time_s)
+        return report_tracks(self._stems, self._motion, self._level, self._settings, self._remark)
+
+    def _step_s(self, time_s: float) -> float | None:
+        """Time since the last frame; None for the first frame and after a jump back."""
+        last_s, self._time_s = self._time_s, time_s
+        if last_s is None:
+            return None
+        if time_s < last_s:
+            _LOG.warning("the time jumped back from %.3f s to %.3f s", last_s, time_s)
+            self._stems.rows["last_seen_s"] += time_s - last_s
+            self._motion.forget_speed()
+            return None
+        return time_s - last_s
+
+    def _take_vertical(self, frame: LiveFrame, measurements: list[TreeMeasurement]) -> float:
+        """Keep the vertical of this frame, and return its standard deviation in degrees."""
+        std_deg = self._settings.up_std_deg
+        if frame.pose is not None:
+            self._up = np.array(frame.pose.rotation[2])
+        elif frame.up_camera is not None:
+            self._up = np.asarray(frame.up_camera, np.float64)
+        else:
+            std_deg = self._settings.stem_up_std_deg
+            axes = [m.axis.direction for m in measurements if not isinstance(m.axis, Failure)]
+            if axes:
+                self._up = np.median(axes, axis=0)
+        self._up = self._up / np.linalg.norm(self._up)
+        self._level = level_rotation(self._up)
+        return std_deg
+
+    def _take_pose(self, pose: RigidTransform, step_s: float | None) -> None:
+        if not self._from_poses and len(self._stems):
+            self._begin_map("the first pose came")
+        ahead = pose.rotation @ self._level[0]
+        heading = math.atan2(float(ahead[1]), float(ahead[0]))
+        self._motion.set_pose(pose.translation_m, heading, step_s if self._from_poses else None)
+        self._from_poses = True
+
+    def _begin_map(self, why: str) -> None:
+        """Begin a new map at the camera's place."""
+        self.map_part += 1
+        self._remark = f"the map begins anew at {self._time_s:.2f} s: {why}"
+        _LOG.warning("%s", self._remark)
+        self._stems.clear()
+        self._motion.restart()
+        self._from_poses = False
+
+    def _find_motion(self, seen: Sightings, step_s: float | None, time_s: float) -> None:
+        """Find the camera's place by the stems."""
+        motion, stems = self._motion, self._stems
+        if not len(stems):
+            motion.restart()
+            return
+        motion.predict(math.inf if step_s is None else step_s)
+        if not len(seen):
+            return
+        lost = step_s is None or motion.place_std_m > self._settings.lost_std_m
+        predicted = motion.state, motion.covariance
+        if lost or self._reach_std_m(seen) > _AMBIGUOUS_M:
+            place = self._search(seen, lost)
+            if place is not None:
+                motion.take_found(place)
+                predicted = (motion.state, motion.covariance) if lost else predicted
+            elif lost:
+                self._begin_map("nothing tells how the camera moved")
+                return
+        rows = columns = np.zeros(0, np.intp)
+        for _ in range(_REFINEMENTS):
+            before, (rows, columns) = (rows, columns), self._match(seen.in_map(motion))
+            if not len(rows):
+                return
+            if np.array_equal(before, (rows, columns)):
+                break
+            at = seen.select(columns)
+            followed, spread = self._stems.at_height(rows, at.point_m[:, 2] + motion.height_m)
+            state, covariance = refine_place(
+                predicted,
+                motion.state,
+                followed,
+                spread,
+                at.line[:, :2],
+                at.line_covariance[:, :2, :2],
+            )
+            motion.set_place(state, covariance)
+        self._stems.level_camera(rows, at, motion)
+
+    def _reach_std_m(self, seen: Sightings) -> float:
+        """Standard deviation of the predicted place of a seen stem, the median of all."""
+        jacobian = self._motion.place_jacobian(seen.point_m[:, :2])
+        spread = jacobian @ self._motion.covariance[:3, :3] @ jacobian.transpose(0, 2, 1)
+        return math.sqrt(float(np.median(np.trace(spread, axis1=1, axis2=2))))
+
+    def _search(self, seen: Sightings, lost: bool) -> Float | None:
+        """Search for the camera's place by all stems together, as `find_place`."""
+        rows = self._stems.rows
+        theirs, ours = rows["stds"][:, DIAMETER], seen.stds[:, DIAMETER]
+        off_m = np.abs(rows["values"][:, None, DIAMETER] - seen.values[:, DIAMETER])
+        alike = ~(off_m > _MAX_DIAMETER_STDS * np.hypot(theirs[:, None], ours))
+        return find_place(
+            self._motion,
+            rows["line"][:, :2],
+            np.sqrt(np.trace(rows["line_covariance"][:, :2, :2], axis1=1, axis2=2) / 2),
+            seen.line[:, :2],
+            np.sqrt(np.trace(seen.line_covariance[:, :2, :2], axis1=1, axis2=2) / 2),
+            alike,
+            lost=lost,
+        )
+
+    def _match(self, seen: Sightings) -> tuple[Index, Index]:
+        """Rows of stems and indices of sightings in the map that belong together."""
+        cost, chi_square = self._costs(seen)
+        return match_greedily(cost, chi_square <= self._settings.gate)
+
+    def _costs(self, seen: Sightings) -> tuple[Float, Float]:
+        """(T, M) costs of matching stems with sightings in the map, and chi-squares of places."""
+        rows = self._stems.rows
+        chi_square, vague = chi_squares(
+            rows["line"],
+            rows["line_covariance"],
+            rows["reference_m"],
+            seen.point_m,
+            seen.line_covariance[:, :2, :2],
+        )
+        off_m = rows["values"][:, None, DIAMETER] - seen.values[:, DIAMETER]
+        std_m = np.hypot(rows["stds"][:, None, DIAMETER], seen.stds[:, DIAMETER])
+        cost = chi_square + vague + np.minimum((off_m / std_m) ** 2, _MAX_DIAMETER_COST)
+        cost += np.where(self._stems.confirmed, 0.0, _NEW_COST)[:, None]
+        return cost + np.where(rows["missed"] > 1, _UNSEEN_COST, 0.0)[:, None], chi_square
+
+    def _may_contradict(self, seen: Sightings, chi_square: Float) -> NDArray[np.bool_]:
+        """(T, M) whether sightings that do not match may yet be of the stems."""
+        to_stem, to_seen = self._stems.places_at(seen), seen.line[:, :2] - self._motion.state[:2]
+        distance_m = np.hypot(*to_seen.T)
+        away = to_stem - seen.line[:, :2]
+        along_m = (away * to_seen).sum(-1) / distance_m
+        aside_m = np.abs(away[..., 0] * to_seen[:, 1] - away[..., 1] * to_seen[:, 0]) / distance_m
+        same = (chi_square <= self._settings.far_gate) & (np.hypot(along_m, aside_m) < _MAX_AWAY_M)
+        behind = (aside_m < _MAX_ASIDE_M) & (np.abs(along_m) < _MAX_ALONG_SIGHT_M)
+        behind &= np.isfinite(chi_square) & self._stems.confirmed[:, None]
+        return np.asarray(same | behind)
+
+    def _name_unmeasured(self, frame: LiveFrame, trees: TreeDetections) -> None:
+        """Find the stems of trees without an axis by the direction that they are seen in."""
+        rows = self._stems.rows
+        free = np.setdiff1d(np.arange(len(trees)), rows["tree"])
+        hidden = np.flatnonzero((rows["tree"] < 0) & self._stems.confirmed)
+        if frame.camera is None or not len(free) or not len(hidden):
+            return
+        boxes = trees.boxes_px[free].astype(np.float64)
+        rays = pixels_to_rays(
+            frame.camera,
+            np.stack([boxes[:, [0, 2]], np.repeat(boxes[:, 1::2].mean(1)[:, None], 2, 1)], -1),
+        )
+        sides = rays @ self._level.T
+        bearing = np.unwrap(np.arctan2(sides[..., 1], sides[..., 0]), axis=1)
+        middle, half = bearing.mean(1), np.abs(np.diff(bearing, axis=1)[:, 0]) / 2
+        to_stem = (rows["line"][hidden, :2] - self._motion.state[:2]) @ self._motion.rotation()
+        off = np.arctan2(to_stem[:, 1], to_stem[:, 0])[:, None] - middle
+        off = np.abs((off + np.pi) % (2 * np.pi) - np.pi)
+        within = off < np.maximum(half, _MIN_HALF_WIDTH_RAD)
+        within &= (np.hypot(*to_stem.T) < _MAX_UNMEASURED_M)[:, None]
+        found, columns = match_greedily(off, within)
+        self._stems.name(hidden[found], free[columns], frame.time_s)
+
+    def _follow(self, seen: Sightings, time_s: float) -> None:
+        """Match sightings in the map with the stems, fuse them, and begin new stems."""
+        from_m, stems, settings = self._motion.state[:2], self._stems, self._settings
+        free = np.ones(len(seen), np.bool_)
+        if len(stems) and len(seen):
+            cost, chi_square = self._costs(seen)
+            rows, columns = match_greedily(cost, chi_square <= settings.gate)
+            stems.see(rows, seen.select(columns), from_m, time_s)
+            free[columns] = False
+            chi_square[rows] = np.inf
+            chi_square[:, columns] = np.inf
+            rows, columns = match_greedily(chi_square, self._may_contradict(seen, chi_square))
+            stems.contradict(rows, seen.select(columns), time_s)
+            split = stems.rows["in_a_row"][rows] >= settings.split_frames
+            for row, column in zip(rows[split], columns[split], strict=True):
+                stems.split(row, seen.select(np.array([column])), from_m, time_s)
+            free[columns] = False
+            free &= ~stems.overlap(seen)
+        stems.add(seen.select(np.flatnonzero(free)), from_m, time_s)
+        stems.merge()
