@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
@@ -63,6 +63,10 @@ _Topic: TypeAlias = Annotated[
         help="Topic of a recording for a role: colour, depth, camera, depth_camera or imu. If not"
         " given, topics are found by their type.",
     ),
+]
+_Scene: TypeAlias = Annotated[
+    int | None,
+    typer.Option(metavar="N", help="Number of the drive, for a simulated dataset with several."),
 ]
 _AsLive: TypeAlias = Annotated[
     bool,
@@ -128,6 +132,7 @@ class _SourceOptions:
     depth: Depth = None
     topic: _Topic = None
     depth_scale: _DepthScaleM = None
+    scene: _Scene = None
     as_live: _AsLive = False
     loop: _Loop = False
 
@@ -147,6 +152,7 @@ class _SourceOptions:
             topics=self.topics(),
             depth_scale_m=self.depth_scale,
             modality="depth" if are_files and takes_depth and self.depth is None else "both",
+            scene=self.scene,
             loop=self.loop,
         )
         return PacedSource(opened) if self.as_live and not opened.is_live else opened
@@ -273,7 +279,6 @@ def live(
     """
     from edgetree.errors import InputError
     from edgetree.live.pipeline import LivePipeline
-    from edgetree.live.sinks.opening import open_sinks
     from edgetree.results.atomic_files import check_paths
 
     rig_options = metres.as_rig_options()
@@ -298,23 +303,28 @@ def live(
         rig=rig,
         settings=settings,
     )
-    with _warnings_shown(), ExitStack() as stack:
-        sinks = open_sinks(sink_options, stack)
-        page = stack.enter_context(page_options.serving())
-        _follow(pipeline, sinks, page, frames)
+    with _warnings_shown(), page_options.serving() as page:
+        _follow(pipeline, sink_options, page, frames)
 
 
 def _follow(
-    pipeline: LivePipeline, sinks: list[Sink], page: PageServer | None, most: int | None
+    pipeline: LivePipeline, options: SinkOptions, page: PageServer | None, most: int | None
 ) -> None:
-    """Hand each result to all outputs, and say every few seconds how it goes."""
-    from calib.interrupts import interrupt_afterwards
+    """Hand each result to all outputs, and say every few seconds how it goes.
 
-    results = iter(pipeline)
+    The outputs are opened with the first result, so that a source without any replaces no file.
+    """
+    from calib.interrupts import interrupt_afterwards
+    from edgetree.errors import InputError
+    from edgetree.live.sinks.opening import open_sinks
+
+    sinks: list[Sink] = []
     said_s = time.monotonic()
-    try:
+    with ExitStack() as stack:
+        results = stack.enter_context(closing(iter(pipeline)))
         for number, result in enumerate(results, 1):
             with interrupt_afterwards():
+                sinks = sinks or open_sinks(options, stack)
                 for sink in sinks:
                     sink.write(result)
                 if page is not None:
@@ -324,9 +334,10 @@ def _follow(
                 said_s = time.monotonic()
             if number == most:
                 break
-    finally:
-        results.close()  # type: ignore[attr-defined]
-        note(pipeline.status.line())
+        else:
+            if not sinks:
+                raise InputError(f"{pipeline.status.line()}: expected a frame that can be used")
+    note(pipeline.status.line())
 
 
 @contextmanager

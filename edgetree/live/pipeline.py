@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
@@ -20,7 +20,7 @@ from edgetree.live.frames import LiveFrame, LiveSource, SourceLost
 from edgetree.live.handover import Handover
 from edgetree.live.results import LiveResult
 from edgetree.live.status import LiveStatus, StatusRecorder
-from edgetree.live.tracking import StemTracker
+from edgetree.live.tracking.tracker import StemTracker
 from edgetree.measure import TreeMeasurement, measure_trees
 from edgetree.runtime.detector import TreeDetector
 
@@ -109,7 +109,7 @@ class LivePipeline:
         self._frames.end()
         self._detected.end()
 
-    def __iter__(self) -> Iterator[LiveResult]:
+    def __iter__(self) -> Generator[LiveResult]:
         """Yield the result of each frame.
 
         Raises:

@@ -15,7 +15,7 @@ from edgetree.errors import InputError, ModelFileError
 from edgetree.live.frames import LiveFrame, SourceLost
 from edgetree.live.pipeline import LivePipeline
 from edgetree.live.sources.pacing import PacedSource
-from edgetree.live.tracking import StemTracker
+from edgetree.live.tracking.tracker import StemTracker
 from edgetree.model_file.manifest import Manifest
 from edgetree.runtime.detector import TreeDetector
 from edgetree.runtime.session import Arrays, FakeSession

@@ -1,0 +1,121 @@
+"""`edgetree live`: outputs, the page, mistakes, and how it ends."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import urllib.request
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+Cli = Callable[..., Any]
+
+MAIN = "from edgetree.cli import main; main()"
+
+
+@pytest.fixture
+def source(images: Path, model: Path) -> tuple[object, ...]:
+    """Arguments for a folder with two frames, their depth and camera."""
+    depth, camera = images.parent / "depth", images.parent / "camera.json"
+    return images, "--depth", depth, "--camera", camera, "--model", model
+
+
+def test_every_frame_is_one_line(run_cli: Cli, source: tuple[object, ...]) -> None:
+    done = run_cli("live", *source)
+    assert done.code == 0, done.err
+    first, second = (json.loads(line) for line in done.out.splitlines())
+    assert [first["schema"], first["frame"], second["frame"]] == ["edgetree.live/1", 0, 1]
+    assert len(second["trees"]) == 1
+    assert second["trees"][0]["metres"]["distance_m"] == pytest.approx(4.75, abs=0.1)
+    assert "ended: 2 frame(s)" in done.err
+
+
+def test_results_go_to_files(run_cli: Cli, source: tuple[object, ...], tmp_path: Path) -> None:
+    lines, table, stems = (tmp_path / name for name in ("a.jsonl", "a.csv", "a.geojson"))
+    done = run_cli("live", *source, "--jsonl", lines, "--csv", table, "--map", stems)
+    assert (done.code, done.out) == (0, "")
+    assert len(lines.read_text().splitlines()) == 2
+    assert table.read_text().startswith("frame,")
+    assert json.loads(stems.read_text())["type"] == "FeatureCollection"
+
+
+def test_it_ends_after_some_frames(run_cli: Cli, source: tuple[object, ...]) -> None:
+    done = run_cli("live", *source, "--loop", "--frames", 5)
+    assert done.code == 0
+    assert [json.loads(line)["frame"] for line in done.out.splitlines()] == [0, 1, 2, 3, 4]
+
+
+def test_a_wrong_source_replaces_no_file(run_cli: Cli, model: Path, tmp_path: Path) -> None:
+    stems = tmp_path / "stems.geojson"
+    stems.write_text("of yesterday")
+    done = run_cli("live", tmp_path / "no.mcap", "--model", model, "--map", stems)
+    assert done.code == 2
+    assert done.err.count("\n") == 1
+    assert "no.mcap" in done.err
+    assert stems.read_text() == "of yesterday"
+
+
+MISTAKES = {
+    "topic": (("--topic", "color=/camera"), r"--topic is 'color=/camera': expected ROLE=NAME"),
+    "topic for images": (("--topic", "colour=/camera"), "expected it for recordings alone"),
+    "origin": (
+        ("--map", "a.geojson", "--map-origin", "60.5"),
+        r"--map-origin is '60.5': expected LAT,LON",
+    ),
+    "origin out of range": (
+        ("--map", "a.geojson", "--map-origin", "95,24"),
+        "latitude_deg is 95",
+    ),
+    "origin without map": (("--map-origin", "60,24"), "--map-origin given without --map"),
+    "map": (("--map", "a.shp"), "--map is a.shp: expected a name in .geojson or .gpkg"),
+    "udp": (("--udp", "controller"), "controller"),
+    "outputs": (("--csv", "a", "--jsonl", "a"), "expected another path"),
+    "port": (("--page", "--port", "70000"), "the page's port is 70000"),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_mistakes_give_one_line(
+    run_cli: Cli,
+    source: tuple[object, ...],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    mistake: str,
+) -> None:
+    options, message = MISTAKES[mistake]
+    monkeypatch.chdir(tmp_path)
+    before = sorted(tmp_path.rglob("*"))
+    done = run_cli("live", *source, *options)
+    assert done.code == 2
+    assert done.err.count("\n") == 1, done.err
+    assert re.search(message, done.err), done.err
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_sigterm_ends_it_with_everything_written(
+    source: tuple[object, ...], tmp_path: Path
+) -> None:
+    lines = tmp_path / "lines.jsonl"
+    options = ["--loop", "--page", "--port", "0", "--jsonl", str(lines)]
+    command = [sys.executable, "-c", MAIN, "live", *map(str, source), *options]
+    environment = os.environ | {"PYTHONUNBUFFERED": "1"}
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment)
+    assert process.stderr is not None
+    address = process.stderr.readline().removeprefix("page: ").strip()
+    with urllib.request.urlopen(address, timeout=60) as answer:
+        assert b"<html" in answer.read()
+    assert any(line.startswith("running: ") for line in process.stderr)
+    process.send_signal(signal.SIGTERM)
+    process.communicate(timeout=60)
+    assert process.returncode == 143
+    frames = [json.loads(line)["frame"] for line in lines.read_text().splitlines()]
+    assert frames == list(range(len(frames)))
+    assert len(frames) > 2
+    assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
