@@ -44,18 +44,19 @@ class LiveFrame:
 
 
 class LiveSource(Protocol):
-    """A camera or a recording. Iterate over it once; `close` may be called at any time.
+    """A camera or a recording. Iterate over it once; `close` may be called at any time."""
 
-    Attributes:
-        name: what messages call it, such as the path or the address.
-        is_live: whether frames that are not taken in time are lost, as from a camera. A recording
-            waits.
-        counts: what was left out so far, such as {"colour without depth": 3}.
-    """
+    @property
+    def name(self) -> str:
+        """What messages call it, such as the path or the address."""
 
-    name: str
-    is_live: bool
-    counts: dict[str, int]
+    @property
+    def is_live(self) -> bool:
+        """Whether frames that are not taken in time are lost, as of a camera."""
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """What was left out so far, such as {"colour without depth": 3}."""
 
     def __iter__(self) -> Iterator[LiveFrame]:
         """Yield the frames.

@@ -20,7 +20,11 @@ from edgetree.live.sinks.udp import UdpSink
 
 __all__ = ["SinkOptions", "open_sinks"]
 
-_MAPS: Final = {".geojson": GeoJsonSink, ".json": GeoJsonSink, ".gpkg": GeoPackageSink}
+_MAPS: Final[dict[str, type[GeoJsonSink] | type[GeoPackageSink]]] = {
+    ".geojson": GeoJsonSink,
+    ".json": GeoJsonSink,
+    ".gpkg": GeoPackageSink,
+}
 
 
 @dataclass(frozen=True)
