@@ -47,6 +47,7 @@ class Assembly:
         self._tree = TransformTree()
         self._gravity = GravityFilter()
         self._imu_frame = ""
+        self._fixed: str | None = None  # the frame of the poses, once it is known
         self._cameras = {
             topic: CameraInfos(is_rectified=_is_rectified(image))
             for topic, image in (
@@ -65,7 +66,8 @@ class Assembly:
                 self._say(f"topic {topic}: {infos.error}")
         elif topic in self._streams.transforms:
             self._tree.add(message, is_static=topic.endswith("static"))
-            self._counts["transforms that are no rotation"] = self._tree.unusable
+            if self._tree.unusable:
+                self._counts["transforms that are no rotation"] = self._tree.unusable
         elif topic == self._streams.imu:
             turn, push = message.angular_velocity, message.linear_acceleration
             self._imu_frame = frame_name(message.header.frame_id)
@@ -74,11 +76,6 @@ class Assembly:
                 np.array([push.x, push.y, push.z], np.float64),
                 np.array([turn.x, turn.y, turn.z], np.float64),
             )
-
-    def forget_motion(self) -> None:
-        """Forget what depends on the clock, which has jumped."""
-        self._tree.forget_moving()
-        self._gravity = GravityFilter()
 
     def is_ready(self, pair: Pair, log_ns: int) -> bool:
         """Whether IMU and transforms up to the picture are there, or were waited for."""
@@ -201,8 +198,9 @@ class Assembly:
     def _pose(self, picture: Picture) -> calib.RigidTransform | None:
         if not self._streams.transforms:
             return None
-        fixed = self._tree.fixed_frame(_frame(picture))
-        pose = self._tree.lookup(_frame(picture), fixed, picture.stamp) if fixed else None
+        self._fixed = self._fixed or self._tree.fixed_frame(_frame(picture))
+        frame, fixed = _frame(picture), self._fixed
+        pose = self._tree.lookup(frame, fixed, picture.stamp) if fixed else None
         if pose is None:
             self._counts["without pose"] += 1
             self._say(

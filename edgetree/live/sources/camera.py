@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 import threading
 import time
 from collections.abc import Iterator
@@ -46,7 +47,7 @@ def open_camera(
 
     Raises:
         SourceLost: the camera does not answer.
-        InputError: OpenCV was built without GStreamer.
+        InputError: the address is not of ASCII, or OpenCV was built without GStreamer.
         CameraError: during iteration, if `camera` is for another aspect ratio.
     """
     up = None if up_camera is None else unit_vector(up_camera)
@@ -64,7 +65,7 @@ class _Camera:
         camera: calib.PinholeCamera | None,
         up: NDArray[np.float64] | None,
     ) -> None:
-        self.name = f"camera {address}"
+        self.name = f"camera {_without_password(address)}"
         self.counts: dict[str, int] = {"replaced by newer frames": 0}
         self._camera, self._up = camera, up
         self._start_s = time.time() - time.monotonic()
@@ -132,13 +133,20 @@ class _Camera:
         capture.release()
 
 
+def _without_password(address: int | str) -> str:
+    """An address as messages show it; user and password may stand before its host."""
+    return re.sub(r"//[^/@]*@", "//", str(address))
+
+
 def _open(address: int | str, name: str, camera: calib.PinholeCamera | None) -> cv2.VideoCapture:
     if isinstance(address, int):
         capture = cv2.VideoCapture(address)
         if camera is not None:
             capture.set(cv2.CAP_PROP_FRAME_WIDTH, camera.width)
             capture.set(cv2.CAP_PROP_FRAME_HEIGHT, camera.height)
-    elif "!" in address:
+    elif not (address.isprintable() and address.isascii()):  # OpenCV crashes on some others
+        raise InputError(f"{name!r} is no address: expected printable ASCII")
+    elif "!" in address and not re.match(r"\w+://", address):
         if not cv2.videoio_registry.hasBackend(cv2.CAP_GSTREAMER):
             raise InputError(
                 f"{name} is a GStreamer pipeline and this OpenCV was built without GStreamer:"

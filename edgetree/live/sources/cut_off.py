@@ -15,7 +15,7 @@ __all__ = ["mcap_file"]
 
 _MAGIC: Final = b"\x89MCAP0\r\n"
 _HEAD_BYTES: Final = 9  # of a record: its kind and the length of its content
-_END_KINDS: Final = (0x02, 0x0F)  # footer, end of data
+_END_KINDS: Final = (0x00, 0x02, 0x0F)  # zeros of a file that was not written, footer, end of data
 # A footer that states that there is no index.
 _FOOTER: Final = b"\x02" + struct.pack("<QQQI", 20, 0, 0, 0) + _MAGIC
 

@@ -7,7 +7,7 @@ import threading
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from typing import Any, ClassVar, Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -51,7 +51,7 @@ class Device(ABC):
         errors: what the maker's package raises if the camera fails.
     """
 
-    is_live: ClassVar[bool] = True
+    is_live = True
 
     def __init__(
         self, name: str, up_camera: ArrayLike | None, errors: tuple[type[Exception], ...]

@@ -118,7 +118,7 @@ def _decode_raw(message: Any) -> NDArray[Any]:
     if encoding in _DEPTH:
         dtype = np.dtype(_DEPTH[encoding]).newbyteorder(">" if message.is_bigendian else "<")
         rows = _rows(message.data, width * dtype.itemsize, height, step)
-        return np.ascontiguousarray(rows).view(dtype).astype(dtype.newbyteorder("="))
+        return np.ascontiguousarray(rows).view(dtype).astype(dtype.newbyteorder("="), copy=False)
     if encoding not in _COLOUR:
         raise ValueError(f"its encoding is {encoding!r}, expected {', '.join((*_COLOUR, *_DEPTH))}")
     channels, code = _COLOUR[encoding]

@@ -27,8 +27,8 @@ _log = logging.getLogger(__name__)
 _US_PER_S: Final = 1_000_000
 _MM_PER_M: Final = 1000
 _POLL_MS: Final = 200
-# In OpenCV's order, for OpenCV's rational model, which the SDK's terms are of.
-_TERMS: Final = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+_TERMS: Final = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")  # in OpenCV's order
+_MODELS: Final = ("NONE", "BROWN_CONRADY", "BROWN_CONRADY_K6")  # those that OpenCV has
 
 
 def open_orbbec(*, up_camera: ArrayLike | None = None) -> LiveSource:
@@ -160,6 +160,14 @@ class _Orbbec(Device):
         found = self._colour_profile.get_intrinsic()
         lens = self._colour_profile.get_distortion()
         terms = [float(getattr(lens, name)) for name in _TERMS]
+        model = str(lens.model.name)
+        if model not in _MODELS and any(terms):
+            _log.warning(
+                "orbbec: its lens model is %s, expected Brown Conrady: calibrate the camera with a"
+                " board",
+                model,
+            )
+            return None
         try:
             return fields.camera(
                 (found.width, found.height), (found.fx, found.fy, found.cx, found.cy), terms

@@ -211,7 +211,6 @@ class _Pass:
         leading = "colour" if self._streams.colour else "depth"
         if state == "jump" and role == leading:
             self._counts["clock jumped back"] += 1
-            self.assembly.forget_motion()
         if self._pairing is not None:
             return self._pairing.add(role, picture, is_jump=state == "jump")
         return [Pair(picture, None) if role == "colour" else Pair(None, picture)]

@@ -111,10 +111,6 @@ class TransformTree:
                 link = self._links[child] = _Link(parent, is_static)
             link.add(stamp_ns(entry), place_m, quaternion / length)
 
-    def forget_moving(self) -> None:
-        """Forget the transforms that change over time, as after a jump of the clock."""
-        self._links = {name: link for name, link in self._links.items() if link.is_static}
-
     def fixed_frame(self, frame: str) -> str | None:
         """The best fixed frame that a frame is connected to; None if there is none."""
         chain = self._chain(frame)

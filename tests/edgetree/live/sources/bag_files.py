@@ -148,6 +148,7 @@ class BagFile:
         stamp: int,
         frame: str = "imu",
         turn_rad_per_s: Any = (0.0, 0.0, 0.0),
+        log_ns: int | None = None,
     ) -> None:
         kind, zero = "sensor_msgs/msg/Imu", np.zeros(9)
         message = self.message(
@@ -160,7 +161,7 @@ class BagFile:
             linear_acceleration=self.vector(acceleration),
             linear_acceleration_covariance=zero,
         )
-        self.write(topic, kind, message, stamp)
+        self.write(topic, kind, message, stamp if log_ns is None else log_ns)
 
     def tf(
         self,
@@ -170,6 +171,7 @@ class BagFile:
         stamp: int,
         topic: str = "/tf",
         quaternion: Any = None,
+        log_ns: int | None = None,
     ) -> None:
         xyzw = quaternion_of(transform.rotation) if quaternion is None else quaternion
         entry = self.message(
@@ -182,7 +184,8 @@ class BagFile:
                 rotation=self.quaternion(xyzw),
             ),
         )
-        self.write(topic, TF, self.message(TF, transforms=[entry]), stamp)
+        message = self.message(TF, transforms=[entry])
+        self.write(topic, TF, message, stamp if log_ns is None else log_ns)
 
     def vector(self, xyz: Any) -> Any:
         x, y, z = (float(value) for value in xyz)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import threading
 import time
-from pathlib import Path
+from contextlib import suppress
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
 import cv2
@@ -131,19 +133,58 @@ def test_a_pipeline_needs_gstreamer(monkeypatch: pytest.MonkeyPatch) -> None:
         open_camera("videotestsrc ! appsink")
 
 
-def test_opencv_itself_is_read_to_the_end(tmp_path: Path) -> None:
-    """A video instead of a stream: FFmpeg's backend takes the timeouts, and its end is a loss."""
-    path = tmp_path / "film.avi"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 5.0, (64, 48))
-    for shade in range(3):
-        writer.write(np.full((48, 64, 3), 40 * shade, np.uint8))
-    writer.release()
-    source = open_camera(str(path))
-    shapes = set()
-    with pytest.raises(SourceLost):
-        shapes.update(frame.image.shape for frame in source if frame.image is not None)
+class MotionJpeg(BaseHTTPRequestHandler):
+    """A network camera of 50 frames a second; the number of a frame is its shade."""
+
+    is_off = threading.Event()
+
+    def log_message(self, *_: Any) -> None:
+        """Print nothing."""
+
+    def do_GET(self) -> None:
+        self.send_response(200)
+        self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
+        self.end_headers()
+        with suppress(OSError):
+            for number in itertools.count():
+                if self.is_off.wait(0.02):
+                    return
+                jpeg = cv2.imencode(".jpg", np.full((48, 64, 3), number, np.uint8))[1].tobytes()
+                head = f"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n"
+                self.wfile.write(head.encode() + jpeg + b"\r\n")
+
+
+def test_a_network_camera_is_read_lost_and_opened_again() -> None:
+    MotionJpeg.is_off.clear()
+    server = ThreadingHTTPServer(("127.0.0.1", 0), MotionJpeg)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    port = server.server_address[1]
+    address = f"http://user:secret@127.0.0.1:{port}/video"
+    source = open_camera(address)
+    assert source.name == f"camera http://127.0.0.1:{port}/video"  # without the password
+    frames = iter(source)
+    for _ in range(3):
+        frame = next(frames)
+        assert frame.image is not None
+        assert frame.image[5, 5, 0] == frame.number
+        time.sleep(0.1)
+    assert source.counts["replaced by newer frames"] > 3
+    MotionJpeg.is_off.set()
+    with pytest.raises(SourceLost, match="sends no frames any more"):
+        list(frames)
     source.close()
-    assert shapes <= {(48, 64, 3)}
+    MotionJpeg.is_off.clear()
+    again = open_camera(address)
+    assert next(iter(again)).number < 20
+    again.close()
+    MotionJpeg.is_off.set()
+    server.shutdown()
+    server.server_close()
+
+
+def test_an_address_that_opencv_does_not_bear_is_refused() -> None:
+    with pytest.raises(InputError, match="is no address: expected printable ASCII"):
+        open_camera("rtsp://camera/\udcff")
 
 
 def test_a_camera_of_another_aspect_ratio_is_named(fake: type[FakeCapture]) -> None:

@@ -81,6 +81,38 @@ def test_a_gap_in_time_has_no_pose_and_circles_do_no_harm(bags: Any, tmp_path: P
     assert source.counts["transforms that are no rotation"] == 4
 
 
+def test_motion_goes_on_after_the_clock_jumped_back(bags: Any, tmp_path: Path) -> None:
+    with bags.BagFile(tmp_path) as bag:
+        for tick in range(80):
+            log_ns = bags.START_NS + tick * 50_000_000
+            stamp = log_ns - (100 * 10**9 if tick >= 40 else 0)
+            place = RigidTransform(np.eye(3), (tick, 0, 0))
+            bag.tf("odom", bags.FRAME, place, stamp, log_ns=log_ns)
+            bag.imu("/imu", (0, -9.8, 0), stamp, bags.FRAME, log_ns=log_ns)
+            if tick % 2:
+                bag.image(bags.COLOUR, bags.small_frame().image, stamp, log_ns=log_ns)
+    source = open_recording(bag.path)
+    frames = list(source)
+    assert source.counts["clock jumped back"] == 1
+    known = [frame for frame in frames if frame.pose is not None]
+    assert len(known) >= 38
+    for frame in known[-10:]:
+        assert frame.pose is not None
+        assert frame.pose.translation_m[0] == pytest.approx(2 * frame.number + 1, abs=0.01)
+        np.testing.assert_allclose(frame.up_camera, [0, -1, 0], atol=1e-9)
+
+
+def test_a_camera_that_is_described_late_is_known_from_the_first_frame_on(
+    bags: Any, tmp_path: Path
+) -> None:
+    frame = bags.small_frame()
+    with bags.BagFile(tmp_path) as bag:
+        for number in range(3):
+            bag.image(bags.COLOUR, frame.image, bags.START_NS + number * bags.PERIOD_NS)
+        bag.info(bags.INFO, frame.camera, bags.START_NS + 10 * bags.PERIOD_NS)
+    assert [live.camera for live in open_recording(bag.path)] == [frame.camera] * 3
+
+
 def test_gravity_is_turned_into_the_cameras_frame(bags: Any, tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     with bags.BagFile(tmp_path) as bag:

@@ -112,6 +112,7 @@ class FakeSdk:
     def __init__(self) -> None:
         self.is_unplugged = False
         self.has_accel = True
+        self.model, self.k1 = "BROWN_CONRADY_K6", 0.0
         self.pipelines: list[FakePipeline] = []
         self.queue: list[Any] = []
         # The accelerometer's x is up, where the camera's y is down. Rotations are row by row.
@@ -121,7 +122,9 @@ class FakeSdk:
             get_intrinsic=lambda: SimpleNamespace(
                 width=WIDTH, height=HEIGHT, fx=60.0, fy=61.0, cx=32.0, cy=24.0
             ),
-            get_distortion=lambda: SimpleNamespace(**terms),
+            get_distortion=lambda: SimpleNamespace(
+                **terms | {"k1": self.k1}, model=SimpleNamespace(name=self.model)
+            ),
             get_extrinsic_to=lambda other: extrinsic,
         )
 
@@ -157,7 +160,7 @@ class FakeSdk:
         depth = np.tile(row, (HEIGHT, 1)).tobytes()
         if self.has_accel:
             accel = FakeFrame(number, "", None, self.profile)
-            callback = self.pipelines[1].callback
+            callback = self.pipelines[-1].callback
             assert callback is not None
             callback(SimpleNamespace(get_frame=lambda kind: accel))
         colour = FakeFrame(number, form.rpartition(" ")[2], data, self.profile)
@@ -209,6 +212,22 @@ def test_without_an_accelerometer_the_direction_is_the_one_that_is_given(sdk: Fa
     sdk.send(0)
     np.testing.assert_allclose(next(iter(source)).up_camera, [0, -0.8, 0.6])
     source.close()
+
+
+def test_a_lens_model_without_a_formula_is_said(
+    sdk: FakeSdk, caplog: pytest.LogCaptureFixture
+) -> None:
+    sdk.model, sdk.k1 = "INVERSE_BROWN_CONRADY", 0.1
+    source = open_orbbec()
+    sdk.send(0)
+    assert next(iter(source)).camera is None
+    assert "its lens model is INVERSE_BROWN_CONRADY, expected Brown Conrady" in caplog.text
+    sdk.model = "BROWN_CONRADY"
+    source = open_orbbec()
+    sdk.send(1)
+    camera = next(iter(source)).camera
+    assert camera is not None
+    assert camera.distortion[0] == 0.1
 
 
 def test_a_camera_that_is_missing_vanishes_or_falls_silent(sdk: FakeSdk) -> None:

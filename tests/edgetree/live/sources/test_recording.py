@@ -132,9 +132,15 @@ def test_padded_rows_and_big_endian_depth(bags: Any, tmp_path: Path) -> None:
         bag.image(bags.COLOUR, frame.image, 10**9, step=200, data=padded.ravel())
         data = np.frombuffer(swapped.tobytes(), np.uint8)
         bag.image(bags.DEPTH, frame.depth, 10**9, "16UC1", is_bigendian=1, data=data)
-    (live,) = open_recording(bag.path)
-    np.testing.assert_array_equal(live.image, frame.image)
-    np.testing.assert_allclose(live.depth_m, frame.depth / 1000, rtol=1e-6)
+        # Some drivers leave out the padding of the last row.
+        short = padded.ravel()[:-8]
+        bag.image(bags.COLOUR, frame.image, 2 * 10**9, step=200, data=short)
+        bag.image(bags.DEPTH, frame.depth, 2 * 10**9, "16UC1")
+    lives = list(open_recording(bag.path))
+    assert len(lives) == 2
+    for live in lives:
+        np.testing.assert_array_equal(live.image, frame.image)
+        np.testing.assert_allclose(live.depth_m, frame.depth / 1000, rtol=1e-6)
 
 
 def test_units_of_depth(bags: Any, tmp_path: Path) -> None:
