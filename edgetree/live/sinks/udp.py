@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import socket
-from typing import Final
+from typing import Any, Final
 
 from edgetree.errors import InputError
 from edgetree.live.results import LiveResult
@@ -41,12 +41,13 @@ class UdpSink:
                 f"max_bytes is {max_bytes}: expected {_LEAST_BYTES} to {_MOST_BYTES} bytes"
             )
         try:
-            family, _, _, _, self._where = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+            family, _, _, _, where = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
         except OSError as error:
             raise InputError(
                 f"{address} is not known ({error.strerror}): expected the address of a controller"
             ) from error
         self.lost = 0
+        self._where: Any = where
         self._max_bytes = max_bytes
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
