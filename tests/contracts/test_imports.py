@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("calib", "edgetree", "perceptree")
 TRAINING_STACK = {"torch", "torchvision", "timm", "pycocotools", "safetensors", "numba"}
 HEAVY = TRAINING_STACK | {"matplotlib", "onnx", "onnxruntime", "onnxscript", "perceptree", "PIL"}
-HEAVY |= {"cryptography", "paho"}
+HEAVY |= {"cryptography", "paho", "rosbags"}
 MAY_IMPORT = {
     "calib": {"calib", "numpy", "cv2", "yaml"},
     "perceptree": TRAINING_STACK | {"perceptree", "calib", "numpy", "cv2", "typer", "matplotlib"},
@@ -128,6 +128,8 @@ def test_edgetree_reaches_the_training_side_from_few_places_only() -> None:
         lazily = HEAVY if training_side else {"onnxruntime"}
         lazily |= {"cryptography"} if module == "edgetree.signing.keys" else set()
         lazily |= {"paho"} if module == "edgetree.live.sinks.mqtt" else set()
+        bags = ("edgetree.live.sinks.bag", "edgetree.live.sinks.ros_messages")
+        lazily |= {"rosbags"} if module in bags else set()
         if top not in EDGETREE_BASE_DEPENDENCIES | lazily or (found.always and top in HEAVY):
             strangers.add((module, found.target))
     assert strangers == set()
