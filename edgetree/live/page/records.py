@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from calib import PinholeCamera
 from edgetree.drawing.primitives import Colour
 from edgetree.drawing.trees import tree_colour
+from edgetree.live.level import level_axes
 from edgetree.live.results import LiveResult
 from edgetree.live.tracking.tracks import TreeTrack
 from edgetree.measure import Failure
@@ -31,7 +32,7 @@ def page_record(result: LiveResult) -> dict[str, Any]:
     metres to the right of the camera and ahead of it.
     """
     frame = result.frame
-    axes = _level_axes(frame.up_camera)
+    axes = level_axes(frame.up_camera)[:2]
     stems = [_stem(track, axes, frame.time_s) for track in result.tracks]
     stems.sort(key=lambda stem: (not stem["in_view"], round(stem["distance_m"]), stem["number"]))
     return {
@@ -82,18 +83,6 @@ def _hex(colour: Colour) -> str:
     """A colour, BGR, as in CSS."""
     blue, green, red = colour
     return f"#{red:02x}{green:02x}{blue:02x}"
-
-
-def _level_axes(up_camera: _Float | None) -> _Float:
-    """(2, 3) level unit vectors to the right and ahead, in the camera's frame."""
-    up = np.array([0.0, -1.0, 0.0]) if up_camera is None else np.asarray(up_camera, np.float64)
-    # A camera that looks straight down has no direction ahead: there it is the top of the image.
-    forward, image_up = np.array([0.0, 0.0, 1.0]), np.array([0.0, -1.0, 0.0])
-    ahead = forward - (forward @ up) * up
-    if np.linalg.norm(ahead) < 0.1:
-        ahead = image_up - (image_up @ up) * up
-    ahead /= np.linalg.norm(ahead)
-    return np.stack([np.cross(ahead, up), ahead])
 
 
 def _field_of_view_deg(camera: PinholeCamera) -> list[float]:

@@ -1,5 +1,6 @@
 """Where live results go: files, a map of the stems, and controllers on the network."""
 
+from edgetree.live.sinks.bag import BagSink
 from edgetree.live.sinks.csv_tracks import CsvTracksSink
 from edgetree.live.sinks.geojson import GeoJsonSink
 from edgetree.live.sinks.geopackage import GeoPackageSink
@@ -13,6 +14,7 @@ from edgetree.live.sinks.udp import UdpSink
 __all__ = [
     "LIVE_SCHEMA",
     "STEMS_SCHEMA",
+    "BagSink",
     "CsvTracksSink",
     "GeoJsonSink",
     "GeoPackageSink",

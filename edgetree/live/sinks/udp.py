@@ -47,7 +47,7 @@ class UdpSink:
                 f"{address} is not known ({error.strerror}): expected the address of a controller"
             ) from error
         self.lost = 0
-        self._where: tuple[Any, ...] = where
+        self._where: Any = where
         self._max_bytes = max_bytes
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
