@@ -43,7 +43,7 @@ RUNNING_S = 1800
 GROWING = re.compile(r"(state\.pt|log\.jsonl|tfevents\S*|progress\S*|\.frame-cache/.*)$")
 TEMPORARY = re.compile(r"/?\.[^/]*\.part(/|$)")
 # Also inside the header of a checkpoint: JSON in JSON, padded with spaces.
-TIMES = re.compile(rb'\\?"(detect_ms|elapsed_s|frames_per_s|waiting_share)\\?": [0-9.e+-]+|} +')
+TIMES = re.compile(rb'\\?"(detect_ms|elapsed_s|frames_per_s|waiting_share)\\?": [0-9.e+-]+|(?<=}) +')
 HEADER_BYTES = 8  # of the length of a checkpoint's header
 JUMPING_CLOCK = """import random, time
 _now, _year = time.time, 365 * 86400

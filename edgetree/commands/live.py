@@ -105,6 +105,13 @@ _Map: TypeAlias = Annotated[
     Path | None,
     typer.Option(metavar="FILE", help="Map of the stems to write at the end: .geojson or .gpkg."),
 ]
+_Bag: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FOLDER",
+        help="ROS 2 bag (MCAP) of pictures, poses and stems to write, for Foxglove or Rerun.",
+    ),
+]
 _Udp: TypeAlias = Annotated[
     str | None,
     typer.Option(metavar="HOST:PORT", help="Send a datagram with the stems for each frame."),
@@ -227,6 +234,7 @@ class _Outputs:
     csv: _CsvFile = None
     map: _Map = None
     map_origin: _MapOrigin = None
+    bag: _Bag = None
     udp: _Udp = None
     mqtt: _Mqtt = None
 
@@ -236,7 +244,14 @@ class _Outputs:
 
         origin = None if self.map_origin is None else _origin(self.map_origin)
         return SinkOptions(
-            self.jsonl, self.csv, self.map, origin, self.udp, self.mqtt, to_stdout=to_stdout
+            jsonl=self.jsonl,
+            csv=self.csv,
+            stem_map=self.map,
+            origin=origin,
+            bag=self.bag,
+            udp=self.udp,
+            mqtt=self.mqtt,
+            to_stdout=to_stdout,
         )
 
 
@@ -283,7 +298,7 @@ def live(
 
     rig_options = metres.as_rig_options()
     check_paths(
-        {"--jsonl": outputs.jsonl, "--csv": outputs.csv, "--map": outputs.map},
+        {f"--{name}": getattr(outputs, name) for name in ("jsonl", "csv", "map", "bag")},
         {
             "source": Path(source),
             "--depth": source_options.depth,

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from edgetree.errors import InputError
+from edgetree.live.sinks.bag import BagSink
 from edgetree.live.sinks.csv_tracks import CsvTracksSink
 from edgetree.live.sinks.geojson import GeoJsonSink
 from edgetree.live.sinks.geopackage import GeoPackageSink
@@ -36,6 +37,7 @@ class SinkOptions:
         csv: file for the table of stems per frame.
         stem_map: file for the map of stems, .geojson or .gpkg.
         origin: the map's place on Earth; None for local metres.
+        bag: folder for a ROS 2 bag of standard messages; it must not exist.
         udp: address for datagrams, HOST:PORT.
         mqtt: broker, HOST or HOST:PORT.
         to_stdout: whether JSON lines go to stdout.
@@ -45,6 +47,7 @@ class SinkOptions:
     csv: Path | None = None
     stem_map: Path | None = None
     origin: MapOrigin | None = None
+    bag: Path | None = None
     udp: str | None = None
     mqtt: str | None = None
     to_stdout: bool = False
@@ -59,7 +62,7 @@ def open_sinks(options: SinkOptions, stack: ExitStack) -> list[Sink]:
 
     Raises:
         InputError: a file cannot be written, or an address or name cannot be used.
-        MissingDependency: the package for MQTT is not installed.
+        MissingDependency: the package for MQTT or for bags is not installed.
     """
     sinks: list[Sink] = []
 
@@ -78,6 +81,8 @@ def open_sinks(options: SinkOptions, stack: ExitStack) -> list[Sink]:
         if kind is None:
             raise InputError(f"--map is {options.stem_map}: expected a name in .geojson or .gpkg")
         add(kind(options.stem_map, options.origin))
+    if options.bag is not None:
+        add(BagSink(options.bag))
     if options.udp is not None:
         add(UdpSink(options.udp))
     if options.mqtt is not None:

@@ -46,6 +46,16 @@ def test_results_go_to_files(run_cli: Cli, source: tuple[object, ...], tmp_path:
     assert json.loads(stems.read_text())["type"] == "FeatureCollection"
 
 
+def test_results_go_to_a_bag_that_is_a_source_again(
+    run_cli: Cli, source: tuple[object, ...], model: Path, tmp_path: Path
+) -> None:
+    pytest.importorskip("rosbags")
+    assert run_cli("live", *source, "--bag", tmp_path / "bag").code == 0
+    done = run_cli("live", tmp_path / "bag", "--model", model)
+    assert done.code == 0, done.err
+    assert [len(json.loads(line)["trees"]) for line in done.out.splitlines()] == [1, 1]
+
+
 def test_it_ends_after_some_frames(run_cli: Cli, source: tuple[object, ...]) -> None:
     done = run_cli("live", *source, "--loop", "--frames", 5)
     assert done.code == 0
