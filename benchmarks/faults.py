@@ -43,7 +43,10 @@ RUNNING_S = 1800
 GROWING = re.compile(r"(state\.pt|log\.jsonl|tfevents\S*|progress\S*|\.frame-cache/.*)$")
 TEMPORARY = re.compile(r"/?\.[^/]*\.part(/|$)")
 # Also inside the header of a checkpoint: JSON in JSON, padded with spaces.
-TIMES = re.compile(rb'\\?"(detect_ms|elapsed_s|frames_per_s|waiting_share)\\?": [0-9.e+-]+|(?<=}) +')
+TIMES = re.compile(
+    rb'\\?"(detect_ms|elapsed_s|frames_per_s|waiting_share|age_s)\\?": [0-9.e+-]+'
+    rb'|"stages_ms": {[^}]*}|(?<=}) +'
+)
 HEADER_BYTES = 8  # of the length of a checkpoint's header
 JUMPING_CLOCK = """import random, time
 _now, _year = time.time, 365 * 86400
@@ -267,12 +270,20 @@ def jobs(folder: Path, share: float) -> list[Job]:
         frames = str(folder / "images")
         return ["edgetree", "run", frames, "--model=depth", *depth, *files, f"--out={out}/drawn"]
 
+    def live(out: Path) -> list[str]:
+        out.mkdir(exist_ok=True)
+        files = [f"--{name}={out / 'stems'}.{name}" for name in ("jsonl", "csv")]
+        depth = ["--depth", str(folder / "depth"), "--camera", str(folder / "camera.json")]
+        stems = f"--map={out / 'stems.geojson'}"
+        return ["edgetree", "live", str(folder / "images"), *depth, *files, stems]
+
     def export(out: Path) -> list[str]:
         given = [str(folder / "small.safetensors"), "--data", str(folder / "images")]
         return ["edgetree", "export", *given, "--out", str(out / "model.onnx")]
 
     found = [
         Job("edgetree run", run, 20),
+        Job("edgetree live", live, 20),
         Job("edgetree export", export, 8),
         Job("perceptree synth", lambda out: [*synth, str(out)], 12),
         Job(
