@@ -72,6 +72,7 @@ def test_the_file_holds_no_paths_of_this_machine(exported: ExportReport) -> None
     assert str(Path(__file__).resolve().parents[3]).encode() not in content
 
 
+@pytest.mark.slow
 def test_a_depth_model_without_masks_has_no_such_output(
     depth_checkpoint: Path, frame_folder: Path, tmp_path: Path
 ) -> None:

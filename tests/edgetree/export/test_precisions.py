@@ -171,6 +171,7 @@ def test_calibration_fills_batches_of_the_model(count: int, batch: int, calls: i
     assert numbers[:count] == list(range(count))[: len(numbers)]
 
 
+@pytest.mark.slow
 def test_a_batch_of_four_is_calibrated_on_three_frames(
     model: TreeRCNN, frames: NDArray[np.uint8]
 ) -> None:

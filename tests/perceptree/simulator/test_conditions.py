@@ -166,6 +166,7 @@ def test_settings_out_of_range_name_the_setting_and_its_bounds(make, message: st
         make()
 
 
+@pytest.mark.slow
 def test_every_weather_and_light_is_reached_by_the_default_mix():
     scenes = [describe_scene(SimulatorSettings(), seed) for seed in range(60)]
     assert {scene.weather.kind for scene in scenes} == set(WEATHERS)

@@ -127,6 +127,7 @@ def test_grass_grows_in_patches_of_the_share_asked_for_up_to_the_bark(terrain: T
     assert min(low for _, low in tallest) >= 0.75 * 0.3
 
 
+@pytest.mark.slow
 def test_no_label_moves_and_stems_are_only_hidden(field_settings, assets: Assets):
     covered = with_cover(
         field_settings,
