@@ -49,9 +49,52 @@ def test_a_cut_off_mcap_file_is_read_as_far_as_it_goes(
     assert "its end is missing: what is there is read" in caplog.text
 
 
-def test_a_cut_off_ros_1_bag_is_refused_with_what_helps(write_bag: Writer) -> None:
-    with pytest.raises(InputError, match=r"drive\.bag cannot be read .*rosbag reindex"):
-        open_recording(cut(write_bag("ros1"), 0.9))
+@pytest.mark.parametrize(
+    ("share", "compression"),
+    [(0.2, None), (0.6, None), (0.9, None), (0.999, None), (0.6, "BZ2"), (0.6, "LZ4")],
+)
+def test_a_cut_off_ros_1_bag_is_read_as_far_as_it_goes(
+    bags: Any, tmp_path: Path, share: float, compression: str | None
+) -> None:
+    from rosbags.rosbag1 import Writer as RosWriter
+
+    bag = bags.BagFile(tmp_path, "ros1")
+    bag._writer.chunk_threshold = 10_000  # one or two pictures
+    if compression is not None:
+        bag._writer.set_compression(RosWriter.CompressionFormat[compression])
+    noise = np.random.default_rng(0).integers(0, 256, (FRAMES, 48, 64, 3), np.uint8)
+    with bag:
+        for number in range(FRAMES):
+            stamp = bags.START_NS + number * bags.PERIOD_NS
+            bag.image(bags.COLOUR, noise[number], stamp)
+            if number:
+                bag.info(bags.INFO, bags.small_frame().camera, stamp)
+    source = open_recording(cut(bag.path, share))
+    frames = list(source)
+    assert share * FRAMES - 4 < len(frames) <= FRAMES
+    assert len(frames) >= 1
+    assert source.counts["end missing"] == 1
+    for number, live in enumerate(frames):
+        np.testing.assert_array_equal(live.image, noise[number])
+
+
+def test_a_ros_1_bag_that_is_not_closed_is_read(write_bag: Writer) -> None:
+    path = write_bag("ros1")
+    data = bytearray(path.read_bytes())
+    at = data.index(b"index_pos=") + len(b"index_pos=")
+    end = int.from_bytes(data[at : at + 8], "little")
+    data[at : at + 8] = bytes(8)
+    path.write_bytes(data[:end])
+    source = open_recording(path)
+    assert len(list(source)) == 5
+    assert source.counts["end missing"] == 1
+
+
+def test_a_ros_1_bag_without_one_complete_chunk_is_refused(write_bag: Writer) -> None:
+    path = write_bag("ros1")
+    path.write_bytes(path.read_bytes()[:5000])
+    with pytest.raises(InputError, match=r"drive\.bag cannot be read .*expected a complete ROS 1"):
+        open_recording(path)
 
 
 def test_a_broken_part_ends_the_recording_and_is_counted(

@@ -33,7 +33,9 @@ def write_drive(bags: Any, folder: Path, kind: str, *, has_odom: bool = True) ->
             now = start + tick * 10_000_000
             if has_odom and tick % 4 == 3:
                 pose = machine_at((tick * 10_000_000) / 1e9)
-                bag.tf("odom", "base_link", pose, now)
+                sign = 1 if tick % 8 == 3 else -1  # both quaternions are the same rotation
+                quaternion = sign * bags.quaternion_of(pose.rotation)
+                bag.tf("odom", "base_link", pose, now, quaternion=quaternion)
             if tick % 10 == 5:
                 bag.image(bags.COLOUR, frame.image, now)
     return bag.path
