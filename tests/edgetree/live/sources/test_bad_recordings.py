@@ -9,9 +9,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
+import calib
 from edgetree.errors import InputError, MissingDependency
 from edgetree.live.sources.recording import open_recording
 
@@ -185,6 +187,19 @@ def test_two_cameras_are_listed_and_one_can_be_named(bags: Any, tmp_path: Path) 
     assert len(list(open_recording(bag.path, topics={"colour": "/right/image_raw"}))) == 1
 
 
+def test_raw_images_are_preferred_to_compressed_ones(bags: Any, tmp_path: Path) -> None:
+    frame = bags.small_frame()
+    with bags.BagFile(tmp_path) as bag:
+        jpeg = cv2.imencode(".jpg", frame.image)[1].tobytes()
+        bag.packed(f"{bags.COLOUR}/compressed", jpeg, "bgr8; jpeg compressed bgr8", bags.START_NS)
+        bag.image(bags.COLOUR, frame.image, bags.START_NS)
+    (live,) = open_recording(bag.path)
+    np.testing.assert_array_equal(live.image, frame.image)
+    (packed,) = open_recording(bag.path, topics={"colour": f"{bags.COLOUR}/compressed"})
+    assert packed.image is not None
+    assert not np.array_equal(packed.image, frame.image)
+
+
 def test_aligned_depth_is_preferred_to_that_of_another_frame(bags: Any, tmp_path: Path) -> None:
     frame = bags.small_frame()
     with bags.BagFile(tmp_path) as bag:
@@ -261,16 +276,19 @@ def test_stamps_that_a_driver_does_not_set_are_those_of_the_recording(
 
 def test_a_camera_that_changes_its_resolution(bags: Any, tmp_path: Path) -> None:
     frame = bags.small_frame()
-    small = frame.camera.scaled(32, 24)
+    small = calib.PinholeCamera(32, 24, 33.0, 33.0, 15.5, 11.5)
     with bags.BagFile(tmp_path) as bag:
         for number in range(6):
             stamp = bags.START_NS + number * bags.PERIOD_NS
             step, camera = (1, frame.camera) if number < 3 else (2, small)
+            if number == 5:
+                step = 1  # a late picture of the former size
             bag.info(bags.INFO, camera, stamp)
             bag.image(bags.COLOUR, frame.image[::step, ::step], stamp)
             bag.image(bags.DEPTH, frame.depth[::step, ::step], stamp, "16UC1")
     frames = list(open_recording(bag.path))
-    assert [frame.camera for frame in frames] == [frame.camera for _ in range(3)] + [small] * 3
+    expected = [frame.camera] * 3 + [small] * 2 + [frame.camera]
+    assert [live.camera for live in frames] == expected
     for live in frames:
         assert live.image is not None
         assert live.depth_m is not None
