@@ -57,6 +57,17 @@ def test_poses_are_interpolated_between_readings_of_tf(
     assert source.counts.get("without pose", 0) == 0
 
 
+def test_the_transforms_of_old_ros_1_are_read(bags: Any, tmp_path: Path) -> None:
+    old = "tf/msg/tfMessage"
+    with bags.BagFile(tmp_path, "ros1") as bag:
+        bag.store.register({old: bag.store.fielddefs[bags.TF]})
+        bag.tf("/odom", f"/{bags.FRAME}", MOUNTING, bags.START_NS, kind=old)
+        bag.image(bags.COLOUR, bags.small_frame().image, bags.START_NS, frame=f"/{bags.FRAME}")
+    (frame,) = open_recording(bag.path)
+    assert frame.pose is not None
+    np.testing.assert_allclose(frame.pose.translation_m, MOUNTING.translation_m)
+
+
 def test_a_hole_in_the_tree_of_transforms(
     bags: Any, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
