@@ -127,7 +127,8 @@ def test_edgetree_reaches_the_training_side_from_few_places_only() -> None:
         training_side = module.startswith(EDGETREE_TRAINING_SIDE)
         lazily = HEAVY if training_side else {"onnxruntime"}
         lazily |= {"cryptography"} if module == "edgetree.signing.keys" else set()
-        lazily |= {"rosbags"} if module == "edgetree.live.sources.bags" else set()
+        readers = ("edgetree.live.sources.bags", "edgetree.live.sources.ros1_index")
+        lazily |= {"rosbags"} if module in readers else set()
         if top not in EDGETREE_BASE_DEPENDENCIES | lazily or (found.always and top in HEAVY):
             strangers.add((module, found.target))
     assert strangers == set()
