@@ -15,6 +15,12 @@ PACKAGES = ("calib", "edgetree", "perceptree")
 TRAINING_STACK = {"torch", "torchvision", "timm", "pycocotools", "safetensors", "numba"}
 HEAVY = TRAINING_STACK | {"matplotlib", "onnx", "onnxruntime", "onnxscript", "perceptree", "PIL"}
 HEAVY |= {"cryptography", "rosbags", "pyrealsense2", "depthai", "pyorbbecsdk", "paho"}
+READS_BAGS = {
+    "edgetree.live.sinks.bag",
+    "edgetree.live.sinks.ros_messages",
+    "edgetree.live.sources.bags",
+    "edgetree.live.sources.ros1_index",
+}
 MAY_IMPORT = {
     "calib": {"calib", "numpy", "cv2", "yaml"},
     "perceptree": TRAINING_STACK | {"perceptree", "calib", "numpy", "cv2", "typer", "matplotlib"},
@@ -127,10 +133,8 @@ def test_edgetree_reaches_the_training_side_from_few_places_only() -> None:
         training_side = module.startswith(EDGETREE_TRAINING_SIDE)
         lazily = HEAVY if training_side else {"onnxruntime"}
         lazily |= {"cryptography"} if module == "edgetree.signing.keys" else set()
-        lazily |= {"rosbags"} if module == "edgetree.live.sources.bags" else set()
         lazily |= {"paho"} if module == "edgetree.live.sinks.mqtt" else set()
-        bags = ("edgetree.live.sinks.bag", "edgetree.live.sinks.ros_messages")
-        lazily |= {"rosbags"} if module in bags else set()
+        lazily |= {"rosbags"} if module in READS_BAGS else set()
         if top not in EDGETREE_BASE_DEPENDENCIES | lazily or (found.always and top in HEAVY):
             strangers.add((module, found.target))
     assert strangers == set()

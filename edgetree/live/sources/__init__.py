@@ -15,11 +15,13 @@ from edgetree.live.sources.files import open_files
 from edgetree.live.sources.oak import open_oak
 from edgetree.live.sources.opening import SOURCE_FORMS, open_live_source
 from edgetree.live.sources.orbbec import open_orbbec
+from edgetree.live.sources.pushed import PushedFrames
 from edgetree.live.sources.realsense import open_realsense
 from edgetree.live.sources.recording import open_recording
 
 __all__ = [
     "SOURCE_FORMS",
+    "PushedFrames",
     "frame_from_arrays",
     "open_camera",
     "open_drive",

@@ -17,7 +17,7 @@ from typing import Any, Final, NamedTuple
 
 from calib.errors import short_line
 from edgetree.errors import EdgetreeError, InputError, MissingDependency, install_hint
-from edgetree.live.sources.cut_off import mcap_file
+from edgetree.live.sources.cut_off import readable_file
 
 __all__ = [
     "BAG_SUFFIXES",
@@ -123,9 +123,9 @@ class Bag:
             wanted = [c for c in reader.connections if id(c) in topics]
             if not wanted:
                 continue
-            # Without its index, a file is read in its own order, which is nearly that of time.
-            is_whole = isinstance(reader.path, Path)
-            read = reader.messages if is_whole else reader.storage.messages_scan
+            # Without its index, an MCAP file is read in its own order, nearly that of time.
+            is_scanned = not (isinstance(reader.path, Path) or self._is_ros1)
+            read = reader.storage.messages_scan if is_scanned else reader.messages
             parts.append(read(wanted))
         with _named_errors(self.path):
             for connection, log_ns, data in heapq.merge(*parts, key=lambda entry: entry[1]):
@@ -188,8 +188,8 @@ def _readers(path: Path) -> list[Any]:
         if path.stat().st_size == 0:
             raise InputError(f"recording {path} is empty: expected messages")
         if path.suffix.lower() == ".bag":
-            return [rosbag1.Reader(path)]
-        return [rosbag2.Reader(mcap_file(path))]
+            return [rosbag1.Reader(readable_file(path))]
+        return [rosbag2.Reader(readable_file(path))]
     if (path / "metadata.yaml").is_file():
         return [rosbag2.Reader(path)]
     files = [file for file in _storage_files(path) if file.stat().st_size]
@@ -197,7 +197,7 @@ def _readers(path: Path) -> list[Any]:
         raise InputError(
             f"recording {path} has no metadata.yaml: expected the folder of a ROS 2 bag"
         )
-    return [rosbag2.Reader(mcap_file(file)) for file in files]
+    return [rosbag2.Reader(readable_file(file)) for file in files]
 
 
 @cache
@@ -238,10 +238,7 @@ def _named_errors(path: Path) -> Iterator[None]:
         raise
     except Exception as error:
         reason = short_line(str(error) or type(error).__name__).rstrip(".")
-        hint = ""
-        if "not indexed" in reason or "index looks damaged" in reason:
-            reason, hint = "its end with the index is missing", ", or what `rosbag reindex` makes"
         raise BrokenRecording(
             f"recording {path} cannot be read ({reason}): expected a complete ROS 1 bag, ROS 2 bag"
-            f" or MCAP file of ROS 2{hint}"
+            f" or MCAP file of ROS 2"
         ) from error

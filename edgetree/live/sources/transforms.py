@@ -20,7 +20,6 @@ _MAX_GAP_NS: Final = 1_000_000_000  # between two readings that are interpolated
 _MAX_BEYOND_NS: Final = 100_000_000  # after the last or before the first reading
 _CLOCK_JUMP_NS: Final = 1_000_000_000
 _MAX_READINGS: Final = 2000
-_MAX_LINKS: Final = 100
 
 
 def frame_name(name: str) -> str:
@@ -138,9 +137,9 @@ class TransformTree:
     def _chain(self, frame: str) -> list[str]:
         """The frame, its parent, and so on to the root."""
         chain = [frame]
-        while chain[-1] in self._links and len(chain) < _MAX_LINKS:
+        while chain[-1] in self._links:
             parent = self._links[chain[-1]].parent
-            if parent in chain:
+            if parent in chain:  # a circle
                 break
             chain.append(parent)
         return chain

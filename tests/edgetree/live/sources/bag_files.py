@@ -172,6 +172,7 @@ class BagFile:
         topic: str = "/tf",
         quaternion: Any = None,
         log_ns: int | None = None,
+        kind: str = "tf2_msgs/msg/TFMessage",
     ) -> None:
         xyzw = quaternion_of(transform.rotation) if quaternion is None else quaternion
         entry = self.message(
@@ -184,8 +185,8 @@ class BagFile:
                 rotation=self.quaternion(xyzw),
             ),
         )
-        message = self.message(TF, transforms=[entry])
-        self.write(topic, TF, message, stamp if log_ns is None else log_ns)
+        message = self.message(kind, transforms=[entry])
+        self.write(topic, kind, message, stamp if log_ns is None else log_ns)
 
     def vector(self, xyz: Any) -> Any:
         x, y, z = (float(value) for value in xyz)

@@ -9,9 +9,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
+import calib
 from edgetree.errors import InputError, MissingDependency
 from edgetree.live.sources.recording import open_recording
 
@@ -49,9 +51,52 @@ def test_a_cut_off_mcap_file_is_read_as_far_as_it_goes(
     assert "its end is missing: what is there is read" in caplog.text
 
 
-def test_a_cut_off_ros_1_bag_is_refused_with_what_helps(write_bag: Writer) -> None:
-    with pytest.raises(InputError, match=r"drive\.bag cannot be read .*rosbag reindex"):
-        open_recording(cut(write_bag("ros1"), 0.9))
+@pytest.mark.parametrize(
+    ("share", "compression"),
+    [(0.2, None), (0.6, None), (0.9, None), (0.999, None), (0.6, "BZ2"), (0.6, "LZ4")],
+)
+def test_a_cut_off_ros_1_bag_is_read_as_far_as_it_goes(
+    bags: Any, tmp_path: Path, share: float, compression: str | None
+) -> None:
+    from rosbags.rosbag1 import Writer as RosWriter
+
+    bag = bags.BagFile(tmp_path, "ros1")
+    bag._writer.chunk_threshold = 10_000  # one or two pictures
+    if compression is not None:
+        bag._writer.set_compression(RosWriter.CompressionFormat[compression])
+    noise = np.random.default_rng(0).integers(0, 256, (FRAMES, 48, 64, 3), np.uint8)
+    with bag:
+        for number in range(FRAMES):
+            stamp = bags.START_NS + number * bags.PERIOD_NS
+            bag.image(bags.COLOUR, noise[number], stamp)
+            if number:
+                bag.info(bags.INFO, bags.small_frame().camera, stamp)
+    source = open_recording(cut(bag.path, share))
+    frames = list(source)
+    assert share * FRAMES - 4 < len(frames) <= FRAMES
+    assert len(frames) >= 1
+    assert source.counts["end missing"] == 1
+    for number, live in enumerate(frames):
+        np.testing.assert_array_equal(live.image, noise[number])
+
+
+def test_a_ros_1_bag_that_is_not_closed_is_read(write_bag: Writer) -> None:
+    path = write_bag("ros1")
+    data = bytearray(path.read_bytes())
+    at = data.index(b"index_pos=") + len(b"index_pos=")
+    end = int.from_bytes(data[at : at + 8], "little")
+    data[at : at + 8] = bytes(8)
+    path.write_bytes(data[:end])
+    source = open_recording(path)
+    assert len(list(source)) == 5
+    assert source.counts["end missing"] == 1
+
+
+def test_a_ros_1_bag_without_one_complete_chunk_is_refused(write_bag: Writer) -> None:
+    path = write_bag("ros1")
+    path.write_bytes(path.read_bytes()[:5000])
+    with pytest.raises(InputError, match=r"drive\.bag cannot be read .*expected a complete ROS 1"):
+        open_recording(path)
 
 
 def test_a_broken_part_ends_the_recording_and_is_counted(
@@ -142,6 +187,19 @@ def test_two_cameras_are_listed_and_one_can_be_named(bags: Any, tmp_path: Path) 
     assert len(list(open_recording(bag.path, topics={"colour": "/right/image_raw"}))) == 1
 
 
+def test_raw_images_are_preferred_to_compressed_ones(bags: Any, tmp_path: Path) -> None:
+    frame = bags.small_frame()
+    with bags.BagFile(tmp_path) as bag:
+        jpeg = cv2.imencode(".jpg", frame.image)[1].tobytes()
+        bag.packed(f"{bags.COLOUR}/compressed", jpeg, "bgr8; jpeg compressed bgr8", bags.START_NS)
+        bag.image(bags.COLOUR, frame.image, bags.START_NS)
+    (live,) = open_recording(bag.path)
+    np.testing.assert_array_equal(live.image, frame.image)
+    (packed,) = open_recording(bag.path, topics={"colour": f"{bags.COLOUR}/compressed"})
+    assert packed.image is not None
+    assert not np.array_equal(packed.image, frame.image)
+
+
 def test_aligned_depth_is_preferred_to_that_of_another_frame(bags: Any, tmp_path: Path) -> None:
     frame = bags.small_frame()
     with bags.BagFile(tmp_path) as bag:
@@ -218,16 +276,19 @@ def test_stamps_that_a_driver_does_not_set_are_those_of_the_recording(
 
 def test_a_camera_that_changes_its_resolution(bags: Any, tmp_path: Path) -> None:
     frame = bags.small_frame()
-    small = frame.camera.scaled(32, 24)
+    small = calib.PinholeCamera(32, 24, 33.0, 33.0, 15.5, 11.5)
     with bags.BagFile(tmp_path) as bag:
         for number in range(6):
             stamp = bags.START_NS + number * bags.PERIOD_NS
             step, camera = (1, frame.camera) if number < 3 else (2, small)
+            if number == 5:
+                step = 1  # a late picture of the former size
             bag.info(bags.INFO, camera, stamp)
             bag.image(bags.COLOUR, frame.image[::step, ::step], stamp)
             bag.image(bags.DEPTH, frame.depth[::step, ::step], stamp, "16UC1")
     frames = list(open_recording(bag.path))
-    assert [frame.camera for frame in frames] == [frame.camera for _ in range(3)] + [small] * 3
+    expected = [frame.camera] * 3 + [small] * 2 + [frame.camera]
+    assert [live.camera for live in frames] == expected
     for live in frames:
         assert live.image is not None
         assert live.depth_m is not None

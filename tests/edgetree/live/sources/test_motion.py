@@ -33,7 +33,9 @@ def write_drive(bags: Any, folder: Path, kind: str, *, has_odom: bool = True) ->
             now = start + tick * 10_000_000
             if has_odom and tick % 4 == 3:
                 pose = machine_at((tick * 10_000_000) / 1e9)
-                bag.tf("odom", "base_link", pose, now)
+                sign = 1 if tick % 8 == 3 else -1  # both quaternions are the same rotation
+                quaternion = sign * bags.quaternion_of(pose.rotation)
+                bag.tf("odom", "base_link", pose, now, quaternion=quaternion)
             if tick % 10 == 5:
                 bag.image(bags.COLOUR, frame.image, now)
     return bag.path
@@ -53,6 +55,17 @@ def test_poses_are_interpolated_between_readings_of_tf(
         np.testing.assert_allclose(frame.pose.translation_m, expected.translation_m, atol=1e-4)
         np.testing.assert_allclose(frame.pose.rotation, expected.rotation, atol=1e-4)
     assert source.counts.get("without pose", 0) == 0
+
+
+def test_the_transforms_of_old_ros_1_are_read(bags: Any, tmp_path: Path) -> None:
+    old = "tf/msg/tfMessage"
+    with bags.BagFile(tmp_path, "ros1") as bag:
+        bag.store.register({old: bag.store.fielddefs[bags.TF]})
+        bag.tf("/odom", f"/{bags.FRAME}", MOUNTING, bags.START_NS, kind=old)
+        bag.image(bags.COLOUR, bags.small_frame().image, bags.START_NS, frame=f"/{bags.FRAME}")
+    (frame,) = open_recording(bag.path)
+    assert frame.pose is not None
+    np.testing.assert_allclose(frame.pose.translation_m, MOUNTING.translation_m)
 
 
 def test_a_hole_in_the_tree_of_transforms(
