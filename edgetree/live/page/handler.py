@@ -69,6 +69,8 @@ class PageHandler(BaseHTTPRequestHandler):
 
     def _refusal(self, path: str, query: str) -> Refusal | None:
         access = self.server.access
+        if self.request_version == "HTTP/0.9":  # whose answers have no headers
+            return Refusal(HTTPStatus.HTTP_VERSION_NOT_SUPPORTED, "expected HTTP/1.1")
         if refusal := access.refusal_of_host(self.headers.get_all("Host", [])):
             return refusal
         if path != "/" and self.headers.get("Sec-Fetch-Site") in ("cross-site", "same-site"):

@@ -43,7 +43,7 @@ def test_the_page_is_one_file_that_loads_nothing_from_elsewhere(serve, connect) 
         ("GET /../events HTTP/1.1\r\nHost: localhost\r\n\r\n", 404),
         ("POST / HTTP/1.1\r\nHost: localhost\r\nContent-Length: 3\r\n\r\nabc", 501),
         ("GET / HTTP/1.1\r\n\r\n", 400),
-        ("GET /\r\n\r\n", 400),
+        ("GET /\r\nHost: localhost\r\n\r\n", 505),
         ("nonsense\r\n\r\n", 400),
         ("GET / HTTP/1.1\r\nHost: localhost\r\nX: " + "y" * 20_000 + "\r\n\r\n", 431),
     ],
