@@ -2,7 +2,7 @@
 const at = (id) => document.getElementById(id);
 const clock = new Clock();
 let record = null, status = null, heard_s = -Infinity, told = "", listed_s = 0;
-let picture_taken_s = null, decoding = false, waiting = null;
+let picture_taken_s = null;
 
 const LOST_S = 1.5; // without a heartbeat for so long, the connection counts as lost
 
@@ -117,21 +117,14 @@ function rowHeight(list) {
 
 // Streams
 async function showPicture(jpeg, taken_s) {
-  if (decoding) { waiting = [jpeg, taken_s]; return; }
-  decoding = true;
-  try {
-    const bitmap = await createImageBitmap(new Blob([jpeg], { type: "image/jpeg" }));
-    const canvas = at("picture");
-    if (canvas.width !== bitmap.width) canvas.width = bitmap.width;
-    if (canvas.height !== bitmap.height) canvas.height = bitmap.height;
-    canvas.getContext("2d").drawImage(bitmap, 0, 0);
-    bitmap.close();
-    picture_taken_s = taken_s;
-    check();
-  } finally {
-    decoding = false;
-  }
-  if (waiting !== null) { const next = waiting; waiting = null; showPicture(...next); }
+  const bitmap = await createImageBitmap(jpeg);
+  const canvas = at("picture");
+  if (canvas.width !== bitmap.width) canvas.width = bitmap.width;
+  if (canvas.height !== bitmap.height) canvas.height = bitmap.height;
+  canvas.getContext("2d").drawImage(bitmap, 0, 0);
+  bitmap.close();
+  picture_taken_s = taken_s;
+  check();
 }
 
 function hear(event) {
@@ -147,7 +140,7 @@ function hear(event) {
 }
 
 let events = null;
-const pictures = new PictureStream(showPicture, (text) => { told = text; check(); });
+const pictures = new Pictures(showPicture);
 
 function openEvents() {
   events = new EventSource("events");
@@ -155,15 +148,29 @@ function openEvents() {
     clock.reset();
     heard_s = -Infinity;
     picture_taken_s = null;
+    pictures.serial = 0;
+    told = "";
   });
   events.addEventListener("stems", hear);
   events.addEventListener("beat", hear);
   events.addEventListener("error", () => {
     const failed = events;
-    if (failed.readyState === EventSource.CLOSED) {
-      setTimeout(() => { if (events === failed) openEvents(); }, 1000);
-    }
+    if (failed.readyState !== EventSource.CLOSED) return;
+    askWhy();
+    setTimeout(() => { if (events === failed) openEvents(); }, 2000);
   });
+}
+
+// Why the server refuses the events; an EventSource does not tell.
+async function askWhy() {
+  try {
+    const answer = await fetch("events", { cache: "no-store" });
+    told = answer.ok ? "" : (await answer.text()).replace(/^\d+ /, "").trim();
+    if (answer.ok) await answer.body.cancel();
+  } catch (error) {
+    told = "";
+  }
+  check();
 }
 
 function close() {

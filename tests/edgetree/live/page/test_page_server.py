@@ -72,6 +72,22 @@ def test_a_published_result_reaches_events_and_picture(serve, connect, live_resu
     assert 0.05 <= age_s < 2
 
 
+def test_one_connection_fetches_picture_after_picture(serve, connect, live_result) -> None:
+    server = serve(stale_s=0.3)
+    client = connect(server)
+    for number in (1, 2):
+        server.publish(live_result(number))
+        assert client.send(f"/picture.jpg?after={number - 1}").status() == 200
+        head = client.until(b"\r\n\r\n").decode()
+        assert f"X-Serial: {number}\r\n" in head
+        assert "Connection: close" not in head
+        jpeg = client.exactly(int(re.search(r"Content-Length: (\d+)", head)[1]))
+        assert cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR) is not None
+    assert client.send("/picture.jpg?after=2").status() == 204  # nothing newer
+    client.until(b"\r\n\r\n")
+    assert client.send("/picture.jpg").status() == 204  # too old by now
+
+
 def test_a_given_picture_is_shown_as_it_is(serve, connect, live_result) -> None:
     server = serve()
     picture = np.zeros((1000, 2000, 3), np.uint8)
