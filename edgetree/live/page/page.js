@@ -103,9 +103,9 @@ function showStems() {
   const seen = stems.filter((stem) => stem.in_view).length;
   const room = Math.max(1, Math.floor(list.clientHeight / rowHeight(list)));
   list.replaceChildren(...stems.slice(0, room).map(rowOf));
-  const parts = [`${stems.length} stem${stems.length === 1 ? "" : "s"}`, `${seen} in view`];
+  const parts = [`${seen} of ${stems.length} in view`];
   if (stems.length > room) parts.push(`${stems.length - room} not listed`);
-  at("more").textContent = record.metres_need || `${parts.join(", ")}. ± is 1 std. deviation`;
+  at("more").textContent = record.metres_need || `${parts.join(", ")}. ± 1 std. dev.`;
 }
 
 function rowHeight(list) {

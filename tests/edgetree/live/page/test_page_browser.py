@@ -73,7 +73,7 @@ def test_the_page_shows_stems_without_scrolling_and_blanks_what_is_old(
     assert page.inner_text("#list li:first-child .diameter") == "21.1 ± 0.6"
     assert page.inner_text("#list li:first-child .cut_height") == "12 ± 2"
     assert "not a safety function" in page.inner_text("header")
-    assert "14 stems, 13 in view" in page.inner_text("#more")
+    assert "13 of 14 in view" in page.inner_text("#more")
     size = "[document.documentElement.scrollWidth, document.documentElement.scrollHeight]"
     assert page.evaluate(size) == [width, height]
     pixel = "document.getElementById('picture').getContext('2d').getImageData(5, 5, 1, 1).data[3]"
