@@ -133,8 +133,11 @@ function hear(event) {
   heard_s = seconds();
   if (event.type === "stems") {
     record = status;
-    if (problem() === null) drawPlan(at("plan"), record);
-    if (heard_s - listed_s > 0.24) { listed_s = heard_s; showStems(); }
+    if (heard_s - listed_s > 0.19) { // numbers that change faster cannot be read
+      listed_s = heard_s;
+      showStems();
+      drawPlan(at("plan"), record);
+    }
   }
   check();
 }

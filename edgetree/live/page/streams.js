@@ -21,6 +21,7 @@ class Pictures {
   async start() {
     this.stop();
     const { signal } = this.stopper = new AbortController();
+    let showing = null; // the next picture is fetched while one is decoded
     while (!signal.aborted) {
       const next_ms = performance.now() + 100;
       let pause_ms = 0;
@@ -28,7 +29,9 @@ class Pictures {
         const answer = await fetch(`picture.jpg?after=${this.serial}`, { signal, cache: "no-store" });
         if (answer.status === 200) {
           this.serial = Number(answer.headers.get("X-Serial"));
-          await this.show(await answer.blob(), Number(answer.headers.get("X-Taken-S")));
+          const jpeg = await answer.blob();
+          await showing;
+          showing = this.show(jpeg, Number(answer.headers.get("X-Taken-S"))).catch(() => {});
         } else if (!answer.ok) {
           pause_ms = 1000;
         }
