@@ -1,13 +1,13 @@
 """Live: frames from cameras and recordings, stems followed over time, results as they come.
 
-    from edgetree import TreeDetector, default_model
-    from edgetree.live import LivePipeline
-    from edgetree.live.sources import open_live_source
+from edgetree import TreeDetector, default_model
+from edgetree.live import LivePipeline
+from edgetree.live.sources import open_live_source
 
-    detector = TreeDetector.load(default_model("depth"))
-    for result in LivePipeline(lambda: open_live_source("drive.mcap"), detector):
-        for track in result.tracks:
-            print(track.number, track.diameter_m)
+detector = TreeDetector.load(default_model("depth"))
+for result in LivePipeline(lambda: open_live_source("drive.mcap"), detector):
+    for track in result.tracks:
+        print(track.number, track.diameter_m)
 """
 
 from edgetree.live.frames import LiveFrame, LiveSource, SourceLost

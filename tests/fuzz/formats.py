@@ -5,9 +5,11 @@ from __future__ import annotations
 import io
 import json
 import pickle
+import socket
 import sys
 import tempfile
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,6 +24,10 @@ import calib
 from calib.reading import read_image
 from edgetree.check.csv_file import read_csv
 from edgetree.doctor.onnx_bytes import Node, TensorType, onnx_bytes
+from edgetree.live.page.access import Access
+from edgetree.live.page.feed import Feed
+from edgetree.live.page.handler import PageHandler
+from edgetree.live.page.server import PageHttpServer
 from edgetree.live.sources.recording import open_recording
 from edgetree.model_file.manifest import Manifest
 from edgetree.model_file.safety_check import read_model_file
@@ -80,6 +86,10 @@ _OWN = b'{"schema": "calib.camera/1", "width": 640, "height": 480, "fx": 500, "f
 _OWN += b' "cy": 240, "distortion": [0.1, 0, 0, 0]}'
 _TRANSFORM = b'{"schema": "calib.transform/1", "translation_m": [0, 0, 1], "roll_pitch_yaw_deg":'
 _TRANSFORM += b" [0, 10, 0]}"
+_REQUEST = (
+    b"GET /events?token=0123456789abcdef HTTP/1.1\r\nHost: 127.0.0.1:8420\r\n"
+    b"Cookie: a=b; edgetree_8420=0123456789abcdef\r\nSec-Fetch-Site: same-origin\r\n\r\n"
+)
 _CSV = b"stem;diameter (cm);distance_m\n1;31,4;5\n2;20;\n"
 
 
@@ -224,6 +234,29 @@ def _read_recording(path: Path) -> list[object]:
     return list(open_recording(path))
 
 
+@cache
+def _page_server() -> PageHttpServer:
+    """A server of the page that is about to close, so that streams end at once."""
+    feed = Feed(stale_s=1.0)
+    feed.close()
+    return PageHttpServer(("127.0.0.1", 0), Access("127.0.0.1", "0123456789abcdef"), feed, 1)
+
+
+class _PageHandler(PageHandler):
+    disable_nagle_algorithm = False  # which only TCP has
+
+
+def _answer(path: Path) -> bytes:
+    """The answer of the page's server to a request."""
+    client, server = socket.socketpair()
+    with client, server:
+        client.sendall(path.read_bytes()[:100_000])
+        client.shutdown(socket.SHUT_WR)
+        _PageHandler(server, ("127.0.0.1", 1), _page_server())
+        server.shutdown(socket.SHUT_WR)
+        return b"".join(iter(lambda: client.recv(65_536), b""))
+
+
 def _open_model(path: Path) -> None:
     OrtSession(path, SessionSettings(CPU, threads=1))
 
@@ -246,6 +279,7 @@ def _formats() -> dict[str, Format]:
         "stems.csv": Format((_CSV,), read_csv),
         "checkpoint": Format((_checkpoint(),), load_checkpoint, refused="is missing"),
         "weights": Format(_weights(), read_weights),
+        "request": Format((_REQUEST, _REQUEST.replace(b"events", b"")), _answer),
         "state": Format((_state(),), lambda path: read_state(path, _IDENTITY)),
         "coco.json": Format((_coco(),), _read_coco),
         "recording.bag": Format((_recording("ros1"),), _read_recording),

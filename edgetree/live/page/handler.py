@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 import socket
 import time
 from collections.abc import Callable
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from edgetree.live.page.access import Refusal
 from edgetree.live.page.document import page_html, security_headers
+from edgetree.live.page.feed import Shown
 from edgetree.live.page.pictures import blank_jpeg
 
 if TYPE_CHECKING:
@@ -25,12 +27,12 @@ _HEAD_S: Final = 5.0
 _SEND_S: Final = 5.0  # a client that takes longer for one picture is disconnected
 _SEND_BUFFER_BYTES: Final = 262_144  # about two pictures: more would only be older when shown
 _EVENT_INTERVAL_S: Final = 0.1
-_PICTURE_INTERVAL_S: Final = 1 / 15
+_PICTURE_INTERVAL_S: Final = 0.1
 _BOUNDARY: Final = "edgetree-picture"
 
 
 class PageHandler(BaseHTTPRequestHandler):
-    """Answers one request of a client; each has a thread of its own."""
+    """Answers the requests of one connection, in a thread of its own."""
 
     server: PageHttpServer
     protocol_version = "HTTP/1.1"
@@ -39,14 +41,17 @@ class PageHandler(BaseHTTPRequestHandler):
     error_content_type = "text/plain; charset=utf-8"
 
     def handle(self) -> None:
-        """Read the head of the request, within limits of size and time, and answer."""
+        """Read the heads of requests, within limits of size and time, and answer."""
         self.requestline, self.request_version, self.command = "", self.protocol_version, ""
-        self.close_connection = True
-        head = _read_head(self.connection)
-        self.connection.settimeout(_SEND_S)
-        if head is None:
-            self.send_error(HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE)
-        elif head:
+        self.close_connection = False
+        while not self.close_connection:
+            head = _read_head(self.connection)
+            self.connection.settimeout(_SEND_S)
+            if head == b"":
+                return
+            if head is None:
+                self.send_error(HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE)
+                return
             self.rfile.close()
             self.rfile = io.BytesIO(head)
             self.handle_one_request()
@@ -57,6 +62,7 @@ class PageHandler(BaseHTTPRequestHandler):
         answers: dict[str, Callable[[], None]] = {
             "/": self._send_page,
             "/events": self._send_events,
+            "/picture.jpg": lambda: self._send_picture(query),
             "/picture.mjpeg": self._send_pictures,
         }
         refusal = self._refusal(path, query)
@@ -69,6 +75,8 @@ class PageHandler(BaseHTTPRequestHandler):
 
     def _refusal(self, path: str, query: str) -> Refusal | None:
         access = self.server.access
+        if self.request_version == "HTTP/0.9":  # whose answers have no headers
+            return Refusal(HTTPStatus.HTTP_VERSION_NOT_SUPPORTED, "expected HTTP/1.1")
         if refusal := access.refusal_of_host(self.headers.get_all("Host", [])):
             return refusal
         if path != "/" and self.headers.get("Sec-Fetch-Site") in ("cross-site", "same-site"):
@@ -94,6 +102,24 @@ class PageHandler(BaseHTTPRequestHandler):
             headers["Set-Cookie"] = f"{self._cookie}={token}; Path=/; HttpOnly; SameSite=Strict"
         self._start("text/html; charset=utf-8", headers)
         self.wfile.write(content)
+
+    def _send_picture(self, query: str) -> None:
+        """Send one picture, newer than the one that the client has; none if there is none soon."""
+        feed = self.server.feed
+        found = re.search(r"(?:^|&)after=(\d{1,15})(?:&|$)", query)
+        shown = feed.wait(int(found[1]) if found else 0, timeout_s=feed.stale_s)
+        if shown is None or feed.is_stale(shown):
+            self.send_response(HTTPStatus.NO_CONTENT)
+            self.end_headers()
+            return
+        jpeg = shown.jpeg()
+        self.send_response(HTTPStatus.OK)
+        self.send_header("Content-Type", "image/jpeg")
+        self.send_header("Content-Length", str(len(jpeg)))
+        for name, value in _about(shown).items():
+            self.send_header(name, value)
+        self.end_headers()
+        self.wfile.write(jpeg)
 
     def _send_events(self) -> None:
         """Send the newest stems, or at least a heartbeat."""
@@ -134,8 +160,7 @@ class PageHandler(BaseHTTPRequestHandler):
                     self._send_part(blank_jpeg(), {})
                     continue
                 serial = shown.serial
-                about = {"X-Serial": str(serial), "X-Taken-S": f"{shown.taken_s:.4f}"}
-                self._send_part(shown.jpeg(), about)
+                self._send_part(shown.jpeg(), _about(shown))
                 time.sleep(_PICTURE_INTERVAL_S)
 
     def _send_part(self, jpeg: bytes, about: dict[str, str]) -> None:
@@ -167,6 +192,11 @@ class PageHandler(BaseHTTPRequestHandler):
     def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 (the library's name)
         """Log quietly, without the query, which may hold the token."""
         self.server.logger.debug("%s %s", self.client_address[0], format % args)
+
+
+def _about(shown: Shown) -> dict[str, str]:
+    """Which result a picture shows, and when its frame arrived."""
+    return {"X-Serial": str(shown.serial), "X-Taken-S": f"{shown.taken_s:.4f}"}
 
 
 def _read_head(connection: socket.socket) -> bytes | None:

@@ -2,7 +2,7 @@
 const at = (id) => document.getElementById(id);
 const clock = new Clock();
 let record = null, status = null, heard_s = -Infinity, told = "", listed_s = 0;
-let picture_taken_s = null, decoding = false, waiting = null;
+let picture_taken_s = null;
 
 const LOST_S = 1.5; // without a heartbeat for so long, the connection counts as lost
 
@@ -103,9 +103,9 @@ function showStems() {
   const seen = stems.filter((stem) => stem.in_view).length;
   const room = Math.max(1, Math.floor(list.clientHeight / rowHeight(list)));
   list.replaceChildren(...stems.slice(0, room).map(rowOf));
-  const parts = [`${stems.length} stem${stems.length === 1 ? "" : "s"}`, `${seen} in view`];
+  const parts = [`${seen} of ${stems.length} in view`];
   if (stems.length > room) parts.push(`${stems.length - room} not listed`);
-  at("more").textContent = record.metres_need || `${parts.join(", ")}. ± is 1 std. deviation`;
+  at("more").textContent = record.metres_need || `${parts.join(", ")}. ± 1 std. dev.`;
 }
 
 function rowHeight(list) {
@@ -117,21 +117,14 @@ function rowHeight(list) {
 
 // Streams
 async function showPicture(jpeg, taken_s) {
-  if (decoding) { waiting = [jpeg, taken_s]; return; }
-  decoding = true;
-  try {
-    const bitmap = await createImageBitmap(new Blob([jpeg], { type: "image/jpeg" }));
-    const canvas = at("picture");
-    if (canvas.width !== bitmap.width) canvas.width = bitmap.width;
-    if (canvas.height !== bitmap.height) canvas.height = bitmap.height;
-    canvas.getContext("2d").drawImage(bitmap, 0, 0);
-    bitmap.close();
-    picture_taken_s = taken_s;
-    check();
-  } finally {
-    decoding = false;
-  }
-  if (waiting !== null) { const next = waiting; waiting = null; showPicture(...next); }
+  const bitmap = await createImageBitmap(jpeg);
+  const canvas = at("picture");
+  if (canvas.width !== bitmap.width) canvas.width = bitmap.width;
+  if (canvas.height !== bitmap.height) canvas.height = bitmap.height;
+  canvas.getContext("2d").drawImage(bitmap, 0, 0);
+  bitmap.close();
+  picture_taken_s = taken_s;
+  check();
 }
 
 function hear(event) {
@@ -140,14 +133,17 @@ function hear(event) {
   heard_s = seconds();
   if (event.type === "stems") {
     record = status;
-    if (problem() === null) drawPlan(at("plan"), record);
-    if (heard_s - listed_s > 0.24) { listed_s = heard_s; showStems(); }
+    if (heard_s - listed_s > 0.19) { // numbers that change faster cannot be read
+      listed_s = heard_s;
+      showStems();
+      drawPlan(at("plan"), record);
+    }
   }
   check();
 }
 
 let events = null;
-const pictures = new PictureStream(showPicture, (text) => { told = text; check(); });
+const pictures = new Pictures(showPicture);
 
 function openEvents() {
   events = new EventSource("events");
@@ -155,15 +151,29 @@ function openEvents() {
     clock.reset();
     heard_s = -Infinity;
     picture_taken_s = null;
+    pictures.serial = 0;
+    told = "";
   });
   events.addEventListener("stems", hear);
   events.addEventListener("beat", hear);
   events.addEventListener("error", () => {
     const failed = events;
-    if (failed.readyState === EventSource.CLOSED) {
-      setTimeout(() => { if (events === failed) openEvents(); }, 1000);
-    }
+    if (failed.readyState !== EventSource.CLOSED) return;
+    askWhy();
+    setTimeout(() => { if (events === failed) openEvents(); }, 2000);
   });
+}
+
+// Why the server refuses the events; an EventSource does not tell.
+async function askWhy() {
+  try {
+    const answer = await fetch("events", { cache: "no-store" });
+    told = answer.ok ? "" : (await answer.text()).replace(/^\d+ /, "").trim();
+    if (answer.ok) await answer.body.cancel();
+  } catch (error) {
+    told = "";
+  }
+  check();
 }
 
 function close() {

@@ -212,7 +212,7 @@ def _covariance(result: LiveResult, track: TreeTrack) -> NDArray[np.float64]:
     """
     variances = np.asarray(track.position_m.std_m, np.float64) ** 2
     if result.frame.pose is None:
-        return np.eye(3) * variances.max()
+        return np.eye(3) * float(variances.max())
     rotation = result.frame.pose.rotation
     return np.asarray(rotation.T @ np.diag(variances) @ rotation, np.float64)
 

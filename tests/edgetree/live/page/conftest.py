@@ -53,11 +53,16 @@ class Client:
         self.until(b"--edgetree-picture\r\n")
         lines = self.until(b"\r\n\r\n").decode().strip().split("\r\n")
         fields = dict(line.split(": ", 1) for line in lines)
-        length = int(fields["Content-Length"])
+        return fields, self.exactly(int(fields["Content-Length"]))
+
+    def exactly(self, length: int) -> bytes:
+        """Read so many bytes."""
         while len(self.held) < length:
-            self.held += self.socket.recv(65536)
-        jpeg, self.held = self.held[:length], self.held[length:]
-        return fields, jpeg
+            part = self.socket.recv(65536)
+            assert part
+            self.held += part
+        found, self.held = self.held[:length], self.held[length:]
+        return found
 
 
 @pytest.fixture

@@ -43,7 +43,7 @@ def test_the_page_is_one_file_that_loads_nothing_from_elsewhere(serve, connect) 
         ("GET /../events HTTP/1.1\r\nHost: localhost\r\n\r\n", 404),
         ("POST / HTTP/1.1\r\nHost: localhost\r\nContent-Length: 3\r\n\r\nabc", 501),
         ("GET / HTTP/1.1\r\n\r\n", 400),
-        ("GET /\r\n\r\n", 400),
+        ("GET /\r\nHost: localhost\r\n\r\n", 505),
         ("nonsense\r\n\r\n", 400),
         ("GET / HTTP/1.1\r\nHost: localhost\r\nX: " + "y" * 20_000 + "\r\n\r\n", 431),
     ],
@@ -70,6 +70,22 @@ def test_a_published_result_reaches_events_and_picture(serve, connect, live_resu
     assert shown.shape == (360, 640, 3)
     age_s = record["clock_s"] - float(fields["X-Taken-S"])
     assert 0.05 <= age_s < 2
+
+
+def test_one_connection_fetches_picture_after_picture(serve, connect, live_result) -> None:
+    server = serve(stale_s=0.3)
+    client = connect(server)
+    for number in (1, 2):
+        server.publish(live_result(number))
+        assert client.send(f"/picture.jpg?after={number - 1}").status() == 200
+        head = client.until(b"\r\n\r\n").decode()
+        assert f"X-Serial: {number}\r\n" in head
+        assert "Connection: close" not in head
+        jpeg = client.exactly(int(re.search(r"Content-Length: (\d+)", head)[1]))
+        assert cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR) is not None
+    assert client.send("/picture.jpg?after=2").status() == 204  # nothing newer
+    client.until(b"\r\n\r\n")
+    assert client.send("/picture.jpg").status() == 204  # too old by now
 
 
 def test_a_given_picture_is_shown_as_it_is(serve, connect, live_result) -> None:
