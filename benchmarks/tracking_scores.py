@@ -87,9 +87,7 @@ def _identity_matches(frames: list[ScoredFrame], overlaps: list[np.ndarray]) -> 
     return int(together[_assigned(together)].sum())
 
 
-def _together(
-    frames: list[ScoredFrame], overlaps: list[np.ndarray], limit: float
-) -> np.ndarray:
+def _together(frames: list[ScoredFrame], overlaps: list[np.ndarray], limit: float) -> np.ndarray:
     """(truths, found) number of frames in which both identities overlap."""
     shape = [max((int(f[k].max()) for f in frames if len(f[k])), default=-1) + 1 for k in (1, 3)]
     count = np.zeros(shape)

@@ -106,7 +106,9 @@ def _cells(
     begun = min(int(views.max()) + 1, _MAX_VIEWS)
     turn = stems["angle_rad"][rows, :begun] - angle[:, None]
     turn = np.abs((turn + np.pi) % (2 * np.pi) - np.pi) / np.radians(settings.view_angle_deg)
-    nearer = np.abs(stems["log_m"][rows, :begun] - log_m[:, None]) / np.log(settings.view_distance_ratio)
+    nearer = np.abs(stems["log_m"][rows, :begun] - log_m[:, None]) / np.log(
+        settings.view_distance_ratio
+    )
     apart = np.where(np.arange(begun) < views[:, None], np.maximum(turn, nearer), np.inf)
     cells = apart.argmin(1)
     new = (apart[np.arange(len(rows)), cells] > 1.0) & (views < _MAX_VIEWS)

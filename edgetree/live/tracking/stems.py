@@ -189,7 +189,10 @@ class StemMap:
                     rows["number"][strong] = min(rows["number"][weak], rows["number"][strong])
                 if rows["tree"][strong] < 0:
                     rows["tree"][strong] = rows["tree"][weak]
-                    rows["missed"][strong], rows["last_seen_s"][strong] = 0, rows["last_seen_s"][weak]
+                    rows["missed"][strong], rows["last_seen_s"][strong] = (
+                        0,
+                        rows["last_seen_s"][weak],
+                    )
                 kept[weak] = False
         self._keep(kept)
 
