@@ -22,11 +22,23 @@ from typing import Any
 
 import numpy as np
 from tracking_drives import DriveFrame, load_drives
-from tracking_fusion import TRUTHS, best_single_frame, coverage, error_shares, fused_rows
+from tracking_fusion import (
+    PLACE,
+    TRUTHS,
+    Row,
+    best_single_frame,
+    coverage,
+    error_shares,
+    fused_rows,
+    single_frames,
+)
 from tracking_scores import ScoredFrame, byte_track, scores
+from tracking_stand import twenty_stems
 
-from edgetree import TreeDetector
+from edgetree import TreeDetections, TreeDetector
+from edgetree.live.frames import LiveFrame
 from edgetree.live.tracking import ErrorShares, StemTracker, TrackingSettings, TreeTrack
+from edgetree.measure import TreeMeasurement
 from edgetree.runtime.detector import default_model
 
 # What the tracker is given: the pose, and the vertical.
@@ -34,7 +46,8 @@ KNOWN = {"pose": (True, True), "vertical": (False, True), "nothing": (False, Fal
 # Every so manieth frame is used.
 STEPS = (1, 2, 5)
 _RATE_HZ = 10.0
-_SPEED_STEMS = 20
+# A drive is followed from every so manieth frame on, if so many are left.
+_START_EVERY, _SHORTEST = 25, 5
 
 Tracks = list[list[TreeTrack]]
 
@@ -58,6 +71,7 @@ def main() -> None:
             for drive in drives.values()
         ),
         "shares": {quantity: error_shares(drives.values(), quantity) for quantity in TRUTHS},
+        "single_frames": single_frames(drives.values()),
         "fusion": fusion(drives),
         "identities": identities(drives),
         "speed": speed(drives),
@@ -94,40 +108,51 @@ def settings_without(drives: dict[str, list[DriveFrame]], name: str) -> Tracking
 
 
 def fusion(drives: dict[str, list[DriveFrame]]) -> dict[str, Any]:
-    """Errors and intervals of fused values; the shares of errors are fitted to other drives."""
-    result: dict[str, Any] = {}
-    ways: dict[str, Callable[[str], TrackingSettings]] = {
-        "settings": lambda name: TrackingSettings(),
-        "shares of other drives": lambda name: settings_without(drives, name),
-        "all errors as noise": lambda name: replace(
-            TrackingSettings(), diameter=ErrorShares(0.0, 0.0, 1.0)
-        ),
+    """Errors and intervals of fused values.
+
+    Each drive is followed from several frames on, so that stems are met in the middle of their way
+    through the picture too, and not only where they enter it.
+    """
+    noise = replace(TrackingSettings(), diameter=ErrorShares(0.0, 0.0, 1.0))
+    result: dict[str, Any] = {
+        known: _fused(drives, lambda name: TrackingSettings(), *given, list(TRUTHS))
+        for known, given in KNOWN.items()
     }
-    if len(drives) < 2:
-        del ways["shares of other drives"]
-    for way, settings_for in ways.items():
-        for known, (pose, vertical) in KNOWN.items():
-            if way != "settings" and known != "pose":
-                continue
-            tracks = {
-                name: followed(drive, pose, vertical, settings_for(name))
-                for name, drive in drives.items()
-            }
-            quantities = ["diameter_m"] if way == "all errors as noise" else list(TRUTHS)
-            entry: dict[str, Any] = {
-                quantity: coverage(
-                    rows
-                    for name, drive in drives.items()
-                    for rows in fused_rows(drive, tracks[name], quantity).values()
-                )
-                for quantity in quantities
-            }
-            singles = [
-                row for name in drives for row in best_single_frame(drives[name], tracks[name])
-            ]
-            if singles:
-                entry["best_single_frame"] = _gain(np.array(singles))
-            result[f"{way}, {known}"] = entry
+    result["pose"][PLACE] = _fused(drives, lambda name: TrackingSettings(), True, True, [PLACE])[
+        PLACE
+    ]
+    result["pose, all errors as noise"] = _fused(
+        drives, lambda name: noise, True, True, ["diameter_m"]
+    )
+    if len(drives) > 1:
+        result["pose, shares of the other drives"] = _fused(
+            drives, lambda name: settings_without(drives, name), True, True, list(TRUTHS)
+        )
+    return result
+
+
+def _fused(
+    drives: dict[str, list[DriveFrame]],
+    settings_for: Callable[[str], TrackingSettings],
+    pose: bool,
+    vertical: bool,
+    quantities: list[str],
+) -> dict[str, Any]:
+    rows: dict[str, list[list[Row]]] = {quantity: [] for quantity in quantities}
+    singles = []
+    for number, (name, drive) in enumerate(drives.items()):
+        settings = settings_for(name)
+        for start in range(0, len(drive) - _SHORTEST, _START_EVERY):
+            part = drive[start:]
+            tracks = followed(part, pose, vertical, settings)
+            for quantity in quantities:
+                for each in fused_rows(part, tracks, quantity).values():
+                    rows[quantity].append([(*row[:4], number * 10_000 + row[4]) for row in each])
+            if start == 0:
+                singles += best_single_frame(part, tracks)
+    result: dict[str, Any] = {quantity: coverage(each) for quantity, each in rows.items()}
+    if singles:
+        result["best_single_frame"] = _gain(np.array(singles))
     return result
 
 
@@ -192,24 +217,32 @@ def _scored(frame: DriveFrame, boxes: np.ndarray, numbers: np.ndarray) -> Scored
 
 
 def speed(drives: dict[str, list[DriveFrame]]) -> dict[str, Any]:
-    """Time of one update in ms, on the drives and with 20 stems in every frame."""
+    """Time of one update in ms on one core, on the drives and with 20 stems in every frame."""
     result: dict[str, Any] = {"numpy_call_us": round(_call_us(), 2)}
-    for known, (pose, vertical) in KNOWN.items():
-        times, stems = [], []
+    for known, given in KNOWN.items():
+        times: list[float] = []
         for drive in drives.values():
-            tracker = StemTracker()
-            for frame in drive:
-                live = frame.live(pose, vertical)
-                start = time.thread_time()
-                tracker.update(live, frame.trees, frame.measurements)
-                times.append(1e3 * (time.thread_time() - start))
-                stems.append(len(frame.trees))
+            frames = [(frame.live(*given), frame.trees, frame.measurements) for frame in drive]
+            times += _update_ms(frames)
+        stand = _update_ms(twenty_stems(*given))
         result[known] = {
-            "median_ms": round(float(np.median(times)), 3),
-            "p95_ms": round(float(np.percentile(times, 95)), 3),
-            "mean_stems": round(float(np.mean(stems)), 2),
+            "drives_median_ms": round(float(np.median(times)), 3),
+            "drives_p95_ms": round(float(np.percentile(times, 95)), 3),
+            "stems20_median_ms": round(float(np.median(stand)), 3),
+            "stems20_p95_ms": round(float(np.percentile(stand, 95)), 3),
         }
     return result
+
+
+def _update_ms(
+    frames: list[tuple[LiveFrame, TreeDetections, list[TreeMeasurement]]],
+) -> list[float]:
+    tracker, times = StemTracker(), []
+    for frame in frames:
+        start = time.thread_time()
+        tracker.update(*frame)
+        times.append(1e3 * (time.thread_time() - start))
+    return times
 
 
 def _call_us() -> float:

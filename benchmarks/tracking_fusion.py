@@ -11,7 +11,7 @@ import numpy as np
 from tracking_drives import DriveFrame
 
 from edgetree.live.tracking import TrackingSettings, TreeTrack
-from edgetree.measure import Estimate
+from edgetree.measure import Estimate, Failure
 
 # Quantity of a track -> label with its true value.
 TRUTHS = {
@@ -20,6 +20,7 @@ TRUTHS = {
     "cut_height_m": "cut_height_m",
     "inclination_deg": "inclination_deg",
 }
+PLACE = "place_m"
 FRAMES = (1, 5, 20, 100)
 VIEWS = (1, 2, 4, 8, 16)
 
@@ -29,8 +30,8 @@ _LARGEST = 4.0
 # A fitted share is at least this.
 _SMALLEST_SHARE = 0.01
 
-Row = tuple[int, int, float, float]
-"""Frames, distinct views, error and stated standard deviation of a fused value."""
+Row = tuple[int, int, float, float, int]
+"""Frames, distinct views, error and stated standard deviation of a fused value, and the stem."""
 
 
 def fused_rows(
@@ -51,24 +52,42 @@ def fused_rows(
                 if track.tree in frame.label_of:
                     label = frame.labels[frame.label_of[track.tree]]
                     stems[track.number][label["stem"]] += 1
-                    if label.get(TRUTHS[quantity]) is not None:
-                        truth[label["stem"]] = label[TRUTHS[quantity]]
+                    true = _truth(label, quantity)
+                    if true is not None:
+                        truth[label["stem"]] = true
     rows: dict[int, list[Row]] = defaultdict(list)
     for followed in tracks:
         for track in followed:
-            value = getattr(track, quantity)
+            value = _value(track, quantity)
             counts = stems[track.number].most_common(1)
             if track.tree is None or not isinstance(value, Estimate) or not counts:
                 continue
             stem, count = counts[0]
             if stem in truth and 2 * count > seen[track.number]:
                 error = value.value - truth[stem]
-                rows[track.number].append((track.frames, track.views, error, value.std))
+                rows[track.number].append((track.frames, track.views, error, value.std, stem))
     return rows
 
 
+def _value(track: TreeTrack, quantity: str) -> Estimate | Failure:
+    """A fused quantity of a track; its place counts as its first coordinate in the map."""
+    if quantity == PLACE:
+        return Estimate(float(track.position_m.xyz_m[0]), float(track.position_m.std_m[0]))
+    value: Estimate | Failure = getattr(track, quantity)
+    return value
+
+
+def _truth(label: dict[str, Any], quantity: str) -> float | None:
+    true = label["position_world_m"][0] if quantity == PLACE else label.get(TRUTHS[quantity])
+    return None if true is None else float(true)
+
+
 def coverage(followed: Iterable[list[Row]]) -> dict[str, Any]:
-    """RMSE, bias and coverage of the 95 % intervals at numbers of frames and of distinct views."""
+    """RMSE, bias and coverage of the 95 % intervals at numbers of frames and of distinct views.
+
+    Several runs over one drive give several rows of one stem. The binomial interval counts each
+    stem once.
+    """
     followed = list(followed)
     result: dict[str, Any] = {"frames": {}, "views": {}}
     for column, (name, numbers) in enumerate((("frames", FRAMES), ("views", VIEWS))):
@@ -78,37 +97,67 @@ def coverage(followed: Iterable[list[Row]]) -> dict[str, Any]:
             ]
             kept = [row for row in picked if row is not None]
             if kept:
-                result[name][str(number)] = _summary(np.array(kept)[:, 2], np.array(kept)[:, 3])
+                _, _, error, std, stem = np.array(kept).T
+                result[name][str(number)] = _summary(error, std, len(set(stem.tolist())))
     return result
 
 
-def _summary(error: np.ndarray, std: np.ndarray) -> dict[str, Any]:
-    held = int((np.abs(error) <= 1.96 * std).sum())
+def _summary(error: np.ndarray, std: np.ndarray, stems: int) -> dict[str, Any]:
+    held = float((np.abs(error) <= 1.96 * std).mean())
     allowed = math.sqrt(np.mean(std**2))
     return {
-        "stems": len(error),
+        "stems": stems,
+        "values": len(error),
         "rmse": _rounded(math.sqrt(np.mean(error**2))),
         "median_abs": _rounded(np.median(np.abs(error))),
         "bias": _rounded(np.mean(error)),
         "stated_rms": _rounded(allowed),
         "rmse_over_stated": _rounded(math.sqrt(np.mean(error**2)) / allowed),
-        "held": _rounded(held / len(error)),
-        "held_interval95": [_rounded(end) for end in binomial95(held, len(error))],
+        "held": _rounded(held),
+        "held_interval95": [_rounded(end) for end in binomial95(held, stems)],
     }
 
 
-def binomial95(held: int, count: int) -> tuple[float, float]:
+def binomial95(share: float, count: int) -> tuple[float, float]:
     """Wilson's 95 % interval of a share."""
-    z, share = 1.96, held / count
+    z = 1.96
     middle = (share + z**2 / (2 * count)) / (1 + z**2 / count)
     half = z * math.sqrt(share * (1 - share) / count + z**2 / (4 * count**2)) / (1 + z**2 / count)
     return middle - half, middle + half
 
 
+def single_frames(drives: Iterable[list[DriveFrame]]) -> dict[str, Any]:
+    """Coverage of the intervals of single frames: of all, and of stems at the picture's border.
+
+    The border is that of `TrackingSettings.border_share`.
+    """
+    held: dict[str, list[bool]] = {"all": [], "border": [], "elsewhere": []}
+    for drive in drives:
+        for frame in drive:
+            for tree, index in frame.label_of.items():
+                value = frame.measurements[tree].diameter_m
+                if isinstance(value, Estimate):
+                    error = value.value - frame.labels[index]["diameter_m"]
+                    place = "border" if _at_border(frame, tree) else "elsewhere"
+                    for name in ("all", place):
+                        held[name].append(abs(error) <= 1.96 * value.std)
+    return {
+        name: {"values": len(each), "held": _rounded(np.mean(each))}
+        for name, each in held.items()
+        if each
+    }
+
+
+def _at_border(frame: DriveFrame, tree: int) -> bool:
+    near = TrackingSettings().border_share
+    x0, x1 = frame.trees.boxes_px[tree, [0, 2]] / frame.trees.image_width
+    return bool(x0 < near or x1 > 1 - near)
+
+
 def best_single_frame(
     drive: list[DriveFrame], tracks: list[list[TreeTrack]]
 ) -> list[tuple[float, float, float, float]]:
-    """Diameter error and deviation of each stem: of its most certain frame, and fused at the end."""
+    """Diameter errors and deviations: of each stem's most certain frame, and fused at the end."""
     singles: dict[int, tuple[float, float]] = {}
     for frame, followed in zip(drive, tracks, strict=True):
         for track in followed:
@@ -122,7 +171,7 @@ def best_single_frame(
                     singles[track.number] = (single.value - label["diameter_m"], single.std)
     fused = fused_rows(drive, tracks, "diameter_m")
     return [
-        (*singles[number], *rows[-1][2:])
+        (*singles[number], *rows[-1][2:4])
         for number, rows in fused.items()
         if number in singles and rows[-1][0] >= FRAMES[1]
     ]
@@ -180,7 +229,8 @@ def _standard_errors(
             if isinstance(value, Estimate) and true is not None:
                 x, y = (camera - np.array(label["position_world_m"]))[:2]
                 place = (math.atan2(y, x), math.log(max(math.hypot(x, y), 0.1)))
-                errors[label["stem"]].append(((value.value - true) / value.std, *place))
+                doubt = TrackingSettings().border_doubt if _at_border(frame, tree) else 1.0
+                errors[label["stem"]].append(((value.value - true) / value.std / doubt, *place))
     return errors
 
 

@@ -92,10 +92,10 @@ def locate(motion: CameraMotion, stems: StemMap, seen: Sightings, lost: bool, ga
 
 
 def _reach_std_m(motion: CameraMotion, seen: Sightings) -> float:
-    """Standard deviation of the predicted place of a seen stem, the median of all."""
+    """Standard deviation of the predicted place of a seen stem, over all of them."""
     jacobian = motion.place_jacobian(seen.point_m[:, :2])
     spread = jacobian @ motion.covariance[:3, :3] @ jacobian.transpose(0, 2, 1)
-    return math.sqrt(float(np.median(np.trace(spread, axis1=1, axis2=2))))
+    return math.sqrt(float(np.trace(spread, axis1=1, axis2=2).mean()))
 
 
 def _search(motion: CameraMotion, stems: StemMap, seen: Sightings, lost: bool) -> Float | None:

@@ -96,7 +96,8 @@ class StemTracker:
             )
         step_s = self._step_s(frame.time_s)
         up_std_deg = self._take_vertical(frame, measurements)
-        seen = Sightings.of(measurements, self._level, math.radians(up_std_deg))
+        doubt = self._border_doubt(trees)
+        seen = Sightings.of(measurements, self._level, math.radians(up_std_deg), doubt)
         self._stems.begin_frame()
         if frame.pose is not None:
             self._take_pose(frame.pose, step_s)
@@ -107,6 +108,13 @@ class StemTracker:
         self._stems.note_reasons(measurements)
         self._stems.forget(frame.time_s)
         return report_tracks(self._stems, self._motion, self._level, self._settings, self._remark)
+
+    def _border_doubt(self, trees: TreeDetections) -> Float:
+        """(N,) factors on the deviations of trees that the picture's border may cut off."""
+        near_px = self._settings.border_share * trees.image_width
+        cut_off = trees.boxes_px[:, 0] < near_px
+        cut_off |= trees.boxes_px[:, 2] > trees.image_width - near_px
+        return np.where(cut_off, self._settings.border_doubt, 1.0)
 
     def _step_s(self, time_s: float) -> float | None:
         """Time since the last frame; None for the first frame and after a jump back."""
@@ -181,7 +189,9 @@ class StemTracker:
     def _name_unmeasured(self, frame: LiveFrame, trees: TreeDetections) -> None:
         """Find the stems of trees without an axis by the direction that they are seen in."""
         rows = self._stems.rows
-        free = np.setdiff1d(np.arange(len(trees)), rows["tree"])
+        without = np.ones(len(trees), np.bool_)
+        without[rows["tree"][rows["tree"] >= 0]] = False
+        free = np.flatnonzero(without)
         hidden = np.flatnonzero((rows["tree"] < 0) & self._stems.confirmed)
         if frame.camera is None or not len(free) or not len(hidden):
             return
@@ -203,22 +213,38 @@ class StemTracker:
 
     def _follow(self, seen: Sightings, time_s: float) -> None:
         """Match sightings in the map with the stems, fuse them, and begin new stems."""
-        from_m, stems, settings = self._motion.state[:2], self._stems, self._settings
+        from_m, stems = self._motion.state[:2], self._stems
         free = np.ones(len(seen), np.bool_)
         if len(stems) and len(seen):
             cost, chi_square = match_costs(stems, seen)
-            rows, columns = match_greedily(cost, chi_square <= settings.gate)
+            rows, columns = match_greedily(cost, chi_square <= self._settings.gate)
             stems.see(rows, seen.select(columns), from_m, time_s)
             free[columns] = False
-            chi_square[rows] = np.inf
-            chi_square[:, columns] = np.inf
-            rows, columns = match_greedily(chi_square, self._may_contradict(seen, chi_square))
-            stems.contradict(rows, seen.select(columns), time_s)
-            split = stems.rows["in_a_row"][rows] >= settings.split_frames
-            for row, column in zip(rows[split], columns[split], strict=True):
-                stems.split(row, seen.select(np.array([column])), from_m, time_s)
-            free[columns] = False
-            free &= ~stems.overlap(seen)
+            if free.any():
+                chi_square[rows] = np.inf
+                chi_square[:, columns] = np.inf
+                self._follow_contradicting(seen, chi_square, free, time_s)
         stems.add(seen.select(np.flatnonzero(free)), from_m, time_s)
         stems.merge()
         self._mapped |= len(stems) > 0
+
+    def _follow_contradicting(
+        self, seen: Sightings, chi_square: Float, free: NDArray[np.bool_], time_s: float
+    ) -> None:
+        """Find the stems of sightings that contradict them, and split those that do so for long.
+
+        Args:
+            seen: sightings in the map.
+            chi_square: (T, M) of their places; infinite for what is matched already.
+            free: (M,) sightings that may begin new stems; changed in place.
+            time_s: time stamp.
+        """
+        stems = self._stems
+        rows, columns = match_greedily(chi_square, self._may_contradict(seen, chi_square))
+        stems.contradict(rows, seen.select(columns), time_s)
+        split = stems.rows["in_a_row"][rows] >= self._settings.split_frames
+        for row, column in zip(rows[split], columns[split], strict=True):
+            one = seen.select(np.array([column]))
+            stems.split(row, one, self._motion.state[:2], time_s)
+        free[columns] = False
+        free &= ~stems.overlap(seen)
