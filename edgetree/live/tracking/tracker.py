@@ -29,6 +29,9 @@ Float = NDArray[np.floating[Any]]
 
 _LOG = logging.getLogger(__name__)
 
+# Added to the cost of a match with a detection of score 0, as a chi-square: of two detections of one
+# stem, the one with the higher score is taken.
+_DOUBT_COST = 10.0
 # A contradicting view is at most this far from its stem, m; on the line of sight it may be further
 # because the depth may be of something else, if it is to the side by at most the other distance.
 _MAX_AWAY_M, _MAX_ASIDE_M, _MAX_ALONG_SIGHT_M = 1.0, 0.2, 2.0
@@ -103,7 +106,7 @@ class StemTracker:
             self._take_pose(frame.pose, step_s)
         else:
             self._find_motion(seen, step_s)
-        self._follow(seen.in_map(self._motion), frame.time_s)
+        self._follow(seen.in_map(self._motion), trees, frame.time_s)
         self._name_unmeasured(frame, trees)
         self._stems.note_reasons(measurements)
         self._stems.forget(frame.time_s)
@@ -211,12 +214,13 @@ class StemTracker:
         found, columns = match_greedily(off, within)
         self._stems.name(hidden[found], free[columns], frame.time_s)
 
-    def _follow(self, seen: Sightings, time_s: float) -> None:
+    def _follow(self, seen: Sightings, trees: TreeDetections, time_s: float) -> None:
         """Match sightings in the map with the stems, fuse them, and begin new stems."""
         from_m, stems = self._motion.state[:2], self._stems
         free = np.ones(len(seen), np.bool_)
         if len(stems) and len(seen):
             cost, chi_square = match_costs(stems, seen)
+            cost = cost + _DOUBT_COST * (1 - trees.scores[seen.tree])
             rows, columns = match_greedily(cost, chi_square <= self._settings.gate)
             stems.see(rows, seen.select(columns), from_m, time_s)
             free[columns] = False

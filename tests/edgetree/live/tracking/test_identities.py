@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -138,6 +139,16 @@ def test_two_detections_of_one_stem_are_one_track(rng):
     for index in range(20):
         tracks = tracker.update(*forest.observe(index / 10, (0.0, 0.0), 0.0))
     assert len(tracks) == 1
+
+
+def test_the_better_of_two_detections_is_the_stem(rng):
+    forest = Forest(np.array([[5.0, 0.0], [5.0, 0.02]]), np.array([0.3, 0.3]), rng)
+    tracker, chosen = StemTracker(), []
+    for index in range(20):
+        frame, trees, measurements = forest.observe(index / 10, (0.0, 0.0), 0.0)
+        scored = replace(trees, scores=np.array([0.55, 0.99], np.float32))
+        chosen += [track.tree for track in tracker.update(frame, scored, measurements)]
+    assert chosen[1:] == [1] * 19
 
 
 def test_frames_without_trees_are_bridged(rng):
