@@ -85,8 +85,8 @@ def _truth(label: dict[str, Any], quantity: str) -> float | None:
 def coverage(followed: Iterable[list[Row]]) -> dict[str, Any]:
     """RMSE, bias and coverage of the 95 % intervals at numbers of frames and of distinct views.
 
-    Several runs over one drive give several rows of one stem. The binomial interval counts each
-    stem once.
+    Several runs over one drive give several rows of one stem. Each stem counts as much as another,
+    and once in the binomial interval.
     """
     followed = list(followed)
     result: dict[str, Any] = {"frames": {}, "views": {}}
@@ -98,23 +98,25 @@ def coverage(followed: Iterable[list[Row]]) -> dict[str, Any]:
             kept = [row for row in picked if row is not None]
             if kept:
                 _, _, error, std, stem = np.array(kept).T
-                result[name][str(number)] = _summary(error, std, len(set(stem.tolist())))
+                result[name][str(number)] = _summary(error, std, stem)
     return result
 
 
-def _summary(error: np.ndarray, std: np.ndarray, stems: int) -> dict[str, Any]:
-    held = float((np.abs(error) <= 1.96 * std).mean())
-    allowed = math.sqrt(np.mean(std**2))
+def _summary(error: np.ndarray, std: np.ndarray, stem: np.ndarray) -> dict[str, Any]:
+    stems, which, count = np.unique(stem, return_inverse=True, return_counts=True)
+    weight = 1 / count[which] / len(stems)
+    rmse, stated = (math.sqrt((weight * each**2).sum()) for each in (error, std))
+    held = float((weight * (np.abs(error) <= 1.96 * std)).sum())
     return {
-        "stems": stems,
+        "stems": len(stems),
         "values": len(error),
-        "rmse": _rounded(math.sqrt(np.mean(error**2))),
+        "rmse": _rounded(rmse),
         "median_abs": _rounded(np.median(np.abs(error))),
-        "bias": _rounded(np.mean(error)),
-        "stated_rms": _rounded(allowed),
-        "rmse_over_stated": _rounded(math.sqrt(np.mean(error**2)) / allowed),
+        "bias": _rounded((weight * error).sum()),
+        "stated_rms": _rounded(stated),
+        "rmse_over_stated": _rounded(rmse / stated),
         "held": _rounded(held),
-        "held_interval95": [_rounded(end) for end in binomial95(held, stems)],
+        "held_interval95": [_rounded(end) for end in binomial95(held, len(stems))],
     }
 
 

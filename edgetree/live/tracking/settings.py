@@ -44,7 +44,8 @@ class TrackingSettings:
     """Assumptions of `StemTracker`. All numbers are positive.
 
     The shares of errors are those that `benchmarks/tracking.py` fits to the embedded depth model on
-    a simulated drive with 28 measured stems, rounded; those of positions are assumed.
+    a simulated drive with 28 measured stems, rounded; those of diameters are scaled to a sum of 1,
+    and those of positions are assumed.
 
     Attributes:
         memory_s: a confirmed stem that is not seen is kept for this time, s.
@@ -90,7 +91,7 @@ class TrackingSettings:
     split_frames: int = 5
     view_angle_deg: float = 10.0
     view_distance_ratio: float = 1.2
-    diameter: ErrorShares = ErrorShares(0.30, 0.25, 0.35)
+    diameter: ErrorShares = ErrorShares(0.30, 0.35, 0.35)
     dbh: ErrorShares = ErrorShares(0.10, 0.55, 0.10)
     cut_height: ErrorShares = ErrorShares(0.35, 0.20, 0.15)
     inclination: ErrorShares = ErrorShares(0.65, 0.10, 0.70)
