@@ -31,6 +31,8 @@ _MAX_DIAMETER_STDS = 3.0
 # neighbours, and all are matched together.
 _AMBIGUOUS_M = 0.5
 _REFINEMENTS = 2
+# A place that is corrected by less than this, m, at a stem this far away, needs no second matching.
+_SAME_PLACE_M, _TYPICAL_RANGE_M = 0.1, 7.0
 
 
 def match_costs(stems: StemMap, seen: Sightings) -> tuple[Float, Float]:
@@ -84,9 +86,13 @@ def locate(motion: CameraMotion, stems: StemMap, seen: Sightings, lost: bool, ga
         matched = seen.select(columns)
         places, spread = stems.at_height(rows, matched.point_m[:, 2] + motion.height_m)
         spreads = (spread, matched.line_covariance[:, :2, :2])
-        motion.set_place(
-            *refine_place(predicted, motion.state, places, matched.line[:, :2], spreads)
+        state, covariance = refine_place(
+            predicted, motion.state, places, matched.line[:, :2], spreads
         )
+        change = np.abs(state[:3] - motion.state[:3])
+        motion.set_place(state, covariance)
+        if max(change[0], change[1], change[2] * _TYPICAL_RANGE_M) < _SAME_PLACE_M:
+            break
     stems.level_camera(rows, seen.select(columns), motion)
     return True
 
