@@ -199,9 +199,26 @@ def test_time_that_jumps_back_keeps_the_numbers(rng, pose):
     after = tracker.update(*forest.observe(3.0, (0.0, 0.0), 0.0, pose=pose))
     assert {track.number for track in before} == {track.number for track in after}
     assert {track.last_seen_s for track in after} == {3.0}
-    for index in range(700):
-        tracks = tracker.update(*forest.observe(3.1 + index / 10, (0.0, 0.0), 180.0, pose=True))
+
+
+def test_time_that_jumps_back_does_not_keep_stems_for_ever(rng):
+    forest, tracker = stand(rng), StemTracker(TrackingSettings(memory_s=3.0))
+    for index in range(10):
+        before = tracker.update(*forest.observe(1000.0 + index / 10, (0.0, 0.0), 0.0))
+    for index in range(40):
+        tracks = tracker.update(*forest.observe(3.0 + index / 10, (0.0, 0.0), 180.0))
     assert not {track.number for track in before} & {track.number for track in tracks}
+
+
+def test_map_begins_anew_after_all_stems_were_forgotten(rng):
+    forest, tracker = stand(rng), StemTracker(TrackingSettings(memory_s=2.0))
+    for index in range(10):
+        tracker.update(*forest.observe(index / 10, (0.0, 0.0), 0.0, pose=False))
+    live = forest.observe(4.0, (0.0, 0.0), 0.0, pose=False)[0]
+    assert tracker.update(live, detections([]), []) == []
+    after = tracker.update(*forest.observe(4.1, (0.0, 0.0), 0.0, pose=False))
+    assert tracker.map_part == 2
+    assert "no stem is followed that tells how the camera moved" in after[0].warnings[0]
 
 
 def test_tree_without_an_axis_is_named_by_its_direction(rng):
