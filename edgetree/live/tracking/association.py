@@ -69,7 +69,7 @@ def match_greedily(cost: Float, allowed: NDArray[np.bool_]) -> tuple[Index, Inde
         allowed: (T, M) pairs that may match.
 
     Returns:
-        Rows and columns of the pairs.
+        Rows and columns of the pairs, by row.
     """
     candidates = np.argwhere(allowed)
     order = np.argsort(cost[allowed], kind="stable")
@@ -79,4 +79,5 @@ def match_greedily(cost: Float, allowed: NDArray[np.bool_]) -> tuple[Index, Inde
         if row not in rows and column not in columns:
             rows[row] = column
             columns.add(column)
-    return np.array(list(rows), np.intp), np.array(list(rows.values()), np.intp)
+    pairs = np.array(sorted(rows.items()), np.intp).reshape(-1, 2)
+    return pairs[:, 0], pairs[:, 1]

@@ -34,9 +34,8 @@ def refine_place(
     predicted: tuple[Float, Float],
     start: Float,
     followed: Float,
-    followed_covariance: Float,
     seen: Float,
-    spread: Float,
+    covariances: tuple[Float, Float],
 ) -> tuple[Float, Float]:
     """Place, heading and speed from the prediction and K matched stems.
 
@@ -47,9 +46,8 @@ def refine_place(
         predicted: (6,) state and (6, 6) covariance as in `CameraMotion`.
         start: (6,) state to start from.
         followed: (K, 2) places of the stems in the map.
-        followed_covariance: (K, 2, 2).
         seen: (K, 2) the same stems in the level frame.
-        spread: (K, 2, 2) covariances of these.
+        covariances: (K, 2, 2) of both.
 
     Returns:
         State and covariance.
@@ -61,7 +59,7 @@ def refine_place(
         turn = np.array([[cos, -sin], [sin, cos]])
         turned = seen @ turn.T
         offset = followed - turned - state[:2]
-        covariance = followed_covariance + turn @ spread @ turn.T
+        covariance = covariances[0] + turn @ covariances[1] @ turn.T
         apart = np.sqrt(quadratic(offset, covariance))
         weight = _HUBER_STDS / np.maximum(apart, _HUBER_STDS)
         jacobian = np.zeros((len(seen), 2, 3))

@@ -87,7 +87,11 @@ class Sightings:
 
     @classmethod
     def of(
-        cls, measurements: Sequence[TreeMeasurement], level: Float, up_std_rad: float
+        cls,
+        measurements: Sequence[TreeMeasurement],
+        level: Float,
+        up_std_rad: float,
+        doubt: Float | None = None,
     ) -> Sightings:
         """Collect the measured stems of a frame.
 
@@ -95,6 +99,7 @@ class Sightings:
             measurements: one per tree of the frame.
             level: (3, 3) rotation from the camera's frame to the level frame.
             up_std_rad: standard deviation of the vertical behind it.
+            doubt: (N,) factors on the stated standard deviations of each tree; 1 by default.
         """
         indices: list[int] = []
         axes: list[StemAxis] = []
@@ -121,6 +126,10 @@ class Sightings:
             if measurement.cut_point_m:
                 values[row, CUT_LEVEL] = point[row, 2]
                 stds[row, CUT_LEVEL] = np.sqrt(point_covariance[row, 2, 2])
+        if doubt is not None:
+            factor = doubt[indices]
+            stds *= factor[:, None]
+            point_covariance = point_covariance * factor[:, None, None] ** 2
         reach = np.hypot(point[:, 0], point[:, 1])
         stds[:, CUT_LEVEL] = np.hypot(stds[:, CUT_LEVEL], up_std_rad * reach)
         sound = direction[:, 2] > 0
@@ -151,4 +160,6 @@ def level_rotation(up: Float) -> Float:
     forward = _CAMERA_UP if abs(up[2]) > _STRAIGHT_DOWN else _FORWARD
     ahead = forward - (forward @ up) * up
     ahead = ahead / np.linalg.norm(ahead)
-    return np.stack([ahead, np.cross(up, ahead), up])
+    (ux, uy, uz), (ax, ay, az) = up.tolist(), ahead.tolist()
+    left = [uy * az - uz * ay, uz * ax - ux * az, ux * ay - uy * ax]
+    return np.array([ahead, left, up])

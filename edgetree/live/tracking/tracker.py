@@ -13,12 +13,12 @@ from calib import CAMERA_UP, RigidTransform, pixels_to_rays
 from edgetree.detections import TreeDetections
 from edgetree.errors import InputError
 from edgetree.live.frames import LiveFrame
-from edgetree.live.tracking.association import chi_squares, match_greedily
+from edgetree.live.tracking.association import match_greedily
+from edgetree.live.tracking.localisation import locate, match_costs
 from edgetree.live.tracking.motion import CameraMotion
-from edgetree.live.tracking.registration import find_place, refine_place
 from edgetree.live.tracking.reports import report_tracks
 from edgetree.live.tracking.settings import TrackingSettings
-from edgetree.live.tracking.sightings import DIAMETER, Sightings, level_rotation
+from edgetree.live.tracking.sightings import Sightings, level_rotation
 from edgetree.live.tracking.stems import StemMap
 from edgetree.live.tracking.tracks import TreeTrack
 from edgetree.measure import Failure, TreeMeasurement
@@ -26,29 +26,18 @@ from edgetree.measure import Failure, TreeMeasurement
 __all__ = ["StemTracker"]
 
 Float = NDArray[np.floating[Any]]
-Index = NDArray[np.intp]
 
 _LOG = logging.getLogger(__name__)
 
-# Largest part of a difference of diameters in the cost of a match, as a chi-square: diameters
-# decide between stems that are near each other, but refuse none.
-_MAX_DIAMETER_COST = 9.0
-# Added to the cost of a match with a stem that is not confirmed, and with one that the last frame
-# did not show, as chi-squares.
-_NEW_COST, _UNSEEN_COST = 4.0, 4.0
-# Diameters further apart than this many standard deviations are of different stems, in a search
-# without a prediction.
-_MAX_DIAMETER_STDS = 3.0
+# Added to the cost of a match with a detection of score 0, as a chi-square: of two detections of one
+# stem, the one with the higher score is taken.
+_DOUBT_COST = 10.0
 # A contradicting view is at most this far from its stem, m; on the line of sight it may be further
 # because the depth may be of something else, if it is to the side by at most the other distance.
 _MAX_AWAY_M, _MAX_ASIDE_M, _MAX_ALONG_SIGHT_M = 1.0, 0.2, 2.0
 # Trees without an axis are taken for a stem within half the width of their box, and at least this
 # angle, that is not further away than this.
 _MIN_HALF_WIDTH_RAD, _MAX_UNMEASURED_M = 0.03, 12.0
-# Where the prediction is less certain than this at a stem, m, stems may be taken for their
-# neighbours, and all are matched together.
-_AMBIGUOUS_M = 0.5
-_REFINEMENTS = 2
 
 
 class StemTracker:
@@ -71,6 +60,7 @@ class StemTracker:
         self._up = np.array(CAMERA_UP)
         self._level = level_rotation(self._up)
         self._from_poses = False
+        self._mapped = False
         self._remark = ""
         self.map_part = 1
 
@@ -98,7 +88,7 @@ class StemTracker:
             measurements: one per tree, from `measure_trees` with the frame's vertical.
 
         Returns:
-            All stems that are followed, seen in this frame or not, in the order of their numbers.
+            All stems that are followed, seen in this frame or not.
 
         Raises:
             InputError: there is not one measurement per tree.
@@ -109,17 +99,25 @@ class StemTracker:
             )
         step_s = self._step_s(frame.time_s)
         up_std_deg = self._take_vertical(frame, measurements)
-        seen = Sightings.of(measurements, self._level, math.radians(up_std_deg))
+        doubt = self._border_doubt(trees)
+        seen = Sightings.of(measurements, self._level, math.radians(up_std_deg), doubt)
         self._stems.begin_frame()
         if frame.pose is not None:
             self._take_pose(frame.pose, step_s)
         else:
-            self._find_motion(seen, step_s, frame.time_s)
-        self._follow(seen.in_map(self._motion), frame.time_s)
+            self._find_motion(seen, step_s)
+        self._follow(seen.in_map(self._motion), trees, frame.time_s)
         self._name_unmeasured(frame, trees)
         self._stems.note_reasons(measurements)
         self._stems.forget(frame.time_s)
         return report_tracks(self._stems, self._motion, self._level, self._settings, self._remark)
+
+    def _border_doubt(self, trees: TreeDetections) -> Float:
+        """(N,) factors on the deviations of trees that the picture's border may cut off."""
+        near_px = self._settings.border_share * trees.image_width
+        cut_off = trees.boxes_px[:, 0] < near_px
+        cut_off |= trees.boxes_px[:, 2] > trees.image_width - near_px
+        return np.where(cut_off, self._settings.border_doubt, 1.0)
 
     def _step_s(self, time_s: float) -> float | None:
         """Time since the last frame; None for the first frame and after a jump back."""
@@ -162,91 +160,22 @@ class StemTracker:
         self.map_part += 1
         self._remark = f"the map begins anew at {self._time_s:.2f} s: {why}"
         _LOG.warning("%s", self._remark)
+        self._mapped = False
         self._stems.clear()
         self._motion.restart()
         self._from_poses = False
 
-    def _find_motion(self, seen: Sightings, step_s: float | None, time_s: float) -> None:
-        """Find the camera's place by the stems."""
-        motion, stems = self._motion, self._stems
-        if not len(stems):
-            motion.restart()
+    def _find_motion(self, seen: Sightings, step_s: float | None) -> None:
+        """Find the camera's place by the stems, or begin a new map where they do not tell it."""
+        if not len(self._stems):
+            if self._mapped:
+                self._begin_map("no stem is followed that tells how the camera moved")
+            self._motion.restart()
             return
-        motion.predict(math.inf if step_s is None else step_s)
-        if not len(seen):
-            return
-        lost = step_s is None or motion.place_std_m > self._settings.lost_std_m
-        predicted = motion.state, motion.covariance
-        if lost or self._reach_std_m(seen) > _AMBIGUOUS_M:
-            place = self._search(seen, lost)
-            if place is not None:
-                motion.take_found(place)
-                predicted = (motion.state, motion.covariance) if lost else predicted
-            elif lost:
-                self._begin_map("nothing tells how the camera moved")
-                return
-        rows = columns = np.zeros(0, np.intp)
-        for _ in range(_REFINEMENTS):
-            before, (rows, columns) = (rows, columns), self._match(seen.in_map(motion))
-            if not len(rows):
-                return
-            if np.array_equal(before, (rows, columns)):
-                break
-            at = seen.select(columns)
-            followed, spread = self._stems.at_height(rows, at.point_m[:, 2] + motion.height_m)
-            state, covariance = refine_place(
-                predicted,
-                motion.state,
-                followed,
-                spread,
-                at.line[:, :2],
-                at.line_covariance[:, :2, :2],
-            )
-            motion.set_place(state, covariance)
-        self._stems.level_camera(rows, at, motion)
-
-    def _reach_std_m(self, seen: Sightings) -> float:
-        """Standard deviation of the predicted place of a seen stem, the median of all."""
-        jacobian = self._motion.place_jacobian(seen.point_m[:, :2])
-        spread = jacobian @ self._motion.covariance[:3, :3] @ jacobian.transpose(0, 2, 1)
-        return math.sqrt(float(np.median(np.trace(spread, axis1=1, axis2=2))))
-
-    def _search(self, seen: Sightings, lost: bool) -> Float | None:
-        """Search for the camera's place by all stems together, as `find_place`."""
-        rows = self._stems.rows
-        theirs, ours = rows["stds"][:, DIAMETER], seen.stds[:, DIAMETER]
-        off_m = np.abs(rows["values"][:, None, DIAMETER] - seen.values[:, DIAMETER])
-        alike = ~(off_m > _MAX_DIAMETER_STDS * np.hypot(theirs[:, None], ours))
-        return find_place(
-            self._motion,
-            rows["line"][:, :2],
-            np.sqrt(np.trace(rows["line_covariance"][:, :2, :2], axis1=1, axis2=2) / 2),
-            seen.line[:, :2],
-            np.sqrt(np.trace(seen.line_covariance[:, :2, :2], axis1=1, axis2=2) / 2),
-            alike,
-            lost=lost,
-        )
-
-    def _match(self, seen: Sightings) -> tuple[Index, Index]:
-        """Rows of stems and indices of sightings in the map that belong together."""
-        cost, chi_square = self._costs(seen)
-        return match_greedily(cost, chi_square <= self._settings.gate)
-
-    def _costs(self, seen: Sightings) -> tuple[Float, Float]:
-        """(T, M) costs of matching stems with sightings in the map, and chi-squares of places."""
-        rows = self._stems.rows
-        chi_square, vague = chi_squares(
-            rows["line"],
-            rows["line_covariance"],
-            rows["reference_m"],
-            seen.point_m,
-            seen.line_covariance[:, :2, :2],
-        )
-        off_m = rows["values"][:, None, DIAMETER] - seen.values[:, DIAMETER]
-        std_m = np.hypot(rows["stds"][:, None, DIAMETER], seen.stds[:, DIAMETER])
-        cost = chi_square + vague + np.minimum((off_m / std_m) ** 2, _MAX_DIAMETER_COST)
-        cost += np.where(self._stems.confirmed, 0.0, _NEW_COST)[:, None]
-        return cost + np.where(rows["missed"] > 1, _UNSEEN_COST, 0.0)[:, None], chi_square
+        self._motion.predict(math.inf if step_s is None else step_s)
+        lost = step_s is None or self._motion.place_std_m > self._settings.lost_std_m
+        if len(seen) and not locate(self._motion, self._stems, seen, lost, self._settings.gate):
+            self._begin_map("nothing tells how the camera moved")
 
     def _may_contradict(self, seen: Sightings, chi_square: Float) -> NDArray[np.bool_]:
         """(T, M) whether sightings that do not match may yet be of the stems."""
@@ -263,7 +192,9 @@ class StemTracker:
     def _name_unmeasured(self, frame: LiveFrame, trees: TreeDetections) -> None:
         """Find the stems of trees without an axis by the direction that they are seen in."""
         rows = self._stems.rows
-        free = np.setdiff1d(np.arange(len(trees)), rows["tree"])
+        without = np.ones(len(trees), np.bool_)
+        without[rows["tree"][rows["tree"] >= 0]] = False
+        free = np.flatnonzero(without)
         hidden = np.flatnonzero((rows["tree"] < 0) & self._stems.confirmed)
         if frame.camera is None or not len(free) or not len(hidden):
             return
@@ -283,23 +214,41 @@ class StemTracker:
         found, columns = match_greedily(off, within)
         self._stems.name(hidden[found], free[columns], frame.time_s)
 
-    def _follow(self, seen: Sightings, time_s: float) -> None:
+    def _follow(self, seen: Sightings, trees: TreeDetections, time_s: float) -> None:
         """Match sightings in the map with the stems, fuse them, and begin new stems."""
-        from_m, stems, settings = self._motion.state[:2], self._stems, self._settings
+        from_m, stems = self._motion.state[:2], self._stems
         free = np.ones(len(seen), np.bool_)
         if len(stems) and len(seen):
-            cost, chi_square = self._costs(seen)
-            rows, columns = match_greedily(cost, chi_square <= settings.gate)
+            cost, chi_square = match_costs(stems, seen)
+            cost = cost + _DOUBT_COST * (1 - trees.scores[seen.tree])
+            rows, columns = match_greedily(cost, chi_square <= self._settings.gate)
             stems.see(rows, seen.select(columns), from_m, time_s)
             free[columns] = False
-            chi_square[rows] = np.inf
-            chi_square[:, columns] = np.inf
-            rows, columns = match_greedily(chi_square, self._may_contradict(seen, chi_square))
-            stems.contradict(rows, seen.select(columns), time_s)
-            split = stems.rows["in_a_row"][rows] >= settings.split_frames
-            for row, column in zip(rows[split], columns[split], strict=True):
-                stems.split(row, seen.select(np.array([column])), from_m, time_s)
-            free[columns] = False
-            free &= ~stems.overlap(seen)
+            if free.any():
+                chi_square[rows] = np.inf
+                chi_square[:, columns] = np.inf
+                self._follow_contradicting(seen, chi_square, free, time_s)
         stems.add(seen.select(np.flatnonzero(free)), from_m, time_s)
         stems.merge()
+        self._mapped |= len(stems) > 0
+
+    def _follow_contradicting(
+        self, seen: Sightings, chi_square: Float, free: NDArray[np.bool_], time_s: float
+    ) -> None:
+        """Find the stems of sightings that contradict them, and split those that do so for long.
+
+        Args:
+            seen: sightings in the map.
+            chi_square: (T, M) of their places; infinite for what is matched already.
+            free: (M,) sightings that may begin new stems; changed in place.
+            time_s: time stamp.
+        """
+        stems = self._stems
+        rows, columns = match_greedily(chi_square, self._may_contradict(seen, chi_square))
+        stems.contradict(rows, seen.select(columns), time_s)
+        split = stems.rows["in_a_row"][rows] >= self._settings.split_frames
+        for row, column in zip(rows[split], columns[split], strict=True):
+            one = seen.select(np.array([column]))
+            stems.split(row, one, self._motion.state[:2], time_s)
+        free[columns] = False
+        free &= ~stems.overlap(seen)

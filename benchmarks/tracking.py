@@ -1,0 +1,258 @@
+"""Following and fusing stems over simulated drives: identities, errors, intervals and time.
+
+perceptree synth --out drives --preset drive --frames 2000 --views 200 --width 640 --height 360
+python benchmarks/tracking.py drives --result benchmarks/results/tracking.json
+
+The scores of identities need scipy, those of ByteTrack `supervision` before 0.27; without these
+packages they are left out. `--cache` keeps detections and measurements. The shares of errors in
+`TrackingSettings` are the ones that this program prints.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import json
+import math
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tracking_drives import DriveFrame, load_drives
+from tracking_fusion import (
+    PLACE,
+    TRUTHS,
+    Row,
+    best_single_frame,
+    coverage,
+    error_shares,
+    fused_rows,
+    single_frames,
+)
+from tracking_scores import ScoredFrame, byte_track, scores
+from tracking_stand import twenty_stems
+
+from edgetree import TreeDetections, TreeDetector
+from edgetree.live.frames import LiveFrame
+from edgetree.live.tracking import ErrorShares, StemTracker, TrackingSettings, TreeTrack
+from edgetree.measure import TreeMeasurement
+from edgetree.runtime.detector import default_model
+
+# What the tracker is given: the pose, and the vertical.
+KNOWN = {"pose": (True, True), "vertical": (False, True), "nothing": (False, False)}
+# Every so manieth frame is used.
+STEPS = (1, 2, 5)
+_RATE_HZ = 10.0
+# A drive is followed from every so manieth frame on, if so many are left.
+_START_EVERY, _SHORTEST = 25, 5
+
+Tracks = list[list[TreeTrack]]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("data", type=Path, help="folder of the drives")
+    parser.add_argument("--model", type=Path, help="depth model; default: the embedded one")
+    parser.add_argument("--cache", type=Path, help="folder for detections and measurements")
+    parser.add_argument("--result", type=Path, help="file for the result")
+    arguments = parser.parse_args()
+    if arguments.cache is not None:
+        arguments.cache.mkdir(parents=True, exist_ok=True)
+    detector = TreeDetector.load(arguments.model or default_model("depth"))
+    drives = load_drives(arguments.data, detector, arguments.cache)
+    result = {
+        "drives": len(drives),
+        "frames": sum(map(len, drives.values())),
+        "stems": sum(
+            len({label["stem"] for frame in drive for label in frame.labels})
+            for drive in drives.values()
+        ),
+        "shares": {quantity: error_shares(drives.values(), quantity) for quantity in TRUTHS},
+        "single_frames": single_frames(drives.values()),
+        "fusion": fusion(drives),
+        "identities": identities(drives),
+        "speed": speed(drives),
+    }
+    print(json.dumps(result, indent=1))
+    if arguments.result is not None:
+        arguments.result.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+
+
+def followed(
+    drive: list[DriveFrame],
+    pose: bool,
+    vertical: bool,
+    settings: TrackingSettings | None = None,
+) -> Tracks:
+    """The tracks after each frame of a drive."""
+    tracker = StemTracker(settings)
+    return [
+        tracker.update(frame.live(pose, vertical), frame.trees, frame.measurements)
+        for frame in drive
+    ]
+
+
+def settings_without(drives: dict[str, list[DriveFrame]], name: str) -> TrackingSettings:
+    """Settings with the shares of errors that all drives but one tell."""
+    others = [drive for other, drive in drives.items() if other != name]
+    fitted = {}
+    for quantity in TRUTHS:
+        shares = error_shares(others, quantity)
+        fitted[quantity.rsplit("_", 1)[0]] = ErrorShares(
+            shares["bias"], shares["view"], shares["noise"]
+        )
+    return replace(TrackingSettings(), **fitted)
+
+
+def fusion(drives: dict[str, list[DriveFrame]]) -> dict[str, Any]:
+    """Errors and intervals of fused values.
+
+    Each drive is followed from several frames on, so that stems are met in the middle of their way
+    through the picture too, and not only where they enter it.
+    """
+    noise = replace(TrackingSettings(), diameter=ErrorShares(0.0, 0.0, 1.0))
+    result: dict[str, Any] = {
+        known: _fused(drives, lambda name: TrackingSettings(), *given, list(TRUTHS))
+        for known, given in KNOWN.items()
+    }
+    result["pose"][PLACE] = _fused(drives, lambda name: TrackingSettings(), True, True, [PLACE])[
+        PLACE
+    ]
+    result["pose, all errors as noise"] = _fused(
+        drives, lambda name: noise, True, True, ["diameter_m"]
+    )
+    if len(drives) > 1:
+        result["pose, shares of the other drives"] = _fused(
+            drives, lambda name: settings_without(drives, name), True, True, list(TRUTHS)
+        )
+    return result
+
+
+def _fused(
+    drives: dict[str, list[DriveFrame]],
+    settings_for: Callable[[str], TrackingSettings],
+    pose: bool,
+    vertical: bool,
+    quantities: list[str],
+) -> dict[str, Any]:
+    rows: dict[str, list[list[Row]]] = {quantity: [] for quantity in quantities}
+    singles = []
+    for number, (name, drive) in enumerate(drives.items()):
+        settings = settings_for(name)
+        for start in range(0, len(drive) - _SHORTEST, _START_EVERY):
+            part = drive[start:]
+            tracks = followed(part, pose, vertical, settings)
+            for quantity in quantities:
+                for each in fused_rows(part, tracks, quantity).values():
+                    rows[quantity].append([(*row[:4], number * 10_000 + row[4]) for row in each])
+            if start == 0:
+                singles += best_single_frame(part, tracks)
+    result: dict[str, Any] = {quantity: coverage(each) for quantity, each in rows.items()}
+    if singles:
+        result["best_single_frame"] = _gain(np.array(singles))
+    return result
+
+
+def _gain(rows: np.ndarray) -> dict[str, float | int]:
+    """How much better fused diameters are than those of the most certain frames."""
+    single, single_std, fused, fused_std = rows.T
+    values = {
+        "single_rmse_m": math.sqrt(np.mean(single**2)),
+        "fused_rmse_m": math.sqrt(np.mean(fused**2)),
+        "single_median_abs_m": np.median(np.abs(single)),
+        "fused_median_abs_m": np.median(np.abs(fused)),
+        "single_median_std_m": np.median(single_std),
+        "fused_median_std_m": np.median(fused_std),
+        "single_held": np.mean(np.abs(single) <= 1.96 * single_std),
+        "fused_held": np.mean(np.abs(fused) <= 1.96 * fused_std),
+    }
+    return {"stems": len(rows), **{name: round(float(each), 4) for name, each in values.items()}}
+
+
+def identities(drives: dict[str, list[DriveFrame]]) -> dict[str, Any]:
+    """IDF1 and HOTA at several frame rates, and of ByteTrack."""
+    if importlib.util.find_spec("scipy") is None:
+        return {"left_out": "scipy is not installed"}
+    result: dict[str, Any] = {}
+    for step in STEPS:
+        thinned = [drive[::step] for drive in drives.values()]
+        entry: dict[str, Any] = {
+            known: scores(
+                [
+                    _scored(frame, *_boxes(frame, tracks))
+                    for frame, tracks in zip(drive, followed(drive, pose, vertical), strict=True)
+                ]
+                for drive in thinned
+            )
+            for known, (pose, vertical) in KNOWN.items()
+        }
+        if importlib.util.find_spec("supervision") is not None:
+            rate_hz = _RATE_HZ / step
+            entry["bytetrack"] = scores(
+                [
+                    _scored(frame, *found)
+                    for frame, found in zip(
+                        drive, byte_track([frame.trees for frame in drive], rate_hz), strict=True
+                    )
+                ]
+                for drive in thinned
+            )
+        result[f"{_RATE_HZ / step:g} Hz"] = entry
+    return result
+
+
+def _boxes(frame: DriveFrame, tracks: list[TreeTrack]) -> tuple[np.ndarray, np.ndarray]:
+    """Boxes and numbers of the stems that are seen in a frame."""
+    seen = [(track.tree, track.number) for track in tracks if track.tree is not None]
+    rows = np.array([tree for tree, _ in seen], int)
+    return frame.trees.boxes_px[rows], np.array([number for _, number in seen], int)
+
+
+def _scored(frame: DriveFrame, boxes: np.ndarray, numbers: np.ndarray) -> ScoredFrame:
+    stems = np.array([label["stem"] for label in frame.labels], int)
+    return frame.boxes, stems, boxes.astype(np.float64), numbers
+
+
+def speed(drives: dict[str, list[DriveFrame]]) -> dict[str, Any]:
+    """Time of one update in ms on one core, on the drives and with 20 stems in every frame."""
+    result: dict[str, Any] = {"numpy_call_us": round(_call_us(), 2)}
+    for known, given in KNOWN.items():
+        times: list[float] = []
+        for drive in drives.values():
+            frames = [(frame.live(*given), frame.trees, frame.measurements) for frame in drive]
+            times += _update_ms(frames)
+        stand = _update_ms(twenty_stems(*given))
+        result[known] = {
+            "drives_median_ms": round(float(np.median(times)), 3),
+            "drives_p95_ms": round(float(np.percentile(times, 95)), 3),
+            "stems20_median_ms": round(float(np.median(stand)), 3),
+            "stems20_p95_ms": round(float(np.percentile(stand, 95)), 3),
+        }
+    return result
+
+
+def _update_ms(
+    frames: list[tuple[LiveFrame, TreeDetections, list[TreeMeasurement]]],
+) -> list[float]:
+    tracker, times = StemTracker(), []
+    for frame in frames:
+        start = time.thread_time()
+        tracker.update(*frame)
+        times.append(1e3 * (time.thread_time() - start))
+    return times
+
+
+def _call_us() -> float:
+    """Time of the smallest NumPy call, which tells how busy the processor is."""
+    values = np.zeros(3)
+    start = time.thread_time()
+    for _ in range(2000):
+        values + 1
+    return (time.thread_time() - start) / 2000 * 1e6
+
+
+if __name__ == "__main__":
+    main()
