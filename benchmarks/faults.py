@@ -38,7 +38,7 @@ from typing import Any
 from edgetree import sample_frames
 
 SAMPLES = 4
-DISK = "64m"
+DISK = "256m"
 RUNNING_S = 1800
 GROWING = re.compile(r"(state\.pt|log\.jsonl|tfevents\S*|progress\S*|\.frame-cache/.*)$")
 TEMPORARY = re.compile(r"/?\.[^/]*\.part(/|$)")
