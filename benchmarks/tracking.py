@@ -14,6 +14,7 @@ import argparse
 import importlib.util
 import json
 import math
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -53,6 +54,7 @@ Tracks = list[list[TreeTrack]]
 
 
 def main() -> None:
+    """Follow the drives, print the figures, and optionally write them."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("data", type=Path, help="folder of the drives")
     parser.add_argument("--model", type=Path, help="depth model; default: the embedded one")
@@ -76,7 +78,7 @@ def main() -> None:
         "identities": identities(drives),
         "speed": speed(drives),
     }
-    print(json.dumps(result, indent=1))
+    sys.stdout.write(json.dumps(result, indent=1) + "\n")
     if arguments.result is not None:
         arguments.result.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
 
