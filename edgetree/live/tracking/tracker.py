@@ -29,7 +29,7 @@ Float = NDArray[np.floating[Any]]
 
 _LOG = logging.getLogger(__name__)
 
-# Added to the cost of a match with a detection of score 0, as a chi-square: of two detections of one
+# Added to the cost of a match with a detection of score 0, as a chi-square: of two detections of a
 # stem, the one with the higher score is taken.
 _DOUBT_COST = 10.0
 # A contradicting view is at most this far from its stem, m; on the line of sight it may be further
