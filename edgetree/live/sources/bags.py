@@ -173,17 +173,17 @@ def _storage_files(folder: Path) -> list[Path]:
 
 def _readers(path: Path) -> list[Any]:
     """The readers of the files of a recording, not opened."""
+    if not path.exists():
+        raise InputError(
+            f"recording {path} does not exist: expected a file ({', '.join(BAG_SUFFIXES)}) or the"
+            " folder of a ROS 2 bag"
+        )
     try:
         from rosbags import rosbag1, rosbag2
     except ImportError as error:
         raise MissingDependency(
             f"rosbags is not installed, which recordings need: {install_hint('record')}"
         ) from error
-    if not path.exists():
-        raise InputError(
-            f"recording {path} does not exist: expected a file ({', '.join(BAG_SUFFIXES)}) or the"
-            " folder of a ROS 2 bag"
-        )
     if not path.is_dir():
         if path.stat().st_size == 0:
             raise InputError(f"recording {path} is empty: expected messages")
