@@ -16,14 +16,15 @@ BY_PATH = (
     r"cv2\.(imread|imreadmulti|imwrite|haveImageReader|VideoCapture|VideoWriter|FileStorage)\("
 )
 
-# Writers beside calib/writing.py: files that only this process sees, and a log that grows.
+# Writers beside calib/writing.py: files that only this process sees, and files that grow.
 WRITERS = {
     "edgetree/process.py",  # the null device
     "perceptree/process.py",
     "perceptree/data/cache.py",  # in a folder of `replacing_folder`
     "perceptree/training/run_log.py",  # appends
+    "edgetree/live/sinks/growing_file.py",  # lines as they come
 }
-WRITES = r"\.write_(bytes|text)\(|open\([^)]*[\"'][wxa]b?\+?[\"']|mkstemp|NamedTemporaryFile"
+WRITES = r"\.write_(bytes|text)\(|open\([^)]*[\"'][wxa]b?\+?[\"']|mkstemp|NamedTemporaryFile|io\.FileIO\b"
 
 
 def uses(pattern: str) -> set[str]:

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from edgetree.live.results import LiveResult
+from edgetree.live.sinks.growing_file import growing_file
 from edgetree.live.sinks.records import TRACK_QUANTITIES, track_record
 from edgetree.measure.estimates import split_unit
-from edgetree.results.atomic_files import text_file
 from edgetree.results.csv_table import cell
 
 __all__ = ["TRACK_COLUMNS", "CsvTracksSink"]
@@ -52,7 +52,7 @@ class CsvTracksSink:
     """Writes a row for each stem that is followed, seen in the frame or not.
 
     Args:
-        path: the file to write, which appears when the sink is closed.
+        path: the file to write, which has every frame at once.
 
     Raises:
         InputError: the file cannot be written.
@@ -60,7 +60,7 @@ class CsvTracksSink:
 
     def __init__(self, path: Path) -> None:
         self._files = ExitStack()
-        self._stream = self._files.enter_context(text_file(path))
+        self._stream = self._files.enter_context(growing_file(path))
         self._rows = csv.DictWriter(self._stream, TRACK_COLUMNS)
         self._rows.writeheader()
 

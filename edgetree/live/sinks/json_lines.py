@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TextIO
 
 from edgetree.live.results import LiveResult
+from edgetree.live.sinks.growing_file import growing_file
 from edgetree.live.sinks.records import live_record
-from edgetree.results.atomic_files import text_file
 from edgetree.results.json_records import write_json_line
 
 __all__ = ["JsonLinesSink"]
@@ -18,7 +18,7 @@ class JsonLinesSink:
     """Writes each result as one line.
 
     Args:
-        target: the file to write, which appears when the sink is closed; or an open text stream,
+        target: the file to write, which has every frame at once; or an open text stream,
             such as standard output, which stays open and is flushed after each line.
 
     Raises:
@@ -28,7 +28,7 @@ class JsonLinesSink:
     def __init__(self, target: Path | TextIO) -> None:
         self._files = ExitStack()
         if isinstance(target, Path):
-            target = self._files.enter_context(text_file(target))
+            target = self._files.enter_context(growing_file(target))
         self._stream = target
 
     def write(self, result: LiveResult) -> None:

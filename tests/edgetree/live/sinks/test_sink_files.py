@@ -5,6 +5,7 @@ import io
 import json
 import sqlite3
 import struct
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +38,33 @@ def written(path: Path, sink: Sink, *results) -> Path:
     return path
 
 
-@pytest.mark.parametrize("name", FILE_SINKS)
+@pytest.mark.parametrize("name", ["live.jsonl", "tracks.csv"])
+def test_lines_are_in_the_file_at_once(tmp_path, live_result, name: str) -> None:
+    path = tmp_path / name
+    path.write_bytes(b"old")
+    sink = FILE_SINKS[name](path)
+    sizes = []
+    for number in range(3):
+        sink.write(live_result(number))
+        sizes.append(path.stat().st_size)
+        assert path.read_bytes().endswith(b"\n")
+    assert 0 < sizes[0] < sizes[1] < sizes[2]
+    sink.close()
+    assert path.stat().st_size == sizes[2]
+    sink.close()
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+@pytest.mark.parametrize("name", ["live.jsonl", "tracks.csv"])
+def test_a_full_disk_is_named(live_result, name: str) -> None:
+    sink = FILE_SINKS[name](Path("/dev/full"))
+    with pytest.raises(OSError, match="No space left on device: '/dev/full'"):
+        sink.write(live_result())
+    with suppress(OSError):
+        sink.close()
+
+
+@pytest.mark.parametrize("name", ["map.geojson", "map.gpkg"])
 def test_a_file_appears_whole_when_its_sink_is_closed(tmp_path, live_result, name: str) -> None:
     path = tmp_path / name
     path.write_bytes(b"old")
