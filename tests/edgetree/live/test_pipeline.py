@@ -21,7 +21,7 @@ from edgetree.runtime.detector import TreeDetector
 from edgetree.runtime.session import Arrays, FakeSession
 
 CAMERA = PinholeCamera(640, 360, 400.0, 400.0, 319.5, 179.5)
-PATIENCE_S = 10.0
+PATIENCE_S = 60.0
 
 
 class Source:
