@@ -77,8 +77,9 @@ class Outcome:
     def row(self) -> str:
         """A row of the table in Markdown."""
         lost = "; ".join(sorted(set(self.faults))) or "nothing"
+        finished = "-" if self.fault == "clock jumps" else self.finished_before
         return (
-            f"| `{self.command}` | {self.fault} | {self.trials} | {self.finished_before} |"
+            f"| `{self.command}` | {self.fault} | {self.trials} | {finished} |"
             f" {self.left_temporary} | {lost} |"
         )
 
