@@ -170,6 +170,7 @@ def same_truth(hidden, open_) -> None:
     assert not (hidden.mask & ~open_.mask).any()
 
 
+@pytest.mark.slow
 def test_deep_snow_lies_on_the_soil_and_hides_the_foot_of_stems(small_settings, assets: Assets):
     thin = dataclasses.replace(
         small_settings,
