@@ -3,14 +3,9 @@
 from __future__ import annotations
 
 import json
-from contextlib import ExitStack
-from pathlib import Path
 from typing import Any, Final
 
-from edgetree.live.results import LiveResult
-from edgetree.live.sinks.map_origin import MapOrigin
-from edgetree.live.sinks.stem_map import StemMap
-from edgetree.results.atomic_files import text_file
+from edgetree.live.sinks.map_file import MapFileSink
 
 __all__ = ["GeoJsonSink"]
 
@@ -19,7 +14,7 @@ _SCHEMA: Final = "edgetree.live.map/1"
 _DIGITS: Final = {"local metres": 4, "WGS 84": 8}
 
 
-class GeoJsonSink:
+class GeoJsonSink(MapFileSink):
     """Writes a map of all confirmed stems when it is closed.
 
     Args:
@@ -31,23 +26,8 @@ class GeoJsonSink:
         InputError: the file cannot be written.
     """
 
-    def __init__(self, path: Path, origin: MapOrigin | None = None) -> None:
-        self._files = ExitStack()
-        self._stream = self._files.enter_context(text_file(path))
-        self._map = StemMap(origin)
-        self._done = False
-
-    def write(self, result: LiveResult) -> None:
-        """Take the stems of one result."""
-        self._map.update(result)
-
-    def close(self) -> None:
-        """Write the map."""
-        if not self._done:
-            self._done = True
-            with self._files:
-                json.dump(self._collection(), self._stream, allow_nan=False)
-                self._stream.write("\n")
+    def _content(self) -> bytes:
+        return (json.dumps(self._collection(), allow_nan=False) + "\n").encode("ascii")
 
     def _collection(self) -> dict[str, Any]:
         kind = "local metres" if self._map.origin is None else "WGS 84"

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import sqlite3
 import struct
-from contextlib import ExitStack, closing
+from contextlib import closing
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import Any, Final
 
-from edgetree.live.results import LiveResult
-from edgetree.live.sinks.map_origin import MapOrigin
+from edgetree.live.sinks.map_file import MapFileSink
 from edgetree.live.sinks.stem_map import ATTRIBUTES, StemMap
-from edgetree.results.atomic_files import replacing
 
 __all__ = ["GeoPackageSink"]
 
@@ -50,7 +47,7 @@ _SYSTEMS: Final = (
 )
 
 
-class GeoPackageSink:
+class GeoPackageSink(MapFileSink):
     """Writes a map of all confirmed stems when it is closed, as the table `stems`.
 
     Args:
@@ -62,22 +59,8 @@ class GeoPackageSink:
         InputError: the file cannot be written.
     """
 
-    def __init__(self, path: Path, origin: MapOrigin | None = None) -> None:
-        self._files = ExitStack()
-        self._stream = self._files.enter_context(replacing(path))
-        self._map = StemMap(origin)
-        self._done = False
-
-    def write(self, result: LiveResult) -> None:
-        """Take the stems of one result."""
-        self._map.update(result)
-
-    def close(self) -> None:
-        """Write the map."""
-        if not self._done:
-            self._done = True
-            with self._files:
-                self._stream.write(_database(self._map))
+    def _content(self) -> bytes:
+        return _database(self._map)
 
 
 def _database(stems: StemMap) -> bytes:
