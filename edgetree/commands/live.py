@@ -6,38 +6,30 @@ import logging
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
 
 import typer
 
-from edgetree.commands.option_groups import RigOptions, SessionOptions, expand_groups
-from edgetree.commands.options import (
-    Camera,
-    Depth,
-    Model,
-    Mounting,
-    ScoreThreshold,
-    SpeciesName,
-    StumpHeight,
-    Up,
-    model_file,
+from edgetree.commands.live_options import (
+    LiveMetresOptions,
+    LiveOutputs,
+    LivePageOptions,
+    LiveSourceOptions,
 )
+from edgetree.commands.option_groups import SessionOptions, expand_groups
+from edgetree.commands.options import Model, ScoreThreshold, model_file
 from edgetree.console import note
 
 if TYPE_CHECKING:
-    from edgetree.frames.rig import Rig
-    from edgetree.live.frames import LiveSource
     from edgetree.live.page import PageServer
     from edgetree.live.pipeline import LivePipeline
-    from edgetree.live.sinks import MapOrigin, Sink
+    from edgetree.live.sinks import Sink
     from edgetree.live.sinks.opening import SinkOptions
 
 __all__ = ["live"]
 
 _STATUS_EVERY_S: Final = 5.0
-_TOPIC_ROLES: Final = ("colour", "depth", "camera", "depth_camera", "imu")
 
 _Source: TypeAlias = Annotated[
     str,
@@ -47,230 +39,7 @@ _Source: TypeAlias = Annotated[
         " a camera: a number, /dev/videoN, rtsp://..., http://..., realsense, oak or orbbec.",
     ),
 ]
-_DepthScaleM: TypeAlias = Annotated[
-    float | None,
-    typer.Option(
-        "--depth-scale",
-        metavar="M_PER_UNIT",
-        help="Metres per unit of a recording's depth; 0.001 for 16-bit and 1 for 32-bit depth if"
-        " not given.",
-    ),
-]
-_Topic: TypeAlias = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="ROLE=NAME",
-        help="Topic of a recording for a role: colour, depth, camera, depth_camera or imu. If not"
-        " given, topics are found by their type.",
-    ),
-]
-_Scene: TypeAlias = Annotated[
-    int | None,
-    typer.Option(metavar="N", help="Number of the drive, for a simulated dataset with several."),
-]
-_AsLive: TypeAlias = Annotated[
-    bool,
-    typer.Option(
-        "--as-live",
-        help="Play a recording at its own pace and leave out frames that are not taken in time, as"
-        " of a camera. Otherwise every frame is used, as fast as possible.",
-    ),
-]
-_Loop: TypeAlias = Annotated[
-    bool, typer.Option("--loop", help="Play a recording again and again, until Ctrl-C.")
-]
 _Frames: TypeAlias = Annotated[int | None, typer.Option(min=1, help="End after this many results.")]
-_Page: TypeAlias = Annotated[
-    bool, typer.Option("--page", help="Serve a page with picture, stems and plan for a browser.")
-]
-_Host: TypeAlias = Annotated[
-    str,
-    typer.Option(
-        help="Address that the page listens on. Any other than this machine's own needs a token."
-    ),
-]
-_Port: TypeAlias = Annotated[int, typer.Option(help="Port of the page; 0 for any free one.")]
-_Token: TypeAlias = Annotated[
-    str | None,
-    typer.Option(help="Token that the page asks for; a random one if needed and not given."),
-]
-_JsonLines: TypeAlias = Annotated[
-    Path | None,
-    typer.Option(help="File for the JSON lines, instead of stdout (with --page: nowhere)."),
-]
-_CsvFile: TypeAlias = Annotated[
-    Path | None, typer.Option("--csv", help="CSV file to write, one row per stem and frame.")
-]
-_Map: TypeAlias = Annotated[
-    Path | None,
-    typer.Option(metavar="FILE", help="Map of the stems to write at the end: .geojson or .gpkg."),
-]
-_Bag: TypeAlias = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="FOLDER",
-        help="ROS 2 bag (MCAP) of pictures, poses and stems to write, for Foxglove or Rerun.",
-    ),
-]
-_Udp: TypeAlias = Annotated[
-    str | None,
-    typer.Option(metavar="HOST:PORT", help="Send a datagram with the stems for each frame."),
-]
-_MapOrigin: TypeAlias = Annotated[
-    str | None,
-    typer.Option(
-        metavar="LAT,LON[,HEIGHT[,HEADING]]",
-        help="Place of the map on Earth: degrees in WGS 84, metres, and direction of the map's y"
-        " axis in degrees clockwise from north. If not given, the map is in metres.",
-    ),
-]
-_Mqtt: TypeAlias = Annotated[
-    str | None,
-    typer.Option(
-        metavar="HOST[:PORT]", help="Publish the stems of each frame at this MQTT broker."
-    ),
-]
-
-
-@dataclass(frozen=True)
-class _SourceOptions:
-    """The options about the source."""
-
-    depth: Depth = None
-    topic: _Topic = None
-    depth_scale: _DepthScaleM = None
-    scene: _Scene = None
-    as_live: _AsLive = False
-    loop: _Loop = False
-
-    def open(self, source: str, rig: Rig, takes_depth: bool) -> LiveSource:
-        """Open the source for a model that takes depth, or colour."""
-        from edgetree.live.sources.bags import is_bag
-        from edgetree.live.sources.drive import is_drive
-        from edgetree.live.sources.opening import open_live_source
-        from edgetree.live.sources.pacing import PacedSource
-
-        path = Path(source)
-        are_files = path.exists() and not (is_bag(path) or is_drive(path))
-        opened = open_live_source(
-            source,
-            depth=self.depth,
-            rig=rig,
-            topics=self.topics(),
-            depth_scale_m=self.depth_scale,
-            modality="depth" if are_files and takes_depth and self.depth is None else "both",
-            scene=self.scene,
-            loop=self.loop,
-        )
-        return PacedSource(opened) if self.as_live and not opened.is_live else opened
-
-    def topics(self) -> dict[str, str]:
-        """The topics by role.
-
-        Raises:
-            InputError: a value has another form, or the role is unknown.
-        """
-        from edgetree.errors import InputError
-
-        found: dict[str, str] = {}
-        for text in self.topic or ():
-            role, equals, name = text.partition("=")
-            if not (equals and name and role in _TOPIC_ROLES):
-                raise InputError(
-                    f"--topic is {text!r}: expected ROLE=NAME, where ROLE is"
-                    f" {', '.join(_TOPIC_ROLES[:-1])} or {_TOPIC_ROLES[-1]}"
-                )
-            found[role] = name
-        return found
-
-
-@dataclass(frozen=True)
-class _MetresOptions:
-    """The options about the measurement."""
-
-    camera: Camera = None
-    up: Up = None
-    mounting: Mounting = None
-    stump_height: StumpHeight = None
-    species: SpeciesName = None
-
-    def as_rig_options(self) -> RigOptions:
-        """The same options as other commands have them."""
-        return RigOptions(
-            up=self.up,
-            mounting=self.mounting,
-            stump_height=self.stump_height,
-            species=self.species,
-        )
-
-
-@dataclass(frozen=True)
-class _PageOptions:
-    """The options of the page."""
-
-    page: _Page = False
-    host: _Host = "127.0.0.1"
-    port: _Port = 8420
-    token: _Token = None
-
-    @contextmanager
-    def serving(self) -> Iterator[PageServer | None]:
-        """Serve the page during a block; yields None if it is not wanted."""
-        if not self.page:
-            yield None
-            return
-        from edgetree.live.page import PageServer
-
-        with PageServer(self.host, self.port, self.token) as page:
-            note(f"page: {page.address}")
-            yield page
-
-
-@dataclass(frozen=True)
-class _Outputs:
-    """The options for outputs."""
-
-    jsonl: _JsonLines = None
-    csv: _CsvFile = None
-    map: _Map = None
-    map_origin: _MapOrigin = None
-    bag: _Bag = None
-    udp: _Udp = None
-    mqtt: _Mqtt = None
-
-    def options(self, to_stdout: bool) -> SinkOptions:
-        """The outputs, with JSON lines on stdout if `to_stdout`."""
-        from edgetree.live.sinks.opening import SinkOptions
-
-        origin = None if self.map_origin is None else _origin(self.map_origin)
-        return SinkOptions(
-            jsonl=self.jsonl,
-            csv=self.csv,
-            stem_map=self.map,
-            origin=origin,
-            bag=self.bag,
-            udp=self.udp,
-            mqtt=self.mqtt,
-            to_stdout=to_stdout,
-        )
-
-
-def _origin(text: str) -> MapOrigin:
-    """The place of the map.
-
-    Raises:
-        InputError: it has another form, or is out of range.
-    """
-    from edgetree.errors import InputError
-    from edgetree.live.sinks import MapOrigin
-
-    try:
-        latitude, longitude, *rest = (float(part) for part in text.split(","))
-        return MapOrigin(latitude, longitude, *rest)
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            f"--map-origin is {text!r}: expected LAT,LON[,HEIGHT[,HEADING]], such as 60.5,24.3"
-        ) from error
 
 
 @expand_groups
@@ -278,10 +47,10 @@ def live(
     source: _Source,
     *,
     model: Model = "depth",
-    metres: _MetresOptions,
-    source_options: _SourceOptions,
-    page_options: _PageOptions,
-    outputs: _Outputs,
+    metres: LiveMetresOptions,
+    source_options: LiveSourceOptions,
+    page_options: LivePageOptions,
+    outputs: LiveOutputs,
     score_threshold: ScoreThreshold = 0.5,
     session: SessionOptions,
     frames: _Frames = None,
