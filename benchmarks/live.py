@@ -2,10 +2,11 @@
 
 python benchmarks/live.py --result benchmarks/results/live.json
 
-The recordings are MCAP files of the package's samples, 1280x720, made for the run. `detect` alone
-runs on the same frames in memory, in turn with the whole chain: reading, detection, measurement,
-tracking, and JSON lines to a file. The share is the chain's rate divided by that of `detect`. For
-the latency, the recording is played as a camera would deliver it, somewhat slower than the chain
+The recordings are MCAP files of the package's samples, 1280x720, made for the run. Each sample is
+shown for a second, as a machine that stands shows it, so that its stems are followed. `detect`
+alone runs on the same frames in memory, in turn with the whole chain: reading, detection,
+measurement, tracking, and JSON lines to a file. The share is the chain's rate divided by that of
+`detect`. For the latency, the recording is played as a camera would deliver it, somewhat slower than the chain
 manages; the latency is the time from a frame's arrival to its written result, in frame times.
 """
 
@@ -36,6 +37,8 @@ from edgetree.live.sources.pacing import PacedSource
 from edgetree.runtime.providers import import_onnxruntime
 
 TARGETS = {"raw_share": 0.75, "latency_frames": 2.0}
+PERIOD_S = 0.1
+HOLD = 10  # frames of one sample
 PACE = 0.8  # of the chain's rate, for the latency
 COMPRESSED_DEPTH_HEADER = 12  # bytes before the PNG
 TYPES = {
@@ -136,7 +139,7 @@ def record(folder: Path, frames: int, period_s: float, *, compressed: bool) -> P
     ]
     recording = Recording(folder, compressed=compressed)
     for number in range(frames):
-        recording.add(*samples[number % len(samples)], time_s=1.0 + number * period_s)
+        recording.add(*samples[number // HOLD % len(samples)], time_s=1.0 + number * period_s)
     recording.close()
     return folder
 
@@ -146,7 +149,7 @@ def detect_rate_hz(detector: TreeDetector, frames: int) -> float:
     images = [sample.depth_m() for sample in sample_frames()]
     start = time.perf_counter()
     for number in range(frames):
-        detector.detect(images[number % len(images)])
+        detector.detect(images[number // HOLD % len(images)])
     return frames / (time.perf_counter() - start)
 
 
@@ -184,7 +187,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder, lines = Path(name), Path(name) / "lines.jsonl"
         bags = {
-            kind: record(folder / kind, arguments.frames, 0.1, compressed=kind == "compressed")
+            kind: record(folder / kind, arguments.frames, PERIOD_S, compressed=kind == "compressed")
             for kind in ("raw", "compressed")
         }
         rows = [

@@ -56,7 +56,7 @@ Tracks = list[list[TreeTrack]]
 def main() -> None:
     """Follow the drives, print the figures, and optionally write them."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("data", type=Path, help="folder of the drives")
+    parser.add_argument("data", type=Path, nargs="+", help="folders of drives")
     parser.add_argument("--model", type=Path, help="depth model; default: the embedded one")
     parser.add_argument("--cache", type=Path, help="folder for detections and measurements")
     parser.add_argument("--result", type=Path, help="file for the result")

@@ -52,18 +52,21 @@ class DriveFrame:
 
 
 def load_drives(
-    data: Path, detector: TreeDetector, cache: Path | None
+    datasets: list[Path], detector: TreeDetector, cache: Path | None
 ) -> dict[str, list[DriveFrame]]:
-    """All finished drives of a dataset that show stems, by the name of their scene.
+    """All finished drives of datasets that show stems, by the names of dataset and scene.
 
     Args:
-        data: folder of the dataset.
+        datasets: folders of the datasets.
         detector: network for depth images.
         cache: folder for detections and measurements, so that they are made once.
     """
     drives = {}
-    for scene in sorted((data / "scenes").glob("*.json")):
-        kept = None if cache is None else cache / f"{scene.stem}.pickle"
+    scenes = (scene for data in datasets for scene in sorted((data / "scenes").glob("*.json")))
+    for scene in scenes:
+        data = scene.parent.parent
+        name = f"{data.resolve().name}-{scene.stem}"
+        kept = None if cache is None else cache / f"{name}.pickle"
         if kept is not None and kept.exists():
             frames = pickle.loads(kept.read_bytes())
         else:
@@ -72,7 +75,7 @@ def load_drives(
             if kept is not None:
                 kept.write_bytes(pickle.dumps(frames))
         if any(frame.labels for frame in frames):
-            drives[scene.stem] = frames
+            drives[name] = frames
     return drives
 
 

@@ -68,6 +68,7 @@ def _facts(findings: Findings) -> Iterator[tuple[str, str]]:
         yield "" if index else "providers", f"{provider.name} {works}"
     if not findings.providers:
         yield "providers", "none"
+    yield "cameras", _cameras(findings)
     speed = findings.speed
     if speed is None:
         yield "speed", "not measured, as the packaged model cannot run"
@@ -75,6 +76,21 @@ def _facts(findings: Findings) -> Iterator[tuple[str, str]]:
     several = f", {speed.fps_all_threads:.0f} on {speed.threads}" if speed.threads > 1 else ""
     figures = f"{speed.fps_one_thread:.0f} frames per second on 1 thread{several}"
     yield "speed", f"{figures} (packaged INT8 model, 640x384)"
+
+
+def _cameras(findings: Findings) -> str:
+    """What OpenCV reads, and the makers' packages that are installed."""
+    from edgetree.doctor.libraries import CAMERA_PACKAGES
+
+    if not findings.video:
+        return "not known, as OpenCV cannot be imported"
+    has = [name for name, there in findings.video.items() if there]
+    lacks = [name for name, there in findings.video.items() if not there]
+    without = f", without {' and '.join(lacks)}" if lacks else ""
+    parts = [f"OpenCV with {' and '.join(has) or 'none'}{without}"]
+    installed = [name for name in CAMERA_PACKAGES if name in findings.libraries.versions]
+    parts.append(", ".join(installed) or f"no packages of makers ({', '.join(CAMERA_PACKAGES)})")
+    return "; ".join(parts)
 
 
 def _cores(machine: Machine) -> str:

@@ -10,6 +10,7 @@ from typing import Final
 from edgetree.doctor.findings import Findings, Speed
 from edgetree.doctor.libraries import examine_libraries
 from edgetree.doctor.machine import examine_machine
+from edgetree.doctor.video import examine_video
 
 __all__ = ["examine", "probe_speed"]
 
@@ -20,13 +21,14 @@ def examine() -> Findings:
     """Examine this machine, which takes a few seconds."""
     machine = examine_machine()  # first, as the other examinations keep cores busy
     libraries = examine_libraries()
+    video = {} if "cv2" in libraries.import_errors else examine_video()
     if {"numpy", "onnxruntime"} & libraries.import_errors.keys():
-        return Findings(machine, libraries, (), None)
+        return Findings(machine, libraries, (), None, video)
     from edgetree.doctor.providers import examine_providers
 
     providers = examine_providers()
     runs = any(provider.works for provider in providers) and "cv2" not in libraries.import_errors
-    return Findings(machine, libraries, providers, probe_speed() if runs else None)
+    return Findings(machine, libraries, providers, probe_speed() if runs else None, video)
 
 
 def probe_speed(duration_s: float = _PROBE_S) -> Speed:

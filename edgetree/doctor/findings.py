@@ -80,12 +80,21 @@ class Speed:
 
 @dataclass(frozen=True)
 class Findings:
-    """All findings; `speed` is None if the model did not run."""
+    """All findings.
+
+    Attributes:
+        machine: the computer.
+        libraries: the installed packages.
+        providers: what runs networks.
+        speed: None if the model did not run.
+        video: whether OpenCV has each of `VIDEO_BACKENDS`; empty if OpenCV cannot be imported.
+    """
 
     machine: Machine
     libraries: Libraries
     providers: tuple[ProviderResult, ...]
     speed: Speed | None
+    video: Mapping[str, bool] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         """The findings as a JSON object, with numbers rounded to two digits."""

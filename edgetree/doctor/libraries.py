@@ -13,7 +13,7 @@ from typing import Final
 from edgetree.doctor.findings import Libraries
 from edgetree.errors import TRAINING_PACKAGES
 
-__all__ = ["examine_libraries", "import_error", "minimum_versions"]
+__all__ = ["CAMERA_PACKAGES", "examine_libraries", "import_error", "minimum_versions"]
 
 OPENCV_BUILDS: Final = (
     "opencv-python",
@@ -31,12 +31,16 @@ ONNXRUNTIME_BUILDS: Final = (
     "onnxruntime-migraphx",
     "onnxruntime-training",
 )
+CAMERA_PACKAGES: Final = ("pyrealsense2", "depthai", "pyorbbecsdk2")
 _LOOKED_AT: Final = (
     "edgetree",
     "numpy",
     "typer",
     *OPENCV_BUILDS,
     *ONNXRUNTIME_BUILDS,
+    *CAMERA_PACKAGES,
+    "rosbags",
+    "paho-mqtt",
     *TRAINING_PACKAGES,
 )
 # The module of each distribution that is test-imported.

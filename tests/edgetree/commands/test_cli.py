@@ -283,11 +283,12 @@ def test_bench_of_backbones_prints_the_papers_table(
 
 HEALTHY = Findings(
     Machine("Linux x86_64", "x86_64", None, None, 4, 2, 1.5, 3.0, 8192.0, None, False),
-    Libraries("3.11.7", {"numpy": "2.4.6", "onnxruntime": "1.31.1"}),
+    Libraries("3.11.7", {"numpy": "2.4.6", "onnxruntime": "1.31.1", "depthai": "3.0.0"}),
     (ProviderResult("cuda", False, "libcudnn.so.9 is not there"), ProviderResult("cpu", True)),
     Speed(2, 21.4, 39.8),
+    {"V4L2": True, "FFmpeg": True, "GStreamer": False},
 )
-SICK = dataclasses.replace(HEALTHY, providers=(), speed=None)
+SICK = dataclasses.replace(HEALTHY, providers=(), speed=None, video={})
 
 
 def test_doctor_prints_what_works(run_cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -297,6 +298,7 @@ def test_doctor_prints_what_works(run_cli: Cli, monkeypatch: pytest.MonkeyPatch)
     assert "2 of 4 usable, limited to the CPU time of 1.5, 3.0 busy" in done.out
     assert "cuda does not work: libcudnn.so.9 is not there" in done.out
     assert "21 frames per second on 1 thread, 40 on 2" in done.out
+    assert "OpenCV with V4L2 and FFmpeg, without GStreamer; depthai\n" in done.out
     assert "pass --threads 1" in done.out
     assert "nothing is broken" in done.out
     assert max(map(len, done.out.splitlines())) <= 100
@@ -308,6 +310,7 @@ def test_doctor_fails_if_something_is_broken(run_cli: Cli, monkeypatch: pytest.M
     assert done.code == 1
     assert re.search(r"^broken +no provider of onnxruntime works", done.out, flags=re.MULTILINE)
     assert "nothing is broken" not in done.out
+    assert "not known, as OpenCV cannot be imported" in done.out
     record = json.loads(run_cli("doctor", "--json").out)
     assert (record["schema"], record["healthy"]) == ("edgetree.doctor/1", False)
     assert record["advice"][0]["level"] == "broken"
@@ -321,6 +324,7 @@ def test_doctor_runs_on_this_machine(run_cli: Cli) -> None:
     assert record["speed"]["fps_one_thread"] > 0
     libraries = record["libraries"]
     assert {"numpy", "onnxruntime", "typer"} <= libraries["versions"].keys()
+    assert record["video"]["GStreamer"] == cv2.videoio_registry.hasBackend(cv2.CAP_GSTREAMER)
     assert libraries["minima"]["numpy"]
     assert done.code == (0 if record["healthy"] else 1)
 
