@@ -6,8 +6,9 @@ The recordings are MCAP files of the package's samples, 1280x720, made for the r
 shown for a second, as a machine that stands shows it, so that its stems are followed. `detect`
 alone runs on the same frames in memory, in turn with the whole chain: reading, detection,
 measurement, tracking, and JSON lines to a file. The share is the chain's rate divided by that of
-`detect`. For the latency, the recording is played as a camera would deliver it, somewhat slower than the chain
-manages; the latency is the time from a frame's arrival to its written result, in frame times.
+`detect`. For the latency, the recording is played as a camera would deliver it, somewhat slower
+than the chain manages; the latency is the time from a frame's arrival to its written result, in
+frame times.
 """
 
 from __future__ import annotations

@@ -1,0 +1,344 @@
+"""An hour of the live pipeline on a drive, with a camera process that is killed on the way.
+
+python benchmarks/live_endurance.py DRIVE --result benchmarks/results/live_endurance.json \
+    --plot docs/images/live_endurance.png
+
+A process of its own plays the camera: it reads the frames of a simulated drive and sends them at a
+fixed rate, to the end of the drive and back again, as long as the run lasts. It is killed at equal
+intervals (SIGKILL), and the pipeline opens it again. Recorded are the latency from a frame's
+arrival to its published result, memory, open files and threads, the frames that are missing, and
+which number each labelled stem has whenever it is seen. The exit code is 1 if memory, files or
+threads grew. Ctrl-C ends the run early, with its results. Needs Linux, for /proc.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import os
+import platform
+import signal
+import sys
+import threading
+import time
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from soak import handles, rss_mib
+
+from calib import PinholeCamera, RigidTransform, read_depth
+from edgetree import TreeDetector, default_model
+from edgetree.frames.sources import read_image
+from edgetree.live import LivePipeline
+from edgetree.live.frames import LiveFrame, LiveSource, SourceLost
+from edgetree.live.results import LiveResult
+from edgetree.live.sinks import JsonLinesSink
+from edgetree.live.tracking import TreeTrack
+from edgetree.measure import Estimate
+from edgetree.runtime.providers import import_onnxruntime
+
+MEMORY_LIMIT_MIB = 8.0
+SAME_STEM_M = 0.5
+PERCENTILES = (50, 99)
+
+
+def there_and_back(count: int, number: int) -> int:
+    """Index of a frame of the drive, played forwards and backwards in turn."""
+    turn = number % (2 * count - 2)
+    return turn if turn < count else 2 * count - 2 - turn
+
+
+def play(folder: Path, count: int, rate_hz: float, start_s: float, to: Connection) -> None:
+    """The process of the camera: send each frame at its time, and skip those whose time is over."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    images = [record["image"] for record in records_of(folder, count)]
+    while True:
+        number = max(0, int((time.monotonic() - start_s) * rate_hz) + 1)
+        time.sleep(max(0.0, start_s + number / rate_hz - time.monotonic()))
+        image = images[there_and_back(count, number)]
+        to.send(frame_of(folder, image, number, number / rate_hz))
+
+
+def frame_of(folder: Path, image: dict[str, Any], number: int, time_s: float) -> LiveFrame:
+    """A frame of the drive with what a machine knows of it."""
+    pose = image["pose_world"]
+    return LiveFrame(
+        number=number,
+        time_s=time_s,
+        image=read_image(folder / image["file_name"]),
+        depth_m=read_depth(folder / image["depth_file"]),
+        camera=PinholeCamera.from_dict(image["camera"]),
+        up_camera=np.array(image["up_camera"]),
+        pose=RigidTransform(np.transpose(pose["rotation"]), pose["origin_m"]),
+    )
+
+
+class CameraProcess:
+    """A live source of the frames that the camera's process sends."""
+
+    is_live = True
+    name = "camera process"
+
+    def __init__(self, folder: Path, count: int, rate_hz: float, start_s: float) -> None:
+        self.counts: dict[str, int] = {}
+        self._closed = threading.Event()
+        context = multiprocessing.get_context("spawn")
+        self._from, to = context.Pipe(duplex=False)
+        arguments = (folder, count, rate_hz, start_s, to)
+        self._process = context.Process(target=play, args=arguments, daemon=True)
+        self._process.start()
+        to.close()
+
+    def __iter__(self) -> Iterator[LiveFrame]:
+        with self._from:
+            while not self._closed.is_set():
+                try:
+                    frame = self._from.recv()
+                except (EOFError, OSError) as error:
+                    if self._closed.is_set():
+                        return
+                    raise SourceLost(f"{self.name} does not answer") from error
+                yield frame
+
+    def kill(self) -> None:
+        """End the process at once, as a fault would."""
+        os.kill(self._process.pid or 0, signal.SIGKILL)
+
+    def close(self) -> None:
+        """End the process."""
+        if not self._closed.is_set():
+            self._closed.set()
+            self._process.kill()
+            self._process.join()
+            self._process.close()
+
+
+class Identities:
+    """Which number each labelled stem has whenever it is seen.
+
+    A followed stem that is seen is taken for the labelled one of the frame at its place. (By their
+    boxes, two stems of which one hides the other would often be taken for each other.)
+    """
+
+    def __init__(self, labels: list[list[dict[str, Any]]], part_s: float, parts: int) -> None:
+        self._labels = labels
+        self._part_s, self._parts = part_s, parts
+        self._last: dict[int, int] = {}
+        self._seen: list[Counter[int]] = [Counter() for _ in range(parts)]
+        self._switches = Counter[int]()
+        self._errors: list[dict[int, list[float]]] = [defaultdict(list) for _ in range(parts)]
+        self._numbers: dict[int, set[int]] = defaultdict(set)
+
+    def add(self, result: LiveResult) -> None:
+        """Take one result."""
+        labels = self._labels[there_and_back(len(self._labels), result.frame.number)]
+        tracks = [t for t in result.tracks if t.state == "confirmed" and t.tree is not None]
+        if not (labels and tracks):
+            return
+        part = min(int(result.frame.time_s / self._part_s), self._parts - 1)
+        places_m = np.array([track.position_m.xyz_m[:2] for track in tracks])
+        for label in labels:
+            away_m = np.linalg.norm(places_m - label["position_world_m"][:2], axis=1)
+            nearest = int(away_m.argmin())
+            if away_m[nearest] < SAME_STEM_M:
+                self._count(part, label, tracks[nearest])
+
+    def _count(self, part: int, label: dict[str, Any], track: TreeTrack) -> None:
+        """Take a sighting of a labelled stem."""
+        stem = label["stem"]
+        self._switches[part] += self._last.get(stem, track.number) != track.number
+        self._last[stem] = track.number
+        self._numbers[stem].add(track.number)
+        self._seen[part][stem] += 1
+        if isinstance(track.diameter_m, Estimate):
+            self._errors[part][stem].append(track.diameter_m.value - label["diameter_m"])
+
+    def summary(self) -> dict[str, Any]:
+        """Numbers and errors, by part of the run."""
+        kept = [part for part in range(self._parts) if self._seen[part]]
+        return {
+            "stems_seen": [len(self._seen[part]) for part in kept],
+            "sightings": [sum(self._seen[part].values()) for part in kept],
+            "switches": [self._switches[part] for part in kept],
+            "numbers_per_stem": round(float(np.mean([len(n) for n in self._numbers.values()])), 3),
+            "median_abs_error_m": [
+                round(float(np.median([abs(np.mean(e)) for e in self._errors[part].values()])), 4)
+                for part in kept
+            ],
+        }
+
+
+def records_of(folder: Path, count: int) -> list[dict[str, Any]]:
+    """Image and labels of the first frames of a drive."""
+    (scene,) = sorted((folder / "scenes").glob("*.json"))
+    records: list[dict[str, Any]] = json.loads(scene.read_text(encoding="utf-8"))
+    return sorted(records, key=lambda record: float(record["image"]["time_s"]))[:count]
+
+
+def run(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Follow the drive for the given time."""
+    duration_s, rate_hz = arguments.minutes * 60.0, arguments.rate
+    records = records_of(arguments.drive, arguments.frames)
+    labels = [record["annotations"] for record in records]
+    detector = TreeDetector.load(default_model("depth"), threads=arguments.threads, warm_up=True)
+    start_s = time.monotonic()
+    cameras: list[CameraProcess] = []
+
+    def open_camera() -> LiveSource:
+        cameras.append(CameraProcess(arguments.drive, len(labels), rate_hz, start_s))
+        return cameras[-1]
+
+    pipeline = LivePipeline(open_camera, detector)
+    part_s = duration_s / arguments.parts
+    identities = Identities(labels, part_s, arguments.parts)
+    ages: list[tuple[float, float]] = []
+    machine: list[tuple[float, float, int, int]] = []
+    numbers: list[int] = []
+    kills_s = [duration_s * (k + 1) / (arguments.kills + 1) for k in range(arguments.kills)]
+    killed: list[tuple[float, int]] = []
+    signal.signal(signal.SIGINT, lambda *_: pipeline.stop())
+    with open(os.devnull, "w", encoding="utf-8") as nowhere:
+        sink = JsonLinesSink(nowhere)
+        for result in pipeline:
+            before_s = time.monotonic()
+            sink.write(result)
+            now_s = time.monotonic()
+            ages.append((now_s - start_s, (result.age_s + now_s - before_s) * 1000))
+            numbers.append(result.frame.number)
+            identities.add(result)
+            if not machine or now_s - start_s - machine[-1][0] >= 1.0:
+                machine.append((now_s - start_s, rss_mib(), *handles()))
+                show(now_s - start_s, duration_s, pipeline)
+            if len(killed) < len(kills_s) and now_s - start_s >= kills_s[len(killed)]:
+                killed.append((now_s - start_s, result.frame.number))
+                cameras[-1].kill()
+            if now_s - start_s >= duration_s:
+                break
+    status = pipeline.status
+    gaps = missing(numbers, [number for _, number in killed])
+    times_s, mib, files, threads = (np.array(column) for column in zip(*machine, strict=True))
+    part = np.minimum(times_s // part_s, arguments.parts - 1).astype(int)
+    memory = [float(mib[part == p].mean()) for p in np.unique(part)]
+    growth = memory[-1] - memory[len(memory) // 10]
+    tenth = len(mib) // 10
+    grown = bool(
+        files[-tenth:].min() > files[tenth : 2 * tenth].max()
+        or threads[-tenth:].min() > threads[tenth : 2 * tenth].max()
+    )
+    return {
+        "machine": platform.processor() or platform.machine(),
+        "onnxruntime": import_onnxruntime().__version__,
+        "threads_of_inference": arguments.threads,
+        "seconds": round(float(times_s[-1]), 1),
+        "rate_hz": rate_hz,
+        "frames_of_drive": len(labels),
+        "results": status.results,
+        "dropped_for_newer": status.dropped,
+        "left_out": status.left_out,
+        "camera_killed_s": [round(at_s, 1) for at_s, _ in killed],
+        "camera_lost": status.lost,
+        "missing_after_kill": gaps["after_kill"],
+        "missing_else": gaps["else"],
+        "latency_ms": latency(ages, part_s, arguments.parts),
+        "memory_mib": [round(value, 2) for value in memory],
+        "growth_mib": round(growth, 2),
+        "limit_mib": MEMORY_LIMIT_MIB,
+        "open_files": [int(files[tenth]), int(files[-1]), int(files.max())],
+        "threads": [int(threads[tenth]), int(threads[-1]), int(threads.max())],
+        "identities": identities.summary(),
+        "passed": growth <= MEMORY_LIMIT_MIB and not grown,
+    }
+
+
+def missing(numbers: list[int], killed_at: list[int]) -> dict[str, Any]:
+    """Frames that have no result: between a kill and the first frame after it, and otherwise."""
+    seen = np.array(numbers)
+    steps = np.diff(seen) - 1
+    after = []
+    for number in killed_at:
+        # Up to a few frames were on their way when the camera was killed.
+        near = (seen[:-1] >= number) & (seen[:-1] <= number + 5)
+        after.append(int(steps[near].max(initial=0)))
+    return {"after_kill": after, "else": int(steps.sum()) - sum(after)}
+
+
+def latency(ages: list[tuple[float, float]], part_s: float, parts: int) -> dict[str, list[float]]:
+    """Percentiles of the latency in each part of the run, ms."""
+    times_s, age_ms = (np.array(column) for column in zip(*ages, strict=True))
+    part = np.minimum(times_s // part_s, parts - 1).astype(int)
+    return {
+        f"p{percent}": [
+            round(float(np.percentile(age_ms[part == p], percent)), 1) for p in np.unique(part)
+        ]
+        for percent in PERCENTILES
+    }
+
+
+def show(now_s: float, duration_s: float, pipeline: LivePipeline) -> None:
+    """Show progress on one line of the terminal."""
+    sys.stderr.write(f"\r{now_s:,.0f} of {duration_s:,.0f} s, {pipeline.status.line()[:100]} ")
+
+
+def plot(result: dict[str, Any], path: Path) -> None:
+    """Draw latency and memory over the run."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    count = len(result["memory_mib"])
+    ends = (np.arange(count) + 0.5) * result["seconds"] / 60 / count
+    figure, (top, bottom) = plt.subplots(2, 1, figsize=(7, 5), sharex=True, layout="constrained")
+    frame_ms = 1000 / result["rate_hz"]
+    top.axhline(2 * frame_ms, color="grey", linestyle=":", label="two frame times")
+    for name, label in (("p99", "99 % of the results are faster"), ("p50", "median")):
+        top.plot(ends, result["latency_ms"][name], label=label)
+    top.set(ylabel="latency (ms)", ylim=(0, None))
+    bottom.plot(ends, result["memory_mib"], color="tab:green")
+    bottom.set(
+        ylabel="resident memory (MiB)",
+        xlabel="minutes",
+        ylim=(0, 1.2 * max(result["memory_mib"])),
+    )
+    for axes in (top, bottom):
+        axes.grid(alpha=0.3)
+        for number, at_s in enumerate(result["camera_killed_s"]):
+            label = "camera killed" if number == 0 else ""
+            axes.axvline(at_s / 60, color="tab:red", linewidth=0.8, alpha=0.6, label=label)
+    top.legend(fontsize="small")
+    figure.suptitle(f"{result['results']:,} frames of a drive at {result['rate_hz']:g} per second")
+    figure.savefig(path, dpi=110)
+
+
+def main() -> None:
+    """Print the results as JSON, and optionally write them to a file."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("drive", type=Path, help="dataset of the preset drive, with one scene")
+    parser.add_argument("--minutes", type=float, default=60.0)
+    parser.add_argument("--rate", type=float, default=15.0, help="frames per second")
+    parser.add_argument("--frames", type=int, default=400, help="frames of the drive to use")
+    parser.add_argument("--kills", type=int, default=10, help="how often the camera is killed")
+    parser.add_argument("--parts", type=int, default=60, help="parts of the run in the result")
+    parser.add_argument("--threads", type=int, default=2, help="threads of an inference")
+    parser.add_argument("--result", type=Path)
+    parser.add_argument("--plot", type=Path)
+    arguments = parser.parse_args()
+    cv2.setNumThreads(1)
+    result = run(arguments)
+    text = json.dumps(result, indent=1)
+    sys.stdout.write(text + "\n")
+    if arguments.result:
+        arguments.result.write_text(text + "\n", encoding="utf-8")
+    if arguments.plot:
+        plot(result, arguments.plot)
+    sys.exit(0 if result["passed"] else 1)
+
+
+if __name__ == "__main__":
+    main()
