@@ -33,6 +33,7 @@ from tracking_fusion import (
     fused_rows,
     single_frames,
 )
+from tracking_plot import plot
 from tracking_scores import ScoredFrame, byte_track, scores
 from tracking_stand import twenty_stems
 
@@ -60,6 +61,7 @@ def main() -> None:
     parser.add_argument("--model", type=Path, help="depth model; default: the embedded one")
     parser.add_argument("--cache", type=Path, help="folder for detections and measurements")
     parser.add_argument("--result", type=Path, help="file for the result")
+    parser.add_argument("--plot", type=Path, help="file for a plot, .png")
     arguments = parser.parse_args()
     if arguments.cache is not None:
         arguments.cache.mkdir(parents=True, exist_ok=True)
@@ -81,6 +83,8 @@ def main() -> None:
     sys.stdout.write(json.dumps(result, indent=1) + "\n")
     if arguments.result is not None:
         arguments.result.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    if arguments.plot is not None:
+        plot(result, arguments.plot)
 
 
 def followed(

@@ -86,7 +86,8 @@ def coverage(followed: Iterable[list[Row]]) -> dict[str, Any]:
     """RMSE, bias and coverage of the 95 % intervals at numbers of frames and of distinct views.
 
     Several runs over one drive give several rows of one stem. Each stem counts as much as another,
-    and once in the binomial interval.
+    and once in the binomial interval. The normalised RMS is that of the errors over their stated
+    standard deviations: 1 if the errors are as large as stated.
     """
     followed = list(followed)
     result: dict[str, Any] = {"frames": {}, "views": {}}
@@ -115,6 +116,7 @@ def _summary(error: np.ndarray, std: np.ndarray, stem: np.ndarray) -> dict[str, 
         "bias": _rounded((weight * error).sum()),
         "stated_rms": _rounded(stated),
         "rmse_over_stated": _rounded(rmse / stated),
+        "normalised_rms": _rounded(math.sqrt((weight * (error / std) ** 2).sum())),
         "held": _rounded(held),
         "held_interval95": [_rounded(end) for end in binomial95(held, len(stems))],
     }
