@@ -14,7 +14,8 @@ from edgetree.live.tracking import ErrorShares, StemTracker, TrackingSettings
 from edgetree.measure import Estimate, Failure, PointEstimate
 
 SHARES = (0.3, 0.4, 0.3)
-SETTINGS = TrackingSettings(diameter=ErrorShares(*SHARES), position=ErrorShares(*SHARES))
+QUANTITIES = ("diameter", "dbh", "cut_height", "inclination", "position")
+SETTINGS = TrackingSettings(**dict.fromkeys(QUANTITIES, ErrorShares(*SHARES)))
 
 
 def drive_past(forest, tracker, frames, step_m=0.08):
