@@ -1,0 +1,83 @@
+"""The given vertical against the axes of the stems, which are vertical on average."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edgetree.measure import Estimate
+from edgetree.rig_check.checks import RigCheck, judged
+from edgetree.rig_check.stem_sightings import Sighting, level_axes
+
+__all__ = ["GROUP", "vertical_checks"]
+
+Float = NDArray[np.floating[Any]]
+
+GROUP: Final = "vertical"
+
+_LIMIT_DEG: Final = 4.0
+MIN_STEMS: Final = 10
+# Stems of a stand lean together because of wind, light and slope, and the measured axes are biased
+# alike (benchmarks/check_rig.py).
+_COMMON_STD_DEG: Final = 1.0
+# Axes that are less certain than this tell little.
+_MOST_STD_DEG: Final = 6.0
+# Views of a stem share its bends and their errors: deviation that more views do not make smaller.
+_SHARED_STD_DEG: Final = 1.0
+_RESAMPLES: Final = 400
+
+
+def vertical_checks(sightings: list[Sighting]) -> list[RigCheck]:
+    """Check the vertical's angles ahead and to the side.
+
+    Args:
+        sightings: stems of all frames; those of frames without a given vertical are left out.
+    """
+    known = [each for each in sightings if each.frame.up_camera is not None]
+    names = ("stems lean away from the camera", "stems lean to the left")
+    estimates: list[Estimate | str] = ["the source gives no vertical: pass --up"] * 2
+    if known or not sightings:
+        estimates = [_mean_lean(known, column) for column in (0, 1)]
+    return [
+        judged(
+            name,
+            GROUP,
+            estimate,
+            _LIMIT_DEG,
+            "°",
+            remedy="check how the IMU and the camera are mounted to each other, or --up",
+            need="drive past more stems",
+        )
+        for name, estimate in zip(names, estimates, strict=True)
+    ]
+
+
+def _mean_lean(sightings: list[Sighting], column: int) -> Estimate | str:
+    """Median over the stems of their leans in degrees, ahead (0) or to the left (1)."""
+    stem, lean = np.zeros(0), np.zeros(0)
+    if sightings:
+        ups = np.array([each.frame.up_camera for each in sightings])
+        _, direction, _, covariance = level_axes(sightings, ups)
+        std = np.degrees(np.sqrt(covariance[:, column, column]))
+        lean = np.degrees(np.arctan2(direction[:, column], direction[:, 2]))
+        numbers = np.array([each.stem for each in sightings])
+        stem, lean = _per_stem(numbers, lean, std)
+    if len(stem) < MIN_STEMS:
+        return f"{len(stem)} stems with a sure axis: {MIN_STEMS} are needed; drive past more stems"
+    generator = np.random.default_rng(0)
+    drawn = lean[generator.integers(0, len(lean), (_RESAMPLES, len(lean)))]
+    std_deg = math.hypot(float(np.median(drawn, axis=1).std()), _COMMON_STD_DEG)
+    return Estimate(float(np.median(lean)), std_deg)
+
+
+def _per_stem(stem: NDArray[np.intp], lean: Float, std: Float) -> tuple[Float, Float]:
+    """The numbers of the stems whose lean is sure, and their weighted mean leans."""
+    weight = 1 / (std**2 + _SHARED_STD_DEG**2)
+    numbers, place = np.unique(stem, return_inverse=True)
+    total = np.bincount(place, weight)
+    mean = np.bincount(place, weight * lean) / total
+    sure = total > 1 / _MOST_STD_DEG**2
+    return numbers[sure], mean[sure]
