@@ -26,7 +26,7 @@ GROUP: Final = "alignment of depth to colour"
 # width is that of a stem of 0.2 m at 8 m. See docs/guides/check-rig.md.
 _LIMIT_RAD: Final = 0.2 * 0.2 / 8
 # A wrong baseline shifts a stem by the same share of its width at all distances: a fifth of 0.1 m.
-_PARALLAX_LIMIT_MM: Final = 20.0
+_BASELINE_MM: Final = 20.0
 # The shift of _LIMIT_RAD while the machine turns by 20 degrees per second.
 _DELAY_LIMIT_MS: Final = _LIMIT_RAD / math.radians(20) * 1000
 # What differs from drive to drive beyond the stated deviations (benchmarks/check_rig.py): shifts in
@@ -37,18 +37,26 @@ _SYSTEMATIC: Final = {
     "y": 0.25,
     "size": 0.05,
     "turn": 0.03,
-    "parallax": 2.0,
+    "baseline": 2.0,
     "delay": 1.0,
 }
 _BLOCK_S: Final = 2.0
 _MIN_BLOCKS, _MIN_SILHOUETTES = 5, 1000
 # Gradient of the colour on the silhouettes, relative to that around them, below which there may be
 # no common edges at all.
-_MIN_CONTRAST: Final = 1.06
+_MIN_CONTRAST: Final = 1.12
 _SEARCH_SHARE, _SEARCH_STEP_PX = 0.75, 3.0
 _SEARCH_S: Final = np.arange(-0.2, 0.201, 0.02)
-_CALIBRATE: Final = "calibrate the two cameras to each other again (guide: Use your own camera)"
 _LONGER: Final = "drive longer, among stems within 8 m, by daylight"
+# What to do if a check does not hold, and what makes its interval narrower.
+_ADVICE: Final = (
+    "calibrate the two cameras to each other again (guide: Use your own camera)",
+    _LONGER,
+)
+_DELAY_ADVICE: Final = (
+    "synchronise the cameras, or correct their time stamps",
+    "drive longer, with turns",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,35 +85,27 @@ def alignment_checks(frames: Sequence[FrameSilhouettes], camera: PinholeCamera) 
     limit_px = _LIMIT_RAD * camera.fx
     at_border = limit_px / (camera.width / 2)
     px, degrees = camera.fx / _FOCAL_PX, math.degrees(1)
+    # Name, unit of the parameter in the unit of the check, deviation, limit, unit of the check.
     rows = (
-        ("shift to the right", 0, 1.0, px * _SYSTEMATIC["x"], limit_px, "px"),
-        ("shift downwards", 1, 1.0, px * _SYSTEMATIC["y"], limit_px, "px"),
-        ("size", 2, 100.0, _SYSTEMATIC["size"], 100 * at_border, "%"),
-        ("turn clockwise", 3, degrees, _SYSTEMATIC["turn"], degrees * at_border, "°"),
-        ("error of the baseline", 4, 1000 / camera.fx, _SYSTEMATIC["parallax"], _PARALLAX_LIMIT_MM, "mm"),
-        ("delay of the depth", 5, 1000.0, _SYSTEMATIC["delay"], _DELAY_LIMIT_MS, "ms"),
-    )  # fmt: skip
-    remedies = dict.fromkeys(range(6), _CALIBRATE)
-    remedies[5] = "synchronise the cameras, or correct their time stamps"
-    needs = dict.fromkeys(range(6), _LONGER)
-    needs[5] = "drive longer, with turns"
-    return [
-        judged(
-            name,
-            GROUP,
-            fit if isinstance(fit, str) else _estimate(fit, column, factor, systematic),
-            limit,
-            unit,
-            remedy=remedies[column],
-            need=needs[column],
-        )
-        for name, column, factor, systematic, limit, unit in rows
-    ]
+        ("shift to the right", 1.0, px * _SYSTEMATIC["x"], limit_px, "px"),
+        ("shift downwards", 1.0, px * _SYSTEMATIC["y"], limit_px, "px"),
+        ("size", 100.0, _SYSTEMATIC["size"], 100 * at_border, "%"),
+        ("turn clockwise", degrees, _SYSTEMATIC["turn"], degrees * at_border, "°"),
+        ("error of the baseline", 1000 / camera.fx, _SYSTEMATIC["baseline"], _BASELINE_MM, "mm"),
+        ("delay of the depth", 1000.0, _SYSTEMATIC["delay"], _DELAY_LIMIT_MS, "ms"),
+    )
+    checks = []
+    for column, (name, factor, systematic, limit, unit) in enumerate(rows):
+        estimate: Estimate | str = fit if isinstance(fit, str) else _scaled(fit, column, factor)
+        if isinstance(estimate, Estimate):
+            estimate = Estimate(estimate.value, math.hypot(estimate.std, systematic))
+        advice = _DELAY_ADVICE if unit == "ms" else _ADVICE
+        checks.append(judged(name, GROUP, estimate, limit, unit, *advice))
+    return checks
 
 
-def _estimate(fit: PeakFit, column: int, factor: float, systematic: float) -> Estimate:
-    std = math.hypot(float(fit.stds[column]) * factor, systematic)
-    return Estimate(float(fit.values[column]) * factor, std)
+def _scaled(fit: PeakFit, column: int, factor: float) -> Estimate:
+    return Estimate(float(fit.values[column]) * factor, float(fit.stds[column]) * factor)
 
 
 def _fit(frames: Sequence[FrameSilhouettes], camera: PinholeCamera) -> PeakFit | str:

@@ -8,7 +8,7 @@ from typing import Any, Final, Literal, TypeAlias
 
 from edgetree.measure import Estimate
 
-__all__ = ["HOLDS", "NORMAL_975", "NO", "UNKNOWN", "RigCheck", "Verdict", "judged"]
+__all__ = ["HOLDS", "NO", "NORMAL_975", "UNKNOWN", "RigCheck", "Verdict", "judged"]
 
 Verdict: TypeAlias = Literal["holds", "does not hold", "cannot tell"]
 
@@ -64,7 +64,6 @@ def judged(
     estimate: Estimate | str,
     limit: float,
     unit: str,
-    *,
     remedy: str,
     need: str,
 ) -> RigCheck:
@@ -87,6 +86,7 @@ def judged(
         return RigCheck(
             name, group, UNKNOWN, limit, unit, reason=f"the frames do not show it: {need}"
         )
+    verdict: Verdict
     size = abs(estimate.value)
     if size + half <= limit:
         verdict, reason = HOLDS, ""

@@ -28,6 +28,7 @@ __all__ = ["RigReport", "check_rig"]
 
 _EVERY_S: Final = 0.5
 _MOST_WAITING: Final = 3
+_FEWEST_FRAMES: Final = 2
 
 
 @dataclass(frozen=True)
@@ -111,7 +112,7 @@ def check_rig(
                     break
                 usable = counts.add(frame)
                 if usable and work.is_due(frame.time_s):
-                    waiting = [each for each in waiting if not _finished(each)]
+                    waiting = [each for each in waiting if not _is_done(each)]
                     # Frames of a camera do not wait.
                     if len(waiting) < _MOST_WAITING or not source.is_live:
                         waiting.append(pool.submit(work.add, frame, before))
@@ -122,13 +123,17 @@ def check_rig(
                 each.result()
         finally:
             source.close()
-    if counts.frames < 2:
-        lacking = "colour" if not any_colour else "depth" if not any_depth else "both at once"
+    if not (any_colour and any_depth):
+        lacking = "depth" if any_colour else "colour"
         raise InputError(f"{source.name} has no {lacking}: expected frames with colour and depth")
+    if counts.frames < _FEWEST_FRAMES:
+        raise InputError(
+            f"{source.name} has {counts.frames} frames with colour and depth: expected at least two"
+        )
     return work.report(source, counts)
 
 
-def _finished(work: Future[None]) -> bool:
+def _is_done(work: Future[None]) -> bool:
     """Whether it is done; raises what it raised."""
     if not work.done():
         return False
@@ -155,18 +160,20 @@ class _Work:
 
     def add(self, frame: LiveFrame, before: LiveFrame | None) -> None:
         """Search a frame; `before` is the one before it, for the motion of the picture."""
-        assert frame.image is not None and frame.depth_m is not None
-        camera = frame.camera or self._rig.camera_for(frame.image.shape[1], frame.image.shape[0])
+        image, depth_m = frame.image, frame.depth_m
+        if image is None or depth_m is None:
+            return
+        camera = frame.camera or self._rig.camera_for(image.shape[1], image.shape[0])
         if camera is None:
             raise InputError(f"frame {frame.number} has no camera: pass --camera")
         up = self._rig.up_camera if frame.up_camera is None else frame.up_camera
         frame = replace(frame, camera=camera, up_camera=None if up is None else _unit(up))
         self._frame = frame
-        found = find_silhouettes(frame.image, frame.depth_m, frame.number)
+        found = find_silhouettes(image, depth_m, frame.number)
         velocity = np.zeros_like(found.xy_px)
         if before is not None and before.image is not None:
             step_s = frame.time_s - before.time_s
-            velocity = image_velocity(before.image, frame.image, step_s, found.xy_px)
+            velocity = image_velocity(before.image, image, step_s, found.xy_px)
         self._silhouettes.append(FrameSilhouettes(frame.time_s, found, velocity))
         self._stems.add(frame)
 

@@ -46,7 +46,7 @@ def image_velocity(
     corners = cv2.goodFeaturesToTrack(second, _MOST_POINTS, 0.01, 8)
     if corners is None or len(corners) < _MIN_POINTS:
         return none
-    moved, found, _ = cv2.calcOpticalFlowPyrLK(second, first, corners, None, maxLevel=4)
+    moved, found, _ = cv2.calcOpticalFlowPyrLK(second, first, corners, corners.copy(), maxLevel=4)
     kept = found.ravel() == 1
     if kept.sum() < _MIN_POINTS:
         return none

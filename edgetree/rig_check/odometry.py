@@ -54,10 +54,15 @@ def odometry_checks(sightings: list[Sighting]) -> list[RigCheck]:
     """
     estimates = _estimates([each for each in sightings if each.frame.pose is not None])
     rows = (
-        ("scale of the depth", _SCALE_LIMIT, "%", "correct the depth scale (edgetree calibrate --depth)"),
-        ("focal length", _SCALE_LIMIT, "%", "calibrate the camera again (edgetree calibrate)"),
-        ("heading to the left", _HEADING_LIMIT_DEG, "°", "correct the mounting of the camera to the odometry"),
-    )  # fmt: skip
+        (
+            "scale of the depth",
+            _SCALE_LIMIT,
+            "%",
+            "calibrate the depth (edgetree calibrate --depth)",
+        ),
+        ("focal length", _SCALE_LIMIT, "%", "calibrate the camera (edgetree calibrate)"),
+        ("heading to the left", _HEADING_LIMIT_DEG, "°", "measure how the camera is mounted"),
+    )
     return [
         judged(
             name,
@@ -72,7 +77,7 @@ def odometry_checks(sightings: list[Sighting]) -> list[RigCheck]:
     ]
 
 
-def _estimates(sightings: list[Sighting]) -> list[Estimate] | list[str]:
+def _estimates(sightings: list[Sighting]) -> list[Estimate | str]:
     if not sightings:
         return ["needs the poses of the camera, which the source does not give"] * 3
     views = _views(sightings)

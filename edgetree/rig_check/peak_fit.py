@@ -1,8 +1,8 @@
 """Fit the shift between silhouettes and the colour's edges as a linear function of some regressors.
 
 The sum over all silhouettes of the colour's gradient at their shifted places is made as large as
-possible (an M-estimate, as in Huber 1981, Robust Statistics). The gradient is smoothed with a normal
-distribution, first with a wide one to find the peak and then with a narrow one.
+possible (an M-estimate, as in Huber 1981, Robust Statistics). The gradient is smoothed with a
+normal distribution, first with a wide one to find the peak and then with a narrow one.
 """
 
 from __future__ import annotations

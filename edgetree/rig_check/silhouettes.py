@@ -23,7 +23,7 @@ _NORMAL_SIGMA_PX, _COHERENCE_SIGMA_PX = 2.0, 4.0
 # Where depth ends because of the sensor's range there is no edge: least distance to that end, as a
 # share of the range.
 _RANGE_SHARE = 0.75
-_COLOUR_SIGMA_PX = 0.8
+_COLOUR_SIGMA_PX = 1.0
 # Gradient, grey levels per pixel, that is taken for noise.
 _NOISE = 2.0
 _HIGHEST_PEAK = 5.0
@@ -67,8 +67,7 @@ def find_silhouettes(
         seed: chooses which silhouettes are used where there are more than `MOST_PER_FRAME`.
     """
     nearness = np.where(depth_m > 0, 1 / np.maximum(depth_m, 0.05), 0).astype(np.float32)
-    nearness = cv2.medianBlur(nearness, 5)
-    rows, columns, normal, near = _edges(nearness)
+    rows, columns, normal, near = _edges(np.asarray(cv2.medianBlur(nearness, 5), np.float32))
     reach = reach_px(depth_m.shape[1])
     height, width = depth_m.shape
     inside = (columns > reach) & (columns < width - 1 - reach)
@@ -132,6 +131,8 @@ def _directions(nearness: Float) -> tuple[Float, Float]:
 
 def _profiles(image: NDArray[np.uint8], xy: Float, normal: Float, reach: int) -> Float:
     """(N, 2 reach + 1) size of the colour's gradient along the normals, relative to its mean."""
+    if not len(xy):
+        return np.zeros((0, 2 * reach + 1), np.float32)
     smooth = cv2.GaussianBlur(image.astype(np.float32), (0, 0), _COLOUR_SIGMA_PX)
     offsets = np.arange(-reach, reach + 1)
     # Differences of neighbouring samples: the gradient between them.
@@ -139,8 +140,10 @@ def _profiles(image: NDArray[np.uint8], xy: Float, normal: Float, reach: int) ->
     x, y = (
         (xy[:, axis, None] + normal[:, axis, None] * between).astype(np.float32) for axis in (0, 1)
     )
-    samples = cv2.remap(smooth, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    # Linear interpolation would smooth the picture's noise least at the edge itself, where samples
+    # are near pixel centres, and so make a peak there.
+    samples = cv2.remap(smooth, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     size = np.abs(np.diff(samples.reshape(len(xy), len(between), -1), axis=1)).max(axis=2)
     size = size.reshape(len(xy), len(offsets))
     relative = size / (size.mean(axis=1, keepdims=True) + _NOISE)
-    return np.minimum(relative, _HIGHEST_PEAK).astype(np.float32)
+    return np.asarray(np.minimum(relative, _HIGHEST_PEAK), np.float32)

@@ -71,7 +71,7 @@ class StreamCounts:
         if last.image.shape != frame.image.shape:
             return
         changed = _difference(last.image, frame.image) > _CHANGED_LEVELS
-        same_depth = np.array_equal(_part(last.depth_m), _part(frame.depth_m))
+        same_depth = _is_same(last.depth_m, frame.depth_m)
         self._frozen_depth += same_depth and changed
         self._frozen_colour += not same_depth and np.array_equal(last.image, frame.image)
 
@@ -89,18 +89,22 @@ class StreamCounts:
         lost = self._incomplete + sum(left_out.values())
         told = ", ".join(f"{count} {what}" for what, count in left_out.items())
         share = 100 * float(np.mean(self._shares)) if self._shares else 0.0
+        left = told or "colour or depth alone"
+        rows = (
+            ("depth that repeats", self._frozen_depth, "the depth camera hangs"),
+            ("colour that repeats", self._frozen_colour, "the colour camera hangs"),
+            ("time stamps that do not rise", backwards, "the clock is wrong"),
+        )
         return [
             self._share("faulty depth", self._faults, self.frames, self._first_fault),
             RigCheck("pixels with depth", GROUP, HOLDS, None, "%", share),
-            self._share("depth that repeats", self._frozen_depth, pairs, "the depth camera hangs",
-                        _FROZEN_LIMIT_PERCENT),
-            self._share("colour that repeats", self._frozen_colour, pairs, "the colour camera hangs",
-                        _FROZEN_LIMIT_PERCENT),
-            self._share("time stamps that do not rise", backwards, pairs, "the clock is wrong",
-                        _FROZEN_LIMIT_PERCENT),
+            *(
+                self._share(name, count, pairs, reason, _FROZEN_LIMIT_PERCENT)
+                for name, count, reason in rows
+            ),
             self._share("gaps in time", gaps, pairs, "frames are lost: cable, load or disk"),
-            self._share("frames left out", lost, self.frames + lost, told or "colour or depth alone"),
-        ]  # fmt: skip
+            self._share("frames left out", lost, self.frames + lost, left),
+        ]
 
     def _share(
         self, name: str, count: int, total: int, reason: str, limit: float = _LIMIT_PERCENT
@@ -114,8 +118,8 @@ class StreamCounts:
         )
 
 
-def _part(image: NDArray[Any] | None) -> NDArray[Any] | None:
-    return None if image is None else image[::_SAMPLED, ::_SAMPLED]
+def _is_same(first: NDArray[Any] | None, second: NDArray[Any] | None) -> bool:
+    return first is not None and second is not None and np.array_equal(first, second)
 
 
 def _difference(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> float:

@@ -57,27 +57,26 @@ def vertical_checks(sightings: list[Sighting]) -> list[RigCheck]:
 
 def _mean_lean(sightings: list[Sighting], column: int) -> Estimate | str:
     """Median over the stems of their leans in degrees, ahead (0) or to the left (1)."""
-    stem, lean = np.zeros(0), np.zeros(0)
+    lean: Float = np.zeros(0)
     if sightings:
         ups = np.array([each.frame.up_camera for each in sightings])
         _, direction, _, covariance = level_axes(sightings, ups)
         std = np.degrees(np.sqrt(covariance[:, column, column]))
         lean = np.degrees(np.arctan2(direction[:, column], direction[:, 2]))
         numbers = np.array([each.stem for each in sightings])
-        stem, lean = _per_stem(numbers, lean, std)
-    if len(stem) < MIN_STEMS:
-        return f"{len(stem)} stems with a sure axis: {MIN_STEMS} are needed; drive past more stems"
+        lean = _per_stem(numbers, lean, std)
+    if len(lean) < MIN_STEMS:
+        return f"{len(lean)} stems with a sure axis: {MIN_STEMS} are needed; drive past more stems"
     generator = np.random.default_rng(0)
     drawn = lean[generator.integers(0, len(lean), (_RESAMPLES, len(lean)))]
     std_deg = math.hypot(float(np.median(drawn, axis=1).std()), _COMMON_STD_DEG)
     return Estimate(float(np.median(lean)), std_deg)
 
 
-def _per_stem(stem: NDArray[np.intp], lean: Float, std: Float) -> tuple[Float, Float]:
-    """The numbers of the stems whose lean is sure, and their weighted mean leans."""
+def _per_stem(stem: NDArray[np.intp], lean: Float, std: Float) -> Float:
+    """Weighted mean leans of the stems, of those whose lean is sure."""
     weight = 1 / (std**2 + _SHARED_STD_DEG**2)
-    numbers, place = np.unique(stem, return_inverse=True)
+    _, place = np.unique(stem, return_inverse=True)
     total = np.bincount(place, weight)
     mean = np.bincount(place, weight * lean) / total
-    sure = total > 1 / _MOST_STD_DEG**2
-    return numbers[sure], mean[sure]
+    return np.asarray(mean[total > 1 / _MOST_STD_DEG**2])
