@@ -28,7 +28,7 @@ class RigCheck:
         name: what is checked, such as "shift to the right".
         group: the part of the report that it belongs to.
         verdict: whether the value is within the limit.
-        limit: largest size of the value; for a share of good frames the smallest value.
+        limit: largest size of the value; None if there is none.
         unit: unit of the value, such as "px".
         value: the measured value; None if it is not known.
         half_interval: half of the 95 % interval; None for counts.

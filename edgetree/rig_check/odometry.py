@@ -24,7 +24,7 @@ Float = NDArray[np.floating[Any]]
 
 GROUP: Final = "scale against the machine's motion"
 
-MIN_STEMS: Final = 5
+_MIN_STEMS: Final = 5
 _MIN_VIEWS: Final = 3
 _SCALE_LIMIT: Final = 3.0
 _HEADING_LIMIT_DEG: Final = 2.0
@@ -81,8 +81,8 @@ def _estimates(sightings: list[Sighting]) -> list[Estimate | str]:
     if not sightings:
         return ["needs the poses of the camera, which the source does not give"] * 3
     views = _views(sightings)
-    if len(views) < MIN_STEMS:
-        text = f"{len(views)} stems with {_MIN_VIEWS} views: {MIN_STEMS} are needed"
+    if len(views) < _MIN_STEMS:
+        text = f"{len(views)} stems with {_MIN_VIEWS} views: {_MIN_STEMS} are needed"
         return [f"{text}; drive past more stems"] * 3
     values, stds = _solve(views)
     units = (100.0, 100.0, math.degrees(1))

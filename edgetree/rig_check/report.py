@@ -23,6 +23,7 @@ def report_lines(report: RigReport) -> Iterator[str]:
         f"{report.frames} frames in {report.seconds:.0f} s, {report.used} searched:"
         f" {report.silhouettes} points on silhouettes, {report.stems} stems"
     )
+    yield "each ± is half of a 95 % interval"
     for group, checks in groupby(report.checks, lambda check: check.group):
         yield ""
         yield group

@@ -13,7 +13,7 @@ __all__ = ["Silhouettes", "find_silhouettes", "reach_px"]
 
 Float = NDArray[np.floating[Any]]
 
-MOST_PER_FRAME: Final = 500
+_MOST_PER_FRAME: Final = 500
 
 # The far side is at least this many times as far away as the near side.
 _JUMP_RATIO = 1.15
@@ -64,7 +64,7 @@ def find_silhouettes(
     Args:
         image: (H, W, 3) uint8 BGR.
         depth_m: (H, W) metres, 0 = no reading, aligned with the image.
-        seed: chooses which silhouettes are used where there are more than `MOST_PER_FRAME`.
+        seed: chooses which silhouettes are used where there are more than `_MOST_PER_FRAME`.
     """
     nearness = np.where(depth_m > 0, 1 / np.maximum(depth_m, 0.05), 0).astype(np.float32)
     rows, columns, normal, near = _edges(np.asarray(cv2.medianBlur(nearness, 5), np.float32))
@@ -73,8 +73,8 @@ def find_silhouettes(
     inside = (columns > reach) & (columns < width - 1 - reach)
     inside &= (rows > reach) & (rows < height - 1 - reach)
     chosen = np.flatnonzero(inside)
-    if len(chosen) > MOST_PER_FRAME:
-        chosen = np.random.default_rng(seed).choice(chosen, MOST_PER_FRAME, replace=False)
+    if len(chosen) > _MOST_PER_FRAME:
+        chosen = np.random.default_rng(seed).choice(chosen, _MOST_PER_FRAME, replace=False)
     xy = np.column_stack([columns, rows])[chosen]
     profile = _profiles(image, xy, normal[chosen], reach)
     return Silhouettes(xy, normal[chosen], 1 / near[chosen], profile)

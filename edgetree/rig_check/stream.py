@@ -111,7 +111,7 @@ class StreamCounts:
     ) -> RigCheck:
         percent = 100 * count / max(total, 1)
         verdict: Verdict = HOLDS if percent <= limit else NO
-        if verdict == HOLDS and total < _FEWEST:
+        if total < _FEWEST:
             verdict, reason = UNKNOWN, f"{total} frames: {_FEWEST} are needed"
         return RigCheck(
             name, GROUP, verdict, limit, "%", percent, None, "" if verdict == HOLDS else reason

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import lru_cache
+from typing import Any
 
 import cv2
 import numpy as np
@@ -67,20 +68,15 @@ def panning_drive(
     for number in range(round(seconds / PERIOD_S)):
         camera, wide_image, wide_depth_m = wide[number // 20 % len(wide)]
         step = number % 20
-        image, depth_m = (
-            picture[_TOP : _TOP + HEIGHT, left : left + WIDTH]
-            for picture, left in (
-                (wide_image, _left(step)),
-                (wide_depth_m, _left(max(step - late, 0))),
-            )
-        )
+        image = _window(wide_image, step)
+        depth_m = _window(wide_depth_m, max(step - late, 0))
         fx = camera.fx
         frames.append(
             LiveFrame(
                 number,
                 number * PERIOD_S,
-                np.ascontiguousarray(image),
-                np.ascontiguousarray(depth_m if change is None else change(depth_m)),
+                image,
+                depth_m if change is None else change(depth_m),
                 PinholeCamera(WIDTH, HEIGHT, fx, fx, (WIDTH - 1) / 2, (HEIGHT - 1) / 2),
             )
         )
@@ -92,11 +88,13 @@ def _pictures() -> list[tuple[PinholeCamera, NDArray[np.uint8], Float32]]:
     return [(each.camera, each.image(), each.depth_m()) for each in sample_frames()]
 
 
-def _left(step: int) -> int:
-    """Left border of the window: it goes to the right for 10 frames, then back."""
-    return 320 + _PAN_PX * min(step, 20 - step)
+def _window(picture: NDArray[Any], step: int) -> NDArray[Any]:
+    """The window at a step: it goes to the right for 10 steps, then back."""
+    left = 320 + _PAN_PX * min(step, 20 - step)
+    return np.ascontiguousarray(picture[_TOP : _TOP + HEIGHT, left : left + WIDTH])
 
 
 def without(frames: list[LiveFrame], name: str) -> list[LiveFrame]:
     """The frames without their image, depth or camera."""
-    return [replace(frame, **{name: None}) for frame in frames]
+    nothing: dict[str, Any] = {name: None}
+    return [replace(frame, **nothing) for frame in frames]
