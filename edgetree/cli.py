@@ -12,6 +12,7 @@ import typer
 from edgetree.commands.bench import bench
 from edgetree.commands.calibrate import calibrate
 from edgetree.commands.check import check
+from edgetree.commands.check_rig import check_rig
 from edgetree.commands.demo import demo
 from edgetree.commands.doctor import doctor
 from edgetree.commands.eval import evaluate
@@ -38,6 +39,7 @@ app.command()(run)
 app.command()(measure)
 app.command()(live)
 app.command()(check)
+app.command()(check_rig)
 app.command()(calibrate)
 app.command(name="eval")(evaluate)
 app.command()(bench)

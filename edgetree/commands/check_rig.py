@@ -1,0 +1,64 @@
+"""`edgetree check-rig`: whether calibration and alignment still hold, from a minute of driving."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, TypeAlias
+
+import typer
+
+from edgetree.commands.live_options import LiveMetresOptions, LiveSourceOptions
+from edgetree.commands.option_groups import SessionOptions, expand_groups
+from edgetree.commands.options import Json, Model
+from edgetree.console import print_json
+
+__all__ = ["check_rig"]
+
+_Source: TypeAlias = Annotated[
+    str,
+    typer.Argument(
+        metavar="SOURCE",
+        help="A recording, a camera with depth, a simulated drive or a folder of images with"
+        " --depth, as for `edgetree live`.",
+    ),
+]
+_Seconds: TypeAlias = Annotated[
+    float, typer.Option(metavar="S", help="How much of the source is read, seconds.")
+]
+
+
+@expand_groups
+def check_rig(
+    source: _Source,
+    *,
+    seconds: _Seconds = 60.0,
+    model: Model = "depth",
+    metres: LiveMetresOptions,
+    source_options: LiveSourceOptions,
+    session: SessionOptions,
+    as_json: Json = False,
+) -> None:
+    """Check from a minute of driving whether the cameras' calibration still holds.
+
+    Compares jumps in depth with edges in colour, the given vertical with the stems, and the scale
+    of depth with the machine's motion. Each check holds, does not hold, or cannot tell.
+
+    The exit code is 1 if a check does not hold.
+    """
+    from edgetree.errors import CheckFailed, InputError
+    from edgetree.rig_check import check_rig as checked
+    from edgetree.rig_check.report import problem_text, report_lines
+
+    if not (math.isfinite(seconds) and seconds > 0):
+        raise InputError(f"--seconds is {seconds}: expected seconds above 0")
+    rig = metres.as_rig_options().rig(metres.camera, None)
+    detector, _ = session.open_model(model)
+    report = checked(source_options.open(source, rig, False), detector, rig, seconds)
+    if as_json:
+        print_json({"schema": "edgetree.check-rig/1", **report.to_dict()})
+    else:
+        for line in report_lines(report):
+            typer.echo(line)
+    if not report.passed:
+        problems = "; ".join(problem_text(check) for check in report.problems)
+        raise CheckFailed(f"{report.source}: the check failed: {problems}")

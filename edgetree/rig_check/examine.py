@@ -1,0 +1,200 @@
+"""Read a source once and check the rig that it is from."""
+
+from __future__ import annotations
+
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edgetree.errors import InputError
+from edgetree.frames.rig import Rig
+from edgetree.live.frames import LiveFrame, LiveSource
+from edgetree.rig_check.alignment import FrameSilhouettes, alignment_checks
+from edgetree.rig_check.checks import NO, UNKNOWN, RigCheck
+from edgetree.rig_check.image_motion import image_velocity
+from edgetree.rig_check.odometry import odometry_checks
+from edgetree.rig_check.silhouettes import find_silhouettes
+from edgetree.rig_check.stem_sightings import StemFinder
+from edgetree.rig_check.stream import StreamCounts
+from edgetree.rig_check.vertical import vertical_checks
+
+if TYPE_CHECKING:
+    from edgetree.runtime.detector import TreeDetector
+
+__all__ = ["RigReport", "check_rig"]
+
+_EVERY_S: Final = 0.5
+_MOST_WAITING: Final = 3
+_FEWEST_FRAMES: Final = 2
+
+
+@dataclass(frozen=True)
+class RigReport:
+    """The checks of a rig.
+
+    Attributes:
+        source: name of the source.
+        seconds: from the first to the last frame, s.
+        frames: frames with colour and depth.
+        used: those that were searched for silhouettes and stems.
+        silhouettes: points on silhouettes that were found.
+        stems: stems that were found.
+        checks: the checks.
+    """
+
+    source: str
+    seconds: float
+    frames: int
+    used: int
+    silhouettes: int
+    stems: int
+    checks: list[RigCheck]
+
+    @property
+    def problems(self) -> list[RigCheck]:
+        """The checks that do not hold."""
+        return [check for check in self.checks if check.verdict == NO]
+
+    @property
+    def unknown(self) -> list[RigCheck]:
+        """The checks that cannot tell."""
+        return [check for check in self.checks if check.verdict == UNKNOWN]
+
+    @property
+    def passed(self) -> bool:
+        """Whether no check fails."""
+        return not self.problems
+
+    def to_dict(self) -> dict[str, Any]:
+        """A JSON-ready dictionary."""
+        return {
+            "source": self.source,
+            "seconds": self.seconds,
+            "frames": self.frames,
+            "used_frames": self.used,
+            "silhouettes": self.silhouettes,
+            "stems": self.stems,
+            "checks": [check.to_dict() for check in self.checks],
+            "passed": self.passed,
+        }
+
+
+def check_rig(
+    source: LiveSource, detector: TreeDetector, rig: Rig | None = None, seconds: float = 60.0
+) -> RigReport:
+    """Check calibration and alignment from a drive.
+
+    Reads all frames, and searches two per second for silhouettes and stems. Closes the source.
+
+    Args:
+        source: a camera or a recording with colour and depth.
+        detector: finds the stems.
+        rig: the camera and the vertical of sources that do not know them.
+        seconds: how much of the source is read, s.
+
+    Raises:
+        InputError: the source has no colour, no depth, no camera, or fewer than two frames with
+            both.
+    """
+    counts, work = StreamCounts(), _Work(detector, rig or Rig())
+    before: LiveFrame | None = None
+    any_colour = any_depth = False
+    with ThreadPoolExecutor(1) as pool:
+        waiting: list[Future[None]] = []
+        try:
+            for frame in source:
+                any_colour |= frame.image is not None
+                any_depth |= frame.depth_m is not None
+                if counts.times_s and frame.time_s - counts.times_s[0] > seconds:
+                    break
+                usable = counts.add(frame)
+                if usable and work.is_due(frame.time_s):
+                    waiting = [each for each in waiting if not _is_done(each)]
+                    # Frames of a camera do not wait.
+                    if len(waiting) < _MOST_WAITING or not source.is_live:
+                        waiting.append(pool.submit(work.add, frame, before))
+                    if len(waiting) > _MOST_WAITING:
+                        waiting.pop(0).result()
+                before = frame if frame.image is not None else before
+            for each in waiting:
+                each.result()
+        finally:
+            source.close()
+    if not (any_colour and any_depth):
+        lacking = "depth" if any_colour else "colour"
+        raise InputError(f"{source.name} has no {lacking}: expected frames with colour and depth")
+    if counts.frames < _FEWEST_FRAMES:
+        raise InputError(
+            f"{source.name} has {counts.frames} frames with colour and depth: expected at least two"
+        )
+    return work.report(source, counts)
+
+
+def _is_done(work: Future[None]) -> bool:
+    """Whether it is done; raises what it raised."""
+    if not work.done():
+        return False
+    work.result()
+    return True
+
+
+class _Work:
+    """What is found in the frames that are searched."""
+
+    def __init__(self, detector: TreeDetector, rig: Rig) -> None:
+        self._rig = rig
+        self._stems = StemFinder(detector, rig)
+        self._silhouettes: list[FrameSilhouettes] = []
+        self._last_s: float | None = None
+        self._frame: LiveFrame | None = None
+
+    def is_due(self, time_s: float) -> bool:
+        """Whether a frame at this time is searched; from then on, the next is half a second on."""
+        if self._last_s is not None and abs(time_s - self._last_s) < _EVERY_S * 0.99:
+            return False
+        self._last_s = time_s
+        return True
+
+    def add(self, frame: LiveFrame, before: LiveFrame | None) -> None:
+        """Search a frame; `before` is the one before it, for the motion of the picture."""
+        image, depth_m = frame.image, frame.depth_m
+        if image is None or depth_m is None:
+            return
+        camera = frame.camera or self._rig.camera_for(image.shape[1], image.shape[0])
+        if camera is None:
+            raise InputError(f"frame {frame.number} has no camera: pass --camera")
+        up = self._rig.up_camera if frame.up_camera is None else frame.up_camera
+        frame = replace(frame, camera=camera, up_camera=None if up is None else _unit(up))
+        self._frame = frame
+        found = find_silhouettes(image, depth_m, frame.number)
+        velocity = np.zeros_like(found.xy_px)
+        if before is not None and before.image is not None:
+            step_s = frame.time_s - before.time_s
+            velocity = image_velocity(before.image, image, step_s, found.xy_px)
+        self._silhouettes.append(FrameSilhouettes(frame.time_s, found, velocity))
+        self._stems.add(frame)
+
+    def report(self, source: LiveSource, counts: StreamCounts) -> RigReport:
+        """The checks over all frames."""
+        checks = counts.checks(source.counts)
+        sightings = self._stems.sightings
+        if self._frame is not None and self._frame.camera is not None:
+            checks = alignment_checks(self._silhouettes, self._frame.camera) + checks
+            checks[6:6] = vertical_checks(sightings) + odometry_checks(sightings)
+        return RigReport(
+            source=source.name,
+            seconds=max(counts.times_s) - min(counts.times_s),
+            frames=counts.frames,
+            used=len(self._silhouettes),
+            silhouettes=sum(len(each.silhouettes) for each in self._silhouettes),
+            stems=len({each.stem for each in sightings}),
+            checks=checks,
+        )
+
+
+def _unit(vector: Any) -> NDArray[np.float64]:
+    array = np.asarray(vector, np.float64)
+    return np.asarray(array / np.linalg.norm(array))

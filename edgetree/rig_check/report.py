@@ -1,0 +1,74 @@
+"""The result of the checks of a rig as text for the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import groupby
+from textwrap import wrap
+from typing import Final
+
+from edgetree.rig_check.checks import HOLDS, RigCheck
+from edgetree.rig_check.examine import RigReport
+
+__all__ = ["problem_text", "report_lines"]
+
+_LINE: Final = 100
+_NAME_WIDTH, _VALUE_WIDTH, _LIMIT_WIDTH = 34, 20, 16
+_DIGITS: Final = {"px": 1, "%": 1, "°": 1, "mm": 0, "ms": 0}
+
+
+def report_lines(report: RigReport) -> Iterator[str]:
+    """The lines of the report."""
+    yield (
+        f"{report.frames} frames in {report.seconds:.0f} s, {report.used} searched:"
+        f" {report.silhouettes} points on silhouettes, {report.stems} stems"
+    )
+    yield "each ± is half of a 95 % interval"
+    for group, checks in groupby(report.checks, lambda check: check.group):
+        yield ""
+        yield group
+        for check in checks:
+            yield from _lines(check)
+    yield ""
+    if report.passed:
+        unknown = report.unknown
+        but = f", but {len(unknown)} of {len(report.checks)} checks cannot tell" if unknown else ""
+        yield f"result: passed{but}"
+    for check in report.problems:
+        text = f"result: failed: {problem_text(check)}: {check.reason}"
+        yield from wrap(text, _LINE, subsequent_indent="  ")
+
+
+def problem_text(check: RigCheck) -> str:
+    """A check that does not hold, in a few words."""
+    return f"{check.name} is {_value(check)}, limit {_number(check.limit, check.unit)}"
+
+
+def _lines(check: RigCheck) -> Iterator[str]:
+    limit = "" if check.limit is None else f"limit {_number(check.limit, check.unit)}"
+    verdict = "" if check.limit is None else check.verdict
+    line = f"  {check.name:<{_NAME_WIDTH}}{_value(check):<{_VALUE_WIDTH}}"
+    yield f"{line}{limit:<{_LIMIT_WIDTH}}{verdict}".rstrip()
+    if check.verdict != HOLDS and check.reason:
+        yield from wrap(check.reason, _LINE, initial_indent="      ", subsequent_indent="      ")
+
+
+def _value(check: RigCheck) -> str:
+    if check.value is None:
+        return "unknown"
+    if check.half_interval is None:
+        return _number(check.value, check.unit)
+    digits = _digits(check)
+    interval = f"{check.value:+.{digits}f} ± {check.half_interval:.{digits}f}"
+    return interval + ("°" if check.unit == "°" else f" {check.unit}")
+
+
+def _digits(check: RigCheck) -> int:
+    """More digits where the limit is small."""
+    small = check.limit is not None and check.limit < 1
+    return 2 if small else _DIGITS[check.unit]
+
+
+def _number(value: float | None, unit: str) -> str:
+    text = f"{value:.2g}" if value is not None and value < 10 else f"{value:.0f}"
+    return text + ("°" if unit == "°" else f" {unit}")

@@ -1,0 +1,100 @@
+"""The stems that are seen during a drive, as landmarks: which stem, where, and its axis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edgetree.frames.rig import Rig
+from edgetree.live.frames import LiveFrame
+from edgetree.live.tracking import StemTracker
+from edgetree.live.tracking.sightings import level_rotation
+from edgetree.measure import Failure, MeasureSettings, StemAxis, measure_trees
+
+if TYPE_CHECKING:
+    from edgetree.runtime.detector import TreeDetector
+
+__all__ = ["Sighting", "StemFinder", "level_axes"]
+
+Float = NDArray[np.floating[Any]]
+
+# So wide that the given vertical, which is to be checked, has no weight in the axes.
+_LEAN_STD_DEG: Final = 30.0
+
+
+@dataclass(frozen=True, eq=False)
+class Sighting:
+    """A stem in one frame.
+
+    Attributes:
+        stem: number of the stem.
+        axis: its axis in the camera's frame.
+        frame: the frame, without its images.
+    """
+
+    stem: int
+    axis: StemAxis
+    frame: LiveFrame
+
+
+class StemFinder:
+    """Finds, measures and follows the stems of the frames that it is given, in order.
+
+    Attributes:
+        sightings: what it found so far.
+    """
+
+    def __init__(self, detector: TreeDetector, rig: Rig) -> None:
+        self._detector, self._rig = detector, rig
+        self._settings = MeasureSettings(lean_std_deg=_LEAN_STD_DEG)
+        self._tracker = StemTracker()
+        self.sightings: list[Sighting] = []
+
+    def add(self, frame: LiveFrame) -> None:
+        """Find the stems of one more frame with colour, depth, camera and without a fault."""
+        takes_depth = self._detector.manifest.takes_depth
+        image = frame.depth_m if takes_depth else frame.image
+        if image is None or frame.depth_m is None or frame.camera is None:
+            return
+        trees = self._detector.detect(image)
+        measured = measure_trees(
+            trees,
+            frame.depth_m,
+            frame.camera,
+            up_camera=frame.up_camera,
+            mounting=self._rig.mounting,
+            settings=self._settings,
+        )
+        tracks = self._tracker.update(frame, trees, measured)
+        bare = replace(frame, image=None, depth_m=None)
+        for track in tracks:
+            axis = None if track.tree is None else measured[track.tree].axis
+            if axis is not None and not isinstance(axis, Failure):
+                self.sightings.append(Sighting(track.number, axis, bare))
+
+
+def level_axes(sightings: list[Sighting], ups: Float) -> tuple[Float, Float, Float, Float]:
+    """The axes in level frames (x ahead of the camera, y left, z up).
+
+    Args:
+        sightings: N sightings.
+        ups: (N, 3) verticals of their frames, which level them.
+
+    Returns:
+        (N, 3) points, (N, 3) directions, and (N, 3, 3) the covariances of each.
+    """
+    level = np.array([level_rotation(up) for up in ups])
+    turned = level.transpose(0, 2, 1)
+    point = np.array([each.axis.point_m for each in sightings])
+    direction = np.array([each.axis.direction for each in sightings])
+    point_cov = np.array([each.axis.point_covariance_m2 for each in sightings])
+    turn_cov = np.array([each.axis.direction_covariance for each in sightings])
+    return (
+        np.einsum("nij,nj->ni", level, point),
+        np.einsum("nij,nj->ni", level, direction),
+        level @ point_cov @ turned,
+        level @ turn_cov @ turned,
+    )

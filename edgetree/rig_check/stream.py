@@ -1,0 +1,128 @@
+"""The stream itself: faults of the depth, images that repeat, time stamps, and what is left out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib import DepthFailure, check_depth
+from edgetree.live.frames import LiveFrame
+from edgetree.rig_check.checks import HOLDS, NO, UNKNOWN, RigCheck, Verdict
+
+__all__ = ["GROUP", "StreamCounts"]
+
+GROUP: Final = "frames"
+
+_LIMIT_PERCENT: Final = 5.0
+_FROZEN_LIMIT_PERCENT: Final = 1.0
+# Mean difference of two pictures, grey levels, above which something moved: more than the noise of
+# a camera, which also tells pictures of a camera that stands apart.
+_CHANGED_LEVELS: Final = 1.0
+_SAMPLED: Final = 4
+# A gap is longer than this many periods.
+_GAP_PERIODS: Final = 2.5
+_FEWEST: Final = 20
+
+
+class StreamCounts:
+    """Counts over all frames of a source.
+
+    Attributes:
+        frames: number of frames with colour and depth.
+        times_s: their time stamps.
+    """
+
+    def __init__(self) -> None:
+        self.frames = 0
+        self.times_s: list[float] = []
+        self._incomplete = 0
+        self._faults = 0
+        self._first_fault = ""
+        self._shares: list[float] = []
+        self._frozen_depth = self._frozen_colour = 0
+        self._last: LiveFrame | None = None
+
+    def add(self, frame: LiveFrame) -> bool:
+        """Count a frame; returns whether it can be used for the other checks."""
+        if frame.image is None or frame.depth_m is None:
+            self._incomplete += 1
+            return False
+        self.frames += 1
+        self.times_s.append(frame.time_s)
+        check = check_depth(frame.depth_m)
+        fault = frame.depth_fault or (check.reason if isinstance(check, DepthFailure) else "")
+        if fault:
+            self._faults += 1
+            self._first_fault = self._first_fault or f"frame {frame.number}: {fault}"
+        elif not isinstance(check, DepthFailure):
+            self._shares.append(check.valid_share)
+        self._compare(frame)
+        self._last = frame
+        return not fault
+
+    def _compare(self, frame: LiveFrame) -> None:
+        """Count an image that is the last one again, while the other one changed."""
+        last = self._last
+        if last is None or last.image is None or frame.image is None:
+            return
+        if last.image.shape != frame.image.shape:
+            return
+        changed = _difference(last.image, frame.image) > _CHANGED_LEVELS
+        same_depth = _is_same(last.depth_m, frame.depth_m)
+        self._frozen_depth += same_depth and changed
+        self._frozen_colour += not same_depth and np.array_equal(last.image, frame.image)
+
+    def checks(self, left_out: Mapping[str, int]) -> list[RigCheck]:
+        """The checks.
+
+        Args:
+            left_out: what the source left out, from its `counts`.
+        """
+        pairs = max(self.frames - 1, 1)
+        steps = np.diff(self.times_s)
+        backwards = int((steps <= 0).sum())
+        period_s = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+        gaps = int((steps > _GAP_PERIODS * period_s).sum()) if period_s else 0
+        lost = self._incomplete + sum(left_out.values())
+        told = ", ".join(f"{count} {what}" for what, count in left_out.items())
+        share = 100 * float(np.mean(self._shares)) if self._shares else 0.0
+        left = told or "colour or depth alone"
+        rows = (
+            ("depth that repeats", self._frozen_depth, "the depth camera hangs"),
+            ("colour that repeats", self._frozen_colour, "the colour camera hangs"),
+            ("time stamps that do not rise", backwards, "the clock is wrong"),
+        )
+        return [
+            self._share("faulty depth", self._faults, self.frames, self._first_fault),
+            RigCheck("pixels with depth", GROUP, HOLDS, None, "%", share),
+            *(
+                self._share(name, count, pairs, reason, _FROZEN_LIMIT_PERCENT)
+                for name, count, reason in rows
+            ),
+            self._share("gaps in time", gaps, pairs, "frames are lost: cable, load or disk"),
+            self._share("frames left out", lost, self.frames + lost, left),
+        ]
+
+    def _share(
+        self, name: str, count: int, total: int, reason: str, limit: float = _LIMIT_PERCENT
+    ) -> RigCheck:
+        percent = 100 * count / max(total, 1)
+        verdict: Verdict = HOLDS if percent <= limit else NO
+        if total < _FEWEST:
+            verdict, reason = UNKNOWN, f"{total} frames: {_FEWEST} are needed"
+        return RigCheck(
+            name, GROUP, verdict, limit, "%", percent, None, "" if verdict == HOLDS else reason
+        )
+
+
+def _is_same(first: NDArray[Any] | None, second: NDArray[Any] | None) -> bool:
+    return first is not None and second is not None and np.array_equal(first, second)
+
+
+def _difference(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> float:
+    """Mean difference of two pictures in grey levels, on some of their pixels."""
+    a, b = (each[::_SAMPLED, ::_SAMPLED].astype(np.int16) for each in (first, second))
+    return float(np.abs(a - b).mean())
