@@ -54,7 +54,7 @@ function stagesText() {
   const rate = record.rate_hz === null ? "" : `${record.rate_hz.toFixed(1)} frames/s`;
   const times = stages === "" ? "" : `${stages} ms`;
   const recordings = recordingsText(status.recordings);
-  return [rate, `stems ${age} s old`, times, `${record.dropped} frames left out`, recordings].filter(Boolean).join("  ·  ");
+  return [rate, recordings, `stems ${age} s old`, times, `${record.dropped} frames left out`].filter(Boolean).join("  ·  ");
 }
 
 // Stems
