@@ -12,16 +12,14 @@ from numpy.typing import NDArray
 from calib import PinholeCamera, RigidTransform
 from calib.depth.files import in_metres
 from edgetree.frames.rig import Rig
-from edgetree.live.level import level_axes
 from edgetree.live.results import LiveResult
 from edgetree.live.sinks.records import live_record
-from edgetree.live.sinks.ros_types import RosTypes
-from edgetree.live.sources.arrays import unit_vector
+from edgetree.live.sinks.ros_types import RosTypes, time_ns
+from edgetree.live.sources.exact import EXACT_TOPIC, exact_record
 
 __all__ = ["RecordedMessage", "RecordingMessages"]
 
 _CAMERA_FRAME: Final = "edgetree_camera"
-_LEVEL_FRAME: Final = "edgetree_level"
 _FIXED_FRAME: Final = "odom"
 _MILLIMETRE_M: Final = 0.001
 _GRAVITY_M_PER_S2: Final = 9.80665
@@ -54,11 +52,18 @@ class RecordingMessages(RosTypes):
         frame = result.frame
         header = self.header(frame.time_s, _CAMERA_FRAME)
         camera = frame.camera or self._camera_of_rig(result)
-        up_camera = self._rig.up_camera if frame.up_camera is None else frame.up_camera
+        up = self._rig.up_camera if frame.up_camera is None else frame.up_camera
+        up_camera = None if up is None else np.asarray(up, np.float64)
+        yield self.text(EXACT_TOPIC, exact_record(time_ns(frame.time_s), camera, up_camera))
         if camera is not None:
             info = self.camera_info(header, camera)
             yield RecordedMessage("/edgetree/camera_info", "sensor_msgs/msg/CameraInfo", info)
-        yield from self._motion(frame.time_s, frame.pose, up_camera)
+        if up_camera is not None:
+            imu = self._imu(frame.time_s, up_camera)
+            yield RecordedMessage("/edgetree/imu", "sensor_msgs/msg/Imu", imu)
+        if frame.pose is not None:
+            pose = self._pose(frame.time_s, frame.pose)
+            yield RecordedMessage("/tf", "tf2_msgs/msg/TFMessage", pose)
         for topic, encoding, pixels in (
             ("/edgetree/depth", *_steps(frame.depth_m)),
             ("/edgetree/image", "bgr8", frame.image),
@@ -76,37 +81,19 @@ class RecordingMessages(RosTypes):
     def _camera_of_rig(self, result: LiveResult) -> PinholeCamera | None:
         return self._rig.camera_for(result.trees.image_width, result.trees.image_height)
 
-    def _motion(
-        self, time_s: float, pose: RigidTransform | None, up_camera: Any
-    ) -> Iterator[RecordedMessage]:
-        """Pose and vertical.
-
-        Readers of IMUs smooth the acceleration. It is therefore given in a level frame, in which it
-        never changes, and tf says how the camera is turned to that frame.
-        """
-        transforms = []
-        if pose is not None:
-            header = self.header(time_s, _FIXED_FRAME)
-            transforms.append(self.transform(header, _CAMERA_FRAME, pose))
-        if up_camera is not None:
-            level = RigidTransform(level_axes(unit_vector(up_camera)).T, np.zeros(3))
-            header = self.header(time_s, _CAMERA_FRAME)
-            transforms.append(self.transform(header, _LEVEL_FRAME, level))
-        if transforms:
-            message = self.new("tf2_msgs", "TFMessage", transforms)
-            yield RecordedMessage("/tf", "tf2_msgs/msg/TFMessage", message)
-        if up_camera is not None:
-            message = self._imu(self.header(time_s, _LEVEL_FRAME))
-            yield RecordedMessage("/edgetree/imu", "sensor_msgs/msg/Imu", message)
-
-    def _imu(self, header: Any) -> Any:
-        """An IMU at rest, with z up; its orientation and turn rate are not known."""
+    def _imu(self, time_s: float, up_camera: NDArray[np.float64]) -> Any:
+        """An IMU at rest in the camera's frame; its orientation and turn rate are not known."""
+        header = self.header(time_s, _CAMERA_FRAME)
         no_turn = self.new("geometry_msgs", "Quaternion", 0.0, 0.0, 0.0, 1.0)
         still = self.vector(np.zeros(3), "Vector3")
-        push = self.vector(np.array([0.0, 0.0, _GRAVITY_M_PER_S2]), "Vector3")
+        push = self.vector(up_camera * _GRAVITY_M_PER_S2, "Vector3")
         unknown, known = np.array([-1.0] + [0.0] * 8), np.zeros(9)
         values = (header, no_turn, unknown, still, unknown, push, known)
         return self.new("sensor_msgs", "Imu", *values)
+
+    def _pose(self, time_s: float, pose: RigidTransform) -> Any:
+        header = self.header(time_s, _FIXED_FRAME)
+        return self.new("tf2_msgs", "TFMessage", [self.transform(header, _CAMERA_FRAME, pose)])
 
     def _image(self, header: Any, encoding: str, pixels: NDArray[Any]) -> Any:
         rows = np.ascontiguousarray(pixels)

@@ -90,6 +90,7 @@ class FrameQueue:
         """Have the seconds around now written; returns how much time before is kept, s."""
         mark = {"text": text, "time": datetime.now(UTC).isoformat(timespec="milliseconds")}
         with self._changed:
+            self._forget_old()
             now_s, oldest = self._kept.now_s, self._kept.oldest
             if self._window is None:
                 self._window = Window(0 if oldest is None else oldest.serial, now_s)
