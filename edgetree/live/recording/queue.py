@@ -173,6 +173,7 @@ class FrameQueue:
                 self._kept.drop_oldest()
             elif self.waits and self._stop_s is None:
                 self._changed.wait()
+                self._forget_old()
             else:
                 self.left_out += 1
                 self._say("frames are missing in recordings: the disk or the processor is too slow")

@@ -139,7 +139,7 @@ def test_a_camera_is_not_kept_waiting_and_what_is_missing_is_said(
     assert "too slow" in caplog.text
 
 
-def test_a_recording_waits_for_the_disk(record, recordings, result, monkeypatch) -> None:
+def test_a_recording_waits_for_the_disk(record, recordings, result, caplog, monkeypatch) -> None:
     monkeypatch.setattr(recorder, "_LONGEST_S", 10.0)
     one = record(everything=True, before_s=0.0, max_mib=1, waits=True)
     feed(one, result, 0, 300)
@@ -148,6 +148,7 @@ def test_a_recording_waits_for_the_disk(record, recordings, result, monkeypatch)
     found = [numbers(folder) for folder in recordings()]
     assert found == [list(range(100)), list(range(100, 200)), list(range(200, 300))]
     assert one.status.left_out == 0
+    assert warned(caplog) == []
 
 
 def test_what_is_not_written_in_time_is_left_out_and_the_rest_is_whole(
