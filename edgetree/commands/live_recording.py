@@ -68,7 +68,8 @@ class LiveRecordOptions:
                 yield recorder
         finally:
             recorder.close()
-            note(f"{recorder.status.line()} in {self.record}")
+            if recorder.status.written or recorder.status.failed:
+                note(f"{recorder.status.line()} in {self.record}")
 
 
 @contextmanager

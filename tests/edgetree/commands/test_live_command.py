@@ -72,6 +72,17 @@ def test_a_wrong_source_replaces_no_file(run_cli: Cli, model: Path, tmp_path: Pa
     assert stems.read_text() == "of yesterday"
 
 
+def test_a_wrong_source_gives_one_line_with_a_recorder_too(
+    run_cli: Cli, model: Path, tmp_path: Path
+) -> None:
+    pytest.importorskip("rosbags")
+    folder = tmp_path / "recordings"
+    done = run_cli("live", tmp_path / "no.mcap", "--model", model, "--record", folder)
+    assert done.code == 2
+    assert done.err.count("\n") == 1
+    assert not folder.exists()
+
+
 MISTAKES = {
     "topic": (("--topic", "color=/camera"), r"--topic is 'color=/camera': expected ROLE=NAME"),
     "topic for images": (("--topic", "colour=/camera"), "expected it for recordings alone"),
