@@ -17,13 +17,16 @@ from edgetree.commands.live_options import (
     LivePageOptions,
     LiveSourceOptions,
 )
+from edgetree.commands.live_recording import LiveRecordOptions
 from edgetree.commands.option_groups import SessionOptions, expand_groups
 from edgetree.commands.options import Model, ScoreThreshold, model_file
 from edgetree.console import note
 
 if TYPE_CHECKING:
+    from edgetree.live.frames import LiveSource
     from edgetree.live.page import PageServer
     from edgetree.live.pipeline import LivePipeline
+    from edgetree.live.recording import FrameRecorder
     from edgetree.live.sinks import Sink
     from edgetree.live.sinks.opening import SinkOptions
 
@@ -51,6 +54,7 @@ def live(
     source_options: LiveSourceOptions,
     page_options: LivePageOptions,
     outputs: LiveOutputs,
+    record_options: LiveRecordOptions,
     score_threshold: ScoreThreshold = 0.5,
     session: SessionOptions,
     frames: _Frames = None,
@@ -63,11 +67,13 @@ def live(
     """
     from edgetree.errors import InputError
     from edgetree.live.pipeline import LivePipeline
+    from edgetree.live.recording import run_record
     from edgetree.results.atomic_files import check_paths
 
     rig_options = metres.as_rig_options()
     check_paths(
-        {f"--{name}": getattr(outputs, name) for name in ("jsonl", "csv", "map", "bag")},
+        {f"--{name}": getattr(outputs, name) for name in ("jsonl", "csv", "map", "bag")}
+        | {"--record": record_options.record},
         {
             "source": Path(source),
             "--depth": source_options.depth,
@@ -78,21 +84,40 @@ def live(
     if outputs.map_origin is not None and outputs.map is None:
         raise InputError("--map-origin given without --map: expected both")
     rig, settings = rig_options.rig(metres.camera, None), rig_options.settings()
-    detector, _ = session.open_model(model, score_threshold)
+    detector, model_path = session.open_model(model, score_threshold)
     takes_depth = detector.manifest.takes_depth
     sink_options = outputs.options(to_stdout=not (outputs.jsonl or page_options.page))
-    pipeline = LivePipeline(
-        lambda: source_options.open(source, rig, takes_depth),
-        detector,
-        rig=rig,
-        settings=settings,
-    )
-    with _warnings_shown(), page_options.serving() as page:
-        _follow(pipeline, sink_options, page, frames)
+    with (
+        _warnings_shown(),
+        record_options.recording(
+            rig,
+            lambda: run_record(
+                model_path,
+                source=source,
+                score_threshold=score_threshold,
+                rig=rig,
+                settings=settings,
+            ),
+        ) as recorder,
+        page_options.serving(recorder) as page,
+    ):
+
+        def open_source() -> LiveSource:
+            opened = source_options.open(source, rig, takes_depth)
+            if recorder is not None:
+                recorder.wait_for_disk(waits=not opened.is_live)
+            return opened
+
+        pipeline = LivePipeline(open_source, detector, rig=rig, settings=settings)
+        _follow(pipeline, sink_options, page, recorder, frames)
 
 
 def _follow(
-    pipeline: LivePipeline, options: SinkOptions, page: PageServer | None, most: int | None
+    pipeline: LivePipeline,
+    options: SinkOptions,
+    page: PageServer | None,
+    recorder: FrameRecorder | None,
+    most: int | None,
 ) -> None:
     """Hand each result to all outputs, and say every few seconds how it goes.
 
@@ -106,20 +131,24 @@ def _follow(
     said_s = time.monotonic()
     with ExitStack() as stack:
         results = stack.enter_context(closing(iter(pipeline)))
+        number = 0
         for number, result in enumerate(results, 1):
             with interrupt_afterwards():
                 sinks = sinks or open_sinks(options, stack)
                 for sink in sinks:
                     sink.write(result)
+                if recorder is not None:
+                    recorder.write(result)
                 if page is not None:
                     page.publish(result)
             if time.monotonic() - said_s > _STATUS_EVERY_S:
-                note(pipeline.status.line())
+                recordings = "" if recorder is None else f", {recorder.status.line()}"
+                note(pipeline.status.line() + recordings)
                 said_s = time.monotonic()
             if number == most:
                 break
         else:
-            if not sinks:
+            if number == 0:
                 raise InputError(f"{pipeline.status.line()}: expected a frame that can be used")
     note(pipeline.status.line())
 

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from edgetree.frames.rig import Rig
     from edgetree.live.frames import LiveSource
     from edgetree.live.page import PageServer
+    from edgetree.live.recording import FrameRecorder
     from edgetree.live.sinks import MapOrigin
     from edgetree.live.sinks.opening import SinkOptions
 
@@ -198,14 +199,14 @@ class LivePageOptions:
     token: _Token = None
 
     @contextmanager
-    def serving(self) -> Iterator[PageServer | None]:
-        """Serve the page during a block; yields None if it is not wanted."""
+    def serving(self, recorder: FrameRecorder | None) -> Iterator[PageServer | None]:
+        """Serve the page during a block, with marks for a recorder; yields None if not wanted."""
         if not self.page:
             yield None
             return
         from edgetree.live.page import PageServer
 
-        with PageServer(self.host, self.port, self.token) as page:
+        with PageServer(self.host, self.port, self.token, recorder=recorder) as page:
             note(f"page: {page.address}")
             yield page
 

@@ -16,8 +16,9 @@ TRAINING_STACK = {"torch", "torchvision", "timm", "pycocotools", "safetensors", 
 HEAVY = TRAINING_STACK | {"matplotlib", "onnx", "onnxruntime", "onnxscript", "perceptree", "PIL"}
 HEAVY |= {"cryptography", "rosbags", "pyrealsense2", "depthai", "pyorbbecsdk", "paho"}
 READS_BAGS = {
-    "edgetree.live.sinks.bag",
+    "edgetree.live.sinks.bag_folder",
     "edgetree.live.sinks.ros_messages",
+    "edgetree.live.sinks.ros_types",
     "edgetree.live.sources.bags",
     "edgetree.live.sources.ros1_index",
 }

@@ -28,6 +28,8 @@ from edgetree.live.page.access import Access
 from edgetree.live.page.feed import Feed
 from edgetree.live.page.handler import PageHandler
 from edgetree.live.page.server import PageHttpServer
+from edgetree.live.recording import FrameRecorder
+from edgetree.live.sources.exact import EXACT_TOPIC, exact_record
 from edgetree.live.sources.recording import open_recording
 from edgetree.model_file.manifest import Manifest
 from edgetree.model_file.safety_check import read_model_file
@@ -90,6 +92,11 @@ _REQUEST = (
     b"GET /events?token=0123456789abcdef HTTP/1.1\r\nHost: 127.0.0.1:8420\r\n"
     b"Cookie: a=b; edgetree_8420=0123456789abcdef\r\nSec-Fetch-Site: same-origin\r\n\r\n"
 )
+_MARK = _REQUEST.replace(b"GET /events", b"POST /mark").replace(
+    b"Sec-Fetch-Site: same-origin",
+    b"Origin: http://127.0.0.1:8420\r\nContent-Length: 14",
+)
+_MARK += b"wrong diameter"
 _CSV = b"stem;diameter (cm);distance_m\n1;31,4;5\n2;20;\n"
 
 
@@ -224,6 +231,9 @@ def _recording(kind: str) -> bytes:
             bag.info(bag_files.INFO, frame.camera, stamp)
             bag.tf("odom", bag_files.FRAME, calib.RigidTransform.identity(), stamp)
             bag.imu("/imu", (0, -9.8, 0), stamp, bag_files.FRAME)
+            exact = json.dumps(exact_record(stamp, frame.camera, np.array([0.0, -1.0, 0.0])))
+            kind_of_text = "std_msgs/msg/String"
+            bag.write(EXACT_TOPIC, kind_of_text, bag.message(kind_of_text, data=exact), stamp)
             jpeg = cv2.imencode(".jpg", frame.image)[1].tobytes()
             bag.packed(f"{bag_files.COLOUR}/compressed", jpeg, "jpeg", stamp)
             bag.image(bag_files.DEPTH, frame.depth[:8], stamp, "16UC1", height=8)
@@ -234,10 +244,21 @@ def _read_recording(path: Path) -> list[object]:
     return list(open_recording(path))
 
 
+class _Recorder(FrameRecorder):
+    """A recorder that writes nothing."""
+
+    def __init__(self) -> None:
+        self.texts: list[str] = []
+
+    def mark(self, text: str = "") -> float:
+        self.texts.append(json.dumps(text))
+        return 5.0
+
+
 @cache
 def _page_server() -> PageHttpServer:
     """A server of the page that is about to close, so that streams end at once."""
-    feed = Feed(stale_s=1.0)
+    feed = Feed(stale_s=1.0, recorder=_Recorder())
     feed.close()
     return PageHttpServer(("127.0.0.1", 0), Access("127.0.0.1", "0123456789abcdef"), feed, 1)
 
@@ -279,7 +300,7 @@ def _formats() -> dict[str, Format]:
         "stems.csv": Format((_CSV,), read_csv),
         "checkpoint": Format((_checkpoint(),), load_checkpoint, refused="is missing"),
         "weights": Format(_weights(), read_weights),
-        "request": Format((_REQUEST, _REQUEST.replace(b"events", b"")), _answer),
+        "request": Format((_REQUEST, _REQUEST.replace(b"events", b""), _MARK), _answer),
         "state": Format((_state(),), lambda path: read_state(path, _IDENTITY)),
         "coco.json": Format((_coco(),), _read_coco),
         "recording.bag": Format((_recording("ros1"),), _read_recording),

@@ -59,6 +59,13 @@ class Access:
             HTTPStatus.MISDIRECTED_REQUEST, "open the page by this machine's address or name"
         )
 
+    def refusal_of_origin(self, origins: list[str], hosts: list[str]) -> Refusal | None:
+        """Check the Origin header, which browsers send with each POST, against the Host header."""
+        hosts = [host.strip().lower() for host in hosts]
+        if all(origin.strip().lower().partition("://")[2] in hosts for origin in origins):
+            return None
+        return Refusal(HTTPStatus.FORBIDDEN, "another site asks for this")
+
     def knows_token(self, query: str, cookies: str, cookie_name: str) -> bool:
         """Whether the query or the cookies have the token; always true if there is none."""
         if self.token is None:

@@ -42,7 +42,7 @@ def security_headers() -> dict[str, str]:
 
 
 def _script() -> str:
-    return "".join(_asset(name) for name in ("streams.js", "plan.js", "page.js"))
+    return "".join(_asset(name) for name in ("streams.js", "plan.js", "mark.js", "page.js"))
 
 
 def _asset(name: str) -> str:

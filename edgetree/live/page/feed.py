@@ -5,13 +5,17 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
+from dataclasses import asdict
 from functools import cached_property
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from edgetree.drawing.primitives import Picture
 from edgetree.live.page.pictures import draw_result, encode_jpeg
 from edgetree.live.page.records import page_record
 from edgetree.live.results import LiveResult
+
+if TYPE_CHECKING:
+    from edgetree.live.recording import FrameRecorder
 
 __all__ = ["Feed", "Shown"]
 
@@ -66,10 +70,11 @@ class Feed:
 
     Args:
         stale_s: age from which a result is too old to be shown, s.
+        recorder: records what clients mark; None if recording is off.
     """
 
-    def __init__(self, stale_s: float) -> None:
-        self.stale_s = stale_s
+    def __init__(self, stale_s: float, recorder: FrameRecorder | None = None) -> None:
+        self.stale_s, self.recorder = stale_s, recorder
         self._newest: Shown | None = None
         self._closed = False
         self._times_s: deque[float] = deque(maxlen=240)
@@ -117,6 +122,7 @@ class Feed:
             "clock_s": round(now_s, 4),
             "taken_s": taken_s,
             "stale_s": self.stale_s,
+            "recordings": None if self.recorder is None else asdict(self.recorder.status),
         }
 
     def close(self) -> None:

@@ -16,14 +16,13 @@ from edgetree.live.page.access import Refusal
 from edgetree.live.page.document import page_html, security_headers
 from edgetree.live.page.feed import Shown
 from edgetree.live.page.pictures import blank_jpeg
+from edgetree.live.page.reading import body_length, read_body, read_head
 
 if TYPE_CHECKING:
     from edgetree.live.page.server import PageHttpServer
 
 __all__ = ["PageHandler"]
 
-_MAX_HEAD_BYTES: Final = 16_384
-_HEAD_S: Final = 5.0
 _SEND_S: Final = 5.0  # a client that takes longer for one picture is disconnected
 _SEND_BUFFER_BYTES: Final = 262_144  # about two pictures: more would only be older when shown
 _EVENT_INTERVAL_S: Final = 0.1
@@ -45,7 +44,7 @@ class PageHandler(BaseHTTPRequestHandler):
         self.requestline, self.request_version, self.command = "", self.protocol_version, ""
         self.close_connection = False
         while not self.close_connection:
-            head = _read_head(self.connection)
+            head = read_head(self.connection)
             self.connection.settimeout(_SEND_S)
             if head == b"":
                 return
@@ -72,6 +71,35 @@ class PageHandler(BaseHTTPRequestHandler):
             self.send_error(HTTPStatus.NOT_FOUND)
         else:
             answers[path]()
+
+    def do_POST(self) -> None:  # the name is that of the library
+        """Mark the seconds around now, with the body as the mark's text."""
+        self.close_connection = True
+        path, _, query = self.path.partition("?")
+        refusal = self._refusal(path, query) or self._refusal_of_post(path)
+        if refusal is not None:
+            self.send_error(refusal.status, refusal.text)
+            return
+        length = body_length(self.headers)
+        recorder = self.server.feed.recorder
+        if isinstance(length, Refusal):
+            self.send_error(length.status, length.text)
+        elif recorder is None:
+            self.send_error(HTTPStatus.CONFLICT, "recording is off: start edgetree with --record")
+        elif (body := read_body(self.rfile, self.connection, length)) is not None:
+            self.connection.settimeout(_SEND_S)
+            kept_s = recorder.mark(" ".join(body.decode("utf-8", "replace").split()))
+            content = json.dumps({"kept_s": round(kept_s, 1)}).encode()
+            self._start("application/json", {"Content-Length": str(len(content))})
+            self.wfile.write(content)
+
+    def _refusal_of_post(self, path: str) -> Refusal | None:
+        if path != "/mark":
+            return Refusal(HTTPStatus.METHOD_NOT_ALLOWED, "expected GET, or POST to /mark")
+        headers = self.headers
+        return self.server.access.refusal_of_origin(
+            headers.get_all("Origin", []), headers.get_all("Host", [])
+        )
 
     def _refusal(self, path: str, query: str) -> Refusal | None:
         access = self.server.access
@@ -197,17 +225,3 @@ class PageHandler(BaseHTTPRequestHandler):
 def _about(shown: Shown) -> dict[str, str]:
     """Which result a picture shows, and when its frame arrived."""
     return {"X-Serial": str(shown.serial), "X-Taken-S": f"{shown.taken_s:.4f}"}
-
-
-def _read_head(connection: socket.socket) -> bytes | None:
-    """The head of a request; empty if the client leaves, None if it is too large."""
-    head, end_s = b"", time.monotonic() + _HEAD_S
-    while b"\r\n\r\n" not in head and b"\n\n" not in head:
-        connection.settimeout(max(end_s - time.monotonic(), 0.001))
-        part = connection.recv(65_536)
-        if not part:
-            return b""
-        head += part
-        if len(head) > _MAX_HEAD_BYTES:
-            return None
-    return head

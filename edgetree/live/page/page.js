@@ -1,6 +1,7 @@
 // The page: shows what is current, and blanks what is not.
 const at = (id) => document.getElementById(id);
 const clock = new Clock();
+const marks = new Marks(at("mark"), at("said"));
 let record = null, status = null, heard_s = -Infinity, told = "", listed_s = 0;
 let picture_taken_s = null;
 
@@ -52,7 +53,8 @@ function stagesText() {
   const age = Math.max(clock.age(record.taken_s), 0).toFixed(2);
   const rate = record.rate_hz === null ? "" : `${record.rate_hz.toFixed(1)} frames/s`;
   const times = stages === "" ? "" : `${stages} ms`;
-  return [rate, `stems ${age} s old`, times, `${record.dropped} frames left out`].filter(Boolean).join("  ·  ");
+  const recordings = recordingsText(status.recordings);
+  return [rate, recordings, `stems ${age} s old`, times, `${record.dropped} frames left out`].filter(Boolean).join("  ·  ");
 }
 
 // Stems
@@ -131,6 +133,7 @@ function hear(event) {
   status = JSON.parse(event.data);
   clock.hear(status.clock_s);
   heard_s = seconds();
+  marks.hear(status.recordings);
   if (event.type === "stems") {
     record = status;
     if (heard_s - listed_s > 0.19) { // numbers that change faster cannot be read

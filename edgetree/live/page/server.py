@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from http.server import ThreadingHTTPServer
 from types import TracebackType
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from edgetree.drawing.primitives import Picture
 from edgetree.errors import InputError
@@ -21,6 +21,9 @@ from edgetree.live.page.access import Access
 from edgetree.live.page.feed import Feed
 from edgetree.live.page.handler import PageHandler
 from edgetree.live.results import LiveResult
+
+if TYPE_CHECKING:
+    from edgetree.live.recording import FrameRecorder
 
 __all__ = ["PageHttpServer", "PageServer"]
 
@@ -48,6 +51,7 @@ class PageServer:
             made, or none on loopback.
         stale_s: age from which results are blanked, s.
         max_clients: largest number of open pages.
+        recorder: records what clients mark; if None, they cannot.
 
     Attributes:
         address: what to open in a browser, with the token. Known after `start`.
@@ -63,6 +67,7 @@ class PageServer:
         token: str | None = None,
         stale_s: float = 1.0,
         max_clients: int = 8,
+        recorder: FrameRecorder | None = None,
     ) -> None:
         if not 0 <= port <= 65535:
             raise InputError(f"the page's port is {port}: expected 1 to 65535, or 0 for a free one")
@@ -73,7 +78,7 @@ class PageServer:
         self.address = ""
         self._where = (host, port)
         self._access = Access(host, token)
-        self._feed = Feed(stale_s)
+        self._feed = Feed(stale_s, recorder)
         self._max_clients = max_clients
         self._http: PageHttpServer | None = None
         self._thread: threading.Thread | None = None

@@ -10,11 +10,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib import PinholeCamera
 from edgetree.drawing.trees import tree_colour
 from edgetree.live.level import level_axes
 from edgetree.live.results import LiveResult
 from edgetree.live.sinks.records import live_record
+from edgetree.live.sinks.ros_types import RosTypes
 from edgetree.live.tracking.tracks import TreeTrack
 from edgetree.measure import Estimate
 
@@ -41,7 +41,6 @@ _VISION: Final = {
     "vision_msgs/BoundingBox3D bbox\nstring id",
     "Detection3DArray": "std_msgs/Header header\nvision_msgs/Detection3D[] detections",
 }
-_DISTORTION: Final = {"fisheye": "equidistant", "radtan": "plumb_bob"}
 _QUALITY: Final = 85
 _HEIGHT_M: Final = 1.3  # of the cylinder that stands for a stem
 _DEFAULT_DIAMETER_M: Final = 0.1
@@ -56,7 +55,7 @@ class _Place(NamedTuple):
     orientation: Any
 
 
-class RosMessages:
+class RosMessages(RosTypes):
     """Makes the messages.
 
     Positions are in the camera's frame, `edgetree_camera` (x right, y down, z forward). `/tf` says
@@ -64,74 +63,37 @@ class RosMessages:
     """
 
     def __init__(self) -> None:
-        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+        from rosbags.typesys import get_types_from_msg
 
-        self.types = get_typestore(Stores.ROS2_HUMBLE)
+        super().__init__()
         for name, text in _VISION.items():
-            self.types.register(get_types_from_msg(text, f"vision_msgs/msg/{name}"))
+            self.store.register(get_types_from_msg(text, f"vision_msgs/msg/{name}"))
 
     def all(self, result: LiveResult) -> Iterator[tuple[str, Any]]:
         """Topic and message of all that is known of a result."""
         axes = level_axes(result.frame.up_camera)
-        header = self._header(result, CAMERA_FRAME)
-        place = _Place(header, axes[2], self._quaternion(axes.T))
+        header = self.header(result.frame.time_s, CAMERA_FRAME)
+        place = _Place(header, axes[2], self.quaternion(axes.T))
         image, camera = result.frame.image, result.frame.camera
         if image is not None:
             jpeg = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1]
             yield (
                 "/edgetree/image/compressed",
-                self._new("sensor_msgs", "CompressedImage", header, "jpeg", jpeg.reshape(-1)),
+                self.new("sensor_msgs", "CompressedImage", header, "jpeg", jpeg.reshape(-1)),
             )
         if camera is not None:
-            yield "/edgetree/camera_info", self._camera_info(header, camera)
+            yield "/edgetree/camera_info", self.camera_info(header, camera)
         if result.frame.pose is not None:
             yield "/tf", self._transform(result)
         yield "/edgetree/detections", self._detections(result, place)
         yield "/edgetree/markers", self._markers(result, place)
-        yield "/edgetree/json", self._new("std_msgs", "String", json.dumps(live_record(result)))
-
-    def _new(self, package: str, name: str, *values: Any) -> Any:
-        return self.types.types[f"{package}/msg/{name}"](*values)
-
-    def _header(self, result: LiveResult, frame: str) -> Any:
-        total_ns = max(round(result.frame.time_s * 1e9), 0)
-        stamp = self._new("builtin_interfaces", "Time", *divmod(total_ns, 1_000_000_000))
-        return self._new("std_msgs", "Header", stamp, frame)
-
-    def _vector(self, values: NDArray[np.floating[Any]], kind: str = "Point") -> Any:
-        return self._new("geometry_msgs", kind, *(float(value) for value in values))
-
-    def _quaternion(self, rotation: NDArray[np.floating[Any]]) -> Any:
-        turn = cv2.Rodrigues(np.asarray(rotation, np.float64))[0].reshape(3)
-        angle = float(np.linalg.norm(turn))
-        xyz = turn / angle * np.sin(angle / 2) if angle > 0 else np.zeros(3)
-        return self._new("geometry_msgs", "Quaternion", *map(float, xyz), float(np.cos(angle / 2)))
-
-    def _camera_info(self, header: Any, camera: PinholeCamera) -> Any:
-        terms = [float(term) for term in camera.distortion]
-        model = _DISTORTION[camera.distortion_model]
-        if model == "plumb_bob":
-            model = "rational_polynomial" if len(terms) == 8 else model
-            terms += [0.0] * (5 - len(terms))
-        k = np.array([camera.fx, 0, camera.cx, 0, camera.fy, camera.cy, 0, 0, 1], np.float64)
-        p = np.insert(k.reshape(3, 3), 3, 0.0, axis=1).reshape(-1)
-        region = self._new("sensor_msgs", "RegionOfInterest", 0, 0, 0, 0, False)
-        size, one = (camera.height, camera.width), np.eye(3).reshape(-1)
-        values = (*size, model, np.array(terms), k, one, p, 0, 0, region)
-        return self._new("sensor_msgs", "CameraInfo", header, *values)
+        yield "/edgetree/json", self.new("std_msgs", "String", json.dumps(live_record(result)))
 
     def _transform(self, result: LiveResult) -> Any:
         pose = result.frame.pose
         assert pose is not None
-        transform = self._new(
-            "geometry_msgs",
-            "Transform",
-            self._vector(pose.translation_m, "Vector3"),
-            self._quaternion(pose.rotation),
-        )
-        header = self._header(result, MAP_FRAME)
-        stamped = self._new("geometry_msgs", "TransformStamped", header, CAMERA_FRAME, transform)
-        return self._new("tf2_msgs", "TFMessage", [stamped])
+        header = self.header(result.frame.time_s, MAP_FRAME)
+        return self.new("tf2_msgs", "TFMessage", [self.transform(header, CAMERA_FRAME, pose)])
 
     def _detections(self, result: LiveResult, place: _Place) -> Any:
         """The stems in view."""
@@ -140,33 +102,31 @@ class RosMessages:
             for track in result.tracks
             if track.tree is not None
         ]
-        return self._new("vision_msgs", "Detection3DArray", place.header, found)
+        return self.new("vision_msgs", "Detection3DArray", place.header, found)
 
     def _detection(self, result: LiveResult, track: TreeTrack, score: float, place: _Place) -> Any:
-        pose = self._new(
-            "geometry_msgs", "Pose", self._vector(track.position_camera_m), place.orientation
+        pose = self.new(
+            "geometry_msgs", "Pose", self.vector(track.position_camera_m), place.orientation
         )
         covariance = np.zeros((6, 6))
         covariance[:3, :3] = _covariance(result, track)
-        with_covariance = self._new(
+        with_covariance = self.new(
             "geometry_msgs", "PoseWithCovariance", pose, covariance.reshape(-1)
         )
-        hypothesis = self._new("vision_msgs", "ObjectHypothesis", "tree", score)
-        box = self._new(
+        hypothesis = self.new("vision_msgs", "ObjectHypothesis", "tree", score)
+        box = self.new(
             "vision_msgs",
             "BoundingBox3D",
             self._centre(track, place),
-            self._vector(_size(track), "Vector3"),
+            self.vector(_size(track), "Vector3"),
         )
-        results = [
-            self._new("vision_msgs", "ObjectHypothesisWithPose", hypothesis, with_covariance)
-        ]
+        results = [self.new("vision_msgs", "ObjectHypothesisWithPose", hypothesis, with_covariance)]
         number = str(track.number)
-        return self._new("vision_msgs", "Detection3D", place.header, results, box, number)
+        return self.new("vision_msgs", "Detection3D", place.header, results, box, number)
 
     def _centre(self, track: TreeTrack, place: _Place) -> Any:
         centre = track.position_camera_m + _HEIGHT_M / 2 * place.up
-        return self._new("geometry_msgs", "Pose", self._vector(centre), place.orientation)
+        return self.new("geometry_msgs", "Pose", self.vector(centre), place.orientation)
 
     def _markers(self, result: LiveResult, place: _Place) -> Any:
         """A cylinder and a text for each stem, in view or not; older ones are removed."""
@@ -174,32 +134,32 @@ class RosMessages:
         for track in result.tracks:
             blue, green, red = (value / 255 for value in tree_colour(track.number))
             alpha = 0.9 if track.tree is not None else 0.35
-            colour = self._new("std_msgs", "ColorRGBA", red, green, blue, alpha)
+            colour = self.new("std_msgs", "ColorRGBA", red, green, blue, alpha)
             cylinder = self._marker(place, 2 * track.number, _ADD, _CYLINDER, colour)
             cylinder.pose = self._centre(track, place)
-            cylinder.scale = self._vector(_size(track), "Vector3")
-            white = self._new("std_msgs", "ColorRGBA", 1.0, 1.0, 1.0, 1.0)
+            cylinder.scale = self.vector(_size(track), "Vector3")
+            white = self.new("std_msgs", "ColorRGBA", 1.0, 1.0, 1.0, 1.0)
             text = self._marker(place, 2 * track.number + 1, _ADD, _TEXT, white)
             top = track.position_camera_m + (_HEIGHT_M + 0.15) * place.up
-            text.pose = self._new("geometry_msgs", "Pose", self._vector(top), place.orientation)
+            text.pose = self.new("geometry_msgs", "Pose", self.vector(top), place.orientation)
             text.scale.z, text.text = 0.2, _words(track)
             markers += [cylinder, text]
-        return self._new("visualization_msgs", "MarkerArray", markers)
+        return self.new("visualization_msgs", "MarkerArray", markers)
 
     def _marker(
         self, place: _Place, number: int, action: int, kind: int = 0, colour: Any = None
     ) -> Any:
-        zero = self._new("builtin_interfaces", "Duration", 0, 0)
-        no_time = self._new("builtin_interfaces", "Time", 0, 0)
-        empty = self._new("std_msgs", "Header", no_time, "")
+        zero = self.new("builtin_interfaces", "Duration", 0, 0)
+        no_time = self.new("builtin_interfaces", "Time", 0, 0)
+        empty = self.new("std_msgs", "Header", no_time, "")
         nothing = np.zeros(0, np.uint8)
-        pose = self._new("geometry_msgs", "Pose", self._vector(np.zeros(3)), place.orientation)
-        scale = self._vector(np.zeros(3), "Vector3")
-        colour = colour or self._new("std_msgs", "ColorRGBA", 0.0, 0.0, 0.0, 0.0)
-        texture = self._new("sensor_msgs", "CompressedImage", empty, "", nothing)
-        mesh = self._new("visualization_msgs", "MeshFile", "", nothing)
+        pose = self.new("geometry_msgs", "Pose", self.vector(np.zeros(3)), place.orientation)
+        scale = self.vector(np.zeros(3), "Vector3")
+        colour = colour or self.new("std_msgs", "ColorRGBA", 0.0, 0.0, 0.0, 0.0)
+        texture = self.new("sensor_msgs", "CompressedImage", empty, "", nothing)
+        mesh = self.new("visualization_msgs", "MeshFile", "", nothing)
         head = (place.header, "stems", number, kind, action, pose, scale, colour, zero, False)
-        return self._new(
+        return self.new(
             "visualization_msgs", "Marker", *head, [], [], "", texture, [], "", "", mesh, False
         )
 

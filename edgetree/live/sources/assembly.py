@@ -14,6 +14,7 @@ from edgetree.errors import InputError
 from edgetree.live.frames import LiveFrame
 from edgetree.live.sources.arrays import DepthReading, metres_from_array
 from edgetree.live.sources.camera_info import CameraInfos
+from edgetree.live.sources.exact import ExactValues
 from edgetree.live.sources.gravity import GravityFilter
 from edgetree.live.sources.messages import decode_picture, stamp_ns
 from edgetree.live.sources.pairing import Pair, Picture
@@ -46,6 +47,7 @@ class Assembly:
         self._said: set[str] = set()
         self._tree = TransformTree()
         self._gravity = GravityFilter()
+        self._exact = ExactValues()
         self._imu_frame = ""
         self._fixed: str | None = None  # the frame of the poses, once it is known
         self._cameras = {
@@ -68,6 +70,8 @@ class Assembly:
             self._tree.add(message, is_static=topic.endswith("static"))
             if self._tree.unusable:
                 self._counts["transforms that are no rotation"] = self._tree.unusable
+        elif topic == self._streams.exact:
+            self._add_exact(str(message.data))
         elif topic == self._streams.imu:
             turn, push = message.angular_velocity, message.linear_acceleration
             self._imu_frame = frame_name(message.header.frame_id)
@@ -76,6 +80,13 @@ class Assembly:
                 np.array([push.x, push.y, push.z], np.float64),
                 np.array([turn.x, turn.y, turn.z], np.float64),
             )
+
+    def _add_exact(self, text: str) -> None:
+        try:
+            self._exact.add(text)
+        except InputError as error:
+            self._counts["unreadable messages"] += 1
+            self._say(str(error))
 
     def is_ready(self, pair: Pair, log_ns: int) -> bool:
         """Whether IMU and transforms up to the picture are there, or were waited for."""
@@ -109,7 +120,7 @@ class Assembly:
             if pair.colour is not None and pair.depth is not None:
                 camera = camera or self._shared_camera(pair, width, height)
                 reading = self._aligned(reading, pair.colour, pair.depth, (width, height), camera)
-        return LiveFrame(
+        frame = LiveFrame(
             number,
             time_s,
             image,
@@ -119,6 +130,7 @@ class Assembly:
             self._pose(picture),
             None if reading is None else reading.fault,
         )
+        return self._exact.applied(frame, picture.stamp)
 
     def _decoded(
         self, picture: Picture | None, role: Literal["colour", "depth"]

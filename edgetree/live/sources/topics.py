@@ -10,6 +10,7 @@ from typing import Any, Final, Literal
 
 from edgetree.errors import InputError
 from edgetree.live.sources.bags import TF_TYPE, Bag
+from edgetree.live.sources.exact import EXACT_TOPIC, EXACT_TYPE
 from edgetree.live.sources.messages import IMAGE_TYPES, PictureKind, kind_of_picture
 from edgetree.live.sources.transforms import frame_name
 
@@ -38,6 +39,7 @@ class Streams:
         depth_camera: CameraInfo of the depth images.
         imu: IMU with an accelerometer.
         transforms: topics of transforms.
+        exact: cameras and verticals to the last digit, of edgetree's own recordings.
     """
 
     colour: str | None
@@ -46,11 +48,12 @@ class Streams:
     depth_camera: str | None
     imu: str | None
     transforms: tuple[str, ...]
+    exact: str | None = None
 
     @property
     def names(self) -> list[str]:
         """All names, each once."""
-        named = (self.colour, self.depth, self.camera, self.depth_camera, self.imu)
+        named = (self.colour, self.depth, self.camera, self.depth_camera, self.imu, self.exact)
         return list(
             dict.fromkeys([name for name in named if name is not None])
             | dict.fromkeys(self.transforms)
@@ -105,7 +108,13 @@ def choose_streams(bag: Bag, topics: Mapping[str, str], modality: Modality) -> S
         given.get("depth_camera") or _camera_for(bag, by_name.get(depth or "")),
         given.get("imu") or _imu(bag),
         tuple(name for name, topic in bag.topics.items() if topic.message_type in _TF_TYPES),
+        EXACT_TOPIC if _has_exact(bag) else None,
     )
+
+
+def _has_exact(bag: Bag) -> bool:
+    topic = bag.topics.get(EXACT_TOPIC)
+    return topic is not None and topic.message_type == EXACT_TYPE
 
 
 def _given(bag: Bag, role: str, name: str) -> str:

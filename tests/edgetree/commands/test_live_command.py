@@ -72,6 +72,17 @@ def test_a_wrong_source_replaces_no_file(run_cli: Cli, model: Path, tmp_path: Pa
     assert stems.read_text() == "of yesterday"
 
 
+def test_a_wrong_source_gives_one_line_with_a_recorder_too(
+    run_cli: Cli, model: Path, tmp_path: Path
+) -> None:
+    pytest.importorskip("rosbags")
+    folder = tmp_path / "recordings"
+    done = run_cli("live", tmp_path / "no.mcap", "--model", model, "--record", folder)
+    assert done.code == 2
+    assert done.err.count("\n") == 1
+    assert not folder.exists()
+
+
 MISTAKES = {
     "topic": (("--topic", "color=/camera"), r"--topic is 'color=/camera': expected ROLE=NAME"),
     "topic for images": (("--topic", "colour=/camera"), "expected it for recordings alone"),
@@ -87,6 +98,8 @@ MISTAKES = {
     "map": (("--map", "a.shp"), "--map is a.shp: expected a name in .geojson or .gpkg"),
     "udp": (("--udp", "controller"), "controller"),
     "outputs": (("--csv", "a", "--jsonl", "a"), "expected another path"),
+    "record": (("--record", "images/a.jpg"), "a.jpg, which is a file of source"),
+    "record all": (("--record-all",), "--record-all given without --record: expected both"),
     "port": (("--page", "--port", "70000"), "the page's port is 70000"),
 }
 
@@ -129,3 +142,46 @@ def test_sigterm_ends_it_with_everything_written(
     assert frames == list(range(len(frames)))
     assert len(frames) > 2
     assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
+
+
+def test_all_input_is_recorded_and_gives_the_same_trees(
+    run_cli: Cli, source: tuple[object, ...], model: Path, tmp_path: Path
+) -> None:
+    pytest.importorskip("rosbags")
+    folder = tmp_path / "recordings"
+    done = run_cli("live", *source, "--record", folder, "--record-all")
+    assert done.code == 0, done.err
+    assert f"1 recording(s) in {folder}" in done.err
+    (recording,) = folder.iterdir()
+    again = run_cli("live", recording, "--model", model)
+    assert again.code == 0, again.err
+    assert [trees(line) for line in again.out.splitlines()] == [
+        trees(line) for line in done.out.splitlines()
+    ]
+
+
+def trees(line: str) -> list[object]:
+    return [(tree["score"], tree["box_px"], tree["metres"]) for tree in json.loads(line)["trees"]]
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGUSR1"), reason="the system has no SIGUSR1")
+def test_sigusr1_marks_and_sigterm_completes_the_recording(
+    run_cli: Cli, source: tuple[object, ...], model: Path, tmp_path: Path
+) -> None:
+    pytest.importorskip("rosbags")
+    folder, lines = tmp_path / "recordings", tmp_path / "lines.jsonl"
+    options = ["--loop", "--record", str(folder), "--jsonl", str(lines)]
+    command = [sys.executable, "-c", MAIN, "live", *map(str, source), *options]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    assert process.stderr is not None
+    assert any(", 0 recording(s)" in line for line in process.stderr)
+    process.send_signal(signal.SIGUSR1)
+    assert any(", 1 recording(s)" in line for line in process.stderr)
+    process.send_signal(signal.SIGUSR1)
+    process.send_signal(signal.SIGTERM)
+    told = process.communicate(timeout=60)[1]
+    assert process.returncode == 143
+    assert f"2 recording(s) in {folder}" in told
+    assert len(list(folder.iterdir())) == 2
+    for recording in folder.iterdir():
+        assert run_cli("live", recording, "--model", model, "--frames", 2).code == 0

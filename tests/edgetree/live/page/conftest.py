@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from edgetree.live.page import PageServer
+from edgetree.live.recording import RecorderStatus
 
 
 class Client:
@@ -22,6 +23,12 @@ class Client:
     def send(self, path: str, *headers: str, host: str = "127.0.0.1") -> Client:
         lines = [f"GET {path} HTTP/1.1", f"Host: {host}", *headers]
         self.socket.sendall("".join(f"{line}\r\n" for line in [*lines, ""]).encode())
+        return self
+
+    def post(self, path: str, *headers: str, body: str = "", host: str = "127.0.0.1") -> Client:
+        lines = [f"POST {path} HTTP/1.1", f"Host: {host}", *headers]
+        head = "".join(f"{line}\r\n" for line in [*lines, f"Content-Length: {len(body)}", ""])
+        self.socket.sendall((head + body).encode())
         return self
 
     def until(self, mark: bytes) -> bytes:
@@ -63,6 +70,23 @@ class Client:
             self.held += part
         found, self.held = self.held[:length], self.held[length:]
         return found
+
+
+class Recorder:
+    """Takes marks as a `FrameRecorder` does."""
+
+    def __init__(self) -> None:
+        self.texts: list[str] = []
+        self.status = RecorderStatus(written=2)
+
+    def mark(self, text: str = "") -> float:
+        self.texts.append(text)
+        return 4.96
+
+
+@pytest.fixture
+def recorder() -> Recorder:
+    return Recorder()
 
 
 @pytest.fixture

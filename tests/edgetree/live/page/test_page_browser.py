@@ -119,3 +119,27 @@ def test_the_token_opens_the_page_and_leaves_the_address_line(browser, serve, li
     assert "token" not in page.url
     page.reload()
     assert "Display only" in page.inner_text("header")
+
+
+def test_the_button_marks_and_says_how_much_is_kept(browser, serve, live_result, recorder) -> None:
+    server = serve(recorder=recorder, token="correct-horse-battery")
+    server.publish(live_result())
+    page = browser.new_page()
+    page.goto(server.address)
+    until(page, "!document.getElementById('mark').hidden")
+    page.click("#mark")
+    until(page, "!document.getElementById('said').hidden")
+    assert page.inner_text("#said") == "Marked: 5 s kept"
+    assert recorder.texts == ["page"]
+    server.close()
+    page.click("#mark")
+    until(page, "document.getElementById('said').textContent.startsWith('Not marked')")
+
+
+def test_without_a_recorder_there_is_no_button(browser, serve, live_result) -> None:
+    server = serve()
+    server.publish(live_result())
+    page = browser.new_page()
+    page.goto(server.address)
+    until(page, "document.getElementById('state').textContent !== 'NO CONNECTION'")
+    assert not page.is_visible("#mark")

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from edgetree.errors import InputError
-from edgetree.live.page import PAGE_SCHEMA, PageServer, feed, handler
+from edgetree.live.page import PAGE_SCHEMA, PageServer, feed, handler, reading
 
 Serve = Callable[..., PageServer]
 
@@ -41,7 +41,7 @@ def test_the_page_is_one_file_that_loads_nothing_from_elsewhere(serve, connect) 
     [
         ("GET /other HTTP/1.1\r\nHost: localhost\r\n\r\n", 404),
         ("GET /../events HTTP/1.1\r\nHost: localhost\r\n\r\n", 404),
-        ("POST / HTTP/1.1\r\nHost: localhost\r\nContent-Length: 3\r\n\r\nabc", 501),
+        ("POST / HTTP/1.1\r\nHost: localhost\r\nContent-Length: 3\r\n\r\nabc", 405),
         ("GET / HTTP/1.1\r\n\r\n", 400),
         ("GET /\r\nHost: localhost\r\n\r\n", 505),
         ("nonsense\r\n\r\n", 400),
@@ -225,7 +225,7 @@ def test_far_too_many_connections_are_refused_at_once(serve, connect) -> None:
 def test_a_head_that_comes_too_slowly_ends_the_connection(
     serve, connect, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(handler, "_HEAD_S", 0.5)
+    monkeypatch.setattr(reading, "_LONGEST_S", 0.5)
     client = connect(serve())
     start = time.monotonic()
     try:
