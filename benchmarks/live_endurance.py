@@ -30,6 +30,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from soak import handles, rss_mib
 
 from calib import PinholeCamera, RigidTransform, read_depth
@@ -132,7 +133,8 @@ class Identities:
         self._last: dict[int, int] = {}
         self._seen: list[Counter[int]] = [Counter() for _ in range(parts)]
         self._switches = Counter[int]()
-        self._errors: list[dict[int, list[float]]] = [defaultdict(list) for _ in range(parts)]
+        self._error_sums: list[dict[int, float]] = [defaultdict(float) for _ in range(parts)]
+        self._error_counts: list[Counter[int]] = [Counter() for _ in range(parts)]
         self._numbers: dict[int, set[int]] = defaultdict(set)
 
     def add(self, result: LiveResult) -> None:
@@ -157,7 +159,8 @@ class Identities:
         self._numbers[stem].add(track.number)
         self._seen[part][stem] += 1
         if isinstance(track.diameter_m, Estimate):
-            self._errors[part][stem].append(track.diameter_m.value - label["diameter_m"])
+            self._error_sums[part][stem] += track.diameter_m.value - label["diameter_m"]
+            self._error_counts[part][stem] += 1
 
     def summary(self) -> dict[str, Any]:
         """Numbers and errors, by part of the run."""
@@ -167,11 +170,14 @@ class Identities:
             "sightings": [sum(self._seen[part].values()) for part in kept],
             "switches": [self._switches[part] for part in kept],
             "numbers_per_stem": round(float(np.mean([len(n) for n in self._numbers.values()])), 3),
-            "median_abs_error_m": [
-                round(float(np.median([abs(np.mean(e)) for e in self._errors[part].values()])), 4)
-                for part in kept
-            ],
+            "median_abs_error_m": [self._median_abs_error_m(part) for part in kept],
         }
+
+    def _median_abs_error_m(self, part: int) -> float:
+        """Median over the stems of the size of their mean error."""
+        counts = self._error_counts[part]
+        means = [abs(total / counts[stem]) for stem, total in self._error_sums[part].items()]
+        return round(float(np.median(means)), 4)
 
 
 def records_of(folder: Path, count: int) -> list[dict[str, Any]]:
@@ -197,9 +203,11 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     pipeline = LivePipeline(open_camera, detector)
     part_s = duration_s / arguments.parts
     identities = Identities(labels, part_s, arguments.parts)
-    ages: list[tuple[float, float]] = []
-    machine: list[tuple[float, float, int, int]] = []
-    numbers: list[int] = []
+    # Written in full before the run, so that it takes no more memory as it goes on.
+    most = round(duration_s * rate_hz * 1.1) + 100
+    rows = np.full((most, 3), np.nan)  # time in s, latency in ms, number of the frame
+    machine = np.full((round(duration_s) + 100, 4), np.nan)  # time in s, MiB, open files, threads
+    count = seconds = 0
     kills_s = [duration_s * (k + 1) / (arguments.kills + 1) for k in range(arguments.kills)]
     killed: list[tuple[float, int]] = []
     signal.signal(signal.SIGINT, lambda *_: pipeline.stop())
@@ -209,20 +217,22 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
             before_s = time.monotonic()
             sink.write(result)
             now_s = time.monotonic()
-            ages.append((now_s - start_s, (result.age_s + now_s - before_s) * 1000))
-            numbers.append(result.frame.number)
+            age_ms = (result.age_s + now_s - before_s) * 1000
+            rows[count] = now_s - start_s, age_ms, result.frame.number
+            count += 1
             identities.add(result)
-            if not machine or now_s - start_s - machine[-1][0] >= 1.0:
-                machine.append((now_s - start_s, rss_mib(), *handles()))
+            if not seconds or now_s - start_s - machine[seconds - 1, 0] >= 1.0:
+                machine[seconds] = now_s - start_s, rss_mib(), *handles()
+                seconds += 1
                 show(now_s - start_s, duration_s, pipeline)
             if len(killed) < len(kills_s) and now_s - start_s >= kills_s[len(killed)]:
                 killed.append((now_s - start_s, result.frame.number))
                 cameras[-1].kill()
-            if now_s - start_s >= duration_s:
+            if now_s - start_s >= duration_s or count == most:
                 break
     status = pipeline.status
-    gaps = missing(numbers, [number for _, number in killed])
-    times_s, mib, files, threads = (np.array(column) for column in zip(*machine, strict=True))
+    gaps = missing(rows[:count, 2].astype(int), [number for _, number in killed])
+    times_s, mib, files, threads = machine[:seconds].T
     part = np.minimum(times_s // part_s, arguments.parts - 1).astype(int)
     memory = [float(mib[part == p].mean()) for p in np.unique(part)]
     growth = memory[-1] - memory[len(memory) // 10]
@@ -245,7 +255,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         "camera_lost": status.lost,
         "missing_after_kill": gaps["after_kill"],
         "missing_else": gaps["else"],
-        "latency_ms": latency(ages, part_s, arguments.parts),
+        "latency_ms": latency(rows[:count], part_s, arguments.parts),
         "memory_mib": [round(value, 2) for value in memory],
         "growth_mib": round(growth, 2),
         "limit_mib": MEMORY_LIMIT_MIB,
@@ -256,9 +266,8 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def missing(numbers: list[int], killed_at: list[int]) -> dict[str, Any]:
+def missing(seen: NDArray[np.int_], killed_at: list[int]) -> dict[str, Any]:
     """Frames that have no result: between a kill and the first frame after it, and otherwise."""
-    seen = np.array(numbers)
     steps = np.diff(seen) - 1
     after = []
     for number in killed_at:
@@ -268,9 +277,9 @@ def missing(numbers: list[int], killed_at: list[int]) -> dict[str, Any]:
     return {"after_kill": after, "else": int(steps.sum()) - sum(after)}
 
 
-def latency(ages: list[tuple[float, float]], part_s: float, parts: int) -> dict[str, list[float]]:
+def latency(rows: NDArray[np.float64], part_s: float, parts: int) -> dict[str, list[float]]:
     """Percentiles of the latency in each part of the run, ms."""
-    times_s, age_ms = (np.array(column) for column in zip(*ages, strict=True))
+    times_s, age_ms, _ = rows.T
     part = np.minimum(times_s // part_s, parts - 1).astype(int)
     return {
         f"p{percent}": [
