@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,19 @@ from numpy.typing import NDArray
 from calib import PinholeCamera, RigidTransform
 from edgetree.errors import InputError
 
-__all__ = ["LiveFrame", "LiveSource", "SourceLost"]
+__all__ = ["REMARKS", "LiveFrame", "LiveSource", "SourceLost"]
+
+REMARKS: Final = frozenset(
+    {
+        "without pose",
+        "without gravity",
+        "depth not aligned",
+        "transforms that are no rotation",
+        "end missing",
+        "ended early",
+    }
+)
+"""Names in `LiveSource.counts` that are remarks, on frames that were used or on the source."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +68,7 @@ class LiveSource(Protocol):
 
     @property
     def counts(self) -> dict[str, int]:
-        """What was left out so far, such as {"colour without depth": 3}."""
+        """What was left out so far, such as {"colour without depth": 3}, and `REMARKS`."""
 
     def __iter__(self) -> Iterator[LiveFrame]:
         """Yield the frames.

@@ -5,8 +5,9 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -19,6 +20,7 @@ from edgetree.frames.rig import Rig
 from edgetree.live.frames import LiveFrame, LiveSource, SourceLost
 from edgetree.live.handover import Handover
 from edgetree.live.results import LiveResult
+from edgetree.live.sources.arrays import unit_vector
 from edgetree.live.status import LiveStatus, StatusRecorder
 from edgetree.live.tracking.tracker import StemTracker
 from edgetree.measure import TreeMeasurement, measure_trees
@@ -94,12 +96,13 @@ class LivePipeline:
         self._frames: Handover[_Arrived] = Handover()
         self._detected: Handover[_Detected] = Handover()
         self._recorder = StatusRecorder()
+        self._counts_before = Counter[str]()  # of sources that were lost
 
     @property
     def status(self) -> LiveStatus:
         """Rates, times and counts so far."""
-        counts = {} if self._source is None else dict(self._source.counts)
-        return self._recorder.status(self._frames.dropped, counts)
+        counts = Counter[str]() if self._source is None else Counter(self._source.counts)
+        return self._recorder.status(self._frames.dropped, self._counts_before + counts)
 
     def stop(self) -> None:
         """End the iteration after the result in progress. May be called from any thread."""
@@ -160,6 +163,7 @@ class LivePipeline:
             return None
         except SourceLost as error:
             _log.warning("%s; opening it again every %g s", error, self._reopen_s)
+            self._source, self._counts_before = None, self._counts_before + Counter(source.counts)
             self._recorder.lose_source()
         finally:
             source.close()
@@ -221,6 +225,7 @@ class LivePipeline:
         frame = arrived.frame
         start_s = time.perf_counter()
         try:
+            frame = self._completed(frame, trees)
             measurements, missing = self._measure(frame, trees)
         except CalibError as error:
             self._leave_out(frame, str(error))
@@ -248,22 +253,28 @@ class LivePipeline:
             dropped=self._frames.dropped,
         )
 
+    def _completed(self, frame: LiveFrame, trees: TreeDetections) -> LiveFrame:
+        """The frame with the rig's camera and vertical, where its source does not know them."""
+        camera = frame.camera or self._rig.camera_for(trees.image_width, trees.image_height)
+        up_camera = frame.up_camera
+        if up_camera is None and self._rig.up_camera is not None:
+            up_camera = unit_vector(self._rig.up_camera)
+        return replace(frame, camera=camera, up_camera=up_camera)
+
     def _measure(
         self, frame: LiveFrame, trees: TreeDetections
     ) -> tuple[list[TreeMeasurement] | None, str | None]:
         """The measurements, or None and what is missing for them."""
-        camera = frame.camera or self._rig.camera_for(trees.image_width, trees.image_height)
-        if frame.depth_m is None or camera is None:
+        if frame.depth_m is None or frame.camera is None:
             return None, _NO_CAMERA if frame.depth_m is not None else _NO_DEPTH
         fault = frame.depth_fault or _fault(frame.depth_m)
         if fault is not None:
             return [TreeMeasurement.failed(fault) for _ in range(len(trees))], None
-        up_camera = self._rig.up_camera if frame.up_camera is None else frame.up_camera
         measurements = measure_trees(
             trees,
             frame.depth_m,
-            camera,
-            up_camera=up_camera,
+            frame.camera,
+            up_camera=frame.up_camera,
             mounting=self._rig.mounting,
             settings=self._settings,
         )

@@ -9,6 +9,8 @@ from collections import Counter, deque
 from dataclasses import dataclass, field
 from typing import Final, Literal
 
+from edgetree.live.frames import REMARKS
+
 __all__ = ["LiveStatus", "StatusRecorder"]
 
 _REMEMBERED: Final = 50  # results for rates and medians
@@ -24,6 +26,7 @@ class LiveStatus:
         results: number of frames that have a result.
         dropped: frames that were left out because newer ones had arrived.
         left_out: frames that could not be used, by reason, with what the source left out itself.
+        remarks: what the source says about frames that were used, such as {"without pose": 60}.
         lost: how many times the source was lost.
         rate_hz: results per second, over the last 50; 0 before the second.
         stages_ms: median time of each stage over the last 50 results, ms.
@@ -40,6 +43,7 @@ class LiveStatus:
     stages_ms: dict[str, float]
     age_ms: float
     silent_s: float
+    remarks: dict[str, int] = field(default_factory=dict)
 
     def line(self) -> str:
         """The state as one line of text."""
@@ -50,6 +54,7 @@ class LiveStatus:
         if self.dropped:
             parts.append(f"{self.dropped} dropped")
         parts += [f"{count} left out: {reason}" for reason, count in self.left_out.items()]
+        parts += [f"{count} {remark}" for remark, count in self.remarks.items()]
         if self.lost:
             parts.append(f"source lost {self.lost} time(s)")
         return ", ".join(parts)
@@ -95,7 +100,7 @@ class StatusRecorder:
 
         Args:
             dropped: frames that were replaced by newer ones.
-            of_source: what the source left out.
+            of_source: what the source counted.
         """
         with self._lock:
             times, now = list(self._times_s), time.monotonic()
@@ -109,12 +114,14 @@ class StatusRecorder:
                 state=self._state(),
                 results=self.results,
                 dropped=dropped,
-                left_out={**self.left_out, **of_source},
+                left_out=self.left_out
+                | {name: count for name, count in of_source.items() if name not in REMARKS},
                 lost=self.lost,
                 rate_hz=(len(times) - 1) / taken_s if taken_s > 0 else 0.0,
                 stages_ms=stages_ms,
                 age_ms=statistics.median(self._ages_ms) if self._ages_ms else 0.0,
                 silent_s=now - (times[-1] if times else self._began_s),
+                remarks={name: count for name, count in of_source.items() if name in REMARKS},
             )
 
     def _state(self) -> Literal["starting", "running", "lost", "ended"]:

@@ -69,6 +69,10 @@ class KeptFrames:
         """Forget the oldest frame."""
         self.size_bytes -= self._frames.popleft().size_bytes
 
+    def first_at(self, at_s: float) -> KeptFrame | None:
+        """The first frame of this time or later, s."""
+        return next((kept for kept in self if kept.at_s >= at_s), None)
+
     def first_from(self, serial: int) -> KeptFrame | None:
         """The first frame with this number or a higher one."""
         return next((kept for kept in self if kept.serial >= serial), None)

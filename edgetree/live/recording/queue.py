@@ -90,10 +90,11 @@ class FrameQueue:
         """Have the seconds around now written; returns how much time before is kept, s."""
         mark = {"text": text, "time": datetime.now(UTC).isoformat(timespec="milliseconds")}
         with self._changed:
-            self._forget_old()
-            now_s, oldest = self._kept.now_s, self._kept.oldest
+            first_s = self._kept.now_s - self._before_s
+            now_s, oldest = self._kept.now_s, self._kept.first_at(first_s)
             if self._window is None:
-                self._window = Window(0 if oldest is None else oldest.serial, now_s)
+                until_s = math.inf if self._everything and now_s >= self._pause_until_s else now_s
+                self._window = Window(0 if oldest is None else oldest.serial, until_s)
             window = self._window
             window.until_s = max(window.until_s, now_s + self._after_s)
             if not (self.waits or self._everything):

@@ -24,6 +24,7 @@ _log = logging.getLogger(__name__)
 
 _OPEN_TIMEOUT_S: Final = 10.0
 _FRAME_TIMEOUT_S: Final = 5.0
+_NO_FIT: Final = "pictures of another shape than the camera file"
 _CLOSE_TIMEOUT_S: Final = 0.8
 _MS: Final = 1000
 
@@ -71,7 +72,7 @@ class _Camera:
         self._start_s = time.time() - time.monotonic()
         self._changed = threading.Condition()
         self._newest: tuple[int, float, NDArray[Any]] | None = None
-        self._is_closed = self._is_lost = False
+        self._is_closed = self._is_lost = self._has_fitted = False
         capture = _open(address, self.name, camera)
         self._reader = threading.Thread(
             target=self._read, args=(capture,), name=self.name, daemon=True
@@ -87,7 +88,15 @@ class _Camera:
                 newest, self._newest = self._newest, None
             if newest is None:
                 raise SourceLost(f"{self.name} sends no frames any more: expected it to be there")
-            yield self._frame(*newest)
+            try:
+                frame = self._frame(*newest)
+            except calib.CameraError as error:
+                if not self._has_fitted:
+                    raise
+                self._leave_out(error)
+                continue
+            self._has_fitted = True
+            yield frame
 
     def close(self) -> None:
         """Release the camera, within a second."""
@@ -106,6 +115,12 @@ class _Camera:
             except calib.CameraError as error:
                 raise calib.CameraError(f"{self.name}: {error}") from error
         return LiveFrame(number, time_s, image, None, camera, self._up)
+
+    def _leave_out(self, error: calib.CameraError) -> None:
+        """Count a picture that does not fit the camera file although earlier ones did."""
+        if self.counts.setdefault(_NO_FIT, 0) == 0:
+            _log.warning("frames left out: %s", error)
+        self.counts[_NO_FIT] += 1
 
     def _has_news(self) -> bool:
         return self._is_closed or self._is_lost or self._newest is not None

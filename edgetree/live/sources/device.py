@@ -7,6 +7,7 @@ import threading
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any, Final
 
 import numpy as np
@@ -94,7 +95,8 @@ class Device(ABC):
         """Stop the camera."""
         if not self._is_closed.is_set():
             self._is_closed.set()
-            self._stop()
+            with suppress(*self._errors):  # a camera that was unplugged cannot be stopped
+                self._stop()
 
     def _up(self, time_s: float) -> NDArray[np.float64] | None:
         """The direction away from gravity in the camera's frame."""

@@ -13,10 +13,11 @@ __all__ = ["Looped", "RisingClock"]
 
 _FIRST_STEP_S: Final = 1 / 30
 _MAX_STEP_S: Final = 1.0
+_LONGEST_PAUSE_S: Final = 86_400.0  # a longer one is a wrong stamp, or a clock that was set
 
 
 class RisingClock:
-    """Turns time stamps into ones that never fall: after a jump back they go on from the last."""
+    """Turns time stamps into ones that never fall: after a jump they go on from the last."""
 
     def __init__(self) -> None:
         self._offset_s = 0.0
@@ -32,7 +33,7 @@ class RisingClock:
         """The stamp, moved so that it is later than the one before."""
         time_s = stamp_s + self._offset_s
         if self._last_s is not None:
-            if self._is_new or time_s <= self._last_s:
+            if self._is_new or not 0 < time_s - self._last_s <= _LONGEST_PAUSE_S:
                 self._offset_s += self._last_s + self._step_s - time_s
                 time_s = self._last_s + self._step_s
             else:

@@ -88,9 +88,11 @@ class _Orbbec(Device):
         self._motion = motion
 
     def _stop(self) -> None:
-        if self._motion is not None:
-            self._motion.stop()
-        self._pipeline.stop()
+        try:
+            if self._motion is not None:
+                self._motion.stop()
+        finally:
+            self._pipeline.stop()
 
     def _poll(self) -> LiveFrame | None:
         frames = self._pipeline.wait_for_frames(_POLL_MS)

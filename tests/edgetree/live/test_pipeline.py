@@ -12,6 +12,7 @@ import pytest
 
 from calib import PinholeCamera
 from edgetree.errors import InputError, ModelFileError
+from edgetree.frames.rig import Rig
 from edgetree.live.frames import LiveFrame, SourceLost
 from edgetree.live.pipeline import LivePipeline
 from edgetree.live.sources.pacing import PacedSource
@@ -205,6 +206,40 @@ def test_what_the_source_left_out_is_in_the_status(detector: TreeDetector) -> No
     list(pipeline)
     assert pipeline.status.left_out == {"colour without depth": 3}
     assert "3 left out: colour without depth" in pipeline.status.line()
+
+
+def test_remarks_on_used_frames_are_told_apart(detector: TreeDetector) -> None:
+    source = Source([colour(0)])
+    source.counts["without pose"] = 1
+    pipeline = LivePipeline(opening(source), detector)
+    list(pipeline)
+    assert pipeline.status.left_out == {}
+    assert pipeline.status.remarks == {"without pose": 1}
+    assert ", 1 without pose" in pipeline.status.line()
+    assert "left out" not in pipeline.status.line()
+
+
+def test_counts_of_a_lost_source_are_kept(detector: TreeDetector) -> None:
+    first, second = Source([colour(0), SourceLost("gone")]), Source([colour(1)])
+    first.counts["colour without depth"], second.counts["colour without depth"] = 500, 1
+    pipeline = LivePipeline(opening(first, second), detector, reopen_s=0.01)
+    list(pipeline)
+    assert pipeline.status.left_out == {"colour without depth": 501}
+
+
+def test_camera_and_vertical_of_the_rig_reach_tracker_and_results(detector: TreeDetector) -> None:
+    up = np.array([0.0, -np.cos(np.radians(25)), -np.sin(np.radians(25))])
+    tracker = StemTracker()
+    pipeline = LivePipeline(
+        opening(Source([colour(0, camera=None)])),
+        detector,
+        rig=Rig(camera=CAMERA, up_camera=tuple(up)),
+        tracker=tracker,
+    )
+    (result,) = pipeline
+    assert result.frame.camera == CAMERA
+    assert result.frame.up_camera == pytest.approx(up)
+    assert tracker.camera_pose.rotation[2] == pytest.approx(up)
 
 
 MISSING = {

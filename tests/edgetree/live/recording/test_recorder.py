@@ -14,6 +14,7 @@ from edgetree.errors import InputError
 from edgetree.frames import Rig
 from edgetree.live.recording import FrameRecorder, recorder, run_record
 from edgetree.live.recording.file import RecordingFile
+from edgetree.live.recording.queue import FrameQueue
 from edgetree.live.sources import open_live_source
 from edgetree.runtime import default_model
 
@@ -271,3 +272,32 @@ def test_the_run_is_told_with_the_models_hash() -> None:
     assert json.loads(json.dumps(told))["source"] == "oak"
     assert len(told["model"]["sha256"]) == 64
     assert told["measure"]["max_diameter_m"] == 2.5
+
+
+def test_a_mark_by_a_signal_within_write_breaks_nothing(result) -> None:
+    queue = FrameQueue(5.0, 2.0, everything=False, max_mib=64, waits=False)
+    queue.put(result(0))
+    drop, marked = queue._kept.drop_oldest, []
+
+    def interrupted() -> None:
+        if not marked:
+            marked.append(queue.mark("a handler ran here"))
+        drop()
+
+    queue._kept.drop_oldest = interrupted
+    queue.put(result(200))
+    assert marked
+    assert [kept.result.frame.number for kept in queue._kept] == [200]
+
+
+def test_a_mark_before_the_first_frame_takes_nothing_from_a_full_recording(result) -> None:
+    queue = FrameQueue(5.0, 2.0, everything=True, max_mib=64, waits=False)
+    queue.mark("early")
+    for number in range(100):
+        queue.put(result(number))
+    queue.end(PATIENCE_S)
+    written = []
+    while (window := queue.next_window()) is not None:
+        while (kept := queue.next_frame(window)) is not None:
+            written.append(kept.result.frame.number)
+    assert written == list(range(100))

@@ -29,6 +29,7 @@ class FakeCapture:
         self.address, self.rest = address, rest
         self.frames = threading.Semaphore(0)
         self.sent = 0
+        self.shape = (48, 64, 3)
         self.is_lost = self.is_released = False
         self.settings: dict[int, float] = {}
         FakeCapture.opened.append(self)
@@ -45,7 +46,7 @@ class FakeCapture:
             if self.is_lost:
                 return False, None
         self.sent += 1
-        return True, np.full((48, 64, 3), self.sent - 1, np.uint8)
+        return True, np.full(self.shape, self.sent - 1, np.uint8)
 
     def send(self, count: int) -> None:
         target = self.sent + count
@@ -194,3 +195,22 @@ def test_a_camera_of_another_aspect_ratio_is_named(fake: type[FakeCapture]) -> N
         next(iter(source))
     source.close()
     fake.opened[0].is_lost = True
+
+
+def test_pictures_that_change_their_shape_are_left_out(fake: type[FakeCapture]) -> None:
+    source = open_camera(0, camera=calib.PinholeCamera(64, 48, 60.0, 60.0, 31.5, 23.5))
+    frames, capture = iter(source), fake.opened[0]
+    capture.send(1)
+    assert next(frames).number == 0
+    capture.shape = (64, 64, 3)
+    capture.send(1)
+
+    def fit_again() -> None:
+        capture.shape = (48, 64, 3)
+        capture.send(1)
+
+    threading.Timer(0.3, fit_again).start()
+    assert next(frames).number == 2
+    assert source.counts["pictures of another shape than the camera file"] == 1
+    source.close()
+    capture.is_lost = True
