@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,19 @@ from numpy.typing import NDArray
 from calib import PinholeCamera, RigidTransform
 from edgetree.errors import InputError
 
-__all__ = ["LiveFrame", "LiveSource", "SourceLost"]
+__all__ = ["REMARKS", "LiveFrame", "LiveSource", "SourceLost"]
+
+REMARKS: Final = frozenset(
+    {
+        "without pose",
+        "without gravity",
+        "depth not aligned",
+        "transforms that are no rotation",
+        "end missing",
+        "ended early",
+    }
+)
+"""Names in `counts` that are remarks on frames that were used."""
 
 
 @dataclass(frozen=True, eq=False)
