@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
@@ -93,13 +94,15 @@ def check_rig(
         source: a camera or a recording with colour and depth.
         detector: finds the stems.
         rig: the camera and the vertical of sources that do not know them.
-        seconds: how much of the source is read, s.
+        seconds: how much of the source is read from its first frame on, s: by its time stamps
+            and, if it is live, by this machine's clock too.
 
     Raises:
-        InputError: the source has no colour, no depth, no camera, or fewer than two frames with
-            both.
+        InputError: the source has no colour, no depth, no camera, fewer than two frames with
+            both, or frames of different sizes.
     """
-    counts, work = StreamCounts(), _Work(detector, rig or Rig())
+    counts, work = StreamCounts(), _Work(detector, rig or Rig(), source.name)
+    limit = _TimeLimit(seconds, is_live=source.is_live)
     before: LiveFrame | None = None
     any_colour = any_depth = False
     with ThreadPoolExecutor(1) as pool:
@@ -108,7 +111,7 @@ def check_rig(
             for frame in source:
                 any_colour |= frame.image is not None
                 any_depth |= frame.depth_m is not None
-                if counts.times_s and frame.time_s - counts.times_s[0] > seconds:
+                if limit.is_over(frame.time_s):
                     break
                 usable = counts.add(frame)
                 if usable and work.is_due(frame.time_s):
@@ -141,11 +144,31 @@ def _is_done(work: Future[None]) -> bool:
     return True
 
 
+class _TimeLimit:
+    """Ends a source some seconds after its first frame.
+
+    A camera also ends by this machine's clock, because its time stamps may stand still.
+    """
+
+    def __init__(self, seconds: float, *, is_live: bool) -> None:
+        self._seconds, self._is_live = seconds, is_live
+        self._first: tuple[float, float] | None = None
+
+    def is_over(self, time_s: float) -> bool:
+        """Whether a frame with this time stamp, which has come now, is beyond the limit."""
+        now_s = time.monotonic()
+        self._first = self._first or (time_s, now_s)
+        first_s, start_s = self._first
+        if time_s - first_s > self._seconds:
+            return True
+        return self._is_live and now_s - start_s > self._seconds
+
+
 class _Work:
     """What is found in the frames that are searched."""
 
-    def __init__(self, detector: TreeDetector, rig: Rig) -> None:
-        self._rig = rig
+    def __init__(self, detector: TreeDetector, rig: Rig, name: str) -> None:
+        self._rig, self._name = rig, name
         self._stems = StemFinder(detector, rig)
         self._silhouettes: list[FrameSilhouettes] = []
         self._last_s: float | None = None
@@ -163,6 +186,7 @@ class _Work:
         image, depth_m = frame.image, frame.depth_m
         if image is None or depth_m is None:
             return
+        self._check_size(frame.number, image)
         camera = frame.camera or self._rig.camera_for(image.shape[1], image.shape[0])
         if camera is None:
             raise InputError(f"frame {frame.number} has no camera: pass --camera")
@@ -176,6 +200,16 @@ class _Work:
             velocity = image_velocity(before.image, image, step_s, found.xy_px)
         self._silhouettes.append(FrameSilhouettes(frame.time_s, found, velocity))
         self._stems.add(frame)
+
+    def _check_size(self, number: int, image: NDArray[np.uint8]) -> None:
+        """Raise InputError if an image is not as large as that of the frame searched before."""
+        last = self._frame
+        if last is None or last.image is None or last.image.shape == image.shape:
+            return
+        raise InputError(
+            f"{self._name}: frame {number} is {_size(image)} px and frame {last.number}"
+            f" {_size(last.image)} px: expected frames of one size"
+        )
 
     def report(self, source: LiveSource, counts: StreamCounts) -> RigReport:
         """The checks over all frames."""
@@ -193,6 +227,10 @@ class _Work:
             stems=len({each.stem for each in sightings}),
             checks=checks,
         )
+
+
+def _size(image: NDArray[np.uint8]) -> str:
+    return f"{image.shape[1]}x{image.shape[0]}"
 
 
 def _unit(vector: Any) -> NDArray[np.float64]:

@@ -23,6 +23,8 @@ _DAMPING: Final = (1e-3, 1e6)
 _CONVERGED: Final = 1e-4
 _RESAMPLES: Final = 400
 _SEARCH_MOST: Final = 8000
+# Mean gradient of a picture of one colour is not quite 0 because of rounding (1e-5 at most).
+_NO_GRADIENT: Final = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +50,8 @@ class PeakFit:
         values: (P,) parameters.
         stds: (P,) their standard deviations, from resampled blocks; infinite where the data do not
             tell the parameter.
-        contrast: gradient at the shifted silhouettes, relative to that around them.
+        contrast: gradient at the shifted silhouettes, relative to that around them; 0 if there is
+            no gradient beyond rounding.
     """
 
     values: Float
@@ -93,7 +96,8 @@ def fit_peak(profiles: Profiles, start: Float) -> PeakFit:
     stds[used] = _resampled_stds(gradient, hessian)
     level, _, _ = _at(smooth, rows @ values[used])
     around = float(profiles.gradient.mean())
-    return PeakFit(values, stds, float(level.mean()) / around)
+    contrast = float(level.mean()) / around if around > _NO_GRADIENT else 0.0
+    return PeakFit(values, stds, contrast)
 
 
 def _smoothed(gradient: Float, sigma: float) -> tuple[Float, Float, Float]:

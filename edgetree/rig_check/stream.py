@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib import DepthFailure, check_depth
-from edgetree.live.frames import LiveFrame
+from edgetree.live.frames import REMARKS, LiveFrame
 from edgetree.rig_check.checks import HOLDS, NO, UNKNOWN, RigCheck, Verdict
 
 __all__ = ["GROUP", "StreamCounts"]
@@ -22,6 +22,14 @@ _FROZEN_LIMIT_PERCENT: Final = 1.0
 # a camera, which also tells pictures of a camera that stands apart.
 _CHANGED_LEVELS: Final = 1.0
 _SAMPLED: Final = 4
+# What a source counts whose own clock makes the stamps of its frames rise.
+_WRONG_STAMPS: Final = frozenset(
+    {
+        "colour with a repeated or late stamp",
+        "depth with a repeated or late stamp",
+        "clock jumped back",
+    }
+)
 # A gap is longer than this many periods.
 _GAP_PERIODS: Final = 2.5
 _FEWEST: Final = 20
@@ -75,32 +83,40 @@ class StreamCounts:
         self._frozen_depth += same_depth and changed
         self._frozen_colour += not same_depth and np.array_equal(last.image, frame.image)
 
-    def checks(self, left_out: Mapping[str, int]) -> list[RigCheck]:
+    def checks(self, source_counts: Mapping[str, int]) -> list[RigCheck]:
         """The checks.
 
         Args:
-            left_out: what the source left out, from its `counts`.
+            source_counts: the `counts` of the source: frames left out, pictures with wrong time
+                stamps, and remarks on frames that were used.
         """
+        wrong = {what: source_counts[what] for what in _WRONG_STAMPS & source_counts.keys()}
+        left_out = {
+            what: count
+            for what, count in source_counts.items()
+            if count and what not in REMARKS | _WRONG_STAMPS
+        }
         pairs = max(self.frames - 1, 1)
         steps = np.diff(self.times_s)
         backwards = int((steps <= 0).sum())
         period_s = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
         gaps = int((steps > _GAP_PERIODS * period_s).sum()) if period_s else 0
         lost = self._incomplete + sum(left_out.values())
-        told = ", ".join(f"{count} {what}" for what, count in left_out.items())
         share = 100 * float(np.mean(self._shares)) if self._shares else 0.0
-        left = told or "colour or depth alone"
+        left = _told(left_out) or "colour or depth alone"
+        clock = ": ".join(filter(None, ("the clock is wrong", _told(wrong))))
+        late = sum(wrong.values())
         rows = (
-            ("depth that repeats", self._frozen_depth, "the depth camera hangs"),
-            ("colour that repeats", self._frozen_colour, "the colour camera hangs"),
-            ("time stamps that do not rise", backwards, "the clock is wrong"),
+            ("depth that repeats", self._frozen_depth, pairs, "the depth camera hangs"),
+            ("colour that repeats", self._frozen_colour, pairs, "the colour camera hangs"),
+            ("time stamps that do not rise", backwards + late, pairs + late, clock),
         )
         return [
             self._share("faulty depth", self._faults, self.frames, self._first_fault),
             RigCheck("pixels with depth", GROUP, HOLDS, None, "%", share),
             *(
-                self._share(name, count, pairs, reason, _FROZEN_LIMIT_PERCENT)
-                for name, count, reason in rows
+                self._share(name, count, total, reason, _FROZEN_LIMIT_PERCENT)
+                for name, count, total, reason in rows
             ),
             self._share("gaps in time", gaps, pairs, "frames are lost: cable, load or disk"),
             self._share("frames left out", lost, self.frames + lost, left),
@@ -116,6 +132,10 @@ class StreamCounts:
         return RigCheck(
             name, GROUP, verdict, limit, "%", percent, None, "" if verdict == HOLDS else reason
         )
+
+
+def _told(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{count} {what}" for what, count in sorted(counts.items()))
 
 
 def _is_same(first: NDArray[Any] | None, second: NDArray[Any] | None) -> bool:

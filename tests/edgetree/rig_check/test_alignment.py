@@ -13,6 +13,7 @@ from edgetree.live.frames import LiveFrame
 from edgetree.rig_check.alignment import FrameSilhouettes, alignment_checks
 from edgetree.rig_check.checks import RigCheck
 from edgetree.rig_check.image_motion import image_velocity
+from edgetree.rig_check.peak_fit import Profiles, fit_peak
 from edgetree.rig_check.silhouettes import find_silhouettes
 
 
@@ -71,6 +72,25 @@ def test_a_picture_without_edges_cannot_tell() -> None:
     checks = checks_of(frames)
     assert {check.verdict for check in checks.values()} == {"cannot tell"}
     assert "no edges where depth jumps" in checks["size"].reason
+
+
+@pytest.mark.parametrize("level", [0, 128])
+def test_a_picture_of_one_colour_cannot_tell(level: int) -> None:
+    frames = panning_drive()
+    for frame in frames:
+        assert frame.image is not None
+        frame.image[:] = level
+    checks = checks_of(frames)
+    assert {check.verdict for check in checks.values()} == {"cannot tell"}
+    assert "the picture is too dark" in checks["size"].reason
+
+
+@pytest.mark.parametrize("height", [0.0, 1e-5])
+def test_a_peak_of_rounding_errors_has_no_contrast(height: float) -> None:
+    gradient = np.zeros((100, 49), np.float32)
+    gradient[:, 24] = height
+    profiles = Profiles(gradient, np.ones((100, 1)), np.arange(100) // 10)
+    assert fit_peak(profiles, np.zeros(1)).contrast == 0
 
 
 def test_a_short_drive_cannot_tell() -> None:

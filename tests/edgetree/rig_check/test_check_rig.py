@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -47,6 +49,68 @@ def test_good_depth_passes_and_says_what_cannot_be_told(detector: TreeDetector) 
 def test_only_the_wanted_seconds_are_read(detector: TreeDetector) -> None:
     report = check_rig(GivenSource(panning_drive(6)), detector, seconds=2)
     assert report.seconds == pytest.approx(2)
+
+
+class EndlessSource(GivenSource):
+    """Frames again and again, with rising times; it fails if it is read for far too long.
+
+    Args:
+        frames: what is repeated.
+        step_s: time from frame to frame, s.
+    """
+
+    def __init__(self, frames: list[LiveFrame], step_s: float) -> None:
+        super().__init__(frames)
+        self._step_s = step_s
+
+    def __iter__(self) -> Iterator[LiveFrame]:
+        for number in range(1000):
+            frame = self._frames[number % len(self._frames)]
+            yield replace(frame, number=number, time_s=1000 + number * self._step_s)
+        pytest.fail("the source was read beyond the limit")
+
+
+def test_a_camera_without_depth_ends_and_is_refused(detector: TreeDetector) -> None:
+    source = EndlessSource(without(panning_drive(1), "depth_m"), 0.1)
+    with pytest.raises(InputError, match="has no depth"):
+        check_rig(source, detector, seconds=5)
+    assert source.is_closed
+
+
+def test_pictures_that_never_pair_end_and_are_refused(detector: TreeDetector) -> None:
+    frames = panning_drive(1)
+    alone = [without(frames, "depth_m")[0], without(frames, "image")[1]]
+    with pytest.raises(InputError, match="has 0 frames with colour and depth"):
+        check_rig(EndlessSource(alone, 0.1), detector, seconds=5)
+
+
+def test_a_camera_whose_stamps_stand_still_ends(
+    detector: TreeDetector, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source = EndlessSource(without(panning_drive(1), "depth_m"), 0.0)
+    source.is_live = True
+    clock = iter(range(2000))
+    monkeypatch.setattr(time, "monotonic", lambda: float(next(clock)))
+    with pytest.raises(InputError, match="has no depth"):
+        check_rig(source, detector, seconds=30)
+
+
+def test_frames_of_different_sizes_are_refused(detector: TreeDetector) -> None:
+    frames = panning_drive(2)
+    for number in range(10, 20):
+        image, depth_m, camera = frames[number].image, frames[number].depth_m, frames[number].camera
+        assert image is not None
+        assert depth_m is not None
+        assert camera is not None
+        frames[number] = replace(
+            frames[number],
+            image=np.ascontiguousarray(image[::2, ::2]),
+            depth_m=np.ascontiguousarray(depth_m[::2, ::2]),
+            camera=camera.scaled(320, 180),
+        )
+    message = "given: frame 10 is 320x180 px and frame 5 640x360 px: expected frames of one size"
+    with pytest.raises(InputError, match=message):
+        check_rig(GivenSource(frames), detector)
 
 
 @pytest.mark.parametrize(

@@ -5,18 +5,19 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from rig_drives import panning_drive
 
-from edgetree.live.frames import LiveFrame
+from edgetree.live.frames import REMARKS, LiveFrame
 from edgetree.rig_check.checks import RigCheck
 from edgetree.rig_check.stream import StreamCounts
 
 
-def checks_of(frames: list[LiveFrame], **left_out: int) -> dict[str, RigCheck]:
+def checks_of(frames: list[LiveFrame], **source_counts: int) -> dict[str, RigCheck]:
     counts = StreamCounts()
     for frame in frames:
         counts.add(frame)
-    return {check.name: check for check in counts.checks(left_out)}
+    return {check.name: check for check in counts.checks(source_counts)}
 
 
 def failing(checks: dict[str, RigCheck]) -> set[str]:
@@ -70,6 +71,29 @@ def test_what_the_source_left_out_counts() -> None:
     checks = checks_of(panning_drive(4), **{"colour without depth": 9})
     assert failing(checks) == {"frames left out"}
     assert "9 colour without depth" in checks["frames left out"].reason
+
+
+@pytest.mark.parametrize("remark", sorted(REMARKS))
+def test_remarks_on_frames_that_were_used_do_not_count(remark: str) -> None:
+    checks = checks_of(panning_drive(4), **{remark: 40})
+    assert failing(checks) == set()
+    assert checks["frames left out"].value == 0
+
+
+@pytest.mark.parametrize(
+    "what",
+    [
+        "colour with a repeated or late stamp",
+        "depth with a repeated or late stamp",
+        "clock jumped back",
+    ],
+)
+def test_wrong_stamps_that_the_source_counts_are_wrong_times(what: str) -> None:
+    checks = checks_of(panning_drive(4), **{what: 13})
+    assert failing(checks) == {"time stamps that do not rise"}
+    stamps = checks["time stamps that do not rise"]
+    assert stamps.value == 100 * 13 / (39 + 13)
+    assert stamps.reason == f"the clock is wrong: 13 {what}"
 
 
 def test_few_frames_cannot_tell() -> None:
