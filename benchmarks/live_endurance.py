@@ -308,7 +308,7 @@ def plot(result: dict[str, Any], path: Path) -> None:
     top.axhline(2 * frame_ms, color="grey", linestyle=":", label="two frame times")
     for name, label in (("p99", "99 % of the results are faster"), ("p50", "median")):
         top.plot(ends, result["latency_ms"][name], label=label)
-    top.set(ylabel="latency (ms)", ylim=(0, None))
+    top.set(ylabel="latency (ms)", ylim=(0, 1.5 * max(result["latency_ms"]["p99"])))
     bottom.plot(ends, result["memory_mib"], color="tab:green")
     bottom.set(
         ylabel="resident memory (MiB)",
@@ -320,7 +320,7 @@ def plot(result: dict[str, Any], path: Path) -> None:
         for number, at_s in enumerate(result["camera_killed_s"]):
             label = "camera killed" if number == 0 else ""
             axes.axvline(at_s / 60, color="tab:red", linewidth=0.8, alpha=0.6, label=label)
-    top.legend(fontsize="small")
+    top.legend(fontsize="small", ncols=2, loc="upper center")
     figure.suptitle(f"{result['results']:,} frames of a drive at {result['rate_hz']:g} per second")
     figure.savefig(path, dpi=110)
 
