@@ -90,7 +90,6 @@ def live(
     with (
         _warnings_shown(),
         record_options.recording(
-            rig,
             lambda: run_record(
                 model_path,
                 source=source,

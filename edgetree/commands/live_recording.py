@@ -15,7 +15,6 @@ import typer
 from edgetree.console import note
 
 if TYPE_CHECKING:
-    from edgetree.frames.rig import Rig
     from edgetree.live.recording import FrameRecorder
 
 __all__ = ["LiveRecordOptions"]
@@ -41,13 +40,10 @@ class LiveRecordOptions:
     record_all: _RecordAll = False
 
     @contextmanager
-    def recording(
-        self, rig: Rig, about: Callable[[], dict[str, Any]]
-    ) -> Iterator[FrameRecorder | None]:
+    def recording(self, about: Callable[[], dict[str, Any]]) -> Iterator[FrameRecorder | None]:
         """Record during a block; yields None if it is not wanted.
 
         Args:
-            rig: the cameras.
             about: returns what recordings say about the run.
 
         Raises:
@@ -62,7 +58,7 @@ class LiveRecordOptions:
                 raise InputError("--record-all given without --record: expected both")
             yield None
             return
-        recorder = FrameRecorder(self.record, everything=self.record_all, rig=rig, about=about())
+        recorder = FrameRecorder(self.record, everything=self.record_all, about=about())
         try:
             with _marked_by_signal(recorder):
                 yield recorder

@@ -7,7 +7,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Generator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -17,10 +17,10 @@ from calib import CalibError, DepthFailure, check_depth
 from edgetree.detections import TreeDetections
 from edgetree.errors import InputError, ModelFileError
 from edgetree.frames.rig import Rig
+from edgetree.live.completion import completed
 from edgetree.live.frames import LiveFrame, LiveSource, SourceLost
 from edgetree.live.handover import Handover
 from edgetree.live.results import LiveResult
-from edgetree.live.sources.arrays import unit_vector
 from edgetree.live.status import LiveStatus, StatusRecorder
 from edgetree.live.tracking.tracker import StemTracker
 from edgetree.measure import TreeMeasurement, measure_trees
@@ -225,7 +225,7 @@ class LivePipeline:
         frame = arrived.frame
         start_s = time.perf_counter()
         try:
-            frame = self._completed(frame, trees)
+            frame = completed(frame, self._rig, trees.image_width, trees.image_height)
             measurements, missing = self._measure(frame, trees)
         except CalibError as error:
             self._leave_out(frame, str(error))
@@ -252,14 +252,6 @@ class LivePipeline:
             age_s=age_s,
             dropped=self._frames.dropped,
         )
-
-    def _completed(self, frame: LiveFrame, trees: TreeDetections) -> LiveFrame:
-        """The frame with the rig's camera and vertical, where its source does not know them."""
-        camera = frame.camera or self._rig.camera_for(trees.image_width, trees.image_height)
-        up_camera = frame.up_camera
-        if up_camera is None and self._rig.up_camera is not None:
-            up_camera = unit_vector(self._rig.up_camera)
-        return replace(frame, camera=camera, up_camera=up_camera)
 
     def _measure(
         self, frame: LiveFrame, trees: TreeDetections

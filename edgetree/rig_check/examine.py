@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from edgetree.errors import InputError
 from edgetree.frames.rig import Rig
+from edgetree.live.completion import completed
 from edgetree.live.frames import LiveFrame, LiveSource
 from edgetree.rig_check.alignment import FrameSilhouettes, alignment_checks
 from edgetree.rig_check.checks import NO, UNKNOWN, RigCheck
@@ -187,11 +188,9 @@ class _Work:
         if image is None or depth_m is None:
             return
         self._check_size(frame.number, image)
-        camera = frame.camera or self._rig.camera_for(image.shape[1], image.shape[0])
-        if camera is None:
+        frame = completed(frame, self._rig, image.shape[1], image.shape[0])
+        if frame.camera is None:
             raise InputError(f"frame {frame.number} has no camera: pass --camera")
-        up = self._rig.up_camera if frame.up_camera is None else frame.up_camera
-        frame = replace(frame, camera=camera, up_camera=None if up is None else _unit(up))
         self._frame = frame
         found = find_silhouettes(image, depth_m, frame.number)
         velocity = np.zeros_like(found.xy_px)
@@ -231,8 +230,3 @@ class _Work:
 
 def _size(image: NDArray[np.uint8]) -> str:
     return f"{image.shape[1]}x{image.shape[0]}"
-
-
-def _unit(vector: Any) -> NDArray[np.float64]:
-    array = np.asarray(vector, np.float64)
-    return np.asarray(array / np.linalg.norm(array))

@@ -9,9 +9,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from calib import PinholeCamera, RigidTransform
+from calib import RigidTransform
 from calib.depth.files import in_metres
-from edgetree.frames.rig import Rig
 from edgetree.live.results import LiveResult
 from edgetree.live.sinks.records import live_record
 from edgetree.live.sinks.ros_types import RosTypes, time_ns
@@ -34,15 +33,7 @@ class RecordedMessage(NamedTuple):
 
 
 class RecordingMessages(RosTypes):
-    """Makes the messages of recordings.
-
-    Args:
-        rig: the camera and the vertical of frames that do not know them.
-    """
-
-    def __init__(self, rig: Rig) -> None:
-        super().__init__()
-        self._rig = rig
+    """Makes the messages of recordings."""
 
     def of_result(self, result: LiveResult) -> Iterator[RecordedMessage]:
         """The frame that a result was made of, and the result.
@@ -51,9 +42,7 @@ class RecordingMessages(RosTypes):
         """
         frame = result.frame
         header = self.header(frame.time_s, _CAMERA_FRAME)
-        camera = frame.camera or self._camera_of_rig(result)
-        up = self._rig.up_camera if frame.up_camera is None else frame.up_camera
-        up_camera = None if up is None else np.asarray(up, np.float64)
+        camera, up_camera = frame.camera, frame.up_camera
         yield self.text(EXACT_TOPIC, exact_record(time_ns(frame.time_s), camera, up_camera))
         if camera is not None:
             info = self.camera_info(header, camera)
@@ -77,9 +66,6 @@ class RecordingMessages(RosTypes):
         """A JSON object as a message."""
         message = self.new("std_msgs", "String", json.dumps(record))
         return RecordedMessage(topic, "std_msgs/msg/String", message)
-
-    def _camera_of_rig(self, result: LiveResult) -> PinholeCamera | None:
-        return self._rig.camera_for(result.trees.image_width, result.trees.image_height)
 
     def _imu(self, time_s: float, up_camera: NDArray[np.float64]) -> Any:
         """An IMU at rest in the camera's frame; its orientation and turn rate are not known."""

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, Final
 
 from edgetree.errors import EdgetreeError, InputError
-from edgetree.frames.rig import Rig
 from edgetree.live.recording.file import RecordingFile, new_folder
 from edgetree.live.recording.messages import RecordingMessages
 from edgetree.live.recording.queue import FrameQueue, Window
@@ -43,7 +42,6 @@ class FrameRecorder:
         max_mib: limit of the frames in memory, MiB. Fewer seconds are kept if they do not fit.
         waits: whether `write` waits for a slow disk, as for a source that is no camera. Otherwise
             frames are left out.
-        rig: the camera and the vertical of frames that do not know them.
         about: what each recording says about the run, see `run_record`.
 
     Raises:
@@ -60,7 +58,6 @@ class FrameRecorder:
         everything: bool = False,
         max_mib: int = 512,
         waits: bool = False,
-        rig: Rig | None = None,
         about: Mapping[str, Any] | None = None,
     ) -> None:
         for name, value_s in (("before_s", before_s), ("after_s", after_s)):
@@ -73,7 +70,7 @@ class FrameRecorder:
         check_rosbags()
         self._folder, self._kind = folder, "all" if everything else "mark"
         self._about = dict(about or {})
-        self._messages = RecordingMessages(rig or Rig())
+        self._messages = RecordingMessages()
         self._queue = FrameQueue(
             before_s, after_s, everything=everything, max_mib=max_mib, waits=waits
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from edgetree.results.atomic_files import replacing
 __all__ = ["MapFileSink"]
 
 
-class MapFileSink:
+class MapFileSink(ABC):
     """Collects all confirmed stems, and writes them when it is closed.
 
     Args:
@@ -41,6 +42,6 @@ class MapFileSink:
             with self._files:
                 self._stream.write(self._content())
 
+    @abstractmethod
     def _content(self) -> bytes:
         """The content of the file."""
-        raise NotImplementedError

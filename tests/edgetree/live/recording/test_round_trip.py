@@ -11,6 +11,7 @@ import pytest
 from calib import PinholeCamera, RigidTransform
 from edgetree.frames import Rig
 from edgetree.live import LivePipeline, LiveResult
+from edgetree.live.completion import completed
 from edgetree.live.sinks import live_record
 from edgetree.live.sources import open_live_source
 from edgetree.runtime import TreeDetector, default_model
@@ -116,8 +117,10 @@ def test_a_swaying_vertical_and_the_pose_come_back(
 def test_what_the_rig_knows_is_recorded_with_frames_that_do_not(
     record, recordings, read, result
 ) -> None:
-    recorder = record(rig=Rig(camera=CAMERA, up_camera=(0.0, -0.8, 0.6)))
-    recorder.write(result(0))
+    recorder, bare = record(), result(0)
+    rig = Rig(camera=CAMERA, up_camera=(0.0, -0.8, 0.6))
+    frame = completed(bare.frame, rig, bare.trees.image_width, bare.trees.image_height)
+    recorder.write(dataclasses.replace(bare, frame=frame))
     recorder.mark()
     recorder.close()
     (frame,) = read(recordings()[0])

@@ -1,9 +1,7 @@
 """Networks with Detectron2's tensor names, by a mapping independent of the package's."""
 
 import dataclasses
-import importlib.util
 import re
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,19 +12,6 @@ from torch import Tensor
 from perceptree.models import ModelSpec, TreeRCNN, make_spec
 
 State = dict[str, Tensor]
-
-
-def _load(name: str) -> None:
-    """Load a module that lies beside the tests."""
-    spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name(f"{name}.py"))
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-
-
-_load("their_networks")
 
 _HEADS = {
     "proposer.conv": "proposal_generator.rpn_head.conv",
