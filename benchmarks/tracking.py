@@ -39,15 +39,32 @@ from tracking_stand import twenty_stems
 
 from edgetree import TreeDetections, TreeDetector
 from edgetree.live.frames import LiveFrame
-from edgetree.live.tracking import ErrorShares, StemTracker, TrackingSettings, TreeTrack
+from edgetree.live.tracking import (
+    DepthOdometry,
+    ErrorShares,
+    StemTracker,
+    TrackingSettings,
+    TreeTrack,
+)
 from edgetree.measure import TreeMeasurement
 from edgetree.runtime.detector import default_model
 
-# What the tracker is given: the pose, and the vertical.
-KNOWN = {"pose": (True, True), "vertical": (False, True), "nothing": (False, False)}
+# What the tracker is given: the pose, the vertical, and the depth image.
+Given = tuple[bool, bool, bool]
+KNOWN: dict[str, Given] = {
+    "pose": (True, True, False),
+    "vertical": (False, True, False),
+    "nothing": (False, False, False),
+}
+# With the package small_gicp.
+BY_DEPTH: dict[str, Given] = {
+    "vertical and depth": (False, True, True),
+    "depth": (False, False, True),
+}
 # Every so manieth frame is used.
 STEPS = (1, 2, 5)
 _RATE_HZ = 10.0
+POSE = KNOWN["pose"]
 # A drive is followed from every so manieth frame on, if so many are left.
 _START_EVERY, _SHORTEST = 25, 5
 
@@ -88,17 +105,16 @@ def main() -> None:
 
 
 def followed(
-    drive: list[DriveFrame],
-    pose: bool,
-    vertical: bool,
-    settings: TrackingSettings | None = None,
+    drive: list[DriveFrame], given: Given, settings: TrackingSettings | None = None
 ) -> Tracks:
     """The tracks after each frame of a drive."""
-    tracker = StemTracker(settings)
-    return [
-        tracker.update(frame.live(pose, vertical), frame.trees, frame.measurements)
-        for frame in drive
-    ]
+    tracker = StemTracker(settings, DepthOdometry() if given[2] else None)
+    return [tracker.update(frame.live(*given), frame.trees, frame.measurements) for frame in drive]
+
+
+def known_here() -> dict[str, Given]:
+    """What the tracker is given, as far as the packages for it are installed."""
+    return KNOWN if importlib.util.find_spec("small_gicp") is None else KNOWN | BY_DEPTH
 
 
 def settings_without(drives: dict[str, list[DriveFrame]], name: str) -> TrackingSettings:
@@ -121,18 +137,14 @@ def fusion(drives: dict[str, list[DriveFrame]]) -> dict[str, Any]:
     """
     noise = replace(TrackingSettings(), diameter=ErrorShares(0.0, 0.0, 1.0))
     result: dict[str, Any] = {
-        known: _fused(drives, lambda name: TrackingSettings(), *given, list(TRUTHS))
-        for known, given in KNOWN.items()
+        known: _fused(drives, lambda name: TrackingSettings(), given, list(TRUTHS))
+        for known, given in known_here().items()
     }
-    result["pose"][PLACE] = _fused(drives, lambda name: TrackingSettings(), True, True, [PLACE])[
-        PLACE
-    ]
-    result["pose, all errors as noise"] = _fused(
-        drives, lambda name: noise, True, True, ["diameter_m"]
-    )
+    result["pose"][PLACE] = _fused(drives, lambda name: TrackingSettings(), POSE, [PLACE])[PLACE]
+    result["pose, all errors as noise"] = _fused(drives, lambda name: noise, POSE, ["diameter_m"])
     if len(drives) > 1:
         result["pose, shares of the other drives"] = _fused(
-            drives, lambda name: settings_without(drives, name), True, True, list(TRUTHS)
+            drives, lambda name: settings_without(drives, name), POSE, list(TRUTHS)
         )
     return result
 
@@ -140,8 +152,7 @@ def fusion(drives: dict[str, list[DriveFrame]]) -> dict[str, Any]:
 def _fused(
     drives: dict[str, list[DriveFrame]],
     settings_for: Callable[[str], TrackingSettings],
-    pose: bool,
-    vertical: bool,
+    given: Given,
     quantities: list[str],
 ) -> dict[str, Any]:
     rows: dict[str, list[list[Row]]] = {quantity: [] for quantity in quantities}
@@ -150,7 +161,7 @@ def _fused(
         settings = settings_for(name)
         for start in range(0, len(drive) - _SHORTEST, _START_EVERY):
             part = drive[start:]
-            tracks = followed(part, pose, vertical, settings)
+            tracks = followed(part, given, settings)
             for quantity in quantities:
                 for each in fused_rows(part, tracks, quantity).values():
                     rows[quantity].append([(*row[:4], number * 10_000 + row[4]) for row in each])
@@ -189,11 +200,11 @@ def identities(drives: dict[str, list[DriveFrame]]) -> dict[str, Any]:
             known: scores(
                 [
                     _scored(frame, *_boxes(frame, tracks))
-                    for frame, tracks in zip(drive, followed(drive, pose, vertical), strict=True)
+                    for frame, tracks in zip(drive, followed(drive, given), strict=True)
                 ]
                 for drive in thinned
             )
-            for known, (pose, vertical) in KNOWN.items()
+            for known, given in known_here().items()
         }
         if importlib.util.find_spec("supervision") is not None:
             rate_hz = _RATE_HZ / step
@@ -225,12 +236,12 @@ def _scored(frame: DriveFrame, boxes: np.ndarray, numbers: np.ndarray) -> Scored
 def speed(drives: dict[str, list[DriveFrame]]) -> dict[str, Any]:
     """Time of one update in ms on one core, on the drives and with 20 stems in every frame."""
     result: dict[str, Any] = {"numpy_call_us": round(_call_us(), 2)}
-    for known, given in KNOWN.items():
+    for known, given in known_here().items():
         times: list[float] = []
         for drive in drives.values():
             frames = [(frame.live(*given), frame.trees, frame.measurements) for frame in drive]
             times += _update_ms(frames)
-        stand = _update_ms(twenty_stems(*given))
+        stand = _update_ms(twenty_stems(*given[:2]))
         result[known] = {
             "drives_median_ms": round(float(np.median(times)), 3),
             "drives_p95_ms": round(float(np.percentile(times, 95)), 3),

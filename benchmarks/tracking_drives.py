@@ -22,6 +22,7 @@ class DriveFrame:
     """A frame with what was found in it and what is true.
 
     Attributes:
+        data: folder of the dataset.
         image: keys of the frame in the labels.
         labels: its labelled trees.
         boxes: (L, 4) their boxes, xyxy px.
@@ -30,6 +31,7 @@ class DriveFrame:
         label_of: index of the labelled tree for each found one that matches one.
     """
 
+    data: Path
     image: dict[str, Any]
     labels: list[dict[str, Any]]
     boxes: np.ndarray
@@ -37,14 +39,15 @@ class DriveFrame:
     measurements: list[TreeMeasurement]
     label_of: dict[int, int]
 
-    def live(self, pose: bool, vertical: bool) -> LiveFrame:
-        """The frame as a source gives it, with the pose and the vertical or without them."""
+    def live(self, pose: bool, vertical: bool, depth: bool = False) -> LiveFrame:
+        """The frame as a source gives it, with pose, vertical and depth or without them."""
         there = self.image["pose_world"]
         turn = np.array(there["rotation"]).T
         return LiveFrame(
             number=self.image["id"],
             time_s=self.image["time_s"],
             image=None,
+            depth_m=read_depth(self.data / self.image["depth_file"]) if depth else None,
             camera=PinholeCamera.from_dict(self.image["camera"]),
             up_camera=np.array(self.image["up_camera"]) if vertical else None,
             pose=RigidTransform(turn, np.array(there["origin_m"])) if pose else None,
@@ -89,4 +92,4 @@ def _drive_frame(data: Path, record: dict[str, Any], detector: TreeDetector) -> 
     boxes[:, 2:] += boxes[:, :2]
     matches = match_boxes(trees.boxes_px, boxes) if len(trees) and len(labels) else []
     label_of = {match.detection: match.truth for match in matches}
-    return DriveFrame(image, labels, boxes, trees, measurements, label_of)
+    return DriveFrame(data, image, labels, boxes, trees, measurements, label_of)

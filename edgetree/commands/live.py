@@ -13,10 +13,10 @@ import typer
 
 from edgetree.commands.live_options import (
     LiveMetresOptions,
-    LiveOutputs,
     LivePageOptions,
     LiveSourceOptions,
 )
+from edgetree.commands.live_outputs import LiveOutputs
 from edgetree.commands.live_recording import LiveRecordOptions
 from edgetree.commands.option_groups import SessionOptions, expand_groups
 from edgetree.commands.options import Model, ScoreThreshold, model_file
@@ -84,6 +84,7 @@ def live(
     if outputs.map_origin is not None and outputs.map is None:
         raise InputError("--map-origin given without --map: expected both")
     rig, settings = rig_options.rig(metres.camera, None), rig_options.settings()
+    tracker = metres.tracker()
     detector, model_path = session.open_model(model, score_threshold)
     takes_depth = detector.manifest.takes_depth
     sink_options = outputs.options(to_stdout=not (outputs.jsonl or page_options.page))
@@ -107,7 +108,7 @@ def live(
                 recorder.wait_for_disk(waits=not opened.is_live)
             return opened
 
-        pipeline = LivePipeline(open_source, detector, rig=rig, settings=settings)
+        pipeline = LivePipeline(open_source, detector, rig=rig, settings=settings, tracker=tracker)
         _follow(pipeline, sink_options, page, recorder, frames)
 
 

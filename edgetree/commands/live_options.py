@@ -26,10 +26,9 @@ if TYPE_CHECKING:
     from edgetree.live.frames import LiveSource
     from edgetree.live.page import PageServer
     from edgetree.live.recording import FrameRecorder
-    from edgetree.live.sinks import MapOrigin
-    from edgetree.live.sinks.opening import SinkOptions
+    from edgetree.live.tracking import StemTracker
 
-__all__ = ["LiveMetresOptions", "LiveOutputs", "LivePageOptions", "LiveSourceOptions"]
+__all__ = ["LiveMetresOptions", "LivePageOptions", "LiveSourceOptions"]
 
 _TOPIC_ROLES: Final = ("colour", "depth", "camera", "depth_camera", "imu")
 
@@ -79,40 +78,14 @@ _Token: TypeAlias = Annotated[
     str | None,
     typer.Option(help="Token that the page asks for; a random one if needed and not given."),
 ]
-_JsonLines: TypeAlias = Annotated[
-    Path | None,
-    typer.Option(help="File for the JSON lines, instead of stdout (with --page: nowhere)."),
-]
-_CsvFile: TypeAlias = Annotated[
-    Path | None, typer.Option("--csv", help="CSV file to write, one row per stem and frame.")
-]
-_Map: TypeAlias = Annotated[
-    Path | None,
-    typer.Option(metavar="FILE", help="Map of the stems to write at the end: .geojson or .gpkg."),
-]
-_Bag: TypeAlias = Annotated[
-    Path | None,
+
+
+_Odometry: TypeAlias = Annotated[
+    bool,
     typer.Option(
-        metavar="FOLDER",
-        help="ROS 2 bag (MCAP) of pictures, poses and stems to write, for Foxglove or Rerun.",
-    ),
-]
-_Udp: TypeAlias = Annotated[
-    str | None,
-    typer.Option(metavar="HOST:PORT", help="Send a datagram with the stems for each frame."),
-]
-_MapOrigin: TypeAlias = Annotated[
-    str | None,
-    typer.Option(
-        metavar="LAT,LON[,HEIGHT[,HEADING]]",
-        help="Place of the map on Earth: degrees in WGS 84, metres, and direction of the map's y"
-        " axis in degrees clockwise from north. If not given, the map is in metres.",
-    ),
-]
-_Mqtt: TypeAlias = Annotated[
-    str | None,
-    typer.Option(
-        metavar="HOST[:PORT]", help="Publish the stems of each frame at this MQTT broker."
+        "--odometry",
+        help="In frames without a pose, find the camera's motion from the depth images too. Needs"
+        " the package small_gicp.",
     ),
 ]
 
@@ -171,13 +144,24 @@ class LiveSourceOptions:
 
 @dataclass(frozen=True)
 class LiveMetresOptions:
-    """The options about the measurement."""
+    """The options about measuring and following."""
 
     camera: Camera = None
     up: Up = None
     mounting: Mounting = None
     stump_height: StumpHeight = None
     species: SpeciesName = None
+    odometry: _Odometry = False
+
+    def tracker(self) -> StemTracker:
+        """What follows the stems.
+
+        Raises:
+            MissingDependency: `odometry` is wanted and small_gicp is not installed.
+        """
+        from edgetree.live.tracking import DepthOdometry, StemTracker
+
+        return StemTracker(odometry=DepthOdometry() if self.odometry else None)
 
     def as_rig_options(self) -> RigOptions:
         """The same options as other commands have them."""
@@ -209,50 +193,3 @@ class LivePageOptions:
         with PageServer(self.host, self.port, self.token, recorder=recorder) as page:
             note(f"page: {page.address}")
             yield page
-
-
-@dataclass(frozen=True)
-class LiveOutputs:
-    """The options for outputs."""
-
-    jsonl: _JsonLines = None
-    csv: _CsvFile = None
-    map: _Map = None
-    map_origin: _MapOrigin = None
-    bag: _Bag = None
-    udp: _Udp = None
-    mqtt: _Mqtt = None
-
-    def options(self, to_stdout: bool) -> SinkOptions:
-        """The outputs, with JSON lines on stdout if `to_stdout`."""
-        from edgetree.live.sinks.opening import SinkOptions
-
-        origin = None if self.map_origin is None else _origin(self.map_origin)
-        return SinkOptions(
-            jsonl=self.jsonl,
-            csv=self.csv,
-            stem_map=self.map,
-            origin=origin,
-            bag=self.bag,
-            udp=self.udp,
-            mqtt=self.mqtt,
-            to_stdout=to_stdout,
-        )
-
-
-def _origin(text: str) -> MapOrigin:
-    """The place of the map.
-
-    Raises:
-        InputError: it has another form, or is out of range.
-    """
-    from edgetree.errors import InputError
-    from edgetree.live.sinks import MapOrigin
-
-    try:
-        latitude, longitude, *rest = (float(part) for part in text.split(","))
-        return MapOrigin(latitude, longitude, *rest)
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            f"--map-origin is {text!r}: expected LAT,LON[,HEIGHT[,HEADING]], such as 60.5,24.3"
-        ) from error

@@ -40,6 +40,7 @@ _LOOKED_AT: Final = (
     *ONNXRUNTIME_BUILDS,
     *CAMERA_PACKAGES,
     "rosbags",
+    "small_gicp",
     "paho-mqtt",
     *TRAINING_PACKAGES,
 )

@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from calib import RigidTransform
 from edgetree.live.tracking.settings import TrackingSettings
 
 __all__ = ["CameraMotion"]
@@ -28,8 +29,8 @@ class CameraMotion:
     A Kalman filter with constant velocity between the frames; the noise is a white acceleration.
 
     Attributes:
-        source: what the latest place is from: "start" for a new map, "pose", "stems", or
-            "prediction" by the speed.
+        source: what the latest place is from: "start" for a new map, "pose", "stems", "depth" for
+            registered depth images, or "prediction" by the speed.
         state: (6,) x m, y m, heading rad, and their rates per second.
         covariance: (6, 6) of its error.
         height_m: height of the camera in the map.
@@ -42,7 +43,7 @@ class CameraMotion:
 
     def restart(self) -> None:
         """Make the camera's present place the origin of a map."""
-        self.source: Literal["start", "pose", "stems", "prediction"] = "start"
+        self.source: Literal["start", "pose", "stems", "depth", "prediction"] = "start"
         self.state: Float = np.zeros(6)
         self.height_m = 0.0
         self.height_variance = 0.0
@@ -83,6 +84,43 @@ class CameraMotion:
         self.covariance[3:, 3:] += 1e-9 * np.eye(3)
         self.height_variance += _CLIMB_M**2 * step_s
         self.source = "prediction"
+
+    def expected_step(self, step_s: float) -> RigidTransform:
+        """The step that constant velocity leads to, from the level frame then to the one now."""
+        turn_rad = self.state[5] * step_s
+        cos, sin = math.cos(turn_rad), math.sin(turn_rad)
+        turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        return RigidTransform(
+            turn, np.array([*(self.rotation().T @ self.state[3:5] * step_s), 0.0])
+        )
+
+    def advance(self, step: RigidTransform, covariance: Float, step_s: float | None) -> None:
+        """Move on by a measured step.
+
+        Args:
+            step: transform from the level frame now to the one before.
+            covariance: (4, 4) of the error of its shift in x, y and z, m, and of its turn, rad.
+            step_s: time that it took; None if that is not known.
+        """
+        turn = self.rotation()
+        level = np.ix_([0, 1, 3], [0, 1, 3])
+        heading_rad = math.atan2(step.rotation[1, 0], step.rotation[0, 0])
+        carried = np.eye(3)
+        carried[:2] = self.place_jacobian(step.translation_m[None, :2])[0]
+        turned = np.eye(3)
+        turned[:2, :2] = turn
+        error = turned @ covariance[level] @ turned.T
+        moved = np.array([*(turn @ step.translation_m[:2]), heading_rad])
+        place = carried @ self.covariance[:3, :3] @ carried.T + error
+        self.state[:3] += moved
+        self.height_m += float(step.translation_m[2])
+        self.height_variance += float(covariance[2, 2])
+        self.covariance = np.diag([0.0, 0.0, 0.0, *self._rates()])
+        self.covariance[:3, :3] = place
+        if step_s:
+            self.state[3:] = moved / step_s
+            self.covariance[3:, 3:] = 2 * error / step_s**2
+        self.source = "depth"
 
     def set_pose(self, place_m: Float, heading_rad: float, step_s: float | None) -> None:
         """Take a given pose; `step_s` since the last one, None if there was none."""

@@ -9,19 +9,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calib import CAMERA_UP, RigidTransform, pixels_to_rays
+from calib import RigidTransform, pixels_to_rays
 from edgetree.detections import TreeDetections
 from edgetree.errors import InputError
 from edgetree.live.frames import LiveFrame
 from edgetree.live.tracking.association import match_greedily
+from edgetree.live.tracking.ego_motion import EgoMotion
 from edgetree.live.tracking.localisation import locate, match_costs
 from edgetree.live.tracking.motion import CameraMotion
+from edgetree.live.tracking.odometry import DepthOdometry
 from edgetree.live.tracking.reports import report_tracks
 from edgetree.live.tracking.settings import TrackingSettings
-from edgetree.live.tracking.sightings import Sightings, level_rotation
+from edgetree.live.tracking.sightings import Sightings
 from edgetree.live.tracking.stems import StemMap
 from edgetree.live.tracking.tracks import TreeTrack
-from edgetree.measure import Failure, TreeMeasurement
+from edgetree.measure import TreeMeasurement
 
 __all__ = ["StemTracker"]
 
@@ -44,22 +46,29 @@ class StemTracker:
     """Follow stems in three dimensions, frame by frame.
 
     Stems are landmarks on the level plane. A frame's pose places the camera in the map. Without one
-    the vertical gives its roll and pitch, the stems its place and heading, and constant velocity
-    bridges frames with too few stems. Where nothing tells how the camera moved, a new map begins,
-    and its stems say so in their warnings.
+    the vertical gives its roll and pitch, the stems its place and heading, and registered depth
+    images or else constant velocity bridge frames with too few stems. Where nothing tells how the
+    camera moved, a new map begins, and its stems say so in their warnings.
+
+    Args:
+        settings: assumptions about errors, motion and time; the defaults if None.
+        odometry: finds the motion between frames without poses from their depth images; None to do
+            without.
 
     Attributes:
         map_part: number of the map, from 1 on. Positions in different maps have nothing in common.
     """
 
-    def __init__(self, settings: TrackingSettings | None = None) -> None:
+    def __init__(
+        self,
+        settings: TrackingSettings | None = None,
+        odometry: DepthOdometry | None = None,
+    ) -> None:
         self._settings = settings or TrackingSettings()
         self._stems = StemMap(self._settings)
-        self._motion = CameraMotion(self._settings)
+        self._camera = EgoMotion(self._settings, odometry)
+        self._motion = self._camera.motion
         self._time_s: float | None = None
-        self._up = np.array(CAMERA_UP)
-        self._level = level_rotation(self._up)
-        self._from_poses = False
         self._mapped = False
         self._remark = ""
         self.map_part = 1
@@ -72,10 +81,7 @@ class StemTracker:
     @property
     def camera_pose(self) -> RigidTransform:
         """Transform from the camera's frame to the map."""
-        turn = np.eye(3)
-        turn[:2, :2] = self._motion.rotation()
-        place = np.array([*self._motion.state[:2], self._motion.height_m])
-        return RigidTransform(turn @ self._level, place)
+        return self._camera.camera_pose
 
     def update(
         self, frame: LiveFrame, trees: TreeDetections, measurements: list[TreeMeasurement]
@@ -98,19 +104,20 @@ class StemTracker:
                 f"there are {len(measurements)} measurements: expected {len(trees)}, one per tree"
             )
         step_s = self._step_s(frame.time_s)
-        up_std_deg = self._take_vertical(frame, measurements)
+        if frame.pose is not None and not self._camera.in_pose_frame and len(self._stems):
+            self._begin_map("the first pose came")
+        self._camera.move(frame, measurements, step_s)
         doubt = self._border_doubt(trees)
-        seen = Sightings.of(measurements, self._level, math.radians(up_std_deg), doubt)
+        level, up_std_rad = self._camera.vertical.level, math.radians(self._camera.vertical.std_deg)
+        seen = Sightings.of(measurements, level, up_std_rad, doubt)
         self._stems.begin_frame()
-        if frame.pose is not None:
-            self._take_pose(frame.pose, step_s)
-        else:
+        if frame.pose is None:
             self._find_motion(seen, step_s)
         self._follow(seen.in_map(self._motion), trees, frame.time_s)
         self._name_unmeasured(frame, trees)
         self._stems.note_reasons(measurements)
         self._stems.forget(frame.time_s)
-        return report_tracks(self._stems, self._motion, self._level, self._settings, self._remark)
+        return report_tracks(self._stems, self._motion, level, self._settings, self._remark)
 
     def _border_doubt(self, trees: TreeDetections) -> Float:
         """(N,) factors on the deviations of trees that the picture's border may cut off."""
@@ -131,30 +138,6 @@ class StemTracker:
             return None
         return time_s - last_s
 
-    def _take_vertical(self, frame: LiveFrame, measurements: list[TreeMeasurement]) -> float:
-        """Keep the vertical of this frame, and return its standard deviation in degrees."""
-        std_deg = self._settings.up_std_deg
-        if frame.pose is not None:
-            self._up = np.array(frame.pose.rotation[2])
-        elif frame.up_camera is not None:
-            self._up = np.asarray(frame.up_camera, np.float64)
-        else:
-            std_deg = self._settings.stem_up_std_deg
-            axes = [m.axis.direction for m in measurements if not isinstance(m.axis, Failure)]
-            if axes:
-                self._up = np.median(axes, axis=0)
-        self._up = self._up / np.linalg.norm(self._up)
-        self._level = level_rotation(self._up)
-        return std_deg
-
-    def _take_pose(self, pose: RigidTransform, step_s: float | None) -> None:
-        if not self._from_poses and len(self._stems):
-            self._begin_map("the first pose came")
-        ahead = pose.rotation @ self._level[0]
-        heading = math.atan2(float(ahead[1]), float(ahead[0]))
-        self._motion.set_pose(pose.translation_m, heading, step_s if self._from_poses else None)
-        self._from_poses = True
-
     def _begin_map(self, why: str) -> None:
         """Begin a new map at the camera's place."""
         self.map_part += 1
@@ -162,17 +145,16 @@ class StemTracker:
         _LOG.warning("%s", self._remark)
         self._mapped = False
         self._stems.clear()
-        self._motion.restart()
-        self._from_poses = False
+        self._camera.restart()
 
     def _find_motion(self, seen: Sightings, step_s: float | None) -> None:
-        """Find the camera's place by the stems, or begin a new map where they do not tell it."""
+        """Find the camera's place by the stems, or begin a new map where nothing tells it."""
         if not len(self._stems):
-            if self._mapped:
+            if self._mapped and not self._camera.is_measured:
                 self._begin_map("no stem is followed that tells how the camera moved")
-            self._motion.restart()
+            if not self._mapped:
+                self._camera.restart()
             return
-        self._motion.predict(math.inf if step_s is None else step_s)
         lost = step_s is None or self._motion.place_std_m > self._settings.lost_std_m
         if len(seen) and not locate(self._motion, self._stems, seen, lost, self._settings.gate):
             self._begin_map("nothing tells how the camera moved")
@@ -203,7 +185,7 @@ class StemTracker:
             frame.camera,
             np.stack([boxes[:, [0, 2]], np.repeat(boxes[:, 1::2].mean(1)[:, None], 2, 1)], -1),
         )
-        sides = rays @ self._level.T
+        sides = rays @ self._camera.vertical.level.T
         bearing = np.unwrap(np.arctan2(sides[..., 1], sides[..., 0]), axis=1)
         middle, half = bearing.mean(1), np.abs(np.diff(bearing, axis=1)[:, 0]) / 2
         to_stem = (rows["line"][hidden, :2] - self._motion.state[:2]) @ self._motion.rotation()
