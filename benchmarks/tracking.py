@@ -240,21 +240,25 @@ def speed(drives: dict[str, list[DriveFrame]]) -> dict[str, Any]:
         times: list[float] = []
         for drive in drives.values():
             frames = [(frame.live(*given), frame.trees, frame.measurements) for frame in drive]
-            times += _update_ms(frames)
-        stand = _update_ms(twenty_stems(*given[:2]))
-        result[known] = {
-            "drives_median_ms": round(float(np.median(times)), 3),
-            "drives_p95_ms": round(float(np.percentile(times, 95)), 3),
-            "stems20_median_ms": round(float(np.median(stand)), 3),
-            "stems20_p95_ms": round(float(np.percentile(stand, 95)), 3),
-        }
+            times += _update_ms(frames, DepthOdometry() if given[2] else None)
+        result[known] = _spread_ms("drives", times)
+        if not given[2]:
+            result[known] |= _spread_ms("stems20", _update_ms(twenty_stems(*given[:2]), None))
     return result
+
+
+def _spread_ms(of: str, times: list[float]) -> dict[str, float]:
+    return {
+        f"{of}_median_ms": round(float(np.median(times)), 3),
+        f"{of}_p95_ms": round(float(np.percentile(times, 95)), 3),
+    }
 
 
 def _update_ms(
     frames: list[tuple[LiveFrame, TreeDetections, list[TreeMeasurement]]],
+    odometry: DepthOdometry | None,
 ) -> list[float]:
-    tracker, times = StemTracker(), []
+    tracker, times = StemTracker(odometry=odometry), []
     for frame in frames:
         start = time.thread_time()
         tracker.update(*frame)

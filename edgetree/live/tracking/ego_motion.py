@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from calib import RigidTransform
 from edgetree.live.frames import LiveFrame
 from edgetree.live.tracking.motion import CameraMotion
-from edgetree.live.tracking.odometry import CameraStep, DepthOdometry, from_level
+from edgetree.live.tracking.odometry import CameraStep, DepthOdometry
 from edgetree.live.tracking.settings import TrackingSettings
 from edgetree.live.tracking.sightings import level_rotation
 from edgetree.live.tracking.vertical import Vertical
@@ -87,8 +87,11 @@ class EgoMotion:
         if frame.pose is not None:
             return None
         up = self.vertical.up if frame.up_camera is None else np.asarray(frame.up_camera)
-        expected = self.motion.expected_step(step_s or 0.0)
-        guess = from_level(expected, self.vertical.level, level_rotation(up))
+        if not step_s:
+            return self._odometry.step(frame, None)
+        expected = self.motion.expected_step(step_s)
+        now = level_rotation(up)
+        guess = CameraStep.from_level(*expected, self.vertical.level, now, step_s)
         return self._odometry.step(frame, guess)
 
     def _take_pose(self, pose: RigidTransform, step_s: float | None) -> None:

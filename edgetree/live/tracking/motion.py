@@ -21,6 +21,8 @@ _CLIMB_M = 0.15
 _FOUND_STD_M, _FOUND_STD_DEG = 0.3, 5.0
 # After this long without any knowledge of the motion, a longer time changes nothing.
 _MAX_STEP_S = 10.0
+# Place in x and y and heading, among shifts in x, y and z and the turn.
+_LEVEL = (0, 1, 3)
 
 
 class CameraMotion:
@@ -65,11 +67,8 @@ class CameraMotion:
         """Standard deviation of the place, of both coordinates together."""
         return math.sqrt(float(np.trace(self.covariance[:2, :2])))
 
-    def predict(self, step_s: float) -> None:
-        """Move on by a time."""
-        step_s = min(step_s, _MAX_STEP_S)
-        move = np.eye(6)
-        move[:3, 3:] = step_s * np.eye(3)
+    def _spread(self, step_s: float) -> Float:
+        """(6, 3) deviations of place, heading and their rates by the acceleration in a time."""
         acceleration = np.array(
             [
                 self._settings.acceleration_m_per_s2,
@@ -77,7 +76,14 @@ class CameraMotion:
                 math.radians(self._settings.turn_acceleration_deg_per_s2),
             ]
         )
-        spread = np.concatenate([np.eye(3) * step_s**2 / 2, np.eye(3) * step_s]) * acceleration
+        return np.concatenate([np.eye(3) * step_s**2 / 2, np.eye(3) * step_s]) * acceleration
+
+    def predict(self, step_s: float) -> None:
+        """Move on by a time."""
+        step_s = min(step_s, _MAX_STEP_S)
+        move = np.eye(6)
+        move[:3, 3:] = step_s * np.eye(3)
+        spread = self._spread(step_s)
         self.state = move @ self.state
         self.covariance = move @ self.covariance @ move.T + spread @ spread.T
         # A speed that was never seen is bounded all the same.
@@ -85,14 +91,24 @@ class CameraMotion:
         self.height_variance += _CLIMB_M**2 * step_s
         self.source = "prediction"
 
-    def expected_step(self, step_s: float) -> RigidTransform:
-        """The step that constant velocity leads to, from the level frame then to the one now."""
+    def expected_step(self, step_s: float) -> tuple[RigidTransform, Float]:
+        """The step that constant velocity leads to.
+
+        Returns:
+            The transform from the level frame now to the one before, and the (4, 4) covariance of
+            the error of its shift in x, y and z, m, and of its turn, rad.
+        """
         turn_rad = self.state[5] * step_s
         cos, sin = math.cos(turn_rad), math.sin(turn_rad)
         turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-        return RigidTransform(
-            turn, np.array([*(self.rotation().T @ self.state[3:5] * step_s), 0.0])
-        )
+        shift_m = np.array([*(self.rotation().T @ self.state[3:5] * step_s), 0.0])
+        spread = self._spread(step_s)[:3]
+        rates = step_s**2 * self.covariance[3:, 3:] + spread @ spread.T
+        to_level = np.eye(3)
+        to_level[:2, :2] = self.rotation().T
+        covariance = np.diag([0.0, 0.0, _CLIMB_M**2 * step_s, 0.0])
+        covariance[np.ix_(_LEVEL, _LEVEL)] = to_level @ rates @ to_level.T
+        return RigidTransform(turn, shift_m), covariance
 
     def advance(self, step: RigidTransform, covariance: Float, step_s: float | None) -> None:
         """Move on by a measured step.
@@ -103,13 +119,12 @@ class CameraMotion:
             step_s: time that it took; None if that is not known.
         """
         turn = self.rotation()
-        level = np.ix_([0, 1, 3], [0, 1, 3])
         heading_rad = math.atan2(step.rotation[1, 0], step.rotation[0, 0])
         carried = np.eye(3)
         carried[:2] = self.place_jacobian(step.translation_m[None, :2])[0]
         turned = np.eye(3)
         turned[:2, :2] = turn
-        error = turned @ covariance[level] @ turned.T
+        error = turned @ covariance[np.ix_(_LEVEL, _LEVEL)] @ turned.T
         moved = np.array([*(turn @ step.translation_m[:2]), heading_rad])
         place = carried @ self.covariance[:3, :3] @ carried.T + error
         self.state[:3] += moved

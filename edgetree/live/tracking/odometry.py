@@ -12,29 +12,34 @@ from calib import PinholeCamera, RigidTransform, pixels_to_rays
 from edgetree.errors import MissingDependency, install_hint
 from edgetree.live.frames import LiveFrame
 
-__all__ = ["CameraStep", "DepthOdometry", "from_level"]
+__all__ = ["CameraStep", "DepthOdometry"]
 
 Float = NDArray[np.floating[Any]]
 
-# Every so manieth pixel is used that some 14,000 of an image are left.
-_PIXELS: Final = 14_000
+# Every so manieth pixel is used that some 7,000 of an image are left.
+_PIXELS: Final = 7_000
 # Depths used, m: nearer ones may be of the machine itself, those of cameras get too noisy beyond.
 _NEAREST_M, _FARTHEST_M = 1.0, 12.0
 # Points closer than this together become one.
 _SPACING_M: Final = 0.1
 _NEIGHBOURS: Final = 10
 # Coarse to fine: spacing of the points, and how far apart matching points may be, m.
-_COARSE_M, _COARSE_REACH_M, _REACH_M = 0.3, 1.5, 0.3
+_COARSE_M, _COARSE_REACH_M, _REACH_M = 0.3, 1.5, 0.15
 # A registration counts if so many points match, of so large a share of all.
-_MIN_POINTS, _MIN_SHARE = 300, 0.5
+_MIN_POINTS, _MIN_SHARE = 300, 0.3
+# Largest chi-square, with six degrees of freedom, by which a step may differ from the expected one.
+_GATE: Final = 28.0
 # The reference is replaced after this way or turn, or when fewer points match.
-_NEW_REFERENCE_M, _NEW_REFERENCE_RAD, _NEW_REFERENCE_SHARE = 0.3, 0.1, 0.75
+_NEW_REFERENCE_M, _NEW_REFERENCE_RAD, _NEW_REFERENCE_SHARE = 0.3, 0.1, 0.6
 # Surfaces must face every way: the smallest eigenvalue of the normals' mean outer product. Level
 # ground alone has up to 0.004, one stem on it 0.013, simulated forests 0.07 and more.
 _MIN_FACING: Final = 0.01
-# Standard deviation of a point along its normal, m: points of one surface share errors. Smallest
-# standard deviations of a step: m, rad.
-_POINT_STD_M, _MIN_STD_M, _MIN_STD_RAD = 0.1, 0.005, 0.001
+# Standard deviation of a point along its normal, m, if all points match: points of one surface
+# share errors. Where fewer match, as among leaves, it grows by the share to this power. With both,
+# errors on simulated drives are as large as stated. Smallest deviations of a step: m, rad.
+_POINT_STD_M, _SHARE_POWER, _MIN_STD_M, _MIN_STD_RAD = 0.12, -2.0, 0.005, 0.002
+# Standard deviation of the camera's roll and pitch between frames, rad per square root of a second.
+_TILT_RAD: Final = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,10 +71,33 @@ class CameraStep:
         shift = before @ self.transform.translation_m
         return RigidTransform(turn @ now.T, shift), error @ self.covariance @ error.T
 
+    @classmethod
+    def from_level(
+        cls, step: RigidTransform, covariance: Float, before: Float, now: Float, step_s: float
+    ) -> CameraStep:
+        """The step from that between the level frames, the reverse of `in_level`.
 
-def from_level(step: RigidTransform, before: Float, now: Float) -> RigidTransform:
-    """The step between the camera's frames from that between the level frames, as `in_level`."""
-    return RigidTransform(before.T @ step.rotation @ now, before.T @ step.translation_m)
+        Args:
+            step: transform from the level frame now to the one before.
+            covariance: (4, 4) of the error of its shift in x, y and z, m, and of its turn, rad.
+            before: (3, 3) rotation from the camera's frame before to the level frame before.
+            now: the same for the frame now.
+            step_s: time that it takes, for the error of roll and pitch.
+        """
+        transform = RigidTransform(before.T @ step.rotation @ now, before.T @ step.translation_m)
+        turn = before @ transform.rotation
+        error = np.zeros((6, 4))
+        error[3:, :3], error[:3, 3] = turn.T, turn[2]
+        tilt = np.zeros((6, 6))
+        tilt[:3, :3] = _TILT_RAD**2 * step_s * np.eye(3)
+        return cls(transform, error @ covariance @ error.T + tilt)
+
+    def agrees(self, other: CameraStep) -> bool:
+        """Whether another estimate of the same step differs by no more than both state."""
+        off = other.transform.then(self.transform.inverse())
+        turn = off.rotation - off.rotation.T
+        by = np.array([turn[2, 1], turn[0, 2], turn[1, 0], *(2 * off.translation_m)]) / 2
+        return bool(by @ np.linalg.solve(self.covariance + other.covariance, by) < _GATE)
 
 
 class DepthOdometry:
@@ -100,13 +128,13 @@ class DepthOdometry:
         self._reference: _Cloud | None = None
         self._since = RigidTransform.identity()
 
-    def step(self, frame: LiveFrame, guess: RigidTransform | None) -> CameraStep | None:
+    def step(self, frame: LiveFrame, guess: CameraStep | None) -> CameraStep | None:
         """Find how the camera moved since the last frame.
 
         Args:
             frame: the frame; its depth and camera are used.
-            guess: the expected transform from the camera's frame now to its frame before; None if
-                nothing is known.
+            guess: the expected step; None if nothing is known. One that differs by more than its
+                covariance explains is not believed.
 
         Returns:
             The motion; None for the first frame, without depth, and where the images do not tell.
@@ -120,19 +148,23 @@ class DepthOdometry:
         if reference is None:
             self._use(cloud)
             return None
-        expected = before if guess is None else guess.then(before)
+        expected = before if guess is None else guess.transform.then(before)
         found = reference.register(cloud, expected)
         if found is None:
             self._use(cloud)
             return None
         now, covariance, share = found
+        step = CameraStep(now.then(before.inverse()), covariance)
+        if guess is not None and not guess.agrees(step):
+            self._use(cloud)
+            return None
         moved = np.linalg.norm(now.translation_m) > _NEW_REFERENCE_M
         turned = _angle_rad(now.rotation) > _NEW_REFERENCE_RAD
         if moved or turned or share < _NEW_REFERENCE_SHARE:
             self._use(cloud)
         else:
             self._since = now
-        return CameraStep(now.then(before.inverse()), covariance)
+        return step
 
     def _use(self, cloud: _Cloud) -> None:
         """Make a cloud the reference."""
@@ -178,14 +210,14 @@ class _Cloud:
         share = result.num_inliers / max(other._fine[0].size(), 1)
         if result.num_inliers < _MIN_POINTS or share < _MIN_SHARE:
             return None
-        covariance = other.covariance()
+        covariance = other.covariance(share)
         if covariance is None:
             return None
         found = result.T_target_source
         return RigidTransform(found[:3, :3], found[:3, 3]), covariance, share
 
-    def covariance(self) -> Float | None:
-        """(6, 6) of turn and shift when registered by its planes; None if they leave it loose.
+    def covariance(self, share: float) -> Float | None:
+        """(6, 6) of turn and shift when a share of its points match; None if they leave it loose.
 
         The covariance that generalized ICP states counts points of level ground as knowledge of
         shifts along the ground, which they are not.
@@ -195,7 +227,8 @@ class _Cloud:
         if np.linalg.eigvalsh(normals.T @ normals)[0] < _MIN_FACING * len(normals):
             return None
         jacobian = np.hstack([np.cross(points, normals), normals])
-        covariance = np.linalg.inv(jacobian.T @ jacobian) * _POINT_STD_M**2
+        std_m = _POINT_STD_M * share**_SHARE_POWER
+        covariance = np.linalg.inv(jacobian.T @ jacobian) * std_m**2
         return covariance + np.diag([_MIN_STD_RAD**2] * 3 + [_MIN_STD_M**2] * 3)
 
     def _aligned(self, target: Any, source: Any, start: Float, reach_m: float) -> Any:
