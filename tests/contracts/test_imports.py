@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("calib", "edgetree", "perceptree")
 TRAINING_STACK = {"torch", "torchvision", "timm", "pycocotools", "safetensors", "numba"}
 HEAVY = TRAINING_STACK | {"matplotlib", "onnx", "onnxruntime", "onnxscript", "perceptree", "PIL"}
-HEAVY |= {"cryptography", "rosbags", "pyrealsense2", "depthai", "pyorbbecsdk", "paho"}
+HEAVY |= {"cryptography", "rosbags", "pyrealsense2", "depthai", "pyorbbecsdk", "paho", "small_gicp"}
 READS_BAGS = {
     "edgetree.live.sinks.bag_folder",
     "edgetree.live.sinks.ros_messages",
@@ -136,6 +136,7 @@ def test_edgetree_reaches_the_training_side_from_few_places_only() -> None:
         lazily |= {"cryptography"} if module == "edgetree.signing.keys" else set()
         lazily |= {"paho"} if module == "edgetree.live.sinks.mqtt" else set()
         lazily |= {"rosbags"} if module in READS_BAGS else set()
+        lazily |= {"small_gicp"} if module == "edgetree.live.tracking.odometry" else set()
         if top not in EDGETREE_BASE_DEPENDENCIES | lazily or (found.always and top in HEAVY):
             strangers.add((module, found.target))
     assert strangers == set()

@@ -76,7 +76,8 @@ class CameraMotion:
                 math.radians(self._settings.turn_acceleration_deg_per_s2),
             ]
         )
-        return np.concatenate([np.eye(3) * step_s**2 / 2, np.eye(3) * step_s]) * acceleration
+        by_time = np.concatenate([np.eye(3) * step_s**2 / 2, np.eye(3) * step_s])
+        return np.asarray(by_time * acceleration)
 
     def predict(self, step_s: float) -> None:
         """Move on by a time."""

@@ -228,8 +228,8 @@ class _Cloud:
             return None
         jacobian = np.hstack([np.cross(points, normals), normals])
         std_m = _POINT_STD_M * share**_SHARE_POWER
-        covariance = np.linalg.inv(jacobian.T @ jacobian) * std_m**2
-        return covariance + np.diag([_MIN_STD_RAD**2] * 3 + [_MIN_STD_M**2] * 3)
+        by_planes = np.linalg.inv(jacobian.T @ jacobian) * std_m**2
+        return np.asarray(by_planes + np.diag([_MIN_STD_RAD**2] * 3 + [_MIN_STD_M**2] * 3))
 
     def _aligned(self, target: Any, source: Any, start: Float, reach_m: float) -> Any:
         (points, tree), (moving, _) = target, source

@@ -56,6 +56,30 @@ def test_results_go_to_a_bag_that_is_a_source_again(
     assert [len(json.loads(line)["trees"]) for line in done.out.splitlines()] == [1, 1]
 
 
+def test_motion_comes_from_depth_images_too(
+    run_cli: Cli, source: tuple[object, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("small_gicp")
+    from edgetree.live.tracking import DepthOdometry
+
+    seen, step = [], DepthOdometry.step
+    monkeypatch.setattr(
+        DepthOdometry, "step", lambda *given: (seen.append(given[1].number), step(*given))[1]
+    )
+    done = run_cli("live", *source, "--odometry")
+    assert done.code == 0, done.err
+    assert seen == [0, 1]
+
+
+def test_a_missing_package_for_motion_is_named_in_one_line(
+    run_cli: Cli, source: tuple[object, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "small_gicp", None)
+    done = run_cli("live", *source, "--odometry")
+    assert (done.code, done.err.count("\n")) == (2, 1)
+    assert "small_gicp: pip install" in done.err
+
+
 def test_it_ends_after_some_frames(run_cli: Cli, source: tuple[object, ...]) -> None:
     done = run_cli("live", *source, "--loop", "--frames", 5)
     assert done.code == 0
