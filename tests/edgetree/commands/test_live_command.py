@@ -60,12 +60,17 @@ def test_motion_comes_from_depth_images_too(
     run_cli: Cli, source: tuple[object, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("small_gicp")
-    from edgetree.live.tracking import DepthOdometry
+    from edgetree.live.frames import LiveFrame
+    from edgetree.live.tracking.odometry import CameraStep, DepthOdometry
 
-    seen, step = [], DepthOdometry.step
-    monkeypatch.setattr(
-        DepthOdometry, "step", lambda *given: (seen.append(given[1].number), step(*given))[1]
-    )
+    seen: list[int] = []
+    step = DepthOdometry.step
+
+    def noted(odometry: DepthOdometry, frame: LiveFrame, guess: CameraStep | None) -> Any:
+        seen.append(frame.number)
+        return step(odometry, frame, guess)
+
+    monkeypatch.setattr(DepthOdometry, "step", noted)
     done = run_cli("live", *source, "--odometry")
     assert done.code == 0, done.err
     assert seen == [0, 1]
