@@ -115,13 +115,21 @@ class ResizeRule:
 
 @dataclass(frozen=True)
 class Thresholds:
-    """Thresholds inside the graph: the lowest score it outputs, and the IoU of its NMS."""
+    """Thresholds for the outputs.
+
+    Attributes:
+        score: lowest score that the graph outputs.
+        nms_iou: IoU of boxes above which the graph keeps the one with the higher score.
+        mask_overlap: after the graph, of two trees whose masks have more than this share of the
+            smaller one in common, the one with the higher score is kept.
+    """
 
     score: float
     nms_iou: float
+    mask_overlap: float = 0.8
 
     def __post_init__(self) -> None:
-        for name in ("score", "nms_iou"):
+        for name in ("score", "nms_iou", "mask_overlap"):
             value = getattr(self, name)
             _require(0.0 <= value <= 1.0, f"threshold {name}", value, "0 to 1")
 
@@ -152,7 +160,7 @@ class Manifest:
         classes: names of the classes.
         keypoint_names: `KEYPOINT_NAMES`, or empty for a model without keypoints.
         keypoint_flip_pairs: pairs of keypoint indices that a horizontal flip swaps.
-        thresholds: thresholds inside the graph.
+        thresholds: thresholds for the outputs.
         precision: "float32", "float16" or "int8".
         opset: ONNX opset of the graph.
         parameters: number of weights.

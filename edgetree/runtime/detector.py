@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 import calib
 from edgetree.detections import TreeDetections
 from edgetree.errors import InputError
+from edgetree.runtime.duplicates import distinct_trees
 from edgetree.runtime.graph_checks import ImageOutputs, check_outputs, read_manifest
 from edgetree.runtime.input_images import check_image, to_bytes
 from edgetree.runtime.providers import CPU, SessionSettings
@@ -130,7 +131,8 @@ class TreeDetector:
                 in the manifest.
 
         Returns:
-            The trees that reach the score threshold, in pixels of `image`, by descending score.
+            The trees that reach the score threshold, in pixels of `image`, by descending score. Of
+            trees whose masks cover each other, only the one with the highest score.
 
         Raises:
             InputError: `image` is not an array of this shape and dtype, is empty, or has negative
@@ -204,7 +206,10 @@ class TreeDetector:
         width, height = letterbox.source_width, letterbox.source_height
         boxes = letterbox.to_source(rows.boxes.reshape(-1, 2)).reshape(-1, 4)
         in_view = (boxes[:, :2] < [width, height]).all(axis=1)
-        shown = in_view & (rows.scores >= self.score_threshold)
+        shown = np.flatnonzero(in_view & (rows.scores >= self.score_threshold))
+        if rows.masks is not None:
+            most = self.manifest.thresholds.mask_overlap
+            shown = shown[distinct_trees(rows.boxes[shown], rows.masks[shown], most)]
         points = rows.keypoints
         if points is not None:
             points = points[shown]

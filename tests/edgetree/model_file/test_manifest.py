@@ -54,7 +54,7 @@ def manifests(draw: st.DrawFn) -> Manifest:
         classes=draw(st.lists(st.text(), max_size=3).map(tuple)),
         keypoint_names=KEYPOINT_NAMES if keypoints else (),
         keypoint_flip_pairs=draw(pairs),
-        thresholds=Thresholds(draw(SHARES), draw(SHARES)),
+        thresholds=Thresholds(draw(SHARES), draw(SHARES), draw(SHARES)),
         precision=draw(st.text()),
         opset=draw(COUNTS),
         parameters=draw(COUNTS),
