@@ -33,6 +33,7 @@ from check_rig_faults import (
 from numpy.typing import NDArray
 
 from edgetree import TreeDetections, TreeDetector
+from edgetree.catalogue import default_model
 from edgetree.frames import Rig
 from edgetree.live.frames import LiveFrame
 from edgetree.live.sources.drive import open_drive
@@ -44,7 +45,6 @@ from edgetree.rig_check.silhouettes import find_silhouettes
 from edgetree.rig_check.stem_sightings import StemFinder
 from edgetree.rig_check.stream import StreamCounts
 from edgetree.rig_check.vertical import vertical_checks
-from edgetree.runtime.detector import default_model
 
 Group = Callable[[list[LiveFrame], Any], list[RigCheck]]
 

@@ -17,10 +17,10 @@ import numpy as np
 from check_rig_faults import warped
 
 from edgetree import TreeDetector
+from edgetree.catalogue import default_model
 from edgetree.live.frames import LiveFrame
 from edgetree.live.sources.drive import open_drive
 from edgetree.measure import Failure, TreeMeasurement, measure_trees
-from edgetree.runtime.detector import default_model
 
 _EVERY = 5
 _SHIFTS_PX = (-8, -4, -2, -1, 1, 2, 4, 8)

@@ -32,8 +32,8 @@ from numpy.typing import NDArray
 
 from calib import PinholeCamera
 from edgetree import EdgetreeError, TreeDetector, default_model, sample_frames
+from edgetree.catalogue import MODALITIES
 from edgetree.measure import measure_trees
-from edgetree.runtime.detector import MODALITIES
 from edgetree.runtime.providers import import_onnxruntime
 
 WIDTH_PX = 1280

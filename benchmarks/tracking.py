@@ -38,6 +38,7 @@ from tracking_scores import ScoredFrame, byte_track, scores
 from tracking_stand import twenty_stems
 
 from edgetree import TreeDetections, TreeDetector
+from edgetree.catalogue import default_model
 from edgetree.live.frames import LiveFrame
 from edgetree.live.tracking import (
     DepthOdometry,
@@ -47,7 +48,6 @@ from edgetree.live.tracking import (
     TreeTrack,
 )
 from edgetree.measure import TreeMeasurement
-from edgetree.runtime.detector import default_model
 
 # What the tracker is given: the pose, the vertical, and the depth image.
 Given = tuple[bool, bool, bool]

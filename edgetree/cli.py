@@ -19,6 +19,7 @@ from edgetree.commands.eval import evaluate
 from edgetree.commands.export import export
 from edgetree.commands.live import live
 from edgetree.commands.measure import measure
+from edgetree.commands.models import models
 from edgetree.commands.run import run
 from edgetree.commands.sign import sign
 from edgetree.commands.trust import trust
@@ -42,6 +43,7 @@ app.command()(check)
 app.command()(check_rig)
 app.command()(calibrate)
 app.command(name="eval")(evaluate)
+app.command()(models)
 app.command()(bench)
 app.command()(export)
 app.command()(verify)

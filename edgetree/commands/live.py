@@ -19,7 +19,7 @@ from edgetree.commands.live_options import (
 from edgetree.commands.live_outputs import LiveOutputs
 from edgetree.commands.live_recording import LiveRecordOptions
 from edgetree.commands.option_groups import SessionOptions, expand_groups
-from edgetree.commands.options import Model, ScoreThreshold, model_file
+from edgetree.commands.options import Model, ScoreThreshold, model_file, model_words
 from edgetree.console import note
 
 if TYPE_CHECKING:
@@ -110,6 +110,7 @@ def live(
 
         pipeline = LivePipeline(open_source, detector, rig=rig, settings=settings, tracker=tracker)
         _follow(pipeline, sink_options, page, recorder, frames)
+        note(model_words(detector, model_path))
 
 
 def _follow(

@@ -15,12 +15,15 @@ from edgetree.commands.options import (
     Csv,
     Depth,
     Json,
+    ModelByInput,
     Profiles,
     Report,
     ScoreThreshold,
     check_report,
     model_file,
+    model_for,
     model_record,
+    model_words,
     quoted,
 )
 from edgetree.console import note, print_json
@@ -36,10 +39,6 @@ __all__ = ["measure"]
 _Image: TypeAlias = Annotated[Path, typer.Argument(metavar="IMAGE", help="One image.")]
 _Camera: TypeAlias = Annotated[
     Path, typer.Option(metavar="FILE[:NAME]", help=f"Camera file of the image. {CAMERA_FILES}")
-]
-_Model: TypeAlias = Annotated[
-    str | None,
-    typer.Option(help="An exported .onnx file, or the packaged model rgb (the default) or depth."),
 ]
 _Mask: TypeAlias = Annotated[
     Path | None,
@@ -69,7 +68,7 @@ def measure(
     camera: _Camera,
     *,
     depth: Depth = None,
-    model: _Model = None,
+    model: ModelByInput = None,
     mask: _Mask = None,
     rig_options: RigOptions,
     outputs: _Outputs,
@@ -90,7 +89,7 @@ def measure(
     trees_from: dict[str, Any] = {"mask": str(mask)}
     trees_from_words = f"the mask {mask}"
     if mask is None:
-        detector, model_path = session.open_model(model or "rgb", score_threshold)
+        detector, model_path = session.open_model(model_for(model, depth), score_threshold)
         trees_from = {"model": model_record(detector, model_path)}
         trees_from_words = f"the model {model_path.name}"
     result = inputs.process(detector, rig, settings)
@@ -114,6 +113,8 @@ def measure(
     else:
         for line in table_lines(result.measurements or [], result.found.numbers):
             typer.echo(line)
+    if detector is not None:
+        note(model_words(detector, model_path))
     if result.scaling is not None:
         note(result.scaling)
     for name, path in (

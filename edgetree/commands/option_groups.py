@@ -175,23 +175,19 @@ class SessionOptions:
         """Open the model of the option --model.
 
         Args:
-            model: "rgb", "depth" or the path of an .onnx file.
+            model: name of a known model, or the path of an .onnx file.
             score_threshold: lowest score of trees; None for the default.
 
         Returns:
             The detector and the path of the model file.
 
         Raises:
-            EdgetreeError: as for `TreeDetector.load`.
+            EdgetreeError: as for `find_model` and `TreeDetector.load`.
         """
-        from edgetree.runtime.detector import (
-            DISPLAY_THRESHOLD,
-            MODALITIES,
-            TreeDetector,
-            default_model,
-        )
+        from edgetree.catalogue import find_model
+        from edgetree.runtime.detector import DISPLAY_THRESHOLD, TreeDetector
 
-        path = default_model(model) if model in MODALITIES else Path(model)
+        path = find_model(model)
         detector = TreeDetector.load(
             path,
             provider=self.provider,

@@ -21,6 +21,7 @@ __all__ = [
     "DepthScale",
     "Json",
     "Model",
+    "ModelByInput",
     "Mounting",
     "Profiles",
     "Provider",
@@ -34,7 +35,9 @@ __all__ = [
     "check_report",
     "existing_file",
     "model_file",
+    "model_for",
     "model_record",
+    "model_words",
     "quoted",
 ]
 
@@ -47,7 +50,20 @@ Json: TypeAlias = Annotated[
     bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")
 ]
 Model: TypeAlias = Annotated[
-    str, typer.Option(help="An exported .onnx file, or the packaged model rgb or depth.")
+    str,
+    typer.Option(
+        metavar="NAME|FILE",
+        help="An exported .onnx file, or the name of a model that `edgetree models` lists; rgb and"
+        " depth are those of the package.",
+    ),
+]
+ModelByInput: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME|FILE",
+        help="An exported .onnx file, or the name of a model that `edgetree models` lists. If not"
+        " given: edge-n-depth with --depth, otherwise edge-n-rgb.",
+    ),
 ]
 Threads: TypeAlias = Annotated[
     int | None, typer.Option(min=1, help="Threads of one inference; all cores if not given.")
@@ -161,6 +177,21 @@ def check_report(path: Path | None) -> None:
 
     if path is not None and path.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"--report is {path}: expected a file name ending in .html")
+
+
+def model_for(model: str | None, depth: Path | None) -> str:
+    """The value of --model, or the name of the model that suits the input."""
+    from edgetree.catalogue import suited_model
+
+    return suited_model(with_depth=depth is not None) if model is None else model
+
+
+def model_words(detector: TreeDetector, path: Path) -> str:
+    """What a model is, for a note."""
+    manifest = detector.manifest
+    images = "depth" if manifest.takes_depth else "colour"
+    trained = manifest.training_data or "unknown data"
+    return f"model: {path.name}, {manifest.precision} for {images} images, trained on {trained}"
 
 
 def model_file(model: str | None) -> Path | None:

@@ -17,13 +17,15 @@ from edgetree.commands.options import (
     Csv,
     Depth,
     Json,
-    Model,
+    ModelByInput,
     Profiles,
     Report,
     ScoreThreshold,
     check_report,
     model_file,
+    model_for,
     model_record,
+    model_words,
     quoted,
 )
 from edgetree.console import note, print_json
@@ -74,7 +76,7 @@ class _Outputs:
 def run(
     source: _Source,
     *,
-    model: Model = "rgb",
+    model: ModelByInput = None,
     depth: Depth = None,
     camera: Camera = None,
     rig_options: RigOptions,
@@ -96,6 +98,7 @@ def run(
     from edgetree.results.json_records import frame_record
 
     _check(source, depth, camera, model, rig_options, outputs)
+    model = model_for(model, depth)
     detector, model_path = session.open_model(model, score_threshold)
     rig, settings = rig_options.rig(camera, depth), rig_options.settings()
     frames = open_frames(source, depth, rig=rig, detector=detector)
@@ -141,6 +144,7 @@ def run(
         )
     for line in totals.lines():
         note(line)
+    note(model_words(detector, model_path))
     for name, path in (
         ("JSON lines", outputs.jsonl),
         ("table", outputs.csv),
@@ -166,7 +170,7 @@ def _check(
     source: Path,
     depth: Path | None,
     camera: Path | None,
-    model: str,
+    model: str | None,
     rig_options: RigOptions,
     outputs: _Outputs,
 ) -> None:

@@ -13,7 +13,7 @@ from edgetree.demo.report import NextCommand, render_report
 from edgetree.demo.result import DemoResult, ModelResult, Picture, Speed
 from edgetree.frames.pipeline import image_for
 from edgetree.results.atomic_files import text_file
-from edgetree.runtime.detector import TreeDetector, default_model
+from edgetree.runtime import TreeDetector, default_model
 from edgetree.samples import SampleFrame, sample_frames
 
 __all__ = ["Progress", "demonstrate", "run_embedded", "write_report"]

@@ -34,7 +34,7 @@ def examine() -> Findings:
 def probe_speed(duration_s: float = _PROBE_S) -> Speed:
     """Measure the speed of the packaged rgb model, for `duration_s` on one thread and on all."""
     from edgetree.bench.speed import bench_detector
-    from edgetree.runtime.detector import TreeDetector, default_model
+    from edgetree.runtime import TreeDetector, default_model
     from edgetree.runtime.session import usable_cores
     from edgetree.samples import sample_frames
 

@@ -3,7 +3,8 @@
 `FakeSession` replaces a model file in tests of programs that use a detector.
 """
 
-from edgetree.runtime.detector import TreeDetector, default_model
+from edgetree.catalogue import default_model
+from edgetree.runtime.detector import TreeDetector
 from edgetree.runtime.providers import PROVIDERS, SessionSettings
 from edgetree.runtime.session import FakeSession, InferenceSession
 

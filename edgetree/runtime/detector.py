@@ -18,21 +18,9 @@ from edgetree.runtime.input_images import check_image, to_bytes
 from edgetree.runtime.providers import CPU, SessionSettings
 from edgetree.runtime.session import InferenceSession, OrtSession
 
-__all__ = ["DISPLAY_THRESHOLD", "MODALITIES", "TreeDetector", "default_model"]
+__all__ = ["DISPLAY_THRESHOLD", "TreeDetector"]
 
 DISPLAY_THRESHOLD: Final = 0.5
-MODALITIES: Final = ("rgb", "depth")
-
-
-def default_model(modality: str) -> Path:
-    """Path of the packaged model for "rgb" or "depth".
-
-    Raises:
-        InputError: `modality` is neither.
-    """
-    if modality not in MODALITIES:
-        raise InputError(f"modality is {modality!r}: expected 'rgb' or 'depth'")
-    return Path(__file__).parents[1] / "assets" / "models" / f"{modality}.onnx"
 
 
 class TreeDetector:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 import calib
 from edgetree import cli
+from edgetree.catalogue import default_model
 from edgetree.detections import KEYPOINT_NAMES
 from edgetree.doctor.onnx_bytes import Node, TensorType, onnx_bytes
 from edgetree.model_file.manifest import (
@@ -26,7 +27,6 @@ from edgetree.model_file.manifest import (
     standard_outputs,
 )
 from edgetree.model_file.safety_check import read_model_file
-from edgetree.runtime.detector import default_model
 from edgetree.runtime.session import FakeSession
 
 ModelWriter = Callable[..., Path]

@@ -22,6 +22,7 @@ from safetensors.torch import save
 
 import calib
 from calib.reading import read_image
+from edgetree.catalogue import default_model
 from edgetree.check.csv_file import read_csv
 from edgetree.doctor.onnx_bytes import Node, TensorType, onnx_bytes
 from edgetree.live.page.access import Access
@@ -33,7 +34,6 @@ from edgetree.live.sources.exact import EXACT_TOPIC, exact_record
 from edgetree.live.sources.recording import open_recording
 from edgetree.model_file.manifest import Manifest
 from edgetree.model_file.safety_check import read_model_file
-from edgetree.runtime.detector import default_model
 from edgetree.runtime.providers import CPU, SessionSettings
 from edgetree.runtime.session import OrtSession
 from edgetree.signing import Statement, TrustedKey, TrustFile, parse_signature, read_public_key

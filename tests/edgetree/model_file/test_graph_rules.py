@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import calib
+from edgetree.catalogue import default_model
 from edgetree.doctor.onnx_bytes import Node, TensorType, onnx_bytes
 from edgetree.errors import ModelFileError
 from edgetree.model_file.safety_check import read_model_file
-from edgetree.runtime.detector import default_model
 from edgetree.runtime.session import OrtSession
 
 FLOAT = TensorType("float32", (1, 8))

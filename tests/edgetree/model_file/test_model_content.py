@@ -10,7 +10,7 @@ import pytest
 
 from edgetree.errors import ModelFileError
 from edgetree.model_file.safety_check import read_model_file
-from edgetree.runtime.detector import TreeDetector, default_model
+from edgetree.runtime import TreeDetector, default_model
 
 onnx = pytest.importorskip("onnx")
 TensorProto, helper, numpy_helper = onnx.TensorProto, onnx.helper, onnx.numpy_helper

@@ -15,7 +15,7 @@ from edgetree.doctor.onnx_bytes import Node, TensorType, onnx_bytes
 from edgetree.errors import ModelFileError
 from edgetree.model_file.manifest import Manifest, standard_outputs
 from edgetree.model_file.safety_check import Shape, read_model_file
-from edgetree.runtime.detector import TreeDetector, default_model
+from edgetree.runtime import TreeDetector, default_model
 
 ModelWriter = Callable[..., Path]
 

@@ -12,10 +12,10 @@ import pytest
 from rig_drives import GivenSource, panning_drive, warp_depth, without
 
 from edgetree import TreeDetector
+from edgetree.catalogue import default_model
 from edgetree.errors import InputError
 from edgetree.live.frames import LiveFrame
 from edgetree.rig_check import check_rig, report_lines
-from edgetree.runtime.detector import default_model
 
 
 @pytest.fixture(scope="module")

@@ -20,7 +20,7 @@ from edgetree import sample_frames
 from edgetree.detections import TreeDetections
 from edgetree.errors import ModelFileError
 from edgetree.model_file.manifest import Manifest
-from edgetree.runtime.detector import TreeDetector, default_model
+from edgetree.runtime import TreeDetector, default_model
 from edgetree.runtime.session import Arrays, FakeSession
 
 Trees = dict[str, NDArray[np.float32]]

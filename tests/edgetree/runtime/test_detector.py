@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from edgetree.errors import InputError, ModelFileError
 from edgetree.model_file.manifest import Manifest, standard_input, standard_outputs
-from edgetree.runtime.detector import TreeDetector, default_model
+from edgetree.runtime import TreeDetector, default_model
 from edgetree.runtime.session import FakeSession
 
 Trees = dict[str, NDArray[np.float32]]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from edgetree import sample_frames
 from edgetree.errors import InputError
 from edgetree.model_file.manifest import Manifest
-from edgetree.runtime.detector import TreeDetector, default_model
+from edgetree.runtime import TreeDetector, default_model
 from edgetree.runtime.ort_session import placement_of
 from edgetree.runtime.providers import PROVIDERS, Provider, SessionSettings, installed_providers
 from edgetree.runtime.session import OrtSession

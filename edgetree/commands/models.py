@@ -1,0 +1,84 @@
+"""`edgetree models`: list the models that are found by name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from edgetree.commands.options import Json
+from edgetree.console import note, print_json
+
+if TYPE_CHECKING:
+    from edgetree.catalogue import KnownModel
+
+__all__ = ["models"]
+
+_COLUMNS = ("name", "images", "precision", "MB", "boxes", "masks", "keypoints", "ms")
+
+
+def models(*, as_json: Json = False) -> None:
+    """List the models that --model takes by name, with size, accuracy and speed.
+
+    They are those of the package, and those in the folders that the environment variable
+    EDGETREE_MODELS names. Accuracy and speed are from the model card beside each file.
+    """
+    from edgetree.catalogue import FOLDERS_VARIABLE, known_models
+
+    listed = [record for model in known_models() for record in _record(model)]
+    if as_json:
+        print_json({"schema": "edgetree.models/1", "models": listed})
+        return
+    rows = [_COLUMNS, *(_row(record) for record in listed)]
+    widths = [max(len(row[column]) for row in rows) for column in range(len(_COLUMNS))]
+    for row in rows:
+        cells = (text.ljust(width) for text, width in zip(row, widths, strict=True))
+        typer.echo("  ".join(cells).rstrip())
+    for record in listed:
+        if record["card"] is not None:
+            typer.echo(f"{record['name']}: {record['card']['for']}")
+    typer.echo("boxes, masks, keypoints: average precision in percent on the frozen test frames")
+    typer.echo("ms: median time of a detection on the machine of the card")
+    note(f"further models: name their folders in {FOLDERS_VARIABLE}")
+
+
+def _record(model: KnownModel) -> Iterator[dict[str, Any]]:
+    """A model as a JSON object; nothing, and a note, if it cannot be read."""
+    from edgetree.errors import EdgetreeError
+
+    try:
+        manifest, card = model.manifest(), model.card()
+    except EdgetreeError as error:
+        note(f"left out: {error}")
+        return
+    yield {
+        "name": model.name,
+        "path": str(model.path),
+        "modality": manifest.modality,
+        "precision": manifest.precision,
+        "size_bytes": model.path.stat().st_size,
+        "input_px": [manifest.input.width, manifest.input.height],
+        "training_data": manifest.training_data,
+        "card": card,
+    }
+
+
+def _row(record: dict[str, Any]) -> tuple[str, ...]:
+    card = record["card"]
+    figures: tuple[str, ...] = ("-",) * 4
+    if card is not None:
+        precision = card["test"]["average_precision"]
+        shares = (precision[kind] for kind in ("boxes", "masks", "keypoints"))
+        figures = (*(_number(share) for share in shares), _number(card["speed"]["detect_p50_ms"]))
+    return (
+        record["name"],
+        record["modality"],
+        record["precision"],
+        f"{record['size_bytes'] / 1e6:.1f}",
+        *figures,
+    )
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.1f}"
