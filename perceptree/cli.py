@@ -7,6 +7,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
+from perceptree.commands.calibrate_scores import calibrate_scores
 from perceptree.commands.data import app as data
 from perceptree.commands.eval import evaluate
 from perceptree.commands.import_ import import_
@@ -30,6 +31,7 @@ app.command()(synth)
 app.command()(scene)
 app.command()(train)
 app.command(name="eval")(evaluate)
+app.command(name="calibrate-scores")(calibrate_scores)
 app.command()(tables)
 app.command()(plot)
 app.command()(predict)

@@ -23,6 +23,7 @@ from perceptree.evaluation.groups import AXES, Axis, Group, groups_of
 from perceptree.evaluation.matching import DISPLAY_SCORE, MATCH_IOU
 from perceptree.evaluation.metrics import Measured
 from perceptree.evaluation.precision import KINDS
+from perceptree.evaluation.reliability import reliability, scored_detections
 from perceptree.keypoints import KEYPOINT_NAMES
 
 SCHEMA = "perceptree.evaluation/1"
@@ -80,6 +81,7 @@ def figures_of(measured: Measured, about: About) -> Figures:
             "precision": None if matches.precision is None else round(matches.precision, 4),
         },
         "boxes_by_score": measured.scorer.by_score("bbox"),
+        "reliability": reliability(scored_detections(measured.store.frames, measured.predictions)),
         "keypoint_error_px": None if errors is None else _keypoint_figures(errors),
         "felling_cut_density": None
         if errors is None

@@ -59,8 +59,12 @@ class Matches(NamedTuple):
         return len(self.found) / reported if reported else None
 
 
-def match_trees(frames: Sequence[FrameRecord], predictions: Sequence[FramePrediction]) -> Matches:
-    """Match detections with a score of at least 0.5 to trees with a box IoU of at least 0.5.
+def match_trees(
+    frames: Sequence[FrameRecord],
+    predictions: Sequence[FramePrediction],
+    least_score: float = DISPLAY_SCORE,
+) -> Matches:
+    """Match detections to trees with a box IoU of at least 0.5.
 
     In order of falling score, each detection takes the unmatched tree with the largest IoU.
     Unmatched detections of which at least half lies inside a crowd are ignored.
@@ -68,19 +72,22 @@ def match_trees(frames: Sequence[FrameRecord], predictions: Sequence[FramePredic
     Args:
         frames: Labelled frames.
         predictions: Predictions of the frames.
+        least_score: Detections with a lower score are left out.
     """
     matches = Matches([], [], [])
     for number, (frame, found) in enumerate(zip(frames, predictions, strict=True)):
-        _match_frame(number, frame, found, matches)
+        _match_frame(number, frame, found, least_score, matches)
     return matches
 
 
-def _match_frame(number: int, frame: FrameRecord, found: FramePrediction, matches: Matches) -> None:
+def _match_frame(
+    number: int, frame: FrameRecord, found: FramePrediction, least_score: float, matches: Matches
+) -> None:
     trees = [index for index, tree in enumerate(frame.trees) if not tree.crowd]
     crowds = [tree.box_px for tree in frame.trees if tree.crowd]
     boxes = np.array([frame.trees[index].box_px for index in trees]).reshape(-1, 4)
     free = np.ones(len(trees), bool)
-    for row in _shown_rows(found):
+    for row in _shown_rows(found, least_score):
         overlap = np.where(free, box_iou(found.boxes[row], boxes)[0], -1.0)
         best = int(overlap.argmax()) if len(trees) else -1
         if best >= 0 and overlap[best] >= MATCH_IOU:
@@ -91,10 +98,10 @@ def _match_frame(number: int, frame: FrameRecord, found: FramePrediction, matche
     matches.missed.extend((number, trees[index]) for index in np.flatnonzero(free))
 
 
-def _shown_rows(found: FramePrediction) -> Iterator[int]:
-    """Yield the detections above the score threshold by falling score."""
+def _shown_rows(found: FramePrediction, least_score: float) -> Iterator[int]:
+    """Yield the detections that reach a score by falling score."""
     for row in np.argsort(-found.scores, kind="stable"):
-        if found.scores[row] >= DISPLAY_SCORE:
+        if found.scores[row] >= least_score:
             yield int(row)
 
 

@@ -86,6 +86,25 @@ def scores_svg(figures: Figures) -> str:
         return _svg(figure)
 
 
+def reliability_svg(figures: Figures) -> str:
+    """Plot the share of right detections against their score; the diagonal is the ideal."""
+    with _style("reliability"):
+        figure = _figure(5.2, 3.6)
+        axes = figure.add_subplot()
+        bins = [each for each in figures["reliability"]["bins"] if each["detections"]]
+        axes.plot([0, 1], [0, 100], color=_SOFT, lw=1, ls="--", label="score is the probability")
+        axes.bar(
+            [(each["from"] + each["to"]) / 2 for each in bins],
+            [100 * each["right"] for each in bins],
+            width=0.085,
+            color=_ACCENT,
+            label="labelled trees among them, %",
+        )
+        axes.set(xlim=(0, 1), ylim=(0, 102), xlabel="score of the detections")
+        axes.legend(loc="upper left")
+        return _svg(figure)
+
+
 def directions_svg(figures: Figures) -> str:
     """Plot the paper's figure 4: horizontal and vertical keypoint errors, felling cut density."""
     with _style("directions"):

@@ -13,6 +13,7 @@ from perceptree.evaluation.plots import (
     curves_svg,
     diameters_svg,
     directions_svg,
+    reliability_svg,
     scores_svg,
     stem_directions_svg,
 )
@@ -199,6 +200,17 @@ def _precision(figures: Figures) -> str:
                 "Precision and recall by score threshold",
                 f'<div class="plot">{scores_svg(figures)}</div>',
                 "Boxes; detections are shown from a score of 0.5 by default.",
+            )
+        )
+    fit = figures["reliability"]
+    if fit["detections"]:
+        curves.append(
+            card(
+                "Are scores probabilities?",
+                f'<div class="plot">{reliability_svg(figures)}</div>',
+                f"{fit['detections']:,} detections with a score of {fit['least_score']} and more."
+                " Score and share of labelled trees differ by"
+                f" {100 * fit['expected_error']:.1f} percentage points on average.",
             )
         )
     return (

@@ -39,6 +39,11 @@ def summary_lines(figures: Figures) -> Iterator[str]:
         f" ({shown['recall']:.0%}), {shown['invented']} of {reported} detections are false"
         " positives"
     )
+    if figures["reliability"]["detections"]:
+        yield (
+            "scores: they differ from the share of labelled trees by"
+            f" {figures['reliability']['expected_error']:.3f} on average"
+        )
     yield from _error_lines(figures)
     yield from _weakest(figures)
     for line in figures["left_out"]:

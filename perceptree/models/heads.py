@@ -45,6 +45,12 @@ class BoxHead(nn.Module):
             x = functional.relu(layer(x), inplace=True)
         return self.score(x).float(), self.shift(x).float()
 
+    def scale_scores(self, slope: float, offset: float) -> None:
+        """Change the weights so that logit(new score) = slope * logit(old score) + offset."""
+        self.score.weight.data.mul_(slope)
+        self.score.bias.data.mul_(slope)
+        self.score.bias.data[0] += offset
+
 
 class RegionTower(nn.Module):
     """3x3 convolutions with ReLU, then a transposed convolution that doubles the resolution.

@@ -1,0 +1,66 @@
+"""``perceptree calibrate-scores``: make the scores of a checkpoint probabilities."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from perceptree.errors import CheckpointError, DatasetError
+
+_BATCH = 4
+
+
+def calibrate_scores(
+    checkpoint: Annotated[Path, typer.Argument(help="A .safetensors checkpoint.")],
+    data: Annotated[
+        Path, typer.Argument(help="Folder of a dataset that the network was not trained on.")
+    ],
+    out: Annotated[Path, typer.Option(help="Checkpoint to write.")],
+    split: Annotated[str, typer.Option(help="train, val or test.")] = "val",
+) -> None:
+    """Scale the scores of a checkpoint, so that of those of 0.9 nine in ten are trees.
+
+    The order of the detections stays, and with it the average precision. The scale becomes part of
+    the weights.
+    """
+    from perceptree.data import SPLITS, FrameStore, read_dataset
+    from perceptree.evaluation import predict_frames, predict_with
+    from perceptree.evaluation.reliability import fit_scale, reliability, scored_detections
+    from perceptree.models import load_checkpoint, save_checkpoint
+
+    if split not in SPLITS:
+        raise DatasetError(f"--split is {split!r}: expected one of {', '.join(SPLITS)}")
+    if out.suffix != ".safetensors":
+        raise CheckpointError(f"--out is {out}: expected a file name ending in .safetensors")
+    model, record = load_checkpoint(checkpoint)
+    store = FrameStore(read_dataset(data, split).frames, model.spec)
+    with typer.progressbar(
+        length=len(store), label="detecting", file=sys.stderr, hidden=not sys.stderr.isatty()
+    ) as bar:
+        found = []
+        for prediction in predict_frames(predict_with(model), store, _BATCH):
+            found.append(prediction)
+            bar.update(1)
+    before = scored_detections(store.frames, found)
+    scale = fit_scale(before)
+    after = before._replace(score=scale.apply(before.score))
+    errors = [reliability(scored)["expected_error"] for scored in (before, after)]
+    model.box_head.scale_scores(scale.slope, scale.offset)
+    fitted = {
+        "slope": scale.slope,
+        "offset": scale.offset,
+        "data": data.resolve().name,
+        "split": split,
+        "detections": len(before.score),
+        "expected_error": errors,
+    }
+    save_checkpoint(out, model, {**record["training"], "score_calibration": fitted})
+    typer.echo(
+        f"{len(before.score)} detections: mean difference of score and share of trees"
+        f" {errors[0]:.3f}, now {errors[1]:.3f}"
+    )
+    typer.echo(f"logit of the score: {scale.slope:.3f} times the former, {scale.offset:+.3f}")
+    typer.echo(f"checkpoint: {out}")

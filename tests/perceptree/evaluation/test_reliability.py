@@ -1,0 +1,83 @@
+"""Scores as probabilities."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from perceptree.data import FrameRecord, TreeRecord
+from perceptree.errors import DatasetError
+from perceptree.evaluation.predictions import FramePrediction
+from perceptree.evaluation.reliability import (
+    Scored,
+    ScoreScale,
+    fit_scale,
+    reliability,
+    scored_detections,
+)
+from perceptree.models.heads import BoxHead
+
+
+def drawn(slope: float, offset: float, count: int = 20_000) -> Scored:
+    """Detections that are right as often as the scaled scores say."""
+    random = np.random.default_rng(3)
+    score = random.uniform(0.05, 0.999, count)
+    right = random.random(count) < ScoreScale(slope, offset).apply(score)
+    return Scored(score, right)
+
+
+def test_each_detection_is_right_or_wrong_and_those_in_a_crowd_neither() -> None:
+    def tree(left: float, crowd: bool = False) -> TreeRecord:
+        box = np.array([left, 0, left + 10, 40.0])
+        return TreeRecord(1, box, np.zeros((5, 3)), None, crowd, {})
+
+    frame = FrameRecord(7, Path("7.png"), None, None, 300, 50, {}, (tree(0), tree(200, crowd=True)))
+    lefts = np.array([0.0, 1.0, 100.0, 201.0, 150.0])
+    boxes = np.stack([lefts, 0 * lefts, lefts + 10, 0 * lefts + 40], 1)
+    scores = np.array([0.9, 0.3, 0.06, 0.8, 0.04])
+    scored = scored_detections([frame], [FramePrediction(boxes, scores, None, None)])
+    found = sorted(zip(scored.score.tolist(), scored.right.tolist(), strict=True))
+    assert found == [(0.06, False), (0.3, False), (0.9, True)]
+
+
+def test_scores_that_are_probabilities_have_no_error_and_too_sure_ones_do() -> None:
+    assert reliability(drawn(1.0, 0.0))["expected_error"] < 0.015
+    found = reliability(drawn(0.4, -1.0))
+    assert found["expected_error"] > 0.15
+    highest = found["bins"][-1]
+    assert highest["right"] < highest["mean_score"] - 0.1
+    assert sum(each["detections"] for each in found["bins"]) == found["detections"] == 20_000
+
+
+def test_no_detections_have_no_error() -> None:
+    found = reliability(Scored(np.zeros(0), np.zeros(0, bool)))
+    assert found["expected_error"] is None
+    assert {each["right"] for each in found["bins"]} == {None}
+
+
+def test_the_fit_finds_the_scale_and_makes_scores_probabilities() -> None:
+    scored = drawn(0.4, -1.0)
+    scale = fit_scale(scored)
+    assert scale == pytest.approx((0.4, -1.0), abs=0.06)
+    after = scored._replace(score=scale.apply(scored.score))
+    assert reliability(after)["expected_error"] < 0.015
+
+
+def test_too_few_wrong_detections_cannot_be_fitted() -> None:
+    score = np.linspace(0.1, 0.9, 500)
+    with pytest.raises(DatasetError, match="450 right and 50 wrong"):
+        fit_scale(Scored(score, np.arange(500) < 450))
+
+
+def test_the_scale_becomes_part_of_the_weights() -> None:
+    torch.manual_seed(0)
+    head, regions = BoxHead(4, 8), torch.randn(50, 4, 7, 7)
+    torch.nn.init.normal_(head.score.weight)
+    before = head(regions)[0].softmax(1)[:, 0].detach().numpy()
+    head.scale_scores(0.6, -0.7)
+    after = head(regions)[0].softmax(1)[:, 0].detach().numpy()
+    assert np.ptp(before) > 0.2
+    np.testing.assert_allclose(after, ScoreScale(0.6, -0.7).apply(before), atol=1e-3)

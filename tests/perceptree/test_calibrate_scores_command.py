@@ -1,0 +1,77 @@
+"""``perceptree calibrate-scores``: a checkpoint whose scores are probabilities."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from perceptree.evaluation import reliability
+from perceptree.evaluation.reliability import Scored, ScoreScale
+from perceptree.models import TreeRCNN, load_checkpoint, make_spec, save_checkpoint
+
+Call = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def checkpoint(tmp_path: Path) -> Path:
+    torch.manual_seed(3)
+    model = TreeRCNN(make_spec("edge-n", "rgb", 64, 96, fpn_width=32))
+    torch.nn.init.normal_(model.box_head.score.weight)
+    path = tmp_path / "raw.safetensors"
+    save_checkpoint(path, model.eval(), {"data": "none"})
+    return path
+
+
+def score_of(checkpoint: Path) -> np.ndarray:
+    head = load_checkpoint(checkpoint)[0].box_head
+    cells = head.hidden[0].in_features
+    regions = torch.linspace(-1, 1, 20 * cells).reshape(20, -1, 7, 7)
+    return np.asarray(head(regions)[0].softmax(1)[:, 0].detach())
+
+
+def test_the_new_checkpoint_has_scaled_scores_and_says_how(
+    call: Call, checkpoint: Path, posts: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    random = np.random.default_rng(0)
+    score = random.uniform(0.05, 0.95, 5000)
+    right = random.random(5000) < ScoreScale(0.5, -0.4).apply(score)
+    monkeypatch.setattr(reliability, "scored_detections", lambda *_: Scored(score, right))
+    out = tmp_path / "calibrated.safetensors"
+    code, told, _ = call("calibrate-scores", checkpoint, posts, "--split", "val", "--out", out)
+    assert code == 0
+    assert "5000 detections" in told
+    record = load_checkpoint(out)[1]["training"]
+    fitted = record["score_calibration"]
+    assert record["data"] == "none"
+    assert (fitted["slope"], fitted["offset"]) == pytest.approx((0.5, -0.4), abs=0.1)
+    assert fitted["expected_error"][1] < 0.02 < fitted["expected_error"][0]
+    scale = ScoreScale(fitted["slope"], fitted["offset"])
+    np.testing.assert_allclose(score_of(out), scale.apply(score_of(checkpoint)), atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("options", "what"),
+    [
+        (("--split", "exam"), "--split is 'exam'"),
+        (("--out", "new.onnx"), "expected a file name ending in .safetensors"),
+        ((), "expected 100 or more of both"),
+    ],
+)
+def test_mistakes_give_one_line_and_no_file(
+    call: Call,
+    checkpoint: Path,
+    posts: Path,
+    tmp_path: Path,
+    options: tuple[str, ...],
+    what: str,
+) -> None:
+    out = tmp_path / "new.safetensors"
+    code, _, told = call("calibrate-scores", checkpoint, posts, "--out", out, *options)
+    assert code == 2
+    assert what in told
+    assert told.count("\n") == 1
+    assert not out.exists()
