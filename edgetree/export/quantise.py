@@ -1,9 +1,9 @@
 """Quantise a traced graph to 8 bits.
 
-Static quantisation in the QDQ format: signed weights with a scale per channel, unsigned activations
-with a scale per tensor. Weights use 7 of their 8 bits. Processors with AVX2 but without VNNI add two
-products of 8 bits in 16 bits, which overflows with full weights: the depth model then found 1.5 points
-of box AP less, and 40 % more false trees. With 7 bits it is the same everywhere.
+Static quantisation in the QDQ format: signed weights with a scale per channel, unsigned
+activations with a scale per tensor. Weights use 7 of their 8 bits. Processors with AVX2 but without
+VNNI add two products of 8 bits in 16 bits, which overflows with full weights: the depth model then
+lost 1.5 points of box AP and showed 40 % more false trees. With 7 bits it is the same everywhere.
 """
 
 from __future__ import annotations

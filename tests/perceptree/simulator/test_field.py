@@ -1,7 +1,6 @@
 """Additions of the preset "field": clutter, objects, far forest, lamps, unnatural colours."""
 
 import dataclasses
-import hashlib
 from collections.abc import Callable
 
 import cv2
@@ -9,7 +8,6 @@ import numpy as np
 import pytest
 
 from perceptree.simulator.dataset.frames import Assets, simulate_frames
-from perceptree.simulator.dataset.frozen import library_versions
 from perceptree.simulator.geometry.assemble import assemble
 from perceptree.simulator.geometry.objects import OBJECTS
 from perceptree.simulator.materials.layers import Layer
@@ -21,11 +19,6 @@ from perceptree.simulator.scene.objects import OBJECT_KINDS
 from perceptree.simulator.settings import CameraSettings, RandomisationSettings
 from perceptree.simulator.settings.presets import PRESETS
 
-# Hashes of pixels, depth and keypoints of the first view, from before "field" was added.
-OLDER = {
-    "paper": "9b48ef2ff6dfaed4",
-    "plain": "786aa32f9fe3121a",
-}
 FOLIAGE = [
     Layer.FIR_TWIG,
     Layer.SPRUCE_TWIG,
@@ -34,7 +27,6 @@ FOLIAGE = [
     Layer.BIRCH_LEAVES,
     Layer.MAPLE_LEAVES,
 ]
-MADE_WITH = {"numpy": "2.4.6", "opencv-python-headless": "5.0.0.93", "numba": "0.68.1"}
 
 
 @pytest.fixture(scope="module")
@@ -42,30 +34,16 @@ def assets(textures, prototypes) -> Assets:
     return Assets(textures, prototypes)
 
 
-@pytest.mark.parametrize("name", OLDER)
-def test_older_presets_draw_the_very_same_frames(assets: Assets, name: str):
-    here = library_versions()
-    if here != MADE_WITH:
-        pytest.skip(f"frames were recorded with {MADE_WITH}, here is {here}")
-    small = CameraSettings.of_size(320, 180)
+@pytest.mark.parametrize("name", ["paper", "plain"])
+def test_older_presets_draw_the_same_frames(
+    assets: Assets, check_golden_picture: Callable[[str, np.ndarray], None], name: str
+):
+    """Within a tolerance: processors differ in the last digit of a sum."""
+    small = CameraSettings.of_size(160, 90)
     settings = dataclasses.replace(PRESETS[name].settings, camera=small)
     [frame] = simulate_frames(settings, 1_000_003, 1, assets)
-    digest = hashlib.sha256(frame.image.tobytes() + frame.depth_m.tobytes())
-    for label in frame.labels:
-        digest.update(label.keypoints.tobytes())
-    assert digest.hexdigest()[:16] == OLDER[name]
+    check_golden_picture(f"{name}_frame.png", frame.image)
     assert frame.realism == {}
-
-
-def test_a_plain_frame_looks_as_it_did(
-    assets: Assets, check_golden_picture: Callable[[str, np.ndarray], None]
-):
-    """Like the hashes above, but on any machine and with any version of the libraries."""
-    settings = dataclasses.replace(
-        PRESETS["plain"].settings, camera=CameraSettings.of_size(160, 90)
-    )
-    [frame] = simulate_frames(settings, 1_000_003, 1, assets)
-    check_golden_picture("plain_frame.png", frame.image)
 
 
 def test_objects_stand_clear_of_stems_and_cameras_clear_of_objects(field_settings, field_forest):
