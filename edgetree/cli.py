@@ -13,6 +13,7 @@ from edgetree.commands.bench import bench
 from edgetree.commands.calibrate import calibrate
 from edgetree.commands.check import check
 from edgetree.commands.check_rig import check_rig
+from edgetree.commands.conformance import conformance
 from edgetree.commands.demo import demo
 from edgetree.commands.doctor import doctor
 from edgetree.commands.eval import evaluate
@@ -47,6 +48,7 @@ app.command()(models)
 app.command()(bench)
 app.command()(export)
 app.command()(verify)
+app.add_typer(conformance)
 app.command()(sign)
 app.command()(trust)
 app.command()(doctor)

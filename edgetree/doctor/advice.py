@@ -135,9 +135,10 @@ def _precision(machine: Machine) -> Iterator[Advice]:
     elif family == "x86":
         yield Advice(
             "beware",
-            "the processor has no VNNI instructions: INT8 sums can saturate, so trees may be"
-            " missed, and INT8 is not much faster than fp32; check an int8 file with"
-            " `edgetree verify` on this machine, or use fp32",
+            "the processor has no VNNI instructions: INT8 is not much faster than fp32, and INT8"
+            " sums can saturate in files exported before weights used 7 of 8 bits, so that trees"
+            " are missed; check a file here with a kit of another machine (`edgetree conformance"
+            " run`), or use fp32",
         )
     else:
         yield Advice(

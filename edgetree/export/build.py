@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from edgetree.export.float16 import to_float16
 from edgetree.export.frames import frames_sha256, input_shape
-from edgetree.export.quantise import quantise
+from edgetree.export.quantise import quantise, weight_bits
 from edgetree.export.quiet import quiet
 from edgetree.export.rewrites import rewrite_for_export
 from edgetree.export.settings import OPSET, PRECISIONS, ExportSettings
@@ -96,7 +96,9 @@ def build(source: ExportSource, settings: ExportSettings, say: Callable[[str], N
         say(f"calibrating on {len(frames)} frames")
         manifest = replace(manifest, calibration_sha256=frames_sha256(frames))
         if int8:
-            proto = quantise(proto, frames, symmetric=settings.target == "tensorrt")
+            symmetric = settings.target == "tensorrt"
+            proto = quantise(proto, frames, symmetric=symmetric)
+            manifest = replace(manifest, weight_bits=weight_bits(symmetric=symmetric))
         else:
             proto = to_float16(proto, frames)
     _remove_debug_info(proto)

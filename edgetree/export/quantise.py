@@ -19,12 +19,17 @@ from edgetree.export.first_convolution import byte_range, use_bytes_as_quantised
 from edgetree.export.layers import frame_reader, last_matmuls, network_nodes
 from edgetree.export.quiet import quiet
 
-__all__ = ["quantise"]
+__all__ = ["quantise", "weight_bits"]
 
 _QUANTISED: Final = {"Add", "Clip", "Conv", "Gemm", "MaxPool", "Relu", "Resize"}
 _JOINING: Final = {"Concat", "Gather"}
 # Matrix multiplications, which the last layers are, take 8-bit inputs and give float outputs.
 _FLOAT_OUTPUT: Final = "MatMul"
+
+
+def weight_bits(*, symmetric: bool) -> int:
+    """How many of their 8 bits the weights use; 8 overflow on processors without VNNI."""
+    return 8 if symmetric else 7
 
 
 def quantise(model: Any, frames: NDArray[np.uint8], *, symmetric: bool = False) -> Any:
@@ -61,8 +66,7 @@ def quantise(model: Any, frames: NDArray[np.uint8], *, symmetric: bool = False) 
                 activation_type=QuantType.QInt8 if symmetric else QuantType.QUInt8,
                 weight_type=QuantType.QInt8,
                 per_channel=True,
-                # 7-bit weights: with 8 bits, products overflow on processors without VNNI.
-                reduce_range=not symmetric,
+                reduce_range=weight_bits(symmetric=symmetric) < 8,
                 calibrate_method=CalibrationMethod.MinMax,
                 op_types_to_quantize=sorted({*_QUANTISED, *_JOINING, _FLOAT_OUTPUT}),
                 nodes_to_quantize=_nodes_to_quantise(model),

@@ -43,6 +43,7 @@ def test_a_light_preset_is_verified_without_training(
     assert_verified(report, settings)
     assert any("trees not compared" in line for line in said) == (precision == "int8")
     assert report.manifest.modality == modality
+    assert report.manifest.weight_bits == (7 if precision == "int8" else None)
 
 
 def test_an_untrained_network_has_varied_scores_and_is_reproducible() -> None:

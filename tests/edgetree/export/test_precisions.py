@@ -16,7 +16,7 @@ from edgetree.export.build import output_names, trace
 from edgetree.export.float16 import to_float16
 from edgetree.export.frames import find_frames, read_frames
 from edgetree.export.layers import frame_reader
-from edgetree.export.quantise import quantise
+from edgetree.export.quantise import quantise, weight_bits
 from perceptree.models import TreeRCNN, load_checkpoint
 
 BYTE_MOVERS = {"Concat", "Expand", "Gather", "Pad", "Reshape", "Slice", "Transpose", "Unsqueeze"}
@@ -97,6 +97,21 @@ def test_activations_are_unsigned_and_weights_signed_per_channel(int8: Graph) ->
             count[kind] += 1
             assert len(int8.constants[node.input[1]].dims) == 1
     assert min(count.values()) > 30
+
+
+def test_weights_use_as_many_bits_as_stated(
+    int8: Graph, plain: bytes, frames: NDArray[np.uint8]
+) -> None:
+    signed = Graph(quantise(onnx.ModelProto.FromString(plain), frames, symmetric=True))
+    for graph, bits in (
+        (int8, weight_bits(symmetric=False)),
+        (signed, weight_bits(symmetric=True)),
+    ):
+        largest = max(
+            int(np.abs(onnx.numpy_helper.to_array(graph.weight_of(node)).astype(int)).max())
+            for node in graph.of("Conv")
+        )
+        assert 2 ** (bits - 2) < largest <= 2 ** (bits - 1)
 
 
 def test_every_convolution_and_the_heads_take_8_bits(int8: Graph, model: TreeRCNN) -> None:

@@ -67,6 +67,7 @@ def manifests(draw: st.DrawFn) -> Manifest:
         multiply_adds=draw(MAYBE_COUNTS),
         classifier=draw(st.none() | st.builds(ClassifierCost, COUNTS, COUNTS)),
         target=draw(st.text()),
+        weight_bits=draw(MAYBE_COUNTS),
     )
 
 

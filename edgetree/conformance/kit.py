@@ -1,0 +1,211 @@
+"""A conformance kit: a folder with a model file, raw frames and the trees in them.
+
+KIT/model.onnx        the model
+KIT/kit.json          the frames, the score threshold and what the model is
+KIT/frames/NAME.raw   pixels row by row: BGR bytes, or 16-bit little-endian millimetres
+KIT/expected.json     the trees, in the form that programs write their results
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib import writing
+from edgetree.conformance.frames import frames_for
+from edgetree.conformance.results import (
+    FrameTrees,
+    Results,
+    read_object,
+    read_results,
+    write_results,
+)
+from edgetree.errors import InputError
+from edgetree.model_file.json_fields import build
+from edgetree.model_file.safety_check import check_is_file
+from edgetree.results.atomic_files import replacing, text_file
+
+__all__ = ["Kit", "KitFrame", "make_kit", "read_expected", "read_frame", "read_kit"]
+
+KIT_SCHEMA: Final = "edgetree.conformance-kit/1"
+SCORE_THRESHOLD: Final = 0.3
+"""Lower than for display, so that there are more trees, and trees found twice among them."""
+_MODEL, _EXPECTED, _FRAMES, _CONTENT = "model.onnx", "expected.json", "frames", "kit.json"
+_PIXELS: Final[dict[int, Any]] = {3: np.dtype("u1"), 1: np.dtype("<u2")}
+
+
+@dataclass(frozen=True)
+class KitFrame:
+    """One frame.
+
+    Attributes:
+        name: its name.
+        file: path of its pixels inside the kit.
+        width: width in pixels.
+        height: height in pixels.
+        channels: 3 for blue, green and red bytes; 1 for 16-bit millimetres, 0 = no reading.
+    """
+
+    name: str
+    file: str
+    width: int
+    height: int
+    channels: int
+
+
+@dataclass(frozen=True)
+class Kit:
+    """The content of kit.json.
+
+    Attributes:
+        model: name of the model file inside the kit.
+        model_sha256: its hash.
+        name: name of the model.
+        precision: precision of the model.
+        input_width: width of the model's input in pixels.
+        input_height: height of the model's input in pixels.
+        score_threshold: trees with a lower score are left out.
+        frames: the frames.
+        project_version: version of edgetree that made the model.
+        weight_bits: bits that the weights of an 8-bit model use, see `Manifest`.
+        schema: version of this layout.
+    """
+
+    model: str
+    model_sha256: str
+    name: str
+    precision: str
+    input_width: int
+    input_height: int
+    score_threshold: float
+    frames: tuple[KitFrame, ...]
+    project_version: str
+    weight_bits: int | None = None
+    schema: str = KIT_SCHEMA
+
+
+def make_kit(
+    model: Path, folder: Path, *, score_threshold: float = SCORE_THRESHOLD
+) -> tuple[Kit, Results]:
+    """Write a kit for a model of this project.
+
+    Args:
+        model: a file of `edgetree export`.
+        folder: folder to make or replace; only an empty one or an older kit is replaced.
+        score_threshold: trees with a lower score are left out.
+
+    Returns:
+        The kit, and the trees in its frames.
+
+    Raises:
+        InputError: the model cannot be used, or the folder cannot be written.
+    """
+    from edgetree.conformance.reference import Reference
+
+    check_is_file(model)
+    if folder.exists() and not (folder / _CONTENT).is_file() and any(_inside(folder)):
+        raise InputError(f"{folder} is not empty and not a kit: expected a new folder for the kit")
+    reference = Reference(model, score_threshold=score_threshold)
+    manifest, content = reference.manifest, model.read_bytes()
+    sha256 = hashlib.sha256(content).hexdigest()
+    frames: list[KitFrame] = []
+    found: list[FrameTrees] = []
+    try:
+        with writing.replacing_folder(folder) as new:
+            (new / _FRAMES).mkdir()
+            for name, pixels in frames_for(takes_depth=manifest.takes_depth):
+                frames.append(_write_frame(new, name, pixels))
+                found.append(reference.detect_with_covered(name, pixels))
+            kit = Kit(
+                _MODEL,
+                sha256,
+                manifest.name,
+                manifest.precision,
+                manifest.input.width,
+                manifest.input.height,
+                score_threshold,
+                tuple(frames),
+                manifest.project_version,
+                manifest.weight_bits,
+            )
+            expected = reference.results(sha256, tuple(found))
+            with replacing(new / _MODEL) as stream:
+                stream.write(content)
+            with text_file(new / _CONTENT) as text:
+                json.dump(dataclasses.asdict(kit), text, indent=1)
+            write_results(new / _EXPECTED, expected)
+    except OSError as error:
+        raise InputError(
+            f"{folder} cannot be written ({error.strerror}): expected a folder in an existing,"
+            " writable one"
+        ) from error
+    return kit, expected
+
+
+def _inside(folder: Path) -> list[Path]:
+    return list(folder.iterdir()) if folder.is_dir() else [folder]
+
+
+def _write_frame(folder: Path, name: str, pixels: NDArray[Any]) -> KitFrame:
+    channels = pixels.shape[2] if pixels.ndim == 3 else 1
+    file = f"{_FRAMES}/{name}.raw"
+    with replacing(folder / file) as stream:
+        stream.write(pixels.astype(_PIXELS[channels]).tobytes())
+    height, width = pixels.shape[:2]
+    return KitFrame(name, file, width, height, channels)
+
+
+def read_kit(folder: Path) -> Kit:
+    """Read the content of a kit.
+
+    Raises:
+        InputError: the folder is not a kit; the message names the file and the value.
+    """
+    path = folder / _CONTENT
+    expected = "a folder of `edgetree conformance make`"
+    if not folder.is_dir():
+        raise InputError(f"{folder} is not a folder: expected {expected}")
+    kit = build(Kit, read_object(path, KIT_SCHEMA, expected), str(path))
+    for frame in kit.frames:
+        if frame.channels not in _PIXELS or min(frame.width, frame.height) < 1:
+            raise InputError(
+                f"{path}: frame {frame.name!r} is {frame.width}x{frame.height} with"
+                f" {frame.channels} channel(s): expected a size of 1x1 or more, and 1 or 3"
+            )
+    return kit
+
+
+def read_expected(folder: Path) -> Results:
+    """Read the trees that programs must find in the frames of a kit.
+
+    Raises:
+        InputError: as for `read_results`.
+    """
+    return read_results(folder / _EXPECTED)
+
+
+def read_frame(folder: Path, frame: KitFrame) -> NDArray[Any]:
+    """Read the pixels of a frame: uint8 (H, W, 3) BGR, or uint16 (H, W) millimetres.
+
+    Raises:
+        InputError: the file is missing or has another size than kit.json says.
+    """
+    path, dtype = folder / frame.file, _PIXELS[frame.channels]
+    shape = (frame.height, frame.width, frame.channels)[: 3 if frame.channels == 3 else 2]
+    size = dtype.itemsize * math.prod(shape)
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path} cannot be read ({error.strerror}): expected pixels") from error
+    if len(data) != size:
+        raise InputError(f"{path} has {len(data)} bytes: expected {size}, as in {_CONTENT}")
+    pixels: NDArray[Any] = np.frombuffer(data, dtype).reshape(shape)
+    return pixels

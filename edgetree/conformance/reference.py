@@ -1,0 +1,153 @@
+"""This package as the program that finds a kit's trees."""
+
+from __future__ import annotations
+
+import dataclasses
+import platform
+import statistics
+import time
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from edgetree.conformance.frames import MM_PER_M
+from edgetree.conformance.kit import read_frame, read_kit
+from edgetree.conformance.results import CoveredTree, FrameTrees, Results, found_trees
+from edgetree.detections import TreeDetections
+from edgetree.errors import InputError
+from edgetree.model_file.manifest import Manifest
+from edgetree.runtime.detector import TreeDetector
+from edgetree.runtime.duplicates import distinct_trees
+from edgetree.runtime.providers import CPU, import_onnxruntime
+
+__all__ = ["Reference", "processor_kind", "run_kit"]
+
+_PROCESSORS: Final = {"x86_64": "x86-64", "amd64": "x86-64", "aarch64": "arm64"}
+_OVERLAPS: Final = 101
+
+
+def processor_kind() -> str:
+    """The kind of this machine's processor: "x86-64", "arm64" or Python's word for it."""
+    machine = platform.machine().lower()
+    return _PROCESSORS.get(machine, machine)
+
+
+class Reference:
+    """Detects trees in the frames of a kit.
+
+    Args:
+        model: the model file.
+        score_threshold: trees with a lower score are left out.
+        provider: what runs the network, a name in `edgetree.runtime.PROVIDERS`.
+        threads: threads of one inference; None for all usable cores.
+    """
+
+    def __init__(
+        self,
+        model: Path,
+        *,
+        score_threshold: float,
+        provider: str = CPU,
+        threads: int | None = None,
+    ) -> None:
+        self._detector = TreeDetector.load(
+            model, provider=provider, threads=threads, score_threshold=score_threshold
+        )
+        session = self._detector.session
+        self._all = TreeDetector(session, score_threshold=score_threshold)
+        thresholds = dataclasses.replace(self.manifest.thresholds, mask_overlap=1.0)
+        self._all.manifest = dataclasses.replace(self.manifest, thresholds=thresholds)
+
+    @property
+    def manifest(self) -> Manifest:
+        """Description of the model."""
+        return self._detector.manifest
+
+    def detect(self, pixels: NDArray[Any]) -> TreeDetections:
+        """The trees in one frame, given as in `edgetree.conformance.kit.read_frame`."""
+        return self._detector.detect(self._image(pixels))
+
+    def detect_with_covered(self, name: str, pixels: NDArray[Any]) -> FrameTrees:
+        """The trees in one frame, and those that were left out since a better one covers them."""
+        kept, every = self.detect(pixels), self._all.detect(self._image(pixels))
+        covered = []
+        for index in range(len(every)):
+            one = every.select(slice(index, index + 1))
+            if not (one.boxes_px == kept.boxes_px).all(1).any():
+                covered.append(CoveredTree(_covering(kept, one), found_trees(one)[0]))
+        return FrameTrees(name, found_trees(kept), tuple(covered))
+
+    def results(
+        self, sha256: str, frames: tuple[FrameTrees, ...], median_ms: float | None = None
+    ) -> Results:
+        """What was found, with the runtime and the processor that found it."""
+        session, version = self._detector.session, import_onnxruntime().__version__
+        on_cpu = session.provider == CPU
+        return Results(
+            model_sha256=sha256,
+            runtime="onnxruntime" if on_cpu else session.provider,
+            runtime_version=version if on_cpu else f"in onnxruntime {version}",
+            processor=processor_kind(),
+            frames=frames,
+            host="edgetree in Python",
+            median_ms=median_ms,
+            threads=session.threads,
+        )
+
+    def _image(self, pixels: NDArray[Any]) -> NDArray[Any]:
+        """The image as `TreeDetector.detect` takes it: BGR, or metres."""
+        if pixels.ndim == 3 and not self.manifest.takes_depth:
+            return pixels
+        if pixels.ndim == 2 and self.manifest.takes_depth:
+            return pixels.astype(np.float32) / MM_PER_M
+        kind = "depth" if self.manifest.takes_depth else "colour"
+        raise InputError(f"a frame is {pixels.dtype} {pixels.shape}: the model takes {kind} images")
+
+
+def _covering(kept: TreeDetections, covered: TreeDetections) -> int:
+    """Index of the kept tree that has most in common with a tree."""
+    if kept.masks is None or covered.masks is None:
+        raise ValueError("the trees have no masks: expected no tree that another one covers")
+    for overlap in np.linspace(1.0, 0.0, _OVERLAPS):
+        for index in range(len(kept)):
+            boxes = np.concatenate([kept.boxes_px[[index]], covered.boxes_px])
+            masks = np.concatenate([kept.masks[[index]], covered.masks])
+            if not distinct_trees(boxes, masks, float(overlap))[1]:
+                return index
+    raise ValueError("the tree has nothing in common with those kept: expected one that covers it")
+
+
+def run_kit(
+    folder: Path, *, provider: str = CPU, threads: int | None = None, rounds: int = 0
+) -> Results:
+    """Find the trees in the frames of a kit with this package.
+
+    Args:
+        folder: the kit.
+        provider: what runs the network, a name in `edgetree.runtime.PROVIDERS`.
+        threads: threads of one inference; None for all usable cores.
+        rounds: passes over the frames that are timed; 0 for no times.
+
+    Raises:
+        InputError: the kit cannot be read, or the provider cannot be used.
+    """
+    kit = read_kit(folder)
+    reference = Reference(
+        folder / kit.model,
+        score_threshold=kit.score_threshold,
+        provider=provider,
+        threads=threads,
+    )
+    pixels = {frame.name: read_frame(folder, frame) for frame in kit.frames}
+    found = [
+        FrameTrees(name, found_trees(reference.detect(image))) for name, image in pixels.items()
+    ]
+    times_ms = []
+    for image in list(pixels.values()) * rounds:
+        begin = time.perf_counter()
+        reference.detect(image)
+        times_ms.append((time.perf_counter() - begin) * 1e3)
+    median_ms = statistics.median(times_ms) if times_ms else None
+    return reference.results(kit.model_sha256, tuple(found), median_ms)

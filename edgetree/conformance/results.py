@@ -1,0 +1,182 @@
+"""What a program found in the frames of a kit, and its file."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from edgetree.detections import KEYPOINT_NAMES, MASK_SIZE, TreeDetections
+from edgetree.errors import InputError
+from edgetree.model_file.json_fields import build
+from edgetree.results.atomic_files import text_file
+
+__all__ = [
+    "RESULTS_SCHEMA",
+    "CoveredTree",
+    "FoundTree",
+    "FrameTrees",
+    "Results",
+    "found_trees",
+    "read_object",
+    "read_results",
+    "write_results",
+]
+
+RESULTS_SCHEMA: Final = "edgetree.conformance-results/1"
+_DIGITS: Final = 4
+_CELLS: Final = MASK_SIZE * MASK_SIZE
+
+_Four = tuple[float, float, float, float]
+_Point = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class FoundTree:
+    """One tree.
+
+    Attributes:
+        score: probability of being a tree.
+        box_px: x0, y0, x1, y1 in pixels of the frame, not clipped to it.
+        keypoints_px: x, y, score of each keypoint in the manifest's order; None if the model has
+            no keypoints.
+        mask: probabilities on the grid over the box, row by row; None if the model has no masks.
+    """
+
+    score: float
+    box_px: _Four
+    keypoints_px: tuple[_Point, ...] | None = None
+    mask: tuple[float, ...] | None = None
+
+    def __post_init__(self) -> None:
+        for name, expected in (("keypoints_px", len(KEYPOINT_NAMES)), ("mask", _CELLS)):
+            values = getattr(self, name)
+            if values is not None and len(values) != expected:
+                raise InputError(f"{name} has {len(values)} values: expected {expected}")
+
+
+@dataclass(frozen=True)
+class CoveredTree:
+    """A tree that is left out, since its mask and that of a better tree cover each other.
+
+    Attributes:
+        by: index of the better tree.
+        tree: the tree.
+    """
+
+    by: int
+    tree: FoundTree
+
+
+@dataclass(frozen=True)
+class FrameTrees:
+    """The trees in one frame.
+
+    Attributes:
+        name: name of the frame.
+        trees: the trees, by descending score.
+        covered: trees that were left out; only in what a kit expects.
+    """
+
+    name: str
+    trees: tuple[FoundTree, ...]
+    covered: tuple[CoveredTree, ...] = ()
+
+
+@dataclass(frozen=True)
+class Results:
+    """What a program found in all frames of a kit.
+
+    Attributes:
+        model_sha256: hash of the model file, as the kit names it.
+        runtime: what ran the network, such as "onnxruntime" or "openvino".
+        runtime_version: its version.
+        processor: "x86-64", "arm64", "wasm" or another word.
+        frames: the trees of each frame.
+        host: name of the program.
+        median_ms: median time from a frame in memory to its trees; None if not measured.
+        threads: threads of one inference; None if not known.
+        schema: version of this layout.
+    """
+
+    model_sha256: str
+    runtime: str
+    runtime_version: str
+    processor: str
+    frames: tuple[FrameTrees, ...]
+    host: str = "a program"
+    median_ms: float | None = None
+    threads: int | None = None
+    schema: str = RESULTS_SCHEMA
+
+    @property
+    def covered(self) -> int:
+        """Number of trees that are left out since a better one covers them."""
+        return sum(len(frame.covered) for frame in self.frames)
+
+
+def found_trees(found: TreeDetections) -> tuple[FoundTree, ...]:
+    """The trees of one frame as this package finds them."""
+    return tuple(_tree(found, index) for index in range(len(found)))
+
+
+def _tree(found: TreeDetections, index: int) -> FoundTree:
+    points, masks = found.keypoints_px, found.masks
+    return FoundTree(
+        score=_rounded(found.scores[index]),
+        box_px=_rounded(found.boxes_px[index]),
+        keypoints_px=None if points is None else _rounded(points[index]),
+        mask=None if masks is None else _rounded(masks[index].ravel()),
+    )
+
+
+def _rounded(values: Any) -> Any:
+    """A number or an array as numbers and tuples of a few digits."""
+    if values.ndim:
+        return tuple(_rounded(value) for value in values)
+    return round(float(values), _DIGITS)
+
+
+def read_object(path: Path, schema: str, expected: str) -> dict[str, Any]:
+    """Read a JSON object of one schema.
+
+    Raises:
+        InputError: the file is missing, is not JSON, or has another schema.
+    """
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"{path} cannot be read ({reason}): expected {expected}") from error
+    found = data.get("schema") if isinstance(data, dict) else None
+    if found != schema:
+        raise InputError(f"{path} has the schema {found!r}: expected {schema!r}, {expected}")
+    return dict(data)
+
+
+def read_results(path: Path) -> Results:
+    """Read the file that a program wrote.
+
+    Raises:
+        InputError: the file is missing, has another schema, or a value is missing or of another
+            type; the message names the value.
+    """
+    data = read_object(path, RESULTS_SCHEMA, "what a program found in a kit")
+    try:
+        return build(Results, data, str(path))
+    except InputError as error:
+        text = str(error)
+        raise InputError(text if str(path) in text else f"{path}: {text}") from error
+
+
+def write_results(path: Path, results: Results) -> None:
+    """Write results as JSON.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    with text_file(path) as stream:
+        json.dump(dataclasses.asdict(results), stream, allow_nan=False)
+        stream.write("\n")

@@ -1,0 +1,33 @@
+// From a frame to the model's input, as the manifest says.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "manifest.hpp"
+
+// BGR bytes for an rgb model; 16-bit millimetres, 0 = no reading, for a depth model.
+struct Frame {
+    int width, height;
+    std::vector<std::uint8_t> bgr;
+    std::vector<std::uint16_t> depth_mm;
+};
+
+// Where a frame lies in the model's input: at the top left, resized to this size.
+struct Letterbox {
+    int width, height;
+    double scale_x, scale_y;  // model px per frame px
+};
+
+Letterbox fit(int width, int height, const Manifest& manifest);
+
+// Makes the model's input, height x width x channels bytes, from frames.
+class Preparation {
+public:
+    explicit Preparation(const Manifest& manifest);
+    std::vector<std::uint8_t> input_of(const Frame& frame) const;
+
+private:
+    Manifest manifest_;
+    std::vector<std::uint8_t> grey_;  // of each depth in millimetres
+};

@@ -1,0 +1,27 @@
+// Finds trees in frames with a model file of edgetree, by onnxruntime in Node or in a browser.
+
+import { readManifest } from "./manifest.js";
+import { prepare } from "./prepare.js";
+import { treesOf } from "./trees.js";
+
+export class TreeDetector {
+  constructor(ort, session, manifest) {
+    this.ort = ort;
+    this.session = session;
+    this.manifest = manifest;
+  }
+
+  /** Open a model: `ort` is onnxruntime-node or onnxruntime-web, `model` the file's bytes. */
+  static async load(ort, model, options = {}) {
+    const manifest = readManifest(model);
+    return new TreeDetector(ort, await ort.InferenceSession.create(model, options), manifest);
+  }
+
+  /** The trees in a frame (see prepare.js), by descending score. */
+  async detect(frame, scoreThreshold = 0.5) {
+    const { pixels, shape, box } = prepare(frame, this.manifest);
+    const image = new this.ort.Tensor("uint8", pixels, shape);
+    const outputs = await this.session.run({ [this.manifest.input.name]: image });
+    return treesOf(outputs, this.manifest, box, frame, scoreThreshold);
+  }
+}

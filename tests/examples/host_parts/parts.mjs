@@ -1,0 +1,29 @@
+// What the JavaScript hosts do before and after the network: node parts.mjs KIT OUTPUTS OUT
+//
+// OUTPUTS/NAME.json holds the network's outputs for a frame of the kit.
+
+import { readFileSync, writeFileSync } from "node:fs";
+import path from "node:path";
+
+import { readManifest } from "../../../examples/hosts/js/manifest.js";
+import { prepare } from "../../../examples/hosts/js/prepare.js";
+import { treesOf } from "../../../examples/hosts/js/trees.js";
+
+const [folder, outputs, out] = process.argv.slice(2);
+const read = (...parts) => new Uint8Array(readFileSync(path.join(...parts)));
+const json = (...parts) => JSON.parse(new TextDecoder().decode(read(...parts)));
+const kit = json(folder, "kit.json");
+const manifest = readManifest(read(folder, kit.model));
+const trees = {};
+for (const { name, file, width, height, channels } of kit.frames) {
+  const bytes = read(folder, file);
+  const data = channels === 3 ? bytes : new Uint16Array(bytes.slice().buffer);
+  const frame = { width, height, data };
+  const { pixels, box } = prepare(frame, manifest);
+  writeFileSync(path.join(out, `${name}.raw`), pixels);
+  const tensors = {};
+  for (const [key, { shape, values }] of Object.entries(json(outputs, `${name}.json`)))
+    tensors[key] = { dims: shape, data: Float32Array.from(values) };
+  trees[name] = treesOf(tensors, manifest, box, frame, kit.score_threshold);
+}
+writeFileSync(path.join(out, "trees.json"), JSON.stringify(trees));

@@ -1,0 +1,174 @@
+"""The programs of examples/hosts: what they do around the network, and whole kits where tools are.
+
+Tests of whole programs install packages from a registry: they are slow, and skipped where a tool is
+missing.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from edgetree import TreeDetector, default_model, sample_frames
+from edgetree.conformance import make_kit, read_kit
+from edgetree.conformance.kit import read_expected, read_frame
+from edgetree.conformance.reference import Reference
+from edgetree.runtime.session import OrtSession
+
+HOSTS = Path(__file__).parents[2] / "examples" / "hosts"
+PARTS = Path(__file__).parent / "host_parts"
+MINUTES_10 = 600
+
+Outputs = dict[str, np.ndarray]
+
+
+def tool(*names: str) -> str:
+    """The first of these programs that is installed; skips the test if none is."""
+    for name in names:
+        found = shutil.which(name)
+        if found is not None:
+            return found
+    pytest.skip(f"{' or '.join(names)} is not installed")
+
+
+def node() -> str:
+    program = tool("node")
+    version = subprocess.run([program, "--version"], capture_output=True, text=True, check=True)
+    if int(version.stdout.lstrip("v").split(".")[0]) < 20:
+        pytest.skip(f"node is {version.stdout.strip()}: the hosts need 20 or newer")
+    return program
+
+
+@pytest.fixture(scope="module", params=["rgb", "depth"])
+def kit(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("hosts") / request.param
+    make_kit(default_model(request.param), folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def passes(kit: Path) -> dict[str, tuple[np.ndarray, Outputs]]:
+    """The network's input and outputs for each frame of the kit."""
+    seen: list[tuple[np.ndarray, Outputs]] = []
+
+    class Watched(OrtSession):
+        def run(self, inputs: Any) -> dict[str, Any]:
+            outputs = super().run(inputs)
+            seen.append((inputs["image"][0], outputs))
+            return outputs
+
+    content = read_kit(kit)
+    reference = Reference(kit / content.model, score_threshold=content.score_threshold)
+    reference._detector = TreeDetector(Watched(kit / content.model))
+    for frame in content.frames:
+        reference.detect(read_frame(kit, frame))
+    return {frame.name: one for frame, one in zip(content.frames, seen, strict=True)}
+
+
+def run_js(kit: Path, outputs: Path, out: Path) -> None:
+    command = [node(), str(PARTS / "parts.mjs"), str(kit), str(outputs), str(out)]
+    subprocess.run(command, check=True, timeout=120)
+
+
+def run_cpp(kit: Path, outputs: Path, out: Path) -> None:
+    sources = [HOSTS / "cpp" / f"{name}.cpp" for name in ("json", "manifest", "prepare", "trees")]
+    program = out / "parts"
+    command = [tool("c++", "g++", "clang++"), "-std=c++20", "-O1", "-Wall", "-Wextra", "-Werror"]
+    command += [f"-I{HOSTS / 'cpp'}", str(PARTS / "parts.cpp"), *map(str, sources)]
+    subprocess.run([*command, "-o", str(program)], check=True, timeout=120)
+    subprocess.run([str(program), str(kit), str(outputs), str(out)], check=True, timeout=120)
+
+
+@pytest.mark.parametrize("run", [run_js, run_cpp], ids=["js", "cpp"])
+def test_what_a_host_does_around_the_network(
+    run: Callable[[Path, Path, Path], None],
+    kit: Path,
+    passes: dict[str, tuple[np.ndarray, Outputs]],
+    tmp_path: Path,
+) -> None:
+    given, out = tmp_path / "outputs", tmp_path / "out"
+    given.mkdir()
+    out.mkdir()
+    for name, (_, outputs) in passes.items():
+        tensors = {
+            key: {"shape": value.shape, "values": value.ravel().tolist()}
+            for key, value in outputs.items()
+        }
+        (given / f"{name}.json").write_text(json.dumps(tensors), "utf-8")
+    run(kit, given, out)
+
+    for name, (pixels, _) in passes.items():
+        theirs = np.fromfile(out / f"{name}.raw", np.uint8).reshape(pixels.shape)
+        gap = np.abs(theirs.astype(int) - pixels)
+        assert gap.max() <= 1, name
+        # Enlarging rounds otherwise in OpenCV; whole pixels are halved alike.
+        assert (gap > 0).mean() < (0.2 if name == "small" else 0.001), name
+    found = json.loads((out / "trees.json").read_text("utf-8"))
+    for frame in read_expected(kit).frames:
+        assert len(found[frame.name]) == len(frame.trees), frame.name
+        for theirs, ours in zip(found[frame.name], frame.trees, strict=True):
+            assert theirs["score"] == pytest.approx(ours.score, abs=2e-4)
+            np.testing.assert_allclose(theirs["box_px"], ours.box_px, atol=2e-2)
+            np.testing.assert_allclose(theirs["keypoints_px"], ours.keypoints_px, atol=2e-2)
+
+
+def run_checked(*command: str, cwd: Path | None = None) -> str:
+    scripts = Path(sys.executable).parent
+    environment = {**os.environ, "PATH": f"{scripts}{os.pathsep}{os.environ['PATH']}"}
+    done = subprocess.run(
+        command, cwd=cwd, env=environment, capture_output=True, text=True, timeout=MINUTES_10
+    )
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
+    return done.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("model", ["rgb", "depth"])
+def test_the_node_host_passes_its_kit(model: str) -> None:
+    node()
+    tool("npm")
+    out = run_checked("bash", str(HOSTS / "node" / "check.sh"), model)
+    assert out.splitlines()[-1] == "passed: it finds the kit's trees"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("model", ["rgb", "depth"])
+def test_the_cpp_host_passes_its_kit(model: str) -> None:
+    tool("cmake")
+    tool("c++", "g++", "clang++")
+    out = run_checked("bash", str(HOSTS / "cpp" / "check.sh"), model)
+    assert out.splitlines()[-1] == "passed: it finds the kit's trees"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("model", ["rgb", "depth"])
+def test_the_browser_host_passes_its_kit(model: str) -> None:
+    node()
+    tool("npm")
+    tool("chromium", "chromium-browser", "google-chrome")
+    out = run_checked("bash", str(HOSTS / "browser" / "check.sh"), model)
+    assert out.splitlines()[-1] == "passed: it finds the kit's trees"
+
+
+@pytest.mark.slow
+def test_the_page_finds_trees_in_a_picture_and_a_camera(tmp_path: Path) -> None:
+    program = node()
+    tool("chromium", "chromium-browser", "google-chrome")
+    run_checked(tool("npm"), "ci", cwd=HOSTS / "browser")
+    sample, model = sample_frames()[0], default_model("rgb")
+    script = str(HOSTS / "browser" / "test-page.js")
+    out = run_checked(program, script, str(model), str(sample.image_path), str(tmp_path))
+    counts = json.loads(out.splitlines()[-1])
+    ours = len(TreeDetector.load(model).detect(sample.image()))
+    assert abs(counts["picture"] - ours) <= 1  # the browser decodes JPEG otherwise
+    assert abs(counts["camera"] - ours) <= 2  # and its camera compresses the picture again
+    assert (tmp_path / "picture.png").stat().st_size > 100_000
