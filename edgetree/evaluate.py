@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from perceptree.data import FrameStore
     from perceptree.evaluation import Predict, RawDetections, Report
 
-__all__ = ["evaluate_file", "predict_with_file", "summary_of"]
+__all__ = ["evaluate_file", "frames_for", "predict_with_file", "summary_of"]
 
 
 def evaluate_file(
@@ -58,7 +58,7 @@ def evaluate_file(
         raise InputError(f"--split is {split!r}: expected one of {', '.join(SPLITS)}")
     manifest = detector.manifest
     dataset = read_dataset(data, split, fold, entire_tree)
-    store = _frames_for(manifest, dataset.frames)
+    store = frames_for(manifest, dataset.frames)
     return make_report(
         predict_with_file(detector.session, manifest),
         store,
@@ -104,7 +104,7 @@ def summary_of(report: Report) -> list[str]:
     return list(summary_lines(report.figures))
 
 
-def _frames_for(manifest: Manifest, frames: list[Any]) -> FrameStore:
+def frames_for(manifest: Manifest, frames: list[Any]) -> FrameStore:
     """The frames, prepared for the model's input as in training."""
     from perceptree.data import FrameStore
     from perceptree.models import make_spec

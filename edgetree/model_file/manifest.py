@@ -173,8 +173,8 @@ class Manifest:
         multiply_adds: multiply-adds of the whole network for one frame; None in older files.
         classifier: cost of the backbone alone, as papers give it; None in older files.
         target: the provider that the file was exported for.
-        weight_bits: bits that the weights of an 8-bit model use. With 8, x86 processors without VNNI
-            give other results. None for other precisions and in older files.
+        weight_bits: bits that the weights of an 8-bit model use. With 8, x86 processors without
+            VNNI give other results. None for other precisions and in older files.
         schema: version of this layout.
 
     Raises:

@@ -1,0 +1,225 @@
+"""Measure model files on the frozen test sets, and write a card beside each.
+
+perceptree synth --out test_set --preset test
+perceptree synth --out field_test_set --preset field-test
+python benchmarks/model_cards.py --test test_set --field-test field_test_set
+
+By default the models are those of the package. NAME.json holds all figures (schema
+`edgetree.card/1`), NAME.md the same as a page. What was found is counted as users get it: of trees
+whose masks cover each other, one is kept. Speed is measured with one thread on the package's
+frames; keep the machine quiet.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import platform
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from measure import frames, measured, row
+from measure_tables import tables
+from model_card_page import page
+from numpy.typing import NDArray
+
+from calib.writing import write_text
+from edgetree import TreeDetector
+from edgetree.bench.speed import bench_detector
+from edgetree.catalogue import CARD_SCHEMA, default_model
+from edgetree.evaluate import frames_for, predict_with_file
+from edgetree.runtime.duplicates import distinct_trees
+from edgetree.samples import sample_frames
+from perceptree.data import read_dataset
+from perceptree.evaluation import About, Predict, RawDetections, make_report
+from perceptree.models import load_checkpoint
+
+ROOT = Path(__file__).parents[1]
+PURPOSE = {
+    "depth": "depth images with or without colour; the default when depth is given",
+    "rgb": "colour images; the default without depth",
+}
+DIAMETER_TABLES = ("diameter_by_distance", "diameter_by_diameter", "diameter_by_visible_fraction")
+SHOWN_SCORE = 0.5
+HALF = ("50", "from 75")
+FEWEST = 30
+BENCH_S = 10.0
+
+
+def once_per_tree(predict: Predict, max_overlap: float) -> Predict:
+    """Drop trees whose mask covers one with a higher score, as the runtime does."""
+
+    def predict_once(images: NDArray[np.uint8]) -> RawDetections:
+        found = predict(images)
+        if found.masks is None or found.keypoints is None:
+            return found
+        boxes, scores, counts = found.boxes.copy(), found.scores.copy(), found.num_detections.copy()
+        keypoints, masks = found.keypoints.copy(), found.masks.copy()
+        for image, count in enumerate(found.num_detections.tolist()):
+            keep = np.flatnonzero(
+                distinct_trees(boxes[image, :count], masks[image, :count], max_overlap)
+            )
+            counts[image] = len(keep)
+            for values in (boxes, scores, keypoints, masks):
+                values[image, : len(keep)] = values[image, keep]
+        return RawDetections(boxes, scores, keypoints, masks, counts)
+
+    return predict_once
+
+
+def detection_figures(detector: TreeDetector, data: Path) -> dict[str, Any]:
+    """Average precision, what is found at a score of 0.5, reliability and errors in px."""
+    manifest = detector.manifest
+    dataset = read_dataset(data, "test")
+    predict = once_per_tree(
+        predict_with_file(detector.session, manifest), manifest.thresholds.mask_overlap
+    )
+    store = frames_for(manifest, dataset.frames)
+    about = About({"name": manifest.name}, data.name, "test", dataset.notes)
+    figures = make_report(predict, store, about, manifest.input.batch_sizes[0]).figures
+    shown = figures["at_score"]
+    number = figures["data"]["frames"]
+    return {
+        "frames": number,
+        "trees": figures["data"]["trees"],
+        "average_precision": {
+            kind: None if found is None else round(found["ap"], 2)
+            for kind, found in figures["average_precision"].items()
+        },
+        "at_score": {
+            "score": SHOWN_SCORE,
+            "found": shown["found"],
+            "invented": shown["invented"],
+            "found_share": shown["recall"],
+            "found_share_visible_half": _visible_half(figures["by"]),
+            "found_per_frame": round(shown["found"] / number, 3),
+            "invented_per_frame": round(shown["invented"] / number, 3),
+            "precision": shown["precision"],
+        },
+        "reliability": figures["reliability"],
+        "diameter_error_px": round(figures["diameter_error_px"]["mean_abs"], 2),
+        "weakest": _weakest(figures["by"]),
+    }
+
+
+def _visible_half(by: dict[str, Any]) -> float | None:
+    """Share of the trees found among those of which at least half of the lower trunk shows."""
+    groups = by.get("visible_fraction", {"groups": []})["groups"]
+    clear = [group for group in groups if group["name"].startswith(HALF)]
+    trees = sum(group["trees"] for group in clear)
+    return round(sum(group["recall"] * group["trees"] for group in clear) / trees, 4)
+
+
+def _weakest(by: dict[str, Any]) -> list[dict[str, Any]]:
+    """The groups of each condition in which the smallest share of the trees is found."""
+    worst = []
+    for axis in by.values():
+        large = [group for group in axis["groups"] if group["trees"] >= FEWEST]
+        if len(large) > 1:
+            group = min(large, key=lambda each: each["recall"])
+            worst.append(
+                {"condition": axis["title"], "group": group["name"]}
+                | {name: group[name] for name in ("trees", "recall", "boxes_ap")}
+            )
+    return sorted(worst, key=lambda each: each["recall"])
+
+
+def metre_figures(detector: TreeDetector, data: Path) -> dict[str, Any]:
+    """Errors of the measurement in metres against the simulated truth, gravity given."""
+    rows = []
+    for image, trees in frames(data, None):
+        if trees:
+            results = measured(data, image, trees, detector, vertical=True)
+            rows += [row(image, tree, *made) for tree, made in zip(trees, results, strict=True)]
+    made = tables(rows)
+    return {name: made[name] for name in ("quantities", *DIAMETER_TABLES, "intervals")}
+
+
+def speed_figures(detector: TreeDetector) -> dict[str, Any]:
+    """Time of a detection on the package's frames, on this machine."""
+    depth = detector.manifest.modality == "depth"
+    images = [each.depth_m() if depth else each.image() for each in sample_frames()]
+    result = bench_detector(detector, images, duration_s=BENCH_S)
+    return {
+        "machine": _processor(),
+        "threads": result.threads,
+        "detect_p50_ms": round(result.detect_p50_ms, 1),
+        "detect_p90_ms": round(result.detect_p90_ms, 1),
+        "runs": result.runs,
+    }
+
+
+def _processor() -> str:
+    cpuinfo = Path("/proc/cpuinfo")
+    if cpuinfo.is_file():
+        for line in cpuinfo.read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor()
+
+
+def training_figures(path: Path) -> dict[str, Any] | None:
+    """The last run of the checkpoint of the same name, if the repository holds it."""
+    checkpoint = ROOT / "checkpoints" / f"{path.stem}.safetensors"
+    if not checkpoint.is_file():
+        return None
+    record = load_checkpoint(checkpoint)[1]["training"]
+    return {
+        "data": record["data"],
+        "frames": record["frames"],
+        "steps": record["steps"],
+        "batch": record["settings"]["batch"],
+        "learning_rate": record["settings"]["learning_rate"],
+        "seed": record["settings"]["seed"],
+        "hours": round(record["elapsed_s"] / 3600, 2),
+        "init": record["init"],
+        "score_calibration": record.get("score_calibration"),
+    }
+
+
+def card(path: Path, sets: dict[str, Path]) -> dict[str, Any]:
+    """Measure one file."""
+    detector = TreeDetector.load(path, threads=1, score_threshold=SHOWN_SCORE)
+    manifest = detector.manifest
+    figures: dict[str, Any] = {
+        "schema": CARD_SCHEMA,
+        "model": path.stem,
+        "model_sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
+        "date": time.strftime("%Y-%m-%d"),
+        "for": PURPOSE[manifest.modality],
+        "precision": manifest.precision,
+        "file_bytes": path.stat().st_size,
+        "parameters": manifest.parameters,
+        "input_px": [manifest.input.width, manifest.input.height],
+        "training": training_figures(path),
+    }
+    for name, data in sets.items():
+        sys.stderr.write(f"{path.stem} on {name}\n")
+        figures[name] = detection_figures(detector, data) | {
+            "metres": metre_figures(detector, data)
+        }
+    figures["speed"] = speed_figures(detector)
+    return figures
+
+
+def main() -> None:
+    """Measure the models, and write their cards."""
+    assert __doc__
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--test", type=Path, required=True, help="folder of the preset test")
+    parser.add_argument("--field-test", type=Path, required=True, help="that of field-test")
+    parser.add_argument("--models", type=Path, nargs="*", help="files; those of the package if not")
+    options = parser.parse_args()
+    for path in options.models or [default_model("depth"), default_model("rgb")]:
+        figures = card(path, {"test": options.test, "field_test": options.field_test})
+        write_text(path.with_suffix(".json"), json.dumps(figures, indent=1) + "\n")
+        write_text(path.with_suffix(".md"), page(figures))
+        sys.stderr.write(f"{path.with_suffix('.json')}\n")
+
+
+if __name__ == "__main__":
+    main()
