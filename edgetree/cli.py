@@ -20,6 +20,7 @@ from edgetree.commands.eval import evaluate
 from edgetree.commands.export import export
 from edgetree.commands.live import live
 from edgetree.commands.measure import measure
+from edgetree.commands.merge import merge
 from edgetree.commands.models import models
 from edgetree.commands.run import run
 from edgetree.commands.sign import sign
@@ -39,6 +40,7 @@ app = typer.Typer(
 app.command()(demo)
 app.command()(run)
 app.command()(measure)
+app.command()(merge)
 app.command()(live)
 app.command()(check)
 app.command()(check_rig)

@@ -11,6 +11,7 @@ from perceptree.commands.calibrate_scores import calibrate_scores
 from perceptree.commands.data import app as data
 from perceptree.commands.eval import evaluate
 from perceptree.commands.import_ import import_
+from perceptree.commands.merge import merge
 from perceptree.commands.plot import plot
 from perceptree.commands.predict import predict
 from perceptree.commands.scene import scene
@@ -29,6 +30,7 @@ app = typer.Typer(
 )
 app.command()(synth)
 app.command()(scene)
+app.command()(merge)
 app.command()(train)
 app.command(name="eval")(evaluate)
 app.command(name="calibrate-scores")(calibrate_scores)

@@ -18,6 +18,7 @@ __all__ = ["doctor"]
 
 _LABEL: Final = 14
 _WIDTH: Final = 100
+_SHOWN_DIGITS: Final = 12  # of a SHA-256
 
 
 def doctor(as_json: Json = False) -> None:
@@ -69,6 +70,10 @@ def _facts(findings: Findings) -> Iterator[tuple[str, str]]:
     if not findings.providers:
         yield "providers", "none"
     yield "cameras", _cameras(findings)
+    for index, model in enumerate(findings.models):
+        version = "" if model.version is None else f", version {model.version}"
+        sha256 = model.file_sha256[:_SHOWN_DIGITS]
+        yield "" if index else "models", f"{model.name}{version}, SHA-256 {sha256}, {model.path}"
     speed = findings.speed
     if speed is None:
         yield "speed", "not measured, as the packaged model cannot run"

@@ -26,6 +26,7 @@ from edgetree.commands.options import (
     model_words,
     quoted,
 )
+from edgetree.commands.sharding import ShardedFrames, ShardOptions, run_sharded
 from edgetree.console import note, print_json
 
 if TYPE_CHECKING:
@@ -36,7 +37,13 @@ if TYPE_CHECKING:
 
 __all__ = ["measure"]
 
-_Image: TypeAlias = Annotated[Path, typer.Argument(metavar="IMAGE", help="One image.")]
+_Image: TypeAlias = Annotated[
+    Path,
+    typer.Argument(
+        metavar="IMAGE",
+        help="One image; with --shards a folder or URL of images or of recordings.",
+    ),
+]
 _Camera: TypeAlias = Annotated[
     Path, typer.Option(metavar="FILE[:NAME]", help=f"Camera file of the image. {CAMERA_FILES}")
 ]
@@ -74,6 +81,7 @@ def measure(
     outputs: _Outputs,
     score_threshold: ScoreThreshold = 0.5,
     session: SessionOptions,
+    shards: ShardOptions,
     as_json: Json = False,
 ) -> None:
     """Measure the trees of one image: diameter, DBH, cut height, lean and distance.
@@ -83,6 +91,11 @@ def measure(
     from edgetree.results.text_table import table_lines
 
     inputs = _Inputs(image, camera, depth, model, mask, rig_options)
+    if shards.are_given:
+        name = inputs.model_for_shards(outputs)
+        work = ShardedFrames(image, depth, camera, name, rig_options, session, score_threshold)
+        run_sharded(work, shards, vars(outputs), as_json=as_json)
+        return
     inputs.check(outputs)
     rig, settings = rig_options.rig(camera, depth), rig_options.settings()
     detector = None
@@ -143,7 +156,6 @@ class _Inputs:
         """Raise InputError if options contradict each other, or an output overwrites a file."""
         from edgetree.errors import InputError
         from edgetree.frames.sources import VIDEO_SUFFIXES
-        from edgetree.results.atomic_files import check_paths
         from edgetree.results.pictures import PICTURE_SUFFIXES
 
         if self.image.is_dir() or self.image.suffix.lower() in VIDEO_SUFFIXES:
@@ -159,6 +171,20 @@ class _Inputs:
             suffixes = ", ".join(PICTURE_SUFFIXES)
             raise InputError(f"--out is {out}: expected a file name ending in {suffixes}")
         check_report(outputs.report)
+        self._check_paths(outputs)
+
+    def model_for_shards(self, outputs: _Outputs) -> str:
+        """The model for several images; raises InputError if options do not fit them."""
+        from edgetree.errors import InputError
+
+        if self.mask is not None:
+            raise InputError("--mask given with --shards: expected a model")
+        self._check_paths(outputs)
+        return model_for(self.model, self.depth)
+
+    def _check_paths(self, outputs: _Outputs) -> None:
+        from edgetree.results.atomic_files import check_paths
+
         check_paths(
             {f"--{name}": path for name, path in vars(outputs).items()},
             {

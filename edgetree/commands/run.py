@@ -28,6 +28,7 @@ from edgetree.commands.options import (
     model_words,
     quoted,
 )
+from edgetree.commands.sharding import ShardedFrames, ShardOptions, run_sharded
 from edgetree.console import note, print_json
 
 if TYPE_CHECKING:
@@ -37,7 +38,12 @@ if TYPE_CHECKING:
 __all__ = ["run"]
 
 _Source: TypeAlias = Annotated[
-    Path, typer.Argument(metavar="SOURCE", help="An image, a folder of images, or a video.")
+    Path,
+    typer.Argument(
+        metavar="SOURCE",
+        help="An image, a folder of images, or a video; with --shards a folder or URL of images or"
+        " of recordings.",
+    ),
 ]
 _Out: TypeAlias = Annotated[
     Path | None, typer.Option(help="Folder for drawn pictures; created if needed.")
@@ -83,6 +89,7 @@ def run(
     outputs: _Outputs,
     score_threshold: ScoreThreshold = 0.5,
     session: SessionOptions,
+    shards: ShardOptions,
     strict_frames: _StrictFrames = False,
     as_json: Json = False,
 ) -> None:
@@ -99,6 +106,10 @@ def run(
 
     _check(source, depth, camera, model, rig_options, outputs)
     model = model_for(model, depth)
+    if shards.are_given:
+        work = ShardedFrames(source, depth, camera, model, rig_options, session, score_threshold)
+        run_sharded(work, shards, vars(outputs), as_json=as_json)
+        return
     detector, model_path = session.open_model(model, score_threshold)
     rig, settings = rig_options.rig(camera, depth), rig_options.settings()
     frames = open_frames(source, depth, rig=rig, detector=detector)
@@ -145,6 +156,20 @@ def run(
     for line in totals.lines():
         note(line)
     note(model_words(detector, model_path))
+    _note_files(outputs)
+    if is_interrupted:
+        raise KeyboardInterrupt
+    left_out.check_none(totals.frames)
+    if outputs.out is None:
+        options = f"{rig_options.words(depth, camera)} --model {quoted(model)} --out pictures"
+        note(f"next: edgetree run {quoted(source)}{options}")
+    else:
+        images = depth if depth is not None and detector.manifest.takes_depth else source
+        note(f"next: edgetree bench {quoted(images)} --model {quoted(model)}")
+
+
+def _note_files(outputs: _Outputs) -> None:
+    """Say where the output files are."""
     for name, path in (
         ("JSON lines", outputs.jsonl),
         ("table", outputs.csv),
@@ -155,15 +180,6 @@ def run(
     ):
         if path is not None:
             note(f"{name}: {path}")
-    if is_interrupted:
-        raise KeyboardInterrupt
-    left_out.check_none(totals.frames)
-    if outputs.out is None:
-        options = f"{rig_options.words(depth, camera)} --model {quoted(model)} --out pictures"
-        note(f"next: edgetree run {quoted(source)}{options}")
-    else:
-        images = depth if depth is not None and detector.manifest.takes_depth else source
-        note(f"next: edgetree bench {quoted(images)} --model {quoted(model)}")
 
 
 def _check(

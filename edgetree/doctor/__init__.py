@@ -2,13 +2,21 @@
 
 from edgetree.doctor.advice import Advice, advise
 from edgetree.doctor.examine import examine
-from edgetree.doctor.findings import Findings, Libraries, Machine, ProviderResult, Speed
+from edgetree.doctor.findings import (
+    Findings,
+    Libraries,
+    Machine,
+    ModelFile,
+    ProviderResult,
+    Speed,
+)
 
 __all__ = [
     "Advice",
     "Findings",
     "Libraries",
     "Machine",
+    "ModelFile",
     "ProviderResult",
     "Speed",
     "advise",

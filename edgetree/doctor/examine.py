@@ -24,11 +24,13 @@ def examine() -> Findings:
     video = {} if "cv2" in libraries.import_errors else examine_video()
     if {"numpy", "onnxruntime"} & libraries.import_errors.keys():
         return Findings(machine, libraries, (), None, video)
+    from edgetree.doctor.models import examine_models
     from edgetree.doctor.providers import examine_providers
 
     providers = examine_providers()
     runs = any(provider.works for provider in providers) and "cv2" not in libraries.import_errors
-    return Findings(machine, libraries, providers, probe_speed() if runs else None, video)
+    speed = probe_speed() if runs else None
+    return Findings(machine, libraries, providers, speed, video, examine_models())
 
 
 def probe_speed(duration_s: float = _PROBE_S) -> Speed:

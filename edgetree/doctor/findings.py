@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-__all__ = ["Findings", "Libraries", "Machine", "ProviderResult", "Speed"]
+__all__ = ["Findings", "Libraries", "Machine", "ModelFile", "ProviderResult", "Speed"]
 
 
 @dataclass(frozen=True)
@@ -79,6 +79,23 @@ class Speed:
 
 
 @dataclass(frozen=True)
+class ModelFile:
+    """A model that is found by name.
+
+    Attributes:
+        name: its name.
+        path: the .onnx file.
+        file_sha256: SHA-256 of the file.
+        version: version in the signature beside the file; None without a signature.
+    """
+
+    name: str
+    path: str
+    file_sha256: str
+    version: int | None = None
+
+
+@dataclass(frozen=True)
 class Findings:
     """All findings.
 
@@ -88,6 +105,7 @@ class Findings:
         providers: what runs networks.
         speed: None if the model did not run.
         video: whether OpenCV has each of `VIDEO_BACKENDS`; empty if OpenCV cannot be imported.
+        models: the models that are found by name.
     """
 
     machine: Machine
@@ -95,6 +113,7 @@ class Findings:
     providers: tuple[ProviderResult, ...]
     speed: Speed | None
     video: Mapping[str, bool] = field(default_factory=dict)
+    models: tuple[ModelFile, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """The findings as a JSON object, with numbers rounded to two digits."""

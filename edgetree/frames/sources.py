@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +27,7 @@ __all__ = [
     "FrameSource",
     "as_typed",
     "is_cut_off",
+    "open_image_files",
     "open_source",
     "read_image",
 ]
@@ -104,6 +106,22 @@ def open_source(
     return _VideoFrames(path)
 
 
+def open_image_files(
+    files: Sequence[tuple[str, Path, Path | None]], *, depth_only: bool, rig: Rig
+) -> FrameSource:
+    """Open image files as frames.
+
+    Args:
+        files: (name of the frame, image, depth image or None) of each.
+        depth_only: whether the images are depth images instead of colour images.
+        rig: cameras and depth unit.
+
+    Returns:
+        The frames; iterating is as for `open_source`.
+    """
+    return _ImageFrames(files, depth_only, rig)
+
+
 def as_typed(source: Path) -> str:
     """A source as the user typed it, for messages.
 
@@ -147,7 +165,7 @@ class _ImageFrames:
     """Image files: (name, image file, depth file or None) of each."""
 
     def __init__(
-        self, files: list[tuple[str, Path, Path | None]], depth_only: bool, rig: Rig
+        self, files: Sequence[tuple[str, Path, Path | None]], depth_only: bool, rig: Rig
     ) -> None:
         self._files = files
         self._depth_only = depth_only
@@ -182,8 +200,8 @@ class _FolderFrames(_ImageFrames):
         )
         if not paths:
             raise InputError(f"folder {folder} has no images: expected {', '.join(IMAGE_SUFFIXES)}")
-        stems = [path.stem for path in paths]
-        names = [path.stem if stems.count(path.stem) == 1 else path.name for path in paths]
+        counts = Counter(path.stem for path in paths)
+        names = [path.stem if counts[path.stem] == 1 else path.name for path in paths]
         files = _depth_files(paths, depth)
         super().__init__(list(zip(names, paths, files, strict=True)), depth_only, rig)
 

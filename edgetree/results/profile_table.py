@@ -6,14 +6,14 @@ import csv
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TextIO
 
 from edgetree.frames.pipeline import FrameResult
 from edgetree.measure import Estimate, StemProfile
 from edgetree.results.atomic_files import text_file
 from edgetree.results.csv_table import cell, measurements_of
 
-__all__ = ["PROFILE_COLUMNS", "profiles_file"]
+__all__ = ["PROFILE_COLUMNS", "profiles_file", "write_profile_header", "write_profile_rows"]
 
 PROFILE_COLUMNS: Final = (
     "frame",
@@ -37,20 +37,27 @@ def profiles_file(path: Path) -> Iterator[Callable[[FrameResult], None]]:
         InputError: the file cannot be written.
     """
     with text_file(path) as stream:
-        writer = csv.writer(stream)
-        writer.writerow(PROFILE_COLUMNS)
+        write_profile_header(stream)
 
         def add(result: FrameResult) -> None:
-            trees = zip(result.found.numbers, measurements_of(result), strict=True)
-            for number, tree in trees:
-                if isinstance(tree.profile, StemProfile):
-                    for values in _values(tree.profile):
-                        writer.writerow(
-                            [cell(value) for value in (result.frame.name, number, *values)]
-                        )
+            write_profile_rows(stream, result)
             stream.flush()
 
         yield add
+
+
+def write_profile_header(stream: TextIO) -> None:
+    """Write the column names. The stream must have been opened with `newline=""`."""
+    csv.writer(stream).writerow(PROFILE_COLUMNS)
+
+
+def write_profile_rows(stream: TextIO, result: FrameResult) -> None:
+    """Write the rows of a frame's trees; those without a profile have none."""
+    writer = csv.writer(stream)
+    for number, tree in zip(result.found.numbers, measurements_of(result), strict=True):
+        if isinstance(tree.profile, StemProfile):
+            for values in _values(tree.profile):
+                writer.writerow([cell(value) for value in (result.frame.name, number, *values)])
 
 
 def _values(profile: StemProfile) -> Iterator[tuple[Any, ...]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import json
+import os
 import sys
 import time
 from pathlib import Path
@@ -11,10 +11,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from perceptree.commands.shards import (
+    RayOption,
+    ShardOption,
+    chosen_shard,
+    opened_store,
+    print_shard,
+)
+from perceptree.commands.synth_result import print_result
 from perceptree.errors import SettingsError
 
 if TYPE_CHECKING:
-    from perceptree.simulator import SimulatorSettings, SynthReport
+    from perceptree.simulator import SimulatorSettings
+    from perceptree.simulator.dataset.shards import SynthJob
     from perceptree.simulator.settings.presets import Preset
 
 _LABEL = "simulating"
@@ -22,7 +31,11 @@ _LABEL = "simulating"
 
 def synth(
     out: Annotated[
-        Path, typer.Option(help="Folder to write; a folder with the same settings is resumed.")
+        Path,
+        typer.Option(
+            metavar="FOLDER|URL",
+            help="Folder or URL (s3://...) to write; one with the same settings is resumed.",
+        ),
     ],
     frames: Annotated[
         int | None, typer.Option(help="Number of frames; a larger number extends a dataset. [400]")
@@ -54,10 +67,14 @@ def synth(
     workers: Annotated[
         int | None, typer.Option(help="Number of processes; by default one per core.")
     ] = None,
+    shard: ShardOption = None,
+    ray: RayOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Simulate forest frames with colour, depth, masks, boxes, keypoints and metric truth."""
+    from fleet import is_url
     from perceptree.simulator.dataset.generate import generate_dataset
+    from perceptree.simulator.dataset.shards import SynthJob
 
     changes = (frames, seed, settings, width, height, camera, views, reach, image_format)
     frozen = _frozen(preset, changes)
@@ -67,6 +84,11 @@ def synth(
     files = start.files
     if image_format is not None:
         files = dataclasses.replace(files, image_format=image_format)
+    seed = start.seed if seed is None else seed
+    if shard is not None or ray is not None or is_url(out):
+        whole = SynthJob(opened_store(out, ray), count, chosen, seed, files)
+        _in_shards(whole, shard, ray, workers, as_json, frozen)
+        return
     with typer.progressbar(
         length=count,
         label=_LABEL,
@@ -76,9 +98,38 @@ def synth(
         show_pos=True,
         item_show_func=lambda text: text,
     ) as bar:
-        seed = start.seed if seed is None else seed
         report = generate_dataset(out, count, chosen, seed, workers, _Progress(bar), files)
-    _print_result(report, as_json, frozen)
+    print_result(report, as_json, frozen)
+
+
+def _in_shards(
+    synth: SynthJob,
+    shard: str | None,
+    ray: str | None,
+    workers: int | None,
+    as_json: bool,
+    frozen: str | None,
+) -> None:
+    """Simulate a shard; with Ray, or without --shard, all of the dataset."""
+    from fleet import Progress
+    from perceptree.simulator.dataset.shards import merge_shards, run_synth_shard
+
+    chosen, store = chosen_shard(shard, ray), synth.store
+    progress = Progress(_LABEL)
+    if ray is not None:
+        from fleet.on_ray import RayEngine
+
+        with RayEngine(ray) as engine:
+            synth.prepare()
+            engine.run(synth.job(), synth, progress)
+            report = engine.call(merge_shards, store)
+    else:
+        run_synth_shard(synth, chosen, workers or os.cpu_count() or 1, progress)
+        if shard is not None:
+            print_shard(store, chosen, as_json)
+            return
+        report = merge_shards(store)
+    print_result(report, as_json, frozen)
 
 
 def _frozen(preset: str | None, options: tuple[object, ...]) -> str | None:
@@ -182,64 +233,3 @@ def _duration(seconds: float) -> str:
     if seconds < 90:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
-
-
-def _print_result(report: SynthReport, as_json: bool, frozen: str | None) -> None:
-    from perceptree.simulator.dataset.contact_sheet import DEPTH_SHEET_FILE, SHEET_FILE
-    from perceptree.simulator.dataset.pages import PAGE_FILE
-
-    values: dict[str, Any] = {**dataclasses.asdict(report), "directory": str(report.directory)}
-    lines = [
-        f"{split}: {count} frames, {report.trees[split]} trees"
-        for split, count in report.frames.items()
-        if count
-    ]
-    lines += [
-        f"frames by {group}: "
-        + ", ".join(f"{name.replace('_', ' ')} {n}" for name, n in counts.items())
-        for group, counts in report.conditions.items()
-    ]
-    lines += [
-        f"{report.directory}",
-        f"see {report.directory / SHEET_FILE}, {DEPTH_SHEET_FILE} in the same folder,"
-        f" and the statistics in {report.directory / PAGE_FILE}",
-    ]
-    fails = False
-    if frozen is not None:
-        values["frozen"], messages, fails = _compare(report.directory, frozen)
-        lines += messages
-    elif report.frames.get("train"):
-        lines.append(f"next: perceptree train {report.directory} --out runs/depth --modality depth")
-    else:
-        lines.append(f"next: edgetree eval depth {report.directory}")
-    typer.echo(json.dumps(values) if as_json else "\n".join(lines))
-    if fails:
-        raise typer.Exit(1)
-
-
-def _compare(directory: Path, preset: str) -> tuple[dict[str, Any], list[str], bool]:
-    """Compare with the frozen test set; return values, lines, and whether the labels differ."""
-    from perceptree.simulator.dataset.frozen import (
-        compare_with_frozen,
-        library_versions,
-        read_frozen,
-    )
-
-    frozen = read_frozen(preset)
-    comparison = compare_with_frozen(directory, frozen)
-    values = dataclasses.asdict(comparison)
-    if not comparison.differing:
-        return values, [f"all {comparison.files} files are equal to the frozen test set"], False
-    made, here = (
-        ", ".join(f"{name} {version}" for name, version in versions.items())
-        for versions in (frozen.versions, library_versions())
-    )
-    lines = [
-        f"{comparison.differing} of {comparison.files} files differ from the frozen test set: other"
-        f" library versions or processors may flip single bytes (made with {made}; here {here})"
-    ]
-    if comparison.complaints:
-        lines.append(f"its labels differ: {'; '.join(comparison.complaints)}")
-    else:
-        lines.append("its labels are the same within 1 %")
-    return values, lines, bool(comparison.complaints)

@@ -142,6 +142,16 @@ def measure(
     for prediction in predict_frames(predict, store, batch):
         predictions.append(prediction)
         progress(1)
+    return measured_from(store, predictions)
+
+
+def measured_from(store: FrameStore, predictions: list[FramePrediction]) -> Measured:
+    """Compute all results of the predictions of all frames.
+
+    Args:
+        store: Labelled frames, with at least one tree.
+        predictions: Prediction of each frame.
+    """
     matches = match_trees(store.frames, predictions)
     return Measured(
         store,

@@ -166,7 +166,7 @@ def names_in_all(package: str) -> set[str]:
 def test_the_reference_holds_every_public_name() -> None:
     packages = [
         ".".join(path.parent.relative_to(ROOT).parts)
-        for top in ("calib", "edgetree", "perceptree")
+        for top in ("calib", "edgetree", "fleet", "perceptree")
         for path in (ROOT / top).rglob("__init__.py")
     ]
     text = "".join(page.read_text("utf-8") for page in PAGES)

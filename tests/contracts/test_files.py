@@ -8,7 +8,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 SOURCES = [
     path
-    for folder in ("calib", "edgetree", "perceptree", "benchmarks")
+    for folder in ("calib", "edgetree", "fleet", "perceptree", "benchmarks")
     for path in sorted((ROOT / folder).rglob("*.py"))
 ]
 # OpenCV crashes on names that are not UTF-8, and writes files that a killed process leaves half.

@@ -11,9 +11,10 @@ from typing import NamedTuple
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = ("calib", "edgetree", "perceptree")
+PACKAGES = ("calib", "edgetree", "fleet", "perceptree")
 TRAINING_STACK = {"torch", "torchvision", "timm", "pycocotools", "safetensors", "numba"}
 HEAVY = TRAINING_STACK | {"matplotlib", "onnx", "onnxruntime", "onnxscript", "perceptree", "PIL"}
+HEAVY |= {"ray", "fsspec", "s3fs"}
 HEAVY |= {"cryptography", "rosbags", "pyrealsense2", "depthai", "pyorbbecsdk", "paho", "small_gicp"}
 READS_BAGS = {
     "edgetree.live.sinks.bag_folder",
@@ -24,9 +25,11 @@ READS_BAGS = {
 }
 MAY_IMPORT = {
     "calib": {"calib", "numpy", "cv2", "yaml"},
-    "perceptree": TRAINING_STACK | {"perceptree", "calib", "numpy", "cv2", "typer", "matplotlib"},
+    "fleet": {"fleet", "calib", "ray", "fsspec"},
+    "perceptree": TRAINING_STACK
+    | {"perceptree", "calib", "fleet", "numpy", "cv2", "typer", "matplotlib"},
 }
-EDGETREE_BASE_DEPENDENCIES = {"edgetree", "calib", "numpy", "cv2", "typer"}
+EDGETREE_BASE_DEPENDENCIES = {"edgetree", "calib", "fleet", "numpy", "cv2", "typer"}
 EDGETREE_TRAINING_SIDE = ("edgetree.export", "edgetree.demo", "edgetree.evaluate")
 
 
@@ -39,7 +42,7 @@ def loaded_by(statement: str, folder: Path = ROOT) -> set[str]:
     return {name.partition(".")[0] for name in json.loads(done.stdout)}
 
 
-@pytest.mark.parametrize("statement", ["import edgetree", "import edgetree.cli"])
+@pytest.mark.parametrize("statement", ["import edgetree", "import edgetree.cli", "import fleet"])
 def test_edgetree_loads_nothing_heavy(statement: str) -> None:
     assert loaded_by(statement) & HEAVY == set()
 
@@ -90,7 +93,7 @@ def imports_of(source: str, module: str, is_package: bool) -> Iterator[Import]:
 
 
 def all_imports() -> Iterator[tuple[str, Import]]:
-    """(importing module, import) for every file of the three packages."""
+    """(importing module, import) for every file of the packages."""
     for package in PACKAGES:
         for path in sorted((ROOT / package).rglob("*.py")):
             module = ".".join(path.relative_to(ROOT).with_suffix("").parts)
@@ -116,11 +119,12 @@ def test_a_package_imports_only_what_it_may_know(package: str) -> None:
     assert strangers == set()
 
 
-def test_plots_are_loaded_when_they_are_drawn() -> None:
+@pytest.mark.parametrize("package", ["matplotlib", "ray", "fsspec"])
+def test_some_packages_are_loaded_when_they_are_needed(package: str) -> None:
     always = {
         module
         for module, found in all_imports()
-        if found.always and found.target.partition(".")[0] == "matplotlib"
+        if found.always and found.target.partition(".")[0] == package
     }
     assert always == set()
 

@@ -13,6 +13,7 @@ REQUIREMENTS = {
     "test.txt": 5,
     "sign.txt": 3,
     "record.txt": 5,
+    "fleet.txt": 50,
     "sbom.txt": 20,
     "dev.txt": 80,
 }
@@ -70,8 +71,11 @@ def test_the_runtime_needs_no_training_stack() -> None:
 
 
 def test_all_files_pin_the_same_versions() -> None:
-    dev = pins("dev.txt")
-    for file in REQUIREMENTS:
+    dev, base = pins("dev.txt"), pins("runtime.txt") | pins("test.txt")
+    # Object stores need an older dateutil than the development environment has.
+    fleet = {name: pin for name, pin in pins("fleet.txt").items() if name in base}
+    assert {name: base[name] for name in fleet} == fleet
+    for file in REQUIREMENTS.keys() - {"fleet.txt"}:
         # What only lists the packages has dependencies that nothing else needs.
         small = {name: pin for name, pin in pins(file).items() if file != "sbom.txt" or name in dev}
         assert {name: dev.get(name) for name in small} == small
@@ -81,13 +85,13 @@ def test_what_the_project_declares_is_pinned() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     extras = project["optional-dependencies"]
     declared = {
-        re.split(r"[\[<>=]", line)[0]
+        re.split(r"[\[<>=;]", line)[0]
         for line in [*project["dependencies"], *extras["cpu"], *extras["dev"]]
     }
     assert declared - {"edgetree"} <= pins("dev.txt").keys()
     base = {re.split(r"[<>=]", line)[0] for line in [*project["dependencies"], *extras["cpu"]]}
     assert base <= pins("runtime.txt").keys()
-    for extra in ("sign", "record"):
+    for extra in ("sign", "record", "fleet"):
         names = {re.split(r"[<>=]", line)[0] for line in extras[extra]}
         assert names <= pins(f"{extra}.txt").keys()
 

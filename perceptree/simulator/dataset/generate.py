@@ -7,12 +7,13 @@ import hashlib
 import json
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from fleet import Store
 from perceptree.errors import DatasetError, SettingsError
 from perceptree.simulator.dataset.contact_sheet import write_contact_sheets
 from perceptree.simulator.dataset.pages import write_statistics
@@ -29,7 +30,7 @@ from perceptree.simulator.dataset.storage import (
     write_atomically,
 )
 from perceptree.simulator.labelling.annotate import coco_dataset
-from perceptree.simulator.settings import SimulatorSettings
+from perceptree.simulator.settings import SimulatorSettings, SplitSettings
 from perceptree.simulator.settings.checks import check_number
 from perceptree.simulator.settings.files import FileSettings
 
@@ -47,13 +48,13 @@ class SynthReport:
     """Summary of a generated dataset.
 
     Attributes:
-        directory: Folder of the dataset.
+        directory: Folder of the dataset, or its URL in an object store.
         frames: Number of frames by split.
         trees: Number of labelled trees by split.
         conditions: Number of frames by kind of condition and value.
     """
 
-    directory: Path
+    directory: Path | str
     frames: dict[str, int]
     trees: dict[str, int]
     conditions: dict[str, dict[str, int]]
@@ -94,25 +95,43 @@ def generate_dataset(
         DatasetError: If the folder cannot be written or holds other settings, or a process is
             killed.
     """
-    check_number("frames", frames, 1, MAX_FRAMES)
-    check_number("seed", seed, 0, MAX_SEED)
     if workers is not None:
         check_number("workers", workers, 1, 1024)
-    jobs = _jobs(directory, frames, settings, seed, files)
+    jobs = scene_jobs(directory, frames, settings, seed, files)
     try:
-        _prepare(directory, settings, seed, files)
+        prepare(directory, settings, seed, files)
         try:
             _render_missing(jobs, workers or os.cpu_count() or 1, progress)
         finally:
             remove_leftovers(directory)
-        return _collect(directory, jobs, settings)
+        return collect(directory, _all_records(jobs), settings.splits)
     except OSError as error:
         raise storage_error(error, directory) from error
 
 
-def _jobs(
-    directory: Path, frames: int, settings: SimulatorSettings, seed: int, files: FileSettings
+def scene_jobs(
+    directory: Path,
+    frames: int,
+    settings: SimulatorSettings,
+    seed: int,
+    files: FileSettings,
+    store: Store | None = None,
 ) -> list[SceneJob]:
+    """Return the scenes of a dataset.
+
+    Args:
+        directory: Folder of the dataset; not used with a store.
+        frames: Number of frames.
+        settings: Settings of the simulator.
+        seed: Seed of the dataset.
+        files: File formats.
+        store: Object store of the dataset; None for a folder.
+
+    Raises:
+        SettingsError: If a number is out of range, or there are too few frames for the splits.
+    """
+    check_number("frames", frames, 1, MAX_FRAMES)
+    check_number("seed", seed, 0, MAX_SEED)
     views = settings.views_per_scene
     scenes = math.ceil(frames / views)
     splits = split_shares(settings.splits)
@@ -123,7 +142,7 @@ def _jobs(
             f" {', '.join(splits)}"
         )
     return [
-        SceneJob(directory, settings, files, seed, n, min(views, frames - n * views))
+        SceneJob(directory, settings, files, seed, n, min(views, frames - n * views), store)
         for n in range(scenes)
     ]
 
@@ -137,8 +156,20 @@ def _settings_record(settings: SimulatorSettings, seed: int, files: FileSettings
     }
 
 
-def _prepare(directory: Path, settings: SimulatorSettings, seed: int, files: FileSettings) -> None:
-    """Make the folders, and check that an existing dataset has the same settings and seed."""
+def settings_content(settings: SimulatorSettings, seed: int, files: FileSettings) -> bytes:
+    """Make the content of a dataset's ``settings.json``."""
+    digest = settings_sha256(settings, seed, files)
+    content = {**_settings_record(settings, seed, files), "sha256": digest}
+    return json.dumps(content, indent=1).encode()
+
+
+def prepare(directory: Path, settings: SimulatorSettings, seed: int, files: FileSettings) -> None:
+    """Make a dataset's folders and its ``settings.json``.
+
+    Raises:
+        DatasetError: If the folder holds a dataset with other settings or another seed.
+        OSError: If it cannot be written.
+    """
     record = directory / SETTINGS_FILE
     for name in (*FRAME_FOLDERS, SCENE_FOLDER):
         (directory / name).mkdir(parents=True, exist_ok=True)
@@ -149,8 +180,7 @@ def _prepare(directory: Path, settings: SimulatorSettings, seed: int, files: Fil
             f"{record}: has other settings or another seed; expected the same to resume, or an"
             " empty folder"
         )
-    content = {**_settings_record(settings, seed, files), "sha256": digest}
-    write_atomically(record, json.dumps(content, indent=1).encode())
+    write_atomically(record, settings_content(settings, seed, files))
 
 
 def _digest_in(record: Path) -> object:
@@ -172,17 +202,34 @@ def _render_missing(jobs: list[SceneJob], workers: int, progress: Progress) -> N
             progress(done, frames)
 
 
-def _collect(directory: Path, jobs: list[SceneJob], settings: SimulatorSettings) -> SynthReport:
-    """Write the files about all scenes: COCO files, contact sheets and statistics."""
-    assigned = assign_splits(len(jobs), settings.splits)
-    splits: Splits = {split: [] for split in SPLITS}
-    for job, split in zip(jobs, assigned, strict=True):
+def _all_records(jobs: list[SceneJob]) -> Iterator[list[dict[str, Any]]]:
+    for job in jobs:
         records = job.records()
         if not records:
             raise DatasetError(
                 f"{job.shard}: files of its frames are missing; run the same command again to"
                 " make them"
             )
+        yield records
+
+
+def collect(
+    directory: Path, scenes: Iterable[list[dict[str, Any]]], settings: SplitSettings
+) -> SynthReport:
+    """Write the files about all scenes: COCO files, contact sheets and statistics.
+
+    Args:
+        directory: Folder with the pictures, at least those of the contact sheets.
+        scenes: Records of the frames of each scene.
+        settings: Fractions of the splits.
+
+    Raises:
+        DatasetError: If a picture cannot be read.
+        OSError: If a file cannot be written.
+    """
+    read = list(scenes)
+    splits: Splits = {split: [] for split in SPLITS}
+    for records, split in zip(read, assign_splits(len(read), settings), strict=True):
         splits[split] += records
     for split, records in splits.items():
         if records:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import tempfile
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import calib
+from fleet import Store, copy_folder
 from perceptree.simulator.dataset.storage import (
+    FRAME_FOLDERS,
     IMU_FOLDER,
     SCENE_FOLDER,
     encode_jpeg,
@@ -47,12 +50,13 @@ class SceneJob:
     """A scene of a dataset.
 
     Attributes:
-        directory: Folder of the dataset.
+        directory: Folder of the dataset; not used with a store.
         settings: Settings of the simulator.
         files: File formats.
         dataset_seed: Seed of the dataset.
         number: Number of the scene in the dataset.
         views: Number of frames.
+        store: Object store of the dataset; None for a folder.
     """
 
     directory: Path
@@ -61,11 +65,17 @@ class SceneJob:
     dataset_seed: int
     number: int
     views: int
+    store: Store | None = None
+
+    @property
+    def record_file(self) -> str:
+        """File with the records of the scene's frames, relative to the dataset."""
+        return f"{SCENE_FOLDER}/{self.number:06d}.json"
 
     @property
     def shard(self) -> Path:
         """File with the records of the scene's frames, written after all files of the frames."""
-        return self.directory / SCENE_FOLDER / f"{self.number:06d}.json"
+        return self.directory / self.record_file
 
     @property
     def imu_file(self) -> str:
@@ -111,7 +121,30 @@ def draw_scene(job: SceneJob, assets: Assets) -> int:
 
     Raises:
         OSError: If a file cannot be written; it has the name of the file.
+        StoreError: If a file cannot be written to the store.
     """
+    content = draw_frames(job, assets)
+    if job.store is None:
+        write_atomically(job.shard, content)
+    else:
+        job.store.write(job.record_file, content)
+    return job.views
+
+
+def draw_frames(job: SceneJob, assets: Assets) -> bytes:
+    """Do as ``draw_scene``, but return the content of the shard file instead of writing it."""
+    if job.store is None:
+        return json.dumps(_draw_here(job, assets)).encode()
+    with tempfile.TemporaryDirectory() as folder:
+        for name in FRAME_FOLDERS:
+            (Path(folder) / name).mkdir()
+        records = _draw_here(replace(job, directory=Path(folder), store=None), assets)
+        copy_folder(Path(folder), job.store)
+    return json.dumps(records).encode()
+
+
+def _draw_here(job: SceneJob, assets: Assets) -> list[dict[str, Any]]:
+    """Simulate a scene, write the files of its frames, and return their records."""
     from perceptree.simulator.dataset.frames import simulate_frames
 
     first = job.number * job.settings.views_per_scene
@@ -133,8 +166,7 @@ def draw_scene(job: SceneJob, assets: Assets) -> int:
         (job.directory / job.imu_file).parent.mkdir(exist_ok=True)
         write_atomically(job.directory / job.imu_file, data)
         records[-1]["bytes"][job.imu_file] = len(data)
-    write_atomically(job.shard, json.dumps(records).encode())
-    return len(records)
+    return records
 
 
 def _imu_table(samples: NDArray[np.floating[Any]]) -> bytes:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
 import re
 import subprocess
@@ -21,7 +22,7 @@ import edgetree.doctor
 import edgetree.runtime.session
 from edgetree import cli
 from edgetree.bench import files as bench_files
-from edgetree.doctor import Findings, Libraries, Machine, ProviderResult, Speed
+from edgetree.doctor import Findings, Libraries, Machine, ModelFile, ProviderResult, Speed
 from edgetree.errors import CheckFailed
 from edgetree.frames import pipeline
 from edgetree.model_file.manifest import Manifest
@@ -327,6 +328,30 @@ def test_doctor_runs_on_this_machine(run_cli: Cli) -> None:
     assert record["video"]["GStreamer"] == cv2.videoio_registry.hasBackend(cv2.CAP_GSTREAMER)
     assert libraries["minima"]["numpy"]
     assert done.code == (0 if record["healthy"] else 1)
+
+
+def test_doctor_says_which_models_a_machine_has(
+    run_cli: Cli, model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model.rename(tmp_path / "forest.onnx")
+    monkeypatch.setenv("EDGETREE_MODELS", str(tmp_path))
+    record = json.loads(run_cli("doctor", "--json").out)
+    found = {each["name"]: each for each in record["models"]}
+    assert {"forest", "edge-n-rgb", "edge-n-depth"} <= found.keys()
+    assert found["forest"] == {
+        "name": "forest",
+        "path": str(tmp_path / "forest.onnx"),
+        "file_sha256": hashlib.sha256((tmp_path / "forest.onnx").read_bytes()).hexdigest(),
+        "version": None,
+    }
+
+
+def test_doctor_prints_the_models(run_cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
+    forest = ModelFile("forest", "/opt/forest.onnx", "0123456789abcdef", 7)
+    findings = dataclasses.replace(HEALTHY, models=(forest,))
+    monkeypatch.setattr(edgetree.doctor, "examine", lambda: findings)
+    printed = run_cli("doctor").out
+    assert "forest, version 7, SHA-256 0123456789ab, /opt/forest.onnx" in printed
 
 
 def test_python_can_run_the_package() -> None:

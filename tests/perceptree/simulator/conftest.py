@@ -10,7 +10,7 @@ from types import ModuleType
 
 import pytest
 
-from perceptree.simulator.dataset import generate
+from perceptree.simulator.dataset import generate, shards
 from perceptree.simulator.dataset.generate import generate_dataset
 from perceptree.simulator.geometry.assemble import SceneMesh, assemble
 from perceptree.simulator.geometry.prototypes import Prototypes, make_prototypes
@@ -47,6 +47,7 @@ def _faked(synth: ModuleType) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(sys.modules, synth.fake.__name__, synth.fake)
         patch.setattr(generate, "draw_scenes", synth.draw_here)
+        patch.setattr(shards, "draw_scenes", synth.draw_here)
         yield
 
 

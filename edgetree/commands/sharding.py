@@ -1,0 +1,251 @@
+"""Frames on several machines: the options of `run` and `measure`, and what they do."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from edgetree.commands.option_groups import RigOptions, SessionOptions
+from edgetree.commands.options import quoted
+from edgetree.console import note, print_json
+
+if TYPE_CHECKING:
+    from edgetree.shards.merging import MergedFrames, Outputs
+    from fleet import Job, Store
+
+__all__ = ["ShardOptions", "ShardedFrames", "print_merged", "run_sharded"]
+
+
+@dataclass(frozen=True)
+class ShardOptions:
+    """The options about several machines."""
+
+    shards: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER|URL",
+            help="Where finished parts of the results are kept, for --shard and --ray: a folder, or"
+            " an object store such as s3://bucket/folder.",
+        ),
+    ] = None
+    shard: Annotated[
+        str | None,
+        typer.Option(
+            metavar="I/N",
+            help="Do only the I-th of N shares of the frames, such as 3/64; `edgetree merge` joins"
+            " the shares.",
+        ),
+    ] = None
+    ray: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS|local",
+            help="Share the frames out on a cluster of Ray, or on this machine's cores by Ray.",
+        ),
+    ] = None
+
+    @property
+    def are_given(self) -> bool:
+        """Whether any of them is given."""
+        return any(value is not None for value in (self.shards, self.shard, self.ray))
+
+    def outputs(self, paths: Mapping[str, Path | None]) -> Outputs:
+        """Check that the options fit each other and the files to write.
+
+        Args:
+            paths: paths of the options for files, by name.
+
+        Returns:
+            The files of the merged results.
+
+        Raises:
+            InputError: they do not fit.
+        """
+        from edgetree.errors import InputError
+        from edgetree.shards.merging import Outputs
+
+        if self.shard is not None and self.ray is not None:
+            raise InputError("--shard given with --ray: expected one of them")
+        if self.shards is None:
+            option = "--shard" if self.ray is None else "--ray"
+            raise InputError(
+                f"{option} given without --shards: expected the folder or URL to keep parts in"
+            )
+        given = {name: path for name, path in paths.items() if path is not None}
+        if self.shard is not None and given:
+            raise InputError(
+                f"--{min(given)} given with --shard: expected it with `edgetree merge`"
+            )
+        known = {field.name for field in fields(Outputs)}
+        if given.keys() - known:
+            expected = ", ".join(f"--{name}" for name in sorted(known))
+            raise InputError(
+                f"--{min(given.keys() - known)} given with --shards: expected {expected}"
+            )
+        return Outputs(**given)
+
+
+@dataclass(frozen=True)
+class ShardedFrames:
+    """The options that say what to detect and measure.
+
+    Attributes:
+        source: value of SOURCE.
+        depth: value of --depth.
+        camera: value of --camera.
+        model: name or file of the model.
+        rig_options: the options about the cameras.
+        session: the options about running the model.
+        score_threshold: value of --score-threshold.
+    """
+
+    source: Path
+    depth: Path | None
+    camera: Path | None
+    model: str
+    rig_options: RigOptions
+    session: SessionOptions
+    score_threshold: float
+
+    def identity(self) -> dict[str, Any]:
+        """The options that decide on the results, with the content of files by SHA-256."""
+        files = {
+            name: None if path is None else hashlib.sha256(path.read_bytes()).hexdigest()
+            for name, path in self.rig_options.files(self.camera).items()
+        }
+        values = {
+            name: value
+            for name, value in asdict(self.rig_options).items()
+            if f"--{name.replace('_', '-')}" not in files
+        }
+        if files["--depth-scale"] is None:
+            values["depth_scale"] = self.rig_options.depth_scale
+        return {"files": files, **values, "score_threshold": self.score_threshold}
+
+
+def run_sharded(
+    frames: ShardedFrames,
+    options: ShardOptions,
+    paths: Mapping[str, Path | None],
+    *,
+    as_json: bool,
+) -> None:
+    """Do a shard of the frames; with Ray, or without --shard, do all and merge them.
+
+    Args:
+        frames: what to do.
+        options: where, and which shard.
+        paths: paths of the options for files, by name.
+        as_json: whether to print one JSON object.
+
+    Raises:
+        InputError: options contradict each other, or files cannot be used.
+        FleetError: a store or a cluster cannot be used.
+        CheckFailed: frames were left out of the merged results.
+    """
+    from edgetree.shards.merging import merge_frames
+    from fleet import Progress, Shard, open_store, read_manifests, run_shard
+
+    outputs = options.outputs(paths)
+    assert options.shards is not None
+    shard = Shard() if options.shard is None else Shard.parse(options.shard)
+    store = open_store(_seen(options.shards, options.ray))
+    job, start, cores = _job(frames, store, options.ray)
+    progress = Progress("detecting", cores)
+    if options.ray is not None:
+        from fleet.on_ray import RayEngine
+
+        with RayEngine(options.ray, cores) as engine:
+            engine.run(job, start, progress)
+    else:
+        run_shard(job, start, shard, progress)
+    if options.shard is None:
+        parts = read_manifests([store], (job.kind,))
+        print_merged(merge_frames(parts, outputs, lines_to_stdout=not as_json), outputs, as_json)
+        return
+    if as_json:
+        print_json({"store": store.where, "shard": str(shard), "manifest": shard.file})
+    note(f"shard {shard}: {store.where}/{shard.file}")
+    note(
+        f"next, when all shards are finished: edgetree merge {quoted(store.where)} --csv trees.csv"
+    )
+
+
+def _seen(place: Path, ray: str | None) -> Path:
+    """A folder or URL; folders are absolute for processes of Ray, which work elsewhere."""
+    from fleet import is_url
+
+    return place.absolute() if ray is not None and not is_url(place) else place
+
+
+def _job(frames: ShardedFrames, store: Store, ray: str | None) -> tuple[Job, Any, int]:
+    """The job, what starts a worker, and the cores that a worker keeps busy."""
+    from edgetree.catalogue import find_model
+    from edgetree.errors import InputError
+    from edgetree.runtime.detector import TreeDetector
+    from edgetree.shards.inputs import list_frames
+    from edgetree.shards.work import BLOCK_FRAMES, FrameWork, frames_job, model_files
+
+    session = frames.session
+    if ray is not None and session.provider != "cpu":
+        raise InputError(f"--provider is {session.provider} with --ray: expected cpu")
+    threads = session.threads or (1 if ray is not None else None)
+    loaded: dict[str, Any] = {
+        "provider": session.provider,
+        "strict": session.strict,
+        "threads": threads,
+        "score_threshold": frames.score_threshold,
+    }
+    model = find_model(frames.model)
+    TreeDetector.load(model, **loaded)  # a wrong file ends the command here
+    typed = [place for place in (frames.source, frames.depth) if place is not None]
+    source = _seen(frames.source, ray)
+    depth = None if frames.depth is None else _seen(frames.depth, ray)
+    listed = list_frames(source, depth)
+    work = FrameWork(
+        source,
+        depth,
+        {str(_seen(place, ray)): str(place) for place in typed},
+        listed.digest,
+        model.absolute(),
+        model_files(model),
+        frames.rig_options.rig(frames.camera, frames.depth),
+        frames.rig_options.settings(),
+        loaded,
+    )
+    block = 1 if listed.are_recordings else BLOCK_FRAMES
+    job = frames_job(work, store, len(listed.entries), block, frames.identity())
+    return job, work, threads or os.cpu_count() or 1
+
+
+def print_merged(merged: MergedFrames, outputs: Outputs, as_json: bool) -> None:
+    """Say what was merged, and where it is.
+
+    Raises:
+        CheckFailed: frames were left out.
+    """
+    from edgetree.commands.frame_results import LeftOut
+
+    if as_json:
+        paths = {name: path and str(path) for name, path in vars(outputs).items()}
+        values = {"frames": merged.frames, "trees": merged.trees, **paths}
+        print_json({"schema": "edgetree.merge/1", **values, "left_out": merged.left_out})
+    left_out = LeftOut(strict=False)
+    for reason in merged.left_out:
+        left_out.add(ValueError(reason))
+    left_out.check_some(merged.frames)
+    note(f"{merged.trees} trees in {merged.frames} frame(s)")
+    for name, path in (
+        ("JSON lines", outputs.jsonl),
+        ("table", outputs.csv),
+        ("profiles", outputs.profiles),
+    ):
+        if path is not None:
+            note(f"{name}: {path}")
+    left_out.check_none(merged.frames)

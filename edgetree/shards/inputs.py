@@ -1,0 +1,195 @@
+"""The files of a source, in a folder or at a URL, and the frames in some of them."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tempfile
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from itertools import repeat
+from pathlib import Path, PurePosixPath
+from typing import Final, NamedTuple
+
+from edgetree.errors import InputError
+from edgetree.frames.rig import Rig
+from edgetree.frames.sources import (
+    DEPTH_SUFFIXES,
+    IMAGE_SUFFIXES,
+    VIDEO_SUFFIXES,
+    Frame,
+    open_image_files,
+    open_source,
+)
+from edgetree.live.sources.bags import BAG_SUFFIXES
+from fleet import LocalStore, Store, fetch, open_store
+
+__all__ = ["FrameFiles", "FramesOfUnit", "list_frames"]
+
+_RECORDINGS: Final = (*VIDEO_SUFFIXES, *BAG_SUFFIXES)
+
+
+class _Entry(NamedTuple):
+    """A file of a source: name of the frame, the file, and its depth file if there is one."""
+
+    name: str
+    file: str
+    depth: str | None
+
+
+class FramesOfUnit(NamedTuple):
+    """Frames with the rig of each, and the folders on this machine that stand for the source's."""
+
+    frames: Iterator[tuple[Frame, Rig]]
+    folders: dict[str, str]
+
+
+@dataclass(frozen=True)
+class FrameFiles:
+    """Images, or recordings.
+
+    Attributes:
+        source: folder or URL.
+        depth: folder or URL of the depth images; None if there are none.
+        entries: the files by name.
+        are_recordings: whether the files are videos or recordings of ROS.
+    """
+
+    source: Store
+    depth: Store | None
+    entries: tuple[_Entry, ...]
+    are_recordings: bool
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the names of all files."""
+        return hashlib.sha256(json.dumps(self.entries).encode("utf-8", "replace")).hexdigest()
+
+    @contextmanager
+    def frames(
+        self, start: int, count: int, rig: Rig, *, depth_only: bool
+    ) -> Iterator[FramesOfUnit]:
+        """Open some of the files; those at a URL are copied to this machine meanwhile.
+
+        Args:
+            start: number of the first file.
+            count: number of files.
+            rig: cameras and depth unit.
+            depth_only: whether the files contain depth images instead of colour images.
+
+        Raises:
+            InputError: a recording cannot be read. Iterating may raise it, or `CalibError`, for a
+                frame and then go on with the next one.
+            StoreError: a file at a URL cannot be read.
+        """
+        entries = self.entries[start : start + count]
+        with tempfile.TemporaryDirectory() as folder:
+            images = _here(self.source, [e.file for e in entries], Path(folder) / "images")
+            names = [e.depth for e in entries if e.depth is not None]
+            depths = (
+                None if self.depth is None else _here(self.depth, names, Path(folder) / "depth")
+            )
+            folders = {str(images): self.source.where}
+            if depths is not None and self.depth is not None:
+                folders[str(depths)] = self.depth.where
+            if self.are_recordings:
+                (entry,) = entries
+                yield FramesOfUnit(_recording(images / entry.file, rig), folders)
+                return
+            files = [
+                (e.name, images / e.file, depths / e.depth if depths and e.depth else None)
+                for e in entries
+            ]
+            opened = open_image_files(files, depth_only=depth_only, rig=rig)
+            # Unlike a generator, zip goes on after an error.
+            yield FramesOfUnit(zip(opened, repeat(rig)), folders)
+
+
+def _here(store: Store, names: list[str], folder: Path) -> Path:
+    """A folder of this machine with files of a store; copies them if they are elsewhere."""
+    if isinstance(store, LocalStore):
+        return store.folder
+    fetch(store, names, folder)
+    return folder
+
+
+def _recording(path: Path, rig: Rig) -> Iterator[tuple[Frame, Rig]]:
+    """The frames of a video or a recording, with its own camera if the rig has none."""
+    if path.suffix.lower() in VIDEO_SUFFIXES:
+        yield from ((frame, rig) for frame in open_source(path, rig=rig))
+        return
+    from contextlib import closing
+
+    from edgetree.live.sources import open_live_source
+
+    with closing(open_live_source(str(path), rig=rig)) as frames:
+        for live in frames:
+            camera = rig.camera or live.camera
+            up = rig.up_camera if live.up_camera is None else tuple(live.up_camera.tolist())
+            name = f"{path.stem}_{live.number:06d}"
+            frame = Frame(name, path, live.image, live.depth_m, live.depth_fault, live.time_s)
+            yield frame, replace(rig, camera=camera, up_camera=up)
+
+
+def list_frames(source: Path, depth: Path | None) -> FrameFiles:
+    """List the files of a folder or URL: images with their depth images, or recordings.
+
+    Args:
+        source: folder or URL of images or of recordings; or one recording.
+        depth: folder or URL with a depth image of the same stem for each image.
+
+    Raises:
+        InputError: there are no images or recordings, or a depth image is missing.
+        StoreError: a place cannot be read.
+    """
+    if source.suffix.lower() in _RECORDINGS and source.is_file():
+        entry = _Entry(source.stem, source.name, None)
+        return FrameFiles(LocalStore(source.parent), None, (entry,), are_recordings=True)
+    store = open_store(source)
+    files = sorted(
+        name
+        for name in store.sizes("")
+        if not name.startswith(".") and _suffix(name) in (*IMAGE_SUFFIXES, *_RECORDINGS)
+    )
+    images = [name for name in files if _suffix(name) in IMAGE_SUFFIXES]
+    if not files:
+        raise InputError(
+            f"source {store.where} has no images and no recordings: expected"
+            f" {', '.join((*IMAGE_SUFFIXES, *_RECORDINGS))}"
+        )
+    if not images:
+        if depth is not None:
+            raise InputError(f"--depth given for recordings in {store.where}: expected images")
+        entries = tuple(_Entry(PurePosixPath(name).stem, name, None) for name in files)
+        return FrameFiles(store, None, entries, are_recordings=True)
+    depth_store = None if depth is None else open_store(depth)
+    depths = _depth_files(images, store, depth_store)
+    stems = [PurePosixPath(name).stem for name in images]
+    counts = Counter(stems)
+    names = [stem if counts[stem] == 1 else file for stem, file in zip(stems, images, strict=True)]
+    entries = tuple(map(_Entry, names, images, depths))
+    return FrameFiles(store, depth_store, entries, are_recordings=False)
+
+
+def _depth_files(images: list[str], source: Store, depth: Store | None) -> list[str | None]:
+    """The depth file with the stem of each image."""
+    if depth is None:
+        return [None] * len(images)
+    present = depth.sizes("")
+    files: list[str | None] = []
+    for image in images:
+        stem = PurePosixPath(image).stem
+        found = [name for suffix in DEPTH_SUFFIXES if (name := f"{stem}{suffix}") in present]
+        if not found:
+            raise InputError(
+                f"depth image {depth.where}/{stem}{DEPTH_SUFFIXES[0]} does not exist, nor with"
+                f" {', '.join(DEPTH_SUFFIXES[1:])}: expected one for image {source.where}/{image}"
+            )
+        files.append(found[0])
+    return files
+
+
+def _suffix(name: str) -> str:
+    return PurePosixPath(name).suffix.lower()

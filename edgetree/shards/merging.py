@@ -1,0 +1,97 @@
+"""Merge the parts of frames: row for row the results of one machine."""
+
+from __future__ import annotations
+
+import json
+import sys
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TextIO
+
+from edgetree.results.atomic_files import text_file
+from edgetree.results.csv_table import write_header
+from edgetree.results.json_records import write_json_line
+from edgetree.results.profile_table import write_profile_header
+from fleet import JobError, MergedParts
+
+__all__ = ["MergedFrames", "Outputs", "merge_frames"]
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """Files of merged results; None for those that are not wanted.
+
+    Attributes:
+        jsonl: the JSON lines.
+        csv: the table of trees.
+        profiles: the table of diameters along stems.
+    """
+
+    jsonl: Path | None = None
+    csv: Path | None = None
+    profiles: Path | None = None
+
+
+@dataclass
+class MergedFrames:
+    """What was merged.
+
+    Attributes:
+        frames: number of frames with a result.
+        trees: number of their trees.
+        left_out: what was wrong with each frame without a result.
+    """
+
+    frames: int = 0
+    trees: int = 0
+    left_out: list[str] = field(default_factory=list)
+
+
+def merge_frames(parts: MergedParts, outputs: Outputs, lines_to_stdout: bool) -> MergedFrames:
+    """Write the results of all parts in the order of the frames, one part in memory at a time.
+
+    Args:
+        parts: the shards.
+        outputs: files to write.
+        lines_to_stdout: whether to print the JSON lines, if no file for them is given.
+
+    Raises:
+        InputError: a file cannot be written.
+        FleetError: a part cannot be read, or is none.
+    """
+    merged = MergedFrames()
+    with ExitStack() as stack:
+        opened: dict[str, TextIO] = {
+            name: stack.enter_context(text_file(path))
+            for name, path in vars(outputs).items()
+            if path is not None
+        }
+        if lines_to_stdout and "jsonl" not in opened:
+            opened["jsonl"] = sys.stdout
+        if "csv" in opened:
+            write_header(opened["csv"])
+        if "profiles" in opened:
+            write_profile_header(opened["profiles"])
+        for content in parts:
+            _add(merged, _read(content), opened)
+    return merged
+
+
+def _read(content: bytes) -> dict[str, Any]:
+    part = json.loads(content)
+    if not isinstance(part, dict) or part.get("schema") != "edgetree.part/1":
+        raise JobError("a part is not of schema edgetree.part/1: expected shards of this version")
+    return part
+
+
+def _add(merged: MergedFrames, part: dict[str, Any], opened: dict[str, TextIO]) -> None:
+    for record in part["frames"]:
+        merged.frames += 1
+        merged.trees += len(record["trees"])
+        if "jsonl" in opened:
+            write_json_line(opened["jsonl"], record)
+    for name in ("csv", "profiles"):
+        if name in opened:
+            opened[name].write(part[name])
+    merged.left_out += part["left_out"]

@@ -1,0 +1,173 @@
+"""Detect and measure the trees in a block of frames; the result is one part."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from calib import CalibError
+from edgetree.errors import InputError
+from edgetree.frames.pipeline import FrameResult, process
+from edgetree.frames.rig import Rig
+from edgetree.frames.sources import Frame
+from edgetree.results.csv_table import write_rows
+from edgetree.results.json_records import frame_record
+from edgetree.results.profile_table import write_profile_rows
+from edgetree.shards.inputs import FramesOfUnit, list_frames
+from fleet import Job, JobError, Store
+
+if TYPE_CHECKING:
+    from edgetree.measure import MeasureSettings
+    from edgetree.runtime.detector import TreeDetector
+
+__all__ = ["BLOCK_FRAMES", "KIND", "FrameWork", "frames_job"]
+
+KIND: Final = "edgetree.run"
+BLOCK_FRAMES: Final = 32
+_SIGNATURE: Final = ".sig"
+
+
+@dataclass(frozen=True)
+class FrameWork:
+    """What a worker needs to detect and measure; sent to the machines that work.
+
+    Attributes:
+        source: folder or URL of images or recordings, or one recording, as this machine sees it.
+        depth: folder or URL of the depth images; None if there are none.
+        shown: source and depth as the user typed them, by what they are here; for results.
+        files_sha256: digest of the names of the files.
+        model: the model file.
+        model_files: content of the model file and of its signature, by name.
+        rig: the cameras.
+        settings: settings of the measurement; the defaults if None.
+        session: options of `TreeDetector.load`.
+    """
+
+    source: Path
+    depth: Path | None
+    shown: Mapping[str, str]
+    files_sha256: str
+    model: Path
+    model_files: Mapping[str, bytes]
+    rig: Rig
+    settings: MeasureSettings | None
+    session: Mapping[str, Any]
+
+    def __call__(self) -> Callable[[int], bytes]:
+        """List the files and open the model; returns what does a unit.
+
+        Raises:
+            JobError: this machine does not see the same files.
+            EdgetreeError: the model cannot be opened.
+        """
+        from edgetree.runtime.detector import TreeDetector
+
+        files = list_frames(self.source, self.depth)
+        if files.digest != self.files_sha256:
+            raise JobError(
+                f"source {files.source.where}: a worker sees other files than the command that"
+                " started it; expected a folder that all machines share, or a URL, that does not"
+                " change meanwhile"
+            )
+        with tempfile.TemporaryDirectory() as folder:
+            detector = TreeDetector.load(self._model_here(Path(folder)), **self.session)
+        block = 1 if files.are_recordings else BLOCK_FRAMES
+        depth_only = self.depth is None and detector.manifest.takes_depth
+
+        def work(unit: int) -> bytes:
+            start = unit * block
+            with files.frames(start, block, self.rig, depth_only=depth_only) as opened:
+                return json.dumps(self._part(opened, detector), allow_nan=False).encode()
+
+        return work
+
+    def _model_here(self, folder: Path) -> Path:
+        """The model file, or a copy of it where this machine has another file or none."""
+        try:
+            if self.model.read_bytes() == self.model_files[self.model.name]:
+                return self.model
+        except OSError:
+            pass
+        from fleet import LocalStore
+
+        for name, content in self.model_files.items():
+            LocalStore(folder).write(name, content)
+        return folder / self.model.name
+
+    def _part(self, opened: FramesOfUnit, detector: TreeDetector) -> dict[str, Any]:
+        """The results of a unit: records, rows of the tables, and what was left out."""
+        table, profiles = io.StringIO(newline=""), io.StringIO(newline="")
+        records, left_out = [], []
+        shown = {here: self.shown.get(where, where) for here, where in opened.folders.items()}
+        for outcome in _outcomes(opened.frames, detector, self.settings):
+            if isinstance(outcome, FrameResult):
+                record = frame_record(outcome)
+                records.append({**record, "path": _as_shown(record["path"], shown)})
+                write_rows(table, outcome)
+                write_profile_rows(profiles, outcome)
+            else:
+                left_out.append(_as_shown(" ".join(str(outcome).split()), shown))
+        return {
+            "schema": "edgetree.part/1",
+            "frames": records,
+            "csv": table.getvalue(),
+            "profiles": profiles.getvalue(),
+            "left_out": left_out,
+        }
+
+
+def _outcomes(
+    frames: Iterator[tuple[Frame, Rig]],
+    detector: TreeDetector,
+    settings: MeasureSettings | None,
+) -> Iterator[FrameResult | Exception]:
+    """The result of each frame, or why it cannot be read or measured."""
+    while True:
+        try:
+            frame, rig = next(frames)
+            yield process(frame, detector, rig, settings)
+        except StopIteration:
+            return
+        except (InputError, CalibError) as error:
+            yield error
+
+
+def _as_shown(text: str, shown: Mapping[str, str]) -> str:
+    """A text with the places that the user typed instead of those on this machine."""
+    for here, place in shown.items():
+        text = text.replace(here, place)
+    return text
+
+
+def frames_job(
+    work: FrameWork, store: Store, files: int, block: int, identity: Mapping[str, Any]
+) -> Job:
+    """The job of doing all units.
+
+    Args:
+        work: what a worker needs.
+        store: where the parts are kept.
+        files: number of images or recordings.
+        block: files of a unit.
+        identity: the options that decide on the results.
+    """
+    model_sha256 = hashlib.sha256(work.model_files[work.model.name]).hexdigest()
+    whole = {**identity, "files_sha256": work.files_sha256, "model_sha256": model_sha256}
+    return Job(store, KIND, whole, files, block)
+
+
+def model_files(model: Path) -> dict[str, bytes]:
+    """Content of a model file and of its signature if it has one, by name.
+
+    Raises:
+        OSError: the model cannot be read.
+    """
+    signature = Path(f"{model}{_SIGNATURE}")
+    paths = [model, *([signature] if signature.is_file() else [])]
+    return {path.name: path.read_bytes() for path in paths}

@@ -1,0 +1,232 @@
+"""Evaluations in shards: predictions of a block of frames, and the report that all shards make."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import tempfile
+import weakref
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from fleet import Job, JobError, LocalStore, MergedParts, Store, fetch, is_url, open_store
+from perceptree.data import Dataset, FrameRecord, FrameStore, read_dataset
+from perceptree.data.frames import source_path
+from perceptree.errors import DatasetError
+from perceptree.evaluation.figures import About, figures_of
+from perceptree.evaluation.metrics import measured_from
+from perceptree.evaluation.predictions import (
+    FramePrediction,
+    on_device,
+    predict_frames,
+    predict_with,
+)
+from perceptree.evaluation.report import Report
+from perceptree.models import ModelSpec, load_checkpoint
+
+KIND = "perceptree.eval"
+BLOCK_FRAMES = 32
+BATCH = 4
+
+
+@dataclass(frozen=True)
+class SplitSource:
+    """A split of a dataset, in a folder or at a URL.
+
+    Attributes:
+        data: Folder, label file or URL of the dataset.
+        split: "train", "val" or "test".
+        fold: Which fold of a dataset with several.
+        entire_tree: Whether the labels of entire trees are read.
+    """
+
+    data: str
+    split: str
+    fold: int | None
+    entire_tree: bool
+
+    @contextmanager
+    def opened(self) -> Iterator[Dataset]:
+        """Read the labels; those at a URL are copied to this machine meanwhile.
+
+        Raises:
+            DatasetError: If there are no labels of the split, or they are not COCO.
+            StoreError: If a file at the URL cannot be read.
+        """
+        options = (self.split, self.fold, self.entire_tree)
+        if not is_url(self.data):
+            yield read_dataset(self.data, *options)
+            return
+        store = open_store(self.data)
+        with tempfile.TemporaryDirectory() as folder:
+            labels = [
+                name
+                for inside in ("", "annotations")
+                for name in store.sizes(inside)
+                if name.endswith(".json")
+            ]
+            fetch(store, labels, Path(folder))
+            yield read_dataset(folder, *options)
+
+    def fetch_images(self, dataset: Dataset, frames: Sequence[FrameRecord], modality: str) -> None:
+        """Copy the images of frames to where an opened dataset expects them, from a URL.
+
+        Raises:
+            DatasetError: If a frame has no depth image for a depth model.
+            StoreError: If an image cannot be read.
+        """
+        if not is_url(self.data):
+            return
+        root = dataset.labels.root
+        paths = [source_path(frame, modality).relative_to(root) for frame in frames]
+        fetch(open_store(self.data), [path.as_posix() for path in paths], root)
+
+    def drop_images(self, frames: Sequence[FrameRecord], modality: str) -> None:
+        """Remove the copies of images from a URL."""
+        if is_url(self.data):
+            for frame in frames:
+                source_path(frame, modality).unlink(missing_ok=True)
+
+
+@dataclass(frozen=True)
+class EvalWork:
+    """What a worker needs to predict; sent to the machines that work.
+
+    Attributes:
+        checkpoint: Content of the checkpoint.
+        source: The frames.
+        labels_sha256: SHA-256 of the label file.
+        device: "cpu" or "cuda".
+        threads: Threads of the network; all cores if None.
+    """
+
+    checkpoint: bytes
+    source: SplitSource
+    labels_sha256: str
+    device: str
+    threads: int | None
+
+    def __call__(self) -> Callable[[int], bytes]:
+        """Load the checkpoint; returns what predicts a block of frames.
+
+        Raises:
+            JobError: If this machine does not see the same labels.
+            PerceptreeError: If the checkpoint or the labels cannot be read.
+        """
+        if self.threads is not None:
+            torch.set_num_threads(self.threads)
+        with tempfile.TemporaryDirectory() as folder:
+            LocalStore(Path(folder)).write("model.safetensors", self.checkpoint)
+            model, _ = load_checkpoint(Path(folder) / "model.safetensors")
+        predict, spec = predict_with(on_device(model, self.device)), model.spec
+        opened = ExitStack()  # copies of labels live as long as the worker
+        dataset = opened.enter_context(self.source.opened())
+        if labels_sha256(dataset) != self.labels_sha256:
+            raise JobError(
+                f"{self.source.data}: a worker sees other labels than the command that started it;"
+                " expected a folder that all machines share, or a URL"
+            )
+
+        def work(unit: int) -> bytes:
+            frames = dataset.frames[unit * BLOCK_FRAMES : (unit + 1) * BLOCK_FRAMES]
+            self.source.fetch_images(dataset, frames, spec.modality)
+            found = predict_frames(predict, FrameStore(frames, spec), BATCH)
+            content = json.dumps([_record(prediction) for prediction in found]).encode()
+            self.source.drop_images(frames, spec.modality)
+            return content
+
+        weakref.finalize(work, opened.close)
+        return work
+
+
+def labels_sha256(dataset: Dataset) -> str:
+    """Hash a dataset's label file."""
+    return hashlib.sha256(dataset.labels.path.read_bytes()).hexdigest()
+
+
+def eval_job(
+    store: Store, source: SplitSource, work: EvalWork, spec: ModelSpec, about: dict[str, Any]
+) -> Job:
+    """Make the job of predicting all frames of a split.
+
+    Args:
+        store: Where the parts are kept.
+        source: The frames, as the user typed them.
+        work: What a worker needs.
+        spec: The model.
+        about: JSON-ready description of the model, for the report.
+
+    Raises:
+        DatasetError: If the split has no labelled tree.
+    """
+    identity = {
+        "checkpoint_sha256": hashlib.sha256(work.checkpoint).hexdigest(),
+        "labels_sha256": work.labels_sha256,
+        "source": dataclasses.asdict(source),
+        "spec": spec.to_dict(),
+        "about": about,
+    }
+    with work.source.opened() as dataset:
+        frames = len(dataset.frames)
+        if not any(frame.trees for frame in dataset.frames):
+            raise DatasetError(f"{frames} frames without a labelled tree: expected at least one")
+    return Job(store, KIND, identity, frames, BLOCK_FRAMES)
+
+
+def merge_evaluation(parts: MergedParts, out: Path | None) -> tuple[dict[str, Any], Path | None]:
+    """Make the report of all shards: figure for figure that of one machine.
+
+    Args:
+        parts: The shards.
+        out: Folder of the report; None for the figures alone.
+
+    Returns:
+        The figures, and the page of the report if there is one.
+
+    Raises:
+        JobError: If the labels are not those of the shards.
+        PerceptreeError: If the dataset cannot be read, or the report not written.
+    """
+    identity = parts.job.identity
+    source = SplitSource(**identity["source"])
+    spec = ModelSpec.from_dict(identity["spec"])
+    predictions = [_prediction(record) for content in parts for record in json.loads(content)]
+    with source.opened() as dataset:
+        if labels_sha256(dataset) != identity["labels_sha256"]:
+            raise JobError(f"{source.data}: has other labels than the shards were made with")
+        store = FrameStore(dataset.frames, spec)
+        about = About(identity["about"], source.data, source.split, dataset.notes)
+        measured = measured_from(store, predictions)
+        report = Report(figures_of(measured, about), measured)
+        if out is None:
+            return report.figures, None
+        source.fetch_images(dataset, dataset.frames, spec.modality)
+        return report.figures, report.write(out)
+
+
+def _record(prediction: FramePrediction) -> dict[str, Any]:
+    """A prediction as JSON values, which keep every bit."""
+    keypoints = prediction.keypoints
+    return {
+        "boxes": prediction.boxes.tolist(),
+        "scores": prediction.scores.tolist(),
+        "keypoints": None if keypoints is None else keypoints.tolist(),
+        "masks": prediction.masks,
+    }
+
+
+def _prediction(record: dict[str, Any]) -> FramePrediction:
+    keypoints = record["keypoints"]
+    return FramePrediction(
+        np.array(record["boxes"], np.float64).reshape(-1, 4),
+        np.array(record["scores"], np.float64),
+        None if keypoints is None else np.array(keypoints, np.float64).reshape(-1, 5, 3),
+        record["masks"],
+    )
