@@ -52,6 +52,19 @@ def test_the_packaged_models_have_names() -> None:
     assert names["edge-n-rgb"] == find_model("rgb")
 
 
+@pytest.mark.parametrize("modality", ["depth", "rgb"])
+def test_the_packaged_models_have_cards_of_the_very_files(modality: str) -> None:
+    card = KnownModel(f"edge-n-{modality}", default_model(modality)).card()
+    assert card is not None, "run benchmarks/model_cards.py"
+    for name in ("test", "field_test"):
+        measured = card[name]
+        assert measured["frames"] == 400
+        assert measured["average_precision"].keys() == {"boxes", "masks", "keypoints"}
+        top = measured["reliability"]["bins"][-1]
+        assert abs(top["right"] - top["mean_score"]) < 0.05, "scores are not probabilities"
+    assert default_model(modality).with_suffix(".md").is_file()
+
+
 def test_a_folder_of_the_user_comes_first(folder: Path) -> None:
     shutil.copy(default_model("rgb"), folder / "edge-n-rgb.onnx")
     assert find_model("ours") == folder / "ours.onnx"
