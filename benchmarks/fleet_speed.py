@@ -1,6 +1,6 @@
 """Work on several workers: overhead of the engine, scaling, and memory of the driver.
 
-python benchmarks/fleet_speed.py overhead scaling memory sizes --result benchmarks/results/fleet.json
+python benchmarks/fleet_speed.py overhead scaling memory sizes --result FILE.json
 
 - overhead: `edgetree run` on 1280x720 frames with depth by two processes with a shard each, and by
   Ray with two workers, in turn;

@@ -44,7 +44,7 @@ def make(
     out: Annotated[Path, typer.Option(metavar="KIT", help="Folder to make or replace.")],
     score_threshold: Annotated[
         float, typer.Option(min=0.0, max=1.0, help="Programs leave out trees with a lower score.")
-    ] = 0.2,
+    ] = 0.15,
     as_json: Json = False,
 ) -> None:
     """Make a kit: the model, raw frames and the trees that every program must find in them."""

@@ -36,7 +36,7 @@ from edgetree.results.atomic_files import replacing, text_file
 __all__ = ["Kit", "KitFrame", "make_kit", "read_expected", "read_frame", "read_kit"]
 
 KIT_SCHEMA: Final = "edgetree.conformance-kit/1"
-SCORE_THRESHOLD: Final = 0.2
+SCORE_THRESHOLD: Final = 0.15
 """Lower than for display, so that there are more trees, and trees found twice among them."""
 _MODEL, _EXPECTED, _FRAMES, _CONTENT = "model.onnx", "expected.json", "frames", "kit.json"
 _PIXELS: Final[dict[int, Any]] = {3: np.dtype("u1"), 1: np.dtype("<u2")}

@@ -161,7 +161,7 @@ def for_all(change: Callable[[dict[str, Any]], object]) -> Change:
         (lambda frames: frames[0]["trees"].reverse(), "sample_0: the trees are not sorted"),
         (
             lambda frames: frames[0]["trees"][-1].update(score=0.05),
-            "sample_0: a tree with score 0.050: expected none below the threshold 0.3",
+            "sample_0: a tree with score 0.050: expected none below the threshold 0.15",
         ),
         (
             for_all(lambda tree: tree.update(box_px=[value + 9 for value in tree["box_px"]])),
