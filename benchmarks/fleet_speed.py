@@ -10,9 +10,9 @@ python benchmarks/fleet_speed.py overhead scaling memory sizes --result FILE.jso
 - memory: largest resident memory of the driver's process for few and for many tiny frames. The
   frames of the simulator are noise, as the renderer does not run in the driver.
 
-Start-up is told apart: the rate is that of the parts after the first one, by their times on the
-disk. Other load on the machine changes all of it: the result says how high it was. Prints what it
-measures as JSON.
+Start-up is told apart: the rate is that of the parts after the first one of each worker, by their
+times on the disk. Other load on the machine changes all of it: the result says how high it was.
+Prints what it measures as JSON.
 """
 
 from __future__ import annotations
@@ -46,6 +46,8 @@ class Run:
     Attributes:
         wall_s: Time of the whole command.
         working_s: Time from the first to the last part.
+        steady_s: Time from the first part of the last worker to the last part of all.
+        workers: Workers that made the parts.
         parts: Number of parts.
         largest_mb: Largest resident memory of its first process.
         working_cpu_s: Processor time of all processes from the first to the last part.
@@ -56,11 +58,13 @@ class Run:
     parts: int
     largest_mb: float
     working_cpu_s: float
+    steady_s: float
+    workers: int
 
     @property
     def rate(self) -> float:
-        """Parts per second after the first one."""
-        return (self.parts - 1) / self.working_s
+        """Parts per second once every worker has made one, so that start-up does not count."""
+        return (self.parts - self.workers) / self.steady_s
 
     @property
     def cpu_s_per_part(self) -> float:
@@ -68,7 +72,9 @@ class Run:
         return self.working_cpu_s / (self.parts - 1)
 
 
-def commands(lists: list[list[object]], parts: Path, env: dict[str, str] | None = None) -> Run:
+def commands(
+    lists: list[list[object]], parts: Path, env: dict[str, str] | None = None, workers: int = 2
+) -> Run:
     """Run commands side by side to their ends, and look at the parts that they wrote."""
     start_s = time.perf_counter()
     processes = [
@@ -93,7 +99,8 @@ def commands(lists: list[list[object]], parts: Path, env: dict[str, str] | None 
     assert all(process.returncode == 0 for process in processes), lists
     times = sorted(path.stat().st_mtime for path in parts.glob("*.json"))
     cpu_s = last_cpu_s - first_cpu_s
-    return Run(wall_s, times[-1] - times[0], len(times), largest_mb, cpu_s)
+    steady_s = times[-1] - times[workers - 1]
+    return Run(wall_s, times[-1] - times[0], len(times), largest_mb, cpu_s, steady_s, workers)
 
 
 class ProcessorTime:
@@ -234,27 +241,28 @@ def scaling(frames: int, repeats: int) -> Values:
         folder = Path(name)
         images, depth = repeated_frames(folder, frames)
 
-        def simulate(out: Path, address: str) -> Run:
+        def simulate(out: Path, address: str, workers: int) -> Run:
             size = ("--width", 640, "--height", 360, "--views", 2, "--preset", "plain")
-            command = ["perceptree", "synth", "--out", out, "--frames", frames // 4, *size]
-            return commands([[*command, "--ray", address]], out / "scenes")
+            command = ["perceptree", "synth", "--out", out, "--frames", frames // 8, *size]
+            return commands([[*command, "--ray", address]], out / "scenes", workers=workers)
 
-        def infer(out: Path, address: str) -> Run:
+        def infer(out: Path, address: str, workers: int) -> Run:
             command = run_command(images, depth, out, "--ray", address, "--csv", f"{out}.csv")
-            return commands([command], out / "parts")
+            return commands([command], out / "parts", workers=workers)
 
         return {"simulation": doubled(simulate, folder, repeats)} | {
             "inference": doubled(infer, folder, repeats)
         }
 
 
-def doubled(work: Callable[[Path, str], Run], folder: Path, repeats: int) -> Values:
+def doubled(work: Callable[[Path, str, int], Run], folder: Path, repeats: int) -> Values:
     """Rates with one worker and two, in turn."""
     runs: dict[int, list[Run]] = {1: [], 2: []}
     for number in range(repeats):
         for workers, found in runs.items():
             with cluster_of(workers) as address:
-                found.append(work(folder / f"{work.__name__}{workers}_{number}", address))
+                out = folder / f"{work.__name__}{workers}_{number}"
+                found.append(work(out, address, workers))
             tell(work.__name__, workers, found[-1])
     ratios = [two.rate / one.rate for one, two in zip(runs[1], runs[2], strict=True)]
     return {

@@ -13,6 +13,7 @@ from edgetree.commands.bench import bench
 from edgetree.commands.calibrate import calibrate
 from edgetree.commands.check import check
 from edgetree.commands.check_rig import check_rig
+from edgetree.commands.compare import compare
 from edgetree.commands.conformance import conformance
 from edgetree.commands.demo import demo
 from edgetree.commands.doctor import doctor
@@ -48,6 +49,7 @@ app.command()(calibrate)
 app.command(name="eval")(evaluate)
 app.command()(models)
 app.command()(bench)
+app.command()(compare)
 app.command()(export)
 app.command()(verify)
 app.add_typer(conformance)

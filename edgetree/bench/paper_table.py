@@ -1,8 +1,8 @@
 """The paper's table of backbones, with measurements on this machine next to the paper's values.
 
 The paper gives the parameters and multiply-adds of the ImageNet classifiers at 224x224 px, and the
-frames per second of the whole detector at 800x800 px. The counts of its X101 are those of
-ResNeXt-101 32x4d, although its published code and weights are 32x8d.
+frames per second and average precision of the whole detector at 800x800 px. The counts of its X101
+are those of ResNeXt-101 32x4d, although its published code and weights are 32x8d.
 """
 
 from __future__ import annotations
@@ -11,9 +11,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
-__all__ = ["PAPER", "PAPER_GPU", "PaperRow", "table_lines", "table_record"]
+__all__ = ["PAPER", "PAPER_GPU", "PaperRow", "paper_lines"]
 
-SCHEMA: Final = "edgetree.bench-table/1"
 PAPER_GPU: Final = "RTX 3090"
 _GIGA: Final = 1e9
 _MEGA: Final = 1e6
@@ -24,7 +23,7 @@ Record = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class PaperRow:
-    """A row of the paper's table.
+    """A row of the paper's tables.
 
     Attributes:
         name: name of the backbone in the paper.
@@ -33,6 +32,8 @@ class PaperRow:
         multiply_adds: multiply-adds of the ImageNet classifier at 224x224 px; the paper calls them
             FLOPs.
         fps: frames per second of the detector at 800x800 px on `PAPER_GPU`.
+        box_ap: average precision of boxes on simulated frames, by modality.
+        mask_ap: average precision of masks, likewise.
     """
 
     name: str
@@ -40,33 +41,45 @@ class PaperRow:
     parameters: int
     multiply_adds: int
     fps: float
+    box_ap: Mapping[str, float]
+    mask_ap: Mapping[str, float]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The row as a JSON object."""
+        return asdict(self)
 
 
-_X101: Final = PaperRow("X101-FPN", "x101-32x4d", 44_000_000, 7_990_000_000, 10.0)
+_X101: Final = PaperRow(
+    "X101-FPN",
+    "x101-32x4d",
+    44_000_000,
+    7_990_000_000,
+    10.0,
+    {"rgb": 58.34, "depth": 63.9},
+    {"rgb": 31.77, "depth": 28.86},
+)
 PAPER: Final[dict[str, PaperRow]] = {
-    "r50": PaperRow("R50-FPN", "r50", 25_600_000, 3_860_000_000, 18.0),
-    "r101": PaperRow("R101-FPN", "r101", 44_700_000, 7_580_000_000, 15.0),
+    "r50": PaperRow(
+        "R50-FPN",
+        "r50",
+        25_600_000,
+        3_860_000_000,
+        18.0,
+        {"rgb": 55.2, "depth": 66.7},
+        {"rgb": 31.13, "depth": 31.52},
+    ),
+    "r101": PaperRow(
+        "R101-FPN",
+        "r101",
+        44_700_000,
+        7_580_000_000,
+        15.0,
+        {"rgb": 56.79, "depth": 68.2},
+        {"rgb": 31.72, "depth": 31.98},
+    ),
     "x101-32x4d": _X101,
     "x101-32x8d": _X101,
 }
-
-
-def table_record(benches: Mapping[str, Record]) -> dict[str, Any]:
-    """The table as one JSON object.
-
-    Args:
-        benches: JSON objects of `edgetree bench --json` by name of the network.
-    """
-    rows = []
-    for name, bench in benches.items():
-        paper = PAPER.get(name)
-        rows.append({"backbone": name, "paper": paper and asdict(paper), "bench": dict(bench)})
-    return {
-        "schema": SCHEMA,
-        "paper_gpu": PAPER_GPU,
-        "flops": "2 per multiply-add",
-        "rows": rows,
-    }
 
 
 _WIDTHS: Final = (10, 7, 6, 7, 6, 7, 8, 8, 8, 7, 7, 6, 6, 7)
@@ -81,9 +94,8 @@ _QUANTITIES: Final = (
     ("mult-", 1),
     ("FLOPs", 1),
     ("p50", 1),
-    ("p90", 1),
     ("FPS", 2),
-    ("memory", 1),
+    ("box AP", 2),
 )
 _UNITS: Final = (
     "backbone",
@@ -96,10 +108,10 @@ _UNITS: Final = (
     "adds G",
     "G",
     "ms",
-    "ms",
     "here",
     "paper",
-    "MiB",
+    "here",
+    "paper",
 )
 
 
@@ -108,39 +120,29 @@ def _count(value: float | None, unit: float, decimals: int) -> str:
 
 
 def _cells(row: Record) -> list[str]:
-    bench, paper = row["bench"], row["paper"] or {}
-    classifier = bench["classifier"] or {}
-    p50_ms = bench["detect_p50_ms"]
-    decimals = 1 if p50_ms < 100 else 0
+    paper, classifier = row["paper"] or {}, row["classifier"] or {}
+    p50_ms, fps = row["p50_ms"], row["fps"]
+    accuracy = row.get("accuracy") or {}
     return [
-        row["backbone"],
+        row["name"],
         _count(classifier.get("parameters"), _MEGA, 1),
         _count(paper.get("parameters"), _MEGA, 1),
         _count(classifier.get("multiply_adds"), _GIGA, 2),
         _count(paper.get("multiply_adds"), _GIGA, 2),
-        _count(bench["parameters"], _MEGA, 1),
-        _count(bench["proposals"], 1, 0),
-        _count(bench["multiply_adds"], _GIGA, 1),
-        _count(bench["flops"], _GIGA, 1),
-        f"{p50_ms:.{decimals}f}",
-        f"{bench['detect_p90_ms']:.{decimals}f}",
-        _count(bench["fps"], 1, 1 if bench["fps"] >= 10 else 2),
+        _count(row["parameters"], _MEGA, 1),
+        _count(row["proposals"], 1, 0),
+        _count(row["graph_multiply_adds"], _GIGA, 1),
+        _count(row["graph_flops"], _GIGA, 1),
+        f"{p50_ms:.{1 if p50_ms < 100 else 0}f}",
+        _count(fps, 1, 1 if fps >= 10 else 2),
         _count(paper.get("fps"), 1, 0),
-        _count(bench["peak_memory_mib"], 1, 0),
+        _count(accuracy.get("box_ap"), 1, 1),
+        _count(paper.get("box_ap", {}).get(row["modality"]), 1, 1),
     ]
 
 
-def table_lines(record: Record) -> Iterator[str]:
-    """The table of `table_record` as text, at most 100 columns wide, with explanations."""
-    rows = record["rows"]
-    first = rows[0]["bench"]
-    width, height = first["input_px"]
-    yield (
-        f"{width}x{height} px, {first['precision']}, on {first['provider']},"
-        f" {first['threads']} thread(s),"
-        " one frame at a time"
-    )
-    yield ""
+def paper_lines(rows: Sequence[Record]) -> Iterator[str]:
+    """Rows of a result as text beside the paper's, at most 100 columns wide, with explanations."""
     yield _heading(_GROUPS)
     yield _heading(_QUANTITIES)
     yield _line(_UNITS)
@@ -167,19 +169,12 @@ def _line(cells: Sequence[str]) -> str:
 
 
 def _notes(rows: Sequence[Record]) -> Iterator[str]:
-    names = {row["backbone"] for row in rows}
+    names = {row["name"] for row in rows}
     yield "mult-adds: multiply-adds; FLOPs: 2 per multiply-add. Paper: parameters and multiply-adds"
     yield "of the backbone as ImageNet classifier at 224x224 px, like the columns next to them;"
-    yield f"FPS of the whole network at 800x800 px on an {PAPER_GPU}."
+    yield f"FPS of the whole network at 800x800 px on an {PAPER_GPU}; AP on its simulated frames."
     if names & {"x101-32x4d", "x101-32x8d"}:
         yield "X101: the paper counts ResNeXt-101 32x4d; its published code and weights are 32x8d."
-    silent = [row["backbone"] for row in rows if row["bench"]["multiply_adds"] is None]
-    if silent:
-        yield f"No multiply-adds in older files; export these again: {', '.join(silent)}."
-    untrained = [row["backbone"] for row in rows if not row["bench"]["trained"]]
+    untrained = sorted({row["name"] for row in rows if not row["trained"]})
     if untrained:
         yield f"Untrained, for speed only: {', '.join(untrained)}."
-    for row in rows:
-        box_ap = row["bench"]["box_ap"]
-        if box_ap is not None:
-            yield f"{row['backbone']}: box AP {box_ap:.1f}, on the labelled frames of its export."

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from edgetree.model_file.manifest import Manifest
 from edgetree.runtime.detector import TreeDetector
 
-__all__ = ["BenchResult", "bench_detector", "model_record", "peak_memory_mib"]
+__all__ = ["BenchResult", "bench_detector", "call_times_ms", "model_record", "peak_memory_mib"]
 
 _WARMUP: Final = 3
 _MIN_RUNS: Final = 5
@@ -69,30 +69,64 @@ def bench_detector(
     Raises:
         ValueError: `images` is empty.
     """
+    times_ms, trees = call_times_ms(detector, images, duration_s=duration_s, on_run=on_run)
+    return BenchResult(
+        runs=len(times_ms),
+        threads=detector.session.threads,
+        detect_p50_ms=float(np.percentile(times_ms, 50)),
+        detect_p90_ms=float(np.percentile(times_ms, 90)),
+        fps=len(times_ms) / sum(times_ms) * 1000,
+        trees_per_frame=trees / len(times_ms),
+        peak_memory_mib=peak_memory_mib(),
+    )
+
+
+def call_times_ms(
+    detector: TreeDetector,
+    images: Sequence[NDArray[Any]],
+    *,
+    batch: int = 1,
+    duration_s: float = 5.0,
+    on_run: Callable[[float], None] = lambda _: None,
+) -> tuple[list[float], int]:
+    """Time detections on the images in turn, after three to warm up.
+
+    Args:
+        detector: the model.
+        images: images as for `TreeDetector.detect`, at least one.
+        batch: images that are handed over together.
+        duration_s: time to measure for; at least five calls are measured.
+        on_run: called after each call with the elapsed share of the time, 0 to 1.
+
+    Returns:
+        The time of each call in milliseconds, and the number of trees that were found.
+
+    Raises:
+        ValueError: `images` is empty.
+    """
     if not images:
         raise ValueError("images is empty: expected at least one")
-    for index in range(_WARMUP):
-        detector.detect(images[index % len(images)])
+
+    def call(number: int) -> int:
+        if batch == 1:
+            return len(detector.detect(images[number % len(images)]))
+        first = number * batch
+        chosen = [images[(first + index) % len(images)] for index in range(batch)]
+        return sum(len(found) for found in detector.detect_batch(chosen))
+
+    for number in range(_WARMUP):
+        call(number)
     times_ms: list[float] = []
     trees = 0
     begin = time.perf_counter()
     gone_s = 0.0
     while gone_s < duration_s or len(times_ms) < _MIN_RUNS:
         start = time.perf_counter()
-        trees += len(detector.detect(images[len(times_ms) % len(images)]))
+        trees += call(len(times_ms))
         times_ms.append((time.perf_counter() - start) * 1000)
         gone_s = time.perf_counter() - begin
         on_run(min(gone_s / duration_s, 1.0) if duration_s > 0 else 1.0)
-    runs = len(times_ms)
-    return BenchResult(
-        runs=runs,
-        threads=detector.session.threads,
-        detect_p50_ms=float(np.percentile(times_ms, 50)),
-        detect_p90_ms=float(np.percentile(times_ms, 90)),
-        fps=runs / sum(times_ms) * 1000,
-        trees_per_frame=trees / runs,
-        peak_memory_mib=peak_memory_mib(),
-    )
+    return times_ms, trees
 
 
 def model_record(manifest: Manifest) -> dict[str, Any]:

@@ -1,222 +1,210 @@
-"""`edgetree bench`: measure the speed of a model, or of several networks as in the paper."""
+"""`edgetree bench`: what models cost on this machine: time, memory, and where the time goes."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
 from dataclasses import asdict
-from itertools import islice
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
-from edgetree.commands.option_groups import SessionOptions, expand_groups
+from edgetree.commands.bench_options import BenchFiles, MeasureOptions, NetworkOptions
+from edgetree.commands.option_groups import expand_groups
 from edgetree.commands.options import Json
-from edgetree.console import note, print_json, progress
+from edgetree.console import note, print_json
 
 if TYPE_CHECKING:
-    from edgetree.bench.speed import BenchResult
+    from edgetree.bench.rounds import BenchSettings, Variant
     from edgetree.commands.frame_results import LeftOut
-    from edgetree.frames.sources import Frame
-    from edgetree.runtime.detector import TreeDetector
 
 __all__ = ["bench"]
 
-_MAX_FRAMES = 16
+_SPLIT = "test"
 
-_Source: TypeAlias = Annotated[
-    Path | None,
+_ModelList: TypeAlias = Annotated[
+    list[str] | None,
     typer.Argument(
-        metavar="SOURCE", help="Frames as for `run`; the packaged samples if not given."
+        metavar="[MODEL]...",
+        help="Exported .onnx files, or names that `edgetree models` lists; the packaged models if"
+        " not given.",
+        show_default=False,
     ),
 ]
-_OneModel: TypeAlias = Annotated[
-    str | None,
-    typer.Option(help="An exported .onnx file, or the packaged model rgb (the default) or depth."),
-]
-_Seconds: TypeAlias = Annotated[
-    float, typer.Option("--seconds", min=0.0, help="Time to measure each model for.")
-]
-_Backbones: TypeAlias = Annotated[
-    str | None,
-    typer.Option(
-        metavar="LIST",
-        help="Measure several networks, such as r50,r101,x101-32x8d,edge-n, and print the paper's"
-        " table. Networks without a file in --models are exported with untrained weights.",
-    ),
-]
-_Models: TypeAlias = Annotated[
+_Data: TypeAlias = Annotated[
     Path | None,
     typer.Option(
-        metavar="DIR",
-        help="With --backbones: folder of NAME-PRECISION-WIDTHxHEIGHT.onnx files; your cache"
-        " folder if not given.",
-    ),
-]
-_Precision: TypeAlias = Annotated[
-    str | None, typer.Option(help="With --backbones: fp32 (the default), fp16 or int8.")
-]
-_Height: TypeAlias = Annotated[
-    int | None, typer.Option(help="With --backbones: input height in px; 800 if not given.")
-]
-_Width: TypeAlias = Annotated[
-    int | None, typer.Option(help="With --backbones: input width in px; 800 if not given.")
-]
-_Proposals: TypeAlias = Annotated[
-    int | None,
-    typer.Option(
-        min=1,
-        help="With --backbones: region proposals per frame; each network's default if not given.",
+        metavar="DATASET",
+        help="Labelled dataset whose split test gives the accuracy; the models' cards if not"
+        " given. Needs the packages for training.",
     ),
 ]
 
 
 @expand_groups
 def bench(
-    source: _Source = None,
+    models_given: _ModelList = None,
     *,
-    model: _OneModel = None,
-    duration_s: _Seconds = 5.0,
-    session: SessionOptions,
-    backbones: _Backbones = None,
-    models: _Models = None,
-    precision: _Precision = None,
-    height: _Height = None,
-    width: _Width = None,
-    proposals: _Proposals = None,
+    measure: MeasureOptions,
+    networks: NetworkOptions,
+    data: _Data = None,
+    files: BenchFiles,
     as_json: Json = False,
 ) -> None:
-    """Measure a model's latency, frames per second and memory.
+    """Measure the latency, throughput, memory and cost of models, and what accuracy they give.
 
-    With --backbones, measure several networks and compare them with the paper's figures.
+    All variants are measured in turn, each time in a process of its own. Keep the machine quiet.
     """
-    table_options = {
-        "models": models,
-        "precision": precision,
-        "height": height,
-        "width": width,
-        "proposals": proposals,
-    }
-    given = {name: value for name, value in table_options.items() if value is not None}
-    if backbones is None:
-        _refuse(given, "without --backbones: expected both")
-        _bench_one(source, model or "rgb", duration_s, session, as_json)
-        return
-    _refuse({} if model is None else {"model": model}, "with --backbones: expected only one")
-    names = tuple(name.strip() for name in backbones.split(","))
-    bench_options = {"source": source, "duration_s": duration_s, **asdict(session)}
-    _bench_table(names, bench_options | given, as_json)
+    from edgetree.results.atomic_files import check_paths
 
-
-def _refuse(given: Mapping[str, Any], why: str) -> None:
-    from edgetree.errors import InputError
-
-    if given:
-        raise InputError(f"{', '.join(f'--{name}' for name in given)} given {why}")
-
-
-def _bench_table(names: tuple[str, ...], options: Mapping[str, Any], as_json: bool) -> None:
-    """Measure several networks and print the paper's table."""
-    from edgetree.bench.files import TableSettings, bench_in_turn, cache_folder, find_files
-    from edgetree.bench.paper_table import table_lines, table_record
-
-    settings = TableSettings(names, **{"models": cache_folder(), **options})
-    files = find_files(settings, note)
-    note(f"models: {settings.models}")
-    record = table_record(bench_in_turn(files, settings, note))
+    check_paths(
+        {f"--{name}": path for name, path in asdict(files).items()},
+        {"--frames": measure.frames, "--data": data},
+    )
+    chosen = _chosen(models_given or [], networks, measure.provider)
+    settings = _settings(measure)
+    variants, network_of = _variants(chosen, measure)
+    left_out, frames = _look_at_frames(measure, variants[0].path)
+    result = _result(variants, network_of, settings, data, frames)
+    _write(result, files)
     if as_json:
-        print_json(record)
-        return
-    for line in table_lines(record):
-        typer.echo(line)
-    note(f"next: edgetree bench --model {files[names[0]]}")
+        print_json(result)
+    else:
+        from edgetree.bench.text_table import text_lines
+
+        for line in text_lines(result):
+            typer.echo(line)
+    left_out.check_none(frames)
 
 
-def _bench_one(
-    source: Path | None,
-    model: str,
-    duration_s: float,
-    session: SessionOptions,
-    as_json: bool,
-) -> None:
-    """Measure one model and print the figures."""
+def _chosen(
+    names: list[str], networks: NetworkOptions, provider: str
+) -> list[tuple[str, Path, str | None]]:
+    """Name, file and network of each model to measure."""
+    from edgetree.catalogue import MODALITIES, find_model
+
+    listed = networks.network_files(provider)
+    chosen: list[tuple[str, Path, str | None]] = []
+    for name in names or ([] if listed else MODALITIES):
+        path = find_model(name)
+        chosen.append((path.stem, path, None))
+    if listed is not None:
+        listed.export_missing(note)
+        note(f"models: {listed.folder}")
+        chosen += [(file.network, file.path, file.network) for file in listed.files()]
+    return chosen
+
+
+def _settings(measure: MeasureOptions) -> BenchSettings:
+    from edgetree.bench.rounds import BenchSettings
+    from edgetree.signing.verify import is_signature_required
+
+    return BenchSettings(
+        rounds=measure.rounds,
+        duration_s=measure.seconds,
+        minutes=measure.minutes,
+        provider=measure.provider,
+        strict=measure.strict,
+        require_signature=is_signature_required(),
+        source=measure.frames,
+    )
+
+
+def _variants(
+    chosen: list[tuple[str, Path, str | None]], measure: MeasureOptions
+) -> tuple[list[Variant], list[str | None]]:
+    """All combinations of models, threads and batches, and the network of each."""
+    from edgetree.bench.rounds import Variant
+
+    made = [
+        (Variant(name, path, threads, batch), network)
+        for name, path, network in chosen
+        for threads in measure.thread_counts()
+        for batch in measure.batches()
+    ]
+    return [each[0] for each in made], [each[1] for each in made]
+
+
+def _look_at_frames(measure: MeasureOptions, model: Path) -> tuple[LeftOut, int]:
+    """Read the frames once, so that broken ones are named; their number."""
+    from edgetree.bench.frames import bench_frames
     from edgetree.commands.frame_results import LeftOut
+    from edgetree.runtime.detector import TreeDetector
 
-    detector, path = session.open_model(model)
+    source = measure.frames
     left_out = LeftOut(strict=source is None or not source.is_dir())
-    images = _images(source, detector, left_out)
-    left_out.check_some(len(images))
-    result = _measure(detector, images, duration_s)
-    record = _record(path, detector, len(images), result)
-    if as_json:
-        print_json(record)
-    else:
-        for name, value in _flat(record):
-            typer.echo(f"{name:26} {value}")
-    left_out.check_none(len(images))
-    if as_json:
-        return
-    note(f"next: edgetree run {source or 'IMAGE'} --model {model} --out pictures")
+    detector = TreeDetector.load(model, provider=measure.provider, strict=measure.strict)
+    count = len(bench_frames(source, detector, left_out.add))
+    left_out.check_some(count)
+    return left_out, count
 
 
-def _flat(record: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """The entries of a record that are not None; nested entries as `parent_child`."""
-    for name, value in record.items():
-        if name == "nodes":
-            yield from ((f"nodes_on_{part}", _nodes(part, value[part])) for part in value)
-        elif isinstance(value, dict):
-            yield from ((f"{name}_{key}", item) for key, item in _flat(value))
-        elif value is not None:
-            yield name, value
+def _result(
+    variants: list[Variant],
+    network_of: list[str | None],
+    settings: BenchSettings,
+    data: Path | None,
+    frames: int,
+) -> dict[str, Any]:
+    from edgetree.bench.result import make_result
+    from edgetree.bench.rounds import measure_variants
+    from edgetree.commands.bench_accuracy import accuracy_of
+
+    environment = _environment()
+    measured = measure_variants(variants, settings, note)
+    known: dict[Path, Any] = {}
+    for variant, row in zip(variants, measured["rows"], strict=True):
+        if variant.path not in known:
+            trained = row["trained"] or data is not None
+            known[variant.path] = accuracy_of(variant.path, data, _SPLIT) if trained else None
+        row["accuracy"] = known[variant.path]
+    where = "the packaged samples" if settings.source is None else str(settings.source)
+    method = {
+        "rounds": settings.rounds,
+        "duration_s": settings.duration_s,
+        "minutes": settings.minutes,
+        "frames": f"{frames} frame(s) of {where}",
+    }
+    return make_result(measured, environment, method, network_of)
 
 
-def _nodes(provider: str, operators: Mapping[str, int]) -> str:
-    """Number of nodes that a provider runs; for the CPU, with the names of the operators."""
-    count = sum(operators.values())
-    names = ", ".join(f"{name} {number}" for name, number in sorted(operators.items()))
-    return f"{count} ({names})" if provider == "cpu" else str(count)
+def _environment() -> dict[str, Any]:
+    """The machine, its load before the benchmark, and the versions of the libraries."""
+    import platform
+    from importlib.metadata import version
 
+    import cv2
+    import numpy
 
-def _images(source: Path | None, detector: TreeDetector, left_out: LeftOut) -> list[Any]:
-    """The first frames of the source in memory, as the model takes them."""
-    from edgetree.frames.pipeline import image_for, open_frames, readable
-    from edgetree.samples import sample_frames
-
-    frames: Iterator[Frame]
-    if source is None:
-        frames = (sample.read() for sample in sample_frames())
-    else:
-        opened = open_frames(source, detector=detector)
-        frames = islice(readable(opened, left_out.add), _MAX_FRAMES)
-    return [image_for(detector, frame) for frame in frames]
-
-
-def _measure(detector: TreeDetector, images: list[Any], duration_s: float) -> BenchResult:
-    """Run the benchmark with a progress bar in percent."""
-    from edgetree.bench.speed import bench_detector
-
-    shown = 0
-    with progress("measuring speed", 100) as bar:
-
-        def move(gone: float) -> None:
-            nonlocal shown
-            bar.update(round(gone * 100) - shown)
-            shown = round(gone * 100)
-
-        return bench_detector(detector, images, duration_s=duration_s, on_run=move)
-
-
-def _record(path: Path, detector: TreeDetector, frames: int, result: BenchResult) -> dict[str, Any]:
-    """The model and the result as one JSON object."""
-    from edgetree.bench.speed import model_record
+    from edgetree.doctor.machine import examine_machine
+    from edgetree.runtime.providers import import_onnxruntime
 
     return {
-        "schema": "edgetree.bench/1",
-        "model": str(path),
-        **model_record(detector.manifest),
-        "file_bytes": path.stat().st_size,
-        "frames": frames,
-        "provider": detector.session.provider,
-        "nodes": getattr(detector.session, "placement", {}),
-        **result.to_dict(),
+        "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        **asdict(examine_machine()),
+        "edgetree": version("edgetree"),
+        "python": platform.python_version(),
+        "onnxruntime": import_onnxruntime().__version__,
+        "numpy": numpy.__version__,
+        "opencv": cv2.__version__,
     }
+
+
+def _write(result: dict[str, Any], files: BenchFiles) -> None:
+    import json
+
+    from edgetree.bench.page import page_html
+    from edgetree.bench.result import csv_text, markdown_text
+    from edgetree.results.atomic_files import text_file
+
+    makers = {
+        files.out: lambda: [json.dumps(result, indent=1, allow_nan=False), "\n"],
+        files.csv: lambda: [csv_text(result)],
+        files.markdown: lambda: [markdown_text(result)],
+        files.report: lambda: page_html(result),
+    }
+    for path, make in makers.items():
+        if path is not None:
+            with text_file(path) as stream:
+                stream.writelines(make())
+            note(f"written: {path}")

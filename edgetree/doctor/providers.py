@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 
 from edgetree.doctor.findings import ProviderResult
-from edgetree.doctor.onnx_bytes import Node, TensorType, onnx_bytes
 from edgetree.errors import MissingDependency
+from edgetree.model_file.onnx_bytes import Node, TensorType, onnx_bytes
 from edgetree.runtime.providers import CPU, PROVIDERS, import_onnxruntime, installed_providers
 
 __all__ = ["examine_providers", "run_small_network", "small_network"]

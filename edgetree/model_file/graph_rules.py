@@ -65,6 +65,7 @@ class GraphNode:
     Attributes:
         operators: its operator; several only in files that no exporter writes.
         domains: domain of the operator, likewise; none for ONNX's own operators.
+        names: its name, likewise; none if it has no name.
         inputs: names of its inputs, "" for those left out.
         outputs: names of its outputs.
         integers: whole numbers of its attributes by name.
@@ -72,6 +73,7 @@ class GraphNode:
 
     operators: list[str] = field(default_factory=list)
     domains: list[str] = field(default_factory=list)
+    names: list[str] = field(default_factory=list)
     inputs: list[str] = field(default_factory=list)
     outputs: list[str] = field(default_factory=list)
     integers: dict[str, list[int]] = field(default_factory=dict)

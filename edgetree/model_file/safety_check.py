@@ -56,17 +56,19 @@ _Span: TypeAlias = tuple[int, int]
 
 @dataclass
 class ModelFile:
-    """Metadata, inputs and outputs of a model file.
+    """Metadata, inputs, outputs and nodes of a model file.
 
     Attributes:
         metadata: the metadata entries.
         input_shapes: shape of each input; dynamic sizes are given by their name.
         output_shapes: shape of each output, likewise.
+        nodes: the nodes of the graph, in the order of execution.
     """
 
     metadata: dict[str, str] = field(default_factory=dict)
     input_shapes: dict[str, Shape] = field(default_factory=dict)
     output_shapes: dict[str, Shape] = field(default_factory=dict)
+    nodes: list[GraphNode] = field(default_factory=list)
 
 
 class _NotOnnx(Exception):
@@ -144,7 +146,6 @@ class _Parser:
     def __init__(self, data: _Bytes) -> None:
         self._data = data
         self._fields_left = _MAX_FIELDS
-        self._nodes: list[GraphNode] = []
         self._constants: dict[str, Constant] = {}
 
     def parse_model(self) -> ModelFile:
@@ -162,14 +163,14 @@ class _Parser:
         if len(graphs) != 1:
             raise _NotOnnx(f"it has {len(graphs)} graphs")
         self._parse_graph(graphs[0], found)
-        check_graph(self._nodes, found.input_shapes, self._constants)
+        check_graph(found.nodes, found.input_shapes, self._constants)
         return found
 
     def _parse_graph(self, span: _Span, found: ModelFile) -> None:
         """Check all nodes and tensors of the graph, and collect them, inputs and outputs too."""
         for number, value in self._fields(span):
             if number == 1:  # node
-                self._nodes.append(self._node(_span(value)))
+                found.nodes.append(self._node(_span(value)))
             elif number == 5:  # initializer
                 name, constant = self._tensor(_span(value))
                 if name in self._constants:
@@ -183,7 +184,13 @@ class _Parser:
 
     def _node(self, span: _Span) -> GraphNode:
         node = GraphNode()
-        texts = {1: node.inputs, 2: node.outputs, 4: node.operators, 7: node.domains}
+        texts = {
+            1: node.inputs,
+            2: node.outputs,
+            3: node.names,
+            4: node.operators,
+            7: node.domains,
+        }
         for number, value in self._fields(span):
             if number in texts:
                 texts[number].append(self._text(_span(value)))

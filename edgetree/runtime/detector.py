@@ -152,6 +152,26 @@ class TreeDetector:
             ]
         )
 
+    def prepare(self, image: NDArray[Any]) -> NDArray[np.uint8]:
+        """The network's input for one image: depth encoded, resized, and padded to its size.
+
+        Args:
+            image: an image as for `detect`.
+
+        Returns:
+            (H, W, 3) or (H, W) of the manifest's input size.
+
+        Raises:
+            InputError: as for `detect`.
+        """
+        return self._prepare(check_image(image, "image", self.manifest))[1]
+
+    def _prepare(self, image: NDArray[Any]) -> tuple[calib.Letterbox, NDArray[np.uint8]]:
+        target = self.manifest.input
+        letterbox = calib.Letterbox.fit(image.shape[1], image.shape[0], target.width, target.height)
+        pad_value = self.manifest.resize.pad_value
+        return letterbox, letterbox.apply(to_bytes(image, self._encoding), pad_value)
+
     def _detect_all(self, images: list[NDArray[Any]]) -> list[TreeDetections]:
         found: list[TreeDetections] = []
         for size in self._batch_sizes(len(images)):
@@ -171,16 +191,11 @@ class TreeDetector:
     def _detect_together(self, images: list[NDArray[Any]], batch: int) -> list[TreeDetections]:
         """Run the graph once, on up to `batch` images."""
         target = self.manifest.input
-        pad_value = self.manifest.resize.pad_value
-        letterboxes = [
-            calib.Letterbox.fit(image.shape[1], image.shape[0], target.width, target.height)
-            for image in images
-        ]
-        pixels = [
-            letterbox.apply(to_bytes(image, self._encoding), pad_value)
-            for letterbox, image in zip(letterboxes, images, strict=True)
-        ]
-        pixels += [np.full(target.image_shape, pad_value, np.uint8)] * (batch - len(images))
+        prepared = [self._prepare(image) for image in images]
+        letterboxes, pixels = [each[0] for each in prepared], [each[1] for each in prepared]
+        if batch > len(images):
+            blank = np.full(target.image_shape, self.manifest.resize.pad_value, np.uint8)
+            pixels += [blank] * (batch - len(images))
         stacked = pixels[0][None] if batch == 1 else np.stack(pixels)
         outputs = self.session.run({target.name: stacked})
         found = check_outputs(outputs, self.manifest, batch, self.session.name)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import re
+from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
@@ -32,7 +33,11 @@ class _NotStarted(Exception):
 
 
 def open_session(
-    path: Path, settings: SessionSettings, threads: int, content: bytes | None = None
+    path: Path,
+    settings: SessionSettings,
+    threads: int,
+    content: bytes | None = None,
+    adjust: Callable[[Any], None] = lambda _: None,
 ) -> tuple[Any, Provider]:
     """Open a model file in onnxruntime.
 
@@ -45,6 +50,7 @@ def open_session(
         settings: the provider and its options.
         threads: threads of one inference on the CPU.
         content: the content to open instead of the file, whose path is then only a name.
+        adjust: called with the `onnxruntime.SessionOptions` before the model is loaded.
 
     Returns:
         The `onnxruntime.InferenceSession` and the provider in use.
@@ -55,13 +61,16 @@ def open_session(
             part of the graph; or the cache folder cannot be created.
         MissingDependency: onnxruntime is not installed.
     """
+    onnxruntime = import_onnxruntime()
     _make_folder(settings.cache_folder)
     tried = candidates(settings)
     if settings.provider not in (AUTO, tried[0].name):
         _log.warning("provider %r is not installed: using the CPU", settings.provider)
     for provider in tried:
         try:
-            return _start(path, content, provider, settings, threads), provider
+            options = _options(onnxruntime, provider, settings, threads)
+            adjust(options)
+            return _start(path, content, provider, settings, options), provider
         except _NotStarted as problem:
             if settings.strict and settings.provider != AUTO:
                 raise InputError(
@@ -73,10 +82,11 @@ def open_session(
 
 
 def _start(
-    path: Path, content: bytes | None, provider: Provider, settings: SessionSettings, threads: int
+    path: Path, content: bytes | None, provider: Provider, settings: SessionSettings, options: Any
 ) -> Any:
     """Open a session on one provider; raises `_NotStarted` if the provider is not used."""
     onnxruntime = import_onnxruntime()
+    threads = options.intra_op_num_threads
     asked = [(provider.ort_name, provider.options_for(threads, settings.cache_folder))]
     if provider.name != CPU:
         listed = onnxruntime.get_available_providers()
@@ -92,7 +102,7 @@ def _start(
         with limit:
             session = onnxruntime.InferenceSession(
                 model,
-                sess_options=_options(onnxruntime, provider, settings, threads),
+                sess_options=options,
                 providers=asked,
                 enable_fallback=0,
             )

@@ -77,6 +77,8 @@ class OrtSession:
         settings: provider and options; the default settings if None.
         content: the content of a model that the caller made itself, which needs no signature. The
             path is then only a name for messages.
+        adjust: called with the `onnxruntime.SessionOptions` before the model is loaded, for
+            measurements.
 
     Raises:
         ModelFileError: the file is missing, is not an ONNX model or fails the safety check.
@@ -91,6 +93,7 @@ class OrtSession:
         settings: SessionSettings | None = None,
         *,
         content: bytes | None = None,
+        adjust: Callable[[Any], None] = lambda _: None,
     ) -> None:
         settings = settings or SessionSettings()
         accepted = None
@@ -104,7 +107,7 @@ class OrtSession:
             check_content(content, path)
         self._name = str(path)
         self._threads = settings.threads or usable_cores()
-        self._session, self._provider = open_session(path, settings, self._threads, content)
+        self._session, self._provider = open_session(path, settings, self._threads, content, adjust)
         if accepted is not None:
             accepted.record_use()
         self._metadata: dict[str, str] = self._session.get_modelmeta().custom_metadata_map
@@ -150,6 +153,10 @@ class OrtSession:
     def output_shapes(self) -> Mapping[str, Shape]:
         """Shape of each output."""
         return self._outputs
+
+    def end_profiling(self) -> Path:
+        """End the profile that `adjust` switched on; returns the file that onnxruntime wrote."""
+        return Path(self._session.end_profiling())
 
     def run(self, inputs: Arrays) -> dict[str, NDArray[Any]]:
         """Run the graph on inputs by name; returns all outputs by name.

@@ -17,7 +17,6 @@ import calib
 from edgetree import cli
 from edgetree.catalogue import default_model
 from edgetree.detections import KEYPOINT_NAMES
-from edgetree.doctor.onnx_bytes import Node, TensorType, onnx_bytes
 from edgetree.model_file.manifest import (
     METADATA_KEY,
     Manifest,
@@ -26,6 +25,7 @@ from edgetree.model_file.manifest import (
     standard_input,
     standard_outputs,
 )
+from edgetree.model_file.onnx_bytes import Node, TensorType, onnx_bytes
 from edgetree.model_file.safety_check import read_model_file
 from edgetree.runtime.session import FakeSession
 

@@ -24,7 +24,6 @@ import calib
 from calib.reading import read_image
 from edgetree.catalogue import default_model
 from edgetree.check.csv_file import read_csv
-from edgetree.doctor.onnx_bytes import Node, TensorType, onnx_bytes
 from edgetree.live.page.access import Access
 from edgetree.live.page.feed import Feed
 from edgetree.live.page.handler import PageHandler
@@ -33,6 +32,7 @@ from edgetree.live.recording import FrameRecorder
 from edgetree.live.sources.exact import EXACT_TOPIC, exact_record
 from edgetree.live.sources.recording import open_recording
 from edgetree.model_file.manifest import Manifest
+from edgetree.model_file.onnx_bytes import Node, TensorType, onnx_bytes
 from edgetree.model_file.safety_check import read_model_file
 from edgetree.runtime.providers import CPU, SessionSettings
 from edgetree.runtime.session import OrtSession

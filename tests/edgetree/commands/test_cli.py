@@ -21,7 +21,6 @@ import typer
 import edgetree.doctor
 import edgetree.runtime.session
 from edgetree import cli
-from edgetree.bench import files as bench_files
 from edgetree.doctor import Findings, Libraries, Machine, ModelFile, ProviderResult, Speed
 from edgetree.errors import CheckFailed
 from edgetree.frames import pipeline
@@ -225,61 +224,6 @@ def test_help_imports_no_heavy_modules() -> None:
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     heavy = {"numpy", "cv2", "onnxruntime", "torch", "perceptree", "calib", "rich"}
     assert heavy & set(done.stdout.split()) == set()
-
-
-def test_bench_reports_this_machine(run_cli: Cli, model: Path, images: Path) -> None:
-    done = run_cli("bench", images, "--model", model, "--seconds", 0, "--threads", 1, "--json")
-    assert done.code == 0, done.err
-    record = json.loads(done.out)
-    assert record["input_px"] == [640, 384]
-    assert record["file_bytes"] == model.stat().st_size
-    assert record["parameters"] == 1234
-    assert (record["frames"], record["runs"], record["threads"]) == (2, 5, 1)
-    assert 0 < record["detect_p50_ms"] <= record["detect_p90_ms"]
-    assert record["fps"] == pytest.approx(1000 / record["detect_p50_ms"], rel=0.9)
-    assert record["trees_per_frame"] == 1.0
-    assert record["peak_memory_mib"] > 20
-    assert (record["provider"], record["nodes"]) == ("cpu", {})
-    table = run_cli("bench", images, "--model", model, "--seconds", 0)
-    assert "detect_p50_ms" in table.out
-
-
-def test_bench_lists_the_nodes_on_the_cpu(
-    run_cli: Cli, model: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    placement = {"cuda": {"Conv": 50, "Relu": 40}, "cpu": {"NonMaxSuppression": 2, "Gather": 1}}
-    monkeypatch.setattr(edgetree.runtime.session.OrtSession, "placement", placement)
-    lines = run_cli("bench", "--model", model, "--seconds", 0).out.splitlines()
-    shown = dict(line.split(maxsplit=1) for line in lines)
-    assert shown["nodes_on_cuda"] == "90"
-    assert shown["nodes_on_cpu"] == "3 (Gather 1, NonMaxSuppression 2)"
-
-
-def test_bench_of_backbones_prints_the_papers_table(
-    run_cli: Cli,
-    rgb_manifest: Manifest,
-    write_model: Callable[..., Path],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(bench_files, "ROUNDS", 1)
-    for name in ("r50", "edge-n"):
-        manifest = dataclasses.replace(rgb_manifest, multiply_adds=2_000_000_000)
-        write_model(manifest, f"{name}-fp32-640x384.onnx")
-    size = ("--height", 384, "--width", 640, "--seconds", 0, "--threads", 1)
-    arguments = ("bench", "--backbones", "r50,edge-n", "--models", tmp_path, *size)
-    done = run_cli(*arguments, "--json")
-    assert done.code == 0, done.err
-    record = json.loads(done.out)
-    assert record["schema"] == "edgetree.bench-table/1"
-    first, second = record["rows"]
-    assert (first["backbone"], first["paper"]["fps"]) == ("r50", 18)
-    assert (second["backbone"], second["paper"]) == ("edge-n", None)
-    assert second["bench"]["flops"] == 4_000_000_000
-    assert f"models: {tmp_path}" in done.err
-    table = run_cli(*arguments).out
-    assert re.search(r"^r50 .* 18 ", table, flags=re.MULTILINE)
-    assert "{" not in table
 
 
 HEALTHY = Findings(

@@ -12,8 +12,8 @@ import pytest
 
 import calib
 from edgetree.catalogue import default_model
-from edgetree.doctor.onnx_bytes import Node, TensorType, onnx_bytes
 from edgetree.errors import ModelFileError
+from edgetree.model_file.onnx_bytes import Node, TensorType, onnx_bytes
 from edgetree.model_file.safety_check import read_model_file
 from edgetree.runtime.session import OrtSession
 

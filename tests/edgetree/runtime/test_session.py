@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from edgetree.doctor.onnx_bytes import Node, TensorType, onnx_bytes
 from edgetree.errors import InputError, MissingDependency, ModelFileError
 from edgetree.model_file.manifest import METADATA_KEY, Manifest
+from edgetree.model_file.onnx_bytes import Node, TensorType, onnx_bytes
 from edgetree.runtime.providers import SessionSettings
 from edgetree.runtime.session import FakeSession, InferenceSession, OrtSession, usable_cores
 

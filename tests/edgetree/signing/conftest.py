@@ -13,8 +13,8 @@ import pytest
 import edgetree.signing.trust
 import edgetree.signing.verify
 from edgetree.catalogue import default_model
-from edgetree.doctor.onnx_bytes import Node, TensorType, onnx_bytes
 from edgetree.model_file.manifest import METADATA_KEY, Manifest
+from edgetree.model_file.onnx_bytes import Node, TensorType, onnx_bytes
 from edgetree.model_file.safety_check import read_model_file
 from edgetree.signing.keys import new_key, read_private_key, read_public_key
 from edgetree.signing.sign import sign_model

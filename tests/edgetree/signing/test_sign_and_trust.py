@@ -201,7 +201,7 @@ def test_without_cryptography_the_extra_is_named(
     [
         ("run", "{images}", "--model", "{model}"),
         ("measure", "{images}/a.jpg", "--model", "{model}", "--depth", "{depth}/a.png"),
-        ("bench", "--model", "{model}"),
+        ("bench", "{model}"),
         ("eval", "{model}", "{images}"),
     ],
 )
@@ -250,7 +250,7 @@ def test_the_processes_of_bench_require_signatures_too(
 ) -> None:
     machine.trusts(machine.entry(), required=False)
     (tmp_path / "r50-fp32-32x32.onnx").write_bytes(model.read_bytes())
-    size = ("--width", 32, "--height", 32, "--seconds", 0)
+    size = ("--size", "32x32", "--seconds", 0)
     done = run_cli(
         "--require-signature", "bench", "--backbones", "r50", "--models", tmp_path, *size
     )

@@ -16,7 +16,7 @@ __all__ = ["Node", "TensorType", "onnx_bytes"]
 
 _IR_VERSION: Final = 8
 _OPSET: Final = 17
-_TYPES: Final = {"float32": 1, "uint8": 2, "int64": 7}
+_TYPES: Final = {"float32": 1, "uint8": 2, "int8": 3, "int32": 6, "int64": 7}
 
 
 class Node(NamedTuple):
@@ -48,7 +48,7 @@ def onnx_bytes(
         nodes: the operators, in execution order.
         inputs: the graph's inputs by name.
         outputs: the graph's outputs by name.
-        constants: float32, uint8 or int64 arrays that operators use as inputs.
+        constants: arrays of the types above, which operators use as inputs.
         metadata: custom metadata of the model.
 
     Returns:

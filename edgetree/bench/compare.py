@@ -1,0 +1,189 @@
+"""Compare two results of `edgetree bench`: what became slower or less accurate than noise explains.
+
+Rows of the two results belong together if model, precision, input size, provider, threads and batch
+are the same. The time of a row is the median over its rounds. The noise of a row is half of the
+range of its rounds, as a share of that median; a change counts if it exceeds the noise of both rows
+together, and `LEAST_SHARE` of the time. Accuracy on the same frames has no noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from statistics import median
+from typing import Any, Final
+
+from edgetree.errors import InputError
+
+__all__ = ["LEAST_AP", "LEAST_SHARE", "Comparison", "RowChange", "compare_results"]
+
+LEAST_SHARE: Final = 0.03
+"""Smallest change of a time that counts, as a share of it."""
+LEAST_AP: Final = 0.1
+"""Smallest loss of average precision that counts, in points."""
+
+_KEY: Final = ("name", "precision", "input_px", "provider", "threads", "batch")
+_AVERAGE_PRECISIONS: Final = ("box_ap", "mask_ap", "keypoint_ap")
+_MACHINE: Final = ("processor", "usable_cores")
+
+Record = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class RowChange:
+    """How one row of a result changed.
+
+    Attributes:
+        row: the row's key as text, such as "edge-n-depth int8 640x384 cpu, 2 threads, batch 1".
+        old_ms: median time of a frame before, over the rounds.
+        new_ms: the same now.
+        ratio: `new_ms` divided by `old_ms`.
+        noise: share by which the times of both results vary without a cause.
+        lost_ap: lost points of each average precision that fell by more than `LEAST_AP`.
+    """
+
+    row: str
+    old_ms: float
+    new_ms: float
+    ratio: float
+    noise: float
+    lost_ap: Mapping[str, float]
+
+    @property
+    def slower(self) -> bool:
+        """Whether the row became slower than the noise explains."""
+        return self.ratio > 1.0 + self.noise
+
+    @property
+    def faster(self) -> bool:
+        """Whether the row became faster than the noise explains."""
+        return self.ratio < 1.0 / (1.0 + self.noise)
+
+    @property
+    def regressed(self) -> bool:
+        """Whether the row became slower or less accurate."""
+        return self.slower or bool(self.lost_ap)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two results of `edgetree bench` compared.
+
+    Attributes:
+        rows: the rows that both have, in the order of the new result.
+        only_old: rows of the old result alone.
+        only_new: rows of the new result alone.
+        machines: the old and the new machine, if they differ; else None.
+    """
+
+    rows: tuple[RowChange, ...]
+    only_old: tuple[str, ...]
+    only_new: tuple[str, ...]
+    machines: tuple[str, str] | None
+
+    @property
+    def regressions(self) -> tuple[RowChange, ...]:
+        """The rows that became slower or less accurate."""
+        return tuple(row for row in self.rows if row.regressed)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The comparison as a JSON object."""
+        rows = [{**asdict(row), "slower": row.slower, "faster": row.faster} for row in self.rows]
+        return {
+            "schema": "edgetree.bench-comparison/1",
+            "rows": rows,
+            "only_old": list(self.only_old),
+            "only_new": list(self.only_new),
+            "machines": None if self.machines is None else list(self.machines),
+            "regressions": len(self.regressions),
+        }
+
+    def lines(self) -> Iterator[str]:
+        """The comparison as lines of text."""
+        if self.machines is not None:
+            old, new = self.machines
+            yield f"measured on different machines: {old}, then {new}"
+        width = max((len(row.row) for row in self.rows), default=0)
+        for row in self.rows:
+            yield f"{row.row:{width}}  {_times(row)}  {_verdict(row)}"
+        for text, names in (("only in OLD", self.only_old), ("only in NEW", self.only_new)):
+            yield from (f"{name}: {text}" for name in names)
+
+
+def compare_results(old: Record, new: Record) -> Comparison:
+    """Compare two results of `edgetree bench`.
+
+    Args:
+        old: the JSON object of the earlier result.
+        new: the JSON object of the later one.
+
+    Raises:
+        InputError: the results have no row in common.
+    """
+    before = {_key(row): row for row in old["rows"]}
+    now = {_key(row): row for row in new["rows"]}
+    common = [key for key in now if key in before]
+    if not common:
+        raise InputError(
+            f"the results have no row in common ({', '.join(before)}; {', '.join(now)}): expected"
+            " the same model, precision, size, provider, threads and batch in both"
+        )
+    machines = tuple(_machine(result) for result in (old, new))
+    return Comparison(
+        rows=tuple(_change(key, before[key], now[key]) for key in common),
+        only_old=tuple(key for key in before if key not in now),
+        only_new=tuple(key for key in now if key not in before),
+        machines=None if machines[0] == machines[1] else (machines[0], machines[1]),
+    )
+
+
+def _key(row: Record) -> str:
+    name, precision, (width, height), provider, threads, batch = (row[part] for part in _KEY)
+    return f"{name} {precision} {width}x{height} {provider}, {threads} thread(s), batch {batch}"
+
+
+def _machine(result: Record) -> str:
+    environment = result["environment"]
+    processor, cores = (environment[part] for part in _MACHINE)
+    return f"{processor}, {cores} cores"
+
+
+def _change(key: str, old: Record, new: Record) -> RowChange:
+    old_ms, new_ms = _round_times(old), _round_times(new)
+    was, now = median(old_ms), median(new_ms)
+    noise = max(LEAST_SHARE, _noise(old_ms) + _noise(new_ms))
+    return RowChange(key, round(was, 3), round(now, 3), now / was, noise, _lost(old, new))
+
+
+def _round_times(row: Record) -> list[float]:
+    return [float(each["p50_ms"]) for each in row["rounds"]]
+
+
+def _noise(times_ms: Sequence[float]) -> float:
+    """Half of the range of the rounds, as a share of their median."""
+    return (max(times_ms) - min(times_ms)) / 2 / median(times_ms)
+
+
+def _lost(old: Record, new: Record) -> dict[str, float]:
+    """Points of average precision that were lost, where both were measured on the same frames."""
+    was, now = old.get("accuracy"), new.get("accuracy")
+    if not was or not now or was["frames"] != now["frames"]:
+        return {}
+    falls = {
+        name: round(was[name] - now[name], 2)
+        for name in _AVERAGE_PRECISIONS
+        if was.get(name) is not None and now.get(name) is not None
+    }
+    return {name: fall for name, fall in falls.items() if fall > LEAST_AP}
+
+
+def _times(row: RowChange) -> str:
+    return f"{row.old_ms:9.2f} ms {row.new_ms:9.2f} ms {100 * (row.ratio - 1):+7.1f} %"
+
+
+def _verdict(row: RowChange) -> str:
+    lost = "".join(f", {name} -{fall:.1f}" for name, fall in row.lost_ap.items())
+    noise = f"noise {100 * row.noise:.1f} %"
+    if row.slower:
+        return f"SLOWER ({noise}){lost}"
+    return f"{'faster' if row.faster else 'no change'} ({noise}){lost}"

@@ -1,0 +1,76 @@
+"""The frames of a benchmark, in memory, with what measuring in metres needs where it is known."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib import PinholeCamera
+from edgetree.frames.pipeline import image_for, open_frames, readable
+from edgetree.runtime.detector import TreeDetector
+from edgetree.samples import sample_frames
+
+__all__ = ["MOST_FRAMES", "BenchFrame", "bench_frames"]
+
+MOST_FRAMES: Final = 16
+
+
+@dataclass(frozen=True, eq=False)
+class BenchFrame:
+    """One frame of a benchmark.
+
+    Attributes:
+        image: what the model takes, as for `TreeDetector.detect`.
+        decode_ms: time to read and decode its file.
+        depth_m: (H, W) depth in metres for measuring; None if it is not known.
+        camera: the camera, likewise.
+        up_camera: (3,) direction opposite to gravity in the camera's frame, likewise.
+    """
+
+    image: NDArray[Any]
+    decode_ms: float
+    depth_m: NDArray[np.float32] | None = None
+    camera: PinholeCamera | None = None
+    up_camera: NDArray[np.float64] | None = None
+
+
+def bench_frames(
+    source: Path | None,
+    detector: TreeDetector,
+    on_error: Callable[[Exception], None] = lambda _: None,
+) -> list[BenchFrame]:
+    """Read the first `MOST_FRAMES` frames of a source; without a source the packaged ones.
+
+    Args:
+        source: an image, a folder or a video, as for `edgetree.frames.open_frames`.
+        detector: the model that will take them.
+        on_error: called with the error of each frame that cannot be read.
+
+    Raises:
+        InputError: the source cannot be opened, or lacks the kind of image that the model takes.
+    """
+    if source is None:
+        return list(_packaged(detector))
+    frames = iter(islice(readable(open_frames(source, detector=detector), on_error), MOST_FRAMES))
+    found = []
+    start = time.perf_counter()
+    for frame in frames:
+        decode_ms = (time.perf_counter() - start) * 1000
+        found.append(BenchFrame(image_for(detector, frame), decode_ms))
+        start = time.perf_counter()
+    return found
+
+
+def _packaged(detector: TreeDetector) -> Iterator[BenchFrame]:
+    for sample in sample_frames():
+        start = time.perf_counter()
+        image = sample.depth_m() if detector.manifest.takes_depth else sample.image()
+        decode_ms = (time.perf_counter() - start) * 1000
+        yield BenchFrame(image, decode_ms, sample.depth_m(), sample.camera, sample.up_camera)

@@ -1,0 +1,164 @@
+"""A result of `edgetree bench` as one HTML page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from html import escape
+from typing import Any, Final
+
+from edgetree.bench.page_charts import front_chart, heat_chart, histogram_chart, stages_chart
+from edgetree.bench.result import notes, size_text
+from edgetree.report.page import page_end, page_start, plot_tiles, scrolling, tiles
+
+__all__ = ["page_html"]
+
+_STYLE: Final = (
+    "<style>polyline{stroke:currentColor;stroke-width:2}.first polyline{stroke:var(--first)}"
+    "svg g text{stroke:none}svg text.on-bar{fill:#fff}thead th:first-child{text-align:left}"
+    + "".join(
+        f".stage-{index}{{fill:{colour}}}"
+        for index, colour in enumerate(
+            ("#7a8a99", "#5d7183", "#1f6f54", "#2c8a68", "#b5651d", "#8c4a2f", "#6c5b9e", "#3f6db0")
+        )
+    )
+    + "</style>"
+)
+_COLUMNS: Final = (
+    *("model", "size px", "precision", "provider", "threads", "batch", "multiply-adds G"),
+    *("FLOPs G", "parameters M", "file MB", "load ms", "p50 ms", "p90 ms", "p99 ms", "FPS"),
+    *("memory MiB", "share of peak", "J a frame", "box AP", "mask AP", "keypoint AP"),
+    "diameter error mm",
+)
+_PAPER: Final = (
+    *("network", "classifier: parameters M", "paper", "multiply-adds G", "paper", "FPS here"),
+    *("FPS, paper's GPU", "box AP here", "paper"),
+)
+_OPERATORS: Final = 8
+
+Record = Mapping[str, Any]
+
+
+def page_html(result: Record) -> Iterator[str]:
+    """The page in parts; it needs no network and no script."""
+    rows = result["rows"]
+    fastest = min(rows, key=lambda row: row["p50_ms"] / row["batch"])
+    yield page_start("edgetree bench") + _STYLE + "<h1>Speed of tree detectors</h1>"
+    yield "".join(f'<p class="note">{escape(line)}</p>' for line in notes(result))
+    yield tiles(
+        [
+            (f"{fastest['p50_ms'] / fastest['batch']:.1f} ms", f"fastest: {_label(fastest)}"),
+            (f"{max(row['fps'] for row in rows):.1f}", "most frames a second"),
+            (str(len(rows)), "variants measured in turn"),
+        ]
+    )
+    yield from _front(rows)
+    yield "<h2>All figures</h2>" + scrolling(_table(_COLUMNS, [_cells(row) for row in rows]))
+    yield "<h2>Where the time goes</h2>"
+    yield "<p>Reading the file, preparing the picture, the parts of the network, reading its "
+    yield "outputs, and measuring in metres; one frame at a time.</p>"
+    single = [row for row in rows if row["batch"] == min(each["batch"] for each in rows)]
+    chart = stages_chart([(_label(row), row["stages_ms"]) for row in single])
+    yield f'<div class="tile">{chart}</div>'
+    yield "<h2>Operators</h2>" + "".join(_operators(row) for row in single)
+    yield "<h2>How the times vary</h2>"
+    yield plot_tiles([histogram_chart(_label(row), row["histogram"]) for row in rows])
+    hot = [row for row in rows if row.get("heat")]
+    if hot:
+        yield "<h2>A long run</h2>"
+        yield plot_tiles([heat_chart(_label(row), row["heat"]) for row in hot])
+    if any(row["paper"] for row in rows):
+        yield "<h2>Beside the paper</h2><p>Grondin et al. (2022) count parameters and "
+        yield "multiply-adds of the backbone as classifier of 224x224 px; AP is on its own "
+        yield f"simulated frames, speed on an {escape(result['paper_gpu'])}.</p>"
+        compared = [row for row in rows if row["paper"]]
+        yield scrolling(_table(_PAPER, [_paper_cells(row) for row in compared]))
+    yield page_end()
+
+
+def _label(row: Record) -> str:
+    text = f"{row['name']} {row['precision']} {size_text(row)}, {row['threads']} thread(s)"
+    return text if row["batch"] == 1 else f"{text}, batch {row['batch']}"
+
+
+def _front(rows: Sequence[Record]) -> Iterator[str]:
+    several = len({row["threads"] for row in rows}) > 1
+    points = [
+        (
+            f"{row['name']}, {row['threads']} thread(s)" if several else row["name"],
+            row["p50_ms"],
+            row["accuracy"]["box_ap"],
+        )
+        for row in rows
+        if row["batch"] == 1 and row.get("accuracy") and row["accuracy"]["box_ap"] is not None
+    ]
+    if points:
+        yield "<h2>Accuracy and speed</h2>" + plot_tiles([front_chart(points)])
+
+
+def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    head = "".join(f"<th>{escape(name)}</th>" for name in heads)
+    body = "".join(
+        "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
+    )
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def _cells(row: Record) -> list[str]:
+    accuracy = row.get("accuracy") or {}
+    share = row["share_of_peak"]
+    return [
+        row["name"],
+        size_text(row),
+        row["precision"],
+        row["provider"],
+        str(row["threads"]),
+        str(row["batch"]),
+        f"{row['graph_multiply_adds'] / 1e9:.2f}",
+        f"{row['graph_flops'] / 1e9:.2f}",
+        _number(row["parameters"] and row["parameters"] / 1e6, 2),
+        f"{row['file_bytes'] / 1e6:.1f}",
+        f"{row['load_ms']:.0f}",
+        *(f"{row[key]:.2f}" for key in ("p50_ms", "p90_ms", "p99_ms", "fps")),
+        _number(row["peak_memory_mib"], 0),
+        "-" if share is None else f"{100 * share:.0f} %",
+        _number(row["energy_j_per_frame"], 3),
+        *(_number(accuracy.get(key), 1) for key in ("box_ap", "mask_ap", "keypoint_ap")),
+        _number(accuracy.get("diameter_error_mm"), 1),
+    ]
+
+
+def _paper_cells(row: Record) -> list[str]:
+    paper, classifier = row["paper"], row["classifier"] or {}
+    accuracy = row.get("accuracy") or {}
+    return [
+        row["name"],
+        _number(classifier.get("parameters", 0) / 1e6, 1),
+        _number(paper["parameters"] / 1e6, 1),
+        _number(classifier.get("multiply_adds", 0) / 1e9, 2),
+        _number(paper["multiply_adds"] / 1e9, 2),
+        f"{row['fps']:.2f}",
+        f"{paper['fps']:.0f}",
+        _number(accuracy.get("box_ap"), 1),
+        _number(paper["box_ap"].get(row["modality"]), 1),
+    ]
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+def _operators(row: Record) -> str:
+    total = sum(each["ms"] for each in row["operators"])
+    shown = row["operators"][:_OPERATORS]
+    cells = [
+        [
+            each["operator"],
+            each["provider"],
+            str(each["nodes"]),
+            f"{each['ms']:.2f}",
+            f"{100 * each['ms'] / total:.0f} %",
+        ]
+        for each in shown
+    ]
+    table = _table(("operator", "runs on", "nodes", "ms", "share"), cells)
+    return f"<details><summary>{escape(_label(row))}</summary>{scrolling(table)}</details>"

@@ -1,0 +1,148 @@
+"""Where the time of a network goes, and what it costs: from the profiles that onnxruntime writes.
+
+A profile has the time of every operator that ran, its name, and the shapes of its inputs and
+outputs. Multiply-adds are counted in a session without optimisation, in which every convolution and
+matrix product is still the operator that the file contains.
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import prod
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from numpy.typing import NDArray
+
+from edgetree.bench.network_parts import PARTS, parts_of_nodes
+from edgetree.model_file.safety_check import read_model_file
+from edgetree.runtime.providers import PROVIDERS, SessionSettings, import_onnxruntime
+from edgetree.runtime.session import OrtSession
+
+__all__ = ["NetworkTimes", "Operator", "count_multiply_adds", "network_times"]
+
+_RUNS: Final = 5
+_EVENT_SUFFIX: Final = "_kernel_time"
+
+Event = Mapping[str, Any]
+Inputs = Mapping[str, NDArray[Any]]
+
+
+@dataclass(frozen=True)
+class Operator:
+    """The nodes of one operator on one provider.
+
+    Attributes:
+        operator: the operator, as it runs after optimisation.
+        provider: what runs it, a name in `edgetree.runtime.PROVIDERS`.
+        nodes: number of its nodes.
+        ms: their time in one run.
+    """
+
+    operator: str
+    provider: str
+    nodes: int
+    ms: float
+
+
+class NetworkTimes(NamedTuple):
+    """Where the time of one run of a network goes.
+
+    Attributes:
+        parts_ms: time of each of `PARTS`.
+        operators: the operators by descending time.
+    """
+
+    parts_ms: dict[str, float]
+    operators: list[Operator]
+
+
+def network_times(path: Path, settings: SessionSettings, inputs: Sequence[Inputs]) -> NetworkTimes:
+    """Profile a network on inputs in turn, after one run to warm up.
+
+    Args:
+        path: the model file.
+        settings: how to run it.
+        inputs: inputs by name, at least one.
+    """
+    runs = [inputs[index % len(inputs)] for index in range(_RUNS)]
+    events = _profile(path, settings, [runs[0], *runs], optimised=True)
+    events = events[len(events) // (_RUNS + 1) :]
+    parts = parts_of_nodes(read_model_file(path).nodes)
+    parts_ms = dict.fromkeys(PARTS, 0.0)
+    kinds: dict[tuple[str, str], list[float]] = {}
+    part = PARTS[0]
+    for event in events:
+        ms = event["dur"] / 1000 / _RUNS
+        part = _part_of(event["name"].removesuffix(_EVENT_SUFFIX), parts, part)
+        parts_ms[part] += ms
+        kinds.setdefault((event["args"]["op_name"], event["args"]["provider"]), []).append(ms)
+    names = {provider.ort_name: provider.name for provider in PROVIDERS.values()}
+    operators = [
+        Operator(name, names.get(provider, provider), round(len(times) / _RUNS), sum(times))
+        for (name, provider), times in kinds.items()
+    ]
+    return NetworkTimes(parts_ms, sorted(operators, key=lambda each: -each.ms))
+
+
+def _part_of(name: str, parts: Mapping[str, str], previous: str) -> str:
+    """The part of a node after optimisation, which adds words to names and nodes of its own.
+
+    A node of its own belongs to the part of the node that ran before it.
+    """
+    while name not in parts:
+        shorter = max(name.rfind("_"), name.rfind("/"))
+        if shorter <= 0:
+            return previous
+        name = name[:shorter]
+    return parts[name]
+
+
+def count_multiply_adds(path: Path, inputs: Inputs) -> int:
+    """Count the multiply-adds of one run of a file, in convolutions and matrix products.
+
+    Args:
+        path: the model file.
+        inputs: inputs by name.
+    """
+    events = _profile(path, SessionSettings(), [inputs], optimised=False)
+    return sum(_multiply_adds(event["args"]) for event in events)
+
+
+def _multiply_adds(node: Event) -> int:
+    """Multiply-adds of one node; 0 for nodes that are not products."""
+    shapes = [next(iter(each.values())) for each in node["input_type_shape"]]
+    made = [next(iter(each.values())) for each in node["output_type_shape"]]
+    if node["op_name"] == "Conv":  # weights are (outputs, inputs of a group, height, width)
+        return prod(made[0]) * prod(shapes[1][1:])
+    if node["op_name"] in ("MatMul", "Gemm"):  # exports do not transpose the first factor
+        return prod(made[0]) * int(shapes[0][-1])
+    return 0
+
+
+def _profile(
+    path: Path, settings: SessionSettings, runs: Sequence[Inputs], *, optimised: bool
+) -> list[Event]:
+    """The events of all nodes in all runs, in their order."""
+    levels = import_onnxruntime().GraphOptimizationLevel
+
+    with tempfile.TemporaryDirectory() as folder:
+
+        def adjust(options: Any) -> None:
+            options.enable_profiling = True
+            options.profile_file_prefix = str(Path(folder) / "profile")
+            if not optimised:
+                options.graph_optimization_level = levels.ORT_DISABLE_ALL
+
+        session = OrtSession(path, settings, adjust=adjust)
+        for inputs in runs:
+            session.run(inputs)
+        events = json.loads(session.end_profiling().read_text(encoding="utf-8"))
+    return [
+        event
+        for event in events
+        if event.get("cat") == "Node" and event["name"].endswith(_EVENT_SUFFIX)
+    ]

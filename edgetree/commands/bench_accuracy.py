@@ -1,0 +1,102 @@
+"""Accuracy of the models of a benchmark: from their cards, or measured on labelled frames."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from edgetree.runtime.detector import TreeDetector
+
+__all__ = ["accuracy_of"]
+
+_MOST_METRE_FRAMES = 100
+_AVERAGE_PRECISIONS = {"box_ap": "boxes", "mask_ap": "masks", "keypoint_ap": "keypoints"}
+
+
+def accuracy_of(path: Path, data: Path | None, split: str) -> dict[str, Any] | None:
+    """The accuracy of a model file as JSON object; None if nothing is known.
+
+    `source` and `frames` say where it is from; equal `frames` make two files comparable. The
+    average precisions are in percent, the diameter's error is the median of the absolute error.
+
+    Args:
+        path: the model file.
+        data: a labelled dataset; None for the figures of the model's card.
+        split: split of the dataset.
+
+    Raises:
+        MissingDependency: a dataset is given, and torch or another package for training is missing.
+        perceptree.errors.DatasetError: the dataset is missing or broken.
+        EdgetreeError: the model cannot be opened.
+    """
+    return _of_card(path) if data is None else _of_data(path, data, split)
+
+
+def _of_card(path: Path) -> dict[str, Any] | None:
+    from edgetree.catalogue import KnownModel
+    from edgetree.errors import InputError
+
+    try:
+        card = KnownModel(path.stem, path).card()
+    except InputError:  # the card of another file
+        return None
+    if card is None:
+        return None
+    test = card["test"]
+    ap, metres = test["average_precision"], test["metres"]["quantities"]["diameter_m"]
+    return {
+        "source": "the model's card",
+        "frames": f"{test['frames']} frames of the preset test, {card['date']}",
+        **{name: ap[kind] for name, kind in _AVERAGE_PRECISIONS.items()},
+        "diameter_error_mm": _card_error_mm(metres),
+    }
+
+
+def _card_error_mm(metres: dict[str, Any]) -> float | None:
+    error = metres.get("median_abs")
+    return None if error is None else round(1000 * error, 1)
+
+
+def _of_data(path: Path, data: Path, split: str) -> dict[str, Any]:
+    from edgetree.evaluate import evaluate_file
+    from edgetree.runtime.detector import TreeDetector
+
+    detector = TreeDetector.load(path)
+    figures = evaluate_file(detector, {"name": path.stem}, data, split).figures
+    found = figures["average_precision"]
+    return {
+        "source": f"measured on {data}",
+        "frames": f"{figures['data']['frames']} frames, {_labels_sha256(data)}, split {split}",
+        **{
+            name: None if found[kind] is None else round(found[kind]["ap"], 2)
+            for name, kind in _AVERAGE_PRECISIONS.items()
+        },
+        "diameter_error_mm": _diameter_error_mm(detector, data, split),
+    }
+
+
+def _diameter_error_mm(detector: TreeDetector, data: Path, split: str) -> float | None:
+    """Median absolute error of the diameter on up to a hundred frames of a simulated dataset."""
+    from edgetree.demo.comparison import summarise
+    from edgetree.demo.examine import examine
+    from edgetree.demo.held_out import held_out_frames
+    from edgetree.errors import InputError
+
+    try:
+        frames = held_out_frames(data, split, _MOST_METRE_FRAMES)
+    except InputError:  # not a dataset of the simulator: no depth, camera or truth
+        return None
+    compared = [examine(detector, frame)[0] for frame in frames]
+    error_m = summarise(compared, "diameter_m").median_abs_error_m
+    return None if error_m is None else round(1000 * error_m, 1)
+
+
+def _labels_sha256(data: Path) -> str:
+    """Short hash of the label files of a dataset."""
+    digest = hashlib.sha256()
+    for path in sorted(data.rglob("*.json")):
+        if ".frame-cache" not in path.parts:
+            digest.update(path.read_bytes())
+    return digest.hexdigest()[:12]

@@ -1,0 +1,188 @@
+"""The options of `edgetree bench`, in groups."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, TypeAlias
+
+import typer
+
+from edgetree.commands.options import Provider, Strict
+
+if TYPE_CHECKING:
+    from edgetree.bench.files import NetworkFiles
+
+__all__ = ["BenchFiles", "MeasureOptions", "NetworkOptions"]
+
+_Threads: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        metavar="LIST", help="Threads of one inference, such as 1,2; all cores if not given."
+    ),
+]
+_Batch: TypeAlias = Annotated[
+    str,
+    typer.Option(
+        metavar="LIST",
+        help="Frames that are handed over together, such as 1,4. A file runs them in batches of"
+        " the size that it was exported for.",
+    ),
+]
+_Frames: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(help="Frames as for `run`, up to 16; the packaged samples if not given."),
+]
+_Seconds: TypeAlias = Annotated[
+    float, typer.Option("--seconds", min=0.0, help="Time to measure each variant for, in a round.")
+]
+_Rounds: TypeAlias = Annotated[
+    int, typer.Option(min=1, help="Rounds in which all variants take turns.")
+]
+_Minutes: TypeAlias = Annotated[
+    float,
+    typer.Option(
+        min=0.0,
+        help="After the rounds, run each variant this long without a pause, to see whether the"
+        " machine slows down when it is warm.",
+    ),
+]
+_Backbones: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        metavar="LIST",
+        help="Measure networks by name, such as r50,r101,x101-32x8d,edge-n, beside the paper's"
+        " table. Those without a file in --models are exported with untrained weights.",
+    ),
+]
+_Models: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="DIR",
+        help="With --backbones: folder of NAME-PRECISION-WIDTHxHEIGHT.onnx files; your cache"
+        " folder if not given.",
+    ),
+]
+_Precision: TypeAlias = Annotated[
+    str | None,
+    typer.Option(metavar="LIST", help="With --backbones: of fp32 (the default), fp16 and int8."),
+]
+_Size: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        metavar="LIST",
+        help="With --backbones: input sizes in px, such as 640x384,800x800; 800x800 if not given.",
+    ),
+]
+_Proposals: TypeAlias = Annotated[
+    int | None,
+    typer.Option(
+        min=1,
+        help="With --backbones: region proposals per frame; each network's default if not given.",
+    ),
+]
+_Out: TypeAlias = Annotated[
+    Path | None, typer.Option(metavar="FILE.json", help="Write the result, for `edgetree compare`.")
+]
+_Csv: TypeAlias = Annotated[Path | None, typer.Option(help="Write the rows as CSV.")]
+_Markdown: TypeAlias = Annotated[
+    Path | None, typer.Option(help="Write the rows as a Markdown table.")
+]
+_Report: TypeAlias = Annotated[Path | None, typer.Option(help="Write an HTML page with charts.")]
+
+
+@dataclass(frozen=True)
+class MeasureOptions:
+    """How to measure."""
+
+    threads: _Threads = None
+    batch: _Batch = "1"
+    frames: _Frames = None
+    seconds: _Seconds = 1.0
+    rounds: _Rounds = 5
+    minutes: _Minutes = 0.0
+    provider: Provider = "cpu"
+    strict: Strict = True
+
+    def thread_counts(self) -> tuple[int, ...]:
+        """The numbers of threads.
+
+        Raises:
+            InputError: a number is not a whole number from 1 on.
+        """
+        from edgetree.runtime.session import usable_cores
+
+        return (usable_cores(),) if self.threads is None else _numbers("--threads", self.threads)
+
+    def batches(self) -> tuple[int, ...]:
+        """The batches; raises InputError as `thread_counts`."""
+        return _numbers("--batch", self.batch)
+
+
+@dataclass(frozen=True)
+class NetworkOptions:
+    """Networks by name."""
+
+    backbones: _Backbones = None
+    models: _Models = None
+    precision: _Precision = None
+    size: _Size = None
+    proposals: _Proposals = None
+
+    def network_files(self, provider: str) -> NetworkFiles | None:
+        """The files of the networks; None without --backbones.
+
+        Raises:
+            InputError: an option is invalid, or given without --backbones.
+        """
+        from edgetree.bench.files import NetworkFiles, cache_folder
+        from edgetree.errors import InputError
+
+        if self.backbones is None:
+            names = ("models", "precision", "size", "proposals")
+            given = [f"--{name}" for name in names if getattr(self, name) is not None]
+            if given:
+                raise InputError(f"{', '.join(given)} given without --backbones: expected both")
+            return None
+        return NetworkFiles(
+            _names(self.backbones),
+            self.models or cache_folder(),
+            _names(self.precision or "fp32"),
+            tuple(_size(text) for text in _names(self.size or "800x800")),
+            self.proposals,
+            provider,
+        )
+
+
+@dataclass(frozen=True)
+class BenchFiles:
+    """Where the result goes."""
+
+    out: _Out = None
+    csv: _Csv = None
+    markdown: _Markdown = None
+    report: _Report = None
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(part.strip() for part in text.split(","))
+
+
+def _numbers(option: str, text: str) -> tuple[int, ...]:
+    from edgetree.errors import InputError
+
+    numbers = tuple(int(part) if part.isdecimal() else 0 for part in _names(text))
+    if min(numbers) < 1 or len(set(numbers)) != len(numbers):
+        raise InputError(
+            f"{option} is {text!r}: expected distinct whole numbers from 1 on, such as 1,2"
+        )
+    return numbers
+
+
+def _size(text: str) -> tuple[int, int]:
+    from edgetree.errors import InputError
+
+    width, _, height = text.partition("x")
+    if not (width.isdecimal() and height.isdecimal()):
+        raise InputError(f"--size is {text!r}: expected WIDTHxHEIGHT in px, such as 640x384")
+    return int(width), int(height)

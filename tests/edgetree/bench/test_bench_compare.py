@@ -1,0 +1,86 @@
+"""Two results compared: a slower model is found, noise is not."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from bench_results import ACCURACY, result_of, row_of
+
+from edgetree.bench.compare import compare_results
+from edgetree.errors import InputError
+
+
+def timed(*rounds_ms: float, **changes: Any) -> Any:
+    """A result of one row with these medians of its rounds."""
+    return result_of([row_of(rounds=[{"p50_ms": each} for each in rounds_ms], **changes)])
+
+
+def test_the_same_times_are_no_regression() -> None:
+    found = compare_results(timed(20.0, 20.4, 19.8), timed(20.2, 19.9, 20.3))
+    assert found.regressions == ()
+    assert not found.rows[0].faster
+
+
+def test_a_slower_model_is_a_regression_and_a_faster_one_is_not() -> None:
+    before, slower = timed(20.0, 20.4, 19.8), timed(22.0, 22.4, 21.9)
+    (row,) = compare_results(before, slower).regressions
+    assert row.ratio == pytest.approx(1.1)
+    back = compare_results(slower, before)
+    assert back.regressions == ()
+    assert back.rows[0].faster
+
+
+def test_noise_of_either_result_hides_a_change_of_its_size() -> None:
+    noisy = timed(20.0, 26.0, 18.0)
+    assert compare_results(noisy, timed(22.0, 22.4, 21.9)).regressions == ()
+    assert compare_results(timed(20.0, 20.4, 19.8), timed(22.0, 26.0, 20.5)).regressions == ()
+    assert compare_results(noisy, timed(40.0, 40.1, 40.2)).regressions != ()
+
+
+def test_small_changes_do_not_count_however_little_noise_there_is() -> None:
+    assert compare_results(timed(20.0, 20.0), timed(20.5, 20.5)).regressions == ()
+    assert compare_results(timed(20.0, 20.0), timed(20.7, 20.7)).regressions != ()
+
+
+def test_lost_accuracy_on_the_same_frames_is_a_regression() -> None:
+    worse = {**ACCURACY, "box_ap": 57.9}
+    (row,) = compare_results(timed(20.0, accuracy=ACCURACY), timed(20.0, accuracy=worse)).rows
+    assert row.regressed
+    assert row.lost_ap == {"box_ap": 0.44}
+    other = {**worse, "frames": "other frames"}
+    (row,) = compare_results(timed(20.0, accuracy=ACCURACY), timed(20.0, accuracy=other)).rows
+    assert not row.regressed
+
+
+def test_rows_belong_together_by_how_they_ran() -> None:
+    old = result_of([row_of("a"), row_of("a", threads=1), row_of("b")])
+    new = result_of([row_of("a"), row_of("a", batch=4)])
+    found = compare_results(old, new)
+    assert [row.row for row in found.rows] == ["a float32 800x800 cpu, 2 thread(s), batch 1"]
+    assert len(found.only_old) == 2
+    assert found.only_new == ("a float32 800x800 cpu, 2 thread(s), batch 4",)
+    with pytest.raises(InputError, match="no row in common"):
+        compare_results(result_of([row_of("a")]), result_of([row_of("c")]))
+
+
+def test_another_machine_is_said() -> None:
+    other = timed(20.0)
+    other["environment"]["processor"] = "another"
+    lines = list(compare_results(timed(20.0), other).lines())
+    assert lines[0] == "measured on different machines: a processor, 2 cores, then another, 2 cores"
+
+
+def test_the_command_ends_with_1_for_a_regression(run_cli: Any, tmp_path: Path) -> None:
+    files = {name: tmp_path / f"{name}.json" for name in ("old", "new")}
+    files["old"].write_text(json.dumps(timed(20.0, 20.1)))
+    files["new"].write_text(json.dumps(timed(30.0, 30.1)))
+    done = run_cli("compare", files["old"], files["new"])
+    assert done.code == 1
+    assert "SLOWER" in done.out
+    assert done.err.splitlines()[-1] == "edgetree: 1 of 1 row(s) became worse"
+    done = run_cli("compare", files["new"], files["old"], "--json")
+    assert done.code == 0
+    assert json.loads(done.out)["rows"][0]["faster"]

@@ -1,0 +1,84 @@
+"""`edgetree bench` on the command line."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from edgetree.bench.result import read_result
+from edgetree.model_file.manifest import Manifest
+
+QUICK = ("--seconds", 0, "--rounds", 1, "--threads", 1)
+
+
+def test_bench_reports_this_machine(
+    run_cli: Any, model: Path, images: Path, tmp_path: Path
+) -> None:
+    files = {name: tmp_path / f"r.{name}" for name in ("json", "csv", "md", "html")}
+    written = ("--out", files["json"], "--csv", files["csv"])
+    written += ("--markdown", files["md"], "--report", files["html"])
+    done = run_cli("bench", model, "--frames", images, *QUICK, "--batch", "1,3", *written, "--json")
+    assert done.code == 0, done.err
+    result = json.loads(done.out)
+    assert result == read_result(files["json"])
+    assert result["method"]["frames"].startswith("2 frame(s) of ")
+    assert result["environment"]["cores"] >= 1
+    assert [row["batch"] for row in result["rows"]] == [1, 3]
+    row = result["rows"][0]
+    assert row["input_px"] == [640, 384]
+    assert row["file_bytes"] == model.stat().st_size
+    assert (row["parameters"], row["threads"], row["runs"]) == (1234, 1, 5)
+    assert row["trees_per_frame"] == 1.0
+    assert row["stages_ms"]["measure"] is None, "the frames have no depth"
+    assert len(files["csv"].read_text().splitlines()) == 3
+    assert files["md"].read_text().count("\n| model |") == 2
+    assert "Where the time goes" in files["html"].read_text()
+
+
+def test_bench_of_backbones_prints_the_papers_table(
+    run_cli: Any, rgb_manifest: Manifest, write_model: Callable[..., Path], tmp_path: Path
+) -> None:
+    for name in ("r50", "edge-n"):
+        write_model(rgb_manifest, f"{name}-fp32-640x384.onnx")
+    arguments = ("--backbones", "r50,edge-n", "--models", tmp_path, "--size", "640x384")
+    done = run_cli("bench", *arguments, *QUICK)
+    assert done.code == 0, done.err
+    assert re.search(r"^r50 .* 18 ", done.out, flags=re.MULTILINE)
+    assert f"models: {tmp_path}" in done.err
+    assert "{" not in done.out
+
+
+@pytest.mark.parametrize(
+    ("options", "problem"),
+    [
+        (("--threads", "1,x"), "--threads is '1,x': expected distinct whole numbers from 1 on"),
+        (("--batch", "0"), "--batch is '0': expected distinct whole numbers from 1 on"),
+        (("--size", "640x384"), "--size given without --backbones: expected both"),
+        (("--backbones", "r50", "--size", "640"), "--size is '640': expected WIDTHxHEIGHT in px"),
+        (("no-such-model",), "no model is called 'no-such-model'"),
+    ],
+)
+def test_wrong_options_are_one_line(run_cli: Any, options: tuple[str, ...], problem: str) -> None:
+    done = run_cli("bench", *options)
+    assert done.code == 2
+    assert problem in done.err
+    assert done.err.count("\n") == 1
+
+
+def test_accuracy_comes_from_the_card_of_the_very_file(tmp_path: Path) -> None:
+    from edgetree import default_model
+    from edgetree.commands.bench_accuracy import accuracy_of
+
+    found = accuracy_of(default_model("depth"), None, "test")
+    assert found is not None
+    assert 40 < found["box_ap"] < 100
+    assert 1 < found["diameter_error_mm"] < 60
+    copy = tmp_path / "edge-n-depth.onnx"
+    copy.write_bytes(default_model("depth").read_bytes() + b"\x00")
+    copy.with_suffix(".json").write_bytes(default_model("depth").with_suffix(".json").read_bytes())
+    assert accuracy_of(copy, None, "test") is None
