@@ -55,7 +55,7 @@ def _rate(product: Callable[[], Any], duration_s: float) -> float:
 def _onnx_product(operator: str, left: type, right: type, threads: int) -> Callable[[], Any]:
     result = "float32" if left is np.float32 else "int32"
     rng = np.random.default_rng(0)
-    factors = [rng.integers(0, 100, _SHAPE).astype(kind) for kind in (left, right)]
+    factors: list[Any] = [rng.integers(0, 100, _SHAPE).astype(kind) for kind in (left, right)]
     content = onnx_bytes(
         [Node(operator, ("x", "weights"), ("y",))],
         inputs={"x": TensorType(np.dtype(left).name, _SHAPE)},

@@ -114,12 +114,12 @@ def count_multiply_adds(path: Path, inputs: Inputs) -> int:
 
 def _multiply_adds(node: Event) -> int:
     """Multiply-adds of one node; 0 for nodes that are not products."""
-    shapes = [next(iter(each.values())) for each in node["input_type_shape"]]
-    made = [next(iter(each.values())) for each in node["output_type_shape"]]
+    shapes: list[list[int]] = [next(iter(each.values())) for each in node["input_type_shape"]]
+    made: list[list[int]] = [next(iter(each.values())) for each in node["output_type_shape"]]
     if node["op_name"] == "Conv":  # weights are (outputs, inputs of a group, height, width)
         return prod(made[0]) * prod(shapes[1][1:])
     if node["op_name"] in ("MatMul", "Gemm"):  # exports do not transpose the first factor
-        return prod(made[0]) * int(shapes[0][-1])
+        return prod(made[0]) * shapes[0][-1]
     return 0
 
 

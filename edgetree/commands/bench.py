@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
@@ -197,7 +198,7 @@ def _write(result: dict[str, Any], files: BenchFiles) -> None:
     from edgetree.bench.result import csv_text, markdown_text
     from edgetree.results.atomic_files import text_file
 
-    makers = {
+    makers: dict[Path | None, Callable[[], Iterable[str]]] = {
         files.out: lambda: [json.dumps(result, indent=1, allow_nan=False), "\n"],
         files.csv: lambda: [csv_text(result)],
         files.markdown: lambda: [markdown_text(result)],
