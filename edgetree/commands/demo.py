@@ -114,14 +114,14 @@ def _next_commands(out: Path, train: bool) -> list[NextCommand]:
     from edgetree.errors import install_hint
 
     model = f" --model {out / 'model.onnx'}" if train else ""
-    depth_model = model or " --model depth"
+    measured = out / "model.onnx" if train else "depth"
     commands = [
         NextCommand(
             "Measure trees in your own frames and write a report, with a 16-bit depth image in"
             " millimetres for each frame and the camera's calibration:",
             f"edgetree run FRAMES --depth DEPTHS --camera camera.json --report trees.html{model}",
         ),
-        NextCommand("Measure the speed on this machine:", f"edgetree bench{depth_model}"),
+        NextCommand("Measure the speed on this machine:", f"edgetree bench {measured}"),
     ]
     if not train:
         commands[:0] = [

@@ -165,7 +165,7 @@ def run(
         note(f"next: edgetree run {quoted(source)}{options}")
     else:
         images = depth if depth is not None and detector.manifest.takes_depth else source
-        note(f"next: edgetree bench {quoted(images)} --model {quoted(model)}")
+        note(f"next: edgetree bench {quoted(model)} --frames {quoted(images)}")
 
 
 def _note_files(outputs: _Outputs) -> None:

@@ -34,4 +34,4 @@ def verify(
         return
     typer.echo(report.parity.table())
     typer.echo(f"{file} finds the same trees as {checkpoint} ({report.manifest.precision})")
-    note(f"next: edgetree bench --model {file}")
+    note(f"next: edgetree bench {file}")

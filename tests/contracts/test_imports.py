@@ -138,6 +138,7 @@ def test_edgetree_reaches_the_training_side_from_few_places_only() -> None:
         training_side = module.startswith(EDGETREE_TRAINING_SIDE)
         lazily = HEAVY if training_side else {"onnxruntime"}
         lazily |= {"cryptography"} if module == "edgetree.signing.keys" else set()
+        lazily |= {"torch"} if module == "edgetree.bench.peak" else set()
         lazily |= {"paho"} if module == "edgetree.live.sinks.mqtt" else set()
         lazily |= {"rosbags"} if module in READS_BAGS else set()
         lazily |= {"small_gicp"} if module == "edgetree.live.tracking.odometry" else set()

@@ -124,7 +124,7 @@ def test_lines_and_pictures_are_written_to_the_given_paths(
     assert np.abs(drawn[60:300, 100:120].astype(int) - plain[60:300, 100:120]).mean() > 20
     assert f"pictures: {out}" in done.err
     following = done.err.splitlines()[-1].removeprefix("next: edgetree ")
-    assert run_cli(*following.split(), "--seconds", 0).code == 0
+    assert run_cli(*following.split(), "--seconds", 0, "--rounds", 1).code == 0
 
 
 def test_the_score_threshold_is_applied(run_cli: Cli, model: Path, images: Path) -> None:

@@ -90,13 +90,12 @@ BAD_INPUTS = {
     ),
     "an unknown option": ("run images --fast", r"--fast.*see `edgetree run --help`"),
     "an unknown command": ("find", r"No such command 'find'.*see `edgetree --help`"),
-    "a bench of a missing model": ("bench --model none.onnx", r"none\.onnx does not exist"),
-    "a bench of no images": ("bench empty --model model.onnx", "empty has no images"),
+    "a bench of a missing model": ("bench none.onnx", r"none\.onnx does not exist"),
+    "a bench of no images": ("bench model.onnx --frames empty", "empty has no images"),
     "a table's option for one model": (
-        "bench --model model.onnx --precision int8 --height 800",
-        "--precision, --height given without --backbones",
+        "bench model.onnx --precision int8 --size 800x800",
+        "--precision, --size given without --backbones",
     ),
-    "a model beside a table": ("bench --model rgb --backbones r50", "--model given with"),
     "an unknown backbone": (
         "bench --backbones r50,r5 --models .",
         r"'r5' has no file .*r5-fp32-800x800\.onnx and is not a known network: expected one of",
