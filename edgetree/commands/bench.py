@@ -16,12 +16,14 @@ from edgetree.commands.options import Json
 from edgetree.console import note, print_json
 
 if TYPE_CHECKING:
+    from edgetree.bench.files import NetworkFiles
     from edgetree.bench.rounds import BenchSettings, Variant
     from edgetree.commands.frame_results import LeftOut
 
 __all__ = ["bench"]
 
 _SPLIT = "test"
+_Chosen: TypeAlias = tuple[str, Path, str | None]
 
 _ModelList: TypeAlias = Annotated[
     list[str] | None,
@@ -78,22 +80,38 @@ def bench(
     left_out.check_none(frames)
 
 
-def _chosen(
-    names: list[str], networks: NetworkOptions, provider: str
-) -> list[tuple[str, Path, str | None]]:
+def _chosen(names: list[str], networks: NetworkOptions, provider: str) -> list[_Chosen]:
     """Name, file and network of each model to measure."""
     from edgetree.catalogue import MODALITIES, find_model
 
     listed = networks.network_files(provider)
-    chosen: list[tuple[str, Path, str | None]] = []
+    chosen: list[_Chosen] = []
     for name in names or ([] if listed else MODALITIES):
         path = find_model(name)
         chosen.append((path.stem, path, None))
-    if listed is not None:
+    return chosen if listed is None else chosen + _network_files(listed)
+
+
+def _network_files(listed: NetworkFiles) -> list[_Chosen]:
+    """The files of networks by name; without the packages for exporting, those that are there."""
+    from edgetree.catalogue import known_models
+    from edgetree.errors import MissingDependency
+
+    try:
         listed.export_missing(note)
-        note(f"models: {listed.folder}")
-        chosen += [(file.network, file.path, file.network) for file in listed.files()]
-    return chosen
+    except MissingDependency as error:
+        found = [file for file in listed.files() if file.path.is_file()]
+        chosen = [(file.network, file.path, file.network) for file in found]
+        for network in listed.networks:
+            if network not in {file.network for file in found}:
+                names = [model for model in known_models() if model.name.startswith(f"{network}-")]
+                chosen += [(model.name, model.path, network) for model in names]
+        if {network for *_, network in chosen} != set(listed.networks):
+            raise
+        note(f"using the files that are there: {error}")
+        return list(chosen)
+    note(f"models: {listed.folder}")
+    return [(file.network, file.path, file.network) for file in listed.files()]
 
 
 def _settings(measure: MeasureOptions) -> BenchSettings:
@@ -112,7 +130,7 @@ def _settings(measure: MeasureOptions) -> BenchSettings:
 
 
 def _variants(
-    chosen: list[tuple[str, Path, str | None]], measure: MeasureOptions
+    chosen: list[_Chosen], measure: MeasureOptions
 ) -> tuple[list[Variant], list[str | None]]:
     """All combinations of models, threads and batches, and the network of each."""
     from edgetree.bench.rounds import Variant

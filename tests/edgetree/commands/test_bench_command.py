@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -51,6 +52,19 @@ def test_bench_of_backbones_prints_the_papers_table(
     assert re.search(r"^r50 .* 18 ", done.out, flags=re.MULTILINE)
     assert f"models: {tmp_path}" in done.err
     assert "{" not in done.out
+
+
+def test_without_torch_the_packaged_files_of_a_network_are_measured(
+    run_cli: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "onnx", None)
+    done = run_cli("bench", "--backbones", "edge-n", "--models", tmp_path, *QUICK, "--json")
+    assert done.code == 0, done.err
+    assert [row["name"] for row in json.loads(done.out)["rows"]] == ["edge-n-depth", "edge-n-rgb"]
+    assert "using the files that are there: onnx is not installed" in done.err
+    done = run_cli("bench", "--backbones", "edge-n,r50", "--models", tmp_path, *QUICK)
+    assert done.code == 2
+    assert done.err.splitlines()[-1].startswith("edgetree: onnx is not installed: pip install")
 
 
 @pytest.mark.parametrize(
