@@ -82,7 +82,7 @@ def our_model(checkpoint: Path | None) -> tuple[TreeRCNN, str, str]:
     settings = ExportSettings(SIDE_PX, SIDE_PX, max_detections=ROWS, proposals=ALL_PROPOSALS)
     if checkpoint is None:
         return untrained_model("r50", "rgb", settings), UNTRAINED, f"r50-{UNTRAINED}"
-    model, data = load_model(checkpoint)
+    model, data, _ = load_model(checkpoint)
     digest = hashlib.sha256(checkpoint.read_bytes()).hexdigest()[:8]
     return with_settings(model, settings), data, f"{model.spec.name}-{digest}"
 

@@ -183,7 +183,15 @@ def _training(card: dict[str, Any]) -> str:
             f" {fitted['detections']} detections of other frames ({fitted['data']}): mean"
             f" difference of score and share of trees {before:.3f} before, {after:.3f} after."
         )
-    return "\n".join(lines)
+    return "\n".join(lines) + f"\n\n{_scenes(card['training_scenes'])}"
+
+
+def _scenes(scenes: list[dict[str, Any]]) -> str:
+    """All simulated scenes that the file was made with, in any run."""
+    names = ("use", "data", "seed", "scenes", "frames")
+    head = ["for", "settings", "seed", "scenes", "frames"]
+    rows = [[str(each[name]) for name in names] for each in scenes]
+    return f"Every simulated scene that it was made with, in any run:\n\n{_table(head, rows)}"
 
 
 def _percent(share: float | None) -> str:

@@ -181,6 +181,33 @@ def training_figures(path: Path) -> dict[str, Any] | None:
     }
 
 
+def training_scenes(path: Path) -> list[dict[str, Any]]:
+    """The simulated scenes that the weights, the scale of the scores and the file were made with.
+
+    They are what the card before says, and what the checkpoint of the same name tells of its last
+    run. A new model begins with a card that holds only the schema and this list.
+
+    Raises:
+        SystemExit: neither tells anything.
+    """
+    before, checkpoint = (
+        path.with_suffix(".json"),
+        ROOT / "checkpoints" / f"{path.stem}.safetensors",
+    )
+    known: list[dict[str, Any]] = []
+    if before.is_file():
+        known += json.loads(before.read_text(encoding="utf-8")).get("training_scenes", [])
+    if checkpoint.is_file():
+        record = load_checkpoint(checkpoint)[1]["training"]
+        told = [{"use": "training", "data": record["data"], **s} for s in record.get("scenes", [])]
+        known += [each for each in told if each not in known]
+    if not known:
+        sys.exit(
+            f"{before} has no training_scenes: expected the scenes that {path.name} was made of"
+        )
+    return known
+
+
 def card(path: Path, sets: dict[str, Path]) -> dict[str, Any]:
     """Measure one file."""
     detector = TreeDetector.load(path, threads=1, score_threshold=SHOWN_SCORE)
@@ -196,6 +223,7 @@ def card(path: Path, sets: dict[str, Path]) -> dict[str, Any]:
         "parameters": manifest.parameters,
         "input_px": [manifest.input.width, manifest.input.height],
         "training": training_figures(path),
+        "training_scenes": training_scenes(path),
     }
     for name, data in sets.items():
         sys.stderr.write(f"{path.stem} on {name}\n")

@@ -45,6 +45,7 @@ from calib.letterbox import Letterbox
 from calib.limits import Limits, current_limits, set_limits
 from calib.masks import CocoRle, encode_rle, mask_polygons, paste_mask
 from calib.picture_size import check_picture_size, picture_size
+from calib.picture_statistics import picture_statistics, usual_ranges
 from calib.pixels import image_to_opencv, opencv_to_image
 from calib.points import depth_to_points, pixels_to_points, pixels_to_rays, project_points
 from calib.rectify import Rectification, rectify
@@ -95,6 +96,7 @@ __all__ = [
     "opencv_to_image",
     "paste_mask",
     "picture_size",
+    "picture_statistics",
     "pixels_to_points",
     "pixels_to_rays",
     "project_points",
@@ -107,5 +109,6 @@ __all__ = [
     "save_depth_scale",
     "save_transform",
     "set_limits",
+    "usual_ranges",
     "write_depth",
 ]

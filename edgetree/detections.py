@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from calib import paste_mask
 from edgetree.errors import InputError
 
-__all__ = ["KEYPOINT_NAMES", "MASK_SIZE", "TreeDetections"]
+__all__ = ["KEYPOINT_NAMES", "MASK_SIZE", "TreeDetections", "UnlikeTraining"]
 
 KEYPOINT_NAMES: Final = (
     "felling_cut",
@@ -21,6 +21,32 @@ KEYPOINT_NAMES: Final = (
     "axis_top",
 )
 MASK_SIZE: Final = 28
+
+
+@dataclass(frozen=True)
+class UnlikeTraining:
+    """How an image differs most from those that the model was trained on.
+
+    Attributes:
+        statistic: name of the statistic that is far outside its usual range.
+        value: its value for this image, in `unit`.
+        low: lower end of the usual range.
+        high: upper end of it.
+        words: what the statistic is.
+        unit: its unit; empty for shares from 0 to 1.
+    """
+
+    statistic: str
+    value: float
+    low: float
+    high: float
+    words: str
+    unit: str
+
+    def __str__(self) -> str:
+        unit = f" {self.unit}" if self.unit else ""
+        return f"{self.words} is {self.value:.3g}{unit}, usually {self.low:.3g} to {self.high:.3g}"
+
 
 _Index: TypeAlias = slice | NDArray[np.bool_] | NDArray[np.integer]
 
@@ -43,6 +69,8 @@ class TreeDetections:
             mask output. `mask` resamples one of them to the image.
         image_width: width of the image in pixels.
         image_height: height of the image in pixels.
+        unlike: how the image differs from those that the model was trained on, if it does clearly;
+            None for an ordinary image, and if the model file does not say how they look.
 
     Raises:
         InputError: an array does not have the shape given above, contains values that are not
@@ -55,6 +83,7 @@ class TreeDetections:
     masks: NDArray[np.float32] | None
     image_width: int
     image_height: int
+    unlike: UnlikeTraining | None = None
 
     def __post_init__(self) -> None:
         count = len(self.scores)
@@ -93,6 +122,7 @@ class TreeDetections:
             masks=None if self.masks is None else self.masks[index],
             image_width=self.image_width,
             image_height=self.image_height,
+            unlike=self.unlike,
         )
 
     def above(self, score_threshold: float) -> TreeDetections:

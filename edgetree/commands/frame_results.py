@@ -11,7 +11,7 @@ from edgetree.errors import CheckFailed, InputError
 from edgetree.frames.pipeline import FrameResult, readable
 from edgetree.frames.sources import Frame, FrameSource
 
-__all__ = ["LeftOut", "Totals", "frame_results"]
+__all__ = ["LeftOut", "Totals", "frame_results", "unlike_words"]
 
 
 def frame_results(
@@ -81,6 +81,7 @@ class Totals:
     metres_need: str | None = None
     scaling: str | None = None
     faults: list[str] = field(default_factory=list)
+    unlike: list[str] = field(default_factory=list)
 
     @property
     def frames(self) -> int:
@@ -95,6 +96,8 @@ class Totals:
         self.scaling = self.scaling or result.scaling
         if result.frame.depth_fault is not None:
             self.faults.append(result.frame.depth_fault)
+        if result.trees.unlike is not None:
+            self.unlike.append(unlike_words(result))
 
     def lines(self) -> Iterator[str]:
         """The summary."""
@@ -106,3 +109,11 @@ class Totals:
             yield self.scaling
         if self.faults:
             yield f"unusable depth in {len(self.faults)} frame(s): {self.faults[0]}"
+        if self.unlike:
+            count = f"{len(self.unlike)} of {self.frames} frame(s)"
+            yield f"{count} unlike the training pictures, the first: {self.unlike[0]}"
+
+
+def unlike_words(result: FrameResult) -> str:
+    """The frame's name, and how its image differs from those that the model was trained on."""
+    return f"{result.frame.name}: {result.trees.unlike}"

@@ -88,6 +88,7 @@ def measure(
 
     Each value comes with its standard deviation, or the reason why it could not be measured.
     """
+    from edgetree.commands.frame_results import unlike_words
     from edgetree.results.text_table import table_lines
 
     inputs = _Inputs(image, camera, depth, model, mask, rig_options)
@@ -130,6 +131,8 @@ def measure(
         note(model_words(detector, model_path))
     if result.scaling is not None:
         note(result.scaling)
+    if result.trees.unlike is not None:
+        note(f"unlike the training pictures: {unlike_words(result)}")
     for name, path in (
         ("picture", outputs.out),
         ("table", outputs.csv),

@@ -25,6 +25,7 @@ from edgetree.model_file.manifest import (
     Manifest,
     ResizeRule,
     Thresholds,
+    UsualRange,
     standard_input,
     standard_outputs,
 )
@@ -33,7 +34,15 @@ from edgetree.runtime.session import InferenceSession, OrtSession
 if TYPE_CHECKING:
     from perceptree.models import ModelSpec, TreeRCNN
 
-__all__ = ["BuiltModel", "ExportSource", "build", "describe", "output_names", "trace"]
+__all__ = [
+    "BuiltModel",
+    "ExportSource",
+    "build",
+    "describe",
+    "output_names",
+    "trace",
+    "with_manifest",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,11 +54,13 @@ class ExportSource:
         training_data: id of the data that it was trained on.
         calibration_frames: (N, H, W, 3) or (N, H, W) uint8 prepared frames for the ranges of
             activations. Needed unless the precision is ``fp32``.
+        training_pictures: how the pictures of that data look; empty if it is not known.
     """
 
     model: TreeRCNN
     training_data: str
     calibration_frames: NDArray[np.uint8] | None = None
+    training_pictures: tuple[UsualRange, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,17 +77,27 @@ class BuiltModel:
 
     def serialized(self, manifest: Manifest) -> bytes:
         """The bytes of an ONNX file with this manifest."""
-        import onnx
-
-        onnx.helper.set_model_props(self.proto, {METADATA_KEY: manifest.to_json()})
-        content: bytes = self.proto.SerializeToString()
-        return content
+        return with_manifest(self.proto, manifest)
 
     @contextmanager
     def session(self) -> Iterator[InferenceSession]:
         """An inference session of the graph, as a file of it would give."""
         content = self.serialized(self.manifest)
         yield OrtSession(Path("the exported model"), content=content)
+
+
+def with_manifest(proto: Any, manifest: Manifest) -> bytes:
+    """The bytes of an ONNX file with a manifest as its only metadata.
+
+    Args:
+        proto: an ``onnx.ModelProto``; its metadata change, nothing else.
+        manifest: description of the graph.
+    """
+    import onnx
+
+    onnx.helper.set_model_props(proto, {METADATA_KEY: manifest.to_json()})
+    content: bytes = proto.SerializeToString()
+    return content
 
 
 def build(source: ExportSource, settings: ExportSettings, say: Callable[[str], None]) -> BuiltModel:
@@ -87,7 +108,8 @@ def build(source: ExportSource, settings: ExportSettings, say: Callable[[str], N
         settings: precision, batch size, operator set and target.
         say: called with progress messages.
     """
-    manifest = describe(source.model, source.training_data, settings)
+    described = describe(source.model, source.training_data, settings)
+    manifest = replace(described, training_pictures=source.training_pictures)
     say("tracing the graph")
     int8 = settings.precision == "int8"
     proto = trace(source.model, settings.batch, settings.opset, quantised=int8)

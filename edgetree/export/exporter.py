@@ -86,7 +86,7 @@ def export_model(
     """
     settings = settings or ExportSettings()
     with _new_onnx_file(out) as file:
-        loaded, training_data = load_model(checkpoint)
+        loaded, training_data, usual = load_model(checkpoint)
         model = with_settings(loaded, settings)
         frames = read_verification_frames(data, model.spec)
         calibration_frames = None
@@ -94,7 +94,7 @@ def export_model(
             calibration_frames = read_calibration_frames(
                 calibration or data, model.spec, exclude=frames.paths
             )
-        source = ExportSource(model, training_data, calibration_frames)
+        source = ExportSource(model, training_data, calibration_frames, usual)
         return _build_verify_write(source, settings, frames, file, out, say)
 
 
@@ -161,7 +161,7 @@ def verify_model(file: Path, checkpoint: Path, *, data: Path, say: Say = _silent
     """
     session = OrtSession(file)
     manifest = TreeDetector(session).manifest
-    model, _ = load_model(checkpoint)
+    model, *_ = load_model(checkpoint)
     if manifest.modality != model.spec.modality:
         raise InputError(
             f"{file} takes {manifest.modality} frames: expected {model.spec.modality} frames,"

@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from edgetree.errors import MissingDependency, install_hint
+from edgetree.errors import InputError, MissingDependency, install_hint
 from edgetree.export.frames import sample_inputs
 from edgetree.export.settings import PRECISIONS, ExportSettings
+from edgetree.model_file.json_fields import build
+from edgetree.model_file.manifest import UsualRange
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -28,24 +30,40 @@ UNTRAINED = "untrained"
 _LOGIT_STD = 2.0
 
 
-def load_model(checkpoint: Path) -> tuple[TreeRCNN, str]:
+def load_model(checkpoint: Path) -> tuple[TreeRCNN, str, tuple[UsualRange, ...]]:
     """Load a checkpoint.
 
     Args:
         checkpoint: a perceptree checkpoint.
 
     Returns:
-        The model, and the id of the data that it was trained on.
+        The model, the id of the data that it was trained on, and how their pictures look; nothing
+        of that from checkpoints of older versions.
 
     Raises:
         MissingDependency: a package that exporting needs is not installed.
         CheckpointError: the checkpoint cannot be read.
+        InputError: what it tells of its training pictures is no range of numbers.
+        ModelFileError: the same, where a range is of other values.
     """
     _require_packages()
     from perceptree.models import load_checkpoint
 
     model, record = load_checkpoint(checkpoint)
-    return model, str(record.get("training", {}).get("data", "unknown"))
+    training = record.get("training", {})
+    usual = _usual_ranges(training.get("pictures", {}), f"{checkpoint}: training pictures")
+    return model, str(training.get("data", "unknown")), usual
+
+
+def _usual_ranges(looks: Any, where: str) -> tuple[UsualRange, ...]:
+    """The ranges in a checkpoint's record, checked."""
+    try:
+        rows = [
+            {"statistic": name, "low": low, "high": high} for name, (low, high) in looks.items()
+        ]
+    except (AttributeError, TypeError, ValueError) as error:
+        raise InputError(f"{where} are {looks!r:.80}: expected two numbers by statistic") from error
+    return tuple(build(UsualRange, row, where) for row in rows)
 
 
 def _require_packages() -> None:

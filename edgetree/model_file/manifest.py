@@ -26,6 +26,7 @@ __all__ = [
     "OutputSpec",
     "ResizeRule",
     "Thresholds",
+    "UsualRange",
     "standard_input",
     "standard_outputs",
 ]
@@ -143,6 +144,25 @@ class ClassifierCost:
 
 
 @dataclass(frozen=True)
+class UsualRange:
+    """Where a statistic of the pictures that a model was trained on usually lies.
+
+    Attributes:
+        statistic: name of the statistic, a key of `calib.picture_statistics`.
+        low: 1st percentile over the pictures.
+        high: 99th percentile.
+    """
+
+    statistic: str
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        found = (self.low, self.high)
+        _require(self.low <= self.high, f"range of {self.statistic}", found, "low <= high")
+
+
+@dataclass(frozen=True)
 class Manifest:
     """Description of a model file.
 
@@ -175,6 +195,7 @@ class Manifest:
         target: the provider that the file was exported for.
         weight_bits: bits that the weights of an 8-bit model use. With 8, x86 processors without
             VNNI give other results. None for other precisions and in older files.
+        training_pictures: how the pictures of the last training run look; empty in older files.
         schema: version of this layout.
 
     Raises:
@@ -207,6 +228,7 @@ class Manifest:
     classifier: ClassifierCost | None = None
     target: str = "cpu"
     weight_bits: int | None = None
+    training_pictures: tuple[UsualRange, ...] = ()
     schema: str = SCHEMA
 
     def __post_init__(self) -> None:

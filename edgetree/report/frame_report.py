@@ -99,6 +99,8 @@ class _Totals:
         words = f"{_count(len(result.trees), 'tree')}, {measured} with a diameter"
         if result.frame.depth_fault is not None:
             words += f"; {result.frame.depth_fault}"
+        if result.trees.unlike is not None:
+            words += f"; unlike the training pictures: {result.trees.unlike}"
         jpeg, size_px = _embedded(draw_frame(result))
         caption = f"<b>{escape(name)}</b> {escape(words)}"
         return figure(jpeg, size_px, caption, f"{name}: {words}", anchor)

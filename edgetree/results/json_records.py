@@ -6,7 +6,7 @@ import json
 from typing import Any, Final, TextIO
 
 from calib import encode_rle
-from edgetree.detections import KEYPOINT_NAMES
+from edgetree.detections import KEYPOINT_NAMES, UnlikeTraining
 from edgetree.frames.pipeline import FrameResult
 
 __all__ = ["FRAME_SCHEMA", "frame_record", "write_json_line"]
@@ -20,7 +20,8 @@ def frame_record(result: FrameResult) -> dict[str, Any]:
     Pixel coordinates are continuous, with (0, 0) at the outer corner of the first pixel. `tree` is
     the number in tables and pictures, `box_px` is x0, y0, x1, y1, a keypoint is x, y, score, and
     `mask_rle` is a compressed COCO RLE mask of the image's size. `metres` is the measurement, or
-    null if there is none; `metres_need` then says which option is missing.
+    null if there is none; `metres_need` then says which option is missing. `unlike_training` is the
+    statistic that tells that the image looks unlike the training pictures; it is there only then.
     """
     trees = result.trees
     record: dict[str, Any] = {
@@ -34,7 +35,18 @@ def frame_record(result: FrameResult) -> dict[str, Any]:
     }
     if result.frame.time_s is not None:
         record["time_s"] = result.frame.time_s
+    if trees.unlike is not None:
+        record["unlike_training"] = _unlike_record(trees.unlike)
     return record
+
+
+def _unlike_record(unlike: UnlikeTraining) -> dict[str, Any]:
+    return {
+        "statistic": unlike.statistic,
+        "value": _rounded(unlike.value, 3),
+        "usual": [unlike.low, unlike.high],
+        "unit": unlike.unit,
+    }
 
 
 def _tree_record(result: FrameResult, index: int) -> dict[str, Any]:

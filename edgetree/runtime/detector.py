@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 import calib
-from edgetree.detections import TreeDetections
+from edgetree.detections import TreeDetections, UnlikeTraining
 from edgetree.errors import InputError
 from edgetree.runtime.duplicates import distinct_trees
 from edgetree.runtime.graph_checks import ImageOutputs, check_outputs, read_manifest
 from edgetree.runtime.input_images import check_image, to_bytes
 from edgetree.runtime.providers import CPU, SessionSettings
 from edgetree.runtime.session import InferenceSession, OrtSession
+from edgetree.runtime.unlike import unlike_training
 
 __all__ = ["DISPLAY_THRESHOLD", "TreeDetector"]
 
@@ -200,11 +201,23 @@ class TreeDetector:
         outputs = self.session.run({target.name: stacked})
         found = check_outputs(outputs, self.manifest, batch, self.session.name)
         return [
-            self._to_image(rows, letterbox)
-            for rows, letterbox in zip(found, letterboxes, strict=False)
+            self._to_image(rows, letterbox, self._unlike(image, letterbox))
+            for rows, letterbox, image in zip(found, letterboxes, pixels, strict=False)
         ]
 
-    def _to_image(self, rows: ImageOutputs, letterbox: calib.Letterbox) -> TreeDetections:
+    def _unlike(
+        self, image: NDArray[np.uint8], letterbox: calib.Letterbox
+    ) -> UnlikeTraining | None:
+        """How a letterboxed image differs from the training images, if it does clearly."""
+        usual = self.manifest.training_pictures
+        if not usual:
+            return None
+        inner = image[: letterbox.resized_height, : letterbox.resized_width]
+        return unlike_training(calib.picture_statistics(inner, self._encoding), usual)
+
+    def _to_image(
+        self, rows: ImageOutputs, letterbox: calib.Letterbox, unlike: UnlikeTraining | None
+    ) -> TreeDetections:
         """Select trees by score and map them from the model's input to the image."""
         width, height = letterbox.source_width, letterbox.source_height
         boxes = letterbox.to_source(rows.boxes.reshape(-1, 2)).reshape(-1, 4)
@@ -225,4 +238,5 @@ class TreeDetector:
             masks=None if rows.masks is None else rows.masks[shown],
             image_width=width,
             image_height=height,
+            unlike=unlike,
         )

@@ -20,11 +20,13 @@ if TYPE_CHECKING:
 
 _DEFAULT_MODEL = "edge-n"
 _STEPS = 20_000
+_MIX_SHARE = 0.5
 _SETTINGS = (
     "steps",
     "minutes",
     "patience",
     "batch",
+    "mix_share",
     "accumulate",
     "learning_rate",
     "evaluate_every_steps",
@@ -112,6 +114,16 @@ _Simulate = Annotated[
         " of the cores simulate. Needs --minutes."
     ),
 ]
+_Mix = Annotated[
+    Path | None,
+    typer.Option(
+        help="Folder of a second dataset to mix into each batch, so that the model does not forget"
+        " what it knew. Only DATA is evaluated."
+    ),
+]
+_MixShare = Annotated[
+    float | None, typer.Option(help="Share of each batch that comes from --mix; 0.5 if not given.")
+]
 _Device = Annotated[str, typer.Option(help="cpu or cuda; use torchrun for several processes.")]
 _Precision = Annotated[str, typer.Option(help="fp32, bf16, or auto (the faster one).")]
 _Workers = Annotated[
@@ -152,6 +164,8 @@ def train(
     ] = 1,
     learning_rate: _Rate = None,
     evaluate_every_steps: _EvaluateEvery = None,
+    mix: _Mix = None,
+    mix_share: _MixShare = None,
     simulate: _Simulate = None,
     seed: Annotated[int, typer.Option(help="Seed of weights, order and augmentation.")] = 0,
     device: _Device = "cpu",
@@ -187,7 +201,7 @@ def _run(options: dict[str, Any]) -> None:
     # Only one of torchrun's processes prints.
     is_main = os.environ.get("RANK", "0") == "0"
     shown = is_main and not options["as_json"]
-    source = DataSource(options["data"], options["fold"], options["entire_tree"])
+    source = DataSource(options["data"], options["fold"], options["entire_tree"], options["mix"])
     with bar("caching frames", shown) as cached:
         preparing = Preparing(cached, say if is_main else lambda line: None)
         if options["simulate"] is None:
@@ -222,14 +236,17 @@ def _check_options(options: dict[str, Any]) -> None:
     """Reject invalid options before torch is loaded, which takes seconds."""
     if options["modality"] not in (None, "rgb", "depth"):
         raise SettingsError(f"--modality is {options['modality']!r}: expected rgb or depth")
+    if options["mix"] is None and options["mix_share"] is not None:
+        raise SettingsError("--mix-share is given without --mix: expected a dataset to mix in")
     if options["simulate"] is None:
-        if not options["data"].exists():
-            raise DatasetError(
-                f"{options['data']}: no such file or folder, expected a dataset; simulate one with"
-                f" perceptree synth --out {options['data']}"
-            )
+        for data in (options["data"], options["mix"]):
+            if data is not None and not data.exists():
+                raise DatasetError(
+                    f"{data}: no such file or folder, expected a dataset; simulate one with"
+                    f" perceptree synth --out {data}"
+                )
         return
-    for name in ("branch", "fold", "entire_tree"):
+    for name in ("branch", "mix", "fold", "entire_tree"):
         if options[name] not in (None, False):
             option = name.replace("_", "-")
             raise SettingsError(f"--simulate excludes --{option}: expected one of the two")
@@ -244,6 +261,8 @@ def _settings(spec: ModelSpec, options: dict[str, Any], start: Init | None) -> T
     from perceptree.training import PAPER_FREEZING, PAPER_STEPS, recipe_settings
 
     changes = _given({name: options[name] for name in _SETTINGS})
+    if options["mix"] is not None:
+        changes.setdefault("mix_share", _MIX_SHARE)
     paper = _is_paper(spec)
     recipe = options["recipe"] or ("paper" if paper else "scratch")
     if paper and start is not None:

@@ -100,6 +100,10 @@ class FrameCache:
         masks = self._unpack(rows, packed, image.shape[:2]) if self.has_masks else None
         return Sample(image, self._boxes[rows].copy(), self._keypoints[rows].copy(), masks)
 
+    def image(self, index: int) -> NDArray[np.uint8]:
+        """Return the image of frame ``index``, (H, W) or (H, W, 3), without checking it."""
+        return np.array(self._images[index])
+
     def _unpack(
         self, rows: slice, packed: NDArray[np.uint8], shape: tuple[int, ...]
     ) -> NDArray[np.bool_]:

@@ -32,7 +32,7 @@ from perceptree.models import ModelSpec, TreeTargets
 from perceptree.training.settings import TrainSettings
 
 # Purposes of random number streams, a part of their seeds.
-_ORDER, _AUGMENT, _SAMPLING = 1, 2, 3
+_ORDER, _AUGMENT, _SAMPLING, _MIXED_ORDER = 1, 2, 3, 4
 _PREFETCH_BATCHES = 4
 
 
@@ -65,11 +65,19 @@ class TrainingFrames(Dataset[Any]):
     Args:
         frames: Cached frames.
         spec: Input of the model.
-        settings: Seed, batch size and augmentation.
+        settings: Seed, batch size, share of mixed frames and augmentation.
+        mixed: Cached frames to mix in; None for none.
     """
 
-    def __init__(self, frames: FrameCache, spec: ModelSpec, settings: TrainSettings) -> None:
-        self._frames, self._spec, self._settings = frames, spec, settings
+    def __init__(
+        self,
+        frames: FrameCache,
+        spec: ModelSpec,
+        settings: TrainSettings,
+        mixed: FrameCache | None = None,
+    ) -> None:
+        self._spec, self._settings = spec, settings
+        self._frames, self._mixed = frames, mixed or frames
 
     def __getitem__(self, slot: Slot) -> tuple[Sample, int, str] | str:
         """Load and augment a frame.
@@ -80,28 +88,39 @@ class TrainingFrames(Dataset[Any]):
         """
         step, row = slot
         settings = self._settings
-        number = self.frame_at(step * settings.batch + row)
+        frames, number = self.frame_at(step, row)
         rng = np.random.default_rng([settings.seed, _AUGMENT, step, row])
 
         def other() -> Sample:
-            return self._frames[int(rng.integers(len(self._frames)))]
+            return frames[int(rng.integers(len(frames)))]
 
         try:
-            sample = augment(rng, self._frames[number], self._spec, settings.augment, other)
+            sample = augment(rng, frames[number], self._spec, settings.augment, other)
         except DatasetError as error:
             return str(error)
         seed = np.random.SeedSequence([settings.seed, _SAMPLING, step, row]).generate_state(1)
-        return sample, int(seed[0]), self._frames.names[number]
+        return sample, int(seed[0]), frames.names[number]
 
-    def frame_at(self, position: int) -> int:
-        """Index of the frame at a position of the training; each epoch is a new permutation."""
-        epoch, index = divmod(position, len(self._frames))
-        return int(_permutation(self._settings.seed, epoch, len(self._frames))[index])
+    def frame_at(self, step: int, row: int) -> tuple[FrameCache, int]:
+        """The frame of a slot, as its dataset and index.
+
+        The rows of mixed frames are spread over the batch. Each epoch of each of the two datasets
+        is a new permutation.
+        """
+        settings = self._settings
+        batch, most = settings.batch, settings.mixed_rows
+        before, after = row * most // batch, (row + 1) * most // batch
+        if after > before:
+            frames, order, position = self._mixed, _MIXED_ORDER, step * most + before
+        else:
+            frames, order, position = self._frames, _ORDER, step * (batch - most) + row - before
+        epoch, index = divmod(position, len(frames))
+        return frames, int(_permutation(settings.seed, order, epoch, len(frames))[index])
 
 
-@lru_cache(maxsize=2)
-def _permutation(seed: int, epoch: int, size: int) -> NDArray[np.int64]:
-    return np.random.default_rng([seed, _ORDER, epoch]).permutation(size)
+@lru_cache(maxsize=4)
+def _permutation(seed: int, order: int, epoch: int, size: int) -> NDArray[np.int64]:
+    return np.random.default_rng([seed, order, epoch]).permutation(size)
 
 
 class SlotSampler(Sampler[list[Slot]]):

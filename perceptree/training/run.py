@@ -100,6 +100,11 @@ class _TrainingRun:
                 f"batch is {self.settings.batch}: expected a multiple of {parts} (processes times"
                 " accumulate)"
             )
+        if (self.source.mix is None) != (self.settings.mix_share == 0):
+            raise SettingsError(
+                f"mix_share is {self.settings.mix_share:g} and the dataset to mix in is"
+                f" {self.source.mix}: expected both or none"
+            )
         model = self._model()
         data = self._open_data(preparing)
         state = self._state(data)
@@ -110,7 +115,8 @@ class _TrainingRun:
         trainer.origin = {
             "init": self._origin(),
             "data": data.name,
-            "frames": len(data.frames),
+            "frames": len(data.frames) + len(data.mixed or ()),
+            **data.origin,
         }
         if state is not None:
             _restore_from(self._state_path, trainer, state, branched=not self._resumable)

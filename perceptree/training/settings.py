@@ -48,6 +48,7 @@ class TrainSettings:
         patience: Evaluations without a higher box AP on val after which training ends early; None
             for no early end.
         batch: Frames per step, over all processes.
+        mix_share: Share of each batch that comes from the dataset that is mixed in; 0 without one.
         accumulate: Parts per step whose gradients are summed, to save memory.
         optimizer: ``adamw`` or ``sgd``.
         momentum: Momentum of SGD.
@@ -78,6 +79,7 @@ class TrainSettings:
     minutes: float | None = None
     patience: int | None = None
     batch: int = 8
+    mix_share: float = 0.0
     accumulate: int = 1
     optimizer: Literal["adamw", "sgd"] = "adamw"
     momentum: float = 0.9
@@ -124,6 +126,12 @@ class TrainSettings:
                 raise SettingsError(
                     f"{name} is {getattr(self, name)}: expected at least 0, under 1"
                 )
+        share = self.mix_share
+        if share and not (0 < share < 1 and 0 < self.mixed_rows < self.batch):
+            raise SettingsError(
+                f"mix_share is {share:g} of a batch of {self.batch}: expected at least one"
+                " frame of each dataset in a batch"
+            )
         if self.batch % self.accumulate:
             raise SettingsError(
                 f"accumulate is {self.accumulate}: expected a divisor of the batch, {self.batch}"
@@ -134,6 +142,11 @@ class TrainSettings:
             raise SettingsError(f"freeze_level is {self.freeze_level}: expected 0 to {_LAST_LEVEL}")
         if self.seed < 0:
             raise SettingsError(f"seed is {self.seed}: expected at least 0")
+
+    @property
+    def mixed_rows(self) -> int:
+        """Frames of each batch that come from the dataset that is mixed in."""
+        return round(self.mix_share * self.batch)
 
     @property
     def depends_on_end(self) -> bool:

@@ -1,9 +1,9 @@
-"""The data of a training: the cached train split and the val split."""
+"""The data of a training: the cached train splits and the val split."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ from perceptree.data import Dataset, FrameStore, read_dataset
 from perceptree.data.cache import FrameCache, Progress, open_cache
 from perceptree.errors import DatasetError
 from perceptree.models import ModelSpec
+from perceptree.training.origin import simulated_scenes, usual_pictures
 from perceptree.training.settings import Engine
 
 CACHE_FOLDER = ".frame-cache"
@@ -25,11 +26,13 @@ class DataSource:
         directory: Folder of the dataset, or a label file.
         fold: Fold of a cross-validation, for datasets that have folds.
         entire_tree: Use the labels of entire trees, for datasets that have them.
+        mix: Folder of a second dataset whose train split is mixed in; None for none.
     """
 
     directory: Path
     fold: int | None = None
     entire_tree: bool = False
+    mix: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -47,35 +50,42 @@ class Preparing:
 
 @dataclass(frozen=True)
 class TrainingData:
-    """The cached train split and the val split of a dataset.
+    """The cached train splits and the val split of a training.
 
     Attributes:
-        name: Name of the dataset's folder.
+        name: Name of the dataset's folder, and of the one that is mixed in.
         frames: Frames of the train split.
         val: Frames of the val split.
+        mixed: Frames of the train split that is mixed in; None if there is none.
+        origin: What a checkpoint tells of the frames: ``scenes`` of the simulator and ``pictures``,
+            the usual ranges of their statistics.
     """
 
     name: str
     frames: FrameCache
     val: FrameStore
+    mixed: FrameCache | None = None
+    origin: Mapping[str, Any] = field(default_factory=dict)
 
     def describe(self) -> dict[str, Any]:
-        """Describe the data for a training state: name, numbers of frames and a hash."""
+        """Describe the data for a training state: name, numbers of frames and hashes."""
+        mixed = {} if self.mixed is None else {"mixed frames hash": self.mixed.key}
         return {
             "name": self.name,
             "train": len(self.frames),
             "val": len(self.val),
             "frames hash": self.frames.key,
+            **mixed,
         }
 
 
 def open_data(
     source: DataSource, spec: ModelSpec, engine: Engine, preparing: Preparing
 ) -> TrainingData:
-    """Read a dataset's labels and open the frame cache of its train split, making it if needed.
+    """Read the labels and open the frame cache of each train split, making it if needed.
 
     Args:
-        source: The dataset.
+        source: The dataset, and the one to mix in.
         spec: Input and heads of the model.
         engine: Folder of the cache, and whether broken frames are skipped.
         preparing: Callbacks for progress and messages.
@@ -84,25 +94,50 @@ def open_data(
         DatasetError: If the data cannot be read, a split has no labelled tree, or labels for a
             head of the model are missing.
     """
-    sets = {
-        split: read_dataset(source.directory, split, source.fold, source.entire_tree)
-        for split in ("train", "val")
-    }
-    for split, dataset in sets.items():
-        if not any(not tree.crowd for frame in dataset.frames for tree in frame.trees):
-            raise DatasetError(
-                f"{source.directory}: the {split} split has no labelled tree, expected at least one"
-            )
-        for note in dataset.notes:
-            preparing.say(f"{dataset.labels.path}: {note}")
-    train = sets["train"]
+    sources = [source, *([] if source.mix is None else [DataSource(source.mix)])]
+    val = _labelled(source, "val", preparing)
+    trains = [_labelled(each, "train", preparing) for each in sources]
+    folders = [
+        _cache_folder(each, train, spec, engine, mixed=number > 0)
+        for number, (each, train) in enumerate(zip(sources, trains, strict=True))
+    ]
+    caches = [
+        _open_cache(train, folder, spec, engine, preparing)
+        for train, folder in zip(trains, folders, strict=True)
+    ]
+    sets = [(cache, train.frames) for cache, train in zip(caches, trains, strict=True)]
+    scenes = simulated_scenes([frame for train in trains for frame in train.frames])
+    return TrainingData(
+        ", ".join(each.directory.name for each in sources),
+        caches[0],
+        FrameStore(val.frames, spec),
+        caches[1] if len(caches) > 1 else None,
+        {"scenes": scenes, "pictures": usual_pictures(sets, spec)},
+    )
+
+
+def _labelled(source: DataSource, split: str, preparing: Preparing) -> Dataset:
+    """Read the labels of a split; it must have a labelled tree."""
+    dataset = read_dataset(source.directory, split, source.fold, source.entire_tree)
+    if not any(not tree.crowd for frame in dataset.frames for tree in frame.trees):
+        raise DatasetError(
+            f"{source.directory}: the {split} split has no labelled tree, expected at least one"
+        )
+    for note in dataset.notes:
+        preparing.say(f"{dataset.labels.path}: {note}")
+    return dataset
+
+
+def _open_cache(
+    train: Dataset, folder: Path, spec: ModelSpec, engine: Engine, preparing: Preparing
+) -> FrameCache:
+    """Open the frame cache of a train split, and say which frames it leaves out."""
     _check_labels(train, spec)
-    folder = _cache_folder(source, train, spec, engine)
     cache = open_cache(train.frames, spec, folder, engine.skip_broken, preparing.cached)
     if cache.skipped:
         first = "; ".join(entry.reason for entry in cache.skipped[:_NAMES_SHOWN])
         preparing.say(f"left out {len(cache.skipped)} broken frames: {first}")
-    return TrainingData(source.directory.name, cache, FrameStore(sets["val"].frames, spec))
+    return cache
 
 
 def _check_labels(dataset: Dataset, spec: ModelSpec) -> None:
@@ -115,8 +150,11 @@ def _check_labels(dataset: Dataset, spec: ModelSpec) -> None:
         )
 
 
-def _cache_folder(source: DataSource, train: Dataset, spec: ModelSpec, engine: Engine) -> Path:
+def _cache_folder(
+    source: DataSource, train: Dataset, spec: ModelSpec, engine: Engine, *, mixed: bool
+) -> Path:
     """The cache folder of a label file, modality and input size."""
     directory = source.directory if source.directory.is_dir() else source.directory.parent
     parent = directory / CACHE_FOLDER if engine.cache is None else Path(engine.cache)
-    return parent / f"{train.labels.path.stem}-{spec.modality}-{spec.width}x{spec.height}"
+    name = f"{train.labels.path.stem}-{spec.modality}-{spec.width}x{spec.height}"
+    return parent / (f"mixed-{name}" if mixed and engine.cache is not None else name)

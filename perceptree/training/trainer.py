@@ -227,7 +227,8 @@ class Trainer:
         return self.out / "best.safetensors"
 
     def _batches(self) -> Iterator[Batch]:
-        frames = TrainingFrames(self._data.frames, self.spec, self.settings)
+        data = self._data
+        frames = TrainingFrames(data.frames, self.spec, self.settings, data.mixed)
         sampler = SlotSampler(self.settings, self.step, self.processes.rank, self.processes.world)
         cuda = self.device.type == "cuda"
         workers = self.engine.worker_count(self.processes.world)

@@ -18,6 +18,7 @@ from edgetree.model_file.manifest import METADATA_KEY
 from perceptree.models import TreeRCNN, make_spec, save_checkpoint
 
 HEIGHT, WIDTH = 96, 160
+RECORD = {"data": "random numbers", "pictures": {"lightness": [50.0, 190.5], "contrast": [20, 70]}}
 NARROW_LIGHT = {"fpn_width": 32}
 NARROW_PAPER = {
     "backbone": "resnet18",
@@ -73,7 +74,7 @@ def build_model() -> BuildModel:
 @pytest.fixture(scope="session")
 def rgb_checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("checkpoints") / "rgb.safetensors"
-    save_checkpoint(path, random_model("rgb"), {"data": "random numbers"})
+    save_checkpoint(path, random_model("rgb"), RECORD)
     return path
 
 

@@ -11,7 +11,7 @@ import torch
 from typer.testing import CliRunner
 
 from edgetree.cli import app
-from edgetree.errors import InputError
+from edgetree.errors import EdgetreeError, InputError
 from edgetree.export import (
     ExportReport,
     ExportSettings,
@@ -20,6 +20,7 @@ from edgetree.export import (
     verify_model,
 )
 from edgetree.export.frames import find_frames
+from edgetree.export.models import load_model
 from edgetree.runtime.detector import TreeDetector
 from perceptree.models import load_checkpoint, save_checkpoint
 
@@ -41,6 +42,8 @@ def test_the_manifest_describes_the_file(exported: ExportReport, rgb_checkpoint:
     assert (manifest.modality, manifest.precision) == ("rgb", "float32")
     assert (manifest.input.height, manifest.input.width) == (96, 160)
     assert manifest.training_data == "random numbers"
+    usual = {(each.statistic, each.low, each.high) for each in manifest.training_pictures}
+    assert usual == {("lightness", 50.0, 190.5), ("contrast", 20.0, 70.0)}
     assert len(manifest.weights_sha256) == 64
     assert manifest.parity is not None
     assert manifest.parity["matched_fraction"] == 1.0
@@ -202,3 +205,14 @@ def test_bad_input_leaves_nothing_behind(
         export_model(rgb_checkpoint, tmp_path / "file" / "m.onnx", data=frame_folder)
     assert list(out.iterdir()) == []
     assert not (tmp_path / "made").exists()
+
+
+@pytest.mark.parametrize("pictures", [3, {"contrast": 20}, {"contrast": [20]}, {"contrast": "ab"}])
+def test_impossible_training_pictures_are_named(
+    rgb_checkpoint: Path, tmp_path: Path, pictures: object
+) -> None:
+    model, _ = load_checkpoint(rgb_checkpoint)
+    path = tmp_path / "odd.safetensors"
+    save_checkpoint(path, model, {"pictures": pictures})
+    with pytest.raises(EdgetreeError, match=r"odd.safetensors: training pictures"):
+        load_model(path)

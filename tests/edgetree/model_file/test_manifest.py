@@ -18,6 +18,7 @@ from edgetree.model_file.manifest import (
     Manifest,
     ResizeRule,
     Thresholds,
+    UsualRange,
     standard_input,
     standard_outputs,
 )
@@ -26,6 +27,7 @@ COUNTS = st.integers(0, 2**53)
 MAYBE_COUNTS = st.none() | COUNTS
 SHARES = st.floats(0, 1)
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
+RANGES = st.tuples(st.text(), FINITE, FINITE).map(lambda r: UsualRange(r[0], *sorted(r[1:])))
 FACTS = st.dictionaries(st.text(), st.none() | COUNTS | FINITE | st.text() | st.lists(FINITE))
 
 
@@ -68,6 +70,7 @@ def manifests(draw: st.DrawFn) -> Manifest:
         classifier=draw(st.none() | st.builds(ClassifierCost, COUNTS, COUNTS)),
         target=draw(st.text()),
         weight_bits=draw(MAYBE_COUNTS),
+        training_pictures=draw(st.lists(RANGES, max_size=3).map(tuple)),
     )
 
 
@@ -100,6 +103,7 @@ def test_a_manifest_with_a_damaged_field_is_read_or_refused(
     rgb_manifest: Manifest, depth_manifest: Manifest, data: st.DataObject
 ) -> None:
     costs = {"classifier": ClassifierCost(100, 40), "proposals": 300}
+    costs |= {"training_pictures": (UsualRange("contrast", 20, 70),)}
     complete = [dataclasses.replace(known, **costs) for known in (rgb_manifest, depth_manifest)]
     values = json.loads(data.draw(st.sampled_from(complete), "manifest").to_json())
     *path, last = data.draw(st.sampled_from(_places(values)), "place")
@@ -177,6 +181,16 @@ def test_unknown_fields_are_ignored(rgb_manifest: Manifest) -> None:
         (["keypoint_names"], ["top"], "keypoint_names is .*'top'.* expected .*felling_cut"),
         (["thresholds", "score"], 2, "threshold score is 2.0: expected 0 to 1"),
         (["outputs"], [], r"keypoint_names is .* expected \(\)"),
+        (
+            ["training_pictures"],
+            [{"statistic": "lightness", "low": 9, "high": 3}],
+            r"range of lightness is \(9.0, 3.0\): expected low <= high",
+        ),
+        (
+            ["training_pictures"],
+            {"lightness": [3, 9]},
+            "training_pictures is dict: expected a list",
+        ),
         (["keypoint_flip_pairs"], [[1, 2, 3]], "keypoint_flip_pairs.* has 3 items: expected 2"),
     ],
 )

@@ -205,6 +205,12 @@ MISTAKES = {
     ),
     "size": (("--height", 20), "the input is 20x640, expected 32 to 8192 px"),
     "freeze level": (("--freeze-level", 6), "freeze_level is 6: expected 0 to 5"),
+    "share alone": (("--mix-share", 0.5), "--mix-share is given without --mix: expected a dataset"),
+    "no mix": (("--mix", "{}/gone"), "gone: no such file or folder, expected a dataset"),
+    "mix and simulate": (
+        ("--mix", "{}", "--simulate", 9, "--minutes", 1),
+        "--simulate excludes --mix",
+    ),
     "frozen norms": (("--frozen-norms",), "frozen_norms is true without starting weights"),
     "coco": (
         ("--init", "coco", "--height", 64, "--width", 128),
@@ -287,6 +293,15 @@ def test_options_reach_settings_and_engine(asked: Callable[..., Asked], tmp_path
     assert found.engine == Engine(
         precision="fp32", workers=2, cache=str(tmp_path), skip_broken=True
     )
+
+
+def test_a_mix_takes_half_of_each_batch_unless_told(asked: Callable[..., Asked]) -> None:
+    general = Path("general")
+    general.mkdir()
+    found = asked("--mix", general)
+    assert found.source == DataSource(Path("posts"), mix=general)
+    assert found.settings == recipe_settings("scratch", steps=20_000, mix_share=0.5)
+    assert asked("--mix", general, "--mix-share", 0.25).settings.mix_share == 0.25
 
 
 def test_a_branch_lets_the_rate_fall(asked: Callable[..., Asked], tmp_path: Path) -> None:

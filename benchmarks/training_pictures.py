@@ -1,0 +1,80 @@
+"""Add to model files how the pictures that they were trained on look.
+
+python benchmarks/training_pictures.py MODEL.onnx DATA [DATA ...]
+
+DATA are datasets whose train splits the model was trained on, or parts of them. `perceptree train`
+does the same for new checkpoints, and `edgetree export` takes it from there; this is for files of
+older checkpoints. Only the manifest changes: the graph keeps its bytes. A card beside the file gets
+the new hash and size.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import onnx
+from model_card_page import page
+
+from calib import DepthEncoding, picture_statistics, usual_ranges
+from calib.writing import write_text, write_whole
+from edgetree.catalogue import KnownModel
+from edgetree.evaluate import frames_for
+from edgetree.export.build import with_manifest
+from edgetree.model_file.manifest import Manifest, UsualRange
+from edgetree.model_file.safety_check import check_content
+from perceptree.data import read_dataset
+
+
+def usual_of(manifest: Manifest, folders: list[Path]) -> tuple[UsualRange, ...]:
+    """The usual ranges of the statistics of the frames of the train splits."""
+    values = manifest.depth_encoding
+    encoding = None if values is None else DepthEncoding.from_dict(dict(values))
+    found = []
+    for folder in folders:
+        store = frames_for(manifest, read_dataset(folder, "train").frames)
+        for index in range(len(store)):
+            box = store.letterbox(index)
+            inner = store.image(index)[: box.resized_height, : box.resized_width]
+            found.append(picture_statistics(inner, encoding))
+    sys.stderr.write(f"{len(found)} frames\n")
+    ranges = usual_ranges(found)
+    return tuple(UsualRange(name, *ranges[name]) for name in sorted(ranges))
+
+
+def add(path: Path, folders: list[Path]) -> None:
+    """Write the ranges into the file, and the file's new hash into its card."""
+    model = KnownModel(path.stem, path)
+    card = model.card()
+    before = path.read_bytes()
+    proto = onnx.load_model_from_string(before)
+    graph = proto.graph.SerializeToString()
+    manifest = model.manifest()
+    changed = replace(manifest, training_pictures=usual_of(manifest, folders))
+    after = with_manifest(proto, changed)
+    if graph not in before or graph not in after:
+        sys.exit(f"{path} is not as this project writes it: expected its graph to keep its bytes")
+    check_content(after, path)
+    write_whole(path, after)
+    if card is not None:
+        card |= {"model_sha256": hashlib.sha256(after).hexdigest(), "file_bytes": len(after)}
+        write_text(path.with_suffix(".json"), json.dumps(card, indent=1) + "\n")
+        write_text(path.with_suffix(".md"), page(card))
+
+
+def main() -> None:
+    """Add the ranges to a file."""
+    assert __doc__
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("model", type=Path)
+    parser.add_argument("data", type=Path, nargs="+")
+    options = parser.parse_args()
+    add(options.model, options.data)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,60 @@
+"""What a checkpoint tells of the frames it was trained on: scenes of the simulator, and looks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from calib import DepthEncoding, Letterbox, picture_statistics, usual_ranges
+from perceptree.data import FrameRecord
+from perceptree.data.cache import FrameCache
+from perceptree.data.frames import source_path
+from perceptree.models import ModelSpec
+from perceptree.simulator.dataset.scene_job import MAX_SCENES
+
+_MOST_PICTURES = 300
+
+
+def simulated_scenes(frames: Sequence[FrameRecord]) -> list[dict[str, int]]:
+    """The scenes of simulated frames, by the seed of their dataset.
+
+    Args:
+        frames: Frames of train splits; those that are not simulated are left out.
+
+    Returns:
+        For each seed ``seed``, ``scenes`` (all scenes of this seed have lower numbers) and
+        ``frames``.
+    """
+    numbers: dict[int, list[int]] = {}
+    for frame in frames:
+        seed = frame.extra.get("scene", {}).get("seed")
+        if isinstance(seed, int):
+            dataset, number = divmod(seed, MAX_SCENES)
+            numbers.setdefault(dataset, []).append(number)
+    return [
+        {"seed": seed, "scenes": max(found) + 1, "frames": len(found)}
+        for seed, found in sorted(numbers.items())
+    ]
+
+
+def usual_pictures(
+    sets: Iterable[tuple[FrameCache, Sequence[FrameRecord]]], spec: ModelSpec
+) -> dict[str, tuple[float, float]]:
+    """The usual range of each statistic of the pictures, over at most 300 frames of each set.
+
+    Args:
+        sets: Letterboxed frames, and the same frames as records, for their sizes.
+        spec: Input of the model.
+    """
+    values = spec.depth_encoding
+    encoding = None if values is None else DepthEncoding.from_dict(dict(values))
+    found = []
+    for cache, frames in sets:
+        sizes = {
+            source_path(each, spec.modality).name: (each.width, each.height) for each in frames
+        }
+        count = min(_MOST_PICTURES, len(cache))
+        for index in (number * len(cache) // count for number in range(count)):
+            box = Letterbox.fit(*sizes[cache.names[index]], spec.width, spec.height)
+            inner = cache.image(index)[: box.resized_height, : box.resized_width]
+            found.append(picture_statistics(inner, encoding))
+    return usual_ranges(found)

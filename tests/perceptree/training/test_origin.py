@@ -1,0 +1,46 @@
+"""A checkpoint names the simulated scenes that it was trained on, and how its pictures look."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from calib import DepthEncoding, picture_statistics
+from perceptree.data import read_frame, read_split
+from perceptree.models import load_checkpoint
+from perceptree.training import train
+
+Make = Callable[..., Any]
+
+
+def test_scenes_are_told_by_the_seed_of_their_dataset(
+    posts: Path, tmp_path: Path, narrow: Make, plan: Make, edit_split: Make
+) -> None:
+    def simulated(content: dict[str, Any]) -> None:
+        seeds = (101_000_000, 101_000_507, 7_000_002)
+        for image, seed in zip(content["images"], seeds, strict=False):
+            image["scene"] = {"seed": seed}
+
+    edit_split(posts, "train", simulated)
+    report = train(narrow(), plan(steps=1), posts, tmp_path / "run")
+    assert load_checkpoint(report.checkpoint)[1]["training"]["scenes"] == [
+        {"seed": 7, "scenes": 3, "frames": 1},
+        {"seed": 101, "scenes": 508, "frames": 2},
+    ]
+
+
+def test_pictures_are_told_without_the_padding_of_the_input(
+    posts: Path, tmp_path: Path, narrow: Make, plan: Make
+) -> None:
+    report = train(narrow(), plan(steps=1), posts, tmp_path / "run")
+    training = load_checkpoint(report.checkpoint)[1]["training"]
+    assert training["scenes"] == []
+    looks = training["pictures"]
+    frame = read_split(posts, "train")[0]
+    assert (frame.width, frame.height) == (128, 72)
+    assert looks["reading_percent"] == [100, 100]  # the padding of 128x72 in 128x64 has none
+    assert looks["median_m"] == pytest.approx([12, 12], abs=0.1)
+    assert set(looks) == set(picture_statistics(read_frame(frame, "depth"), DepthEncoding()))
