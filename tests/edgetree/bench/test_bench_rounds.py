@@ -22,6 +22,7 @@ from edgetree.bench.stages import STAGES
 from edgetree.bench.worker import Job
 from edgetree.errors import CheckFailed, InputError
 from edgetree.model_file.manifest import Manifest
+from edgetree.model_file.onnx_bytes import Node, TensorType, onnx_bytes
 from edgetree.model_file.safety_check import read_model_file
 from edgetree.runtime.providers import SessionSettings
 
@@ -140,6 +141,19 @@ def test_the_profile_finds_the_expensive_operators() -> None:
         sum(each.ms for each in found.operators), rel=1e-6
     )
     assert found.parts_ms["heads"] > found.parts_ms["pyramid"] > 0
+
+
+def test_a_matrix_product_costs_rows_times_columns_times_their_length(tmp_path: Path) -> None:
+    path = tmp_path / "product.onnx"
+    path.write_bytes(
+        onnx_bytes(
+            [Node("MatMul", ("x", "weights"), ("y",))],
+            inputs={"x": TensorType("float32", (5, 8))},
+            outputs={"y": TensorType("float32", (5, 3))},
+            constants={"weights": np.ones((8, 3), np.float32)},
+        )
+    )
+    assert count_multiply_adds(path, {"x": np.ones((5, 8), np.float32)}) == 5 * 8 * 3
 
 
 def test_counted_multiply_adds_equal_those_that_torch_counts(tmp_path: Path) -> None:
