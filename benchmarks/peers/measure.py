@@ -7,11 +7,11 @@ python benchmarks/peers/measure.py --folder DIR --threads 2 --rounds 5 \\
     --ours r50-int8=DIR/ours/r50-int8-800x800.onnx --result benchmarks/results/peers.json
 
 Every contestant runs once in each round for a short time, in a process of its own with the Python
-of its environment. All see the six sample frames at 800x800 px with the same number of threads. A
-time is the bare run of the network from an array in memory; this project's files are also timed
-from a 1280x720 px frame to the trees. The peers' networks are made first if they are missing in
-DIR, with untrained weights; nothing is downloaded. A contestant that fails is listed with the
-reason.
+of its environment; those that need seconds for a run or to start leave out the later rounds. All
+see the six sample frames at 800x800 px with the same number of threads. A time is the bare run of
+the network from an array in memory; this project's files are also timed from a 1280x720 px frame to
+the trees. The peers' networks are made first if they are missing in DIR, with untrained weights;
+nothing is downloaded. A contestant that fails is listed with the reason.
 
 The first --ours is what the ratios refer to. `table.py` prints the table of a result again.
 """
@@ -21,6 +21,7 @@ from __future__ import annotations
 import argparse
 import fnmatch
 import json
+import math
 import sys
 import time
 from collections.abc import Sequence
@@ -63,17 +64,24 @@ def run(contestant: Contestant, arguments: argparse.Namespace) -> Record:
 def run_all(
     contestants: dict[str, Contestant], failed: dict[str, str], arguments: argparse.Namespace
 ) -> dict[str, list[Record]]:
-    """The records of all rounds by contestant. Those that fail leave, and enter `failed`."""
-    records: dict[str, list[Record]] = {name: [] for name in contestants}
-    for number, name in turns(list(contestants), arguments.rounds):
-        if name in failed:
+    """The records of all rounds by contestant.
+
+    Those that fail leave, and enter `failed`. Those whose turns took more than the budget together
+    take no part in later rounds, except the first, which the others are compared with.
+    """
+    records: dict[str, list[Record]] = {name: [] for name in contestants if name not in failed}
+    left_s = dict.fromkeys(records, arguments.budget) | {next(iter(contestants)): math.inf}
+    for number, name in turns(list(records), arguments.rounds):
+        if name in failed or left_s[name] <= 0.0:
             continue
         sys.stderr.write(f"round {number} of {arguments.rounds}: {name}\n")
+        start = time.perf_counter()
         try:
-            records[name].append(run(contestants[name], arguments))
+            records[name].append({"round": number, **run(contestants[name], arguments)})
         except Failed as error:
             failed[name] = str(error)
             del records[name]
+        left_s[name] -= time.perf_counter() - start
     return records
 
 
@@ -148,6 +156,13 @@ def parse(parser: argparse.ArgumentParser) -> argparse.Namespace:
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--seconds", type=float, default=0.5, help="of a contestant in a round")
+    parser.add_argument(
+        "--budget",
+        type=float,
+        default=12.0,
+        metavar="SECONDS",
+        help="of a contestant's turns with start-up; when spent, it leaves out further rounds",
+    )
     parser.add_argument("--only", nargs="+", default=["*"], metavar="PATTERN", help="peers' names")
     parser.add_argument("--result", type=Path)
     arguments = parser.parse_args()

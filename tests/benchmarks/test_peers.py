@@ -15,7 +15,7 @@ def _programs(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def record(*times_ms: float, **changes: Any) -> dict[str, Any]:
-    values = {"times_ms": list(times_ms), "load_ms": 5.0, "first_run_ms": 9.0}
+    values = {"round": 1, "times_ms": list(times_ms), "load_ms": 5.0, "first_run_ms": 9.0}
     return values | {"peak_memory_mib": 100.0} | changes
 
 
@@ -52,9 +52,9 @@ def test_every_contestant_runs_once_in_each_round_and_the_order_turns() -> None:
 def test_a_slow_round_does_not_move_the_median() -> None:
     from rounds import merge
 
-    slow = record(90.0, 100.0, 110.0, peak_memory_mib=300.0, load_ms=50.0)
-    merged = merge([record(9.0, 10.0, 30.0), slow, record(11.0, 12.0)])
-    assert merged["rounds_ms"] == [10.0, 100.0, 11.5]
+    slow = record(90.0, 100.0, 110.0, round=2, peak_memory_mib=300.0, load_ms=50.0)
+    merged = merge([record(9.0, 10.0, 30.0), slow, record(11.0, 12.0, round=3)])
+    assert merged["rounds_ms"] == {1: 10.0, 2: 100.0, 3: 11.5}
     assert merged["median_ms"] == 11.5
     assert merged["spread_ms"] == 90.0
     assert merged["runs"] == 8
@@ -65,13 +65,17 @@ def test_a_slow_round_does_not_move_the_median() -> None:
 def test_memory_is_unknown_if_one_round_does_not_tell() -> None:
     from rounds import merge
 
-    assert merge([record(1.0), record(1.0, peak_memory_mib=None)])["peak_memory_mib"] is None
+    assert (
+        merge([record(1.0), record(1.0, round=2, peak_memory_mib=None)])["peak_memory_mib"] is None
+    )
 
 
 def test_the_ratio_is_taken_within_rounds() -> None:
     from rounds import ratio
 
-    assert ratio([20.0, 200.0, 30.0], [10.0, 100.0, 10.0]) == 2.0
+    reference_ms = {1: 10.0, 2: 100.0, 3: 10.0}
+    assert ratio({1: 20.0, 2: 200.0, 3: 30.0}, reference_ms) == 2.0
+    assert ratio({2: 300.0}, reference_ms) == 3.0
 
 
 def test_the_table_names_what_each_gives_and_what_was_timed() -> None:

@@ -36,12 +36,14 @@ def save_preset(preset: str, path: Path, side_px: int) -> int:
 def export_torchvision(path: Path, side_px: int) -> int:
     """Export torchvision's Mask R-CNN by its own exporter; returns its parameters.
 
-    No score is too low, so that the untrained network gives detections.
+    It finds one class, like this project's networks, and no score is too low, so that the untrained
+    network gives detections.
     """
     torch.manual_seed(0)
     network = maskrcnn_resnet50_fpn(
         weights=None,
         weights_backbone=None,
+        num_classes=2,
         min_size=side_px,
         max_size=side_px,
         box_detections_per_img=DETECTIONS,
