@@ -85,10 +85,12 @@ NETWORKS: Final = {
 }
 
 
-# What the table says of a peer that cannot take part.
 ABSENT: Final = {
-    "mask and keypoint networks of Detectron2": "the registry has no package of it",
+    "Detectron2": "not on PyPI",
+    "RF-DETR in int8": "its package quantises for TensorFlow Lite only",
+    "DEIMv2 in int8": "LibreYOLO does not quantise it",
 }
+"""Who cannot take part, and why."""
 
 
 def ours(name: str, file: Path, precision: str) -> list[Contestant]:

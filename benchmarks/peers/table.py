@@ -34,12 +34,14 @@ def table_lines(result: Mapping[str, Any]) -> Iterator[str]:
     yield (
         f"Ratio: to `{result['reference']}`, median of the ratios within a round. MiB: peak memory"
         " of the process. Medians of"
-        f" {result['rounds']} rounds, {result['threads']} threads, {result['machine']}."
+        f" {result['rounds']} rounds, fewer for the slowest, {result['threads']} threads,"
+        f" {result['machine']}."
     )
     yield (
         "Untrained weights. Times are bare runs, from the input array ready in memory to the output"
         f" arrays, without processing before and after; rows named “{WHOLE}” are the whole"
-        " `TreeDetector.detect`, from a frame of 1280x720 px in memory to its trees."
+        " `TreeDetector.detect`, from a frame of 1280x720 px in memory to its trees. The INT8 files"
+        " of YOLO come from its package's own quantisation, calibrated on the same frames."
     )
 
 
@@ -48,7 +50,7 @@ def _cells(row: Mapping[str, Any]) -> list[str]:
     name = row["name"]
     if row["timed"] == WHOLE:
         name += f" ({WHOLE})"
-    if row["input_px"] != [SIDE_PX, SIDE_PX]:
+    elif row["input_px"] != [SIDE_PX, SIDE_PX]:
         name += f" ({row['input_px'][0]}x{row['input_px'][1]} px)"
     memory = row["peak_memory_mib"]
     return [
