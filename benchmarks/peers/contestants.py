@@ -160,8 +160,8 @@ def _torchvision() -> Contestant:
 def _yolo(network: str) -> list[Contestant]:
     """A YOLO network by its package's own exports to onnxruntime and OpenVINO."""
     pose = network.endswith("pose")
-    lacks = (_NO_MASKS,) if pose else (_NO_KEYPOINTS, _MASKS_LATER)
-    lacks += () if network.startswith("yolo26") else (_NMS_LATER,)
+    lacks = [_NO_MASKS] if pose else [_NO_KEYPOINTS, _MASKS_LATER]
+    lacks += [] if network.startswith("yolo26") else [_NMS_LATER]
     found = []
     for precision in ("float32", "int8"):
         contestant = Contestant(

@@ -58,7 +58,7 @@ def make(name: str, folder: Path) -> None:
     python = python_of(name, folder)
     if not python.exists():
         venv.create(folder / f"env-{name}", with_pip=True)
-    command = [python, "-m", "pip", "install", "--quiet", "--requirement", requirements]
+    command = [str(python), "-m", "pip", "install", "--quiet", "--requirement", str(requirements)]
     subprocess.run(command, check=True)
     _stamp(name, folder).write_text(requirements.read_text(encoding="utf-8"), encoding="utf-8")
 
