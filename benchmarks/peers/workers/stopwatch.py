@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 HEAVY_MS = 1000.0  # networks whose first run takes so long need no more to be warm
 WARM_UP_S, WARM_UP_RUNS = 0.15, 10
-LEAST_RUNS = 2
+LEAST_RUNS = 3
 LAYOUTS = ("image", "bytes", "plane", "planes")
 
 Arrays = NDArray[Any]
