@@ -31,7 +31,8 @@ def write_dataset(frames: Path, folder: Path) -> Path:
     """Write frames as a dataset without labels; returns the file that describes it."""
     (folder / "images").mkdir()
     for index, frame in enumerate(np.load(frames)):
-        cv2.imwrite(str(folder / "images" / f"{index}.png"), frame)
+        encoded = cv2.imencode(".png", frame)[1]
+        (folder / "images" / f"{index}.png").write_bytes(encoded.tobytes())
     described = {
         "path": str(folder),
         "train": "images",
