@@ -1,0 +1,28 @@
+"""Time this project's network in PyTorch, eager or compiled, from the input array to the trees."""
+
+from __future__ import annotations
+
+import torch
+from stopwatch import Run, measure, options, read_inputs, report
+
+
+def main() -> None:
+    """Time the network on the frames."""
+    parser = options()
+    parser.add_argument("--compile", action="store_true", help="compile the network")
+    arguments = parser.parse_args()
+    torch.set_num_threads(arguments.threads)
+
+    def load() -> Run:
+        model = torch.load(arguments.network, weights_only=False)
+        detect = torch.compile(model.detect) if arguments.compile else model.detect
+        return lambda image: detect(torch.from_numpy(image))
+
+    inputs = read_inputs(arguments.frames, arguments.layout)
+    with torch.inference_mode():
+        record = measure(load, inputs, arguments.seconds)
+    report(record | {"runtime": f"PyTorch {torch.__version__.partition('+')[0]}"})
+
+
+if __name__ == "__main__":
+    main()
