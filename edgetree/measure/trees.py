@@ -18,6 +18,7 @@ from edgetree.measure.estimates import Estimate, Failure, TreeMeasurement
 from edgetree.measure.evidence import gather_evidence
 from edgetree.measure.frame import DepthFrame
 from edgetree.measure.ground import BaseGround, find_grounds
+from edgetree.measure.ground_cover import noise_factor
 from edgetree.measure.keypoints import CUT, Keypoints
 from edgetree.measure.observations import StemObservations, observe_stems
 from edgetree.measure.position import StemPosition
@@ -85,7 +86,10 @@ def measure_all(
         indices = np.flatnonzero(sound)
         verticals = fitted.verticals(sound, up)
         if len(indices):
-            found = find_grounds(frame, cuts[indices], stems.radius_m[indices], verticals, indices)
+            noise = noise_factor(observed.readings, STATIONS, settings)
+            found = find_grounds(
+                frame, cuts[indices], stems.radius_m[indices], verticals, indices, noise
+            )
             for index, ground in zip(indices, found, strict=True):
                 grounds[index] = ground
         tapers = fitted.tapers(fitted.diameters(cuts, grounds), grounds)
@@ -292,9 +296,11 @@ class _FittedFrame:
         )
         vertical = ground.vertical if isinstance(ground, BaseGround) else verticals.at(index, None)
         inclination, direction = stem.lean(vertical, ground, self.settings)
-        height = stem.cut_height(ground)
-        problem = self._cut_failure(index, stem, height)
-        height = stem.height_above_seen_ground(height, ground) if problem is None else problem
+        above_surface = stem.cut_height(ground)
+        problem = self._cut_failure(index, stem, above_surface)
+        if problem is not None:
+            above_surface = problem
+        height = stem.height_above_seen_ground(above_surface, ground)
         species = self.settings.species
         return TreeMeasurement(
             diameter_m=_if_certain(diameter),
@@ -319,16 +325,28 @@ class _FittedFrame:
                 self.stems,
                 self.observed,
                 ground,
-                warnings + self._stump_warning(height, ground),
+                warnings + self._stump_warning(height, above_surface, ground),
             ),
         )
 
     def _stump_warning(
-        self, height: Estimate | Failure, ground: BaseGround | Failure
+        self,
+        height: Estimate | Failure,
+        above_surface: Estimate | Failure,
+        ground: BaseGround | Failure,
     ) -> tuple[str, ...]:
+        """A warning if the stump would be too high, or may be because plants hide the ground.
+
+        Args:
+            height: height of the cut.
+            above_surface: the same above the surface around the base, which may be that of plants.
+            ground: ground at the stem.
+        """
         limit_m = self.settings.max_stump_height_m
-        if not isinstance(height, Estimate):
+        if not isinstance(above_surface, Estimate):
             return ()
+        if not isinstance(height, Estimate):
+            return (f"plants hide the ground: the stump may be too high, limit {limit_m:.2f} m",)
         stump = f"{height.value:.2f} ± {height.std:.2f} m high, limit {limit_m:.2f} m"
         if height.value - height.std > limit_m:
             return (f"the stump would be {stump}",)
