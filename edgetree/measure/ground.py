@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from calib import GroundPlane, GroundPlaneFailure, fit_ground_planes
 from edgetree.measure.estimates import Estimate, Failure
 from edgetree.measure.frame import DepthFrame
-from edgetree.measure.ground_cover import cover_stds_m, depth_stds_m
+from edgetree.measure.ground_cover import UNEVEN_STD_M, cover_stds_m, depth_stds_m
 from edgetree.measure.ground_samples import sample_around, thinned
 from edgetree.measure.vertical import Vertical, Verticals
 
@@ -27,7 +27,7 @@ _SEARCH_RADII_M = (0.9, 1.4)
 # Rows and columns of the sampling grid. The second one is for sparse depth.
 _GRIDS = (23, 72)
 _MIN_POINTS = 20
-_TOLERANCE_M = 0.05
+_TOLERANCE_M = 3 * UNEVEN_STD_M
 # Smallest standard deviation of the ground's height: litter, moss and roots.
 _LITTER_STD_M = 0.02
 _POINTS_PER_ERROR = 36.0
@@ -37,7 +37,7 @@ _OUTLIER_STD_M = 0.15
 # From this fraction of points above the plane on, plants hide the ground.
 _MIN_PLANTS = 0.3
 # With a larger standard deviation because of plants, the height of the ground is not known.
-_MAX_COVER_STD_M = 0.15
+_MAX_COVER_STD_M = 0.2
 # Smallest cosine of the angle between an axis and the ground's normal, or the vertical.
 _MIN_COSINE = 0.2
 

@@ -167,8 +167,8 @@ class StemPosition:
             if not ground.hidden:
                 return height
             return Failure(
-                f"plants hide the ground: the felling cut is {height.value:.2f} m or more above it,"
-                f" the surface around the base is as unsteady as grass"
+                f"plants hide the ground: the felling cut is {max(height.value, 0.0):.2f} m or"
+                " more above it, as the surface around the base is as unsteady as grass"
             )
         return Failure(
             f"plants hide the ground: the felling cut is {-above_axis_m:.2f} m below the lowest"
