@@ -36,8 +36,9 @@ _POINTS_PER_ERROR = 36.0
 _OUTLIER_STD_M = 0.15
 # From this fraction of points above the plane on, plants hide the ground.
 _MIN_PLANTS = 0.3
-# With a larger standard deviation because of plants, the height of the ground is not known.
-_MAX_COVER_STD_M = 0.2
+# The same from the first standard deviation because of plants on. From the second one on, the height
+# of the ground is not known.
+_MIN_COVER_STD_M, _MAX_COVER_STD_M = 0.08, 0.2
 # Smallest cosine of the angle between an axis and the ground's normal, or the vertical.
 _MIN_COSINE = 0.2
 
@@ -66,7 +67,7 @@ class BaseGround:
     @property
     def overgrown(self) -> bool:
         """Whether plants hide a large part of the ground."""
-        return self.plane.above_fraction > _MIN_PLANTS or self.cover_std_m > _LITTER_STD_M
+        return self.plane.above_fraction > _MIN_PLANTS or self.cover_std_m > _MIN_COVER_STD_M
 
     @property
     def hidden(self) -> bool:
