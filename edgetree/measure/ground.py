@@ -36,8 +36,8 @@ _POINTS_PER_ERROR = 36.0
 _OUTLIER_STD_M = 0.15
 # From this fraction of points above the plane on, plants hide the ground.
 _MIN_PLANTS = 0.3
-# The same from the first standard deviation because of plants on. From the second one on, the height
-# of the ground is not known.
+# The same from the first standard deviation because of plants on. From the second one on, the
+# height of the ground is not known: a 95 % interval would be 0.8 m wide.
 _MIN_COVER_STD_M, _MAX_COVER_STD_M = 0.08, 0.2
 # Smallest cosine of the angle between an axis and the ground's normal, or the vertical.
 _MIN_COSINE = 0.2
@@ -131,8 +131,13 @@ class BaseGround:
         return (
             f"plane within {self.reach_m:.1f} m of the stem, {self.plane.points} points"
             f" ({self.plane.inlier_fraction:.0%} there) ± {residual_cm:.1f} cm, heights along"
-            f" {self.vertical.description()}"
+            f" {self.vertical.description()}{self._cover_description()}"
         )
+
+    def _cover_description(self) -> str:
+        if self.cover_std_m <= _MIN_COVER_STD_M:
+            return ""
+        return f"; as unsteady as plants, which may hide the ground (± {self.cover_std_m:.2f} m)"
 
 
 def find_grounds(

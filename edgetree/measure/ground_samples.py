@@ -18,8 +18,8 @@ Flags = NDArray[np.bool_]
 # Ground points are at most this far above and below the felling cut.
 _MAX_ABOVE_CUT_M = 0.3
 _MAX_BELOW_CUT_M = 1.5
-# The grid is denser towards the stem by this exponent. Depth is sparse if there are readings at less
-# than this fraction of its points.
+# The grid is denser towards the stem by this exponent. Depth is sparse if there are readings at
+# less than this fraction of its points.
 _GRID_EXPONENT = 1.5
 _SPARSE = 0.3
 _MAX_POINTS = 150

@@ -15,7 +15,7 @@ from edgetree.detections import TreeDetections
 from edgetree.measure.axis import fit_axes
 from edgetree.measure.diameter_error import diameter_stds_m, incomplete_stds
 from edgetree.measure.estimates import Estimate, Failure, TreeMeasurement
-from edgetree.measure.evidence import gather_evidence
+from edgetree.measure.evidence import gather_evidence, stump_warning
 from edgetree.measure.frame import DepthFrame
 from edgetree.measure.ground import BaseGround, find_grounds
 from edgetree.measure.ground_cover import noise_factor
@@ -301,7 +301,7 @@ class _FittedFrame:
         if problem is not None:
             above_surface = problem
         height = stem.height_above_seen_ground(above_surface, ground)
-        species = self.settings.species
+        species, limit_m = self.settings.species, self.settings.max_stump_height_m
         return TreeMeasurement(
             diameter_m=_if_certain(diameter),
             dbh_m=taper.dbh_m,
@@ -325,35 +325,9 @@ class _FittedFrame:
                 self.stems,
                 self.observed,
                 ground,
-                warnings + self._stump_warning(height, above_surface, ground),
+                warnings + stump_warning(height, above_surface, ground, limit_m),
             ),
         )
-
-    def _stump_warning(
-        self,
-        height: Estimate | Failure,
-        above_surface: Estimate | Failure,
-        ground: BaseGround | Failure,
-    ) -> tuple[str, ...]:
-        """A warning if the stump would be too high, or may be because plants hide the ground.
-
-        Args:
-            height: height of the cut.
-            above_surface: the same above the surface around the base, which may be that of plants.
-            ground: ground at the stem.
-        """
-        limit_m = self.settings.max_stump_height_m
-        if not isinstance(above_surface, Estimate):
-            return ()
-        if not isinstance(height, Estimate):
-            return (f"plants hide the ground: the stump may be too high, limit {limit_m:.2f} m",)
-        stump = f"{height.value:.2f} ± {height.std:.2f} m high, limit {limit_m:.2f} m"
-        if height.value - height.std > limit_m:
-            return (f"the stump would be {stump}",)
-        hidden = isinstance(ground, BaseGround) and ground.overgrown
-        if hidden and height.interval95[1] > limit_m:
-            return (f"plants hide the ground: the stump may be too high, {stump}",)
-        return ()
 
     def _cut_failure(
         self, index: int, stem: StemPosition, height: Estimate | Failure

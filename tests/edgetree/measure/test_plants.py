@@ -90,6 +90,7 @@ def test_dense_grass_gives_no_sure_wrong_cut_height(
         low_m, high_m = tree.cut_height_m.interval95
         assert low_m < stand.cut_height_m(high) < high_m
     assert any("the stump" in warning for warning in tree.evidence.warnings)
+    assert "plants, which may hide the ground" in tree.evidence.ground
     assert tree.distance_m
     assert tree.diameter_m
 
