@@ -206,7 +206,7 @@ def _fit_planes(
     planes = fit_ground_planes(
         points, usable, up, settings.max_slope_deg, _TOLERANCE_M, _POINTS_PER_ERROR, depth_std_m
     )
-    cover_std_m = cover_stds_m(frame, points, usable, planes, noise)
+    cover_std_m = cover_stds_m(frame, points, usable, noise * depth_std_m, planes)
     return [
         Failure(f"no ground around the base: {plane.reason}")
         if isinstance(plane, GroundPlaneFailure)

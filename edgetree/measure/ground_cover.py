@@ -81,8 +81,8 @@ def cover_stds_m(
     frame: DepthFrame,
     points: Float,
     usable: Flags,
+    depth_std_m: Float,
     planes: Sequence[GroundPlane | GroundPlaneFailure],
-    noise: float,
 ) -> Float:
     """Standard deviations of the ground's height because plants may hide it.
 
@@ -90,8 +90,8 @@ def cover_stds_m(
         frame: depth, camera and masks.
         points: (T, N, 3) camera points to which the planes were fitted.
         usable: (T, N) which of them were used.
+        depth_std_m: (T, N) standard deviations of their depths.
         planes: T planes.
-        noise: ratio of the noise of the depth to the assumed one.
 
     Returns:
         (T,) metres, 0 where the surface is as steady as ground.
@@ -104,7 +104,7 @@ def cover_stds_m(
     depth_m = np.where(usable, points[..., 2], 1.0)
     # An error of the depth changes a height by this factor times as much.
     slopes = np.abs(np.matmul(points, normals)[..., 0]) / depth_m
-    std_m = np.hypot(UNEVEN_STD_M, noise * slopes * depth_stds_m(frame.settings, depth_m))
+    std_m = np.sqrt(UNEVEN_STD_M**2 + (slopes * depth_std_m) ** 2)
     left_m, right_m = _beside(frame, points, usable)
     known = usable & (left_m > 0) & (right_m > 0)
     left_m, right_m = (np.where(known, side_m, 1.0) for side_m in (left_m, right_m))
