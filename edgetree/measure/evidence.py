@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 
-from edgetree.measure.estimates import Evidence, Failure
+from edgetree.measure.estimates import Estimate, Evidence, Failure
 from edgetree.measure.ground import BaseGround
 from edgetree.measure.observations import StemObservations
 from edgetree.measure.stem_fit import Stems
 
-__all__ = ["gather_evidence"]
+__all__ = ["gather_evidence", "stump_warning"]
 
 _SOURCES = ("keypoints", "mask", "depth")
 # A source is named in `Evidence.method` from this weight on.
@@ -56,6 +56,33 @@ def gather_evidence(
         ground=ground.description() if isinstance(ground, BaseGround) else ground.reason,
         warnings=warnings + _disagreement(diameters, stds),
     )
+
+
+def stump_warning(
+    height: Estimate | Failure,
+    above_surface: Estimate | Failure,
+    ground: BaseGround | Failure,
+    limit_m: float,
+) -> tuple[str, ...]:
+    """A warning if the stump would be too high, or may be because plants hide the ground.
+
+    Args:
+        height: height of the cut.
+        above_surface: the same above the surface around the base, which may be that of plants.
+        ground: ground at the stem.
+        limit_m: largest height of a stump in metres.
+    """
+    if not isinstance(above_surface, Estimate):
+        return ()
+    if not isinstance(height, Estimate):
+        return (f"plants hide the ground: the stump may be too high, limit {limit_m:.2f} m",)
+    stump = f"{height.value:.2f} ± {height.std:.2f} m high, limit {limit_m:.2f} m"
+    if height.value - height.std > limit_m:
+        return (f"the stump would be {stump}",)
+    hidden = isinstance(ground, BaseGround) and ground.overgrown
+    if hidden and height.interval95[1] > limit_m:
+        return (f"plants hide the ground: the stump may be too high, {stump}",)
+    return ()
 
 
 def _disagreement(diameters: dict[str, float], stds: dict[str, float]) -> tuple[str, ...]:

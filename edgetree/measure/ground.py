@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calib import GroundPlane, GroundPlaneFailure, fit_ground_planes, project_points
+from calib import GroundPlane, GroundPlaneFailure, fit_ground_planes
 from edgetree.measure.estimates import Estimate, Failure
 from edgetree.measure.frame import DepthFrame
+from edgetree.measure.ground_cover import UNEVEN_STD_M, cover_stds_m, depth_stds_m
+from edgetree.measure.ground_samples import sample_around, thinned
 from edgetree.measure.vertical import Vertical, Verticals
 
 __all__ = ["BaseGround", "find_grounds"]
@@ -22,15 +24,10 @@ Flags = NDArray[np.bool_]
 # Ground is searched for within the first distance around the stem, and within the second only if
 # that is hidden: ground is not flat, so heights get less accurate with the distance.
 _SEARCH_RADII_M = (0.9, 1.4)
-# Ground points are at most this far above and below the felling cut.
-_MAX_ABOVE_CUT_M = 0.3
-_MAX_BELOW_CUT_M = 1.5
-# Rows and columns of the sampling grid, which is denser towards the stem by this exponent. The
-# second grid is for depth with readings at less than this fraction of the first grid's points.
-_GRIDS, _GRID_EXPONENT = (23, 72), 1.5
-_SPARSE = 0.3
-_MIN_POINTS, _MAX_POINTS = 20, 150
-_TOLERANCE_M = 0.05
+# Rows and columns of the sampling grid. The second one is for sparse depth.
+_GRIDS = (23, 72)
+_MIN_POINTS = 20
+_TOLERANCE_M = 3 * UNEVEN_STD_M
 # Smallest standard deviation of the ground's height: litter, moss and roots.
 _LITTER_STD_M = 0.02
 _POINTS_PER_ERROR = 36.0
@@ -39,6 +36,9 @@ _POINTS_PER_ERROR = 36.0
 _OUTLIER_STD_M = 0.15
 # From this fraction of points above the plane on, plants hide the ground.
 _MIN_PLANTS = 0.3
+# The same from the first standard deviation because of plants on. From the second one on, the
+# height of the ground is not known: a 95 % interval would be 0.8 m wide.
+_MIN_COVER_STD_M, _MAX_COVER_STD_M = 0.08, 0.2
 # Smallest cosine of the angle between an axis and the ground's normal, or the vertical.
 _MIN_COSINE = 0.2
 
@@ -51,11 +51,13 @@ class BaseGround:
         plane: plane fitted to the depth around the base.
         vertical: the vertical at the stem.
         reach_m: distance from the stem within which ground points were used.
+        cover_std_m: standard deviation of the ground's height because plants may hide it.
     """
 
     plane: GroundPlane
     vertical: Vertical
     reach_m: float
+    cover_std_m: float = 0.0
 
     @property
     def up(self) -> Float:
@@ -65,7 +67,12 @@ class BaseGround:
     @property
     def overgrown(self) -> bool:
         """Whether plants hide a large part of the ground."""
-        return self.plane.above_fraction > _MIN_PLANTS
+        return self.plane.above_fraction > _MIN_PLANTS or self.cover_std_m > _MIN_COVER_STD_M
+
+    @property
+    def hidden(self) -> bool:
+        """Whether the surface is so unsteady that it is that of plants, and not the ground."""
+        return self.cover_std_m > _MAX_COVER_STD_M
 
     def height_m(
         self, axis_point: Float, along: Float, radius_m: float, axis_std_m: float
@@ -94,8 +101,8 @@ class BaseGround:
         outlier_std_m = _OUTLIER_STD_M * (1 - self.plane.inlier_fraction) ** 2
         # An error of the vertical changes the slope by as much.
         uphill_std_m = radius_m * self.vertical.tilt_std_rad
-        parts = (plane_std_m, outlier_std_m, uphill_std_m, _LITTER_STD_M, axis_std_m)
-        return Estimate(value, math.hypot(*parts))
+        parts = (plane_std_m, outlier_std_m, self.cover_std_m, uphill_std_m, _LITTER_STD_M)
+        return Estimate(value, math.hypot(*parts, axis_std_m))
 
     def axis_length_m(
         self, axis_point: Float, along: Float, radius_m: float, height_m: float
@@ -124,8 +131,13 @@ class BaseGround:
         return (
             f"plane within {self.reach_m:.1f} m of the stem, {self.plane.points} points"
             f" ({self.plane.inlier_fraction:.0%} there) ± {residual_cm:.1f} cm, heights along"
-            f" {self.vertical.description()}"
+            f" {self.vertical.description()}{self._cover_description()}"
         )
+
+    def _cover_description(self) -> str:
+        if self.cover_std_m <= _MIN_COVER_STD_M:
+            return ""
+        return f"; as unsteady as plants, which may hide the ground (± {self.cover_std_m:.2f} m)"
 
 
 def find_grounds(
@@ -134,6 +146,7 @@ def find_grounds(
     radii_m: Float,
     verticals: Verticals,
     indices: NDArray[np.intp],
+    noise: float,
 ) -> list[BaseGround | Failure]:
     """Fit the ground next to each stem, or further around it where that is hidden.
 
@@ -143,6 +156,7 @@ def find_grounds(
         radii_m: (T,) radii of the stems.
         verticals: the verticals of all stems of the frame.
         indices: (T,) numbers of these stems in it.
+        noise: ratio of the noise of the depth to the assumed one.
 
     Returns:
         T grounds, or why there is none.
@@ -152,24 +166,23 @@ def find_grounds(
     missing = np.arange(len(radii_m))
     for grid in _GRIDS:
         near, far = (radius_m + radii_m[missing] for radius_m in _SEARCH_RADII_M)
-        samples = _sample_around(frame, axis_points[missing], far, up, grid)
+        samples = sample_around(frame, axis_points[missing], far, up, grid)
         points, usable = samples.points, samples.usable
         close = usable & (samples.level_m < near[:, None])
         enough = close.sum(1) >= _MIN_POINTS
-        found = _fit_planes(frame, points, np.where(enough[:, None], close, usable), enough, up)
+        chosen = np.where(enough[:, None], close, usable)
+        found = _fit_planes(frame, points, chosen, enough, up, noise)
         again = np.flatnonzero([not ground for ground in found] & enough)
         if len(again):
-            wider = _fit_planes(frame, points[again], usable[again], ~enough[again], up)
+            wider = _fit_planes(frame, points[again], usable[again], ~enough[again], up, noise)
             for index, plane in zip(again, wider, strict=True):
                 found[index] = plane
         for index, plane in zip(missing, found, strict=True):
-            grounds[index] = (
-                plane
-                if isinstance(plane, Failure)
-                else BaseGround(
-                    plane[0], verticals.at(int(indices[index]), plane[0].normal), plane[1]
-                )
-            )
+            if isinstance(plane, Failure):
+                grounds[index] = plane
+            else:
+                vertical = verticals.at(int(indices[index]), plane[0].normal)
+                grounds[index] = BaseGround(plane[0], vertical, *plane[1:])
         missing = missing[samples.sparse & (usable.sum(1) < _MIN_POINTS)]
         if not len(missing):
             break
@@ -177,83 +190,26 @@ def find_grounds(
 
 
 def _fit_planes(
-    frame: DepthFrame, points: Float, usable: Flags, close: Flags, up: Float
-) -> list[tuple[GroundPlane, float] | Failure]:
+    frame: DepthFrame, points: Float, usable: Flags, close: Flags, up: Float, noise: float
+) -> list[tuple[GroundPlane, float, float] | Failure]:
     """Fit planes to the usable ones of (T, N, 3) points.
 
     `close` (T,) tells which of the two search radii the points are from.
 
     Returns:
-        T planes with their search radii, or why there is none.
+        T planes with their search radii and the standard deviations of their height because plants
+        may hide the ground, or why there is none.
     """
-    points, usable = _thinned(points, usable)
+    points, usable = thinned(points, usable)
     settings = frame.settings
-    depth_std_m = np.hypot(settings.depth_noise_m, settings.depth_noise_per_m * points[..., 2] ** 2)
+    depth_std_m = depth_stds_m(settings, points[..., 2])
     planes = fit_ground_planes(
         points, usable, up, settings.max_slope_deg, _TOLERANCE_M, _POINTS_PER_ERROR, depth_std_m
     )
+    cover_std_m = cover_stds_m(frame, points, usable, noise * depth_std_m, planes)
     return [
         Failure(f"no ground around the base: {plane.reason}")
         if isinstance(plane, GroundPlaneFailure)
-        else (plane, _SEARCH_RADII_M[0 if near else 1])
-        for plane, near in zip(planes, close, strict=True)
+        else (plane, _SEARCH_RADII_M[0 if near else 1], float(std_m))
+        for plane, near, std_m in zip(planes, close, cover_std_m, strict=True)
     ]
-
-
-class _GroundSamples(NamedTuple):
-    """Samples of the depth around T stems.
-
-    Attributes:
-        points: (T, N, 3) camera points in metres.
-        usable: (T, N) whether the point may be ground.
-        level_m: (T, N) horizontal distance from the axis point.
-        sparse: (T,) whether most of the samples have no depth reading.
-    """
-
-    points: Float
-    usable: Flags
-    level_m: Float
-    sparse: Flags
-
-
-def _sample_around(
-    frame: DepthFrame, axis_points: Float, reach_m: Float, vertical: Float, grid: int
-) -> _GroundSamples:
-    """Sample the depth on a grid of `grid` rows and columns around axis points (T, 3)."""
-    ahead = np.maximum(axis_points[:, 2], 0.05)
-    middle = project_points(frame.camera, np.stack([*axis_points.T[:2], ahead], -1))
-    # From the centre of the first pixel to that of the last: a point on the border itself lies on
-    # no mask, so the stem's own depth there would pass for ground.
-    last = np.array([frame.camera.width, frame.camera.height]) - 0.5
-    reach_px = (frame.camera.fx * reach_m / ahead)[:, None]
-    low = np.clip(middle - reach_px, 0.5, last)[:, None]
-    high = np.clip(middle + reach_px, 0.5, last)[:, None]
-    ticks = np.linspace(-1.0, 1.0, grid)
-    ticks = (1 + np.sign(ticks) * np.abs(ticks) ** _GRID_EXPONENT) / 2
-    xy_px = low + (high - low) * np.stack(np.meshgrid(ticks, ticks), -1).reshape(1, -1, 2)
-    rays, depth_m = frame.readings(xy_px)
-    points = rays * depth_m[..., None]
-    offset = points - axis_points[:, None]
-    rise = offset @ vertical
-    level_m = np.sqrt(np.maximum((offset**2).sum(2) - rise**2, 0.0))
-    beside = ~frame.on_any_stem(xy_px)
-    sparse = ((depth_m > 0) & beside).sum(1) < _SPARSE * beside.sum(1)
-    usable = beside & (depth_m > 0) & (level_m < reach_m[:, None]) & (axis_points[:, 2:] > 0)
-    usable &= (rise < _MAX_ABOVE_CUT_M) & (rise > -_MAX_BELOW_CUT_M)
-    return _GroundSamples(points, usable, level_m, sparse)
-
-
-def _thinned(points: Float, usable: Flags) -> tuple[Float, Flags]:
-    """At most `_MAX_POINTS` usable ones of (T, N, 3) points, evenly spread over the N.
-
-    Returns:
-        (T, M, 3) points, and (T, M) which of them are filled.
-    """
-    order = np.argsort(~usable, axis=1, kind="stable")
-    count = usable.sum(1)
-    taken = np.minimum(count, _MAX_POINTS)
-    rank = np.arange(_MAX_POINTS)[None] * (count / np.maximum(taken, 1))[:, None]
-    kept = np.arange(_MAX_POINTS)[None] < taken[:, None]
-    rank = np.where(kept, rank, 0).astype(np.intp)
-    picked = np.take_along_axis(order, rank, 1)
-    return np.take_along_axis(points, picked[..., None], 1), kept

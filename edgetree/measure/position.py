@@ -151,10 +151,10 @@ class StemPosition:
     def height_above_seen_ground(
         self, height: Estimate | Failure, ground: BaseGround | Failure
     ) -> Estimate | Failure:
-        """The height of the cut, or a failure if the cut is below what is seen of the ground.
+        """The height of the cut, or a failure if plants hide the ground.
 
-        Where the cut comes out below the ground at the axis by more than its own error, the plane
-        is the top of plants without gaps.
+        They do if the surface is too unsteady for ground, or if the cut comes out below it at the
+        axis by more than its own error.
 
         Args:
             height: height of the cut above the ground on the uphill side.
@@ -164,7 +164,12 @@ class StemPosition:
             return height
         above_axis_m = height.value + ground.uphill_m(self.radius_m)
         if above_axis_m >= -self.cut_rad * math.hypot(*self.cut):
-            return height
+            if not ground.hidden:
+                return height
+            return Failure(
+                f"plants hide the ground: the felling cut is {max(height.value, 0.0):.2f} m or"
+                " more above it, as the surface around the base is as unsteady as grass"
+            )
         return Failure(
             f"plants hide the ground: the felling cut is {-above_axis_m:.2f} m below the lowest"
             " surface around the base"

@@ -15,9 +15,10 @@ from edgetree.detections import TreeDetections
 from edgetree.measure.axis import fit_axes
 from edgetree.measure.diameter_error import diameter_stds_m, incomplete_stds
 from edgetree.measure.estimates import Estimate, Failure, TreeMeasurement
-from edgetree.measure.evidence import gather_evidence
+from edgetree.measure.evidence import gather_evidence, stump_warning
 from edgetree.measure.frame import DepthFrame
 from edgetree.measure.ground import BaseGround, find_grounds
+from edgetree.measure.ground_cover import noise_factor
 from edgetree.measure.keypoints import CUT, Keypoints
 from edgetree.measure.observations import StemObservations, observe_stems
 from edgetree.measure.position import StemPosition
@@ -85,7 +86,10 @@ def measure_all(
         indices = np.flatnonzero(sound)
         verticals = fitted.verticals(sound, up)
         if len(indices):
-            found = find_grounds(frame, cuts[indices], stems.radius_m[indices], verticals, indices)
+            noise = noise_factor(observed.readings, STATIONS, settings)
+            found = find_grounds(
+                frame, cuts[indices], stems.radius_m[indices], verticals, indices, noise
+            )
             for index, ground in zip(indices, found, strict=True):
                 grounds[index] = ground
         tapers = fitted.tapers(fitted.diameters(cuts, grounds), grounds)
@@ -292,10 +296,12 @@ class _FittedFrame:
         )
         vertical = ground.vertical if isinstance(ground, BaseGround) else verticals.at(index, None)
         inclination, direction = stem.lean(vertical, ground, self.settings)
-        height = stem.cut_height(ground)
-        problem = self._cut_failure(index, stem, height)
-        height = stem.height_above_seen_ground(height, ground) if problem is None else problem
-        species = self.settings.species
+        above_surface = stem.cut_height(ground)
+        problem = self._cut_failure(index, stem, above_surface)
+        if problem is not None:
+            above_surface = problem
+        height = stem.height_above_seen_ground(above_surface, ground)
+        species, limit_m = self.settings.species, self.settings.max_stump_height_m
         return TreeMeasurement(
             diameter_m=_if_certain(diameter),
             dbh_m=taper.dbh_m,
@@ -319,23 +325,9 @@ class _FittedFrame:
                 self.stems,
                 self.observed,
                 ground,
-                warnings + self._stump_warning(height, ground),
+                warnings + stump_warning(height, above_surface, ground, limit_m),
             ),
         )
-
-    def _stump_warning(
-        self, height: Estimate | Failure, ground: BaseGround | Failure
-    ) -> tuple[str, ...]:
-        limit_m = self.settings.max_stump_height_m
-        if not isinstance(height, Estimate):
-            return ()
-        stump = f"{height.value:.2f} ± {height.std:.2f} m high, limit {limit_m:.2f} m"
-        if height.value - height.std > limit_m:
-            return (f"the stump would be {stump}",)
-        hidden = isinstance(ground, BaseGround) and ground.overgrown
-        if hidden and height.interval95[1] > limit_m:
-            return (f"plants hide the ground: the stump may be too high, {stump}",)
-        return ()
 
     def _cut_failure(
         self, index: int, stem: StemPosition, height: Estimate | Failure

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from calib import PinholeCamera
 from edgetree.measure import Failure
 
 
@@ -59,3 +60,61 @@ def test_hedges_and_walls_do_not_carry_the_ground(scene, pole, wall, slope_deg, 
     )
     height = measured(stand, seed=int(slope_deg)).cut_height_m
     assert np.isclose(height.value, stand.cut_height_m(stem), atol=0.03)
+
+
+@pytest.fixture(scope="module")
+def small_camera():
+    return PinholeCamera(640, 360, 350.0, 350.0, 319.5, 179.5)
+
+
+@pytest.mark.parametrize("slope_deg", [0.0, 15.0])
+@pytest.mark.parametrize("column_m", [0.03, 0.06, 0.12])
+@pytest.mark.parametrize("share", [0.7, 0.9])
+def test_dense_grass_gives_no_sure_wrong_cut_height(
+    scene, pole, grass, small_camera, share, column_m, slope_deg
+):
+    high = pole(0.3, 0.1, 4.5, cut_m=0.35, section_m=0.5)
+    stand = scene(
+        high,
+        camera=small_camera,
+        camera_height_m=2.3,
+        pitch_deg=22.0,
+        slope_deg=slope_deg,
+        uphill_deg=130.0,
+        grass=grass(0.3, share, column_m, seed=3),
+    )
+    tree = measured(stand, seed=3)
+    if isinstance(tree.cut_height_m, Failure):
+        assert tree.cut_height_m.reason.startswith("plants hide the ground: the felling cut is ")
+    else:
+        low_m, high_m = tree.cut_height_m.interval95
+        assert low_m < stand.cut_height_m(high) < high_m
+    assert any("the stump" in warning for warning in tree.evidence.warnings)
+    assert "plants, which may hide the ground" in tree.evidence.ground
+    assert tree.distance_m
+    assert tree.diameter_m
+
+
+def white_noise_depth_m(stand, noise_per_m):
+    """Depth whose noise differs from pixel to pixel, which makes any surface look rough."""
+    noise = np.random.default_rng(2).standard_normal(stand.depth_m.shape)
+    return (stand.depth_m + noise_per_m * stand.depth_m**2 * noise).astype(np.float32)
+
+
+@pytest.mark.parametrize("slope_deg", [0.0, 20.0])
+@pytest.mark.parametrize("ahead_m", [3.0, 6.0])
+@pytest.mark.parametrize("noise_per_m", [0.002, 0.004])
+def test_noise_of_the_camera_is_not_taken_for_plants(
+    scene, pole, small_camera, noise_per_m, ahead_m, slope_deg
+):
+    stem = pole(0.3, 0.1, ahead_m)
+    stand = scene(
+        stem, camera=small_camera, camera_height_m=2.3, pitch_deg=22.0, slope_deg=slope_deg
+    )
+    depth_m = white_noise_depth_m(stand, noise_per_m)
+    masks = stand.masks()
+    tree = stand.measure(stand.detections(masks), depth_m, masks=masks, settings=None)
+    height = tree.cut_height_m
+    assert height.value == pytest.approx(stand.cut_height_m(stem), abs=0.04)
+    assert height.std < 0.1
+    assert not any("plants" in warning for warning in tree.evidence.warnings)

@@ -1,0 +1,84 @@
+"""Sample the depth around the bases of stems."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib import project_points
+from edgetree.measure.frame import DepthFrame
+
+__all__ = ["GroundSamples", "sample_around", "thinned"]
+
+Float = NDArray[np.floating[Any]]
+Flags = NDArray[np.bool_]
+
+# Ground points are at most this far above and below the felling cut.
+_MAX_ABOVE_CUT_M = 0.3
+_MAX_BELOW_CUT_M = 1.5
+# The grid is denser towards the stem by this exponent. Depth is sparse if there are readings at
+# less than this fraction of its points.
+_GRID_EXPONENT = 1.5
+_SPARSE = 0.3
+_MAX_POINTS = 150
+
+
+class GroundSamples(NamedTuple):
+    """Samples of the depth around T stems.
+
+    Attributes:
+        points: (T, N, 3) camera points in metres.
+        usable: (T, N) whether the point may be ground.
+        level_m: (T, N) horizontal distance from the axis point.
+        sparse: (T,) whether most of the samples have no depth reading.
+    """
+
+    points: Float
+    usable: Flags
+    level_m: Float
+    sparse: Flags
+
+
+def sample_around(
+    frame: DepthFrame, axis_points: Float, reach_m: Float, vertical: Float, grid: int
+) -> GroundSamples:
+    """Sample the depth on a grid of `grid` rows and columns around axis points (T, 3)."""
+    ahead = np.maximum(axis_points[:, 2], 0.05)
+    middle = project_points(frame.camera, np.stack([*axis_points.T[:2], ahead], -1))
+    # From the centre of the first pixel to that of the last: a point on the border itself lies on
+    # no mask, so the stem's own depth there would pass for ground.
+    last = np.array([frame.camera.width, frame.camera.height]) - 0.5
+    reach_px = (frame.camera.fx * reach_m / ahead)[:, None]
+    low = np.clip(middle - reach_px, 0.5, last)[:, None]
+    high = np.clip(middle + reach_px, 0.5, last)[:, None]
+    ticks = np.linspace(-1.0, 1.0, grid)
+    ticks = (1 + np.sign(ticks) * np.abs(ticks) ** _GRID_EXPONENT) / 2
+    xy_px = low + (high - low) * np.stack(np.meshgrid(ticks, ticks), -1).reshape(1, -1, 2)
+    rays, depth_m = frame.readings(xy_px)
+    points = rays * depth_m[..., None]
+    offset = points - axis_points[:, None]
+    rise = offset @ vertical
+    level_m = np.sqrt(np.maximum((offset**2).sum(2) - rise**2, 0.0))
+    beside = ~frame.on_any_stem(xy_px)
+    sparse = ((depth_m > 0) & beside).sum(1) < _SPARSE * beside.sum(1)
+    usable = beside & (depth_m > 0) & (level_m < reach_m[:, None]) & (axis_points[:, 2:] > 0)
+    usable &= (rise < _MAX_ABOVE_CUT_M) & (rise > -_MAX_BELOW_CUT_M)
+    return GroundSamples(points, usable, level_m, sparse)
+
+
+def thinned(points: Float, usable: Flags) -> tuple[Float, Flags]:
+    """At most `_MAX_POINTS` usable ones of (T, N, 3) points, evenly spread over the N.
+
+    Returns:
+        (T, M, 3) points, and (T, M) which of them are filled.
+    """
+    order = np.argsort(~usable, axis=1, kind="stable")
+    count = usable.sum(1)
+    taken = np.minimum(count, _MAX_POINTS)
+    rank = np.arange(_MAX_POINTS)[None] * (count / np.maximum(taken, 1))[:, None]
+    kept = np.arange(_MAX_POINTS)[None] < taken[:, None]
+    rank = np.where(kept, rank, 0).astype(np.intp)
+    picked = np.take_along_axis(order, rank, 1)
+    return np.take_along_axis(points, picked[..., None], 1), kept
