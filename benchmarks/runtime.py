@@ -41,11 +41,12 @@ OURS = """
 import sys, time
 start = time.perf_counter()
 import edgetree.runtime.detector as runtime
+from edgetree.catalogue import default_model
 imported = time.perf_counter()
 import numpy as np
 frame = np.zeros((720, 1280, 3) if sys.argv[1] == "rgb" else (720, 1280), np.uint8)
 begin = time.perf_counter()
-detector = runtime.TreeDetector.load(runtime.default_model(sys.argv[1]), threads=int(sys.argv[2]))
+detector = runtime.TreeDetector.load(default_model(sys.argv[1]), threads=int(sys.argv[2]))
 loaded = time.perf_counter()
 detector.detect(frame)
 done = time.perf_counter()

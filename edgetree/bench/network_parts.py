@@ -28,7 +28,9 @@ _WEIGHTS: Final = {
 
 
 def parts_of_nodes(nodes: Iterable[GraphNode]) -> dict[str, str]:
-    """The part of each node, by the node's name.
+    """The part of each node, by the node's name and by the names of its outputs.
+
+    onnxruntime names nodes that it makes of others by either.
 
     Args:
         nodes: the nodes of an exported graph, in the order of execution.
@@ -41,7 +43,7 @@ def parts_of_nodes(nodes: Iterable[GraphNode]) -> dict[str, str]:
             places.append(PARTS.index("heads"))
         place = max(places, default=0)
         made |= dict.fromkeys(node.outputs, place)
-        found |= dict.fromkeys(node.names, PARTS[place])
+        found |= dict.fromkeys((*node.names, *node.outputs), PARTS[place])
     return found
 
 

@@ -124,7 +124,7 @@ def _cells(row: Record) -> list[str]:
     p50_ms, fps = row["p50_ms"], row["fps"]
     accuracy = row.get("accuracy") or {}
     return [
-        row["name"],
+        row["network"],
         _count(classifier.get("parameters"), _MEGA, 1),
         _count(paper.get("parameters"), _MEGA, 1),
         _count(classifier.get("multiply_adds"), _GIGA, 2),
@@ -142,7 +142,7 @@ def _cells(row: Record) -> list[str]:
 
 
 def paper_lines(rows: Sequence[Record]) -> Iterator[str]:
-    """Rows of a result as text beside the paper's, at most 100 columns wide, with explanations."""
+    """Rows of networks as text beside the paper's, at most 100 columns wide, with explanations."""
     yield _heading(_GROUPS)
     yield _heading(_QUANTITIES)
     yield _line(_UNITS)
@@ -169,12 +169,12 @@ def _line(cells: Sequence[str]) -> str:
 
 
 def _notes(rows: Sequence[Record]) -> Iterator[str]:
-    names = {row["name"] for row in rows}
+    names = {row["network"] for row in rows}
     yield "mult-adds: multiply-adds; FLOPs: 2 per multiply-add. Paper: parameters and multiply-adds"
     yield "of the backbone as ImageNet classifier at 224x224 px, like the columns next to them;"
     yield f"FPS of the whole network at 800x800 px on an {PAPER_GPU}; AP on its simulated frames."
     if names & {"x101-32x4d", "x101-32x8d"}:
         yield "X101: the paper counts ResNeXt-101 32x4d; its published code and weights are 32x8d."
-    untrained = sorted({row["name"] for row in rows if not row["trained"]})
+    untrained = sorted({row["network"] for row in rows if not row["trained"]})
     if untrained:
         yield f"Untrained, for speed only: {', '.join(untrained)}."

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import tempfile
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import prod
@@ -24,7 +25,9 @@ from edgetree.runtime.session import OrtSession
 
 __all__ = ["NetworkTimes", "Operator", "count_multiply_adds", "network_times"]
 
-_RUNS: Final = 5
+_MOST_RUNS: Final = 5
+_FEWEST: Final = 2  # the first one warms up
+_LONGEST_S: Final = 4.0
 _EVENT_SUFFIX: Final = "_kernel_time"
 
 Event = Mapping[str, Any]
@@ -61,28 +64,27 @@ class NetworkTimes(NamedTuple):
 
 
 def network_times(path: Path, settings: SessionSettings, inputs: Sequence[Inputs]) -> NetworkTimes:
-    """Profile a network on inputs in turn, after one run to warm up.
+    """Profile a network on inputs in turn, after one run to warm up; slow ones in fewer runs.
 
     Args:
         path: the model file.
         settings: how to run it.
         inputs: inputs by name, at least one.
     """
-    runs = [inputs[index % len(inputs)] for index in range(_RUNS)]
-    events = _profile(path, settings, [runs[0], *runs], optimised=True)
-    events = events[len(events) // (_RUNS + 1) :]
+    runs = _profile(path, settings, inputs, _MOST_RUNS + 1, optimised=True)[1:]
+    events = [event for run in runs for event in run]
     parts = parts_of_nodes(read_model_file(path).nodes)
     parts_ms = dict.fromkeys(PARTS, 0.0)
     kinds: dict[tuple[str, str], list[float]] = {}
     part = PARTS[0]
     for event in events:
-        ms = event["dur"] / 1000 / _RUNS
+        ms = event["dur"] / 1000 / len(runs)
         part = _part_of(event["name"].removesuffix(_EVENT_SUFFIX), parts, part)
         parts_ms[part] += ms
         kinds.setdefault((event["args"]["op_name"], event["args"]["provider"]), []).append(ms)
     names = {provider.ort_name: provider.name for provider in PROVIDERS.values()}
     operators = [
-        Operator(name, names.get(provider, provider), round(len(times) / _RUNS), sum(times))
+        Operator(name, names.get(provider, provider), round(len(times) / len(runs)), sum(times))
         for (name, provider), times in kinds.items()
     ]
     return NetworkTimes(parts_ms, sorted(operators, key=lambda each: -each.ms))
@@ -108,7 +110,7 @@ def count_multiply_adds(path: Path, inputs: Inputs) -> int:
         path: the model file.
         inputs: inputs by name.
     """
-    events = _profile(path, SessionSettings(), [inputs], optimised=False)
+    (events,) = _profile(path, SessionSettings(), [inputs], 1, optimised=False)
     return sum(_multiply_adds(event["args"]) for event in events)
 
 
@@ -124,9 +126,9 @@ def _multiply_adds(node: Event) -> int:
 
 
 def _profile(
-    path: Path, settings: SessionSettings, runs: Sequence[Inputs], *, optimised: bool
-) -> list[Event]:
-    """The events of all nodes in all runs, in their order."""
+    path: Path, settings: SessionSettings, inputs: Sequence[Inputs], count: int, *, optimised: bool
+) -> list[list[Event]]:
+    """The events of the nodes in each of `count` runs, or of two once these take too long."""
     levels = import_onnxruntime().GraphOptimizationLevel
 
     with tempfile.TemporaryDirectory() as folder:
@@ -138,11 +140,16 @@ def _profile(
                 options.graph_optimization_level = levels.ORT_DISABLE_ALL
 
         session = OrtSession(path, settings, adjust=adjust)
-        for inputs in runs:
-            session.run(inputs)
+        start_s = time.perf_counter()
+        runs = 0
+        while runs < count and (runs < _FEWEST or time.perf_counter() - start_s < _LONGEST_S):
+            session.run(inputs[runs % len(inputs)])
+            runs += 1
         events = json.loads(session.end_profiling().read_text(encoding="utf-8"))
-    return [
+    nodes = [
         event
         for event in events
         if event.get("cat") == "Node" and event["name"].endswith(_EVENT_SUFFIX)
     ]
+    size = len(nodes) // runs
+    return [nodes[run * size : (run + 1) * size] for run in range(runs)]

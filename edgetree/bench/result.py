@@ -65,13 +65,14 @@ def make_result(
         measured: what `measure_variants` returned.
         environment: the machine and the versions of the libraries.
         method: how it was measured.
-        networks: the paper's network of each row, a key of `PAPER`, or None.
+        networks: the network of each row that was asked for by name, or None.
     """
     rows = []
     for row, network in zip(measured["rows"], networks, strict=True):
         paper = None if network is None else PAPER.get(network)
         counted = row["graph_multiply_adds"]
-        rows.append({**row, "graph_flops": 2 * counted, "paper": paper and paper.to_dict()})
+        given = {"network": network, "paper": paper and paper.to_dict()}
+        rows.append({**row, "graph_flops": 2 * counted, **given})
     return {
         "schema": SCHEMA,
         "environment": dict(environment),

@@ -21,7 +21,7 @@ STAGES: Final = ("decode", "pre", *PARTS, "post", "measure")
 """Stages of a frame: read and decode the file; resize and encode; the parts of the network; check
 the outputs, select trees and map them to the image; measure them in metres."""
 
-_RUNS: Final = 12
+_MOST_RUNS, _FEWEST_RUNS, _LONGEST_S = 12, 3, 4.0
 
 
 class _TimedSession(OrtSession):
@@ -55,8 +55,13 @@ def stages_ms(
     session = open_session(_TimedSession)
     assert isinstance(session, _TimedSession)
     detector = TreeDetector(session)
-    detector.warm_up()
-    measured = [_one_frame(detector, session, frames[n % len(frames)]) for n in range(_RUNS)]
+    detector.warm_up(rounds=1)
+    start_s = time.perf_counter()
+    measured: list[tuple[float, float, float, float]] = []
+    while len(measured) < _FEWEST_RUNS or (
+        len(measured) < _MOST_RUNS and time.perf_counter() - start_s < _LONGEST_S
+    ):
+        measured.append(_one_frame(detector, session, frames[len(measured) % len(frames)]))
     pre, network, post = (median(each[index] for each in measured) for index in range(3))
     metres = [each[3] for each in measured]
     share = network / max(sum(parts_ms.values()), 1e-9)

@@ -48,9 +48,10 @@ def text_lines(result: Record) -> Iterator[str]:
         if key not in seen:
             seen.add(key)
             yield from _stages(row)
-    if any(row["paper"] for row in rows):
+    networks = [row for row in rows if row["network"] is not None]
+    if networks:
         yield ""
-        yield from paper_lines(rows)
+        yield from paper_lines(networks)
     yield ""
     for note in notes(result):
         yield from _wrapped(note)

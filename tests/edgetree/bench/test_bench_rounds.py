@@ -127,6 +127,7 @@ def test_a_long_run_has_a_curve(rgb_manifest: Manifest, write_model: Callable[..
 def test_the_parts_of_the_network_follow_each_other() -> None:
     parts = parts_of_nodes(read_model_file(default_model("rgb")).nodes)
     places = [PARTS.index(part) for part in parts.values()]
+    assert parts["node_roi_align"] == parts["roi_align"] == "heads", "by node and by output"
     assert set(parts.values()) == set(PARTS)
     assert all(part == "heads" for name, part in parts.items() if "roi_align" in name)
     assert (places[0], places[-1]) == (PARTS.index("trunk"), PARTS.index("heads"))
@@ -158,16 +159,16 @@ def test_a_matrix_product_costs_rows_times_columns_times_their_length(tmp_path: 
 
 def test_counted_multiply_adds_equal_those_that_torch_counts(tmp_path: Path) -> None:
     pytest.importorskip("torch")
-    from edgetree.export import ExportSettings, export_preset
+    from edgetree.export.build import trace
     from perceptree.models import TreeRCNN, make_spec
     from perceptree.models.cost import multiply_adds
 
     path = tmp_path / "r50.onnx"
-    settings = ExportSettings(height=256, width=256, proposals=20)
-    export_preset("r50", path, settings=settings, say=lambda _: None)
-    spec = dataclasses.replace(make_spec("r50", "rgb", 256, 256), proposals=20)
-    counted = count_multiply_adds(path, inputs_of(path))
-    assert counted == pytest.approx(multiply_adds(TreeRCNN(spec)), rel=0.01)
+    spec = dataclasses.replace(make_spec("r50", "rgb", 256, 256), proposals=200)
+    model = TreeRCNN(spec).eval()
+    path.write_bytes(trace(model, 1).SerializeToString())
+    counted = count_multiply_adds(path, {"image": np.zeros((1, 256, 256, 3), np.uint8)})
+    assert counted == pytest.approx(multiply_adds(model), rel=0.01)
 
 
 def test_the_peak_grows_with_the_format() -> None:
