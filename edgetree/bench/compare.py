@@ -1,17 +1,21 @@
 """Compare two results of `edgetree bench`: what became slower or less accurate than noise explains.
 
 Rows of the two results belong together if model, precision, input size, provider, threads and batch
-are the same. The time of a row is the median over its rounds. The noise of a row is half of the
-range of its rounds, as a share of that median; a change counts if it exceeds the noise of both rows
-together, and `LEAST_SHARE` of the time. Accuracy on the same frames has no noise.
+are the same. The time of a row is the median over its rounds. The noise of a row comes from the
+range of the middle half of its rounds, so that one disturbed round does not count, and falls with
+their number. A change counts if it exceeds the noise of both rows together, and `LEAST_SHARE` of
+the time. Accuracy on the same frames has no noise.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from statistics import median
 from typing import Any, Final
+
+import numpy as np
 
 from edgetree.errors import InputError
 
@@ -160,8 +164,13 @@ def _round_times(row: Record) -> list[float]:
 
 
 def _noise(times_ms: Sequence[float]) -> float:
-    """Half of the range of the rounds, as a share of their median."""
-    return (max(times_ms) - min(times_ms)) / 2 / median(times_ms)
+    """About 2.7 standard deviations of the median of the rounds, as a share of it.
+
+    The standard deviation of a median of n normal values is 0.93 times the range of their middle
+    half, divided by the root of n.
+    """
+    low, high = np.percentile(times_ms, (25, 75))
+    return 2.5 * float(high - low) / math.sqrt(len(times_ms)) / median(times_ms)
 
 
 def _lost(old: Record, new: Record) -> dict[str, float]:

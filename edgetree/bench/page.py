@@ -55,7 +55,7 @@ def page_html(result: Record) -> Iterator[str]:
     yield "<h2>All figures</h2>" + scrolling(_table(_COLUMNS, [_cells(row) for row in rows]))
     yield "<h2>Where the time goes</h2>"
     yield "<p>Reading the file, preparing the picture, the parts of the network, reading its "
-    yield "outputs, and measuring in metres; one frame at a time.</p>"
+    yield "outputs, and measuring in metres; one frame at a time. Bars show shares of the time.</p>"
     single = [row for row in rows if row["batch"] == min(each["batch"] for each in rows)]
     chart = stages_chart([(_label(row), row["stages_ms"]) for row in single])
     yield f'<div class="tile">{chart}</div>'

@@ -74,16 +74,18 @@ def heat_chart(name: str, points: Sequence[Record]) -> str:
 
 
 def stages_chart(rows: Sequence[tuple[str, Record]]) -> str:
-    """Where the time of a frame goes: one bar for each model, from (name, times of the stages)."""
+    """Where the time of a frame goes: one bar for each model, from (name, times of the stages).
+
+    All bars have the same width, as fast and slow models would not fit one scale.
+    """
     totals = [sum(value or 0.0 for value in stages.values()) for _, stages in rows]
-    scale = (_WIDTH * 2 - 20) / max(totals)
     drawn = []
     for number, ((name, stages), total) in enumerate(zip(rows, totals, strict=True)):
         top = 20 + number * (_BAR + 26)
         drawn.append(f'<text x="0" y="{top - 5}">{escape(name)}: {total:.1f} ms</text>')
         left = 0.0
         for index, stage in enumerate(STAGES):
-            width = (stages[stage] or 0.0) * scale
+            width = (stages[stage] or 0.0) / total * (_WIDTH * 2 - 20)
             drawn.append(_stage(stage, stages[stage], index, (left, top, width)))
             left += width
     height = 20 + len(rows) * (_BAR + 26)

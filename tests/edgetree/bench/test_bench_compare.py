@@ -40,6 +40,12 @@ def test_noise_of_either_result_hides_a_change_of_its_size() -> None:
     assert compare_results(noisy, timed(40.0, 40.1, 40.2)).regressions != ()
 
 
+def test_one_disturbed_round_is_no_noise() -> None:
+    disturbed = timed(20.0, 20.1, 20.2, 19.9, 35.0)
+    (row,) = compare_results(disturbed, timed(21.5, 21.6, 21.4, 21.5, 21.6)).regressions
+    assert row.noise < 0.05
+
+
 def test_small_changes_do_not_count_however_little_noise_there_is() -> None:
     assert compare_results(timed(20.0, 20.0), timed(20.5, 20.5)).regressions == ()
     assert compare_results(timed(20.0, 20.0), timed(20.7, 20.7)).regressions != ()
