@@ -38,21 +38,21 @@ class _TimedSession(OrtSession):
 
 def stages_ms(
     frames: Sequence[BenchFrame],
-    open_session: Callable[[type[OrtSession]], OrtSession],
+    open_as: Callable[[type[OrtSession]], OrtSession],
     parts_ms: dict[str, float],
 ) -> dict[str, float | None]:
     """Median time of each of `STAGES`, one frame at a time.
 
     Args:
         frames: the frames, at least one.
-        open_session: opens the model in a session of the given class.
+        open_as: opens the model in a session of the given class.
         parts_ms: times of the parts of the network from a profile, which makes all of them a little
             slower: only their proportions are used.
 
     Returns:
         The times in milliseconds; None for measuring where a frame lacks depth or camera.
     """
-    session = open_session(_TimedSession)
+    session = open_as(_TimedSession)
     assert isinstance(session, _TimedSession)
     detector = TreeDetector(session)
     detector.warm_up(rounds=1)
