@@ -67,7 +67,8 @@ def tables(
         str, typer.Option(help="Seeds, separated by commas; every model is trained with each.")
     ] = "0,1",
     recipe: Annotated[
-        str | None, typer.Option(help="Training recipe: scratch or paper; by default the model's.")
+        str | None,
+        typer.Option(help="Training recipe: scratch, varied or paper; by default the model's."),
     ] = None,
     init: _Init = None,
     height: _Side = None,

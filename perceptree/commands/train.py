@@ -75,7 +75,8 @@ _FrozenNorms = Annotated[
 _Recipe = Annotated[
     str | None,
     typer.Option(
-        help="Training recipe: scratch (small networks from random weights; the default) or paper"
+        help="Training recipe: scratch (small networks from random weights; the default), varied"
+        " (the same with stronger changes of light and colour, for RGB on real cameras) or paper"
         " (the default for the paper's backbones)."
     ),
 ]

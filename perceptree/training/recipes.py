@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from perceptree.data import PAPER_AUGMENT
+from perceptree.data import PAPER_AUGMENT, VARIED_AUGMENT
 from perceptree.errors import SettingsError
 from perceptree.models import PAPER_SAMPLING
 from perceptree.training.settings import TrainSettings
 
 RECIPES: dict[str, dict[str, Any]] = {
     "scratch": {},
+    "varied": {"augment": VARIED_AUGMENT},
     "paper": {
         "batch": 8,
         "optimizer": "sgd",
@@ -28,9 +29,10 @@ RECIPES: dict[str, dict[str, Any]] = {
 }
 """Differences from the defaults of TrainSettings, by name.
 
-``scratch`` is for light networks with random weights. ``paper`` follows Grondin et al. (2022) and
-their published configurations, in which training takes 60,000 steps and starts from COCO or
-ImageNet weights with FREEZE_AT 2 and fixed batch norms.
+``scratch`` is for light networks with random weights. ``varied`` is the same with stronger changes
+of light, tone, colour and sharpness, for RGB models that will see real cameras. ``paper`` follows
+Grondin et al. (2022) and their published configurations, in which training takes 60,000 steps and
+starts from COCO or ImageNet weights with FREEZE_AT 2 and fixed batch norms.
 """
 
 PAPER_STEPS = 60_000

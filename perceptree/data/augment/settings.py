@@ -221,3 +221,28 @@ motion blur up to 7 px (0.2), saturation (0.3), perspective (0.2). Differences:
 - Depth frames get the geometric changes only. The paper does not describe the augmentation of its
   depth models.
 """
+
+VARIED_AUGMENT = AugmentSettings(
+    scale=(0.75, 1.6),
+    rotation_deg=5.0,
+    perspective_share=0.2,
+    perspective=0.06,
+    shadow=0.45,
+    vignette=0.4,
+    saturation=0.8,
+    hue_deg=8.0,
+    grey_share=0.05,
+    brightness=0.4,
+    contrast=0.35,
+    curves=0.2,
+    blur_share=0.4,
+    blur_px=1.2,
+    motion_blur_px=5.0,
+    sharpening=1.5,
+    noise_share=0.5,
+    chroma_noise=6.0,
+    jpeg_share=0.5,
+)
+"""Stronger changes for RGB models that will see real cameras: light, tone, colour, sharpness and
+compression vary more than in simulated frames, as between cameras and their settings.
+"""

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from perceptree.data import AugmentSettings, Sample, augment
-from perceptree.data.augment import PAPER_AUGMENT
+from perceptree.data.augment import PAPER_AUGMENT, VARIED_AUGMENT
 from perceptree.models import ModelSpec, make_spec
 
 WIDTH_PX, HEIGHT_PX = 160, 96
@@ -168,3 +168,18 @@ def test_the_papers_changes_have_their_shares() -> None:
         for seed in range(200)
     )
     assert 25 < same < 70  # 0.7 * 0.7 * 0.7 * 0.6, a fifth of the frames
+
+
+def test_contrast_and_colourfulness_vary_more_in_varied_frames() -> None:
+    still = {"flip_share": 0, "scale": (1, 1), "rotation_deg": 0, "perspective_share": 0}
+
+    def spread(settings: AugmentSettings) -> np.ndarray:
+        rows = []
+        for seed in range(150):
+            rng = np.random.default_rng(seed)
+            image = augment(rng, picture(), SPEC, replace(settings, **still)).image.astype(float)
+            rows.append([image.std(), np.ptp(image, axis=2).mean()])
+        return np.array(rows).std(0)
+
+    usual, varied = spread(AugmentSettings()), spread(VARIED_AUGMENT)
+    assert (varied > 1.05 * usual).all(), (usual, varied)

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.error import URLError
@@ -11,6 +12,7 @@ import timm
 from torchvision.models._api import WeightsEnum
 
 import perceptree.training
+from perceptree.data import VARIED_AUGMENT, AugmentSettings
 from perceptree.models import (
     PAPER_SAMPLING,
     ModelSpec,
@@ -101,6 +103,12 @@ def test_without_options_the_light_depth_model_is_trained_whole_from_random(
     assert settings.schedule == "constant"
     assert (init, engine, branch) == (None, Engine(), None)
     assert source == DataSource(Path("posts"))
+
+
+def test_the_varied_recipe_differs_in_the_augmentation_alone(asked: Callable[..., Asked]) -> None:
+    _, settings, *_ = asked("--recipe", "varied", "--modality", "rgb")
+    assert settings.augment == VARIED_AUGMENT
+    assert replace(settings, augment=AugmentSettings()) == recipe_settings("scratch", steps=20_000)
 
 
 def test_every_model_comes_with_its_size_and_sampling(asked: Callable[..., Asked]) -> None:
