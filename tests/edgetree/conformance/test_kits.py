@@ -109,7 +109,6 @@ _apply = calib.Letterbox.apply
         ("rgb", calib.Letterbox, "apply", stretch),
         ("depth", calib.Letterbox, "apply", pad_otherwise),
         ("rgb", calib.Letterbox, "to_source", lambda box, xy: np.asarray(xy, np.float64)),
-        ("rgb", detector, "distinct_trees", lambda boxes, masks, most: np.ones(len(boxes), bool)),
         ("depth", detector, "distinct_trees", lambda boxes, masks, most: np.ones(len(boxes), bool)),
     ],
 )

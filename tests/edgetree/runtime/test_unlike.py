@@ -62,7 +62,12 @@ def shipped(modality: str) -> Manifest:
 
 @pytest.mark.parametrize(
     ("name", "statistic"),
-    [("grey", "contrast"), ("noise", "texture"), ("night", "black_percent"), ("room", "texture")],
+    [
+        ("grey", "contrast"),
+        ("noise", "texture"),
+        ("night", "black_percent"),
+        ("room", "local_contrast"),
+    ],
 )
 def test_strange_colours_are_told(name: str, statistic: str) -> None:
     found = found_by(shipped("rgb"), colour(name))
