@@ -77,10 +77,10 @@ class MeasureSettings:
     """
 
     keypoint_std_px: float = 1.3
-    keypoint_spread: float = 0.0117
-    keypoint_slide: float = 0.028
-    mask_std_px: float = 2.6
-    mask_spread: float = 0.39
+    keypoint_spread: float = 0.0095
+    keypoint_slide: float = 0.02
+    mask_std_px: float = 1.6
+    mask_spread: float = 0.24
     given_mask_std_px: float = 1.1
     depth_noise_per_m: float = 0.002
     depth_noise_m: float = 0.005
@@ -92,7 +92,7 @@ class MeasureSettings:
     butt_swell_std: float = 0.08
     out_of_round_std: float = 0.0135
     curvature_std: float = 0.05
-    bend_std_deg: float = 0.85
+    bend_std_deg: float = 1.2
     lean_std_deg: float = 6.0
     breast_height_m: float = 1.3
     max_stump_height_m: float = 0.3

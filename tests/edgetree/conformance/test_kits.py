@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import calib
 from edgetree.catalogue import default_model
@@ -100,6 +101,13 @@ def pad_otherwise(box: calib.Letterbox, image: Any, pad: int) -> Any:
 
 
 _apply = calib.Letterbox.apply
+_distinct_trees = detector.distinct_trees
+
+
+def keep_no_overlapping(
+    boxes_px: np.ndarray, masks: np.ndarray, max_overlap: float
+) -> NDArray[np.bool_]:
+    return _distinct_trees(boxes_px, masks, 0.02)
 
 
 @pytest.mark.parametrize(
@@ -109,7 +117,7 @@ _apply = calib.Letterbox.apply
         ("rgb", calib.Letterbox, "apply", stretch),
         ("depth", calib.Letterbox, "apply", pad_otherwise),
         ("rgb", calib.Letterbox, "to_source", lambda box, xy: np.asarray(xy, np.float64)),
-        ("depth", detector, "distinct_trees", lambda boxes, masks, most: np.ones(len(boxes), bool)),
+        ("rgb", detector, "distinct_trees", keep_no_overlapping),
     ],
 )
 def test_a_wrong_program_fails(
