@@ -64,10 +64,11 @@ _OTHER_PROCESSOR: Final = Tolerance(
     outside=0.1,
     trees=0.05,
 )
-# Another runtime rounds between other layers than onnxruntime.
+# Another runtime rounds between other layers than onnxruntime. OpenVINO moves the ends of two stems
+# of the embedded depth file by 8 and 11 px, where branches hide them.
 _OTHER_RUNTIME: Final = Tolerance(
     score=0.1,
-    box_px=5.0,
+    box_px=6.0,
     keypoint_px=6.0,
     keypoint_score=0.1,
     mask=0.1,
