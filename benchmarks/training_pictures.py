@@ -11,22 +11,15 @@ the new hash and size.
 from __future__ import annotations
 
 import argparse
-import hashlib
-import json
 import sys
 from dataclasses import replace
 from pathlib import Path
 
-import onnx
-from model_card_page import page
+from manifest_change import write_manifest
 
 from calib import DepthEncoding, picture_statistics, usual_ranges
-from calib.writing import write_text, write_whole
-from edgetree.catalogue import KnownModel
 from edgetree.evaluate import frames_for
-from edgetree.export.build import with_manifest
 from edgetree.model_file.manifest import Manifest, UsualRange
-from edgetree.model_file.safety_check import check_content
 from perceptree.data import read_dataset
 
 
@@ -46,26 +39,6 @@ def usual_of(manifest: Manifest, folders: list[Path]) -> tuple[UsualRange, ...]:
     return tuple(UsualRange(name, *ranges[name]) for name in sorted(ranges))
 
 
-def add(path: Path, folders: list[Path]) -> None:
-    """Write the ranges into the file, and the file's new hash into its card."""
-    model = KnownModel(path.stem, path)
-    card = model.card()
-    before = path.read_bytes()
-    proto = onnx.load_model_from_string(before)
-    graph = proto.graph.SerializeToString()
-    manifest = model.manifest()
-    changed = replace(manifest, training_pictures=usual_of(manifest, folders))
-    after = with_manifest(proto, changed)
-    if graph not in before or graph not in after:
-        sys.exit(f"{path} is not as this project writes it: expected its graph to keep its bytes")
-    check_content(after, path)
-    write_whole(path, after)
-    if card is not None:
-        card |= {"model_sha256": hashlib.sha256(after).hexdigest(), "file_bytes": len(after)}
-        write_text(path.with_suffix(".json"), json.dumps(card, indent=1) + "\n")
-        write_text(path.with_suffix(".md"), page(card))
-
-
 def main() -> None:
     """Add the ranges to a file."""
     assert __doc__
@@ -73,7 +46,10 @@ def main() -> None:
     parser.add_argument("model", type=Path)
     parser.add_argument("data", type=Path, nargs="+")
     options = parser.parse_args()
-    add(options.model, options.data)
+    write_manifest(
+        options.model,
+        lambda manifest: replace(manifest, training_pictures=usual_of(manifest, options.data)),
+    )
 
 
 if __name__ == "__main__":

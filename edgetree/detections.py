@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final, TypeAlias
 
@@ -71,10 +72,12 @@ class TreeDetections:
         image_height: height of the image in pixels.
         unlike: how the image differs from those that the model was trained on, if it does clearly;
             None for an ordinary image, and if the model file does not say how they look.
+        error_factor: standard deviation of keypoints and mask edges, relative to those that
+            `MeasureSettings` states; as the model file says.
 
     Raises:
         InputError: an array does not have the shape given above, contains values that are not
-            finite, or a score is outside [0, 1].
+            finite, a score is outside [0, 1], or the error factor is not positive.
     """
 
     boxes_px: NDArray[np.float32]
@@ -84,6 +87,7 @@ class TreeDetections:
     image_width: int
     image_height: int
     unlike: UnlikeTraining | None = None
+    error_factor: float = 1.0
 
     def __post_init__(self) -> None:
         count = len(self.scores)
@@ -99,6 +103,8 @@ class TreeDetections:
         if count and not (self.scores.min() >= 0 and self.scores.max() <= 1):
             span = f"{self.scores.min():g} to {self.scores.max():g}"
             raise InputError(f"scores are {span}: expected probabilities, 0 to 1")
+        if not (math.isfinite(self.error_factor) and self.error_factor > 0):
+            raise InputError(f"error_factor is {self.error_factor}: expected a positive number")
 
     def _keep_as_float32(self, name: str, shape: tuple[int, ...]) -> None:
         array = np.asarray(getattr(self, name), dtype=np.float32)
@@ -123,6 +129,7 @@ class TreeDetections:
             image_width=self.image_width,
             image_height=self.image_height,
             unlike=self.unlike,
+            error_factor=self.error_factor,
         )
 
     def above(self, score_threshold: float) -> TreeDetections:

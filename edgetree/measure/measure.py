@@ -50,7 +50,8 @@ def measure_trees(
             default the mounting's, for a level machine. Without both, heights and inclinations
             refer to the normal of the ground plane.
         mounting: transform from camera to machine coordinates (x forward, y left, z up).
-        settings: assumed errors and limits.
+        settings: assumed errors and limits. Those of keypoints and mask edges are multiplied by
+            `detections.error_factor`.
 
     Returns:
         One measurement per detection, in their order. Quantities that cannot be measured hold the
@@ -60,7 +61,7 @@ def measure_trees(
         InputError: depth, camera or masks are for another image size, the depth does not have a
             float dtype, or the vertical is not a valid direction.
     """
-    settings = settings or MeasureSettings()
+    settings = (settings or MeasureSettings()).scaled(detections.error_factor)
     _check_sizes(detections, depth_m, camera)
     if masks is not None:
         _check_masks(detections, masks)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 from edgetree.errors import InputError
 from edgetree.measure.volume import EXPECTED_SPECIES, SPECIES, Species
@@ -11,6 +11,13 @@ from edgetree.measure.volume import EXPECTED_SPECIES, SPECIES, Species
 __all__ = ["MeasureSettings", "reference_px"]
 
 _REFERENCE_WIDTH_PX = 1280
+_DETECTOR_ERRORS = (
+    "keypoint_std_px",
+    "keypoint_spread",
+    "keypoint_slide",
+    "mask_std_px",
+    "mask_spread",
+)
 
 
 def reference_px(image_width: int) -> float:
@@ -110,3 +117,7 @@ class MeasureSettings:
                 continue
             if not (math.isfinite(value) and value > 0):
                 raise InputError(f"{field.name} is {value}: expected a positive number")
+
+    def scaled(self, factor: float) -> MeasureSettings:
+        """The same with `factor` times the errors of a detector's keypoints and mask edges."""
+        return replace(self, **{name: factor * getattr(self, name) for name in _DETECTOR_ERRORS})

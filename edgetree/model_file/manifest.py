@@ -196,6 +196,8 @@ class Manifest:
         weight_bits: bits that the weights of an 8-bit model use. With 8, x86 processors without
             VNNI give other results. None for other precisions and in older files.
         training_pictures: how the pictures of the last training run look; empty in older files.
+        error_factor: standard deviation of keypoints and mask edges, relative to those that
+            `edgetree.measure.MeasureSettings` states; 1 in older files.
         schema: version of this layout.
 
     Raises:
@@ -229,11 +231,13 @@ class Manifest:
     target: str = "cpu"
     weight_bits: int | None = None
     training_pictures: tuple[UsualRange, ...] = ()
+    error_factor: float = 1.0
     schema: str = SCHEMA
 
     def __post_init__(self) -> None:
         _require(self.schema == SCHEMA, "schema", self.schema, repr(SCHEMA))
         _require(self.modality in _LAYOUTS, "modality", self.modality, "'rgb' or 'depth'")
+        _require(self.error_factor > 0, "error_factor", self.error_factor, "a positive number")
         layout, order = _LAYOUTS[self.modality], _COLOUR_ORDERS[self.modality]
         _require(self.input.layout == layout, "input layout", self.input.layout, repr(layout))
         colour = self.input.colour_order

@@ -239,4 +239,5 @@ class TreeDetector:
             image_width=width,
             image_height=height,
             unlike=unlike,
+            error_factor=self.manifest.error_factor,
         )

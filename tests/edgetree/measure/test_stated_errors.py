@@ -47,6 +47,16 @@ def test_a_keypoint_near_the_side_that_cuts_the_stem_off_is_doubted(scene, pole,
     assert (std_px[others] < 0.05 * width_px).all()
 
 
+def test_a_file_that_finds_edges_less_exactly_has_larger_errors(stand):
+    trees = stand.detections()
+    rough = replace(trees, error_factor=2.0).above(0.0)
+    usual, twice = (stand.measure(each, settings=None) for each in (trees, rough))
+    stds_m = [tree.evidence.source_std_m["mask"] for tree in (usual, twice)]
+    assert stds_m[1] == pytest.approx(2 * stds_m[0], rel=0.1)
+    assert relative_std(twice) > 1.2 * relative_std(usual)
+    assert twice.distance_m.value == pytest.approx(usual.distance_m.value, rel=0.01)
+
+
 def test_depth_on_a_part_of_the_stem_widens_the_interval(stand):
     whole = stand.measure(settings=None)
     depth_m = stand.depth_m.copy()

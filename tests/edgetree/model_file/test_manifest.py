@@ -71,6 +71,7 @@ def manifests(draw: st.DrawFn) -> Manifest:
         target=draw(st.text()),
         weight_bits=draw(MAYBE_COUNTS),
         training_pictures=draw(st.lists(RANGES, max_size=3).map(tuple)),
+        error_factor=draw(st.floats(0.1, 10)),
     )
 
 
@@ -181,6 +182,7 @@ def test_unknown_fields_are_ignored(rgb_manifest: Manifest) -> None:
         (["keypoint_names"], ["top"], "keypoint_names is .*'top'.* expected .*felling_cut"),
         (["thresholds", "score"], 2, "threshold score is 2.0: expected 0 to 1"),
         (["outputs"], [], r"keypoint_names is .* expected \(\)"),
+        (["error_factor"], 0, "error_factor is 0.0: expected a positive number"),
         (
             ["training_pictures"],
             [{"statistic": "lightness", "low": 9, "high": 3}],

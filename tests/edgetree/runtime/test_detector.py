@@ -64,6 +64,13 @@ def test_keypoints_and_masks_of_left_out_trees_are_left_out(
     np.testing.assert_array_equal(trees.masks, masks[1:])
 
 
+def test_trees_have_the_errors_that_the_file_says(rgb_manifest: Manifest, two_trees: Trees) -> None:
+    rough = dataclasses.replace(rgb_manifest, error_factor=1.5)
+    trees = TreeDetector(FakeSession.with_trees(rough, **two_trees)).detect(_image())
+    assert len(trees) > 0
+    assert trees.error_factor == 1.5
+
+
 def test_the_model_gets_the_images_bytes(rgb_manifest: Manifest, two_trees: Trees) -> None:
     session = FakeSession.with_trees(rgb_manifest, **two_trees)
     image = _image(640, 360)

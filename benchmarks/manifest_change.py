@@ -1,0 +1,39 @@
+"""Change the manifest of a model file, and keep the card beside it right."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import onnx
+from model_card_page import page
+
+from calib.writing import write_text, write_whole
+from edgetree.catalogue import KnownModel
+from edgetree.export.build import with_manifest
+from edgetree.model_file.manifest import Manifest
+from edgetree.model_file.safety_check import check_content
+
+
+def write_manifest(path: Path, change: Callable[[Manifest], Manifest]) -> None:
+    """Write a changed manifest into a model file, and the file's new hash into its card.
+
+    The graph keeps its bytes.
+    """
+    model = KnownModel(path.stem, path)
+    card = model.card()
+    before = path.read_bytes()
+    proto = onnx.load_model_from_string(before)
+    graph = proto.graph.SerializeToString()
+    after = with_manifest(proto, change(model.manifest()))
+    if graph not in before or graph not in after:
+        sys.exit(f"{path} is not as this project writes it: expected its graph to keep its bytes")
+    check_content(after, path)
+    write_whole(path, after)
+    if card is not None:
+        card |= {"model_sha256": hashlib.sha256(after).hexdigest(), "file_bytes": len(after)}
+        write_text(path.with_suffix(".json"), json.dumps(card, indent=1) + "\n")
+        write_text(path.with_suffix(".md"), page(card))
