@@ -169,10 +169,15 @@ def _training(card: dict[str, Any]) -> str:
     made = card["training"]
     if made is None:
         return "Not known: the repository holds no checkpoint of this name."
+    rate = f"learning rate {made['learning_rate']:g}"
+    if made["init"]["name"].startswith("branch of"):
+        rate = (
+            f"in the last {made['hours']:.1f} hours with a learning rate that falls from"
+            f" {made['learning_rate']:g} to nothing"
+        )
     lines = [
-        f"Last run: {made['steps']} steps of {made['batch']} frames, learning rate"
-        f" {made['learning_rate']:g}, seed {made['seed']}, {made['hours']:.1f} hours, on"
-        f" {made['frames']} simulated frames ({made['data']}). The [README](README.md) tells the"
+        f"Last run: {made['steps']} steps of {made['batch']} frames, {rate}, seed {made['seed']},"
+        f" on {made['frames']} simulated frames ({made['data']}). The [README](README.md) tells the"
         " runs before it."
     ]
     fitted = made["score_calibration"]

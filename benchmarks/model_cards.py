@@ -184,8 +184,9 @@ def training_figures(path: Path) -> dict[str, Any] | None:
 def training_scenes(path: Path) -> list[dict[str, Any]]:
     """The simulated scenes that the weights, the scale of the scores and the file were made with.
 
-    They are what the card before says, and what the checkpoint of the same name tells of its last
-    run. A new model begins with a card that holds only the schema and this list.
+    They are what the card before says, and what the checkpoint of the same name tells of the seeds
+    of its last run that are not among them. A new model begins with a card that holds only the
+    schema and this list.
 
     Raises:
         SystemExit: neither tells anything.
@@ -199,8 +200,12 @@ def training_scenes(path: Path) -> list[dict[str, Any]]:
         known += json.loads(before.read_text(encoding="utf-8")).get("training_scenes", [])
     if checkpoint.is_file():
         record = load_checkpoint(checkpoint)[1]["training"]
-        told = [{"use": "training", "data": record["data"], **s} for s in record.get("scenes", [])]
-        known += [each for each in told if each not in known]
+        trained = {each["seed"] for each in known if each["use"].startswith("training")}
+        known += [
+            {"use": "training", "data": record["data"], **scenes}
+            for scenes in record.get("scenes", [])
+            if scenes["seed"] not in trained
+        ]
     if not known:
         sys.exit(
             f"{before} has no training_scenes: expected the scenes that {path.name} was made of"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Final, TypeAlias
 
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 from calib import paste_mask
 from edgetree.errors import InputError
 
-__all__ = ["KEYPOINT_NAMES", "MASK_SIZE", "TreeDetections", "UnlikeTraining"]
+__all__ = ["ERROR_FACTORS", "KEYPOINT_NAMES", "MASK_SIZE", "TreeDetections", "UnlikeTraining"]
 
 KEYPOINT_NAMES: Final = (
     "felling_cut",
@@ -22,6 +21,8 @@ KEYPOINT_NAMES: Final = (
     "axis_top",
 )
 MASK_SIZE: Final = 28
+ERROR_FACTORS: Final = (0.1, 10.0)
+"""Smallest and largest `TreeDetections.error_factor`."""
 
 
 @dataclass(frozen=True)
@@ -73,11 +74,11 @@ class TreeDetections:
         unlike: how the image differs from those that the model was trained on, if it does clearly;
             None for an ordinary image, and if the model file does not say how they look.
         error_factor: standard deviation of keypoints and mask edges, relative to those that
-            `MeasureSettings` states; as the model file says.
+            `MeasureSettings` states, 0.1 to 10; as the model file says.
 
     Raises:
         InputError: an array does not have the shape given above, contains values that are not
-            finite, a score is outside [0, 1], or the error factor is not positive.
+            finite, or a score or the error factor is out of its range.
     """
 
     boxes_px: NDArray[np.float32]
@@ -103,8 +104,9 @@ class TreeDetections:
         if count and not (self.scores.min() >= 0 and self.scores.max() <= 1):
             span = f"{self.scores.min():g} to {self.scores.max():g}"
             raise InputError(f"scores are {span}: expected probabilities, 0 to 1")
-        if not (math.isfinite(self.error_factor) and self.error_factor > 0):
-            raise InputError(f"error_factor is {self.error_factor}: expected a positive number")
+        if not ERROR_FACTORS[0] <= self.error_factor <= ERROR_FACTORS[1]:
+            expected = "{:g} to {:g}".format(*ERROR_FACTORS)
+            raise InputError(f"error_factor is {self.error_factor}: expected {expected}")
 
     def _keep_as_float32(self, name: str, shape: tuple[int, ...]) -> None:
         array = np.asarray(getattr(self, name), dtype=np.float32)

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
-from edgetree.detections import KEYPOINT_NAMES, MASK_SIZE
+from edgetree.detections import ERROR_FACTORS, KEYPOINT_NAMES, MASK_SIZE
 from edgetree.errors import ModelFileError
 from edgetree.model_file.json_fields import build
 
@@ -237,7 +237,10 @@ class Manifest:
     def __post_init__(self) -> None:
         _require(self.schema == SCHEMA, "schema", self.schema, repr(SCHEMA))
         _require(self.modality in _LAYOUTS, "modality", self.modality, "'rgb' or 'depth'")
-        _require(self.error_factor > 0, "error_factor", self.error_factor, "a positive number")
+        smallest, largest = ERROR_FACTORS
+        plausible = smallest <= self.error_factor <= largest
+        expected = f"{smallest:g} to {largest:g}"
+        _require(plausible, "error_factor", self.error_factor, expected)
         layout, order = _LAYOUTS[self.modality], _COLOUR_ORDERS[self.modality]
         _require(self.input.layout == layout, "input layout", self.input.layout, repr(layout))
         colour = self.input.colour_order

@@ -182,7 +182,7 @@ def test_unknown_fields_are_ignored(rgb_manifest: Manifest) -> None:
         (["keypoint_names"], ["top"], "keypoint_names is .*'top'.* expected .*felling_cut"),
         (["thresholds", "score"], 2, "threshold score is 2.0: expected 0 to 1"),
         (["outputs"], [], r"keypoint_names is .* expected \(\)"),
-        (["error_factor"], 0, "error_factor is 0.0: expected a positive number"),
+        (["error_factor"], 0, "error_factor is 0.0: expected 0.1 to 10"),
         (
             ["training_pictures"],
             [{"statistic": "lightness", "low": 9, "high": 3}],
