@@ -41,6 +41,16 @@ def test_labels_match_the_letterboxed_image(posts: Path, modality: Any) -> None:
         assert sample.keypoints[row, 4].tolist() == [0, 0, 0]
 
 
+def test_halving_the_images_keeps_the_masks_area(posts: Path) -> None:
+    store = FrameStore(read_split(posts, "train"), make_spec("edge-n", "depth", 64, 64))
+    ratios = []
+    for index, frame in enumerate(store.frames):
+        whole = [frame.mask(tree).sum() for tree in frame.trees]
+        ratios += list(4 * store[index].masks.sum((1, 2)) / whole)
+    assert len(ratios) == 9
+    assert ratios == pytest.approx([1.0] * 9, abs=0.02)
+
+
 def test_targets_have_the_shapes_that_the_model_trains_on(posts: Path) -> None:
     targets = FrameStore(read_split(posts, "train"), make_spec("edge-n", "depth", 64, 96))[
         1
