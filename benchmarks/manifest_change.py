@@ -21,11 +21,11 @@ from edgetree.model_file.safety_check import check_content
 def write_manifest(path: Path, change: Callable[[Manifest], Manifest]) -> None:
     """Write a changed manifest into a model file, and the file's new hash into its card.
 
-    The graph keeps its bytes.
+    The graph keeps its bytes. A card of an earlier file stays as it is.
     """
-    model = KnownModel(path.stem, path)
-    card = model.card()
-    before = path.read_bytes()
+    model, before = KnownModel(path.stem, path), path.read_bytes()
+    card_path = path.with_suffix(".json")
+    card = json.loads(card_path.read_text("utf-8")) if card_path.is_file() else {}
     proto = onnx.load_model_from_string(before)
     graph = proto.graph.SerializeToString()
     after = with_manifest(proto, change(model.manifest()))
@@ -33,7 +33,7 @@ def write_manifest(path: Path, change: Callable[[Manifest], Manifest]) -> None:
         sys.exit(f"{path} is not as this project writes it: expected its graph to keep its bytes")
     check_content(after, path)
     write_whole(path, after)
-    if card is not None:
+    if card.get("model_sha256") == hashlib.sha256(before).hexdigest():
         card |= {"model_sha256": hashlib.sha256(after).hexdigest(), "file_bytes": len(after)}
-        write_text(path.with_suffix(".json"), json.dumps(card, indent=1) + "\n")
+        write_text(card_path, json.dumps(card, indent=1) + "\n")
         write_text(path.with_suffix(".md"), page(card))

@@ -117,8 +117,8 @@ def load_sample(frame: FrameRecord, spec: ModelSpec) -> Sample:
 def _half_or_more(height: int, width: int) -> NDArray[np.uint8]:
     """(height, width) limits of a pixel's cover by a mask, in a chessboard of 127 and 128.
 
-    Halving an image makes pixels that are covered by half, 128 when rounded. Every other one counts,
-    so that masks keep their width: with one limit, each edge moves by a quarter of a pixel.
+    Halving an image makes pixels that are covered by half, 128 when rounded. Every other one
+    counts, so that masks keep their width: with one limit, each edge moves by a quarter of a pixel.
     """
     rows, columns = np.indices((height, width))
     return (127 + (rows + columns) % 2).astype(np.uint8)
