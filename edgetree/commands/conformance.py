@@ -142,9 +142,12 @@ def _lines(found: Results, comparison: Comparison) -> Iterator[str]:
     yield f"trees           {comparison.trees}, {comparison.unmatched} missing or too many"
     for each in comparison.quantities:
         outside = f", {each.outside} of {each.values} by more" if each.outside else ""
+        share = (
+            f" and {100 * each.allowed_share:g} % of its longer side" if each.allowed_share else ""
+        )
         yield (
             f"{each.name:15} 95 % within {each.p95:.3g}{each.unit}, largest {each.largest:.3g}"
-            f"{each.unit}, {each.allowed:g}{each.unit} allowed{outside}"
+            f"{each.unit}, {each.allowed:g}{each.unit}{share} allowed{outside}"
         )
     if comparison.passed:
         yield "passed: it finds the kit's trees"

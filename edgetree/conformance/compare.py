@@ -40,6 +40,7 @@ class Quantity:
         p95: 95 % differ by less.
         largest: the largest difference.
         allowed: the tolerance.
+        allowed_share: share of the box's longer side that is added to it.
         outside: number of values that differ by more.
         may_be_outside: number of values that may.
     """
@@ -50,6 +51,7 @@ class Quantity:
     p95: float
     largest: float
     allowed: float
+    allowed_share: float
     outside: int
     may_be_outside: int
 
@@ -142,11 +144,12 @@ def _invalid(name: str, trees: Sequence[FoundTree], threshold: float) -> Iterato
 
 @dataclass(frozen=True)
 class _Gap:
-    """One difference, and what it is of."""
+    """One difference, what it is of, and the longer side of the box if it is a box's."""
 
     kind: str
     value: float
     what: str
+    side: float = 0.0
 
 
 def _gaps(
@@ -156,7 +159,8 @@ def _gaps(
     scale = Letterbox.fit(frame.width, frame.height, kit.input_width, kit.input_height).scale
     yield _Gap("score", abs(ours.score - theirs.score), f"{here}: score")
     sides = np.abs(np.subtract(ours.box_px, theirs.box_px)) * np.tile(scale, 2)
-    yield _Gap("box", float(sides.max()), f"{here}: box")
+    longer = float((np.subtract(ours.box_px[2:], ours.box_px[:2]) * scale).max())
+    yield _Gap("box", float(sides.max()), f"{here}: box", longer)
     points, their_points = ours.keypoints_px, theirs.keypoints_px
     if points is not None and their_points is not None:
         shifts = np.subtract(points, their_points) * [*scale, 1.0]
@@ -185,14 +189,18 @@ def _judge(name: str, gaps: list[_Gap], tolerance: Tolerance) -> tuple[Quantity,
         "mask": tolerance.mask,
     }
     values = np.array([gap.value for gap in gaps])
-    outside = [gap for gap in gaps if not gap.value <= allowed[name]]
+    share = tolerance.box_share if name == "box" else 0.0
+    limits = [allowed[name] + share * gap.side for gap in gaps]
+    outside = [pair for pair in zip(gaps, limits, strict=True) if not pair[0].value <= pair[1]]
     may = math.floor(tolerance.outside * len(gaps))
     p95, largest = (np.quantile(values, (0.95, 1.0)).tolist()) if gaps else (0.0, 0.0)
     unit = _KINDS[name]
-    quantity = Quantity(name, unit, len(gaps), p95, largest, allowed[name], len(outside), may)
+    quantity = Quantity(
+        name, unit, len(gaps), p95, largest, allowed[name], share, len(outside), may
+    )
     if len(outside) <= may:
         return quantity, []
     return quantity, [
-        f"{gap.what} differs by {gap.value:.3g}{unit}: expected at most {allowed[name]:g}{unit}"
-        for gap in outside
+        f"{gap.what} differs by {gap.value:.3g}{unit}: expected at most {limit:.3g}{unit}"
+        for gap, limit in outside
     ]
