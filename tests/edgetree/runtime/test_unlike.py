@@ -66,7 +66,7 @@ def shipped(modality: str) -> Manifest:
         ("grey", "contrast"),
         ("noise", "texture"),
         ("night", "black_percent"),
-        ("room", "local_contrast"),
+        ("room", "texture"),
     ],
 )
 def test_strange_colours_are_told(name: str, statistic: str) -> None:
