@@ -103,6 +103,28 @@ def naive_diameter_m(
     return z_m * float(np.hypot(*(right - left)[:2])) / camera.fx if z_m > 0 else None
 
 
+def given_cut_height_m(
+    image: dict[str, Any], tree: dict[str, Any], result: TreeMeasurement
+) -> float | None:
+    """True height above the ground of the place where a measurement puts the felling cut, m.
+
+    The label's height is that of the labelled cut, whose place on the stem may be arbitrary. Here
+    the line of sight to the cut that was found is intersected with the true stem: with the vertical
+    through the bark that faces the camera at the labelled cut.
+    """
+    if isinstance(result.cut_point_m, Failure):
+        return None
+    up, axis_m = np.array(image["up_camera"]), np.array(tree["position_m"])
+    level_m = axis_m - (axis_m @ up) * up
+    bark_m = axis_m - tree["diameter_m"] / 2 * level_m / np.linalg.norm(level_m)
+    sight = np.array(result.cut_point_m.xyz_m)
+    sight /= np.linalg.norm(sight)
+    across_m = bark_m - (bark_m @ sight) * sight
+    across_up = up - (up @ sight) * sight
+    above_m = -float(across_m @ across_up) / float(across_up @ across_up)
+    return float(tree["cut_height_m"]) + above_m
+
+
 def row(
     image: dict[str, Any],
     tree: dict[str, Any],
@@ -120,6 +142,7 @@ def row(
     }
     if result is not None:
         values.update(result.to_dict())
+        values["true_given_cut_height_m"] = given_cut_height_m(image, tree, result)
         if isinstance(result.diameter_m, Failure):
             values["diameter_failure"] = result.diameter_m.reason
     return values

@@ -25,12 +25,18 @@ def tables(rows: list[Row]) -> dict[str, Any]:
     """Make all tables."""
     clear = [row for row in rows if row["found"] and row["visible_fraction"] >= 0.5]
     labelled = [row for row in rows if row["visible_fraction"] >= 0.5]
+    of_given_cut = [
+        {**row, "true_cut_height_m": row["true_given_cut_height_m"]}
+        for row in rows
+        if row.get("true_given_cut_height_m") is not None
+    ]
     return {
         "trees": len(rows),
         "found": sum(row["found"] for row in rows),
         "diameter_measured_of_visible_half": _share(labelled, "diameter_m"),
         "diameter_measured_of_found_visible_half": _share(clear, "diameter_m"),
         "quantities": {name: errors(rows, name) for name in TRUTHS},
+        "height_of_given_cut": errors(of_given_cut, "cut_height_m"),
         "diameter_by_distance": _by(rows, "true_distance_m", (0, 2.5, 5, 7.5, 11)),
         "naive_diameter_by_distance": _naive(rows, (0, 2.5, 5, 7.5, 11)),
         "diameter_by_diameter": _by(rows, "true_diameter_m", (0, 0.1, 0.2, 0.3, 1.0)),

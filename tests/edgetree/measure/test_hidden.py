@@ -105,6 +105,23 @@ def test_the_image_border_is_not_an_edge_of_the_stem(scene, pole):
     )
 
 
+@pytest.mark.parametrize("gap_px", [4, 6, 8])
+@pytest.mark.parametrize("right", [-1, 1])
+@pytest.mark.parametrize("share", [0.4, 0.7])
+def test_a_coarse_mask_that_ends_before_the_border_has_no_edge_there(
+    scene, pole, gap_px, right, share
+):
+    """The masks of networks end a few pixels before the border that cuts their stem off."""
+    radius_px = 0.15 * 700 / 4.0
+    inwards_px = (2 * share - 1) * radius_px
+    stand = scene(pole(0.3, right * (640 - inwards_px) * 4.0 / 700, 4.0))
+    stem = stand.owner == 1
+    stem[:, :gap_px] = stem[:, -gap_px:] = False
+    trees = replace(stand.detections([stem]), keypoints_px=None)
+    tree = stand.measure(trees, settings=None)
+    assert not tree.diameter_m or abs(tree.diameter_m.value - 0.3) < 1.96 * tree.diameter_m.std
+
+
 @pytest.mark.parametrize("diameter_m", [0.15, 0.3, 0.5])
 @pytest.mark.parametrize("ahead_m", [2.5, 4.0])
 @pytest.mark.parametrize("gap_m", [0.0, 0.1])
