@@ -17,7 +17,16 @@ from edgetree.signing.verify import is_signature_required
 
 __all__ = ["NETWORKS", "NetworkFile", "NetworkFiles", "cache_folder"]
 
-NETWORKS: Final = ("edge-n", "edge-s", "edge-m", "r50", "r101", "x101-32x8d", "x101-32x4d")
+NETWORKS: Final = (
+    "edge-n",
+    "edge-s",
+    "edge-m",
+    "edge-l",
+    "r50",
+    "r101",
+    "x101-32x8d",
+    "x101-32x4d",
+)
 _SMALLEST_PX: Final = 32
 
 Say = Callable[[str], None]

@@ -39,7 +39,7 @@ _Model = Annotated[
     str | None,
     typer.Option(
         "--model",
-        help="edge-n (the default), edge-s, edge-m, or the paper's r50, r101, x101-32x8d,"
+        help="edge-n (the default), edge-s, edge-m, edge-l, or the paper's r50, r101, x101-32x8d,"
         " x101-32x4d.",
     ),
 ]
@@ -296,7 +296,11 @@ def _is_paper(spec: ModelSpec) -> bool:
 def _spec(
     model: str | None, modality: str | None, start: Init | None, changes: dict[str, Any]
 ) -> ModelSpec:
-    """Return the spec of the preset or the starting file; ``changes`` are fields of ModelSpec."""
+    """Return the spec of the preset or the starting file; ``changes`` are fields of ModelSpec.
+
+    Another preset than that of the starting file sets the input size. The anchors of light models
+    grow with the width.
+    """
     from perceptree.models import load_checkpoint, make_spec
 
     named = make_spec(model or _DEFAULT_MODEL, "rgb" if modality == "rgb" else "depth", **changes)
@@ -304,16 +308,24 @@ def _spec(
         # Published weights were trained with the stride in the 3x3 convolutions.
         return dataclasses.replace(named, stride_in_1x1=False) if start else named
     own = load_checkpoint(start)[0].spec
-    if model is not None and named.backbone != own.backbone:
-        raise SettingsError(
-            f"--model is {model}, of backbone {named.backbone}, but {start} holds {own.backbone}: "
-            "expected the same, or no --model"
-        )
+    for field in ("backbone", "levels") if model is not None else ():
+        asked, found = getattr(named, field), getattr(own, field)
+        if asked != found:
+            raise SettingsError(
+                f"--model is {model}, of {field} {asked}, but {start} holds {found}: "
+                "expected the same, or no --model"
+            )
     if modality is not None and modality != own.modality:
         raise SettingsError(
             f"--modality is {modality}, but {start} is for {own.modality}: expected the same, "
             "or no --modality"
         )
+    if model is not None and named.name != own.name:
+        changes = {"name": named.name, "height": named.height, "width": named.width} | changes
+    if not _is_paper(own):
+        growth = changes.get("width", own.width) / own.width
+        sizes_px = tuple(tuple(growth * side for side in level) for level in own.anchor_sizes_px)
+        changes = {"anchor_sizes_px": sizes_px} | changes
     return dataclasses.replace(own, **changes)
 
 

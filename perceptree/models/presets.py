@@ -55,11 +55,13 @@ PAPER_PRESETS: dict[str, dict[str, Any]] = {
     "x101-32x4d": {"backbone": "resnext101_32x4d"},
 }
 
-# Models on the accuracy-time front that benchmarks/detectors.py measures.
+# Models on the accuracy-time front that benchmarks/detectors.py measures. ``edge-s`` is ``edge-n``
+# with a larger input, so the weights of either start the other.
 EDGE_PRESETS: dict[str, dict[str, Any]] = {
     "edge-n": {"backbone": "mobilenetv4_conv_small"},
-    "edge-s": {"backbone": "resnet18"},
-    "edge-m": {
+    "edge-s": {"backbone": "mobilenetv4_conv_small", "height": 480, "width": 800},
+    "edge-m": {"backbone": "resnet18"},
+    "edge-l": {
         "backbone": "resnet18",
         "levels": (2, 3, 4, 5),
         "roi_levels": (2,),
@@ -86,9 +88,10 @@ def make_spec(
     Args:
         preset: A name of ``PRESETS``.
         modality: ``rgb`` or ``depth``.
-        height: Input height, px; by default 384 for light models, 720 for the paper's.
-        width: Input width, px; by default 640 for light models, 1280 for the paper's. The anchor
-            sizes of light models are proportional to it.
+        height: Input height, px; by default 480 for ``edge-s``, 384 for the other light models, 720
+            for the paper's.
+        width: Input width, px; by default 800 for ``edge-s``, 640 for the other light models, 1280
+            for the paper's. The anchor sizes of light models are proportional to it.
         **changes: Fields of ModelSpec that override the preset.
 
     Raises:
@@ -100,8 +103,9 @@ def make_spec(
         std = UNIT_STD if values.get("stride_in_1x1") else IMAGENET_STD
         values |= {"mean": IMAGENET_MEAN, "std": std}
     elif preset in EDGE_PRESETS:
-        height, width = height or 384, width or 640
         values = EDGE_PRESETS[preset].copy()
+        size = values.pop("height", 384), values.pop("width", 640)
+        height, width = height or size[0], width or size[1]
         levels = (values | changes).get("levels", _LIGHT_LEVELS)
         values["anchor_sizes_px"] = tuple(
             (_LIGHT_ANCHOR_PX * 2**n * width / 640.0,) for n in levels

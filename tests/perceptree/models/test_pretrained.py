@@ -79,7 +79,7 @@ def published(monkeypatch: pytest.MonkeyPatch) -> Callable[[], list[Any]]:
     "spec",
     [
         make_spec("edge-n", "rgb", HEIGHT, WIDTH),
-        make_spec("edge-m", "rgb", HEIGHT, WIDTH),
+        make_spec("edge-l", "rgb", HEIGHT, WIDTH),
         # With unit std, like the paper's ResNets.
         make_spec("r50", "rgb", HEIGHT, WIDTH, backbone="resnet18", stride_in_1x1=False),
     ],
@@ -215,7 +215,7 @@ def test_a_network_of_another_shape_is_refused_in_one_line(
     ):
         load_coco(TreeRCNN(people_spec(box_head_width=32)))
     with pytest.raises(SettingsError, match=r"backbone is resnet18: .* for resnet50; .*--as-init"):
-        load_coco(TreeRCNN(make_spec("edge-m", "rgb", HEIGHT, WIDTH)))
+        load_coco(TreeRCNN(make_spec("edge-l", "rgb", HEIGHT, WIDTH)))
 
 
 def test_without_a_network_a_line_says_what_is_missing_and_why(
@@ -224,7 +224,7 @@ def test_without_a_network_a_line_says_what_is_missing_and_why(
     def fail(*_: object, **__: object) -> None:
         raise URLError("no such\nhost")
 
-    models = [TreeRCNN(spec) for spec in (make_spec("edge-m", "rgb", HEIGHT, WIDTH), people_spec())]
+    models = [TreeRCNN(spec) for spec in (make_spec("edge-l", "rgb", HEIGHT, WIDTH), people_spec())]
     monkeypatch.setattr(timm, "create_model", fail)
     monkeypatch.setattr(WeightsEnum, "get_state_dict", fail)
     with pytest.raises(CheckpointError) as caught:

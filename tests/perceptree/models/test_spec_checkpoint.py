@@ -21,7 +21,7 @@ def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("modality", ["rgb", "depth"])
-@pytest.mark.parametrize("preset", ["edge-n", "edge-m", "r50", "x101-32x4d"])
+@pytest.mark.parametrize("preset", ["edge-n", "edge-s", "edge-l", "r50", "x101-32x4d"])
 def test_a_spec_survives_json(preset: str, modality: str) -> None:
     spec = make_spec(preset, modality, anchor_ratios=(1.0, 3.0))  # type: ignore[arg-type]
     again = ModelSpec.from_dict(json.loads(json.dumps(spec.to_dict())))

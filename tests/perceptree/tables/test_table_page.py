@@ -103,7 +103,7 @@ def test_table_2_pairs_our_models_with_the_papers(made_table: MadeTable) -> None
         }
         for modality, value in (("rgb", 55.0), ("depth", 50.0))
     }
-    record = made_table(scores, table=2, models=("r50", "edge-s"), minutes=None, steps=1)
+    record = made_table(scores, table=2, models=("r50", "edge-m"), minutes=None, steps=1)
     lines = list(table_lines(record))
     assert row_of(lines, "r50, Depth")[4:] == [
         "50.0 ± 0.1",
@@ -116,7 +116,7 @@ def test_table_2_pairs_our_models_with_the_papers(made_table: MadeTable) -> None
         "89.67",
         "70.66",
     ]
-    assert row_of(lines, "edge-s, RGB")[8:] == ["–"] * 5
+    assert row_of(lines, "edge-m, RGB")[8:] == ["–"] * 5
     assert [claim["word"] for claim in record["claims"]] == ["disagrees"] * 2
     assert record["claims"][0]["paper_difference"] == pytest.approx(11.5)
     assert record["claims"][1]["paper_difference"] is None

@@ -281,7 +281,7 @@ def test_the_commands_options_become_settings(
         "--table",
         2,
         "--model",
-        "r50,edge-s",
+        "r50,edge-m",
         "--minutes",
         3,
         "--seeds",
@@ -303,7 +303,7 @@ def test_the_commands_options_become_settings(
     assert asked[:5] == [
         TableSettings(
             table=2,
-            models=("r50", "edge-s"),
+            models=("r50", "edge-m"),
             seeds=(4, 5),
             minutes=3.0,
             recipe="scratch",

@@ -112,9 +112,9 @@ def test_the_varied_recipe_differs_in_the_augmentation_alone(asked: Callable[...
 
 
 def test_every_model_comes_with_its_size_and_sampling(asked: Callable[..., Asked]) -> None:
-    for model in ("edge-s", "edge-m"):
+    for model, size in (("edge-s", (480, 800)), ("edge-m", (384, 640)), ("edge-l", (384, 640))):
         spec, settings, *_ = asked("--model", model, "--modality", "rgb")
-        assert spec == make_spec(model, "rgb", 384, 640)
+        assert spec == make_spec(model, "rgb", *size)
         assert settings.sampling == SampleSettings()
     for model in ("r50", "r101", "x101-32x8d", "x101-32x4d"):
         spec, settings, *_ = asked("--model", model, "--modality", "rgb")
@@ -133,7 +133,7 @@ def test_published_weights_freeze_the_papers_models_as_the_paper_did(
     assert not spec.stride_in_1x1
     _, settings, init, *_ = asked("--model", "x101-32x8d", "--init", "imagenet")
     assert (settings.freeze_level, settings.frozen_norms, init) == (2, True, "imagenet")
-    _, settings, *_ = asked("--model", "edge-m", "--init", "imagenet")
+    _, settings, *_ = asked("--model", "edge-l", "--init", "imagenet")
     assert (settings.freeze_level, settings.frozen_norms) == (0, False)
     _, settings, *_ = asked(
         "--model", "r50", "--init", "coco", "--freeze-level", 0, "--trained-norms"
@@ -160,6 +160,19 @@ def test_a_files_model_is_taken_with_the_changes_asked_for(
     spec, *_ = asked("--init", file, "--model", "edge-n", "--height", 64, "--masks")
     assert (spec.height, spec.width, spec.masks) == (64, 160, True)
     assert spec.anchor_sizes_px == own.anchor_sizes_px
+    spec, *_ = asked("--init", file, "--width", 320)
+    assert spec.anchor_sizes_px == tuple((2 * side,) for (side,) in own.anchor_sizes_px)
+
+
+def test_a_file_of_a_smaller_model_starts_a_larger_one(
+    asked: Callable[..., Asked], tmp_path: Path
+) -> None:
+    file = tmp_path / "start.safetensors"
+    own = write_start(file)
+    spec, *_ = asked("--init", file, "--model", "edge-s")
+    larger = make_spec("edge-s", "depth")
+    assert (spec.name, spec.width, spec.height) == ("edge-s-depth", 800, 480)
+    assert (spec.anchor_sizes_px, spec.fpn_width) == (larger.anchor_sizes_px, own.fpn_width)
 
 
 def test_a_files_training_without_masks_runs_to_its_end(
