@@ -17,6 +17,7 @@ from edgetree.export.float16 import to_float16
 from edgetree.export.frames import find_frames, read_frames
 from edgetree.export.layers import frame_reader
 from edgetree.export.quantise import quantise, weight_bits
+from edgetree.export.rounding import round_weights
 from perceptree.models import TreeRCNN, load_checkpoint
 
 BYTE_MOVERS = {"Concat", "Expand", "Gather", "Pad", "Reshape", "Slice", "Transpose", "Unsqueeze"}
@@ -76,6 +77,25 @@ def plain(model: TreeRCNN) -> bytes:
 @pytest.fixture(scope="module")
 def int8(plain: bytes, frames: NDArray[np.uint8]) -> Graph:
     return Graph(quantise(onnx.ModelProto.FromString(plain), frames))
+
+
+def test_the_rounded_weights_are_stored_as_they_are(
+    plain: bytes, frames: NDArray[np.uint8]
+) -> None:
+    traced = onnx.ModelProto.FromString(plain)
+    rounded, scales = round_weights(traced, frames, weight_bits(symmetric=False))
+    wanted = {each.name: onnx.numpy_helper.to_array(each) for each in rounded.graph.initializer}
+    stored = quantise(traced, frames)
+    constants = {each.name: onnx.numpy_helper.to_array(each) for each in stored.graph.initializer}
+    compared = 0
+    for node in stored.graph.node:
+        name = node.input[0].removesuffix("_quantized")
+        if node.op_type == "DequantizeLinear" and name in scales:
+            values, scale = (constants[each] for each in node.input[:2])
+            found = values * scale[:, None, None, None]
+            assert np.allclose(found, wanted[name], atol=scale.max() / 100), name
+            compared += 1
+    assert compared >= len(scales) > 40
 
 
 def test_quantising_does_not_change_the_traced_model(
