@@ -43,6 +43,10 @@ PURPOSE = {
     "depth": "depth images with or without colour; the default when depth is given",
     "rgb": "colour images; the default without depth",
 }
+PURPOSE_OF_OTHERS = {
+    "depth": "depth images with or without colour; slower and more accurate than edge-n-depth",
+    "rgb": "colour images; slower and more accurate than edge-n-rgb",
+}
 DIAMETER_TABLES = ("diameter_by_distance", "diameter_by_diameter", "diameter_by_visible_fraction")
 SHOWN_SCORE = 0.5
 HALF = ("50", "from 75")
@@ -217,12 +221,13 @@ def card(path: Path, sets: dict[str, Path]) -> dict[str, Any]:
     """Measure one file."""
     detector = TreeDetector.load(path, threads=1, score_threshold=SHOWN_SCORE)
     manifest = detector.manifest
+    purpose = PURPOSE if path.stem == default_model(manifest.modality).stem else PURPOSE_OF_OTHERS
     figures: dict[str, Any] = {
         "schema": CARD_SCHEMA,
         "model": path.stem,
         "model_sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
         "date": time.strftime("%Y-%m-%d"),
-        "for": PURPOSE[manifest.modality],
+        "for": purpose[manifest.modality],
         "precision": manifest.precision,
         "file_bytes": path.stat().st_size,
         "parameters": manifest.parameters,

@@ -52,6 +52,14 @@ def test_the_packaged_models_have_names() -> None:
     assert names["edge-n-rgb"] == find_model("rgb")
 
 
+def test_the_larger_models_of_a_checkout_are_found_by_name() -> None:
+    path = find_model("edge-s-depth")
+    assert path == Path(__file__).parents[2] / "models/edge-s-depth.onnx"
+    card = KnownModel("edge-s-depth", path).card()
+    assert card is not None, "run benchmarks/model_cards.py"
+    assert (card["input_px"], card["test"]["frames"]) == ([800, 480], 400)
+
+
 @pytest.mark.parametrize("modality", ["depth", "rgb"])
 def test_the_packaged_models_have_cards_of_the_very_files(modality: str) -> None:
     card = KnownModel(f"edge-n-{modality}", default_model(modality)).card()
@@ -117,7 +125,9 @@ def test_the_command_leaves_out_what_is_no_model(run_cli: Cli, folder: Path) -> 
     done = run_cli("models", "--json")
     assert done.code == 0
     listed = json.loads(done.out)["models"]
-    assert [each["name"] for each in listed] == ["edge-n-depth", "edge-n-rgb", "ours"]
+    names = {each["name"] for each in listed}
+    assert {"edge-n-depth", "edge-n-rgb", "edge-s-depth", "ours"} <= names
+    assert "broken" not in names
     assert "left out" in done.err
     assert "broken.onnx" in done.err
 

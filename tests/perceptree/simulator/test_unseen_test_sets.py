@@ -1,4 +1,4 @@
-"""No scene of a frozen test set is among those that the embedded models were made with."""
+"""No scene of a frozen test set is among those that the shipped models were made with."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ from perceptree.simulator.dataset.frozen import FROZEN_PRESETS
 from perceptree.simulator.dataset.generate import scene_jobs
 from perceptree.simulator.settings.presets import PRESETS
 
-CARDS = sorted((Path(__file__).parents[3] / "edgetree/assets/models").glob("*.json"))
-README = Path(__file__).parents[3] / "edgetree/assets/models/README.md"
+ROOT = Path(__file__).parents[3]
+FOLDERS = (ROOT / "edgetree/assets/models", ROOT / "models")
+CARDS = [path for folder in FOLDERS for path in sorted(folder.glob("*.json"))]
 
 
 def frozen_scenes(name: str) -> set[int]:
@@ -60,14 +61,15 @@ def test_a_card_names_the_scenes_of_every_kind_of_use(path: Path) -> None:
     assert {"training", "scale of the scores", "ranges of INT8"} <= uses
 
 
-def test_every_embedded_model_has_a_card() -> None:
-    models = sorted(README.parent.glob("*.onnx"))
+def test_every_shipped_model_has_a_card() -> None:
+    models = [path for folder in FOLDERS for path in sorted(folder.glob("*.onnx"))]
     assert [path.stem for path in models] == [path.stem for path in CARDS]
-    assert models
+    assert {"edge-n-depth", "edge-n-rgb", "edge-s-depth"} <= {path.stem for path in models}
 
 
 def test_the_seeds_in_the_readme_are_in_the_cards() -> None:
-    told = {int(seed) for seed in re.findall(r"seed (\d+)", README.read_text("utf-8"))}
+    readme = (FOLDERS[0] / "README.md").read_text("utf-8")
+    told = {int(seed) for seed in re.findall(r"seed (\d+)", readme)}
     assert told == {entry["seed"] for path in CARDS for entry in read(path)["training_scenes"]}
     assert {101, 301, 909} <= told
 
