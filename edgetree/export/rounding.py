@@ -22,9 +22,10 @@ _FRAMES: Final = 16
 _WINDOWS: Final = 400
 """Windows of a map of which the inputs are taken, for each frame."""
 _MOST_REGIONS: Final = 16
+"""Regions of a batch of which the inputs of the heads are taken."""
 _LARGEST_KERNEL: Final = 1024
-"""Weights of a kernel. Larger ones, as in the paper's networks, would take minutes and gigabytes;
-they are left as they are, and rounded to the nearest value later."""
+"""Weights of a kernel. Larger ones, as in the paper's networks, are left as they are and rounded
+to the nearest value later: the second moments grow with the square of this number."""
 _DAMPING: Final = 0.01
 """Added to the diagonal of the second moments, as a share of its mean, as in the paper."""
 

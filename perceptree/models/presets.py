@@ -55,8 +55,8 @@ PAPER_PRESETS: dict[str, dict[str, Any]] = {
     "x101-32x4d": {"backbone": "resnext101_32x4d"},
 }
 
-# Models on the accuracy-time front that benchmarks/detectors.py measures. ``edge-s`` is ``edge-n``
-# with a larger input, so the weights of either start the other.
+# ``edge-s`` is ``edge-n`` with a larger input, so the weights of either start the other. The others
+# are on the accuracy-time front that benchmarks/detectors.py measures.
 EDGE_PRESETS: dict[str, dict[str, Any]] = {
     "edge-n": {"backbone": "mobilenetv4_conv_small"},
     "edge-s": {"backbone": "mobilenetv4_conv_small", "height": 480, "width": 800},

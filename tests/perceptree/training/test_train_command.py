@@ -175,6 +175,18 @@ def test_a_file_of_a_smaller_model_starts_a_larger_one(
     assert (spec.anchor_sizes_px, spec.fpn_width) == (larger.anchor_sizes_px, own.fpn_width)
 
 
+def test_a_file_with_other_pyramid_levels_than_the_model_is_refused(
+    call: Call, posts: Path, tmp_path: Path
+) -> None:
+    file = tmp_path / "start.safetensors"
+    save_checkpoint(file, TreeRCNN(make_spec("edge-m", "depth", 96, 160, fpn_width=16)), {})
+    out = tmp_path / "run"
+    code, _, told = call("train", posts, "--out", out, "--model", "edge-l", "--init", file)
+    assert code == 2
+    assert "of levels (2, 3, 4, 5), but" in told
+    assert not out.exists()
+
+
 def test_a_files_training_without_masks_runs_to_its_end(
     call: Call, posts: Path, tmp_path: Path
 ) -> None:
