@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+import edgetree
 from edgetree.catalogue import (
     CARD_SCHEMA,
     FOLDERS_VARIABLE,
@@ -22,6 +23,9 @@ from edgetree.catalogue import (
 from edgetree.errors import InputError
 
 Cli = Callable[..., Any]
+
+ROOT = Path(__file__).parents[2]
+LARGER = [ROOT / "models/edge-s-depth.onnx"]
 
 
 @pytest.fixture
@@ -52,10 +56,24 @@ def test_the_packaged_models_have_names() -> None:
     assert names["edge-n-rgb"] == find_model("rgb")
 
 
-def test_the_larger_models_of_a_checkout_are_found_by_name() -> None:
-    path = find_model("edge-s-depth")
-    assert path == Path(__file__).parents[2] / "models/edge-s-depth.onnx"
-    card = KnownModel("edge-s-depth", path).card()
+def test_the_larger_models_are_found_by_name_in_a_checkout_alone() -> None:
+    imported_from_checkout = Path(edgetree.__file__).parents[1] == ROOT
+    names = {model.name: model.path for model in known_models()}
+    for path in LARGER:
+        assert names.get(path.stem) == (path if imported_from_checkout else None)
+
+
+def test_the_larger_models_are_found_with_their_folder_named(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv(FOLDERS_VARIABLE, str(LARGER[0].parent))
+    for path in LARGER:
+        assert find_model(path.stem) == path
+
+
+@pytest.mark.parametrize("path", LARGER, ids=lambda path: path.stem)
+def test_the_larger_models_have_cards_of_the_very_files(path: Path) -> None:
+    card = KnownModel(path.stem, path).card()
     assert card is not None, "run benchmarks/model_cards.py"
     assert (card["input_px"], card["test"]["frames"]) == ([800, 480], 400)
 
@@ -126,7 +144,7 @@ def test_the_command_leaves_out_what_is_no_model(run_cli: Cli, folder: Path) -> 
     assert done.code == 0
     listed = json.loads(done.out)["models"]
     names = {each["name"] for each in listed}
-    assert {"edge-n-depth", "edge-n-rgb", "edge-s-depth", "ours"} <= names
+    assert {"edge-n-depth", "edge-n-rgb", "ours"} <= names
     assert "broken" not in names
     assert "left out" in done.err
     assert "broken.onnx" in done.err
