@@ -1,12 +1,17 @@
 """Accuracy of metric measurements on every labelled tree of simulated frames.
 
-perceptree synth --out forest --preset paper --frames 1600 --seed 600
-python benchmarks/measure.py forest --result benchmarks/results/measure_labels.json
-python benchmarks/measure.py forest --model FILE --result benchmarks/results/measure_model.json
+perceptree synth --out paper --preset paper --seed 905 --views 4 --frames 1500
+perceptree synth --out field --preset field --seed 905 --views 4 --width 960 --height 540 \\
+    --frames 1800
+python benchmarks/measure.py paper field --first 800 \\
+    --result benchmarks/results/measure_labels.json
+python benchmarks/measure.py paper field --first 800 --model edge-n-depth \\
+    --result benchmarks/results/measure_edge_n_depth.json
 
-Without `--model`, keypoints and masks are the labels' and only the depth is noisy; with it they are
-the network's. A tree counts as measured if its diameter is. `--rows` keeps the values behind the
-tables, one JSON object per labelled tree.
+`--first` leaves out the frames before, which the depth models were trained on. Without `--model`,
+keypoints and masks are the labels' and only the depth is noisy; with it they are the network's. A
+tree counts as measured if its diameter is. With several folders the tables are of all frames and of
+each folder. `--rows` keeps the values behind the tables, one JSON object per labelled tree.
 """
 
 from __future__ import annotations
@@ -24,6 +29,7 @@ from pycocotools import mask as coco_mask
 
 from calib import PinholeCamera, read_depth
 from edgetree import TreeDetections, TreeDetector
+from edgetree.catalogue import find_model
 from edgetree.demo.matching import match_boxes
 from edgetree.frames.sources import read_image
 from edgetree.measure import Failure, MeasureSettings, TreeMeasurement, measure_trees
@@ -39,8 +45,10 @@ LABELS = MeasureSettings(
 )
 
 
-def frames(data: Path, count: int | None) -> Iterator[tuple[dict[str, Any], list[dict[str, Any]]]]:
-    """Images with their annotations, of all splits."""
+def frames(
+    data: Path, count: int | None, first: int = 0
+) -> Iterator[tuple[dict[str, Any], list[dict[str, Any]]]]:
+    """Images with their annotations, of all splits, from the image with the number `first` on."""
     done = 0
     for path in sorted(data.glob("*_RGB.json")):
         coco = json.loads(path.read_text(encoding="utf-8"))
@@ -48,6 +56,8 @@ def frames(data: Path, count: int | None) -> Iterator[tuple[dict[str, Any], list
         for tree in coco["annotations"]:
             trees[tree["image_id"]].append(tree)
         for image in coco["images"]:
+            if image["id"] < first:
+                continue
             if count is None or done < count:
                 yield image, trees[image["id"]]
             done += 1
@@ -152,9 +162,10 @@ def main() -> None:
     """Measure, print the tables, and optionally write them."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("data", type=Path, nargs="+")
-    parser.add_argument("--model", type=Path)
+    parser.add_argument("--model")
     parser.add_argument("--score-threshold", type=float, default=0.5)
     parser.add_argument("--frames", type=int)
+    parser.add_argument("--first", type=int, default=0, help="number of the first frame")
     parser.add_argument("--no-vertical", action="store_true", help="estimate it, as without --up")
     parser.add_argument("--rows", type=Path)
     parser.add_argument("--result", type=Path)
@@ -162,17 +173,21 @@ def main() -> None:
     detector = None
     if options.model is not None:
         detector = TreeDetector.load(
-            options.model, threads=1, score_threshold=options.score_threshold
+            find_model(options.model), threads=1, score_threshold=options.score_threshold
         )
-    rows = []
+    by_data: dict[str, list[dict[str, Any]]] = {}
     for data in options.data:
-        for image, trees in frames(data, options.frames):
+        rows = by_data.setdefault(data.name, [])
+        for image, trees in frames(data, options.frames, options.first):
             if trees:
                 results = measured(data, image, trees, detector, not options.no_vertical)
                 rows += [row(image, tree, *made) for tree, made in zip(trees, results, strict=True)]
+    rows = [values for rows in by_data.values() for values in rows]
     if options.rows is not None:
         options.rows.write_text("".join(json.dumps(values) + "\n" for values in rows))
     report = tables(rows)
+    if len(by_data) > 1:
+        report["by_data"] = {name: tables(rows) for name, rows in by_data.items()}
     sys.stdout.write(json.dumps(report, indent=1) + "\n")
     if options.result is not None:
         options.result.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
