@@ -12,7 +12,17 @@ from numpy.typing import NDArray
 from edgetree.detections import KEYPOINT_NAMES, TreeDetections
 from edgetree.measure.settings import MeasureSettings, reference_px
 
-__all__ = ["CUT", "LEFT", "MIDDLE", "MIN_WIDTH_PX", "RIGHT", "TOP", "Keypoints"]
+__all__ = [
+    "CUT",
+    "CUT_OFF_PX",
+    "CUT_OFF_UNSEEN_PX",
+    "LEFT",
+    "MIDDLE",
+    "MIN_WIDTH_PX",
+    "RIGHT",
+    "TOP",
+    "Keypoints",
+]
 
 Float = NDArray[np.floating[Any]]
 Flags = NDArray[np.bool_]
@@ -30,6 +40,12 @@ _BORDER_CUT_STDS = 12.0
 _NEAR_SIDE, _NEAR_SIDE_STD = 0.4, 0.2
 # A box reaches a side that is less than this share of its width away.
 _REACHES_SIDE = 0.2
+# The boxes of networks end up to the first distance before the side of the image that cuts their
+# stem off, and up to the second one if the edge keypoint of that side has a score below the third
+# value, in px of an image of 1280 px width. Chosen with 347 such stems and 457 whole ones near a
+# side (`edge-n-depth`, frames that it was not trained on): of the 47 wrong diameters 3 are beyond,
+# and 16 more whole stems than with the first distance alone count as cut off.
+CUT_OFF_PX, CUT_OFF_UNSEEN_PX, _UNSEEN_SCORE = 9.0, 30.0, 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +60,8 @@ class Keypoints:
             be outside.
         doubtful_cut_px: (T,) how far above the lower border a cut keypoint lies that is not used
             because the stem reaches this border, so that the cut may be below it; NaN elsewhere.
+        cut_off: (T, 2) whether the left or the right side of the image may cut the stem off, beyond
+            an edge keypoint that is not seen.
         offered: whether the model predicts keypoints.
     """
 
@@ -52,6 +70,7 @@ class Keypoints:
     std_px: Float
     within: Flags
     doubtful_cut_px: Float
+    cut_off: Flags
     offered: bool
 
     @classmethod
@@ -74,7 +93,8 @@ class Keypoints:
         fraction = np.array([settings.keypoint_spread, settings.keypoint_slide])
         spread = fraction * extent[:, None] / np.sqrt(score)
         std_px = np.hypot(settings.keypoint_std_px * reference_px(trees.image_width), spread)
-        std_px[..., 0] = np.hypot(std_px[..., 0], _cut_off_std_px(trees, values))
+        cut_off = _cut_off(trees, values[:, [LEFT, RIGHT], 2])
+        std_px[..., 0] = np.hypot(std_px[..., 0], _cut_off_std_px(trees, values, cut_off))
         given = (values[..., 2] > 0) & near
         inside = (values[..., :2] > std_px) & (values[..., :2] < size - std_px)
         within = given & inside.all(2)
@@ -92,6 +112,7 @@ class Keypoints:
             std_px=std_px,
             within=within,
             doubtful_cut_px=np.where(doubtful, above_border_px, np.nan),
+            cut_off=cut_off,
             offered=trees.keypoints_px is not None,
         )
 
@@ -103,7 +124,20 @@ class Keypoints:
         return np.asarray(self.within[:, LEFT] & self.within[:, RIGHT] & size_known)
 
 
-def _cut_off_std_px(trees: TreeDetections, values: Float) -> Float:
+def _cut_off(trees: TreeDetections, edge_scores: Float) -> Flags:
+    """(T, 2) whether a side of the image may cut stems off whose edge there is not seen.
+
+    Args:
+        trees: the detections.
+        edge_scores: (T, 2) scores of the keypoints of the left and the right edge.
+    """
+    left_px, right_px = trees.boxes_px[:, 0], trees.image_width - trees.boxes_px[:, 2]
+    gaps_px = np.stack([left_px, right_px], 1)
+    unseen = (edge_scores < _UNSEEN_SCORE) & (trees.keypoints_px is not None)
+    return np.asarray(unseen & (gaps_px < CUT_OFF_UNSEEN_PX * reference_px(trees.image_width)))
+
+
+def _cut_off_std_px(trees: TreeDetections, values: Float, unseen: Flags) -> Float:
     """(T, 5) standard deviations of edge keypoints of stems that a side of the image may cut off.
 
     Args:
@@ -120,5 +154,5 @@ def _cut_off_std_px(trees: TreeDetections, values: Float) -> Float:
     cut_off = (left_px < reach_px)[:, None] & (x_px < near_px)
     size = trees.image_width
     cut_off |= (right_px > size - reach_px)[:, None] & (x_px > size - near_px)
-    std_px[:, picked] = np.where(cut_off, _NEAR_SIDE_STD * width_px, 0.0)
+    std_px[:, picked] = np.where(cut_off | unseen, _NEAR_SIDE_STD * width_px, 0.0)
     return std_px

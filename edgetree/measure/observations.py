@@ -10,7 +10,16 @@ from numpy.typing import NDArray
 
 from edgetree.measure.edge_lines import fit_lines, masked_medians
 from edgetree.measure.frame import MASK_THRESHOLD, DepthFrame
-from edgetree.measure.keypoints import LEFT, MIDDLE, MIN_WIDTH_PX, RIGHT, TOP, Keypoints
+from edgetree.measure.keypoints import (
+    CUT_OFF_PX,
+    CUT_OFF_UNSEEN_PX,
+    LEFT,
+    MIDDLE,
+    MIN_WIDTH_PX,
+    RIGHT,
+    TOP,
+    Keypoints,
+)
 from edgetree.measure.outline import Outline, regions_from_masks, trace_outline
 from edgetree.measure.regions import STATIONS, SearchRegions, line_spans
 from edgetree.measure.settings import reference_px
@@ -35,11 +44,9 @@ _BEND_PER_M = 0.02
 # It is nearer than the stem by this factor and this many metres.
 _BESIDE, _MIN_BESIDE_PX = 0.15, 3.0
 _NEARER, _NEARER_M = 0.98, 0.05
-# Mask edges within this distance from the border of the image are not used: px plus standard
-# deviations of a mask edge. The boxes of networks end up to the second distance before the border
-# that cuts their stem off, in px of an image of 1280 px width (92 % of 307 stems on the frozen test
-# sets, where the distance was chosen among four).
-_BORDER_PX, _NETWORK_BORDER_PX, _BORDER_STDS = 1.0, 9.0, 2.0
+# Edges of given masks within this distance from the border of the image are not used: px plus
+# standard deviations of a mask edge.
+_BORDER_PX, _BORDER_STDS = 1.0, 2.0
 # If the cut is not in the image, the diameter is measured at this quantile of the visible length,
 # from below.
 _LOWEST = 0.1
@@ -79,7 +86,7 @@ def observe_stems(frame: DepthFrame, boxes_px: Float, keypoints: Keypoints) -> S
     regions = _search_regions(frame, boxes_px, keypoints)
     outline = None
     if frame.masks is not None:
-        outline = trace_outline(frame, regions, _border_px(frame))
+        outline = trace_outline(frame, regions, _border_px(frame, keypoints))
         regions = outline.regions
     depth = _sample_depth(frame, regions, outline)
     if outline is not None:
@@ -97,13 +104,14 @@ def observe_stems(frame: DepthFrame, boxes_px: Float, keypoints: Keypoints) -> S
     )
 
 
-def _border_px(frame: DepthFrame) -> Float:
-    """(T,) distances from the border of the image within which mask edges are not used."""
+def _border_px(frame: DepthFrame, keypoints: Keypoints) -> Float:
+    """(T, 2) distances from the border within which left and right mask edges are not used."""
     if frame.masks_given:
-        border_px = _BORDER_PX
+        border_px = np.full(keypoints.cut_off.shape, _BORDER_PX)
     else:
-        border_px = _NETWORK_BORDER_PX * reference_px(frame.camera.width)
-    return border_px + _BORDER_STDS * frame.mask_std_px()
+        px = np.where(keypoints.cut_off, CUT_OFF_UNSEEN_PX, CUT_OFF_PX)
+        border_px = px * reference_px(frame.camera.width)
+    return np.asarray(border_px + _BORDER_STDS * frame.mask_std_px()[:, None])
 
 
 def _search_regions(frame: DepthFrame, boxes_px: Float, keypoints: Keypoints) -> SearchRegions:

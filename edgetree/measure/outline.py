@@ -145,8 +145,8 @@ def trace_outline(frame: DepthFrame, regions: SearchRegions, border_px: Float) -
     Args:
         frame: the frame, with one mask per stem.
         regions: where to search.
-        border_px: (T,) edges closer than this to the border of the image are not valid, since
-            there the image ends and not the stem.
+        border_px: (T, 2) left and right edges closer than this to the border of the image are not
+            valid, since there the image ends and not the stem.
     """
     regions = _realigned(regions, *_coarse_edges(frame, regions))
     left, right, seen = _coarse_edges(frame, regions)
@@ -200,7 +200,7 @@ def _fine_edges(
     across = np.stack([left[..., None] + steps, right[..., None] - steps], 2)
     probability = frame.mask_probability(regions.points(across.reshape(*left.shape, -1)))
     found, seen = _first_crossing(probability.reshape(across.shape), across)
-    seen = seen & frame.inside(regions.points(found), border_px[:, None, None])
+    seen = seen & frame.inside(regions.points(found), border_px[:, None])
     return found[..., 0], found[..., 1], seen.transpose(2, 0, 1)
 
 

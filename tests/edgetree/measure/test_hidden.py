@@ -122,6 +122,42 @@ def test_a_coarse_mask_that_ends_before_the_border_has_no_edge_there(
     assert not tree.diameter_m or abs(tree.diameter_m.value - 0.3) < 1.96 * tree.diameter_m.std
 
 
+@pytest.mark.parametrize("gap_px", [14, 26])
+@pytest.mark.parametrize("right", [-1, 1])
+@pytest.mark.parametrize("share", [0.4, 0.7])
+def test_a_mask_has_no_edge_near_a_side_beyond_which_the_edge_keypoint_lies(
+    scene, pole, gap_px, right, share
+):
+    """Keypoints out of the picture get a low score, and a place within it."""
+    radius_px = 0.15 * 700 / 4.0
+    inwards_px = (2 * share - 1) * radius_px + gap_px / 2
+    stand = scene(pole(0.3, right * (640 - inwards_px) * 4.0 / 700, 4.0))
+    stem = stand.owner == 1
+    stem[:, :gap_px] = stem[:, -gap_px:] = False
+    trees = with_edge_keypoint(stand.detections([stem]), right, gap_px, 0.02)
+    tree = stand.measure(trees, settings=None)
+    assert not tree.diameter_m or abs(tree.diameter_m.value - 0.3) < 1.96 * tree.diameter_m.std
+
+
+@pytest.mark.parametrize("gap_px", [14, 26])
+@pytest.mark.parametrize("right", [-1, 1])
+def test_a_whole_stem_near_the_side_is_measured(scene, pole, gap_px, right):
+    inwards_px = 0.15 * 700 / 4.0 + gap_px
+    stand = scene(pole(0.3, right * (640 - inwards_px) * 4.0 / 700, 4.0))
+    trees = with_edge_keypoint(stand.detections([stand.owner == 1]), right, gap_px, 0.4)
+    tree = stand.measure(trees, settings=None)
+    assert tree.diameter_m.value == pytest.approx(0.3, rel=0.03)
+    assert tree.diameter_m.std < 0.03
+
+
+def with_edge_keypoint(trees, right, gap_px, score):
+    """The detections with the edge keypoint of the stem towards a side at the end of its mask."""
+    keypoints = trees.keypoints_px.copy()
+    edge_px = gap_px if right < 0 else trees.image_width - gap_px
+    keypoints[0, 1 if right < 0 else 2, ::2] = edge_px, score
+    return replace(trees, keypoints_px=keypoints)
+
+
 @pytest.mark.parametrize("diameter_m", [0.15, 0.3, 0.5])
 @pytest.mark.parametrize("ahead_m", [2.5, 4.0])
 @pytest.mark.parametrize("gap_m", [0.0, 0.1])
