@@ -177,17 +177,19 @@ def main() -> None:
         )
     by_data: dict[str, list[dict[str, Any]]] = {}
     for data in options.data:
-        rows = by_data.setdefault(data.name, [])
+        of_data = by_data.setdefault(data.name, [])
         for image, trees in frames(data, options.frames, options.first):
             if trees:
                 results = measured(data, image, trees, detector, not options.no_vertical)
-                rows += [row(image, tree, *made) for tree, made in zip(trees, results, strict=True)]
-    rows = [values for rows in by_data.values() for values in rows]
+                of_data += [
+                    row(image, tree, *made) for tree, made in zip(trees, results, strict=True)
+                ]
+    rows = [values for of_data in by_data.values() for values in of_data]
     if options.rows is not None:
         options.rows.write_text("".join(json.dumps(values) + "\n" for values in rows))
     report = tables(rows)
     if len(by_data) > 1:
-        report["by_data"] = {name: tables(rows) for name, rows in by_data.items()}
+        report["by_data"] = {name: tables(of_data) for name, of_data in by_data.items()}
     sys.stdout.write(json.dumps(report, indent=1) + "\n")
     if options.result is not None:
         options.result.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")

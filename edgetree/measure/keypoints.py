@@ -15,7 +15,6 @@ from edgetree.measure.settings import MeasureSettings, reference_px
 __all__ = [
     "CUT",
     "CUT_OFF_PX",
-    "CUT_OFF_UNSEEN_PX",
     "LEFT",
     "MIDDLE",
     "MIN_WIDTH_PX",
@@ -40,12 +39,11 @@ _BORDER_CUT_STDS = 12.0
 _NEAR_SIDE, _NEAR_SIDE_STD = 0.4, 0.2
 # A box reaches a side that is less than this share of its width away.
 _REACHES_SIDE = 0.2
-# The boxes of networks end up to the first distance before the side of the image that cuts their
-# stem off, and up to the second one if the edge keypoint of that side has a score below the third
-# value, in px of an image of 1280 px width. Chosen with 347 such stems and 457 whole ones near a
-# side (`edge-n-depth`, frames that it was not trained on): of the 47 wrong diameters 3 are beyond,
-# and 16 more whole stems than with the first distance alone count as cut off.
-CUT_OFF_PX, CUT_OFF_UNSEEN_PX, _UNSEEN_SCORE = 9.0, 30.0, 0.1
+# A side of the image may cut a stem off if its box ends less than the first distance before it, in
+# px of an image of 1280 px width, and the edge keypoint there has a score below the second value.
+# Chosen with `edge-n-depth` on frames that it was not trained on: of 347 stems that a side cuts off
+# 47 had a wrong diameter; 3 are left with these limits. Of 91 whole stems within 40 px 16 are doubted.
+CUT_OFF_PX, _UNSEEN_SCORE = 30.0, 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +58,8 @@ class Keypoints:
             be outside.
         doubtful_cut_px: (T,) how far above the lower border a cut keypoint lies that is not used
             because the stem reaches this border, so that the cut may be below it; NaN elsewhere.
-        cut_off: (T, 2) whether the left or the right side of the image may cut the stem off, beyond
-            an edge keypoint that is not seen.
+        cut_off: (T, 2) whether the left or the right side of the image may cut the stem off: its
+            box ends near that side, and the edge keypoint there is not seen.
         offered: whether the model predicts keypoints.
     """
 
@@ -125,7 +123,7 @@ class Keypoints:
 
 
 def _cut_off(trees: TreeDetections, edge_scores: Float) -> Flags:
-    """(T, 2) whether a side of the image may cut stems off whose edge there is not seen.
+    """(T, 2) whether the left or the right side of the image may cut the stems off.
 
     Args:
         trees: the detections.
@@ -134,15 +132,16 @@ def _cut_off(trees: TreeDetections, edge_scores: Float) -> Flags:
     left_px, right_px = trees.boxes_px[:, 0], trees.image_width - trees.boxes_px[:, 2]
     gaps_px = np.stack([left_px, right_px], 1)
     unseen = (edge_scores < _UNSEEN_SCORE) & (trees.keypoints_px is not None)
-    return np.asarray(unseen & (gaps_px < CUT_OFF_UNSEEN_PX * reference_px(trees.image_width)))
+    return np.asarray(unseen & (gaps_px < CUT_OFF_PX * reference_px(trees.image_width)))
 
 
-def _cut_off_std_px(trees: TreeDetections, values: Float, unseen: Flags) -> Float:
+def _cut_off_std_px(trees: TreeDetections, values: Float, cut_off: Flags) -> Float:
     """(T, 5) standard deviations of edge keypoints of stems that a side of the image may cut off.
 
     Args:
         trees: the detections.
         values: (T, 5, 3) their keypoints.
+        cut_off: (T, 2) whether the edge there is not seen, from `_cut_off`.
     """
     std_px = np.zeros(values.shape[:2])
     picked = [LEFT, RIGHT]
@@ -151,8 +150,8 @@ def _cut_off_std_px(trees: TreeDetections, values: Float, unseen: Flags) -> Floa
     left_px, right_px = trees.boxes_px[:, 0], trees.boxes_px[:, 2]
     reach_px = _REACHES_SIDE * (right_px - left_px)
     near_px = _NEAR_SIDE * width_px
-    cut_off = (left_px < reach_px)[:, None] & (x_px < near_px)
+    beyond = cut_off | ((left_px < reach_px)[:, None] & (x_px < near_px))
     size = trees.image_width
-    cut_off |= (right_px > size - reach_px)[:, None] & (x_px > size - near_px)
-    std_px[:, picked] = np.where(cut_off | unseen, _NEAR_SIDE_STD * width_px, 0.0)
+    beyond |= (right_px > size - reach_px)[:, None] & (x_px > size - near_px)
+    std_px[:, picked] = np.where(beyond, _NEAR_SIDE_STD * width_px, 0.0)
     return std_px

@@ -12,7 +12,6 @@ from edgetree.measure.edge_lines import fit_lines, masked_medians
 from edgetree.measure.frame import MASK_THRESHOLD, DepthFrame
 from edgetree.measure.keypoints import (
     CUT_OFF_PX,
-    CUT_OFF_UNSEEN_PX,
     LEFT,
     MIDDLE,
     MIN_WIDTH_PX,
@@ -44,9 +43,10 @@ _BEND_PER_M = 0.02
 # It is nearer than the stem by this factor and this many metres.
 _BESIDE, _MIN_BESIDE_PX = 0.15, 3.0
 _NEARER, _NEARER_M = 0.98, 0.05
-# Edges of given masks within this distance from the border of the image are not used: px plus
-# standard deviations of a mask edge.
-_BORDER_PX, _BORDER_STDS = 1.0, 2.0
+# Mask edges within this distance from the border of the image are not used: px plus standard
+# deviations of a mask edge. The masks of networks end up to the second distance before the border
+# that cuts their stem off, in px of an image of 1280 px width, and further where `cut_off` is set.
+_BORDER_PX, _NETWORK_BORDER_PX, _BORDER_STDS = 1.0, 9.0, 2.0
 # If the cut is not in the image, the diameter is measured at this quantile of the visible length,
 # from below.
 _LOWEST = 0.1
@@ -105,11 +105,11 @@ def observe_stems(frame: DepthFrame, boxes_px: Float, keypoints: Keypoints) -> S
 
 
 def _border_px(frame: DepthFrame, keypoints: Keypoints) -> Float:
-    """(T, 2) distances from the border within which left and right mask edges are not used."""
+    """(T, 2) px from the border within which left and right mask edges are not used."""
     if frame.masks_given:
         border_px = np.full(keypoints.cut_off.shape, _BORDER_PX)
     else:
-        px = np.where(keypoints.cut_off, CUT_OFF_UNSEEN_PX, CUT_OFF_PX)
+        px = np.where(keypoints.cut_off, CUT_OFF_PX, _NETWORK_BORDER_PX)
         border_px = px * reference_px(frame.camera.width)
     return np.asarray(border_px + _BORDER_STDS * frame.mask_std_px()[:, None])
 
