@@ -41,9 +41,9 @@ _NEAR_SIDE, _NEAR_SIDE_STD = 0.4, 0.2
 _REACHES_SIDE = 0.2
 # A side of the image may cut a stem off if its box ends less than the first distance before it, in
 # px of an image of 1280 px width, and the edge keypoint there has a score below the second value.
-# Chosen with `edge-n-depth` on 1,700 frames that it was not trained on: the intervals of 95 % of 254
-# diameters of cut off stems hold, of 86 % of 347 without this. 157 of 158 whole stems near a side
-# are still measured.
+# Chosen with `edge-n-depth` on 1,700 frames that it was not trained on: of 254 diameters of stems
+# that a side cuts off 95 % lie in their intervals; without these limits it was 86 % of 347. Of 158
+# whole stems near a side 157 are still measured.
 CUT_OFF_PX, _UNSEEN_SCORE = 30.0, 0.1
 
 
