@@ -30,6 +30,9 @@ _COST_ABOVE, _COST_BELOW = 2.0, 6.0
 _GROUND_SHARE, _ERROR_SHARE, _PLANT_TOLERANCES = 0.2, 0.003, 12.0
 # The tolerance is this many standard deviations of the ground's unevenness.
 _TOLERANCE_STDS = 3.0
+# Share of the ground's departure from the plane that counts when ground is told from plants. With
+# all of it, low plants away from the middle pass for ground and lift the plane.
+_TELLING_DEPARTURE = 0.15
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,14 +42,14 @@ class GroundPlane:
     Attributes:
         normal: (3,) unit vector pointing up.
         offset_m: Height of the camera above the plane, in metres.
-        residual_std_m: Root mean square distance of the inliers from the plane.
+        residual_std_m: Root mean square distance of the inliers from the plane, by weight.
         inlier_fraction: Share of the usable points that are inliers.
         above_fraction: Share of the usable points that are above the plane, for example plants.
         points: Number of inliers.
-        independent_points: Number of inliers with independent errors.
-        centre_m: (3,) mean of the inliers.
+        independent_points: Number of inliers with independent errors, by weight.
+        centre_m: (3,) weighted mean of the inliers.
         axes: (2, 3) unit vectors in the plane: the principal axes of the inliers.
-        extents_m: (2,) standard deviations of the inliers along ``axes``.
+        extents_m: (2,) weighted standard deviations of the inliers along ``axes``.
     """
 
     normal: Float
@@ -134,6 +137,7 @@ def fit_ground_planes(
     tolerance_m: float = 0.06,
     points_per_error: float = 1.0,
     depth_std_m: ArrayLike = 0.0,
+    departure_std_m: ArrayLike = 0.0,
 ) -> list[GroundPlane | GroundPlaneFailure]:
     """Fit a plane to each of T sets of points at once; see ``fit_ground_plane``.
 
@@ -146,6 +150,9 @@ def fit_ground_planes(
         points_per_error: Number of neighbouring points that share one error of the sensor; it
             lowers ``independent_points``.
         depth_std_m: (T, N) or scalar standard deviation of the depth, which enlarges the tolerance.
+        departure_std_m: (T, N) or scalar standard deviation by which the ground itself leaves the
+            plane at a point. It lowers the point's weight: ground that is not flat is fitted best
+            where this is small.
 
     Returns:
         A plane or a GroundPlaneFailure for each set.
@@ -161,18 +168,22 @@ def fit_ground_planes(
     depth = np.where(usable, points[..., 2], 1.0)
     noise = np.where(usable, np.asarray(depth_std_m) / np.maximum(np.abs(depth), 1e-9), 0.0)
     level_axes = _level_axes(vertical)
-    cloud = _Cloud(points @ level_axes.T, usable, noise, tolerance_m)
+    departure = np.broadcast_to(np.asarray(departure_std_m, np.float64), usable.shape)
+    cloud = _Cloud(points @ level_axes.T, usable, noise, departure, tolerance_m)
     normal, offset, flat = cloud.best_trial(float(np.cos(np.radians(max_slope_deg))))
     ground_share = np.full(len(points), _GROUND_SHARE)
     for _ in range(_REFINEMENTS):
         ground, _, variance = cloud.probabilities(normal, offset, ground_share)
         ground_share = ground.sum(1) / np.maximum(usable.sum(1), 1)
         normal, offset = cloud.regression(ground / variance, normal, offset)
-    ground, plants, _ = cloud.probabilities(normal, offset, ground_share)
+    ground, plants, variance = cloud.probabilities(normal, offset, ground_share)
     support, normal = ground > 0.5, normal @ level_axes
-    centre, variances, axes = _principal_axes(points, support)
+    weight = support * (1 - departure**2 / variance)
+    centre, variances, axes = _principal_axes(points, weight)
     above = plants.sum(1) / np.maximum(usable.sum(1), 1)
-    fits = _Fits(usable.sum(1), flat, variances, axes, centre, normal, offset, support, above)
+    fits = _Fits(
+        usable.sum(1), flat, variances, axes, centre, normal, offset, support, weight, above
+    )
     return [
         fits.plane(index, points[index], points_per_error, max_slope_deg, vertical)
         for index in range(len(points))
@@ -186,12 +197,14 @@ class _Cloud(NamedTuple):
         points: (T, N, 3) points in metres, 0 where not usable. The third axis is the vertical.
         usable: (T, N) the points to use.
         noise: (T, N) standard deviations of the depth, relative to it.
+        departure_m: (T, N) standard deviations by which the ground leaves the plane.
         tolerance_m: largest distance of ground points from their plane, without errors of depth.
     """
 
     points: Float
     usable: Flags
     noise: Float
+    departure_m: Float
     tolerance_m: float
 
     def best_trial(self, least_cosine: float) -> tuple[Float, Float, Flags]:
@@ -213,7 +226,9 @@ class _Cloud(NamedTuple):
         scored = slice(None, None, max(self.points.shape[1] // _SCORED_POINTS, 1))
         along = np.matmul(normals, self.points[:, scored].transpose(0, 2, 1))
         height = along - through[..., None]
-        cost = height**2 / (2 * self._variance(along, self.noise[:, None, scored]))
+        noise, departure_m = self.noise[:, None, scored], self.departure_m[:, None, scored]
+        variance = self._variance(along, noise) + (_TELLING_DEPARTURE * departure_m) ** 2
+        cost = height**2 / (2 * variance)
         cost = np.minimum(cost, np.where(height > 0, _COST_ABOVE, _COST_BELOW))
         cost = np.matmul(cost, self.usable[:, scored, None].astype(np.float64))[..., 0]
         total = np.where(flat, cost, np.inf)
@@ -250,7 +265,7 @@ class _Cloud(NamedTuple):
     def probabilities(
         self, normal: Float, offset: Float, ground_share: Float
     ) -> tuple[Float, Float, Float]:
-        """(T, N) probabilities that points are ground, and plants, and their height's variances.
+        """(T, N) probabilities that points are ground, and plants, and variances for the fit.
 
         Args:
             normal: (T, 3) normals of the planes.
@@ -259,14 +274,16 @@ class _Cloud(NamedTuple):
         """
         along = np.matmul(self.points, normal[..., None])[..., 0]
         height = along + offset[:, None]
-        variance = self._variance(along, self.noise)
+        own = self._variance(along, self.noise)
+        variance = own + (_TELLING_DEPARTURE * self.departure_m) ** 2
         std = np.sqrt(variance)
         share, plants_m = ground_share[:, None], _PLANT_TOLERANCES * self.tolerance_m
         ground = share * np.exp(-(height**2) / (2 * variance)) / (np.sqrt(2 * np.pi) * std)
         plants = (1 - share) * (1 - _ERROR_SHARE) / plants_m * (height > 0)
         errors = (1 - share) * _ERROR_SHARE / plants_m + 1e-12
         total = ground + plants + errors
-        return self.usable * ground / total, self.usable * plants / total, variance
+        fit_variance = own + self.departure_m**2
+        return self.usable * ground / total, self.usable * plants / total, fit_variance
 
     def regression(self, weight: Float, normal: Float, offset: Float) -> tuple[Float, Float]:
         """Fit the planes' heights along the vertical by weighted least squares.
@@ -305,6 +322,7 @@ class _Fits(NamedTuple):
         normal: (T, 3) unit normals pointing up.
         offset: (T,) plane offsets in metres.
         support: (T, N) inliers.
+        weight: (T, N) their weights: 1 where the ground does not leave the plane.
         above: (T,) shares of the points that are above the planes.
     """
 
@@ -316,6 +334,7 @@ class _Fits(NamedTuple):
     normal: Float
     offset: Float
     support: Flags
+    weight: Float
     above: Float
 
     def plane(
@@ -339,8 +358,10 @@ class _Fits(NamedTuple):
         if normal @ vertical < np.cos(np.radians(max_slope_deg)):
             return GroundPlaneFailure(f"no plane flatter than {max_slope_deg:g} degrees")
         offset_m = float(self.offset[at])
-        residual = float(np.sqrt(np.mean((points[support] @ normal + offset_m) ** 2)))
-        independent = max(held / points_per_error, 1.0)
+        weight = self.weight[at]
+        total = float(weight.sum())
+        residual = float(np.sqrt(weight @ (points @ normal + offset_m) ** 2 / total))
+        independent = max(total / points_per_error, 1.0)
         return GroundPlane(
             normal,
             offset_m,
@@ -371,16 +392,16 @@ def _level_axes(vertical: Float) -> Float:
     return np.stack([first, np.cross(vertical, first), vertical])
 
 
-def _principal_axes(points: Float, support: Flags) -> tuple[Float, Float, Float]:
+def _principal_axes(points: Float, weight: Float) -> tuple[Float, Float, Float]:
     """Return the principal axes of the supporting points of each set.
 
     Returns:
         Means (T, 3), variances along the axes (T, 3) in ascending order, and axes (T, 3, 3) in
         columns.
     """
-    weight = support / np.maximum(support.sum(1, keepdims=True), 1)
+    weight = weight / np.maximum(weight.sum(1, keepdims=True), 1e-9)
     centre = np.matmul(weight[:, None], points)[:, 0]
-    offset = np.where(support[..., None], points - centre[:, None], 0.0)
+    offset = points - centre[:, None]
     scatter = np.matmul((offset * weight[..., None]).transpose(0, 2, 1), offset)
     variances, axes = np.linalg.eigh(scatter)
     return centre, np.maximum(variances, 1e-18), axes

@@ -13,24 +13,25 @@ from calib import GroundPlane, GroundPlaneFailure, fit_ground_planes
 from edgetree.measure.estimates import Estimate, Failure
 from edgetree.measure.frame import DepthFrame
 from edgetree.measure.ground_cover import UNEVEN_STD_M, cover_stds_m, depth_stds_m
-from edgetree.measure.ground_samples import sample_around, thinned
+from edgetree.measure.ground_samples import GroundSamples, sample_around, thinned
 from edgetree.measure.vertical import Vertical, Verticals
 
 __all__ = ["BaseGround", "find_grounds"]
 
 Float = NDArray[np.floating[Any]]
-Flags = NDArray[np.bool_]
 
-# Ground is searched for within the first distance around the stem, and within the second only if
-# that is hidden: ground is not flat, so heights get less accurate with the distance.
-_SEARCH_RADII_M = (0.9, 1.4)
+# Ground is searched for within this distance around the stem.
+_SEARCH_RADIUS_M = 1.4
+# Ground is not flat. Standard deviation by which it leaves the plane at the stem, by the squared
+# distance from the bark. Chosen on 510 simulated frames with exact outlines.
+_DEPARTURE_STD_PER_M = 0.15
 # Rows and columns of the sampling grid. The second one is for sparse depth.
 _GRIDS = (23, 72)
 _MIN_POINTS = 20
 _TOLERANCE_M = 3 * UNEVEN_STD_M
 # Smallest standard deviation of the ground's height: litter, moss and roots.
 _LITTER_STD_M = 0.02
-_POINTS_PER_ERROR = 36.0
+_POINTS_PER_ERROR = 16.0
 # Points off the plane may mean that plants hide the ground. Standard deviation of the height, times
 # the squared fraction of such points.
 _OUTLIER_STD_M = 0.15
@@ -50,13 +51,11 @@ class BaseGround:
     Attributes:
         plane: plane fitted to the depth around the base.
         vertical: the vertical at the stem.
-        reach_m: distance from the stem within which ground points were used.
         cover_std_m: standard deviation of the ground's height because plants may hide it.
     """
 
     plane: GroundPlane
     vertical: Vertical
-    reach_m: float
     cover_std_m: float = 0.0
 
     @property
@@ -129,7 +128,7 @@ class BaseGround:
         """The plane, and the direction along which heights are measured, as text."""
         residual_cm = 100 * self.plane.residual_std_m
         return (
-            f"plane within {self.reach_m:.1f} m of the stem, {self.plane.points} points"
+            f"plane within {_SEARCH_RADIUS_M} m of the stem, {self.plane.points} points"
             f" ({self.plane.inlier_fraction:.0%} there) ± {residual_cm:.1f} cm, heights along"
             f" {self.vertical.description()}{self._cover_description()}"
         )
@@ -148,7 +147,7 @@ def find_grounds(
     indices: NDArray[np.intp],
     noise: float,
 ) -> list[BaseGround | Failure]:
-    """Fit the ground next to each stem, or further around it where that is hidden.
+    """Fit the ground around each stem.
 
     Args:
         frame: depth, camera and masks.
@@ -165,51 +164,48 @@ def find_grounds(
     grounds: list[BaseGround | Failure] = [Failure("no ground around the base")] * len(radii_m)
     missing = np.arange(len(radii_m))
     for grid in _GRIDS:
-        near, far = (radius_m + radii_m[missing] for radius_m in _SEARCH_RADII_M)
-        samples = sample_around(frame, axis_points[missing], far, up, grid)
-        points, usable = samples.points, samples.usable
-        close = usable & (samples.level_m < near[:, None])
-        enough = close.sum(1) >= _MIN_POINTS
-        chosen = np.where(enough[:, None], close, usable)
-        found = _fit_planes(frame, points, chosen, enough, up, noise)
-        again = np.flatnonzero([not ground for ground in found] & enough)
-        if len(again):
-            wider = _fit_planes(frame, points[again], usable[again], ~enough[again], up, noise)
-            for index, plane in zip(again, wider, strict=True):
-                found[index] = plane
-        for index, plane in zip(missing, found, strict=True):
-            if isinstance(plane, Failure):
-                grounds[index] = plane
+        radius_m = radii_m[missing]
+        samples = sample_around(frame, axis_points[missing], _SEARCH_RADIUS_M + radius_m, up, grid)
+        planes = _fit_planes(frame, samples, radius_m, up, noise)
+        for index, found in zip(missing, planes, strict=True):
+            if isinstance(found, Failure):
+                grounds[index] = found
             else:
-                vertical = verticals.at(int(indices[index]), plane[0].normal)
-                grounds[index] = BaseGround(plane[0], vertical, *plane[1:])
-        missing = missing[samples.sparse & (usable.sum(1) < _MIN_POINTS)]
+                vertical = verticals.at(int(indices[index]), found[0].normal)
+                grounds[index] = BaseGround(found[0], vertical, found[1])
+        missing = missing[samples.sparse & (samples.usable.sum(1) < _MIN_POINTS)]
         if not len(missing):
             break
     return grounds
 
 
 def _fit_planes(
-    frame: DepthFrame, points: Float, usable: Flags, close: Flags, up: Float, noise: float
-) -> list[tuple[GroundPlane, float, float] | Failure]:
-    """Fit planes to the usable ones of (T, N, 3) points.
-
-    `close` (T,) tells which of the two search radii the points are from.
+    frame: DepthFrame, samples: GroundSamples, radii_m: Float, up: Float, noise: float
+) -> list[tuple[GroundPlane, float] | Failure]:
+    """Fit planes to samples around T stems of radii (T,).
 
     Returns:
-        T planes with their search radii and the standard deviations of their height because plants
-        may hide the ground, or why there is none.
+        T planes with the standard deviations of their height because plants may hide the ground, or
+        why there is none.
     """
-    points, usable = thinned(points, usable)
+    points, usable, level_m, _ = thinned(samples)
     settings = frame.settings
     depth_std_m = depth_stds_m(settings, points[..., 2])
+    from_bark_m = np.maximum(level_m - radii_m[:, None], 0.0)
     planes = fit_ground_planes(
-        points, usable, up, settings.max_slope_deg, _TOLERANCE_M, _POINTS_PER_ERROR, depth_std_m
+        points,
+        usable,
+        up,
+        settings.max_slope_deg,
+        _TOLERANCE_M,
+        _POINTS_PER_ERROR,
+        depth_std_m,
+        _DEPARTURE_STD_PER_M * from_bark_m**2,
     )
     cover_std_m = cover_stds_m(frame, points, usable, noise * depth_std_m, planes)
     return [
         Failure(f"no ground around the base: {plane.reason}")
         if isinstance(plane, GroundPlaneFailure)
-        else (plane, _SEARCH_RADII_M[0 if near else 1], float(std_m))
-        for plane, near, std_m in zip(planes, close, cover_std_m, strict=True)
+        else (plane, float(std_m))
+        for plane, std_m in zip(planes, cover_std_m, strict=True)
     ]

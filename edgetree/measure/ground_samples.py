@@ -68,17 +68,15 @@ def sample_around(
     return GroundSamples(points, usable, level_m, sparse)
 
 
-def thinned(points: Float, usable: Flags) -> tuple[Float, Flags]:
-    """At most `_MAX_POINTS` usable ones of (T, N, 3) points, evenly spread over the N.
-
-    Returns:
-        (T, M, 3) points, and (T, M) which of them are filled.
-    """
-    order = np.argsort(~usable, axis=1, kind="stable")
-    count = usable.sum(1)
+def thinned(samples: GroundSamples) -> GroundSamples:
+    """At most `_MAX_POINTS` of the usable samples, evenly spread, the usable ones first."""
+    order = np.argsort(~samples.usable, axis=1, kind="stable")
+    count = samples.usable.sum(1)
     taken = np.minimum(count, _MAX_POINTS)
     rank = np.arange(_MAX_POINTS)[None] * (count / np.maximum(taken, 1))[:, None]
     kept = np.arange(_MAX_POINTS)[None] < taken[:, None]
     rank = np.where(kept, rank, 0).astype(np.intp)
     picked = np.take_along_axis(order, rank, 1)
-    return np.take_along_axis(points, picked[..., None], 1), kept
+    points = np.take_along_axis(samples.points, picked[..., None], 1)
+    level_m = np.take_along_axis(samples.level_m, picked, 1)
+    return GroundSamples(points, kept, level_m, samples.sparse)

@@ -189,3 +189,37 @@ def test_height_and_tilt_errors_match_their_standard_deviations() -> None:
     assert np.mean(stds, axis=0)[1] > 3 * np.mean(stds, axis=0)[0]
     actual = np.std(tilts, axis=0)[:2] / np.mean(tilts, axis=0)[2]
     np.testing.assert_allclose(actual, 1.0, atol=0.25)
+
+
+def around_a_stem(count: int = 400) -> tuple[Float, Float]:
+    """(1, N, 3) points of level ground within 1.4 m of (0, 1.5, 4), and the distances (1, N)."""
+    rng = np.random.default_rng(6)
+    away_m, turn = 1.4 * np.sqrt(rng.random(count)), rng.uniform(0, 2 * np.pi, count)
+    x, z = away_m * np.cos(turn), away_m * np.sin(turn)
+    return np.stack([x, np.full(count, 1.5), z + 4], -1)[None], away_m[None]
+
+
+@pytest.mark.parametrize("bend_per_m", [0.06, -0.06])
+def test_ground_that_bends_away_is_fitted_in_the_middle(bend_per_m: float) -> None:
+    points, away_m = around_a_stem()
+    points[..., 1] -= bend_per_m * away_m**2
+    usable, middle = np.ones(away_m.shape, np.bool_), [0.0, 1.5, 4.0]
+    heights_m = []
+    for departure_per_m in (0.0, 0.15):
+        [plane] = fit_ground_planes(points, usable, departure_std_m=departure_per_m * away_m**2)
+        assert isinstance(plane, GroundPlane)
+        heights_m.append(abs(float(plane.height_m(middle))))
+    assert heights_m[1] < 0.018
+    assert heights_m[0] > 0.025
+
+
+def test_low_plants_away_from_the_middle_are_no_ground_that_bends() -> None:
+    points, away_m = around_a_stem()
+    plants = (away_m > 0.5) & (np.arange(away_m.shape[1]) % 2 == 0)
+    points[..., 1] -= np.where(plants, 0.12, 0.0)
+    [plane] = fit_ground_planes(
+        points, np.ones(away_m.shape, np.bool_), departure_std_m=0.15 * away_m**2
+    )
+    assert isinstance(plane, GroundPlane)
+    assert plane.above_fraction > 0.8 * plants.mean()
+    assert float(plane.height_m([0.0, 1.5, 4.0])) == pytest.approx(0.0, abs=0.005)

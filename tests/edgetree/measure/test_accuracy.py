@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib import PinholeCamera, project_points
+from calib import PinholeCamera, pixels_to_rays, project_points
 from edgetree.measure import measure_trees
 
 
@@ -199,3 +199,19 @@ def test_swapped_edges_give_the_same_diameter(scene, pole):
     trees = stand.detections()
     swapped = replace(trees, keypoints_px=trees.keypoints_px[:, [0, 2, 1, 3, 4]])
     assert stand.measure(swapped).diameter_m == stand.measure(trees).diameter_m
+
+
+@pytest.mark.parametrize("bend_per_m", [0.08, -0.08])
+@pytest.mark.parametrize("diameter_m", [0.1, 0.5])
+def test_the_ground_at_the_stem_counts_where_it_bends(scene, pole, diameter_m, bend_per_m):
+    stem = pole(diameter_m, 0.2, 4.0)
+    stand = scene(stem, camera_height_m=1.8, pitch_deg=20.0)
+    rows, columns = np.nonzero(stand.owner == 0)
+    depth_m = stand.depth_m.copy()
+    rays = pixels_to_rays(stand.camera, np.stack([columns, rows], -1) + 0.5)
+    beside_m = rays * depth_m[rows, columns][:, None] - stand.foot(stem)
+    away_m = np.maximum(np.linalg.norm(beside_m, axis=1) - diameter_m / 2, 0)
+    # A ray that meets the ground at the depth z meets a height h above it at z (1 - h / height).
+    depth_m[rows, columns] *= 1 - bend_per_m * np.minimum(away_m, 1.5) ** 2 / 1.8
+    height = stand.measure(depth_m=depth_m).cut_height_m
+    assert height.value == pytest.approx(0.25, abs=0.02)

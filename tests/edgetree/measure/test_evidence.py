@@ -90,7 +90,7 @@ def test_visible_share_counts_hidden_parts(stand, hidden):
 
 def test_the_ground_is_described(stand):
     words = stand.measure().evidence.ground
-    assert words.startswith("plane within 0.9 m of the stem, ")
+    assert words.startswith("plane within 1.4 m of the stem, ")
     assert words.endswith("heights along the given vertical")
     assert stand.measure(level=True).evidence.ground.endswith(
         "heights along a vertical estimated from the ground's slope and the camera's own up (± 9°)"
