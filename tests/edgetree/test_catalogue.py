@@ -25,7 +25,7 @@ from edgetree.errors import InputError
 Cli = Callable[..., Any]
 
 ROOT = Path(__file__).parents[2]
-LARGER = [ROOT / "models/edge-s-depth.onnx"]
+LARGER = [ROOT / "models/edge-s-depth.onnx", ROOT / "models/edge-s-rgb.onnx"]
 
 
 @pytest.fixture

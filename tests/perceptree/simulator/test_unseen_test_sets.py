@@ -64,7 +64,10 @@ def test_a_card_names_the_scenes_of_every_kind_of_use(path: Path) -> None:
 def test_every_shipped_model_has_a_card() -> None:
     models = [path for folder in FOLDERS for path in sorted(folder.glob("*.onnx"))]
     assert [path.stem for path in models] == [path.stem for path in CARDS]
-    assert {"edge-n-depth", "edge-n-rgb", "edge-s-depth"} <= {path.stem for path in models}
+    expected = {
+        f"{size}-{modality}" for size in ("edge-n", "edge-s") for modality in ("depth", "rgb")
+    }
+    assert expected <= {path.stem for path in models}
 
 
 def test_the_seeds_in_the_readme_are_in_the_cards() -> None:
