@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib import box_iou
-from edgetree.export.limits import limits_of
+from edgetree.export.limits import Limits, limits_of
 from edgetree.export.parity import FrameParity
 
 __all__ = ["UNMATCHED_FRAMES", "Arrays", "compare_frame", "compare_frames"]
@@ -140,7 +140,7 @@ def compare_frame(
             if best >= 0 and iou[i, best] * allowed[0, best] >= limits.match_iou:
                 matched += 1
                 pairs.append((int(i), best) if side == 0 else (best, int(i)))
-    return _differences(name, expected, found, sorted(set(pairs)), trees, matched)
+    return _differences(name, expected, found, sorted(set(pairs)), trees, matched, limits)
 
 
 def _lowest_certain(side: Arrays, threshold: float, tolerance: float) -> float:
@@ -157,6 +157,7 @@ def _differences(
     pairs: list[tuple[int, int]],
     trees: int,
     matched: int,
+    limits: Limits,
 ) -> FrameParity:
     if not pairs:
         return FrameParity(name, trees, matched)
@@ -167,6 +168,10 @@ def _differences(
         if key in expected
     }
     points, masks = (gap.get(key, np.zeros((1, 1, 3))) for key in ("keypoints", "masks"))
+    apart_px = points[..., :2].max(-1)
+    tied = np.zeros(apart_px.shape, np.bool_)
+    if limits.keypoint_px is not None and limits.keypoint_score is not None:
+        tied = (apart_px > limits.keypoint_px) & (points[..., 2] <= limits.keypoint_score)
     iou = np.ones(1)
     values = {"score": gap["scores"]}
     if "keypoints" in gap:
@@ -182,7 +187,9 @@ def _differences(
         trees,
         matched,
         box_px=float(gap["boxes"].max()),
-        keypoint_px=float(points[..., :2].max()),
+        keypoint_px=float(apart_px.max()),
+        untied_keypoint_px=float(apart_px[~tied].max(initial=0.0)),
+        keypoint_ties=int(tied.sum()),
         score=float(gap["scores"].max()),
         keypoint_score=float(points[..., 2].max()),
         mask_probability=float(masks.max()),

@@ -18,6 +18,8 @@ class Limits:
         keypoint_px: largest difference of a keypoint coordinate, in pixels of the input.
         score: largest difference of a score.
         keypoint_score: largest difference of a keypoint's score.
+        keypoint_ties: largest fraction of keypoints that may lie elsewhere with the same score, see
+            ``FrameParity.keypoint_ties``.
         mask_probability: largest difference of a mask's probability in one cell.
         mask_iou: smallest intersection over union of two masks.
         percentiles: limits on percentiles over all matched trees, see
@@ -32,6 +34,7 @@ class Limits:
     keypoint_px: float | None = None
     score: float | None = None
     keypoint_score: float | None = None
+    keypoint_ties: float = 0.0
     mask_probability: float | None = None
     mask_iou: float | None = None
     percentiles: Mapping[str, float] = field(default_factory=dict)
@@ -47,6 +50,7 @@ _LIMITS: Final = {
         keypoint_px=0.5,
         score=1e-3,
         keypoint_score=1e-3,
+        keypoint_ties=5e-3,
         mask_probability=2e-3,
         mask_iou=0.98,
     ),

@@ -27,9 +27,15 @@ LEFT, RIGHT = [0.0, 0, 20, 100], [200.0, 0, 230, 100]
 IMAGE = {"frame": np.zeros((8, 8), np.uint8)}
 
 
+def compared(
+    expected: Arrays, found: Arrays, precision: str = "float32"
+) -> tuple[FrameParity, ...]:
+    return compare_frames(lambda _: expected, lambda _: found, IMAGE, precision, 0.01)
+
+
 def faults(expected: Arrays, found: Arrays, precision: str = "float32") -> list[str]:
-    compared = compare_frames(lambda _: expected, lambda _: found, IMAGE, precision, 0.01)
-    return ParityReport(precision, compared, limits=limits_of(precision)).faults()
+    frames = compared(expected, found, precision)
+    return ParityReport(precision, frames, limits=limits_of(precision)).faults()
 
 
 def test_equal_detections_pass_in_any_order() -> None:
@@ -62,6 +68,33 @@ def test_each_kind_of_difference_is_seen(
     found = {key: value.copy() for key, value in expected.items()}
     found[name][index] += change
     assert any(message in fault for fault in faults(expected, found))
+
+
+def with_moved_keypoints(moved: int, score_change: float = 0.0) -> ParityReport:
+    """60 frames with 600 keypoints in all, of which some lie 5 px away in the file."""
+    frames: list[FrameParity] = []
+    for frame in range(60):
+        expected, found = (outputs([LEFT, RIGHT], [0.9, 0.5]) for _ in range(2))
+        if frame < moved:
+            found["keypoints"][0, 0, 2] += (5.0, 0.0, score_change)
+        frames += compared(expected, found)
+    return ParityReport("float32", tuple(frames), limits=limits_of("float32"))
+
+
+def test_rounding_may_decide_between_equal_peaks_of_a_heat_map() -> None:
+    report = with_moved_keypoints(1)
+    assert report.faults() == []
+    assert "keypoints elsewhere with the same score: 1 of 600, limit 0.5%" in report.table()
+    assert report.figures()["keypoint_ties"] == 1
+    assert report.figures()["keypoint_px_max"] == 5.0
+
+
+@pytest.mark.parametrize(("moved", "score_change"), [(4, 0.0), (1, 0.002)])
+def test_keypoints_elsewhere_are_a_fault_if_many_or_of_another_score(
+    moved: int, score_change: float
+) -> None:
+    faults = with_moved_keypoints(moved, score_change).faults()
+    assert any("keypoint_px differs by 5, limit 0.5" in fault for fault in faults)
 
 
 def test_a_tree_at_the_threshold_may_be_missing() -> None:
@@ -135,8 +168,8 @@ def test_one_keypoint_of_a_tree_and_one_mask_of_two_may_be_wrong_in_int8() -> No
 
 def test_lost_average_precision_is_a_fault() -> None:
     precision = {"box": (60.0, 58.5), "mask": (30.0, 29.5)}
-    compared = (FrameParity("f", trees=2, matched=2),)
-    report = ParityReport("int8", compared, precision, limits_of("int8"))
+    frames = (FrameParity("f", trees=2, matched=2),)
+    report = ParityReport("int8", frames, precision, limits_of("int8"))
     assert report.faults() == ["all: box AP fell from 60.00 to 58.50, limit 1"]
 
 
