@@ -9,30 +9,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from calib.errors import CalibError
+from calib.ground_cloud import GroundCloud
 
 Float = NDArray[np.floating[Any]]
 Flags = NDArray[np.bool_]
 
 CAMERA_UP = (0.0, -1.0, 0.0)
 _MIN_POINTS = 12
-_TRIALS = 32
-_SCORED_POINTS = 60  # of each set, at least, for a trial plane
 _MIN_INLIER_SHARE = 0.1
 _REFINEMENTS = 3
 _MIN_WIDTH_RATIO = 0.01  # of the points' spread across to the spread along
-# Trial planes go through the lowest points of this many cells in each horizontal direction.
-_CELLS = 8
-# Returns above a plane may be plants. Returns below it are errors, so they cost a plane more.
-# Largest costs, in the units of a squared distance over twice its variance.
-_COST_ABOVE, _COST_BELOW = 2.0, 6.0
-# The mixture of ground, plants and errors that weighs the points of the final fit: the first share
-# of ground; the share of errors among the other points; the height of plants, in tolerances.
-_GROUND_SHARE, _ERROR_SHARE, _PLANT_TOLERANCES = 0.2, 0.003, 12.0
-# The tolerance is this many standard deviations of the ground's unevenness.
-_TOLERANCE_STDS = 3.0
-# Share of the ground's departure from the plane that counts when ground is told from plants. With
-# all of it, low plants away from the middle pass for ground and lift the plane.
-_TELLING_DEPARTURE = 0.15
+# Share of ground among the points to begin with.
+_GROUND_SHARE = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +157,7 @@ def fit_ground_planes(
     noise = np.where(usable, np.asarray(depth_std_m) / np.maximum(np.abs(depth), 1e-9), 0.0)
     level_axes = _level_axes(vertical)
     departure = np.broadcast_to(np.asarray(departure_std_m, np.float64), usable.shape)
-    cloud = _Cloud(points @ level_axes.T, usable, noise, departure, tolerance_m)
+    cloud = GroundCloud(points @ level_axes.T, usable, noise, departure, tolerance_m)
     normal, offset, flat = cloud.best_trial(float(np.cos(np.radians(max_slope_deg))))
     ground_share = np.full(len(points), _GROUND_SHARE)
     for _ in range(_REFINEMENTS):
@@ -188,126 +176,6 @@ def fit_ground_planes(
         fits.plane(index, points[index], points_per_error, max_slope_deg, vertical)
         for index in range(len(points))
     ]
-
-
-class _Cloud(NamedTuple):
-    """T sets of N points to which planes are fitted.
-
-    Attributes:
-        points: (T, N, 3) points in metres, 0 where not usable. The third axis is the vertical.
-        usable: (T, N) the points to use.
-        noise: (T, N) standard deviations of the depth, relative to it.
-        departure_m: (T, N) standard deviations by which the ground leaves the plane.
-        tolerance_m: largest distance of ground points from their plane, without errors of depth.
-    """
-
-    points: Float
-    usable: Flags
-    noise: Float
-    departure_m: Float
-    tolerance_m: float
-
-    def best_trial(self, least_cosine: float) -> tuple[Float, Float, Flags]:
-        """Find the best of many planes through three random low points of each set.
-
-        Returns:
-            (T, 3) normals, (T,) offsets, and (T,) whether any plane was flat enough.
-        """
-        low, count = self._lowest()
-        draw = np.random.default_rng(0).random((1, 3 * _TRIALS))
-        picked = np.take_along_axis(low, (draw * count[:, None]).astype(np.intp), 1)
-        a, b, c = np.split(np.take_along_axis(self.points, picked[..., None], 1), 3, axis=1)
-        normals = np.cross(b - a, c - a)
-        length = np.linalg.norm(normals, axis=2, keepdims=True)
-        normals = normals / np.where(length > 1e-9, length, np.inf)
-        normals = normals * np.where(normals[..., 2:] < 0, -1.0, 1.0)
-        flat = normals[..., 2] >= least_cosine
-        through = (normals * a).sum(2)
-        scored = slice(None, None, max(self.points.shape[1] // _SCORED_POINTS, 1))
-        along = np.matmul(normals, self.points[:, scored].transpose(0, 2, 1))
-        height = along - through[..., None]
-        noise, departure_m = self.noise[:, None, scored], self.departure_m[:, None, scored]
-        variance = self._variance(along, noise) + (_TELLING_DEPARTURE * departure_m) ** 2
-        cost = height**2 / (2 * variance)
-        cost = np.minimum(cost, np.where(height > 0, _COST_ABOVE, _COST_BELOW))
-        cost = np.matmul(cost, self.usable[:, scored, None].astype(np.float64))[..., 0]
-        total = np.where(flat, cost, np.inf)
-        best = total.argmin(1)
-        each = np.arange(len(best))
-        return normals[each, best], -through[each, best], np.asarray(flat.any(axis=1))
-
-    def _lowest(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Indices (T, C) of the lowest point in each horizontal cell, and their numbers (T,)."""
-        level = self.points[..., :2]
-        first = np.where(self.usable[..., None], level, np.inf).min(1, keepdims=True)
-        last = np.where(self.usable[..., None], level, -np.inf).max(1, keepdims=True)
-        width = np.maximum(last - first, 1e-9)
-        cells = np.clip((level - first) / width * _CELLS, 0, _CELLS - 1)
-        cell = cells.astype(np.intp) @ (1, _CELLS)
-        order = np.argsort(-self.points[..., 2], axis=1)
-        lowest = np.full((len(cell), _CELLS**2 + 1), -1)
-        # Of several values for one place the last one stays, which is that of the lowest point.
-        place = np.where(self.usable, cell, _CELLS**2)
-        lowest[np.arange(len(cell))[:, None], np.take_along_axis(place, order, 1)] = order
-        lowest = lowest[:, :-1]
-        filled = (lowest >= 0).sum(1)
-        return np.take_along_axis(lowest, np.argsort(lowest < 0, axis=1, kind="stable"), 1), filled
-
-    def _variance(self, along: Float, noise: Float) -> Float:
-        """Variance of a ground point's height: of unevenness, and of the depth times its slope.
-
-        Args:
-            along: normal times point; divided by the depth, the height's change per depth.
-            noise: standard deviation of the depth, relative to it.
-        """
-        return (self.tolerance_m / _TOLERANCE_STDS) ** 2 + (along * noise) ** 2
-
-    def probabilities(
-        self, normal: Float, offset: Float, ground_share: Float
-    ) -> tuple[Float, Float, Float]:
-        """(T, N) probabilities that points are ground, and plants, and variances for the fit.
-
-        Args:
-            normal: (T, 3) normals of the planes.
-            offset: (T,) their offsets.
-            ground_share: (T,) shares of ground among the points.
-        """
-        along = np.matmul(self.points, normal[..., None])[..., 0]
-        height = along + offset[:, None]
-        own = self._variance(along, self.noise)
-        variance = own + (_TELLING_DEPARTURE * self.departure_m) ** 2
-        std = np.sqrt(variance)
-        share, plants_m = ground_share[:, None], _PLANT_TOLERANCES * self.tolerance_m
-        ground = share * np.exp(-(height**2) / (2 * variance)) / (np.sqrt(2 * np.pi) * std)
-        plants = (1 - share) * (1 - _ERROR_SHARE) / plants_m * (height > 0)
-        errors = (1 - share) * _ERROR_SHARE / plants_m + 1e-12
-        total = ground + plants + errors
-        fit_variance = own + self.departure_m**2
-        return self.usable * ground / total, self.usable * plants / total, fit_variance
-
-    def regression(self, weight: Float, normal: Float, offset: Float) -> tuple[Float, Float]:
-        """Fit the planes' heights along the vertical by weighted least squares.
-
-        Args:
-            weight: (T, N) weights of the points.
-            normal: (T, 3) normals that stay where the points fix no plane.
-            offset: (T,) offsets that stay there.
-        """
-        total = np.maximum(weight.sum(1), 1e-300)
-        centre = np.matmul(weight[:, None], self.points)[:, 0] / total[:, None]
-        apart = self.points - centre[:, None]
-        weighted = (weight[..., None] * apart[..., :2]).transpose(0, 2, 1)
-        products = np.matmul(weighted, apart)
-        xx, xy, xz = products[:, 0].T
-        _, yy, yz = products[:, 1].T
-        determinant = xx * yy - xy**2
-        fixed = determinant > 1e-9 * (xx + yy) ** 2
-        divisor = np.where(fixed, determinant, 1.0)
-        slopes = (yy * xz - xy * yz) / divisor, (xx * yz - xy * xz) / divisor
-        tilted = np.stack([-slopes[0], -slopes[1], np.ones(len(xx))], -1)
-        tilted /= np.linalg.norm(tilted, axis=1, keepdims=True)
-        new = np.where(fixed[:, None], tilted, normal)
-        return new, np.where(fixed, -(tilted * centre).sum(1), offset)
 
 
 class _Fits(NamedTuple):
