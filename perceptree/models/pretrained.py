@@ -20,6 +20,7 @@ from perceptree.models.spec import ModelSpec
 # Our backbone -> timm's name with a tag, so that every version of timm gives the same weights.
 # The licences of all of them allow commercial use; timm's default for resnext101_32x4d does not.
 IMAGENET_WEIGHTS = {
+    "efficientnet_lite0": "efficientnet_lite0.ra_in1k",
     "mobilenetv3_large": "mobilenetv3_large_100.ra_in1k",
     "mobilenetv4_conv_small": "mobilenetv4_conv_small.e2400_r224_in1k",
     "mobilenetv4_conv_medium": "mobilenetv4_conv_medium.e500_r256_in1k",

@@ -36,6 +36,8 @@ def test_classifiers_cost_what_torchvision_publishes(backbone: str, weights: obj
 # repeats; ResNeXt-101 32x4d: the same table (7.99 G) and table 1 of the ResNeXt paper's sizes.
 # MobileNetV4: timm's result tables (3.77 and 9.72 M) and model cards: small 0.2 G at 224 px,
 # medium 1.1 G at 256 px, which is 0.84 G at 224 px; small 0.19 G in its paper (arXiv 2404.10518).
+# EfficientNet-Lite0: timm's result tables (4.65 M), and its authors' README (407 M multiply-adds,
+# with those of the batch norms).
 @pytest.mark.parametrize(
     ("backbone", "stride_in_1x1", "million", "giga", "tolerance"),
     [
@@ -45,6 +47,7 @@ def test_classifiers_cost_what_torchvision_publishes(backbone: str, weights: obj
         ("mobilenetv4_conv_small", False, 3.77, 0.19, 0.03),
         ("mobilenetv4_conv_medium", False, 9.72, 0.84, 0.03),
         ("mobilenetv3_large", False, 5.48, 0.22, 0.03),
+        ("efficientnet_lite0", False, 4.65, 0.407, 0.06),
     ],
 )
 def test_classifiers_cost_what_papers_and_model_cards_publish(
@@ -64,7 +67,7 @@ def test_a_trunk_is_a_part_of_the_classifier(backbone: str) -> None:
         name: tuple(value.shape) for name, value in trunk.items()
     }
     left = {name.split(".")[0] for name in set(whole) - set(trunk)}
-    assert left <= {"fc", "classifier", "conv_head", "norm_head"}
+    assert left <= {"fc", "classifier", "conv_head", "norm_head", "bn2"}
 
 
 def test_a_mask_rcnn_costs_what_mmdetection_publishes() -> None:
