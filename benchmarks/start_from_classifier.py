@@ -64,7 +64,7 @@ def fit_lateral(model: TreeRCNN, detector: TreeRCNN, frames: FrameStore) -> list
     """Fit the first convolution of each pyramid level to the detector's.
 
     Returns:
-        The share of the variance that the fit explains, per level.
+        The share of the variance within frames that the fit explains, per level.
     """
     sums: list[list[Tensor]] = []
     for number in np.linspace(0, len(frames) - 1, FRAMES).astype(int):

@@ -80,6 +80,7 @@ def published(monkeypatch: pytest.MonkeyPatch) -> Callable[[], list[Any]]:
     [
         make_spec("edge-n", "rgb", HEIGHT, WIDTH),
         make_spec("edge-l", "rgb", HEIGHT, WIDTH),
+        make_spec("edge-n", "rgb", HEIGHT, WIDTH, backbone="efficientnet_lite0"),
         # With unit std, like the paper's ResNets.
         make_spec("r50", "rgb", HEIGHT, WIDTH, backbone="resnet18", stride_in_1x1=False),
     ],
