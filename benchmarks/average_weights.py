@@ -4,6 +4,7 @@ python benchmarks/average_weights.py RUN/best.safetensors RUN/best.safetensors .
 
 The average of networks that were fine-tuned on different data keeps much of what each of them
 learned (Wortsman et al. 2022, Model soups). The running statistics of batch norms are averaged too.
+The record of FILE is that of the last run, with those of the others under ``average_of``.
 """
 
 from __future__ import annotations
@@ -36,8 +37,7 @@ def main() -> None:
     }
     model.load_state_dict(average)
     sources = [record["training"] for _, record in loaded]
-    data = dict.fromkeys(str(source.get("data", "unknown")) for source in sources)
-    save_checkpoint(arguments.out, model, {"average_of": sources, "data": ", ".join(data)})
+    save_checkpoint(arguments.out, model, sources[-1] | {"average_of": sources[:-1]})
 
 
 if __name__ == "__main__":

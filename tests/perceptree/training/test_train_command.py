@@ -112,10 +112,12 @@ def test_the_varied_recipe_differs_in_the_augmentation_alone(asked: Callable[...
 
 
 def test_every_model_comes_with_its_size_and_sampling(asked: Callable[..., Asked]) -> None:
-    for model, size in (("edge-s", (480, 800)), ("edge-m", (384, 640)), ("edge-l", (384, 640))):
+    for model in ("edge-s", "edge-m", "edge-l"):
         spec, settings, *_ = asked("--model", model, "--modality", "rgb")
-        assert spec == make_spec(model, "rgb", *size)
+        assert spec == make_spec(model, "rgb", 384, 640)
         assert settings.sampling == SampleSettings()
+    spec, *_ = asked("--model", "edge-s")
+    assert spec == make_spec("edge-s", "depth", 480, 800)
     for model in ("r50", "r101", "x101-32x8d", "x101-32x4d"):
         spec, settings, *_ = asked("--model", model, "--modality", "rgb")
         assert spec == make_spec(model, "rgb", 720, 1280)
