@@ -180,6 +180,11 @@ def _training(card: dict[str, Any]) -> str:
         f" on {made['frames']} simulated frames ({made['data']}). The [README](README.md) tells the"
         " runs before it."
     ]
+    if made["averaged_runs"] > 1:
+        lines.append(
+            f"The weights are the average of those of {made['averaged_runs']} runs, of which this is"
+            " one."
+        )
     fitted = made["score_calibration"]
     if fitted is not None:
         before, after = fitted["expected_error"]

@@ -181,6 +181,7 @@ def training_figures(path: Path) -> dict[str, Any] | None:
         "seed": record["settings"]["seed"],
         "hours": round(record["elapsed_s"] / 3600, 2),
         "init": record["init"],
+        "averaged_runs": 1 + len(record.get("average_of", [])),
         "score_calibration": record.get("score_calibration"),
     }
 
