@@ -182,8 +182,8 @@ def _training(card: dict[str, Any]) -> str:
     ]
     if made["averaged_runs"] > 1:
         lines.append(
-            f"The weights are the average of those of {made['averaged_runs']} runs, of which this is"
-            " one."
+            f"The weights are the average of those of {made['averaged_runs']} runs, of which this"
+            " is one."
         )
     fitted = made["score_calibration"]
     if fitted is not None:
