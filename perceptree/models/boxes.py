@@ -6,7 +6,7 @@ import math
 
 import torch
 from torch import Tensor
-from torchvision.ops import nms
+from torchvision.ops import batched_nms, nms
 
 # Limit of the predicted log size ratio, so that exp() of an untrained network's output stays
 # finite. The value is Detectron2's.
@@ -91,6 +91,29 @@ def nms_keep_mask(boxes: Tensor, scores: Tensor, valid: Tensor, iou: float) -> T
     ranked = torch.where(valid, scores, torch.full_like(scores, lowest))
     kept = nms(torch.where(valid[:, None], boxes, torch.zeros_like(boxes)), ranked, iou)
     return (torch.zeros_like(scores).index_fill(0, kept, 1.0) > 0.0) & valid
+
+
+def joint_nms_keep_mask(boxes: Tensor, scores: Tensor, valid: Tensor, iou: float) -> Tensor:
+    """Do as :func:`nms_keep_mask` for the boxes of a batch, in one call for all images.
+
+    The result of each call makes a GPU wait, so that one call is better there.
+
+    Args:
+        boxes: (B, N, 4) xyxy px.
+        scores: (B, N).
+        valid: (B, N) bool.
+        iou: Overlap above which a box is removed.
+
+    Returns:
+        (B, N) bool, true for the kept boxes.
+    """
+    lowest = torch.finfo(scores.dtype).min
+    ranked = torch.where(valid, scores, torch.full_like(scores, lowest)).flatten()
+    known = torch.where(valid[..., None], boxes, torch.zeros_like(boxes)).flatten(0, 1)
+    images = torch.arange(len(boxes), device=boxes.device).repeat_interleave(boxes.shape[1])
+    kept = torch.zeros_like(valid.flatten())
+    kept[batched_nms(known, ranked, images, iou)] = True
+    return kept.view_as(valid) & valid
 
 
 def nms_top_k(

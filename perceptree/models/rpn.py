@@ -9,7 +9,12 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from perceptree.models.anchors import level_anchors
-from perceptree.models.boxes import clip_boxes, decode_boxes, nms_keep_mask
+from perceptree.models.boxes import (
+    clip_boxes,
+    decode_boxes,
+    joint_nms_keep_mask,
+    nms_keep_mask,
+)
 from perceptree.models.spec import ModelSpec
 
 PROPOSAL_WEIGHTS = (1.0, 1.0, 1.0, 1.0)
@@ -110,8 +115,8 @@ class ProposalNetwork(nn.Module):
         Returns boxes, scores and (B, N) bool, true for the kept ones.
         """
         valid = ((boxes[..., 2:] - boxes[..., :2]) > 0.0).all(dim=-1)
-        kept = [
-            nms_keep_mask(boxes[i], scores[i], valid[i], self.spec.proposal_nms_iou)
-            for i in range(boxes.shape[0])
-        ]
+        iou = self.spec.proposal_nms_iou
+        if boxes.device.type != "cpu":
+            return boxes, scores, joint_nms_keep_mask(boxes, scores, valid, iou)
+        kept = [nms_keep_mask(boxes[i], scores[i], valid[i], iou) for i in range(boxes.shape[0])]
         return boxes, scores, torch.stack(kept)

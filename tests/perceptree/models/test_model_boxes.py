@@ -16,6 +16,8 @@ from perceptree.models.boxes import (
     decode_boxes,
     encode_boxes,
     enlarge_boxes,
+    joint_nms_keep_mask,
+    nms_keep_mask,
     nms_top_k,
     pairwise_iou,
 )
@@ -147,3 +149,15 @@ def test_growth_is_capped_so_that_decoding_stays_finite() -> None:
     box = decode_boxes(torch.tensor([[0.0, 0.0, 1e4, 1e4]]), anchor, (1.0,) * 4)
     assert (box[0, 2] - box[0, 0]).item() == pytest.approx(1000.0, rel=1e-4)
     assert math.isfinite(box.sum().item())
+
+
+def test_one_call_for_all_images_keeps_what_a_call_for_each_keeps() -> None:
+    generator = torch.Generator().manual_seed(5)
+    corner = torch.rand(3, 60, 2, generator=generator) * 200
+    boxes = torch.cat((corner, corner + torch.rand(3, 60, 2, generator=generator) * 120), dim=-1)
+    scores = torch.rand(3, 60, generator=generator)
+    valid = torch.rand(3, 60, generator=generator) > 0.2
+    kept = joint_nms_keep_mask(boxes, scores, valid, 0.3)
+    each = [nms_keep_mask(boxes[i], scores[i], valid[i], 0.3) for i in range(3)]
+    assert torch.equal(kept, torch.stack(each))
+    assert 0 < int(kept.sum()) < int(valid.sum())
