@@ -170,14 +170,13 @@ def _training(card: dict[str, Any]) -> str:
     if made is None:
         return "Not known: the repository holds no checkpoint of this name."
     rate = f"learning rate {made['learning_rate']:g}"
-    if made["init"]["name"].startswith("branch of"):
-        rate = (
-            f"in the last {made['hours']:.1f} hours with a learning rate that falls from"
-            f" {made['learning_rate']:g} to nothing"
-        )
+    if made["schedule"] == "decay":
+        rate = f"a learning rate that falls from {made['learning_rate']:g} to nothing"
+    branch = made["init"]["name"].startswith("branch of")
     lines = [
-        f"Last run: {made['steps']} steps of {made['batch']} frames, {rate}, seed {made['seed']},"
-        f" on {made['frames']} simulated frames ({made['data']}). The [README](README.md) tells the"
+        f"Last run: {made['steps']} steps of {made['batch']} frames, {'the last ' * branch}"
+        f"{60 * made['hours']:.0f} minutes ({made['device']}) with {rate}, seed {made['seed']}, on"
+        f" {made['frames']} simulated frames ({made['data']}). The [README](README.md) tells the"
         " runs before it."
     ]
     if made["averaged_runs"] > 1:

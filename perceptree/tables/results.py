@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-
-import torch
 
 from calib.writing import write_text
 from perceptree.data import FrameStore
@@ -163,7 +160,7 @@ def make_result(
             engine,
             preparing=watch.preparing,
         )
-        made = _training_facts(report, engine.device)
+        made = _training_facts(report)
         result = {"schema": _SCHEMA, "training": wanted, "made": made}
     metrics = _score(folder / "best.safetensors", data.test, engine.device, watch)
     result |= {"test": data.test_identity, "metrics": metrics}
@@ -171,15 +168,14 @@ def make_result(
     return result
 
 
-def _training_facts(report: TrainReport, device: str) -> dict[str, Any]:
+def _training_facts(report: TrainReport) -> dict[str, Any]:
     record = load_checkpoint(report.checkpoint)[1]["training"]
-    name = torch.cuda.get_device_name() if device == "cuda" else f"{os.cpu_count()} CPU cores"
     return {
         "steps": report.steps,
         "elapsed_s": round(report.elapsed_s, 1),
         "frames": record["frames"],
         "precision": record["precision"],
-        "device": name,
+        "device": record["device"],
         "val": report.metrics.to_dict(),
     }
 

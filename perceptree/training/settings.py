@@ -12,6 +12,8 @@ import os
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+import torch
+
 from perceptree.data import AugmentSettings
 from perceptree.errors import SettingsError
 from perceptree.models import SampleSettings
@@ -192,6 +194,13 @@ class Engine:
             raise SettingsError(f"workers is {self.workers}: expected at least 0")
         if not self.save_s > 0:
             raise SettingsError(f"save_s is {self.save_s}: expected more than 0")
+
+    @property
+    def device_name(self) -> str:
+        """Name of the GPU, or the number of CPU cores."""
+        if self.device == "cuda":
+            return str(torch.cuda.get_device_name())
+        return f"{os.cpu_count()} CPU cores"
 
     def worker_count(self, processes: int) -> int:
         """Number of processes that prepare batches for each of ``processes`` training ones."""

@@ -361,6 +361,7 @@ class Trainer:
             "settings": self.settings.to_dict(),
             "precision": self.precision,
             "processes": self.processes.world,
+            "device": self.engine.device_name,
             "steps": self.step,
             "elapsed_s": round(self.elapsed_s, 1),
             "val": metrics.to_dict(),

@@ -65,6 +65,7 @@ def test_a_training_of_the_cpu_goes_on_on_a_gpu(
     report = train(narrow(), plan(steps=6), posts, run, engine=Engine(device="cuda", workers=1))
     assert report.steps == 6
     _, record = load_checkpoint(report.checkpoint)
+    assert record["training"]["device"] == torch.cuda.get_device_name()
     assert record["training"]["val"]["box_ap"] == report.metrics.box_ap
 
 

@@ -1,6 +1,7 @@
 """Training: losses decrease, resuming is exact, and mismatches are refused."""
 
 import json
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -84,6 +85,7 @@ def test_the_checkpoint_says_how_it_was_made(posts: Path, tmp_path: Path) -> Non
     assert training["settings"]["steps"] == 4
     assert (training["data"], training["frames"]) == ("posts", 6)
     assert training["init"] == {"name": "random"}
+    assert training["device"] == f"{os.cpu_count()} CPU cores"
     assert training["val"] == report.metrics.to_dict()
     assert [status.step for status in seen] == [1, 2, 3, 4]
     assert seen[-1].done == 1.0
