@@ -33,6 +33,7 @@ _SETTINGS = (
     "seed",
     "freeze_level",
     "frozen_norms",
+    "weight_bits",
 )
 
 _Model = Annotated[
@@ -100,6 +101,13 @@ _EvaluateEvery = Annotated[
         help="Steps between evaluations on val; by default the recipe's.",
     ),
 ]
+_WeightBits = Annotated[
+    int | None,
+    typer.Option(
+        help="Round the weights to so many bits while training; 7 if an int8 export then loses too"
+        " much. By default exact weights."
+    ),
+]
 _BranchedRun = Annotated[
     Path | None,
     typer.Option(
@@ -164,6 +172,7 @@ def train(
         int, typer.Option(help="Number of parts that a batch is split into, to save memory.")
     ] = 1,
     learning_rate: _Rate = None,
+    weight_bits: _WeightBits = None,
     evaluate_every_steps: _EvaluateEvery = None,
     mix: _Mix = None,
     mix_share: _MixShare = None,

@@ -35,6 +35,7 @@ _SHARES = ("final_rate_share", "rate_drop")
 _CHOICES = {"optimizer": ("adamw", "sgd"), "schedule": ("constant", "steps", "cosine", "decay")}
 _LAST_LEVEL = 5  # of a backbone
 _FEW_CORES = 2
+_MOST_BITS = 8
 
 EXTENDABLE_SETTINGS = ("steps", "minutes", "patience", "evaluate_every_steps")
 """Settings that may change when a run is resumed, unless its schedule depends on the end."""
@@ -70,6 +71,8 @@ class TrainSettings:
         freeze_level: Freeze the backbone up to the maps of stride ``2**freeze_level``; 0 freezes
             nothing, 2 is Detectron2's FREEZE_AT 2.
         frozen_norms: Freeze all batch norms of the backbone.
+        weight_bits: Bits that weights are rounded to while training, for an INT8 file; None for
+            exact weights.
         augment: Augmentation of the frames.
         sampling: Sampling of anchors and regions.
 
@@ -98,6 +101,7 @@ class TrainSettings:
     seed: int = 0
     freeze_level: int = 0
     frozen_norms: bool = False
+    weight_bits: int | None = None
     augment: AugmentSettings = field(default_factory=AugmentSettings)
     sampling: SampleSettings = field(default_factory=SampleSettings)
 
@@ -142,6 +146,10 @@ class TrainSettings:
             raise SettingsError(f"rate_steps is {self.rate_steps}: expected ascending step numbers")
         if not 0 <= self.freeze_level <= _LAST_LEVEL:
             raise SettingsError(f"freeze_level is {self.freeze_level}: expected 0 to {_LAST_LEVEL}")
+        if self.weight_bits is not None and not 2 <= self.weight_bits <= _MOST_BITS:
+            raise SettingsError(
+                f"weight_bits is {self.weight_bits}: expected 2 to {_MOST_BITS}, or none"
+            )
         if self.seed < 0:
             raise SettingsError(f"seed is {self.seed}: expected at least 0")
 

@@ -28,6 +28,7 @@ from perceptree.training.batches import (
 )
 from perceptree.training.optimizer import make_optimizer
 from perceptree.training.processes import Processes, synchronise_norms
+from perceptree.training.rounding import rounded_weights
 from perceptree.training.run_log import RunLog
 from perceptree.training.schedule import learning_rate
 from perceptree.training.settings import Engine, TrainSettings
@@ -266,6 +267,11 @@ class Trainer:
         self._log_losses(losses)
 
     def _backward(self, batch: Batch, last: bool) -> dict[str, Tensor]:
+        with rounded_weights(self.model, self.settings.weight_bits):
+            return self._exact_backward(batch, last)
+
+    def _exact_backward(self, batch: Batch, last: bool) -> dict[str, Tensor]:
+        """Losses and gradients with the weights as they are."""
         images = batch.images.to(self.device, non_blocking=True)
         draw = SeededDraws(batch.seeds)
         with torch.autocast(self.device.type, torch.bfloat16, self.precision == "bf16"):
@@ -342,7 +348,12 @@ class Trainer:
         return self.average.module
 
     def _evaluate(self) -> None:
-        """Evaluate on val in the process of rank 0, and share the metrics with all processes."""
+        """Evaluate on val, and save the best weights so far, rounded if training rounds them."""
+        with rounded_weights(self.evaluated_model, self.settings.weight_bits):
+            self._evaluate_and_save()
+
+    def _evaluate_and_save(self) -> None:
+        """Evaluate in the process of rank 0, and share the metrics with all processes."""
         found = None
         if self.processes.is_lead:
             found = evaluate(predict_with(self.evaluated_model.eval()), self._data.val, batch=4)

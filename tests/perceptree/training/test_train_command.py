@@ -299,6 +299,8 @@ def test_options_reach_settings_and_engine(asked: Callable[..., Asked], tmp_path
         3,
         "--learning-rate",
         0.01,
+        "--weight-bits",
+        7,
         "--evaluate-every",
         70,
         "--seed",
@@ -321,6 +323,7 @@ def test_options_reach_settings_and_engine(asked: Callable[..., Asked], tmp_path
         batch=12,
         accumulate=3,
         learning_rate=0.01,
+        weight_bits=7,
         evaluate_every_steps=70,
         seed=5,
     )
