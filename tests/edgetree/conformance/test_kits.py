@@ -110,7 +110,7 @@ _distinct_trees = detector.distinct_trees
 def keep_no_overlapping(
     boxes_px: np.ndarray, masks: np.ndarray, max_overlap: float
 ) -> NDArray[np.bool_]:
-    return _distinct_trees(boxes_px, masks, 0.02)
+    return _distinct_trees(boxes_px, masks, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -121,6 +121,7 @@ def keep_no_overlapping(
         ("depth", calib.Letterbox, "apply", pad_otherwise),
         ("rgb", calib.Letterbox, "to_source", lambda box, xy: np.asarray(xy, np.float64)),
         ("rgb", detector, "distinct_trees", keep_no_overlapping),
+        ("depth", detector, "distinct_trees", keep_no_overlapping),
     ],
 )
 def test_a_wrong_program_fails(
