@@ -96,7 +96,7 @@ def nms_keep_mask(boxes: Tensor, scores: Tensor, valid: Tensor, iou: float) -> T
 def joint_nms_keep_mask(boxes: Tensor, scores: Tensor, valid: Tensor, iou: float) -> Tensor:
     """Do as :func:`nms_keep_mask` for the boxes of a batch, in one call for all images.
 
-    The result of each call makes a GPU wait, so that one call is better there.
+    On a GPU each call waits for its result; one call waits only once.
 
     Args:
         boxes: (B, N, 4) xyxy px.

@@ -13,12 +13,15 @@ from contextlib import contextmanager
 import torch
 from torch import Tensor, nn
 
+_LARGEST = 127  # of a signed byte
+
 
 @contextmanager
 def rounded_weights(model: nn.Module, bits: int | None) -> Iterator[None]:
     """Round the weights of convolutions and linear layers inside the block; restore them after it.
 
-    ``edgetree export`` stores them as they are then, with the same scale for each output.
+    ``edgetree export --precision int8`` rounds in the same way, so that rounded weights of
+    convolutions stay as they are.
 
     Args:
         model: The model.
@@ -31,7 +34,7 @@ def rounded_weights(model: nn.Module, bits: int | None) -> Iterator[None]:
     exact = [weight.clone() for weight in weights]
     try:
         for weight in weights:
-            weight.copy_(_rounded(weight, 2 ** (bits - 1)))
+            weight.copy_(_rounded(weight, min(2 ** (bits - 1), _LARGEST)))
         yield
     finally:
         for weight, value in zip(weights, exact, strict=True):

@@ -59,6 +59,15 @@ def test_weights_are_exact_again_after_the_block_even_after_an_error() -> None:
     assert kept == [False, True, False, True, True, True]  # weight and bias of each layer
 
 
+def test_8_bits_fit_into_a_signed_byte() -> None:
+    torch.manual_seed(0)
+    layer = nn.Linear(50, 4)
+    with rounded_weights(layer, 8):
+        rows = layer.weight.detach()
+        levels = rows * 127 / rows.abs().amax(1, keepdim=True)
+    assert torch.allclose(levels, levels.round(), atol=1e-3)
+
+
 @pytest.mark.parametrize("bits", [1, 9])
 def test_impossible_bits_are_refused(bits: int) -> None:
     with pytest.raises(SettingsError, match=f"weight_bits is {bits}: expected 2 to 8"):
