@@ -33,6 +33,8 @@ UNEVEN_STD_M = 0.05 / 3
 # The places that are compared lie this far to the left and right of a reading, but at least so many
 # pixels: neighbouring pixels share the noise of stereo cameras.
 _BESIDE_M, _MIN_BESIDE_PX = 0.025, 2.0
+# Of sparse depth so few places can be compared that those beside the stem count too much.
+_MIN_COMPARED = 12
 # Of the readings across a stem these are looked at: few to save time, and none near its edges.
 _ACROSS = slice(2, -2, 2)
 # Unsteadiness is the spread about the plane plus the roughness, both in standard deviations of a
@@ -42,6 +44,10 @@ _ACROSS = slice(2, -2, 2)
 # presets `field` and `vegetation`, so that hidden ground is rarely stated as sure and seen ground
 # rarely refused.
 _STEADY, _STD_PER_UNSTEADINESS_M = 1.35, 0.25
+# Gaps between plants show lower ground, of which some readings stand out above the plane. Where
+# hardly any do, an unsteady surface is that of closed plants, and the deviation grows up to this
+# many times. It begins to grow below this share of the readings.
+_CLOSED_FACTOR, _CLOSED_BELOW = 1.4, 0.1
 # The median of the size of a normally distributed error, in standard deviations.
 _MEDIAN_ERROR = 0.6745
 # The standard deviation of 2 b - a - c for independent errors of standard deviation 1.
@@ -107,10 +113,13 @@ def cover_stds_m(
     std_m = np.sqrt(UNEVEN_STD_M**2 + (slopes * depth_std_m) ** 2)
     left_m, right_m = _beside(frame, points, usable)
     known = usable & (left_m > 0) & (right_m > 0)
+    known &= known.sum(1, keepdims=True) >= _MIN_COMPARED
     left_m, right_m = (np.where(known, side_m, 1.0) for side_m in (left_m, right_m))
     roughness = masked_medians(slopes * _bend_m(left_m, depth_m, right_m) / std_m, known)
     spread = residuals_m / np.maximum(masked_medians(std_m, usable), UNEVEN_STD_M)
-    return _STD_PER_UNSTEADINESS_M * np.maximum(spread + roughness - _STEADY, 0.0)
+    above = np.array([plane.above_fraction if plane else 1.0 for plane in planes])
+    closed = 1 + (_CLOSED_FACTOR - 1) * np.maximum(1 - above / _CLOSED_BELOW, 0.0)
+    return closed * _STD_PER_UNSTEADINESS_M * np.maximum(spread + roughness - _STEADY, 0.0)
 
 
 def _bend_m(before_m: Float, middle_m: Float, after_m: Float) -> Float:
