@@ -109,9 +109,9 @@ class DepthFrame:
     def on_any_stem(self, xy_px: Float) -> NDArray[np.bool_]:
         """(T, N) whether points (T, N, 2) lie on the mask of any tree in the image."""
         result = np.zeros(xy_px.shape[:-1], np.bool_)
+        x, y = np.ascontiguousarray(xy_px[..., 0]), np.ascontiguousarray(xy_px[..., 1])
         for mask in self.masks or ():
-            x0, y0, x1, y1 = mask.box_px
-            x, y = xy_px[..., 0], xy_px[..., 1]
+            x0, y0, x1, y1 = mask.box_px.tolist()
             near = (x > x0) & (x < x1) & (y > y0) & (y < y1)
             if near.any():
                 result[near] |= mask.at(xy_px[near][None])[0] >= MASK_THRESHOLD
@@ -146,7 +146,8 @@ class DepthFrame:
         return np.asarray(np.fmax(np.fmin(xy_px, limit), 0)).astype(np.intp)
 
     def _depth_m(self, xy_px: Float, pixel: NDArray[np.intp]) -> Float:
-        depth_m = self.depth_m[pixel[..., 1], pixel[..., 0]].astype(np.float64)
+        position = pixel[..., 1] * self.camera.width + pixel[..., 0]
+        depth_m = self.depth_m.take(position).astype(np.float64)
         usable = self.inside(xy_px) & (depth_m > 0) & (depth_m <= self.settings.max_range_m)
         return np.where(usable, depth_m, 0.0)
 

@@ -99,7 +99,7 @@ def regions_from_masks(frame: DepthFrame, boxes_px: Float) -> SearchRegions:
     origin, along, half, short = (
         np.stack(part) for part in zip(*map(mask_moments, masks), strict=True)
     )
-    regions = SearchRegions(origin, along, half, line_spans(origin, along, boxes_px))
+    span = line_spans(origin, along, boxes_px)
     for index in np.flatnonzero(short):
         single = replace(frame, masks=[masks[index]])
         start, box = origin[index, None], boxes_px[index, None]
@@ -118,9 +118,9 @@ def regions_from_masks(frame: DepthFrame, boxes_px: Float) -> SearchRegions:
         clean = clean_rows(masks[index], frame.camera.width)
         if clean is not None and agreeing < _MIN_AGREEING * 2 * STATIONS:
             best = clean
-        for target, source in zip(regions.arrays, best.arrays, strict=True):
+        for target, source in zip((origin, along, half, span), best.arrays, strict=True):
             target[index] = source[0]
-    return regions
+    return SearchRegions(origin, along, half, span)
 
 
 def _repeatedly_realigned(frame: DepthFrame, regions: SearchRegions) -> tuple[SearchRegions, int]:
