@@ -97,7 +97,7 @@ class DepthFrame:
         elif trees.masks is not None:
             boxes = trees.boxes_px.astype(np.float64)
             grids = [MaskGrid(*pair) for pair in zip(trees.masks, boxes, strict=True)]
-        return cls(camera, depth_m, grids, settings, masks is not None)
+        return cls(camera, np.ascontiguousarray(depth_m), grids, settings, masks is not None)
 
     def mask_probability(self, xy_px: Float) -> Float:
         """Mask probability (T, ...) of each tree at its own points (T, ..., 2); 1 without masks."""

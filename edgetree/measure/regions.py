@@ -11,13 +11,24 @@ from numpy.typing import NDArray
 
 from edgetree.measure.frame import MASK_THRESHOLD, MaskGrid
 
-__all__ = ["MIN_HALF_PX", "STATIONS", "SearchRegions", "clean_rows", "line_spans", "mask_moments"]
+__all__ = [
+    "MIN_HALF_PX",
+    "OUTWARDS",
+    "STATIONS",
+    "SearchRegions",
+    "clean_rows",
+    "line_spans",
+    "mask_moments",
+]
 
 Float = NDArray[np.floating[Any]]
 Flags = NDArray[np.bool_]
 
 STATIONS = 24
 """Number of cross-lines along every stem, at which its edges and depth are sampled."""
+
+OUTWARDS = np.array([-1.0, 1.0])[:, None, None]
+"""Direction across a region in which the left and the right edge face away from the stem."""
 
 # Aspect ratio of a mask below which the direction from its moments is not trusted alone.
 _MIN_ASPECT = 2.2

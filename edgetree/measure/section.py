@@ -34,7 +34,7 @@ _MAX_OFFSET = 0.995
 
 
 def dot(vectors: Float, axes: Float) -> Float:
-    """(T, N) dot products of (T, N, 3) vectors with one (T, 3) axis per stem."""
+    """(..., T, N) dot products of (..., T, N, 3) vectors with one (T, 3) axis per stem."""
     return np.asarray(np.matmul(vectors, axes[..., None])[..., 0])
 
 
@@ -66,14 +66,18 @@ class StemAxes:
             (self.away - tangent * self.along) / length,
         )
 
-    def bearing_rad(self, rays: Float) -> Float:
-        """(T, N) angles of (T, N, 3) rays around the axis, 0 at `away`, positive to `across`."""
-        return np.arctan2(dot(rays, self.across), dot(rays, self.away))
+    def bearing_and_slope(self, rays: Float) -> tuple[Float, Float]:
+        """Directions of viewing rays.
 
-    def slope(self, rays: Float) -> Float:
-        """(T, N) metres along the axis per metre across it, of (T, N, 3) rays."""
-        reach = np.hypot(dot(rays, self.across), dot(rays, self.away))
-        return np.asarray(dot(rays, self.along) / reach)
+        Args:
+            rays: (..., T, N, 3) rays.
+
+        Returns:
+            (..., T, N) their bearings, which are angles around the axis in radians, 0 at `away` and
+            positive to `across`, and (..., T, N) metres along the axis per metre across it.
+        """
+        along, across, away = (dot(rays, axis) for axis in (self.along, self.across, self.away))
+        return np.arctan2(across, away), along / np.hypot(across, away)
 
 
 def axes_in_planes(normals: Float, up: Float) -> StemAxes:
@@ -118,7 +122,7 @@ class Sections:
 
     Attributes:
         axes: coordinate systems of the stems.
-        middle_rad: (T,) bearings of the stems' centres, see `StemAxes.bearing_rad`.
+        middle_rad: (T,) bearings of the stems' centres, see `StemAxes.bearing_and_slope`.
         half_rad: (T,) delta, half the angle between the two tangent rays.
         height_ratio: (T,) heights of the sections along the axes, per metre from the camera to
             the axis.

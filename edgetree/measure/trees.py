@@ -132,7 +132,7 @@ class _FittedFrame:
 
     def _failure_reason(self, index: int) -> str | None:
         edges, stems = self.observed.edges, self.stems
-        outlined = edges.left_valid[index].any() and edges.right_valid[index].any()
+        outlined = edges.valid[:, index].any(1).all()
         if not self.keypoints.has_section[index] and not outlined:
             if self.frame.masks is None:
                 return "the diameter keypoints are not in the image"
