@@ -291,7 +291,7 @@ def _axis_rays(
     Returns:
         Rays (T, N, 3), and (T, N) standard deviations in radians.
     """
-    rad_per_px = 1 / (frame.camera.fx * np.linalg.norm(edges.section.mean(1), axis=1))[:, None]
+    rad_per_px = 1 / (frame.camera.fx * np.linalg.norm(edges.middle, axis=1))[:, None]
     section = _bisectors(edges.section[:, :1], edges.section[:, 1:])
     section_std = edges.section_std_px[:, None] / np.sqrt(2) * rad_per_px
     picked = [MIDDLE, TOP]

@@ -157,7 +157,7 @@ class Sections:
         """
         axes = self.axes
         cos, sin = np.cos(self.middle_rad)[:, None], np.sin(self.middle_rad)[:, None]
-        ahead = dot(rays, cos * axes.away + sin * axes.across)
+        ahead = dot(rays, self.view_direction)
         aside = dot(rays, cos * axes.across - sin * axes.away)
         squared_reach = ahead**2 + aside**2
         edge = np.sin(self.half_rad)[:, None]

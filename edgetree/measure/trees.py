@@ -348,11 +348,11 @@ class _FittedFrame:
 
     def _position(self, index: int, cut: Float) -> StemPosition:
         stems, sections = self.stems, self.stems.sections
-        ray = self.observed.edges.section[index].mean(0)
+        ray = self.observed.edges.middle[index].tolist()
         # Without a cut, the position is that of the section, which no keypoint's error moves.
         has_cut = self.keypoints.within[index, CUT]
         cut_std_px = float(self.keypoints.std_px[index, CUT, 1]) if has_cut else 0.0
-        rad_per_px = 1 / (self.frame.camera.fx * float(np.linalg.norm(ray)))
+        rad_per_px = 1 / (self.frame.camera.fx * math.hypot(*ray))
         return StemPosition(
             along=sections.axes.along[index],
             across=sections.axes.across[index],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -124,6 +125,11 @@ class StemEdges:
     butt_swell: Float
     butt_swell_std: Float
 
+    @cached_property
+    def middle(self) -> Float:
+        """(T, 3) rays to the middle of the sections."""
+        return np.asarray(self.section.mean(1))
+
     def sections(
         self, axes: StemAxes, half_rad: Float | None = None
     ) -> tuple[Sections, list[HalfAngle]]:
@@ -181,8 +187,7 @@ class StemEdges:
 
     def _rad_per_px(self, axes: StemAxes) -> Float:
         """(T,) change of an edge's bearing per pixel across the stem."""
-        middle = self.section.mean(1)
-        reach = np.hypot((middle * axes.across).sum(1), (middle * axes.away).sum(1))
+        reach = np.hypot(np.vecdot(self.middle, axes.across), np.vecdot(self.middle, axes.away))
         pixel = np.hypot(axes.across[:, 0] / self.camera.fx, axes.across[:, 1] / self.camera.fy)
         return np.asarray(pixel / reach)
 
