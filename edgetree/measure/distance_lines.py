@@ -227,4 +227,4 @@ def _numbers_in_parts(flags: Flags) -> Float:
     """(..., parts) numbers of set ones among flags (..., N) in each part of the length."""
     count = flags.shape[-1]
     within = np.arange(count)[:, None] * _PARTS // count == np.arange(_PARTS)
-    return np.matmul(flags.astype(np.float32), within.astype(np.float32))
+    return np.asarray(np.matmul(flags.astype(np.float32), within.astype(np.float32)))

@@ -145,6 +145,11 @@ class Sections:
         return np.asarray(cos * self.axes.away + sin * self.axes.across)
 
     @cached_property
+    def directions(self) -> Float:
+        """(T, 3, 3) unit vectors in rows: `view_direction`, `axes.across` and `axes.along`."""
+        return np.stack([self.view_direction, self.axes.across, self.axes.along], 1)
+
+    @cached_property
     def centre(self) -> Float:
         """(T, 3) centres of the sections, for 1 m from the camera to the axis."""
         return np.asarray(self.view_direction + self.height_ratio[:, None] * self.axes.along)

@@ -150,7 +150,7 @@ class StemEdges:
         sources = [keypoints, mask]
         fused, weights = fuse(sources)
         half = fused.rad if half_rad is None else half_rad
-        middle = weights[:, 0] * bearing.mean(1) + weights[:, 1] * mask_middle
+        middle = weights[0] * bearing.mean(1) + weights[1] * mask_middle
         # The tangent points are at d cos(delta) from the camera and in the plane of the section.
         return Sections(axes, middle, half, slope * np.cos(half)), sources
 
@@ -204,17 +204,17 @@ def fuse(sources: list[HalfAngle]) -> tuple[HalfAngle, Float]:
 
     Returns:
         The weighted mean, with an infinite standard deviation where there is no source, and
-        (T, sources) the weights, which add up to 1.
+        (sources, T) the weights, which add up to 1.
     """
-    values = np.stack([source.rad for source in sources], -1)
-    information = np.stack([1 / source.std_rad**2 for source in sources], -1)
-    values = np.where(information > 0, values, 0.0)
-    total = information.sum(-1)
-    known = total > 0
-    weights = information / np.where(known, total, 1.0)[:, None]
-    mean = (weights * values).sum(-1)
-    chi_squared = (information * (values - mean[:, None]) ** 2).sum(-1)
-    degrees_of_freedom = np.maximum((information > 0).sum(-1) - 1, 1)
-    birge_ratio = np.sqrt(np.maximum(1.0, chi_squared / degrees_of_freedom))
-    std = np.where(known, birge_ratio / np.sqrt(np.where(known, total, 1.0)), np.inf)
-    return HalfAngle(mean, std), weights
+    values = np.array([source.rad for source in sources])
+    information = 1 / np.array([source.std_rad for source in sources]) ** 2
+    given = information > 0
+    values = np.where(given, values, 0.0)
+    number = given.sum(0)
+    known = number > 0
+    total = np.where(known, information.sum(0), 1.0)
+    weights = information / total
+    mean = np.asarray((weights * values).sum(0))
+    chi_squared = (information * (values - mean) ** 2).sum(0)
+    birge_ratio = np.sqrt(np.maximum(1.0, chi_squared / np.maximum(number - 1, 1)))
+    return HalfAngle(mean, np.where(known, birge_ratio / np.sqrt(total), np.inf)), weights
