@@ -132,9 +132,10 @@ def _parts(values: NDArray[Any], count: int) -> NDArray[Any]:
 
 
 def pick(values: NDArray[Any], index: NDArray[np.intp]) -> NDArray[Any]:
-    """(...) values (..., N) at one index (...) each."""
+    """(..., A) values (A, N) at an index (..., A) each, where A may be several axes."""
     rows = values.reshape(-1, values.shape[-1])
-    return np.asarray(rows[np.arange(len(rows)), index.reshape(-1)].reshape(index.shape))
+    picked = rows[np.arange(len(rows)), index.reshape(-1, len(rows))]
+    return np.asarray(picked.reshape(index.shape))
 
 
 def masked_medians(values: Float, valid: Flags) -> Float:

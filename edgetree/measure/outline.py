@@ -25,11 +25,14 @@ __all__ = ["Outline", "regions_from_masks", "trace_outline"]
 
 Float = NDArray[np.floating[Any]]
 Flags = NDArray[np.bool_]
+Rows = NDArray[np.intp]
 
 # Edges are searched for across this many half widths, with this many samples. A second search
 # around each edge found takes more samples over this part of the half width, or at least px.
 _SEARCH_HALF_WIDTHS = 1.8
 _COARSE_SAMPLES, _FINE_SAMPLES = 25, 13
+_COARSE = np.linspace(-_SEARCH_HALF_WIDTHS, _SEARCH_HALF_WIDTHS, _COARSE_SAMPLES)
+_FINE = np.linspace(-1.0, 1.0, _FINE_SAMPLES)
 _FINE_REACH, _MIN_FINE_REACH_PX = 0.12, 1.5
 # With fewer stations than this a search region is not realigned.
 _MIN_STATIONS = 6
@@ -170,49 +173,49 @@ def _contradiction_px(
 
 def _coarse_edges(frame: DepthFrame, regions: SearchRegions) -> tuple[Float, Flags]:
     """(2, T, S) left and right edges in px across the regions, and (T, S) where both were found."""
-    across = np.linspace(-_SEARCH_HALF_WIDTHS, _SEARCH_HALF_WIDTHS, _COARSE_SAMPLES)
-    across = across * regions.half_px[:, None, None]
-    across = np.broadcast_to(across, (len(regions.half_px), STATIONS, _COARSE_SAMPLES))
+    half_px, last = regions.half_px[:, None], _COARSE_SAMPLES - 1
+    across = np.broadcast_to(_COARSE * half_px[..., None], (len(half_px), STATIONS, len(_COARSE)))
     probability = frame.mask_probability(regions.points(across))
-    inwards = (slice(None), slice(None, None, -1))
-    edges_px, seen = _first_crossing(
-        np.stack([probability[..., order] for order in inwards]),
-        np.stack([across[..., order] for order in inwards]),
-    )
-    return edges_px, np.asarray(seen.all(0))
+    inside = probability >= MASK_THRESHOLD
+    first = np.stack([inside.argmax(-1), last - inside[..., ::-1].argmax(-1)])
+    inner = np.clip(first, 1, last - 1)
+    sample = _crossing(probability, inner, inner + OUTWARDS.astype(np.intp))
+    edges_px = (2 * sample / last - 1) * _SEARCH_HALF_WIDTHS * half_px
+    return edges_px, inside.any(-1) & ~inside[..., 0] & ~inside[..., -1]
 
 
 def _fine_edges(
     frame: DepthFrame, regions: SearchRegions, edges_px: Float, border_px: Float
 ) -> tuple[Float, Flags]:
     """Refine (2, T, S) edges; also return where an edge was found."""
-    reach = np.maximum(_FINE_REACH * regions.half_px, _MIN_FINE_REACH_PX)[:, None, None]
-    steps = np.linspace(-1.0, 1.0, _FINE_SAMPLES) * reach
-    across = edges_px[..., None] - OUTWARDS[..., None] * steps
+    reach_px = np.maximum(_FINE_REACH * regions.half_px, _MIN_FINE_REACH_PX)[:, None]
+    across = edges_px[..., None] - (OUTWARDS * reach_px)[..., None] * _FINE
     points = regions.points(across)
     probability = frame.mask_probability(points.swapaxes(0, 1)).swapaxes(0, 1)
-    found, seen = _first_crossing(probability, across)
-    points = regions.points(found[..., None])[..., 0, :]
-    return found, seen & frame.inside(points, border_px[..., None])
+    inside = probability >= MASK_THRESHOLD
+    inner = np.maximum(inside.argmax(-1), 1)
+    sample = _crossing(probability, inner, inner - 1)
+    edges_px = edges_px - OUTWARDS * reach_px * (2 * sample / (_FINE_SAMPLES - 1) - 1)
+    points = regions.points(edges_px[..., None])[..., 0, :]
+    seen = inside.any(-1) & ~inside[..., 0] & frame.inside(points, border_px[..., None])
+    return edges_px, seen
 
 
-def _first_crossing(probability: Float, across: Float) -> tuple[Float, Flags]:
-    """First position at which a mask rises above the threshold, linearly interpolated.
+def _crossing(probability: Float, inner: Rows, outer: Rows) -> Float:
+    """Where masks rise above the threshold, linearly interpolated between two samples.
 
     Args:
-        probability: (..., C) samples of the mask.
-        across: (..., C) their positions.
+        probability: (T, S, C) or (2, T, S, C) samples of the masks.
+        inner: (2, T, S) numbers of the samples above the threshold.
+        outer: (2, T, S) those of their neighbours below it.
 
     Returns:
-        (...) positions, and (...) whether there is such a crossing.
+        (2, T, S) places in the same numbers.
     """
-    inside = probability >= MASK_THRESHOLD
-    first = np.maximum(inside.argmax(-1), 1)
-    high, low = pick(probability, first), pick(probability, first - 1)
-    end, start = pick(across, first), pick(across, first - 1)
+    high, low = pick(probability, inner), pick(probability, outer)
     rise = np.where(high > low, high - low, 1.0)
-    crossing = start + (end - start) * (MASK_THRESHOLD - low) / rise
-    return crossing, inside.any(-1) & ~inside[..., 0]
+    share = np.divide(MASK_THRESHOLD - low, rise, dtype=np.float64)
+    return np.asarray(outer + (inner - outer) * share)
 
 
 def _realigned(regions: SearchRegions, edges_px: Float, seen: Flags) -> SearchRegions:
