@@ -108,14 +108,15 @@ class DepthFrame:
 
     def on_any_stem(self, xy_px: Float) -> NDArray[np.bool_]:
         """(T, N) whether points (T, N, 2) lie on the mask of any tree in the image."""
-        result = np.zeros(xy_px.shape[:-1], np.bool_)
-        x, y = np.ascontiguousarray(xy_px[..., 0]), np.ascontiguousarray(xy_px[..., 1])
+        result = np.zeros(xy_px[..., 0].size, np.bool_)
+        x, y = np.ascontiguousarray(xy_px.reshape(-1, 2).T)
         for mask in self.masks or ():
             x0, y0, x1, y1 = mask.box_px.tolist()
-            near = (x > x0) & (x < x1) & (y > y0) & (y < y1)
-            if near.any():
-                result[near] |= mask.at(xy_px[near][None])[0] >= MASK_THRESHOLD
-        return result
+            near = np.flatnonzero((x > x0) & (x < x1) & (y > y0) & (y < y1))
+            if len(near):
+                points = np.array([x[near], y[near]]).T
+                result[near] |= mask.at(points[None])[0] >= MASK_THRESHOLD
+        return result.reshape(xy_px.shape[:-1])
 
     def inside(self, xy_px: Float, margin_px: Float | float = 0.0) -> NDArray[np.bool_]:
         """(...) whether points (..., 2) are in the image, at least `margin_px` from its border."""

@@ -21,6 +21,7 @@ from edgetree.measure.keypoints import (
 )
 from edgetree.measure.outline import Outline, regions_from_masks, trace_outline
 from edgetree.measure.regions import OUTWARDS, STATIONS, SearchRegions, line_spans
+from edgetree.measure.section import lengths
 from edgetree.measure.settings import reference_px
 from edgetree.measure.stem_fit import Readings
 from edgetree.measure.width import StemEdges
@@ -33,6 +34,7 @@ Flags = NDArray[np.bool_]
 # Depth is sampled at this many points across the stem, within this fraction of its half width. It
 # is below `MAX_USED_OFFSET`, so that small corrections of the edges lose no samples.
 _DEPTH_SAMPLES, _DEPTH_WITHIN = 9, 0.75
+_DEPTH_ACROSS = np.linspace(-_DEPTH_WITHIN, _DEPTH_WITHIN, _DEPTH_SAMPLES)
 # A midpoint between the mask's edges this far off the centre line, in half widths, is not used.
 _MAX_OFF_CENTRE = 0.35
 # The edges of a mask have correlated errors: this many stations count as one.
@@ -123,13 +125,13 @@ def _search_regions(frame: DepthFrame, boxes_px: Float, keypoints: Keypoints) ->
     """
     left, right = keypoints.xy_px[:, LEFT], keypoints.xy_px[:, RIGHT]
     origin = (left + right) / 2
-    half = np.maximum(np.linalg.norm(right - left, axis=1) / 2, MIN_WIDTH_PX / 2)
+    half = np.maximum(lengths(right - left) / 2, MIN_WIDTH_PX / 2)
     upwards = np.zeros_like(origin)
     for keypoint in (MIDDLE, TOP):
         upwards += keypoints.given[:, keypoint, None] * (keypoints.xy_px[:, keypoint] - origin)
     side = (right - left) * np.where(right[:, :1] < left[:, :1], -1.0, 1.0)
     perpendicular = np.stack([side[:, 1], -side[:, 0]], -1)
-    known = np.linalg.norm(upwards, axis=1) > 2 * half
+    known = lengths(upwards) > 2 * half
     along = np.where(known[:, None], upwards, perpendicular)
     without = ~keypoints.has_section
     limit = np.full((len(origin), 2), np.inf) * (-1.0, 1.0)
@@ -139,7 +141,7 @@ def _search_regions(frame: DepthFrame, boxes_px: Float, keypoints: Keypoints) ->
         found = regions_from_masks(few, boxes_px[indices])
         origin[indices], along[indices] = found.origin_px, found.along
         half[indices], limit[indices] = found.half_px, found.span_px
-    length = np.linalg.norm(along, axis=1, keepdims=True)
+    length = lengths(along)[:, None]
     along = np.where(length > 0, along / np.where(length > 0, length, 1.0), np.array([0.0, -1.0]))
     span = line_spans(origin, along, boxes_px)
     span = np.stack([np.maximum(span[:, 0], limit[:, 0]), np.minimum(span[:, 1], limit[:, 1])], -1)
@@ -171,9 +173,8 @@ def _sample_depth(
     if outline is not None:
         edges_px = _fitted_edges(position, outline, edges_px)
     left, right = edges_px
-    offset = np.linspace(-_DEPTH_WITHIN, _DEPTH_WITHIN, _DEPTH_SAMPLES)
     middle, reach = (left + right) / 2, (right - left) / 2
-    xy_px = regions.points(middle[..., None] + reach[..., None] * offset)
+    xy_px = regions.points(middle[..., None] + reach[..., None] * _DEPTH_ACROSS)
     rays, depth_m = frame.readings(xy_px)
     on_stem = (frame.mask_probability(xy_px) >= MASK_THRESHOLD) & frame.inside(xy_px)
     depth_m = np.where(on_stem, depth_m, 0.0)
@@ -254,7 +255,7 @@ def _edges(
         sides=sides,
         valid=valid,
         mask_std_px=mask_std_px,
-        distance_m=depth_m * np.linalg.norm(section.mean(1), axis=1),
+        distance_m=depth_m * lengths(section.mean(1)),
         butt_swell=keypoints.has_section * frame.settings.butt_swell,
         butt_swell_std=keypoints.has_section * frame.settings.butt_swell_std,
     )
@@ -291,14 +292,14 @@ def _axis_rays(
     Returns:
         Rays (T, N, 3), and (T, N) standard deviations in radians.
     """
-    rad_per_px = 1 / (frame.camera.fx * np.linalg.norm(edges.middle, axis=1))[:, None]
-    section = _bisectors(edges.section[:, :1], edges.section[:, 1:])
+    rad_per_px = 1 / (frame.camera.fx * lengths(edges.middle))[:, None]
+    section = _bisectors(edges.section.swapaxes(0, 1)[:, :, None])
     section_std = edges.section_std_px[:, None] / np.sqrt(2) * rad_per_px
     picked = [MIDDLE, TOP]
     given = keypoints.given[:, picked]
     points = frame.rays(np.where(given[..., None], keypoints.xy_px[:, picked], 0.0))
     points_std = np.where(given, keypoints.std_px[:, picked, 0] * rad_per_px, np.inf)
-    middles = _bisectors(*edges.sides)
+    middles = _bisectors(edges.sides)
     height_m = regions.stations_px * (edges.distance_m / frame.camera.fx)[:, None]
     bend = _BEND_PER_M * height_m**2 / edges.distance_m[:, None]
     centred = edges.valid.all(0) & _near_centre_line(frame, regions, middles)
@@ -311,11 +312,11 @@ def _axis_rays(
 def _near_centre_line(frame: DepthFrame, regions: SearchRegions, middles: Float) -> Flags:
     """(T, S) whether rays (T, S, 3) pass near the centre lines of their regions."""
     line = regions.points(np.zeros((*middles.shape[:2], 1)))[:, :, 0]
-    off = np.linalg.norm(frame.rays(line) - middles / middles[..., 2:], axis=2)
+    off = lengths(frame.rays(line) - middles / middles[..., 2:])
     return np.asarray(off * frame.camera.fx < _MAX_OFF_CENTRE * regions.half_px[:, None])
 
 
-def _bisectors(left: Float, right: Float) -> Float:
-    """Rays (..., 3) that bisect the angles between two sets of rays (..., 3)."""
-    unit = [rays / np.linalg.norm(rays, axis=-1, keepdims=True) for rays in (left, right)]
+def _bisectors(rays: Float) -> Float:
+    """Rays (..., 3) that bisect the angles between two sets of rays (2, ..., 3)."""
+    unit = rays / lengths(rays)[..., None]
     return np.asarray(unit[0] + unit[1])

@@ -20,6 +20,7 @@ from edgetree.measure.regions import (
     line_spans,
     mask_moments,
 )
+from edgetree.measure.section import lengths
 
 __all__ = ["Outline", "regions_from_masks", "trace_outline"]
 
@@ -228,7 +229,7 @@ def _realigned(regions: SearchRegions, edges_px: Float, seen: Flags) -> SearchRe
     half = np.maximum(sides.value.mean(0), MIN_HALF_PX)
     return SearchRegions(
         regions.origin_px + value * regions.across,
-        along / np.linalg.norm(along, axis=1, keepdims=True),
+        along / lengths(along)[:, None],
         np.where(enough, half, regions.half_px),
         regions.span_px,
     )

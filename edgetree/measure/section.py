@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Sections", "StemAxes", "StemView", "axes_in_planes", "dot"]
+__all__ = ["Sections", "StemAxes", "StemView", "axes_in_planes", "dot", "lengths"]
 
 Float = NDArray[np.floating[Any]]
 
@@ -36,6 +36,11 @@ _MAX_OFFSET = 0.995
 def dot(vectors: Float, axes: Float) -> Float:
     """(..., T, N) dot products of (..., T, N, 3) vectors with one (T, 3) axis per stem."""
     return np.asarray(np.matmul(vectors, axes[..., None])[..., 0])
+
+
+def lengths(vectors: Float) -> Float:
+    """(...) lengths of (..., K) vectors."""
+    return np.asarray(np.sqrt(np.vecdot(vectors, vectors)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +96,7 @@ def axes_in_planes(normals: Float, up: Float) -> StemAxes:
         The systems; `across` is the plane's normal, turned to the right of an upright image.
     """
     along = up - (normals @ up)[:, None] * normals
-    along = along / np.linalg.norm(along, axis=1, keepdims=True)
+    along = along / lengths(along)[:, None]
     away = np.cross(along, normals)
     turn = np.where(away[:, 2:] < 0, -1.0, 1.0)
     return StemAxes(along, normals * turn, away * turn)

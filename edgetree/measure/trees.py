@@ -128,11 +128,11 @@ class _FittedFrame:
 
     def failure_reasons(self) -> list[str | None]:
         """Why a stem cannot be measured at all, or None, for each stem."""
-        return [self._failure_reason(index) for index in range(len(self.roll_std_rad))]
+        outlined = np.asarray(self.observed.edges.valid.any(2).all(0))
+        return [self._failure_reason(index, shown) for index, shown in enumerate(outlined)]
 
-    def _failure_reason(self, index: int) -> str | None:
-        edges, stems = self.observed.edges, self.stems
-        outlined = edges.valid[:, index].any(1).all()
+    def _failure_reason(self, index: int, outlined: bool) -> str | None:
+        stems = self.stems
         if not self.keypoints.has_section[index] and not outlined:
             if self.frame.masks is None:
                 return "the diameter keypoints are not in the image"
@@ -249,15 +249,15 @@ class _FittedFrame:
         """Heights above the ground along the axes, or from the section without a ground."""
         stems, sections = self.stems, self.stems.sections
         zero_m, per_m = np.zeros(len(cuts)), np.ones(len(cuts))
+        section_m = stems.distance_m * sections.height_ratio
+        cut_to_section_m = section_m - np.vecdot(cuts, sections.axes.along)
         for index, ground in enumerate(grounds):
             if isinstance(ground, BaseGround):
                 along, radius_m = sections.axes.along[index], float(stems.radius_m[index])
-                section_m = (stems.distance_m * sections.height_ratio)[index]
-                cut_to_section_m = section_m - cuts[index] @ along
                 above_m = [
                     ground.axis_length_m(cuts[index], along, radius_m, height) for height in (0, 1)
                 ]
-                zero_m[index] = above_m[0] - float(cut_to_section_m)
+                zero_m[index] = above_m[0] - cut_to_section_m[index]
                 per_m[index] = above_m[1] - above_m[0]
         known = np.array([isinstance(ground, BaseGround) for ground in grounds])
         return HeightScale(zero_m, per_m, known)
