@@ -206,7 +206,9 @@ def best_distance_lines(
     rank = (_QUANTILES * count[:, None]).astype(np.intp)[:, None]
     candidates = np.take_along_axis(ordered, rank, 2)
     candidates = np.where(np.isfinite(candidates), candidates, 1.0)
-    near = np.abs(values[:, :, None] - candidates[..., None]) < allowed[:, None, None]
+    # One large array, since the system clears the memory of each new one.
+    off = values[:, :, None] - candidates[..., None]
+    near = np.abs(off, out=off) < allowed[:, None, None]
     near_parts, used_parts = _numbers_in_parts(near), _numbers_in_parts(used)
     # The squared tilt is the penalty of a normal prior.
     support = (near_parts.sum(-1) - _TILT_STDS[:, None] ** 2).reshape(len(count), -1)
@@ -228,4 +230,5 @@ def _numbers_in_parts(flags: Flags) -> Float:
     """(..., parts) numbers of set ones among flags (..., N) in each part of the length."""
     count = flags.shape[-1]
     within = np.arange(count)[:, None] * _PARTS // count == np.arange(_PARTS)
-    return np.asarray(np.matmul(flags.astype(np.float32), within.astype(np.float32)))
+    numbers = flags.reshape(-1, count).astype(np.float32) @ within.astype(np.float32)
+    return np.asarray(numbers.reshape(*flags.shape[:-1], _PARTS))

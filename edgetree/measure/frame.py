@@ -18,6 +18,7 @@ __all__ = ["MASK_THRESHOLD", "DepthFrame", "MaskGrid"]
 
 Float = NDArray[np.floating[Any]]
 Mask = NDArray[np.bool_]
+Indices = NDArray[np.intp]
 
 MASK_THRESHOLD = 0.5
 """Mask probability from which a point counts as part of the stem."""
@@ -135,20 +136,22 @@ class DepthFrame:
             Rays (..., 3) with z = 1 through the pixels' centres, and depth (...) in metres, 0
             outside the image, without a reading, or beyond `MeasureSettings.max_range_m`.
         """
-        pixel = self._pixels(xy_px)
-        return pixels_to_rays(self.camera, pixel + 0.5), self._depth_m(xy_px, pixel)
+        column, row = self._pixels(xy_px)
+        centres = np.stack([column, row], -1) + 0.5
+        return pixels_to_rays(self.camera, centres), self._depth_m(xy_px, column, row)
 
     def depth_at(self, xy_px: Float) -> Float:
         """Depth (...) in metres at image points (..., 2), as from `readings`."""
-        return self._depth_m(xy_px, self._pixels(xy_px))
+        return self._depth_m(xy_px, *self._pixels(xy_px))
 
-    def _pixels(self, xy_px: Float) -> NDArray[np.intp]:
-        limit = np.array([self.camera.width - 1, self.camera.height - 1])
-        return np.asarray(np.fmax(np.fmin(xy_px, limit), 0)).astype(np.intp)
+    def _pixels(self, xy_px: Float) -> tuple[Indices, Indices]:
+        """Columns and rows (...) of the pixels nearest to points (..., 2)."""
+        column = np.fmax(np.fmin(xy_px[..., 0], self.camera.width - 1), 0).astype(np.intp)
+        row = np.fmax(np.fmin(xy_px[..., 1], self.camera.height - 1), 0).astype(np.intp)
+        return column, row
 
-    def _depth_m(self, xy_px: Float, pixel: NDArray[np.intp]) -> Float:
-        position = pixel[..., 1] * self.camera.width + pixel[..., 0]
-        depth_m = self.depth_m.take(position).astype(np.float64)
+    def _depth_m(self, xy_px: Float, column: Indices, row: Indices) -> Float:
+        depth_m = self.depth_m.take(row * self.camera.width + column).astype(np.float64)
         usable = self.inside(xy_px) & (depth_m > 0) & (depth_m <= self.settings.max_range_m)
         return np.where(usable, depth_m, 0.0)
 
