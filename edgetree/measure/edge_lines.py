@@ -109,7 +109,8 @@ def _lines_across_halves(position: Float, outward: Float, seen: Flags) -> tuple[
     value = np.where(count > 0, value, value[..., ::-1, :])
     value = np.where(np.isfinite(value), value, 0.0)
     low, high = value[..., 0, :], value[..., 1, :]
-    low_position, high_position = np.moveaxis(_parts(position, 2).mean(-1, keepdims=True), -2, 0)
+    middle = _parts(position, 2).mean(-1)
+    low_position, high_position = middle[:, :1], middle[:, 1:]
     slope = (high[..., None, :] - low[..., :, None]) / (high_position - low_position)[..., None]
     slope = slope.reshape(*low.shape[:-1], -1)
     return np.repeat(low, len(_QUANTILES), -1) - slope * low_position, slope

@@ -275,8 +275,9 @@ class StemPosition:
         total = roll**2 + tilt**2
         roll_part = roll**2 / total if total > 0 else 0.5
         bend = math.radians(settings.bend_std_deg)
-        roll_std = math.hypot(self.roll_std_rad, vertical.std_rad(self.directions[1]), bend)
-        tilt_std = math.hypot(self.tilt_std_rad, vertical.std_rad(self.directions[0]), bend)
+        ahead_std, across_std, _ = vertical.stds_rad(self.directions)
+        roll_std = math.hypot(self.roll_std_rad, across_std, bend)
+        tilt_std = math.hypot(self.tilt_std_rad, ahead_std, bend)
         std_deg = math.degrees(math.sqrt(roll_part * roll_std**2 + (1 - roll_part) * tilt_std**2))
         inclination = Estimate(value, std_deg)
         if not vertical.has_directions:

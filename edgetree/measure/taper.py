@@ -249,10 +249,7 @@ def _edges_m(stems: Stems, rows: Rows, along_m: Float, half_rad: Float, middle_r
     axes, distance_m = stems.sections.axes, stems.distance_m[rows]
     along, across, away = axes.along[rows], axes.across[rows], axes.away[rows]
     level_m = distance_m * stems.sections.height_ratio[rows] + along_m
-    reach_m = (distance_m * np.cos(half_rad))[:, None]
-    points = []
-    for sign in (-1, 1):
-        bearing = (middle_rad + sign * half_rad)[:, None]
-        flat = np.cos(bearing) * away + np.sin(bearing) * across
-        points.append(reach_m * flat + level_m[:, None] * along)
-    return np.stack(points, 1)
+    reach_m = distance_m * np.cos(half_rad)
+    bearing = (middle_rad[:, None] + np.outer(half_rad, (-1, 1)))[..., None]
+    flat = np.cos(bearing) * away[:, None] + np.sin(bearing) * across[:, None]
+    return np.asarray(reach_m[:, None, None] * flat + (level_m[:, None] * along)[:, None])
