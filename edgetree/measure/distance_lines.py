@@ -206,10 +206,15 @@ def best_distance_lines(
     rank = (_QUANTILES * count[:, None]).astype(np.intp)[:, None]
     candidates = np.take_along_axis(ordered, rank, 2)
     candidates = np.where(np.isfinite(candidates), candidates, 1.0)
-    # One large array, since the system clears the memory of each new one.
-    off = values[:, :, None] - candidates[..., None]
-    near = np.abs(off, out=off) < allowed[:, None, None]
-    near_parts, used_parts = _numbers_in_parts(near), _numbers_in_parts(used)
+    # One quantile after the other, as the system gives and clears the memory of large arrays anew.
+    within = _parts(height.shape[1])
+    near_parts = np.stack(
+        [
+            np.matmul(np.abs(values - value[..., None]) < allowed[:, None], within)
+            for value in np.moveaxis(candidates, -1, 0)
+        ],
+        2,
+    )
     # The squared tilt is the penalty of a normal prior.
     support = (near_parts.sum(-1) - _TILT_STDS[:, None] ** 2).reshape(len(count), -1)
     rows = np.arange(len(count))
@@ -219,16 +224,14 @@ def best_distance_lines(
     inverse_there = (candidates + slopes[..., None] * middle).reshape(len(count), -1)
     clearance = 2 * masked_means(allowed, used)[:, None]
     nearer = inverse_there > inverse_there[rows, best][:, None] + clearance
-    all_along = (near_parts >= _MIN_NEARER * used_parts[:, None, None]).all(-1)
+    all_along = (near_parts >= _MIN_NEARER * np.matmul(used, within)[:, None, None]).all(-1)
     nearer &= all_along.reshape(len(count), -1)
     best = np.where(nearer.any(1), np.where(nearer, support, -np.inf).argmax(1), best)
     value = candidates.reshape(len(count), -1)[rows, best]
     return np.stack([value, slopes[rows, best // len(_QUANTILES)]], 1)
 
 
-def _numbers_in_parts(flags: Flags) -> Float:
-    """(..., parts) numbers of set ones among flags (..., N) in each part of the length."""
-    count = flags.shape[-1]
-    within = np.arange(count)[:, None] * _PARTS // count == np.arange(_PARTS)
-    numbers = flags.reshape(-1, count).astype(np.float32) @ within.astype(np.float32)
-    return np.asarray(numbers.reshape(*flags.shape[:-1], _PARTS))
+def _parts(count: int) -> Float:
+    """(count, parts) 1 where a reading, of so many along the stem, is in a part of its length."""
+    part = np.arange(count)[:, None] * _PARTS // count
+    return np.asarray(part == np.arange(_PARTS), np.float32)

@@ -110,7 +110,7 @@ class DepthFrame:
     def on_any_stem(self, xy_px: Float) -> NDArray[np.bool_]:
         """(T, N) whether points (T, N, 2) lie on the mask of any tree in the image."""
         result = np.zeros(xy_px[..., 0].size, np.bool_)
-        x, y = np.ascontiguousarray(xy_px.reshape(-1, 2).T)
+        x, y = (np.ascontiguousarray(part) for part in xy_px.reshape(-1, 2).T)
         for mask in self.masks or ():
             x0, y0, x1, y1 = mask.box_px.tolist()
             near = np.flatnonzero((x > x0) & (x < x1) & (y > y0) & (y < y1))
@@ -137,7 +137,7 @@ class DepthFrame:
             outside the image, without a reading, or beyond `MeasureSettings.max_range_m`.
         """
         column, row = self._pixels(xy_px)
-        centres = np.stack([column, row], -1) + 0.5
+        centres = np.stack([column + 0.5, row + 0.5], -1)
         return pixels_to_rays(self.camera, centres), self._depth_m(xy_px, column, row)
 
     def depth_at(self, xy_px: Float) -> Float:

@@ -126,8 +126,8 @@ class StemPosition:
         """Standard deviation of the distance from the cut's position along the axis.
 
         A turn of the line of sight by an angle moves the cut along the axis by |cut| * slant *
-        angle. By h along the axis from the camera's level, the
-        distance changes by h / |cut| per metre. The product is h * slant * angle.
+        angle. By h along the axis from the camera's level, the distance changes by h / |cut| per
+        metre. The product is h * slant * angle.
         """
         return abs(self._cut_parts_m[2]) * self._slant * self.cut_rad
 
