@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from edgetree.measure.section import StemAxes, axes_in_planes
+from edgetree.measure.section import StemAxes, axes_in_planes, lengths
 
 __all__ = ["fit_axes"]
 
@@ -34,7 +34,7 @@ def fit_axes(rays: Float, std_rad: Float, up: Float, lean_std_rad: float) -> tup
     """
     known = np.isfinite(rays).all(axis=2) & ~np.isnan(std_rad)
     rays = np.where(known[..., None], rays, up)
-    directions = rays / np.linalg.norm(rays, axis=2, keepdims=True)
+    directions = rays / lengths(rays)[..., None]
     weight = np.where(known, 1 / std_rad**2, 0.0)
     scatter = np.matmul((directions * weight[..., None]).transpose(0, 2, 1), directions)
     scatter = scatter + np.outer(up, up) / lean_std_rad**2

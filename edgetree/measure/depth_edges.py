@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edgetree.measure.distance_lines import best_distance_lines, masked_means
+from edgetree.measure.edge_lines import masked_medians, pick
 from edgetree.measure.frame import MASK_THRESHOLD, DepthFrame
-from edgetree.measure.regions import SearchRegions
+from edgetree.measure.regions import OUTWARDS, SearchRegions
 
 __all__ = ["DepthEdges", "find_depth_edges", "front_depth_m"]
 
@@ -95,36 +96,25 @@ def find_depth_edges(
     settings = frame.settings
     step_px = np.maximum(_STEP * regions.half_px, 1.0)
     inwards_px = np.arange(-_STEPS_OUTSIDE, _STEPS_INSIDE) * step_px[:, None]
-    across = np.concatenate(
-        [
-            edges_px[0][..., None] + inwards_px[:, None],
-            edges_px[1][..., None] - inwards_px[:, None],
-        ],
-        -1,
-    )
-    count, stations = depth_m.shape
-    read_m = frame.depth_at(regions.points(across)).reshape(count, stations, 2, -1)
+    across = edges_px[..., None] - OUTWARDS[..., None] * inwards_px[:, None]
+    read_m = frame.depth_at(regions.points(across))
     radius_m = (edges_px[1] - edges_px[0]) / 2 * depth_m / frame.camera.fx
     noise_m = np.hypot(settings.depth_noise_per_m * depth_m**2, settings.depth_noise_m)
-    reach_m = (radius_m + _SURFACE_STDS * noise_m + _SURFACE_M)[..., None, None]
-    middle_m = depth_m[..., None, None]
-    nearer = (read_m > 0) & (read_m < middle_m - reach_m)
-    on_stem = (read_m > 0) & (np.abs(read_m - middle_m) <= reach_m)
-    first = (on_stem | nearer).argmax(-1)
-    index = np.maximum(first, 1)[..., None]
-    inner = np.arange(on_stem.shape[-1]) >= index
-    share = (on_stem & inner).sum(-1) / inner.sum(-1)
-    on_it = np.take_along_axis(on_stem, index, -1)[..., 0] & (first > 0) & (share >= _MIN_ON_STEM)
-    behind = np.take_along_axis(read_m, index - 1, -1)[..., 0] > 0
-    inset_px = (index[..., 0] - _STEPS_OUTSIDE - 0.5) * step_px[:, None, None]
-    known = found & on_it.transpose(2, 0, 1)
-    inset_px = inset_px.transpose(2, 0, 1)
-    ordered = np.sort(np.where(known, inset_px, np.inf), axis=2)
-    seen = known.sum(2)
-    median = np.take_along_axis(ordered, np.minimum(seen // 2, stations - 1)[..., None], 2)[..., 0]
-    inside = (seen >= np.maximum(_MIN_STATIONS, _MIN_FRACTION * found.sum(2))) & (
-        median > np.maximum(_MIN_INSET_PX, step_px)
-    )
+    reach_m = (radius_m + _SURFACE_STDS * noise_m + _SURFACE_M)[..., None]
+    behind_m, read = read_m - depth_m[..., None], read_m > 0
+    on_stem = read & (np.abs(behind_m) <= reach_m)
+    first = (on_stem | (read & (behind_m < -reach_m))).argmax(-1)
+    index = np.maximum(first, 1)
+    inner = np.arange(on_stem.shape[-1]) >= index[..., None]
+    share = (on_stem & inner).sum(-1) / (on_stem.shape[-1] - index)
+    known = found & pick(on_stem, index) & (first > 0) & (share >= _MIN_ON_STEM)
+    inset_px = (index - _STEPS_OUTSIDE - 0.5) * step_px[:, None]
+    median_px = masked_medians(inset_px, known)
+    enough = known.sum(2) >= np.maximum(_MIN_STATIONS, _MIN_FRACTION * found.sum(2))
+    inside = enough & (median_px > np.maximum(_MIN_INSET_PX, step_px))
     return DepthEdges(
-        inset_px, known, known & behind.transpose(2, 0, 1), np.where(inside, median, 0.0)
+        inset_px,
+        known,
+        known & (pick(read_m, index - 1) > 0),
+        np.where(inside, median_px, 0.0),
     )

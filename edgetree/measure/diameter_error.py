@@ -49,7 +49,7 @@ def incomplete_stds(frame: DepthFrame, observed: StemObservations, stems: Stems)
     See `MeasureSettings.outline_doubt` and `readings_doubt`.
     """
     settings, edges = frame.settings, observed.edges
-    shown = np.minimum(edges.left_valid.mean(1), edges.right_valid.mean(1))
+    shown = edges.valid.mean(2).min(0)
     outline = 0.0 if observed.outline is None else settings.outline_doubt
     unread = 1 - stems.used / observed.readings.depth_m.shape[1]
     parts = (outline * (1 - shown) ** 4, settings.readings_doubt * unread**2)

@@ -30,14 +30,15 @@ Flags = NDArray[np.bool_]
 _BEND_PER_M = 0.02
 # Candidates for the first line: this many tilts, up to this many standard deviations of the lean,
 # through these quantiles of the readings. Their support is counted on every fourth reading.
-_MAX_TILT_STDS = 6.0
-_SLOPES = 15
+_TILT_STDS = np.linspace(-6.0, 6.0, 15)
 _QUANTILES = np.array((0.15, 0.3, 0.5, 0.7, 0.85))
 _SUPPORT_STEP = 4
 # A nearer candidate needs this fraction of the readings in each of so many parts of the length.
 _MIN_NEARER, _PARTS = 0.15, 4
 # Residual in standard deviations from which Tukey's biweight is 0.
 _CUTOFF = 4.0
+# Added to the information on value and half angle, so that the equations can be solved.
+_RIDGE = np.diag([1e-9, 0.0, 1e-9])
 # Weight of the assumed noise when it is adjusted, in independent readings.
 _NOISE_PRIOR = 8.0
 
@@ -139,33 +140,35 @@ def fit_distance_lines(
         lean_std_rad: standard deviation of the tilt.
         rounds: number of times the weights are updated.
     """
-    basis = np.stack(
-        [np.ones_like(points.height_ratio), points.height_ratio, points.per_narrowing], 1
-    )
-    bend = _BEND_PER_M * points.height_ratio**2
+    ones = np.ones_like(points.height_ratio)
+    model = np.stack([ones, points.height_ratio, points.per_narrowing, points.inverse], 1)
+    basis = model[:, :3]
+    slope, slope_std = np.tan(tilt), np.tan(lean_std_rad)
+    squared_bend = (_BEND_PER_M * points.height_ratio**2) ** 2
+    share = np.where(points.used, 1 / per_error[:, None], 0.0)
     variance = np.ones(len(start))
     state = np.concatenate([start, np.zeros((len(start), 1))], 1)
     for _ in range(rounds):
         squared_noise = (variance * noise**2)[:, None]
-        expected = np.sqrt(squared_noise + bend**2)
-        residual = (points.inverse - np.matmul(state[:, None], basis)[:, 0]) / expected
-        biweight = np.where(points.used, np.maximum(1 - (residual / _CUTOFF) ** 2, 0) ** 2, 0.0)
-        weight = biweight / per_error[:, None]
-        weighted = basis * (weight / expected**2)[:, None]
+        expected = squared_noise + squared_bend
+        off = points.inverse - np.matmul(state[:, None], basis)[:, 0]
+        squared = off**2 / expected
+        # Tukey's biweight by the expected variance.
+        weight = np.maximum(1 - squared / _CUTOFF**2, 0) ** 2 * share / expected
+        weighted = basis * weight[:, None]
         # A reading counts in the adjustment of the noise as far as noise, not bend, dominates it.
-        noise_weight = weight * squared_noise / expected**2
-        scatter = (noise_weight * residual**2).sum(1)
+        noise_weight = weight * squared_noise
+        scatter = np.vecdot(noise_weight, squared)
         variance = variance * (_NOISE_PRIOR + scatter) / (_NOISE_PRIOR + noise_weight.sum(1))
-        information = np.matmul(weighted, basis.transpose(0, 2, 1))
-        right = np.matmul(weighted, points.inverse[..., None])[..., 0]
+        equations = np.matmul(weighted, model.transpose(0, 2, 1))
+        information, right = equations[..., :3], equations[..., 3]
         # The prior: slope / value has mean tan(tilt) and standard deviation tan(lean_std_rad).
-        prior = 1 / (np.tan(lean_std_rad) * np.abs(state[:, 0]) + 1e-9) ** 2
+        prior = 1 / (slope_std * np.abs(state[:, 0]) + 1e-9) ** 2
+        information += _RIDGE
         information[:, 1, 1] += prior
-        right[:, 1] += prior * np.tan(tilt) * state[:, 0]
-        information[:, [0, 2], [0, 2]] += 1e-9
-        equations = NormalEquations(information, right, biweight > 0)
-        state[:, :2] = equations.solve_line(np.zeros(len(start))).value_slope
-    return equations
+        right[:, 1] += prior * slope * state[:, 0]
+        state[:, :2] = np.linalg.solve(information[:, :2, :2], right[:, :2, None])[..., 0]
+    return NormalEquations(information, right, weight > 0)
 
 
 def masked_means(values: Float, used: Flags) -> Float:
@@ -197,17 +200,23 @@ def best_distance_lines(
     used = used[:, ::_SUPPORT_STEP]
     count, scale = used.sum(1), _medians(inverse, used)
     allowed = _CUTOFF * np.hypot(noise[:, None], _BEND_PER_M * height**2)
-    tilt_stds = np.linspace(-_MAX_TILT_STDS, _MAX_TILT_STDS, _SLOPES)
-    slopes = tilt_stds * (np.tan(lean_std_rad) * scale)[:, None]
+    slopes = _TILT_STDS * (np.tan(lean_std_rad) * scale)[:, None]
     values = np.where(used[:, None], inverse[:, None] - slopes[..., None] * height[:, None], np.inf)
     ordered = np.sort(values, axis=2)
     rank = (_QUANTILES * count[:, None]).astype(np.intp)[:, None]
-    shape = (*slopes.shape, len(_QUANTILES))
-    candidates = np.take_along_axis(ordered, np.broadcast_to(rank, shape), 2)
+    candidates = np.take_along_axis(ordered, rank, 2)
     candidates = np.where(np.isfinite(candidates), candidates, 1.0)
-    near = np.abs(values[:, :, None] - candidates[..., None]) < allowed[:, None, None]
+    # One quantile after the other, as the system gives and clears the memory of large arrays anew.
+    within = _parts(height.shape[1])
+    near_parts = np.stack(
+        [
+            np.matmul(np.abs(values - value[..., None]) < allowed[:, None], within)
+            for value in np.moveaxis(candidates, -1, 0)
+        ],
+        2,
+    )
     # The squared tilt is the penalty of a normal prior.
-    support = (near.sum(-1) - tilt_stds[:, None] ** 2).reshape(len(count), -1)
+    support = (near_parts.sum(-1) - _TILT_STDS[:, None] ** 2).reshape(len(count), -1)
     rows = np.arange(len(count))
     best = support.argmax(1)
     # What is behind an opaque stem cannot be seen through it.
@@ -215,16 +224,14 @@ def best_distance_lines(
     inverse_there = (candidates + slopes[..., None] * middle).reshape(len(count), -1)
     clearance = 2 * masked_means(allowed, used)[:, None]
     nearer = inverse_there > inverse_there[rows, best][:, None] + clearance
-    nearer &= _all_along(near, used)
+    all_along = (near_parts >= _MIN_NEARER * np.matmul(used, within)[:, None, None]).all(-1)
+    nearer &= all_along.reshape(len(count), -1)
     best = np.where(nearer.any(1), np.where(nearer, support, -np.inf).argmax(1), best)
     value = candidates.reshape(len(count), -1)[rows, best]
     return np.stack([value, slopes[rows, best // len(_QUANTILES)]], 1)
 
 
-def _all_along(near: Flags, used: Flags) -> Flags:
-    """(T, K) whether readings near the candidates (T, slopes, quantiles, N) are all along them."""
-    quarter = np.arange(near.shape[-1])[:, None] * _PARTS // near.shape[-1] == np.arange(_PARTS)
-    weight = quarter.astype(np.float32)
-    found = np.matmul(near.reshape(len(near), -1, near.shape[-1]).astype(np.float32), weight)
-    total = np.matmul(used.astype(np.float32), weight)[:, None]
-    return np.asarray((found >= _MIN_NEARER * total).all(2))
+def _parts(count: int) -> Float:
+    """(count, parts) 1 where a reading, of so many along the stem, is in a part of its length."""
+    part = np.arange(count)[:, None] * _PARTS // count
+    return np.asarray(part == np.arange(_PARTS), np.float32)

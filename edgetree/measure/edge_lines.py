@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from edgetree.measure.regions import STATIONS, SearchRegions
+from edgetree.measure.regions import OUTWARDS, SearchRegions
 
-__all__ = ["OuterLines", "fit_lines", "masked_medians", "outer_lines"]
+__all__ = ["OuterLines", "fit_lines", "masked_medians", "outer_lines", "pick"]
 
 Float = NDArray[np.floating[Any]]
 Flags = NDArray[np.bool_]
@@ -26,8 +26,6 @@ _MAX_INSIDE = 4.0
 _MIN_AGREEING = 0.1
 # Candidate lines join these quantiles of the edges in both halves of the stem.
 _QUANTILES = np.array((0.1, 0.4, 0.7, 0.9))
-_QUARTER = STATIONS // 4
-_HALVES = (slice(0, 2 * _QUARTER), slice(2 * _QUARTER, STATIONS))
 # Rounds of reweighted least squares.
 _ROUNDS = 3
 
@@ -47,7 +45,7 @@ class OuterLines(NamedTuple):
 
 
 def outer_lines(
-    regions: SearchRegions, left: Float, right: Float, seen: Flags, certain: Flags | None = None
+    regions: SearchRegions, edges_px: Float, seen: Flags, certain: Flags | None = None
 ) -> OuterLines:
     """Robustly fit a straight line to each edge of the stems.
 
@@ -58,88 +56,93 @@ def outer_lines(
 
     Args:
         regions: search regions.
-        left, right: (T, S) edges of the masks across the regions, in px.
-        seen: (2, T, S) where a left and a right edge was found.
+        edges_px: (2, T, S) left and right edges of the masks across the regions.
+        seen: (2, T, S) where an edge was found, or (T, S) where both were.
         certain: (2, T, S) where the depth shows that the stem ends at the edge, if known.
     """
-    count = len(left)
-    position = np.concatenate([regions.stations_px] * 2)
-    outward, seen = np.concatenate([-left, right]), seen.reshape(2 * count, -1)
-    tolerance = np.maximum(_TOLERANCE * regions.half_px, _MIN_TOLERANCE_PX)
-    tolerance = np.concatenate([tolerance] * 2)[:, None]
-    ends = np.zeros_like(seen) if certain is None else seen & certain.reshape(2 * count, -1)
+    seen = np.broadcast_to(seen, edges_px.shape)
+    position, outward = regions.stations_px, np.where(seen, OUTWARDS * edges_px, 0.0)
+    tolerance = np.maximum(_TOLERANCE * regions.half_px, _MIN_TOLERANCE_PX)[:, None]
+    ends = np.zeros_like(seen) if certain is None else seen & certain
     value, slope = _best_line(position, outward, seen, ends, tolerance)
     for _ in range(_ROUNDS):
-        residual = (outward - value[:, None] - slope[:, None] * position) / tolerance
+        residual = (outward - value[..., None] - slope[..., None] * position) / tolerance
         weight = np.where(seen, np.maximum(1 - (residual / 2) ** 2, 0) ** 2, 0.0)
-        value, slope = fit_lines(position, np.where(seen, outward, 0.0), weight)
-    residual = outward - value[:, None] - slope[:, None] * position
+        value, slope = fit_lines(position, outward, weight)
+    residual = outward - value[..., None] - slope[..., None] * position
     agree = seen & (np.abs(residual) < tolerance)
     # The butt of a stem flares outwards. Edges that lie inside the line belong to something in
     # front of the stem, or to its rounded foot.
-    scatter = masked_medians(np.abs(residual), agree)[:, None]
+    scatter = masked_medians(np.abs(residual), agree)[..., None]
     agree &= residual > -np.maximum(_MAX_INSIDE * scatter, _MIN_TOLERANCE_PX)
-    agree &= agree.mean(1, keepdims=True) >= _MIN_AGREEING
-    return OuterLines(value.reshape(2, -1), slope.reshape(2, -1), agree.reshape(2, count, -1))
+    agree &= agree.mean(-1, keepdims=True) >= _MIN_AGREEING
+    return OuterLines(value, slope, agree)
 
 
 def _best_line(
     position: Float, outward: Float, seen: Flags, certain: Flags, tolerance: Float
 ) -> tuple[Float, Float]:
-    """Value and slope (T,) of the candidate line that the most stations agree with."""
-    rows = np.arange(len(position))
-    sets = [_lines_across_halves(position, outward, seen)]
-    sets += [_line_within_half(position, outward, seen, half) for half in _HALVES]
-    value, slope = (np.concatenate(parts, 1) for parts in zip(*sets, strict=True))
-    residual = outward[:, None] - value[..., None] - slope[..., None] * position[:, None]
-    residual = residual / tolerance[:, None]
+    """Value and slope (2, T) of the candidate line that the most stations agree with."""
+    sets = (
+        _lines_across_halves(position, outward, seen),
+        _lines_in_halves(position, outward, seen),
+    )
+    value, slope = (np.concatenate(parts, -1) for parts in zip(*sets, strict=True))
+    residual = outward[..., None, :] - value[..., None] - slope[..., None] * position[:, None]
+    residual = residual / tolerance[..., None]
     score = np.maximum(1 - residual**2, 0.0) - _OUTSIDE_PENALTY * (residual > 1)
-    score -= _CERTAIN_PENALTY * ((residual < -1) & certain[:, None])
-    best = np.where(seen[:, None], score, 0.0).sum(2).argmax(1)
-    return value[rows, best], slope[rows, best]
+    score -= _CERTAIN_PENALTY * ((residual < -1) & certain[..., None, :])
+    best = np.vecdot(score, seen[..., None, :].astype(np.float64)).argmax(-1)
+    return pick(value, best), pick(slope, best)
 
 
 def _lines_across_halves(position: Float, outward: Float, seen: Flags) -> tuple[Float, Float]:
-    """Values and slopes (T, K) of lines between quantiles of the lower and the upper half.
+    """Values and slopes (2, T, K) of lines between quantiles of the lower and the upper half.
 
     Where only one half shows an edge the lines are parallel to the centre line.
     """
-    ends = []
-    for half in _HALVES:
-        ordered = np.sort(np.where(seen[:, half], outward[:, half], np.inf), axis=1)
-        rank = (_QUANTILES * np.maximum(seen[:, half].sum(1) - 1, 0)[:, None]).astype(np.intp)
-        value = np.take_along_axis(ordered, rank, 1)
-        ends.append(np.where(np.isfinite(value), value, np.nan))
-    low_position, high_position = (position[:, half].mean(1)[:, None] for half in _HALVES)
-    low, high = ends
-    only_low, only_high = (np.isnan(part).all(axis=1, keepdims=True) for part in (high, low))
-    high = np.where(only_low, low, high)
-    low = np.where(only_high, high, low)
-    low, high = (np.nan_to_num(part) for part in (low, high))
-    slope = (high[:, None, :] - low[:, :, None]) / (high_position - low_position)[..., None]
-    slope = slope.reshape(len(position), -1)
-    return np.repeat(low, len(_QUANTILES), 1) - slope * low_position, slope
+    outward, seen = _parts(outward, 2), _parts(seen, 2)
+    count = seen.sum(-1)[..., None]
+    ordered = np.sort(np.where(seen, outward, np.inf))
+    rank = (_QUANTILES * np.maximum(count - 1, 0)).astype(np.intp)
+    value = np.take_along_axis(ordered, rank, -1)
+    value = np.where(count > 0, value, value[..., ::-1, :])
+    value = np.where(np.isfinite(value), value, 0.0)
+    low, high = value[..., 0, :], value[..., 1, :]
+    middle = _parts(position, 2).mean(-1)
+    low_position, high_position = middle[:, :1], middle[:, 1:]
+    slope = (high[..., None, :] - low[..., :, None]) / (high_position - low_position)[..., None]
+    slope = slope.reshape(*low.shape[:-1], -1)
+    return np.repeat(low, len(_QUANTILES), -1) - slope * low_position, slope
 
 
-def _line_within_half(
-    position: Float, outward: Float, seen: Flags, half: slice
-) -> tuple[Float, Float]:
-    """Value and slope (T, 1) of the line through the medians of both quarters of one half.
+def _lines_in_halves(position: Float, outward: Float, seen: Flags) -> tuple[Float, Float]:
+    """Values and slopes (2, T, 2) of the lines through the medians of both quarters of each half.
 
     For leaning stems whose other half is hidden.
     """
-    quarters = (slice(half.start, half.start + _QUARTER), slice(half.start + _QUARTER, half.stop))
-    near, far = (position[:, part].mean(1) for part in quarters)
-    low, high = (masked_medians(outward[:, part], seen[:, part]) for part in quarters)
-    slope = (high - low) / (far - near)
-    return (low - slope * near)[:, None], slope[:, None]
+    middle = _parts(position, 4).mean(-1)
+    value = masked_medians(_parts(outward, 4), _parts(seen, 4))
+    slope = (value[..., 1::2] - value[..., ::2]) / (middle[:, 1::2] - middle[:, ::2])
+    return value[..., ::2] - slope * middle[:, ::2], slope
+
+
+def _parts(values: NDArray[Any], count: int) -> NDArray[Any]:
+    """(..., count, S / count) values (..., S) in parts of the stem, from low to high."""
+    return values.reshape(*values.shape[:-1], count, -1)
+
+
+def pick(values: NDArray[Any], index: NDArray[np.intp]) -> NDArray[Any]:
+    """(..., A) values (A, N) at an index (..., A) each, where A may be several axes."""
+    rows = values.reshape(-1, values.shape[-1])
+    picked = rows[np.arange(len(rows)), index.reshape(-1, len(rows))]
+    return np.asarray(picked.reshape(index.shape))
 
 
 def masked_medians(values: Float, valid: Flags) -> Float:
-    """(T,) medians of the valid ones among (T, N) values; 0 where none is valid."""
-    ordered = np.sort(np.where(valid, values, np.inf), axis=1)
-    middle = np.minimum(valid.sum(1) // 2, values.shape[1] - 1)
-    found = ordered[np.arange(len(values)), middle]
+    """(...) medians of the valid ones among (..., N) values; 0 where none is valid."""
+    ordered = np.sort(np.where(valid, values, np.inf))
+    found = pick(ordered, np.minimum(valid.sum(-1) // 2, values.shape[-1] - 1))
     return np.where(np.isfinite(found), found, 0.0)
 
 
@@ -147,15 +150,16 @@ def fit_lines(position: Float, value: Float, weight: Float) -> tuple[Float, Floa
     """Weighted least squares lines.
 
     Args:
-        position, value, weight: (T, S) points of T lines and their weights.
+        position, value, weight: (..., S) points of the lines and their weights.
 
     Returns:
-        (T,) values at position 0, and (T,) slopes.
+        (...) values at position 0, and (...) slopes.
     """
-    total = np.maximum(weight.sum(1), 1e-12)
-    mean_position = (weight * position).sum(1) / total
-    mean_value = (weight * value).sum(1) / total
-    offset = position - mean_position[:, None]
-    square = (weight * offset**2).sum(1)
-    slope = (weight * offset * value).sum(1) / np.where(square > 1e-12, square, np.inf)
+    total = np.maximum(weight.sum(-1), 1e-12)
+    mean_position = np.vecdot(weight, position) / total
+    mean_value = np.vecdot(weight, value) / total
+    offset = position - mean_position[..., None]
+    weighted = weight * offset
+    square = np.vecdot(weighted, offset)
+    slope = np.vecdot(weighted, value) / np.where(square > 1e-12, square, np.inf)
     return mean_value - slope * mean_position, slope

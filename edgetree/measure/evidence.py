@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from edgetree.measure.estimates import Estimate, Evidence, Failure
 from edgetree.measure.ground import BaseGround
 from edgetree.measure.observations import StemObservations
@@ -36,23 +34,23 @@ def gather_evidence(
         ground: ground at the stem.
         warnings: warnings about other values of the stem, which come first.
     """
-    distance_m = float(stems.distance_m[index])
+    distance_m = stems.distance_m.item(index)
     known = {
-        name: (float(half.rad[index]), float(half.std_rad[index]))
+        name: (half.rad.item(index), half.std_rad.item(index))
         for name, half in zip(_SOURCES, stems.sources, strict=True)
-        if np.isfinite(half.std_rad[index])
+        if math.isfinite(half.std_rad.item(index))
     }
     diameters = {name: 2 * distance_m * math.sin(rad) for name, (rad, _) in known.items()}
     stds = {name: 2 * distance_m * math.cos(rad) * std for name, (rad, std) in known.items()}
-    weights = zip(_SOURCES, stems.weights[index], strict=True)
+    weights = zip(_SOURCES, stems.weights[:, index].tolist(), strict=True)
     outline = observed.outline
     return Evidence(
         method=" + ".join(name for name, weight in weights if weight > _MIN_WEIGHT),
         source_diameters_m=diameters,
         source_std_m=stds,
-        arc_deg=float(np.degrees(stems.arc_rad[index])),
-        valid_depth_share=float(observed.valid_depth_fraction[index]),
-        visible_share=None if outline is None else float(outline.visible_fraction[index]),
+        arc_deg=math.degrees(stems.arc_rad.item(index)),
+        valid_depth_share=observed.valid_depth_fraction.item(index),
+        visible_share=None if outline is None else outline.visible_fraction.item(index),
         ground=ground.description() if isinstance(ground, BaseGround) else ground.reason,
         warnings=warnings + _disagreement(diameters, stds),
     )

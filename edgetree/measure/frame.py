@@ -18,6 +18,7 @@ __all__ = ["MASK_THRESHOLD", "DepthFrame", "MaskGrid"]
 
 Float = NDArray[np.floating[Any]]
 Mask = NDArray[np.bool_]
+Indices = NDArray[np.intp]
 
 MASK_THRESHOLD = 0.5
 """Mask probability from which a point counts as part of the stem."""
@@ -97,7 +98,7 @@ class DepthFrame:
         elif trees.masks is not None:
             boxes = trees.boxes_px.astype(np.float64)
             grids = [MaskGrid(*pair) for pair in zip(trees.masks, boxes, strict=True)]
-        return cls(camera, depth_m, grids, settings, masks is not None)
+        return cls(camera, np.ascontiguousarray(depth_m), grids, settings, masks is not None)
 
     def mask_probability(self, xy_px: Float) -> Float:
         """Mask probability (T, ...) of each tree at its own points (T, ..., 2); 1 without masks."""
@@ -108,14 +109,15 @@ class DepthFrame:
 
     def on_any_stem(self, xy_px: Float) -> NDArray[np.bool_]:
         """(T, N) whether points (T, N, 2) lie on the mask of any tree in the image."""
-        result = np.zeros(xy_px.shape[:-1], np.bool_)
+        result = np.zeros(xy_px[..., 0].size, np.bool_)
+        x, y = (np.ascontiguousarray(part) for part in xy_px.reshape(-1, 2).T)
         for mask in self.masks or ():
-            x0, y0, x1, y1 = mask.box_px
-            x, y = xy_px[..., 0], xy_px[..., 1]
-            near = (x > x0) & (x < x1) & (y > y0) & (y < y1)
-            if near.any():
-                result[near] |= mask.at(xy_px[near][None])[0] >= MASK_THRESHOLD
-        return result
+            x0, y0, x1, y1 = mask.box_px.tolist()
+            near = np.flatnonzero((x > x0) & (x < x1) & (y > y0) & (y < y1))
+            if len(near):
+                points = np.array([x[near], y[near]]).T
+                result[near] |= mask.at(points[None])[0] >= MASK_THRESHOLD
+        return result.reshape(xy_px.shape[:-1])
 
     def inside(self, xy_px: Float, margin_px: Float | float = 0.0) -> NDArray[np.bool_]:
         """(...) whether points (..., 2) are in the image, at least `margin_px` from its border."""
@@ -134,19 +136,22 @@ class DepthFrame:
             Rays (..., 3) with z = 1 through the pixels' centres, and depth (...) in metres, 0
             outside the image, without a reading, or beyond `MeasureSettings.max_range_m`.
         """
-        pixel = self._pixels(xy_px)
-        return pixels_to_rays(self.camera, pixel + 0.5), self._depth_m(xy_px, pixel)
+        column, row = self._pixels(xy_px)
+        centres = np.stack([column + 0.5, row + 0.5], -1)
+        return pixels_to_rays(self.camera, centres), self._depth_m(xy_px, column, row)
 
     def depth_at(self, xy_px: Float) -> Float:
         """Depth (...) in metres at image points (..., 2), as from `readings`."""
-        return self._depth_m(xy_px, self._pixels(xy_px))
+        return self._depth_m(xy_px, *self._pixels(xy_px))
 
-    def _pixels(self, xy_px: Float) -> NDArray[np.intp]:
-        limit = np.array([self.camera.width - 1, self.camera.height - 1])
-        return np.asarray(np.fmax(np.fmin(xy_px, limit), 0)).astype(np.intp)
+    def _pixels(self, xy_px: Float) -> tuple[Indices, Indices]:
+        """Columns and rows (...) of the pixels nearest to points (..., 2)."""
+        column = np.fmax(np.fmin(xy_px[..., 0], self.camera.width - 1), 0).astype(np.intp)
+        row = np.fmax(np.fmin(xy_px[..., 1], self.camera.height - 1), 0).astype(np.intp)
+        return column, row
 
-    def _depth_m(self, xy_px: Float, pixel: NDArray[np.intp]) -> Float:
-        depth_m = self.depth_m[pixel[..., 1], pixel[..., 0]].astype(np.float64)
+    def _depth_m(self, xy_px: Float, column: Indices, row: Indices) -> Float:
+        depth_m = self.depth_m.take(row * self.camera.width + column).astype(np.float64)
         usable = self.inside(xy_px) & (depth_m > 0) & (depth_m <= self.settings.max_range_m)
         return np.where(usable, depth_m, 0.0)
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edgetree.detections import KEYPOINT_NAMES, TreeDetections
+from edgetree.measure.section import lengths
 from edgetree.measure.settings import MeasureSettings, reference_px
 
 __all__ = [
@@ -118,7 +119,7 @@ class Keypoints:
     @cached_property
     def has_section(self) -> Flags:
         """(T,) whether both edges of the diameter's section are in the image and distinct."""
-        width = np.linalg.norm(self.xy_px[:, RIGHT] - self.xy_px[:, LEFT], axis=1)
+        width = lengths(self.xy_px[:, RIGHT] - self.xy_px[:, LEFT])
         size_known = width >= MIN_WIDTH_PX
         return np.asarray(self.within[:, LEFT] & self.within[:, RIGHT] & size_known)
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from edgetree.measure.edge_lines import fit_lines, masked_medians
+from edgetree.measure.edge_lines import fit_lines, masked_medians, pick
 from edgetree.measure.frame import MASK_THRESHOLD, DepthFrame
 from edgetree.measure.keypoints import (
     CUT_OFF_PX,
@@ -20,7 +20,8 @@ from edgetree.measure.keypoints import (
     Keypoints,
 )
 from edgetree.measure.outline import Outline, regions_from_masks, trace_outline
-from edgetree.measure.regions import STATIONS, SearchRegions, line_spans
+from edgetree.measure.regions import OUTWARDS, STATIONS, SearchRegions, line_spans
+from edgetree.measure.section import lengths
 from edgetree.measure.settings import reference_px
 from edgetree.measure.stem_fit import Readings
 from edgetree.measure.width import StemEdges
@@ -33,6 +34,7 @@ Flags = NDArray[np.bool_]
 # Depth is sampled at this many points across the stem, within this fraction of its half width. It
 # is below `MAX_USED_OFFSET`, so that small corrections of the edges lose no samples.
 _DEPTH_SAMPLES, _DEPTH_WITHIN = 9, 0.75
+_DEPTH_ACROSS = np.linspace(-_DEPTH_WITHIN, _DEPTH_WITHIN, _DEPTH_SAMPLES)
 # A midpoint between the mask's edges this far off the centre line, in half widths, is not used.
 _MAX_OFF_CENTRE = 0.35
 # The edges of a mask have correlated errors: this many stations count as one.
@@ -105,13 +107,14 @@ def observe_stems(frame: DepthFrame, boxes_px: Float, keypoints: Keypoints) -> S
 
 
 def _border_px(frame: DepthFrame, keypoints: Keypoints) -> Float:
-    """(T, 2) px from the border within which left and right mask edges are not used."""
+    """(2, T) px from the border within which left and right mask edges are not used."""
+    cut_off = keypoints.cut_off.T
     if frame.masks_given:
-        border_px = np.full(keypoints.cut_off.shape, _BORDER_PX)
+        border_px = np.full(cut_off.shape, _BORDER_PX)
     else:
-        px = np.where(keypoints.cut_off, CUT_OFF_PX, _NETWORK_BORDER_PX)
+        px = np.where(cut_off, CUT_OFF_PX, _NETWORK_BORDER_PX)
         border_px = px * reference_px(frame.camera.width)
-    return np.asarray(border_px + _BORDER_STDS * frame.mask_std_px()[:, None])
+    return np.asarray(border_px + _BORDER_STDS * frame.mask_std_px())
 
 
 def _search_regions(frame: DepthFrame, boxes_px: Float, keypoints: Keypoints) -> SearchRegions:
@@ -122,13 +125,13 @@ def _search_regions(frame: DepthFrame, boxes_px: Float, keypoints: Keypoints) ->
     """
     left, right = keypoints.xy_px[:, LEFT], keypoints.xy_px[:, RIGHT]
     origin = (left + right) / 2
-    half = np.maximum(np.linalg.norm(right - left, axis=1) / 2, MIN_WIDTH_PX / 2)
+    half = np.maximum(lengths(right - left) / 2, MIN_WIDTH_PX / 2)
     upwards = np.zeros_like(origin)
     for keypoint in (MIDDLE, TOP):
         upwards += keypoints.given[:, keypoint, None] * (keypoints.xy_px[:, keypoint] - origin)
     side = (right - left) * np.where(right[:, :1] < left[:, :1], -1.0, 1.0)
     perpendicular = np.stack([side[:, 1], -side[:, 0]], -1)
-    known = np.linalg.norm(upwards, axis=1) > 2 * half
+    known = lengths(upwards) > 2 * half
     along = np.where(known[:, None], upwards, perpendicular)
     without = ~keypoints.has_section
     limit = np.full((len(origin), 2), np.inf) * (-1.0, 1.0)
@@ -138,7 +141,7 @@ def _search_regions(frame: DepthFrame, boxes_px: Float, keypoints: Keypoints) ->
         found = regions_from_masks(few, boxes_px[indices])
         origin[indices], along[indices] = found.origin_px, found.along
         half[indices], limit[indices] = found.half_px, found.span_px
-    length = np.linalg.norm(along, axis=1, keepdims=True)
+    length = lengths(along)[:, None]
     along = np.where(length > 0, along / np.where(length > 0, length, 1.0), np.array([0.0, -1.0]))
     span = line_spans(origin, along, boxes_px)
     span = np.stack([np.maximum(span[:, 0], limit[:, 0]), np.minimum(span[:, 1], limit[:, 1])], -1)
@@ -166,13 +169,12 @@ def _sample_depth(
 ) -> _DepthSamples:
     """Sample the depth on a grid between the edges of each stem."""
     position, half = regions.stations_px, regions.half_px[:, None]
-    left, right = np.broadcast_to(-half, position.shape), np.broadcast_to(half, position.shape)
+    edges_px = np.broadcast_to(OUTWARDS * half, (2, *position.shape))
     if outline is not None:
-        left = _fitted_edge(position, outline.left_px, outline.left_valid, left)
-        right = _fitted_edge(position, outline.right_px, outline.right_valid, right)
-    offset = np.linspace(-_DEPTH_WITHIN, _DEPTH_WITHIN, _DEPTH_SAMPLES)
+        edges_px = _fitted_edges(position, outline, edges_px)
+    left, right = edges_px
     middle, reach = (left + right) / 2, (right - left) / 2
-    xy_px = regions.points(middle[..., None] + reach[..., None] * offset)
+    xy_px = regions.points(middle[..., None] + reach[..., None] * _DEPTH_ACROSS)
     rays, depth_m = frame.readings(xy_px)
     on_stem = (frame.mask_probability(xy_px) >= MASK_THRESHOLD) & frame.inside(xy_px)
     depth_m = np.where(on_stem, depth_m, 0.0)
@@ -205,24 +207,20 @@ def _without_occluded_edges(frame: DepthFrame, outline: Outline, depth_m: Float)
     settings, regions = frame.settings, outline.regions
     stem = depth_m[:, None, None]
     nearer = stem * _NEARER - 3 * settings.depth_noise_per_m * stem**2 - _NEARER_M
-    step = np.maximum(_BESIDE * regions.half_px[:, None], _MIN_BESIDE_PX)
-    free = []
-    for edge_px, outwards in ((outline.left_px, -step), (outline.right_px, step)):
-        beside = np.stack([edge_px + outwards, edge_px + 2 * outwards], -1)
-        depth = frame.depth_at(regions.points(beside))
-        free.append(~((depth > 0) & (depth < nearer)).any(-1))
-    return replace(
-        outline,
-        left_valid=outline.left_valid & free[0],
-        right_valid=outline.right_valid & free[1],
-    )
+    step_px = np.maximum(_BESIDE * regions.half_px, _MIN_BESIDE_PX)[:, None]
+    outwards_px = OUTWARDS * step_px
+    beside = np.stack([outline.edges_px + times * outwards_px for times in (1, 2)], -1)
+    depth = frame.depth_at(regions.points(beside))
+    hidden = ((depth > 0) & (depth < nearer)).any(-1)
+    return replace(outline, valid=outline.valid & ~hidden)
 
 
-def _fitted_edge(position: Float, edge: Float, valid: Flags, fallback: Float) -> Float:
-    """(T, S) straight line fitted to an edge; `fallback` with fewer than two valid stations."""
-    value, slope = fit_lines(position, np.where(valid, edge, 0.0), valid.astype(np.float64))
-    line = value[:, None] + slope[:, None] * position
-    return np.where(valid.sum(1, keepdims=True) >= 2, line, fallback)
+def _fitted_edges(position: Float, outline: Outline, fallback: Float) -> Float:
+    """(2, T, S) straight lines fitted to edges; `fallback` with fewer than two valid stations."""
+    edges_px = np.where(outline.valid, outline.edges_px, 0.0)
+    value, slope = fit_lines(position, edges_px, outline.valid.astype(np.float64))
+    line = value[..., None] + slope[..., None] * position
+    return np.where(outline.valid.sum(2, keepdims=True) >= 2, line, fallback)
 
 
 def _edges(
@@ -239,16 +237,13 @@ def _edges(
     section_px = np.where(has, keypoints.xy_px[:, [LEFT, RIGHT]], middle[:, None])
     section = frame.rays(section_px)
     std_px = np.hypot(keypoints.std_px[:, LEFT, 0], keypoints.std_px[:, RIGHT, 0]) / np.sqrt(2)
-    left: Float = np.ones((count, STATIONS, 3))
-    right = left
-    left_valid = right_valid = np.zeros((count, STATIONS), np.bool_)
+    sides: Float = np.ones((2, count, STATIONS, 3))
+    valid = np.zeros((2, count, STATIONS), np.bool_)
     mask_std_px = np.full(count, np.inf)
     if outline is not None and frame.masks is not None:
-        points = regions.points(np.stack([outline.left_px, outline.right_px], -1))
-        left_valid, right_valid = outline.left_valid, outline.right_valid
-        known = np.stack([left_valid, right_valid], -1)[..., None]
-        rays = frame.rays(np.where(known, points, 0.0))
-        left, right = rays[:, :, 0], rays[:, :, 1]
+        points = regions.points(outline.edges_px[..., None])[..., 0, :]
+        valid = outline.valid
+        sides = frame.rays(np.where(valid[..., None], points, 0.0))
         mask_std_px = outline.std_px
         if frame.masks_given:
             scatter_px = outline.scatter_px / np.sqrt(_STATIONS_PER_ERROR)
@@ -257,12 +252,10 @@ def _edges(
         camera=frame.camera,
         section=section,
         section_std_px=np.where(keypoints.has_section, std_px, np.inf),
-        left=left,
-        right=right,
-        left_valid=left_valid,
-        right_valid=right_valid,
+        sides=sides,
+        valid=valid,
         mask_std_px=mask_std_px,
-        distance_m=depth_m * np.linalg.norm(section.mean(1), axis=1),
+        distance_m=depth_m * lengths(section.mean(1)),
         butt_swell=keypoints.has_section * frame.settings.butt_swell,
         butt_swell_std=keypoints.has_section * frame.settings.butt_swell_std,
     )
@@ -278,12 +271,12 @@ def _section_from_mask(
     """
     if outline is None:
         return regions.origin_px
-    valid = outline.left_valid & outline.right_valid
+    valid = outline.valid.all(0)
     position = np.where(valid, regions.stations_px, np.inf)
     count = valid.sum(1)
     quantile = _LOWEST if keypoints.offered else 0.5
     rank = np.minimum((quantile * count).astype(np.intp), STATIONS - 1)
-    picked = np.take_along_axis(np.sort(position, axis=1), rank[:, None], 1)
+    picked = pick(np.sort(position), rank)[:, None]
     picked = np.where(np.isfinite(picked), picked, 0.0)
     return np.asarray(regions.origin_px + picked * regions.along)
 
@@ -299,17 +292,17 @@ def _axis_rays(
     Returns:
         Rays (T, N, 3), and (T, N) standard deviations in radians.
     """
-    rad_per_px = 1 / (frame.camera.fx * np.linalg.norm(edges.section.mean(1), axis=1))[:, None]
-    section = _bisectors(edges.section[:, :1], edges.section[:, 1:])
+    rad_per_px = 1 / (frame.camera.fx * lengths(edges.middle))[:, None]
+    section = _bisectors(edges.section.swapaxes(0, 1)[:, :, None])
     section_std = edges.section_std_px[:, None] / np.sqrt(2) * rad_per_px
     picked = [MIDDLE, TOP]
     given = keypoints.given[:, picked]
     points = frame.rays(np.where(given[..., None], keypoints.xy_px[:, picked], 0.0))
     points_std = np.where(given, keypoints.std_px[:, picked, 0] * rad_per_px, np.inf)
-    middles = _bisectors(edges.left, edges.right)
+    middles = _bisectors(edges.sides)
     height_m = regions.stations_px * (edges.distance_m / frame.camera.fx)[:, None]
     bend = _BEND_PER_M * height_m**2 / edges.distance_m[:, None]
-    centred = edges.left_valid & edges.right_valid & _near_centre_line(frame, regions, middles)
+    centred = edges.valid.all(0) & _near_centre_line(frame, regions, middles)
     mask_std = edges.mask_std_px[:, None] * rad_per_px * np.sqrt(_STATIONS_PER_ERROR / 2)
     middle_std = np.where(centred, np.hypot(mask_std, bend), np.inf)
     rays = np.concatenate([section, points, middles], 1)
@@ -319,11 +312,11 @@ def _axis_rays(
 def _near_centre_line(frame: DepthFrame, regions: SearchRegions, middles: Float) -> Flags:
     """(T, S) whether rays (T, S, 3) pass near the centre lines of their regions."""
     line = regions.points(np.zeros((*middles.shape[:2], 1)))[:, :, 0]
-    off = np.linalg.norm(frame.rays(line) - middles / middles[..., 2:], axis=2)
+    off = lengths(frame.rays(line) - middles / middles[..., 2:])
     return np.asarray(off * frame.camera.fx < _MAX_OFF_CENTRE * regions.half_px[:, None])
 
 
-def _bisectors(left: Float, right: Float) -> Float:
-    """Rays (..., 3) that bisect the angles between two sets of rays (..., 3)."""
-    unit = [rays / np.linalg.norm(rays, axis=-1, keepdims=True) for rays in (left, right)]
+def _bisectors(rays: Float) -> Float:
+    """Rays (..., 3) that bisect the angles between two sets of rays (2, ..., 3)."""
+    unit = rays / lengths(rays)[..., None]
     return np.asarray(unit[0] + unit[1])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -38,9 +39,8 @@ class StemPosition:
     """Position and direction of one stem and its felling cut, in camera coordinates.
 
     Attributes:
-        along: (3,) unit vector up the axis.
-        across: (3,) unit vector at right angles to the axis, to the right.
-        view_direction: (3,) unit vector across the axis, from the camera to the axis.
+        directions: (3, 3) unit vectors in rows: across the axis from the camera to the axis, at
+            right angles to the axis to the right, and up the axis.
         section: (3,) axis point of the section at which the diameter is measured.
         cut: (3,) axis point of the felling cut.
         radius_m: radius at the section.
@@ -53,9 +53,7 @@ class StemPosition:
         tilt_std_rad: standard deviation of the axis' angle towards or away from the camera.
     """
 
-    along: Float
-    across: Float
-    view_direction: Float
+    directions: Float
     section: Float
     cut: Float
     radius_m: float
@@ -66,15 +64,35 @@ class StemPosition:
     roll_std_rad: float
     tilt_std_rad: float
 
+    @property
+    def along(self) -> Float:
+        """(3,) unit vector up the axis."""
+        return np.asarray(self.directions[2])
+
+    @cached_property
+    def _cut_parts_m(self) -> tuple[float, float, float]:
+        """Parts of the cut in the three directions."""
+        return _parts(self.directions, self.cut)
+
+    @cached_property
+    def _section_parts_m(self) -> tuple[float, float, float]:
+        """Parts of the section in the three directions."""
+        return _parts(self.directions, self.section)
+
+    @cached_property
+    def _range_m(self) -> float:
+        """Distance of the cut from the camera."""
+        return math.hypot(*self.cut.tolist())
+
+    @cached_property
     def distance(self) -> Estimate:
         """Distance in metres from the camera to the axis at the cut.
 
         The depth shows the bark, one radius in front of the axis, so the error of the radius is
         part of the distance's.
         """
-        value = math.hypot(*self.cut)
-        parts = (self._depth_std_m(), self.diameter_std_m / 2, self._along_std_m())
-        return Estimate(value, math.hypot(*parts, self.shape_std_m))
+        parts = (self._depth_std_m, self.diameter_std_m / 2, self._along_std_m)
+        return Estimate(self._range_m, math.hypot(*parts, self.shape_std_m))
 
     def axis_distance(self, bend_rad: float) -> Estimate:
         """Shortest distance in metres from the camera to the line of the axis.
@@ -87,29 +105,31 @@ class StemPosition:
         Args:
             bend_rad: standard deviation of the axis direction along a stem.
         """
-        level_m = float(self.section @ self.along)
-        value = float(self.section @ self.view_direction) + level_m * _TAPER * self.radius_m
+        ahead_m, _, level_m = self._section_parts_m
+        value = ahead_m + level_m * _TAPER * self.radius_m
         direction_std = math.hypot(self.tilt_std_rad, _TAPER_STD * self.radius_m, bend_rad)
         parts = (self.distance_std_m, self.diameter_std_m / 2, level_m * direction_std)
         return Estimate(value, math.hypot(*parts, self.shape_std_m))
 
+    @property
+    def _slant(self) -> float:
+        """Ratio of the cut's distance and that of the axis, which is across the axis."""
+        return self._range_m / max(self._cut_parts_m[0], 1e-6)
+
+    @property
     def _depth_std_m(self) -> float:
-        """Standard deviation of the distance from that of the axis, which is across the axis.
+        """Standard deviation of the distance from that of the axis."""
+        return self.distance_std_m * self._slant
 
-        The ratio of both distances is the slant of the line of sight.
-        """
-        reach = float(self.cut @ self.view_direction)
-        return self.distance_std_m * math.hypot(*self.cut) / max(reach, 1e-6)
-
+    @property
     def _along_std_m(self) -> float:
         """Standard deviation of the distance from the cut's position along the axis.
 
         A turn of the line of sight by an angle moves the cut along the axis by |cut| * slant *
-        angle, with slant = |cut| / reach. By h along the axis from the camera's level, the
-        distance changes by h / |cut| per metre. The product is h * slant * angle.
+        angle. By h along the axis from the camera's level, the distance changes by h / |cut| per
+        metre. The product is h * slant * angle.
         """
-        slant = math.hypot(*self.cut) / max(float(self.cut @ self.view_direction), 1e-6)
-        return abs(float(self.cut @ self.along)) * slant * self.cut_rad
+        return abs(self._cut_parts_m[2]) * self._slant * self.cut_rad
 
     def cut_height(self, ground: BaseGround | Failure) -> Estimate | Failure:
         """Height of the cut in metres above the ground on the uphill side, along the vertical.
@@ -119,7 +139,7 @@ class StemPosition:
         """
         if isinstance(ground, Failure):
             return ground
-        distance = self.distance()
+        distance = self.distance
         rise = float(self.cut @ ground.up) / distance.value
         std = math.hypot(rise * distance.std, self.cut_rad * distance.value)
         return ground.height_m(self.cut, self.along, self.radius_m, std)
@@ -131,7 +151,7 @@ class StemPosition:
             height: height of the cut above the ground.
             has_section: whether the section is given by keypoints, which are near the cut.
         """
-        above_m = float((self.cut - self.section) @ self.along)
+        above_m = self._cut_parts_m[2] - self._section_parts_m[2]
         lowest_m, highest_m = _CUT_ABOVE_SECTION_M
         if has_section and not lowest_m <= above_m <= highest_m:
             side = "above" if above_m > 0 else "below"
@@ -163,7 +183,7 @@ class StemPosition:
         if isinstance(height, Failure) or isinstance(ground, Failure):
             return height
         above_axis_m = height.value + ground.uphill_m(self.radius_m)
-        if above_axis_m >= -self.cut_rad * math.hypot(*self.cut):
+        if above_axis_m >= -self.cut_rad * self._range_m:
             if not ground.hidden:
                 return height
             return Failure(
@@ -177,17 +197,15 @@ class StemPosition:
 
     def cut_point(self) -> PointEstimate:
         """Point of the cut on the bark that faces the camera, in camera coordinates."""
-        point = self.cut - self.radius_m * self.view_direction
-        return PointEstimate(point, np.sqrt(np.diag(self._covariance())))
+        return PointEstimate(self._bark, np.sqrt(self._covariance.diagonal()))
 
     def cut_point_machine(self, mounting: RigidTransform | None) -> PointEstimate | Failure:
         """The same point in machine coordinates."""
         if mounting is None:
             return Failure("no mounting of the camera given")
         turn = np.asarray(mounting.rotation, np.float64)
-        covariance = turn @ self._covariance() @ turn.T
-        point = mounting.apply(self.cut - self.radius_m * self.view_direction)
-        return PointEstimate(np.asarray(point), np.sqrt(np.diag(covariance)))
+        covariance = turn @ self._covariance @ turn.T
+        return PointEstimate(np.asarray(mounting.apply(self._bark)), np.sqrt(covariance.diagonal()))
 
     def axis(self, bend_rad: float, has_cut: bool) -> StemAxis:
         """The line of the axis in camera coordinates.
@@ -200,39 +218,36 @@ class StemPosition:
             bend_rad: standard deviation of the axis direction along a stem.
             has_cut: whether the cut is known, and the point is taken there.
         """
-        point = self.cut if has_cut else self.section
-        slide_m = self.cut_rad * math.hypot(*point) if has_cut else 0.0
+        slide_m = self.cut_rad * self._range_m if has_cut else 0.0
         ahead_m = math.hypot(self.distance_std_m, self.diameter_std_m / 2, self.shape_std_m)
-        turns = (
-            (self.view_direction, math.hypot(self.tilt_std_rad, bend_rad)),
-            (self.across, math.hypot(self.roll_std_rad, bend_rad)),
-        )
-        shifts = (
-            (self.view_direction, ahead_m),
-            (self.across, self.diameter_std_m / 2),
-            (self.along, slide_m),
-        )
+        tilt_std = math.hypot(self.tilt_std_rad, bend_rad)
+        roll_std = math.hypot(self.roll_std_rad, bend_rad)
         return StemAxis(
-            point_m=point,
-            point_covariance_m2=_summed(shifts),
+            point_m=self.cut if has_cut else self.section,
+            point_covariance_m2=self._summed(ahead_m, self.diameter_std_m / 2, slide_m),
             direction=self.along,
-            direction_covariance=_summed(turns),
+            direction_covariance=self._summed(tilt_std, roll_std, 0.0),
         )
 
+    @property
+    def _bark(self) -> Float:
+        """(3,) point of the cut on the bark that faces the camera."""
+        return np.asarray(self.cut - self.radius_m * self.directions[0])
+
+    @cached_property
     def _covariance(self) -> Float:
         """(3, 3) covariance matrix of the cut point in m².
 
         The sum of independent errors in three directions. The depth shows the bark itself, so
         only a part of the error of the diameter counts; these parts are rough values.
         """
-        reach = math.hypot(*self.cut)
-        ahead_m = math.hypot(self._depth_std_m(), self.diameter_std_m / 4)
-        directions = (
-            (self.view_direction, ahead_m),
-            (self.across, self.diameter_std_m / 4 + self.cut_rad * reach / 2),
-            (self.along, self.cut_rad * reach),
-        )
-        return _summed(directions)
+        edge_m, slide_m = self.diameter_std_m / 4, self.cut_rad * self._range_m
+        return self._summed(math.hypot(self._depth_std_m, edge_m), edge_m + slide_m / 2, slide_m)
+
+    def _summed(self, ahead: float, across: float, along: float) -> Float:
+        """(3, 3) covariance of independent errors of these deviations in the three directions."""
+        scaled = self.directions * np.array([[ahead], [across], [along]])
+        return np.asarray(scaled.T @ scaled)
 
     def lean(
         self, vertical: Vertical, ground: BaseGround | Failure, settings: MeasureSettings
@@ -255,13 +270,14 @@ class StemPosition:
             missing = Failure(f"no vertical: {ground.reason}")
             return missing, missing
         up = vertical.up
-        roll, tilt = float(up @ self.across), float(up @ self.view_direction)
-        value = math.degrees(math.acos(min(max(float(up @ self.along), -1.0), 1.0)))
+        tilt, roll, cosine = _parts(self.directions, up)
+        value = math.degrees(math.acos(min(max(cosine, -1.0), 1.0)))
         total = roll**2 + tilt**2
         roll_part = roll**2 / total if total > 0 else 0.5
         bend = math.radians(settings.bend_std_deg)
-        roll_std = math.hypot(self.roll_std_rad, vertical.std_rad(self.across), bend)
-        tilt_std = math.hypot(self.tilt_std_rad, vertical.std_rad(self.view_direction), bend)
+        ahead_std, across_std, _ = vertical.stds_rad(self.directions)
+        roll_std = math.hypot(self.roll_std_rad, across_std, bend)
+        tilt_std = math.hypot(self.tilt_std_rad, ahead_std, bend)
         std_deg = math.degrees(math.sqrt(roll_part * roll_std**2 + (1 - roll_part) * tilt_std**2))
         inclination = Estimate(value, std_deg)
         if not vertical.has_directions:
@@ -284,7 +300,7 @@ class StemPosition:
         return math.degrees(math.atan2(float(sideways @ ahead), float(self.along @ ahead)))
 
 
-def _summed(errors: tuple[tuple[Float, float], ...]) -> Float:
-    """(3, 3) covariance of independent errors, each a (3,) unit direction and its deviation."""
-    scaled = np.array([std * direction for direction, std in errors])
-    return np.asarray(scaled.T @ scaled)
+def _parts(directions: Float, vector: Float) -> tuple[float, float, float]:
+    """Dot products of a (3,) vector with the rows of (3, 3) directions."""
+    ahead, across, along = (directions @ vector).tolist()
+    return ahead, across, along

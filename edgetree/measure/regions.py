@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -10,13 +11,24 @@ from numpy.typing import NDArray
 
 from edgetree.measure.frame import MASK_THRESHOLD, MaskGrid
 
-__all__ = ["MIN_HALF_PX", "STATIONS", "SearchRegions", "clean_rows", "line_spans", "mask_moments"]
+__all__ = [
+    "MIN_HALF_PX",
+    "OUTWARDS",
+    "STATIONS",
+    "SearchRegions",
+    "clean_rows",
+    "line_spans",
+    "mask_moments",
+]
 
 Float = NDArray[np.floating[Any]]
 Flags = NDArray[np.bool_]
 
 STATIONS = 24
 """Number of cross-lines along every stem, at which its edges and depth are sampled."""
+
+OUTWARDS = np.array([-1.0, 1.0])[:, None, None]
+"""Direction across a region in which the left and the right edge face away from the stem."""
 
 # Aspect ratio of a mask below which the direction from its moments is not trusted alone.
 _MIN_ASPECT = 2.2
@@ -44,7 +56,7 @@ class SearchRegions:
     half_px: Float
     span_px: Float
 
-    @property
+    @cached_property
     def across(self) -> Float:
         """(T, 2) unit vector at right angles to the centre line, to the right of the stem."""
         return np.stack([-self.along[:, 1], self.along[:, 0]], -1)
@@ -54,7 +66,7 @@ class SearchRegions:
         """All arrays, in the order of the attributes."""
         return self.origin_px, self.along, self.half_px, self.span_px
 
-    @property
+    @cached_property
     def stations_px(self) -> Float:
         """(T, S) evenly spaced positions along the centre line, from low to high."""
         fraction = (np.arange(STATIONS) + 0.5) / STATIONS
@@ -65,17 +77,17 @@ class SearchRegions:
         """Image points at the stations.
 
         Args:
-            across_px: (T, S, C) offsets from the centre line, positive to the right.
+            across_px: (..., T, S, C) offsets from the centre line, positive to the right.
 
         Returns:
-            (T, S, C, 2) points in pixels.
+            (..., T, S, C, 2) points in pixels; in memory, all x lie before all y.
         """
         line = self.origin_px[:, None] + self.stations_px[..., None] * self.along[:, None]
-        points = np.empty((*across_px.shape, 2))
+        points = np.empty((2, *across_px.shape))
         for axis in (0, 1):
-            np.multiply(across_px, self.across[:, axis, None, None], out=points[..., axis])
-            points[..., axis] += line[..., axis, None]
-        return points
+            np.multiply(across_px, self.across[:, axis, None, None], out=points[axis])
+            points[axis] += line[..., axis, None]
+        return np.moveaxis(points, 0, -1)
 
 
 def line_spans(origin_px: Float, along: Float, boxes_px: Float) -> Float:

@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Sections", "StemAxes", "StemView", "axes_in_planes", "dot"]
+__all__ = ["Sections", "StemAxes", "StemView", "axes_in_planes", "dot", "lengths"]
 
 Float = NDArray[np.floating[Any]]
 
@@ -34,8 +34,13 @@ _MAX_OFFSET = 0.995
 
 
 def dot(vectors: Float, axes: Float) -> Float:
-    """(T, N) dot products of (T, N, 3) vectors with one (T, 3) axis per stem."""
+    """(..., T, N) dot products of (..., T, N, 3) vectors with one (T, 3) axis per stem."""
     return np.asarray(np.matmul(vectors, axes[..., None])[..., 0])
+
+
+def lengths(vectors: Float) -> Float:
+    """(...) lengths of (..., K) vectors."""
+    return np.asarray(np.sqrt(np.vecdot(vectors, vectors)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,14 +71,18 @@ class StemAxes:
             (self.away - tangent * self.along) / length,
         )
 
-    def bearing_rad(self, rays: Float) -> Float:
-        """(T, N) angles of (T, N, 3) rays around the axis, 0 at `away`, positive to `across`."""
-        return np.arctan2(dot(rays, self.across), dot(rays, self.away))
+    def bearing_and_slope(self, rays: Float) -> tuple[Float, Float]:
+        """Directions of viewing rays.
 
-    def slope(self, rays: Float) -> Float:
-        """(T, N) metres along the axis per metre across it, of (T, N, 3) rays."""
-        reach = np.hypot(dot(rays, self.across), dot(rays, self.away))
-        return np.asarray(dot(rays, self.along) / reach)
+        Args:
+            rays: (..., T, N, 3) rays.
+
+        Returns:
+            (..., T, N) their bearings, which are angles around the axis in radians, 0 at `away` and
+            positive to `across`, and (..., T, N) metres along the axis per metre across it.
+        """
+        along, across, away = (dot(rays, axis) for axis in (self.along, self.across, self.away))
+        return np.arctan2(across, away), along / np.hypot(across, away)
 
 
 def axes_in_planes(normals: Float, up: Float) -> StemAxes:
@@ -87,7 +96,7 @@ def axes_in_planes(normals: Float, up: Float) -> StemAxes:
         The systems; `across` is the plane's normal, turned to the right of an upright image.
     """
     along = up - (normals @ up)[:, None] * normals
-    along = along / np.linalg.norm(along, axis=1, keepdims=True)
+    along = along / lengths(along)[:, None]
     away = np.cross(along, normals)
     turn = np.where(away[:, 2:] < 0, -1.0, 1.0)
     return StemAxes(along, normals * turn, away * turn)
@@ -118,7 +127,7 @@ class Sections:
 
     Attributes:
         axes: coordinate systems of the stems.
-        middle_rad: (T,) bearings of the stems' centres, see `StemAxes.bearing_rad`.
+        middle_rad: (T,) bearings of the stems' centres, see `StemAxes.bearing_and_slope`.
         half_rad: (T,) delta, half the angle between the two tangent rays.
         height_ratio: (T,) heights of the sections along the axes, per metre from the camera to
             the axis.
@@ -141,6 +150,11 @@ class Sections:
         return np.asarray(cos * self.axes.away + sin * self.axes.across)
 
     @cached_property
+    def directions(self) -> Float:
+        """(T, 3, 3) unit vectors in rows: `view_direction`, `axes.across` and `axes.along`."""
+        return np.stack([self.view_direction, self.axes.across, self.axes.along], 1)
+
+    @cached_property
     def centre(self) -> Float:
         """(T, 3) centres of the sections, for 1 m from the camera to the axis."""
         return np.asarray(self.view_direction + self.height_ratio[:, None] * self.axes.along)
@@ -153,7 +167,7 @@ class Sections:
         """
         axes = self.axes
         cos, sin = np.cos(self.middle_rad)[:, None], np.sin(self.middle_rad)[:, None]
-        ahead = dot(rays, cos * axes.away + sin * axes.across)
+        ahead = dot(rays, self.view_direction)
         aside = dot(rays, cos * axes.across - sin * axes.away)
         squared_reach = ahead**2 + aside**2
         edge = np.sin(self.half_rad)[:, None]

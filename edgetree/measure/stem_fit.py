@@ -70,7 +70,7 @@ class Stems:
         half_std_rad: (T,) standard deviation of the half angle.
         distance_change_per_rad: (T,) relative change of the distance per radian of half angle.
         sources: half angles from keypoints, masks and depth curvature, each by itself.
-        weights: (T, 3) weights of these sources in the half angle.
+        weights: (3, T) weights of these sources in the half angle.
         arc_rad: (T,) arc of the stem's circumference that the readings cover.
         used: (T,) number of readings that agree with the stem.
         agreeing: (T,) their fraction of the readings between the edges.

@@ -180,7 +180,7 @@ def read_diameters(
     rows = np.concatenate([rows, np.arange(count)])
     height_m = np.concatenate([height_m, np.full(count, breast_height_m)])
     along_m = heights.zero_m[rows] + height_m * heights.per_m[rows]
-    picked = _picked(widths, rows)
+    picked = widths.of(rows)
     half, middle_rad = picked.at(along_m)
     value_m = 2 * stems.distance_m[rows] * np.sin(half.rad)
     tilt_std = stems.tilt_std_rad / stems.distance_m
@@ -215,10 +215,8 @@ def read_diameters(
 
 def _steps(widths: MaskWidths, heights: HeightScale) -> tuple[Rows, Float]:
     """(N,) numbers of stems, and heights in steps of 10 cm between the ends of their edges."""
-    low, high = np.full(len(heights.zero_m), -np.inf), np.full(len(heights.zero_m), np.inf)
-    for valid in (widths.left_valid, widths.right_valid):
-        low = np.maximum(low, np.where(valid, widths.height_m, np.inf).min(1))
-        high = np.minimum(high, np.where(valid, widths.height_m, -np.inf).max(1))
+    low = np.where(widths.valid, widths.height_m, np.inf).min(2).max(0)
+    high = np.where(widths.valid, widths.height_m, -np.inf).max(2).min(0)
     first = np.ceil((low - heights.zero_m) / heights.per_m / _STEP_M)
     first = np.where(heights.from_ground, np.maximum(first, 0.0), first)
     last = np.floor((high - heights.zero_m) / heights.per_m / _STEP_M)
@@ -246,27 +244,12 @@ def _root_collar(from_ground: Flags, height_m: Float, diameter_m: Float) -> tupl
     return np.where(from_ground, std, 0.0), ~from_ground | above
 
 
-def _picked(widths: MaskWidths, rows: Rows) -> MaskWidths:
-    """The edges of some stems, in this order."""
-    return MaskWidths(
-        height_m=widths.height_m[rows],
-        left_rad=widths.left_rad[rows],
-        right_rad=widths.right_rad[rows],
-        left_valid=widths.left_valid[rows],
-        right_valid=widths.right_valid[rows],
-        std_rad=widths.std_rad[rows],
-    )
-
-
 def _edges_m(stems: Stems, rows: Rows, along_m: Float, half_rad: Float, middle_rad: Float) -> Float:
     """(N, 2, 3) camera points at which the left and the right viewing ray touch the stem."""
     axes, distance_m = stems.sections.axes, stems.distance_m[rows]
     along, across, away = axes.along[rows], axes.across[rows], axes.away[rows]
     level_m = distance_m * stems.sections.height_ratio[rows] + along_m
-    reach_m = (distance_m * np.cos(half_rad))[:, None]
-    points = []
-    for sign in (-1, 1):
-        bearing = (middle_rad + sign * half_rad)[:, None]
-        flat = np.cos(bearing) * away + np.sin(bearing) * across
-        points.append(reach_m * flat + level_m[:, None] * along)
-    return np.stack(points, 1)
+    reach_m = distance_m * np.cos(half_rad)
+    bearing = (middle_rad[:, None] + np.outer(half_rad, (-1, 1)))[..., None]
+    flat = np.cos(bearing) * away[:, None] + np.sin(bearing) * across[:, None]
+    return np.asarray(reach_m[:, None, None] * flat + (level_m[:, None] * along)[:, None])

@@ -128,11 +128,11 @@ class _FittedFrame:
 
     def failure_reasons(self) -> list[str | None]:
         """Why a stem cannot be measured at all, or None, for each stem."""
-        return [self._failure_reason(index) for index in range(len(self.roll_std_rad))]
+        outlined = np.asarray(self.observed.edges.valid.any(2).all(0))
+        return [self._failure_reason(index, shown) for index, shown in enumerate(outlined)]
 
-    def _failure_reason(self, index: int) -> str | None:
-        edges, stems = self.observed.edges, self.stems
-        outlined = edges.left_valid[index].any() and edges.right_valid[index].any()
+    def _failure_reason(self, index: int, outlined: bool) -> str | None:
+        stems = self.stems
         if not self.keypoints.has_section[index] and not outlined:
             if self.frame.masks is None:
                 return "the diameter keypoints are not in the image"
@@ -249,15 +249,15 @@ class _FittedFrame:
         """Heights above the ground along the axes, or from the section without a ground."""
         stems, sections = self.stems, self.stems.sections
         zero_m, per_m = np.zeros(len(cuts)), np.ones(len(cuts))
+        section_m = stems.distance_m * sections.height_ratio
+        cut_to_section_m = section_m - np.vecdot(cuts, sections.axes.along)
         for index, ground in enumerate(grounds):
             if isinstance(ground, BaseGround):
                 along, radius_m = sections.axes.along[index], float(stems.radius_m[index])
-                section_m = (stems.distance_m * sections.height_ratio)[index]
-                cut_to_section_m = section_m - cuts[index] @ along
                 above_m = [
                     ground.axis_length_m(cuts[index], along, radius_m, height) for height in (0, 1)
                 ]
-                zero_m[index] = above_m[0] - float(cut_to_section_m)
+                zero_m[index] = above_m[0] - cut_to_section_m[index]
                 per_m[index] = above_m[1] - above_m[0]
         known = np.array([isinstance(ground, BaseGround) for ground in grounds])
         return HeightScale(zero_m, per_m, known)
@@ -308,9 +308,7 @@ class _FittedFrame:
             cut_height_m=height,
             inclination_deg=inclination,
             lean_direction_deg=direction,
-            distance_m=stem.distance()
-            if problem is None or not self.keypoints.offered
-            else problem,
+            distance_m=stem.distance if problem is None or not self.keypoints.offered else problem,
             axis_distance_m=stem.axis_distance(math.radians(self.settings.bend_std_deg)),
             taper_cm_per_m=taper.taper_cm_per_m,
             seen_volume_m3=taper.seen_volume_m3,
@@ -348,27 +346,22 @@ class _FittedFrame:
 
     def _position(self, index: int, cut: Float) -> StemPosition:
         stems, sections = self.stems, self.stems.sections
-        ray = self.observed.edges.section[index].mean(0)
         # Without a cut, the position is that of the section, which no keypoint's error moves.
         has_cut = self.keypoints.within[index, CUT]
-        cut_std_px = float(self.keypoints.std_px[index, CUT, 1]) if has_cut else 0.0
-        rad_per_px = 1 / (self.frame.camera.fx * float(np.linalg.norm(ray)))
+        cut_std_px = self.keypoints.std_px.item(index, CUT, 1) if has_cut else 0.0
+        reach_px = self.frame.camera.fx * math.hypot(*self.observed.edges.middle[index].tolist())
+        radius_m = stems.radius_m.item(index)
         return StemPosition(
-            along=sections.axes.along[index],
-            across=sections.axes.across[index],
-            view_direction=sections.view_direction[index],
+            directions=sections.directions[index],
             section=stems.distance_m[index] * sections.centre[index],
             cut=cut,
-            radius_m=float(stems.radius_m[index]),
-            distance_std_m=float(stems.distance_std_m[index]),
-            diameter_std_m=float(self.diameter_std_m[index]),
-            cut_rad=cut_std_px * rad_per_px,
-            shape_std_m=_CUT_SHAPE
-            * self.settings.out_of_round_std
-            * 2
-            * float(stems.radius_m[index]),
-            roll_std_rad=float(self.roll_std_rad[index]),
-            tilt_std_rad=float(stems.tilt_std_rad[index]),
+            radius_m=radius_m,
+            distance_std_m=stems.distance_std_m.item(index),
+            diameter_std_m=self.diameter_std_m.item(index),
+            cut_rad=cut_std_px / reach_px,
+            shape_std_m=_CUT_SHAPE * self.settings.out_of_round_std * 2 * radius_m,
+            roll_std_rad=self.roll_std_rad.item(index),
+            tilt_std_rad=stems.tilt_std_rad.item(index),
         )
 
 

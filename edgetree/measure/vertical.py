@@ -44,9 +44,10 @@ class Vertical:
     stems: int | None
     from_ground: bool
 
-    def std_rad(self, direction: Float) -> float:
-        """Standard deviation of its angle towards a (3,) unit direction."""
-        return math.sqrt(max(float(direction @ self.covariance @ direction), 0.0))
+    def stds_rad(self, directions: Float) -> list[float]:
+        """Standard deviations of its angle towards (D, 3) unit directions."""
+        variances = np.vecdot(directions @ self.covariance, directions).tolist()
+        return [math.sqrt(max(variance, 0.0)) for variance in variances]
 
     @property
     def tilt_std_rad(self) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -48,16 +49,14 @@ class MaskWidths:
 
     Attributes:
         height_m: (T, S) heights of the stations along the axis, from the section.
-        left_rad, right_rad: (T, S) bearings of the edges.
-        left_valid, right_valid: (T, S) stations at which the edge is visible.
+        bearing_rad: (2, T, S) bearings of the left and right edges; 0 where they are not visible.
+        valid: (2, T, S) stations at which the edge is visible.
         std_rad: (T,) standard deviation of a half angle.
     """
 
     height_m: Float
-    left_rad: Float
-    right_rad: Float
-    left_valid: Flags
-    right_valid: Flags
+    bearing_rad: Float
+    valid: Flags
     std_rad: Float
 
     def at(self, height_m: Float) -> tuple[HalfAngle, Float]:
@@ -71,29 +70,30 @@ class MaskWidths:
         """
         offset = self.height_m - height_m[:, None]
         nearness = np.exp(-0.5 * (offset / _WINDOW_M) ** 2) + _FAR_WEIGHT / (1 + offset**2)
-        valid = np.concatenate([self.left_valid, self.right_valid])
-        bearing = np.where(valid, np.concatenate([self.left_rad, self.right_rad]), 0.0)
-        offset = np.concatenate([offset, offset])
-        weight = np.where(valid, np.concatenate([nearness, nearness]), 0.0)
-        left, right = fit_lines(offset, bearing, weight)[0].reshape(2, -1)
-        mean_offset_m = (weight * np.abs(offset)).sum(1) / np.maximum(weight.sum(1), 1e-12)
-        half, away_m = (right - left) / 2, mean_offset_m.reshape(2, -1).max(0)
-        std = np.hypot(self.std_rad, _SHAPE_STD_PER_M * away_m * half)
-        known = self.left_valid.any(1) & self.right_valid.any(1) & (half > 0)
+        weight = np.where(self.valid, nearness, 0.0)
+        left, right = fit_lines(offset, self.bearing_rad, weight)[0]
+        away_m = np.vecdot(weight, np.abs(offset)) / np.maximum(weight.sum(2), 1e-12)
+        half = (right - left) / 2
+        std = np.hypot(self.std_rad, _SHAPE_STD_PER_M * away_m.max(0) * half)
+        known = self.valid.any(2).all(0) & (half > 0)
         return HalfAngle(half, np.where(known, std, np.inf)), (left + right) / 2
 
     def below_edges(self) -> Float:
         """(T,) share of the butt swell between the lowest edges and the section, from 0 to 1."""
-        shares = []
-        for valid in (self.left_valid, self.right_valid):
-            lowest_m = np.where(valid, self.height_m, np.inf).min(1)
-            shares.append(1 - np.exp(-np.maximum(lowest_m, 0.0) / _SWELL_LENGTH_M))
-        return np.asarray((shares[0] + shares[1]) / 2)
+        lowest_m = np.where(self.valid, self.height_m, np.inf).min(2)
+        shares = 1 - np.exp(-np.maximum(lowest_m, 0.0) / _SWELL_LENGTH_M)
+        return np.asarray(shares.mean(0))
 
     def visible_at(self, height_m: Float) -> Flags:
         """(T,) whether both edges are visible near heights (T,) along the axis."""
         near = np.abs(self.height_m - height_m[:, None]) < _VISIBLE_WITHIN_M
-        return np.asarray((near & self.left_valid).any(1) & (near & self.right_valid).any(1))
+        return np.asarray((near & self.valid).any(2).all(0))
+
+    def of(self, rows: NDArray[np.intp]) -> MaskWidths:
+        """The edges of some stems, in this order."""
+        return MaskWidths(
+            self.height_m[rows], self.bearing_rad[:, rows], self.valid[:, rows], self.std_rad[rows]
+        )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -106,8 +106,8 @@ class StemEdges:
             there are none, both are the ray to the middle of the section to be measured.
         section_std_px: (T,) standard deviation of one of them across the stem; infinite where
             there are none.
-        left, right: (T, S, 3) rays to the edges at the stations, by masks.
-        left_valid, right_valid: (T, S) which of these are valid.
+        sides: (2, T, S, 3) rays to the left and right edges at the stations, by masks.
+        valid: (2, T, S) which of these are valid.
         mask_std_px: (T,) standard deviation of one of them.
         distance_m: (T,) approximate distance to the axis.
         butt_swell, butt_swell_std: (T,) relative difference between the diameter at the section and
@@ -118,14 +118,17 @@ class StemEdges:
     camera: PinholeCamera
     section: Float
     section_std_px: Float
-    left: Float
-    right: Float
-    left_valid: Flags
-    right_valid: Flags
+    sides: Float
+    valid: Flags
     mask_std_px: Float
     distance_m: Float
     butt_swell: Float
     butt_swell_std: Float
+
+    @cached_property
+    def middle(self) -> Float:
+        """(T, 3) rays to the middle of the sections."""
+        return np.asarray(self.section.mean(1))
 
     def sections(
         self, axes: StemAxes, half_rad: Float | None = None
@@ -139,15 +142,15 @@ class StemEdges:
         Returns:
             The cross-sections, and the half angles from keypoints and from masks.
         """
-        bearing = axes.bearing_rad(self.section)
+        bearing, slope = axes.bearing_and_slope(self.section)
         keypoints = HalfAngle(np.abs(bearing[:, 1] - bearing[:, 0]) / 2, self._std_rad(axes))
-        slope = axes.slope(self.section).mean(1)
+        slope = slope.mean(1)
         widths = self.mask_widths(axes, slope * np.cos(keypoints.rad))
         mask, mask_middle = self._at_section(widths)
         sources = [keypoints, mask]
         fused, weights = fuse(sources)
         half = fused.rad if half_rad is None else half_rad
-        middle = weights[:, 0] * bearing.mean(1) + weights[:, 1] * mask_middle
+        middle = weights[0] * bearing.mean(1) + weights[1] * mask_middle
         # The tangent points are at d cos(delta) from the camera and in the plane of the section.
         return Sections(axes, middle, half, slope * np.cos(half)), sources
 
@@ -168,15 +171,13 @@ class StemEdges:
             axes: coordinate systems of the stems.
             section_height_ratio: (T,) heights of the sections, see `Sections.height_ratio`.
         """
-        left, right = axes.bearing_rad(self.left), axes.bearing_rad(self.right)
-        slope = (axes.slope(self.left) + axes.slope(self.right)) / 2
-        height_ratio = slope * np.cos((right - left) / 2) - section_height_ratio[:, None]
+        bearing, slope = axes.bearing_and_slope(self.sides)
+        narrowing = np.cos((bearing[1] - bearing[0]) / 2)
+        height_ratio = slope.mean(0) * narrowing - section_height_ratio[:, None]
         return MaskWidths(
             height_m=height_ratio * self.distance_m[:, None],
-            left_rad=left,
-            right_rad=right,
-            left_valid=self.left_valid,
-            right_valid=self.right_valid,
+            bearing_rad=np.where(self.valid, bearing, 0.0),
+            valid=self.valid,
             std_rad=self.mask_std_px * self._rad_per_px(axes) / np.sqrt(2),
         )
 
@@ -186,8 +187,7 @@ class StemEdges:
 
     def _rad_per_px(self, axes: StemAxes) -> Float:
         """(T,) change of an edge's bearing per pixel across the stem."""
-        middle = self.section.mean(1)
-        reach = np.hypot((middle * axes.across).sum(1), (middle * axes.away).sum(1))
+        reach = np.hypot(np.vecdot(self.middle, axes.across), np.vecdot(self.middle, axes.away))
         pixel = np.hypot(axes.across[:, 0] / self.camera.fx, axes.across[:, 1] / self.camera.fy)
         return np.asarray(pixel / reach)
 
@@ -204,17 +204,17 @@ def fuse(sources: list[HalfAngle]) -> tuple[HalfAngle, Float]:
 
     Returns:
         The weighted mean, with an infinite standard deviation where there is no source, and
-        (T, sources) the weights, which add up to 1.
+        (sources, T) the weights, which add up to 1.
     """
-    values = np.stack([source.rad for source in sources], -1)
-    information = np.stack([1 / source.std_rad**2 for source in sources], -1)
-    values = np.where(information > 0, values, 0.0)
-    total = information.sum(-1)
-    known = total > 0
-    weights = information / np.where(known, total, 1.0)[:, None]
-    mean = (weights * values).sum(-1)
-    chi_squared = (information * (values - mean[:, None]) ** 2).sum(-1)
-    degrees_of_freedom = np.maximum((information > 0).sum(-1) - 1, 1)
-    birge_ratio = np.sqrt(np.maximum(1.0, chi_squared / degrees_of_freedom))
-    std = np.where(known, birge_ratio / np.sqrt(np.where(known, total, 1.0)), np.inf)
-    return HalfAngle(mean, std), weights
+    values = np.array([source.rad for source in sources])
+    information = 1 / np.array([source.std_rad for source in sources]) ** 2
+    given = information > 0
+    values = np.where(given, values, 0.0)
+    number = given.sum(0)
+    known = number > 0
+    total = np.where(known, information.sum(0), 1.0)
+    weights = information / total
+    mean = np.asarray((weights * values).sum(0))
+    chi_squared = (information * (values - mean) ** 2).sum(0)
+    birge_ratio = np.sqrt(np.maximum(1.0, chi_squared / np.maximum(number - 1, 1)))
+    return HalfAngle(mean, np.where(known, birge_ratio / np.sqrt(total), np.inf)), weights

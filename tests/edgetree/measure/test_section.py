@@ -64,7 +64,7 @@ def test_axes_are_right_handed_and_point_away(leaning):
 
 def test_grazing_rays_lie_half_the_angle_beside_the_middle(leaning):
     frames, centres, edges, sections = leaning
-    bearings = frames.bearing_rad(edges)
+    bearings, _ = frames.bearing_and_slope(edges)
     assert bearings.mean(1) == pytest.approx(MIDDLE_RAD)
     assert np.diff(bearings, axis=1)[:, 0] / 2 == pytest.approx(np.full(2, HALF_RAD))
     assert DISTANCE_M * sections.centre == pytest.approx(centres)
