@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from edgetree.measure.ground_cover import UNEVEN_STD_M, cover_stds_m, depth_stds
 from edgetree.measure.ground_samples import GroundSamples, sample_around, thinned
 from edgetree.measure.vertical import Vertical, Verticals
 
-__all__ = ["BaseGround", "find_grounds"]
+__all__ = ["BaseGround", "StemBases", "find_grounds"]
 
 Float = NDArray[np.floating[Any]]
 
@@ -43,6 +43,11 @@ _MIN_COVER_STD_M, _MAX_COVER_STD_M = 0.08, 0.2
 # Low plants pass for ground and lift the plane. It lies above the ground by this much of the spread
 # of its points, times the share of points above it. Fitted on 791 simulated frames.
 _LIFT = 0.35
+# The ground lies above no seen part of the stem, but for this much and for its slope across it.
+_MAX_ABOVE_STEM_M = 0.05
+# Where the foot of the stem is below the image, branches are the lowest that is seen of many stems.
+# So the plane is to hold this share of the points, and to be flatter than this.
+_MIN_SHARE_WITHOUT_FOOT, _MAX_SLOPE_WITHOUT_FOOT_DEG = 0.3, 30.0
 # Smallest cosine of the angle between an axis and the ground's normal, or the vertical.
 _MIN_COSINE = 0.2
 
@@ -147,44 +152,76 @@ class BaseGround:
         return f"; as unsteady as plants, which may hide the ground (± {self.cover_std_m:.2f} m)"
 
 
+class StemBases(NamedTuple):
+    """The lower ends of T stems.
+
+    Attributes:
+        indices: (T,) numbers of the stems in the frame.
+        cuts: (T, 3) camera points on the axes at the felling cuts.
+        lowest: (T, 3) camera points on the axes where both edges show for the last time; not finite
+            where they do not.
+        radii_m: (T,) radii of the stems.
+        foot_within: (T,) whether the foot is in the image, as far as one can tell.
+    """
+
+    indices: NDArray[np.intp]
+    cuts: Float
+    lowest: Float
+    radii_m: Float
+    foot_within: NDArray[np.bool_]
+
+
 def find_grounds(
-    frame: DepthFrame,
-    axis_points: Float,
-    radii_m: Float,
-    verticals: Verticals,
-    indices: NDArray[np.intp],
-    noise: float,
+    frame: DepthFrame, bases: StemBases, verticals: Verticals, noise: float
 ) -> list[BaseGround | Failure]:
     """Fit the ground around each stem.
 
     Args:
         frame: depth, camera and masks.
-        axis_points: (T, 3) camera points on the axes at the felling cuts.
-        radii_m: (T,) radii of the stems.
+        bases: the lower ends of T stems.
         verticals: the verticals of all stems of the frame.
-        indices: (T,) numbers of these stems in it.
         noise: ratio of the noise of the depth to the assumed one.
 
     Returns:
         T grounds, or why there is none.
     """
     up = verticals.common
-    grounds: list[BaseGround | Failure] = [Failure("no ground around the base")] * len(radii_m)
-    missing = np.arange(len(radii_m))
+    grounds: list[BaseGround | Failure] = [Failure("no ground around the base")] * len(bases.cuts)
+    missing = np.arange(len(bases.cuts))
     for grid in _GRIDS:
-        radius_m = radii_m[missing]
-        samples = sample_around(frame, axis_points[missing], _SEARCH_RADIUS_M + radius_m, up, grid)
+        radius_m, cuts = bases.radii_m[missing], bases.cuts[missing]
+        samples = sample_around(frame, cuts, _SEARCH_RADIUS_M + radius_m, up, grid)
         planes = _fit_planes(frame, samples, radius_m, up, noise)
         for index, found in zip(missing, planes, strict=True):
             if isinstance(found, Failure):
                 grounds[index] = found
             else:
-                vertical = verticals.at(int(indices[index]), found[0].normal)
-                grounds[index] = BaseGround(found[0], vertical, found[1])
+                vertical = verticals.at(int(bases.indices[index]), found[0].normal)
+                ground = BaseGround(found[0], vertical, found[1])
+                grounds[index] = _if_trusted(ground, bases, int(index))
         missing = missing[samples.sparse & (samples.usable.sum(1) < _MIN_POINTS)]
         if not len(missing):
             break
     return grounds
+
+
+def _if_trusted(ground: BaseGround, bases: StemBases, index: int) -> BaseGround | Failure:
+    """The ground, or why its plane is not that of the ground on which the stem stands."""
+    plane = ground.plane
+    below_m = -float(plane.height_m(bases.lowest[index]))
+    if below_m > _MAX_ABOVE_STEM_M + 2 * ground.uphill_m(float(bases.radii_m[index])):
+        seen = f"the stem is seen {below_m:.2f} m below the best plane"
+        return Failure(f"no ground around the base: {seen}")
+    if bases.foot_within[index]:
+        return ground
+    slope_deg = math.degrees(math.acos(min(float(plane.normal @ ground.up), 1.0)))
+    steep = slope_deg > _MAX_SLOPE_WITHOUT_FOOT_DEG
+    if not steep and plane.inlier_fraction >= _MIN_SHARE_WITHOUT_FOOT:
+        return ground
+    return Failure(
+        "no ground around the base: the foot of the stem is not in the image, and the best plane"
+        f" holds {plane.inlier_fraction:.0%} of the points and slopes by {slope_deg:.0f} degrees"
+    )
 
 
 def _fit_planes(

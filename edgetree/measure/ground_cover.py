@@ -45,9 +45,9 @@ _ACROSS = slice(2, -2, 2)
 # rarely refused.
 _STEADY, _STD_PER_UNSTEADINESS_M = 1.35, 0.25
 # Gaps between plants show lower ground, of which some readings stand out above the plane. Where
-# hardly any do, an unsteady surface is that of closed plants, and the deviation grows up to this
-# many times. It begins to grow below this share of the readings.
-_CLOSED_FACTOR, _CLOSED_BELOW = 1.4, 0.1
+# fewer than the first share do, an unsteady surface is that of closed plants. What the deviation is
+# above the second value, in metres, then counts up to three times.
+_CLOSED_BELOW, _CLOSED_FROM_M, _CLOSED_MORE = 0.1, 0.06, 2.0
 # The median of the size of a normally distributed error, in standard deviations.
 _MEDIAN_ERROR = 0.6745
 # The standard deviation of 2 b - a - c for independent errors of standard deviation 1.
@@ -103,23 +103,24 @@ def cover_stds_m(
         (T,) metres, 0 where the surface is as steady as ground.
     """
     normals = np.zeros((len(planes), 3, 1))
-    residuals_m = np.zeros(len(planes))
+    residuals_m, above = np.zeros(len(planes)), np.ones(len(planes))
     for index, plane in enumerate(planes):
         if isinstance(plane, GroundPlane):
             normals[index, :, 0], residuals_m[index] = plane.normal, plane.residual_std_m
+            above[index] = plane.above_fraction
     depth_m = np.where(usable, points[..., 2], 1.0)
     # An error of the depth changes a height by this factor times as much.
     slopes = np.abs(np.matmul(points, normals)[..., 0]) / depth_m
-    std_m = np.sqrt(UNEVEN_STD_M**2 + (slopes * depth_std_m) ** 2)
+    noise_m = np.sqrt(UNEVEN_STD_M**2 + (slopes * depth_std_m) ** 2)
     left_m, right_m = _beside(frame, points, usable)
     known = usable & (left_m > 0) & (right_m > 0)
     known &= known.sum(1, keepdims=True) >= _MIN_COMPARED
     left_m, right_m = (np.where(known, side_m, 1.0) for side_m in (left_m, right_m))
-    roughness = masked_medians(slopes * _bend_m(left_m, depth_m, right_m) / std_m, known)
-    spread = residuals_m / np.maximum(masked_medians(std_m, usable), UNEVEN_STD_M)
-    above = np.array([plane.above_fraction if plane else 1.0 for plane in planes])
-    closed = 1 + (_CLOSED_FACTOR - 1) * np.maximum(1 - above / _CLOSED_BELOW, 0.0)
-    return closed * _STD_PER_UNSTEADINESS_M * np.maximum(spread + roughness - _STEADY, 0.0)
+    roughness = masked_medians(slopes * _bend_m(left_m, depth_m, right_m) / noise_m, known)
+    spread = residuals_m / np.maximum(masked_medians(noise_m, usable), UNEVEN_STD_M)
+    std_m = _STD_PER_UNSTEADINESS_M * np.maximum(spread + roughness - _STEADY, 0.0)
+    closed = np.maximum(1 - above / _CLOSED_BELOW, 0.0)
+    return std_m + _CLOSED_MORE * closed * np.maximum(std_m - _CLOSED_FROM_M, 0.0)
 
 
 def _bend_m(before_m: Float, middle_m: Float, after_m: Float) -> Float:

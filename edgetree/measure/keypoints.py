@@ -62,6 +62,7 @@ class Keypoints:
             because the stem reaches this border, so that the cut may be below it; NaN elsewhere.
         cut_off: (T, 2) whether the left or the right side of the image may cut the stem off: its
             box ends near that side, and the edge keypoint there is not seen.
+        reaches_lower_side: (T,) whether the box ends at the lower side of the image.
         offered: whether the model predicts keypoints.
     """
 
@@ -71,6 +72,7 @@ class Keypoints:
     within: Flags
     doubtful_cut_px: Float
     cut_off: Flags
+    reaches_lower_side: Flags
     offered: bool
 
     @classmethod
@@ -113,8 +115,13 @@ class Keypoints:
             within=within,
             doubtful_cut_px=np.where(doubtful, above_border_px, np.nan),
             cut_off=cut_off,
+            reaches_lower_side=reaches_border,
             offered=trees.keypoints_px is not None,
         )
+
+    def section_above_px(self, image_height: int) -> Float:
+        """(T,) how far the section's keypoints are above the lower side of the image, in px."""
+        return np.asarray(image_height - self.xy_px[:, [LEFT, RIGHT], 1].max(1))
 
     @cached_property
     def has_section(self) -> Flags:

@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from calib import CAMERA_UP, RigidTransform
 from edgetree.detections import TreeDetections
 from edgetree.measure.axis import fit_axes
+from edgetree.measure.cut_diameter import ButtSwell
 from edgetree.measure.diameter_error import diameter_stds_m, incomplete_stds
 from edgetree.measure.estimates import Estimate, Failure, TreeMeasurement
 from edgetree.measure.evidence import gather_evidence, stump_warning
 from edgetree.measure.frame import DepthFrame
-from edgetree.measure.ground import BaseGround, find_grounds
+from edgetree.measure.ground import BaseGround, StemBases, find_grounds
 from edgetree.measure.ground_cover import noise_factor
 from edgetree.measure.keypoints import CUT, Keypoints
 from edgetree.measure.observations import StemObservations, observe_stems
@@ -30,6 +31,7 @@ from edgetree.measure.stem_fit import Stems, fit_stems
 from edgetree.measure.taper import HeightScale, StemDiameters, read_diameters
 from edgetree.measure.vertical import CAMERA_UP_STD_DEG, Verticals
 from edgetree.measure.volume import Species, stem_volume
+from edgetree.measure.width import MaskWidths
 
 __all__ = ["measure_all"]
 
@@ -87,9 +89,7 @@ def measure_all(
         verticals = fitted.verticals(sound, up)
         if len(indices):
             noise = noise_factor(observed.readings, STATIONS, settings)
-            found = find_grounds(
-                frame, cuts[indices], stems.radius_m[indices], verticals, indices, noise
-            )
+            found = find_grounds(frame, fitted.bases(cuts, indices), verticals, noise)
             for index, ground in zip(indices, found, strict=True):
                 grounds[index] = ground
         tapers = fitted.tapers(fitted.diameters(cuts, grounds), grounds)
@@ -177,6 +177,25 @@ class _FittedFrame:
         points = view_direction + height_ratio[:, None] * along
         return np.asarray(self.stems.distance_m[:, None] * points)
 
+    def bases(self, cuts: Float, indices: NDArray[np.intp]) -> StemBases:
+        """The lower ends of some stems; `cuts` are the (T, 3) axis points at all felling cuts."""
+        sections, keypoints = self.stems.sections, self.keypoints
+        along = self.widths.lowest_m()[:, None] * sections.axes.along
+        foot_within = keypoints.within[:, CUT] | ~keypoints.reaches_lower_side
+        return StemBases(
+            indices=indices,
+            cuts=cuts[indices],
+            lowest=(self.stems.distance_m[:, None] * sections.centre + along)[indices],
+            radii_m=self.stems.radius_m[indices],
+            foot_within=foot_within[indices],
+        )
+
+    @cached_property
+    def widths(self) -> MaskWidths:
+        """Edges in the masks by height along the axes."""
+        sections = self.stems.sections
+        return self.observed.edges.mask_widths(sections.axes, sections.height_ratio)
+
     @cached_property
     def finite(self) -> Flags:
         """(T,) whether all standard deviations are finite."""
@@ -198,17 +217,12 @@ class _FittedFrame:
         """(T,) standard deviations of the diameters."""
         return diameter_stds_m(self.frame, self.stems, self.incomplete_std)
 
-    def _diameter_at_cut(self, index: int, section: Estimate) -> tuple[Estimate, tuple[str, ...]]:
-        """The diameter at the cut from that at the section, and a warning if it is inferred."""
-        keypoints = self.keypoints
-        has_cut = keypoints.has_section[index] or keypoints.within[index, CUT]
-        if has_cut or not keypoints.offered:
-            return section, ()
-        settings = self.settings
-        value = section.value * (1 + settings.butt_swell)
-        std = math.hypot(section.std, section.value * settings.butt_swell_std)
-        warning = "the cut is not in the picture: its diameter is inferred from the stem above"
-        return Estimate(value, std), (warning,)
+    @cached_property
+    def butt_swell(self) -> ButtSwell:
+        """How much thicker the stems are at the cut than at the section."""
+        camera = self.frame.camera
+        m_per_px = self.stems.distance_m / camera.fy
+        return ButtSwell.of(self.keypoints, camera.height, m_per_px, self.settings)
 
     def diameters(self, cuts: Float, grounds: list[BaseGround | Failure]) -> StemDiameters:
         """The diameters along each stem.
@@ -217,8 +231,7 @@ class _FittedFrame:
             cuts: (T, 3) axis points at the felling cuts.
             grounds: ground at each stem.
         """
-        stems, sections, camera = self.stems, self.stems.sections, self.frame.camera
-        widths = self.observed.edges.mask_widths(sections.axes, sections.height_ratio)
+        stems, camera = self.stems, self.frame.camera
         shared = (
             stems.distance_std_m / stems.distance_m,
             np.full_like(stems.distance_m, camera.focal_std_px / camera.fx),
@@ -226,7 +239,7 @@ class _FittedFrame:
         )
         return read_diameters(
             stems,
-            widths,
+            self.widths,
             self._height_scale(cuts, grounds),
             shared_std=np.linalg.norm(shared, axis=0),
             shape_std=_BREAST_HEIGHT_SHAPE * self.settings.out_of_round_std,
@@ -291,9 +304,9 @@ class _FittedFrame:
             mounting: transform from camera to machine coordinates, if given.
         """
         stem = self._position(index, cut)
-        diameter, warnings = self._diameter_at_cut(
-            index, Estimate(2 * stem.radius_m, stem.diameter_std_m)
-        )
+        at_section = Estimate(2 * stem.radius_m, stem.diameter_std_m)
+        diameter = self.butt_swell.at_cut(index, at_section)
+        warnings = tuple(filter(None, self.butt_swell.warnings[index : index + 1]))
         vertical = ground.vertical if isinstance(ground, BaseGround) else verticals.at(index, None)
         inclination, direction = stem.lean(vertical, ground, self.settings)
         above_surface = stem.cut_height(ground)

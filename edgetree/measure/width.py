@@ -84,6 +84,10 @@ class MaskWidths:
         shares = 1 - np.exp(-np.maximum(lowest_m, 0.0) / _SWELL_LENGTH_M)
         return np.asarray(shares.mean(0))
 
+    def lowest_m(self) -> Float:
+        """(T,) lowest heights at which both edges are visible; infinite where there are none."""
+        return np.asarray(np.where(self.valid.all(0), self.height_m, np.inf).min(1))
+
     def visible_at(self, height_m: Float) -> Flags:
         """(T,) whether both edges are visible near heights (T,) along the axis."""
         near = np.abs(self.height_m - height_m[:, None]) < _VISIBLE_WITHIN_M
