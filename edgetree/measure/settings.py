@@ -99,7 +99,7 @@ class MeasureSettings:
     butt_swell_std: float = 0.08
     out_of_round_std: float = 0.0135
     curvature_std: float = 0.05
-    bend_std_deg: float = 1.2
+    bend_std_deg: float = 1.1
     lean_std_deg: float = 6.0
     breast_height_m: float = 1.3
     max_stump_height_m: float = 0.3

@@ -60,6 +60,21 @@ def test_axis_length_ends_at_the_height_above_the_uphill_side(slope, lean):
     assert (0.3 + up_axis_m) * np.cos(lean) - 0.2 * slope == pytest.approx(1.3)
 
 
+def test_low_plants_lift_the_plane_above_the_ground():
+    across, ahead = np.random.default_rng(2).uniform(-1, 1, (2, 90))
+    ground_m = np.stack([across, np.full(90, 1.5), 4 + ahead], -1)
+    ground_m[:30, 1] -= np.linspace(0.02, 0.3, 30)
+    plane = fit_ground_plane(ground_m)
+    assert isinstance(plane, GroundPlane)
+    ground = BaseGround(plane, Verticals(np.array([0.0, -1.0, 0.0])).at(0, None))
+    assert 0.0005 < ground.lift_m < plane.residual_std_m
+    along, point = np.array([0.0, -1.0, 0.0]), np.array([0.0, 1.0, 4.0])
+    height = ground.height_m(point, along, 0.0, 0.0)
+    assert height.value == pytest.approx(float(plane.height_m(point)) + ground.lift_m, abs=1e-5)
+    raised = point + ground.axis_length_m(point, along, 0.0, 1.3) * along
+    assert ground.height_m(raised, along, 0.0, 0.0).value == pytest.approx(1.3)
+
+
 def test_breast_height_is_a_setting(scene, pole, exact):
     stand = scene(pole(0.4, 0.3, 4.0, taper=0.03))
     settings = replace(exact, breast_height_m=0.9)

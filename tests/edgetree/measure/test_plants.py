@@ -95,6 +95,27 @@ def test_dense_grass_gives_no_sure_wrong_cut_height(
     assert tree.diameter_m
 
 
+@pytest.mark.parametrize("slope_deg", [0.0, 15.0])
+@pytest.mark.parametrize("ahead_m", [4.5, 5.5, 6.0])
+def test_closed_grass_makes_heights_doubtful_from_afar(
+    scene, pole, grass, small_camera, ahead_m, slope_deg
+):
+    """Where no gaps show the ground, and the noise of the depth hides how rough the grass is."""
+    stem = pole(0.3, 0.1, ahead_m, cut_m=0.35, section_m=0.5)
+    stand = scene(
+        stem,
+        camera=small_camera,
+        camera_height_m=2.3,
+        pitch_deg=22.0,
+        slope_deg=slope_deg,
+        uphill_deg=130.0,
+        grass=grass(0.3, 0.9, 0.03, seed=4),
+    )
+    height = measured(stand, seed=4).cut_height_m
+    if not isinstance(height, Failure):
+        assert abs(height.value - stand.cut_height_m(stem)) < 1.7 * height.std
+
+
 def white_noise_depth_m(stand, noise_per_m):
     """Depth whose noise differs from pixel to pixel, which makes any surface look rough."""
     noise = np.random.default_rng(2).standard_normal(stand.depth_m.shape)

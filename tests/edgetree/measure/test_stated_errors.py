@@ -66,6 +66,8 @@ def test_depth_on_a_part_of_the_stem_widens_the_interval(stand):
     careless = stand.measure(depth_m=depth_m, settings=MeasureSettings(readings_doubt=1e-6))
     assert relative_std(part) > 2 * relative_std(whole)
     assert relative_std(part) > 2 * relative_std(careless)
+    # What makes the diameter doubtful makes the angles of the axis doubtful, too.
+    assert part.inclination_deg.std > 1.1 * careless.inclination_deg.std
 
 
 def test_a_ragged_outline_has_a_larger_error_than_a_straight_one(stand):
