@@ -14,6 +14,7 @@ from edgetree.measure.section import lengths
 from edgetree.measure.settings import MeasureSettings, reference_px
 
 __all__ = [
+    "BORDER_STDS",
     "CUT",
     "CUT_OFF_PX",
     "LEFT",
@@ -32,8 +33,9 @@ CUT, LEFT, RIGHT, MIDDLE, TOP = range(len(KEYPOINT_NAMES))
 MIN_WIDTH_PX = 1.0
 """Smallest distance between the left and the right edge of the diameter's section."""
 
-# A cut keypoint this many standard deviations from the lower border may be below the image.
-_BORDER_CUT_STDS = 12.0
+BORDER_STDS = 12.0
+"""A keypoint this many standard deviations from the lower border may be below the image."""
+
 # Where the box reaches a side of the image, edge keypoints this near to it, in widths of the
 # section, may be beyond it: networks then predict a point inside the image. Their standard
 # deviation grows to this share of the width.
@@ -106,7 +108,7 @@ class Keypoints:
         reaches_border = trees.boxes_px[:, 3] > trees.image_height - np.maximum(cut_std_px, 1.0)
         above_border_px = trees.image_height - values[:, CUT, 1]
         doubtful = given[:, CUT] & (above_border_px > 0) & reaches_border
-        doubtful &= above_border_px < _BORDER_CUT_STDS * cut_std_px
+        doubtful &= above_border_px < BORDER_STDS * cut_std_px
         within[:, CUT] &= ~doubtful
         return cls(
             xy_px=values[..., :2],
@@ -120,8 +122,14 @@ class Keypoints:
         )
 
     def section_above_px(self, image_height: int) -> Float:
-        """(T,) how far the section's keypoints are above the lower side of the image, in px."""
-        return np.asarray(image_height - self.xy_px[:, [LEFT, RIGHT], 1].max(1))
+        """(T,) how far the section's keypoints are above the lower side of the image, in px.
+
+        Infinite where their errors are too small for them to be below it.
+        """
+        edges = [LEFT, RIGHT]
+        above_px = image_height - self.xy_px[:, edges, 1].max(1)
+        near = above_px < BORDER_STDS * self.std_px[:, edges, 1].max(1)
+        return np.where(near, above_px, np.inf)
 
     @cached_property
     def has_section(self) -> Flags:

@@ -83,11 +83,11 @@ class MeasureSettings:
         InputError: a number is not positive, or the species is unknown.
     """
 
-    keypoint_std_px: float = 1.3
-    keypoint_spread: float = 0.0095
+    keypoint_std_px: float = 1.2
+    keypoint_spread: float = 0.009
     keypoint_slide: float = 0.02
-    mask_std_px: float = 1.6
-    mask_spread: float = 0.24
+    mask_std_px: float = 1.5
+    mask_spread: float = 0.23
     given_mask_std_px: float = 1.1
     depth_noise_per_m: float = 0.002
     depth_noise_m: float = 0.005

@@ -32,7 +32,7 @@ _MAX_RELATIVE_STD = 0.5
 _LOWEST, _LOWEST_M = 0.5, 0.2
 _COLLAR_STD, _COLLAR_HEIGHT = 0.2, 0.9
 # Edges at several stations are averaged at each height: factor on the half angle's error.
-_EDGE_SHARE = 0.8
+_EDGE_SHARE = 0.6
 # The edges within this distance along the stem share one error, in m.
 _EDGE_ERROR_M = 1.0
 

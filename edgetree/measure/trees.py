@@ -40,7 +40,7 @@ Flags = NDArray[np.bool_]
 
 # Real stems are more irregular at breast height, because of branches, and between section and
 # cut, because of the butt swell. Factors on `MeasureSettings.out_of_round_std`.
-_BREAST_HEIGHT_SHAPE, _CUT_SHAPE = 2.0, 2.6
+_BREAST_HEIGHT_SHAPE, _CUT_SHAPE = 1.6, 2.6
 # The errors of the axis' angles grow with the doubt in the diameter times this, since the outlines
 # and readings are the same. Chosen on 673 simulated frames with two models.
 _AXIS_DOUBT = 2.0
