@@ -34,7 +34,7 @@ _LITTER_STD_M = 0.02
 _POINTS_PER_ERROR = 12.0
 # Points off the plane may mean that plants hide the ground. Standard deviation of the height, times
 # the squared fraction of such points.
-_OUTLIER_STD_M = 0.125
+_OUTLIER_STD_M = 0.15
 # From this fraction of points above the plane on, plants hide the ground.
 _MIN_PLANTS = 0.3
 # The same from the first standard deviation because of plants on. From the second one on, the

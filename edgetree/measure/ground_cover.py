@@ -46,8 +46,8 @@ _ACROSS = slice(2, -2, 2)
 _STEADY, _STD_PER_UNSTEADINESS_M = 1.35, 0.25
 # Gaps between plants show lower ground, of which some readings stand out above the plane. Where
 # fewer than the first share do, an unsteady surface is that of closed plants. What the deviation is
-# above the second value, in metres, then counts up to three times.
-_CLOSED_BELOW, _CLOSED_FROM_M, _CLOSED_MORE = 0.1, 0.06, 2.0
+# above the second value, in metres, then counts up to six times.
+_CLOSED_BELOW, _CLOSED_FROM_M, _CLOSED_MORE = 0.1, 0.065, 5.0
 # The median of the size of a normally distributed error, in standard deviations.
 _MEDIAN_ERROR = 0.6745
 # The standard deviation of 2 b - a - c for independent errors of standard deviation 1.
