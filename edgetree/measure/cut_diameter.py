@@ -28,12 +28,12 @@ class ButtSwell(NamedTuple):
     Attributes:
         share: (T,) relative differences of the diameters.
         std: (T,) their standard deviations.
-        warnings: T warnings, each empty where the section is that of the diameter.
+        warnings: T times the warning, or nothing where the section is that of the diameter.
     """
 
     share: Float
     std: Float
-    warnings: list[str]
+    warnings: list[tuple[str, ...]]
 
     @classmethod
     def of(
@@ -58,10 +58,11 @@ class ButtSwell(NamedTuple):
         std = np.hypot(half, likely * settings.butt_swell_std)
         doubt = "the cut may be below the picture: its diameter is in part inferred"
         from_above = "the cut is not in the picture: its diameter is inferred from the stem above"
+        texts = np.where(inferred, from_above, np.where(likely > 0, doubt, "")).tolist()
         return cls(
             np.where(inferred, settings.butt_swell, half),
             np.where(inferred, settings.butt_swell_std, std),
-            np.where(inferred, from_above, np.where(likely > 0, doubt, "")).tolist(),
+            [(text,) if text else () for text in texts],
         )
 
     def at_cut(self, index: int, section: Estimate) -> Estimate:

@@ -309,7 +309,7 @@ class _FittedFrame:
         stem = self._position(index, cut)
         at_section = Estimate(2 * stem.radius_m, stem.diameter_std_m)
         diameter = self.butt_swell.at_cut(index, at_section)
-        warnings = tuple(filter(None, self.butt_swell.warnings[index : index + 1]))
+        warnings = self.butt_swell.warnings[index]
         vertical = ground.vertical if isinstance(ground, BaseGround) else verticals.at(index, None)
         inclination, direction = stem.lean(vertical, ground, self.settings)
         above_surface = stem.cut_height(ground)
