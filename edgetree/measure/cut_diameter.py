@@ -67,5 +67,6 @@ class ButtSwell(NamedTuple):
 
     def at_cut(self, index: int, section: Estimate) -> Estimate:
         """The diameter of one stem at the cut from that at its section."""
-        std = math.hypot(section.std, section.value * float(self.std[index]))
-        return Estimate(section.value * (1 + float(self.share[index])), std)
+        growth = 1 + float(self.share[index])
+        std = math.hypot(section.std * growth, section.value * float(self.std[index]))
+        return Estimate(section.value * growth, std)

@@ -20,6 +20,9 @@ Float = NDArray[np.floating[Any]]
 Mask = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 
+# OpenCV samples at most 32,766 points in a row.
+_MAX_POINTS = 30_000
+
 MASK_THRESHOLD = 0.5
 """Mask probability from which a point counts as part of the stem."""
 
@@ -114,9 +117,10 @@ class DepthFrame:
         for mask in self.masks or ():
             x0, y0, x1, y1 = mask.box_px.tolist()
             near = np.flatnonzero((x > x0) & (x < x1) & (y > y0) & (y < y1))
-            if len(near):
-                points = np.array([x[near], y[near]]).T
-                result[near] |= mask.at(points[None])[0] >= MASK_THRESHOLD
+            for first in range(0, len(near), _MAX_POINTS):
+                part = near[first : first + _MAX_POINTS]
+                points = np.array([x[part], y[part]]).T
+                result[part] |= mask.at(points[None])[0] >= MASK_THRESHOLD
         return result.reshape(xy_px.shape[:-1])
 
     def inside(self, xy_px: Float, margin_px: Float | float = 0.0) -> NDArray[np.bool_]:

@@ -91,8 +91,8 @@ class BaseGround:
     ) -> Estimate | Failure:
         """Height of a point of the axis above the ground on the stem's uphill side.
 
-        The axis is followed to where it meets the plane. On the uphill side of the stem the
-        ground is higher by the radius times the tangent of its slope.
+        The axis is followed to the ground, which lies `lift_m` below the plane. On the uphill side
+        of the stem the ground is higher by the radius times the tangent of its slope.
 
         Args:
             axis_point: (3,) camera point on the axis.
@@ -208,7 +208,8 @@ def find_grounds(
 def _if_trusted(ground: BaseGround, bases: StemBases, index: int) -> BaseGround | Failure:
     """The ground, or why its plane is not that of the ground on which the stem stands."""
     plane = ground.plane
-    below_m = -float(plane.height_m(bases.lowest[index]))
+    lowest = bases.lowest[index]
+    below_m = -float(plane.height_m(lowest)) if np.isfinite(lowest).all() else 0.0
     if below_m > _MAX_ABOVE_STEM_M + 2 * ground.uphill_m(float(bases.radii_m[index])):
         seen = f"the stem is seen {below_m:.2f} m below the best plane"
         return Failure(f"no ground around the base: {seen}")

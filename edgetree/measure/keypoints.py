@@ -14,7 +14,6 @@ from edgetree.measure.section import lengths
 from edgetree.measure.settings import MeasureSettings, reference_px
 
 __all__ = [
-    "BORDER_STDS",
     "CUT",
     "CUT_OFF_PX",
     "LEFT",
@@ -33,8 +32,11 @@ CUT, LEFT, RIGHT, MIDDLE, TOP = range(len(KEYPOINT_NAMES))
 MIN_WIDTH_PX = 1.0
 """Smallest distance between the left and the right edge of the diameter's section."""
 
-BORDER_STDS = 12.0
-"""A keypoint this many standard deviations from the lower border may be below the image."""
+# A keypoint this many standard deviations from the lower border may be below the image.
+_BORDER_STDS = 12.0
+# A box reaches the lower side if it ends less than this before it, in px of an image of 1280 px
+# width.
+_LOWER_SIDE_PX = 10.0
 
 # Where the box reaches a side of the image, edge keypoints this near to it, in widths of the
 # section, may be beyond it: networks then predict a point inside the image. Their standard
@@ -108,8 +110,9 @@ class Keypoints:
         reaches_border = trees.boxes_px[:, 3] > trees.image_height - np.maximum(cut_std_px, 1.0)
         above_border_px = trees.image_height - values[:, CUT, 1]
         doubtful = given[:, CUT] & (above_border_px > 0) & reaches_border
-        doubtful &= above_border_px < BORDER_STDS * cut_std_px
+        doubtful &= above_border_px < _BORDER_STDS * cut_std_px
         within[:, CUT] &= ~doubtful
+        lower_side_px = _LOWER_SIDE_PX * reference_px(trees.image_width)
         return cls(
             xy_px=values[..., :2],
             given=given,
@@ -117,7 +120,7 @@ class Keypoints:
             within=within,
             doubtful_cut_px=np.where(doubtful, above_border_px, np.nan),
             cut_off=cut_off,
-            reaches_lower_side=reaches_border,
+            reaches_lower_side=trees.boxes_px[:, 3] > trees.image_height - lower_side_px,
             offered=trees.keypoints_px is not None,
         )
 
@@ -128,7 +131,7 @@ class Keypoints:
         """
         edges = [LEFT, RIGHT]
         above_px = image_height - self.xy_px[:, edges, 1].max(1)
-        near = above_px < BORDER_STDS * self.std_px[:, edges, 1].max(1)
+        near = above_px < _BORDER_STDS * self.std_px[:, edges, 1].max(1)
         return np.where(near, above_px, np.inf)
 
     @cached_property

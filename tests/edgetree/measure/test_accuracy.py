@@ -123,6 +123,21 @@ def test_readings_on_the_stem_are_not_ground(scene, pole):
     assert stand.measure(depth_m=depth_m).cut_height_m.value == pytest.approx(0.25, abs=0.01)
 
 
+def test_many_stems_in_sparse_depth_before_one_large_mask(scene, pole):
+    """Their samples of the ground are more than OpenCV looks up in one row."""
+    stand = scene(pole(0.6, 0.0, 3.0))
+    shown = np.random.default_rng(0).random(stand.owner.shape) < 0.05
+    depth_m = np.where(shown | (stand.owner == 1), stand.depth_m, 0).astype(np.float32)
+    trees = stand.detections().select(np.zeros(9, np.intp))
+    wall = np.zeros(stand.owner.shape, np.bool_)
+    wall[[0, -1]] = True
+    masks = [stand.owner == 1] * 8 + [wall]
+    found = measure_trees(
+        trees, depth_m, stand.camera, masks=masks, up_camera=stand.up, settings=None
+    )
+    assert [tree.cut_height_m.value for tree in found[:8]] == pytest.approx([0.25] * 8, abs=0.02)
+
+
 def test_twigs_and_background_inside_the_mask_are_ignored(scene, pole):
     stand = scene(pole(0.3, -0.4, 5.0))
     rng = np.random.default_rng(3)
