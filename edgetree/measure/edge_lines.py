@@ -133,7 +133,15 @@ def _parts(values: NDArray[Any], count: int) -> NDArray[Any]:
 
 
 def pick(values: NDArray[Any], index: NDArray[np.intp]) -> NDArray[Any]:
-    """(..., A) values (A, N) at an index (..., A) each, where A may be several axes."""
+    """Pick one of N values in each row.
+
+    Args:
+        values: (A, N) rows, where A may be several axes.
+        index: (..., A) which value of each row; leading axes pick from the same rows.
+
+    Returns:
+        (..., A) the values.
+    """
     rows = values.reshape(-1, values.shape[-1])
     picked = rows[np.arange(len(rows)), index.reshape(-1, len(rows))]
     return np.asarray(picked.reshape(index.shape))

@@ -158,8 +158,8 @@ class StemBases(NamedTuple):
     Attributes:
         indices: (T,) numbers of the stems in the frame.
         cuts: (T, 3) camera points on the axes at the felling cuts.
-        lowest: (T, 3) camera points on the axes where both edges show for the last time; not finite
-            where they do not.
+        lowest: (T, 3) lowest camera points on the axes at which both edges show; not finite where
+            they never do.
         radii_m: (T,) radii of the stems.
         foot_within: (T,) whether the foot is in the image, as far as one can tell.
     """

@@ -25,7 +25,10 @@ Float = NDArray[np.floating[Any]]
 Flags = NDArray[np.bool_]
 
 STATIONS = 24
-"""Number of cross-lines along every stem, at which its edges and depth are sampled."""
+"""Number of cross-lines along every stem, at which its edges and depth are sampled.
+
+It is a multiple of four, because lines are searched for in halves and quarters of a stem.
+"""
 
 OUTWARDS = np.array([-1.0, 1.0])[:, None, None]
 """Direction across a region in which the left and the right edge face away from the stem."""
