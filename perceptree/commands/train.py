@@ -33,6 +33,10 @@ _SETTINGS = (
     "seed",
     "freeze_level",
     "frozen_norms",
+    "frozen_steps",
+    "backbone_rate_share",
+    "keep_weights",
+    "keep_features",
     "weight_bits",
 )
 
@@ -49,6 +53,10 @@ _Init = Annotated[
     typer.Option(
         "--init", help="Starting weights: imagenet, coco, or a checkpoint. By default random."
     ),
+]
+_InitHeads = Annotated[
+    Path | None,
+    typer.Option(help="Checkpoint for the starting weights of all but the backbone."),
 ]
 _Modality = Annotated[
     str | None, typer.Option(help="Input of the model: depth (the default) or rgb.")
@@ -70,6 +78,28 @@ _FrozenNorms = Annotated[
         "--frozen-norms/--trained-norms",
         help="Freeze the backbone's batch norms; by default only for the paper's backbones with"
         " starting weights.",
+    ),
+]
+_FrozenSteps = Annotated[
+    int | None,
+    typer.Option(help="Freeze all of the backbone for this many steps first; by default none."),
+]
+_BackboneRate = Annotated[
+    float | None,
+    typer.Option(
+        "--backbone-rate",
+        help="Learning rate of the backbone as a share of --learning-rate; by default the recipe's.",
+    ),
+]
+_KeepWeights = Annotated[
+    float | None,
+    typer.Option(help="Pull of the backbone towards its starting weights; by default none."),
+]
+_KeepFeatures = Annotated[
+    float | None,
+    typer.Option(
+        help="Weight of the loss that holds the backbone's maps near the starting ones; by default"
+        " none."
     ),
 ]
 
@@ -154,6 +184,7 @@ def train(
     recipe: _Recipe = None,
     model: _Model = None,
     init: _Init = None,
+    init_heads: _InitHeads = None,
     branch: _BranchedRun = None,
     modality: _Modality = None,
     height: _Side = None,
@@ -162,6 +193,10 @@ def train(
     keypoints: _HasBranch = None,
     freeze_level: _FreezeLevel = None,
     frozen_norms: _FrozenNorms = None,
+    frozen_steps: _FrozenSteps = None,
+    backbone_rate_share: _BackboneRate = None,
+    keep_weights: _KeepWeights = None,
+    keep_features: _KeepFeatures = None,
     minutes: Annotated[
         float | None, typer.Option(help="Stop after this training time in minutes.")
     ] = None,
@@ -225,6 +260,7 @@ def _run(options: dict[str, Any]) -> None:
                 engine,
                 options["branch"],
                 preparing,
+                options["init_heads"],
             )
         else:
             report = train_while_simulating(
@@ -256,7 +292,7 @@ def _check_options(options: dict[str, Any]) -> None:
                     f" perceptree synth --out {data}"
                 )
         return
-    for name in ("branch", "mix", "fold", "entire_tree"):
+    for name in ("branch", "mix", "fold", "entire_tree", "init_heads"):
         if options[name] not in (None, False):
             option = name.replace("_", "-")
             raise SettingsError(f"--simulate excludes --{option}: expected one of the two")

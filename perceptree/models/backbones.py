@@ -15,6 +15,8 @@ from perceptree.models.spec import SpecError
 # Our name -> timm's name. Each has feature maps at the strides 2, 4, 8, 16 and 32.
 BACKBONES = {
     "efficientnet_lite0": "efficientnet_lite0",
+    "efficientnet_lite1": "efficientnet_lite1",
+    "efficientnet_lite2": "efficientnet_lite2",
     "mobilenetv3_large": "mobilenetv3_large_100",
     "mobilenetv4_conv_small": "mobilenetv4_conv_small",
     "mobilenetv4_conv_medium": "mobilenetv4_conv_medium",

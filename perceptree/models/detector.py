@@ -136,7 +136,7 @@ class TreeRCNN(nn.Module):
         return dict(zip(self.spec.levels, maps, strict=True)), self.proposer(maps)
 
     def freeze(self, level: int = 0, norms: bool = False) -> None:
-        """Exclude parts of the backbone from training.
+        """Exclude parts of the backbone from training, in place of those excluded before.
 
         Args:
             level: Freeze everything up to the maps of stride ``2**level``; 0 freezes nothing, 2
@@ -147,6 +147,8 @@ class TreeRCNN(nn.Module):
         kinds = [
             m for m in self.backbone.modules() if isinstance(m, nn.modules.batchnorm._BatchNorm)
         ]
+        for part in self._fixed:
+            part.requires_grad_(True)
         self._fixed = [*stages, *(kinds if norms else [])]
         for part in self._fixed:
             part.requires_grad_(False)

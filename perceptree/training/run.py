@@ -17,9 +17,12 @@ from perceptree.training.precision import fastest_precision
 from perceptree.training.processes import Processes, process_group
 from perceptree.training.settings import EXTENDABLE_SETTINGS, Engine, TrainSettings
 from perceptree.training.source import DataSource, Preparing, TrainingData, open_data
-from perceptree.training.starting import Init, describe_init, start_from
+from perceptree.training.starting import Init, describe_init, load_heads, start_from
 from perceptree.training.state import STATE_NAME, read_state, write_state
 from perceptree.training.trainer import Progress, Trainer, TrainReport
+
+# Settings that make no sense with a random backbone.
+_NEED_START = ("frozen_norms", "frozen_steps", "keep_weights", "keep_features")
 
 
 def train(
@@ -32,6 +35,7 @@ def train(
     engine: Engine | None = None,
     branch: Path | None = None,
     preparing: Preparing | None = None,
+    heads: Path | None = None,
 ) -> TrainReport:
     """Train a model on the train split of a dataset and evaluate it on the val split.
 
@@ -49,6 +53,7 @@ def train(
         engine: Hardware and speed.
         branch: Folder of another run whose state to start from, step count included.
         preparing: Called with the progress of the preparation.
+        heads: Checkpoint for all but the backbone, in place of ``init``'s.
 
     Raises:
         DatasetError: If the data cannot be read.
@@ -72,7 +77,7 @@ def train(
         keep_freed_memory()
     with process_group(engine.device) as processes:
         source = data if isinstance(data, DataSource) else DataSource(data)
-        run = _TrainingRun(spec, settings, engine, source, out, init, branch, processes)
+        run = _TrainingRun(spec, settings, engine, source, out, init, heads, branch, processes)
         try:
             return run.start(progress, preparing or Preparing())
         except torch.OutOfMemoryError as error:
@@ -90,6 +95,7 @@ class _TrainingRun:
     source: DataSource
     out: Path
     init: Init | None
+    heads: Path | None
     branch: Path | None
     processes: Processes
 
@@ -136,14 +142,18 @@ class _TrainingRun:
         torch.manual_seed(self.settings.seed)
         model = TreeRCNN(self.spec)
         fresh = not self._resumable
-        if self.init is None and self.branch is None and self.settings.frozen_norms:
-            raise SettingsError(
-                "frozen_norms is true without starting weights: expected starting weights with "
-                "trained batch norms (--init)"
-            )
-        if self.init is not None and fresh:
-            start_from(model, self.init)
-        model.freeze(self.settings.freeze_level, self.settings.frozen_norms)
+        if self.init is None and self.branch is None:
+            for name in _NEED_START:
+                if getattr(self.settings, name):
+                    raise SettingsError(
+                        f"{name} is set without starting weights:"
+                        " expected starting weights for the backbone (--init)"
+                    )
+        if fresh:
+            if self.init is not None:
+                start_from(model, self.init)
+            if self.heads is not None:
+                load_heads(model, self.heads)
         return model
 
     def _precision(self) -> str:
@@ -177,14 +187,18 @@ class _TrainingRun:
     def _origin(self) -> dict[str, Any]:
         if self.branch is not None:
             return {"name": f"branch of {self.branch.name}"}
-        return dict(describe_init(self.init))
+        heads = {} if self.heads is None else {"heads": describe_init(self.heads)}
+        return {**describe_init(self.init, self.spec.backbone), **heads}
 
     def _identity(self, data: TrainingData) -> dict[str, dict[str, Any]]:
         origin = self._origin()
         return {
             "model settings": self.spec.to_dict(),
             "settings": _fixed_settings(self.settings),
-            "starting weights": {"weights": origin.get("sha256", origin["name"])},
+            "starting weights": {
+                "weights": origin.get("sha256", origin["name"]),
+                **({"heads": origin["heads"]["sha256"]} if "heads" in origin else {}),
+            },
             "data": data.describe(),
         }
 
@@ -203,6 +217,7 @@ def _state_of(trainer: Trainer) -> dict[str, Any]:
     return {
         "model": trainer.model.state_dict(),
         "average": None if trainer.average is None else trainer.average.state_dict(),
+        "start": None if trainer.start is None else trainer.start.state(),
         "optimizer": trainer.optimizer.state_dict(),
         "precision": trainer.precision,
         "step": trainer.step,
@@ -232,6 +247,8 @@ def _restore(trainer: Trainer, state: dict[str, Any], branched: bool) -> None:
     trainer.model.load_state_dict(state["model"])
     if trainer.average is not None and state["average"] is not None:
         trainer.average.load_state_dict(state["average"])
+    if trainer.start is not None:
+        trainer.start.load_state(state.get("start") or trainer.model.backbone.state_dict())
     trainer.optimizer.load_state_dict(state["optimizer"])
     trainer.step = state["step"]
     if branched:

@@ -31,9 +31,10 @@ _POSITIVE = (
     "clip_norm",
     "evaluate_every_steps",
 )
-_SHARES = ("final_rate_share", "rate_drop")
+_SHARES = ("final_rate_share", "rate_drop", "backbone_rate_share")
+_AT_LEAST_0 = ("weight_decay", "frozen_steps", "keep_weights", "keep_features", "seed")
 _CHOICES = {"optimizer": ("adamw", "sgd"), "schedule": ("constant", "steps", "cosine", "decay")}
-_LAST_LEVEL = 5  # of a backbone
+LAST_LEVEL = 5  # of a backbone
 _FEW_CORES = 2
 _MOST_BITS = 8
 
@@ -71,6 +72,12 @@ class TrainSettings:
         freeze_level: Freeze the backbone up to the maps of stride ``2**freeze_level``; 0 freezes
             nothing, 2 is Detectron2's FREEZE_AT 2.
         frozen_norms: Freeze all batch norms of the backbone.
+        frozen_steps: Steps at the start in which all of the backbone is frozen.
+        backbone_rate_share: Learning rate of the backbone, as a share of that of the other parts.
+        keep_weights: Pull of the backbone's weights towards their starting values (L2-SP, Li et
+            al. 2018): each step takes away its product with the learning rate from the distance.
+        keep_features: Weight of the loss that holds the backbone's maps near those of its starting
+            weights on the same pictures (Li et al. 2019, feature distillation).
         weight_bits: Bits that weights are rounded to while training, for an INT8 file; None for
             exact weights.
         augment: Augmentation of the frames.
@@ -101,6 +108,10 @@ class TrainSettings:
     seed: int = 0
     freeze_level: int = 0
     frozen_norms: bool = False
+    frozen_steps: int = 0
+    backbone_rate_share: float = 1.0
+    keep_weights: float = 0.0
+    keep_features: float = 0.0
     weight_bits: int | None = None
     augment: AugmentSettings = field(default_factory=AugmentSettings)
     sampling: SampleSettings = field(default_factory=SampleSettings)
@@ -125,8 +136,10 @@ class TrainSettings:
         self._check_bounds()
 
     def _check_bounds(self) -> None:
-        if not (math.isfinite(self.weight_decay) and self.weight_decay >= 0):
-            raise SettingsError(f"weight_decay is {self.weight_decay}: expected at least 0")
+        for name in _AT_LEAST_0:
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0):
+                raise SettingsError(f"{name} is {value}: expected at least 0")
         for name in ("ema_decay", "momentum"):
             if not 0 <= getattr(self, name) < 1:
                 raise SettingsError(
@@ -144,19 +157,22 @@ class TrainSettings:
             )
         if list(self.rate_steps) != sorted(set(self.rate_steps)):
             raise SettingsError(f"rate_steps is {self.rate_steps}: expected ascending step numbers")
-        if not 0 <= self.freeze_level <= _LAST_LEVEL:
-            raise SettingsError(f"freeze_level is {self.freeze_level}: expected 0 to {_LAST_LEVEL}")
+        if not 0 <= self.freeze_level <= LAST_LEVEL:
+            raise SettingsError(f"freeze_level is {self.freeze_level}: expected 0 to {LAST_LEVEL}")
         if self.weight_bits is not None and not 2 <= self.weight_bits <= _MOST_BITS:
             raise SettingsError(
                 f"weight_bits is {self.weight_bits}: expected 2 to {_MOST_BITS}, or none"
             )
-        if self.seed < 0:
-            raise SettingsError(f"seed is {self.seed}: expected at least 0")
 
     @property
     def mixed_rows(self) -> int:
         """Frames of each batch that come from the dataset that is mixed in."""
         return round(self.mix_share * self.batch)
+
+    @property
+    def keeps_start(self) -> bool:
+        """Whether the training compares the backbone with its starting weights."""
+        return self.keep_weights > 0 or self.keep_features > 0
 
     @property
     def depends_on_end(self) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from pathlib import Path
 from typing import Literal
 
@@ -11,35 +10,48 @@ from torch import Tensor
 from perceptree.errors import CheckpointError
 from perceptree.models import TreeRCNN, load_checkpoint
 from perceptree.models.checkpoint import check_tensors
+from perceptree.models.packaged import PACKAGED_WEIGHTS
 from perceptree.models.pretrained import load_coco, load_imagenet
+from perceptree.models.weights.reading import file_sha256
 
 Init = Literal["imagenet", "coco"] | Path
 """Starting weights: published ones by name, or a checkpoint of this project."""
 
 _BRANCHES = ("mask_head", "keypoint_head")
+_BACKBONE, _LATERAL = "backbone.", "pyramid.lateral."
 # Fields of the spec that must match for the weights to be valid, though no tensor shape shows it.
 _MUST_MATCH = ("backbone", "modality", "mean", "std", "stride_in_1x1")
 
 
-def describe_init(init: Init | None) -> dict[str, str]:
+def describe_init(init: Init | None, backbone: str = "") -> dict[str, str]:
     """Describe starting weights.
 
     Args:
         init: The starting weights; None for random ones.
+        backbone: The model's backbone, which decides what ``imagenet`` stands for.
 
     Returns:
-        Their ``name``, and for a file its ``sha256``.
+        Their ``name``; for a file its ``sha256``; for weights that a package carries also their
+        ``weights`` and ``licence``.
 
     Raises:
         CheckpointError: If the file cannot be read.
     """
-    if not isinstance(init, Path):
-        return {"name": init or "random"}
+    if isinstance(init, Path):
+        return {"name": init.name, "sha256": _sha256(init)}
+    packaged = PACKAGED_WEIGHTS.get(backbone) if init == "imagenet" else None
+    path = packaged.find() if packaged else None
+    if packaged and path:
+        known = {"weights": packaged.file, "licence": packaged.licence}
+        return {"name": "imagenet", "sha256": _sha256(path)} | known
+    return {"name": init or "random"}
+
+
+def _sha256(path: Path) -> str:
     try:
-        with init.open("rb") as file:
-            return {"name": init.name, "sha256": hashlib.file_digest(file, "sha256").hexdigest()}
+        return file_sha256(path)
     except OSError as error:
-        raise CheckpointError(f"{init}: cannot be read ({error.strerror})") from error
+        raise CheckpointError(f"{path}: cannot be read ({error.strerror})") from error
 
 
 def start_from(model: TreeRCNN, init: Init) -> None:
@@ -70,15 +82,48 @@ def _load_file(model: TreeRCNN, path: Path) -> None:
         theirs, ours = getattr(start.spec, name), getattr(model.spec, name)
         if theirs != ours:
             raise CheckpointError(f"{path}: {name} is {theirs}, expected {ours} as in the model")
+    own, found = model.state_dict(), _shared(start.state_dict(), start, model)
+    check_tensors(path, _shared(own, start, model), found)
+    model.load_state_dict(own | found)
+
+
+def load_heads(model: TreeRCNN, path: Path) -> None:
+    """Load all but the backbone from a checkpoint.
+
+    The pyramid's first convolutions keep their weights where the checkpoint's backbone has maps of
+    another width. A mask or keypoint head is treated as by :func:`start_from`.
+
+    Args:
+        model: The model to change.
+        path: The checkpoint.
+
+    Raises:
+        CheckpointError: If the file cannot be read, or its pyramid or heads do not fit.
+    """
+    start, _ = load_checkpoint(path)
+    own, found = (
+        {
+            name: value
+            for name, value in _shared(network.state_dict(), start, model).items()
+            if not name.startswith(_BACKBONE)
+        }
+        for network in (model, start)
+    )
+    other_width = {
+        name
+        for name in found
+        if name.startswith(_LATERAL) and name in own and own[name].shape != found[name].shape
+    }
+    taken = {name: value for name, value in found.items() if name not in other_width}
+    check_tensors(path, {n: v for n, v in own.items() if n not in other_width}, taken)
+    model.load_state_dict(model.state_dict() | taken)
+
+
+def _shared(weights: dict[str, Tensor], first: TreeRCNN, second: TreeRCNN) -> dict[str, Tensor]:
+    """The weights without those of a mask or keypoint head that only one of two models has."""
     one_sided = {
         name
         for name in _BRANCHES
-        if (getattr(start, name) is None) != (getattr(model, name) is None)
+        if (getattr(first, name) is None) != (getattr(second, name) is None)
     }
-
-    def shared(weights: dict[str, Tensor]) -> dict[str, Tensor]:
-        return {name: t for name, t in weights.items() if name.split(".")[0] not in one_sided}
-
-    own, found = model.state_dict(), shared(start.state_dict())
-    check_tensors(path, shared(own), found)
-    model.load_state_dict(own | found)
+    return {name: t for name, t in weights.items() if name.split(".")[0] not in one_sided}

@@ -127,10 +127,10 @@ def _check_weights(state: Mapping[str, Any]) -> None:
         raise ValueError("means are no finite numbers by name")
     if best is not None and (not isinstance(best, dict) or not _is_finite(best.get("box_ap"))):
         raise ValueError("best has no box_ap")
-    for name in ("model", "average"):
-        if state[name] is None and name == "average":
+    for name in ("model", "average", "start"):
+        weights = state.get(name)
+        if weights is None and name != "model":
             continue
-        weights = state[name]
         if not isinstance(weights, dict) or not all(
             isinstance(value, torch.Tensor) for value in weights.values()
         ):

@@ -26,12 +26,13 @@ from perceptree.training.batches import (
     make_loader,
     prefetch_one,
 )
-from perceptree.training.optimizer import make_optimizer
+from perceptree.training.keeping import StartingBackbone
+from perceptree.training.optimizer import make_optimizer, set_rate
 from perceptree.training.processes import Processes, synchronise_norms
 from perceptree.training.rounding import rounded_weights
 from perceptree.training.run_log import RunLog
 from perceptree.training.schedule import learning_rate
-from perceptree.training.settings import Engine, TrainSettings
+from perceptree.training.settings import LAST_LEVEL, Engine, TrainSettings
 from perceptree.training.source import TrainingData
 from perceptree.training.state import STATE_NAME
 
@@ -88,15 +89,16 @@ Progress = Callable[[Status], None]
 
 
 class _Losses(nn.Module):
-    """A model's losses as a forward pass, which DistributedDataParallel requires."""
+    """All losses as a forward pass, which DistributedDataParallel requires."""
 
-    def __init__(self, model: TreeRCNN) -> None:
+    def __init__(self, model: TreeRCNN, start: StartingBackbone | None) -> None:
         super().__init__()
-        self.model = model
+        self.model, self._start = model, start
 
     def forward(self, *arguments: Any) -> dict[str, Tensor]:
-        """Return the losses as TreeRCNN.losses does."""
-        return self.model.losses(*arguments)
+        """Return the losses of TreeRCNN.losses, and that of the starting backbone."""
+        losses = self.model.losses(*arguments)
+        return losses if self._start is None else losses | self._start.loss()
 
 
 class Trainer:
@@ -114,6 +116,7 @@ class Trainer:
 
     Attributes:
         average: Moving average of the model, if there is one.
+        start: The starting backbone, if the training compares with it.
         step: Number of completed steps, those of the run it branched from included.
         first_step: The step that this run started at.
         elapsed_s: Training time, s.
@@ -145,11 +148,12 @@ class Trainer:
         if engine.compile:
             model.backbone.compile()
             model.pyramid.compile()
-        self._losses: nn.Module = _Losses(model)
+        self.start = StartingBackbone(model, settings) if settings.keeps_start else None
         if processes.world > 1:
             synchronise_norms(model)
-            self._losses = DistributedDataParallel(self._losses, broadcast_buffers=False)
+        model.freeze(settings.freeze_level, settings.frozen_norms)
         self.optimizer = make_optimizer(model, settings)
+        self._losses: nn.Module = _Losses(model, self.start)
         self.step, self.first_step, self.elapsed_s, self.waited_s = 0, 0, 0.0, 0.0
         self.best: Metrics | None = None
         self.stale, self.evaluated_at = 0, -1
@@ -158,6 +162,16 @@ class Trainer:
         self.origin: dict[str, Any] = {}
         self._log: RunLog | None = None
         self._saved_s = time.monotonic()
+
+    def _freeze(self) -> None:
+        """Freeze what this part of the training leaves as it is."""
+        settings = self.settings
+        whole = self.step < settings.frozen_steps
+        level = LAST_LEVEL if whole else settings.freeze_level
+        self.model.freeze(level, whole or settings.frozen_norms)
+        self._losses = _Losses(self.model, self.start)
+        if self.processes.world > 1:
+            self._losses = DistributedDataParallel(self._losses, broadcast_buffers=False)
 
     @property
     def spec(self) -> ModelSpec:
@@ -202,6 +216,7 @@ class Trainer:
 
     def _train(self, save: Callable[[], None]) -> None:
         batches: Iterator[Batch] | None = None
+        self._freeze()
         while (done := self.processes.broadcast_number(self.done)) < 1.0:
             if batches is None:
                 batches = self._batches()
@@ -239,8 +254,10 @@ class Trainer:
     def _train_step(self, batches: Iterator[Batch], done: float) -> None:
         started_s = time.monotonic()
         settings, waited_s = self.settings, 0.0
-        for group in self.optimizer.param_groups:
-            group["lr"] = learning_rate(settings, self.step, done)
+        rate = learning_rate(settings, self.step, done)
+        set_rate(self.optimizer, rate)
+        if self.step == settings.frozen_steps > 0:
+            self._freeze()
         self.model.train()
         self.optimizer.zero_grad(set_to_none=True)
         parts: list[dict[str, Tensor]] = []
@@ -259,6 +276,8 @@ class Trainer:
         if settings.clip_norm is not None:
             nn.utils.clip_grad_norm_(self.model.parameters(), settings.clip_norm)
         self.optimizer.step()
+        if self.start is not None:
+            self.start.pull(rate * settings.backbone_rate_share)
         if self.average is not None:
             self.average.update_parameters(self.model)
         self.step += 1
