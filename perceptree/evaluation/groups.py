@@ -115,7 +115,7 @@ def groups_of(frames: Sequence[FrameRecord], axis: Axis) -> list[Group]:
             own_frames.setdefault(label, set()).add(number)
         for tree in frame.trees:
             label = _label(axis, axis.value(frame, tree))
-            if label is not None and not tree.crowd:
+            if label is not None and not tree.ignored:
                 trees.setdefault(label, set()).add(tree_index)
             tree_index += 1
     everywhere = range(len(frames))
