@@ -64,8 +64,11 @@ def _scene(name: str) -> Callable[[FrameRecord, TreeRecord | None], Any]:
     return value
 
 
+DISTANCE = Axis(
+    "distance_m", "Distance", _truth("distance_m"), (0, 2.5, 5, 7.5, 10, _INFINITY), unit="m"
+)
 AXES = (
-    Axis("distance_m", "Distance", _truth("distance_m"), (0, 2.5, 5, 7.5, 10, _INFINITY), unit="m"),
+    DISTANCE,
     Axis(
         "visible_fraction",
         "Visible part of the lower trunk",

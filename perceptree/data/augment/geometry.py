@@ -7,7 +7,7 @@ Coordinates are continuous px. OpenCV's warps have pixel centres at whole number
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -42,7 +42,9 @@ def flip(sample: Sample) -> Sample:
     keypoints[..., 0] = np.where(labelled, width - keypoints[..., 0], keypoints[..., 0])
     masks = None if sample.masks is None else _mirrored(sample.masks)
     image = np.asarray(cv2.flip(sample.image, 1), np.uint8)
-    return Sample(image, boxes, keypoints, masks, ignored)
+    return replace(
+        sample, image=image, boxes=boxes, keypoints=keypoints, masks=masks, ignored=ignored
+    )
 
 
 def _mirrored(masks: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -193,7 +195,9 @@ def transform_sample(sample: Sample, transform: Transform, pad_value: int) -> Sa
     ignored = transform_ignored(
         sample.ignored, matrix, transform.window, transform.width, transform.height
     )
-    return Sample(image, boxes, keypoints, masks, ignored)
+    return replace(
+        sample, image=image, boxes=boxes, keypoints=keypoints, masks=masks, ignored=ignored
+    )
 
 
 def _draw_scale(rng: np.random.Generator, scales: tuple[float, float]) -> float:
