@@ -40,6 +40,13 @@ def evaluate(
         Path | None,
         typer.Option(help="Folder for report.json and report.html, with plots and images."),
     ] = None,
+    certain: Annotated[
+        float | None,
+        typer.Option(
+            help="Distance in metres beyond which labelled trees are ignored: they count neither"
+            " as found nor as missed, nor as false positives. Recall is given with them, too."
+        ),
+    ] = None,
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
     shards: ShardsOption = None,
     shard: ShardOption = None,
@@ -61,16 +68,16 @@ def evaluate(
     if split not in SPLITS:
         raise DatasetError(f"--split is {split!r}: expected one of {', '.join(SPLITS)}")
     if shards is not None or shard is not None or ray is not None:
-        where = SplitSource(location(data), split, fold, entire_tree)
+        where = SplitSource(location(data), split, fold, entire_tree, certain)
         _in_shards(checkpoint, where, device, (shards, shard, ray), out, as_json)
         return
     model, record = load_checkpoint(checkpoint)
     model = on_device(model, device)
-    dataset = read_dataset(data, split, fold, entire_tree)
+    dataset = read_dataset(data, split, fold, entire_tree, certain)
     store = FrameStore(dataset.frames, model.spec)
     if out is not None:
         report_folder(out)
-    about = About(_about(checkpoint, model.spec, record), str(data), split, dataset.notes)
+    about = About(_about(checkpoint, model.spec, record), str(data), split, dataset.notes, certain)
     shown = sys.stderr.isatty() and not as_json
     with typer.progressbar(
         length=len(store), label="evaluating", file=sys.stderr, hidden=not shown

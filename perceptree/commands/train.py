@@ -88,7 +88,7 @@ _BackboneRate = Annotated[
     float | None,
     typer.Option(
         "--backbone-rate",
-        help="Learning rate of the backbone as a share of --learning-rate; by default the recipe's.",
+        help="Learning rate of the backbone as a share of that of the rest; by default the recipe's.",
     ),
 ]
 _KeepWeights = Annotated[
@@ -163,6 +163,14 @@ _Mix = Annotated[
 _MixShare = Annotated[
     float | None, typer.Option(help="Share of each batch that comes from --mix; 0.5 if not given.")
 ]
+_Certain = Annotated[
+    float | None,
+    typer.Option(
+        "--certain",
+        help="Distance in metres beyond which labelled trees are ignored: they are neither trees"
+        " nor background, in training and on val. Needs labels with distance_m.",
+    ),
+]
 _Device = Annotated[str, typer.Option(help="cpu or cuda; use torchrun for several processes.")]
 _Precision = Annotated[str, typer.Option(help="fp32, bf16, or auto (the faster one).")]
 _Workers = Annotated[
@@ -211,6 +219,7 @@ def train(
     evaluate_every_steps: _EvaluateEvery = None,
     mix: _Mix = None,
     mix_share: _MixShare = None,
+    certain: _Certain = None,
     simulate: _Simulate = None,
     seed: Annotated[int, typer.Option(help="Seed of weights, order and augmentation.")] = 0,
     device: _Device = "cpu",
@@ -246,7 +255,8 @@ def _run(options: dict[str, Any]) -> None:
     # Only one of torchrun's processes prints.
     is_main = os.environ.get("RANK", "0") == "0"
     shown = is_main and not options["as_json"]
-    source = DataSource(options["data"], options["fold"], options["entire_tree"], options["mix"])
+    chosen = (options[name] for name in ("data", "fold", "entire_tree", "mix", "certain"))
+    source = DataSource(*chosen)
     with bar("caching frames", shown) as cached:
         preparing = Preparing(cached, say if is_main else lambda line: None)
         if options["simulate"] is None:
@@ -292,7 +302,7 @@ def _check_options(options: dict[str, Any]) -> None:
                     f" perceptree synth --out {data}"
                 )
         return
-    for name in ("branch", "mix", "fold", "entire_tree", "init_heads"):
+    for name in ("branch", "mix", "fold", "entire_tree", "certain", "init_heads"):
         if options[name] not in (None, False):
             option = name.replace("_", "-")
             raise SettingsError(f"--simulate excludes --{option}: expected one of the two")

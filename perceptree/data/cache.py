@@ -26,7 +26,9 @@ from perceptree.data.frames import Sample, load_sample, source_path
 from perceptree.errors import DatasetError
 from perceptree.models import ModelSpec
 
-_VERSION = 1
+_VERSION = 2
+# Of what the key holds. States of trainings hold the key, so it outlives the layout of the folder.
+_KEY_VERSION = 1
 _RECORD = "cache.json"
 _IMAGES, _MASKS = "images.bin", "masks.bin"
 # dtype and row shape of each array.
@@ -34,6 +36,8 @@ _ARRAYS: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
     "boxes": (np.float32, (4,)),
     "keypoints": (np.float32, (5, 3)),
     "tree_starts": (np.int64, ()),
+    "ignored": (np.float32, (4,)),
+    "ignored_starts": (np.int64, ()),
     "mask_rects": (np.int32, (4,)),
     "mask_starts": (np.int64, ()),
     "checksums": (np.uint32, ()),
@@ -74,6 +78,7 @@ class FrameCache:
         self._boxes, self._keypoints = arrays["boxes"], arrays["keypoints"]
         self._tree_starts, self._checksums = arrays["tree_starts"], arrays["checksums"]
         self._mask_rects, self._mask_starts = arrays["mask_rects"], arrays["mask_starts"]
+        self._ignored, self._ignored_starts = arrays["ignored"], arrays["ignored_starts"]
 
     def __len__(self) -> int:
         return len(self.names)
@@ -98,7 +103,9 @@ class FrameCache:
                 " expected an undamaged cache: remove the folder to rebuild it"
             )
         masks = self._unpack(rows, packed, image.shape[:2]) if self.has_masks else None
-        return Sample(image, self._boxes[rows].copy(), self._keypoints[rows].copy(), masks)
+        boxes, keypoints = self._boxes[rows].copy(), self._keypoints[rows].copy()
+        ignored = self._ignored[slice(*self._ignored_starts[index : index + 2].tolist())].copy()
+        return Sample(image, boxes, keypoints, masks, ignored)
 
     def image(self, index: int) -> NDArray[np.uint8]:
         """Return the image of frame ``index``, (H, W) or (H, W, 3), without checking it."""
@@ -157,7 +164,14 @@ def open_cache(
 
 def _key(frames: Sequence[FrameRecord], spec: ModelSpec, skip_broken: bool) -> str:
     """Hash the labels, the image files' sizes and modification times, and the input format."""
-    form = [_VERSION, spec.modality, spec.height, spec.width, spec.pad_value, spec.depth_encoding]
+    form = [
+        _KEY_VERSION,
+        spec.modality,
+        spec.height,
+        spec.width,
+        spec.pad_value,
+        spec.depth_encoding,
+    ]
     digest = hashlib.sha256(json.dumps([*form, skip_broken]).encode())
     for frame in frames:
         path = source_path(frame, spec.modality)
@@ -170,16 +184,20 @@ def _key(frames: Sequence[FrameRecord], spec: ModelSpec, skip_broken: bool) -> s
         digest.update(json.dumps(identity).encode())
         for tree in frame.trees:
             digest.update(tree.box_px.tobytes() + tree.keypoints.tobytes())
-            digest.update(repr((tree.crowd, tree.segmentation)).encode())
+            kind = "ignored" if tree.ignored else False
+            digest.update(repr((kind, tree.segmentation)).encode())
     return digest.hexdigest()
 
 
 def _key_in(folder: Path) -> str | None:
+    """Return the key of a cache of this layout; None for any other folder."""
     try:
         record = json.loads((folder / _RECORD).read_text("utf-8"))
     except (OSError, ValueError):
         return None
-    return record.get("key") if isinstance(record, dict) else None
+    if not isinstance(record, dict) or record.get("version") != _VERSION:
+        return None
+    return record.get("key")
 
 
 def _build(
@@ -230,6 +248,7 @@ class _Writer:
         self._rows: dict[str, list[Any]] = {name: [] for name in _ARRAYS}
         self._rows["tree_starts"].append(0)
         self._rows["mask_starts"].append(0)
+        self._rows["ignored_starts"].append(0)
         self._has_masks = True
         self.skipped: list[Skipped] = []
 
@@ -247,6 +266,8 @@ class _Writer:
         self._rows["boxes"] += list(sample.boxes.astype(np.float32))
         self._rows["keypoints"] += list(sample.keypoints.astype(np.float32))
         self._rows["tree_starts"].append(len(self._rows["boxes"]))
+        self._rows["ignored"] += list(sample.ignored.astype(np.float32))
+        self._rows["ignored_starts"].append(len(self._rows["ignored"]))
 
     def _pack(self, mask: NDArray[np.bool_]) -> bytes:
         """Pack the bits of a mask inside its bounding rectangle; record the rectangle."""
@@ -266,6 +287,7 @@ class _Writer:
                 self._folder / f"{name}.npy", np.array(self._rows[name], kind).reshape(-1, *row)
             )
         record = {
+            "version": _VERSION,
             "key": key,
             "names": self._names,
             "image_shape": self._shape,

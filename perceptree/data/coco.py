@@ -29,6 +29,8 @@ class TreeRecord:
         crowd: Whether the annotation is a group of trees (COCO's iscrowd).
         truth: Metric ground truth by field name, as far as the file has it.
         species: Species, if the file names it.
+        marked: Whether the annotation says `ignore`.
+        far: Whether the tree is farther away than labels are certain (`--certain`).
     """
 
     number: int
@@ -38,6 +40,13 @@ class TreeRecord:
     crowd: bool
     truth: dict[str, float]
     species: str | None = None
+    marked: bool = False
+    far: bool = False
+
+    @property
+    def ignored(self) -> bool:
+        """Whether the tree counts neither as found nor as missed, nor as background."""
+        return self.crowd or self.marked or self.far
 
 
 @dataclass(frozen=True, eq=False, slots=True)

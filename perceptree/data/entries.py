@@ -59,6 +59,14 @@ def whole(entry: Entry, kind: str, field: str) -> int:
     return value
 
 
+def flag(annotation: Entry, field: str) -> bool:
+    """Return a field of 0 or 1, 0 if it is missing; raises EntryError for anything else."""
+    value = annotation.get(field, 0)
+    if type(value) not in (int, bool) or value not in (0, 1):
+        refuse(annotation, "annotation", field, "0 or 1")
+    return bool(value)
+
+
 def numbers(annotation: Entry, field: str, count: int) -> list[float]:
     """Return a field's list of ``count`` finite numbers; raises EntryError for anything else."""
     values = annotation.get(field)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -30,12 +30,14 @@ class Sample:
         boxes: (N, 4) x0, y0, x1, y1.
         keypoints: (N, 5, 3) x, y, COCO visibility flag.
         masks: (N, H, W) bool; None if the data has none.
+        ignored: (M, 4) x0, y0, x1, y1 of ignored regions: neither trees nor background.
     """
 
     image: NDArray[np.uint8]
     boxes: Float
     keypoints: Float
     masks: NDArray[np.bool_] | None
+    ignored: Float = field(default_factory=lambda: np.zeros((0, 4)))
 
     def targets(self) -> TreeTargets:
         """Return the labels as float32 training targets."""
@@ -43,6 +45,7 @@ class Sample:
             torch.from_numpy(np.asarray(self.boxes, np.float32).reshape(-1, 4)),
             torch.from_numpy(np.asarray(self.keypoints, np.float32).reshape(-1, 5, 3)),
             None if self.masks is None else torch.from_numpy(np.ascontiguousarray(self.masks)),
+            torch.from_numpy(np.asarray(self.ignored, np.float32).reshape(-1, 4)),
         )
 
 
@@ -74,8 +77,8 @@ class FrameStore:
 
     @property
     def trees(self) -> int:
-        """Number of labelled trees without crowds."""
-        return sum(not tree.crowd for frame in self.frames for tree in frame.trees)
+        """Number of labelled trees without ignored ones."""
+        return sum(not tree.ignored for frame in self.frames for tree in frame.trees)
 
     def letterbox(self, index: int) -> Letterbox:
         """Return how frame ``index`` is fitted into the model's input."""
@@ -94,24 +97,27 @@ def _letterboxed_image(frame: FrameRecord, spec: ModelSpec) -> NDArray[np.uint8]
 def load_sample(frame: FrameRecord, spec: ModelSpec) -> Sample:
     """Decode a frame and letterbox it with its labels.
 
-    Crowds are left out. ``masks`` is None if a tree has no segmentation.
+    Ignored trees are boxes of ``ignored`` alone. ``masks`` is None if a tree has no segmentation.
 
     Raises:
         DatasetError: If a file is missing or broken, or has another size or depth encoding.
     """
     image, box = _letterboxed_image(frame, spec), _letterbox(frame, spec)
-    trees = [tree for tree in frame.trees if not tree.crowd]
-    boxes = np.array([tree.box_px * np.tile(box.scale, 2) for tree in trees]).reshape(-1, 4)
+    trees = [tree for tree in frame.trees if not tree.ignored]
+    boxes, ignored = (
+        np.array([tree.box_px * np.tile(box.scale, 2) for tree in some]).reshape(-1, 4)
+        for some in (trees, [tree for tree in frame.trees if tree.ignored])
+    )
     keypoints = np.array([tree.keypoints for tree in trees]).reshape(-1, 5, 3).copy()
     keypoints[..., :2] = box.to_model(keypoints[..., :2])
     if any(tree.segmentation is None for tree in trees):
-        return Sample(image, boxes, keypoints, None)
+        return Sample(image, boxes, keypoints, None, ignored)
     masks = np.zeros((len(trees), spec.height, spec.width), bool)
     limit = _half_or_more(spec.height, spec.width)
     for row, tree in enumerate(trees):
         grey = frame.mask(tree).astype(np.uint8) * np.uint8(255)
         masks[row] = box.apply(grey, 0) > limit
-    return Sample(image, boxes, keypoints, masks)
+    return Sample(image, boxes, keypoints, masks, ignored)
 
 
 def _half_or_more(height: int, width: int) -> NDArray[np.uint8]:

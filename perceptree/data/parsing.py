@@ -16,6 +16,7 @@ from perceptree.data.entries import (
     Entry,
     EntryError,
     check_segmentation,
+    flag,
     named_numbers,
     numbers,
     refuse,
@@ -65,6 +66,7 @@ class _TreeEntries:
     points: list[list[float]] = field(default_factory=list)
     sizes: list[tuple[int, int]] = field(default_factory=list)
     truths: list[dict[str, float]] = field(default_factory=list)
+    flags: list[tuple[bool, bool]] = field(default_factory=list)
 
 
 class Parser:
@@ -191,9 +193,10 @@ class Parser:
         if keypoints is None:
             return
         box, points = _box(annotation), _points(annotation, keypoints)
+        crowd, marked = flag(annotation, "iscrowd"), flag(annotation, "ignore")
         if annotation.get("segmentation"):
             check_segmentation(annotation, image["width"], image["height"])
-        elif self._with_masks and not annotation.get("iscrowd", 0):
+        elif self._with_masks and not (crowd or marked):
             expected = "polygons or run lengths, because other trees in the file have them"
             refuse(annotation, "annotation", "segmentation", expected)
         truth = named_numbers(annotation, _TRUTH_FIELDS)
@@ -202,6 +205,7 @@ class Parser:
         found.points.append(points)
         found.sizes.append((image["width"], image["height"]))
         found.truths.append(truth)
+        found.flags.append((crowd, marked))
 
     def _records(self, found: _TreeEntries) -> list[TreeRecord]:
         boxes = np.array(found.boxes, float).reshape(-1, 4)
@@ -212,12 +216,18 @@ class Parser:
                 box,
                 points,
                 entry.get("segmentation") or None,
-                bool(entry.get("iscrowd", 0)),
+                crowd,
                 truth,
                 _species(entry),
+                marked,
             )
-            for entry, box, points, truth in zip(
-                found.entries, boxes, self._keypoints_in_frame(found), found.truths, strict=True
+            for entry, box, points, truth, (crowd, marked) in zip(
+                found.entries,
+                boxes,
+                self._keypoints_in_frame(found),
+                found.truths,
+                found.flags,
+                strict=True,
             )
         ]
 

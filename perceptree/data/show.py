@@ -76,6 +76,6 @@ def _cell(split: str, frame: FrameRecord) -> Picture:
     left = (width - drawn.shape[1]) // 2
     cell = np.full((drawn.shape[0], width, 3), PAPER, np.uint8)
     cell[:, left : left + drawn.shape[1]] = drawn
-    crowds = sum(tree.crowd for tree in trees)
-    counts = f"{len(trees)} trees" + (f", {crowds} crowds" if crowds else "")
+    ignored = sum(tree.ignored for tree in trees)
+    counts = f"{len(trees) - ignored} trees" + (f", {ignored} ignored" if ignored else "")
     return with_caption(cell, f"{split}  {frame.image_path.name}  {counts}")

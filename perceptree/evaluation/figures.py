@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from perceptree.data import FrameRecord
+from perceptree.data.grading import ungraded
 from perceptree.evaluation.coco_matching import Kind
 from perceptree.evaluation.errors_px import (
     DIRECTIONS,
@@ -19,8 +22,8 @@ from perceptree.evaluation.errors_px import (
     histogram,
     round_reach,
 )
-from perceptree.evaluation.groups import AXES, Axis, Group, groups_of
-from perceptree.evaluation.matching import DISPLAY_SCORE, MATCH_IOU
+from perceptree.evaluation.groups import AXES, DISTANCE, Axis, Group, groups_of
+from perceptree.evaluation.matching import DISPLAY_SCORE, MATCH_IOU, Matches, match_trees
 from perceptree.evaluation.metrics import Measured
 from perceptree.evaluation.precision import KINDS
 from perceptree.evaluation.reliability import reliability, scored_detections
@@ -42,12 +45,14 @@ class About:
         data: Folder of the dataset.
         split: "train", "val" or "test".
         notes: Messages about reading the data.
+        certain_m: Distance beyond which the labelled trees are ignored, m; None for no limit.
     """
 
     model: Mapping[str, Any]
     data: str
     split: str
     notes: tuple[str, ...] = ()
+    certain_m: float | None = None
 
 
 def figures_of(measured: Measured, about: About) -> Figures:
@@ -74,12 +79,9 @@ def figures_of(measured: Measured, about: About) -> Figures:
         "at_score": {
             "score": DISPLAY_SCORE,
             "iou": MATCH_IOU,
-            "found": len(matches.found),
-            "missed": len(matches.missed),
-            "invented": len(matches.invented),
-            "recall": round(matches.recall, 4),
-            "precision": None if matches.precision is None else round(matches.precision, 4),
+            **_counts(matches),
         },
+        "certain": _certain_figures(measured, about.certain_m),
         "boxes_by_score": measured.scorer.by_score("bbox"),
         "reliability": reliability(scored_detections(measured.store.frames, measured.predictions)),
         "keypoint_error_px": None if errors is None else _keypoint_figures(errors),
@@ -100,10 +102,51 @@ def _data_figures(measured: Measured, about: About) -> Figures:
         "split": about.split,
         "frames": len(frames),
         "trees": measured.store.trees,
-        "crowds": measured.scorer.trees - measured.store.trees,
+        "crowds": sum(tree.crowd for frame in frames for tree in frame.trees),
+        "ignored": measured.scorer.trees - measured.store.trees,
         "picture_px": dict(sizes.most_common()),
         "notes": list(about.notes),
     }
+
+
+def _counts(matches: Matches) -> Figures:
+    return {
+        "found": len(matches.found),
+        "missed": len(matches.missed),
+        "invented": len(matches.invented),
+        "recall": round(matches.recall, 4),
+        "precision": None if matches.precision is None else round(matches.precision, 4),
+    }
+
+
+def _certain_figures(measured: Measured, certain_m: float | None) -> Figures | None:
+    """Return the counts with trees beyond ``certain_m`` ignored, and with all of them counted."""
+    if certain_m is None:
+        return None
+    frames = ungraded(measured.store.frames)
+    return {
+        "certain_m": certain_m,
+        "graded": _rule_figures(measured.store.frames, measured.matches),
+        "plain": _rule_figures(frames, match_trees(frames, measured.predictions)),
+    }
+
+
+def _rule_figures(frames: Sequence[FrameRecord], matches: Matches) -> Figures:
+    groups = {
+        group.name: (int(_is_inside(frames, matches, group).sum()), len(group.trees))
+        for group in groups_of(frames, DISTANCE)
+    }
+    by_distance = [
+        {"name": name, "trees": trees, "found": found, "recall": round(found / trees, 4)}
+        for name, (found, trees) in groups.items()
+    ]
+    return {**_counts(matches), "by_distance": by_distance}
+
+
+def _is_inside(frames: Sequence[FrameRecord], matches: Matches, group: Group) -> NDArray[np.bool_]:
+    """Whether each found tree is of the group."""
+    first = np.cumsum([0, *(len(frame.trees) for frame in frames)])
+    return np.array([first[p.frame] + p.tree in group.trees for p in matches.found], bool)
 
 
 def _keypoint_figures(errors: PixelErrors) -> Figures:
@@ -136,9 +179,8 @@ def _axis_figures(measured: Measured, axis: Axis) -> Figures:
 
 def _group_figures(measured: Measured, axis: Axis, group: Group) -> Figures:
     """Return recall, precision, AP and errors of a group of trees."""
-    first = np.cumsum([0, *(len(frame.trees) for frame in measured.store.frames)])
     matches, errors = measured.matches, measured.errors
-    inside = np.array([first[p.frame] + p.tree in group.trees for p in matches.found], bool)
+    inside = _is_inside(measured.store.frames, matches, group)
     found = int(inside.sum())
     figures: Figures = {
         "name": group.name,

@@ -64,8 +64,11 @@ def _scene(name: str) -> Callable[[FrameRecord, TreeRecord | None], Any]:
     return value
 
 
+DISTANCE = Axis(
+    "distance_m", "Distance", _truth("distance_m"), (0, 2.5, 5, 7.5, 10, _INFINITY), unit="m"
+)
 AXES = (
-    Axis("distance_m", "Distance", _truth("distance_m"), (0, 2.5, 5, 7.5, 10, _INFINITY), unit="m"),
+    DISTANCE,
     Axis(
         "visible_fraction",
         "Visible part of the lower trunk",
@@ -115,7 +118,7 @@ def groups_of(frames: Sequence[FrameRecord], axis: Axis) -> list[Group]:
             own_frames.setdefault(label, set()).add(number)
         for tree in frame.trees:
             label = _label(axis, axis.value(frame, tree))
-            if label is not None and not tree.crowd:
+            if label is not None and not tree.ignored:
                 trees.setdefault(label, set()).add(tree_index)
             tree_index += 1
     everywhere = range(len(frames))

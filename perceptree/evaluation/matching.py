@@ -67,7 +67,8 @@ def match_trees(
     """Match detections to trees with a box IoU of at least 0.5.
 
     In order of falling score, each detection takes the unmatched tree with the largest IoU.
-    Unmatched detections of which at least half lies inside a crowd are ignored.
+    Unmatched detections of which at least half lies inside an ignored tree or a crowd count
+    neither way; those with a box IoU of at least 0.5 are among them.
 
     Args:
         frames: Labelled frames.
@@ -83,8 +84,8 @@ def match_trees(
 def _match_frame(
     number: int, frame: FrameRecord, found: FramePrediction, least_score: float, matches: Matches
 ) -> None:
-    trees = [index for index, tree in enumerate(frame.trees) if not tree.crowd]
-    crowds = [tree.box_px for tree in frame.trees if tree.crowd]
+    trees = [index for index, tree in enumerate(frame.trees) if not tree.ignored]
+    ignored = [tree.box_px for tree in frame.trees if tree.ignored]
     boxes = np.array([frame.trees[index].box_px for index in trees]).reshape(-1, 4)
     free = np.ones(len(trees), bool)
     for row in _shown_rows(found, least_score):
@@ -93,7 +94,7 @@ def _match_frame(
         if best >= 0 and overlap[best] >= MATCH_IOU:
             free[best] = False
             matches.found.append(Pair(number, trees[best], row, float(overlap[best])))
-        elif not any(_share_within(found.boxes[row], crowd) >= MATCH_IOU for crowd in crowds):
+        elif not any(_share_within(found.boxes[row], box) >= MATCH_IOU for box in ignored):
             matches.invented.append((number, row))
     matches.missed.extend((number, trees[index]) for index in np.flatnonzero(free))
 

@@ -134,15 +134,22 @@ def measure(
     """Do as ``evaluate``, but return all intermediate results.
 
     Raises:
-        DatasetError: If no tree is labelled.
+        DatasetError: If no tree is labelled, or all are ignored.
     """
-    if store.trees == 0:
-        raise DatasetError(f"{len(store)} frames without a labelled tree: expected at least one")
+    check_trees(store)
     predictions = []
     for prediction in predict_frames(predict, store, batch):
         predictions.append(prediction)
         progress(1)
     return measured_from(store, predictions)
+
+
+def check_trees(store: FrameStore) -> None:
+    """Raise DatasetError if no tree is labelled, or all are ignored."""
+    if store.trees == 0:
+        ignored = sum(len(frame.trees) for frame in store.frames)
+        why = f"tree that counts ({ignored} are ignored)" if ignored else "labelled tree"
+        raise DatasetError(f"{len(store)} frames without a {why}: expected at least one")
 
 
 def measured_from(store: FrameStore, predictions: list[FramePrediction]) -> Measured:

@@ -145,7 +145,7 @@ class Scorer:
 
     @property
     def trees(self) -> int:
-        """Number of labelled trees, crowds included."""
+        """Number of labelled trees, ignored ones included."""
         return sum(len(frame.trees) for frame in self._frames)
 
     def _evaluation(self, kind: Kind) -> Evaluation | None:
@@ -178,7 +178,7 @@ def _ground_truth(frames: Sequence[FrameRecord]) -> COCO:
                     "category_id": 1,
                     "bbox": [x0, y0, x1 - x0, y1 - y0],
                     "area": area,
-                    "iscrowd": int(tree.crowd),
+                    "iscrowd": int(tree.ignored),
                     "segmentation": tree.segmentation if masked else outline,
                     "unmasked": not masked,
                     "keypoints": tree.keypoints.ravel().tolist(),

@@ -49,7 +49,7 @@ class ScoreScale(NamedTuple):
 def scored_detections(
     frames: Sequence[FrameRecord], predictions: Sequence[FramePrediction]
 ) -> Scored:
-    """Match all detections from `LEAST_SCORE` on; those inside a crowd are left out."""
+    """Match all detections from `LEAST_SCORE` on; those inside an ignored region are left out."""
     matches = match_trees(frames, predictions, LEAST_SCORE)
     rows = [(pair.frame, pair.row, True) for pair in matches.found]
     rows += [(frame, row, False) for frame, row in matches.invented]

@@ -288,7 +288,41 @@ def _groups(figures: Figures) -> str:
         " another detector, not with other rows. Pale rows have fewer than 20 trees."
     )
     tables = "<br>".join(_group_table(axis) for axis in figures["by"].values())
+    if figures["certain"] is not None:
+        tables = f"{_certain_table(figures['certain'])}<br>{tables}"
     return f'<h2>Results by condition</h2><p class="note">{note}</p>{tables}'
+
+
+def _certain_table(certain: Figures) -> str:
+    """Return recall by distance with far trees ignored and with all of them counted."""
+    graded = {group["name"]: group for group in certain["graded"]["by_distance"]}
+    rows = "".join(
+        f"<tr><td>{escape(group['name'])}</td>"
+        + "".join(_recall_cells(one) for one in (graded.get(group["name"]), group))
+        + "</tr>"
+        for group in certain["plain"]["by_distance"]
+    )
+    limit = f"{certain['certain_m']:g} m"
+    totals = " ".join(
+        f"{title}: {rule['found']:,} of {rule['found'] + rule['missed']:,} trees found,"
+        f" {rule['invented']:,} false positives."
+        for title, rule in (
+            (f"Beyond {limit} ignored", certain["graded"]),
+            ("All counted", certain["plain"]),
+        )
+    )
+    return (
+        '<div class="card scroll"><h3>Recall by distance under both rules</h3>'
+        '<table class="shares"><thead><tr><th></th>'
+        f"<th>trees, beyond {limit} ignored</th><th>recall</th>"
+        "<th>trees, all counted</th><th>recall</th></tr></thead>"
+        f'<tbody>{rows}</tbody></table><p class="note">{totals}</p></div>'
+    )
+
+
+def _recall_cells(group: Figures | None) -> str:
+    values = group or {"trees": None, "recall": None}
+    return "".join(_group_cell(name, values[name]) for name in ("trees", "recall"))
 
 
 def _group_table(axis: Figures) -> str:

@@ -19,9 +19,8 @@ import torch
 from fleet import Job, JobError, LocalStore, MergedParts, Store, fetch, is_url, open_store
 from perceptree.data import Dataset, FrameRecord, FrameStore, read_dataset
 from perceptree.data.frames import source_path
-from perceptree.errors import DatasetError
 from perceptree.evaluation.figures import About, figures_of
-from perceptree.evaluation.metrics import measured_from
+from perceptree.evaluation.metrics import check_trees, measured_from
 from perceptree.evaluation.predictions import (
     FramePrediction,
     on_device,
@@ -45,12 +44,14 @@ class SplitSource:
         split: "train", "val" or "test".
         fold: Which fold of a dataset with several.
         entire_tree: Whether the labels of entire trees are read.
+        certain_m: Distance beyond which labelled trees are ignored, m; None for no limit.
     """
 
     data: str
     split: str
     fold: int | None
     entire_tree: bool
+    certain_m: float | None = None
 
     @contextmanager
     def opened(self) -> Iterator[Dataset]:
@@ -60,7 +61,7 @@ class SplitSource:
             DatasetError: If there are no labels of the split, or they are not COCO.
             StoreError: If a file at the URL cannot be read.
         """
-        options = (self.split, self.fold, self.entire_tree)
+        options = (self.split, self.fold, self.entire_tree, self.certain_m)
         if not is_url(self.data):
             yield read_dataset(self.data, *options)
             return
@@ -164,7 +165,7 @@ def eval_job(
         about: JSON-ready description of the model, for the report.
 
     Raises:
-        DatasetError: If the split has no labelled tree.
+        DatasetError: If the split has no labelled tree that counts.
     """
     identity = {
         "checkpoint_sha256": hashlib.sha256(work.checkpoint).hexdigest(),
@@ -175,8 +176,7 @@ def eval_job(
     }
     with work.source.opened() as dataset:
         frames = len(dataset.frames)
-        if not any(frame.trees for frame in dataset.frames):
-            raise DatasetError(f"{frames} frames without a labelled tree: expected at least one")
+        check_trees(FrameStore(dataset.frames, spec))
     return Job(store, KIND, identity, frames, BLOCK_FRAMES)
 
 
@@ -202,7 +202,7 @@ def merge_evaluation(parts: MergedParts, out: Path | None) -> tuple[dict[str, An
         if labels_sha256(dataset) != identity["labels_sha256"]:
             raise JobError(f"{source.data}: has other labels than the shards were made with")
         store = FrameStore(dataset.frames, spec)
-        about = About(identity["about"], source.data, source.split, dataset.notes)
+        about = About(identity["about"], source.data, source.split, dataset.notes, source.certain_m)
         measured = measured_from(store, predictions)
         report = Report(figures_of(measured, about), measured)
         if out is None:

@@ -39,6 +39,8 @@ def summary_lines(figures: Figures) -> Iterator[str]:
         f" ({shown['recall']:.0%}), {shown['invented']} of {reported} detections are false"
         " positives"
     )
+    if figures["certain"] is not None:
+        yield from _certain_lines(figures["certain"])
     if figures["reliability"]["detections"]:
         yield (
             "scores: they differ from the share of labelled trees by"
@@ -48,6 +50,28 @@ def summary_lines(figures: Figures) -> Iterator[str]:
     yield from _weakest(figures)
     for line in figures["left_out"]:
         yield f"left out: {line}"
+
+
+def _certain_lines(certain: Figures) -> Iterator[str]:
+    """Yield recall by distance under both rules."""
+    plain, limit = certain["plain"], f"{certain['certain_m']:g} m"
+    reported = plain["found"] + plain["invented"]
+    yield (
+        f"with trees beyond {limit} counted: {plain['found']} of"
+        f" {plain['found'] + plain['missed']} trees found ({plain['recall']:.0%}),"
+        f" {plain['invented']} of {reported} false positives"
+    )
+    graded = {group["name"]: group for group in certain["graded"]["by_distance"]}
+    for group in plain["by_distance"]:
+        near = graded.get(group["name"])
+        yield (
+            f"  {group['name']:12} {_recall_of(group)}; to {limit}"
+            f" {'–' if near is None else _recall_of(near)}"
+        )
+
+
+def _recall_of(group: Figures) -> str:
+    return f"{group['found']} of {group['trees']} found ({group['recall']:.0%})"
 
 
 def _error_lines(figures: Figures) -> Iterator[str]:

@@ -68,11 +68,23 @@ def pairwise_iou(first: Tensor, second: Tensor) -> Tensor:
     Returns:
         (..., N, M), 0 to 1; 0 where a box is empty.
     """
-    low = torch.maximum(first[..., :, None, :2], second[..., None, :, :2])
-    high = torch.minimum(first[..., :, None, 2:], second[..., None, :, 2:])
-    overlap = (high - low).clamp(min=0.0).prod(dim=-1)
+    overlap = _overlap(first, second)
     union = _area(first)[..., :, None] + _area(second)[..., None, :] - overlap
     return torch.where(overlap > 0.0, overlap / union, torch.zeros_like(overlap))
+
+
+def pairwise_share_within(boxes: Tensor, regions: Tensor) -> Tensor:
+    """Share of each box's own area that lies in each region.
+
+    Args:
+        boxes: (..., N, 4) xyxy px.
+        regions: (..., M, 4) xyxy px.
+
+    Returns:
+        (..., N, M), 0 to 1; 0 where a box is empty.
+    """
+    overlap = _overlap(boxes, regions)
+    return torch.where(overlap > 0.0, overlap / _area(boxes)[..., :, None], 0.0)
 
 
 def nms_keep_mask(boxes: Tensor, scores: Tensor, valid: Tensor, iou: float) -> Tensor:
@@ -142,6 +154,13 @@ def nms_top_k(
 def _size_centre(boxes: Tensor) -> tuple[Tensor, Tensor]:
     size = boxes[..., 2:] - boxes[..., :2]
     return size, boxes[..., :2] + 0.5 * size
+
+
+def _overlap(first: Tensor, second: Tensor) -> Tensor:
+    """(..., N, M) common area of each pair of (..., N, 4) and (..., M, 4) boxes."""
+    low = torch.maximum(first[..., :, None, :2], second[..., None, :, :2])
+    high = torch.minimum(first[..., :, None, 2:], second[..., None, :, 2:])
+    return (high - low).clamp(min=0.0).prod(dim=-1)
 
 
 def _area(boxes: Tensor) -> Tensor:

@@ -10,8 +10,11 @@ import torch
 from torch import Tensor
 
 from perceptree.errors import SettingsError
-from perceptree.models.boxes import pairwise_iou
+from perceptree.models.boxes import pairwise_iou, pairwise_share_within
 from perceptree.models.targets import PaddedBoxes
+
+# Share of a box's own area in an ignored region from which on it is not background.
+_IGNORED_SHARE = 0.5
 
 
 @dataclass(frozen=True)
@@ -121,11 +124,11 @@ def match_anchors(
 
     An anchor is positive if its overlap with a tree is at least ``anchor_positive_iou`` or the
     highest of all anchors with that tree. Otherwise it is negative if its highest overlap is below
-    ``anchor_negative_iou``.
+    ``anchor_negative_iou`` and it is not on an ignored region.
 
     Args:
         anchors: (A, 4) xyxy px.
-        trees: True boxes of the batch.
+        trees: True boxes and ignored regions of the batch.
         settings: Thresholds and numbers.
         draw: Source of random numbers.
     """
@@ -136,6 +139,8 @@ def match_anchors(
     # Such an anchor is still assigned to the tree that it overlaps most.
     positive = (best >= settings.anchor_positive_iou) | is_best_of_a_tree
     negative = (best < settings.anchor_negative_iou) & ~positive
+    if trees.ignored is not None:
+        negative &= ~_on_ignored(anchors, trees.ignored, settings.anchor_negative_iou)
     positives = int(settings.anchors * settings.anchor_positive_share)
     positive = _sample(positive, torch.full_like(tree[:, :1], positives), positives, draw)
     room = settings.anchors - positive.sum(dim=1, keepdim=True)
@@ -151,10 +156,12 @@ def sample_regions(
 ) -> RegionSample:
     """Sample regions for the heads from the proposals and the true boxes (Girshick 2015).
 
+    Proposals on an ignored region are left out, unless they are positive.
+
     Args:
         boxes: (B, P, 4) proposals, xyxy px.
         valid: (B, P) bool, false for padding.
-        trees: True boxes of the batch.
+        trees: True boxes and ignored regions of the batch.
         settings: Threshold and numbers.
         draw: Source of random numbers.
     """
@@ -164,19 +171,31 @@ def sample_regions(
     valid = torch.cat((valid, trees.valid), dim=1)
     best, tree = pairwise_iou(trees.boxes, boxes).max(dim=1)
     positive = valid & (best >= settings.region_positive_iou)
+    negative = valid & ~positive
+    if trees.ignored is not None:
+        negative &= ~_on_ignored(boxes, trees.ignored, settings.region_positive_iou)
     positives = int(settings.regions * settings.region_positive_share)
     most = torch.full_like(tree[:, :1], positives)
     chosen = _sample(positive, most, min(positives, boxes.shape[1]), draw)
     # Order: chosen positives, then negatives in random order, then unused regions.
     shuffled = draw((best.shape[0], best.shape[1]), best.device)
-    rank = shuffled + (valid & ~positive).float() + 2.0 * chosen
+    rank = shuffled + negative.float() + 2.0 * chosen
     order = torch.topk(rank, min(settings.regions, rank.shape[1]), dim=1).indices
     return RegionSample(
         torch.gather(boxes, 1, order[..., None].expand(-1, -1, 4)),
         torch.gather(chosen, 1, order),
-        torch.gather(chosen | (valid & ~positive), 1, order),
+        torch.gather(chosen | negative, 1, order),
         torch.gather(tree, 1, order),
     )
+
+
+def _on_ignored(boxes: Tensor, ignored: Tensor, least_iou: float) -> Tensor:
+    """Whether boxes (N, 4) or (B, N, 4) are on one of the (B, M, 4) ignored regions: (B, N).
+
+    They are if half of their area lies in it, or their overlap with it is at least ``least_iou``.
+    """
+    inside = pairwise_share_within(boxes, ignored) >= _IGNORED_SHARE
+    return (inside | (pairwise_iou(boxes, ignored) >= least_iou)).any(-1)
 
 
 def _sample(candidates: Tensor, count: Tensor, most: int, draw: RandomDraw) -> Tensor:

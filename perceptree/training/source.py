@@ -9,6 +9,7 @@ from typing import Any
 
 from perceptree.data import Dataset, FrameStore, read_dataset
 from perceptree.data.cache import FrameCache, Progress, open_cache
+from perceptree.data.grading import check_certain, ignored_note
 from perceptree.errors import DatasetError
 from perceptree.models import ModelSpec
 from perceptree.training.origin import simulated_scenes, usual_pictures
@@ -27,12 +28,21 @@ class DataSource:
         fold: Fold of a cross-validation, for datasets that have folds.
         entire_tree: Use the labels of entire trees, for datasets that have them.
         mix: Folder of a second dataset whose train split is mixed in; None for none.
+        certain_m: Distance beyond which labelled trees are ignored, in all splits, m; None for no
+            limit.
+
+    Raises:
+        SettingsError: If ``certain_m`` is not over 0.
     """
 
     directory: Path
     fold: int | None = None
     entire_tree: bool = False
     mix: Path | None = None
+    certain_m: float | None = None
+
+    def __post_init__(self) -> None:
+        check_certain(self.certain_m)
 
 
 @dataclass(frozen=True)
@@ -58,7 +68,8 @@ class TrainingData:
         val: Frames of the val split.
         mixed: Frames of the train split that is mixed in; None if there is none.
         origin: What a checkpoint tells of the frames: ``scenes`` of the simulator and ``pictures``,
-            the usual ranges of their statistics.
+            the usual ranges of their statistics, and ``certain_m`` if it has one.
+        certain_m: Distance beyond which labelled trees are ignored, m; None for no limit.
     """
 
     name: str
@@ -66,6 +77,7 @@ class TrainingData:
     val: FrameStore
     mixed: FrameCache | None = None
     origin: Mapping[str, Any] = field(default_factory=dict)
+    certain_m: float | None = None
 
     def describe(self) -> dict[str, Any]:
         """Describe the data for a training state: name, numbers of frames and hashes."""
@@ -75,6 +87,7 @@ class TrainingData:
             "train": len(self.frames),
             "val": len(self.val),
             "frames hash": self.frames.key,
+            "certain_m": self.certain_m,
             **mixed,
         }
 
@@ -91,10 +104,12 @@ def open_data(
         preparing: Callbacks for progress and messages.
 
     Raises:
-        DatasetError: If the data cannot be read, a split has no labelled tree, or labels for a
-            head of the model are missing.
+        DatasetError: If the data cannot be read, a split has no labelled tree that counts, or
+            labels for a head of the model or distances for ``certain_m`` are missing.
     """
-    sources = [source, *([] if source.mix is None else [DataSource(source.mix)])]
+    certain_m = source.certain_m
+    mixed = [] if source.mix is None else [DataSource(source.mix, certain_m=certain_m)]
+    sources = [source, *mixed]
     val = _labelled(source, "val", preparing)
     trains = [_labelled(each, "train", preparing) for each in sources]
     folders = [
@@ -112,16 +127,30 @@ def open_data(
         caches[0],
         FrameStore(val.frames, spec),
         caches[1] if len(caches) > 1 else None,
-        {"scenes": scenes, "pictures": usual_pictures(sets, spec)},
+        {
+            "scenes": scenes,
+            "pictures": usual_pictures(sets, spec),
+            **({} if certain_m is None else {"certain_m": certain_m}),
+        },
+        certain_m,
     )
 
 
 def _labelled(source: DataSource, split: str, preparing: Preparing) -> Dataset:
-    """Read the labels of a split; it must have a labelled tree."""
-    dataset = read_dataset(source.directory, split, source.fold, source.entire_tree)
-    if not any(not tree.crowd for frame in dataset.frames for tree in frame.trees):
+    """Read the labels of a split; it must have a labelled tree that counts."""
+    dataset = read_dataset(
+        source.directory, split, source.fold, source.entire_tree, source.certain_m
+    )
+    trees = [tree for frame in dataset.frames for tree in frame.trees]
+    if not trees:
         raise DatasetError(
             f"{source.directory}: the {split} split has no labelled tree, expected at least one"
+        )
+    if all(tree.ignored for tree in trees):
+        (reasons,) = ignored_note(dataset.frames, source.certain_m)
+        raise DatasetError(
+            f"{source.directory}: the {split} split has no tree that counts ({reasons}), expected"
+            " at least one"
         )
     for note in dataset.notes:
         preparing.say(f"{dataset.labels.path}: {note}")
@@ -157,4 +186,6 @@ def _cache_folder(
     directory = source.directory if source.directory.is_dir() else source.directory.parent
     parent = directory / CACHE_FOLDER if engine.cache is None else Path(engine.cache)
     name = f"{train.labels.path.stem}-{spec.modality}-{spec.width}x{spec.height}"
+    if source.certain_m is not None:
+        name += f"-certain-{source.certain_m:g}"
     return parent / (f"mixed-{name}" if mixed and engine.cache is not None else name)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from perceptree.data.augment.labels import (
     flip_keypoints,
     transform_boxes,
+    transform_ignored,
     transform_keypoints,
     transform_masks,
 )
@@ -33,14 +34,17 @@ Rectangle = tuple[int, int, int, int]
 def flip(sample: Sample) -> Sample:
     """Mirror a frame horizontally; left and right diameter keypoints are swapped."""
     width = sample.image.shape[1]
-    boxes = sample.boxes.copy()
+    boxes, ignored = sample.boxes.copy(), sample.ignored.copy()
     boxes[:, [0, 2]] = width - sample.boxes[:, [2, 0]]
+    ignored[:, [0, 2]] = width - sample.ignored[:, [2, 0]]
     keypoints = flip_keypoints(sample.keypoints)
     labelled = keypoints[..., 2] > 0
     keypoints[..., 0] = np.where(labelled, width - keypoints[..., 0], keypoints[..., 0])
     masks = None if sample.masks is None else _mirrored(sample.masks)
     image = np.asarray(cv2.flip(sample.image, 1), np.uint8)
-    return replace(sample, image=image, boxes=boxes, keypoints=keypoints, masks=masks)
+    return replace(
+        sample, image=image, boxes=boxes, keypoints=keypoints, masks=masks, ignored=ignored
+    )
 
 
 def _mirrored(masks: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -188,7 +192,12 @@ def transform_sample(sample: Sample, transform: Transform, pad_value: int) -> Sa
     keypoints = transform_keypoints(
         keypoints, matrix, transform.window, transform.width, transform.height
     )
-    return replace(sample, image=image, boxes=boxes, keypoints=keypoints, masks=masks)
+    ignored = transform_ignored(
+        sample.ignored, matrix, transform.window, transform.width, transform.height
+    )
+    return replace(
+        sample, image=image, boxes=boxes, keypoints=keypoints, masks=masks, ignored=ignored
+    )
 
 
 def _draw_scale(rng: np.random.Generator, scales: tuple[float, float]) -> float:

@@ -77,13 +77,27 @@ def transform_boxes(
     Returns:
         The boxes of the trees that are kept, (M, 4), and their indices.
     """
+    seen = _seen_boxes(boxes, matrix, window, width, height)
+    least = np.maximum(MIN_PIXELS, MIN_VISIBLE_SHARE * _areas(_bounding_boxes(boxes, matrix)))
+    kept = np.nonzero(_areas(seen) >= least)[0].tolist()
+    return seen[kept], kept
+
+
+def transform_ignored(
+    boxes: Float, matrix: Float, window: tuple[int, int, int, int], width: int, height: int
+) -> Float:
+    """Transform the (M, 4) boxes of ignored regions as `transform_boxes`; any rest is kept."""
+    seen = _seen_boxes(boxes, matrix, window, width, height)
+    return seen[_areas(seen) > 0]
+
+
+def _seen_boxes(
+    boxes: Float, matrix: Float, window: tuple[int, int, int, int], width: int, height: int
+) -> Float:
+    """Return (N, 4) the parts of boxes inside window and image, after the transform."""
     x0, y0, x1, y1 = window
     within = np.clip(boxes, (x0, y0, x0, y0), (x1, y1, x1, y1))
-    whole, seen = _bounding_boxes(boxes, matrix), _bounding_boxes(within, matrix)
-    seen = np.clip(seen, 0, (width, height, width, height))
-    area = _areas(seen)
-    kept = np.nonzero(area >= np.maximum(MIN_PIXELS, MIN_VISIBLE_SHARE * _areas(whole)))[0].tolist()
-    return seen[kept], kept
+    return np.clip(_bounding_boxes(within, matrix), 0, (width, height, width, height))
 
 
 def transform_masks(
