@@ -88,7 +88,8 @@ _BackboneRate = Annotated[
     float | None,
     typer.Option(
         "--backbone-rate",
-        help="Learning rate of the backbone as a share of that of the rest; by default the recipe's.",
+        help="Learning rate of the backbone, as a share of that of the rest; by default the"
+        " recipe's.",
     ),
 ]
 _KeepWeights = Annotated[

@@ -113,6 +113,8 @@ def make_spec(
         size = values.pop("height", 384), values.pop("width", 640)
         height, width = height or size[0], width or size[1]
         levels = (values | changes).get("levels", _LIGHT_LEVELS)
+        # One sample halves the time of pooling, and costs no accuracy once trained with.
+        values.setdefault("roi_samples", 1)
         values["anchor_sizes_px"] = tuple(
             (_LIGHT_ANCHOR_PX * 2**n * width / 640.0,) for n in levels
         )

@@ -12,7 +12,7 @@ import os
 import signal
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from multiprocessing.synchronize import Event
 from types import FrameType
@@ -28,7 +28,8 @@ from torch.utils.data import DataLoader, Dataset, Sampler
 from perceptree.data import Sample, augment
 from perceptree.data.cache import FrameCache
 from perceptree.errors import DatasetError
-from perceptree.models import ModelSpec, TreeTargets
+from perceptree.models import ModelSpec
+from perceptree.training.packing import PackedTargets, pack_targets
 from perceptree.training.settings import TrainSettings
 
 # Purposes of random number streams, a part of their seeds.
@@ -42,17 +43,22 @@ class Batch:
 
     Attributes:
         images: uint8, (B, H, W, 3) BGR or (B, H, W) depth.
-        targets: Labelled trees of each image.
+        targets: Labels of all images; None in an empty batch.
         seeds: Seed of each image for the sampling of anchors and regions.
         names: Name of each frame.
         fault: Why a frame could not be read, if so; the batch is empty then.
     """
 
     images: Tensor
-    targets: list[TreeTargets]
+    targets: PackedTargets | None
     seeds: list[int]
     names: list[str]
     fault: str | None = None
+
+    def pin_memory(self) -> Batch:
+        """The same in page-locked memory, which DataLoader asks for."""
+        targets = None if self.targets is None else self.targets.pin_memory()
+        return replace(self, images=self.images.pin_memory(), targets=targets)
 
 
 Slot = tuple[int, int]
@@ -151,12 +157,12 @@ def collate(rows: list[tuple[Sample, int, str] | str]) -> Batch:
     samples = []
     for row in rows:
         if isinstance(row, str):
-            return Batch(torch.empty(0), [], [], [], row)
+            return Batch(torch.empty(0), None, [], [], row)
         samples.append(row)
     images = torch.from_numpy(np.stack([sample.image for sample, _, _ in samples]))
     return Batch(
         images,
-        [sample.targets() for sample, _, _ in samples],
+        pack_targets([sample for sample, _, _ in samples]),
         [seed for _, seed, _ in samples],
         [name for _, _, name in samples],
     )

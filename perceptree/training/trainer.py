@@ -293,10 +293,12 @@ class Trainer:
         """Losses and gradients with the weights as they are."""
         images = batch.images.to(self.device, non_blocking=True)
         draw = SeededDraws(batch.seeds)
+        assert batch.targets is not None
+        targets = batch.targets.unpack(self.device)
         with torch.autocast(self.device.type, torch.bfloat16, self.precision == "bf16"):
             arguments = (
                 images,
-                batch.targets,
+                targets,
                 self.settings.sampling,
                 draw,
                 self.processes.mean_count,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from perceptree.data import read_split
+from perceptree.data import Sample, read_split
 from perceptree.data.cache import open_cache
 from perceptree.training.batches import (
     Batch,
@@ -20,8 +20,11 @@ from perceptree.training.batches import (
     make_loader,
     prefetch_one,
 )
+from perceptree.training.packing import pack_targets
 
 Make = Callable[..., Any]
+
+CPU = torch.device("cpu")
 
 
 @pytest.fixture
@@ -38,7 +41,10 @@ def first_batches(frames: TrainingFrames, sampler: SlotSampler, workers: int) ->
 def assert_equal(one: Batch, two: Batch) -> None:
     assert (one.names, one.seeds) == (two.names, two.seeds)
     assert torch.equal(one.images, two.images)
-    for first, second in zip(one.targets, two.targets, strict=True):
+    assert one.targets is not None
+    assert two.targets is not None
+    pairs = zip(*(batch.targets.unpack(CPU) for batch in (one, two)), strict=True)
+    for first, second in pairs:
         assert torch.equal(first.boxes, second.boxes)
         assert torch.equal(first.keypoints, second.keypoints)
         assert first.masks is not None
@@ -112,3 +118,25 @@ def test_an_images_draws_do_not_depend_on_the_images_beside_it() -> None:
         assert 0 <= pair.min() < 0.2 < 0.8 < pair.max() < 1
     again = SeededDraws([7, 8])
     assert not np.allclose(again((2, 50), cpu), both((2, 50), cpu))
+
+
+def test_packed_labels_are_those_of_the_frames() -> None:
+    rng = np.random.default_rng(3)
+    samples = [
+        Sample(
+            np.zeros((9, 21, 3), np.uint8),
+            rng.random((count, 4)),
+            rng.random((count, 5, 3)),
+            rng.random((count, 9, 21)) < 0.5,
+            rng.random((regions, 4)),
+        )
+        for count, regions in ((2, 0), (0, 3), (3, 1))
+    ]
+    found = pack_targets(samples).unpack(CPU)
+    for sample, target in zip(samples, found, strict=True):
+        wanted = sample.targets()
+        for name in ("boxes", "keypoints", "masks", "ignored"):
+            assert torch.equal(getattr(target, name), getattr(wanted, name))
+    packed = pack_targets(samples).masks
+    assert packed is not None
+    assert packed.nbytes == 5 * 9 * 3

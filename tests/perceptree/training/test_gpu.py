@@ -28,9 +28,11 @@ def _full_precision(monkeypatch: pytest.MonkeyPatch) -> None:
 def losses_on(device: str, model: TreeRCNN, store: FrameStore) -> dict[str, float]:
     """Losses of the first frames with the gradient, on a device."""
     batch = collate([(store[number], number, str(number)) for number in range(4)])
+    assert batch.targets is not None
+    targets = batch.targets.unpack(torch.device(device))
     model.to(device).train().zero_grad()
     losses: dict[str, Tensor] = model.losses(
-        batch.images.to(device), batch.targets, SampleSettings(), SeededDraws(batch.seeds)
+        batch.images.to(device), targets, SampleSettings(), SeededDraws(batch.seeds)
     )
     torch.stack(list(losses.values())).sum().backward()  # type: ignore[no-untyped-call]
     return {name: loss.item() for name, loss in losses.items()}

@@ -172,7 +172,7 @@ def test_what_is_frozen_stays_and_all_else_is_trained(posts: Path, tmp_path: Pat
 
 
 def test_frozen_norms_of_random_weights_are_refused(posts: Path, tmp_path: Path) -> None:
-    with pytest.raises(SettingsError, match="frozen_norms is true without starting weights"):
+    with pytest.raises(SettingsError, match="frozen_norms is set without starting weights"):
         train(small_spec(), settings(frozen_norms=True), posts, tmp_path / "run")
 
 
