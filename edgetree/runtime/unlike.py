@@ -96,4 +96,4 @@ def what_helps(modality: str, used: str, score_threshold: float) -> str:
     ways = [] if other is None else [f"--model {other}"]
     if score_threshold > _LOW_SCORE:
         ways.append(f"a --score-threshold below {score_threshold:g}")
-    return "try " + ", ".join([*ways, f"fine-tuning ({_GUIDE})"])
+    return f"try {''.join(f'{way}, ' for way in ways)}or fine-tuning ({_GUIDE})"

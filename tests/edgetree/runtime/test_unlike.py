@@ -133,7 +133,7 @@ def test_a_program_is_told_what_to_try() -> None:
     assert found is not None
     assert found.advice == (
         "try --model edge-s-depth, a --score-threshold below 0.3,"
-        " fine-tuning (docs/guides/fine-tune.md)"
+        " or fine-tuning (docs/guides/fine-tune.md)"
     )
 
 
@@ -141,10 +141,9 @@ def test_a_program_is_told_what_to_try() -> None:
 def test_the_advice_names_another_model_for_the_same_images(used: str) -> None:
     (other,) = {"edge-n-rgb", "edge-s-rgb"} - {used}
     assert what_helps("rgb", used, 0.01) == (
-        f"try --model {other}, fine-tuning (docs/guides/fine-tune.md)"
+        f"try --model {other}, or fine-tuning (docs/guides/fine-tune.md)"
     )
-    guide = Path(__file__).parents[3] / "docs/guides/fine-tune.md"
-    assert guide.is_file()
+    assert (Path(__file__).parents[3] / "docs/guides/fine-tune.md").is_file()
 
 
 def test_run_says_it_once_and_in_the_record(
@@ -165,7 +164,7 @@ def test_run_says_it_once_and_in_the_record(
         "grey levels",
     )
     assert record["value"] < 2
-    advice = "a --score-threshold below 0.5, fine-tuning (docs/guides/fine-tune.md)"
+    advice = "a --score-threshold below 0.5, or fine-tuning (docs/guides/fine-tune.md)"
     assert record["advice"] == f"try --model {DEFAULTS['rgb']}, {advice}"
     told = [line for line in done.err.splitlines() if "unlike the training pictures" in line]
     assert len(told) == 1
