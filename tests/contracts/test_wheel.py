@@ -33,9 +33,12 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name in PACKAGES:
         ignored = shutil.ignore_patterns("__pycache__")
         shutil.copytree(ROOT / name, source / name, ignore=ignored)
-    command = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation"]
+    command = [sys.executable, "-m", "pip", "wheel", "--no-index", "--no-deps"]
     done = subprocess.run(
-        [*command, "-w", str(out), str(source)], capture_output=True, text=True, check=False
+        [*command, "--no-build-isolation", "-w", str(out), str(source)],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 0, done.stderr
     return next(out.glob("*.whl"))
