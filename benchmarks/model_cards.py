@@ -4,7 +4,7 @@ perceptree synth --out test_set --preset test
 perceptree synth --out field_test_set --preset field-test
 python benchmarks/model_cards.py --test test_set --field-test field_test_set
 
-By default the models are those of the package. NAME.json holds all figures (schema
+By default the models are the four of the package. NAME.json holds all figures (schema
 `edgetree.card/1`), NAME.md the same as a page. What was found is counted as users get it: of trees
 whose masks cover each other, one is kept. Speed is measured with one thread on the package's
 frames; keep the machine quiet.
@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from calib.writing import write_text
 from edgetree import TreeDetector
 from edgetree.bench.speed import bench_detector
-from edgetree.catalogue import CARD_SCHEMA, default_model
+from edgetree.catalogue import CARD_SCHEMA
 from edgetree.evaluate import frames_for, predict_with_file
 from edgetree.runtime.duplicates import distinct_trees
 from edgetree.samples import sample_frames
@@ -39,14 +39,7 @@ from perceptree.evaluation import About, Predict, RawDetections, make_report
 from perceptree.models import load_checkpoint
 
 ROOT = Path(__file__).parents[1]
-PURPOSE = {
-    "depth": "depth images with or without colour; the default when depth is given",
-    "rgb": "colour images; the default without depth",
-}
-PURPOSE_OF_OTHERS = {
-    "depth": "depth images with or without colour; slower and more accurate than edge-n-depth",
-    "rgb": "colour images; slower and more accurate than edge-n-rgb",
-}
+PURPOSE = {"depth": "depth images with or without colour", "rgb": "colour images"}
 DIAMETER_TABLES = ("diameter_by_distance", "diameter_by_diameter", "diameter_by_visible_fraction")
 SHOWN_SCORE = 0.5
 HALF = ("50", "from 75")
@@ -224,13 +217,14 @@ def card(path: Path, sets: dict[str, Path]) -> dict[str, Any]:
     """Measure one file."""
     detector = TreeDetector.load(path, threads=1, score_threshold=SHOWN_SCORE)
     manifest = detector.manifest
-    purpose = PURPOSE if path.stem == default_model(manifest.modality).stem else PURPOSE_OF_OTHERS
+    fastest = f"edge-n-{manifest.modality}"
+    compared = "the fastest" if path.stem == fastest else f"slower and more accurate than {fastest}"
     figures: dict[str, Any] = {
         "schema": CARD_SCHEMA,
         "model": path.stem,
         "model_sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
         "date": time.strftime("%Y-%m-%d"),
-        "for": purpose[manifest.modality],
+        "for": f"{PURPOSE[manifest.modality]}; {compared}",
         "precision": manifest.precision,
         "file_bytes": path.stat().st_size,
         "parameters": manifest.parameters,
@@ -255,7 +249,7 @@ def main() -> None:
     parser.add_argument("--field-test", type=Path, required=True, help="that of field-test")
     parser.add_argument("--models", type=Path, nargs="*", help="files; those of the package if not")
     options = parser.parse_args()
-    for path in options.models or [default_model("depth"), default_model("rgb")]:
+    for path in options.models or sorted((ROOT / "edgetree/assets/models").glob("*.onnx")):
         figures = card(path, {"test": options.test, "field_test": options.field_test})
         write_text(path.with_suffix(".json"), json.dumps(figures, indent=1) + "\n")
         write_text(path.with_suffix(".md"), page(figures))

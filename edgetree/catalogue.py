@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import difflib
 import hashlib
 import json
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -15,23 +17,26 @@ from edgetree.model_file.safety_check import read_model_file
 
 __all__ = [
     "CARD_SCHEMA",
+    "DEFAULTS",
     "FOLDERS_VARIABLE",
     "MODALITIES",
     "KnownModel",
     "default_model",
     "find_model",
+    "hidden_models",
     "known_models",
+    "other_model",
     "suited_model",
 ]
 
-MODALITIES: Final = ("rgb", "depth")
+DEFAULTS: Final = {"rgb": "edge-n-rgb", "depth": "edge-n-depth"}
+"""The packaged model that "rgb" and "depth" stand for: of a command without --model, too."""
+MODALITIES: Final = tuple(DEFAULTS)
 FOLDERS_VARIABLE: Final = "EDGETREE_MODELS"
 """Environment variable with further folders of models, separated as in PATH."""
 CARD_SCHEMA: Final = "edgetree.card/1"
 
 _PACKAGED: Final = Path(__file__).parent / "assets" / "models"
-_CHECKOUT: Final = Path(__file__).parents[1]
-_DEFAULTS: Final = {"rgb": "edge-n-rgb", "depth": "edge-n-depth"}
 
 
 @dataclass(frozen=True)
@@ -83,19 +88,33 @@ class KnownModel:
 def known_models() -> list[KnownModel]:
     """All models that are found by name, by name.
 
-    They are in the folders that the environment variable EDGETREE_MODELS names, in the package, and
-    in the folder `models` of a checkout of the project. Of models with the same name, the first one
-    in this order is taken.
+    They are in the package, in the folders that the environment variable EDGETREE_MODELS names, in
+    the folder `models` of the current directory, and in that of a checkout of the project. Of
+    models with the same name, the first one in this order is taken.
 
     Raises:
         InputError: a folder that EDGETREE_MODELS names does not exist.
     """
     found: dict[str, KnownModel] = {}
-    of_checkout = [_CHECKOUT / "models"] if (_CHECKOUT / "pyproject.toml").is_file() else []
-    for folder in [*_own_folders(), _PACKAGED, *of_checkout]:
-        for path in folder.glob("*.onnx"):
-            found.setdefault(path.stem, KnownModel(path.stem, path))
+    for model in _all_models():
+        found.setdefault(model.name, model)
     return [found[name] for name in sorted(found)]
+
+
+def hidden_models() -> list[KnownModel]:
+    """Models of the folders of `known_models` whose name an earlier one has.
+
+    Raises:
+        InputError: a folder that EDGETREE_MODELS names does not exist.
+    """
+    found = {model.name: model.path.resolve() for model in known_models()}
+    return [model for model in _all_models() if model.path.resolve() != found[model.name]]
+
+
+def _all_models() -> Iterator[KnownModel]:
+    for folder in (_PACKAGED, *_own_folders(), *_near_folders()):
+        for path in sorted(folder.glob("*.onnx")):
+            yield KnownModel(path.stem, path)
 
 
 def _own_folders() -> list[Path]:
@@ -107,37 +126,79 @@ def _own_folders() -> list[Path]:
     return folders
 
 
-def default_model(modality: str) -> Path:
-    """Path of the packaged model for "rgb" or "depth".
+def _near_folders() -> list[Path]:
+    """Where `models` is looked for: here, in the checkout around here, and in the package's."""
+    source = Path(__file__)
+    of_package = [source.parents[1]] if _is_checkout(source.parents[1]) else []
+    try:
+        here = Path.cwd()
+    except OSError:  # it was removed
+        return [folder / "models" for folder in of_package]
+    around = [folder for folder in (here, *here.parents) if _is_checkout(folder)]
+    return [folder / "models" for folder in dict.fromkeys([here, *around[:1], *of_package])]
+
+
+def _is_checkout(folder: Path) -> bool:
+    return (folder / "pyproject.toml").is_file() and (folder / "edgetree/catalogue.py").is_file()
+
+
+def default_model(name: str) -> Path:
+    """Path of a model that is found by name.
+
+    Args:
+        name: "rgb" or "depth" for the packaged model that is the default for such images, or a name
+            that `edgetree models` lists, such as "edge-s-rgb".
 
     Raises:
-        InputError: `modality` is neither.
+        ModelFileError: no model has this name.
+        InputError: a folder that EDGETREE_MODELS names does not exist.
     """
-    if modality not in MODALITIES:
-        raise InputError(f"modality is {modality!r}: expected 'rgb' or 'depth'")
-    return _PACKAGED / f"{_DEFAULTS[modality]}.onnx"
+    packaged = {path.stem: path for path in _PACKAGED.glob("*.onnx")}
+    file = packaged.get(DEFAULTS.get(name, name))
+    if file is not None:
+        return file
+    models = {model.name: model.path for model in known_models()}
+    if name not in models:
+        raise _unknown(name, sorted({*models, *MODALITIES}))
+    return models[name]
+
+
+def _unknown(name: str, known: list[str]) -> ModelFileError:
+    """What is said of a name that no model has."""
+    file = f"{name}.onnx"
+    close = [file] if Path(file).is_file() else difflib.get_close_matches(name.lower(), known, n=1)
+    hint = f" (did you mean {close[0]}?)" if close else ""
+    return ModelFileError(
+        f"no model is called {name!r}{hint}: expected a file or {', '.join(known)}"
+    )
 
 
 def find_model(text: str) -> Path:
     """The file of a model that is given by name or path.
 
     Args:
-        text: "rgb" or "depth" for the packaged model, the name of a known model, or a path.
+        text: a name as for `default_model`, or the path of an .onnx file.
 
     Raises:
-        InputError: there is neither a known model nor a file of this name.
+        ModelFileError: there is neither a known model nor a file of this name.
+        InputError: a folder that EDGETREE_MODELS names does not exist.
     """
-    if text in MODALITIES:
-        return default_model(text)
     path = Path(text)
-    if path.exists() or path.suffix or len(path.parts) > 1:
-        return path
-    models = {model.name: model.path for model in known_models()}
-    if text not in models:
-        raise InputError(f"no model is called {text!r}: expected a file or {', '.join(models)}")
-    return models[text]
+    is_path = path.is_file() or path.suffix == ".onnx" or len(path.parts) > 1
+    return path if is_path and text not in MODALITIES else default_model(text)
 
 
 def suited_model(with_depth: bool) -> str:
     """Name of the packaged model for an image with depth, or for one without."""
-    return _DEFAULTS["depth" if with_depth else "rgb"]
+    return DEFAULTS["depth" if with_depth else "rgb"]
+
+
+def other_model(modality: str, used: str) -> str | None:
+    """Name of another packaged model for the same images: the default one, if it is another.
+
+    Args:
+        modality: "rgb" or "depth".
+        used: name of the model in use.
+    """
+    packaged = sorted(path.stem for path in _PACKAGED.glob(f"*-{modality}.onnx"))
+    return next((name for name in (DEFAULTS[modality], *packaged) if name != used), None)

@@ -36,6 +36,7 @@ class UnlikeTraining:
         high: upper end of it.
         words: what the statistic is.
         unit: its unit; empty for shares from 0 to 1.
+        advice: what to try: another model, a lower score threshold, fine-tuning; on one line.
     """
 
     statistic: str
@@ -44,6 +45,7 @@ class UnlikeTraining:
     high: float
     words: str
     unit: str
+    advice: str = ""
 
     def __str__(self) -> str:
         unit = f" {self.unit}" if self.unit else ""

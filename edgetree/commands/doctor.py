@@ -80,7 +80,7 @@ def _facts(findings: Findings) -> Iterator[tuple[str, str]]:
         return
     several = f", {speed.fps_all_threads:.0f} on {speed.threads}" if speed.threads > 1 else ""
     figures = f"{speed.fps_one_thread:.0f} frames per second on 1 thread{several}"
-    yield "speed", f"{figures} (packaged INT8 model, 640x384)"
+    yield "speed", f"{figures} (edge-n-rgb, INT8, 640x384)"
 
 
 def _cameras(findings: Findings) -> str:

@@ -17,7 +17,7 @@ __all__ = ["evaluate"]
 _Model: TypeAlias = Annotated[
     str,
     typer.Argument(
-        metavar="MODEL", help="An exported .onnx file, or the packaged model rgb or depth."
+        metavar="MODEL", help="An exported .onnx file, or a name that `edgetree models` lists."
     ),
 ]
 _Out: TypeAlias = Annotated[

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from calib import CalibError
 from edgetree.console import note, track
+from edgetree.detections import UnlikeTraining
 from edgetree.errors import CheckFailed, InputError
 from edgetree.frames.pipeline import FrameResult, readable
 from edgetree.frames.sources import Frame, FrameSource
@@ -97,7 +98,7 @@ class Totals:
         if result.frame.depth_fault is not None:
             self.faults.append(result.frame.depth_fault)
         if result.trees.unlike is not None:
-            self.unlike.append(unlike_words(result))
+            self.unlike.append(unlike_words(result.frame.name, result.trees.unlike))
 
     def lines(self) -> Iterator[str]:
         """The summary."""
@@ -114,6 +115,6 @@ class Totals:
             yield f"{count} unlike the training pictures, the first: {self.unlike[0]}"
 
 
-def unlike_words(result: FrameResult) -> str:
-    """The frame's name, and how its image differs from those that the model was trained on."""
-    return f"{result.frame.name}: {result.trees.unlike}"
+def unlike_words(name: str, unlike: UnlikeTraining) -> str:
+    """A frame's name, how its image differs from those of the training, and what to try."""
+    return f"{name}: {unlike}; {unlike.advice}"

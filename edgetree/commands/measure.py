@@ -132,7 +132,8 @@ def measure(
     if result.scaling is not None:
         note(result.scaling)
     if result.trees.unlike is not None:
-        note(f"unlike the training pictures: {unlike_words(result)}")
+        words = unlike_words(result.frame.name, result.trees.unlike)
+        note(f"unlike the training pictures: {words}")
     for name, path in (
         ("picture", outputs.out),
         ("table", outputs.csv),

@@ -16,17 +16,21 @@ if TYPE_CHECKING:
 __all__ = ["models"]
 
 _COLUMNS = ("name", "images", "precision", "MB", "boxes", "masks", "keypoints", "ms")
+_IMAGES = {"rgb": "images without depth", "depth": "images with depth"}
 
 
 def models(*, as_json: Json = False) -> None:
     """List the models that --model takes by name, with size, accuracy and speed.
 
-    They are those of the package, and those in the folders that the environment variable
-    EDGETREE_MODELS names. Accuracy and speed are from the model card beside each file.
+    They are those of the package, those in the folders that the environment variable
+    EDGETREE_MODELS names, and those in the folder `models` here and of a checkout of the project.
+    Accuracy and speed are from the model card beside each file.
     """
-    from edgetree.catalogue import FOLDERS_VARIABLE, known_models
+    from edgetree.catalogue import DEFAULTS, FOLDERS_VARIABLE, hidden_models, known_models
 
     listed = [record for model in known_models() for record in _record(model)]
+    for model in hidden_models():
+        note(f"left out: {model.path}: {model.name} is an earlier model: expected another name")
     if as_json:
         print_json({"schema": "edgetree.models/1", "models": listed})
         return
@@ -38,6 +42,8 @@ def models(*, as_json: Json = False) -> None:
     for record in listed:
         if record["card"] is not None:
             typer.echo(f"{record['name']}: {record['card']['for']}")
+    for modality, name in DEFAULTS.items():
+        typer.echo(f"{modality}: {name}, the default for {_IMAGES[modality]}")
     typer.echo("boxes, masks, keypoints: average precision in percent on the frozen test frames")
     typer.echo("ms: median time of a detection on the machine of the card")
     note(f"further models: name their folders in {FOLDERS_VARIABLE}")

@@ -54,7 +54,7 @@ Model: TypeAlias = Annotated[
     typer.Option(
         metavar="NAME|FILE",
         help="An exported .onnx file, or the name of a model that `edgetree models` lists; rgb and"
-        " depth are those of the package.",
+        " depth are the defaults of the package.",
     ),
 ]
 ModelByInput: TypeAlias = Annotated[
@@ -62,7 +62,7 @@ ModelByInput: TypeAlias = Annotated[
     typer.Option(
         metavar="NAME|FILE",
         help="An exported .onnx file, or the name of a model that `edgetree models` lists. If not"
-        " given: edge-n-depth with --depth, otherwise edge-n-rgb.",
+        " given: depth, the default for depth images, with --depth, otherwise rgb.",
     ),
 ]
 Threads: TypeAlias = Annotated[

@@ -34,7 +34,7 @@ def examine() -> Findings:
 
 
 def probe_speed(duration_s: float = _PROBE_S) -> Speed:
-    """Measure the speed of the packaged rgb model, for `duration_s` on one thread and on all."""
+    """Measure the speed of `edge-n-rgb`, for `duration_s` on one thread and on all."""
     from edgetree.bench.speed import bench_detector
     from edgetree.runtime import TreeDetector, default_model
     from edgetree.runtime.session import usable_cores
@@ -44,7 +44,7 @@ def probe_speed(duration_s: float = _PROBE_S) -> Speed:
     threads = usable_cores()
 
     def fps(count: int) -> float:
-        detector = TreeDetector.load(default_model("rgb"), threads=count)
+        detector = TreeDetector.load(default_model("edge-n-rgb"), threads=count)
         return bench_detector(detector, [image], duration_s=duration_s).fps
 
     one = fps(1)

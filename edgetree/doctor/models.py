@@ -14,7 +14,7 @@ __all__ = ["examine_models"]
 
 
 def examine_models() -> tuple[ModelFile, ...]:
-    """The models of the package and of the folders in EDGETREE_MODELS, by name.
+    """The models of `edgetree.catalogue.known_models`: the four of the package, and the user's.
 
     Raises:
         InputError: a folder in EDGETREE_MODELS does not exist.

@@ -21,7 +21,8 @@ def frame_record(result: FrameResult) -> dict[str, Any]:
     the number in tables and pictures, `box_px` is x0, y0, x1, y1, a keypoint is x, y, score, and
     `mask_rle` is a compressed COCO RLE mask of the image's size. `metres` is the measurement, or
     null if there is none; `metres_need` then says which option is missing. `unlike_training` is the
-    statistic that tells that the image looks unlike the training pictures; it is there only then.
+    statistic that tells that the image looks unlike the training pictures, with advice; it is there
+    only then.
     """
     trees = result.trees
     record: dict[str, Any] = {
@@ -46,6 +47,7 @@ def _unlike_record(unlike: UnlikeTraining) -> dict[str, Any]:
         "value": _rounded(unlike.value, 3),
         "usual": [unlike.low, unlike.high],
         "unit": unlike.unit,
+        "advice": unlike.advice,
     }
 
 

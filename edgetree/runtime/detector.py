@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import calib
+from edgetree.catalogue import find_model
 from edgetree.detections import TreeDetections, UnlikeTraining
 from edgetree.errors import InputError
 from edgetree.runtime.duplicates import distinct_trees
@@ -17,7 +19,7 @@ from edgetree.runtime.graph_checks import ImageOutputs, check_outputs, read_mani
 from edgetree.runtime.input_images import check_image, to_bytes
 from edgetree.runtime.providers import CPU, SessionSettings
 from edgetree.runtime.session import InferenceSession, OrtSession
-from edgetree.runtime.unlike import unlike_training
+from edgetree.runtime.unlike import unlike_training, what_helps
 
 __all__ = ["DISPLAY_THRESHOLD", "TreeDetector"]
 
@@ -73,7 +75,8 @@ class TreeDetector:
         described in `edgetree.runtime.SessionSettings`.
 
         Args:
-            model: the .onnx file. Beside its signature, no other file is read.
+            model: the .onnx file, or a name as for `default_model`, such as "edge-s-rgb". Beside
+                the file's signature, no other file is read.
             provider: "cpu", "cuda", "tensorrt", "openvino", "coreml", "directml", or "auto".
             strict: raise an error if the provider cannot be used, instead of using the CPU.
             threads: threads of one inference on the CPU; None for all usable cores.
@@ -84,15 +87,17 @@ class TreeDetector:
             require_signature: refuse a file without an accepted signature.
 
         Raises:
-            ModelFileError: the file is missing, is not an ONNX model, fails the safety check, or
-                has no manifest of edgetree that matches its graph.
+            ModelFileError: the file is missing, no model has the name, or the file is not an ONNX
+                model, fails the safety check, or has no manifest of edgetree that matches its
+                graph.
             SignatureError: a signature is required, and missing or not accepted.
             InputError: a setting is out of range, or the provider cannot be used.
             MissingDependency: onnxruntime is not installed.
         """
         cache = None if cache_folder is None else Path(cache_folder)
         settings = SessionSettings(provider, strict, threads, spinning, cache, require_signature)
-        detector = cls(OrtSession(Path(model), settings), score_threshold=score_threshold)
+        path = find_model(model) if isinstance(model, str) else model
+        detector = cls(OrtSession(path, settings), score_threshold=score_threshold)
         if warm_up:
             detector.warm_up()
         return detector
@@ -213,7 +218,12 @@ class TreeDetector:
         if not usual:
             return None
         inner = image[: letterbox.resized_height, : letterbox.resized_width]
-        return unlike_training(calib.picture_statistics(inner, self._encoding), usual)
+        found = unlike_training(calib.picture_statistics(inner, self._encoding), usual)
+        if found is None:
+            return None
+        used = Path(self.session.name).stem
+        advice = what_helps(self.manifest.modality, used, self.score_threshold)
+        return replace(found, advice=advice)
 
     def _to_image(
         self, rows: ImageOutputs, letterbox: calib.Letterbox, unlike: UnlikeTraining | None

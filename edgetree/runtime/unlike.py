@@ -1,4 +1,4 @@
-"""Tell whether a picture looks unlike those that the model was trained on."""
+"""Tell whether a picture looks unlike those that the model was trained on, and what helps."""
 
 from __future__ import annotations
 
@@ -6,13 +6,17 @@ import math
 from collections.abc import Mapping
 from typing import Final, NamedTuple
 
+from edgetree.catalogue import other_model
 from edgetree.detections import UnlikeTraining
 from edgetree.model_file.manifest import UsualRange
 
-__all__ = ["unlike_training"]
+__all__ = ["unlike_training", "what_helps"]
 
 _MARGIN: Final = 0.5
 """How far beyond its usual range a statistic may lie, as a share of the range's width."""
+_LOW_SCORE: Final = 0.05
+"""A score threshold that is not worth lowering."""
+_GUIDE: Final = "docs/guides/fine-tune.md"
 
 
 class _Statistic(NamedTuple):
@@ -78,3 +82,18 @@ def unlike_training(
                 each.statistic, value, each.low, each.high, known.words, known.unit
             )
     return found
+
+
+def what_helps(modality: str, used: str, score_threshold: float) -> str:
+    """What to try on pictures that are unlike those of the training, in the command line's words.
+
+    Args:
+        modality: "rgb" or "depth".
+        used: name of the model in use.
+        score_threshold: the one in use.
+    """
+    other = other_model(modality, used)
+    ways = [] if other is None else [f"--model {other}"]
+    if score_threshold > _LOW_SCORE:
+        ways.append(f"a --score-threshold below {score_threshold:g}")
+    return f"try {''.join(f'{way}, ' for way in ways)}or fine-tuning ({_GUIDE})"

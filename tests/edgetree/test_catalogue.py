@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -11,21 +12,25 @@ from typing import Any
 
 import pytest
 
-import edgetree
+from edgetree import TreeDetector
 from edgetree.catalogue import (
     CARD_SCHEMA,
+    DEFAULTS,
     FOLDERS_VARIABLE,
+    MODALITIES,
     KnownModel,
     default_model,
     find_model,
+    hidden_models,
     known_models,
+    other_model,
+    suited_model,
 )
-from edgetree.errors import InputError
+from edgetree.errors import InputError, ModelFileError
 
 Cli = Callable[..., Any]
 
-ROOT = Path(__file__).parents[2]
-LARGER = [ROOT / "models/edge-s-depth.onnx", ROOT / "models/edge-s-rgb.onnx"]
+PACKAGED = ["edge-n-depth", "edge-n-rgb", "edge-s-depth", "edge-s-rgb"]
 
 
 @pytest.fixture
@@ -52,61 +57,132 @@ def write_card(model: Path, **changed: Any) -> None:
 
 def test_the_packaged_models_have_names() -> None:
     names = {model.name: model.path for model in known_models()}
-    assert names["edge-n-depth"] == default_model("depth") == find_model("edge-n-depth")
-    assert names["edge-n-rgb"] == find_model("rgb")
+    for name in PACKAGED:
+        assert names[name] == default_model(name) == find_model(name)
+    for modality, name in DEFAULTS.items():
+        assert names[name] == default_model(modality) == find_model(modality)
+    assert suited_model(with_depth=True) == "edge-n-depth"
 
 
-def test_the_larger_models_are_found_by_name_in_a_checkout_alone() -> None:
-    imported_from_checkout = Path(edgetree.__file__).parents[1] == ROOT
-    names = {model.name: model.path for model in known_models()}
-    for path in LARGER:
-        assert names.get(path.stem) == (path if imported_from_checkout else None)
+@pytest.mark.parametrize("name", PACKAGED)
+def test_a_name_ends_with_the_images_that_the_file_takes(name: str) -> None:
+    assert KnownModel(name, default_model(name)).manifest().modality == name.rpartition("-")[2]
 
 
-def test_the_larger_models_are_found_with_their_folder_named(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setenv(FOLDERS_VARIABLE, str(LARGER[0].parent))
-    for path in LARGER:
-        assert find_model(path.stem) == path
+def test_a_detector_opens_by_name() -> None:
+    detector = TreeDetector.load("edge-s-rgb", threads=1)
+    assert detector.session.name == str(default_model("edge-s-rgb"))
+    with pytest.raises(ModelFileError, match="no model is called 'edge-x-rgb'"):
+        TreeDetector.load("edge-x-rgb")
 
 
-@pytest.mark.parametrize("path", LARGER, ids=lambda path: path.stem)
-def test_the_larger_models_have_cards_of_the_very_files(path: Path) -> None:
-    card = KnownModel(path.stem, path).card()
+@pytest.mark.parametrize("name", PACKAGED)
+def test_the_packaged_models_have_cards_of_the_very_files(name: str) -> None:
+    card = KnownModel(name, default_model(name)).card()
     assert card is not None, "run benchmarks/model_cards.py"
-    size = [800, 480] if path.stem == "edge-s-depth" else [640, 384]
-    assert (card["input_px"], card["test"]["frames"]) == (size, 400)
-
-
-@pytest.mark.parametrize("modality", ["depth", "rgb"])
-def test_the_packaged_models_have_cards_of_the_very_files(modality: str) -> None:
-    card = KnownModel(f"edge-n-{modality}", default_model(modality)).card()
-    assert card is not None, "run benchmarks/model_cards.py"
-    for name in ("test", "field_test"):
-        measured = card[name]
+    assert card["input_px"] == ([800, 480] if name == "edge-s-depth" else [640, 384])
+    for test_set in ("test", "field_test"):
+        measured = card[test_set]
         assert measured["frames"] == 400
         assert measured["average_precision"].keys() == {"boxes", "masks", "keypoints"}
         top = measured["reliability"]["bins"][-1]
         assert abs(top["right"] - top["mean_score"]) < 0.05, "scores are not probabilities"
-    assert default_model(modality).with_suffix(".md").is_file()
+    assert default_model(name).with_suffix(".md").is_file()
 
 
-def test_a_folder_of_the_user_comes_first(folder: Path) -> None:
-    shutil.copy(default_model("rgb"), folder / "edge-n-rgb.onnx")
+def test_the_page_of_the_models_names_the_defaults() -> None:
+    page = default_model("rgb").with_name("README.md").read_text(encoding="utf-8")
+    told = re.findall(r"^\| `([\w-]+)` \|.*`(rgb|depth)` stands for it", page, flags=re.MULTILINE)
+    assert {modality: name for name, modality in told} == DEFAULTS
+
+
+def test_a_name_of_the_package_is_the_packages_and_this_is_told(run_cli: Cli, folder: Path) -> None:
+    hidden = folder / "edge-n-rgb.onnx"
+    shutil.copy(default_model("depth"), hidden)
+    assert find_model("ours") == default_model("ours") == folder / "ours.onnx"
+    assert find_model("edge-n-rgb").parent == default_model("rgb").parent
+    assert find_model(str(hidden)) == hidden
+    assert [model.path for model in hidden_models()] == [hidden]
+    assert run_cli("models").err.count(f"left out: {hidden}: edge-n-rgb is an earlier model") == 1
+
+
+def test_the_first_of_the_users_folders_counts(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "work" / "models").mkdir(parents=True)
+    for name in ("ours.onnx", "mine.onnx"):
+        shutil.copy(folder / "ours.onnx", tmp_path / "work" / "models" / name)
+    monkeypatch.chdir(tmp_path / "work")
     assert find_model("ours") == folder / "ours.onnx"
-    assert find_model("edge-n-rgb") == folder / "edge-n-rgb.onnx"
-    assert find_model("rgb") == default_model("rgb"), "this is always the package's"
+    assert find_model("mine") == tmp_path / "work" / "models" / "mine.onnx"
 
 
-def test_a_path_stays_a_path(tmp_path: Path) -> None:
+def test_a_file_of_the_checkout_around_here_is_found(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv(FOLDERS_VARIABLE)
+    (tmp_path / "docs").mkdir()
+    monkeypatch.chdir(tmp_path / "docs")
+    with pytest.raises(ModelFileError, match="no model is called 'ours'"):
+        find_model("ours")
+    (tmp_path / "edgetree").mkdir()
+    for file in ("pyproject.toml", "edgetree/catalogue.py"):
+        (tmp_path / file).touch()
+    assert find_model("ours") == folder / "ours.onnx"
+
+
+def test_names_work_in_a_folder_that_was_removed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    assert set(PACKAGED) <= {model.name for model in known_models()}
+
+
+def test_a_path_stays_a_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert find_model("of/mine.onnx") == Path("of/mine.onnx")
     assert find_model("mine.onnx") == Path("mine.onnx")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "edge-n-depth").mkdir()
+    assert find_model("edge-n-depth") == default_model("edge-n-depth"), "a folder is no model"
 
 
-def test_an_unknown_name_lists_the_known_ones() -> None:
-    with pytest.raises(InputError, match=r"'edge-x'.*edge-n-depth, edge-n-rgb"):
-        find_model("edge-x")
+def test_a_name_may_have_a_dot(folder: Path) -> None:
+    (folder / "ours.onnx").rename(folder / "ours-7.1.onnx")
+    assert find_model("ours-7.1") == folder / "ours-7.1.onnx"
+
+
+@pytest.mark.parametrize(
+    ("name", "close"),
+    [("edge-s-rbg", "edge-s-rgb"), ("Edge-N-Depth", "edge-n-depth"), ("dept", "depth")],
+)
+def test_an_unknown_name_tells_the_closest_and_all(name: str, close: str) -> None:
+    with pytest.raises(ModelFileError) as raised:
+        find_model(name)
+    told = str(raised.value)
+    assert told.startswith(f"no model is called '{name}' (did you mean {close}?): expected a file")
+    assert "\n" not in told
+    assert all(known in told for known in (*PACKAGED, *MODALITIES))
+
+
+def test_an_unknown_name_tells_a_file_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ModelFileError, match="'larch': expected a file or depth, edge-n-depth"):
+        find_model("larch")
+    (tmp_path / "larch.onnx").touch()
+    with pytest.raises(ModelFileError, match=r"'larch' \(did you mean larch\.onnx\?\)"):
+        find_model("larch")
+
+
+def test_another_model_for_the_same_images() -> None:
+    assert other_model("depth", "edge-n-depth") == "edge-s-depth"
+    assert other_model("depth", "edge-s-depth") == "edge-n-depth"
+    assert {other_model("rgb", name) for name in ("edge-n-rgb", "edge-s-rgb")} == {
+        "edge-n-rgb",
+        "edge-s-rgb",
+    }
+    assert other_model("rgb", "fine-tuned") == DEFAULTS["rgb"]
 
 
 def test_a_missing_folder_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -136,7 +212,9 @@ def test_the_command_lists_names_figures_and_what_they_are_for(run_cli: Cli, fol
     rows = {line.split()[0]: line.split()[1:] for line in done.out.splitlines() if line}
     assert rows["ours"] == ["depth", "int8", "3.9", "61.2", "55.0", "-", "31.0"]
     assert "ours: pine stands" in done.out
+    assert set(PACKAGED) <= rows.keys()
     assert rows["edge-n-rgb"][:2] == ["rgb", "int8"]
+    assert f"rgb: {DEFAULTS['rgb']}, the default for images without depth" in done.out
 
 
 def test_the_command_leaves_out_what_is_no_model(run_cli: Cli, folder: Path) -> None:
@@ -153,7 +231,7 @@ def test_the_command_leaves_out_what_is_no_model(run_cli: Cli, folder: Path) -> 
 
 def test_the_model_suits_the_input_and_this_is_told(run_cli: Cli, images: Path) -> None:
     depth = images.parent / "depth"
-    for extra, name in (((), "edge-n-rgb"), (("--depth", depth), "edge-n-depth")):
+    for extra, name in (((), DEFAULTS["rgb"]), (("--depth", depth), DEFAULTS["depth"])):
         done = run_cli("run", images, *extra, "--json")
         assert done.code == 0, done.err
         assert json.loads(done.out)["model"]["name"] == name

@@ -281,7 +281,7 @@ def test_doctor_says_which_models_a_machine_has(
     monkeypatch.setenv("EDGETREE_MODELS", str(tmp_path))
     record = json.loads(run_cli("doctor", "--json").out)
     found = {each["name"]: each for each in record["models"]}
-    assert {"forest", "edge-n-rgb", "edge-n-depth"} <= found.keys()
+    assert {"forest", "edge-n-rgb", "edge-n-depth", "edge-s-rgb", "edge-s-depth"} <= found.keys()
     assert found["forest"] == {
         "name": "forest",
         "path": str(tmp_path / "forest.onnx"),

@@ -187,7 +187,9 @@ def test_settings_out_of_range_are_refused(rgb_manifest: Manifest, two_trees: Tr
     session = FakeSession.with_trees(rgb_manifest, **two_trees)
     with pytest.raises(InputError, match=r"score threshold is 1\.5: expected 0 to 1"):
         TreeDetector(session, score_threshold=1.5)
-    with pytest.raises(InputError, match="modality is 'lidar': expected 'rgb' or 'depth'"):
+    with pytest.raises(
+        InputError, match="no model is called 'lidar': expected a file or depth, edge"
+    ):
         default_model("lidar")
 
 

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from calib import DepthEncoding, picture_statistics
 from edgetree import TreeDetector, default_model, sample_frames
-from edgetree.catalogue import KnownModel
+from edgetree.catalogue import DEFAULTS, KnownModel
 from edgetree.detections import UnlikeTraining
 from edgetree.model_file.manifest import Manifest, UsualRange
 from edgetree.runtime.session import FakeSession
-from edgetree.runtime.unlike import unlike_training
+from edgetree.runtime.unlike import unlike_training, what_helps
 
 Cli = Callable[..., Any]
 Write = Callable[..., Path]
@@ -127,6 +127,25 @@ def test_the_farthest_statistic_is_told_and_unknown_ones_are_left_out() -> None:
     assert worse.statistic == "contrast"
 
 
+def test_a_program_is_told_what_to_try() -> None:
+    detector = TreeDetector.load("edge-n-depth", threads=1, score_threshold=0.3)
+    found = detector.detect(flat(sample_frames()[0].depth_m())).unlike
+    assert found is not None
+    assert found.advice == (
+        "try --model edge-s-depth, a --score-threshold below 0.3,"
+        " or fine-tuning (docs/guides/fine-tune.md)"
+    )
+
+
+@pytest.mark.parametrize("used", ["edge-n-rgb", "edge-s-rgb"])
+def test_the_advice_names_another_model_for_the_same_images(used: str) -> None:
+    (other,) = {"edge-n-rgb", "edge-s-rgb"} - {used}
+    assert what_helps("rgb", used, 0.01) == (
+        f"try --model {other}, or fine-tuning (docs/guides/fine-tune.md)"
+    )
+    assert (Path(__file__).parents[3] / "docs/guides/fine-tune.md").is_file()
+
+
 def test_run_says_it_once_and_in_the_record(
     run_cli: Cli, images: Path, write_model: Write, rgb_manifest: Manifest
 ) -> None:
@@ -145,9 +164,12 @@ def test_run_says_it_once_and_in_the_record(
         "grey levels",
     )
     assert record["value"] < 2
+    advice = "a --score-threshold below 0.5, or fine-tuning (docs/guides/fine-tune.md)"
+    assert record["advice"] == f"try --model {DEFAULTS['rgb']}, {advice}"
     told = [line for line in done.err.splitlines() if "unlike the training pictures" in line]
     assert len(told) == 1
     assert "1 of 2 frame(s) unlike the training pictures, the first: b: contrast is" in told[0]
+    assert told[0].endswith(f"usually 50 to 90; {record['advice']}")
     assert page.read_text(encoding="utf-8").count("unlike the training pictures") >= 1
 
 
@@ -160,8 +182,9 @@ def test_measure_says_it_too(
     files = ("--depth", folder / "depth/a.png", "--camera", folder / "camera.json")
     done = run_cli("measure", images / "a.jpg", *files, "--model", model)
     assert done.code == 0, done.err
-    told = "unlike the training pictures: a: spread of the depth is 0"
-    assert done.err.count(told) == 1
+    (told,) = [line for line in done.err.splitlines() if "unlike the training pictures" in line]
+    assert "unlike the training pictures: a: spread of the depth is 0" in told
+    assert f"usually 2 to 9; try --model {DEFAULTS['depth']}, a --score-threshold below" in told
 
 
 def test_the_embedded_files_know_how_their_pictures_look() -> None:

@@ -15,8 +15,8 @@ from perceptree.simulator.dataset.generate import scene_jobs
 from perceptree.simulator.settings.presets import PRESETS
 
 ROOT = Path(__file__).parents[3]
-FOLDERS = (ROOT / "edgetree/assets/models", ROOT / "models")
-CARDS = [path for folder in FOLDERS for path in sorted(folder.glob("*.json"))]
+FOLDER = ROOT / "edgetree/assets/models"
+CARDS = sorted(FOLDER.glob("*.json"))
 
 
 def frozen_scenes(name: str) -> set[int]:
@@ -62,7 +62,7 @@ def test_a_card_names_the_scenes_of_every_kind_of_use(path: Path) -> None:
 
 
 def test_every_shipped_model_has_a_card() -> None:
-    models = [path for folder in FOLDERS for path in sorted(folder.glob("*.onnx"))]
+    models = sorted(FOLDER.glob("*.onnx"))
     assert [path.stem for path in models] == [path.stem for path in CARDS]
     expected = {
         f"{size}-{modality}" for size in ("edge-n", "edge-s") for modality in ("depth", "rgb")
@@ -71,7 +71,7 @@ def test_every_shipped_model_has_a_card() -> None:
 
 
 def test_the_seeds_in_the_readme_are_in_the_cards() -> None:
-    readme = (FOLDERS[0] / "README.md").read_text("utf-8")
+    readme = (FOLDER / "README.md").read_text("utf-8")
     told = {int(seed) for seed in re.findall(r"seed (\d+)", readme)}
     assert told == {entry["seed"] for path in CARDS for entry in read(path)["training_scenes"]}
     assert {101, 301, 909} <= told
