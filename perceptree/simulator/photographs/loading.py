@@ -1,0 +1,244 @@
+"""Read photographs: materials that wrap around, cut-outs and panoramas, of usable sizes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.errors import InputFileError
+from calib.reading import read_image
+from perceptree.errors import SettingsError
+from perceptree.simulator.photographs.folder import CUBE_FACES, Photograph
+
+Float = NDArray[np.floating[Any]]
+
+LARGEST_PX = 1024  # longer side of a material; larger ones are reduced
+SMALLEST_PX = 64
+_LONGEST_PX = 16_384
+_LARGEST_RATIO = 8
+_PANORAMA_PX = 2048  # width of a panorama
+_SEAM = 2.0  # a seam is seen above this ratio of its difference to that of other neighbours
+_MARGIN = 8  # a seam is blended over this part of a side
+_SLOPE = {"height": 0.45, "brightness": 0.3}  # root mean square slope of derived normals
+_SOFT_PX = 1.2
+_LEAST_OPAQUE = 0.02
+
+
+@dataclass(frozen=True)
+class Material:
+    """A photographed surface that wraps around.
+
+    Attributes:
+        colour: (H, W, 3) uint8 sRGB.
+        slope: (H, W, 2) float32 x and y of the normals, y up in the picture.
+        remarks: What was done to use it.
+    """
+
+    colour: NDArray[np.uint8]
+    slope: NDArray[np.float32]
+    remarks: tuple[str, ...]
+
+
+def load_material(photo: Photograph) -> Material:
+    """Read a material; normals come from the map, else the height, else the brightness.
+
+    Raises:
+        SettingsError: If a picture is unreadable, too small, too large or too narrow.
+    """
+    raw = _read(photo.files["color"], cv2.IMREAD_UNCHANGED)
+    remarks = _remarks(raw)
+    colour = _reduced(_eight_bit_rgb(raw))
+    size = colour.shape[1], colour.shape[0]
+    slope, source = _slope(photo, colour, size)
+    if source != "map":
+        remarks.append(f"normals from the {source}")
+    whole = np.concatenate([colour.astype(np.float32), slope], -1)
+    seams = [axis for axis in (0, 1) if seam_ratio(colour, axis) > _SEAM]
+    for axis in seams:
+        whole = blend_seam(whole, axis, whole.shape[axis] // _MARGIN)
+    if seams:
+        remarks.append("made to wrap around by blending its borders")
+    return Material((whole[..., :3] + 0.5).astype(np.uint8), whole[..., 3:], tuple(remarks))
+
+
+def load_cutout(photo: Photograph) -> tuple[NDArray[np.uint8], bool]:
+    """Read a cut-out, and continue its colours where it is transparent.
+
+    Returns:
+        (H, W, 3) uint8 sRGB of the opaque part's bounding box, and whether it is grey.
+
+    Raises:
+        SettingsError: If it has no alpha channel, or nothing in it is opaque.
+    """
+    path = photo.files["color"]
+    raw = _read(path, cv2.IMREAD_UNCHANGED)
+    if raw.ndim != 3 or raw.shape[2] != 4:
+        raise SettingsError(f"{path}: has no alpha channel, expected a PNG cut out by its alpha")
+    alpha = raw[..., 3] > np.iinfo(raw.dtype).max // 2
+    if alpha.mean() < _LEAST_OPAQUE:
+        raise SettingsError(f"{path}: is transparent, expected leaves cut out by its alpha")
+    rows, columns = np.flatnonzero(alpha.any(1)), np.flatnonzero(alpha.any(0))
+    box = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+    colour, inside = _eight_bit_rgb(raw)[box], alpha[box]
+    _, labels = cv2.distanceTransformWithLabels(
+        (~inside).astype(np.uint8), cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    nearest = np.zeros((labels.max() + 1, 3), np.uint8)
+    nearest[labels[inside]] = colour[inside]
+    spread = colour[inside].max(-1).astype(int) - colour[inside].min(-1)
+    return nearest[labels], bool(spread.mean() < 12)
+
+
+def load_panorama(photo: Photograph) -> tuple[NDArray[np.uint8], tuple[str, ...]]:
+    """Read the upper half of a panorama.
+
+    Returns:
+        (H, W, 3) uint8 sRGB, the first row at the zenith and the last one at the horizon, and what
+        was done to use it.
+
+    Raises:
+        SettingsError: If a picture is unreadable, or not twice as wide as high.
+    """
+    if CUBE_FACES[0] in photo.files:
+        return _from_cube(photo), ()
+    path = photo.files["color"]
+    raw = _read(path, cv2.IMREAD_UNCHANGED)
+    height, width = raw.shape[:2]
+    if abs(width - 2 * height) > 2:
+        raise SettingsError(
+            f"{path}: is {width}x{height} px, expected a panorama twice as wide as high"
+        )
+    whole = _reduced(_eight_bit_rgb(raw), _PANORAMA_PX)
+    remarks = [text for text in _remarks(raw) if "square" not in text]
+    if seam_ratio(whole, 1) > 2 * _SEAM:
+        margin = whole.shape[1] // (4 * _MARGIN)
+        whole = (blend_seam(whole.astype(np.float32), 1, margin) + 0.5).astype(np.uint8)
+        remarks.append("made to wrap around by blending its borders")
+    return whole[: whole.shape[0] // 2], tuple(remarks)
+
+
+def seam_ratio(picture: NDArray[Any], axis: int) -> float:
+    """Difference of the first and last line over the median difference of neighbouring lines."""
+    lines = np.moveaxis(picture, axis, 0).astype(np.float32)
+    inner = np.abs(np.diff(lines, axis=0)).mean((1, 2))
+    return float(np.abs(lines[0] - lines[-1]).mean() / max(float(np.median(inner)), 0.5))
+
+
+def blend_seam(picture: Float, axis: int, margin: int) -> Float:
+    """Make a picture wrap around: its last lines fade into the first ones, and are cut off."""
+    lines = np.moveaxis(picture, axis, 0)
+    share = (np.arange(margin, dtype=np.float32) + 0.5) / margin
+    share = share.reshape(-1, *[1] * (lines.ndim - 1))
+    kept = lines[:-margin].copy()
+    kept[:margin] = lines[:margin] * share + lines[-margin:] * (1 - share)
+    return np.moveaxis(kept, 0, axis)
+
+
+def slope_of(height: Float, target: float) -> NDArray[np.float32]:
+    """(H, W, 2) slopes of a height map that wraps around, with a root mean square ``target``."""
+    right = np.roll(height, -1, 1) - np.roll(height, 1, 1)
+    down = np.roll(height, -1, 0) - np.roll(height, 1, 0)
+    slope = np.stack([-right, down], -1).astype(np.float32)
+    size = float(np.sqrt((slope**2).sum(-1).mean()))
+    slope *= target / max(size, 1e-6) if size > 1e-6 else 0.0
+    return np.asarray(slope / np.sqrt(1 + (slope**2).sum(-1, keepdims=True)))
+
+
+def _slope(
+    photo: Photograph, colour: NDArray[np.uint8], size: tuple[int, int]
+) -> tuple[NDArray[np.float32], str]:
+    if "normal" in photo.files:
+        normal = _eight_bit_rgb(_read(photo.files["normal"], cv2.IMREAD_UNCHANGED))
+        scaled = cv2.resize(normal, size, interpolation=cv2.INTER_AREA)
+        return scaled[..., :2].astype(np.float32) / np.float32(127.5) - 1, "map"
+    source, height = "brightness", cv2.cvtColor(colour, cv2.COLOR_RGB2GRAY).astype(np.float32)
+    if "height" in photo.files:
+        read = _read(photo.files["height"], cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH)
+        source, height = "height", cv2.resize(read.astype(np.float32), size)
+    soft = cv2.GaussianBlur(height, (0, 0), _SOFT_PX, borderType=cv2.BORDER_REFLECT)
+    return slope_of(soft, _SLOPE[source]), source
+
+
+def _read(path: Path, flags: int) -> NDArray[Any]:
+    try:
+        picture = read_image(path, flags)
+    except InputFileError as error:
+        raise SettingsError(str(error)) from error
+    if picture is None:
+        raise SettingsError(f"{path}: cannot be read as a picture, expected a JPEG or PNG file")
+    height, width = picture.shape[:2]
+    short, long = min(width, height), max(width, height)
+    if short < SMALLEST_PX or long > _LONGEST_PX or long > _LARGEST_RATIO * short:
+        raise SettingsError(
+            f"{path}: is {width}x{height} px, expected sides of {SMALLEST_PX} to {_LONGEST_PX} px,"
+            f" the longer one at most {_LARGEST_RATIO} times the shorter one"
+        )
+    return picture
+
+
+def _remarks(raw: NDArray[Any]) -> list[str]:
+    height, width = raw.shape[:2]
+    remarks = []
+    if raw.dtype != np.uint8:
+        remarks.append("reduced to 8 bits a channel")
+    if width != height:
+        remarks.append("not square, repeated to a square")
+    return remarks
+
+
+def _eight_bit_rgb(raw: NDArray[Any]) -> NDArray[np.uint8]:
+    """(H, W, 3) uint8 RGB of a picture as read: grey or BGR, with or without alpha."""
+    if raw.dtype != np.uint8:
+        scale = 255.0 / (np.iinfo(raw.dtype).max if raw.dtype.kind == "u" else 1.0)
+        raw = (np.clip(raw * scale, 0, 255) + 0.5).astype(np.uint8)
+    if raw.ndim == 2:
+        return np.repeat(raw[..., None], 3, -1)
+    return np.ascontiguousarray(raw[..., 2::-1])
+
+
+def _reduced(picture: NDArray[np.uint8], longest_px: int = LARGEST_PX) -> NDArray[np.uint8]:
+    scale = longest_px / max(picture.shape[:2])
+    if scale >= 1:
+        return picture
+    size = round(picture.shape[1] * scale), round(picture.shape[0] * scale)
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def _from_cube(photo: Photograph) -> NDArray[np.uint8]:
+    """Upper half of a cube map, whose faces are seen from inside and lie as in OpenGL."""
+    faces = {
+        name: _eight_bit_rgb(_read(path, cv2.IMREAD_UNCHANGED))
+        for name, path in photo.files.items()
+    }
+    side = faces["posx"].shape[0]
+    for name, face in faces.items():
+        if face.shape[:2] != (side, side):
+            raise SettingsError(
+                f"{photo.files[name]}: is {face.shape[1]}x{face.shape[0]} px, expected a square of"
+                f" {side} px like the other faces of the cube"
+            )
+    width = min(4 * side, _PANORAMA_PX)
+    bearing, climb = np.meshgrid(
+        (np.arange(width) + 0.5) * 2 * np.pi / width,
+        np.pi / 2 - (np.arange(width // 4) + 0.5) * 2 * np.pi / width,
+    )
+    x, z = np.sin(bearing) * np.cos(climb), np.cos(bearing) * np.cos(climb)
+    y = np.sin(climb)
+    views = {"posx": (x, -z, y), "negx": (-x, z, y), "posz": (z, x, y), "negz": (-z, -x, y)}
+    views["posy"] = (y, x, -z)
+    out = np.zeros((*x.shape, 3), np.uint8)
+    for name, (depth, right, up) in views.items():
+        inside = (depth > 0) & (np.abs(right) <= depth + 1e-9) & (np.abs(up) <= depth + 1e-9)
+        safe = np.where(depth > 0, depth, 1)
+        column = ((right / safe + 1) * side / 2 - 0.5).astype(np.float32)
+        row = ((1 - up / safe) * side / 2 - 0.5).astype(np.float32)
+        face = cv2.remap(
+            faces[name], column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        )
+        out[inside] = face[inside]
+    return out
