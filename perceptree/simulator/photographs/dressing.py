@@ -24,6 +24,7 @@ Float = NDArray[np.floating[Any]]
 _FAR_STAND = 1000  # number of the far stand among the layers' streams
 _SHRINK = (5, 7)  # least and largest factor by which a far stand is made smaller
 _BARE_SHARE = 0.5  # far stands without the procedural forest in front
+_BRIGHT = 97  # percentile of the upper third's luminance that is taken for bright sky
 _MIDDLE_LEVEL = 3  # mip level at which mean colours are taken
 
 
@@ -109,7 +110,7 @@ def _far_stand(rng: np.random.Generator, photo: Photograph) -> FarStand:
     colour, _ = load_panorama(photo)
     linear = (np.arange(256) / 255) ** 2.2
     root = (np.sqrt(linear) * 255 + 0.5).astype(np.uint8)
-    upper = linear[colour[: len(colour) * 2 // 3]] @ np.array([0.3, 0.6, 0.1])
-    bright = max(float(np.percentile(upper, 90)), 1e-3)
+    upper = linear[colour[: len(colour) // 3 : 2, ::2]] @ np.array([0.3, 0.6, 0.1])
+    bright = max(float(np.percentile(upper, _BRIGHT)), 1e-3)
     shrink, turn = rng.integers(_SHRINK[0], _SHRINK[1] + 1), rng.random()
     return FarStand(root[colour], np.array([shrink, turn, 1 / bright], np.float32))

@@ -202,13 +202,13 @@ def _sha256(root: Path, photographs: tuple[Photograph, ...]) -> str:
 
 
 def _credits(root: Path, photographs: tuple[Photograph, ...]) -> tuple[dict[str, Any], ...]:
-    credits: dict[tuple[str, str], dict[str, Any]] = {}
+    by_source: dict[tuple[str, str], dict[str, Any]] = {}
     for photo in photographs:
         key = photo.kind, photo.source
-        if key not in credits:
+        if key not in by_source:
             file = _licence_file(root, photo)
             lines = [] if file is None else file.read_text("utf-8", "replace").strip().splitlines()
             licence = lines[0].strip() if lines else _NO_LICENCE
-            credits[key] = {"kind": key[0], "source": key[1], "licence": licence, "names": []}
-        credits[key]["names"].append(photo.name)
-    return tuple(credits.values())
+            by_source[key] = {"kind": key[0], "source": key[1], "licence": licence, "names": []}
+        by_source[key]["names"].append(photo.name)
+    return tuple(by_source.values())

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from calib.errors import InputFileError
 from calib.reading import read_image
 from perceptree.errors import SettingsError
+from perceptree.simulator.materials.layers import SIZE_PX
 from perceptree.simulator.photographs.folder import CUBE_FACES, Photograph
 
 Float = NDArray[np.floating[Any]]
@@ -23,10 +24,12 @@ _LONGEST_PX = 16_384
 _LARGEST_RATIO = 8
 _PANORAMA_PX = 2048  # width of a panorama
 _SEAM = 2.0  # a seam is seen above this ratio of its difference to that of other neighbours
+_COMPARED = 64  # pairs of neighbouring lines
 _MARGIN = 8  # a seam is blended over this part of a side
 _SLOPE = {"height": 0.45, "brightness": 0.3}  # root mean square slope of derived normals
 _SOFT_PX = 1.2
 _LEAST_OPAQUE = 0.02
+_GREY = 12  # a cut-out is grey below this mean difference of its channels
 
 
 @dataclass(frozen=True)
@@ -35,12 +38,12 @@ class Material:
 
     Attributes:
         colour: (H, W, 3) uint8 sRGB.
-        slope: (H, W, 2) float32 x and y of the normals, y up in the picture.
+        slope: (H, W, 2) uint8 x and y of the normals, y up in the picture, 127.5 being zero.
         remarks: What was done to use it.
     """
 
     colour: NDArray[np.uint8]
-    slope: NDArray[np.float32]
+    slope: NDArray[np.uint8]
     remarks: tuple[str, ...]
 
 
@@ -57,13 +60,13 @@ def load_material(photo: Photograph) -> Material:
     slope, source = _slope(photo, colour, size)
     if source != "map":
         remarks.append(f"normals from the {source}")
-    whole = np.concatenate([colour.astype(np.float32), slope], -1)
     seams = [axis for axis in (0, 1) if seam_ratio(colour, axis) > _SEAM]
     for axis in seams:
-        whole = blend_seam(whole, axis, whole.shape[axis] // _MARGIN)
+        margin = colour.shape[axis] // _MARGIN
+        colour, slope = blend_seam(colour, axis, margin), blend_seam(slope, axis, margin)
     if seams:
         remarks.append("made to wrap around by blending its borders")
-    return Material((whole[..., :3] + 0.5).astype(np.uint8), whole[..., 3:], tuple(remarks))
+    return Material(colour, slope, tuple(remarks))
 
 
 def load_cutout(photo: Photograph) -> tuple[NDArray[np.uint8], bool]:
@@ -79,6 +82,8 @@ def load_cutout(photo: Photograph) -> tuple[NDArray[np.uint8], bool]:
     raw = _read(path, cv2.IMREAD_UNCHANGED)
     if raw.ndim != 3 or raw.shape[2] != 4:
         raise SettingsError(f"{path}: has no alpha channel, expected a PNG cut out by its alpha")
+    every = max(1, max(raw.shape[:2]) // SIZE_PX)
+    raw = raw[::every, ::every]
     alpha = raw[..., 3] > np.iinfo(raw.dtype).max // 2
     if alpha.mean() < _LEAST_OPAQUE:
         raise SettingsError(f"{path}: is transparent, expected leaves cut out by its alpha")
@@ -90,16 +95,15 @@ def load_cutout(photo: Photograph) -> tuple[NDArray[np.uint8], bool]:
     )
     nearest = np.zeros((labels.max() + 1, 3), np.uint8)
     nearest[labels[inside]] = colour[inside]
-    spread = colour[inside].max(-1).astype(int) - colour[inside].min(-1)
-    return nearest[labels], bool(spread.mean() < 12)
+    red, green, blue = colour[inside].astype(int).T
+    return nearest[labels], bool(np.abs(red - green).mean() + np.abs(green - blue).mean() < _GREY)
 
 
 def load_panorama(photo: Photograph) -> tuple[NDArray[np.uint8], tuple[str, ...]]:
-    """Read the upper half of a panorama.
+    """Read a panorama.
 
     Returns:
-        (H, W, 3) uint8 sRGB, the first row at the zenith and the last one at the horizon, and what
-        was done to use it.
+        (H, W, 3) uint8 sRGB from zenith to nadir, and what was done to use it.
 
     Raises:
         SettingsError: If a picture is unreadable, or not twice as wide as high.
@@ -117,19 +121,20 @@ def load_panorama(photo: Photograph) -> tuple[NDArray[np.uint8], tuple[str, ...]
     remarks = [text for text in _remarks(raw) if "square" not in text]
     if seam_ratio(whole, 1) > 2 * _SEAM:
         margin = whole.shape[1] // (4 * _MARGIN)
-        whole = (blend_seam(whole.astype(np.float32), 1, margin) + 0.5).astype(np.uint8)
+        whole = blend_seam(whole, 1, margin)
         remarks.append("made to wrap around by blending its borders")
-    return whole[: whole.shape[0] // 2], tuple(remarks)
+    return whole, tuple(remarks)
 
 
-def seam_ratio(picture: NDArray[Any], axis: int) -> float:
+def seam_ratio(picture: NDArray[np.uint8], axis: int) -> float:
     """Difference of the first and last line over the median difference of neighbouring lines."""
-    lines = np.moveaxis(picture, axis, 0).astype(np.float32)
-    inner = np.abs(np.diff(lines, axis=0)).mean((1, 2))
-    return float(np.abs(lines[0] - lines[-1]).mean() / max(float(np.median(inner)), 0.5))
+    lines = np.moveaxis(picture, axis, 0)
+    first = np.linspace(0, len(lines) - 2, _COMPARED).astype(int)
+    inner = np.abs(lines[first + 1].astype(int) - lines[first]).mean((1, 2))
+    return float(np.abs(lines[-1].astype(int) - lines[0]).mean() / max(np.median(inner), 0.5))
 
 
-def blend_seam(picture: Float, axis: int, margin: int) -> Float:
+def blend_seam(picture: NDArray[Any], axis: int, margin: int) -> NDArray[Any]:
     """Make a picture wrap around: its last lines fade into the first ones, and are cut off."""
     lines = np.moveaxis(picture, axis, 0)
     share = (np.arange(margin, dtype=np.float32) + 0.5) / margin
@@ -139,23 +144,27 @@ def blend_seam(picture: Float, axis: int, margin: int) -> Float:
     return np.moveaxis(kept, 0, axis)
 
 
-def slope_of(height: Float, target: float) -> NDArray[np.float32]:
-    """(H, W, 2) slopes of a height map that wraps around, with a root mean square ``target``."""
+def slope_of(height: Float, target: float) -> NDArray[np.uint8]:
+    """(H, W, 2) x and y of the normals of a height map that wraps around.
+
+    Args:
+        height: (H, W) heights of any scale.
+        target: Root mean square slope of the result; 0 for a flat map.
+    """
     right = np.roll(height, -1, 1) - np.roll(height, 1, 1)
     down = np.roll(height, -1, 0) - np.roll(height, 1, 0)
-    slope = np.stack([-right, down], -1).astype(np.float32)
-    size = float(np.sqrt((slope**2).sum(-1).mean()))
-    slope *= target / max(size, 1e-6) if size > 1e-6 else 0.0
-    return np.asarray(slope / np.sqrt(1 + (slope**2).sum(-1, keepdims=True)))
+    size = float(np.sqrt((right**2 + down**2).mean()))
+    scale = target / size if size > 0 else 0.0
+    length = np.sqrt(1 + scale**2 * (right**2 + down**2))
+    return _byte(np.stack([-scale * right / length, scale * down / length], -1) * 127.5 + 127.5)
 
 
 def _slope(
     photo: Photograph, colour: NDArray[np.uint8], size: tuple[int, int]
-) -> tuple[NDArray[np.float32], str]:
+) -> tuple[NDArray[np.uint8], str]:
     if "normal" in photo.files:
         normal = _eight_bit_rgb(_read(photo.files["normal"], cv2.IMREAD_UNCHANGED))
-        scaled = cv2.resize(normal, size, interpolation=cv2.INTER_AREA)
-        return scaled[..., :2].astype(np.float32) / np.float32(127.5) - 1, "map"
+        return cv2.resize(normal, size, interpolation=cv2.INTER_AREA)[..., :2], "map"
     source, height = "brightness", cv2.cvtColor(colour, cv2.COLOR_RGB2GRAY).astype(np.float32)
     if "height" in photo.files:
         read = _read(photo.files["height"], cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH)
@@ -195,10 +204,14 @@ def _eight_bit_rgb(raw: NDArray[Any]) -> NDArray[np.uint8]:
     """(H, W, 3) uint8 RGB of a picture as read: grey or BGR, with or without alpha."""
     if raw.dtype != np.uint8:
         scale = 255.0 / (np.iinfo(raw.dtype).max if raw.dtype.kind == "u" else 1.0)
-        raw = (np.clip(raw * scale, 0, 255) + 0.5).astype(np.uint8)
+        raw = _byte(raw * scale)
     if raw.ndim == 2:
         return np.repeat(raw[..., None], 3, -1)
     return np.ascontiguousarray(raw[..., 2::-1])
+
+
+def _byte(values: Float) -> NDArray[np.uint8]:
+    return np.asarray(np.clip(values, 0, 255) + 0.5, np.uint8)
 
 
 def _reduced(picture: NDArray[np.uint8], longest_px: int = LARGEST_PX) -> NDArray[np.uint8]:
@@ -210,7 +223,7 @@ def _reduced(picture: NDArray[np.uint8], longest_px: int = LARGEST_PX) -> NDArra
 
 
 def _from_cube(photo: Photograph) -> NDArray[np.uint8]:
-    """Upper half of a cube map, whose faces are seen from inside and lie as in OpenGL."""
+    """Panorama of a cube map, whose faces are seen from inside and lie as in OpenGL."""
     faces = {
         name: _eight_bit_rgb(_read(path, cv2.IMREAD_UNCHANGED))
         for name, path in photo.files.items()
@@ -225,12 +238,12 @@ def _from_cube(photo: Photograph) -> NDArray[np.uint8]:
     width = min(4 * side, _PANORAMA_PX)
     bearing, climb = np.meshgrid(
         (np.arange(width) + 0.5) * 2 * np.pi / width,
-        np.pi / 2 - (np.arange(width // 4) + 0.5) * 2 * np.pi / width,
+        np.pi / 2 - (np.arange(width // 2) + 0.5) * 2 * np.pi / width,
     )
     x, z = np.sin(bearing) * np.cos(climb), np.cos(bearing) * np.cos(climb)
     y = np.sin(climb)
     views = {"posx": (x, -z, y), "negx": (-x, z, y), "posz": (z, x, y), "negz": (-z, -x, y)}
-    views["posy"] = (y, x, -z)
+    views |= {"posy": (y, x, -z), "negy": (-y, x, z)}
     out = np.zeros((*x.shape, 3), np.uint8)
     for name, (depth, right, up) in views.items():
         inside = (depth > 0) & (np.abs(right) <= depth + 1e-9) & (np.abs(up) <= depth + 1e-9)

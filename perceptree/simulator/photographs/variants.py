@@ -16,7 +16,8 @@ Float = NDArray[np.floating[Any]]
 
 _MARGIN_PX = SIZE_PX // 8
 _BARK_SCALE, _FLAT_SCALE = (0.55, 1.2), (0.6, 1.6)  # shown part of the longer side
-_STEEPER = 1.4  # photographed normals are flatter than the procedural ones
+_STEEPER = np.float32(1.4)  # photographed normals are flatter than the procedural ones
+_MOST_SLOPE = np.float32(0.96)  # largest square of a normal's horizontal part
 _KEPT = 0.5  # how much of a photograph's own brightness is kept, the rest is the layer's
 _BRIGHTNESS, _HUE = 0.22, 0.06  # standard deviations of logarithms
 _SATURATION = (0.6, 1.15)
@@ -46,15 +47,11 @@ def material_layer(
     low, high = _BARK_SCALE if upright else _FLAT_SCALE
     shown = float(np.exp(rng.uniform(np.log(low), np.log(high)))) * max(colour.shape[:2])
     first = rng.random(2) * colour.shape[:2]
-    tones = _window(_LINEAR[colour], first, shown)
-    slopes = _window(slope, first, shown) * np.float32(_STEEPER)
-    tones = _toned(rng, tones, mean)
+    tones = _toned(rng, _LINEAR[_window(colour, first, shown)], mean)
     if mossy and rng.random() < _MOSS_SHARE:
         tones = _with_moss(rng, tones)
-    level = np.maximum(1 - (slopes**2).sum(-1, keepdims=True), 0.04)
-    normals = np.concatenate([slopes, np.sqrt(level)], -1)
-    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
-    return np.clip(tones, 0, 1), np.asarray(normals * np.float32(0.5) + np.float32(0.5))
+    normals = _normals(_window(slope, first, shown))
+    return np.clip(tones, 0, 1), normals
 
 
 def foliage_layer(
@@ -74,25 +71,26 @@ def foliage_layer(
     if rng.random() < 0.5:
         laid = laid[::-1]
     size = (SIZE_PX, SIZE_PX)
-    tones = cv2.resize(_LINEAR[laid], size, interpolation=cv2.INTER_AREA)
+    tones = _LINEAR[cv2.resize(laid, size, interpolation=cv2.INTER_AREA)]
     if grey:
         tones = (tones @ _GREY)[..., None] * (mean / (mean @ _GREY)).astype(np.float32)
     return np.clip(_toned(rng, tones, mean), 0, 1)
 
 
 def _turned(
-    colour: NDArray[np.uint8], slope: NDArray[np.float32], turns: int, mirrored: bool
-) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    colour: NDArray[np.uint8], slope: NDArray[np.uint8], turns: int, mirrored: bool
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     """Rotate by quarter turns to the left, and mirror; normals turn with the picture."""
     colour, slope = np.rot90(colour, turns), np.rot90(slope, turns)
     for _ in range(turns):
-        slope = np.stack([-slope[..., 1], slope[..., 0]], -1)
+        slope = np.stack([255 - slope[..., 1], slope[..., 0]], -1)
     if mirrored:
-        colour, slope = colour[:, ::-1], slope[:, ::-1] * np.array([-1, 1], np.float32)
+        colour, slope = colour[:, ::-1], slope[:, ::-1]
+        slope = np.stack([255 - slope[..., 0], slope[..., 1]], -1)
     return colour, slope
 
 
-def _window(picture: NDArray[np.float32], first: Float, shown_px: float) -> NDArray[np.float32]:
+def _window(picture: NDArray[np.uint8], first: Float, shown_px: float) -> NDArray[np.uint8]:
     """Show a square of a picture that wraps around as a layer that wraps around."""
     side = round(shown_px * (SIZE_PX + _MARGIN_PX) / SIZE_PX)
     rows = (int(first[0]) + np.arange(side)) % picture.shape[0]
@@ -100,7 +98,17 @@ def _window(picture: NDArray[np.float32], first: Float, shown_px: float) -> NDAr
     size = (SIZE_PX + _MARGIN_PX, SIZE_PX + _MARGIN_PX)
     way = cv2.INTER_AREA if side > size[0] else cv2.INTER_LINEAR
     scaled = cv2.resize(np.ascontiguousarray(picture[rows][:, columns]), size, interpolation=way)
-    return np.asarray(blend_seam(blend_seam(scaled, 0, _MARGIN_PX), 1, _MARGIN_PX), np.float32)
+    return np.asarray(blend_seam(blend_seam(scaled, 0, _MARGIN_PX), 1, _MARGIN_PX), np.uint8)
+
+
+def _normals(slope: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """(H, W, 3) unit normals, 0.5 being zero, of slopes (H, W, 2) as in Material."""
+    x, y = np.moveaxis((slope.astype(np.float32) / np.float32(127.5) - 1) * _STEEPER, -1, 0)
+    flat = x * x + y * y
+    most = np.sqrt(np.minimum(1, _MOST_SLOPE / np.maximum(flat, np.float32(1e-6))))
+    x, y = x * most, y * most
+    normal = np.stack([x, y, np.sqrt(1 - x * x - y * y)], -1)
+    return np.asarray(normal * np.float32(0.5) + np.float32(0.5), np.float32)
 
 
 def _toned(

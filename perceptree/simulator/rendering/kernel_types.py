@@ -34,8 +34,8 @@ class FarStand(NamedTuple):
     """A photographed sky and far stand around the scene.
 
     Attributes:
-        root: (H, W, 3) uint8 square root of linear RGB, the first row at the zenith and the last
-            one at the horizon; a single row for none.
+        root: (H, W, 3) uint8 square root of linear RGB, from zenith to nadir; a single row for
+            none.
         view: (3,) whole number by which its angles along the horizon are divided, bearing of its
             first column in turns of the panorama, and factor that brings its sky to a luminance
             of 1.

@@ -15,7 +15,7 @@ _SPARSE_M = _f32(5)  # what a sparse forest adds to it
 _AIR_LIGHT_PER_M = _f32(0.0025)  # extinction in addition to the scene's
 _TRUNK_M = _f32(17)  # height of trunks
 _PHOTOGRAPHED_M = _f32(90)  # haze in front of a photographed far stand, as over this distance
-_SKY_GAIN = _f32(1.5)  # luminance of its sky over that of the scene's sky colour
+_SKY_GAIN = _f32(1.8)  # luminance of its bright sky over that of the scene's sky colour
 
 
 @njit(cache=True, error_model="numpy")
@@ -24,7 +24,7 @@ def photographed(colour, world, maps, atmosphere):
 
     The panorama is a cylinder around the camera whose pictures are made smaller, as if everything
     in it were that many times as far away: bearings and slopes are multiplied before it is looked
-    up. Below the horizon it is mirrored. Its light follows the scene's sky.
+    up. Its light follows the scene's sky.
 
     Args:
         colour: (3,) receives linear RGB.
@@ -36,10 +36,10 @@ def photographed(colour, world, maps, atmosphere):
     height, width = root.shape[0], root.shape[1]
     shrink, turn, gain = maps.far_view[0], maps.far_view[1], maps.far_view[2]
     across = np.sqrt(world[0] * world[0] + world[1] * world[1]) + _f32(1e-6)
-    climb = np.arctan(shrink * abs(world[2]) / across)
+    climb = np.arctan(shrink * world[2] / across)
     turns = np.arctan2(world[1], world[0]) * _f32(0.15915494)
     x = (turn - shrink * turns) * width
-    y = (_f32(1) - climb * _f32(0.63661977)) * height - _f32(0.5)
+    y = (_f32(0.5) - climb * _f32(0.31830989)) * height - _f32(0.5)
     y = min(max(y, _f32(0)), _f32(height - 1))
     column, row = int(np.floor(x)), min(int(y), height - 2)
     right, down = _f32(x - np.floor(x)), _f32(y - row)
