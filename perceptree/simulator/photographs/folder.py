@@ -156,8 +156,8 @@ def _photographs(root: Path, kind: str) -> Iterator[Photograph]:
 
 
 def _visible(folder: Path, root: Path) -> list[Path]:
-    """Entries of a folder by name; none for a kind that is missing in an existing root."""
-    if folder.parent == root and root.is_dir() and not folder.is_dir():
+    """Entries of a folder by name; none for a kind that is missing in the root."""
+    if folder.parent == root and not folder.is_dir():
         return []
     return sorted(path for path in folder.iterdir() if not path.name.startswith("."))
 

@@ -29,6 +29,7 @@ _MARGIN = 8  # a seam is blended over this part of a side
 _SLOPE = {"height": 0.45, "brightness": 0.3}  # root mean square slope of derived normals
 _SOFT_PX = 1.2
 _LEAST_OPAQUE = 0.02
+_DEEP = "reduced to 8 bits a channel"
 _GREY = 12  # a cut-out is grey below this mean difference of its channels
 
 
@@ -118,7 +119,7 @@ def load_panorama(photo: Photograph) -> tuple[NDArray[np.uint8], tuple[str, ...]
             f"{path}: is {width}x{height} px, expected a panorama twice as wide as high"
         )
     whole = _reduced(_eight_bit_rgb(raw), _PANORAMA_PX)
-    remarks = [text for text in _remarks(raw) if "square" not in text]
+    remarks = [] if raw.dtype == np.uint8 else [_DEEP]
     if seam_ratio(whole, 1) > 2 * _SEAM:
         margin = whole.shape[1] // (4 * _MARGIN)
         whole = blend_seam(whole, 1, margin)
@@ -194,7 +195,9 @@ def _remarks(raw: NDArray[Any]) -> list[str]:
     height, width = raw.shape[:2]
     remarks = []
     if raw.dtype != np.uint8:
-        remarks.append("reduced to 8 bits a channel")
+        remarks.append(_DEEP)
+    if max(width, height) > LARGEST_PX:
+        remarks.append(f"reduced to {LARGEST_PX} px")
     if width != height:
         remarks.append("not square, repeated to a square")
     return remarks
