@@ -9,7 +9,8 @@ from perceptree.simulator.photographs.folder import (
     PhotoFolder,
     Photograph,
 )
-from perceptree.simulator.photographs.loading import load_cutout, load_material, load_panorama
+from perceptree.simulator.photographs.loading import load_cutout, load_material
+from perceptree.simulator.photographs.panoramas import load_panorama
 
 _NAMED = 3  # photographs that a line names
 

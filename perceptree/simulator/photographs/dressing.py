@@ -12,7 +12,8 @@ from perceptree.simulator.materials.layers import FIRST_GROUND, SIZE_PX, Layer, 
 from perceptree.simulator.materials.textures import Textures, layer_texels, pack_layer
 from perceptree.simulator.photographs.choice import panoramas, photographs_for
 from perceptree.simulator.photographs.folder import PhotoFolder, Photograph
-from perceptree.simulator.photographs.loading import load_cutout, load_material, load_panorama
+from perceptree.simulator.photographs.loading import load_cutout, load_material
+from perceptree.simulator.photographs.panoramas import load_panorama
 from perceptree.simulator.photographs.variants import foliage_layer, material_layer
 from perceptree.simulator.rendering.kernel_types import FarStand
 from perceptree.simulator.scene.description import Scene

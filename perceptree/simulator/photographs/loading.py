@@ -1,4 +1,4 @@
-"""Read photographs: materials that wrap around, cut-outs and panoramas, of usable sizes."""
+"""Read photographed materials and cut-outs: eight bits, usable sizes, wrapping around."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from calib.errors import InputFileError
 from calib.reading import read_image
 from perceptree.errors import SettingsError
 from perceptree.simulator.materials.layers import SIZE_PX
-from perceptree.simulator.photographs.folder import CUBE_FACES, Photograph
+from perceptree.simulator.photographs.folder import Photograph
 
 Float = NDArray[np.floating[Any]]
 
@@ -22,14 +22,13 @@ LARGEST_PX = 1024  # longer side of a material; larger ones are reduced
 SMALLEST_PX = 64
 _LONGEST_PX = 16_384
 _LARGEST_RATIO = 8
-_PANORAMA_PX = 2048  # width of a panorama
-_SEAM = 2.0  # a seam is seen above this ratio of its difference to that of other neighbours
+SEAM = 2.0  # a seam is seen above this ratio of its difference to that of other neighbours
 _COMPARED = 64  # pairs of neighbouring lines
-_MARGIN = 8  # a seam is blended over this part of a side
+MARGIN = 8  # a seam is blended over this part of a side
 _SLOPE = {"height": 0.45, "brightness": 0.3}  # root mean square slope of derived normals
 _SOFT_PX = 1.2
 _LEAST_OPAQUE = 0.02
-_DEEP = "reduced to 8 bits a channel"
+DEEP = "reduced to 8 bits a channel"
 _GREY = 12  # a cut-out is grey below this mean difference of its channels
 
 
@@ -54,16 +53,16 @@ def load_material(photo: Photograph) -> Material:
     Raises:
         SettingsError: If a picture is unreadable, too small, too large or too narrow.
     """
-    raw = _read(photo.files["color"], cv2.IMREAD_UNCHANGED)
+    raw = read_picture(photo.files["color"])
     remarks = _remarks(raw)
-    colour = _reduced(_eight_bit_rgb(raw))
+    colour = reduced(eight_bit_rgb(raw))
     size = colour.shape[1], colour.shape[0]
     slope, source = _slope(photo, colour, size)
     if source != "map":
         remarks.append(f"normals from the {source}")
-    seams = [axis for axis in (0, 1) if seam_ratio(colour, axis) > _SEAM]
+    seams = [axis for axis in (0, 1) if seam_ratio(colour, axis) > SEAM]
     for axis in seams:
-        margin = colour.shape[axis] // _MARGIN
+        margin = colour.shape[axis] // MARGIN
         colour, slope = blend_seam(colour, axis, margin), blend_seam(slope, axis, margin)
     if seams:
         remarks.append("made to wrap around by blending its borders")
@@ -80,7 +79,7 @@ def load_cutout(photo: Photograph) -> tuple[NDArray[np.uint8], bool]:
         SettingsError: If it has no alpha channel, or nothing in it is opaque.
     """
     path = photo.files["color"]
-    raw = _read(path, cv2.IMREAD_UNCHANGED)
+    raw = read_picture(path)
     if raw.ndim != 3 or raw.shape[2] != 4:
         raise SettingsError(f"{path}: has no alpha channel, expected a PNG cut out by its alpha")
     every = max(1, max(raw.shape[:2]) // SIZE_PX)
@@ -90,7 +89,7 @@ def load_cutout(photo: Photograph) -> tuple[NDArray[np.uint8], bool]:
         raise SettingsError(f"{path}: is transparent, expected leaves cut out by its alpha")
     rows, columns = np.flatnonzero(alpha.any(1)), np.flatnonzero(alpha.any(0))
     box = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
-    colour, inside = _eight_bit_rgb(raw)[box], alpha[box]
+    colour, inside = eight_bit_rgb(raw)[box], alpha[box]
     _, labels = cv2.distanceTransformWithLabels(
         (~inside).astype(np.uint8), cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL
     )
@@ -98,33 +97,6 @@ def load_cutout(photo: Photograph) -> tuple[NDArray[np.uint8], bool]:
     nearest[labels[inside]] = colour[inside]
     red, green, blue = colour[inside].astype(int).T
     return nearest[labels], bool(np.abs(red - green).mean() + np.abs(green - blue).mean() < _GREY)
-
-
-def load_panorama(photo: Photograph) -> tuple[NDArray[np.uint8], tuple[str, ...]]:
-    """Read a panorama.
-
-    Returns:
-        (H, W, 3) uint8 sRGB from zenith to nadir, and what was done to use it.
-
-    Raises:
-        SettingsError: If a picture is unreadable, or not twice as wide as high.
-    """
-    if CUBE_FACES[0] in photo.files:
-        return _from_cube(photo), ()
-    path = photo.files["color"]
-    raw = _read(path, cv2.IMREAD_UNCHANGED)
-    height, width = raw.shape[:2]
-    if abs(width - 2 * height) > 2:
-        raise SettingsError(
-            f"{path}: is {width}x{height} px, expected a panorama twice as wide as high"
-        )
-    whole = _reduced(_eight_bit_rgb(raw), _PANORAMA_PX)
-    remarks = [] if raw.dtype == np.uint8 else [_DEEP]
-    if seam_ratio(whole, 1) > 2 * _SEAM:
-        margin = whole.shape[1] // (4 * _MARGIN)
-        whole = blend_seam(whole, 1, margin)
-        remarks.append("made to wrap around by blending its borders")
-    return whole, tuple(remarks)
 
 
 def seam_ratio(picture: NDArray[np.uint8], axis: int) -> float:
@@ -164,17 +136,25 @@ def _slope(
     photo: Photograph, colour: NDArray[np.uint8], size: tuple[int, int]
 ) -> tuple[NDArray[np.uint8], str]:
     if "normal" in photo.files:
-        normal = _eight_bit_rgb(_read(photo.files["normal"], cv2.IMREAD_UNCHANGED))
-        return cv2.resize(normal, size, interpolation=cv2.INTER_AREA)[..., :2], "map"
-    source, height = "brightness", cv2.cvtColor(colour, cv2.COLOR_RGB2GRAY).astype(np.float32)
+        normal = eight_bit_rgb(read_picture(photo.files["normal"]))
+        scaled = cv2.resize(normal, size, interpolation=cv2.INTER_AREA)
+        return np.asarray(scaled[..., :2], np.uint8), "map"
+    source, height = "brightness", cv2.cvtColor(colour, cv2.COLOR_RGB2GRAY)
     if "height" in photo.files:
-        read = _read(photo.files["height"], cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH)
-        source, height = "height", cv2.resize(read.astype(np.float32), size)
-    soft = cv2.GaussianBlur(height, (0, 0), _SOFT_PX, borderType=cv2.BORDER_REFLECT)
-    return slope_of(soft, _SLOPE[source]), source
+        read = read_picture(photo.files["height"], cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH)
+        source, height = "height", cv2.resize(read, size)
+    soft = cv2.GaussianBlur(
+        height.astype(np.float32), (0, 0), _SOFT_PX, borderType=cv2.BORDER_REFLECT
+    )
+    return slope_of(np.asarray(soft, np.float32), _SLOPE[source]), source
 
 
-def _read(path: Path, flags: int) -> NDArray[Any]:
+def read_picture(path: Path, flags: int = cv2.IMREAD_UNCHANGED) -> NDArray[Any]:
+    """Read a picture as ``cv2.imread`` does.
+
+    Raises:
+        SettingsError: If it is unreadable, too small, too large or too narrow.
+    """
     try:
         picture = read_image(path, flags)
     except InputFileError as error:
@@ -195,7 +175,7 @@ def _remarks(raw: NDArray[Any]) -> list[str]:
     height, width = raw.shape[:2]
     remarks = []
     if raw.dtype != np.uint8:
-        remarks.append(_DEEP)
+        remarks.append(DEEP)
     if max(width, height) > LARGEST_PX:
         remarks.append(f"reduced to {LARGEST_PX} px")
     if width != height:
@@ -203,7 +183,7 @@ def _remarks(raw: NDArray[Any]) -> list[str]:
     return remarks
 
 
-def _eight_bit_rgb(raw: NDArray[Any]) -> NDArray[np.uint8]:
+def eight_bit_rgb(raw: NDArray[Any]) -> NDArray[np.uint8]:
     """(H, W, 3) uint8 RGB of a picture as read: grey or BGR, with or without alpha."""
     if raw.dtype != np.uint8:
         scale = 255.0 / (np.iinfo(raw.dtype).max if raw.dtype.kind == "u" else 1.0)
@@ -217,44 +197,10 @@ def _byte(values: Float) -> NDArray[np.uint8]:
     return np.asarray(np.clip(values, 0, 255) + 0.5, np.uint8)
 
 
-def _reduced(picture: NDArray[np.uint8], longest_px: int = LARGEST_PX) -> NDArray[np.uint8]:
+def reduced(picture: NDArray[np.uint8], longest_px: int = LARGEST_PX) -> NDArray[np.uint8]:
+    """Reduce a picture to a longer side of at most ``longest_px``."""
     scale = longest_px / max(picture.shape[:2])
     if scale >= 1:
         return picture
     size = round(picture.shape[1] * scale), round(picture.shape[0] * scale)
     return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)
-
-
-def _from_cube(photo: Photograph) -> NDArray[np.uint8]:
-    """Panorama of a cube map, whose faces are seen from inside and lie as in OpenGL."""
-    faces = {
-        name: _eight_bit_rgb(_read(path, cv2.IMREAD_UNCHANGED))
-        for name, path in photo.files.items()
-    }
-    side = faces["posx"].shape[0]
-    for name, face in faces.items():
-        if face.shape[:2] != (side, side):
-            raise SettingsError(
-                f"{photo.files[name]}: is {face.shape[1]}x{face.shape[0]} px, expected a square of"
-                f" {side} px like the other faces of the cube"
-            )
-    width = min(4 * side, _PANORAMA_PX)
-    bearing, climb = np.meshgrid(
-        (np.arange(width) + 0.5) * 2 * np.pi / width,
-        np.pi / 2 - (np.arange(width // 2) + 0.5) * 2 * np.pi / width,
-    )
-    x, z = np.sin(bearing) * np.cos(climb), np.cos(bearing) * np.cos(climb)
-    y = np.sin(climb)
-    views = {"posx": (x, -z, y), "negx": (-x, z, y), "posz": (z, x, y), "negz": (-z, -x, y)}
-    views |= {"posy": (y, x, -z), "negy": (-y, x, z)}
-    out = np.zeros((*x.shape, 3), np.uint8)
-    for name, (depth, right, up) in views.items():
-        inside = (depth > 0) & (np.abs(right) <= depth + 1e-9) & (np.abs(up) <= depth + 1e-9)
-        safe = np.where(depth > 0, depth, 1)
-        column = ((right / safe + 1) * side / 2 - 0.5).astype(np.float32)
-        row = ((1 - up / safe) * side / 2 - 0.5).astype(np.float32)
-        face = cv2.remap(
-            faces[name], column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-        )
-        out[inside] = face[inside]
-    return out

@@ -103,7 +103,8 @@ def _window(picture: NDArray[np.uint8], first: Float, shown_px: float) -> NDArra
 
 def _normals(slope: NDArray[np.uint8]) -> NDArray[np.float32]:
     """(H, W, 3) unit normals, 0.5 being zero, of slopes (H, W, 2) as in Material."""
-    x, y = np.moveaxis((slope.astype(np.float32) / np.float32(127.5) - 1) * _STEEPER, -1, 0)
+    steep = (slope.astype(np.float32) / np.float32(127.5) - 1) * _STEEPER
+    x, y = steep[..., 0], steep[..., 1]
     flat = x * x + y * y
     most = np.sqrt(np.minimum(1, _MOST_SLOPE / np.maximum(flat, np.float32(1e-6))))
     x, y = x * most, y * most
@@ -116,10 +117,10 @@ def _toned(
 ) -> NDArray[np.float32]:
     """Vary saturation and hue, and bring the brightness halfway to that of the layer."""
     grey = (tones @ _GREY)[..., None]
-    tones = grey + (tones - grey) * np.float32(rng.uniform(*_SATURATION))
+    pale = grey + (tones - grey) * np.float32(rng.uniform(*_SATURATION))
     own, usual = max(float(grey.mean()), 1e-3), max(float(mean @ _GREY), 1e-3)
     gain = (usual / own) ** (1 - _KEPT) * np.exp(rng.normal(0, _BRIGHTNESS))
-    return np.asarray(tones * (gain * np.exp(rng.normal(0, _HUE, 3))).astype(np.float32))
+    return np.asarray(pale * (gain * np.exp(rng.normal(0, _HUE, 3))).astype(np.float32))
 
 
 def _with_moss(rng: np.random.Generator, tones: NDArray[np.float32]) -> NDArray[np.float32]:

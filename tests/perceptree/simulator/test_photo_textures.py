@@ -30,10 +30,10 @@ from perceptree.simulator.photographs.loading import (
     Material,
     load_cutout,
     load_material,
-    load_panorama,
     seam_ratio,
     slope_of,
 )
+from perceptree.simulator.photographs.panoramas import load_panorama
 from perceptree.simulator.photographs.variants import foliage_layer, material_layer
 from perceptree.simulator.settings import (
     CameraSettings,
