@@ -5,6 +5,7 @@ from __future__ import annotations
 from perceptree.simulator.photographs.folder import (
     FOLIAGE,
     KINDS,
+    NO_LICENCE,
     PANORAMA,
     PhotoFolder,
     Photograph,
@@ -29,7 +30,7 @@ def check_photographs(folder: PhotoFolder) -> list[str]:
         for remark in _remarks(photo):
             by_remark.setdefault(remark, []).append(photo.title)
     for credit in folder.credits:
-        if credit["licence"] == "not stated":
+        if credit["licence"] == NO_LICENCE:
             source = f"{credit['kind']}/{credit['source']}"
             by_remark.setdefault("no LICENCE.txt", []).append(source)
     lines = [f"{remark}: {_some(titles)}" for remark, titles in sorted(by_remark.items())]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,7 +21,10 @@ CUBE_FACES = ("posx", "negx", "posy", "negy", "posz", "negz")
 CREDITS = "textures"  # name of the credits in a dataset's settings.json
 _PICTURES = (".jpg", ".jpeg", ".png")
 _LICENCES = ("LICENCE.txt", "LICENSE.txt")
-_NO_LICENCE = "not stated"
+_LICENCE = re.compile(
+    r"\b(CC0|CC.BY|MIT|BSD|Apache|Creative Commons|public domain|licen[cs]e|copyright)\b", re.I
+)
+NO_LICENCE = "not stated"
 
 
 @dataclass(frozen=True)
@@ -54,8 +58,8 @@ class PhotoFolder:
         root: The folder.
         photographs: All photographs, sorted by kind, source and name.
         sha256: Hash of the names and contents of all pictures and licences.
-        credits: Per source: ``kind``, ``source``, ``licence`` (first line of its LICENCE.txt) and
-            ``names`` of the photographs.
+        credits: Per source: ``kind``, ``source``, ``licence`` (first line of its LICENCE.txt that
+            names one) and ``names`` of the photographs.
     """
 
     root: Path
@@ -191,6 +195,13 @@ def _licence_file(root: Path, photo: Photograph) -> Path | None:
     return next((folder / name for name in _LICENCES if (folder / name).is_file()), None)
 
 
+def _licence(text: str) -> str:
+    """The first line that names a licence, else the first line."""
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    named = [line for line in lines if _LICENCE.search(line)]
+    return (named or lines or [NO_LICENCE])[0]
+
+
 def _sha256(root: Path, photographs: tuple[Photograph, ...]) -> str:
     files = {file for photo in photographs for file in photo.files.values()}
     files |= {file for photo in photographs if (file := _licence_file(root, photo))}
@@ -207,8 +218,7 @@ def _credits(root: Path, photographs: tuple[Photograph, ...]) -> tuple[dict[str,
         key = photo.kind, photo.source
         if key not in by_source:
             file = _licence_file(root, photo)
-            lines = [] if file is None else file.read_text("utf-8", "replace").strip().splitlines()
-            licence = lines[0].strip() if lines else _NO_LICENCE
+            licence = NO_LICENCE if file is None else _licence(file.read_text("utf-8", "replace"))
             by_source[key] = {"kind": key[0], "source": key[1], "licence": licence, "names": []}
         by_source[key]["names"].append(photo.name)
     return tuple(by_source.values())

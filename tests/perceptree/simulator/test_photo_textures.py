@@ -82,7 +82,9 @@ def fill(root: Path) -> Path:
     write(root / "foliage/mine/oak.png", leaf())
     write(root / "foliage/mine/spruce.png", leaf((30, 90, 40)))
     write(root / "panorama/mine/clearing.png", waves((128, 256), 5))
-    (root / "bark/mine/LICENCE.txt").write_text("CC BY 4.0, A. Forester\nmore\n")
+    (root / "bark/mine/LICENCE.txt").write_text(
+        "Oaks of the north slope\nCC BY 4.0, A. Forester\nmore\n"
+    )
     return root
 
 
