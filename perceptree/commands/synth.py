@@ -24,6 +24,7 @@ from perceptree.errors import SettingsError
 if TYPE_CHECKING:
     from perceptree.simulator import SimulatorSettings
     from perceptree.simulator.dataset.shards import SynthJob
+    from perceptree.simulator.photographs.folder import PhotoFolder
     from perceptree.simulator.settings.presets import Preset
 
 _LABEL = "simulating"
@@ -64,6 +65,10 @@ def synth(
     image_format: Annotated[
         str | None, typer.Option(help="Colour images as jpg or png. [jpg]")
     ] = None,
+    textures: Annotated[
+        Path | None,
+        typer.Option(help="Folder of photographs of bark, ground, stones, leaves, far stands."),
+    ] = None,
     workers: Annotated[
         int | None, typer.Option(help="Number of processes; by default one per core.")
     ] = None,
@@ -75,18 +80,21 @@ def synth(
     from fleet import is_url
     from perceptree.simulator.dataset.generate import generate_dataset
     from perceptree.simulator.dataset.shards import SynthJob
+    from perceptree.simulator.photographs.folder import with_photographs
 
-    changes = (frames, seed, settings, width, height, camera, views, reach, image_format)
+    changes = (frames, seed, settings, width, height, camera, views, reach, image_format, textures)
     frozen = _frozen(preset, changes)
     start = chosen_preset(preset, settings)
     chosen = changed_settings(start.settings, camera, (width, height), views, reach)
+    photographs = _photographs(textures)
+    chosen = with_photographs(chosen, photographs)
     count = start.frames if frames is None else frames
     files = start.files
     if image_format is not None:
         files = dataclasses.replace(files, image_format=image_format)
     seed = start.seed if seed is None else seed
     if shard is not None or ray is not None or is_url(out):
-        whole = SynthJob(opened_store(out, ray), count, chosen, seed, files)
+        whole = SynthJob(opened_store(out, ray), count, chosen, seed, files, photographs)
         _in_shards(whole, shard, ray, workers, as_json, frozen)
         return
     with typer.progressbar(
@@ -98,8 +106,23 @@ def synth(
         show_pos=True,
         item_show_func=lambda text: text,
     ) as bar:
-        report = generate_dataset(out, count, chosen, seed, workers, _Progress(bar), files)
+        report = generate_dataset(
+            out, count, chosen, seed, workers, _Progress(bar), files, photographs
+        )
     print_result(report, as_json, frozen)
+
+
+def _photographs(folder: Path | None) -> PhotoFolder | None:
+    """Open and check the folder of --textures, and say on stderr what was done to its files."""
+    if folder is None:
+        return None
+    from perceptree.simulator.photographs.checking import check_photographs
+    from perceptree.simulator.photographs.folder import open_photographs
+
+    photographs = open_photographs(folder)
+    for line in check_photographs(photographs):
+        typer.echo(f"textures: {line}", err=True)
+    return photographs
 
 
 def _in_shards(

@@ -23,6 +23,7 @@ class Stream(IntEnum):
     SENSORS = 7
     DRIVE = 8
     VEGETATION = 9
+    PHOTOGRAPHS = 10
 
 
 def stream(seed: int, purpose: Stream, *numbers: int) -> np.random.Generator:

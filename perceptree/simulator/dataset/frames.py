@@ -13,6 +13,8 @@ from perceptree.simulator.geometry.prototypes import Prototypes, make_prototypes
 from perceptree.simulator.labelling.frame import LabelledFrame, Motion, PoseRecord, SceneRecord
 from perceptree.simulator.labelling.labels import label_view
 from perceptree.simulator.materials.textures import Textures, make_textures
+from perceptree.simulator.photographs.dressing import dress
+from perceptree.simulator.photographs.folder import PhotoFolder
 from perceptree.simulator.rendering.drive import IMU_HZ, Drive, make_drive
 from perceptree.simulator.rendering.render import Drawing, Renderer
 from perceptree.simulator.rendering.view import View, random_view
@@ -46,15 +48,17 @@ class Assets:
     Attributes:
         textures: Textures of all materials.
         prototypes: Shared meshes.
+        photographs: Photographs that scenes show besides; None for none.
     """
 
     textures: Textures
     prototypes: Prototypes
+    photographs: PhotoFolder | None = None
 
 
-def make_assets() -> Assets:
+def make_assets(photographs: PhotoFolder | None = None) -> Assets:
     """Make the textures and the shared meshes, which are identical in every process."""
-    return Assets(make_textures(), make_prototypes())
+    return Assets(make_textures(), make_prototypes(), photographs)
 
 
 def simulate_frames(
@@ -72,7 +76,7 @@ def simulate_frames(
         One frame after the other, with image, depth and labels.
     """
     scene = describe_scene(settings, seed)
-    renderer = Renderer(assets.textures, scene, assemble(scene, assets.prototypes))
+    renderer = _renderer(settings, scene, assets)
     drive = None
     if scene.circuit is not None:
         settings = fixed_sensors(stream(seed, Stream.SENSORS), settings)
@@ -90,6 +94,14 @@ def simulate_frames(
         view = random_view(rng, settings.camera, scene) if drive is None else drive.view(number)
         motion = None if drive is None else _motion_record(drive, number)
         yield _labelled_frame(rng, fault_rng, settings, scene, view, renderer.draw(view), motion)
+
+
+def _renderer(settings: SimulatorSettings, scene: Scene, assets: Assets) -> Renderer:
+    mesh = assemble(scene, assets.prototypes)
+    if assets.photographs is None:
+        return Renderer(assets.textures, scene, mesh)
+    own = dress(scene, mesh.layer, assets.textures, assets.photographs, settings.photographs)
+    return Renderer(own.textures, scene, mesh, own.far_stand, own.far_forest)
 
 
 def _motion_record(drive: Drive, number: int) -> Motion:

@@ -30,6 +30,7 @@ from perceptree.simulator.dataset.storage import (
     write_atomically,
 )
 from perceptree.simulator.labelling.annotate import coco_dataset
+from perceptree.simulator.photographs.folder import CREDITS, PhotoFolder, with_photographs
 from perceptree.simulator.settings import SimulatorSettings, SplitSettings
 from perceptree.simulator.settings.checks import check_number
 from perceptree.simulator.settings.files import FileSettings
@@ -74,6 +75,7 @@ def generate_dataset(
     workers: int | None = None,
     progress: Progress = lambda done, total: None,
     files: FileSettings = _FILES,
+    photographs: PhotoFolder | None = None,
 ) -> SynthReport:
     """Simulate a dataset, and write its images, COCO files, contact sheets and statistics.
 
@@ -89,17 +91,20 @@ def generate_dataset(
         workers: Number of processes; by default one per core.
         progress: Called with the number of finished frames and their total.
         files: File formats.
+        photographs: Photographs that the scenes show besides, of ``open_photographs``.
 
     Raises:
-        SettingsError: If a number is out of range, or there are too few frames for the splits.
+        SettingsError: If a number is out of range, there are too few frames for the splits, or a
+            photograph cannot be used.
         DatasetError: If the folder cannot be written or holds other settings, or a process is
             killed.
     """
     if workers is not None:
         check_number("workers", workers, 1, 1024)
-    jobs = scene_jobs(directory, frames, settings, seed, files)
+    settings = with_photographs(settings, photographs)
+    jobs = scene_jobs(directory, frames, settings, seed, files, photographs=photographs)
     try:
-        prepare(directory, settings, seed, files)
+        prepare(directory, settings, seed, files, photographs)
         try:
             _render_missing(jobs, workers or os.cpu_count() or 1, progress)
         finally:
@@ -116,6 +121,7 @@ def scene_jobs(
     seed: int,
     files: FileSettings,
     store: Store | None = None,
+    photographs: PhotoFolder | None = None,
 ) -> list[SceneJob]:
     """Return the scenes of a dataset.
 
@@ -126,12 +132,15 @@ def scene_jobs(
         seed: Seed of the dataset.
         files: File formats.
         store: Object store of the dataset; None for a folder.
+        photographs: Photographs that the settings name; None for none.
 
     Raises:
-        SettingsError: If a number is out of range, or there are too few frames for the splits.
+        SettingsError: If a number is out of range, there are too few frames for the splits, or the
+            settings name other photographs.
     """
     check_number("frames", frames, 1, MAX_FRAMES)
     check_number("seed", seed, 0, MAX_SEED)
+    settings = with_photographs(settings, photographs)
     views = settings.views_per_scene
     scenes = math.ceil(frames / views)
     splits = split_shares(settings.splits)
@@ -142,7 +151,9 @@ def scene_jobs(
             f" {', '.join(splits)}"
         )
     return [
-        SceneJob(directory, settings, files, seed, n, min(views, frames - n * views), store)
+        SceneJob(
+            directory, settings, files, seed, n, min(views, frames - n * views), store, photographs
+        )
         for n in range(scenes)
     ]
 
@@ -156,14 +167,27 @@ def _settings_record(settings: SimulatorSettings, seed: int, files: FileSettings
     }
 
 
-def settings_content(settings: SimulatorSettings, seed: int, files: FileSettings) -> bytes:
-    """Make the content of a dataset's ``settings.json``."""
+def settings_content(
+    settings: SimulatorSettings,
+    seed: int,
+    files: FileSettings,
+    photographs: PhotoFolder | None = None,
+) -> bytes:
+    """Make the content of a dataset's ``settings.json``, with the credits of its photographs."""
     digest = settings_sha256(settings, seed, files)
     content = {**_settings_record(settings, seed, files), "sha256": digest}
+    if photographs is not None:
+        content[CREDITS] = photographs.credits
     return json.dumps(content, indent=1).encode()
 
 
-def prepare(directory: Path, settings: SimulatorSettings, seed: int, files: FileSettings) -> None:
+def prepare(
+    directory: Path,
+    settings: SimulatorSettings,
+    seed: int,
+    files: FileSettings,
+    photographs: PhotoFolder | None = None,
+) -> None:
     """Make a dataset's folders and its ``settings.json``.
 
     Raises:
@@ -176,11 +200,12 @@ def prepare(directory: Path, settings: SimulatorSettings, seed: int, files: File
     remove_leftovers(directory)
     digest = settings_sha256(settings, seed, files)
     if record.exists() and _digest_in(record) != digest:
+        also = ", or other photographs" if settings.photographs.sha256 else ""
         raise DatasetError(
-            f"{record}: has other settings or another seed; expected the same to resume, or an"
-            " empty folder"
+            f"{record}: has other settings or another seed{also}; expected the same to resume, or"
+            " an empty folder"
         )
-    write_atomically(record, settings_content(settings, seed, files))
+    write_atomically(record, settings_content(settings, seed, files, photographs))
 
 
 def _digest_in(record: Path) -> object:

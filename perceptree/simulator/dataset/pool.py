@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 
 from perceptree.errors import DatasetError
 from perceptree.simulator.dataset.scene_job import SceneJob, draw_scene
+from perceptree.simulator.photographs.folder import PhotoFolder
 
 if TYPE_CHECKING:
     from perceptree.simulator.dataset.frames import Assets
@@ -44,7 +45,8 @@ def draw_scenes(jobs: list[SceneJob], workers: int) -> Generator[int]:
     context = multiprocessing.get_context("spawn")
     ended, running = context.Pipe(duplex=False)
     count = min(workers, len(jobs))
-    with ended, running, ProcessPoolExecutor(count, context, _start_worker, (ended,)) as pool:
+    start = (ended, jobs[0].photographs)
+    with ended, running, ProcessPoolExecutor(count, context, _start_worker, start) as pool:
         try:
             with _interrupts_held():
                 pending = [pool.submit(_draw, job) for job in jobs]
@@ -76,7 +78,9 @@ def _interrupts_held() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _start_worker(ended: multiprocessing.connection.Connection) -> None:
+def _start_worker(
+    ended: multiprocessing.connection.Connection, photographs: PhotoFolder | None
+) -> None:
     threading.Thread(target=_end_with_parent, args=(ended,), daemon=True).start()
 
     import cv2
@@ -91,7 +95,7 @@ def _start_worker(ended: multiprocessing.connection.Connection) -> None:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     numba.set_num_threads(1)
     cv2.setNumThreads(1)
-    _assets = make_assets()
+    _assets = make_assets(photographs)
 
 
 def _end_with_parent(ended: multiprocessing.connection.Connection) -> None:

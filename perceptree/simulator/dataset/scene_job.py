@@ -25,6 +25,7 @@ from perceptree.simulator.dataset.storage import (
 )
 from perceptree.simulator.labelling.annotate import frame_record
 from perceptree.simulator.labelling.frame import LabelledFrame
+from perceptree.simulator.photographs.folder import PhotoFolder
 from perceptree.simulator.settings import SimulatorSettings
 from perceptree.simulator.settings.files import FileSettings
 
@@ -57,6 +58,7 @@ class SceneJob:
         number: Number of the scene in the dataset.
         views: Number of frames.
         store: Object store of the dataset; None for a folder.
+        photographs: Photographs that the scene shows besides; None for none.
     """
 
     directory: Path
@@ -66,6 +68,7 @@ class SceneJob:
     number: int
     views: int
     store: Store | None = None
+    photographs: PhotoFolder | None = None
 
     @property
     def record_file(self) -> str:

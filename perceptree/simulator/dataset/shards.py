@@ -44,6 +44,7 @@ from perceptree.simulator.dataset.storage import (
     SETTINGS_FILE,
     storage_error,
 )
+from perceptree.simulator.photographs.folder import PhotoFolder
 from perceptree.simulator.settings import SimulatorSettings
 from perceptree.simulator.settings.files import FileSettings
 from perceptree.simulator.settings.reading import read_settings
@@ -63,6 +64,7 @@ class SynthJob:
         settings: Settings of the simulator.
         seed: Seed of the dataset.
         files: File formats.
+        photographs: Photographs that the settings name; None for none.
 
     Raises:
         SettingsError: If a number is out of range, or there are too few frames for the splits.
@@ -73,6 +75,7 @@ class SynthJob:
     settings: SimulatorSettings
     seed: int
     files: FileSettings
+    photographs: PhotoFolder | None = None
 
     def __post_init__(self) -> None:
         self.scenes()
@@ -87,8 +90,8 @@ class SynthJob:
         """All scenes."""
         numbers = (self.frames, self.settings, self.seed, self.files)
         if isinstance(self.store, LocalStore):
-            return scene_jobs(self.store.folder, *numbers)
-        return scene_jobs(Path(), *numbers, self.store)
+            return scene_jobs(self.store.folder, *numbers, photographs=self.photographs)
+        return scene_jobs(Path(), *numbers, self.store, self.photographs)
 
     def prepare(self) -> None:
         """Write the settings, and make the folders.
@@ -96,14 +99,15 @@ class SynthJob:
         Raises:
             DatasetError: If the store holds a dataset with other settings, or cannot be written.
         """
+        chosen = (self.settings, self.seed, self.files, self.photographs)
         if isinstance(self.store, LocalStore):
             directory = self.store.folder
             try:
-                prepare(directory, self.settings, self.seed, self.files)
+                prepare(directory, *chosen)
             except OSError as error:
                 raise storage_error(error, directory) from error
             return
-        self.store.write(SETTINGS_FILE, settings_content(self.settings, self.seed, self.files))
+        self.store.write(SETTINGS_FILE, settings_content(*chosen))
 
     def __call__(self) -> Callable[[int], bytes]:
         """Start a worker of Ray: make the textures, and return what simulates a scene."""
@@ -115,7 +119,9 @@ class SynthJob:
 
         numba.set_num_threads(1)
         cv2.setNumThreads(1)
-        assets, scenes = make_assets(), self.scenes()
+        if self.photographs is not None:
+            self.photographs.check_unchanged()
+        assets, scenes = make_assets(self.photographs), self.scenes()
         return lambda unit: draw_frames(scenes[unit], assets)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -59,22 +59,41 @@ def _bytes(values: Float) -> NDArray[np.uint8]:
     return (values.reshape(-1, values.shape[-1]) * 255 + 0.5).astype(np.uint8)
 
 
+def layer_texels(textures: Textures, layer: int, level: int) -> slice:
+    """The texels of a layer at a mip level."""
+    first = int(textures.offsets[level]) + layer * _SIZES[level] ** 2
+    return slice(first, first + _SIZES[level] ** 2)
+
+
+def pack_layer(textures: Textures, layer: int, linear: Float, normals: Float) -> None:
+    """Write a layer and its mip levels; without alpha, the layer keeps its outline.
+
+    Args:
+        textures: Textures to write to.
+        layer: Number of the layer.
+        linear: (SIZE, SIZE, 3 or 4) float32 linear RGB, and alpha.
+        normals: (SIZE, SIZE, 3) float32 normals, 0.5 being zero.
+    """
+    slopes = _mip_levels(normals)
+    for level, (tone, slope) in enumerate(zip(_mip_levels(linear), slopes, strict=True)):
+        texels = layer_texels(textures, layer, level)
+        root = np.concatenate([np.sqrt(tone[..., :3]), tone[..., 3:]], -1)
+        textures.albedo[texels, : root.shape[-1]] = _bytes(root)
+        textures.normals[texels] = _bytes(slope)
+
+
 def make_textures(seed: int = 0) -> Textures:
     """Draw the textures of all layers. The same seed gives the same bytes."""
     rng = np.random.default_rng(seed)
     offsets = np.cumsum([0] + [len(Layer) * size * size for size in _SIZES])
     albedo = np.empty((offsets[-1], 4), np.uint8)
     normals = np.empty((offsets[-1], 3), np.uint8)
+    textures = Textures(albedo, albedo[:, 3], normals, offsets[:-1])
 
     def pack(layer: Layer, colour: Float, height: Float) -> None:
         linear = np.clip(colour, 0, 1).astype(np.float32)
         linear[..., :3] **= 2.2
-        slopes = _mip_levels(_normals(height).astype(np.float32))
-        for level, (tone, slope) in enumerate(zip(_mip_levels(linear), slopes, strict=True)):
-            first = offsets[level] + layer * _SIZES[level] ** 2
-            texels = slice(first, first + _SIZES[level] ** 2)
-            root = np.concatenate([np.sqrt(tone[..., :3]), tone[..., 3:]], -1)
-            albedo[texels], normals[texels] = _bytes(root), _bytes(slope)
+        pack_layer(textures, layer, linear, _normals(height).astype(np.float32))
 
     additions_rng = np.random.default_rng([seed, 1])
     opaque, flat = np.ones((SIZE_PX, SIZE_PX, 1)), np.zeros((SIZE_PX, SIZE_PX))
@@ -89,4 +108,4 @@ def make_textures(seed: int = 0) -> Textures:
     for cut_out, source in cut_outs:
         for layer, colour in cut_out(source).items():
             pack(layer, colour, flat)
-    return Textures(albedo, albedo[:, 3].copy(), normals, offsets[:-1])
+    return replace(textures, alpha=albedo[:, 3].copy())

@@ -30,8 +30,23 @@ class Surface(NamedTuple):
     cover: Floats
 
 
+class FarStand(NamedTuple):
+    """A photographed sky and far stand around the scene.
+
+    Attributes:
+        root: (H, W, 3) uint8 square root of linear RGB, from zenith to nadir; a single row for
+            none.
+        view: (3,) whole number by which its angles along the horizon are divided, bearing of its
+            first column in turns of the panorama, and factor that brings its sky to a luminance
+            of 1.
+    """
+
+    root: NDArray[np.uint8]
+    view: Floats
+
+
 class Maps(NamedTuple):
-    """Textures and the sun's shadow map.
+    """Textures, far stand and the sun's shadow map.
 
     Attributes:
         albedo: (N, 4) square root of linear RGB, and alpha, all layers and mip levels.
@@ -42,6 +57,8 @@ class Maps(NamedTuple):
         shadow: (S, S) nearness to the sun.
         shadow_rows: (3, 4) matrix from world metres to shadow map x, y and nearness.
         shadow_bias: Nearness tolerance of the shadow test.
+        far_root: Photographed far stand, as in FarStand.
+        far_view: How it is seen, as in FarStand.
     """
 
     albedo: NDArray[np.uint8]
@@ -52,6 +69,8 @@ class Maps(NamedTuple):
     shadow: Floats
     shadow_rows: Floats
     shadow_bias: np.float32
+    far_root: NDArray[np.uint8]
+    far_view: Floats
 
 
 class ShadingCamera(NamedTuple):

@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 from perceptree.simulator.geometry.assemble import SceneMesh
 from perceptree.simulator.materials.textures import Textures
 from perceptree.simulator.rendering.grid import SampleGrid, sample_grid
-from perceptree.simulator.rendering.kernel_types import Atmosphere, Maps, ShadingCamera, Surface
+from perceptree.simulator.rendering.kernel_types import (
+    Atmosphere,
+    FarStand,
+    Maps,
+    ShadingCamera,
+    Surface,
+)
 from perceptree.simulator.rendering.rasterise import (
     BANDS,
     bin_faces,
@@ -34,6 +40,7 @@ _SHADOW_DEPTH_M = 120.0
 _SHADOW_BIAS_M = 0.05
 _LEAST_SUN = 0.03  # weaker suns cast no shadow
 _BACKDROPS = 997  # number of different backdrops
+_NO_FAR_STAND = FarStand(np.zeros((1, 1, 3), np.uint8), np.ones(3, np.float32))
 
 
 @dataclass(frozen=True)
@@ -66,15 +73,25 @@ class Renderer:
         textures: Textures of all layers.
         scene: The scene's light and weather.
         mesh: The scene's triangles.
+        far_stand: Photographed far stand in place of the procedural background.
+        far_forest: Whether the procedural forest beyond the stand is drawn.
     """
 
-    def __init__(self, textures: Textures, scene: Scene, mesh: SceneMesh) -> None:
+    def __init__(
+        self,
+        textures: Textures,
+        scene: Scene,
+        mesh: SceneMesh,
+        far_stand: FarStand | None = None,
+        far_forest: bool = True,
+    ) -> None:
         self._textures = textures
         self._scene = scene
         self._mesh = mesh
         self._screen = np.empty((len(mesh.vertices), 3), np.float32)
         self._corners = _corners(mesh)
-        self._atmosphere = _atmosphere(scene)
+        self._far_stand = far_stand or _NO_FAR_STAND
+        self._atmosphere = _atmosphere(scene, far_forest)
         self._ground_m = _ground_grid(scene)
         self._shadow_rows = self._sun_matrix()
         self._shadow = self._draw_shadow()
@@ -173,6 +190,8 @@ class Renderer:
             self._shadow,
             self._shadow_rows,
             _f32(_SHADOW_BIAS_M / _SHADOW_DEPTH_M),
+            self._far_stand.root,
+            self._far_stand.view,
         )
         camera = ShadingCamera(
             view.origin.astype(_f32),
@@ -204,7 +223,7 @@ def _corners(mesh: SceneMesh) -> NDArray[np.float32]:
     return corners
 
 
-def _atmosphere(scene: Scene) -> Atmosphere:
+def _atmosphere(scene: Scene, far_forest: bool) -> Atmosphere:
     light, weather, gains = scene.light, scene.weather, scene.appearance.sky_gains
     return Atmosphere(
         light.sun.astype(_f32),
@@ -214,7 +233,7 @@ def _atmosphere(scene: Scene) -> Atmosphere:
         _f32(weather.haze_per_m),
         _f32(weather.snow),
         _f32(weather.wet),
-        _f32(scene.backdrop),
+        _f32(scene.backdrop if far_forest else 0),
         _f32(scene.seed % _BACKDROPS),
         _f32(light.lamp),
     )

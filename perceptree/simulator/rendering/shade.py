@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit, prange
 
 from perceptree.simulator.rendering.kernel_math import luminance
-from perceptree.simulator.rendering.shade_backdrop import far_forest
+from perceptree.simulator.rendering.shade_backdrop import far_forest, photographed
 from perceptree.simulator.rendering.shade_light import (
     backdrop,
     illuminate,
@@ -69,7 +69,10 @@ def _shade_sample(
     towards_sun = max(towards_sun / length, _f32(0))
     face = face_buffer[y, x]
     if face < 0:
-        backdrop(colour, world, length, towards_sun, atmosphere)
+        if maps.far_root.shape[0] > 1:
+            photographed(colour, world, maps, atmosphere)
+        else:
+            backdrop(colour, world, length, towards_sun, atmosphere)
         if atmosphere.backdrop > _f32(0):
             far_forest(colour, world, length, towards_sun, atmosphere)
         return

@@ -14,6 +14,46 @@ _SPACING_M = _f32(1.6)  # distance of trunks in a row of a dense forest
 _SPARSE_M = _f32(5)  # what a sparse forest adds to it
 _AIR_LIGHT_PER_M = _f32(0.0025)  # extinction in addition to the scene's
 _TRUNK_M = _f32(17)  # height of trunks
+_PHOTOGRAPHED_M = _f32(90)  # haze in front of a photographed far stand, as over this distance
+_SKY_GAIN = _f32(1.8)  # luminance of its bright sky over that of the scene's sky colour
+
+
+@njit(cache=True, error_model="numpy")
+def photographed(colour, world, maps, atmosphere):
+    """Draw a photographed sky and far stand.
+
+    The panorama is a cylinder around the camera whose pictures are made smaller, as if everything
+    in it were that many times as far away: bearings and slopes are multiplied before it is looked
+    up. Its light follows the scene's sky.
+
+    Args:
+        colour: (3,) receives linear RGB.
+        world: (3,) ray in world axes.
+        maps: The panorama.
+        atmosphere: Light and weather.
+    """
+    root = maps.far_root
+    height, width = root.shape[0], root.shape[1]
+    shrink, turn, gain = maps.far_view[0], maps.far_view[1], maps.far_view[2]
+    across = np.sqrt(world[0] * world[0] + world[1] * world[1]) + _f32(1e-6)
+    climb = np.arctan(shrink * world[2] / across)
+    turns = np.arctan2(world[1], world[0]) * _f32(0.15915494)
+    x = (turn - shrink * turns) * width
+    y = (_f32(0.5) - climb * _f32(0.31830989)) * height - _f32(0.5)
+    y = min(max(y, _f32(0)), _f32(height - 1))
+    column, row = int(np.floor(x)), min(int(y), height - 2)
+    right, down = _f32(x - np.floor(x)), _f32(y - row)
+    first, second = column % width, (column + 1) % width
+    sky = luminance(atmosphere.sky_colour)
+    clear = np.exp(-_PHOTOGRAPHED_M * atmosphere.haze_per_m)
+    for c in range(3):
+        upper = (_f32(1) - right) * root[row, first, c]
+        upper += right * root[row, second, c]
+        lower = (_f32(1) - right) * root[row + 1, first, c]
+        lower += right * root[row + 1, second, c]
+        tone = (upper + (lower - upper) * down) * _f32(1 / 255)
+        light = np.sqrt(sky * atmosphere.sky_colour[c]) * _SKY_GAIN * gain
+        colour[c] = atmosphere.haze_colour[c] * (_f32(1) - clear) + tone * tone * light * clear
 
 
 @njit(cache=True, error_model="numpy")

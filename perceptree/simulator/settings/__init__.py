@@ -15,6 +15,7 @@ from perceptree.simulator.settings.forest import (
     TerrainSettings,
     UndergrowthSettings,
 )
+from perceptree.simulator.settings.photographs import PhotographSettings
 from perceptree.simulator.settings.realism import (
     ClutterSettings,
     ImagingSettings,
@@ -47,6 +48,7 @@ __all__ = [
     "LabelSettings",
     "LightSettings",
     "ObjectSettings",
+    "PhotographSettings",
     "PoseSettings",
     "RandomisationSettings",
     "RgbSettings",

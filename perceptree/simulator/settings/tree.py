@@ -16,6 +16,7 @@ from perceptree.simulator.settings.forest import (
     TerrainSettings,
     UndergrowthSettings,
 )
+from perceptree.simulator.settings.photographs import PhotographSettings
 from perceptree.simulator.settings.realism import (
     ClutterSettings,
     ImagingSettings,
@@ -115,6 +116,7 @@ class SimulatorSettings:
         randomisation: Unnatural colours and textures.
         drive: Drives instead of independent views.
         vegetation: Dense grass, hedges and deep snow that hide the ground.
+        photographs: Photographs on the materials.
 
     Raises:
         SettingsError: If a value is out of range.
@@ -140,6 +142,9 @@ class SimulatorSettings:
     drive: DriveSettings = field(default_factory=DriveSettings, metadata=OMIT_DEFAULT)
     vegetation: VegetationSettings = field(
         default_factory=VegetationSettings, metadata=OMIT_DEFAULT
+    )
+    photographs: PhotographSettings = field(
+        default_factory=PhotographSettings, metadata=OMIT_DEFAULT
     )
 
     def __post_init__(self) -> None:

@@ -28,7 +28,7 @@ PACE = "FAKE_FRAME_SECONDS"
 DYING_SCENE = "FAKE_DYING_SCENE"
 
 
-def make_assets() -> str:
+def make_assets(photographs: object = None) -> str:
     """There are no assets to make."""
     return "assets"
 
