@@ -23,6 +23,9 @@ class Stream(IntEnum):
     SENSORS = 7
     DRIVE = 8
     VEGETATION = 9
+    NIGHT = 11
+    TRAP = 12
+    NEGATIVES = 13
 
 
 def stream(seed: int, purpose: Stream, *numbers: int) -> np.random.Generator:

@@ -217,6 +217,7 @@ def _atmosphere(scene: Scene) -> Atmosphere:
         _f32(scene.backdrop),
         _f32(scene.seed % _BACKDROPS),
         _f32(light.lamp),
+        _f32(light.infrared),
     )
 
 

@@ -18,6 +18,7 @@ from perceptree.simulator.settings.forest import (
 from perceptree.simulator.settings.realism import (
     ClutterSettings,
     ImagingSettings,
+    NegativeSettings,
     ObjectSettings,
     RandomisationSettings,
 )
@@ -29,6 +30,7 @@ from perceptree.simulator.settings.sensors import (
     RgbSettings,
     ideal_camera,
 )
+from perceptree.simulator.settings.trap import TrapSettings
 from perceptree.simulator.settings.tree import LabelSettings, SimulatorSettings, SplitSettings
 from perceptree.simulator.settings.vegetation import VegetationSettings
 
@@ -46,6 +48,7 @@ __all__ = [
     "ImagingSettings",
     "LabelSettings",
     "LightSettings",
+    "NegativeSettings",
     "ObjectSettings",
     "PoseSettings",
     "RandomisationSettings",
@@ -54,6 +57,7 @@ __all__ = [
     "SplitSettings",
     "StandSettings",
     "TerrainSettings",
+    "TrapSettings",
     "UndergrowthSettings",
     "VegetationSettings",
     "WeatherSettings",
