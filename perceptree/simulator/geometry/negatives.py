@@ -73,12 +73,13 @@ def walker(rng: np.random.Generator) -> Mesh:
         shaft = foot + (knee - foot) * boot_m / knee[2]
         parts.append(painted(limb([foot, shaft], stout * np.array([0.055, 0.07]), 9), _DARK))
         parts.append(painted(ball(np.add(foot, [0.06, 0, 0.01]), (0.14, 0.05, 0.06)), _DARK))
-        hand = np.array([rng.uniform(-0.2, 0.4), side * 0.17 * tall, rng.uniform(0.42, 0.6) * tall])
-        joint = np.array([0.05, side * 0.16 * tall, 0.63 * tall])
-        arm = limb([[0, side * 0.11 * tall, 0.8 * tall], joint, hand], [0.06, 0.05, 0.04], 8)
+        hand = np.array([rng.uniform(-0.2, 0.4), side * 0.14 * tall, rng.uniform(0.42, 0.6) * tall])
+        joint = np.array([0.03, side * 0.14 * tall, 0.64 * tall])
+        arm = limb([[0, side * 0.085 * tall, 0.81 * tall], joint, hand], [0.06, 0.05, 0.04], 8)
         parts += [jacket(arm), painted(ball(hand, (0.05, 0.04, 0.05)), skin)]
-    levels = np.array([[0, 0, 0.46], [0, 0, 0.62], [0.01, 0, 0.84]]) * tall
-    parts.append(jacket(limb(levels, stout * np.array([0.16, 0.16, 0.18]), 12, flat=0.65)))
+    levels = np.array([[0, 0, z] for z in (0.45, 0.5, 0.64, 0.78, 0.83, 0.86)]) * tall
+    around = stout * np.array([0.12, 0.16, 0.155, 0.19, 0.18, 0.07])
+    parts.append(jacket(limb(levels, around, 12, flat=0.65)))
     head = np.array([0.02, 0, 0.92 * tall])
     parts.append(painted(ball(head, (0.10, 0.08, 0.12)), int(rng.integers(*_SKIN))))
     parts.append(
@@ -101,8 +102,11 @@ def beast(rng: np.random.Generator) -> Mesh:
             radii = [1.2 * thick, thick, 1.3 * thick, max(2 * thick, 0.45 * deep)]
             parts.append(limb([hoof, 0.85 * hoof + 0.15 * joint, joint, top], radii, 8))
     rise = rng.uniform(-0.55, 0.6) * back
-    head = np.array([0.75 * long, rng.uniform(-0.2, 0.2) * back, max(belly + rise, 0.12)])
-    parts.append(limb([[0.4 * long, 0, belly + 0.2 * deep], head], [0.6 * deep, 0.35 * deep], 9))
+    head = np.array([0.66 * long, rng.uniform(-0.2, 0.2) * back, max(belly + rise, 0.12)])
+    neck = [[0.3 * long, 0, belly], [0.48 * long, 0, belly + 0.3 * rise], head]
+    parts.append(limb(neck, [0.9 * deep, 0.62 * deep, 0.34 * deep], 9))
+    rump = [-0.3 * long, 0, belly + 0.05 * deep]
+    parts.append(ball(rump, (0.3 * long, 0.7 * deep, 0.95 * deep)))
     parts.append(ball(np.add(head, [0.08 * back, 0, 0]), (0.2 * back, 0.08 * back, 0.1 * back)))
     for side in (-1, 1):
         ear = np.add(head, [-0.04 * back, side * 0.06 * back, 0.0])

@@ -19,11 +19,11 @@ from perceptree.simulator.vectors import UP, unit
 
 Float = NDArray[np.floating[Any]]
 
-_REACH = (0.55, 2.0)  # range of the distance, over that of the nearest ground in the picture
+_REACH = (0.45, 1.8)  # range of the distance, over that of the nearest ground in the picture
 _NEAREST_M, _FARTHEST_M = 1.1, 9.0
 _ATTEMPTS = 12
 _STEM_GAP_M, _CAMERA_GAP_M = 0.3, 0.55
-_LENS_M = (0.35, 1.0)  # range of the depth of twigs at the lens
+_LENS_M = (0.4, 1.3)  # range of the depth of twigs at the lens
 _ROW_DISTANCE_M = (9.0, 17.0)  # of a thicket from the scene's centre
 _ROW_GAP = (0.75, 1.5)  # spacing in a thicket, over the width of a member
 # Prototypes of thickets: height before scaling and width over height.
@@ -144,7 +144,7 @@ def _before(
     ground_m = view.pose.height_m / np.tan(np.clip(dip_rad, 0.05, 1.5))
     scale = float(rng.uniform(*kind.scale))
     for _ in range(_ATTEMPTS):
-        distance_m = np.clip(ground_m * rng.uniform(*_REACH), _NEAREST_M, _FARTHEST_M)
+        distance_m = np.clip(ground_m * np.exp(rng.uniform(*np.log(_REACH))), _NEAREST_M, _FARTHEST_M)
         bearing = np.radians(view.pose.yaw_deg) - np.arctan(rng.uniform(0.9 * low, 0.9 * right))
         middle = view.origin[:2] + distance_m * np.array([np.cos(bearing), np.sin(bearing)])
         turn = rng.uniform(0, 2 * np.pi)
@@ -176,7 +176,7 @@ def _at_lens(rng: np.random.Generator, view: View) -> Placement:
     first = unit(inwards @ view.rotation)
     second = unit(np.cross(UP, first))
     rotation = np.stack([first, second, np.cross(first, second)], -1)
-    return _placement(rng, "lens_twig", origin, rotation[None], float(rng.uniform(0.5, 1.0)))
+    return _placement(rng, "lens_twig", origin, rotation[None], float(rng.uniform(0.4, 0.9)))
 
 
 def _thicket(rng: np.random.Generator, scene: Scene, space: _Space) -> list[Placement]:

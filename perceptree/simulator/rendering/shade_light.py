@@ -206,7 +206,7 @@ def _reflect_infrared(colour):
     blue, green, red = colour[2], colour[1], colour[0]
     leaf = max(green - _f32(0.5) * (red + blue), _f32(0))
     grey = _f32(0.7) * red + _f32(0.2) * green + _f32(0.1) * blue + _f32(2.5) * leaf
-    reflected = min(_f32(0.05) + _f32(0.8) * grey ** _f32(0.65), _f32(0.9))
+    reflected = min(_f32(0.03) + _f32(0.95) * grey ** _f32(0.8), _f32(0.9))
     for c in range(3):
         colour[c] = reflected
 

@@ -114,7 +114,7 @@ def _negatives(settings: SimulatorSettings) -> SimulatorSettings:
             posts=(0.0, 0.9),
             logs=(0.0, 1.2),
             stumps=(0.0, 0.8),
-            twigs=(0.0, 0.7),
+            twigs=(0.0, 0.65),
             thickets=(0.0, 2.5),
         ),
     )

@@ -30,10 +30,10 @@ class TrapSettings:
     """
 
     infrared_share: float = 0.0
-    reach_m: Range = (2.5, 7.0)
+    reach_m: Range = (1.8, 5.0)
     beam: Range = (0.45, 1.2)
     blur_px: Range = (0.2, 1.1)
-    grain: Range = (0.006, 0.035)
+    grain: Range = (0.004, 0.02)
     floor: Range = (0.0, 0.09)
     tint_share: float = 0.15
     caption_share: float = 0.0
