@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from perceptree.simulator.materials.layers import Layer
 from perceptree.simulator.vectors import UP, unit
 
 Float = NDArray[np.floating[Any]]
+_Coat = Callable[[Mesh], Mesh]
 
 LOG_M = 6.0  # length of a log before it is scaled
 TWIG_M = 0.8  # length of a twig at the lens before it is scaled
@@ -46,46 +48,54 @@ def _clad(mesh: Mesh, layer: int, tint: float) -> Mesh:
     return replace(mesh, layer=np.full_like(mesh.layer, layer), tint=mesh.tint * np.float32(tint))
 
 
-def _cloth(rng: np.random.Generator) -> Callable[[Mesh], Mesh]:
-    """A coat of plain colour or of a woven texture."""
+def _cloth(rng: np.random.Generator) -> _Coat:
+    """Cloth of plain colour or of a woven texture."""
     if rng.random() < 0.6:
-        colour = int(rng.integers(_PAINTS))
-        return lambda mesh: painted(mesh, colour)
-    layer, tint = _WEAVES[rng.integers(len(_WEAVES))], float(rng.uniform(0.3, 1.6))
-    return lambda mesh: _clad(mesh, layer, tint)
+        return partial(painted, colour=int(rng.integers(_PAINTS)))
+    layer = _WEAVES[rng.integers(len(_WEAVES))]
+    return partial(_clad, layer=layer, tint=float(rng.uniform(0.3, 1.6)))
 
 
 def walker(rng: np.random.Generator) -> Mesh:
     """A person of 1.5 to 1.95 m with full legs, in boots and trousers or shorts."""
-    tall = rng.uniform(1.5, 1.95)
-    trousers, jacket, stout = _cloth(rng), _cloth(rng), rng.uniform(0.85, 1.25)
-    bare, boot_m = rng.random() < 0.15, rng.choice([0.08, 0.12, 0.35])
+    tall, stout = rng.uniform(1.5, 1.95), rng.uniform(0.85, 1.25)
+    trousers, jacket, skin = _cloth(rng), _cloth(rng), int(rng.integers(*_SKIN))
+    if rng.random() < 0.15:
+        trousers = partial(painted, colour=skin)
     stride, apart = rng.uniform(-0.2, 0.2) * tall, rng.uniform(0.05, 0.12) * tall
-    parts = []
+    boot_m, parts = float(rng.choice([0.08, 0.12, 0.35])), []
     for side, step in ((1, stride), (-1, -stride)):
         foot = np.array([step, side * apart, 0.03])
         knee = np.array([0.55 * step + 0.04, side * apart, 0.27 * tall])
         hip = np.array([0.0, side * 0.055 * tall, 0.5 * tall])
         radii = stout * np.array([0.045, 0.065, 0.058, 0.08, 0.09]) * rng.uniform(0.95, 1.1, 5)
-        leg = limb([foot, (2 * knee + foot) / 3, knee, (knee + hip) / 2, hip], radii, 10)
-        skin = int(rng.integers(*_SKIN))
-        parts.append(painted(leg, skin) if bare else trousers(leg))
+        path = [foot, (2 * knee + foot) / 3, knee, (knee + hip) / 2, hip]
+        parts.append(trousers(limb(path, radii, 10)))
         shaft = foot + (knee - foot) * boot_m / knee[2]
-        parts.append(painted(limb([foot, shaft], stout * np.array([0.055, 0.07]), 9), _DARK))
+        parts.append(painted(limb([foot, shaft], [0.055 * stout, 0.07 * stout], 9), _DARK))
         parts.append(painted(ball(np.add(foot, [0.06, 0, 0.01]), (0.14, 0.05, 0.06)), _DARK))
-        hand = np.array([rng.uniform(-0.2, 0.4), side * 0.14 * tall, rng.uniform(0.42, 0.6) * tall])
-        joint = np.array([0.03, side * 0.14 * tall, 0.64 * tall])
-        arm = limb([[0, side * 0.085 * tall, 0.81 * tall], joint, hand], [0.06, 0.05, 0.04], 8)
-        parts += [jacket(arm), painted(ball(hand, (0.05, 0.04, 0.05)), skin)]
+        reach, low = rng.uniform(-0.2, 0.4), rng.uniform(0.42, 0.6)
+        elbow = [0.03, side * 0.14 * tall, 0.64 * tall]
+        hand = [reach, side * 0.14 * tall, low * tall]
+        arm = [[0, side * 0.085 * tall, 0.81 * tall], elbow, hand]
+        parts.append(jacket(limb(arm, [0.06, 0.05, 0.04], 8)))
+        parts.append(painted(ball(hand, (0.05, 0.04, 0.05)), skin))
+    return merge([*parts, *_upper_body(rng, tall, stout, jacket, skin)])
+
+
+def _upper_body(
+    rng: np.random.Generator, tall: float, stout: float, jacket: _Coat, skin: int
+) -> list[Mesh]:
+    """Trunk, head and hat or hair of a person."""
     levels = np.array([[0, 0, z] for z in (0.45, 0.5, 0.64, 0.78, 0.83, 0.86)]) * tall
     around = stout * np.array([0.12, 0.16, 0.155, 0.19, 0.18, 0.07])
-    parts.append(jacket(limb(levels, around, 12, flat=0.65)))
     head = np.array([0.02, 0, 0.92 * tall])
-    parts.append(painted(ball(head, (0.10, 0.08, 0.12)), int(rng.integers(*_SKIN))))
-    parts.append(
-        painted(ball(np.add(head, [0, 0, 0.06]), (0.12, 0.1, 0.08)), int(rng.integers(_PAINTS)))
-    )
-    return merge(parts)
+    hat = ball(np.add(head, [0, 0, 0.06]), (0.12, 0.1, 0.08))
+    return [
+        jacket(limb(levels, around, 12, flat=0.65)),
+        painted(ball(head, (0.10, 0.08, 0.12)), skin),
+        painted(hat, int(rng.integers(_PAINTS))),
+    ]
 
 
 def beast(rng: np.random.Generator) -> Mesh:
@@ -101,24 +111,29 @@ def beast(rng: np.random.Generator) -> Mesh:
             joint = 0.55 * hoof + 0.45 * top + [-0.06 * back * np.sign(x), 0, 0]
             radii = [1.2 * thick, thick, 1.3 * thick, max(2 * thick, 0.45 * deep)]
             parts.append(limb([hoof, 0.85 * hoof + 0.15 * joint, joint, top], radii, 8))
-    rise = rng.uniform(-0.55, 0.6) * back
-    head = np.array([0.66 * long, rng.uniform(-0.2, 0.2) * back, max(belly + rise, 0.12)])
-    neck = [[0.3 * long, 0, belly], [0.48 * long, 0, belly + 0.3 * rise], head]
-    parts.append(limb(neck, [0.9 * deep, 0.62 * deep, 0.34 * deep], 9))
-    rump = [-0.3 * long, 0, belly + 0.05 * deep]
-    parts.append(ball(rump, (0.3 * long, 0.7 * deep, 0.95 * deep)))
-    parts.append(ball(np.add(head, [0.08 * back, 0, 0]), (0.2 * back, 0.08 * back, 0.1 * back)))
-    for side in (-1, 1):
-        ear = np.add(head, [-0.04 * back, side * 0.06 * back, 0.0])
-        parts.append(
-            limb([ear, np.add(ear, [0, side * 0.03, 0.16 * back])], [0.03 * back, 0.005], 5)
-        )
-    tail = np.array([-0.53 * long, 0, belly + 0.3 * deep])
+    tail = [-0.53 * long, 0, belly + 0.3 * deep]
     parts.append(limb([tail, np.add(tail, [-0.1, 0, -0.4 * back])], [0.03 * back, 0.02 * back], 6))
-    whole = merge(parts)
+    whole = merge([*parts, *_front_and_rump(rng, back, long, deep)])
     if rng.random() < 0.3:
         return painted(whole, int(rng.choice([_WHITE, _DARK, *range(4, 12)])))
     return _clad(whole, Layer.FUR, float(rng.choice([0.1, 0.3, 0.7, 1.0, 1.7, 2.6])))
+
+
+def _front_and_rump(rng: np.random.Generator, back: float, long: float, deep: float) -> list[Mesh]:
+    """Neck, head, ears and rump of an animal with the height of its back, its length and depth."""
+    belly, rise = back - deep, rng.uniform(-0.55, 0.6) * back
+    head = np.array([0.66 * long, rng.uniform(-0.2, 0.2) * back, max(belly + rise, 0.12)])
+    neck = np.array([[0.3 * long, 0, belly], [0.48 * long, 0, belly + 0.3 * rise], head])
+    parts = [
+        limb(neck, [0.9 * deep, 0.62 * deep, 0.34 * deep], 9),
+        ball([-0.3 * long, 0, belly + 0.05 * deep], (0.3 * long, 0.7 * deep, 0.95 * deep)),
+        ball(np.add(head, [0.08 * back, 0, 0]), (0.2 * back, 0.08 * back, 0.1 * back)),
+    ]
+    for side in (-1, 1):
+        ear = np.add(head, [-0.04 * back, side * 0.06 * back, 0.0])
+        tip = np.add(ear, [0, side * 0.03, 0.16 * back])
+        parts.append(limb([ear, tip], [0.03 * back, 0.005], 5))
+    return parts
 
 
 def stake(rng: np.random.Generator) -> Mesh:
@@ -129,7 +144,8 @@ def stake(rng: np.random.Generator) -> Mesh:
     if rng.random() < 0.3:
         post = block([0, 0, high / 2 - 0.15], (2 * radius, 2 * radius, high + 0.3), repeat_m=0.8)
     else:
-        post = limb([[0, 0, -0.3], 0.5 * top, top], radius * rng.uniform(0.85, 1.1, 3), 12)
+        path = np.array([[0, 0, -0.3], 0.5 * top, top])
+        post = limb(path, radius * rng.uniform(0.85, 1.1, 3), 12)
     if rng.random() < 0.3:
         post = painted(post, int(rng.integers(_PAINTS)))
     else:
@@ -137,7 +153,8 @@ def stake(rng: np.random.Generator) -> Mesh:
         post = _clad(post, layer, float(rng.uniform(0.5, 1.2)))
     parts = [post]
     if rng.random() < 0.25:
-        moss = limb([[0, 0, -0.2], 0.6 * top * rng.random()], [1.15 * radius, 1.06 * radius], 12)
+        sleeve = np.array([[0, 0, -0.2], rng.uniform(0.1, 0.6) * top])
+        moss = limb(sleeve, [1.15 * radius, 1.06 * radius], 12)
         parts.append(painted(moss, _MOSS))
     if rng.random() < 0.3:
         for level in high * np.linspace(0.35, 0.9, int(rng.integers(1, 4))):

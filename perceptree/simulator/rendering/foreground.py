@@ -132,7 +132,8 @@ def _placed(
 
 
 def _number(rng: np.random.Generator, settings: NegativeSettings, name: str) -> int:
-    return round(rng.uniform(*getattr(settings, name)))
+    low, high = getattr(settings, name)
+    return round(float(rng.uniform(low, high)))
 
 
 def _before(
@@ -144,7 +145,9 @@ def _before(
     ground_m = view.pose.height_m / np.tan(np.clip(dip_rad, 0.05, 1.5))
     scale = float(rng.uniform(*kind.scale))
     for _ in range(_ATTEMPTS):
-        distance_m = np.clip(ground_m * np.exp(rng.uniform(*np.log(_REACH))), _NEAREST_M, _FARTHEST_M)
+        distance_m = np.clip(
+            ground_m * np.exp(rng.uniform(*np.log(_REACH))), _NEAREST_M, _FARTHEST_M
+        )
         bearing = np.radians(view.pose.yaw_deg) - np.arctan(rng.uniform(0.9 * low, 0.9 * right))
         middle = view.origin[:2] + distance_m * np.array([np.cos(bearing), np.sin(bearing)])
         turn = rng.uniform(0, 2 * np.pi)

@@ -91,8 +91,8 @@ def night_picture(rng: np.random.Generator, night: InfraredNight, image: Image) 
     if night.blur_px > 0:
         grey = np.asarray(cv2.GaussianBlur(grey, (0, 0), night.blur_px), np.float32)
     grey += 255 * night.grain * _grain(rng, grey.shape, night.grain_px)
-    bands = rng.normal(0, 255 * night.grain * _BANDS, grey.shape[1])
-    grey = np.maximum(grey + bands.astype(np.float32), 0)
+    bands = np.float32(255 * night.grain * _BANDS) * rng.standard_normal(grey.shape[1], np.float32)
+    grey = np.maximum(grey + bands, 0)
     grey = 255 * night.floor + (1 - night.floor) * grey
     tinted = grey[..., None] * np.array(night.tint, np.float32)
     return np.asarray(np.clip(tinted + 0.5, 0, 255), np.uint8)
