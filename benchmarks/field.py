@@ -1,7 +1,8 @@
 """Effect of the preset ``field`` and its groups on a light RGB network, against ``paper``.
 
 python benchmarks/field.py WORK --tests TEST,FIELD_TEST --pictures PICTURES/instances.json \
-    --mixes paper-0,field-0,paper-1,field-1,none,scene,camera,objects,colours --result FILE.json
+    --mixes paper-0,field-0,paper-1,field-1,none,scene,camera,objects,colours,trap,negatives \
+    --result FILE.json
 
 ``paper-N`` and ``field-N`` train for ``--minutes`` with seed N. Each group of ``FIELD_GROUPS`` is
 added to ``paper`` alone and trained for half the time on a quarter of the frames, as is ``none``,

@@ -24,6 +24,9 @@ class Stream(IntEnum):
     DRIVE = 8
     VEGETATION = 9
     PHOTOGRAPHS = 10
+    NIGHT = 11
+    TRAP = 12
+    NEGATIVES = 13
 
 
 def stream(seed: int, purpose: Stream, *numbers: int) -> np.random.Generator:

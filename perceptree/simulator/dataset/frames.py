@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from perceptree.simulator.geometry.assemble import assemble
+from perceptree.simulator.geometry.negatives import NEGATIVES
 from perceptree.simulator.geometry.prototypes import Prototypes, make_prototypes
 from perceptree.simulator.labelling.frame import LabelledFrame, Motion, PoseRecord, SceneRecord
 from perceptree.simulator.labelling.labels import label_view
@@ -16,10 +18,12 @@ from perceptree.simulator.materials.textures import Textures, make_textures
 from perceptree.simulator.photographs.dressing import dress
 from perceptree.simulator.photographs.folder import PhotoFolder
 from perceptree.simulator.rendering.drive import IMU_HZ, Drive, make_drive
+from perceptree.simulator.rendering.foreground import with_foreground
 from perceptree.simulator.rendering.render import Drawing, Renderer
 from perceptree.simulator.rendering.view import View, random_view
 from perceptree.simulator.scene.description import Scene, describe_scene
 from perceptree.simulator.scene.objects import OBJECT_KINDS
+from perceptree.simulator.sensors.caption import draw_caption
 from perceptree.simulator.sensors.depth import measure_depth
 from perceptree.simulator.sensors.fixed import fixed_sensors
 from perceptree.simulator.sensors.imaging import (
@@ -28,14 +32,23 @@ from perceptree.simulator.sensors.imaging import (
     apply_processing_faults,
     draw_faults,
 )
+from perceptree.simulator.sensors.infrared_night import (
+    InfraredNight,
+    draw_night,
+    light_beam,
+    metered_luminance,
+    night_picture,
+)
 from perceptree.simulator.sensors.precipitation import draw_precipitation
 from perceptree.simulator.sensors.rgb import expose
 from perceptree.simulator.settings import (
     ClutterSettings,
     ImagingSettings,
+    NegativeSettings,
     ObjectSettings,
     RandomisationSettings,
     SimulatorSettings,
+    TrapSettings,
     VegetationSettings,
 )
 from perceptree.simulator.streams import Stream, stream
@@ -75,7 +88,7 @@ def simulate_frames(
     Yields:
         One frame after the other, with image, depth and labels.
     """
-    scene = describe_scene(settings, seed)
+    scene = with_foreground(settings, describe_scene(settings, seed))
     renderer = _renderer(settings, scene, assets)
     drive = None
     if scene.circuit is not None:
@@ -91,9 +104,11 @@ def simulate_frames(
     for number in range(views):
         rng = stream(seed, Stream.VIEW, number)
         fault_rng = stream(seed, Stream.FAULTS, number if drive is None else 0)
+        trap_rng = stream(seed, Stream.TRAP, number if drive is None else 0)
         view = random_view(rng, settings.camera, scene) if drive is None else drive.view(number)
         motion = None if drive is None else _motion_record(drive, number)
-        yield _labelled_frame(rng, fault_rng, settings, scene, view, renderer.draw(view), motion)
+        rngs = (rng, fault_rng, trap_rng)
+        yield _labelled_frame(rngs, settings, scene, view, renderer.draw(view), motion)
 
 
 def _renderer(settings: SimulatorSettings, scene: Scene, assets: Assets) -> Renderer:
@@ -115,36 +130,27 @@ def _motion_record(drive: Drive, number: int) -> Motion:
 
 
 def _labelled_frame(
-    rng: np.random.Generator,
-    fault_rng: np.random.Generator,
+    rngs: tuple[np.random.Generator, np.random.Generator, np.random.Generator],
     settings: SimulatorSettings,
     scene: Scene,
     view: View,
     drawing: Drawing,
     motion: Motion | None,
 ) -> LabelledFrame:
-    """Apply the sensor models to a rendered view, and label it."""
+    """Apply the sensor models to a rendered view, and label it.
+
+    ``rngs`` are for the view's sensors, for camera faults and for camera traps.
+    """
+    rng, fault_rng, trap_rng = rngs
     weather, pose = scene.weather, view.pose
     faults = draw_faults(fault_rng, settings.imaging)
-    image = expose(
-        rng,
-        settings.rgb,
-        drawing.samples,
-        drawing.log_luminance,
-        scene.light.darkness,
-        2.0**faults.exposure_stops,
-        partial(apply_lens_faults, fault_rng, faults.strength) if faults.strength else None,
-    )
-    image = draw_precipitation(
-        rng,
-        image,
-        drawing.depth_m,
-        view.intrinsics,
-        weather.rain,
-        weather.snowfall,
-        view.up,
-    )
-    image = apply_processing_faults(fault_rng, faults, image)
+    captioned = trap_rng.random() < settings.trap.caption_share
+    night = draw_night(trap_rng, settings.trap) if scene.light.infrared else None
+    if night is not None:
+        faults = replace(faults, infrared=True)
+    image = _picture(rngs, settings, scene, view, drawing, faults, night)
+    if captioned:
+        image = draw_caption(trap_rng, image)
     measured = measure_depth(
         rng, settings.depth, drawing.depth_m, view.intrinsics, weather.haze_per_m
     )
@@ -165,20 +171,60 @@ def _labelled_frame(
             "range_m": measured.range_m,
         },
         exact_stride_px=stride,
-        realism=_realism(settings, scene, faults),
+        realism=_realism(settings, scene, faults, captioned),
         motion=motion,
     )
 
 
+def _picture(
+    rngs: tuple[np.random.Generator, np.random.Generator, np.random.Generator],
+    settings: SimulatorSettings,
+    scene: Scene,
+    view: View,
+    drawing: Drawing,
+    faults: CameraFaults,
+    night: InfraredNight | None,
+) -> NDArray[np.uint8]:
+    """Take the colour picture, (H, W, 3) uint8 BGR, without a caption."""
+    rng, fault_rng, trap_rng = rngs
+    samples, log_luminance = drawing.samples, drawing.log_luminance
+    if night is not None:
+        samples = light_beam(night, samples)
+        log_luminance = metered_luminance(night, samples)
+    image = expose(
+        rng,
+        settings.rgb,
+        samples,
+        log_luminance,
+        scene.light.darkness,
+        2.0**faults.exposure_stops,
+        partial(apply_lens_faults, fault_rng, faults.strength) if faults.strength else None,
+    )
+    image = draw_precipitation(
+        rng,
+        image,
+        drawing.depth_m,
+        view.intrinsics,
+        scene.weather.rain,
+        scene.weather.snowfall,
+        view.up,
+    )
+    if night is not None:
+        image = night_picture(trap_rng, night, image)
+    return apply_processing_faults(fault_rng, faults, image)
+
+
 def _realism(
-    settings: SimulatorSettings, scene: Scene, faults: CameraFaults
+    settings: SimulatorSettings, scene: Scene, faults: CameraFaults, captioned: bool
 ) -> dict[str, float | bool]:
     """Additions beyond the paper's conditions in a frame; those that are off are left out."""
     values: dict[str, float | bool] = {}
     if settings.objects != ObjectSettings():
-        counted = dict.fromkeys(OBJECT_KINDS, 0)
-        counted |= {p.kind: len(p.scale) for p in scene.undergrowth if p.kind in counted}
-        values |= counted
+        values |= _counts(scene, OBJECT_KINDS)
+    if settings.negatives != NegativeSettings():
+        values |= _counts(scene, tuple(NEGATIVES))
+    if settings.trap != TrapSettings():
+        values |= {"infrared_night": scene.light.infrared, "caption": captioned}
     if settings.clutter != ClutterSettings():
         values |= {"dead_twigs": scene.dead_twigs, "backdrop": scene.backdrop}
     if settings.imaging != ImagingSettings():
@@ -197,6 +243,14 @@ def _realism(
             "snow_depth_m": scene.vegetation.snow_depth_m,
         }
     return values
+
+
+def _counts(scene: Scene, kinds: tuple[str, ...]) -> dict[str, float | bool]:
+    """Number of a scene's objects by kind."""
+    return {
+        kind: sum(len(placed.scale) for placed in scene.undergrowth if placed.kind == kind)
+        for kind in kinds
+    }
 
 
 def _scene_record(scene: Scene) -> SceneRecord:

@@ -12,6 +12,7 @@ from perceptree.simulator.geometry.gltf import scene_nodes, write_gltf
 from perceptree.simulator.geometry.prototypes import make_prototypes
 from perceptree.simulator.materials.layers import FIRST_GROUND
 from perceptree.simulator.materials.textures import make_textures
+from perceptree.simulator.rendering.foreground import with_foreground
 from perceptree.simulator.scene.description import Scene, describe_scene
 from perceptree.simulator.settings import SimulatorSettings
 
@@ -30,7 +31,7 @@ def export_scene(path: Path, settings: SimulatorSettings, seed: int) -> tuple[in
     Raises:
         DatasetError: If the file cannot be written.
     """
-    scene = describe_scene(settings, seed)
+    scene = with_foreground(settings, describe_scene(settings, seed))
     mesh = with_one_ground(assemble(scene, make_prototypes()), scene)
     nodes = scene_nodes(mesh, [tree.stem.model.name for tree in scene.trees])
     write_gltf(path, mesh, nodes, make_textures())

@@ -139,14 +139,14 @@ def timber(rng: np.random.Generator) -> Mesh:
     """A long lying stem, a pile of logs, or a heap of branches."""
     form = rng.random()
     if form < 0.45:
-        return _log(rng, rng.uniform(3.0, 9.0), rng.uniform(0.08, 0.24))
+        return lying_log(rng, rng.uniform(3.0, 9.0), rng.uniform(0.08, 0.24))
     if form < 0.8:
         long, radius, logs = rng.uniform(2.0, 4.5), rng.uniform(0.09, 0.18), []
         width = int(rng.integers(3, 7))
         for level in range(int(rng.integers(2, 5))):
             for column in range(max(1, width - level)):
                 shift = [0, 2.05 * radius * (column - (width - level) / 2), 1.75 * radius * level]
-                one = _log(rng, long * rng.uniform(0.93, 1.0), radius * rng.uniform(0.75, 1.0))
+                one = lying_log(rng, long * rng.uniform(0.93, 1.0), radius * rng.uniform(0.75, 1.0))
                 logs.append(replace(one, vertices=one.vertices + np.array(shift)))
         return merge(logs)
     return merge([_tossed(rng, debris.fallen_branch(rng)) for _ in range(14)])
@@ -162,7 +162,7 @@ def _tossed(rng: np.random.Generator, branch: Mesh) -> Mesh:
     return replace(branch, vertices=branch.vertices @ turn + shift, normals=branch.normals @ turn)
 
 
-def _log(rng: np.random.Generator, long_m: float, radius_m: float) -> Mesh:
+def lying_log(rng: np.random.Generator, long_m: float, radius_m: float) -> Mesh:
     """A lying log, scaled to a length and a radius."""
     mesh = debris.log(rng)
     span = np.ptp(mesh.vertices, axis=0)

@@ -9,6 +9,7 @@ import numpy as np
 
 from perceptree.simulator.geometry.crowns import crown, dead_twigs, sapling
 from perceptree.simulator.geometry.mesh import Mesh
+from perceptree.simulator.geometry.negatives import NEGATIVES
 from perceptree.simulator.geometry.objects import OBJECTS
 from perceptree.simulator.geometry.undergrowth import LOW_PLANTS, UNDERGROWTH
 from perceptree.simulator.geometry.vegetation import VEGETATION
@@ -87,4 +88,7 @@ def make_prototypes(seed: int = 5) -> Prototypes:
     twigs = {count: dead_twigs(additions_rng, count) for count in _DEAD_TWIG_COUNTS}
     for name, kind in VEGETATION.items():
         undergrowth[name] = [kind.make(vegetation_rng) for _ in range(kind.variants)]
+    negatives_rng = np.random.default_rng([seed, 3])
+    for name, (make, variants) in NEGATIVES.items():
+        undergrowth[name] = [make(negatives_rng) for _ in range(variants)]
     return Prototypes(crowns, undergrowth, twigs)

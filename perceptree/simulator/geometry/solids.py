@@ -72,7 +72,7 @@ def ball(centre: ArrayLike, radii: Sequence[float], layer: Layer = Layer.PAINT) 
 
 def limb(
     points: ArrayLike,
-    radii: Sequence[float],
+    radii: Sequence[float] | Float,
     sides: int,
     layer: Layer = Layer.DEAD_WOOD,
     flat: float = 1.0,

@@ -107,6 +107,7 @@ class Atmosphere(NamedTuple):
         backdrop: Density of the forest beyond the stand, 0 to 1; 0 draws a plain silhouette.
         backdrop_seed: Decides where its trunks stand.
         lamp: Strength of a lamp at the camera, 0 for none.
+        infrared: 1 if the lamp is infrared, else 0.
     """
 
     sun: Floats
@@ -119,3 +120,4 @@ class Atmosphere(NamedTuple):
     backdrop: np.float32
     backdrop_seed: np.float32
     lamp: np.float32
+    infrared: np.float32

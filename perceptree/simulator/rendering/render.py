@@ -236,6 +236,7 @@ def _atmosphere(scene: Scene, far_forest: bool) -> Atmosphere:
         _f32(scene.backdrop if far_forest else 0),
         _f32(scene.seed % _BACKDROPS),
         _f32(light.lamp),
+        _f32(light.infrared),
     )
 
 

@@ -169,6 +169,8 @@ def illuminate(
         foliage: Whether the surface is foliage.
         atmosphere: Light and weather.
     """
+    if atmosphere.infrared > _f32(0):
+        _reflect_infrared(colour)
     sun = atmosphere.sun
     facing = normal[0] * sun[0] + normal[1] * sun[1] + normal[2] * sun[2]
     direct = max(facing, _f32(0))
@@ -177,7 +179,7 @@ def illuminate(
         through = max(-facing, _f32(0)) * _f32(0.35) + _f32(0.25) * towards_sun**4
         direct = wrapped + through
     direct *= lit
-    lamp = _lamp(normal, world, length, path_m, atmosphere)
+    lamp = _lamp(normal, world, length, path_m, foliage, atmosphere)
     upward = normal[2] * _f32(0.5) + _f32(0.5)
     sky_level = (
         atmosphere.sky_colour[0] + atmosphere.sky_colour[1] + atmosphere.sky_colour[2]
@@ -199,12 +201,31 @@ def illuminate(
 
 
 @njit(inline="always", cache=True, error_model="numpy")
-def _lamp(normal, world, length, path_m, atmosphere):
-    """Light of a lamp at the camera, which decreases with distance and off the optical axis."""
+def _reflect_infrared(colour):
+    """Turn an albedo (3,) into a near-infrared one: grey, leaves bright, nothing quite black."""
+    blue, green, red = colour[2], colour[1], colour[0]
+    leaf = max(green - _f32(0.5) * (red + blue), _f32(0))
+    grey = _f32(0.7) * red + _f32(0.2) * green + _f32(0.1) * blue + _f32(2.5) * leaf
+    reflected = min(_f32(0.03) + _f32(0.95) * grey ** _f32(0.8), _f32(0.9))
+    for c in range(3):
+        colour[c] = reflected
+
+
+@njit(inline="always", cache=True, error_model="numpy")
+def _lamp(normal, world, length, path_m, foliage, atmosphere):
+    """Light of a lamp at the camera, which decreases with distance and off the optical axis.
+
+    Only infrared lamps dazzle at less than 1 m, and shine through leaves.
+    """
     if atmosphere.lamp <= _f32(0):
         return _f32(0)
     facing = -(normal[0] * world[0] + normal[1] * world[1] + normal[2] * world[2]) / length
     spread = length * length * length
+    if atmosphere.infrared > _f32(0):
+        least = _f32(0.1)
+        if foliage:
+            facing, least = abs(facing), _f32(0.4)
+        return atmosphere.lamp * max(facing, least) / (spread * max(path_m * path_m, _f32(0.04)))
     return atmosphere.lamp * max(facing, _f32(0.1)) / (spread * max(path_m * path_m, _f32(1)))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -54,6 +54,7 @@ class Light:
         haze_colour: (3,) linear RGB.
         darkness: 0 (day) to 1 (dusk); the camera compensates it by gain, with more noise.
         lamp: Strength of a lamp at the camera, 0 for none.
+        infrared: Whether the lamp is infrared.
     """
 
     time: str
@@ -64,6 +65,7 @@ class Light:
     haze_colour: Float
     darkness: float
     lamp: float = 0.0
+    infrared: bool = False
 
 
 @dataclass(frozen=True)
@@ -88,6 +90,8 @@ _TIMES_OF_DAY = {
     "night": _TimeOfDay((20.0, 70.0), (0.0, 0.03), (0.8, 0.9, 1.0), (0.006, 0.008, 0.013), 1.0),
 }
 _LAMP = (3.0, 40.0)  # range of the lamp's strength at night
+_INFRARED_SKY = (0.0001, 0.0012)  # ambient light over that of the infrared lamp at 1 m
+_INFRARED_SCATTER_M = (0.1, 0.4)  # light that the air throws back, over extinction and lamp
 
 
 def _choose(rng: np.random.Generator, weights: dict[str, float], known: tuple[str, ...]) -> str:
@@ -155,3 +159,23 @@ def make_light(rng: np.random.Generator, settings: LightSettings, weather: Weath
         haze_colour = (0.6 * sky_colour + 0.4 * sky_colour.mean()) * rng.uniform(*brightness)
     lamp = float(rng.uniform(*_LAMP)) if time == "night" else 0.0
     return Light(time, overcast, sun, sun_colour, sky_colour, haze_colour, sky.darkness, lamp)
+
+
+def infrared_light(rng: np.random.Generator, light: Light, weather: Weather) -> Light:
+    """Turn the light of a scene into a night with an infrared lamp of strength 1.
+
+    Args:
+        rng: Source of random numbers.
+        light: Light of the scene.
+        weather: Weather of the scene.
+    """
+    return replace(
+        light,
+        time="night",
+        sun_colour=np.zeros(3),
+        sky_colour=np.full(3, rng.uniform(*_INFRARED_SKY)),
+        haze_colour=np.full(3, rng.uniform(*_INFRARED_SCATTER_M) * weather.haze_per_m),
+        darkness=1.0,
+        lamp=1.0,
+        infrared=True,
+    )

@@ -14,7 +14,13 @@ from numpy.typing import NDArray
 from perceptree.simulator.scene.appearance import Appearance, random_appearance
 from perceptree.simulator.scene.circuit import Circuit, make_circuit
 from perceptree.simulator.scene.clutter import cover_ground, surround_feet
-from perceptree.simulator.scene.conditions import Light, Weather, make_light, make_weather
+from perceptree.simulator.scene.conditions import (
+    Light,
+    Weather,
+    infrared_light,
+    make_light,
+    make_weather,
+)
 from perceptree.simulator.scene.felling_cut import (
     DIAMETER_ABOVE_CUT_M,
     cut_height_m,
@@ -182,6 +188,9 @@ def describe_scene(settings: SimulatorSettings, seed: int) -> Scene:
     undergrowth.append(scatter_roots(rng, terrain, near[rooted]))
     weather = make_weather(rng, settings.weather)
     light = make_light(rng, settings.light, weather)
+    night_rng = stream(seed, Stream.NIGHT)
+    if night_rng.random() < settings.trap.infrared_share:
+        light = infrared_light(night_rng, light, weather)
     clutter = settings.clutter
     undergrowth += cover_ground(additions_rng, clutter, terrain)
     radii_m = np.array([tree.stem.diameter_m / 2 for tree in trees if tree.near])

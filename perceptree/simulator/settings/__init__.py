@@ -19,6 +19,7 @@ from perceptree.simulator.settings.photographs import PhotographSettings
 from perceptree.simulator.settings.realism import (
     ClutterSettings,
     ImagingSettings,
+    NegativeSettings,
     ObjectSettings,
     RandomisationSettings,
 )
@@ -30,6 +31,7 @@ from perceptree.simulator.settings.sensors import (
     RgbSettings,
     ideal_camera,
 )
+from perceptree.simulator.settings.trap import TrapSettings
 from perceptree.simulator.settings.tree import LabelSettings, SimulatorSettings, SplitSettings
 from perceptree.simulator.settings.vegetation import VegetationSettings
 
@@ -47,6 +49,7 @@ __all__ = [
     "ImagingSettings",
     "LabelSettings",
     "LightSettings",
+    "NegativeSettings",
     "ObjectSettings",
     "PhotographSettings",
     "PoseSettings",
@@ -56,6 +59,7 @@ __all__ = [
     "SplitSettings",
     "StandSettings",
     "TerrainSettings",
+    "TrapSettings",
     "UndergrowthSettings",
     "VegetationSettings",
     "WeatherSettings",

@@ -1,4 +1,4 @@
-"""The ``field`` settings: the paper's settings with four groups of additions for real forests.
+"""The ``field`` settings: the paper's settings with groups of additions for real forests.
 
 Each group can be added alone, to measure its effect (``benchmarks/field.py``).
 """
@@ -13,10 +13,12 @@ from perceptree.simulator.settings.forest import StandSettings, TerrainSettings
 from perceptree.simulator.settings.realism import (
     ClutterSettings,
     ImagingSettings,
+    NegativeSettings,
     ObjectSettings,
     RandomisationSettings,
 )
 from perceptree.simulator.settings.sensors import RgbSettings
+from perceptree.simulator.settings.trap import TrapSettings
 from perceptree.simulator.settings.tree import LabelSettings, SimulatorSettings
 
 
@@ -88,12 +90,44 @@ def _colours(settings: SimulatorSettings) -> SimulatorSettings:
     return replace(settings, randomisation=RandomisationSettings(recolour=0.2, swap=0.02, sky=0.08))
 
 
-FIELD_GROUPS: dict[str, Callable[[SimulatorSettings], SimulatorSettings]] = {
+def _trap(settings: SimulatorSettings) -> SimulatorSettings:
+    """Nights as infrared camera traps see them, and captions by day and night."""
+    return replace(settings, trap=TrapSettings(infrared_share=0.22, caption_share=0.25))
+
+
+def _negatives(settings: SimulatorSettings) -> SimulatorSettings:
+    """What is mistaken for stems near the camera, and more objects of all kinds."""
+    return replace(
+        settings,
+        objects=ObjectSettings(
+            people=(0.0, 4.0),
+            animals=(0.0, 5.0),
+            machines=(0.0, 0.9),
+            posts=(0.0, 6.0),
+            logs=(0.0, 5.0),
+            walls=(0.0, 1.3),
+            shapes=(0.0, 7.0),
+        ),
+        negatives=NegativeSettings(
+            people=(0.0, 0.8),
+            animals=(0.0, 0.8),
+            posts=(0.0, 0.9),
+            logs=(0.0, 1.2),
+            stumps=(0.0, 0.8),
+            twigs=(0.0, 0.65),
+            thickets=(0.0, 2.5),
+        ),
+    )
+
+
+_Group = Callable[[SimulatorSettings], SimulatorSettings]
+_FORMER_GROUPS: dict[str, _Group] = {
     "scene": _scene,
     "camera": _camera,
     "objects": _objects,
     "colours": _colours,
 }
+FIELD_GROUPS: dict[str, _Group] = _FORMER_GROUPS | {"trap": _trap, "negatives": _negatives}
 
 
 def with_groups(start: SimulatorSettings, groups: Iterable[str]) -> SimulatorSettings:
@@ -110,5 +144,13 @@ def with_groups(start: SimulatorSettings, groups: Iterable[str]) -> SimulatorSet
 
 def field_settings(paper: SimulatorSettings) -> SimulatorSettings:
     """Add all groups to the paper's settings, with felling cuts above obstacles."""
-    whole = with_groups(paper, FIELD_GROUPS)
-    return replace(whole, labels=LabelSettings(cut_rule="visible"), views_per_scene=4)
+    return _finished(with_groups(paper, FIELD_GROUPS))
+
+
+def former_field_settings(paper: SimulatorSettings) -> SimulatorSettings:
+    """The field mix before infrared nights and negatives, which other presets hold on to."""
+    return _finished(with_groups(paper, _FORMER_GROUPS))
+
+
+def _finished(settings: SimulatorSettings) -> SimulatorSettings:
+    return replace(settings, labels=LabelSettings(cut_rule="visible"), views_per_scene=4)

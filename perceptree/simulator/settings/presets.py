@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 from perceptree.simulator.settings.atmosphere import LightSettings, WeatherSettings
 from perceptree.simulator.settings.drive import DriveSettings
-from perceptree.simulator.settings.field import field_settings
+from perceptree.simulator.settings.field import field_settings, former_field_settings
 from perceptree.simulator.settings.files import FileSettings
 from perceptree.simulator.settings.forest import StandSettings, TerrainSettings
 from perceptree.simulator.settings.sensors import (
@@ -72,10 +72,15 @@ def _field() -> SimulatorSettings:
     return replace(field_settings(_paper()), splits=SplitSettings(val=0.05, test=0.05))
 
 
+def _former_field() -> SimulatorSettings:
+    """The field mix as it was when ``field-test`` was frozen."""
+    return replace(former_field_settings(_paper()), splits=SplitSettings(val=0.05, test=0.05))
+
+
 def _drive() -> SimulatorSettings:
-    """One-minute drives at 10 frames per second, each through another scene of ``field``."""
+    """One-minute drives at 10 frames per second, each through another scene of the former mix."""
     return replace(
-        _field(),
+        _former_field(),
         drive=DriveSettings(rate_hz=10.0),
         views_per_scene=600,
         splits=SplitSettings(val=0.0, test=1.0),
@@ -83,7 +88,7 @@ def _drive() -> SimulatorSettings:
 
 
 def _vegetation() -> SimulatorSettings:
-    """``field`` with grass, hedges and deep snow that hide the ground and the feet of stems."""
+    """The former field mix with cover that hides the ground and the feet of stems."""
     cover = VegetationSettings(
         grass_share=0.7,
         grass_cover=(0.5, 0.95),
@@ -91,7 +96,7 @@ def _vegetation() -> SimulatorSettings:
         hedge_share=0.2,
         snow_depth_m=(0.05, 0.4),
     )
-    return replace(_field(), vegetation=cover)
+    return replace(_former_field(), vegetation=cover)
 
 
 _ALL = (
@@ -115,7 +120,9 @@ _ALL = (
     Preset(
         "field-test",
         replace(
-            _field(), splits=SplitSettings(val=0.0, test=1.0), depth=DepthSettings(in_haze=True)
+            _former_field(),
+            splits=SplitSettings(val=0.0, test=1.0),
+            depth=DepthSettings(in_haze=True),
         ),
         45,
         400,

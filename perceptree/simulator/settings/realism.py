@@ -68,6 +68,40 @@ class ObjectSettings:
 
 
 @dataclass(frozen=True)
+class NegativeSettings:
+    """What is mistaken for stems, near the cameras. Each view draws numbers, rounded.
+
+    The objects stand before the cameras of the scene's independent views, from about the nearest
+    ground in the picture to twice as far; drives have none of them. Views do not depend on it, nor
+    do labels: what hides a stem lowers its visible fraction.
+
+    Attributes:
+        people: People, of whom legs or more are in the picture.
+        animals: Animals.
+        posts: Thin and thick posts of wood, metal and concrete.
+        logs: Lying and leaning dead trunks, and dead limbs.
+        stumps: Stumps of up to 0.9 m.
+        twigs: Twigs at the lens that hang into the picture.
+        thickets: Rows of bushes and young conifers with dark or bright gaps, for each scene.
+
+    Raises:
+        SettingsError: If a value is out of range.
+    """
+
+    people: Range = _OFF
+    animals: Range = _OFF
+    posts: Range = _OFF
+    logs: Range = _OFF
+    stumps: Range = _OFF
+    twigs: Range = _OFF
+    thickets: Range = _OFF
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            check_range(name, value, 0.0, 10.0)
+
+
+@dataclass(frozen=True)
 class ImagingSettings:
     """Faults of cameras and of their image processing, beyond noise and blur.
 

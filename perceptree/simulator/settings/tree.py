@@ -20,10 +20,12 @@ from perceptree.simulator.settings.photographs import PhotographSettings
 from perceptree.simulator.settings.realism import (
     ClutterSettings,
     ImagingSettings,
+    NegativeSettings,
     ObjectSettings,
     RandomisationSettings,
 )
 from perceptree.simulator.settings.sensors import CameraSettings, DepthSettings, RgbSettings
+from perceptree.simulator.settings.trap import TrapSettings
 from perceptree.simulator.settings.vegetation import VegetationSettings
 
 CUT_RULES = ("fixed", "visible")
@@ -117,6 +119,8 @@ class SimulatorSettings:
         drive: Drives instead of independent views.
         vegetation: Dense grass, hedges and deep snow that hide the ground.
         photographs: Photographs on the materials.
+        trap: Infrared nights and captions of camera traps.
+        negatives: What is mistaken for stems, near the cameras.
 
     Raises:
         SettingsError: If a value is out of range.
@@ -146,6 +150,8 @@ class SimulatorSettings:
     photographs: PhotographSettings = field(
         default_factory=PhotographSettings, metadata=OMIT_DEFAULT
     )
+    trap: TrapSettings = field(default_factory=TrapSettings, metadata=OMIT_DEFAULT)
+    negatives: NegativeSettings = field(default_factory=NegativeSettings, metadata=OMIT_DEFAULT)
 
     def __post_init__(self) -> None:
         check_number("views_per_scene", self.views_per_scene, 1, 1000)

@@ -34,7 +34,7 @@ def assets(textures, prototypes) -> Assets:
     return Assets(textures, prototypes)
 
 
-@pytest.mark.parametrize("name", ["paper", "plain"])
+@pytest.mark.parametrize("name", ["paper", "plain", "field-test"])
 def test_older_presets_draw_the_same_frames(
     assets: Assets, check_golden_picture: Callable[[str, np.ndarray], None], name: str
 ):
@@ -43,7 +43,8 @@ def test_older_presets_draw_the_same_frames(
     settings = dataclasses.replace(PRESETS[name].settings, camera=small)
     [frame] = simulate_frames(settings, 1_000_003, 1, assets)
     check_golden_picture(f"{name}_frame.png", frame.image)
-    assert frame.realism == {}
+    assert not {"near_person", "infrared_night", "caption"} & set(frame.realism)
+    assert (frame.realism == {}) == (name != "field-test")
 
 
 def test_objects_stand_clear_of_stems_and_cameras_clear_of_objects(field_settings, field_forest):
@@ -203,3 +204,4 @@ def test_a_frame_says_what_it_holds_beyond_the_papers_conditions(field_settings,
     assert {"dead_twigs", "backdrop", "camera_faults", "infrared", "recoloured"} <= set(
         frame.realism
     )
+    assert {"infrared_night", "caption", "near_person", "near_log"} <= set(frame.realism)

@@ -76,9 +76,11 @@ def test_the_field_preset_holds_every_condition_and_all_that_is_beyond_the_paper
     assert all(settings.terrain.grounds[name] > 0 for name in GROUNDS)
     assert all(settings.weather.kinds[name] > 0 for name in WEATHERS)
     assert all(settings.light.times[name] > 0 for name in TIMES)
-    for part in (settings.clutter, settings.objects):
+    for part in (settings.clutter, settings.objects, settings.negatives):
         assert all(high > 0 for _, high in vars(part).values())
     assert settings.imaging.share > 0
+    assert 0.2 <= settings.trap.infrared_share <= 0.25
+    assert settings.trap.caption_share == 0.25
     assert all(share > 0 for share in vars(settings.randomisation).values())
     assert settings.labels.cut_rule == "visible"
 
@@ -88,6 +90,8 @@ def test_the_field_preset_holds_every_condition_and_all_that_is_beyond_the_paper
     [
         ("paper", "6c2bfda064a14d338de951bca70a77b905aa4fd9a3decf3c8529927f5873f987"),
         ("plain", "5dd1d2c5362a89ef1ce9796d18a200535a85ebbeedc3b1d10e5afc648a3c7fde"),
+        ("vegetation", "45c7b195e259205fec7213871c35312814bbbaaa8ee9e5d1a2ff539aeebea7c7"),
+        ("drive", "a8a7258b2f3b1142b2e7e915b57c4a8f6c214f65d2c5e183a397a1d0196b454a"),
     ],
 )
 def test_older_presets_are_known_by_the_hash_that_they_always_had(name: str, sha256: str):

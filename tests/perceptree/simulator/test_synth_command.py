@@ -225,6 +225,6 @@ def test_without_a_preset_the_frames_are_of_the_field(call: Call, tmp_path: Path
     assert code == 0
     kept = settings_of(tmp_path / "own")
     field = json.loads(json.dumps(presets.PRESETS["field"].settings.to_dict()))
-    for group in ("clutter", "objects", "weather", "stand", "imaging", "randomisation"):
+    for group in ("clutter", "objects", "weather", "stand", "imaging", "trap", "negatives"):
         assert kept["settings"][group] == field[group]
     assert (kept["seed"], kept["settings"]["splits"]) == (0, {"val": 0.1, "test": 0.1})
