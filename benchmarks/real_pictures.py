@@ -6,6 +6,8 @@ The label file has COCO's format. An annotation may have ``certain: false``: a d
 least half of its box inside such a box is ignored (as with COCO's crowds). A certain stem counts as
 found at an IoU of 0.5. AP50 uses all scores of at least 0.05; recall and precision use those of at
 least 0.5. The pictures are only for evaluation: never train on them or choose a threshold by them.
+With ``--dataset FOLDER`` the pictures are written as a dataset instead, in which stems that are not
+certain are ignored: for ``perceptree eval`` and ``perceptree calibrate-scores``.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ import argparse
 import contextlib
 import io
 import json
+import shutil
 import sys
 from pathlib import Path
 from typing import Any
@@ -80,6 +83,19 @@ def entries(image_id: int, trees: TreeDetections) -> list[dict[str, Any]]:
     ]
 
 
+def write_dataset(labels: Path, content: dict[str, Any], out: Path) -> None:
+    """Copy the pictures beside labels in which uncertain stems are ignored."""
+    (out / "images").mkdir(parents=True, exist_ok=True)
+    for image in content["images"]:
+        picture = labels.parent / "images" / image["file_name"]
+        shutil.copy(picture, out / "images" / picture.name)
+        image["file_name"] = f"images/{picture.name}"
+    for annotation in content["annotations"]:
+        annotation["ignore"] = int(not annotation.pop("certain", True))
+        annotation["iscrowd"] = 0
+    (out / "test_RGB.json").write_text(json.dumps(content), "utf-8")
+
+
 def main() -> None:
     """Print the results as JSON, and optionally draw the pictures."""
     assert __doc__
@@ -87,9 +103,14 @@ def main() -> None:
     parser.add_argument("labels", type=Path)
     parser.add_argument("--model", default="rgb", help="rgb for the embedded model, or a file")
     parser.add_argument("--drawn", type=Path, help="folder for the pictures with detections")
+    parser.add_argument("--dataset", type=Path, help="folder to write a dataset to")
     arguments = parser.parse_args()
     if not arguments.labels.is_file():
         parser.error(f"{arguments.labels}: no such file, expected labels in COCO's form")
+    if arguments.dataset is not None:
+        content = json.loads(arguments.labels.read_text("utf-8"))
+        write_dataset(arguments.labels, content, arguments.dataset)
+        return
     truth = ground_truth(arguments.labels)
     model = default_model("rgb") if arguments.model == "rgb" else Path(arguments.model)
     detector = TreeDetector.load(model, threads=2, score_threshold=LEAST_SCORE)

@@ -7,6 +7,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
+from perceptree.commands.average import average
 from perceptree.commands.calibrate_scores import calibrate_scores
 from perceptree.commands.data import app as data
 from perceptree.commands.eval import evaluate
@@ -33,6 +34,7 @@ app.command()(scene)
 app.command()(merge)
 app.command()(train)
 app.command(name="eval")(evaluate)
+app.command()(average)
 app.command(name="calibrate-scores")(calibrate_scores)
 app.command()(tables)
 app.command()(plot)

@@ -23,12 +23,17 @@ def calibrate_scores(
 ) -> None:
     """Scale the scores of a checkpoint, so that of those of 0.9 nine in ten are trees.
 
-    The order of the detections stays, and with it the average precision. The scale becomes part of
-    the weights.
+    All datasets count the same, whatever their size. The order of the detections stays, and with it
+    the average precision. The scale becomes part of the weights.
     """
     from perceptree.data import SPLITS, FrameStore, read_dataset
     from perceptree.evaluation import predict_frames, predict_with
-    from perceptree.evaluation.reliability import fit_scale, reliability, scored_detections
+    from perceptree.evaluation.reliability import (
+        fit_scale,
+        joined,
+        reliability,
+        scored_detections,
+    )
     from perceptree.models import load_checkpoint, save_checkpoint
 
     if split not in SPLITS:
@@ -36,32 +41,42 @@ def calibrate_scores(
     if out.suffix != ".safetensors":
         raise CheckpointError(f"--out is {out}: expected a file name ending in .safetensors")
     model, record = load_checkpoint(checkpoint)
-    frames = [frame for folder in data for frame in read_dataset(folder, split).frames]
-    store = FrameStore(frames, model.spec)
+    stores = [FrameStore(read_dataset(folder, split).frames, model.spec) for folder in data]
+    sets = []
     with typer.progressbar(
-        length=len(store), label="detecting", file=sys.stderr, hidden=not sys.stderr.isatty()
+        length=sum(map(len, stores)),
+        label="detecting",
+        file=sys.stderr,
+        hidden=not sys.stderr.isatty(),
     ) as bar:
-        found = []
-        for prediction in predict_frames(predict_with(model), store, _BATCH):
-            found.append(prediction)
-            bar.update(1)
-    before = scored_detections(store.frames, found)
-    scale = fit_scale(before)
-    after = before._replace(score=scale.apply(before.score))
-    errors = [reliability(scored)["expected_error"] for scored in (before, after)]
+        for store in stores:
+            found = []
+            for prediction in predict_frames(predict_with(model), store, _BATCH):
+                found.append(prediction)
+                bar.update(1)
+            sets.append(scored_detections(store.frames, found))
+    scale = fit_scale(sets)
+    scaled = [one._replace(score=scale.apply(one.score)) for one in sets]
+    errors = [reliability(joined(each))["expected_error"] for each in (sets, scaled)]
     model.box_head.scale_scores(scale.slope, scale.offset)
     fitted = {
         "slope": scale.slope,
         "offset": scale.offset,
         "data": ", ".join(folder.resolve().name for folder in data),
         "split": split,
-        "detections": len(before.score),
+        "detections": sum(len(one.score) for one in sets),
         "expected_error": errors,
     }
     save_checkpoint(out, model, {**record["training"], "score_calibration": fitted})
-    typer.echo(
-        f"{len(before.score)} detections: mean difference of score and share of trees"
-        f" {errors[0]:.3f}, now {errors[1]:.3f}"
-    )
+    for folder, before, after in zip(data, sets, scaled, strict=True):
+        was, now = (reliability(one)["expected_error"] for one in (before, after))
+        typer.echo(
+            f"{folder}: {len(before.score)} detections, mean difference of score and share of"
+            f" trees {_shown(was)}, now {_shown(now)}"
+        )
     typer.echo(f"logit of the score: {scale.slope:.3f} times the former, {scale.offset:+.3f}")
     typer.echo(f"checkpoint: {out}")
+
+
+def _shown(error: float | None) -> str:
+    return "unknown" if error is None else f"{error:.3f}"

@@ -59,6 +59,13 @@ def scored_detections(
     )
 
 
+def joined(sets: Sequence[Scored]) -> Scored:
+    """The detections of all datasets, one after the other."""
+    return Scored(
+        np.concatenate([one.score for one in sets]), np.concatenate([one.right for one in sets])
+    )
+
+
 def reliability(scored: Scored) -> dict[str, Any]:
     """The share of right detections by score, JSON-ready.
 
@@ -96,12 +103,16 @@ def reliability(scored: Scored) -> dict[str, Any]:
     }
 
 
-def fit_scale(scored: Scored) -> ScoreScale:
+def fit_scale(sets: Sequence[Scored]) -> ScoreScale:
     """Fit the scale that makes scores probabilities, by logistic regression (Platt 1999).
+
+    Args:
+        sets: Detections of each dataset. All datasets count the same, whatever their size.
 
     Raises:
         DatasetError: There are too few detections, or all of them are right, or wrong.
     """
+    scored = joined(sets)
     right = int(scored.right.sum())
     wrong = len(scored.right) - right
     if min(right, wrong) < _FEWEST:
@@ -109,13 +120,15 @@ def fit_scale(scored: Scored) -> ScoreScale:
             f"{right} right and {wrong} wrong detections with a score of {LEAST_SCORE} and more:"
             f" expected {_FEWEST} or more of both to fit scores"
         )
+    counts = np.array([len(one.score) for one in sets if len(one.score)])
+    shares = np.repeat(len(scored.score) / len(counts) / counts, counts)
     x = np.stack([_logit(scored.score), np.ones_like(scored.score)], axis=1)
     at = np.array([1.0, 0.0])
     prior = at.copy()
     for _ in range(_STEPS):
         expected = _sigmoid(x @ at)
-        gradient = x.T @ (expected - scored.right) + _RIDGE * (at - prior)
-        weight = expected * (1 - expected)
+        gradient = x.T @ (shares * (expected - scored.right)) + _RIDGE * (at - prior)
+        weight = shares * expected * (1 - expected)
         step = np.linalg.solve((x * weight[:, None]).T @ x + _RIDGE * np.eye(2), gradient)
         at = at - step
         if np.abs(step).max() < 1e-10:

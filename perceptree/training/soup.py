@@ -1,0 +1,49 @@
+"""The weighted mean of several networks' weights (Wortsman et al. 2022, "Model soups")."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from perceptree.errors import CheckpointError
+from perceptree.models import TreeRCNN, load_checkpoint
+
+
+def average_checkpoints(
+    paths: Sequence[Path], shares: Sequence[float]
+) -> tuple[TreeRCNN, dict[str, Any]]:
+    """Average the weights and the statistics of batch norms of checkpoints.
+
+    Args:
+        paths: Checkpoints of one network.
+        shares: Weight of each, over 0; they are divided by their sum.
+
+    Returns:
+        The network, and the training record of the first file with all records under
+        ``average_of``.
+
+    Raises:
+        CheckpointError: If a file cannot be read, or holds another network than the first.
+    """
+    loaded = [load_checkpoint(path) for path in paths]
+    model = loaded[0][0]
+    for path, (other, _) in zip(paths, loaded, strict=True):
+        if other.spec != model.spec:
+            raise CheckpointError(f"{path}: expected a network like that of {paths[0]}")
+    parts = torch.tensor(shares, dtype=torch.float64)
+    parts /= parts.sum()
+    states = [network.state_dict() for network, _ in loaded]
+    model.load_state_dict(
+        {
+            name: torch.tensordot(parts, torch.stack([state[name] for state in states]).double(), 1)
+            for name in states[0]
+        }
+    )
+    records = [
+        {"file": path.name, "share": float(part), **record["training"]}
+        for path, part, (_, record) in zip(paths, parts, loaded, strict=True)
+    ]
+    return model, {**loaded[0][1]["training"], "average_of": records}
