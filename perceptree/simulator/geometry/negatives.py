@@ -41,6 +41,7 @@ _LEAVES = (
     Layer.BARE_TWIG,
 )
 _STUMP_M = 0.9
+_SUNK_M = 0.05  # depth of a limb's lowest point in the ground
 
 
 def _clad(mesh: Mesh, layer: int, tint: float) -> Mesh:
@@ -204,12 +205,14 @@ def _dead_limb(rng: np.random.Generator) -> Mesh:
     side[:, 1:] += np.cumsum(rng.normal(0, 0.05, (twigs, 3, 3)), 1)
     fine = 0.6 * thick[at][:, None] * (1 - 0.25 * np.arange(4))
     tint = rng.uniform(0.9, 1.6)
-    return merge(
+    wood = merge(
         [
             tubes_mesh(main[None], thick[None], 7, Layer.DEAD_WOOD, tint, 0.4),
             tubes_mesh(side, fine, 5, Layer.DEAD_WOOD, tint, 0.4),
         ]
     )
+    lowest = np.array([0, 0, wood.vertices[:, 2].min() + _SUNK_M], np.float32)
+    return replace(wood, vertices=wood.vertices - lowest)
 
 
 def high_stump(rng: np.random.Generator) -> Mesh:

@@ -19,7 +19,6 @@ from perceptree.simulator.vectors import UP, unit
 
 Float = NDArray[np.floating[Any]]
 
-_REACH = (0.45, 1.8)  # range of the distance, over that of the nearest ground in the picture
 _NEAREST_M, _FARTHEST_M = 1.1, 9.0
 _ATTEMPTS = 12
 _STEM_GAP_M, _CAMERA_GAP_M = 0.3, 0.55
@@ -37,6 +36,7 @@ class _NearKind:
 
     Attributes:
         setting: Field of NegativeSettings with the number of objects.
+        reach: Range of the distance, over that of the nearest ground in the picture.
         radius_m: Radius of the capsule, m.
         half_length_m: Half of the length of its axis, m.
         scale: Range of the size factor.
@@ -44,6 +44,7 @@ class _NearKind:
     """
 
     setting: str
+    reach: tuple[float, float]
     radius_m: float
     half_length_m: float = 0.0
     scale: tuple[float, float] = (0.9, 1.1)
@@ -51,11 +52,11 @@ class _NearKind:
 
 
 _NEAR_KINDS = {
-    "near_person": _NearKind("people", 0.35),
-    "near_animal": _NearKind("animals", 0.35, 0.6),
-    "near_post": _NearKind("posts", 0.15),
-    "near_log": _NearKind("logs", 0.25, LOG_M / 2, (0.4, 1.3), True),
-    "near_stump": _NearKind("stumps", 0.35),
+    "near_person": _NearKind("people", (0.65, 1.8), 0.35),
+    "near_animal": _NearKind("animals", (0.55, 1.8), 0.35, 0.6),
+    "near_post": _NearKind("posts", (0.45, 1.8), 0.15),
+    "near_log": _NearKind("logs", (0.6, 1.8), 0.25, LOG_M / 2, (0.4, 1.3), True),
+    "near_stump": _NearKind("stumps", (0.8, 1.8), 0.35),
 }
 
 
@@ -146,7 +147,7 @@ def _before(
     scale = float(rng.uniform(*kind.scale))
     for _ in range(_ATTEMPTS):
         distance_m = np.clip(
-            ground_m * np.exp(rng.uniform(*np.log(_REACH))), _NEAREST_M, _FARTHEST_M
+            ground_m * np.exp(rng.uniform(*np.log(kind.reach))), _NEAREST_M, _FARTHEST_M
         )
         bearing = np.radians(view.pose.yaw_deg) - np.arctan(rng.uniform(0.9 * low, 0.9 * right))
         middle = view.origin[:2] + distance_m * np.array([np.cos(bearing), np.sin(bearing)])

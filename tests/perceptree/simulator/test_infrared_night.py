@@ -75,10 +75,11 @@ def test_a_frame_says_that_it_is_an_infrared_night_with_a_caption(pairs):
         assert (night.scene.light, day.scene.light != "night") == ("night", True)
 
 
-def test_without_a_caption_a_night_is_grey(field_settings, assets: Assets):
-    bare = dataclasses.replace(NIGHTS, caption_share=0.0)
+def test_without_a_caption_a_night_is_grey_above_its_floor(field_settings, assets: Assets):
+    bare = dataclasses.replace(NIGHTS, caption_share=0.0, floor=(0.3, 0.3))
     [frame] = simulate_frames(dataclasses.replace(field_settings, trap=bare), 21, 1, assets)
     assert (np.ptp(frame.image, axis=-1) == 0).all()
+    assert np.percentile(frame.image, 5) > 60
     assert not frame.realism["caption"]
 
 
