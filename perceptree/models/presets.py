@@ -55,7 +55,7 @@ PAPER_PRESETS: dict[str, dict[str, Any]] = {
     "x101-32x4d": {"backbone": "resnext101_32x4d"},
 }
 
-# For depth, ``edge-s`` is ``edge-n`` with a larger input, so the weights of either start the other.
+# ``edge-s`` is ``edge-n`` with a larger input, so the weights of either start the other.
 # The others are on the accuracy-time front that benchmarks/detectors.py measures.
 EDGE_PRESETS: dict[str, dict[str, Any]] = {
     "edge-n": {"backbone": "mobilenetv4_conv_small"},
@@ -69,11 +69,9 @@ EDGE_PRESETS: dict[str, dict[str, Any]] = {
     },
 }
 
-# In colour images a larger backbone with ImageNet weights finds more trees than a larger input, in
-# the same time.
-_RGB_CHANGES: dict[str, dict[str, Any]] = {
-    "edge-s": {"backbone": "efficientnet_lite0", "height": 384, "width": 640},
-}
+# Their backbone for colour images: its ImageNet weights come in a package, and keep a network good
+# on real pictures.
+_RGB_BACKBONES = {"edge-n": "efficientnet_lite0", "edge-s": "efficientnet_lite0"}
 
 PRESETS = (*EDGE_PRESETS, *PAPER_PRESETS)
 
@@ -94,10 +92,10 @@ def make_spec(
     Args:
         preset: A name of ``PRESETS``.
         modality: ``rgb`` or ``depth``.
-        height: Input height, px; by default 480 for ``edge-s`` with depth, 384 for the other light
-            models, 720 for the paper's.
-        width: Input width, px; by default 800 for ``edge-s`` with depth, 640 for the other light
-            models, 1280 for the paper's. The anchor sizes of light models are proportional to it.
+        height: Input height, px; by default 480 for ``edge-s``, 384 for the other light models, 720
+            for the paper's.
+        width: Input width, px; by default 800 for ``edge-s``, 640 for the other light models, 1280
+            for the paper's. The anchor sizes of light models are proportional to it.
         **changes: Fields of ModelSpec that override the preset.
 
     Raises:
@@ -109,7 +107,9 @@ def make_spec(
         std = UNIT_STD if values.get("stride_in_1x1") else IMAGENET_STD
         values |= {"mean": IMAGENET_MEAN, "std": std}
     elif preset in EDGE_PRESETS:
-        values = EDGE_PRESETS[preset] | (_RGB_CHANGES.get(preset, {}) if modality == "rgb" else {})
+        values = dict(EDGE_PRESETS[preset])
+        if modality == "rgb":
+            values["backbone"] = _RGB_BACKBONES.get(preset, values["backbone"])
         size = values.pop("height", 384), values.pop("width", 640)
         height, width = height or size[0], width or size[1]
         levels = (values | changes).get("levels", _LIGHT_LEVELS)

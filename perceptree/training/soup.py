@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import torch
 
 from perceptree.errors import CheckpointError
-from perceptree.models import TreeRCNN, load_checkpoint
+from perceptree.models import ModelSpec, TreeRCNN, load_checkpoint
 
 
 def average_checkpoints(
@@ -18,12 +19,12 @@ def average_checkpoints(
     """Average the weights and the statistics of batch norms of checkpoints.
 
     Args:
-        paths: Checkpoints of one network.
+        paths: Checkpoints of one network, whose input sizes may differ.
         shares: Weight of each, over 0; they are divided by their sum.
 
     Returns:
-        The network, and the training record of the first file with all records under
-        ``average_of``.
+        The network with the input size of the first file, and the training record of that file with
+        all records under ``average_of``.
 
     Raises:
         CheckpointError: If a file cannot be read, or holds another network than the first.
@@ -31,7 +32,7 @@ def average_checkpoints(
     loaded = [load_checkpoint(path) for path in paths]
     model = loaded[0][0]
     for path, (other, _) in zip(paths, loaded, strict=True):
-        if other.spec != model.spec:
+        if _network(other.spec) != _network(model.spec):
             raise CheckpointError(f"{path}: expected a network like that of {paths[0]}")
     parts = torch.tensor(shares, dtype=torch.float64)
     parts /= parts.sum()
@@ -47,3 +48,10 @@ def average_checkpoints(
         for path, part, (_, record) in zip(paths, parts, loaded, strict=True)
     ]
     return model, {**loaded[0][1]["training"], "average_of": records}
+
+
+def _network(spec: ModelSpec) -> ModelSpec:
+    """The spec without its name and what grows with the input."""
+    return dataclasses.replace(
+        spec, name="", height=32, width=32, anchor_sizes_px=tuple((1.0,) for _ in spec.levels)
+    )

@@ -39,11 +39,24 @@ def test_the_mean_has_the_given_shares(call: Call, tmp_path: Path, spec: ModelSp
     assert [part["share"] for part in parts] == [0.25, 0.75]
 
 
+def test_input_sizes_may_differ_and_the_first_counts(
+    call: Call, tmp_path: Path, spec: ModelSpec
+) -> None:
+    larger = make_spec("edge-n", "rgb", 96, 128, fpn_width=8, box_head_width=8)
+    files = [
+        write(tmp_path / "large.safetensors", 1.0, larger),
+        write(tmp_path / "small.safetensors", 2.0, spec),
+    ]
+    out = tmp_path / "mean.safetensors"
+    assert call("average", *files, "--out", out)[0] == 0
+    assert load_checkpoint(out)[0].spec == larger
+
+
 def test_what_cannot_be_averaged_is_refused_in_one_line(
     call: Call, tmp_path: Path, spec: ModelSpec
 ) -> None:
     first = write(tmp_path / "first.safetensors", 1.0, spec)
-    second = write(tmp_path / "second.safetensors", 1.0, make_spec("edge-n", "rgb", 64, 128))
+    second = write(tmp_path / "second.safetensors", 1.0, make_spec("edge-n", "rgb", 64, 96))
     out = tmp_path / "mean.safetensors"
     for arguments, expected in (
         ([first, second], f"{second}: expected a network like that of {first}"),

@@ -174,7 +174,7 @@ def test_starting_files_are_found_by_model_and_modality(tmp_path: Path) -> None:
     with pytest.raises(SettingsError, match=r"edge-n-depth\.safetensors': expected imagenet"):
         settings.spec(depth)
     one = two_steps(init=str(tmp_path / "edge-n-rgb.safetensors"))
-    with pytest.raises(SettingsError, match="holds mobilenetv4_conv_small for rgb, expected"):
+    with pytest.raises(SettingsError, match="holds efficientnet_lite0 for rgb, expected"):
         one.spec(depth)
 
 

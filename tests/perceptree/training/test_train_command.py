@@ -246,7 +246,7 @@ MISTAKES = {
         ("--mix", "{}", "--simulate", 9, "--minutes", 1),
         "--simulate excludes --mix",
     ),
-    "frozen norms": (("--frozen-norms",), "frozen_norms is true without starting weights"),
+    "frozen norms": (("--frozen-norms",), "frozen_norms is set without starting weights"),
     "coco": (
         ("--init", "coco", "--height", 64, "--width", 128),
         "backbone is mobilenetv4_conv_small: torchvision",
