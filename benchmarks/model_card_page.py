@@ -192,7 +192,24 @@ def _training(card: dict[str, Any]) -> str:
             f" {fitted['detections']} detections of other frames ({fitted['data']}): mean"
             f" difference of score and share of trees {before:.3f} before, {after:.3f} after."
         )
-    return "\n".join(lines) + f"\n\n{_scenes(card['training_scenes'])}"
+    parts = ["\n".join(lines), _scenes(card["training_scenes"]), *_credits(made)]
+    return "\n\n".join(parts)
+
+
+def _credits(made: dict[str, Any]) -> list[str]:
+    """Whose weights and photographs the network has learned from."""
+    parts = []
+    for each in made.get("pretrained", []):
+        licence = each.get("licence", "see its publisher")
+        parts.append(f"Pretrained weights of the backbone: `{each['weights']}` ({licence}).")
+    photographs = made.get("photographs", [])
+    if photographs:
+        rows = [
+            [each["kind"], each["source"], each["licence"] or "not stated"] for each in photographs
+        ]
+        head = ["photographs of", "source", "licence and authors"]
+        parts += ["Photographs on the materials of the simulated frames:", _table(head, rows)]
+    return parts
 
 
 def _scenes(scenes: list[dict[str, Any]]) -> str:

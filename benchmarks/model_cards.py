@@ -176,7 +176,9 @@ def training_figures(path: Path) -> dict[str, Any] | None:
         "hours": round(record["elapsed_s"] / 3600, 2),
         "device": record.get("device", "two CPU cores"),
         "init": record["init"],
-        "averaged_runs": 1 + len(record.get("average_of", [])),
+        "averaged_runs": max(1, len(record.get("average_of", []))),
+        "pretrained": record.get("pretrained", []),
+        "photographs": record.get("photographs", []),
         "score_calibration": record.get("score_calibration"),
     }
 

@@ -3,8 +3,8 @@
 python benchmarks/transfer.py PICTURES/instances.json test_set field_test_set \\
     --runs frozen=RUN/best.safetensors average=FILE ... --out benchmarks/results/transfer.json
 
-Real pictures: AP50, recall at a score of 0.5, and the recall at the lowest score with a precision
-of at least 0.8, in float32. Simulated frames: AP of boxes, masks and keypoints on every `--every`-th
+Real pictures: AP50, recall at a score of 0.5, and recall at the lowest score with a precision
+of at least 0.8, in float32. Simulated frames: AP of boxes, masks and keypoints on every N-th
 frame of both frozen test sets, under the paper's rule (trees to 10 m). Rows of runs that the file
 already holds are replaced, other rows stay.
 """

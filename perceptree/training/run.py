@@ -12,6 +12,7 @@ from calib.file_names import is_utf8
 from perceptree.errors import CheckpointError, SettingsError
 from perceptree.evaluation import Metrics
 from perceptree.models import ModelSpec, TreeRCNN
+from perceptree.training.credits import Credits, training_credits
 from perceptree.training.memory import keep_freed_memory
 from perceptree.training.precision import fastest_precision
 from perceptree.training.processes import Processes, process_group
@@ -123,6 +124,7 @@ class _TrainingRun:
             "data": data.name,
             "frames": len(data.frames) + len(data.mixed or ()),
             **data.origin,
+            **self._credits(),
         }
         if state is not None:
             _restore_from(self._state_path, trainer, state, branched=not self._resumable)
@@ -189,6 +191,11 @@ class _TrainingRun:
             return {"name": f"branch of {self.branch.name}"}
         heads = {} if self.heads is None else {"heads": describe_init(self.heads)}
         return {**describe_init(self.init, self.spec.backbone), **heads}
+
+    def _credits(self) -> Credits:
+        files = [each for each in (self.init, self.heads) if isinstance(each, Path)]
+        folders = [self.source.directory, *([self.source.mix] if self.source.mix else [])]
+        return training_credits(self.init, self.spec.backbone, files, folders)
 
     def _identity(self, data: TrainingData) -> dict[str, dict[str, Any]]:
         origin = self._origin()

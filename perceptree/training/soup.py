@@ -11,6 +11,7 @@ import torch
 
 from perceptree.errors import CheckpointError
 from perceptree.models import ModelSpec, TreeRCNN, load_checkpoint
+from perceptree.training.credits import joined_credits
 
 
 def average_checkpoints(
@@ -47,7 +48,8 @@ def average_checkpoints(
         {"file": path.name, "share": float(part), **record["training"]}
         for path, part, (_, record) in zip(paths, parts, loaded, strict=True)
     ]
-    return model, {**loaded[0][1]["training"], "average_of": records}
+    owed = joined_credits(records)
+    return model, {**loaded[0][1]["training"], **owed, "average_of": records}
 
 
 def _network(spec: ModelSpec) -> ModelSpec:

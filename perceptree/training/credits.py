@@ -1,0 +1,56 @@
+"""What a network owes to others: pretrained weights and photographs, with their licences.
+
+A training passes on the credits of the checkpoints that it started from.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from perceptree.models import load_checkpoint
+from perceptree.simulator.photographs import dataset_credits
+from perceptree.training.starting import Init, describe_init
+
+_SETTINGS = "settings.json"
+
+Credits = dict[str, list[dict[str, Any]]]
+"""``pretrained`` (weights, sha256, licence) and ``photographs`` (kind, source, licence, names)."""
+
+
+def training_credits(
+    init: Init | None, backbone: str, checkpoints: Iterable[Path], folders: Sequence[Path]
+) -> Credits:
+    """The credits of a training, without those that are empty.
+
+    Args:
+        init: Starting weights.
+        backbone: The model's backbone, which decides what ``imagenet`` stands for.
+        checkpoints: Checkpoints that weights come from.
+        folders: Folders of the datasets.
+
+    Raises:
+        CheckpointError: If a checkpoint cannot be read.
+        DatasetError: If a dataset's settings cannot be read.
+    """
+    parts: list[Credits] = []
+    if init in ("imagenet", "coco"):
+        known = describe_init(init, backbone)
+        parts.append({"pretrained": [{"weights": known["name"]} | known]})
+    parts += [load_checkpoint(path)[1]["training"] for path in checkpoints]
+    parts += [
+        {"photographs": dataset_credits(folder / _SETTINGS)}
+        for folder in folders
+        if (folder / _SETTINGS).is_file()
+    ]
+    return joined_credits(parts)
+
+
+def joined_credits(records: Iterable[dict[str, Any]]) -> Credits:
+    """The credits of several training records, each once, without those that are empty."""
+    found: Credits = {"pretrained": [], "photographs": []}
+    for record in records:
+        for name, known in found.items():
+            known += [each for each in record.get(name, []) if each not in known]
+    return {name: known for name, known in found.items() if known}
