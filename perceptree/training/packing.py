@@ -48,14 +48,14 @@ class PackedTargets:
         """The labels of each image, with masks on a device."""
         masks: Sequence[Tensor | None] = [None] * len(self.trees)
         if self.masks is not None:
-            masks = self._masks_on(device).split(self.trees)
+            masks = torch.split(self._masks_on(device), self.trees)
         return [
             TreeTargets(boxes, keypoints, mask, ignored)
             for boxes, keypoints, mask, ignored in zip(
-                self.boxes.split(self.trees),
-                self.keypoints.split(self.trees),
+                torch.split(self.boxes, self.trees),
+                torch.split(self.keypoints, self.trees),
                 masks,
-                self.ignored.split(self.regions),
+                torch.split(self.ignored, self.regions),
                 strict=True,
             )
         ]
