@@ -45,7 +45,7 @@ def outline_points(view: View, tree: Tree, height_m: float) -> tuple[Float, Floa
     side = np.cross(forward, axis)
     chord = towards - forward * radius_m**2 / distance_m
     cut = _plane_section(tree, view.origin + chord, unit(np.cross(side, chord)))
-    if not len(cut):  # seen so steeply that the plane passes the stem below its foot
+    if not len(cut):  # the camera is nearer to the axis than the bark: no ray touches the section
         cut = tree.ring(height_m)
     bearing = np.arctan2((cut - view.origin) @ side, (cut - view.origin) @ unit(chord))
     return cut[np.argmin(bearing)], cut[np.argmax(bearing)]

@@ -11,6 +11,7 @@ from perceptree.simulator.geometry.ground import ground_mesh
 from perceptree.simulator.geometry.mesh import merge
 from perceptree.simulator.geometry.stems import stem_mesh
 from perceptree.simulator.labelling.labels import TreeLabel, label_view
+from perceptree.simulator.labelling.silhouette import outline_points
 from perceptree.simulator.rendering.render import Drawing, Renderer
 from perceptree.simulator.rendering.view import Pose, View, look_from, random_view
 from perceptree.simulator.scene.description import Scene, Tree
@@ -159,6 +160,18 @@ def test_diameter_points_lie_on_the_rendered_silhouette_across_the_axis(draw, ca
         pixel_m = label.position_camera_m[2] / camera.fx
         assert abs(off_line) * pixel_m < 0.02
     assert inside >= 6
+
+
+def test_a_camera_that_touches_a_leaning_stem_sees_two_points_of_the_bark():
+    """No ray then touches the section at the height of the diameter."""
+    stem = round_stem(0.43605504, lean=(-0.26171856, 0.04268829))
+    tree = planted(stem, 0.0)
+    origin = tree.point(0.69115849) + [-0.18794422, 0.1223531, 0.0]
+    view = look_from(SMALL, origin, Pose("hand", 0.69, -60.0, 0.0, 0.0))
+    points = np.array(outline_points(view, tree, tree.diameter_z_m))
+    from_axis_m = np.linalg.norm(points - tree.point(tree.diameter_z_m), axis=1)
+    assert np.allclose(from_axis_m, 0.218, atol=0.002)
+    assert np.linalg.norm(points[0] - points[1]) > 0.3
 
 
 def edge_plane(view: View, mask: np.ndarray, side: int) -> np.ndarray:
