@@ -42,7 +42,7 @@ def detections(model: TreeRCNN, folder: Path, image: dict[str, Any]) -> list[dic
         found = model.detect(torch.from_numpy(box.apply(picture, model.spec.pad_value))[None])
     count = int(found.num_detections[0])
     corners = found.boxes[0, :count].numpy().astype(float).reshape(-1, 2)
-    boxes = box.to_image(corners).reshape(-1, 4)
+    boxes = box.to_source(corners).reshape(-1, 4)
     boxes[:, [0, 2]] = boxes[:, [0, 2]].clip(0, width)
     boxes[:, [1, 3]] = boxes[:, [1, 3]].clip(0, height)
     boxes[:, 2:] -= boxes[:, :2]

@@ -29,7 +29,7 @@ __all__ = [
     "suited_model",
 ]
 
-DEFAULTS: Final = {"rgb": "edge-n-rgb", "depth": "edge-n-depth"}
+DEFAULTS: Final = {"rgb": "edge-s-rgb", "depth": "edge-n-depth"}
 """The packaged model that "rgb" and "depth" stand for: of a command without --model, too."""
 MODALITIES: Final = tuple(DEFAULTS)
 FOLDERS_VARIABLE: Final = "EDGETREE_MODELS"

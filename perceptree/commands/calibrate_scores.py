@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from perceptree.errors import CheckpointError, DatasetError
+
+if TYPE_CHECKING:
+    from perceptree.data import FrameRecord
 
 _BATCH = 4
 
@@ -20,13 +23,19 @@ def calibrate_scores(
     ],
     out: Annotated[Path, typer.Option(help="Checkpoint to write.")],
     split: Annotated[str, typer.Option(help="train, val or test.")] = "val",
+    certain: Annotated[
+        float | None,
+        typer.Option(
+            help="Ignore labelled trees beyond this distance in metres, in datasets that know it."
+        ),
+    ] = None,
 ) -> None:
     """Scale the scores of a checkpoint, so that of those of 0.9 nine in ten are trees.
 
     All datasets count the same, whatever their size. The order of the detections stays, and with it
     the average precision. The scale becomes part of the weights.
     """
-    from perceptree.data import SPLITS, FrameStore, read_dataset
+    from perceptree.data import SPLITS, FrameStore
     from perceptree.evaluation import predict_frames, predict_with
     from perceptree.evaluation.reliability import (
         fit_scale,
@@ -41,7 +50,7 @@ def calibrate_scores(
     if out.suffix != ".safetensors":
         raise CheckpointError(f"--out is {out}: expected a file name ending in .safetensors")
     model, record = load_checkpoint(checkpoint)
-    stores = [FrameStore(read_dataset(folder, split).frames, model.spec) for folder in data]
+    stores = [FrameStore(_frames(folder, split, certain), model.spec) for folder in data]
     sets = []
     with typer.progressbar(
         length=sum(map(len, stores)),
@@ -76,6 +85,17 @@ def calibrate_scores(
         )
     typer.echo(f"logit of the score: {scale.slope:.3f} times the former, {scale.offset:+.3f}")
     typer.echo(f"checkpoint: {out}")
+
+
+def _frames(folder: Path, split: str, certain_m: float | None) -> list[FrameRecord]:
+    """The frames of a split, graded if its trees have distances."""
+    from perceptree.data import read_dataset
+
+    frames = read_dataset(folder, split).frames
+    known = any("distance_m" in tree.truth for frame in frames for tree in frame.trees)
+    if certain_m is None or not known:
+        return frames
+    return read_dataset(folder, split, certain_m=certain_m).frames
 
 
 def _shown(error: float | None) -> str:

@@ -166,7 +166,7 @@ def test_a_camera_that_touches_a_leaning_stem_sees_two_points_of_the_bark():
     """No ray then touches the section at the height of the diameter."""
     stem = round_stem(0.43605504, lean=(-0.26171856, 0.04268829))
     tree = planted(stem, 0.0)
-    origin = tree.point(0.69115849) + [-0.18794422, 0.1223531, 0.0]
+    origin = tree.point(0.69115849) + np.array([-0.18794422, 0.1223531, 0.0])
     view = look_from(SMALL, origin, Pose("hand", 0.69, -60.0, 0.0, 0.0))
     points = np.array(outline_points(view, tree, tree.diameter_z_m))
     from_axis_m = np.linalg.norm(points - tree.point(tree.diameter_z_m), axis=1)
