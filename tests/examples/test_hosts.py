@@ -51,7 +51,7 @@ def node() -> str:
 @pytest.fixture(scope="module", params=["rgb", "depth"])
 def kit(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("hosts") / request.param
-    make_kit(default_model(request.param), folder)
+    make_kit(default_model(f"edge-n-{request.param}"), folder)
     return folder
 
 

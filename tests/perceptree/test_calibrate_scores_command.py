@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
 
+from perceptree.commands import calibrate_scores as command
 from perceptree.evaluation import reliability
 from perceptree.evaluation.reliability import Scored, ScoreScale
 from perceptree.models import TreeRCNN, load_checkpoint, make_spec, save_checkpoint
@@ -19,7 +21,9 @@ Call = Callable[..., tuple[int, str, str]]
 @pytest.fixture
 def checkpoint(tmp_path: Path) -> Path:
     torch.manual_seed(3)
-    model = TreeRCNN(make_spec("edge-n", "rgb", 64, 96, fpn_width=32))
+    model = TreeRCNN(
+        make_spec("edge-n", "rgb", 64, 96, fpn_width=32, backbone="mobilenetv4_conv_small")
+    )
     torch.nn.init.normal_(model.box_head.score.weight)
     path = tmp_path / "raw.safetensors"
     save_checkpoint(path, model.eval(), {"data": "none"})
@@ -75,3 +79,21 @@ def test_mistakes_give_one_line_and_no_file(
     assert what in told
     assert told.count("\n") == 1
     assert not out.exists()
+
+
+def test_trees_beyond_a_distance_are_ignored_where_distances_are_known(
+    posts: Path, edit_split: Callable[..., None]
+) -> None:
+    def ignored(certain_m: float | None) -> int:
+        frames = command._frames(posts, "val", certain_m)
+        return sum(tree.ignored for frame in frames for tree in frame.trees)
+
+    assert ignored(8.5) == 0
+
+    def move(content: dict[str, Any]) -> None:
+        for annotation in content["annotations"]:
+            annotation["distance_m"] = 9.0 if annotation["id"] % 2 else 5.0
+
+    edit_split(posts, "val", move)
+    assert ignored(None) == 0
+    assert ignored(8.5) > 0

@@ -24,7 +24,8 @@ Call = Callable[..., Result]
 def sure_model(modality: str) -> TreeRCNN:
     """Random weights that detect trees everywhere with high scores."""
     torch.manual_seed(3)
-    spec = make_spec("edge-n", modality, 64, 96, fpn_width=32)  # type: ignore[arg-type]
+    changes = {"fpn_width": 32, "backbone": "mobilenetv4_conv_small"}
+    spec = make_spec("edge-n", modality, 64, 96, **changes)  # type: ignore[arg-type]
     model = TreeRCNN(spec)
     with torch.no_grad():
         model.box_head.score.bias[0] += 4.0

@@ -38,7 +38,7 @@ def kits(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Kits of the packaged models."""
     folder = tmp_path_factory.mktemp("kits")
     for modality in ("rgb", "depth"):
-        make_kit(default_model(modality), folder / modality)
+        make_kit(default_model(f"edge-n-{modality}"), folder / modality)
     return {modality: folder / modality for modality in ("rgb", "depth")}
 
 
@@ -46,7 +46,7 @@ def kits(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 def test_a_kit_has_all_that_a_program_needs(kits: dict[str, Path], modality: str) -> None:
     folder = kits[modality]
     kit, expected = read_kit(folder), read_expected(folder)
-    model = default_model(modality).read_bytes()
+    model = default_model(f"edge-n-{modality}").read_bytes()
     assert (folder / kit.model).read_bytes() == model
     assert kit.model_sha256 == hashlib.sha256(model).hexdigest() == expected.model_sha256
     itemsize = {"rgb": 3, "depth": 2}[modality]

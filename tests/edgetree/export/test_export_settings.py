@@ -187,8 +187,8 @@ def test_a_wrong_number_of_samples_is_refused(
     for node in proto.graph.node:
         for attribute in node.attribute:
             if node.op_type == "RoiAlign" and attribute.name == "sampling_ratio":
-                assert attribute.i == 2
-                attribute.i = 1
+                assert attribute.i == 1
+                attribute.i = 2
     onnx.save(proto, tmp_path / "wrong.onnx")
     with pytest.raises(ParityFailed):
         verify_model(tmp_path / "wrong.onnx", rgb_checkpoint, data=frame_folder)

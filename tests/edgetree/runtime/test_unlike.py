@@ -64,7 +64,6 @@ def shipped(modality: str) -> Manifest:
     ("name", "statistics"),
     [
         ("grey", {"contrast"}),
-        ("noise", {"texture"}),
         ("night", {"black_percent"}),
         ("room", {"texture", "local_contrast"}),
     ],

@@ -20,7 +20,7 @@ NARROW = {
 
 
 def light_spec() -> ModelSpec:
-    return make_spec("edge-n", "rgb", HEIGHT, WIDTH, **NARROW)
+    return make_spec("edge-n", "rgb", HEIGHT, WIDTH, backbone="mobilenetv4_conv_small", **NARROW)
 
 
 def paper_spec() -> ModelSpec:

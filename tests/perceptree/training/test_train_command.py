@@ -62,6 +62,7 @@ def asked(
         engine: Any,
         branch: Any,
         preparing: Any,
+        heads: Any,
     ) -> None:
         told.append(Asked(spec, settings, init, engine, branch, data))
         raise Stopped("far enough")
@@ -114,7 +115,7 @@ def test_the_varied_recipe_differs_in_the_augmentation_alone(asked: Callable[...
 def test_every_model_comes_with_its_size_and_sampling(asked: Callable[..., Asked]) -> None:
     for model in ("edge-s", "edge-m", "edge-l"):
         spec, settings, *_ = asked("--model", model, "--modality", "rgb")
-        assert spec == make_spec(model, "rgb", 384, 640)
+        assert spec == make_spec(model, "rgb")
         assert settings.sampling == SampleSettings()
     spec, *_ = asked("--model", "edge-s")
     assert spec == make_spec("edge-s", "depth", 480, 800)
