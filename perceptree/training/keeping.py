@@ -55,16 +55,17 @@ class StartingBackbone:
     def loss(self) -> dict[str, Tensor]:
         """The loss ``features`` of the last forward pass; empty without it.
 
-        It is the mean over the levels of the squared difference of the maps, divided by the
-        variance of the starting maps.
+        It is the mean over images and levels of the squared difference of an image's maps, divided
+        by the variance of its starting map. So processes with parts of a batch have the loss of the
+        joint batch.
         """
         if not self._settings.keep_features:
             return {}
         with torch.no_grad():
             starts = self._start(self._images)
         parts = [
-            (own.float() - start.float()).square().mean()
-            / start.float().var().clamp(min=_LEAST_VARIANCE)
+            (own.float() - start.float()).square().flatten(1).mean(1)
+            / start.float().flatten(1).var(1).clamp(min=_LEAST_VARIANCE)
             for own, start in zip(self._maps, starts, strict=True)
         ]
         self._maps = []

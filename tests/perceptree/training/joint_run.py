@@ -1,8 +1,12 @@
-"""One process of a training that a test starts by torchrun. Arguments: DATA OUT DIES_AT."""
+"""One process of a training that a test starts by torchrun.
+
+Arguments: DATA OUT DIES_AT, and START for a training that is held near the weights in that file.
+"""
 
 import json
 import os
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import torch
@@ -45,6 +49,9 @@ def main() -> None:
         augment=AugmentSettings(holes=2),
         sampling=ALL_PROPOSALS,
     )
+    start = Path(sys.argv[4]) if len(sys.argv) > 4 else None
+    if start is not None:
+        settings = replace(settings, frozen_steps=3, keep_features=1.0, keep_weights=100.0)
     told: list[dict[str, float]] = []
     last: dict[str, float] = {}
 
@@ -61,7 +68,7 @@ def main() -> None:
         if status.step == dies_at and os.environ.get("RANK") == "1":
             raise RuntimeError("this process dies")
 
-    train(spec, settings, data, out, note, engine=Engine(precision="fp32", workers=0))
+    train(spec, settings, data, out, note, start, Engine(precision="fp32", workers=0))
     if os.environ.get("RANK", "0") == "0":
         (out / "told.json").write_text(json.dumps(told))
 

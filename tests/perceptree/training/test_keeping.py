@@ -13,7 +13,7 @@ from torch import Tensor
 
 from perceptree.errors import CheckpointError, SettingsError
 from perceptree.models import TreeRCNN, load_checkpoint, make_spec, save_checkpoint
-from perceptree.training import TrainSettings, train
+from perceptree.training import Engine, TrainSettings, train
 from perceptree.training.keeping import StartingBackbone
 from perceptree.training.recipes import recipe_settings
 from perceptree.training.starting import load_heads
@@ -113,9 +113,10 @@ def test_the_loss_of_features_is_their_squared_difference_over_the_variance(
         other.eval().backbone(other.normalise(images)),
         strict=True,
     ):
-        mean = first.sum() / first.numel()
-        variance = ((first - mean) ** 2).sum() / (first.numel() - 1)
-        parts.append(((own - first) ** 2).sum() / first.numel() / variance)
+        for one, start_map in zip(own, first, strict=True):
+            mean = start_map.sum() / start_map.numel()
+            variance = ((start_map - mean) ** 2).sum() / (start_map.numel() - 1)
+            parts.append(((one - start_map) ** 2).sum() / start_map.numel() / variance)
     model.features(images)
     loss = keeper.loss()["features"]
     assert float(loss) == pytest.approx(2.0 * float(sum(parts)) / len(parts), rel=1e-4)
@@ -124,7 +125,7 @@ def test_the_loss_of_features_is_their_squared_difference_over_the_variance(
     assert any(p.grad is not None and p.grad.abs().sum() > 0 for p in model.backbone.parameters())
 
 
-def test_features_stay_nearer_and_a_resumed_run_keeps_its_start(
+def test_features_stay_nearer_and_resumed_or_with_workers_the_weights_are_the_same(
     posts: Path,
     start: Path,
     tmp_path: Path,
@@ -139,8 +140,13 @@ def test_features_stay_nearer_and_a_resumed_run_keeps_its_start(
     with pytest.raises(KeyboardInterrupt):
         train(narrow(), settings, posts, out, interrupt_at(2), init=start)
     parts = train(narrow(), settings, posts, out, init=start)
-    same, again = weights(whole.checkpoint), weights(parts.checkpoint)
-    assert [name for name in same if not torch.equal(same[name], again[name])] == []
+    helped = train(
+        narrow(), settings, posts, tmp_path / "helped", init=start, engine=Engine(workers=2)
+    )
+    same = weights(whole.checkpoint)
+    for other in (parts, helped):
+        again = weights(other.checkpoint)
+        assert [name for name in same if not torch.equal(same[name], again[name])] == []
     free = train(narrow(), plan(frozen_norms=True), posts, tmp_path / "free", init=start)
     assert moved(start, whole.checkpoint)[0] < moved(start, free.checkpoint)[0]
 

@@ -10,9 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import torch
 
 import perceptree.training.run
 from perceptree.errors import SettingsError
+from perceptree.models import TreeRCNN, save_checkpoint
 from perceptree.training import train
 from perceptree.training.batches import SlotSampler
 from perceptree.training.processes import Processes
@@ -24,13 +26,13 @@ Make = Callable[..., Any]
 
 
 def run_processes(
-    number: int, data: Path, out: Path, dies_at: int = NEVER
+    number: int, data: Path, out: Path, dies_at: int = NEVER, near: Path | None = None
 ) -> subprocess.CompletedProcess[str]:
     start = [sys.executable]
     if number > 1:
         start += ["-m", "torch.distributed.run", "--standalone", f"--nproc-per-node={number}"]
     return subprocess.run(
-        [*start, str(SCRIPT), str(data), str(out), str(dies_at)],
+        [*start, str(SCRIPT), str(data), str(out), str(dies_at), *([] if near is None else [near])],
         capture_output=True,
         text=True,
         check=False,
@@ -55,6 +57,23 @@ def test_two_processes_have_the_losses_of_one(
         assert together == pytest.approx(alone, abs=1e-4)
     # The losses change, so the network is trained.
     assert sum(one[-1].values()) < sum(one[0].values())
+
+
+def test_two_processes_hold_a_backbone_near_its_start_as_one_does(
+    write_dataset: Callable[..., Path], tmp_path: Path, narrow: Make
+) -> None:
+    data, start = write_dataset(train=10), tmp_path / "start.safetensors"
+    torch.manual_seed(4)
+    save_checkpoint(start, TreeRCNN(narrow(proposal_nms_iou=1.0)), {})
+    for number in (1, 2):
+        done = run_processes(number, data, tmp_path / str(number), near=start)
+        assert done.returncode == 0, done.stderr
+    one, two = losses(tmp_path / "1"), losses(tmp_path / "2")
+    assert len(one) == len(two) == 8
+    for alone, together in zip(one, two, strict=True):
+        assert together == pytest.approx(alone, abs=1e-4)
+    assert one[2]["features"] >= 0
+    assert one[-1]["features"] > 0
 
 
 @pytest.mark.slow
