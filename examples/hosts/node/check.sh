@@ -4,6 +4,6 @@
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")"
 npm ci --no-audit --no-fund
-edgetree conformance make "${1:-rgb}" --out kit
+edgetree conformance make "${1:-edge-n-rgb}" --out kit
 node run-kit.js kit results.json
 edgetree conformance check kit results.json
