@@ -36,15 +36,14 @@ import torchvision
 from export_files import ALL_PROPOSALS, SIDE_PX, build, calibration_frames, note, our_model, spread
 from numpy.typing import NDArray
 
+from basetree.errors import EdgetreeError, InputError
+from basetree.files.outputs import output_folder
 from edgetree import TreeDetector, default_model, sample_frames
 from edgetree.doctor.machine import examine_machine
-from edgetree.errors import EdgetreeError
 from edgetree.export.frames import sample_inputs
-from edgetree.results.atomic_files import output_folder
 from edgetree.runtime.providers import SessionSettings
 from edgetree.runtime.session import OrtSession, usable_cores
 from perceptree.data import FrameStore, read_split
-from perceptree.errors import PerceptreeError
 from perceptree.evaluation import RawDetections, evaluate
 from perceptree.models import TreeRCNN, make_spec
 
@@ -294,7 +293,7 @@ def main() -> None:
     try:
         with output_folder(kept) if kept else tempfile.TemporaryDirectory() as folder:
             figures = measure(arguments, Path(folder))
-    except (EdgetreeError, PerceptreeError) as error:
+    except (EdgetreeError, InputError) as error:
         parser.error(str(error))
     machine = examine_machine()
     result = {

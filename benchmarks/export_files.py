@@ -17,13 +17,13 @@ import torch
 from eager import torchvision_network
 from numpy.typing import NDArray
 
+from basetree.files.outputs import replacing
 from edgetree.export import ExportSettings
 from edgetree.export.build import trace
 from edgetree.export.frames import frames_sha256, sample_inputs
 from edgetree.export.models import UNTRAINED, load_model, untrained_model, with_settings
 from edgetree.export.quantise import quantise
 from edgetree.export.quiet import quiet
-from edgetree.results.atomic_files import replacing
 from perceptree.data import FrameStore, read_split
 from perceptree.models import TreeRCNN
 

@@ -107,12 +107,12 @@ def is_whole(path: Path, content: bytes, expected: bytes | None) -> bool:
         return (expected or b"").startswith(whole_lines)
     if path.suffix != ".safetensors":
         return False
-    from perceptree.errors import PerceptreeError
+    from basetree.errors import InputError
     from perceptree.models import load_checkpoint
 
     try:
         load_checkpoint(path)
-    except PerceptreeError:
+    except InputError:
         return False
     return True
 

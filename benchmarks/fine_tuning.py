@@ -19,8 +19,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from basetree.files.writing import write_text
 from calib import PinholeCamera
-from calib.writing import write_text
 from perceptree.data import FrameStore, read_split
 from perceptree.evaluation import evaluate, predict_with
 from perceptree.models import load_checkpoint

@@ -329,9 +329,9 @@ def sizes(frames: int, repeats: int) -> Values:
 
 def merging_s(shards: Path, table: Path) -> float:
     """Processor time to merge parts into JSON lines and a table."""
+    from basetree.jobs import open_store, read_manifests
     from edgetree.shards.merging import Outputs, merge_frames
     from edgetree.shards.work import KIND
-    from fleet import open_store, read_manifests
 
     start_s = time.process_time()
     outputs = Outputs(jsonl=table.with_suffix(".jsonl"), csv=table)

@@ -11,7 +11,7 @@ from pathlib import Path
 import onnx
 from model_card_page import page
 
-from calib.writing import write_text, write_whole
+from basetree.files.writing import write_text, write_whole
 from edgetree.catalogue import KnownModel
 from edgetree.export.build import with_manifest
 from edgetree.model_file.manifest import Manifest

@@ -27,7 +27,7 @@ from measure_tables import tables
 from model_card_page import page
 from numpy.typing import NDArray
 
-from calib.writing import write_text
+from basetree.files.writing import write_text
 from edgetree import TreeDetector
 from edgetree.bench.speed import bench_detector
 from edgetree.catalogue import CARD_SCHEMA

@@ -25,8 +25,8 @@ import numpy as np
 from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
-from calib.reading import read_image
-from calib.writing import write_image
+from basetree.files.reading import read_image
+from basetree.files.writing import write_image
 from edgetree import TreeDetections, TreeDetector, default_model
 from edgetree.drawing.trees import draw_trees
 

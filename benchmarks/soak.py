@@ -30,8 +30,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from basetree.errors import EdgetreeError
 from calib import PinholeCamera
-from edgetree import EdgetreeError, TreeDetector, default_model, sample_frames
+from edgetree import TreeDetector, default_model, sample_frames
 from edgetree.catalogue import MODALITIES
 from edgetree.measure import measure_trees
 from edgetree.runtime.providers import import_onnxruntime

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from calib.writing import write_image
+from basetree.files.writing import write_image
 
 WIDTH_PX, HEIGHT_PX = 64, 36
 BATCH = 8

@@ -21,9 +21,9 @@ import numpy as np
 import torch
 from real_pictures import compare, ground_truth
 
+from basetree.files.reading import read_image
+from basetree.files.writing import write_text
 from calib import Letterbox
-from calib.reading import read_image
-from calib.writing import write_text
 from perceptree.data import FrameStore, read_dataset
 from perceptree.evaluation import evaluate, predict_with
 from perceptree.models import TreeRCNN, load_checkpoint

@@ -5,6 +5,7 @@ right, y down, z forward. Image coordinates are continuous pixels: (0, 0) is the
 first pixel, whose centre is (0.5, 0.5).
 """
 
+from basetree.deprecation import moved_names
 from calib.boxes import box_iou
 from calib.camera import PinholeCamera
 from calib.depth import (
@@ -31,7 +32,7 @@ from calib.depth_scale import (
     read_target,
     save_depth_scale,
 )
-from calib.errors import CalibError, CameraError, DepthError, InputFileError
+from calib.errors import CameraError, DepthError
 from calib.files import load_camera, load_transform, save_camera, save_transform
 from calib.ground import (
     CAMERA_UP,
@@ -42,9 +43,7 @@ from calib.ground import (
 )
 from calib.labels import CocoLabels
 from calib.letterbox import Letterbox
-from calib.limits import Limits, current_limits, set_limits
 from calib.masks import CocoRle, encode_rle, mask_polygons, paste_mask
-from calib.picture_size import check_picture_size, picture_size
 from calib.picture_statistics import picture_statistics, usual_ranges
 from calib.pixels import image_to_opencv, opencv_to_image
 from calib.points import depth_to_points, pixels_to_points, pixels_to_rays, project_points
@@ -54,7 +53,6 @@ from calib.transform import RigidTransform
 
 __all__ = [
     "CAMERA_UP",
-    "CalibError",
     "CameraError",
     "CocoLabels",
     "CocoRle",
@@ -66,17 +64,13 @@ __all__ = [
     "DepthScaleFailure",
     "GroundPlane",
     "GroundPlaneFailure",
-    "InputFileError",
     "Letterbox",
-    "Limits",
     "PinholeCamera",
     "Rectification",
     "RigidTransform",
     "TargetReadings",
     "box_iou",
     "check_depth",
-    "check_picture_size",
-    "current_limits",
     "decode_depth",
     "depth_to_disparity",
     "depth_to_points",
@@ -95,7 +89,6 @@ __all__ = [
     "mask_polygons",
     "opencv_to_image",
     "paste_mask",
-    "picture_size",
     "picture_statistics",
     "pixels_to_points",
     "pixels_to_rays",
@@ -108,7 +101,19 @@ __all__ = [
     "save_camera",
     "save_depth_scale",
     "save_transform",
-    "set_limits",
     "usual_ranges",
     "write_depth",
 ]
+
+__getattr__ = moved_names(
+    __name__,
+    {
+        "CalibError": "basetree.errors.InputError",
+        "InputFileError": "basetree.errors.InputFileError",
+        "Limits": "basetree.files.Limits",
+        "check_picture_size": "basetree.files.check_picture_size",
+        "current_limits": "basetree.files.current_limits",
+        "picture_size": "basetree.files.picture_size",
+        "set_limits": "basetree.files.set_limits",
+    },
+)

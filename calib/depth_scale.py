@@ -14,11 +14,11 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from basetree.files.writing import write_text
 from calib.camera import PinholeCamera
 from calib.errors import CameraError, DepthError
 from calib.files.text import parse_record
 from calib.points import pixels_to_rays
-from calib.writing import write_text
 
 Float = NDArray[np.floating[Any]]
 

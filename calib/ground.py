@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from calib.errors import CalibError
+from basetree.errors import InputError
 from calib.ground_cloud import GroundCloud
 
 Float = NDArray[np.floating[Any]]
@@ -110,7 +110,7 @@ def fit_ground_plane(
         line, if every plane is too steep, or if less than 10 % of the points are inliers.
 
     Raises:
-        CalibError: If ``up`` is not a direction.
+        InputError: If ``up`` is not a direction.
     """
     points = np.asarray(points_m, np.float64).reshape(1, -1, 3)
     usable = np.asarray(np.isfinite(points).all(axis=2))
@@ -146,7 +146,7 @@ def fit_ground_planes(
         A plane or a GroundPlaneFailure for each set.
 
     Raises:
-        CalibError: If ``up`` is not a direction.
+        InputError: If ``up`` is not a direction.
     """
     vertical = _direction(CAMERA_UP if up is None else up)
     if not points_m.shape[1]:
@@ -249,7 +249,7 @@ def _direction(up: ArrayLike) -> Float:
     vertical = np.asarray(up, np.float64)
     length = float(np.linalg.norm(vertical)) if vertical.shape == (3,) else 0.0
     if not (np.isfinite(length) and length > 0):
-        raise CalibError(f"up is {vertical.tolist()}: expected a direction of three numbers")
+        raise InputError(f"up is {vertical.tolist()}: expected a direction of three numbers")
     return vertical / length
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from calib.errors import CalibError
+from basetree.errors import InputError
 
 Float = NDArray[np.floating[Any]]
 
@@ -29,7 +29,7 @@ class RigidTransform:
         translation_m: (3,) origin of the first frame in the second, in metres.
 
     Raises:
-        CalibError: If a value has the wrong shape, is not finite, or is not a rotation.
+        InputError: If a value has the wrong shape, is not finite, or is not a rotation.
     """
 
     rotation: Float
@@ -39,7 +39,7 @@ class RigidTransform:
         rotation = _numbers("rotation", self.rotation, (3, 3))
         deviation = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
         if not deviation <= _ORTHONORMAL_TOLERANCE or np.linalg.det(rotation) < 0:
-            raise CalibError(
+            raise InputError(
                 f"rotation is {rotation.tolist()}: expected an orthonormal, right-handed matrix"
             )
         left, _, right = np.linalg.svd(rotation)
@@ -62,12 +62,12 @@ class RigidTransform:
             translation_m: (3,) metres.
 
         Raises:
-            CalibError: If a value is invalid.
+            InputError: If a value is invalid.
         """
         quaternion = _numbers("quaternion_xyzw", xyzw, (4,))
         length = float(np.linalg.norm(quaternion))
         if abs(length - 1) > _ORTHONORMAL_TOLERANCE:
-            raise CalibError(f"quaternion_xyzw has length {length:g}: expected 1")
+            raise InputError(f"quaternion_xyzw has length {length:g}: expected 1")
         x, y, z, w = quaternion / length
         cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
         place_m = _numbers("translation_m", translation_m, (3,))
@@ -89,7 +89,7 @@ class RigidTransform:
             translation_m: (3,) metres.
 
         Raises:
-            CalibError: If a value is invalid.
+            InputError: If a value is invalid.
         """
         angles = np.radians(_numbers("roll_pitch_yaw_deg", (roll, pitch, yaw), (3,)))
         (sr, sp, sy), (cr, cp, cy) = np.sin(angles), np.cos(angles)
@@ -120,7 +120,7 @@ class RigidTransform:
             yaw_deg: Positive makes the camera look to the left.
 
         Raises:
-            CalibError: If a value is invalid.
+            InputError: If a value is invalid.
         """
         angles = {"roll_deg": roll_deg, "pitch_deg": pitch_deg, "yaw_deg": yaw_deg}
         roll, pitch, yaw = (float(_numbers(name, angle, ())) for name, angle in angles.items())
@@ -154,4 +154,4 @@ def _numbers(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Float:
             if np.isfinite(array).all():
                 return array
     expected = f"{'x'.join(map(str, shape))} finite numbers" if shape else "a finite number"
-    raise CalibError(f"{name} is {found.tolist()!r}: expected {expected}")
+    raise InputError(f"{name} is {found.tolist()!r}: expected {expected}")

@@ -63,7 +63,8 @@ def _api_directives(package: str, other: str | None) -> Iterator[str]:
 
 def _public_names(package: str) -> list[str]:
     """The names in a package's `__all__`, read without importing it."""
-    path = _ROOT / package.replace(".", "/") / "__init__.py"
+    folder = _ROOT / package.replace(".", "/")
+    path = folder / "__init__.py" if folder.is_dir() else folder.with_suffix(".py")
     for node in ast.parse(path.read_text("utf-8")).body:
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
             return list(ast.literal_eval(node.value))

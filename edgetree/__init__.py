@@ -15,17 +15,13 @@ import importlib
 import os
 from typing import TYPE_CHECKING, Any
 
+from basetree.deprecation import moved_names
+
 if TYPE_CHECKING:
+    from basetree.errors import CheckFailed, EdgetreeError, InputError, MissingPackage
     from edgetree.detections import KEYPOINT_NAMES, TreeDetections
     from edgetree.drawing import draw_trees
-    from edgetree.errors import (
-        CheckFailed,
-        EdgetreeError,
-        InputError,
-        MissingDependency,
-        ModelFileError,
-        SignatureError,
-    )
+    from edgetree.errors import ModelFileError, SignatureError
     from edgetree.model_file import Manifest
     from edgetree.runtime import TreeDetector, default_model
     from edgetree.samples import SampleFrame, SampleTree, sample_frames
@@ -39,7 +35,7 @@ __all__ = [
     "EdgetreeError",
     "InputError",
     "Manifest",
-    "MissingDependency",
+    "MissingPackage",
     "ModelFileError",
     "SampleFrame",
     "SampleTree",
@@ -52,28 +48,29 @@ __all__ = [
 ]
 
 _MODULES = {
-    "KEYPOINT_NAMES": "detections",
-    "CheckFailed": "errors",
-    "EdgetreeError": "errors",
-    "InputError": "errors",
-    "Manifest": "model_file",
-    "MissingDependency": "errors",
-    "ModelFileError": "errors",
-    "SampleFrame": "samples",
-    "SampleTree": "samples",
-    "SignatureError": "errors",
-    "TreeDetections": "detections",
-    "TreeDetector": "runtime",
-    "default_model": "runtime",
-    "draw_trees": "drawing",
-    "sample_frames": "samples",
+    "KEYPOINT_NAMES": "edgetree.detections",
+    "CheckFailed": "basetree.errors",
+    "EdgetreeError": "basetree.errors",
+    "InputError": "basetree.errors",
+    "Manifest": "edgetree.model_file",
+    "MissingPackage": "basetree.errors",
+    "ModelFileError": "edgetree.errors",
+    "SampleFrame": "edgetree.samples",
+    "SampleTree": "edgetree.samples",
+    "SignatureError": "edgetree.errors",
+    "TreeDetections": "edgetree.detections",
+    "TreeDetector": "edgetree.runtime",
+    "default_model": "edgetree.runtime",
+    "draw_trees": "edgetree.drawing",
+    "sample_frames": "edgetree.samples",
 }
+_moved = moved_names(__name__, {"MissingDependency": "basetree.errors.MissingPackage"})
 
 
 def __getattr__(name: str) -> Any:
     if name not in _MODULES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"edgetree.{_MODULES[name]}"), name)
+        return _moved(name)
+    return getattr(importlib.import_module(_MODULES[name]), name)
 
 
 def __dir__() -> list[str]:

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from edgetree.errors import InputError, ModelFileError
+from basetree.errors import InputError
+from edgetree.errors import ModelFileError
 from edgetree.model_file.manifest import METADATA_KEY, Manifest
 from edgetree.model_file.safety_check import read_model_file
 

@@ -9,6 +9,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
+from basetree.program.process import run_command_line
 from edgetree.commands.bench import bench
 from edgetree.commands.calibrate import calibrate
 from edgetree.commands.check import check
@@ -27,7 +28,6 @@ from edgetree.commands.run import run
 from edgetree.commands.sign import sign
 from edgetree.commands.trust import trust
 from edgetree.commands.verify import verify
-from edgetree.process import run_command_line
 
 __all__ = ["app", "main"]
 
@@ -90,10 +90,10 @@ def options(
 ) -> None:
     """Print the help if no command is given."""
     if max_megapixels is not None:
-        import calib
+        from basetree.files import current_limits, set_limits
 
         limit = max_megapixels * 1_000_000
-        calib.set_limits(replace(calib.current_limits(), image_pixels=limit))
+        set_limits(replace(current_limits(), image_pixels=limit))
     if require_signature:
         from edgetree.signing import require_signatures
 

@@ -8,8 +8,8 @@ from typing import Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from basetree.errors import InputError
 from calib import paste_mask
-from edgetree.errors import InputError
 
 __all__ = ["ERROR_FACTORS", "KEYPOINT_NAMES", "MASK_SIZE", "TreeDetections", "UnlikeTraining"]
 

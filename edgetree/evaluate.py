@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from edgetree.errors import InputError, MissingDependency, install_hint
+from basetree.errors import InputError, MissingPackage, install_hint
 from edgetree.model_file.manifest import Manifest
 from edgetree.runtime.detector import TreeDetector
 from edgetree.runtime.session import InferenceSession
@@ -47,7 +47,7 @@ def evaluate_file(
 
     Raises:
         InputError: `split` is not one of the above.
-        MissingDependency: torch or another package for training is not installed.
+        MissingPackage: torch or another package for training is not installed.
         perceptree.errors.DatasetError: the dataset is missing, broken or has no trees.
     """
     _need_training_setup()
@@ -140,6 +140,6 @@ def _need_training_setup() -> None:
     try:
         import perceptree.evaluation  # noqa: F401
     except ImportError as error:
-        raise MissingDependency(
+        raise MissingPackage(
             f"{error}: evaluation needs the packages for training, {install_hint('train')}"
         ) from error

@@ -1,28 +1,14 @@
-"""Work on more than one machine: shards, stores of results, and the cluster engine Ray.
+"""The old name of `basetree.jobs`, which goes on for one version with a warning."""
 
-A job is work on many frames, cut into units such as scenes or blocks of frames. The result of a
-unit is one part, a file in a store. A part is written when its unit is finished, so that a stopped
-job goes on where it was, and two workers may do the same unit without harm. Merging the parts gives
-what one machine gives.
+from basetree.deprecation import moved_names
 
-This package knows nothing about trees: `perceptree` and `edgetree` say what their units are.
-"""
+__all__: list[str] = []
 
-from fleet.errors import FleetError, JobError, MissingEngine, StoreError
-from fleet.jobs import Job
-from fleet.manifests import MergedParts, read_manifests, write_manifest
-from fleet.progress import Progress
-from fleet.running import Start, Worker, run_shard
-from fleet.shard import Shard
-from fleet.stores import LocalStore, Store, copy_folder, fetch, is_url, open_store
-
-__all__ = [
-    "FleetError",
+_JOBS = (
     "Job",
     "JobError",
     "LocalStore",
     "MergedParts",
-    "MissingEngine",
     "Progress",
     "Shard",
     "Start",
@@ -36,4 +22,12 @@ __all__ = [
     "read_manifests",
     "run_shard",
     "write_manifest",
-]
+)
+__getattr__ = moved_names(
+    __name__,
+    {name: f"basetree.jobs.{name}" for name in _JOBS}
+    | {
+        "FleetError": "basetree.errors.InputError",
+        "MissingEngine": "basetree.errors.MissingPackage",
+    },
+)

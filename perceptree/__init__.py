@@ -1,5 +1,14 @@
 """Simulator, datasets, models, training and evaluation of tree detectors."""
 
-from perceptree.errors import CheckpointError, DatasetError, PerceptreeError, SettingsError
+from basetree.deprecation import moved_names
+from perceptree.errors import CheckpointError, DatasetError
 
-__all__ = ["CheckpointError", "DatasetError", "PerceptreeError", "SettingsError"]
+__all__ = ["CheckpointError", "DatasetError"]
+
+__getattr__ = moved_names(
+    __name__,
+    {
+        "PerceptreeError": "basetree.errors.InputError",
+        "SettingsError": "basetree.errors.SettingsError",
+    },
+)

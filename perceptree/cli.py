@@ -7,6 +7,8 @@ from typing import Annotated, NoReturn
 
 import typer
 
+from basetree.errors import MissingPackage
+from basetree.program.process import run_command_line
 from perceptree.commands.average import average
 from perceptree.commands.calibrate_scores import calibrate_scores
 from perceptree.commands.data import app as data
@@ -19,8 +21,6 @@ from perceptree.commands.scene import scene
 from perceptree.commands.synth import synth
 from perceptree.commands.tables import tables
 from perceptree.commands.train import train
-from perceptree.errors import MissingPackage
-from perceptree.process import run_command_line
 
 app = typer.Typer(
     name="perceptree",

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.file_names import printable
+from basetree.files.names import printable
 
 Picture = NDArray[np.uint8]
 Float = NDArray[np.floating[Any]]

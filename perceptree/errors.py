@@ -1,32 +1,13 @@
-"""Errors of perceptree.
-
-PerceptreeError
-├── SettingsError      invalid setting
-├── DatasetError       missing, unreadable or inconsistent frames or labels
-├── CheckpointError    not a checkpoint of this project, or not writable
-└── MissingPackage     an optional package is not installed
-"""
+"""Errors of perceptree."""
 
 from __future__ import annotations
 
-
-class PerceptreeError(Exception):
-    """Base class of perceptree's errors; the message is one line meant for the user."""
-
-    exit_code = 2
+from basetree.errors import InputError
 
 
-class SettingsError(PerceptreeError):
-    """Invalid setting."""
-
-
-class DatasetError(PerceptreeError):
+class DatasetError(InputError):
     """Missing, unreadable or inconsistent frames or labels."""
 
 
-class CheckpointError(PerceptreeError):
+class CheckpointError(InputError):
     """A file that is not a checkpoint of this project, or that cannot be written."""
-
-
-class MissingPackage(PerceptreeError):
-    """An optional package is needed but not installed."""

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.errors import CalibError
+from basetree.errors import InputError
 from calib.pixels import opencv_to_image
 
 Float = NDArray[np.floating[Any]]
@@ -45,7 +45,7 @@ class Checkerboard:
         square_m: Side of a square in metres.
 
     Raises:
-        CalibError: If a value is out of range.
+        InputError: If a value is out of range.
     """
 
     columns: int
@@ -88,7 +88,7 @@ class CharucoBoard:
         dictionary: OpenCV's marker dictionary in lower case, such as "4x4_50".
 
     Raises:
-        CalibError: If a value is out of range or the dictionary is unknown or too small.
+        InputError: If a value is out of range or the dictionary is unknown or too small.
     """
 
     columns: int
@@ -101,17 +101,17 @@ class CharucoBoard:
         _check_counts(self.columns, self.rows, "squares")
         _check_lengths(square_m=self.square_m, marker_m=self.marker_m)
         if self.marker_m >= self.square_m:
-            raise CalibError(
+            raise InputError(
                 f"marker_m is {self.marker_m:g}: expected less than square_m, {self.square_m:g}"
             )
         dictionaries = _dictionaries()
         if self.dictionary not in dictionaries:
             known = ", ".join(sorted(dictionaries))
-            raise CalibError(f"dictionary is {self.dictionary!r}: expected one of {known}")
+            raise InputError(f"dictionary is {self.dictionary!r}: expected one of {known}")
         markers = len(_predefined(self.dictionary).bytesList)
         needed = self.columns * self.rows // 2
         if markers < needed:
-            raise CalibError(
+            raise InputError(
                 f"dictionary {self.dictionary} has {markers} markers: expected {needed} for"
                 f" {self.columns}x{self.rows} squares"
             )
@@ -151,7 +151,7 @@ class CircleGrid:
         asymmetric: Whether every second row is shifted by ``spacing_m``.
 
     Raises:
-        CalibError: If a value is out of range.
+        InputError: If a value is out of range.
     """
 
     columns: int
@@ -205,13 +205,13 @@ def _charuco(board: CharucoBoard) -> tuple[cv2.aruco.CharucoBoard, cv2.aruco.Cha
 def _check_counts(columns: int, rows: int, what: str) -> None:
     for name, count in (("columns", columns), ("rows", rows)):
         if not 3 <= count <= _MAX_COUNT:
-            raise CalibError(f"{name} is {count}: expected 3 to {_MAX_COUNT} {what}")
+            raise InputError(f"{name} is {count}: expected 3 to {_MAX_COUNT} {what}")
 
 
 def _check_lengths(**lengths_m: float) -> None:
     for name, length_m in lengths_m.items():
         if not 0 < length_m <= _MAX_LENGTH_M:
-            raise CalibError(
+            raise InputError(
                 f"{name} is {length_m:g}: expected metres, more than 0 and up to {_MAX_LENGTH_M:g}"
             )
 

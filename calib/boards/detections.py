@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from basetree.errors import InputError
 from calib.boards.board import Board
 from calib.boards.solve import BoardView
-from calib.errors import CalibError
 
 Grey = NDArray[np.uint8]
 
@@ -70,7 +70,7 @@ def find_boards(pictures: Iterable[Picture], board: Board) -> BoardDetections:
         The distinct views, and the names of images without a board or with a repeated view.
 
     Raises:
-        CalibError: If an image has another size than the first.
+        InputError: If an image has another size than the first.
     """
     first: Picture | None = None
     views: list[BoardView] = []
@@ -80,7 +80,7 @@ def find_boards(pictures: Iterable[Picture], board: Board) -> BoardDetections:
     for picture in _sampled(pictures):
         first = first or picture
         if picture.grey.shape != first.grey.shape:
-            raise CalibError(
+            raise InputError(
                 f"{picture.name} is {_size_text(picture)}: expected {_size_text(first)},"
                 f" as {first.name}; all images must have one size"
             )

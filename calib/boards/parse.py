@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
+from basetree.errors import InputError
 from calib.boards.board import Board, CharucoBoard, Checkerboard, CircleGrid
-from calib.errors import CalibError
 
 BOARD_FORMS: Final = (
     "checkerboard:9x6:0.025 (inner corners, side of a square in metres),"
@@ -19,7 +19,7 @@ def parse_board(text: str) -> Board:
     """Create a board from a text in one of the forms of ``BOARD_FORMS``.
 
     Raises:
-        CalibError: If the text has no known form or a value is invalid; the message quotes it.
+        InputError: If the text has no known form or a value is invalid; the message quotes it.
     """
     kind, *parts = text.strip().lower().split(":")
     try:
@@ -29,11 +29,11 @@ def parse_board(text: str) -> Board:
             return CharucoBoard(*_counts(parts[0]), float(parts[1]), float(parts[2]), parts[3])
         if kind == "circles" and (len(parts) == 2 or parts[2:] == ["asymmetric"]):
             return CircleGrid(*_counts(parts[0]), float(parts[1]), asymmetric=len(parts) == 3)
-    except CalibError as error:
-        raise CalibError(f"board {text!r}: {error}") from error
+    except InputError as error:
+        raise InputError(f"board {text!r}: {error}") from error
     except ValueError:
         pass
-    raise CalibError(f"board is {text!r}: expected one such as {BOARD_FORMS}")
+    raise InputError(f"board is {text!r}: expected one such as {BOARD_FORMS}")
 
 
 def _counts(text: str) -> tuple[int, int]:

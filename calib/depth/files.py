@@ -10,10 +10,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.errors import DepthError, InputFileError
-from calib.limits import current_limits
-from calib.reading import read_image
-from calib.writing import write_image
+from basetree.errors import InputFileError
+from basetree.files.limits import current_limits
+from basetree.files.reading import read_image
+from basetree.files.writing import write_image
+from calib.errors import DepthError
 
 _MM_PER_M = 1000.0
 _MAX_MM = 65535

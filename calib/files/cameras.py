@@ -8,8 +8,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from basetree.errors import InputFileError, short_line
+from basetree.files.writing import write_text
 from calib.camera import PinholeCamera
-from calib.errors import CameraError, InputFileError, short_line
+from calib.errors import CameraError
 from calib.files import (
     camodocal,
     kalibr,
@@ -24,7 +26,6 @@ from calib.files import (
 )
 from calib.files.fields import Values
 from calib.files.text import parse, read_text
-from calib.writing import write_text
 
 _log = logging.getLogger(__name__)
 _EXPECTED = "a camera file"

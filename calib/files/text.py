@@ -1,6 +1,6 @@
 """Parse a text file as JSON, XML, INI or YAML, recognised by its content.
 
-Every camera, transform and depth scale file is read here, within the limits of ``calib.limits``.
+Every camera, transform and depth scale file is read here, within ``basetree.files.Limits``.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-from calib.errors import InputFileError
-from calib.limits import current_limits
+from basetree.errors import InputFileError
+from basetree.files.limits import current_limits
 
 _INI = re.compile(r"(\s*[;#].*\n)*\s*\[[A-Za-z]\w*\]\s*\n")
 _OLD_OPENCV_HEADER = re.compile(r"\s*%YAML:1\.0[^\n]*\n")

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from calib.errors import CalibError
+from basetree.errors import InputError
+from basetree.files.writing import write_text
 from calib.files.text import parse_record
 from calib.transform import RigidTransform
-from calib.writing import write_text
 
 SCHEMA = "calib.transform/1"
 
@@ -28,13 +28,13 @@ def load_transform(path: Path | str) -> RigidTransform:
 
     Raises:
         InputFileError: If the file is missing, unreadable or has another schema.
-        CalibError: If a value is invalid; the message names the file.
+        InputError: If a value is invalid; the message names the file.
     """
     path = Path(path)
     values = parse_record(path, SCHEMA, _EXPECTED)
     try:
         return _build(values)
-    except CalibError as error:
+    except InputError as error:
         raise type(error)(f"{path}: {error}") from error
 
 
@@ -44,7 +44,7 @@ def _build(values: Mapping[str, Any]) -> RigidTransform:
     if given == ["mounting"]:
         return _mounting(values["mounting"])
     if len(rotations) != 1 or given != sorted([*rotations, "translation_m"]):
-        raise CalibError(
+        raise InputError(
             f"the fields are {given}: expected translation_m and one of {', '.join(_ROTATIONS)},"
             " or mounting alone"
         )
@@ -54,7 +54,7 @@ def _build(values: Mapping[str, Any]) -> RigidTransform:
     if rotations[0] == "quaternion_xyzw":
         return RigidTransform.from_quaternion(rotation, translation_m)
     if not isinstance(rotation, list) or len(rotation) != 3:
-        raise CalibError(f"roll_pitch_yaw_deg is {rotation!r}: expected three numbers")
+        raise InputError(f"roll_pitch_yaw_deg is {rotation!r}: expected three numbers")
     roll, pitch, yaw = rotation
     return RigidTransform.from_euler_deg(roll, pitch, yaw, translation_m)
 
@@ -63,7 +63,7 @@ def _mounting(values: Any) -> RigidTransform:
     known = isinstance(values, Mapping) and set(values) <= {"position_m", *_ANGLES}
     if not known or "position_m" not in values:
         found = sorted(map(str, values)) if isinstance(values, Mapping) else repr(values)
-        raise CalibError(f"mounting has {found}: expected position_m, {', '.join(_ANGLES)}")
+        raise InputError(f"mounting has {found}: expected position_m, {', '.join(_ANGLES)}")
     angles = {name: values.get(name, 0.0) for name in _ANGLES}
     return RigidTransform.mounting(values["position_m"], **angles)
 

@@ -1,4 +1,4 @@
-"""Parse YAML: plain values only, within the limits of ``calib.limits``."""
+"""Parse YAML: plain values only, within the limits of ``basetree.files.limits``."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 import yaml
 
+from basetree.files.limits import current_limits
 from calib.files.text import refuse_repeated
-from calib.limits import current_limits
 
 _TAG = "tag:yaml.org,2002:"
 _LONGEST_NUMBER = 1000

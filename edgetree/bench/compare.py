@@ -17,7 +17,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from edgetree.errors import InputError
+from basetree.errors import InputError
 
 __all__ = ["LEAST_AP", "LEAST_SHARE", "Comparison", "RowChange", "compare_results"]
 

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from edgetree.errors import InputError, SignatureError
+from basetree.errors import InputError
+from edgetree.errors import SignatureError
 from edgetree.export.settings import PRECISIONS, TARGETS
 from edgetree.runtime.providers import AUTO, CPU
 from edgetree.signing.verify import is_signature_required
@@ -120,7 +121,7 @@ class NetworkFiles:
         Raises:
             InputError: a name has no file and is not in `NETWORKS`, or the folder is not writable.
             SignatureError: a file is missing, and signatures are required.
-            MissingDependency: a file is missing and torch is not installed.
+            MissingPackage: a file is missing and torch is not installed.
         """
         missing = [file for file in self.files() if not file.path.is_file()]
         for file in missing:
@@ -133,8 +134,8 @@ class NetworkFiles:
             self._export(missing, say)
 
     def _export(self, missing: list[NetworkFile], say: Say) -> None:
+        from basetree.files.outputs import output_folder
         from edgetree.export import ExportSettings, export_preset
-        from edgetree.results.atomic_files import output_folder
 
         if is_signature_required():
             raise SignatureError(

@@ -9,8 +9,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+from basetree.errors import InputError
 from edgetree.bench.paper_table import PAPER, PAPER_GPU
-from edgetree.errors import InputError
 
 __all__ = [
     "SCHEMA",

@@ -17,8 +17,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from basetree.errors import CheckFailed, InputError
 from edgetree.bench.worker import Job
-from edgetree.errors import CheckFailed, InputError
 
 __all__ = ["BenchSettings", "Variant", "measure_variants"]
 

@@ -19,13 +19,13 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
+from basetree.errors import EdgetreeError
 from edgetree.bench.frames import BenchFrame, bench_frames
 from edgetree.bench.peak import machine_peak
 from edgetree.bench.profile import count_multiply_adds, network_times
 from edgetree.bench.sensors import EnergyCounter, sensor_values
 from edgetree.bench.speed import call_times_ms, model_record, peak_memory_mib
 from edgetree.bench.stages import stages_ms
-from edgetree.errors import EdgetreeError
 from edgetree.runtime.detector import TreeDetector
 from edgetree.runtime.providers import SessionSettings
 from edgetree.runtime.session import OrtSession

@@ -6,12 +6,12 @@ import math
 from dataclasses import dataclass
 from typing import Any, Final
 
+from basetree.errors import InputError
 from edgetree.check.error_fit import ErrorFit, fit_errors
 from edgetree.check.matching import Matching, match_stems
 from edgetree.check.quantities import QuantityCheck, check_quantity
 from edgetree.check.records import fit_record, matching_record, quantity_record
 from edgetree.check.stems import CHECKED, CaliperTable, MeasuredTable
-from edgetree.errors import InputError
 from edgetree.measure import Failure, MeasureSettings
 
 __all__ = ["MAX_DISTANCE_M", "CheckResult", "compare"]

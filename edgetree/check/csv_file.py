@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from edgetree.errors import InputError
+from basetree.errors import InputError
 
 __all__ = ["CsvFile", "Row", "read_csv"]
 

@@ -8,6 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Final
 
+from basetree.files.outputs import replacing, text_file
 from edgetree.check.acceptance import CheckResult
 from edgetree.check.error_fit import ErrorFit
 from edgetree.check.matching import Pair
@@ -16,7 +17,6 @@ from edgetree.check.quantities import Comparison
 from edgetree.check.records import fit_record
 from edgetree.check.stems import CHECKED
 from edgetree.measure import Failure
-from edgetree.results.atomic_files import replacing, text_file
 from edgetree.results.csv_table import cell
 from edgetree.results.pictures import encode_picture
 

@@ -10,8 +10,8 @@ from itertools import product
 from pathlib import Path
 from typing import Final, Literal, NamedTuple, TypeAlias
 
+from basetree.errors import InputError
 from edgetree.check.stems import CaliperStem, CaliperTable, MeasuredStem, MeasuredTable
-from edgetree.errors import InputError
 
 __all__ = ["MatchedBy", "Matching", "Pair", "match_stems"]
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, TypeAlias
 
+from basetree.errors import InputError
 from edgetree.check.csv_file import CsvFile, Row, read_csv
-from edgetree.errors import InputError
 from edgetree.measure import Estimate, Failure
 
 __all__ = [

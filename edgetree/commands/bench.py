@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
+from basetree.program.console import note, print_json
 from edgetree.commands.bench_options import BenchFiles, MeasureOptions, NetworkOptions
 from edgetree.commands.option_groups import expand_groups
 from edgetree.commands.options import Json
-from edgetree.console import note, print_json
 
 if TYPE_CHECKING:
     from edgetree.bench.files import NetworkFiles
@@ -58,7 +58,7 @@ def bench(
 
     All variants are measured in turn, each time in a process of its own. Keep the machine quiet.
     """
-    from edgetree.results.atomic_files import check_paths
+    from basetree.files.outputs import check_paths
 
     check_paths(
         {f"--{name}": path for name, path in asdict(files).items()},
@@ -94,12 +94,12 @@ def _chosen(names: list[str], networks: NetworkOptions, provider: str) -> list[_
 
 def _network_files(listed: NetworkFiles) -> list[_Chosen]:
     """The files of networks by name; without the packages for exporting, those that are there."""
+    from basetree.errors import MissingPackage
     from edgetree.catalogue import known_models
-    from edgetree.errors import MissingDependency
 
     try:
         listed.export_missing(note)
-    except MissingDependency as error:
+    except MissingPackage as error:
         found = [file for file in listed.files() if file.path.is_file()]
         chosen = [(file.network, file.path, file.network) for file in found]
         for network in listed.networks:
@@ -212,9 +212,9 @@ def _environment() -> dict[str, Any]:
 def _write(result: dict[str, Any], files: BenchFiles) -> None:
     import json
 
+    from basetree.files.outputs import text_file
     from edgetree.bench.page import page_html
     from edgetree.bench.result import csv_text, markdown_text
-    from edgetree.results.atomic_files import text_file
 
     makers: dict[Path | None, Callable[[], Iterable[str]]] = {
         files.out: lambda: [json.dumps(result, indent=1, allow_nan=False), "\n"],

@@ -27,7 +27,7 @@ def accuracy_of(path: Path, data: Path | None, split: str) -> dict[str, Any] | N
         split: split of the dataset.
 
     Raises:
-        MissingDependency: a dataset is given, and torch or another package for training is missing.
+        MissingPackage: a dataset is given, and torch or another package for training is missing.
         perceptree.errors.DatasetError: the dataset is missing or broken.
         EdgetreeError: the model cannot be opened.
     """
@@ -35,8 +35,8 @@ def accuracy_of(path: Path, data: Path | None, split: str) -> dict[str, Any] | N
 
 
 def _of_card(path: Path) -> dict[str, Any] | None:
+    from basetree.errors import InputError
     from edgetree.catalogue import KnownModel
-    from edgetree.errors import InputError
 
     try:
         card = KnownModel(path.stem, path).card()
@@ -79,10 +79,10 @@ def _of_data(path: Path, data: Path, split: str) -> dict[str, Any]:
 
 def _diameter_error_mm(detector: TreeDetector, data: Path, split: str) -> float | None:
     """Median absolute error of the diameter on up to a hundred frames of a simulated dataset."""
+    from basetree.errors import InputError
     from edgetree.demo.comparison import summarise
     from edgetree.demo.examine import examine
     from edgetree.demo.held_out import held_out_frames
-    from edgetree.errors import InputError
 
     try:
         frames = held_out_frames(data, split, _MOST_METRE_FRAMES)

@@ -135,8 +135,8 @@ class NetworkOptions:
         Raises:
             InputError: an option is invalid, or given without --backbones.
         """
+        from basetree.errors import InputError
         from edgetree.bench.files import NetworkFiles, cache_folder
-        from edgetree.errors import InputError
 
         if self.backbones is None:
             names = ("models", "precision", "size", "proposals")
@@ -169,7 +169,7 @@ def _names(text: str) -> tuple[str, ...]:
 
 
 def _numbers(option: str, text: str) -> tuple[int, ...]:
-    from edgetree.errors import InputError
+    from basetree.errors import InputError
 
     numbers = tuple(int(part) if part.isdecimal() else 0 for part in _names(text))
     if min(numbers) < 1 or len(set(numbers)) != len(numbers):
@@ -180,7 +180,7 @@ def _numbers(option: str, text: str) -> tuple[int, ...]:
 
 
 def _size(text: str) -> tuple[int, int]:
-    from edgetree.errors import InputError
+    from basetree.errors import InputError
 
     width, _, height = text.partition("x")
     if not (width.isdecimal() and height.isdecimal()):

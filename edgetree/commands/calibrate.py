@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
+from basetree.program.console import note, print_json, track
 from edgetree.commands.options import Json, quoted
-from edgetree.console import note, print_json, track
 
 if TYPE_CHECKING:
     from calib.boards import (
@@ -69,11 +69,11 @@ def calibrate(
     If the calibration is not accurate enough for measuring, no file is written and the exit code
     is 1. Pictures of a folder that cannot be read are left out, with exit code 1 too.
     """
+    from basetree.errors import InputError
+    from basetree.files.outputs import output_folder
     from calib.boards import LENS_MODELS, parse_board
     from edgetree.commands.frame_results import LeftOut
-    from edgetree.errors import InputError
     from edgetree.frames.sources import open_source
-    from edgetree.results.atomic_files import output_folder
 
     if model not in LENS_MODELS:
         raise InputError(f"--model is {model!r}: expected {' or '.join(LENS_MODELS)}")
@@ -129,9 +129,9 @@ class _Outcome:
 
     def check(self) -> None:
         """Raise CheckFailed if a result is not accurate enough."""
+        from basetree.errors import CheckFailed
         from calib import DepthScaleFailure
         from calib.boards import CalibrationFailure
-        from edgetree.errors import CheckFailed
 
         if isinstance(self.result, CalibrationFailure):
             raise CheckFailed(self.result.reason)

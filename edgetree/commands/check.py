@@ -9,8 +9,8 @@ from typing import Annotated, TypeAlias
 
 import typer
 
+from basetree.program.console import note, print_json
 from edgetree.commands.options import Json, quoted
-from edgetree.console import note, print_json
 
 __all__ = ["check"]
 
@@ -55,11 +55,11 @@ def check(
     The exit code is 1 if the intervals hold clearly less than 90 %, or if the diameters have a
     bias of more than 3 standard errors and more than 2 % of their mean.
     """
+    from basetree.errors import CheckFailed, InputError
+    from basetree.files.outputs import check_paths, output_folder
     from edgetree.check import compare, read_caliper, read_measured
     from edgetree.check.files import check_files, write_files
     from edgetree.check.report import report_lines
-    from edgetree.errors import CheckFailed, InputError
-    from edgetree.results.atomic_files import check_paths, output_folder
 
     if not (math.isfinite(max_distance) and max_distance > 0):
         raise InputError(f"--max-distance is {max_distance}: expected metres above 0")

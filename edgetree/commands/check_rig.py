@@ -7,10 +7,10 @@ from typing import Annotated, TypeAlias
 
 import typer
 
+from basetree.program.console import print_json
 from edgetree.commands.live_options import LiveMetresOptions, LiveSourceOptions
 from edgetree.commands.option_groups import SessionOptions, expand_groups
 from edgetree.commands.options import Json, Model
-from edgetree.console import print_json
 
 __all__ = ["check_rig"]
 
@@ -45,7 +45,7 @@ def check_rig(
 
     The exit code is 1 if a check does not hold.
     """
-    from edgetree.errors import CheckFailed, InputError
+    from basetree.errors import CheckFailed, InputError
     from edgetree.rig_check import check_rig as checked
     from edgetree.rig_check.report import problem_text, report_lines
 

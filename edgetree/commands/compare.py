@@ -7,8 +7,8 @@ from typing import Annotated, TypeAlias
 
 import typer
 
+from basetree.program.console import print_json
 from edgetree.commands.options import Json
-from edgetree.console import print_json
 
 __all__ = ["compare"]
 
@@ -26,9 +26,9 @@ def compare(old: _Old, new: _New, as_json: Json = False) -> None:
 
     The exit code is 1 if a model became slower or less accurate.
     """
+    from basetree.errors import CheckFailed
     from edgetree.bench.compare import compare_results
     from edgetree.bench.result import read_result
-    from edgetree.errors import CheckFailed
 
     found = compare_results(read_result(old), read_result(new))
     if as_json:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
+from basetree.program.console import note, print_json
 from edgetree.commands.options import Json, Provider, Threads
-from edgetree.console import note, print_json
 
 if TYPE_CHECKING:
     from edgetree.conformance import Comparison, Results

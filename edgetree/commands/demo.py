@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from basetree.program.console import note, print_json
 from edgetree.commands.options import Json
-from edgetree.console import note, print_json
 
 if TYPE_CHECKING:
     from edgetree.demo import DemoResult, NextCommand, Progress
@@ -39,9 +39,9 @@ def demo(
 
     Prints the path of the report, a self-contained HTML file.
     """
+    from basetree.files.outputs import output_folder
     from edgetree.demo import run_embedded, write_report
     from edgetree.demo.training import run_trained
-    from edgetree.results.atomic_files import output_folder
 
     if train:
         _check_no_signature_required()
@@ -110,8 +110,8 @@ def _summary(result: DemoResult) -> Iterator[str]:
 
 def _next_commands(out: Path, train: bool) -> list[NextCommand]:
     """Suggestions for the last section of the report."""
+    from basetree.errors import install_hint
     from edgetree.demo import NextCommand
-    from edgetree.errors import install_hint
 
     model = f" --model {out / 'model.onnx'}" if train else ""
     measured = out / "model.onnx" if train else "depth"

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Final
 
 import typer
 
+from basetree.program.console import note, print_json
 from edgetree.commands.options import Json
-from edgetree.console import note, print_json
 
 if TYPE_CHECKING:
     from edgetree.doctor import Advice, Findings, Machine

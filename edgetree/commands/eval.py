@@ -8,9 +8,9 @@ from typing import Annotated, TypeAlias
 
 import typer
 
+from basetree.program.console import Progress, note, print_json, progress
 from edgetree.commands.option_groups import SessionOptions, expand_groups
 from edgetree.commands.options import Json, model_record
-from edgetree.console import Progress, note, print_json, progress
 
 __all__ = ["evaluate"]
 
@@ -46,8 +46,8 @@ def evaluate(
     Prints the COCO AP of boxes, masks and keypoints and errors in pixels, by distance, weather and
     other conditions. Needs the packages for training.
     """
+    from basetree.files.outputs import output_folder
     from edgetree.evaluate import evaluate_file, summary_of
-    from edgetree.results.atomic_files import output_folder
 
     detector, path = session.open_model(model)
     with ExitStack() as stack:

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
-from calib import CalibError
-from edgetree.console import note, track
+from basetree.errors import CheckFailed, InputError
+from basetree.program.console import note, track
 from edgetree.detections import UnlikeTraining
-from edgetree.errors import CheckFailed, InputError
 from edgetree.frames.pipeline import FrameResult, readable
 from edgetree.frames.sources import Frame, FrameSource
 
@@ -29,7 +28,7 @@ def frame_results(
     for frame in track(readable(frames, left_out.add), "detecting", frames.count, shown=shown):
         try:
             result = process(frame)
-        except (InputError, CalibError) as error:
+        except InputError as error:
             left_out.add(error)
             continue
         yield result

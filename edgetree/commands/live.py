@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
 
 import typer
 
+from basetree.program.console import note
 from edgetree.commands.live_options import (
     LiveMetresOptions,
     LivePageOptions,
@@ -20,7 +21,6 @@ from edgetree.commands.live_outputs import LiveOutputs
 from edgetree.commands.live_recording import LiveRecordOptions
 from edgetree.commands.option_groups import SessionOptions, expand_groups
 from edgetree.commands.options import Model, ScoreThreshold, model_file, model_words
-from edgetree.console import note
 
 if TYPE_CHECKING:
     from edgetree.live.frames import LiveSource
@@ -65,10 +65,10 @@ def live(
     diameter with its interval. Prints one JSON line per frame on stdout. Ctrl-C and SIGTERM end it
     with everything written.
     """
-    from edgetree.errors import InputError
+    from basetree.errors import InputError
+    from basetree.files.outputs import check_paths
     from edgetree.live.pipeline import LivePipeline
     from edgetree.live.recording import run_record
-    from edgetree.results.atomic_files import check_paths
 
     rig_options = metres.as_rig_options()
     check_paths(
@@ -124,8 +124,8 @@ def _follow(
 
     The outputs are opened with the first result, so that a source without any replaces no file.
     """
-    from calib.interrupts import interrupt_afterwards
-    from edgetree.errors import InputError
+    from basetree.errors import InputError
+    from basetree.program.interrupts import interrupt_afterwards
     from edgetree.live.sinks.opening import open_sinks
 
     sinks: list[Sink] = []

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
 
 import typer
 
+from basetree.program.console import note
 from edgetree.commands.option_groups import RigOptions
 from edgetree.commands.options import (
     Camera,
@@ -19,7 +20,6 @@ from edgetree.commands.options import (
     StumpHeight,
     Up,
 )
-from edgetree.console import note
 
 if TYPE_CHECKING:
     from edgetree.frames.rig import Rig
@@ -128,7 +128,7 @@ class LiveSourceOptions:
         Raises:
             InputError: a value has another form, or the role is unknown.
         """
-        from edgetree.errors import InputError
+        from basetree.errors import InputError
 
         found: dict[str, str] = {}
         for text in self.topic or ():
@@ -157,7 +157,7 @@ class LiveMetresOptions:
         """What follows the stems.
 
         Raises:
-            MissingDependency: `odometry` is wanted and small_gicp is not installed.
+            MissingPackage: `odometry` is wanted and small_gicp is not installed.
         """
         from edgetree.live.tracking import DepthOdometry, StemTracker
 

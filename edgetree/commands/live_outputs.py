@@ -87,7 +87,7 @@ def _origin(text: str) -> MapOrigin:
     Raises:
         InputError: it has another form, or is out of range.
     """
-    from edgetree.errors import InputError
+    from basetree.errors import InputError
     from edgetree.live.sinks import MapOrigin
 
     try:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
-from edgetree.console import note
+from basetree.program.console import note
 
 if TYPE_CHECKING:
     from edgetree.live.recording import FrameRecorder
@@ -48,9 +48,9 @@ class LiveRecordOptions:
 
         Raises:
             InputError: the folder is a file, or is missing for `--record-all`.
-            MissingDependency: rosbags is not installed.
+            MissingPackage: rosbags is not installed.
         """
-        from edgetree.errors import InputError
+        from basetree.errors import InputError
         from edgetree.live.recording import FrameRecorder
 
         if self.record is None:

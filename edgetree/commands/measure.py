@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
+from basetree.program.console import note, print_json
 from edgetree.commands.option_groups import RigOptions, SessionOptions, expand_groups
 from edgetree.commands.options import (
     CAMERA_FILES,
@@ -27,7 +28,6 @@ from edgetree.commands.options import (
     quoted,
 )
 from edgetree.commands.sharding import ShardedFrames, ShardOptions, run_sharded
-from edgetree.console import note, print_json
 
 if TYPE_CHECKING:
     from edgetree.frames.pipeline import FrameResult
@@ -158,8 +158,8 @@ class _Inputs:
 
     def check(self, outputs: _Outputs) -> None:
         """Raise InputError if options contradict each other, or an output overwrites a file."""
-        from edgetree.errors import InputError
-        from edgetree.frames.sources import VIDEO_SUFFIXES
+        from basetree.errors import InputError
+        from basetree.files.names import VIDEO_SUFFIXES
         from edgetree.results.pictures import PICTURE_SUFFIXES
 
         if self.image.is_dir() or self.image.suffix.lower() in VIDEO_SUFFIXES:
@@ -179,7 +179,7 @@ class _Inputs:
 
     def model_for_shards(self, outputs: _Outputs) -> str:
         """The model for several images; raises InputError if options do not fit them."""
-        from edgetree.errors import InputError
+        from basetree.errors import InputError
 
         if self.mask is not None:
             raise InputError("--mask given with --shards: expected a model")
@@ -187,7 +187,7 @@ class _Inputs:
         return model_for(self.model, self.depth)
 
     def _check_paths(self, outputs: _Outputs) -> None:
-        from edgetree.results.atomic_files import check_paths
+        from basetree.files.outputs import check_paths
 
         check_paths(
             {f"--{name}": path for name, path in vars(outputs).items()},
@@ -204,7 +204,7 @@ class _Inputs:
         self, detector: TreeDetector | None, rig: Rig, settings: MeasureSettings | None
     ) -> FrameResult:
         """Read the frame and measure the trees that the detector finds, or those of the mask."""
-        from edgetree.errors import InputError
+        from basetree.errors import InputError
         from edgetree.frames.mask_images import read_masks
         from edgetree.frames.pipeline import measure_frame, open_frames, process
 
@@ -236,8 +236,8 @@ class _Inputs:
 
 def _write(result: FrameResult, outputs: _Outputs, source: str, trees_from: str) -> None:
     """Write the picture, the table and the report; if one fails, none is written."""
+    from basetree.files.outputs import replacing, text_file
     from edgetree.report import report_file
-    from edgetree.results.atomic_files import replacing, text_file
     from edgetree.results.csv_table import write_header, write_rows
     from edgetree.results.pictures import draw_frame, encode_picture
     from edgetree.results.profile_table import profiles_file

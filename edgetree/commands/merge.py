@@ -33,10 +33,10 @@ def merge(
 
     The results are, row for row, those of one machine.
     """
-    from edgetree.results.atomic_files import check_paths
+    from basetree.files.outputs import check_paths
+    from basetree.jobs import open_store, read_manifests
     from edgetree.shards.merging import Outputs, merge_frames
     from edgetree.shards.work import KIND
-    from fleet import open_store, read_manifests
 
     outputs = Outputs(jsonl, csv, profiles)
     check_paths({f"--{name}": path for name, path in vars(outputs).items()}, {})

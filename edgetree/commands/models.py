@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from basetree.program.console import note, print_json
 from edgetree.commands.options import Json
-from edgetree.console import note, print_json
 
 if TYPE_CHECKING:
     from edgetree.catalogue import KnownModel
@@ -51,7 +51,7 @@ def models(*, as_json: Json = False) -> None:
 
 def _record(model: KnownModel) -> Iterator[dict[str, Any]]:
     """A model as a JSON object; nothing, and a note, if it cannot be read."""
-    from edgetree.errors import EdgetreeError
+    from basetree.errors import EdgetreeError
 
     try:
         manifest, card = model.manifest(), model.card()

@@ -100,10 +100,10 @@ class RigOptions:
 
         Raises:
             InputError: options contradict each other, or a value is invalid.
-            CalibError: a file cannot be read.
+            InputError: a file cannot be read.
         """
+        from basetree.errors import InputError
         from calib import load_transform
-        from edgetree.errors import InputError
         from edgetree.frames.rig import Rig
 
         if depth is None and self.depth_camera is not None:
@@ -125,7 +125,7 @@ class RigOptions:
         Raises:
             InputError: --stump-height is not positive, or --species is unknown.
         """
-        from edgetree.errors import InputError
+        from basetree.errors import InputError
         from edgetree.measure import SPECIES, MeasureSettings
         from edgetree.measure.volume import EXPECTED_SPECIES
 
@@ -224,7 +224,7 @@ def _scaled(rig: Rig, text: str) -> Rig:
 
 
 def _direction(text: str) -> tuple[float, float, float]:
-    from edgetree.errors import InputError
+    from basetree.errors import InputError
     from edgetree.measure.measure import unit_up
 
     try:

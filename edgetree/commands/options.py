@@ -173,7 +173,7 @@ def existing_file(text: str | None) -> Path | None:
 
 def check_report(path: Path | None) -> None:
     """Raise InputError if the value of --report is not the name of an HTML file."""
-    from edgetree.errors import InputError
+    from basetree.errors import InputError
 
     if path is not None and path.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"--report is {path}: expected a file name ending in .html")

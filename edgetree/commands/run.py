@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
+from basetree.program.console import note, print_json
 from edgetree.commands.option_groups import RigOptions, SessionOptions, expand_groups
 from edgetree.commands.options import (
     Camera,
@@ -29,7 +30,6 @@ from edgetree.commands.options import (
     quoted,
 )
 from edgetree.commands.sharding import ShardedFrames, ShardOptions, run_sharded
-from edgetree.console import note, print_json
 
 if TYPE_CHECKING:
     from edgetree.frames.pipeline import FrameResult
@@ -99,7 +99,7 @@ def run(
     --depth and --camera the measurements of each tree in metres. Ctrl-C and SIGTERM keep the
     results so far.
     """
-    from calib.interrupts import interrupt_afterwards
+    from basetree.program.interrupts import interrupt_afterwards
     from edgetree.commands.frame_results import LeftOut, Totals, frame_results
     from edgetree.frames.pipeline import open_frames, process
     from edgetree.results.json_records import frame_record
@@ -191,9 +191,9 @@ def _check(
     outputs: _Outputs,
 ) -> None:
     """Raise InputError if outputs overwrite files or do not fit the source."""
-    from edgetree.errors import InputError
-    from edgetree.frames.sources import VIDEO_SUFFIXES
-    from edgetree.results.atomic_files import check_paths
+    from basetree.errors import InputError
+    from basetree.files.names import VIDEO_SUFFIXES
+    from basetree.files.outputs import check_paths
 
     check_paths(
         {f"--{name}": path for name, path in vars(outputs).items()},
@@ -219,9 +219,9 @@ def _writer(
     left_out: list[str],
 ) -> Iterator[_Write]:
     """Open the output files; yields a function that writes a frame's result and its record."""
+    from basetree.files.outputs import output_folder, text_file
     from edgetree.frames.sources import as_typed
     from edgetree.report import report_file
-    from edgetree.results.atomic_files import output_folder, text_file
     from edgetree.results.coco_labels import labels_file
     from edgetree.results.csv_table import write_header, write_rows
     from edgetree.results.json_records import write_json_line

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from basetree.program.console import note, print_json
 from edgetree.commands.option_groups import RigOptions, SessionOptions
 from edgetree.commands.options import quoted
-from edgetree.console import note, print_json
 
 if TYPE_CHECKING:
+    from basetree.jobs import Job, Store
     from edgetree.shards.merging import MergedFrames, Outputs
-    from fleet import Job, Store
 
 __all__ = ["ShardOptions", "ShardedFrames", "print_merged", "run_sharded"]
 
@@ -67,7 +67,7 @@ class ShardOptions:
         Raises:
             InputError: they do not fit.
         """
-        from edgetree.errors import InputError
+        from basetree.errors import InputError
         from edgetree.shards.merging import Outputs
 
         if self.shard is not None and self.ray is not None:
@@ -146,11 +146,11 @@ def run_sharded(
 
     Raises:
         InputError: options contradict each other, or files cannot be used.
-        FleetError: a store or a cluster cannot be used.
+        InputError: a store or a cluster cannot be used.
         CheckFailed: frames were left out of the merged results.
     """
+    from basetree.jobs import Progress, Shard, open_store, read_manifests, run_shard
     from edgetree.shards.merging import merge_frames
-    from fleet import Progress, Shard, open_store, read_manifests, run_shard
 
     outputs = options.outputs(paths)
     assert options.shards is not None
@@ -159,7 +159,7 @@ def run_sharded(
     job, start, cores = _job(frames, store, options.ray)
     progress = Progress("detecting", cores)
     if options.ray is not None:
-        from fleet.on_ray import RayEngine
+        from basetree.jobs.on_ray import RayEngine
 
         with RayEngine(options.ray, cores) as engine:
             engine.run(job, start, progress)
@@ -179,15 +179,15 @@ def run_sharded(
 
 def _seen(place: Path, ray: str | None) -> Path:
     """A folder or URL; folders are absolute for processes of Ray, which work elsewhere."""
-    from fleet import is_url
+    from basetree.jobs import is_url
 
     return place.absolute() if ray is not None and not is_url(place) else place
 
 
 def _job(frames: ShardedFrames, store: Store, ray: str | None) -> tuple[Job, Any, int]:
     """The job, what starts a worker, and the cores that a worker keeps busy."""
+    from basetree.errors import InputError
     from edgetree.catalogue import find_model
-    from edgetree.errors import InputError
     from edgetree.runtime.detector import TreeDetector
     from edgetree.shards.inputs import list_frames
     from edgetree.shards.work import BLOCK_FRAMES, FrameWork, frames_job, model_files

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import typer
 
-from edgetree.console import note
+from basetree.program.console import note
 
 if TYPE_CHECKING:
     from edgetree.signing import Statement
@@ -68,7 +68,7 @@ def sign(
     Machines that require signatures open only models signed with a key that they trust, see
     `edgetree trust`.
     """
-    from edgetree.errors import InputError
+    from basetree.errors import InputError
 
     if new_key is not None:
         if model is not None or key is not None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import typer
 
-from edgetree.console import note
+from basetree.program.console import note
 
 if TYPE_CHECKING:
     from edgetree.signing import TrustFile
@@ -55,7 +55,7 @@ def trust(
     Run as root, it changes the machine's file, which holds for all accounts. Otherwise it changes
     the file of your account; if the machine requires signatures, that file does not count.
     """
-    from edgetree.errors import InputError
+    from basetree.errors import InputError
 
     if valid_until is not None and key is None:
         raise InputError("--valid-until given without KEY: expected both")

@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
+from basetree.program.console import note, print_json
 from edgetree.commands.export import record, showing_differences
 from edgetree.commands.options import Json
-from edgetree.console import note, print_json
 
 __all__ = ["verify"]
 

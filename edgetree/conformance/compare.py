@@ -10,12 +10,12 @@ from typing import Any, Final
 
 import numpy as np
 
+from basetree.errors import InputError
 from calib import Letterbox
 from edgetree.conformance.kit import Kit, KitFrame, read_expected, read_kit
 from edgetree.conformance.pairing import Pairing
 from edgetree.conformance.results import FoundTree, Results
 from edgetree.conformance.tolerances import Tolerance, tolerance_for
-from edgetree.errors import InputError
 
 __all__ = ["Comparison", "Quantity", "compare_results"]
 

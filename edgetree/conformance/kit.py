@@ -19,7 +19,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from calib import writing
+from basetree.errors import InputError
+from basetree.files import writing
+from basetree.files.outputs import replacing, text_file
 from edgetree.conformance.frames import frames_for
 from edgetree.conformance.results import (
     FrameTrees,
@@ -28,10 +30,8 @@ from edgetree.conformance.results import (
     read_results,
     write_results,
 )
-from edgetree.errors import InputError
 from edgetree.model_file.json_fields import build
 from edgetree.model_file.safety_check import check_is_file
-from edgetree.results.atomic_files import replacing, text_file
 
 __all__ = ["Kit", "KitFrame", "make_kit", "read_expected", "read_frame", "read_kit"]
 

@@ -12,11 +12,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from basetree.errors import InputError
 from edgetree.conformance.frames import MM_PER_M
 from edgetree.conformance.kit import read_frame, read_kit
 from edgetree.conformance.results import CoveredTree, FrameTrees, Results, found_trees
 from edgetree.detections import TreeDetections
-from edgetree.errors import InputError
 from edgetree.model_file.manifest import Manifest
 from edgetree.runtime.detector import TreeDetector
 from edgetree.runtime.duplicates import distinct_trees

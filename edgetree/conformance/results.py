@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from basetree.errors import InputError
+from basetree.files.outputs import text_file
 from edgetree.detections import KEYPOINT_NAMES, MASK_SIZE, TreeDetections
-from edgetree.errors import InputError
 from edgetree.model_file.json_fields import build
-from edgetree.results.atomic_files import text_file
 
 __all__ = [
     "RESULTS_SCHEMA",

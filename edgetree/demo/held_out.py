@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from basetree.errors import InputError
 from calib import PinholeCamera
-from edgetree.errors import InputError
 from edgetree.samples import SampleFrame, SampleTree
 
 if TYPE_CHECKING:

@@ -7,12 +7,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final, TypeAlias
 
+from basetree.files.outputs import text_file
 from edgetree.bench.speed import bench_detector, peak_memory_mib
 from edgetree.demo.examine import examine
 from edgetree.demo.report import NextCommand, render_report
 from edgetree.demo.result import DemoResult, ModelResult, Picture, Speed
 from edgetree.frames.pipeline import image_for
-from edgetree.results.atomic_files import text_file
 from edgetree.runtime import TreeDetector, default_model
 from edgetree.samples import SampleFrame, sample_frames
 

@@ -8,10 +8,11 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
+from basetree.errors import MissingPackage, install_hint
 from edgetree.demo.held_out import held_out_frames
 from edgetree.demo.result import DemoResult, Step
 from edgetree.demo.running import Progress, demonstrate
-from edgetree.errors import TRAINING_PACKAGES, MissingDependency, install_hint
+from edgetree.errors import TRAINING_PACKAGES
 
 __all__ = ["run_trained"]
 
@@ -35,7 +36,7 @@ def run_trained(folder: Path, on_progress: Progress) -> DemoResult:
         on_progress: called with the progress.
 
     Raises:
-        MissingDependency: a package for training is not installed.
+        MissingPackage: a package for training is not installed.
         CheckFailed: the exported model's detections differ from the trained model's.
     """
     _require_extras()
@@ -58,7 +59,7 @@ def run_trained(folder: Path, on_progress: Progress) -> DemoResult:
 def _require_extras() -> None:
     missing = [name for name in _NEEDED if find_spec(name) is None]
     if missing:
-        raise MissingDependency(
+        raise MissingPackage(
             f"demo --train needs {', '.join(missing)}:"
             f" {install_hint('cpu', 'train', 'export', 'sim')}"
         )

@@ -7,9 +7,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final, Literal
 
+from basetree.errors import install_hint
 from edgetree.doctor.findings import Findings, Libraries, Machine
 from edgetree.doctor.libraries import ONNXRUNTIME_BUILDS, OPENCV_BUILDS
-from edgetree.errors import TRAINING_PACKAGES, install_hint
+from edgetree.errors import TRAINING_PACKAGES
 from edgetree.runtime.providers import CPU
 
 __all__ = ["Advice", "Level", "advise"]

@@ -9,8 +9,8 @@ from typing import Final
 
 import numpy as np
 
+from basetree.errors import MissingPackage
 from edgetree.doctor.findings import ProviderResult
-from edgetree.errors import MissingDependency
 from edgetree.model_file.onnx_bytes import Node, TensorType, onnx_bytes
 from edgetree.runtime.providers import CPU, PROVIDERS, import_onnxruntime, installed_providers
 
@@ -33,7 +33,7 @@ def examine_providers() -> tuple[ProviderResult, ...]:
     """
     try:
         names = installed_providers()
-    except MissingDependency:
+    except MissingPackage:
         return ()
     return tuple(_examine(name) for name in names)
 

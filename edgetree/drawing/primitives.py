@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.file_names import printable
+from basetree.files.names import printable
 from edgetree.drawing.label_placement import Rect
 
 __all__ = [

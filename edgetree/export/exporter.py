@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO
 
-from edgetree.errors import InputError
+from basetree.errors import InputError
+from basetree.files.outputs import output_folder, replacing
 from edgetree.export.build import ExportSource, build
 from edgetree.export.frames import read_calibration_frames, sample_inputs
 from edgetree.export.models import (
@@ -27,7 +28,6 @@ from edgetree.export.verification import (
     verify,
 )
 from edgetree.model_file.manifest import Manifest
-from edgetree.results.atomic_files import output_folder, replacing
 from edgetree.runtime.detector import TreeDetector
 from edgetree.runtime.session import OrtSession
 

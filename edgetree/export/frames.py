@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import calib
-from edgetree.errors import InputError
-from edgetree.frames.sources import IMAGE_SUFFIXES, read_image
+from basetree.errors import InputError
+from basetree.files.names import IMAGE_SUFFIXES
+from edgetree.frames.sources import read_image
 
 if TYPE_CHECKING:
     from perceptree.models import ModelSpec

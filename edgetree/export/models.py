@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from edgetree.errors import InputError, MissingDependency, install_hint
+from basetree.errors import InputError, MissingPackage, install_hint
 from edgetree.export.frames import sample_inputs
 from edgetree.export.settings import PRECISIONS, ExportSettings
 from edgetree.model_file.json_fields import build
@@ -41,7 +41,7 @@ def load_model(checkpoint: Path) -> tuple[TreeRCNN, str, tuple[UsualRange, ...]]
         of that from checkpoints of older versions.
 
     Raises:
-        MissingDependency: a package that exporting needs is not installed.
+        MissingPackage: a package that exporting needs is not installed.
         CheckpointError: the checkpoint cannot be read.
         InputError: what it tells of its training pictures is no range of numbers.
         ModelFileError: the same, where a range is of other values.
@@ -73,7 +73,7 @@ def _require_packages() -> None:
 
         import perceptree.models  # noqa: F401
     except ImportError as error:
-        raise MissingDependency(
+        raise MissingPackage(
             f"{error.name} is not installed: {install_hint('cpu', 'train', 'export')}"
         ) from error
 
@@ -138,7 +138,7 @@ def untrained_model(preset: str, modality: str, settings: ExportSettings) -> Tre
 
     Raises:
         SpecError: the preset is unknown.
-        MissingDependency: a package that exporting needs is not installed.
+        MissingPackage: a package that exporting needs is not installed.
     """
     _require_packages()
     import torch

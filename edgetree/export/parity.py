@@ -8,7 +8,7 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from edgetree.errors import CheckFailed
+from basetree.errors import CheckFailed
 from edgetree.export.limits import Limits
 
 __all__ = ["FrameParity", "ParityFailed", "ParityReport"]

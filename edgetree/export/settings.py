@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from edgetree.errors import InputError
+from basetree.errors import InputError
 
 __all__ = ["OPSET", "PRECISIONS", "TARGETS", "ExportSettings"]
 

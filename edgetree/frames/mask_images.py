@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.reading import decode_image
+from basetree.errors import InputError
+from basetree.files.reading import decode_image
 from edgetree.detections import TreeDetections
-from edgetree.errors import InputError
 from edgetree.frames.pipeline import FoundTrees
 from edgetree.frames.sources import is_cut_off
 

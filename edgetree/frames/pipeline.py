@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calib import CalibError, CameraError, PinholeCamera
+from basetree.errors import InputError
+from calib import CameraError, PinholeCamera
 from edgetree.detections import TreeDetections
-from edgetree.errors import InputError
 from edgetree.frames.rig import Rig
 from edgetree.frames.sources import Frame, FrameSource, open_source
 from edgetree.runtime.detector import TreeDetector
@@ -123,7 +123,7 @@ def readable(frames: FrameSource, on_error: Callable[[Exception], None]) -> Iter
             frame = next(iterator)
         except StopIteration:
             return
-        except (InputError, CalibError) as error:
+        except InputError as error:
             on_error(error)
             continue
         yield frame

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import calib
-from edgetree.errors import InputError
+from basetree.errors import InputError
 
 __all__ = ["DepthReading", "Rig"]
 
@@ -92,7 +92,7 @@ class Rig:
 
         Raises:
             InputError: the size differs from the image's, and there is no depth camera.
-            CalibError: the file cannot be read, or a camera is for another aspect ratio.
+            InputError: the file cannot be read, or a camera is for another aspect ratio.
         """
         depth_m = calib.read_depth(path, scale=self.depth_scale_m)
         if self.depth_calibration is not None:

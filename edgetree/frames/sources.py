@@ -8,21 +8,19 @@ from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Protocol
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.picture_size import check_picture_size
-from calib.reading import decode_image, is_image_file, open_video
-from edgetree.errors import InputError
+from basetree.errors import InputError
+from basetree.files.names import DEPTH_SUFFIXES, IMAGE_SUFFIXES, VIDEO_SUFFIXES
+from basetree.files.picture_size import check_picture_size
+from basetree.files.reading import decode_image, is_image_file, open_video
 from edgetree.frames.rig import Rig
 
 __all__ = [
-    "DEPTH_SUFFIXES",
-    "IMAGE_SUFFIXES",
-    "VIDEO_SUFFIXES",
     "Frame",
     "FrameSource",
     "as_typed",
@@ -31,10 +29,6 @@ __all__ = [
     "open_source",
     "read_image",
 ]
-
-IMAGE_SUFFIXES: Final = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
-DEPTH_SUFFIXES: Final = (".png", ".tif", ".tiff", ".npy")
-VIDEO_SUFFIXES: Final = (".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".wmv")
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +76,7 @@ def open_source(
         rig: cameras and depth unit. By default, depth is in millimetres and aligned with the image.
 
     Returns:
-        The frames. Images are read during iteration, which may raise `InputError` or `CalibError`
+        The frames. Images are read during iteration, which may raise `InputError` or `InputError`
         for a frame and then go on with the next one.
 
     Raises:
@@ -135,7 +129,7 @@ def read_image(path: Path) -> NDArray[np.uint8]:
 
     Raises:
         InputError: the file is missing, not an image, truncated, or has more than 8 bits.
-        InputFileError: it has more pixels than `calib.Limits.image_pixels`.
+        InputFileError: it has more pixels than `limits.Limits.image_pixels`.
     """
     expected = "expected a complete 8-bit JPEG or PNG image, or another format that OpenCV reads"
     try:

@@ -9,8 +9,8 @@ from typing import Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from basetree.errors import InputError
 from calib import PinholeCamera, RigidTransform
-from edgetree.errors import InputError
 
 __all__ = ["REMARKS", "LiveFrame", "LiveSource", "SourceLost"]
 

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from calib import CalibError, DepthFailure, check_depth
+from basetree.errors import InputError
+from calib import DepthFailure, check_depth
 from edgetree.detections import TreeDetections
-from edgetree.errors import InputError, ModelFileError
+from edgetree.errors import ModelFileError
 from edgetree.frames.rig import Rig
 from edgetree.live.completion import completed
 from edgetree.live.frames import LiveFrame, LiveSource, SourceLost
@@ -227,7 +228,7 @@ class LivePipeline:
         try:
             frame = completed(frame, self._rig, trees.image_width, trees.image_height)
             measurements, missing = self._measure(frame, trees)
-        except CalibError as error:
+        except InputError as error:
             self._leave_out(frame, str(error))
             return None
         middle_s = time.perf_counter()

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from basetree.errors import InputError
 from calib import PinholeCamera, RigidTransform
 from edgetree.detections import TreeDetections
-from edgetree.errors import InputError
 from edgetree.measure.estimates import TreeMeasurement
 from edgetree.measure.frame import DepthFrame
 from edgetree.measure.settings import MeasureSettings

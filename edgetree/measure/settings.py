@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields, replace
 
-from edgetree.errors import InputError
+from basetree.errors import InputError
 from edgetree.measure.volume import EXPECTED_SPECIES, SPECIES, Species
 
 __all__ = ["MeasureSettings", "reference_px"]

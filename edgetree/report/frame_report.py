@@ -14,13 +14,13 @@ from typing import Final
 
 import cv2
 
+from basetree.files.outputs import text_file
 from edgetree.drawing.primitives import Picture
 from edgetree.frames.pipeline import FrameResult
 from edgetree.measure import Estimate
 from edgetree.report.page import figure, page_end, page_start, plot_tiles, tiles
 from edgetree.report.tree_table import class_chart, reason_table, tree_row, tree_table
 from edgetree.report.units import length_attributes, unit_buttons
-from edgetree.results.atomic_files import text_file
 from edgetree.results.csv_table import measurements_of
 from edgetree.results.pictures import draw_frame
 from edgetree.results.text_table import failure_reasons

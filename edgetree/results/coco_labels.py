@@ -8,10 +8,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
+from basetree.files.outputs import text_file
 from calib import CocoLabels
 from edgetree.detections import KEYPOINT_NAMES
 from edgetree.frames.pipeline import FrameResult
-from edgetree.results.atomic_files import text_file
 
 __all__ = ["labels_file"]
 

@@ -7,11 +7,11 @@ from typing import Final
 
 import cv2
 
+from basetree.errors import InputError
+from basetree.files.outputs import replacing
 from edgetree.drawing.primitives import Picture
 from edgetree.drawing.trees import draw_trees, picture_of_depth
-from edgetree.errors import InputError
 from edgetree.frames.pipeline import FrameResult
-from edgetree.results.atomic_files import replacing
 from edgetree.results.tree_labels import cut_marks, numbered, profile_marks, tree_labels
 
 __all__ = [

@@ -8,9 +8,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final, TextIO
 
+from basetree.files.outputs import text_file
 from edgetree.frames.pipeline import FrameResult
 from edgetree.measure import Estimate, StemProfile
-from edgetree.results.atomic_files import text_file
 from edgetree.results.csv_table import cell, measurements_of
 
 __all__ = ["PROFILE_COLUMNS", "profiles_file", "write_profile_header", "write_profile_rows"]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from edgetree.errors import InputError
+from basetree.errors import InputError
 from edgetree.frames.rig import Rig
 from edgetree.live.completion import completed
 from edgetree.live.frames import LiveFrame, LiveSource

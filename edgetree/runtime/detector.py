@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import calib
+from basetree.errors import InputError
 from edgetree.catalogue import find_model
 from edgetree.detections import TreeDetections, UnlikeTraining
-from edgetree.errors import InputError
 from edgetree.runtime.duplicates import distinct_trees
 from edgetree.runtime.graph_checks import ImageOutputs, check_outputs, read_manifest
 from edgetree.runtime.input_images import check_image, to_bytes
@@ -92,7 +92,7 @@ class TreeDetector:
                 graph.
             SignatureError: a signature is required, and missing or not accepted.
             InputError: a setting is out of range, or the provider cannot be used.
-            MissingDependency: onnxruntime is not installed.
+            MissingPackage: onnxruntime is not installed.
         """
         cache = None if cache_folder is None else Path(cache_folder)
         settings = SessionSettings(provider, strict, threads, spinning, cache, require_signature)

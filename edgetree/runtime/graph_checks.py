@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import calib
+from basetree.errors import InputError
 from edgetree.errors import ModelFileError
 from edgetree.model_file.manifest import METADATA_KEY, Manifest, standard_outputs
 from edgetree.model_file.safety_check import MAX_ELEMENTS, Shape
@@ -46,7 +47,7 @@ def read_manifest(session: InferenceSession) -> Manifest:
     """
     try:
         return _read_manifest(session)
-    except (ModelFileError, calib.CalibError) as error:
+    except InputError as error:
         raise ModelFileError(f"model {session.name}: {error}") from error
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import calib
-from edgetree.errors import InputError
+from basetree.errors import InputError
 from edgetree.model_file.manifest import Manifest
 
 __all__ = ["check_image", "to_bytes"]

@@ -9,9 +9,10 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
-import calib
-from calib.file_names import is_utf8
-from edgetree.errors import InputError, ModelFileError
+from basetree.errors import InputError
+from basetree.files import current_limits
+from basetree.files.names import is_utf8
+from edgetree.errors import ModelFileError
 from edgetree.runtime.memory_limit import memory_limit
 from edgetree.runtime.providers import (
     AUTO,
@@ -59,7 +60,7 @@ def open_session(
         ModelFileError: onnxruntime cannot load the model.
         InputError: with strict settings, the provider is not installed, does not start or runs no
             part of the graph; or the cache folder cannot be created.
-        MissingDependency: onnxruntime is not installed.
+        MissingPackage: onnxruntime is not installed.
     """
     onnxruntime = import_onnxruntime()
     _make_folder(settings.cache_folder)
@@ -93,7 +94,7 @@ def _start(
         asked += [(name, {}) for name in provider.helpers if name in listed]
         asked.append((PROVIDERS[CPU].ort_name, {}))
     # Providers with memory of their own reserve far more addresses than they use.
-    largest = calib.current_limits().model_memory_bytes
+    largest = current_limits().model_memory_bytes
     limit = memory_limit(largest) if provider.name == CPU else nullcontext()
     model: str | bytes = str(path)
     if content is not None or not is_utf8(path):

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Final
 
-from edgetree.errors import InputError, MissingDependency, install_hint
+from basetree.errors import InputError, MissingPackage, install_hint
 
 __all__ = [
     "AUTO",
@@ -158,12 +158,12 @@ def import_onnxruntime() -> ModuleType:
     """Import onnxruntime on first use.
 
     Raises:
-        MissingDependency: onnxruntime is not installed.
+        MissingPackage: onnxruntime is not installed.
     """
     try:
         import onnxruntime
     except ImportError as error:
-        raise MissingDependency(
+        raise MissingPackage(
             f"onnxruntime is not installed: {install_hint('cpu')}, or {install_hint('gpu')} for"
             " an NVIDIA GPU; only one of the two"
         ) from error
@@ -175,7 +175,7 @@ def installed_providers() -> tuple[str, ...]:
     """Names of the providers in the installed build of onnxruntime, which may fail to start.
 
     Raises:
-        MissingDependency: onnxruntime is not installed.
+        MissingPackage: onnxruntime is not installed.
     """
     listed = import_onnxruntime().get_available_providers()
     return tuple(name for name, provider in PROVIDERS.items() if provider.ort_name in listed)
@@ -186,7 +186,7 @@ def candidates(settings: SessionSettings) -> list[Provider]:
 
     Raises:
         InputError: the provider of strict settings is not installed.
-        MissingDependency: onnxruntime is not installed.
+        MissingPackage: onnxruntime is not installed.
     """
     installed = installed_providers()
     asked = _TRIED_BY_AUTO if settings.provider == AUTO else (settings.provider,)

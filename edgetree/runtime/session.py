@@ -84,7 +84,7 @@ class OrtSession:
         ModelFileError: the file is missing, is not an ONNX model or fails the safety check.
         SignatureError: a signature is required, and missing or not accepted.
         InputError: the provider cannot be used, or the cache folder cannot be created.
-        MissingDependency: onnxruntime is not installed.
+        MissingPackage: onnxruntime is not installed.
     """
 
     def __init__(

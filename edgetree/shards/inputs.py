@@ -13,18 +13,16 @@ from itertools import repeat
 from pathlib import Path, PurePosixPath
 from typing import Final, NamedTuple
 
-from edgetree.errors import InputError
+from basetree.errors import InputError
+from basetree.files.names import DEPTH_SUFFIXES, IMAGE_SUFFIXES, VIDEO_SUFFIXES
+from basetree.jobs import LocalStore, Store, fetch, open_store
 from edgetree.frames.rig import Rig
 from edgetree.frames.sources import (
-    DEPTH_SUFFIXES,
-    IMAGE_SUFFIXES,
-    VIDEO_SUFFIXES,
     Frame,
     open_image_files,
     open_source,
 )
 from edgetree.live.sources.bags import BAG_SUFFIXES
-from fleet import LocalStore, Store, fetch, open_store
 
 __all__ = ["FrameFiles", "FramesOfUnit", "list_frames"]
 
@@ -80,7 +78,7 @@ class FrameFiles:
             depth_only: whether the files contain depth images instead of colour images.
 
         Raises:
-            InputError: a recording cannot be read. Iterating may raise it, or `CalibError`, for a
+            InputError: a recording cannot be read. Iterating may raise it, or `InputError`, for a
                 frame and then go on with the next one.
             StoreError: a file at a URL cannot be read.
         """

@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TextIO
 
-from edgetree.results.atomic_files import text_file
+from basetree.files.outputs import text_file
+from basetree.jobs import JobError, MergedParts
 from edgetree.results.csv_table import write_header
 from edgetree.results.json_records import write_json_line
 from edgetree.results.profile_table import write_profile_header
-from fleet import JobError, MergedParts
 
 __all__ = ["MergedFrames", "Outputs", "merge_frames"]
 
@@ -58,7 +58,7 @@ def merge_frames(parts: MergedParts, outputs: Outputs, lines_to_stdout: bool) ->
 
     Raises:
         InputError: a file cannot be written.
-        FleetError: a part cannot be read, or is none.
+        InputError: a part cannot be read, or is none.
     """
     merged = MergedFrames()
     with ExitStack() as stack:

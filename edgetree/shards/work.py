@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from calib import CalibError
-from edgetree.errors import InputError
+from basetree.errors import InputError
+from basetree.jobs import Job, JobError, Store
 from edgetree.frames.pipeline import FrameResult, process
 from edgetree.frames.rig import Rig
 from edgetree.frames.sources import Frame
@@ -20,7 +20,6 @@ from edgetree.results.csv_table import write_rows
 from edgetree.results.json_records import frame_record
 from edgetree.results.profile_table import write_profile_rows
 from edgetree.shards.inputs import FramesOfUnit, list_frames
-from fleet import Job, JobError, Store
 
 if TYPE_CHECKING:
     from edgetree.measure import MeasureSettings
@@ -94,7 +93,7 @@ class FrameWork:
                 return self.model
         except OSError:
             pass
-        from fleet import LocalStore
+        from basetree.jobs import LocalStore
 
         for name, content in self.model_files.items():
             LocalStore(folder).write(name, content)
@@ -134,7 +133,7 @@ def _outcomes(
             yield process(frame, detector, rig, settings)
         except StopIteration:
             return
-        except (InputError, CalibError) as error:
+        except InputError as error:
             yield error
 
 

@@ -1,4 +1,4 @@
-"""Read and write the small JSON files of this package, within the limits of `calib.Limits`."""
+"""Read and write the small JSON files of this package, within the limits of `limits.Limits`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
-from calib import InputFileError
+from basetree.errors import InputFileError
 from calib.files.text import read_text
 from edgetree.errors import ModelFileError, SignatureError
 from edgetree.model_file.json_fields import build

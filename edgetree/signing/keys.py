@@ -12,9 +12,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from calib import InputFileError
-from calib.writing import write_whole
-from edgetree.errors import InputError, MissingDependency, install_hint
+from basetree.errors import InputError, InputFileError, MissingPackage, install_hint
+from basetree.files.writing import write_whole
 from edgetree.signing.json_files import read_small_text
 
 if TYPE_CHECKING:
@@ -40,12 +39,12 @@ def ed25519() -> Any:
     """The module of `cryptography` for Ed25519.
 
     Raises:
-        MissingDependency: `cryptography` is not installed.
+        MissingPackage: `cryptography` is not installed.
     """
     try:
         from cryptography.hazmat.primitives.asymmetric import ed25519 as module
     except ImportError as error:
-        raise MissingDependency(
+        raise MissingPackage(
             f"cryptography is not installed, which signatures need: {install_hint('sign')}"
         ) from error
     return module
@@ -69,7 +68,7 @@ def is_signed_by(public_key: bytes, signature: bytes, message: bytes) -> bool:
         message: what was signed.
 
     Raises:
-        MissingDependency: `cryptography` is not installed.
+        MissingPackage: `cryptography` is not installed.
     """
     module = ed25519()
     from cryptography.exceptions import InvalidSignature
@@ -95,7 +94,7 @@ def new_key(path: Path, passphrase: str | None = None) -> tuple[Path, str]:
 
     Raises:
         InputError: one of the files exists or cannot be written, or the passphrase is empty.
-        MissingDependency: `cryptography` is not installed.
+        MissingPackage: `cryptography` is not installed.
     """
     module = ed25519()
     from cryptography.hazmat.primitives import serialization
@@ -138,7 +137,7 @@ def read_private_key(path: Path, ask_passphrase: Callable[[], str]) -> Ed25519Pr
 
     Raises:
         InputError: the file cannot be read, is no Ed25519 private key, or the passphrase is wrong.
-        MissingDependency: `cryptography` is not installed.
+        MissingPackage: `cryptography` is not installed.
     """
     ed25519()
     from cryptography.exceptions import UnsupportedAlgorithm
@@ -170,7 +169,7 @@ def read_public_key(path: Path) -> bytes:
 
     Raises:
         InputError: the file cannot be read, or is no Ed25519 public key.
-        MissingDependency: `cryptography` is not installed.
+        MissingPackage: `cryptography` is not installed.
     """
     ed25519()
     from cryptography.exceptions import UnsupportedAlgorithm

@@ -7,9 +7,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from calib import InputFileError
-from calib.writing import write_text
-from edgetree.errors import InputError, ModelFileError
+from basetree.errors import InputError, InputFileError
+from basetree.files.writing import write_text
+from edgetree.errors import ModelFileError
 from edgetree.model_file.manifest import METADATA_KEY, Manifest
 from edgetree.model_file.safety_check import check_content, check_is_file
 from edgetree.signing.envelope import Envelope, message_of

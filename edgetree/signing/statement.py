@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Final
 
-from edgetree.errors import InputError, SignatureError
+from basetree.errors import InputError
+from edgetree.errors import SignatureError
 from edgetree.signing.json_files import json_text, parse_json
 
 __all__ = [

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from calib import InputFileError
-from calib.writing import write_whole
-from edgetree.errors import InputError, SignatureError
+from basetree.errors import InputError, InputFileError
+from basetree.files.writing import write_whole
+from edgetree.errors import SignatureError
 from edgetree.signing.json_files import json_text, parse_json, read_small_text
 from edgetree.signing.keys import KEY_BYTES, key_id
 from edgetree.signing.statement import parse_time

@@ -14,8 +14,8 @@ from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Final
 
-from calib import InputFileError
-from calib.writing import write_whole
+from basetree.errors import InputFileError
+from basetree.files.writing import write_whole
 from edgetree.errors import SignatureError
 from edgetree.signing.json_files import json_text, parse_json, read_small_text
 from edgetree.signing.statement import Statement, parse_time, time_text

@@ -97,7 +97,7 @@ def model_if_signed(path: Path, required: bool = False) -> AcceptedModel | None:
 
     Raises:
         SignatureError: the signature is missing or not accepted, or a trust file is broken.
-        MissingDependency: `cryptography` is not installed.
+        MissingPackage: `cryptography` is not installed.
     """
     real = Path(os.path.realpath(path))
     if real.parent == _PACKAGED:
@@ -118,7 +118,7 @@ def check_signature(path: Path, trust: Trust) -> AcceptedModel:
 
     Raises:
         SignatureError: the signature is missing or not accepted.
-        MissingDependency: `cryptography` is not installed.
+        MissingPackage: `cryptography` is not installed.
     """
     now = _now()
     file = signature_file(path)

@@ -9,7 +9,8 @@ from typing import Annotated
 
 import typer
 
-from perceptree.errors import DatasetError, SettingsError
+from basetree.errors import SettingsError
+from perceptree.errors import DatasetError
 
 app = typer.Typer(help="Inspect datasets before training.", rich_markup_mode=None)
 
@@ -81,7 +82,7 @@ def show(
     """Draw pages of labelled frames: boxes, mask outlines, keypoints."""
     import cv2
 
-    from calib.writing import write_image
+    from basetree.files.writing import write_image
     from perceptree.data import SPLITS
     from perceptree.data.dataset import read_labels
     from perceptree.data.layouts import find_labels, find_splits
@@ -123,7 +124,7 @@ def compare(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Compare real with simulated images: colour, contrast, sharpness, edges, texture."""
-    from calib.writing import write_text
+    from basetree.files.writing import write_text
     from perceptree.data.likeness import compare_pictures, find_pictures
     from perceptree.data.likeness_page import likeness_page
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from basetree.errors import SettingsError
 from perceptree.commands.data import EntireTree, Fold
 from perceptree.commands.shards import (
     RayOption,
@@ -21,7 +22,7 @@ from perceptree.commands.shards import (
     opened_store,
     print_shard,
 )
-from perceptree.errors import DatasetError, SettingsError
+from perceptree.errors import DatasetError
 
 if TYPE_CHECKING:
     from perceptree.evaluation.shards import SplitSource
@@ -95,7 +96,7 @@ def _in_shards(
     as_json: bool,
 ) -> None:
     """Evaluate a shard of the frames; with Ray, or without --shard, all of them."""
-    from fleet import Progress, is_url, read_manifests, run_shard
+    from basetree.jobs import Progress, is_url, read_manifests, run_shard
     from perceptree.evaluation import report_folder
     from perceptree.evaluation.shards import EvalWork, eval_job, labels_sha256, merge_evaluation
     from perceptree.models import load_checkpoint
@@ -122,7 +123,7 @@ def _in_shards(
     job = eval_job(store, source, work, model.spec, _about(checkpoint, model.spec, record))
     progress = Progress("evaluating", threads or os.cpu_count() or 1)
     if ray is not None:
-        from fleet.on_ray import RayEngine
+        from basetree.jobs.on_ray import RayEngine
 
         with RayEngine(ray) as engine:
             engine.run(job, work, progress)

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from perceptree.errors import CheckpointError, SettingsError
+from basetree.errors import SettingsError
+from perceptree.errors import CheckpointError
 
 if TYPE_CHECKING:
     from perceptree.models.weights import Imported

@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
+from basetree.errors import SettingsError
 from perceptree.commands.eval import print_report
 from perceptree.commands.synth_result import print_result
-from perceptree.errors import SettingsError
 
 _SYNTH, _EVAL = "perceptree.synth", "perceptree.eval"
 
@@ -32,7 +32,7 @@ def merge(
 
     A dataset is byte for byte the one that a single machine makes.
     """
-    from fleet import open_store, read_manifests
+    from basetree.jobs import open_store, read_manifests
 
     stores = [open_store(where) for where in shards]
     parts = read_manifests(stores, (_SYNTH, _EVAL))

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from perceptree.errors import SettingsError
+from basetree.errors import SettingsError
 
 _FILE = "plot.png"
 
@@ -27,7 +27,7 @@ def plot(
     ] = None,
 ) -> None:
     """Plot losses, learning rate, speed and AP of a training from its log."""
-    from calib.writing import write_whole
+    from basetree.files.writing import write_whole
     from perceptree.training.plot import draw_runs
 
     out = out or runs[0] / _FILE

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from basetree.errors import SettingsError
 from perceptree.commands.progress import say
-from perceptree.errors import DatasetError, SettingsError
+from perceptree.errors import DatasetError
 
 if TYPE_CHECKING:
     from calib import CocoLabels
@@ -50,7 +51,7 @@ def predict(
     Writes each image with the detections drawn on it, and one COCO file with boxes, masks and
     keypoints for labelling tools. Files that cannot be read are left out, and the exit code is 1.
     """
-    from calib.interrupts import interrupt_afterwards
+    from basetree.program.interrupts import interrupt_afterwards
     from perceptree.evaluation import on_device, predict_with, report_folder
     from perceptree.evaluation.pictures import (
         add_labels,
@@ -102,7 +103,7 @@ def predict(
 
 
 def _write_labels(labels: CocoLabels, out: Path) -> None:
-    from calib.writing import write_text
+    from basetree.files.writing import write_text
 
     write_text(out / _LABELS_FILE, json.dumps(labels.to_dict(), allow_nan=False))
 

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
+from basetree.errors import SettingsError
 from perceptree.commands.synth import chosen_preset
-from perceptree.errors import SettingsError
 
 
 def scene(

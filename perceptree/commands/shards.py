@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import typer
 
-from perceptree.errors import SettingsError
+from basetree.errors import SettingsError
 
 if TYPE_CHECKING:
-    from fleet import Shard, Store
+    from basetree.jobs import Shard, Store
 
 ShardOption: TypeAlias = Annotated[
     str | None,
@@ -49,7 +49,7 @@ def chosen_shard(text: str | None, ray: str | None) -> Shard:
         JobError: If the text is not a shard.
         SettingsError: If Ray is to do the work too.
     """
-    from fleet import Shard
+    from basetree.jobs import Shard
 
     if text is not None and ray is not None:
         raise SettingsError("--shard given with --ray: expected one of them")
@@ -58,14 +58,14 @@ def chosen_shard(text: str | None, ray: str | None) -> Shard:
 
 def opened_store(where: Path, ray: str | None) -> Store:
     """The store at a folder or URL; folders are absolute if processes of Ray write to them."""
-    from fleet import is_url, open_store
+    from basetree.jobs import is_url, open_store
 
     return open_store(where.absolute() if ray is not None and not is_url(where) else where)
 
 
 def location(where: Path) -> str:
     """A folder or URL as the user typed it; a Path reduces the two slashes of a URL to one."""
-    from fleet import is_url, open_store
+    from basetree.jobs import is_url, open_store
 
     return open_store(where).where if is_url(where) else str(where)
 

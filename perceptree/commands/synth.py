@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from basetree.errors import SettingsError
 from perceptree.commands.shards import (
     RayOption,
     ShardOption,
@@ -19,7 +20,6 @@ from perceptree.commands.shards import (
     print_shard,
 )
 from perceptree.commands.synth_result import print_result
-from perceptree.errors import SettingsError
 
 if TYPE_CHECKING:
     from perceptree.simulator import SimulatorSettings
@@ -77,7 +77,7 @@ def synth(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Simulate forest frames with colour, depth, masks, boxes, keypoints and metric truth."""
-    from fleet import is_url
+    from basetree.jobs import is_url
     from perceptree.simulator.dataset.generate import generate_dataset
     from perceptree.simulator.dataset.shards import SynthJob
     from perceptree.simulator.photographs.folder import with_photographs
@@ -134,13 +134,13 @@ def _in_shards(
     frozen: str | None,
 ) -> None:
     """Simulate a shard; with Ray, or without --shard, all of the dataset."""
-    from fleet import Progress
+    from basetree.jobs import Progress
     from perceptree.simulator.dataset.shards import merge_shards, run_synth_shard
 
     chosen, store = chosen_shard(shard, ray), synth.store
     progress = Progress(_LABEL)
     if ray is not None:
-        from fleet.on_ray import RayEngine
+        from basetree.jobs.on_ray import RayEngine
 
         with RayEngine(ray) as engine:
             synth.prepare()

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from basetree.errors import SettingsError
 from perceptree.commands.progress import TrainingBar, say
-from perceptree.errors import SettingsError
 
 if TYPE_CHECKING:
     from perceptree.tables import Watch

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from basetree.errors import SettingsError
 from perceptree.commands.data import EntireTree, Fold
 from perceptree.commands.progress import TrainingBar, bar, say
-from perceptree.errors import DatasetError, SettingsError
+from perceptree.errors import DatasetError
 
 if TYPE_CHECKING:
     from perceptree.models import ModelSpec

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.writing import replacing_folder
+from basetree.files.writing import replacing_folder
 from perceptree.data.coco import FrameRecord
 from perceptree.data.frames import Sample, load_sample, source_path
 from perceptree.errors import DatasetError

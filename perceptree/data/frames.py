@@ -12,8 +12,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from calib import InputFileError, Letterbox
-from calib.reading import read_image
+from basetree.errors import InputFileError
+from basetree.files.reading import read_image
+from calib import Letterbox
 from perceptree.data.coco import FrameRecord
 from perceptree.errors import DatasetError
 from perceptree.models import ModelSpec, TreeTargets

@@ -6,8 +6,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
+from basetree.errors import SettingsError
 from perceptree.data.coco import FrameRecord, TreeRecord
-from perceptree.errors import DatasetError, SettingsError
+from perceptree.errors import DatasetError
 
 
 def check_certain(certain_m: float | None) -> None:

@@ -11,13 +11,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.reading import read_image
+from basetree.files.names import IMAGE_SUFFIXES
+from basetree.files.reading import read_image
 from perceptree.errors import DatasetError
 
 Float = NDArray[np.floating[Any]]
 Picture = NDArray[np.uint8]
 
-IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 _WIDTH_PX = 640
 _MIN_IMAGES = 3
 

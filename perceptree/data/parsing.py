@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calib import current_limits, opencv_to_image
+from basetree.files.limits import current_limits
+from calib import opencv_to_image
 from perceptree.data.coco import FrameRecord, TreeRecord
 from perceptree.data.entries import (
     Entry,

@@ -13,7 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from calib.reading import read_image
+from basetree.files.reading import read_image
 from perceptree.data.layouts import SPLIT_WORDS, LabelFile, words
 
 _SAMPLED_IMAGES = 3

@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pycocotools import mask as coco_mask
 
-from calib import CalibError, CocoLabels, DepthEncoding, Letterbox, encode_depth, read_depth
-from calib.reading import read_image
-from calib.writing import write_image
-from perceptree.data.likeness import IMAGE_SUFFIXES
+from basetree.errors import InputError
+from basetree.files.names import IMAGE_SUFFIXES
+from basetree.files.reading import read_image
+from basetree.files.writing import write_image
+from calib import CocoLabels, DepthEncoding, Letterbox, encode_depth, read_depth
 from perceptree.drawing import Picture, draw_trees, with_caption
 from perceptree.errors import DatasetError
 from perceptree.evaluation.gallery import picture_of_grey
@@ -128,10 +129,10 @@ def _above(found: FramePrediction, score: float) -> FramePrediction:
     )
 
 
-def _read_or_error(path: Path, spec: ModelSpec) -> _Read | DatasetError | CalibError:
+def _read_or_error(path: Path, spec: ModelSpec) -> _Read | DatasetError | InputError:
     try:
         return _read(path, spec)
-    except (DatasetError, CalibError) as error:
+    except (DatasetError, InputError) as error:
         return error
 
 

@@ -12,9 +12,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from basetree.errors import SettingsError
 from calib import CocoRle, Letterbox, encode_rle, paste_mask
 from perceptree.data import FrameStore
-from perceptree.errors import SettingsError
 from perceptree.models import TreeRCNN
 
 Float = NDArray[np.floating[Any]]

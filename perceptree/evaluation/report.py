@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from calib.writing import write_text
+from basetree.files.writing import write_text
 from perceptree.data import FrameStore
 from perceptree.errors import DatasetError
 from perceptree.evaluation.figures import About, figures_of

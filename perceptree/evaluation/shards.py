@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from fleet import Job, JobError, LocalStore, MergedParts, Store, fetch, is_url, open_store
+from basetree.jobs import Job, JobError, LocalStore, MergedParts, Store, fetch, is_url, open_store
 from perceptree.data import Dataset, FrameRecord, FrameStore, read_dataset
 from perceptree.data.frames import source_path
 from perceptree.evaluation.figures import About, figures_of
@@ -119,7 +119,7 @@ class EvalWork:
 
         Raises:
             JobError: If this machine does not see the same labels.
-            PerceptreeError: If the checkpoint or the labels cannot be read.
+            InputError: If the checkpoint or the labels cannot be read.
         """
         if self.threads is not None:
             torch.set_num_threads(self.threads)
@@ -192,7 +192,7 @@ def merge_evaluation(parts: MergedParts, out: Path | None) -> tuple[dict[str, An
 
     Raises:
         JobError: If the labels are not those of the shards.
-        PerceptreeError: If the dataset cannot be read, or the report not written.
+        InputError: If the dataset cannot be read, or the report not written.
     """
     identity = parts.job.identity
     source = SplitSource(**identity["source"])

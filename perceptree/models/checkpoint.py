@@ -12,8 +12,8 @@ import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 
-from calib.file_names import is_utf8
-from calib.writing import replacing
+from basetree.files.names import is_utf8
+from basetree.files.writing import replacing
 from perceptree.errors import CheckpointError
 from perceptree.models.detector import TreeRCNN
 from perceptree.models.spec import ModelSpec, SpecError

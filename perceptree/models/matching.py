@@ -9,7 +9,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from perceptree.errors import SettingsError
+from basetree.errors import SettingsError
 from perceptree.models.boxes import pairwise_iou, pairwise_share_within
 from perceptree.models.targets import PaddedBoxes
 

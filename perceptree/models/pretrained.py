@@ -11,7 +11,8 @@ import torch
 from torch import Tensor
 from torchvision.models.detection import KeypointRCNN_ResNet50_FPN_Weights
 
-from perceptree.errors import CheckpointError, SettingsError
+from basetree.errors import SettingsError
+from perceptree.errors import CheckpointError
 from perceptree.models.checkpoint import check_tensors
 from perceptree.models.detector import TreeRCNN
 from perceptree.models.packaged import PACKAGED_WEIGHTS, read_packaged

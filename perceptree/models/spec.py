@@ -7,7 +7,7 @@ import sys
 from collections.abc import Mapping
 from typing import Any, Literal, get_args
 
-from perceptree.errors import PerceptreeError
+from basetree.errors import InputError
 
 CLASS_NAMES = ("tree",)
 
@@ -39,7 +39,7 @@ _PLAIN_TYPES: dict[str, tuple[type, ...]] = {
 }
 
 
-class SpecError(PerceptreeError):
+class SpecError(InputError):
     """Raised for a model spec with unknown, missing or invalid values."""
 
 

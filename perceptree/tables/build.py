@@ -10,8 +10,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from calib.writing import write_text
-from perceptree.errors import CheckpointError, SettingsError
+from basetree.errors import SettingsError
+from basetree.files.writing import write_text
+from perceptree.errors import CheckpointError
 from perceptree.tables.page import markdown
 from perceptree.tables.paper import TABLE_MEASURES
 from perceptree.tables.plan import Claim, Row, TableModel, TableSettings

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from perceptree.errors import SettingsError
+from basetree.errors import SettingsError
 from perceptree.models import PAPER_PRESETS, ModelSpec, load_checkpoint, make_spec
 from perceptree.models.spec import Modality
 from perceptree.tables.paper import (

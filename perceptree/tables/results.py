@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from calib.writing import write_text
+from basetree.files.writing import write_text
 from perceptree.data import FrameStore
 from perceptree.data.coco import FrameRecord
 from perceptree.data.dataset import Dataset, read_dataset

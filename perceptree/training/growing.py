@@ -17,8 +17,9 @@ from pathlib import Path
 
 import torch
 
+from basetree.errors import SettingsError
 from perceptree.data import read_dataset
-from perceptree.errors import DatasetError, SettingsError
+from perceptree.errors import DatasetError
 from perceptree.models import ModelSpec
 from perceptree.training.run import train
 from perceptree.training.settings import Engine, TrainSettings

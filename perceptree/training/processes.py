@@ -14,7 +14,7 @@ import torch.distributed as dist
 from torch import Tensor, nn
 from torch.nn.modules.batchnorm import _BatchNorm
 
-from perceptree.errors import SettingsError
+from basetree.errors import SettingsError
 
 _TIMEOUT = timedelta(minutes=10)
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from basetree.errors import SettingsError
 from perceptree.data import PAPER_AUGMENT, VARIED_AUGMENT
-from perceptree.errors import SettingsError
 from perceptree.models import PAPER_SAMPLING
 from perceptree.training.settings import TrainSettings
 

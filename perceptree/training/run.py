@@ -8,8 +8,9 @@ from typing import Any
 
 import torch
 
-from calib.file_names import is_utf8
-from perceptree.errors import CheckpointError, SettingsError
+from basetree.errors import SettingsError
+from basetree.files.names import is_utf8
+from perceptree.errors import CheckpointError
 from perceptree.evaluation import Metrics
 from perceptree.models import ModelSpec, TreeRCNN
 from perceptree.training.credits import Credits, training_credits

@@ -14,8 +14,8 @@ from typing import Any, Literal
 
 import torch
 
+from basetree.errors import SettingsError
 from perceptree.data import AugmentSettings
-from perceptree.errors import SettingsError
 from perceptree.models import SampleSettings
 
 Schedule = Literal["constant", "steps", "cosine", "decay"]

@@ -10,7 +10,7 @@ from typing import Any
 
 import torch
 
-from calib.writing import replacing
+from basetree.files.writing import replacing
 from perceptree.errors import CheckpointError
 from perceptree.models.checkpoint import check_values
 from perceptree.models.weights.archives import check_archive

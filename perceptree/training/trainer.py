@@ -13,8 +13,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn.parallel import DistributedDataParallel
 
-from calib.interrupts import interrupt_afterwards
-from perceptree.errors import DatasetError, SettingsError
+from basetree.errors import SettingsError
+from basetree.program.interrupts import interrupt_afterwards
+from perceptree.errors import DatasetError
 from perceptree.evaluation import Metrics, evaluate, predict_with
 from perceptree.models import ModelSpec, TreeRCNN, save_checkpoint
 from perceptree.training.average import make_average

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from calib import CameraError, InputFileError, PinholeCamera, load_camera, save_camera
+from basetree.errors import InputFileError
+from calib import CameraError, PinholeCamera, load_camera, save_camera
 
 CAMERA = PinholeCamera(1280, 720, 700.0, 701.0, 641.5, 355.0, (-0.1, 0.02, 1e-3, -2e-3, 5e-3))
 

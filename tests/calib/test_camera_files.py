@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from calib import CameraError, InputFileError, PinholeCamera, load_camera
+from basetree.errors import InputFileError
+from calib import CameraError, PinholeCamera, load_camera
 
 ROS = """\
 image_width: 640

@@ -13,8 +13,8 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
+from basetree.errors import InputError
 from calib import (
-    CalibError,
     PinholeCamera,
     RigidTransform,
     depth_to_points,
@@ -167,7 +167,7 @@ def test_a_file_with_a_wrong_field_is_read_or_refused_by_name(
     message = ""
     try:
         load_camera(path)
-    except CalibError as error:
+    except InputError as error:
         message = str(error)
     assert message.startswith(str(path) if message else "")
     assert "\n" not in message

@@ -7,15 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
-from calib import (
-    DepthEncoding,
-    DepthError,
-    InputFileError,
-    decode_depth,
-    encode_depth,
-    read_depth,
-    write_depth,
-)
+from basetree.errors import InputFileError
+from calib import DepthEncoding, DepthError, decode_depth, encode_depth, read_depth, write_depth
 
 
 def test_the_default_encoding_is_linear_to_20_metres() -> None:

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from basetree.errors import InputFileError
 from calib import (
     CameraError,
     DepthError,
     DepthScale,
     DepthScaleFailure,
-    InputFileError,
     PinholeCamera,
     TargetReadings,
     fit_depth_scale,

@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from calib import CameraError, InputFileError, PinholeCamera, load_camera
+from basetree.errors import InputFileError
+from calib import CameraError, PinholeCamera, load_camera
 
 KALIBR = """\
 cam0:

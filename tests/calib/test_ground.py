@@ -6,13 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calib import (
-    CalibError,
-    GroundPlane,
-    GroundPlaneFailure,
-    fit_ground_plane,
-    fit_ground_planes,
-)
+from basetree.errors import InputError
+from calib import GroundPlane, GroundPlaneFailure, fit_ground_plane, fit_ground_planes
 
 Float = NDArray[np.floating[Any]]
 
@@ -115,7 +110,7 @@ def test_points_on_a_line_give_no_plane() -> None:
 @pytest.mark.parametrize("up", [[0, 0, 0], [0, 1], [0, np.nan, 1]])
 def test_an_invalid_up_is_rejected(up: list[float]) -> None:
     points, _ = sloping_ground(40)
-    with pytest.raises(CalibError, match="expected a direction of three numbers"):
+    with pytest.raises(InputError, match="expected a direction of three numbers"):
         fit_ground_plane(points, up=up)
 
 

@@ -7,7 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
-from calib import CameraError, InputFileError, PinholeCamera, load_camera, project_points
+from basetree.errors import InputFileError
+from calib import CameraError, PinholeCamera, load_camera, project_points
 
 K = [923.28076171875, 0.0, 636.6947631835938, 0.0, 923.6041870117188, 376.4419860839844, 0, 0, 1.0]
 PLUMB_BOB = [0.158, -0.4896, -0.00111, 0.00064, 0.4378]

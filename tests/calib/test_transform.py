@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calib import CalibError, InputFileError, RigidTransform, load_transform, save_transform
+from basetree.errors import InputError, InputFileError
+from calib import RigidTransform, load_transform, save_transform
 
 ROOT_HALF = math.sqrt(0.5)
 
@@ -116,13 +117,13 @@ def test_a_rounded_rotation_becomes_a_true_one(transform: RigidTransform) -> Non
     ],
 )
 def test_invalid_transforms_are_rejected(rotation: Any, translation: Any, message: str) -> None:
-    with pytest.raises(CalibError) as caught:
+    with pytest.raises(InputError) as caught:
         RigidTransform(rotation, translation)
     assert message in str(caught.value)
 
 
 def test_a_quaternion_of_another_length_is_rejected() -> None:
-    with pytest.raises(CalibError, match=r"quaternion_xyzw has length 1\.1: expected 1"):
+    with pytest.raises(InputError, match=r"quaternion_xyzw has length 1\.1: expected 1"):
         RigidTransform.from_quaternion([0, 0, 0, 1.1], [0, 0, 0])
 
 
@@ -194,7 +195,7 @@ def test_contradictory_files_are_named(
 ) -> None:
     path = tmp_path / "transform.json"
     path.write_text(json.dumps({"schema": "calib.transform/1", **fields}))
-    with pytest.raises(CalibError) as caught:
+    with pytest.raises(InputError) as caught:
         load_transform(path)
     assert str(caught.value).startswith(str(path))
     assert message in str(caught.value)

@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from calib import CameraError, InputFileError, PinholeCamera, load_camera, project_points
+from basetree.errors import InputFileError
+from calib import CameraError, PinholeCamera, load_camera, project_points
 
 FIVE = {
     "k1": -0.0552763,

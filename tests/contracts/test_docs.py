@@ -154,8 +154,10 @@ def test_a_named_file_of_the_repository_is_there() -> None:
 
 
 def names_in_all(package: str) -> set[str]:
-    """The public names of a package."""
-    tree = ast.parse((ROOT.joinpath(*package.split(".")) / "__init__.py").read_text("utf-8"))
+    """The public names of a package or module."""
+    folder = ROOT.joinpath(*package.split("."))
+    path = folder / "__init__.py" if folder.is_dir() else folder.with_suffix(".py")
+    tree = ast.parse(path.read_text("utf-8"))
     for node in tree.body:
         target = getattr(node, "target", None) or getattr(node, "targets", [None])[0]
         if target is not None and ast.unparse(target) == "__all__":
@@ -166,7 +168,7 @@ def names_in_all(package: str) -> set[str]:
 def test_the_reference_holds_every_public_name() -> None:
     packages = [
         ".".join(path.parent.relative_to(ROOT).parts)
-        for top in ("calib", "edgetree", "fleet", "perceptree")
+        for top in ("basetree", "calib", "edgetree", "fleet", "perceptree")
         for path in (ROOT / top).rglob("__init__.py")
     ]
     text = "".join(page.read_text("utf-8") for page in PAGES)

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-TOPS = ("calib", "edgetree", "fleet", "perceptree")
+TOPS = ("basetree", "calib", "edgetree", "fleet", "perceptree")
 PACKAGES = sorted(
     ".".join(path.parent.relative_to(ROOT).parts)
     for top in TOPS
@@ -33,6 +33,7 @@ def offered_names(source: str) -> set[str]:
     for node in top_level(ast.parse(source).body):
         if isinstance(node, ast.ImportFrom):
             own = node.level > 0 or (node.module or "").partition(".")[0] in TOPS
+            own = own and node.module != "basetree.deprecation"
             names |= {alias.asname or alias.name for alias in node.names} if own else set()
         elif isinstance(node, ast.FunctionDef | ast.ClassDef):
             names.add(node.name)

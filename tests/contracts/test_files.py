@@ -8,7 +8,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 SOURCES = [
     path
-    for folder in ("calib", "edgetree", "fleet", "perceptree", "benchmarks")
+    for folder in ("basetree", "calib", "edgetree", "fleet", "perceptree", "benchmarks")
     for path in sorted((ROOT / folder).rglob("*.py"))
 ]
 # OpenCV crashes on names that are not UTF-8, and writes files that a killed process leaves half.
@@ -16,10 +16,9 @@ BY_PATH = (
     r"cv2\.(imread|imreadmulti|imwrite|haveImageReader|VideoCapture|VideoWriter|FileStorage)\("
 )
 
-# Writers beside calib/writing.py: files that only this process sees, and files that grow.
+# Writers beside basetree/files/writing.py: files that only this process sees, and files that grow.
 WRITERS = {
-    "edgetree/process.py",  # the null device
-    "perceptree/process.py",
+    "basetree/program/process.py",  # the null device
     "perceptree/data/cache.py",  # in a folder of `replacing_folder`
     "perceptree/training/run_log.py",  # appends
     "edgetree/live/sinks/growing_file.py",  # lines as they come
@@ -40,12 +39,12 @@ def uses(pattern: str) -> set[str]:
 
 def test_paths_are_given_to_opencv_in_one_place_only() -> None:
     addresses = {"edgetree/live/sources/camera.py"}  # of cameras; it refuses those not in UTF-8
-    assert uses(BY_PATH) == {"calib/reading.py"} | addresses
+    assert uses(BY_PATH) == {"basetree/files/reading.py"} | addresses
 
 
 def test_files_are_written_whole() -> None:
     found = {name for name in uses(WRITES) if not name.startswith("benchmarks")}
-    assert found == WRITERS | {"calib/writing.py"}
+    assert found == WRITERS | {"basetree/files/writing.py"}
 
 
 @pytest.mark.parametrize("call", ["path.write_bytes(data)", 'path.open("w", encoding="utf-8")'])

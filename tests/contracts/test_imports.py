@@ -11,7 +11,7 @@ from typing import NamedTuple
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = ("calib", "edgetree", "fleet", "perceptree")
+PACKAGES = ("basetree", "calib", "edgetree", "fleet", "perceptree")
 TRAINING_STACK = {"torch", "torchvision", "timm", "pycocotools", "safetensors", "numba"}
 HEAVY = TRAINING_STACK | {"matplotlib", "onnx", "onnxruntime", "onnxscript", "perceptree", "PIL"}
 HEAVY |= {"ray", "fsspec", "s3fs"}
@@ -24,12 +24,13 @@ READS_BAGS = {
     "edgetree.live.sources.ros1_index",
 }
 MAY_IMPORT = {
-    "calib": {"calib", "numpy", "cv2", "yaml"},
-    "fleet": {"fleet", "calib", "ray", "fsspec"},
+    "basetree": {"basetree", "numpy", "cv2", "typer", "ray", "fsspec"},
+    "calib": {"calib", "basetree", "numpy", "cv2", "yaml"},
+    "fleet": {"fleet", "basetree"},
     "perceptree": TRAINING_STACK
-    | {"perceptree", "calib", "fleet", "numpy", "cv2", "typer", "matplotlib"},
+    | {"perceptree", "calib", "basetree", "numpy", "cv2", "typer", "matplotlib"},
 }
-EDGETREE_BASE_DEPENDENCIES = {"edgetree", "calib", "fleet", "numpy", "cv2", "typer"}
+EDGETREE_BASE_DEPENDENCIES = {"edgetree", "calib", "basetree", "numpy", "cv2", "typer"}
 EDGETREE_TRAINING_SIDE = ("edgetree.export", "edgetree.demo", "edgetree.evaluate")
 
 
@@ -42,7 +43,9 @@ def loaded_by(statement: str, folder: Path = ROOT) -> set[str]:
     return {name.partition(".")[0] for name in json.loads(done.stdout)}
 
 
-@pytest.mark.parametrize("statement", ["import edgetree", "import edgetree.cli", "import fleet"])
+@pytest.mark.parametrize(
+    "statement", ["import edgetree", "import edgetree.cli", "import basetree.jobs"]
+)
 def test_edgetree_loads_nothing_heavy(statement: str) -> None:
     assert loaded_by(statement) & HEAVY == set()
 
@@ -50,7 +53,12 @@ def test_edgetree_loads_nothing_heavy(statement: str) -> None:
 def test_calib_loads_numpy_and_opencv_only() -> None:
     added = loaded_by("import calib") - loaded_by("pass") - set(sys.stdlib_module_names)
     # OpenCV and numpy may bring private helper modules of their own; no other project may come.
-    assert {name for name in added if not name.startswith("_")} <= {"calib", "numpy", "cv2"}
+    assert {name for name in added if not name.startswith("_")} <= {
+        "basetree",
+        "calib",
+        "numpy",
+        "cv2",
+    }
 
 
 def test_the_loading_check_can_fail(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 MOST_BYTES = 20_000_000
 FILES = ("pyproject.toml", "README.md", "LICENSE")
-PACKAGES = ("calib", "edgetree", "fleet", "perceptree")
+PACKAGES = ("basetree", "calib", "edgetree", "fleet", "perceptree")
 OPEN_ALL = """
 import json, sys
 from edgetree import TreeDetector

@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from basetree.errors import InputError
 from edgetree import TreeDetector
 from edgetree.catalogue import (
     CARD_SCHEMA,
@@ -26,7 +27,7 @@ from edgetree.catalogue import (
     other_model,
     suited_model,
 )
-from edgetree.errors import InputError, ModelFileError
+from edgetree.errors import ModelFileError
 
 Cli = Callable[..., Any]
 

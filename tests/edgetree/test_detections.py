@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+from basetree.errors import InputError
 from edgetree.detections import TreeDetections
-from edgetree.errors import InputError
 
 
 def _detections(count: int = 3) -> TreeDetections:

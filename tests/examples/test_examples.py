@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 import pytest
 
+from basetree.errors import InputError
 from edgetree import sample_frames
-from edgetree.errors import InputError
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 FRAMES = 3

@@ -21,7 +21,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from safetensors.torch import save
 
 import calib
-from calib.reading import read_image
+from basetree.files.reading import read_image
 from edgetree.catalogue import default_model
 from edgetree.check.csv_file import read_csv
 from edgetree.live.page.access import Access

@@ -24,14 +24,12 @@ from typing import NamedTuple
 
 from formats import FORMATS
 
-from calib import CalibError
-from edgetree.errors import EdgetreeError
-from perceptree.errors import PerceptreeError
+from basetree.errors import EdgetreeError, InputError
 
 CORPUS = Path(__file__).with_name("corpus")
 _LONGEST_S, _LARGEST_BYTES = 5, 2**30
 _LONGEST_WAIT_S = 120  # for an answer, of a busy machine too
-_ALLOWED = (CalibError, EdgetreeError, PerceptreeError)
+_ALLOWED = (InputError, EdgetreeError, InputError)
 _STATM = Path("/proc/self/statm")
 _TOKENS = (
     *(b"0", b"-1", b"1e300", b"1e-300", b"nan", b"inf", b"9" * 400, b"0x" + b"f" * 30, b"null"),

@@ -14,7 +14,7 @@ if not Path("/proc/self/statm").exists():
 _FOLDER = str(Path(__file__).parent)
 sys.path.insert(0, _FOLDER)
 import formats  # noqa: E402
-from fuzzing import PerceptreeError  # noqa: E402
+from fuzzing import InputError  # noqa: E402
 
 _BAD_READERS = {
     "error": "{}[path]",
@@ -46,7 +46,7 @@ def test_the_seeds_are_valid(tmp_path: Path) -> None:
             path = tmp_path / f"file-{name}"
             path.write_bytes(seed)
             if form.refused:
-                with pytest.raises(PerceptreeError, match=form.refused):
+                with pytest.raises(InputError, match=form.refused):
                     form.read(path)
             elif form.read(path) is None:
                 assert name in ("coco.json", "model.onnx")

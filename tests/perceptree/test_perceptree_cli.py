@@ -108,12 +108,6 @@ def test_a_terminated_training_saves_its_state(
     assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
 
 
-def test_the_two_command_lines_share_their_process() -> None:
-    root = Path(__file__).parents[2]
-    one, two = (root / name / "process.py" for name in ("edgetree", "perceptree"))
-    assert one.read_text("utf-8") == two.read_text("utf-8")
-
-
 MISTAKES = {
     "no dataset": (("train", "{}/none", "--out", "{}/run"), "none: no such file or folder"),
     "modality": (("train", "{}", "--out", "{}/run", "--modality", "x"), "--modality is 'x'"),

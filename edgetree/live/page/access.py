@@ -11,7 +11,7 @@ from http import HTTPStatus
 from typing import Final, NamedTuple
 from urllib.parse import parse_qs
 
-from edgetree.errors import InputError
+from basetree.errors import InputError
 
 __all__ = ["Access", "Refusal", "is_loopback"]
 

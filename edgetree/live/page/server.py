@@ -15,8 +15,8 @@ from http.server import ThreadingHTTPServer
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Final
 
+from basetree.errors import InputError
 from edgetree.drawing.primitives import Picture
-from edgetree.errors import InputError
 from edgetree.live.page.access import Access
 from edgetree.live.page.feed import Feed
 from edgetree.live.page.handler import PageHandler

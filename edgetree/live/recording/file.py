@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 from typing import Any, Final
 
-from edgetree.errors import InputError
+from basetree.errors import InputError
 from edgetree.live.recording.messages import RecordedMessage, RecordingMessages
 from edgetree.live.results import LiveResult
 from edgetree.live.sinks.bag_folder import BagFolder

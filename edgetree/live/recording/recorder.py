@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from edgetree.errors import EdgetreeError, InputError
+from basetree.errors import EdgetreeError, InputError
 from edgetree.live.recording.file import RecordingFile, new_folder
 from edgetree.live.recording.messages import RecordingMessages
 from edgetree.live.recording.queue import FrameQueue, Window
@@ -46,7 +46,7 @@ class FrameRecorder:
 
     Raises:
         InputError: a time or the limit is out of range, or the folder is a file.
-        MissingDependency: rosbags is not installed.
+        MissingPackage: rosbags is not installed.
     """
 
     def __init__(

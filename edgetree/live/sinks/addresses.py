@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from edgetree.errors import InputError
+from basetree.errors import InputError
 
 __all__ = ["host_and_port"]
 

@@ -21,7 +21,7 @@ class BagSink:
 
     Raises:
         InputError: the folder exists already or cannot be made.
-        MissingDependency: rosbags is not installed.
+        MissingPackage: rosbags is not installed.
     """
 
     def __init__(self, folder: Path) -> None:

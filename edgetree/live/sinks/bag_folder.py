@@ -7,8 +7,8 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any, Final
 
-from calib.writing import replacing_folder
-from edgetree.errors import InputError, MissingDependency, install_hint
+from basetree.errors import InputError, MissingPackage, install_hint
+from basetree.files.writing import replacing_folder
 
 __all__ = ["BagFolder", "check_rosbags"]
 
@@ -25,7 +25,7 @@ class BagFolder:
 
     Raises:
         InputError: the folder exists already or cannot be made.
-        MissingDependency: rosbags is not installed.
+        MissingPackage: rosbags is not installed.
     """
 
     def __init__(self, folder: Path, types: Any, *, compressed: bool = False) -> None:
@@ -105,11 +105,11 @@ def check_rosbags() -> None:
     """Check that bags can be written.
 
     Raises:
-        MissingDependency: rosbags is not installed.
+        MissingPackage: rosbags is not installed.
     """
     try:
         import rosbags.rosbag2  # noqa: F401
     except ImportError as error:
-        raise MissingDependency(
+        raise MissingPackage(
             f"a bag needs the package rosbags: {install_hint('record')}"
         ) from error

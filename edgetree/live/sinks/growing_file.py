@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TextIO
 
-from edgetree.errors import InputError
+from basetree.errors import InputError
 
 __all__ = ["growing_file"]
 

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from edgetree.errors import InputError
+from basetree.errors import InputError
 
 __all__ = ["MapOrigin"]
 

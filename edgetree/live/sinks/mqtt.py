@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from typing import Any, Final
 
-from edgetree.errors import InputError, MissingDependency, install_hint
+from basetree.errors import InputError, MissingPackage, install_hint
 from edgetree.live.results import LiveResult
 from edgetree.live.sinks.addresses import host_and_port
 from edgetree.live.sinks.records import stems_message
@@ -34,7 +34,7 @@ class MqttSink:
 
     Raises:
         InputError: the address or the topic cannot be used.
-        MissingDependency: paho-mqtt is not installed.
+        MissingPackage: paho-mqtt is not installed.
     """
 
     def __init__(
@@ -79,7 +79,5 @@ def _new_client() -> Any:
     try:
         from paho.mqtt import client
     except ImportError as error:
-        raise MissingDependency(
-            f"MQTT needs the package paho-mqtt: {install_hint('mqtt')}"
-        ) from error
+        raise MissingPackage(f"MQTT needs the package paho-mqtt: {install_hint('mqtt')}") from error
     return client.Client(client.CallbackAPIVersion.VERSION2)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from edgetree.errors import InputError
+from basetree.errors import InputError
 from edgetree.live.sinks.bag import BagSink
 from edgetree.live.sinks.csv_tracks import CsvTracksSink
 from edgetree.live.sinks.geojson import GeoJsonSink
@@ -62,7 +62,7 @@ def open_sinks(options: SinkOptions, stack: ExitStack) -> list[Sink]:
 
     Raises:
         InputError: a file cannot be written, or an address or name cannot be used.
-        MissingDependency: the package for MQTT or for bags is not installed.
+        MissingPackage: the package for MQTT or for bags is not installed.
     """
     sinks: list[Sink] = []
 

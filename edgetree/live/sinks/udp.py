@@ -6,7 +6,7 @@ import logging
 import socket
 from typing import Any, Final
 
-from edgetree.errors import InputError
+from basetree.errors import InputError
 from edgetree.live.results import LiveResult
 from edgetree.live.sinks.addresses import host_and_port
 from edgetree.live.sinks.records import stems_message

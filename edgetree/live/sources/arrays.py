@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import calib
+from basetree.errors import InputError
 from calib.depth.files import in_metres
-from edgetree.errors import InputError
 from edgetree.live.frames import LiveFrame
 
 __all__ = ["DepthReading", "bgr_image", "frame_from_arrays", "metres_from_array", "unit_vector"]
@@ -78,7 +78,7 @@ def frame_from_arrays(
     Raises:
         InputError: an array has another shape or type, image and depth differ in size, or
             floating-point depth is in millimetres.
-        CalibError: the camera is for another aspect ratio.
+        InputError: the camera is for another aspect ratio.
     """
     if image is None and depth is None:
         raise InputError(f"frame {number} has neither image nor depth: expected one of them")

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import calib
-from edgetree.errors import InputError
+from basetree.errors import InputError
 from edgetree.live.frames import LiveFrame
 from edgetree.live.sources.arrays import DepthReading, metres_from_array
 from edgetree.live.sources.camera_info import CameraInfos

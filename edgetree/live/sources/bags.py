@@ -15,8 +15,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, NamedTuple
 
-from calib.errors import short_line
-from edgetree.errors import EdgetreeError, InputError, MissingDependency, install_hint
+from basetree.errors import EdgetreeError, InputError, MissingPackage, install_hint, short_line
 from edgetree.live.sources.cut_off import readable_file
 
 __all__ = [
@@ -155,7 +154,7 @@ def open_bag(path: Path) -> Bag:
 
     Raises:
         InputError: it does not exist or cannot be read.
-        MissingDependency: rosbags is not installed.
+        MissingPackage: rosbags is not installed.
     """
     return Bag(path)
 
@@ -181,7 +180,7 @@ def _readers(path: Path) -> list[Any]:
     try:
         from rosbags import rosbag1, rosbag2
     except ImportError as error:
-        raise MissingDependency(
+        raise MissingPackage(
             f"rosbags is not installed, which recordings need: {install_hint('record')}"
         ) from error
     if not path.is_dir():

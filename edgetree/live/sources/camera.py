@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import calib
-from edgetree.errors import InputError
+from basetree.errors import InputError
 from edgetree.live.frames import LiveFrame, LiveSource, SourceLost
 from edgetree.live.sources.arrays import bgr_image, unit_vector
 

@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from edgetree.errors import MissingDependency, install_hint
+from basetree.errors import MissingPackage, install_hint
 from edgetree.live.frames import LiveFrame, SourceLost
 from edgetree.live.sources.arrays import unit_vector
 from edgetree.live.sources.gravity import GravityFilter
@@ -33,12 +33,12 @@ def load_sdk(module: str, package: str, extra: str, cameras: str) -> Any:
         cameras: the cameras that need it.
 
     Raises:
-        MissingDependency: it is not installed.
+        MissingPackage: it is not installed.
     """
     try:
         return importlib.import_module(module)
     except ImportError as error:
-        raise MissingDependency(
+        raise MissingPackage(
             f"{package} is not installed, which {cameras} cameras need: {install_hint(extra)}"
         ) from error
 

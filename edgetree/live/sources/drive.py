@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 import calib
-from edgetree.errors import InputError
+from basetree.errors import InputError
 from edgetree.frames.sources import read_image
 from edgetree.live.frames import LiveFrame, LiveSource
 from edgetree.live.sources.arrays import unit_vector
@@ -75,7 +75,7 @@ class _Drive:
                 return
             try:
                 yield self._frame(number, image)
-            except (InputError, calib.CalibError) as error:
+            except InputError as error:
                 self._counts["unreadable images"] += 1
                 _log.warning("%s", error)
 

@@ -15,8 +15,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from basetree.errors import InputError
 from calib import CameraError, PinholeCamera
-from edgetree.errors import InputError
 from edgetree.live.frames import LiveFrame
 
 __all__ = ["EXACT_TOPIC", "EXACT_TYPE", "ExactValues", "exact_record"]

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 import calib
-from edgetree.errors import InputError
+from basetree.errors import InputError
 from edgetree.frames import Rig, open_source
 from edgetree.frames.pipeline import readable
 from edgetree.frames.sources import Frame

@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.limits import current_limits
-from calib.picture_size import picture_size
-from calib.reading import decode_image
-from edgetree.errors import InputError
+from basetree.errors import InputError
+from basetree.files.limits import current_limits
+from basetree.files.picture_size import picture_size
+from basetree.files.reading import decode_image
 
 __all__ = ["IMAGE_TYPES", "PictureKind", "decode_picture", "kind_of_picture", "stamp_ns"]
 

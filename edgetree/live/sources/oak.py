@@ -43,7 +43,7 @@ def open_oak(*, up_camera: ArrayLike | None = None) -> LiveSource:
 
     Raises:
         SourceLost: there is no such camera, or it does not start.
-        MissingDependency: depthai is not installed.
+        MissingPackage: depthai is not installed.
     """
     return _Oak(load_sdk("depthai", "depthai", "oak", "OAK"), up_camera)
 

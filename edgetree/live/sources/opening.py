@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
-from edgetree.errors import InputError
+from basetree.errors import InputError
 from edgetree.frames import Rig
 from edgetree.live.frames import LiveSource
 from edgetree.live.sources.bags import is_bag
@@ -69,7 +69,7 @@ def open_live_source(
     Raises:
         InputError: there is no such source, or an option does not fit it.
         SourceLost: the camera does not answer.
-        MissingDependency: the package for the source is not installed.
+        MissingPackage: the package for the source is not installed.
     """
     name = text.strip()
     is_camera = name in _VENDORS or "!" in name or bool(_ADDRESS.match(name))

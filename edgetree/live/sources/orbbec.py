@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import calib
+from basetree.files.reading import decode_image
 from calib.files import fields
-from calib.reading import decode_image
 from edgetree.live.frames import LiveFrame, LiveSource
 from edgetree.live.sources.arrays import frame_from_arrays
 from edgetree.live.sources.device import Device, load_sdk
@@ -43,7 +43,7 @@ def open_orbbec(*, up_camera: ArrayLike | None = None) -> LiveSource:
 
     Raises:
         SourceLost: there is no such camera, or it does not start.
-        MissingDependency: pyorbbecsdk2 is not installed.
+        MissingPackage: pyorbbecsdk2 is not installed.
     """
     return _Orbbec(load_sdk("pyorbbecsdk", "pyorbbecsdk2", "orbbec", "Orbbec"), up_camera)
 

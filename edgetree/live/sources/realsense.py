@@ -40,7 +40,7 @@ def open_realsense(serial: str | None = None, *, up_camera: ArrayLike | None = N
 
     Raises:
         SourceLost: there is no such camera, or it has none of the known modes.
-        MissingDependency: pyrealsense2 is not installed.
+        MissingPackage: pyrealsense2 is not installed.
     """
     sdk = load_sdk("pyrealsense2", "pyrealsense2", "realsense", "RealSense")
     return _RealSense(sdk, serial, up_camera)

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Final
 
-from edgetree.errors import InputError
+from basetree.errors import InputError
 from edgetree.live.frames import LiveFrame, LiveSource
 from edgetree.live.sources.assembly import Assembly
 from edgetree.live.sources.bags import Bag, BrokenRecording, Message, open_bag
@@ -56,7 +56,7 @@ def open_recording(
     Raises:
         InputError: the recording cannot be read, has no such images, or it is not clear which
             topic is meant.
-        MissingDependency: rosbags is not installed.
+        MissingPackage: rosbags is not installed.
     """
     recording = _Recording(path, topics or {}, depth_scale_m, modality)
     return Looped(recording) if loop else recording

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from edgetree.errors import InputError
+from basetree.errors import InputError
 from edgetree.live.sources.bags import TF_TYPE, Bag
 from edgetree.live.sources.exact import EXACT_TOPIC, EXACT_TYPE
 from edgetree.live.sources.messages import IMAGE_TYPES, PictureKind, kind_of_picture

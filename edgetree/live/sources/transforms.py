@@ -9,7 +9,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from calib import CalibError, RigidTransform
+from basetree.errors import InputError
+from calib import RigidTransform
 from edgetree.live.sources.messages import stamp_ns
 
 __all__ = ["TransformTree", "frame_name"]
@@ -79,7 +80,7 @@ def _rigid(quaternion: NDArray[np.float64], place_m: NDArray[np.float64]) -> Rig
         return None
     try:
         return RigidTransform.from_quaternion(quaternion / length, place_m)
-    except CalibError:
+    except InputError:
         return None
 
 

@@ -8,8 +8,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from basetree.errors import MissingPackage, install_hint
 from calib import PinholeCamera, RigidTransform, pixels_to_rays
-from edgetree.errors import MissingDependency, install_hint
 from edgetree.live.frames import LiveFrame
 
 __all__ = ["CameraStep", "DepthOdometry"]
@@ -108,14 +108,14 @@ class DepthOdometry:
     as in small_gicp (Koide 2024), first on a coarse, then on a fine set of points.
 
     Raises:
-        MissingDependency: small_gicp is not installed.
+        MissingPackage: small_gicp is not installed.
     """
 
     def __init__(self) -> None:
         try:
             import small_gicp
         except ImportError as error:
-            raise MissingDependency(
+            raise MissingPackage(
                 f"motion from depth needs the package small_gicp: {install_hint('odometry')}"
             ) from error
         self._gicp = small_gicp

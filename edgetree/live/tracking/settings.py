@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from edgetree.errors import InputError
+from basetree.errors import InputError
 
 __all__ = ["ErrorShares", "TrackingSettings"]
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from basetree.errors import InputError
 from calib import RigidTransform, pixels_to_rays
 from edgetree.detections import TreeDetections
-from edgetree.errors import InputError
 from edgetree.live.frames import LiveFrame
 from edgetree.live.tracking.association import match_greedily
 from edgetree.live.tracking.ego_motion import EgoMotion

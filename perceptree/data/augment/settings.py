@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from perceptree.errors import SettingsError
+from basetree.errors import SettingsError
 
 
 def _up_to(default: float, most: float = math.inf) -> Any:

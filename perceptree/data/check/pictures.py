@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.reading import decode_image
+from basetree.files.reading import decode_image
 from perceptree.data.coco import FrameRecord
 
 Signature = NDArray[np.uint64]

@@ -10,7 +10,8 @@ from typing import Any, get_args
 import torch
 from torch import Tensor
 
-from perceptree.errors import CheckpointError, SettingsError
+from basetree.errors import SettingsError
+from perceptree.errors import CheckpointError
 from perceptree.models.checkpoint import check_tensors, check_values, tensors_of
 from perceptree.models.detector import TreeRCNN
 from perceptree.models.spec import Modality, ModelSpec

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pycocotools import mask as coco_mask
 
+from basetree.files.reading import read_image
 from calib import opencv_to_image
-from calib.reading import read_image
 from perceptree.drawing import Picture, draw_trees, fitted, grid, with_caption
 from perceptree.errors import DatasetError
 from perceptree.simulator.dataset.storage import encode_jpeg, write_atomically

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fleet import Store
-from perceptree.errors import DatasetError, SettingsError
+from basetree.errors import SettingsError
+from basetree.jobs import Store
+from perceptree.errors import DatasetError
 from perceptree.simulator.dataset.contact_sheet import write_contact_sheets
 from perceptree.simulator.dataset.pages import write_statistics
 from perceptree.simulator.dataset.pool import draw_scenes

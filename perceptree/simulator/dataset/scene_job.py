@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import calib
-from fleet import Store, copy_folder
+from basetree.jobs import Store, copy_folder
 from perceptree.simulator.dataset.storage import (
     FRAME_FOLDERS,
     IMU_FOLDER,

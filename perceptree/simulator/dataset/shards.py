@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from fleet import (
+from basetree.jobs import (
     Job,
     JobError,
     LocalStore,

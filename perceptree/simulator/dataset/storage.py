@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib import writing
+from basetree.files import writing
 from perceptree.errors import DatasetError
 
 FRAME_FOLDERS = ("images", "depth", "depth8", "depth_exact")

@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.writing import replacing
+from basetree.files.writing import replacing
 from perceptree.errors import DatasetError
 from perceptree.simulator.materials.layers import SIZE_PX, Layer, is_cutout
 

@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from perceptree.errors import DatasetError, SettingsError
+from basetree.errors import SettingsError
+from perceptree.errors import DatasetError
 from perceptree.simulator.settings import SimulatorSettings
 
 MATERIALS = ("bark", "ground", "rock")

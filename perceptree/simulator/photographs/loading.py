@@ -10,9 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.errors import InputFileError
-from calib.reading import read_image
-from perceptree.errors import SettingsError
+from basetree.errors import InputFileError, SettingsError
+from basetree.files.reading import read_image
 from perceptree.simulator.materials.layers import SIZE_PX
 from perceptree.simulator.photographs.folder import Photograph
 

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from perceptree.errors import SettingsError
+from basetree.errors import SettingsError
 from perceptree.simulator.photographs.folder import CUBE_FACES, Photograph
 from perceptree.simulator.photographs.loading import (
     DEEP,

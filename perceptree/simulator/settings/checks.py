@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from perceptree.errors import SettingsError
+from basetree.errors import SettingsError
 
 Range = tuple[float, float]
 Shares = dict[str, float]

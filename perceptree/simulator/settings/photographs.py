@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from perceptree.errors import SettingsError
+from basetree.errors import SettingsError
 from perceptree.simulator.settings.checks import check_number
 
 _SHA256 = re.compile(r"([0-9a-f]{64})?")

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any, TypeVar
 
-from perceptree.errors import SettingsError
+from basetree.errors import SettingsError
 from perceptree.simulator.settings.tree import SimulatorSettings
 
 Node = TypeVar("Node")

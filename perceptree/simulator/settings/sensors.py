@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from basetree.errors import SettingsError
 from calib import PinholeCamera
-from perceptree.errors import SettingsError
 from perceptree.simulator.settings.checks import (
     OMIT_DEFAULT,
     Range,

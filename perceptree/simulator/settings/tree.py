@@ -6,8 +6,8 @@ import dataclasses
 from dataclasses import dataclass, field
 from typing import Any
 
+from basetree.errors import SettingsError
 from calib import PinholeCamera
-from perceptree.errors import SettingsError
 from perceptree.simulator.settings.atmosphere import LightSettings, WeatherSettings
 from perceptree.simulator.settings.checks import OMIT_DEFAULT, check_choice, check_number
 from perceptree.simulator.settings.drive import DriveSettings

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from calib import CalibError
+from basetree.errors import InputError
 from calib.boards import (
     Board,
     BoardDetections,
@@ -120,7 +120,7 @@ def test_board_descriptions_are_parsed(text: str, board: Board) -> None:
     ],
 )
 def test_invalid_board_descriptions_are_named(text: str, message: str) -> None:
-    with pytest.raises(CalibError) as caught:
+    with pytest.raises(InputError) as caught:
         parse_board(text)
     assert message in str(caught.value)
     assert text in str(caught.value)
@@ -155,7 +155,7 @@ def test_images_of_two_sizes_are_rejected(
 ) -> None:
     first = pictures("checkerboard", "radtan")[5]
     small = Picture("small", first.grey[:240, :320])
-    with pytest.raises(CalibError, match="small is 320x240 px: expected 640x480 px, as picture5"):
+    with pytest.raises(InputError, match="small is 320x240 px: expected 640x480 px, as picture5"):
         find_boards([first, small], Checkerboard(9, 6, 0.025))
 
 

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 from bench_results import ACCURACY, result_of, row_of
 
+from basetree.errors import InputError
 from edgetree.bench.compare import compare_results
-from edgetree.errors import InputError
 
 
 def timed(*rounds_ms: float, **changes: Any) -> Any:

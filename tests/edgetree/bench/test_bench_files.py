@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 import edgetree.export
+from basetree.errors import InputError, MissingPackage
 from edgetree.bench.files import NETWORKS, NetworkFiles, cache_folder
-from edgetree.errors import InputError, MissingDependency
 from edgetree.export import ExportSettings
 from edgetree.model_file.manifest import Manifest
 
@@ -121,6 +121,6 @@ def test_exporting_without_the_training_packages_is_an_error(
     from edgetree.export import export_preset
 
     monkeypatch.setitem(sys.modules, "onnx", None)
-    with pytest.raises(MissingDependency, match=r'onnx is not installed: pip install "\.\[cpu,tr'):
+    with pytest.raises(MissingPackage, match=r'onnx is not installed: pip install "\.\[cpu,tr'):
         export_preset("edge-n", tmp_path / "model.onnx")
     assert list(tmp_path.iterdir()) == []

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from basetree.errors import CheckFailed, InputError
 from edgetree import TreeDetector, default_model
 from edgetree.bench import rounds as bench_rounds
 from edgetree.bench.network_parts import PARTS, parts_of_nodes
@@ -20,7 +21,6 @@ from edgetree.bench.rounds import BenchSettings, Variant, measure_variants
 from edgetree.bench.sensors import EnergyCounter, clock_mhz, temperature_c
 from edgetree.bench.stages import STAGES
 from edgetree.bench.worker import Job
-from edgetree.errors import CheckFailed, InputError
 from edgetree.model_file.manifest import Manifest
 from edgetree.model_file.onnx_bytes import Node, TensorType, onnx_bytes
 from edgetree.model_file.safety_check import read_model_file

@@ -13,12 +13,12 @@ from typing import Any
 import pytest
 from bench_results import ACCURACY, result_of, row_of
 
+from basetree.errors import InputError
 from edgetree.bench.page import page_html
 from edgetree.bench.paper_table import PAPER
 from edgetree.bench.result import csv_text, markdown_text, read_result
 from edgetree.bench.stages import STAGES
 from edgetree.bench.text_table import text_lines
-from edgetree.errors import InputError
 
 NAMES = ["r50", "r101", "x101-32x4d", "x101-32x8d", "edge-n"]
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from basetree.errors import InputError
 from edgetree.check import CaliperStem, CaliperTable, MeasuredStem, MeasuredTable, compare
 from edgetree.check import match_stems as match
-from edgetree.errors import InputError
 from edgetree.measure import Estimate, Failure
 
 Xyz = tuple[float, float, float]

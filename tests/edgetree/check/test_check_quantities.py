@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from basetree.errors import InputError
 from edgetree.check import CaliperTable, MeasuredTable, Share, compare
-from edgetree.errors import InputError
 from edgetree.measure import Failure
 
 Tables = Callable[..., tuple[MeasuredTable, CaliperTable]]

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from basetree.errors import InputError
 from edgetree.check import read_caliper, read_measured
 from edgetree.detections import TreeDetections
-from edgetree.errors import InputError
 from edgetree.frames.pipeline import FoundTrees, FrameResult
 from edgetree.frames.sources import Frame
 from edgetree.measure import Estimate, Failure, PointEstimate, TreeMeasurement

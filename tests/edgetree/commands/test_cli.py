@@ -20,9 +20,9 @@ import typer
 
 import edgetree.doctor
 import edgetree.runtime.session
+from basetree.errors import CheckFailed
 from edgetree import cli
 from edgetree.doctor import Findings, Libraries, Machine, ModelFile, ProviderResult, Speed
-from edgetree.errors import CheckFailed
 from edgetree.frames import pipeline
 from edgetree.model_file.manifest import Manifest
 

@@ -20,7 +20,7 @@ Path({whole!r}).touch()
 """
 MAIN = """
 import time
-from edgetree.process import run_command_line
+from basetree.program.process import run_command_line
 def run():
     import fragile
     time.sleep(600)

@@ -69,7 +69,7 @@ def test_frames_at_a_url_give_the_same_rows_with_its_name(
     run_cli: Cli, frames: Path, model: Path, tmp_path: Path
 ) -> None:
     pytest.importorskip("fsspec")
-    from fleet import copy_folder, open_store
+    from basetree.jobs import copy_folder, open_store
 
     copy_folder(frames, open_store("memory://camp/images"))
     copy_folder(frames.parent / "depth", open_store("memory://camp/depth"))

@@ -14,6 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 import calib
+from basetree.errors import InputError
 from edgetree.catalogue import default_model
 from edgetree.conformance import (
     Results,
@@ -27,7 +28,6 @@ from edgetree.conformance import (
 from edgetree.conformance.kit import read_expected, read_frame
 from edgetree.conformance.pairing import Pairing
 from edgetree.conformance.results import CoveredTree, FoundTree, FrameTrees
-from edgetree.errors import InputError
 from edgetree.runtime import detector
 
 Change = Callable[[list[dict[str, Any]]], object]

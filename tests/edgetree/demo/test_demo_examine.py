@@ -9,9 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 import calib
+from basetree.errors import InputError
 from edgetree.demo import demonstrate, write_report
 from edgetree.demo.examine import examine
-from edgetree.errors import InputError
 from edgetree.model_file.manifest import Manifest
 from edgetree.runtime.detector import TreeDetector
 from edgetree.runtime.session import FakeSession

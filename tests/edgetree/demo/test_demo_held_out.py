@@ -10,8 +10,8 @@ import calib
 
 pytest.importorskip("pycocotools")
 
+from basetree.errors import InputError
 from edgetree.demo.held_out import held_out_frames
-from edgetree.errors import InputError
 from perceptree.errors import DatasetError
 
 WIDTH, HEIGHT = 640, 384

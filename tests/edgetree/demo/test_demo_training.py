@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from basetree.errors import MissingPackage
 from edgetree.demo import training
-from edgetree.errors import MissingDependency
 
 TIME_LIMIT_S = 15 * 60
 
@@ -21,7 +21,7 @@ def test_missing_packages_are_named_with_the_pip_command(
         return None if name in ("timm", "numba") else ModuleSpec(name, None)
 
     monkeypatch.setattr(training, "find_spec", without_two)
-    with pytest.raises(MissingDependency) as caught:
+    with pytest.raises(MissingPackage) as caught:
         training.run_trained(tmp_path, lambda share, what: None)
     message = str(caught.value)
     assert message.startswith("demo --train needs timm, numba: pip install")

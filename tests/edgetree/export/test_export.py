@@ -10,8 +10,8 @@ import pytest
 import torch
 from typer.testing import CliRunner
 
+from basetree.errors import EdgetreeError, InputError
 from edgetree.cli import app
-from edgetree.errors import EdgetreeError, InputError
 from edgetree.export import (
     ExportReport,
     ExportSettings,

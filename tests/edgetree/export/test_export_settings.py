@@ -9,8 +9,9 @@ import onnx
 import pytest
 from typer.testing import CliRunner
 
+from basetree.errors import InputError
 from edgetree import cli
-from edgetree.errors import InputError, ModelFileError
+from edgetree.errors import ModelFileError
 from edgetree.export import (
     ExportReport,
     ExportSettings,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from edgetree.errors import InputError
+from basetree.errors import InputError
 from edgetree.frames.mask_images import read_masks
 
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import calib
+from basetree.errors import InputError, InputFileError
 from edgetree.commands.option_groups import RigOptions
-from edgetree.errors import InputError
 from edgetree.frames.rig import Rig
 
 COLOUR = calib.PinholeCamera(64, 48, 50.0, 50.0, 31.5, 23.5)
@@ -50,7 +50,7 @@ def test_the_scale_option_takes_a_number_or_a_calibration(tmp_path: Path) -> Non
     options = RigOptions(depth_scale=str(file))
     assert options.rig(None, None).depth_calibration == correction
     assert RigOptions(depth_scale="0.00025").rig(None, None).depth_scale_m == 0.00025
-    with pytest.raises(calib.InputFileError, match=r"much: no such file, expected a depth scale"):
+    with pytest.raises(InputFileError, match=r"much: no such file, expected a depth scale"):
         RigOptions(depth_scale="much").rig(None, None)
 
 

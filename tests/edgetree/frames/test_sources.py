@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 import calib
-from edgetree.errors import InputError
+from basetree.errors import InputError, InputFileError
 from edgetree.frames.pipeline import readable
 from edgetree.frames.sources import open_source, read_image
 
@@ -134,7 +134,7 @@ def test_an_image_of_too_many_pixels_is_not_decoded(tmp_path: Path) -> None:
     path = tmp_path / "huge.png"
     header = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + struct.pack(">II", 30_000, 30_000)
     path.write_bytes(header + b"\x08\2\0\0\0" + bytes(100) + b"IEND\xaeB`\x82")
-    with pytest.raises(calib.InputFileError, match=r"huge\.png: 30000x30000 px, expected at most"):
+    with pytest.raises(InputFileError, match=r"huge\.png: 30000x30000 px, expected at most"):
         read_image(path)
 
 

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from basetree.errors import InputError
 from calib import PinholeCamera
-from edgetree.errors import InputError, ModelFileError
+from edgetree.errors import ModelFileError
 from edgetree.frames.rig import Rig
 from edgetree.live.frames import LiveFrame, SourceLost
 from edgetree.live.pipeline import LivePipeline

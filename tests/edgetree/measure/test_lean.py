@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from basetree.errors import InputError
 from calib.transform import RigidTransform
-from edgetree.errors import InputError
 from edgetree.measure import Failure, measure_trees
 
 

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from edgetree.errors import InputError
+from basetree.errors import InputError
 from edgetree.measure import (
     SPECIES,
     Estimate,

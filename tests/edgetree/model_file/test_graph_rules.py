@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-import calib
+from basetree.files import current_limits, set_limits
 from edgetree.catalogue import default_model
 from edgetree.errors import ModelFileError
 from edgetree.model_file.onnx_bytes import Node, TensorType, onnx_bytes
@@ -117,10 +117,10 @@ def test_graphs_that_no_export_has_are_refused(name: str, tmp_path: Path) -> Non
 
 @pytest.fixture
 def small_limit() -> Iterator[None]:
-    before = calib.current_limits()
-    calib.set_limits(dataclasses.replace(before, model_memory_bytes=2**29))
+    before = current_limits()
+    set_limits(dataclasses.replace(before, model_memory_bytes=2**29))
     yield
-    calib.set_limits(before)
+    set_limits(before)
 
 
 @pytest.mark.usefixtures("small_limit")

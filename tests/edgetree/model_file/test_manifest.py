@@ -11,8 +11,9 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from basetree.errors import EdgetreeError
 from edgetree.detections import KEYPOINT_NAMES
-from edgetree.errors import EdgetreeError, ModelFileError
+from edgetree.errors import ModelFileError
 from edgetree.model_file.manifest import (
     ClassifierCost,
     Manifest,

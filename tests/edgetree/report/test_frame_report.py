@@ -20,8 +20,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from basetree.errors import InputError
 from edgetree.detections import TreeDetections
-from edgetree.errors import InputError
 from edgetree.frames.pipeline import FoundTrees, FrameResult
 from edgetree.frames.sources import Frame
 from edgetree.measure import Estimate, Evidence, Failure, StemProfile, TreeMeasurement

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from rig_drives import GivenSource, panning_drive, warp_depth, without
 
+from basetree.errors import InputError
 from edgetree import TreeDetector
 from edgetree.catalogue import default_model
-from edgetree.errors import InputError
 from edgetree.live.frames import LiveFrame
 from edgetree.rig_check import check_rig, report_lines
 

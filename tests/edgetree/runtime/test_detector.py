@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from edgetree.errors import InputError, ModelFileError
+from basetree.errors import InputError
+from edgetree.errors import ModelFileError
 from edgetree.model_file.manifest import Manifest, standard_input, standard_outputs
 from edgetree.runtime import TreeDetector, default_model
 from edgetree.runtime.session import FakeSession

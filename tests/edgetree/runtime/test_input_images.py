@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 import calib
-from edgetree.errors import InputError
+from basetree.errors import InputError
 from edgetree.model_file.manifest import Manifest
 from edgetree.runtime.detector import TreeDetector
 from edgetree.runtime.session import FakeSession

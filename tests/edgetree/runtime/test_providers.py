@@ -14,8 +14,8 @@ import onnxruntime
 import pytest
 from numpy.typing import NDArray
 
+from basetree.errors import InputError
 from edgetree import sample_frames
-from edgetree.errors import InputError
 from edgetree.model_file.manifest import Manifest
 from edgetree.runtime import TreeDetector, default_model
 from edgetree.runtime.ort_session import placement_of

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from edgetree.errors import InputError, MissingDependency, ModelFileError
+from basetree.errors import InputError, MissingPackage
+from edgetree.errors import ModelFileError
 from edgetree.model_file.manifest import METADATA_KEY, Manifest
 from edgetree.model_file.onnx_bytes import Node, TensorType, onnx_bytes
 from edgetree.runtime.providers import SessionSettings
@@ -84,7 +85,7 @@ def test_without_onnxruntime_the_error_has_the_pip_command(
 ) -> None:
     path = write_model(rgb_manifest)
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
-    with pytest.raises(MissingDependency, match=r"\.\[cpu\].*\.\[gpu\]") as caught:
+    with pytest.raises(MissingPackage, match=r"\.\[cpu\].*\.\[gpu\]") as caught:
         OrtSession(path)
     assert caught.value.exit_code == 2
 

@@ -13,8 +13,9 @@ from typing import Any
 import pytest
 
 import edgetree.signing.trust
-from calib.writing import write_whole
-from edgetree import InputError, MissingDependency, ModelFileError, TreeDetector
+from basetree.errors import MissingPackage
+from basetree.files.writing import write_whole
+from edgetree import InputError, ModelFileError, TreeDetector
 from edgetree.runtime.session import OrtSession
 from edgetree.signing import new_key, read_private_key, read_public_key, sign_model
 from edgetree.signing.keys import key_id
@@ -192,7 +193,7 @@ def test_without_cryptography_the_extra_is_named(
 ) -> None:
     machine.sign(model)
     monkeypatch.setitem(sys.modules, "cryptography.hazmat.primitives.asymmetric", None)
-    with pytest.raises(MissingDependency, match=r"\.\[sign\]"):
+    with pytest.raises(MissingPackage, match=r"\.\[sign\]"):
         TreeDetector.load(model)
 
 

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from basetree.errors import SettingsError
 from perceptree.data import AugmentSettings
 from perceptree.data.augment import PAPER_AUGMENT
-from perceptree.errors import SettingsError
 
 NUMBERS = [
     entry.name

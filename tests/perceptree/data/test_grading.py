@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from basetree.errors import SettingsError
 from perceptree.data import FrameStore, read_dataset, read_split
 from perceptree.data.cache import open_cache
 from perceptree.data.grading import ungraded
-from perceptree.errors import DatasetError, SettingsError
+from perceptree.errors import DatasetError
 from perceptree.models import ModelSpec, make_spec
 
 Edit = Callable[[Path, str, Callable[[dict[str, Any]], None]], None]

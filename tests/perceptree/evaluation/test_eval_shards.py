@@ -57,7 +57,7 @@ def test_a_dataset_at_a_url_makes_the_same_report(
     call: Call, checkpoint: Path, posts: Path, tmp_path: Path, small_blocks: None
 ) -> None:
     pytest.importorskip("fsspec")
-    from fleet import copy_folder, open_store
+    from basetree.jobs import copy_folder, open_store
 
     url = "memory://posts/data"
     copy_folder(posts, open_store(url))

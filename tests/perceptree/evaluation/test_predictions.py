@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 import calib
+from basetree.errors import SettingsError
 from perceptree.data import FrameStore
-from perceptree.errors import DatasetError, SettingsError
+from perceptree.errors import DatasetError
 from perceptree.evaluation import RawDetections, on_device, predict_frames, predict_with, read_ahead
 from perceptree.models import TreeRCNN, make_spec
 

@@ -4,7 +4,7 @@ import pytest
 import torch
 import torchvision.models as zoo
 
-from perceptree.errors import PerceptreeError
+from basetree.errors import InputError
 from perceptree.models import TreeRCNN, make_spec
 from perceptree.models.backbones import BACKBONES, Backbone, make_timm
 from perceptree.models.cost import (
@@ -116,5 +116,5 @@ def test_an_absent_branch_costs_nothing_and_counting_changes_nothing() -> None:
 
 
 def test_an_unknown_backbone_is_one_line() -> None:
-    with pytest.raises(PerceptreeError, match="backbone is 'vgg', expected one of: "):
+    with pytest.raises(InputError, match="backbone is 'vgg', expected one of: "):
         classifier_cost("vgg")

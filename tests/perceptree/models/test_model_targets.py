@@ -7,7 +7,7 @@ from torch import Tensor
 from torchvision.models.detection.roi_heads import keypoints_to_heatmap, project_masks_on_boxes
 from torchvision.ops import roi_align
 
-from perceptree.errors import PerceptreeError
+from basetree.errors import InputError
 from perceptree.models import TreeTargets
 from perceptree.models.losses import (
     keypoint_loss,
@@ -198,7 +198,7 @@ def test_a_quarter_of_the_papers_regions_are_positive_at_most() -> None:
     ],
 )
 def test_sampling_that_makes_no_sense_is_refused(changes: dict[str, float], message: str) -> None:
-    with pytest.raises(PerceptreeError, match=message):
+    with pytest.raises(InputError, match=message):
         SampleSettings(**changes)  # type: ignore[arg-type]
 
 

@@ -16,7 +16,8 @@ from torchvision.models.detection._utils import overwrite_eps
 from torchvision.models.detection.backbone_utils import resnet_fpn_backbone
 from torchvision.ops.misc import FrozenBatchNorm2d
 
-from perceptree.errors import CheckpointError, SettingsError
+from basetree.errors import SettingsError
+from perceptree.errors import CheckpointError
 from perceptree.models import ModelSpec, TreeRCNN, make_spec
 from perceptree.models.backbones import BACKBONES
 from perceptree.models.packaged import PACKAGED_WEIGHTS, PackagedWeights

@@ -6,7 +6,8 @@ import pytest
 import torch
 from safetensors.torch import load_file, save_file
 
-from perceptree.errors import CheckpointError, PerceptreeError
+from basetree.errors import InputError
+from perceptree.errors import CheckpointError
 from perceptree.models import ModelSpec, TreeRCNN, load_checkpoint, make_spec, save_checkpoint
 from perceptree.models.presets import NINE_ANCHORS_PX
 
@@ -48,11 +49,11 @@ def test_maps_cover_the_input_padded_to_whole_cells(side: int, rows: int) -> Non
 
 def test_presets_take_changes_and_refuse_what_is_none() -> None:
     assert make_spec("r101", detections=100, masks=False).detections == 100
-    with pytest.raises(PerceptreeError, match=r"roi_levels are \(5, 6\), .* at most 5"):
+    with pytest.raises(InputError, match=r"roi_levels are \(5, 6\), .* at most 5"):
         make_spec("r50", roi_levels=(5, 6))
-    with pytest.raises(PerceptreeError, match="model is 'r51', expected one of: edge-n, edge-s"):
+    with pytest.raises(InputError, match="model is 'r51', expected one of: edge-n, edge-s"):
         make_spec("r51")
-    with pytest.raises(PerceptreeError, match=r"unknown model setting: .*'colour'"):
+    with pytest.raises(InputError, match=r"unknown model setting: .*'colour'"):
         make_spec("r50", colour="red")
 
 
@@ -99,18 +100,18 @@ def test_presets_take_changes_and_refuse_what_is_none() -> None:
     ],
 )
 def test_a_spec_that_makes_no_sense_is_refused(changes: dict[str, object], message: str) -> None:
-    with pytest.raises(PerceptreeError, match=message):
+    with pytest.raises(InputError, match=message):
         dataclasses.replace(make_spec("edge-n", "rgb"), **changes)  # type: ignore[arg-type]
 
 
 def test_unknown_fields_and_backbones_are_refused() -> None:
     values = make_spec("edge-n", "rgb").to_dict()
-    with pytest.raises(PerceptreeError, match="unknown model spec fields: colour"):
+    with pytest.raises(InputError, match="unknown model spec fields: colour"):
         ModelSpec.from_dict({**values, "colour": "red"})
     del values["height"]
-    with pytest.raises(PerceptreeError, match="'height'"):
+    with pytest.raises(InputError, match="'height'"):
         ModelSpec.from_dict(values)
-    with pytest.raises(PerceptreeError, match="backbone is 'vgg', expected one of"):
+    with pytest.raises(InputError, match="backbone is 'vgg', expected one of"):
         TreeRCNN(dataclasses.replace(make_spec("edge-n", "rgb"), backbone="vgg"))
 
 

@@ -6,7 +6,7 @@ from torch import Tensor, nn
 from torchvision import models as zoo
 from torchvision.models.resnet import Bottleneck, ResNet
 
-from perceptree.errors import PerceptreeError
+from basetree.errors import InputError
 from perceptree.models import make_spec
 from perceptree.models.backbones import Backbone
 
@@ -83,9 +83,7 @@ def test_the_stride_in_the_1x1_is_what_moving_it_by_hand_gives() -> None:
 
 @pytest.mark.parametrize("name", ["resnet18", "mobilenetv4_conv_small", "mobilenetv3_large"])
 def test_a_network_without_bottlenecks_refuses_the_stride_in_the_1x1(name: str) -> None:
-    with pytest.raises(
-        PerceptreeError, match=f"stride_in_1x1 is true for {name}, expected a ResNet"
-    ):
+    with pytest.raises(InputError, match=f"stride_in_1x1 is true for {name}, expected a ResNet"):
         Backbone(name, 3, LEVELS, stride_in_1x1=True)
 
 

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from perceptree.errors import SettingsError
+from basetree.errors import SettingsError
 from perceptree.simulator.scene.conditions import make_light, make_weather
 from perceptree.simulator.scene.description import describe_scene
 from perceptree.simulator.settings import (

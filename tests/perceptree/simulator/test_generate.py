@@ -19,8 +19,9 @@ import numpy as np
 import pytest
 
 import calib
-from calib import writing
-from perceptree.errors import DatasetError, SettingsError
+from basetree.errors import SettingsError
+from basetree.files import writing
+from perceptree.errors import DatasetError
 from perceptree.simulator.dataset import generate, pool, storage
 from perceptree.simulator.dataset.generate import generate_dataset
 from perceptree.simulator.dataset.scene_job import SceneJob

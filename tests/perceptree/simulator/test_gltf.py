@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 import pytest
 
-from calib.writing import replacing
+from basetree.files.writing import replacing
 from perceptree.errors import DatasetError
 from perceptree.simulator.geometry import gltf
 from perceptree.simulator.geometry.assemble import assemble

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from perceptree.errors import SettingsError
+from basetree.errors import SettingsError
 from perceptree.simulator.dataset.frames import Assets, simulate_frames
 from perceptree.simulator.rendering import shade_light
 from perceptree.simulator.rendering.kernel_types import Atmosphere

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from perceptree.errors import SettingsError
+from basetree.errors import SettingsError
 from perceptree.simulator.dataset.frames import Assets, simulate_frames
 from perceptree.simulator.geometry.negatives import LOG_M, NEGATIVES
 from perceptree.simulator.materials.layers import LAST_BARK

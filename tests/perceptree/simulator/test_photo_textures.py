@@ -11,7 +11,8 @@ import cv2
 import numpy as np
 import pytest
 
-from perceptree.errors import DatasetError, SettingsError
+from basetree.errors import SettingsError
+from perceptree.errors import DatasetError
 from perceptree.simulator.dataset.frames import Assets, simulate_frames
 from perceptree.simulator.dataset.generate import generate_dataset, settings_sha256
 from perceptree.simulator.labelling.annotate import frame_record

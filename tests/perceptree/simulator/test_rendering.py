@@ -6,8 +6,8 @@ import numba
 import numpy as np
 import pytest
 
+from basetree.errors import SettingsError
 from calib import PinholeCamera
-from perceptree.errors import SettingsError
 from perceptree.simulator.geometry.assemble import SceneMesh
 from perceptree.simulator.geometry.ground import ground_mesh
 from perceptree.simulator.rendering import render

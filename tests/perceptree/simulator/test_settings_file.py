@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from perceptree.errors import SettingsError
+from basetree.errors import SettingsError
 from perceptree.simulator import PRESETS, SimulatorSettings, StandSettings, ideal_camera
 from perceptree.simulator.settings.reading import read_settings
 

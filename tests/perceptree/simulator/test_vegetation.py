@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import calib
-from perceptree.errors import SettingsError
+from basetree.errors import SettingsError
 from perceptree.simulator.dataset.frames import Assets, simulate_frames
 from perceptree.simulator.geometry.assemble import assemble
 from perceptree.simulator.geometry.vegetation import VEGETATION

@@ -9,7 +9,8 @@ import pytest
 import torch
 
 import perceptree.tables
-from perceptree.errors import CheckpointError, SettingsError
+from basetree.errors import SettingsError
+from perceptree.errors import CheckpointError
 from perceptree.models import TreeRCNN, load_checkpoint, make_spec, save_checkpoint
 from perceptree.tables import TableSettings, Watch, build_table
 from perceptree.tables import results as runs

@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 import torch
 
-from perceptree.errors import CheckpointError, DatasetError, SettingsError
+from basetree.errors import SettingsError
+from perceptree.errors import CheckpointError, DatasetError
 from perceptree.models import load_checkpoint
 from perceptree.training import DataSource, Engine, Preparing, train
 from perceptree.training.source import open_data

@@ -13,7 +13,8 @@ import pytest
 import torch
 
 import perceptree.training.state
-from perceptree.errors import CheckpointError, DatasetError, SettingsError
+from basetree.errors import SettingsError
+from perceptree.errors import CheckpointError, DatasetError
 from perceptree.training import Engine, Preparing, train
 
 Make = Callable[..., Any]

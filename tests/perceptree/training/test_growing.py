@@ -11,7 +11,8 @@ import pytest
 import torch
 
 import perceptree.training.growing as growing
-from perceptree.errors import DatasetError, SettingsError
+from basetree.errors import SettingsError
+from perceptree.errors import DatasetError
 from perceptree.training import Status, train_while_simulating
 
 Make = Callable[..., Any]

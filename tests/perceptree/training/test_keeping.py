@@ -11,7 +11,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from perceptree.errors import CheckpointError, SettingsError
+from basetree.errors import SettingsError
+from perceptree.errors import CheckpointError
 from perceptree.models import TreeRCNN, load_checkpoint, make_spec, save_checkpoint
 from perceptree.training import Engine, TrainSettings, train
 from perceptree.training.keeping import StartingBackbone

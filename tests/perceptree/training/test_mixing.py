@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 import torch
 
+from basetree.errors import SettingsError
 from perceptree.data import read_split
 from perceptree.data.cache import FrameCache, open_cache
-from perceptree.errors import CheckpointError, DatasetError, SettingsError
+from perceptree.errors import CheckpointError, DatasetError
 from perceptree.models import load_checkpoint
 from perceptree.training import DataSource, Engine, train
 from perceptree.training.batches import TrainingFrames

@@ -13,7 +13,7 @@ import pytest
 import torch
 
 import perceptree.training.run
-from perceptree.errors import SettingsError
+from basetree.errors import SettingsError
 from perceptree.models import TreeRCNN, save_checkpoint
 from perceptree.training import train
 from perceptree.training.batches import SlotSampler

@@ -10,7 +10,8 @@ import timm
 import torch
 from torch import Tensor
 
-from perceptree.errors import CheckpointError, SettingsError
+from basetree.errors import SettingsError
+from perceptree.errors import CheckpointError
 from perceptree.models import (
     ModelSpec,
     SampleSettings,

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 import torch
 
+from basetree.errors import SettingsError
 from perceptree.data import AugmentSettings, FrameStore, read_split
-from perceptree.errors import CheckpointError, DatasetError, SettingsError
+from perceptree.errors import CheckpointError, DatasetError
 from perceptree.evaluation import evaluate, predict_with
 from perceptree.models import ModelSpec, load_checkpoint, make_spec
 from perceptree.training import Status, TrainSettings, train

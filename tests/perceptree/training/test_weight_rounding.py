@@ -7,7 +7,7 @@ import pytest
 import torch
 from torch import nn
 
-from perceptree.errors import SettingsError
+from basetree.errors import SettingsError
 from perceptree.models import ModelSpec, load_checkpoint
 from perceptree.training import TrainSettings, train
 from perceptree.training.rounding import rounded_weights

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
-from edgetree.errors import InputError
+from basetree.errors import InputError
 from edgetree.live.page import PAGE_SCHEMA, PageServer, feed, handler, reading
 
 Serve = Callable[..., PageServer]

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from edgetree.errors import InputError
+from basetree.errors import InputError
 from edgetree.frames import Rig
 from edgetree.live.recording import FrameRecorder, recorder, run_record
 from edgetree.live.recording.file import RecordingFile

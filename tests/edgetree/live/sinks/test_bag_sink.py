@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
+from basetree.errors import InputError, MissingPackage
 from calib import PinholeCamera, RigidTransform
-from edgetree.errors import InputError, MissingDependency
 from edgetree.live.sinks import BagSink
 from edgetree.measure import Failure
 
@@ -152,5 +152,5 @@ def test_an_existing_folder_is_kept(tmp_path) -> None:
 def test_without_the_package_the_extra_is_named(tmp_path, monkeypatch) -> None:
     monkeypatch.setitem(sys.modules, "rosbags", None)
     monkeypatch.setitem(sys.modules, "rosbags.rosbag2", None)
-    with pytest.raises(MissingDependency, match="record"):
+    with pytest.raises(MissingPackage, match="record"):
         BagSink(tmp_path / "drive")

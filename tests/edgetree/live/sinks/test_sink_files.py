@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from edgetree.errors import InputError
+from basetree.errors import InputError
 from edgetree.live.sinks import (
     LIVE_SCHEMA,
     CsvTracksSink,

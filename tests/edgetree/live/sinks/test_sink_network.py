@@ -9,7 +9,7 @@ import types
 
 import pytest
 
-from edgetree.errors import InputError, MissingDependency
+from basetree.errors import InputError, MissingPackage
 from edgetree.live.sinks import STEMS_SCHEMA, MqttSink, UdpSink, stems_message
 from edgetree.measure import Failure
 
@@ -176,7 +176,7 @@ def test_a_topic_with_wildcards_is_refused(paho: list[FakeClient], topic: str) -
 
 def test_without_the_package_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "paho", None)
-    with pytest.raises(MissingDependency, match="mqtt"):
+    with pytest.raises(MissingPackage, match="mqtt"):
         MqttSink("10.0.0.1")
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import calib
-from edgetree.errors import InputError
+from basetree.errors import InputError
 from edgetree.live.sources.arrays import frame_from_arrays
 
 CAMERA = calib.PinholeCamera(64, 48, 60.0, 60.0, 31.5, 23.5)

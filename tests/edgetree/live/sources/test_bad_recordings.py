@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import calib
-from edgetree.errors import InputError, MissingDependency
+from basetree.errors import InputError, MissingPackage
 from edgetree.live.sources.recording import open_recording
 
 Writer = Callable[..., Path]
@@ -152,7 +152,7 @@ def test_a_missing_package_is_named_with_the_command(
         return load(name, *rest)
 
     monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(MissingDependency, match=r"rosbags is not installed.*\[record\]"):
+    with pytest.raises(MissingPackage, match=r"rosbags is not installed.*\[record\]"):
         open_recording(path)
 
 

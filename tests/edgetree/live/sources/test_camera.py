@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import calib
-from edgetree.errors import InputError
+from basetree.errors import InputError
 from edgetree.live.frames import SourceLost
 from edgetree.live.sources import camera as module
 from edgetree.live.sources.camera import open_camera

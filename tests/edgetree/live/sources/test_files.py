@@ -14,7 +14,7 @@ import pytest
 
 import calib
 import edgetree
-from edgetree.errors import InputError
+from basetree.errors import InputError
 from edgetree.frames import Rig
 from edgetree.live.sources.drive import is_drive, open_drive
 from edgetree.live.sources.files import open_files

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import calib
-from edgetree.errors import MissingDependency
+from basetree.errors import MissingPackage
 from edgetree.live.frames import SourceLost
 from edgetree.live.sources import device
 from edgetree.live.sources.oak import open_oak
@@ -235,5 +235,5 @@ def test_a_camera_that_is_missing_vanishes_or_falls_silent(sdk: FakeSdk) -> None
 
 def test_a_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "depthai", None)
-    with pytest.raises(MissingDependency, match=r"depthai is not installed.*\[oak\]"):
+    with pytest.raises(MissingPackage, match=r"depthai is not installed.*\[oak\]"):
         open_oak()

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from edgetree.errors import InputError
+from basetree.errors import InputError
 from edgetree.live.sources import opening
 from edgetree.live.sources.opening import open_live_source
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import calib
-from edgetree.errors import MissingDependency
+from basetree.errors import MissingPackage
 from edgetree.live.frames import SourceLost
 from edgetree.live.sources import device
 from edgetree.live.sources.orbbec import open_orbbec
@@ -248,5 +248,5 @@ def test_a_camera_that_is_missing_vanishes_or_falls_silent(sdk: FakeSdk) -> None
 
 def test_a_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pyorbbecsdk", None)
-    with pytest.raises(MissingDependency, match=r"pyorbbecsdk2 is not installed.*\[orbbec\]"):
+    with pytest.raises(MissingPackage, match=r"pyorbbecsdk2 is not installed.*\[orbbec\]"):
         open_orbbec()

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import calib
-from edgetree.errors import MissingDependency
+from basetree.errors import MissingPackage
 from edgetree.live.frames import SourceLost
 from edgetree.live.sources import device
 from edgetree.live.sources.realsense import open_realsense
@@ -222,5 +222,5 @@ def test_a_lens_model_without_a_formula_is_said(
 
 def test_a_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pyrealsense2", None)
-    with pytest.raises(MissingDependency, match=r"pyrealsense2 is not installed.*\[realsense\]"):
+    with pytest.raises(MissingPackage, match=r"pyrealsense2 is not installed.*\[realsense\]"):
         open_realsense()

@@ -13,7 +13,7 @@ import pytest
 
 import calib
 import edgetree
-from edgetree.errors import InputError
+from basetree.errors import InputError
 from edgetree.live.sources.recording import open_recording
 
 KINDS = ("ros1", "sqlite3", "mcap")

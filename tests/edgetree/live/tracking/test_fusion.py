@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from simulated_stand import DIAMETER_STD_M, Forest, without_diameter
 
-from edgetree.errors import InputError
+from basetree.errors import InputError
 from edgetree.live.tracking import ErrorShares, StemTracker, TrackingSettings
 from edgetree.measure import Estimate, Failure, PointEstimate
 

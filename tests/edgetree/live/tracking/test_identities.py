@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from simulated_stand import Forest, detections, stand, unmeasured
 
-from edgetree.errors import InputError
+from basetree.errors import InputError
 from edgetree.live.tracking import StemTracker, TrackingSettings
 
 

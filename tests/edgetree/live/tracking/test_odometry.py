@@ -10,7 +10,7 @@ import pytest
 from cylinder_forest import cylinder_frame, mounted
 from simulated_stand import detections
 
-from edgetree.errors import MissingDependency
+from basetree.errors import MissingPackage
 from edgetree.live.tracking import DepthOdometry, StemTracker
 
 PLACES_M = np.array([[5.0, -2.0], [6.5, 0.5], [4.5, 2.0], [8.0, 3.0], [8.5, -3.5], [9.0, -0.5]])
@@ -113,7 +113,7 @@ def test_without_odometry_the_map_begins_anew():
 
 def test_a_missing_package_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "small_gicp", None)
-    with pytest.raises(MissingDependency, match=r"small_gicp: pip install .*odometry"):
+    with pytest.raises(MissingPackage, match=r"small_gicp: pip install .*odometry"):
         DepthOdometry()
 
 

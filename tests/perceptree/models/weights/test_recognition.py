@@ -9,7 +9,7 @@ import torch
 from their_networks import FILE, numbers, persons, recognised, refused
 from torch import Tensor
 
-from perceptree.errors import PerceptreeError
+from basetree.errors import InputError
 from perceptree.models import TreeRCNN, make_spec
 from perceptree.models.presets import IMAGENET_MEAN, IMAGENET_STD
 from perceptree.models.weights import import_checkpoint
@@ -213,6 +213,6 @@ def test_other_classes_and_keypoints_are_for_starting_weights_only(
 def test_settings_that_make_no_sense_are_refused(
     wanted: dict[str, object], message: str, thin_state: States, write: Write
 ) -> None:
-    with pytest.raises(PerceptreeError) as caught:
+    with pytest.raises(InputError) as caught:
         import_checkpoint(write(thin_state()), **wanted)  # type: ignore[arg-type]
     assert message in str(caught.value)

@@ -1,0 +1,92 @@
+"""The root of the project's errors; each package adds the leaves that it raises.
+
+    EdgetreeError              exit code 1
+    ├── CheckFailed            exit code 1: the result did not pass a check
+    ├── InputError             exit code 2: a file, folder or value given by the user cannot be used
+    │   ├── InputFileError     exit code 2: a file is missing, unreadable or not writable
+    │   ├── SettingsError      exit code 2: a setting is out of its range
+    │   ├── CameraError, DepthError            (calib)
+    │   ├── JobError, StoreError               (basetree.jobs)
+    │   ├── DatasetError, CheckpointError      (perceptree)
+    │   └── ModelFileError, SignatureError     (edgetree)
+    └── MissingPackage         exit code 2: an optional package is not installed
+
+Every message is one line that names the file or value, what was found and what was expected. The
+command line prints it unchanged.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+__all__ = [
+    "CheckFailed",
+    "EdgetreeError",
+    "InputError",
+    "InputFileError",
+    "MissingPackage",
+    "SettingsError",
+    "install_hint",
+    "short_line",
+]
+
+_LONGEST_MESSAGE = 2000
+_END_OF_MESSAGE = 500
+
+
+class EdgetreeError(Exception):
+    """Base class of the project's errors; the message is one line meant for the user.
+
+    Messages may quote a file. Line breaks and control characters become spaces, and a message of
+    more than 2000 characters is shortened in its middle.
+    """
+
+    exit_code: ClassVar[int] = 1
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__(short_line(message))
+
+
+class CheckFailed(EdgetreeError):
+    """The result did not pass a check, such as the parity check of an export."""
+
+
+class InputError(EdgetreeError):
+    """A file, folder, array or value given by the user cannot be used."""
+
+    exit_code = 2
+
+
+class InputFileError(InputError):
+    """A file is missing, unreadable, unsupported, or cannot be written."""
+
+
+class SettingsError(InputError):
+    """A setting is out of its range, or does not fit the others."""
+
+
+class MissingPackage(EdgetreeError):
+    """An optional package is needed but not installed."""
+
+    exit_code = 2
+
+
+def install_hint(*extras: str) -> str:
+    """The pip command that installs these extras of the project, for error messages."""
+    return f"""pip install ".[{",".join(extras)}]" in the project's folder"""
+
+
+def short_line(text: str) -> str:
+    r"""Return a text on one line of at most 2000 characters that a terminal can show.
+
+    Bytes of file names that are not UTF-8 are kept; streams print them as `\udcff`.
+    """
+    if len(text) > _LONGEST_MESSAGE:
+        start = text[: _LONGEST_MESSAGE - _END_OF_MESSAGE - len(" ... ")]
+        text = f"{start} ... {text[-_END_OF_MESSAGE:]}"
+    return text if text.isprintable() else "".join(map(_shown, text))
+
+
+def _shown(character: str) -> str:
+    is_name_byte = "\udc80" <= character <= "\udcff"
+    return character if character.isprintable() or is_name_byte else " "

@@ -1,0 +1,60 @@
+"""Limits on what is read: sizes of files and pictures, nesting, and counts.
+
+The defaults are far above what real files need, and low enough that a broken or hostile file costs
+seconds and not gigabytes. They apply to the whole process:
+
+    set_limits(dataclasses.replace(current_limits(), image_pixels=400_000_000))
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+from basetree.errors import InputError
+
+
+@dataclass(frozen=True)
+class Limits:
+    """The largest inputs that are read. Larger ones are refused with an error.
+
+    Attributes:
+        text_file_bytes: Size of a camera, transform or depth scale file. YAML aliases count as if
+            their text were written out.
+        text_values: Values in such a file: numbers, texts, lists and maps.
+        text_nesting: Levels of lists and maps in such a file, and in the records inside of model
+            files, checkpoints and training states.
+        image_pixels: Pixels of a picture or depth map, width times height.
+        model_memory_bytes: Memory that opening a model file on the CPU may take. Running it is not
+            limited. On Linux alone.
+
+    Raises:
+        InputError: If a limit is not a whole number of at least 1.
+    """
+
+    text_file_bytes: int = 2 * 2**20
+    text_values: int = 50_000
+    text_nesting: int = 50
+    image_pixels: int = 200_000_000
+    model_memory_bytes: int = 8 * 2**30
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+                raise InputError(
+                    f"limit {field.name} is {value!r}: expected a whole number of at least 1"
+                )
+
+
+_current = Limits()
+
+
+def current_limits() -> Limits:
+    """Return the limits of this process."""
+    return _current
+
+
+def set_limits(limits: Limits) -> None:
+    """Change the limits of this process, for all threads."""
+    global _current
+    _current = limits

@@ -1,0 +1,76 @@
+"""Read image and video files.
+
+The only place that gives paths to OpenCV: it crashes on names that are not UTF-8.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from basetree.errors import InputFileError
+from basetree.files.names import is_utf8
+from basetree.files.picture_size import check_picture_size
+
+
+def read_image(path: Path, flags: int = cv2.IMREAD_COLOR) -> NDArray[Any] | None:
+    """Read an image file as ``cv2.imread`` does, with any name.
+
+    Args:
+        path: File to read.
+        flags: Flags of ``cv2.imread``.
+
+    Returns:
+        (H, W) or (H, W, channels); None if the file cannot be read or is not an image.
+
+    Raises:
+        InputFileError: If it has more pixels than ``Limits.image_pixels``.
+    """
+    check_picture_size(path)
+    try:
+        data = path.read_bytes()
+    except OSError:
+        return None
+    return decode_image(data, flags)
+
+
+def decode_image(
+    data: bytes | NDArray[np.uint8], flags: int = cv2.IMREAD_COLOR
+) -> NDArray[Any] | None:
+    """Decode the content of an image file.
+
+    Args:
+        data: The content.
+        flags: Flags of ``cv2.imread``.
+
+    Returns:
+        (H, W) or (H, W, channels); None if it is not an image.
+    """
+    content = np.frombuffer(data, np.uint8)
+    try:
+        return cv2.imdecode(content, flags) if content.size else None
+    except cv2.error:
+        return None
+
+
+def is_image_file(path: Path) -> bool:
+    """Whether OpenCV knows the format of a file; False for names that are not UTF-8."""
+    return is_utf8(path) and bool(cv2.haveImageReader(str(path)))
+
+
+def open_video(path: Path) -> cv2.VideoCapture:
+    """Open a video file; ``isOpened`` of the result tells whether OpenCV can read it.
+
+    Raises:
+        InputFileError: If the name is not UTF-8.
+    """
+    if not is_utf8(path):
+        raise InputFileError(
+            f"{path}: its name is not UTF-8, with which OpenCV cannot open videos: expected"
+            " another name"
+        )
+    return cv2.VideoCapture(str(path))

@@ -1,0 +1,201 @@
+"""The process of a command line: its streams, signals and exit code."""
+
+from __future__ import annotations
+
+import _thread
+import io
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from types import FrameType
+from typing import Any, NoReturn, TextIO
+
+import typer
+
+__all__ = ["run_command_line"]
+
+_FAILED = 1
+_BAD_INPUT = 2
+_INTERRUPTED = 128 + signal.SIGINT
+_TERMINATED = 128 + signal.SIGTERM
+_AGAIN_S, _MOST_DELAYS = 0.05, 200  # until an interrupt during an import comes again
+
+
+def run_command_line(name: str, run: Callable[[], object], resume: str = "") -> NoReturn:
+    r"""Run a command line and exit.
+
+    SIGTERM ends it as Ctrl-C does, by `KeyboardInterrupt`; both wait for an import in progress. An
+    error with an attribute `exit_code` is meant for the user, and so are errors of the operating
+    system such as a full disk: they are printed as one line on stderr. Any other error is a bug and
+    shows its traceback. If the reader of stdout ends, as `head` does, the process ends too, without
+    a message. Bytes of file names that are not UTF-8 are printed as `\udcff`.
+
+    Exit codes: what `run` returns; 1 if nobody reads stdout, 2 if stdout is closed or cannot be
+    written, 130 for Ctrl-C, 143 for SIGTERM.
+
+    Args:
+        name: name of the program, for messages.
+        run: the command line; returns the exit code, or None.
+        resume: what an interrupted command tells the user to do.
+    """
+    stdout = _open_streams(name)
+    with _interruptible() as is_terminated:
+        try:
+            code = run() or 0
+        except (KeyboardInterrupt, typer.Abort):
+            code = _INTERRUPTED
+        except SystemExit as ended:  # by typer, if nobody reads stdout
+            code = ended.code
+        except Exception as error:  # noqa: BLE001 raised again if it is a bug
+            code = _report(name, error)
+        if code == _INTERRUPTED:  # typer returns this code for Ctrl-C inside a command
+            _tell(f"{name}: interrupted{resume}")
+            code = _TERMINATED if is_terminated() else code
+        fault = _fault(stdout)
+        if fault is not None and code == 0:
+            code = _FAILED if isinstance(fault, BrokenPipeError) else _report(name, fault)
+        for stream in (stdout, sys.stderr):
+            _discard_rest(stream)
+        sys.exit(code)  # type: ignore[arg-type]
+
+
+def _open_streams(name: str) -> TextIO:
+    """Check stdout, give a closed stderr a place to go, and accept all names; returns stdout."""
+    if sys.stderr is None:
+        sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
+    if sys.stdout is None:
+        _tell(f"{name}: standard output is closed: expected a terminal, a file or {os.devnull}")
+        sys.exit(_BAD_INPUT)
+    is_own = sys.stdout is sys.__stdout__  # else another program captures the output
+    if is_own:
+        sys.stdout = _named(sys.stdout)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+    return sys.stdout
+
+
+def _named(stdout: TextIO) -> TextIO:
+    """A stream to the same place, whose errors name it."""
+    is_unbuffered = isinstance(stdout.buffer, io.FileIO)  # by PYTHONUNBUFFERED
+    raw = stdout.buffer if is_unbuffered else getattr(stdout.buffer, "raw", None)
+    if not isinstance(raw, io.FileIO):  # a terminal of Windows
+        return stdout
+    named = _StandardOutput(stdout.fileno(), "wb", closefd=False)
+    return io.TextIOWrapper(
+        named if is_unbuffered else io.BufferedWriter(named),
+        stdout.encoding,
+        line_buffering=bool(stdout.line_buffering),
+        write_through=is_unbuffered,
+    )
+
+
+class _StandardOutput(io.FileIO):
+    """The process's stdout, whose errors name it."""
+
+    def write(self, data: Any) -> int:
+        try:
+            return super().write(data)
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, "standard output") from error
+
+
+@contextmanager
+def _interruptible() -> Iterator[Callable[[], bool]]:
+    """Raise KeyboardInterrupt for Ctrl-C and SIGTERM in the block; yields whether SIGTERM came.
+
+    Libraries turn a KeyboardInterrupt during their import into other errors, or let Python end
+    itself by SIGINT in the end. An interrupt therefore comes again until no import is in progress,
+    for some seconds.
+    """
+    is_terminated = False
+    delays = 0
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        nonlocal is_terminated, delays
+        is_terminated |= number == signal.SIGTERM
+        if delays >= _MOST_DELAYS or not _is_importing(frame):
+            raise KeyboardInterrupt
+        delays += 1
+        again = threading.Timer(_AGAIN_S, _send_again, (number,))
+        again.daemon = True
+        again.start()
+
+    replaced = {}
+    if threading.current_thread() is threading.main_thread():
+        usual = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
+        replaced = {
+            number: handler
+            for number, handler in usual.items()
+            if signal.getsignal(number) == handler
+        }
+    for number in replaced:
+        signal.signal(number, interrupt)
+    try:
+        yield lambda: is_terminated
+    finally:
+        for number, handler in replaced.items():
+            signal.signal(number, handler)
+
+
+def _send_again(number: int) -> None:
+    """Send a signal to the main thread, also while it waits."""
+    if sys.platform == "win32":
+        _thread.interrupt_main(number)
+    else:
+        signal.pthread_kill(threading.main_thread().ident or 0, number)
+
+
+def _is_importing(frame: FrameType | None) -> bool:
+    """Whether a module is being imported in the frame or in one of its callers."""
+    while frame is not None:
+        if frame.f_code.co_filename.startswith("<frozen importlib"):
+            return True
+        frame = frame.f_back
+    return False
+
+
+def _report(name: str, error: Exception) -> int:
+    """Print an error that is meant for the user and return its exit code; raise others."""
+    code: int | None = getattr(error, "exit_code", None)
+    if code is not None:
+        _tell(f"{name}: {_one_line(error)}")
+        return code
+    if not isinstance(error, OSError) or error.errno is None:
+        raise error
+    _tell(f"{name}: {error.filename or 'output'}: {error.strerror}")
+    return _BAD_INPUT
+
+
+def _one_line(error: Exception) -> str:
+    """The error's message on one line; usage errors of typer also name the command's help."""
+    from basetree.errors import short_line
+
+    message = error.format_message() if hasattr(error, "format_message") else str(error)
+    context = getattr(error, "ctx", None)
+    hint = f" (see `{context.command_path} --help`)" if context is not None else ""
+    return short_line(" ".join(message.split())) + hint
+
+
+def _tell(line: str) -> None:
+    with suppress(OSError):
+        typer.echo(line, err=True)
+
+
+def _fault(stream: TextIO) -> OSError | None:
+    """Why what was printed cannot be written; None if it was written."""
+    try:
+        stream.flush()
+    except OSError as error:
+        return error
+    return None
+
+
+def _discard_rest(stream: TextIO) -> None:
+    """Keep Python from writing the rest of a broken stream, and failing, as it exits."""
+    if _fault(stream) is not None:
+        with suppress(OSError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
