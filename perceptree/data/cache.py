@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from basetree.files.writing import replacing_folder
+from perceptree.arrays import Bool, UInt8
 from perceptree.data.coco import FrameRecord
 from perceptree.data.frames import Sample, load_sample, source_path
 from perceptree.errors import DatasetError
@@ -107,13 +108,11 @@ class FrameCache:
         ignored = self._ignored[slice(*self._ignored_starts[index : index + 2].tolist())].copy()
         return Sample(image, boxes, keypoints, masks, ignored)
 
-    def image(self, index: int) -> NDArray[np.uint8]:
+    def image(self, index: int) -> UInt8:
         """Return the image of frame ``index``, (H, W) or (H, W, 3), without checking it."""
         return np.array(self._images[index])
 
-    def _unpack(
-        self, rows: slice, packed: NDArray[np.uint8], shape: tuple[int, ...]
-    ) -> NDArray[np.bool_]:
+    def _unpack(self, rows: slice, packed: UInt8, shape: tuple[int, ...]) -> Bool:
         masks = np.zeros((rows.stop - rows.start, *shape), bool)
         start = 0
         for mask, (x0, y0, x1, y1) in zip(masks, self._mask_rects[rows].tolist(), strict=True):
@@ -124,7 +123,7 @@ class FrameCache:
         return masks
 
 
-def _memory_map(path: Path) -> NDArray[np.uint8]:
+def _memory_map(path: Path) -> UInt8:
     """Map a file to memory as bytes; the file may be empty."""
     return np.memmap(path, np.uint8, "r") if path.stat().st_size else np.zeros(0, np.uint8)
 
@@ -269,7 +268,7 @@ class _Writer:
         self._rows["ignored"] += list(sample.ignored.astype(np.float32))
         self._rows["ignored_starts"].append(len(self._rows["ignored"]))
 
-    def _pack(self, mask: NDArray[np.bool_]) -> bytes:
+    def _pack(self, mask: Bool) -> bytes:
         """Pack the bits of a mask inside its bounding rectangle; record the rectangle."""
         columns, rows = np.nonzero(mask.any(0))[0], np.nonzero(mask.any(1))[0]
         rect = (columns[0], rows[0], columns[-1] + 1, rows[-1] + 1) if len(rows) else (0, 0, 0, 0)

@@ -7,12 +7,10 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 from pycocotools import mask as coco_mask
 
+from perceptree.arrays import Bool, Float
 from perceptree.errors import DatasetError
-
-Float = NDArray[np.floating[Any]]
 
 SPLITS = ("train", "val", "test")
 
@@ -73,7 +71,7 @@ class FrameRecord:
     extra: dict[str, Any]
     trees: tuple[TreeRecord, ...]
 
-    def mask(self, tree: TreeRecord) -> NDArray[np.bool_]:
+    def mask(self, tree: TreeRecord) -> Bool:
         """Decode a tree's mask from polygons or run lengths.
 
         Returns:

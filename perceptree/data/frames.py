@@ -5,21 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from basetree.errors import InputFileError
 from basetree.files.reading import read_image
 from calib import Letterbox
+from perceptree.arrays import Bool, Float, UInt8
 from perceptree.data.coco import FrameRecord
 from perceptree.errors import DatasetError
 from perceptree.models import ModelSpec, TreeTargets
-
-Float = NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,10 +31,10 @@ class Sample:
         ignored: (M, 4) x0, y0, x1, y1 of ignored regions: neither trees nor background.
     """
 
-    image: NDArray[np.uint8]
+    image: UInt8
     boxes: Float
     keypoints: Float
-    masks: NDArray[np.bool_] | None
+    masks: Bool | None
     ignored: Float = field(default_factory=lambda: np.zeros((0, 4)))
 
     def targets(self) -> TreeTargets:
@@ -68,7 +65,7 @@ class FrameStore:
         """
         return load_sample(self.frames[index], self.spec)
 
-    def image(self, index: int) -> NDArray[np.uint8]:
+    def image(self, index: int) -> UInt8:
         """Return the letterboxed image of frame ``index`` without its labels.
 
         Raises:
@@ -90,7 +87,7 @@ def _letterbox(frame: FrameRecord, spec: ModelSpec) -> Letterbox:
     return Letterbox.fit(frame.width, frame.height, spec.width, spec.height)
 
 
-def _letterboxed_image(frame: FrameRecord, spec: ModelSpec) -> NDArray[np.uint8]:
+def _letterboxed_image(frame: FrameRecord, spec: ModelSpec) -> UInt8:
     _check_encoding(frame, spec)
     return _letterbox(frame, spec).apply(read_frame(frame, spec.modality), spec.pad_value)
 
@@ -121,7 +118,7 @@ def load_sample(frame: FrameRecord, spec: ModelSpec) -> Sample:
     return Sample(image, boxes, keypoints, masks, ignored)
 
 
-def _half_or_more(height: int, width: int) -> NDArray[np.uint8]:
+def _half_or_more(height: int, width: int) -> UInt8:
     """(height, width) limits of a pixel's cover by a mask, in a chessboard of 127 and 128.
 
     Halving an image makes pixels that are covered by half, 128 when rounded. Every other one
@@ -155,7 +152,7 @@ def source_path(frame: FrameRecord, modality: str) -> Path:
     return path
 
 
-def read_frame(frame: FrameRecord, modality: str) -> NDArray[np.uint8]:
+def read_frame(frame: FrameRecord, modality: str) -> UInt8:
     """Read a frame's image.
 
     Returns:

@@ -9,14 +9,11 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from basetree.files.names import IMAGE_SUFFIXES
 from basetree.files.reading import read_image
+from perceptree.arrays import Float, UInt8
 from perceptree.errors import DatasetError
-
-Float = NDArray[np.floating[Any]]
-Picture = NDArray[np.uint8]
 
 _WIDTH_PX = 640
 _MIN_IMAGES = 3
@@ -128,7 +125,7 @@ def find_pictures(folder: Path, limit: int) -> list[Path]:
     return [found[number] for number in chosen]
 
 
-def read_small(path: Path) -> Picture:
+def read_small(path: Path) -> UInt8:
     """Read an image as BGR uint8, resized to a width of 640 px.
 
     Raises:
@@ -189,7 +186,7 @@ def _quantiles(values: Float) -> dict[str, float]:
     }
 
 
-def _tones(image: Picture) -> Tones:
+def _tones(image: UInt8) -> Tones:
     lab: Any = cv2.cvtColor(image.astype(np.float32) / 255, cv2.COLOR_BGR2LAB)
     green_red, blue_yellow = lab[..., 1], lab[..., 2]
     grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).astype(np.float32)

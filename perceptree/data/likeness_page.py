@@ -10,7 +10,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from perceptree.data.likeness import Comparison, Difference, Float, read_small
+from perceptree.arrays import Float
+from perceptree.data.likeness import Comparison, Difference, read_small
 from perceptree.page import card, render_page, tiles
 
 _EXAMPLES = 12

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from basetree.files.limits import current_limits
 from calib import opencv_to_image
+from perceptree.arrays import Float64
 from perceptree.data.coco import FrameRecord, TreeRecord
 from perceptree.data.entries import (
     Entry,
@@ -232,7 +232,7 @@ class Parser:
             )
         ]
 
-    def _keypoints_in_frame(self, found: _TreeEntries) -> NDArray[np.float64]:
+    def _keypoints_in_frame(self, found: _TreeEntries) -> Float64:
         """Convert keypoints from pixel indices to continuous px inside their frames.
 
         Keypoints up to 1 px outside, such as rounded coordinates, are moved to the border.

@@ -11,10 +11,10 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
+from perceptree.arrays import Float64
 from perceptree.keypoints import KEYPOINT_NAMES
 
 Kind = Literal["bbox", "segm", "keypoints"]
@@ -125,7 +125,7 @@ def _near(table: Any, order: list[int], lowest: float) -> Near:
     """Select the overlaps of at least ``lowest``; trees are renumbered by ``order``."""
     if not len(table):
         return []
-    values: NDArray[np.float64] = np.asarray(table)[:, order]
+    values: Float64 = np.asarray(table)[:, order]
     near: dict[int, list[tuple[int, float]]] = {}
     for row, tree in np.argwhere(values >= lowest).tolist():
         near.setdefault(row, []).append((tree, float(values[row, tree])))

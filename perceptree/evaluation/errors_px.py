@@ -9,14 +9,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from perceptree.arrays import Float
 from perceptree.data import FrameRecord
 from perceptree.evaluation.matching import Pair
 from perceptree.evaluation.predictions import FramePrediction
 from perceptree.keypoints import KEYPOINT_NAMES
-
-Float = NDArray[np.floating[Any]]
 
 CUT, LEFT, RIGHT, MIDDLE, TOP = range(len(KEYPOINT_NAMES))
 DIRECTIONS = ("distance", "across", "along", "horizontal", "vertical")

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calib import box_iou
+from perceptree.arrays import Float
 from perceptree.data import FrameRecord
 from perceptree.evaluation.predictions import FramePrediction
-
-Float = NDArray[np.floating[Any]]
 
 DISPLAY_SCORE = 0.5
 MATCH_IOU = 0.5

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from basetree.errors import SettingsError
 from calib import CocoRle, Letterbox, encode_rle, paste_mask
+from perceptree.arrays import Float, UInt8
 from perceptree.data import FrameStore
 from perceptree.models import TreeRCNN
 
-Float = NDArray[np.floating[Any]]
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 
@@ -44,7 +44,7 @@ class RawDetections(NamedTuple):
     num_detections: NDArray[np.integer[Any]]
 
 
-Predict = Callable[[NDArray[np.uint8]], RawDetections]
+Predict = Callable[[UInt8], RawDetections]
 
 
 class FramePrediction(NamedTuple):
@@ -79,7 +79,7 @@ def on_device(model: TreeRCNN, device: str) -> TreeRCNN:
 def predict_with(model: TreeRCNN) -> Predict:
     """Return a function that runs a model in eval mode on (B, H, W[, 3]) uint8 batches."""
 
-    def predict(images: NDArray[np.uint8]) -> RawDetections:
+    def predict(images: UInt8) -> RawDetections:
         device = next(model.parameters()).device
         with torch.inference_mode():
             found = model.detect(torch.from_numpy(images).to(device))
@@ -106,14 +106,14 @@ def predict_frames(predict: Predict, store: FrameStore, batch: int) -> Iterator[
         batch: Batch size.
     """
 
-    def read(number: int) -> tuple[NDArray[np.uint8], Letterbox]:
+    def read(number: int) -> tuple[UInt8, Letterbox]:
         return store.image(number), store.letterbox(number)
 
     return predict_images(predict, read_ahead(read, range(len(store))), batch)
 
 
 def predict_images(
-    predict: Predict, images: Iterable[tuple[NDArray[np.uint8], Letterbox]], batch: int
+    predict: Predict, images: Iterable[tuple[UInt8, Letterbox]], batch: int
 ) -> Iterator[FramePrediction]:
     """Run a detector on letterboxed images.
 

@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from perceptree.arrays import Bool, Float
 from perceptree.data import FrameRecord
 from perceptree.errors import DatasetError
 from perceptree.evaluation.matching import match_trees
 from perceptree.evaluation.predictions import FramePrediction
-
-Float = NDArray[np.floating[Any]]
 
 LEAST_SCORE = 0.05
 _BINS = 10
@@ -32,7 +30,7 @@ class Scored(NamedTuple):
     """
 
     score: Float
-    right: NDArray[np.bool_]
+    right: Bool
 
 
 class ScoreScale(NamedTuple):

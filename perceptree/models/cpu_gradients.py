@@ -15,9 +15,10 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
+
+from perceptree.arrays import Float32
 
 
 def depthwise_conv(x: Tensor, weight: Tensor, stride: int, padding: int) -> Tensor:
@@ -77,7 +78,7 @@ class _Depthwise(torch.autograd.Function):
         return of_input, of_weight.permute(2, 0, 1)[:, None], None, None
 
 
-def _channels_last(x: Tensor) -> NDArray[np.float32]:
+def _channels_last(x: Tensor) -> Float32:
     """(N, C, H, W) as (N, H, W, C), contiguous."""
     return np.asarray(x.detach().permute(0, 2, 3, 1).contiguous().numpy())
 

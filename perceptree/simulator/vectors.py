@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
-Float = NDArray[np.floating[Any]]
+from perceptree.arrays import Float
 
 UP = np.array([0.0, 0.0, 1.0])
 

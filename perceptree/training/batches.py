@@ -21,10 +21,10 @@ from typing import Any
 import cv2
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 from torch.utils.data import DataLoader, Dataset, Sampler
 
+from perceptree.arrays import Int64
 from perceptree.data import Sample, augment
 from perceptree.data.cache import FrameCache
 from perceptree.errors import DatasetError
@@ -125,7 +125,7 @@ class TrainingFrames(Dataset[Any]):
 
 
 @lru_cache(maxsize=4)
-def _permutation(seed: int, order: int, epoch: int, size: int) -> NDArray[np.int64]:
+def _permutation(seed: int, order: int, epoch: int, size: int) -> Int64:
     return np.random.default_rng([seed, order, epoch]).permutation(size)
 
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from perceptree.arrays import Float, UInt8
 from perceptree.data.augment.randomness import (
     add_levels,
     is_drawn,
@@ -18,9 +17,6 @@ from perceptree.data.augment.randomness import (
     uniform_up_to,
 )
 from perceptree.data.augment.settings import ColourSettings
-
-Bytes = NDArray[np.uint8]
-Float = NDArray[np.floating[Any]]
 
 _LIGHT_CELL_PX = 8
 _LIGHT_ONE = 100
@@ -33,7 +29,7 @@ _TO_YIQ = np.array([[0.114, 0.587, 0.299], [-0.3213, -0.2746, 0.5959], [0.3106, 
 _FROM_YIQ = np.linalg.inv(_TO_YIQ)
 
 
-def recolour(rng: np.random.Generator, image: Bytes, settings: ColourSettings) -> Bytes:
+def recolour(rng: np.random.Generator, image: UInt8, settings: ColourSettings) -> UInt8:
     """Apply all colour changes, in the order of the settings.
 
     Args:
@@ -62,7 +58,7 @@ def recolour(rng: np.random.Generator, image: Bytes, settings: ColourSettings) -
     return image
 
 
-def _vary_light(rng: np.random.Generator, image: Bytes, settings: ColourSettings) -> Bytes:
+def _vary_light(rng: np.random.Generator, image: UInt8, settings: ColourSettings) -> UInt8:
     """Multiply all channels by one smooth gain: shadows, and darker corners (vignetting)."""
     if not settings.shadow and not settings.vignette:
         return image
@@ -80,8 +76,8 @@ def _vary_light(rng: np.random.Generator, image: Bytes, settings: ColourSettings
 
 
 def _mix_channels(
-    rng: np.random.Generator, image: Bytes, settings: ColourSettings, tint: float
-) -> Bytes:
+    rng: np.random.Generator, image: UInt8, settings: ColourSettings, tint: float
+) -> UInt8:
     """Change saturation, hue, channel order and tint by one 3x3 matrix."""
     keep = 1.0
     if settings.saturation and is_drawn(rng, settings.saturation_share):
@@ -104,7 +100,7 @@ def _mix_channels(
     return np.asarray(cv2.transform(image, matrix), np.uint8)
 
 
-def _tone(rng: np.random.Generator, image: Bytes, settings: ColourSettings) -> Bytes:
+def _tone(rng: np.random.Generator, image: UInt8, settings: ColourSettings) -> UInt8:
     """Apply tone curves, gamma, gain and contrast by one lookup table."""
     if not any((settings.brightness, settings.contrast, settings.gamma, settings.curves)):
         return image
@@ -129,7 +125,7 @@ def _curves(rng: np.random.Generator, deviation: float) -> Float:
     return np.asarray((slopes.cumsum(1) / slopes.sum(1, keepdims=True)).T)
 
 
-def _vary_sharpness(rng: np.random.Generator, image: Bytes, settings: ColourSettings) -> Bytes:
+def _vary_sharpness(rng: np.random.Generator, image: UInt8, settings: ColourSettings) -> UInt8:
     """Apply one of the enabled changes: blur, motion blur or sharpening."""
     methods = (("blur_px", _blur), ("motion_blur_px", _motion_blur), ("sharpening", _sharpen))
     choices = [
@@ -141,14 +137,14 @@ def _vary_sharpness(rng: np.random.Generator, image: Bytes, settings: ColourSett
     return method(rng, image, uniform_up_to(rng, maximum))
 
 
-def _blur(rng: np.random.Generator, image: Bytes, deviation_px: float) -> Bytes:
+def _blur(rng: np.random.Generator, image: UInt8, deviation_px: float) -> UInt8:
     if deviation_px < 0.2:
         return image
     size = 2 * math.ceil(3 * deviation_px) + 1
     return np.asarray(cv2.GaussianBlur(image, (size, size), deviation_px), np.uint8)
 
 
-def _motion_blur(rng: np.random.Generator, image: Bytes, length_px: float) -> Bytes:
+def _motion_blur(rng: np.random.Generator, image: UInt8, length_px: float) -> UInt8:
     reach = math.ceil(length_px / 2)
     angle = float(rng.uniform(0, math.pi))
     step = np.array([math.cos(angle), math.sin(angle)]) * length_px / 2
@@ -160,12 +156,12 @@ def _motion_blur(rng: np.random.Generator, image: Bytes, length_px: float) -> By
     return np.asarray(cv2.filter2D(image, -1, weights), np.uint8)
 
 
-def _sharpen(rng: np.random.Generator, image: Bytes, gain: float) -> Bytes:
+def _sharpen(rng: np.random.Generator, image: UInt8, gain: float) -> UInt8:
     blurred = cv2.GaussianBlur(image, (5, 5), 1.0)
     return np.asarray(cv2.addWeighted(image, 1 + gain, blurred, -gain, 0), np.uint8)
 
 
-def _add_cutouts(rng: np.random.Generator, image: Bytes, maximum: int) -> Bytes:
+def _add_cutouts(rng: np.random.Generator, image: UInt8, maximum: int) -> UInt8:
     covered = image.copy()
     height, width = image.shape[:2]
     for _ in range(int(rng.integers(maximum + 1))):
@@ -175,7 +171,7 @@ def _add_cutouts(rng: np.random.Generator, image: Bytes, maximum: int) -> Bytes:
     return covered
 
 
-def _add_noise(rng: np.random.Generator, image: Bytes, settings: ColourSettings) -> Bytes:
+def _add_noise(rng: np.random.Generator, image: UInt8, settings: ColourSettings) -> UInt8:
     deviation = uniform_up_to(rng, settings.noise)
     if deviation:
         image = add_levels(image, normal_levels(rng, image.shape, deviation))

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib import DepthEncoding, encode_depth
+from perceptree.arrays import Bool, Float32, UInt8
 from perceptree.data.augment.randomness import (
     add_levels,
     blobs,
@@ -20,9 +21,6 @@ from perceptree.data.augment.randomness import (
     uniform_up_to,
 )
 from perceptree.data.augment.settings import DepthSettings
-
-Bytes = NDArray[np.uint8]
-Float32 = NDArray[np.float32]
 
 _REFERENCE_M = 10.0
 _MIN_DEPTH_M = 0.05
@@ -49,8 +47,8 @@ def level_metres(encoding: DepthEncoding) -> Float32:
 
 
 def disturb_depth(
-    rng: np.random.Generator, image: Bytes, encoding: DepthEncoding, settings: DepthSettings
-) -> Bytes:
+    rng: np.random.Generator, image: UInt8, encoding: DepthEncoding, settings: DepthSettings
+) -> UInt8:
     """Apply all depth faults, in the order of the settings.
 
     Pixels without a reading stay without one.
@@ -68,7 +66,7 @@ def disturb_depth(
     missing = (image == invalid).view(np.uint8)
     faulty = _disturb_readings(rng, image, encoding, settings)
     faulty = _quantise_and_limit(rng, faulty, encoding, settings)
-    lost: list[NDArray[np.bool_]] = []
+    lost: list[Bool] = []
     if settings.stereo_px_m:
         lost.append(_stereo_occlusion(image, metres_of, uniform_up_to(rng, settings.stereo_px_m)))
     if settings.edge_loss_px:
@@ -88,8 +86,8 @@ def disturb_depth(
 
 
 def _disturb_readings(
-    rng: np.random.Generator, image: Bytes, encoding: DepthEncoding, settings: DepthSettings
-) -> Bytes:
+    rng: np.random.Generator, image: UInt8, encoding: DepthEncoding, settings: DepthSettings
+) -> UInt8:
     """Apply the gain and both kinds of noise."""
     gain = 1 + uniform_symmetric(rng, settings.depth_gain)
     if gain != 1:
@@ -109,8 +107,8 @@ def _disturb_readings(
 
 
 def _quantise_and_limit(
-    rng: np.random.Generator, image: Bytes, encoding: DepthEncoding, settings: DepthSettings
-) -> Bytes:
+    rng: np.random.Generator, image: UInt8, encoding: DepthEncoding, settings: DepthSettings
+) -> UInt8:
     """Quantise the readings evenly in disparity, and remove those beyond a maximum depth."""
     step_m = uniform_up_to(rng, settings.far_step_m)
     loss = uniform_up_to(rng, settings.range_loss)
@@ -126,14 +124,14 @@ def _quantise_and_limit(
     return _map_levels(image, metres, encoding)
 
 
-def _map_levels(image: Bytes, metres: Float32, encoding: DepthEncoding) -> Bytes:
+def _map_levels(image: UInt8, metres: Float32, encoding: DepthEncoding) -> UInt8:
     """Replace each grey level by that of a new depth; no reading stays no reading."""
     table = encode_depth(metres[None], encoding)[0]
     table[encoding.invalid_value] = encoding.invalid_value
     return np.asarray(cv2.LUT(image, table), np.uint8)
 
 
-def _stereo_occlusion(image: Bytes, metres_of: Float32, stereo_px_m: float) -> NDArray[np.bool_]:
+def _stereo_occlusion(image: UInt8, metres_of: Float32, stereo_px_m: float) -> Bool:
     """Return the (H, W) pixels of a stereo pair's left image that the right camera cannot see.
 
     A point at column x appears at x - f b / z in the right image. It is occluded by any point from
@@ -149,9 +147,7 @@ def _stereo_occlusion(image: Bytes, metres_of: Float32, stereo_px_m: float) -> N
     return np.asarray(cv2.flip(cv2.compare(right_px, occluder_px + tolerance, cv2.CMP_GT), 1) > 0)
 
 
-def _edge_loss(
-    rng: np.random.Generator, image: Bytes, metres_of: Float32, width_px: int
-) -> NDArray[np.bool_]:
+def _edge_loss(rng: np.random.Generator, image: UInt8, metres_of: Float32, width_px: int) -> Bool:
     """Return (H, W) patches of a band along depth edges."""
     if not width_px:
         return np.zeros(image.shape, bool)
@@ -173,7 +169,7 @@ def _edge_loss(
 
 
 def trees_still_read(
-    before: Bytes, after: Bytes, invalid: int, boxes: NDArray[Any], masks: NDArray[np.bool_] | None
+    before: UInt8, after: UInt8, invalid: int, boxes: NDArray[Any], masks: Bool | None
 ) -> list[int]:
     """Return the indices of the trees that keep at least a tenth of their readings.
 

@@ -9,12 +9,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from perceptree.arrays import Bool, Float, UInt8
 from perceptree.data.augment.labels import (
     flip_keypoints,
     transform_boxes,
@@ -26,7 +25,6 @@ from perceptree.data.augment.randomness import is_drawn, uniform_symmetric
 from perceptree.data.augment.settings import GeometrySettings
 from perceptree.data.frames import Sample
 
-Float = NDArray[np.floating[Any]]
 Rectangle = tuple[int, int, int, int]
 """x0, y0, x1, y1 in integer px."""
 
@@ -47,7 +45,7 @@ def flip(sample: Sample) -> Sample:
     )
 
 
-def _mirrored(masks: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _mirrored(masks: Bool) -> Bool:
     mirrored = np.empty_like(masks)
     for row, mask in enumerate(masks):
         mirrored[row] = cv2.flip(mask.view(np.uint8), 1)
@@ -97,7 +95,7 @@ class Transform:
         still = self.window == self.source == self.target == whole
         return still and not self.mirrored and self.warp is None
 
-    def apply(self, image: NDArray[np.uint8], pad_value: int, nearest: bool) -> NDArray[np.uint8]:
+    def apply(self, image: UInt8, pad_value: int, nearest: bool) -> UInt8:
         """Transform an image.
 
         Args:
@@ -124,9 +122,7 @@ class Transform:
             )
         return np.asarray(warped, np.uint8)
 
-    def _resize_and_place(
-        self, image: NDArray[np.uint8], pad_value: int, nearest: bool
-    ) -> NDArray[np.uint8]:
+    def _resize_and_place(self, image: UInt8, pad_value: int, nearest: bool) -> UInt8:
         """Do the same for axis-aligned rectangles, five times as fast as a warp."""
         x0, y0, x1, y1 = self.source
         u0, v0, u1, v1 = self.target

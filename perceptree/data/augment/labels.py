@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from perceptree.arrays import Bool, Float, UInt8
 from perceptree.keypoints import KEYPOINT_FLIP_PAIRS
-
-Float = NDArray[np.floating[Any]]
-Bytes = NDArray[np.uint8]
-Masks = NDArray[np.bool_]
 
 MIN_PIXELS = 25
 MIN_VISIBLE_SHARE = 0.25
@@ -101,8 +96,8 @@ def _seen_boxes(
 
 
 def transform_masks(
-    masks: Masks, boxes: Float, matrix: Float, transform_plane: Callable[[Bytes], Bytes]
-) -> tuple[Float, Masks, list[int]]:
+    masks: Bool, boxes: Float, matrix: Float, transform_plane: Callable[[UInt8], UInt8]
+) -> tuple[Float, Bool, list[int]]:
     """Transform masks, eight at a time.
 
     Each mask is one bit of a byte: nearest-neighbour sampling moves all bits alike, so masks may
@@ -135,15 +130,15 @@ def transform_masks(
     return np.array(moved_boxes, float).reshape(-1, 4), found[: len(kept)], kept
 
 
-def box_of(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:
+def box_of(mask: Bool) -> tuple[int, int, int, int]:
     """Return x0, y0, x1, y1 of the bounding box of an (H, W) mask."""
     x, y, width, height = cv2.boundingRect(mask.view(np.uint8))
     return x, y, x + width, y + height
 
 
-def _plane(masks: Masks) -> Bytes:
+def _plane(masks: Bool) -> UInt8:
     """Pack up to eight masks into one (H, W) uint8 image, one bit each."""
-    plane: Bytes = masks[0].astype(np.uint8)
+    plane: UInt8 = masks[0].astype(np.uint8)
     shifted = np.empty_like(plane)
     for bit, mask in enumerate(masks[1:], 1):
         # Multiplication is ten times as fast as numpy's shift of bytes.

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from calib import DepthEncoding
+from perceptree.arrays import Bool, Float, UInt8
 from perceptree.data.augment.depth import level_metres
 from perceptree.data.augment.labels import MIN_PIXELS, MIN_VISIBLE_SHARE, box_of
 from perceptree.data.frames import Sample
-
-Float = NDArray[np.floating[Any]]
-Mask = NDArray[np.bool_]
 
 _MAX_TREES = 3
 _SOFT_EDGE_PX = 3
@@ -25,7 +21,7 @@ _VISIBLE, _HIDDEN = 2, 1
 
 @dataclass(frozen=True, eq=False)
 class _Pasted:
-    mask: Mask
+    mask: Bool
     keypoints: Float
 
 
@@ -71,9 +67,9 @@ def paste_trees(
 
 
 def _paste_one(
-    image: NDArray[np.uint8],
+    image: UInt8,
     other: Sample,
-    mask: Mask,
+    mask: Bool,
     keypoints: Float,
     encoding: DepthEncoding | None,
 ) -> _Pasted | None:
@@ -93,7 +89,7 @@ def _paste_one(
     return _Pasted(shown, _flag_occluded(keypoints, ~around))
 
 
-def _blend(image: NDArray[np.uint8], other: NDArray[np.uint8], mask: Mask) -> None:
+def _blend(image: UInt8, other: UInt8, mask: Bool) -> None:
     """Copy the pixels of a mask into ``image`` in place, blended at the mask's edge."""
     x0, y0, x1, y1 = box_of(mask)
     rows, columns = slice(max(0, y0 - 1), y1 + 1), slice(max(0, x0 - 1), x1 + 1)
@@ -104,9 +100,7 @@ def _blend(image: NDArray[np.uint8], other: NDArray[np.uint8], mask: Mask) -> No
     there[:] = np.rint(mixed).astype(np.uint8)
 
 
-def _is_nearer(
-    image: NDArray[np.uint8], other: NDArray[np.uint8], mask: Mask, encoding: DepthEncoding
-) -> Mask:
+def _is_nearer(image: UInt8, other: UInt8, mask: Bool, encoding: DepthEncoding) -> Bool:
     """Return (H, W) where a tree is nearer than the frame; its missing readings get its median."""
     metres_of = level_metres(encoding)
     theirs = metres_of[other]
@@ -117,7 +111,7 @@ def _is_nearer(
     return np.asarray(theirs < metres_of[image])
 
 
-def _occluded_labels(sample: Sample, masks: Mask, occluder: Mask) -> tuple[Float, Float, Mask]:
+def _occluded_labels(sample: Sample, masks: Bool, occluder: Bool) -> tuple[Float, Float, Bool]:
     """Return boxes, keypoints and masks of the frame's own trees that remain visible enough."""
     left = masks & ~occluder
     boxes, keypoints = sample.boxes.copy(), _flag_occluded(sample.keypoints, occluder)
@@ -132,7 +126,7 @@ def _occluded_labels(sample: Sample, masks: Mask, occluder: Mask) -> tuple[Float
     return boxes[kept], keypoints[kept], left[kept]
 
 
-def _flag_occluded(keypoints: Float, occluder: Mask) -> Float:
+def _flag_occluded(keypoints: Float, occluder: Bool) -> Float:
     """Set the flag of visible (..., 3) keypoints inside the occluder to hidden."""
     height, width = occluder.shape
     x = np.clip(keypoints[..., 0].astype(int), 0, width - 1)

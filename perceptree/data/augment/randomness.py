@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-Float32 = NDArray[np.float32]
+from perceptree.arrays import Bool, Float32, UInt8
 
 ZERO_LEVEL = 128
 """The value of 0 in :func:`normal_levels`."""
@@ -37,15 +37,13 @@ def normal(rng: np.random.Generator, shape: tuple[int, ...]) -> Float32:
     return np.asarray(cv2.LUT(_bytes(rng, shape), _QUANTILES), np.float32)
 
 
-def normal_levels(
-    rng: np.random.Generator, shape: tuple[int, ...], deviation: float
-) -> NDArray[np.uint8]:
+def normal_levels(rng: np.random.Generator, shape: tuple[int, ...], deviation: float) -> UInt8:
     """Draw normal values rounded to integers, plus 128 (uint8), for :func:`add_levels`."""
     table = np.clip(np.rint(ZERO_LEVEL + deviation * _QUANTILES), 0, 255).astype(np.uint8)
     return np.asarray(cv2.LUT(_bytes(rng, shape), table), np.uint8)
 
 
-def add_levels(image: NDArray[np.uint8], levels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def add_levels(image: UInt8, levels: UInt8) -> UInt8:
     """Add the noise of :func:`normal_levels` to a uint8 image, clipped to 0 to 255."""
     return np.asarray(cv2.addWeighted(image, 1, levels, 1, -ZERO_LEVEL), np.uint8)
 
@@ -60,9 +58,7 @@ def smooth_field(rng: np.random.Generator, height: int, width: int, cell_px: flo
     return field
 
 
-def blobs(
-    rng: np.random.Generator, shape: tuple[int, int], share: float, cell_px: float
-) -> NDArray[np.bool_]:
+def blobs(rng: np.random.Generator, shape: tuple[int, int], share: float, cell_px: float) -> Bool:
     """Return (H, W) irregular patches that cover about ``share`` of the image."""
     if share <= 0:
         return np.zeros(shape, bool)
@@ -70,7 +66,7 @@ def blobs(
     return np.asarray(smooth_field(rng, *shape, cell_px) > threshold)
 
 
-def _bytes(rng: np.random.Generator, shape: tuple[int, ...]) -> NDArray[np.uint8]:
+def _bytes(rng: np.random.Generator, shape: tuple[int, ...]) -> UInt8:
     count = int(np.prod(shape))
     words: NDArray[Any] = rng.integers(0, 2**64 - 1, -(-count // 8), dtype=np.uint64, endpoint=True)
     return words.astype("<u8", copy=False).view(np.uint8)[:count].reshape(shape)

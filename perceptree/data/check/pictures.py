@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from basetree.files.reading import decode_image
+from perceptree.arrays import UInt8
 from perceptree.data.coco import FrameRecord
 
 Signature = NDArray[np.uint64]
@@ -46,7 +47,7 @@ def depth_faults(frame: FrameRecord) -> Iterator[tuple[str, Path]]:
             yield "depth_size", path
 
 
-def signature(image: NDArray[np.uint8]) -> Signature:
+def signature(image: UInt8) -> Signature:
     """Compute a perceptual hash that hardly changes with scaling, compression or brightness.
 
     The difference hash of N. Krawetz ("Kind of Like That", 2013), 16 wide and in both directions:

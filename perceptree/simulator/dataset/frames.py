@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from perceptree.arrays import UInt8
 from perceptree.simulator.geometry.assemble import assemble
 from perceptree.simulator.geometry.negatives import NEGATIVES
 from perceptree.simulator.geometry.prototypes import Prototypes, make_prototypes
@@ -184,7 +184,7 @@ def _picture(
     drawing: Drawing,
     faults: CameraFaults,
     night: InfraredNight | None,
-) -> NDArray[np.uint8]:
+) -> UInt8:
     """Take the colour picture, (H, W, 3) uint8 BGR, without a caption."""
     rng, fault_rng, trap_rng = rngs
     samples, log_luminance = drawing.samples, drawing.log_luminance

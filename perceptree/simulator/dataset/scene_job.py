@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import calib
 from basetree.jobs import Store, copy_folder
+from perceptree.arrays import Float
 from perceptree.simulator.dataset.storage import (
     FRAME_FOLDERS,
     IMU_FOLDER,
@@ -172,7 +172,7 @@ def _draw_here(job: SceneJob, assets: Assets) -> list[dict[str, Any]]:
     return records
 
 
-def _imu_table(samples: NDArray[np.floating[Any]]) -> bytes:
+def _imu_table(samples: Float) -> bytes:
     """CSV of IMU samples (n, 7) in camera axes: right, down and forward."""
     lines = [",".join(_IMU_COLUMNS)]
     lines += [",".join(f"{value:.7g}" for value in row) for row in samples]

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from basetree.files import writing
+from perceptree.arrays import Float, UInt8
 from perceptree.errors import DatasetError
 
 FRAME_FOLDERS = ("images", "depth", "depth8", "depth_exact")
@@ -52,12 +53,12 @@ def storage_error(error: OSError, directory: Path) -> DatasetError:
     )
 
 
-def encode_jpeg(image: NDArray[np.uint8], quality: int) -> bytes:
+def encode_jpeg(image: UInt8, quality: int) -> bytes:
     """Encode an image (H, W, 3) BGR as JPEG."""
     return _encode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
 
 
-def encode_png(image: NDArray[np.uint8] | NDArray[np.uint16], flat: bool = False) -> bytes:
+def encode_png(image: UInt8 | NDArray[np.uint16], flat: bool = False) -> bytes:
     """Encode an image as PNG.
 
     Args:
@@ -76,7 +77,7 @@ def _encode(extension: str, image: Any, options: list[int]) -> bytes:
     return bytes(cv2.imencode(extension, image, options)[1])
 
 
-def to_millimetres(depth_m: NDArray[np.floating[Any]], limit_m: float) -> NDArray[np.uint16]:
+def to_millimetres(depth_m: Float, limit_m: float) -> NDArray[np.uint16]:
     """Convert depth from metres to whole millimetres.
 
     Args:

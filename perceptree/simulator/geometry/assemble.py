@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from perceptree.arrays import Float, Float32, Int32, Int64, UInt8
 from perceptree.simulator.geometry.crowns import fit_crown
 from perceptree.simulator.geometry.ground import ground_mesh
 from perceptree.simulator.geometry.mesh import Mesh
@@ -16,8 +17,6 @@ from perceptree.simulator.geometry.sky import sky_visibility
 from perceptree.simulator.geometry.stems import stem_mesh
 from perceptree.simulator.scene.description import Scene, Tree
 from perceptree.simulator.scene.scatter import Placement
-
-Float = NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True)
@@ -42,18 +41,18 @@ class SceneMesh:
         tree_start: (T + 1,) first face of each tree of the scene, and of what follows the last.
     """
 
-    vertices: NDArray[np.float32]
-    normals: NDArray[np.float32]
-    uv: NDArray[np.float32]
-    tint: NDArray[np.float32]
-    sky: NDArray[np.float32]
-    faces: NDArray[np.int32]
-    layer: NDArray[np.uint8]
-    object_id: NDArray[np.int32]
-    instance_start: NDArray[np.int64]
+    vertices: Float32
+    normals: Float32
+    uv: Float32
+    tint: Float32
+    sky: Float32
+    faces: Int32
+    layer: UInt8
+    object_id: Int32
+    instance_start: Int64
     instance_centre: Float
     instance_radius: Float
-    tree_start: NDArray[np.int64]
+    tree_start: Int64
 
 
 class _Assembly:
@@ -63,7 +62,7 @@ class _Assembly:
         self._columns: dict[str, list[NDArray[Any]]] = {
             name: [] for name in ("vertices", "normals", "uv", "tint", "faces", "layer", "object")
         }
-        self._face_counts: list[NDArray[np.int64]] = []
+        self._face_counts: list[Int64] = []
         self._centres: list[Float] = []
         self._radii: list[Float] = []
         self._vertex_count = 0

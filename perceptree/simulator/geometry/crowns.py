@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from perceptree.arrays import Float
 from perceptree.simulator.geometry.habits import HABITS, Habit
 from perceptree.simulator.geometry.mesh import Mesh, make_mesh, merge, tubes_mesh
 from perceptree.simulator.materials.layers import Layer
 from perceptree.simulator.scene.models import TreeModel
 from perceptree.simulator.scene.stem import Stem
 from perceptree.simulator.vectors import UP, unit
-
-Float = NDArray[np.floating[Any]]
 
 CROWN_HEIGHT_M = 16.0  # height of the trees that crown prototypes are made for
 _GOLDEN_RAD = 2.4  # golden angle between successive branches

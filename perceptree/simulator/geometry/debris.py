@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from perceptree.arrays import Float
 from perceptree.simulator.geometry.mesh import (
     Mesh,
     cards_mesh,
@@ -21,8 +22,6 @@ from perceptree.simulator.geometry.mesh import (
 )
 from perceptree.simulator.materials.layers import Layer
 from perceptree.simulator.vectors import UP, unit
-
-Float = NDArray[np.floating[Any]]
 
 _BARKS = (
     Layer.SPRUCE_GREY,

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from basetree.files.writing import replacing
+from perceptree.arrays import Float, Float32, Int64, UInt8
 from perceptree.errors import DatasetError
 from perceptree.simulator.materials.layers import SIZE_PX, Layer, is_cutout
 
@@ -43,7 +44,7 @@ class Node:
     """
 
     name: str
-    faces: NDArray[np.int64]
+    faces: Int64
 
 
 def scene_nodes(mesh: SceneMesh, tree_names: Sequence[str]) -> list[Node]:
@@ -192,20 +193,20 @@ def _primitives(
     return primitives
 
 
-def y_up(vectors: NDArray[np.floating[Any]]) -> NDArray[np.float32]:
+def y_up(vectors: Float) -> Float32:
     """Convert world vectors (n, 3) to glTF's axes: x east, y up, z south."""
     x, y, z = np.asarray(vectors, np.float32).T
     return np.stack([x, z, -y], axis=1)
 
 
-def _colours(tint: NDArray[np.floating[Any]]) -> NDArray[np.uint8]:
+def _colours(tint: Float) -> UInt8:
     """(n, 4) opaque grey factors of the textures; glTF limits them to 1."""
     colours = np.full((len(tint), 4), 255, np.uint8)
     colours[:, :3] = np.rint(255 * np.clip(tint, 0, 1))[:, None]
     return colours
 
 
-def _units(vectors: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:
+def _units(vectors: Float) -> Float:
     return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-9))
 
 

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
+from perceptree.arrays import Float
 from perceptree.simulator.geometry.mesh import Mesh, make_mesh, tube_faces
 from perceptree.simulator.materials.layers import Layer
 from perceptree.simulator.scene.terrain import Terrain
 from perceptree.simulator.vectors import unit
-
-Float = NDArray[np.floating[Any]]
 
 _REPEAT_M = 1.7  # length of ground that one texture repeat shows
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from perceptree.arrays import Bool, Float
 from perceptree.simulator.vectors import UP, unit
 
-Float = NDArray[np.floating[Any]]
 Int = NDArray[np.integer[Any]]
 
 
@@ -34,7 +34,7 @@ class Mesh:
     tint: Float
     faces: Int
     layer: Int
-    labelled: NDArray[np.bool_]
+    labelled: Bool
 
 
 def make_mesh(

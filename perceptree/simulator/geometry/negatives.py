@@ -9,10 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perceptree.simulator.geometry import debris
 from perceptree.simulator.geometry.mesh import Mesh, cards_mesh, merge, tubes_mesh
@@ -21,7 +19,6 @@ from perceptree.simulator.geometry.solids import ball, block, limb, painted
 from perceptree.simulator.materials.layers import Layer
 from perceptree.simulator.vectors import UP, unit
 
-Float = NDArray[np.floating[Any]]
 _Coat = Callable[[Mesh], Mesh]
 
 LOG_M = 6.0  # length of a log before it is scaled

@@ -7,17 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perceptree.simulator.geometry import debris
 from perceptree.simulator.geometry.mesh import Mesh, merge
 from perceptree.simulator.geometry.solids import ball, block, limb, painted
 from perceptree.simulator.materials.layers import FIRST_GROUND, LAST_BARK, Layer
-
-Float = NDArray[np.floating[Any]]
 
 # Ranges of colour numbers in the layer PAINT, as in materials.manmade.
 _SAFETY, _CLOTH, _SKIN, _METAL, _ANY = (0, 4), (4, 12), (12, 15), (15, 20), (0, 64)

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
+from perceptree.arrays import Float
 from perceptree.simulator.geometry.mesh import Mesh, make_mesh, merge, tube_faces, tubes_mesh
 from perceptree.simulator.materials.layers import Layer
 from perceptree.simulator.vectors import UP, unit
-
-Float = NDArray[np.floating[Any]]
 
 
 def grass_tuft(rng: np.random.Generator) -> Mesh:

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
+from perceptree.arrays import Float, Float32, Int32, UInt8
 from perceptree.simulator.materials.layers import CROWN_FOLIAGE
 from perceptree.simulator.scene.terrain import EXTENT_M
-
-Float = NDArray[np.floating[Any]]
 
 _VOXEL_M = 1.0
 _LEAF_EXTINCTION = 0.55  # extinction per unit of leaf area index
@@ -23,9 +19,7 @@ def _blur(layer: Float) -> Float:
     return np.asarray((rows[:, :-2] + 2 * rows[:, 1:-1] + rows[:, 2:]) / 4)
 
 
-def sky_visibility(
-    vertices: NDArray[np.float32], faces: NDArray[np.int32], layer: NDArray[np.uint8]
-) -> NDArray[np.float32]:
+def sky_visibility(vertices: Float32, faces: Int32, layer: UInt8) -> Float32:
     """Compute the fraction of sky light that reaches each vertex through the canopy.
 
     Leaf area is counted in voxels of 1 m and summed from the top down, with a blur per layer that

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from perceptree.arrays import Float
 from perceptree.simulator.geometry.mesh import Mesh, make_mesh, merge, ring_frames, surface_mesh
 from perceptree.simulator.materials.layers import PAINT_CELLS, Layer
 from perceptree.simulator.vectors import unit
-
-Float = NDArray[np.floating[Any]]
 
 _BALL_RINGS, _BALL_SIDES = 7, 10
 _CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) / 2

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from perceptree.arrays import Float
 from perceptree.simulator.geometry.mesh import Mesh, merge, surface_mesh
 from perceptree.simulator.materials.layers import Layer
 from perceptree.simulator.scene.stem import Stem
 from perceptree.simulator.vectors import UP
-
-Float = NDArray[np.floating[Any]]
 
 STEM_SIDES = 48
 _UPPER_SIDES = 16

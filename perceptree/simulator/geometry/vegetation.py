@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perceptree.simulator.geometry.mesh import Mesh, merge
 from perceptree.simulator.geometry.plants import directions, strips
@@ -14,8 +12,6 @@ from perceptree.simulator.geometry.undergrowth import UndergrowthKind
 from perceptree.simulator.materials.layers import Layer
 from perceptree.simulator.scene.vegetation import TUFT_ASPECTS
 from perceptree.simulator.vectors import UP, unit
-
-Float = NDArray[np.floating[Any]]
 
 _GRASSES = {"green": (Layer.GRASS, 0.35), "dry": (Layer.DRY_GRASS, 0.6)}  # layer and lean
 

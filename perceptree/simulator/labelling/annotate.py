@@ -6,10 +6,10 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pycocotools import mask as coco_mask
 
 import calib
+from perceptree.arrays import Float
 from perceptree.keypoints import KEYPOINT_NAMES
 from perceptree.simulator.labelling.frame import LabelledFrame
 from perceptree.simulator.settings.files import FileSettings
@@ -77,7 +77,7 @@ def _rounded(values: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _numbers(values: NDArray[np.floating[Any]], decimals: int = _DECIMALS) -> list[float]:
+def _numbers(values: Float, decimals: int = _DECIMALS) -> list[float]:
     return [round(float(value), decimals) for value in values]
 
 

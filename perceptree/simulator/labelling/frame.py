@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
+from perceptree.arrays import Float, Float32, UInt8
 
 if TYPE_CHECKING:
     from perceptree.simulator.labelling.labels import TreeLabel
@@ -70,9 +69,9 @@ class Motion:
     """
 
     time_s: float
-    origin_m: NDArray[np.floating[Any]]
-    rotation: NDArray[np.floating[Any]]
-    imu: NDArray[np.floating[Any]]
+    origin_m: Float
+    rotation: Float
+    imu: Float
 
 
 @dataclass(frozen=True)
@@ -94,9 +93,9 @@ class LabelledFrame:
         motion: Camera motion at a frame of a drive, else None.
     """
 
-    image: NDArray[np.uint8]
-    depth_m: NDArray[np.float32]
-    exact_depth_m: NDArray[np.float32]
+    image: UInt8
+    depth_m: Float32
+    exact_depth_m: Float32
     labels: list[TreeLabel]
     view: View
     scene: SceneRecord

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from perceptree.arrays import Bool, Float
 from perceptree.simulator.labelling.silhouette import CLOSEST_M, outline_points, silhouette_area_px
 from perceptree.simulator.rendering.render import Drawing
 from perceptree.simulator.rendering.view import View
@@ -16,8 +15,6 @@ from perceptree.simulator.scene.description import Tree
 from perceptree.simulator.scene.stem import BREAST_HEIGHT_M
 from perceptree.simulator.settings import LabelSettings
 from perceptree.simulator.vectors import unit
-
-Float = NDArray[np.floating[Any]]
 
 VISIBLE, HIDDEN, OUTSIDE = 2, 1, 0
 
@@ -44,7 +41,7 @@ class TreeLabel:
         stem: Number of the tree in its scene, the same in every view.
     """
 
-    mask: NDArray[np.bool_]
+    mask: Bool
     box_px: Float
     keypoints: Float
     distance_m: float
@@ -89,7 +86,7 @@ def label_view(
 def _label(
     view: View,
     tree: Tree,
-    mask: NDArray[np.bool_],
+    mask: Bool,
     distance_m: float,
     fraction: float,
     number: int,
@@ -118,7 +115,7 @@ def _label(
     )
 
 
-def _keypoints(view: View, tree: Tree, mask: NDArray[np.bool_]) -> Float:
+def _keypoints(view: View, tree: Tree, mask: Bool) -> Float:
     axis_top = tree.point(tree.top_z_m / 2)
     axis_middle = tree.point((tree.cut_z_m + tree.top_z_m / 2) / 2)
     left, right = outline_points(view, tree, tree.diameter_z_m)

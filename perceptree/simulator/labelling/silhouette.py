@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from perceptree.arrays import Float
 from perceptree.simulator.geometry.stems import STEM_SIDES, lower_levels_m
 from perceptree.simulator.rendering.view import View
 from perceptree.simulator.scene.description import Tree
 from perceptree.simulator.vectors import unit
-
-Float = NDArray[np.floating[Any]]
 
 CLOSEST_M = 0.1  # points nearer to the camera plane are not projected
 _BELOW_M = 0.2  # depth below the foot at which the silhouette's rings start

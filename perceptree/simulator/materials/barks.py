@@ -7,18 +7,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from statistics import NormalDist
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from perceptree.arrays import Float
 from perceptree.simulator.materials.cells import jittered_cells
 from perceptree.simulator.materials.drawing import mix, noise
 from perceptree.simulator.materials.layers import SIZE_PX, Layer
 from perceptree.simulator.materials.noise import smoothstep
 
-Float = NDArray[np.floating[Any]]
 Rgb = tuple[int, int, int]
 
 _LICHEN: Rgb = (168, 176, 156)

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
+from perceptree.arrays import Float
 from perceptree.simulator.materials.layers import SIZE_PX
-
-Float = NDArray[np.floating[Any]]
 
 _WARP = 0.22
 

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from perceptree.arrays import Float, Float32
 from perceptree.simulator.materials.layers import SIZE_PX
 from perceptree.simulator.materials.noise import spectral_noise
 
-Float = NDArray[np.floating[Any]]
-DrawFunction = Callable[[np.random.Generator, NDArray[np.float32]], None]
+DrawFunction = Callable[[np.random.Generator, Float32], None]
 
 
 def rgb(red: int, green: int, blue: int) -> Float:

@@ -8,16 +8,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from perceptree.arrays import Float, Float32
 from perceptree.simulator.materials.drawing import cutout, ink, point
 from perceptree.simulator.materials.layers import Layer
 
-Float = NDArray[np.floating[Any]]
 Rgb = tuple[int, int, int]
 
 
@@ -210,7 +208,7 @@ def _shoots(
     return shoots
 
 
-def _draw_needles(rng: np.random.Generator, canvas: NDArray[np.float32], kind: Needles) -> None:
+def _draw_needles(rng: np.random.Generator, canvas: Float32, kind: Needles) -> None:
     size = canvas.shape[0]
     shoots = _shoots(
         rng,
@@ -238,7 +236,7 @@ def _draw_needles(rng: np.random.Generator, canvas: NDArray[np.float32], kind: N
                 cv2.line(canvas, point(*foot), point(*tip), tone, kind.width_px)
 
 
-def _draw_leaves(rng: np.random.Generator, canvas: NDArray[np.float32], kind: Leaves) -> None:
+def _draw_leaves(rng: np.random.Generator, canvas: Float32, kind: Leaves) -> None:
     size = canvas.shape[0]
     shoots = _shoots(
         rng, size, kind.shoots, (0.55, 0.95), kind.reach, 0.5, 0.6, 0.7 * kind.length_px[0]
@@ -259,7 +257,7 @@ def _draw_leaves(rng: np.random.Generator, canvas: NDArray[np.float32], kind: Le
 
 def _draw_leaf(
     rng: np.random.Generator,
-    canvas: NDArray[np.float32],
+    canvas: Float32,
     kind: Leaves,
     outline: Float,
     foot: Float,
@@ -278,14 +276,14 @@ def _draw_leaf(
     cv2.line(canvas, point(*base), point(*(base + 0.9 * along)), rib, 3)
 
 
-def _draw_bare(rng: np.random.Generator, canvas: NDArray[np.float32]) -> None:
+def _draw_bare(rng: np.random.Generator, canvas: Float32) -> None:
     size = canvas.shape[0]
     for start, end in _shoots(rng, size, 9, (0.45, 1.0), 0.55, 0.5, 0.5, 40.0):
         _draw_bare_shoot(rng, canvas, start, end, 8.0)
 
 
 def _draw_bare_shoot(
-    rng: np.random.Generator, canvas: NDArray[np.float32], start: Float, end: Float, width: float
+    rng: np.random.Generator, canvas: Float32, start: Float, end: Float, width: float
 ) -> None:
     """Draw a crooked shoot with finer side shoots."""
     steps = start + (end - start) * np.linspace(0, 1, 5)[:, None]

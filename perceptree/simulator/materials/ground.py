@@ -5,20 +5,16 @@ One repeat shows 1.7 m of ground, 3.3 mm per pixel.
 
 from __future__ import annotations
 
-from typing import Any
-
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from perceptree.arrays import Float, UInt8
 from perceptree.simulator.materials.cells import jittered_cells
 from perceptree.simulator.materials.drawing import mix, noise, rgb
 from perceptree.simulator.materials.layers import SIZE_PX, Layer
 from perceptree.simulator.materials.noise import smoothstep
 from perceptree.simulator.materials.wood_and_rock import wood_and_rock_layers
 
-Float = NDArray[np.floating[Any]]
-Canvas = NDArray[np.uint8]
 Rgb = tuple[int, int, int]
 
 _NEEDLES: tuple[Rgb, ...] = (
@@ -56,7 +52,7 @@ def ground_layers(rng: np.random.Generator) -> dict[Layer, tuple[Float, Float]]:
     }
 
 
-def _canvas(colour: Float) -> Canvas:
+def _canvas(colour: Float) -> UInt8:
     """A canvas (SIZE, SIZE, 4) uint8 to draw on: the colour, and relief 0."""
     base = np.zeros((SIZE_PX, SIZE_PX, 4), np.uint8)
     base[..., :3] = np.clip(colour, 0, 1) * 255
@@ -75,13 +71,13 @@ def _wraps(points_px: Float, reach_px: float) -> list[Float]:
     return [points_px + np.array([column, row]) for column in columns for row in rows]
 
 
-def _line(canvas: Canvas, points_px: Float, tone: Float, level: float, width_px: int) -> None:
+def _line(canvas: UInt8, points_px: Float, tone: Float, level: float, width_px: int) -> None:
     for wrapped in _wraps(points_px, width_px + 1):
         fixed = np.round(wrapped * 2**_SHIFT).astype(np.int32)
         cv2.polylines(canvas, [fixed], False, (*tone, level), width_px, cv2.LINE_AA, _SHIFT)
 
 
-def _polygon(canvas: Canvas, points_px: Float, tone: Float, level: float) -> None:
+def _polygon(canvas: UInt8, points_px: Float, tone: Float, level: float) -> None:
     for wrapped in _wraps(points_px, 2):
         fixed = np.round(wrapped * 2**_SHIFT).astype(np.int32)
         cv2.fillPoly(canvas, [fixed], (*tone, level), cv2.LINE_AA, _SHIFT)
@@ -91,7 +87,7 @@ def _heading(angle_rad: float) -> Float:
     return np.array([np.cos(angle_rad), np.sin(angle_rad)])
 
 
-def _strew_needles(rng: np.random.Generator, canvas: Canvas, count: int) -> None:
+def _strew_needles(rng: np.random.Generator, canvas: UInt8, count: int) -> None:
     """Scatter short thin needles, each above the previous ones."""
     feet, turns = rng.uniform(0, SIZE_PX, (count, 2)), rng.uniform(0, 2 * np.pi, count)
     for number, (foot, turn) in enumerate(zip(feet, turns, strict=True)):
@@ -106,7 +102,7 @@ def _strew_needles(rng: np.random.Generator, canvas: Canvas, count: int) -> None
         )
 
 
-def _strew_leaves(rng: np.random.Generator, canvas: Canvas, count: int, high: int) -> None:
+def _strew_leaves(rng: np.random.Generator, canvas: UInt8, count: int, high: int) -> None:
     """Scatter fallen leaves, folded along their midrib so that one half is brighter."""
     outline = np.array([[0, 0], [0.25, 0.24], [0.55, 0.27], [0.85, 0.11], [1, 0]])
     for number in range(count):
@@ -122,7 +118,7 @@ def _strew_leaves(rng: np.random.Generator, canvas: Canvas, count: int, high: in
         _line(canvas, np.stack([foot - 0.15 * along, foot + along]), 0.75 * tone, level, 1)
 
 
-def _strew_twigs(rng: np.random.Generator, canvas: Canvas, count: int) -> None:
+def _strew_twigs(rng: np.random.Generator, canvas: UInt8, count: int) -> None:
     """Scatter crooked thin twigs with a bright upper side."""
     for _ in range(count):
         steps = rng.uniform(6, 20) * _heading(rng.uniform(0, 2 * np.pi))
@@ -133,7 +129,7 @@ def _strew_twigs(rng: np.random.Generator, canvas: Canvas, count: int) -> None:
         _line(canvas, points - 0.4, tone, 225, width - 1)
 
 
-def _split(canvas: Canvas, depth: float) -> tuple[Float, Float]:
+def _split(canvas: UInt8, depth: float) -> tuple[Float, Float]:
     """Colour and relief of a canvas."""
     drawn = canvas.astype(np.float32) / 255
     return drawn[..., :3], _soft(drawn[..., 3], 1) * depth
@@ -200,7 +196,7 @@ def _roots(rng: np.random.Generator) -> tuple[Float, Float]:
     return colour * (1 + 0.10 * fine[..., None]), relief + 0.35 * fine + 0.8 * broad
 
 
-def _root(rng: np.random.Generator, canvas: Canvas, width_px: int, level: float) -> None:
+def _root(rng: np.random.Generator, canvas: UInt8, width_px: int, level: float) -> None:
     """Draw one winding, tapering root in bands of increasing relief."""
     steps = int(rng.integers(14, 30))
     turn = rng.uniform(0, 2 * np.pi) + np.cumsum(rng.normal(0, 0.22, steps))

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from perceptree.arrays import Float
 from perceptree.simulator.materials.drawing import mix, noise, rgb
 from perceptree.simulator.materials.layers import PAINT_CELLS, SIZE_PX, Layer
 from perceptree.simulator.materials.noise import smoothstep
-
-Float = NDArray[np.floating[Any]]
 
 _SAFETY = ((255, 110, 20), (215, 240, 40), (230, 30, 30), (250, 200, 20))
 _CLOTH = (

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Float = NDArray[np.float32]
+from perceptree.arrays import Float32
 
 
 def spectral_noise(
@@ -13,7 +12,7 @@ def spectral_noise(
     shape: tuple[int, int],
     exponent: float,
     stretch: tuple[float, float] = (1.0, 1.0),
-) -> Float:
+) -> Float32:
     """Draw a periodic random field with power spectrum ``1 / f ** exponent``.
 
     Args:
@@ -37,7 +36,7 @@ def spectral_noise(
     return np.asarray((field - field.mean()) / field.std(), np.float32)
 
 
-def smoothstep(low: float, high: float, x: Float) -> Float:
+def smoothstep(low: float, high: float, x: Float32) -> Float32:
     """Smooth step: 0 below ``low``, 1 above ``high``, a cubic in between."""
     t = np.clip((x - low) / (high - low), 0.0, 1.0)
     return np.asarray(t * t * (3.0 - 2.0 * t), np.float32)

@@ -6,17 +6,14 @@ A plant extends from the middle of the left border to the right.
 from __future__ import annotations
 
 from functools import partial
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from perceptree.arrays import Float, Float32
 from perceptree.simulator.materials.drawing import cutout, ink, point
 from perceptree.simulator.materials.layers import Layer
 
-Float = NDArray[np.floating[Any]]
-Canvas = NDArray[np.float32]
 Rgb = tuple[int, int, int]
 
 _GREEN: tuple[Rgb, ...] = ((74, 86, 46), (94, 102, 56), (62, 74, 42), (120, 114, 70))
@@ -54,7 +51,7 @@ def _tone(rng: np.random.Generator, colours: tuple[Rgb, ...], strength: float) -
 
 
 def _draw_blades(
-    rng: np.random.Generator, canvas: Canvas, colours: tuple[Rgb, ...], count: int, bend: float
+    rng: np.random.Generator, canvas: Float32, colours: tuple[Rgb, ...], count: int, bend: float
 ) -> None:
     """Draw long bent blades, the short and dark ones behind."""
     size = canvas.shape[0]
@@ -76,7 +73,7 @@ def _draw_blades(
         cv2.polylines(canvas, [rib], False, _tone(rng, colours, 0.8 * strength), 3)
 
 
-def _draw_frond(rng: np.random.Generator, canvas: Canvas) -> None:
+def _draw_frond(rng: np.random.Generator, canvas: Float32) -> None:
     """Draw a bipinnate frond: pairs of pinnate leaflets on a bare stalk."""
     size, pairs = canvas.shape[0], 24
     cv2.line(canvas, point(0, size / 2), point(0.95 * size, size / 2), ink(_STALK, 1.0), 9)
@@ -89,7 +86,7 @@ def _draw_frond(rng: np.random.Generator, canvas: Canvas) -> None:
 
 
 def _draw_pinna(
-    rng: np.random.Generator, canvas: Canvas, foot: Float, angle_rad: float, length: float
+    rng: np.random.Generator, canvas: Float32, foot: Float, angle_rad: float, length: float
 ) -> None:
     """Draw one leaflet with a notched edge: small ovals along both sides of its rib."""
     along = np.array([np.cos(angle_rad), np.sin(angle_rad)])
@@ -109,7 +106,7 @@ def _draw_pinna(
     cv2.line(canvas, point(*foot), point(*tip), _tone(rng, _FERN, 0.8 * strength), 4)
 
 
-def _draw_bush(rng: np.random.Generator, canvas: Canvas) -> None:
+def _draw_bush(rng: np.random.Generator, canvas: Float32) -> None:
     """Draw branching stems with many small oval leaves."""
     size = canvas.shape[0]
     foot = np.array([0.0, size / 2])
@@ -133,7 +130,7 @@ def _draw_bush(rng: np.random.Generator, canvas: Canvas) -> None:
             _draw_oval(rng, canvas, start + (tip - start) * share, along)
 
 
-def _draw_oval(rng: np.random.Generator, canvas: Canvas, foot: Float, along_rad: float) -> None:
+def _draw_oval(rng: np.random.Generator, canvas: Float32, foot: Float, along_rad: float) -> None:
     """Draw one small leaf beside a shoot, inside the picture."""
     size = canvas.shape[0]
     turn = along_rad + rng.choice([-1, 1]) * rng.uniform(0.3, 1.2)
@@ -145,7 +142,7 @@ def _draw_oval(rng: np.random.Generator, canvas: Canvas, foot: Float, along_rad:
     cv2.ellipse(canvas, point(*centre), axes, np.degrees(turn), 0, 360, tone, -1)
 
 
-def _draw_herb(rng: np.random.Generator, canvas: Canvas) -> None:
+def _draw_herb(rng: np.random.Generator, canvas: Float32) -> None:
     """Draw broad leaves with midribs on stalks, the nearest ones last."""
     size = canvas.shape[0]
     for number in range(9):
@@ -162,7 +159,7 @@ def _draw_herb(rng: np.random.Generator, canvas: Canvas) -> None:
         cv2.line(canvas, point(*(tip - rib)), point(*(tip + rib)), rib_tone, 4)
 
 
-def _draw_bilberry(rng: np.random.Generator, canvas: Canvas) -> None:
+def _draw_bilberry(rng: np.random.Generator, canvas: Float32) -> None:
     """Draw upright twigs with many small leaves."""
     size = canvas.shape[0]
     for _ in range(9):

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from perceptree.arrays import Float, Int64, UInt8
 from perceptree.simulator.materials.barks import bark_layers
 from perceptree.simulator.materials.foliage import foliage_layers
 from perceptree.simulator.materials.ground import ground_layers
 from perceptree.simulator.materials.layers import MIP_LEVELS, SIZE_PX, Layer
 from perceptree.simulator.materials.manmade import manmade_layers
 from perceptree.simulator.materials.plants import low_plant_layers, plant_layers
-
-Float = NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True)
@@ -29,10 +26,10 @@ class Textures:
         offsets: (levels,) first texel of each mip level.
     """
 
-    albedo: NDArray[np.uint8]
-    alpha: NDArray[np.uint8]
-    normals: NDArray[np.uint8]
-    offsets: NDArray[np.int64]
+    albedo: UInt8
+    alpha: UInt8
+    normals: UInt8
+    offsets: Int64
 
 
 def _normals(height: Float) -> Float:
@@ -55,7 +52,7 @@ def _mip_levels(layer: Float) -> list[Float]:
     return levels
 
 
-def _bytes(values: Float) -> NDArray[np.uint8]:
+def _bytes(values: Float) -> UInt8:
     return (values.reshape(-1, values.shape[-1]) * 255 + 0.5).astype(np.uint8)
 
 

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
+from perceptree.arrays import Float
 from perceptree.simulator.materials.drawing import mix, noise, rgb
 from perceptree.simulator.materials.layers import SIZE_PX, Layer
 from perceptree.simulator.materials.noise import smoothstep
-
-Float = NDArray[np.floating[Any]]
 
 _RINGS = 34
 _BARK_RADIUS = 0.46

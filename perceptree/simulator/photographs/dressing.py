@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from perceptree.arrays import Float, UInt8
 from perceptree.simulator.materials.layers import FIRST_GROUND, SIZE_PX, Layer, is_cutout
 from perceptree.simulator.materials.textures import Textures, layer_texels, pack_layer
 from perceptree.simulator.photographs.choice import panoramas, photographs_for
@@ -19,8 +18,6 @@ from perceptree.simulator.rendering.kernel_types import FarStand
 from perceptree.simulator.scene.description import Scene
 from perceptree.simulator.settings import PhotographSettings
 from perceptree.simulator.streams import Stream, stream
-
-Float = NDArray[np.floating[Any]]
 
 _FAR_STAND = 1000  # number of the far stand among the layers' streams
 _SHRINK = (5, 7)  # least and largest factor by which a far stand is made smaller
@@ -46,7 +43,7 @@ class Dressing:
 
 def dress(
     scene: Scene,
-    layers: NDArray[np.uint8],
+    layers: UInt8,
     textures: Textures,
     folder: PhotoFolder,
     settings: PhotographSettings,
@@ -79,7 +76,7 @@ def dress(
     return Dressing(own, _far_stand(rng, photo), bool(rng.random() >= _BARE_SHARE))
 
 
-def _shown(scene: Scene, layers: NDArray[np.uint8]) -> list[Layer]:
+def _shown(scene: Scene, layers: UInt8) -> list[Layer]:
     """The layers whose textures are seen in a scene."""
     ground = [FIRST_GROUND + k for k in np.flatnonzero(scene.terrain.cover > 0)]
     seen = np.unique(np.concatenate([np.unique(layers).astype(int), np.array(ground, int)]))

@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 
 from basetree.errors import InputFileError, SettingsError
 from basetree.files.reading import read_image
+from perceptree.arrays import Float, UInt8
 from perceptree.simulator.materials.layers import SIZE_PX
 from perceptree.simulator.photographs.folder import Photograph
-
-Float = NDArray[np.floating[Any]]
 
 LARGEST_PX = 1024  # longer side of a material; larger ones are reduced
 SMALLEST_PX = 64
@@ -41,8 +40,8 @@ class Material:
         remarks: What was done to use it.
     """
 
-    colour: NDArray[np.uint8]
-    slope: NDArray[np.uint8]
+    colour: UInt8
+    slope: UInt8
     remarks: tuple[str, ...]
 
 
@@ -68,7 +67,7 @@ def load_material(photo: Photograph) -> Material:
     return Material(colour, slope, tuple(remarks))
 
 
-def load_cutout(photo: Photograph) -> tuple[NDArray[np.uint8], bool]:
+def load_cutout(photo: Photograph) -> tuple[UInt8, bool]:
     """Read a cut-out, and continue its colours where it is transparent.
 
     Returns:
@@ -98,7 +97,7 @@ def load_cutout(photo: Photograph) -> tuple[NDArray[np.uint8], bool]:
     return nearest[labels], bool(np.abs(red - green).mean() + np.abs(green - blue).mean() < _GREY)
 
 
-def seam_ratio(picture: NDArray[np.uint8], axis: int) -> float:
+def seam_ratio(picture: UInt8, axis: int) -> float:
     """Difference of the first and last line over the median difference of neighbouring lines."""
     lines = np.moveaxis(picture, axis, 0)
     first = np.linspace(0, len(lines) - 2, _COMPARED).astype(int)
@@ -116,7 +115,7 @@ def blend_seam(picture: NDArray[Any], axis: int, margin: int) -> NDArray[Any]:
     return np.moveaxis(kept, 0, axis)
 
 
-def slope_of(height: Float, target: float) -> NDArray[np.uint8]:
+def slope_of(height: Float, target: float) -> UInt8:
     """(H, W, 2) x and y of the normals of a height map that wraps around.
 
     Args:
@@ -131,9 +130,7 @@ def slope_of(height: Float, target: float) -> NDArray[np.uint8]:
     return _byte(np.stack([-scale * right / length, scale * down / length], -1) * 127.5 + 127.5)
 
 
-def _slope(
-    photo: Photograph, colour: NDArray[np.uint8], size: tuple[int, int]
-) -> tuple[NDArray[np.uint8], str]:
+def _slope(photo: Photograph, colour: UInt8, size: tuple[int, int]) -> tuple[UInt8, str]:
     if "normal" in photo.files:
         normal = eight_bit_rgb(read_picture(photo.files["normal"]))
         scaled = cv2.resize(normal, size, interpolation=cv2.INTER_AREA)
@@ -182,7 +179,7 @@ def _remarks(raw: NDArray[Any]) -> list[str]:
     return remarks
 
 
-def eight_bit_rgb(raw: NDArray[Any]) -> NDArray[np.uint8]:
+def eight_bit_rgb(raw: NDArray[Any]) -> UInt8:
     """(H, W, 3) uint8 RGB of a picture as read: grey or BGR, with or without alpha."""
     if raw.dtype != np.uint8:
         scale = 255.0 / (np.iinfo(raw.dtype).max if raw.dtype.kind == "u" else 1.0)
@@ -192,11 +189,11 @@ def eight_bit_rgb(raw: NDArray[Any]) -> NDArray[np.uint8]:
     return np.ascontiguousarray(raw[..., 2::-1])
 
 
-def _byte(values: Float) -> NDArray[np.uint8]:
+def _byte(values: Float) -> UInt8:
     return np.asarray(np.clip(values, 0, 255) + 0.5, np.uint8)
 
 
-def reduced(picture: NDArray[np.uint8], longest_px: int = LARGEST_PX) -> NDArray[np.uint8]:
+def reduced(picture: UInt8, longest_px: int = LARGEST_PX) -> UInt8:
     """Reduce a picture to a longer side of at most ``longest_px``."""
     scale = longest_px / max(picture.shape[:2])
     if scale >= 1:

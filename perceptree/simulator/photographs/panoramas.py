@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from basetree.errors import SettingsError
+from perceptree.arrays import UInt8
 from perceptree.simulator.photographs.folder import CUBE_FACES, Photograph
 from perceptree.simulator.photographs.loading import (
     DEEP,
@@ -22,7 +22,7 @@ from perceptree.simulator.photographs.loading import (
 _WIDTH_PX = 2048
 
 
-def load_panorama(photo: Photograph) -> tuple[NDArray[np.uint8], tuple[str, ...]]:
+def load_panorama(photo: Photograph) -> tuple[UInt8, tuple[str, ...]]:
     """Read a panorama.
 
     Returns:
@@ -49,7 +49,7 @@ def load_panorama(photo: Photograph) -> tuple[NDArray[np.uint8], tuple[str, ...]
     return whole, tuple(remarks)
 
 
-def _from_cube(photo: Photograph) -> NDArray[np.uint8]:
+def _from_cube(photo: Photograph) -> UInt8:
     """Panorama of a cube map, whose faces are seen from inside and lie as in OpenGL."""
     faces = {name: eight_bit_rgb(read_picture(path)) for name, path in photo.files.items()}
     side = faces["posx"].shape[0]

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from perceptree.arrays import Float, Float32, UInt8
 from perceptree.simulator.materials.layers import SIZE_PX
 from perceptree.simulator.materials.noise import smoothstep, spectral_noise
 from perceptree.simulator.photographs.loading import Material, blend_seam
-
-Float = NDArray[np.floating[Any]]
 
 _MARGIN_PX = SIZE_PX // 8
 _BARK_SCALE, _FLAT_SCALE = (0.55, 1.2), (0.6, 1.6)  # shown part of the longer side
@@ -29,7 +25,7 @@ _GREY = np.array([0.3, 0.6, 0.1], np.float32)
 
 def material_layer(
     rng: np.random.Generator, material: Material, mean: Float, upright: bool, mossy: bool
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+) -> tuple[Float32, Float32]:
     """Draw a layer from a material.
 
     Args:
@@ -54,9 +50,7 @@ def material_layer(
     return np.clip(tones, 0, 1), normals
 
 
-def foliage_layer(
-    rng: np.random.Generator, colour: NDArray[np.uint8], grey: bool, mean: Float
-) -> NDArray[np.float32]:
+def foliage_layer(rng: np.random.Generator, colour: UInt8, grey: bool, mean: Float) -> Float32:
     """Draw the colours (SIZE, SIZE, 3), linear RGB, of a cut-out layer.
 
     Plants grow upwards in photographs, and to the right in layers.
@@ -77,9 +71,7 @@ def foliage_layer(
     return np.clip(_toned(rng, tones, mean), 0, 1)
 
 
-def _turned(
-    colour: NDArray[np.uint8], slope: NDArray[np.uint8], turns: int, mirrored: bool
-) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+def _turned(colour: UInt8, slope: UInt8, turns: int, mirrored: bool) -> tuple[UInt8, UInt8]:
     """Rotate by quarter turns to the left, and mirror; normals turn with the picture."""
     colour, slope = np.rot90(colour, turns), np.rot90(slope, turns)
     for _ in range(turns):
@@ -90,7 +82,7 @@ def _turned(
     return colour, slope
 
 
-def _window(picture: NDArray[np.uint8], first: Float, shown_px: float) -> NDArray[np.uint8]:
+def _window(picture: UInt8, first: Float, shown_px: float) -> UInt8:
     """Show a square of a picture that wraps around as a layer that wraps around."""
     side = round(shown_px * (SIZE_PX + _MARGIN_PX) / SIZE_PX)
     rows = (int(first[0]) + np.arange(side)) % picture.shape[0]
@@ -101,7 +93,7 @@ def _window(picture: NDArray[np.uint8], first: Float, shown_px: float) -> NDArra
     return np.asarray(blend_seam(blend_seam(scaled, 0, _MARGIN_PX), 1, _MARGIN_PX), np.uint8)
 
 
-def _normals(slope: NDArray[np.uint8]) -> NDArray[np.float32]:
+def _normals(slope: UInt8) -> Float32:
     """(H, W, 3) unit normals, 0.5 being zero, of slopes (H, W, 2) as in Material."""
     steep = (slope.astype(np.float32) / np.float32(127.5) - 1) * _STEEPER
     x, y = steep[..., 0], steep[..., 1]
@@ -112,9 +104,7 @@ def _normals(slope: NDArray[np.uint8]) -> NDArray[np.float32]:
     return np.asarray(normal * np.float32(0.5) + np.float32(0.5), np.float32)
 
 
-def _toned(
-    rng: np.random.Generator, tones: NDArray[np.float32], mean: Float
-) -> NDArray[np.float32]:
+def _toned(rng: np.random.Generator, tones: Float32, mean: Float) -> Float32:
     """Vary saturation and hue, and bring the brightness halfway to that of the layer."""
     grey = (tones @ _GREY)[..., None]
     pale = grey + (tones - grey) * np.float32(rng.uniform(*_SATURATION))
@@ -123,7 +113,7 @@ def _toned(
     return np.asarray(pale * (gain * np.exp(rng.normal(0, _HUE, 3))).astype(np.float32))
 
 
-def _with_moss(rng: np.random.Generator, tones: NDArray[np.float32]) -> NDArray[np.float32]:
+def _with_moss(rng: np.random.Generator, tones: Float32) -> Float32:
     least = float(rng.uniform(-0.4, 1.2))
     patch = smoothstep(least, least + 0.8, spectral_noise(rng, tones.shape[:2], 2.2))[..., None]
     grey = (tones @ _GREY)[..., None]

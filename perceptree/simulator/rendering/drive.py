@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from perceptree.arrays import Float
 from perceptree.simulator.rendering.view import Pose, View, look_from
 from perceptree.simulator.scene.circuit import Circuit
 from perceptree.simulator.scene.terrain import Terrain
 from perceptree.simulator.settings import CameraSettings, DriveSettings
 from perceptree.simulator.vectors import UP
-
-Float = NDArray[np.floating[Any]]
 
 IMU_HZ = 200
 GRAVITY_M_PER_S2 = 9.81

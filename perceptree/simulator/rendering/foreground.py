@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from perceptree.arrays import Float
 from perceptree.simulator.geometry.negatives import LOG_M
 from perceptree.simulator.rendering.view import View, random_view
 from perceptree.simulator.scene.description import Scene
@@ -16,8 +15,6 @@ from perceptree.simulator.scene.scatter import Placement, slope_rotations, yaw_r
 from perceptree.simulator.settings import NegativeSettings, SimulatorSettings
 from perceptree.simulator.streams import Stream, stream
 from perceptree.simulator.vectors import UP, unit
-
-Float = NDArray[np.floating[Any]]
 
 _NEAREST_M, _FARTHEST_M = 1.1, 9.0
 _ATTEMPTS = 12

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import cv2
 import numpy as np
@@ -12,9 +11,8 @@ from numpy.typing import NDArray
 
 import calib
 from calib import PinholeCamera
+from perceptree.arrays import Float, Float32
 from perceptree.simulator.rendering.view import View
-
-Float = NDArray[np.floating[Any]]
 
 SUPERSAMPLING = 2
 _BEYOND_FACE = 0.5  # how far 1 / z is extrapolated beyond a face, in barycentric weights
@@ -42,8 +40,8 @@ class SampleGrid:
     focal_y: float
     centre_x: float
     centre_y: float
-    columns: NDArray[np.float32] | None
-    rows: NDArray[np.float32] | None
+    columns: Float32 | None
+    rows: Float32 | None
 
     @property
     def distorted(self) -> bool:
@@ -87,7 +85,7 @@ class SampleGrid:
         weights = np.clip(weights, -_BEYOND_FACE, 1 + _BEYOND_FACE)
         return np.asarray((weights * corners[..., 2]).sum(-1) / weights.sum(-1))
 
-    def resample(self, samples: NDArray[np.float32]) -> NDArray[np.float32]:
+    def resample(self, samples: Float32) -> Float32:
         """Interpolate the colours (2H, 2W, 3) of the image samples from the buffer."""
         if self.columns is None or self.rows is None:
             return samples

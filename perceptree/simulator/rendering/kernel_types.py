@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float32]
+from perceptree.arrays import Float32, Int32, Int64, UInt8
 
 
 class Surface(NamedTuple):
@@ -22,12 +21,12 @@ class Surface(NamedTuple):
         cover: (4,) fractions of the ground covers.
     """
 
-    screen: Floats
-    faces: NDArray[np.int32]
-    layer: NDArray[np.uint8]
-    corners: Floats
-    ground_m: Floats
-    cover: Floats
+    screen: Float32
+    faces: Int32
+    layer: UInt8
+    corners: Float32
+    ground_m: Float32
+    cover: Float32
 
 
 class FarStand(NamedTuple):
@@ -41,8 +40,8 @@ class FarStand(NamedTuple):
             of 1.
     """
 
-    root: NDArray[np.uint8]
-    view: Floats
+    root: UInt8
+    view: Float32
 
 
 class Maps(NamedTuple):
@@ -61,16 +60,16 @@ class Maps(NamedTuple):
         far_view: How it is seen, as in FarStand.
     """
 
-    albedo: NDArray[np.uint8]
-    relief: NDArray[np.uint8]
-    offsets: NDArray[np.int64]
-    texture_layer: NDArray[np.int64]
-    gains: Floats
-    shadow: Floats
-    shadow_rows: Floats
+    albedo: UInt8
+    relief: UInt8
+    offsets: Int64
+    texture_layer: Int64
+    gains: Float32
+    shadow: Float32
+    shadow_rows: Float32
     shadow_bias: np.float32
-    far_root: NDArray[np.uint8]
-    far_view: Floats
+    far_root: UInt8
+    far_view: Float32
 
 
 class ShadingCamera(NamedTuple):
@@ -85,8 +84,8 @@ class ShadingCamera(NamedTuple):
         centre_y: Principal point, samples.
     """
 
-    origin: Floats
-    rotation: Floats
+    origin: Float32
+    rotation: Float32
     focal_x: np.float32
     focal_y: np.float32
     centre_x: np.float32
@@ -110,10 +109,10 @@ class Atmosphere(NamedTuple):
         infrared: 1 if the lamp is infrared, else 0.
     """
 
-    sun: Floats
-    sun_colour: Floats
-    sky_colour: Floats
-    haze_colour: Floats
+    sun: Float32
+    sun_colour: Float32
+    sky_colour: Float32
+    haze_colour: Float32
     haze_per_m: np.float32
     snow: np.float32
     wet: np.float32

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from perceptree.arrays import Float32, Int32, Int64
 from perceptree.simulator.geometry.assemble import SceneMesh
 from perceptree.simulator.materials.textures import Textures
 from perceptree.simulator.rendering.grid import SampleGrid, sample_grid
@@ -31,7 +30,6 @@ from perceptree.simulator.scene.description import Scene
 from perceptree.simulator.scene.terrain import EXTENT_M
 from perceptree.simulator.vectors import UP, unit
 
-Float = NDArray[np.floating[Any]]
 _f32 = np.float32
 
 _SHADOW_PX = 2048
@@ -54,16 +52,16 @@ class Drawing:
         object_id: (H, W) int32, number of the labelled tree (from 1), else 0.
     """
 
-    samples: NDArray[np.float32]
+    samples: Float32
     log_luminance: float
-    depth_m: NDArray[np.float32]
-    object_id: NDArray[np.int32]
+    depth_m: Float32
+    object_id: Int32
 
 
 @dataclass(frozen=True)
 class _Buffers:
-    depth_buffer: NDArray[np.float32]
-    face_buffer: NDArray[np.int32]
+    depth_buffer: Float32
+    face_buffer: Int32
 
 
 class Renderer:
@@ -96,7 +94,7 @@ class Renderer:
         self._shadow_rows = self._sun_matrix()
         self._shadow = self._draw_shadow()
 
-    def _sun_matrix(self) -> NDArray[np.float32]:
+    def _sun_matrix(self) -> Float32:
         """(3, 4) matrix from world metres to shadow map x px, y px and nearness (0 to 1)."""
         sun = self._scene.light.sun
         right = unit(np.cross(UP, sun)) if abs(sun[2]) < 0.999 else np.array([1.0, 0.0, 0.0])
@@ -107,7 +105,7 @@ class Renderer:
         shift = np.array([_SHADOW_PX / 2, _SHADOW_PX / 2, 0.5]) - axes @ middle
         return np.concatenate([axes, shift[:, None]], 1).astype(np.float32)
 
-    def _draw_shadow(self) -> NDArray[np.float32]:
+    def _draw_shadow(self) -> Float32:
         """(S, S) nearness to the sun; all zero if the sun is too weak to cast shadows."""
         if self._scene.light.sun_colour.max() < _LEAST_SUN:
             return np.zeros((2, 2), np.float32)
@@ -115,9 +113,7 @@ class Renderer:
         numbers = np.arange(len(self._mesh.faces))
         return self._rasterise(numbers, _SHADOW_PX, _SHADOW_PX, perspective=False).depth_buffer
 
-    def _rasterise(
-        self, numbers: NDArray[np.int64], width: int, height: int, perspective: bool
-    ) -> _Buffers:
+    def _rasterise(self, numbers: Int64, width: int, height: int, perspective: bool) -> _Buffers:
         mesh, textures = self._mesh, self._textures
         faces, layer = mesh.faces[numbers], mesh.layer[numbers]
         counts = np.zeros(BANDS, np.int64)
@@ -168,8 +164,8 @@ class Renderer:
         return Drawing(grid.resample(samples), log_luminance, depth_m, object_id)
 
     def _shade(
-        self, view: View, grid: SampleGrid, numbers: NDArray[np.int64], buffers: _Buffers
-    ) -> tuple[NDArray[np.float32], float]:
+        self, view: View, grid: SampleGrid, numbers: Int64, buffers: _Buffers
+    ) -> tuple[Float32, float]:
         mesh, textures = self._mesh, self._textures
         samples = np.empty((grid.height, grid.width, 3), np.float32)
         log_sum = np.empty(grid.height // 2, np.float32)
@@ -215,7 +211,7 @@ class Renderer:
         return samples, float(log_sum.sum(dtype=np.float64) / blocks)
 
 
-def _corners(mesh: SceneMesh) -> NDArray[np.float32]:
+def _corners(mesh: SceneMesh) -> Float32:
     """(V, 8) values of each vertex, as in ``kernel_types.Surface``."""
     corners = np.zeros((len(mesh.vertices), 8), np.float32)
     corners[:, :3], corners[:, 3:5] = mesh.normals, mesh.uv
@@ -240,7 +236,7 @@ def _atmosphere(scene: Scene, far_forest: bool) -> Atmosphere:
     )
 
 
-def _ground_grid(scene: Scene) -> NDArray[np.float32]:
+def _ground_grid(scene: Scene) -> Float32:
     """(G, G) ground heights at the centres of 1 m cells, m."""
     middle = np.arange(-EXTENT_M, EXTENT_M) + 0.5
     x, y = np.meshgrid(middle, middle)

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import calib
 from calib import PinholeCamera
+from perceptree.arrays import Float, Int64
 from perceptree.simulator.geometry.assemble import SceneMesh
 from perceptree.simulator.scene.description import Scene
 from perceptree.simulator.settings import CameraSettings, PoseSettings
-
-Float = NDArray[np.floating[Any]]
 
 VIEW_RADIUS_M = 6.0  # cameras are within this distance of the scene's centre
 _STEM_CLEARANCE_M = 0.8
@@ -128,7 +125,7 @@ def random_view(rng: np.random.Generator, settings: CameraSettings, scene: Scene
     return look_from(settings.intrinsics, np.array([*position, height]), pose)
 
 
-def visible_faces(mesh: SceneMesh, view: View) -> NDArray[np.int64]:
+def visible_faces(mesh: SceneMesh, view: View) -> Int64:
     """Faces of all instances whose bounding sphere intersects the view, nearest first.
 
     Returns:

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from perceptree.arrays import Float, Int64
 from perceptree.simulator.materials.layers import Layer, is_cutout
 from perceptree.simulator.settings import RandomisationSettings
-
-Float = NDArray[np.floating[Any]]
 
 _HUE_SHARE, _SKY_HUE_SHARE = 0.8, 0.35  # largest shift towards a random hue
 _BRIGHTNESS = 0.5  # standard deviation of the logarithm of the brightness
@@ -28,7 +25,7 @@ class Appearance:
         sky_gains: (3,) factors of the light's linear RGB colours.
     """
 
-    texture_layer: NDArray[np.int64]
+    texture_layer: Int64
     gains: Float
     sky_gains: Float
 

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Float = NDArray[np.floating[Any]]
+from perceptree.arrays import Float
 
 _POINTS = 2048
 _RADIUS_M = (3.5, 5.5)  # range of the mean radius

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
+from perceptree.arrays import Float
 from perceptree.simulator.scene.scatter import RADIUS_M, Placement, yaw_rotations
 from perceptree.simulator.scene.terrain import Terrain
 from perceptree.simulator.settings import ClutterSettings
-
-Float = NDArray[np.floating[Any]]
 
 # Kind: field of ClutterSettings, number of plants at full density, spatial frequency of patches.
 _GROUND_PLANTS = {"herb": ("herbs", 5200, 0.30), "bilberry": ("shrubs", 2600, 0.42)}

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from perceptree.arrays import Float
 from perceptree.simulator.settings import TIMES, WEATHERS, LightSettings, WeatherSettings
-
-Float = NDArray[np.floating[Any]]
 
 # Ranges of the extinction. By Koschmieder (1924) the visibility is 3.9 over it: 0.8 to 4 km in
 # clear air, 60 to 260 m in fog.

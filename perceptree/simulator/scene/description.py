@@ -6,11 +6,10 @@ It is independent of meshes and of the renderer.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from perceptree.arrays import Bool, Float
 from perceptree.simulator.scene.appearance import Appearance, random_appearance
 from perceptree.simulator.scene.circuit import Circuit, make_circuit
 from perceptree.simulator.scene.clutter import cover_ground, surround_feet
@@ -42,8 +41,6 @@ from perceptree.simulator.settings import (
     StandSettings,
 )
 from perceptree.simulator.streams import Stream, stream
-
-Float = NDArray[np.floating[Any]]
 
 NEAR_M = 18.0  # trees within this distance of the centre have full detail
 _OBSTACLES_M = {"rock": (0.22, 0.17), "stump": (0.18, 0.33)}  # typical radius and height
@@ -223,7 +220,7 @@ def describe_scene(settings: SimulatorSettings, seed: int) -> Scene:
     )
 
 
-def _outside_circles(places_m: Float, circles: Float) -> NDArray[np.bool_]:
+def _outside_circles(places_m: Float, circles: Float) -> Bool:
     """(n,) whether points (n, 2) are outside all circles (m, 3) of x, y and radius."""
     inside = np.zeros(len(places_m), np.bool_)
     for x, y, radius in circles:

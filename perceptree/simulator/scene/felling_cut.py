@@ -9,14 +9,11 @@ bark. It is limited to 5 to 50 cm above the ground on the uphill side. The diame
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from perceptree.arrays import Bool, Float
 from perceptree.simulator.scene.stem import Stem
-
-Float = NDArray[np.floating[Any]]
 
 LOWEST_M, HIGHEST_M = 0.05, 0.50
 DIAMETER_ABOVE_CUT_M = 0.10
@@ -54,9 +51,7 @@ def _swelling(stem: Stem, height_m: Float) -> Float:
     return total
 
 
-def is_near_foot(
-    foot_m: Float, radius_m: float, places_m: Float, reaches_m: Float
-) -> NDArray[np.bool_]:
+def is_near_foot(foot_m: Float, radius_m: float, places_m: Float, reaches_m: Float) -> Bool:
     """Test which obstacles are close to a stem's bark.
 
     Args:

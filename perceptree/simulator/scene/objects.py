@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from perceptree.arrays import Float
 from perceptree.simulator.scene.scatter import Placement, slope_rotations, yaw_rotations
 from perceptree.simulator.scene.terrain import Terrain
 from perceptree.simulator.settings import ObjectSettings
-
-Float = NDArray[np.floating[Any]]
 
 _RADIUS_M = 18.0  # objects are within this distance of the centre
 _CAMERA_AREA_RADIUS_M = 7.0  # large objects keep clear of this area

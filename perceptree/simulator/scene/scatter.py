@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from perceptree.arrays import Bool, Float
 from perceptree.simulator.scene.terrain import Terrain
 from perceptree.simulator.settings import UndergrowthSettings
 from perceptree.simulator.vectors import unit
-
-Float = NDArray[np.floating[Any]]
 
 RADIUS_M = 21.0  # undergrowth is within this distance of the centre
 _TINT = (0.75, 1.15)  # range of the brightness factor
@@ -117,7 +114,7 @@ def scatter(
     return placements
 
 
-def _clear(x_m: Float, y_m: Float, stems_m: Float, least_m: float) -> NDArray[np.bool_]:
+def _clear(x_m: Float, y_m: Float, stems_m: Float, least_m: float) -> Bool:
     if not len(stems_m):
         return np.ones(len(x_m), np.bool_)
     gap = np.hypot(x_m[:, None] - stems_m[:, 0], y_m[:, None] - stems_m[:, 1])

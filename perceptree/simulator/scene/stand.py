@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
+from perceptree.arrays import Float
 from perceptree.simulator.scene.terrain import EXTENT_M, Terrain
 from perceptree.simulator.settings import PATTERNS, StandSettings
-
-Float = NDArray[np.floating[Any]]
 
 _BORDER_M = 1.0  # border of the terrain without stems
 _OVERDRAW = 6  # candidates per requested stem

@@ -7,16 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from perceptree.arrays import Float
 from perceptree.simulator.scene.models import TreeModel
 from perceptree.simulator.vectors import unit
-
-Float = NDArray[np.floating[Any]]
 
 BREAST_HEIGHT_M = 1.3
 LOWEST_FORK_M = 1.6

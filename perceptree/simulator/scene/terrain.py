@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from perceptree.arrays import Float
 from perceptree.simulator.materials.noise import spectral_noise
 from perceptree.simulator.settings import GROUNDS, TerrainSettings
-
-Float = NDArray[np.floating[Any]]
 
 EXTENT_M = 42.0  # half the side of the terrain
 _LINES = 300  # grid lines along each side

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from perceptree.arrays import Bool, Float
 from perceptree.simulator.materials.noise import spectral_noise
 from perceptree.simulator.scene.conditions import Weather
 from perceptree.simulator.scene.scatter import Placement, slope_rotations, yaw_rotations
 from perceptree.simulator.scene.terrain import Terrain
 from perceptree.simulator.settings import VegetationSettings
 from perceptree.simulator.streams import Stream, stream
-
-Float = NDArray[np.floating[Any]]
 
 TUFT_ASPECTS = {"low": 0.35, "middle": 0.7, "high": 1.1}  # height over width, by shape
 _NO_GRASS_SNOW_M = 0.03  # grass lies flat under deeper snow
@@ -133,14 +130,14 @@ def _grass(
     return placements
 
 
-def _in_patches(rng: np.random.Generator, cover: float, x: Float, y: Float) -> NDArray[np.bool_]:
+def _in_patches(rng: np.random.Generator, cover: float, x: Float, y: Float) -> Bool:
     """(n,) whether points are where grass stands: the share ``cover`` of the ground's area."""
     noise = spectral_noise(rng, (_PATCH_CELLS, _PATCH_CELLS), _PATCH_EXPONENT)
     column, row = (np.floor(axis / _PATCH_CELL_M).astype(int) % _PATCH_CELLS for axis in (x, y))
     return np.asarray(noise[row, column] < np.quantile(noise, cover))
 
 
-def _outside_stems(x: Float, y: Float, stems_m: Float) -> NDArray[np.bool_]:
+def _outside_stems(x: Float, y: Float, stems_m: Float) -> Bool:
     inside = np.zeros(len(x), np.bool_)
     for stem_x, stem_y, radius_m in stems_m:
         inside |= np.hypot(x - stem_x, y - stem_y) < radius_m + _BARK_GAP_M

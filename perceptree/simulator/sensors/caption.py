@@ -6,9 +6,9 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Image = NDArray[np.uint8]
+from perceptree.arrays import UInt8
+
 _Colour = tuple[int, int, int]
 
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
@@ -18,7 +18,7 @@ _WHITE, _BLACK, _YELLOW = (255, 255, 255), (0, 0, 0), (40, 230, 250)
 _MAKERS = ("TRAIL", "WILDCAM", "FOREST EYE", "SPYPOINT X", "HC", "NORD")
 
 
-def draw_caption(rng: np.random.Generator, image: Image) -> Image:
+def draw_caption(rng: np.random.Generator, image: UInt8) -> UInt8:
     """Print a caption: two thin strips, one thick strip with a logo, or text alone.
 
     Args:
@@ -33,7 +33,7 @@ def draw_caption(rng: np.random.Generator, image: Image) -> Image:
     return marked
 
 
-def _two_strips(rng: np.random.Generator, image: Image) -> None:
+def _two_strips(rng: np.random.Generator, image: UInt8) -> None:
     """Thin strips at the top and the bottom: date, time, count, moon, degrees; name and logo."""
     height, width = image.shape[:2]
     thick = max(_LEAST_PX, round(height * rng.uniform(0.018, 0.032)))
@@ -46,7 +46,7 @@ def _two_strips(rng: np.random.Generator, image: Image) -> None:
     _logo(rng, image, int(0.9 * width), height - int(0.5 * thick), thick)
 
 
-def _one_strip(rng: np.random.Generator, image: Image) -> None:
+def _one_strip(rng: np.random.Generator, image: UInt8) -> None:
     """A strip at the bottom, or the top, with a logo that is often taller than the strip."""
     height, width = image.shape[:2]
     thick = max(_LEAST_PX, round(height * rng.uniform(0.03, 0.075)))
@@ -66,7 +66,7 @@ def _one_strip(rng: np.random.Generator, image: Image) -> None:
     _write(image, f"{_date(rng)} {_time(rng)}", rng.uniform(0.58, 0.68), top, thick, ink)
 
 
-def _text_alone(rng: np.random.Generator, image: Image) -> None:
+def _text_alone(rng: np.random.Generator, image: UInt8) -> None:
     """Date and time over the picture in a corner."""
     height = image.shape[0]
     thick = max(_LEAST_PX, round(height * rng.uniform(0.03, 0.06)))
@@ -76,7 +76,7 @@ def _text_alone(rng: np.random.Generator, image: Image) -> None:
 
 
 def _write(
-    image: Image, text: str, start: float, top: int, thick: int, ink: _Colour = _WHITE
+    image: UInt8, text: str, start: float, top: int, thick: int, ink: _Colour = _WHITE
 ) -> None:
     """Write a line from ``start``, a fraction of the width, into the rows of a strip."""
     scale, stroke = 0.62 * thick / _CAP_PX, max(1, round(thick / 16))
@@ -84,13 +84,13 @@ def _write(
     cv2.putText(image, text, foot, _FONT, scale, ink, stroke, cv2.LINE_AA)
 
 
-def _moon(rng: np.random.Generator, image: Image, x: int, y: int, thick: int, ink: _Colour) -> None:
+def _moon(rng: np.random.Generator, image: UInt8, x: int, y: int, thick: int, ink: _Colour) -> None:
     """A disc or ring for the moon's phase."""
     filled = -1 if rng.random() < 0.5 else 1
     cv2.circle(image, (x, y), max(1, int(0.3 * thick)), ink, filled, cv2.LINE_AA)
 
 
-def _logo(rng: np.random.Generator, image: Image, x: int, y: int, thick: int) -> None:
+def _logo(rng: np.random.Generator, image: UInt8, x: int, y: int, thick: int) -> None:
     """A coloured oval with a dark rim."""
     axes = (int(2.6 * thick), int(0.8 * thick))
     colour = tuple(int(value) for value in rng.integers(0, 200, 3))

@@ -7,15 +7,12 @@ from statistics import NormalDist
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from calib import PinholeCamera
+from perceptree.arrays import Bool, Float32
 from perceptree.simulator.sensors.kernels import invert_depth, mark_unseen
 from perceptree.simulator.sensors.smooth import smooth_noise
 from perceptree.simulator.settings import DepthSettings
-
-Float32 = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 
 _EDGE_RATIO = 1.06  # depth ratio of neighbouring pixels at an edge
 _SEARCH_SHARE = 0.2  # largest disparity that is searched, over the image width
@@ -125,7 +122,7 @@ def _stereo(
     return MeasuredDepth(measured, "stereo", baseline, noise, range_m)
 
 
-def _match(rng: np.random.Generator, disparity: Float32, holes: float) -> tuple[Float32, Mask]:
+def _match(rng: np.random.Generator, disparity: Float32, holes: float) -> tuple[Float32, Bool]:
     """Simulate the errors of window matching: disparities (H, W) and where there is no reading.
 
     A window misses twigs thinner than half its size. Next to an edge it often returns the nearer
@@ -184,7 +181,7 @@ def _returns(
     range_m: float,
     holes: float,
     haze: np.float32,
-) -> tuple[Float32, Mask]:
+) -> tuple[Float32, Bool]:
     """Depths (H, W) with flying pixels at edges, and where a return is missing or too weak.
 
     The strength of a return is reflectance times the cosine of incidence over z², reduced by

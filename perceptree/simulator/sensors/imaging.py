@@ -12,13 +12,10 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from perceptree.arrays import Float, Float32, UInt8
 from perceptree.simulator.settings import ImagingSettings
 
-Float = NDArray[np.floating[Any]]
-Image = NDArray[np.uint8]
-Toned = NDArray[np.float32]
 _Fault = Callable[[np.random.Generator, float, Any], Any]
 
 _LENS_CHANCE = 0.35
@@ -53,7 +50,7 @@ def draw_faults(rng: np.random.Generator, settings: ImagingSettings) -> CameraFa
     return CameraFaults(saturation, strength, stops, bool(infrared < settings.infrared_share))
 
 
-def apply_lens_faults(rng: np.random.Generator, strength: float, toned: Toned) -> Toned:
+def apply_lens_faults(rng: np.random.Generator, strength: float, toned: Float32) -> Float32:
     """Apply random lens faults, before the sensor's noise.
 
     Args:
@@ -70,7 +67,7 @@ def apply_lens_faults(rng: np.random.Generator, strength: float, toned: Toned) -
     return np.clip(toned, 0, 1)
 
 
-def apply_processing_faults(rng: np.random.Generator, faults: CameraFaults, image: Image) -> Image:
+def apply_processing_faults(rng: np.random.Generator, faults: CameraFaults, image: UInt8) -> UInt8:
     """Apply saturation or near-infrared, and random faults of the camera's image processing.
 
     Args:
@@ -93,13 +90,13 @@ def apply_processing_faults(rng: np.random.Generator, faults: CameraFaults, imag
     return image
 
 
-def saturated(image: Image, factor: float) -> Image:
+def saturated(image: UInt8, factor: float) -> UInt8:
     """Scale the distance of colours from grey by ``factor``: (H, W, 3) uint8."""
     grey = cv2.cvtColor(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR)
     return np.asarray(cv2.addWeighted(image, factor, grey, 1 - factor, 0), np.uint8)
 
 
-def infrared(image: Image) -> Image:
+def infrared(image: UInt8) -> UInt8:
     """Imitate a near-infrared picture: grey with bright leaves, (H, W, 3) uint8."""
     blue, green, red = (image[..., channel].astype(np.float32) for channel in range(3))
     leaf = np.maximum(green - 0.5 * (red + blue), 0)
@@ -107,7 +104,7 @@ def infrared(image: Image) -> Image:
     return np.repeat(np.clip(grey, 0, 255).astype(np.uint8)[..., None], 3, 2)
 
 
-def _blurred(picture: Toned, sigma_px: float) -> Toned:
+def _blurred(picture: Float32, sigma_px: float) -> Float32:
     """A wide Gaussian blur, computed at reduced resolution for speed."""
     height, width = picture.shape[:2]
     factor = max(1, int(sigma_px / 2))
@@ -116,26 +113,26 @@ def _blurred(picture: Toned, sigma_px: float) -> Toned:
     return np.asarray(cv2.resize(small, (width, height)), np.float32)
 
 
-def _bloom(rng: np.random.Generator, strength: float, toned: Toned) -> Toned:
+def _bloom(rng: np.random.Generator, strength: float, toned: Float32) -> Float32:
     """Blooming: light of overexposed areas spreads to their surroundings."""
     bright = np.maximum(toned - 0.82, 0) * np.float32(4 * rng.uniform(0.3, 1.0) * strength)
     return toned + _blurred(bright, rng.uniform(2, 0.03 * toned.shape[1]))
 
 
-def _veil(rng: np.random.Generator, strength: float, toned: Toned) -> Toned:
+def _veil(rng: np.random.Generator, strength: float, toned: Float32) -> Float32:
     """Veiling glare: stray light moves the whole picture towards its mean colour."""
     share = np.float32(0.35 * strength * rng.random())
     return np.asarray(toned * (1 - share) + share * toned.mean((0, 1)), np.float32)
 
 
-def _defocus(rng: np.random.Generator, strength: float, toned: Toned) -> Toned:
+def _defocus(rng: np.random.Generator, strength: float, toned: Float32) -> Float32:
     """Defocus: blur by a round circle of confusion."""
     radius = 1 + int(rng.uniform(0.3, 1.0) * strength * toned.shape[1] / 400)
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
     return np.asarray(cv2.filter2D(toned, -1, kernel / np.float32(kernel.sum())), np.float32)
 
 
-def _fringes(rng: np.random.Generator, strength: float, toned: Toned) -> Toned:
+def _fringes(rng: np.random.Generator, strength: float, toned: Float32) -> Float32:
     """Lateral chromatic aberration: red and blue have another scale than green."""
     height, width = toned.shape[:2]
     result = toned.copy()
@@ -149,7 +146,7 @@ def _fringes(rng: np.random.Generator, strength: float, toned: Toned) -> Toned:
     return result
 
 
-def _spots(rng: np.random.Generator, count: int, shape: tuple[int, ...], size: float) -> Toned:
+def _spots(rng: np.random.Generator, count: int, shape: tuple[int, ...], size: float) -> Float32:
     """(H, W, 1) opacity of soft round spots with radii up to ``size`` times the image width."""
     height, width = shape[:2]
     cover = np.zeros((height, width), np.float32)
@@ -162,27 +159,27 @@ def _spots(rng: np.random.Generator, count: int, shape: tuple[int, ...], size: f
     return np.asarray(soft[..., None], np.float32)
 
 
-def _drops(rng: np.random.Generator, strength: float, toned: Toned) -> Toned:
+def _drops(rng: np.random.Generator, strength: float, toned: Float32) -> Float32:
     """Water drops on the lens blur what is behind them."""
     cover = _spots(rng, 1 + int(14 * strength * rng.random()), toned.shape, 0.025)
     return toned + (_blurred(toned, 0.02 * toned.shape[1]) * np.float32(1.1) - toned) * cover
 
 
-def _dirt(rng: np.random.Generator, strength: float, toned: Toned) -> Toned:
+def _dirt(rng: np.random.Generator, strength: float, toned: Float32) -> Float32:
     """Mud on the lens, out of focus: soft brown spots."""
     cover = _spots(rng, 1 + int(5 * strength * rng.random()), toned.shape, 0.05)
     soft = _blurred(cover, 0.02 * toned.shape[1])[..., None]
     return toned + (np.array([0.05, 0.08, 0.11], np.float32) - toned) * (0.7 * soft)
 
 
-def _white_balance(rng: np.random.Generator, strength: float, image: Image) -> Image:
+def _white_balance(rng: np.random.Generator, strength: float, image: UInt8) -> UInt8:
     """Wrong white balance, mostly too warm or too cold."""
     warm, green = rng.normal(0, 0.14 * strength), rng.normal(0, 0.05 * strength)
     gains = np.exp([-warm, green, warm])
     return _mapped(image, [np.arange(256) * gain for gain in gains / gains.mean()])
 
 
-def _curve(rng: np.random.Generator, strength: float, image: Image) -> Image:
+def _curve(rng: np.random.Generator, strength: float, image: UInt8) -> UInt8:
     """Another tone curve: changed contrast and brightness, clipped shadows or highlights."""
     low = rng.uniform(-0.1, 0.18) * strength
     high = 1 - rng.uniform(-0.1, 0.25) * strength
@@ -191,17 +188,17 @@ def _curve(rng: np.random.Generator, strength: float, image: Image) -> Image:
     return _mapped(image, [255 * tone] * 3)
 
 
-def _mapped(image: Image, tables: Sequence[Float]) -> Image:
+def _mapped(image: UInt8, tables: Sequence[Float]) -> UInt8:
     table = np.clip(np.stack(tables, -1), 0, 255).astype(np.uint8)[None]
     return np.asarray(cv2.LUT(image, table), np.uint8)
 
 
-def _saturation(rng: np.random.Generator, strength: float, image: Image) -> Image:
+def _saturation(rng: np.random.Generator, strength: float, image: UInt8) -> UInt8:
     """Too weak or too strong colours."""
     return saturated(image, float(np.exp(rng.normal(0, 0.45 * strength))))
 
 
-def _chroma_noise(rng: np.random.Generator, strength: float, image: Image) -> Image:
+def _chroma_noise(rng: np.random.Generator, strength: float, image: UInt8) -> UInt8:
     """Colour noise in blotches several pixels wide."""
     height, width = image.shape[:2]
     side = int(rng.integers(2, 7))
@@ -211,12 +208,12 @@ def _chroma_noise(rng: np.random.Generator, strength: float, image: Image) -> Im
     return np.asarray(np.clip(image + grown, 0, 255), np.uint8)
 
 
-def _smear(rng: np.random.Generator, strength: float, image: Image) -> Image:
+def _smear(rng: np.random.Generator, strength: float, image: UInt8) -> UInt8:
     """Noise reduction that removes fine texture."""
     return np.asarray(cv2.bilateralFilter(image, 5, 10 + 50 * strength * rng.random(), 3), np.uint8)
 
 
-def _low_resolution(rng: np.random.Generator, strength: float, image: Image) -> Image:
+def _low_resolution(rng: np.random.Generator, strength: float, image: UInt8) -> UInt8:
     """Reduced resolution, enlarged again to the picture's size."""
     height, width = image.shape[:2]
     share = 1 - rng.uniform(0.1, 0.65) * strength
@@ -226,14 +223,14 @@ def _low_resolution(rng: np.random.Generator, strength: float, image: Image) -> 
     return np.asarray(cv2.resize(small, (width, height), interpolation=way), np.uint8)
 
 
-def _sharpen(rng: np.random.Generator, strength: float, image: Image) -> Image:
+def _sharpen(rng: np.random.Generator, strength: float, image: UInt8) -> UInt8:
     """Unsharp masking, which gives light and dark halos along edges."""
     amount, sigma = 2.2 * strength * rng.random(), rng.uniform(0.7, 2.2)
     soft = cv2.GaussianBlur(image, (0, 0), sigma)
     return np.asarray(cv2.addWeighted(image, 1 + amount, soft, -amount, 0), np.uint8)
 
 
-def _banner(rng: np.random.Generator, strength: float, image: Image) -> Image:
+def _banner(rng: np.random.Generator, strength: float, image: UInt8) -> UInt8:
     """The banner with date and temperature that a game camera prints on the picture's edge."""
     if rng.random() > 0.3:
         return image
@@ -248,7 +245,7 @@ def _banner(rng: np.random.Generator, strength: float, image: Image) -> Image:
     return marked
 
 
-def _jpeg(rng: np.random.Generator, strength: float, image: Image) -> Image:
+def _jpeg(rng: np.random.Generator, strength: float, image: UInt8) -> UInt8:
     """Artefacts of strong JPEG compression."""
     quality = int(90 - 70 * strength * rng.random())
     _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])

@@ -6,11 +6,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from perceptree.arrays import Float32, Float64, UInt8
 from perceptree.simulator.settings import TrapSettings
-
-Image = NDArray[np.uint8]
 
 _REFLECTANCE = 0.3  # of the surface that the reach is stated for
 _METERED = 0.5  # part of the exposure, in stops, that follows the picture's mean
@@ -37,7 +35,7 @@ class InfraredNight:
 
     reach_m: float
     beam: float
-    beam_shift: NDArray[np.float64]
+    beam_shift: Float64
     blur_px: float
     grain: float
     grain_px: float
@@ -60,7 +58,7 @@ def draw_night(rng: np.random.Generator, settings: TrapSettings) -> InfraredNigh
     )
 
 
-def light_beam(night: InfraredNight, samples: NDArray[np.float32]) -> NDArray[np.float32]:
+def light_beam(night: InfraredNight, samples: Float32) -> Float32:
     """Darken (H, W, 3) linear samples off the middle of the lamp's beam."""
     height, width = samples.shape[:2]
     x = (np.arange(width) + 0.5) / width - 0.5 - night.beam_shift[0]
@@ -69,14 +67,14 @@ def light_beam(night: InfraredNight, samples: NDArray[np.float32]) -> NDArray[np
     return np.asarray(samples * (down[:, None] * across)[..., None], np.float32)
 
 
-def metered_luminance(night: InfraredNight, samples: NDArray[np.float32]) -> float:
+def metered_luminance(night: InfraredNight, samples: Float32) -> float:
     """Logarithm of the luminance that the camera makes middle grey, with a lamp of strength 1."""
     mean = float(samples[::_MEAN_STRIDE, ::_MEAN_STRIDE, 1].mean(dtype=np.float64))
     fixed = _REFLECTANCE / night.reach_m**2
     return float(_METERED * np.log(max(mean, 1e-6)) + (1 - _METERED) * np.log(fixed))
 
 
-def night_picture(rng: np.random.Generator, night: InfraredNight, image: Image) -> Image:
+def night_picture(rng: np.random.Generator, night: InfraredNight, image: UInt8) -> UInt8:
     """Make a picture grey, soft and grainy, with a floor and a tint.
 
     Args:
@@ -98,7 +96,7 @@ def night_picture(rng: np.random.Generator, night: InfraredNight, image: Image) 
     return np.asarray(np.clip(tinted + 0.5, 0, 255), np.uint8)
 
 
-def _grain(rng: np.random.Generator, shape: tuple[int, ...], size_px: float) -> NDArray[np.float32]:
+def _grain(rng: np.random.Generator, shape: tuple[int, ...], size_px: float) -> Float32:
     """Noise (H, W) of standard deviation 1 that is correlated over ``size_px``."""
     noise = rng.standard_normal(shape, np.float32)
     if size_px < 0.3:

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from calib import CAMERA_UP, PinholeCamera, project_points
+from perceptree.arrays import Float, Float32, UInt8
 from perceptree.simulator.sensors.kernels import draw_particles
-
-Float = NDArray[np.floating[Any]]
 
 _NEAREST_M = 0.4
 _FARTHEST_M = 15.0
@@ -88,7 +86,7 @@ def _snow(
     return _Particles(position, velocity, diameter_mm / 1000, _FLAKE_EXPOSURE_S, _FLAKE_OPACITY)
 
 
-def _light(image: NDArray[np.uint8]) -> NDArray[np.float32]:
+def _light(image: UInt8) -> Float32:
     """(3,) BGR colour of the particles: nearly grey, from the bright parts of the image."""
     small = cv2.resize(image, (64, 36), interpolation=cv2.INTER_AREA).reshape(-1, 3)
     bright = np.percentile(small, _LIGHT_PERCENTILE, axis=0)
@@ -97,8 +95,8 @@ def _light(image: NDArray[np.uint8]) -> NDArray[np.float32]:
 
 
 def _draw(
-    image: NDArray[np.uint8],
-    depth_m: NDArray[np.float32],
+    image: UInt8,
+    depth_m: Float32,
     camera: PinholeCamera,
     particles: _Particles,
 ) -> None:
@@ -129,13 +127,13 @@ def _draw(
 
 def draw_precipitation(
     rng: np.random.Generator,
-    image: NDArray[np.uint8],
-    depth_m: NDArray[np.float32],
+    image: UInt8,
+    depth_m: Float32,
     camera: PinholeCamera,
     rain: float,
     snowfall: float,
     up: ArrayLike = CAMERA_UP,
-) -> NDArray[np.uint8]:
+) -> UInt8:
     """Draw rain and snowflakes at distances of 0.4 to 15 m.
 
     Args:

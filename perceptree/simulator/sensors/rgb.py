@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from statistics import NormalDist
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from perceptree.arrays import Float, Float32, UInt8
 from perceptree.simulator.sensors.kernels import develop, tone
 from perceptree.simulator.settings import RgbSettings
-
-Float = NDArray[np.floating[Any]]
 
 _MIDDLE_GREY = 0.22  # exposed light at middle grey
 _CORNER_LOSS = 0.25  # vignetting: fraction of light lost at the corners
@@ -31,7 +28,7 @@ def _filmic(light: Float) -> Float:
     return np.minimum(curve, 1.0)
 
 
-def _response(noise: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def _response(noise: float) -> tuple[Float32, Float32]:
     """Tabulate grey level and noise over the square root of the toned value.
 
     The variance of the sensor is shot noise, proportional to the light, plus read noise. The tone
@@ -54,9 +51,7 @@ def _response(noise: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     return (levels * 255 + 0.5).astype(np.float32), (deviations * 255).astype(np.float32)
 
 
-def _blur(
-    rng: np.random.Generator, settings: RgbSettings, toned: NDArray[np.float32]
-) -> NDArray[np.float32]:
+def _blur(rng: np.random.Generator, settings: RgbSettings, toned: Float32) -> Float32:
     """Apply the lens blur, and in some frames motion blur in a random direction."""
     sigma = rng.uniform(*settings.blur_px)
     length, angle = rng.uniform(*settings.motion_px), rng.uniform(0, np.pi)
@@ -68,7 +63,7 @@ def _blur(
     return toned
 
 
-def _motion_kernel(length_px: float, angle_rad: float) -> NDArray[np.float32]:
+def _motion_kernel(length_px: float, angle_rad: float) -> Float32:
     """(K, K) weights of a straight motion of ``length_px`` through the centre."""
     half = int(np.ceil(length_px / 2)) + 1
     kernel = np.zeros((2 * half + 1, 2 * half + 1), np.float32)
@@ -85,12 +80,12 @@ def _motion_kernel(length_px: float, angle_rad: float) -> NDArray[np.float32]:
 def expose(
     rng: np.random.Generator,
     settings: RgbSettings,
-    samples: NDArray[np.float32],
+    samples: Float32,
     log_luminance: float,
     darkness: float = 0.0,
     error: float = 1.0,
-    lens: Callable[[NDArray[np.float32]], NDArray[np.float32]] | None = None,
-) -> NDArray[np.uint8]:
+    lens: Callable[[Float32], Float32] | None = None,
+) -> UInt8:
     """Simulate the colour sensor.
 
     Args:

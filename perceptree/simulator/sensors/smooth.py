@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+
+from perceptree.arrays import Float32
 
 
-def smooth_noise(
-    rng: np.random.Generator, shape: tuple[int, ...], sigma_px: float
-) -> NDArray[np.float32]:
+def smooth_noise(rng: np.random.Generator, shape: tuple[int, ...], sigma_px: float) -> Float32:
     """Draw white Gaussian noise, blurred by a Gaussian and scaled to unit variance.
 
     For a wide blur the noise is drawn on a coarser grid and interpolated linearly.
