@@ -273,21 +273,7 @@ def dead_twigs(rng: np.random.Generator, count: int) -> Mesh:
         rng: Source of random numbers.
         count: Number of twigs.
     """
-    dry = replace(
-        HABITS["spruce"],
-        foliage=Layer.BARE_TWIG,
-        wood=Layer.DEAD_WOOD,
-        droop=0.35,
-        lift=0.08,
-        wood_m=0.0045,
-        twigs=2,
-        bare=0.4,
-        twig_m=(0.35, 0.45),
-        ratio=0.6,
-        fan_rad=0.6,
-        hang=-0.1,
-        fold=0.2,
-    )
+    dry = HABITS["dead_twig"]
     height_m = np.sort(rng.uniform(0.4, 7.0, count))
     length_m = 0.12 + 0.9 * rng.random(count) ** 1.5
     azimuth = rng.uniform(0, 2 * np.pi, count)
@@ -302,21 +288,7 @@ def _dead_branches(rng: np.random.Generator, count: int, base_m: float) -> list[
     """Dead branches below the crown, most of them broken short, some with bare twigs."""
     if not count:
         return []
-    dead = replace(
-        HABITS["fir"],
-        foliage=Layer.BARE_TWIG,
-        wood=Layer.DEAD_WOOD,
-        droop=0.22,
-        lift=0.05,
-        wood_m=0.010,
-        twigs=2,
-        bare=0.35,
-        twig_m=(0.5, 0.6),
-        ratio=0.7,
-        fan_rad=0.5,
-        hang=0.0,
-        fold=0.3,
-    )
+    dead = HABITS["dead_branch"]
     height_m = np.sort(rng.uniform(_LOWEST_DEAD_M, base_m + 0.6, count))
     length_m = 0.28 + 1.3 * rng.random(count) ** 1.7 * np.clip(height_m / base_m, 0.45, 1.0)
     azimuth = _GOLDEN_RAD * np.arange(count) + rng.normal(0, 0.5, count)

@@ -1,6 +1,6 @@
 """Bark textures of every tree model, composed of plates, furrows and marks.
 
-The parameters were chosen by eye.
+The parameters, in ``barks.json``, were chosen by eye.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from perceptree.simulator.materials.cells import jittered_cells
 from perceptree.simulator.materials.drawing import mix, noise
 from perceptree.simulator.materials.layers import SIZE_PX, Layer
 from perceptree.simulator.materials.noise import smoothstep
+from perceptree.simulator.rows import read_rows
 
 Rgb = tuple[int, int, int]
 
@@ -79,204 +80,16 @@ class Bark:
     moss: float = 0.0
 
 
-_BLISTERS = Marks(420, (3.5, 2.4), (150, 144, 134), 0.55, 0.9)
-_KNOTS = Marks(7, (9.0, 7.0), (48, 42, 38), 0.7, -0.5)
-_LENTICELS = Marks(230, (13.0, 1.5), (52, 46, 42), 0.85, 0.35)
-_SPOTS = Marks(90, (6.0, 2.0), (70, 66, 58), 0.5, 0.2)
-_EYES = Marks(10, (17.0, 6.0), (54, 52, 47), 0.75, -0.7)
-_BLACK = Marks(11, (34.0, 11.0), (38, 34, 31), 0.95, -0.5)
-
-_BARKS: dict[Layer, Bark] = {
-    Layer.FIR_GREY: Bark(
-        (84, 81, 76),
-        (126, 122, 115),
-        (56, 51, 47),
-        marks=(_BLISTERS, _SPOTS, _KNOTS),
-        lichen=0.05,
-    ),
-    Layer.FIR_RESIN: Bark(
-        (80, 74, 65),
-        (116, 108, 96),
-        (52, 46, 41),
-        patch=(100, 82, 64),
-        patches=0.25,
-        marks=(_BLISTERS, _BLISTERS, _KNOTS),
-    ),
-    Layer.FIR_MOSSY: Bark(
-        (72, 68, 62),
-        (110, 104, 94),
-        (44, 40, 36),
-        plates=(9, 7),
-        joint=0.10,
-        marks=(_BLISTERS, _KNOTS),
-        lichen=0.08,
-        moss=0.22,
-    ),
-    Layer.SPRUCE_SCALY: Bark(
-        (88, 68, 56),
-        (136, 110, 94),
-        (50, 37, 30),
-        plates=(26, 21),
-        joint=0.13,
-        patch=(110, 76, 60),
-        patches=0.3,
-        marks=(_KNOTS,),
-        grain=0.10,
-        lichen=0.02,
-        flakes=0.5,
-    ),
-    Layer.SPRUCE_GREY: Bark(
-        (84, 77, 70),
-        (130, 121, 110),
-        (48, 42, 37),
-        plates=(24, 17),
-        joint=0.12,
-        patch=(106, 84, 70),
-        patches=0.15,
-        marks=(_KNOTS,),
-        lichen=0.04,
-        flakes=0.4,
-    ),
-    Layer.SPRUCE_LICHEN: Bark(
-        (78, 70, 62),
-        (122, 112, 101),
-        (44, 38, 33),
-        plates=(22, 18),
-        joint=0.12,
-        marks=(_KNOTS,),
-        lichen=0.16,
-        moss=0.05,
-        flakes=0.4,
-    ),
-    Layer.PINE_ORANGE: Bark(
-        (124, 88, 64),
-        (176, 134, 104),
-        (84, 56, 42),
-        plates=(9, 6),
-        joint=0.07,
-        patch=(160, 106, 72),
-        patches=0.35,
-        grain=0.11,
-        flakes=0.7,
-    ),
-    Layer.PINE_PLATED: Bark(
-        (96, 78, 66),
-        (154, 128, 110),
-        (40, 31, 26),
-        plates=(8, 3),
-        joint=0.16,
-        furrows=0.16,
-        ridge_px=56.0,
-        patch=(140, 98, 74),
-        patches=0.3,
-        grain=0.12,
-        flakes=0.9,
-    ),
-    Layer.PINE_GREY: Bark(
-        (84, 77, 72),
-        (134, 125, 116),
-        (42, 36, 32),
-        plates=(11, 4),
-        joint=0.14,
-        furrows=0.18,
-        ridge_px=44.0,
-        patch=(120, 92, 74),
-        patches=0.2,
-        grain=0.11,
-        lichen=0.04,
-        flakes=0.8,
-    ),
-    Layer.BEECH_SMOOTH: Bark(
-        (98, 96, 91),
-        (134, 132, 125),
-        (76, 72, 67),
-        marks=(_EYES, _SPOTS),
-        grain=0.05,
-        lichen=0.05,
-    ),
-    Layer.BEECH_LICHEN: Bark(
-        (92, 92, 86),
-        (126, 126, 119),
-        (70, 68, 63),
-        patch=(84, 88, 77),
-        patches=0.3,
-        marks=(_EYES, _SPOTS),
-        grain=0.05,
-        lichen=0.20,
-    ),
-    Layer.BEECH_MOSSY: Bark(
-        (84, 84, 77),
-        (116, 116, 107),
-        (60, 58, 52),
-        patch=(75, 86, 62),
-        patches=0.35,
-        marks=(_EYES,),
-        grain=0.06,
-        lichen=0.07,
-        moss=0.28,
-    ),
-    Layer.BIRCH_WHITE: Bark(
-        (176, 172, 164),
-        (208, 205, 198),
-        (88, 78, 71),
-        patch=(194, 176, 158),
-        patches=0.22,
-        marks=(_LENTICELS, _BLACK),
-        grain=0.04,
-    ),
-    Layer.BIRCH_DARK: Bark(
-        (142, 136, 129),
-        (188, 184, 176),
-        (46, 40, 36),
-        furrows=0.20,
-        ridge_px=64.0,
-        patch=(136, 118, 104),
-        patches=0.2,
-        marks=(_LENTICELS, _BLACK, _BLACK),
-        grain=0.05,
-    ),
-    Layer.BIRCH_MOSSY: Bark(
-        (154, 152, 142),
-        (190, 188, 179),
-        (78, 71, 64),
-        patch=(132, 138, 116),
-        patches=0.35,
-        marks=(_LENTICELS, _BLACK),
-        grain=0.04,
-        lichen=0.08,
-        moss=0.16,
-    ),
-    Layer.MAPLE_FURROWED: Bark(
-        (84, 75, 66),
-        (130, 119, 106),
-        (38, 32, 28),
-        plates=(11, 5),
-        joint=0.07,
-        furrows=0.42,
-        ridge_px=26.0,
-        grain=0.10,
-        flakes=0.4,
-    ),
-    Layer.MAPLE_GREY: Bark(
-        (94, 90, 85),
-        (134, 130, 122),
-        (54, 50, 46),
-        furrows=0.30,
-        ridge_px=32.0,
-        marks=(_SPOTS,),
-        grain=0.07,
-        lichen=0.06,
-    ),
-    Layer.MAPLE_MOSSY: Bark(
-        (76, 70, 61),
-        (118, 110, 97),
-        (38, 34, 29),
-        furrows=0.42,
-        ridge_px=26.0,
-        grain=0.10,
-        lichen=0.05,
-        moss=0.30,
-    ),
+_MARKS = {
+    "blisters": Marks(420, (3.5, 2.4), (150, 144, 134), 0.55, 0.9),
+    "knots": Marks(7, (9.0, 7.0), (48, 42, 38), 0.7, -0.5),
+    "lenticels": Marks(230, (13.0, 1.5), (52, 46, 42), 0.85, 0.35),
+    "spots": Marks(90, (6.0, 2.0), (70, 66, 58), 0.5, 0.2),
+    "eyes": Marks(10, (17.0, 6.0), (54, 52, 47), 0.75, -0.7),
+    "black": Marks(11, (34.0, 11.0), (38, 34, 31), 0.95, -0.5),
+}
+_BARKS = {
+    Layer[name]: Bark(**row) for name, row in read_rows("materials/barks.json", _MARKS).items()
 }
 
 

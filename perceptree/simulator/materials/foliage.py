@@ -15,6 +15,7 @@ import numpy as np
 from perceptree.arrays import Float, Float32
 from perceptree.simulator.materials.drawing import cutout, ink, point
 from perceptree.simulator.materials.layers import Layer
+from perceptree.simulator.rows import read_rows
 
 Rgb = tuple[int, int, int]
 
@@ -75,101 +76,20 @@ class Leaves:
     reach: float
 
 
-_FIR = Needles(
-    ((40, 64, 42), (72, 94, 58)),
-    (84, 72, 58),
-    10,
-    (0.70, 1.05),
-    0.58,
-    0.35,
-    0.65,
-    25,
-    4,
-    7.0,
-    (1.05, 1.35),
-    1.0,
-)
-_SPRUCE = Needles(
-    ((38, 54, 36), (64, 80, 48)),
-    (92, 66, 46),
-    15,
-    (0.40, 1.10),
-    0.54,
-    0.60,
-    0.50,
-    21,
-    4,
-    4.4,
-    (0.35, 1.15),
-    1.0,
-)
-_PINE = Needles(
-    ((58, 78, 58), (94, 108, 74)),
-    (110, 82, 58),
-    8,
-    (0.45, 0.95),
-    0.55,
-    0.45,
-    0.40,
-    88,
-    4,
-    3.8,
-    (0.25, 0.85),
-    0.42,
-)
-_BEECH = Leaves(
-    ((60, 88, 34), (102, 126, 58)),
-    (88, 78, 66),
-    ((0, 0), (0.12, 0.14), (0.35, 0.30), (0.6, 0.27), (0.82, 0.14), (1, 0)),
-    9,
-    11,
-    (64, 98),
-    0.50,
-)
-_BIRCH = Leaves(
-    ((78, 102, 46), (126, 142, 74)),
-    (74, 56, 48),
-    ((0, 0), (0.04, 0.16), (0.2, 0.38), (0.42, 0.30), (0.7, 0.13), (1, 0)),
-    12,
-    13,
-    (42, 66),
-    0.50,
-)
-_MAPLE = Leaves(
-    ((54, 82, 34), (98, 118, 54)),
-    (96, 74, 58),
-    (
-        (0.0, 0.0),
-        (-0.06, 0.22),
-        (0.10, 0.20),
-        (0.14, 0.48),
-        (0.32, 0.40),
-        (0.52, 0.58),
-        (0.56, 0.38),
-        (0.54, 0.14),
-        (0.78, 0.20),
-        (1.0, 0.0),
-    ),
-    7,
-    7,
-    (95, 150),
-    0.50,
-)
 _DRY: Rgb = (82, 75, 68)
 
 
 def foliage_layers(rng: np.random.Generator) -> dict[Layer, Float]:
     """Draw the twigs of every species: colour and alpha (H, W, 4) by layer."""
-    needles = {Layer.FIR_TWIG: _FIR, Layer.SPRUCE_TWIG: _SPRUCE, Layer.PINE_TWIG: _PINE}
-    leaves = {Layer.BEECH_LEAVES: _BEECH, Layer.BIRCH_LEAVES: _BIRCH, Layer.MAPLE_LEAVES: _MAPLE}
-    layers = {
-        layer: cutout(rng, partial(_draw_needles, kind=kind), kind.colours[0])
-        for layer, kind in needles.items()
-    }
-    layers |= {
-        layer: cutout(rng, partial(_draw_leaves, kind=kind), kind.colours[0])
-        for layer, kind in leaves.items()
-    }
+    layers: dict[Layer, Float] = {}
+    for name, row in read_rows("materials/needles.json").items():
+        needles = Needles(**row)
+        draw = partial(_draw_needles, kind=needles)
+        layers[Layer[name]] = cutout(rng, draw, needles.colours[0])
+    for name, row in read_rows("materials/leaves.json").items():
+        leaves = Leaves(**row)
+        draw = partial(_draw_leaves, kind=leaves)
+        layers[Layer[name]] = cutout(rng, draw, leaves.colours[0])
     layers[Layer.BARE_TWIG] = cutout(rng, _draw_bare, _DRY)
     for layer in layers.values():
         layer[:2, :, 3] = layer[-2:, :, 3] = layer[:, -2:, 3] = 0.0
