@@ -37,7 +37,7 @@ def scene(
             f"--out is {out}: cannot create its folder ({error.strerror}), expected a writable one"
         ) from error
 
-    from perceptree.simulator.geometry.export import export_scene
+    from perceptree.simulator.geometry.gltf import export_scene
 
     trees, faces = export_scene(out, settings, seed)
     typer.echo(f"{out}: {trees} trees, {faces} triangles, metres, y up")

@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from perceptree.arrays import Float
 
 UP = np.array([0.0, 0.0, 1.0])
+
+
+def heading(angle_rad: ArrayLike) -> Float:
+    """(..., 2) unit vectors at angles (...) from the first axis."""
+    return np.stack([np.cos(angle_rad), np.sin(angle_rad)], -1)
 
 
 def unit(vectors: Float) -> Float:

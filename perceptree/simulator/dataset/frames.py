@@ -12,7 +12,7 @@ from perceptree.arrays import UInt8
 from perceptree.simulator.geometry.assemble import assemble
 from perceptree.simulator.geometry.negatives import NEGATIVES
 from perceptree.simulator.geometry.prototypes import Prototypes, make_prototypes
-from perceptree.simulator.labelling.frame import LabelledFrame, Motion, PoseRecord, SceneRecord
+from perceptree.simulator.labelling.frame import LabelledFrame, Motion, SceneRecord
 from perceptree.simulator.labelling.labels import label_view
 from perceptree.simulator.materials.textures import Textures, make_textures
 from perceptree.simulator.photographs.dressing import dress
@@ -142,7 +142,6 @@ def _labelled_frame(
     ``rngs`` are for the view's sensors, for camera faults and for camera traps.
     """
     rng, fault_rng, trap_rng = rngs
-    weather, pose = scene.weather, view.pose
     faults = draw_faults(fault_rng, settings.imaging)
     captioned = trap_rng.random() < settings.trap.caption_share
     night = draw_night(trap_rng, settings.trap) if scene.light.infrared else None
@@ -152,7 +151,7 @@ def _labelled_frame(
     if captioned:
         image = draw_caption(trap_rng, image)
     measured = measure_depth(
-        rng, settings.depth, drawing.depth_m, view.intrinsics, weather.haze_per_m
+        rng, settings.depth, drawing.depth_m, view.intrinsics, scene.weather.haze_per_m
     )
     stride = settings.depth.exact_stride_px
     exact_m = drawing.depth_m[::stride, ::stride]
@@ -163,13 +162,7 @@ def _labelled_frame(
         labels=label_view(view, drawing, scene.near_trees, settings.labels),
         view=view,
         scene=_scene_record(scene),
-        pose=PoseRecord(pose.carrier, pose.height_m, pose.pitch_deg, pose.roll_deg),
-        depth_sensor={
-            "kind": measured.kind,
-            "baseline_m": measured.baseline_m,
-            "noise": measured.noise,
-            "range_m": measured.range_m,
-        },
+        depth_sensor={name: v for name, v in vars(measured).items() if name != "depth_m"},
         exact_stride_px=stride,
         realism=_realism(settings, scene, faults, captioned),
         motion=motion,

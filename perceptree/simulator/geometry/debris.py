@@ -21,7 +21,7 @@ from perceptree.simulator.geometry.mesh import (
     tubes_mesh,
 )
 from perceptree.simulator.materials.layers import Layer
-from perceptree.simulator.vectors import UP, unit
+from perceptree.simulator.vectors import UP, heading, unit
 
 _BARKS = (
     Layer.SPRUCE_GREY,
@@ -53,7 +53,7 @@ def twig_litter(rng: np.random.Generator) -> Mesh:
     count = 11
     centre = rng.normal(0, 0.28, (count, 1, 2))
     turn, length = rng.uniform(0, 2 * np.pi, count), rng.uniform(0.12, 0.6, count)
-    along = np.stack([np.cos(turn), np.sin(turn)], -1) * length[:, None]
+    along = heading(turn) * length[:, None]
     level = centre + along[:, None] * np.linspace(-0.5, 0.5, 3)[:, None]
     level = level + rng.normal(0, 0.06, (count, 3, 1)) * along[:, None, ::-1] * [1, -1]
     curves = np.concatenate([level, rng.uniform(0.0, 0.03, (count, 3, 1))], -1)
@@ -168,8 +168,8 @@ def surface_roots(rng: np.random.Generator) -> Mesh:
     azimuth = np.arange(count) * 2 * np.pi / count + rng.normal(0, 0.3, count)
     length = np.exp(rng.uniform(np.log(0.6), np.log(1.7), count))
     turn = azimuth[:, None] + np.cumsum(rng.normal(0, 0.32, (count, segments)), 1)
-    steps = np.stack([np.cos(turn), np.sin(turn)], -1) * (length / segments)[:, None, None]
-    start = 0.05 * np.stack([np.cos(azimuth), np.sin(azimuth)], -1)[:, None]
+    steps = heading(turn) * (length / segments)[:, None, None]
+    start = 0.05 * heading(azimuth)[:, None]
     path = np.concatenate([start, start + np.cumsum(steps, 1)], 1)
     radius = rng.uniform(0.02, 0.06, (count, 1)) * (1 - 0.75 * share)
     radius[:, 0] *= 1.5

@@ -1,4 +1,4 @@
-"""Write a scene as binary glTF 2.0, which 3D programs can open.
+"""Export a scene as binary glTF 2.0, which 3D programs can open.
 
 No library is used, because those for the format leave buffers, bounds and padding to the caller.
 Specification: https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html
@@ -10,9 +10,9 @@ import json
 import os
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import cv2
 import numpy as np
@@ -21,11 +21,14 @@ from numpy.typing import NDArray
 from basetree.files.writing import replacing
 from perceptree.arrays import Float, Float32, Int64, UInt8
 from perceptree.errors import DatasetError
-from perceptree.simulator.materials.layers import SIZE_PX, Layer, is_cutout
-
-if TYPE_CHECKING:
-    from perceptree.simulator.geometry.assemble import SceneMesh
-    from perceptree.simulator.materials.textures import Textures
+from perceptree.simulator.geometry.assemble import SceneMesh, assemble
+from perceptree.simulator.geometry.prototypes import make_prototypes
+from perceptree.simulator.materials.layers import FIRST_GROUND, SIZE_PX, Layer, is_cutout
+from perceptree.simulator.materials.textures import Textures, make_textures
+from perceptree.simulator.rendering.foreground import with_foreground
+from perceptree.simulator.scene.description import Scene, describe_scene
+from perceptree.simulator.settings import SimulatorSettings
+from perceptree.simulator.vectors import unit
 
 _MAGIC, _VERSION, _JSON_CHUNK, _BINARY_CHUNK = b"glTF", 2, b"JSON", b"BIN\0"
 _FLOAT, _UBYTE, _UINT = 5126, 5121, 5125
@@ -45,6 +48,34 @@ class Node:
 
     name: str
     faces: Int64
+
+
+def export_scene(path: Path, settings: SimulatorSettings, seed: int) -> tuple[int, int]:
+    """Write a scene as binary glTF.
+
+    Args:
+        path: File to write.
+        settings: Settings of the simulator.
+        seed: Seed of the scene.
+
+    Returns:
+        Number of trees and number of triangles.
+
+    Raises:
+        DatasetError: If the file cannot be written.
+    """
+    scene = with_foreground(settings, describe_scene(settings, seed))
+    mesh = with_one_ground(assemble(scene, make_prototypes()), scene)
+    nodes = scene_nodes(mesh, [tree.stem.model.name for tree in scene.trees])
+    write_gltf(path, mesh, nodes, make_textures())
+    return len(scene.trees), len(mesh.faces)
+
+
+def with_one_ground(mesh: SceneMesh, scene: Scene) -> SceneMesh:
+    """Give the whole ground its main cover, because blending of covers is done by the renderer."""
+    layer = mesh.layer.copy()
+    layer[: mesh.instance_start[1]] = FIRST_GROUND + int(np.argmax(scene.terrain.cover))
+    return replace(mesh, layer=layer)
 
 
 def scene_nodes(mesh: SceneMesh, tree_names: Sequence[str]) -> list[Node]:
@@ -179,7 +210,7 @@ def _primitives(
         used, indices = np.unique(corners, return_inverse=True)
         attributes = {
             "POSITION": y_up(mesh.vertices[used]),
-            "NORMAL": y_up(_units(mesh.normals[used])),
+            "NORMAL": y_up(unit(mesh.normals[used])),
             "TEXCOORD_0": mesh.uv[used].astype(np.float32),
             "COLOR_0": _colours(mesh.tint[used]),
         }
@@ -204,10 +235,6 @@ def _colours(tint: Float) -> UInt8:
     colours = np.full((len(tint), 4), 255, np.uint8)
     colours[:, :3] = np.rint(255 * np.clip(tint, 0, 1))[:, None]
     return colours
-
-
-def _units(vectors: Float) -> Float:
-    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-9))
 
 
 def _material(layer: Layer, texture: int) -> dict[str, Any]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,18 @@ class Mesh:
     faces: Int
     layer: Int
     labelled: Bool
+
+
+class Kind(NamedTuple):
+    """A kind of mesh that scenes place.
+
+    Attributes:
+        make: Makes one variant, which stands on z = 0.
+        variants: Number of variants that scenes choose from.
+    """
+
+    make: Callable[[np.random.Generator], Mesh]
+    variants: int
 
 
 def make_mesh(

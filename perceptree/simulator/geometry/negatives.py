@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 
 from perceptree.simulator.geometry import debris
-from perceptree.simulator.geometry.mesh import Mesh, cards_mesh, merge, tubes_mesh
+from perceptree.simulator.geometry.mesh import Kind, Mesh, cards_mesh, merge, tubes_mesh
 from perceptree.simulator.geometry.objects import lying_log
 from perceptree.simulator.geometry.solids import ball, block, limb, painted
 from perceptree.simulator.materials.layers import Layer
@@ -240,11 +240,11 @@ def lens_twig(rng: np.random.Generator) -> Mesh:
     return merge([wood, leaves])
 
 
-NEGATIVES: dict[str, tuple[Callable[[np.random.Generator], Mesh], int]] = {
-    "near_person": (walker, 12),
-    "near_animal": (beast, 14),
-    "near_post": (stake, 18),
-    "near_log": (dead_trunk, 16),
-    "near_stump": (high_stump, 8),
-    "lens_twig": (lens_twig, 10),
+NEGATIVES: dict[str, Kind] = {
+    "near_person": Kind(walker, 12),
+    "near_animal": Kind(beast, 14),
+    "near_post": Kind(stake, 18),
+    "near_log": Kind(dead_trunk, 16),
+    "near_stump": Kind(high_stump, 8),
+    "lens_twig": Kind(lens_twig, 10),
 }

@@ -5,13 +5,12 @@ Each function returns a mesh that stands on z = 0, with its front towards x.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
 from perceptree.simulator.geometry import debris
-from perceptree.simulator.geometry.mesh import Mesh, merge
+from perceptree.simulator.geometry.mesh import Kind, Mesh, merge
 from perceptree.simulator.geometry.solids import ball, block, limb, painted
 from perceptree.simulator.materials.layers import FIRST_GROUND, LAST_BARK, Layer
 
@@ -213,12 +212,12 @@ def _solid(rng: np.random.Generator) -> Mesh:
     return replace(mesh, layer=np.full_like(mesh.layer, layers[rng.integers(len(layers))]))
 
 
-OBJECTS: dict[str, tuple[Callable[[np.random.Generator], Mesh], int]] = {
-    "person": (person, 10),
-    "animal": (animal, 10),
-    "machine": (machine, 4),
-    "post": (post, 10),
-    "timber": (timber, 10),
-    "wall": (wall, 8),
-    "shape": (shape, 24),
+OBJECTS: dict[str, Kind] = {
+    "person": Kind(person, 10),
+    "animal": Kind(animal, 10),
+    "machine": Kind(machine, 4),
+    "post": Kind(post, 10),
+    "timber": Kind(timber, 10),
+    "wall": Kind(wall, 8),
+    "shape": Kind(shape, 24),
 }

@@ -1,4 +1,7 @@
-"""Meshes that all scenes share: crowns, undergrowth, objects and dead twigs."""
+"""Meshes that all scenes share: crowns, undergrowth, objects and dead twigs.
+
+Scene descriptions use the names of the kinds.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +10,11 @@ from functools import cache
 
 import numpy as np
 
+from perceptree.simulator.geometry import debris, plants
 from perceptree.simulator.geometry.crowns import crown, dead_twigs, sapling
-from perceptree.simulator.geometry.mesh import Mesh
+from perceptree.simulator.geometry.mesh import Kind, Mesh
 from perceptree.simulator.geometry.negatives import NEGATIVES
 from perceptree.simulator.geometry.objects import OBJECTS
-from perceptree.simulator.geometry.undergrowth import LOW_PLANTS, UNDERGROWTH
 from perceptree.simulator.geometry.vegetation import VEGETATION
 from perceptree.simulator.scene.models import MODELS, TreeModel
 
@@ -19,6 +22,24 @@ _NEAR_CROWNS, _FAR_CROWNS = 2, 1
 _FINE_SEED = 6
 _DEAD_TWIG_COUNTS = (50, 100, 200, 350)
 _SAPLINGS = ("fir", "fir", "spruce", "spruce")
+
+UNDERGROWTH: dict[str, Kind] = {
+    "grass": Kind(plants.grass_tuft, 6),
+    "dry_grass": Kind(plants.dry_grass, 5),
+    "fern": Kind(plants.fern, 5),
+    "scrub": Kind(plants.scrub, 5),
+    "seedling": Kind(plants.seedling, 4),
+    "branch": Kind(debris.fallen_branch, 12),
+    "log": Kind(debris.log, 6),
+    "stump": Kind(debris.stump, 8),
+    "rock": Kind(debris.rock, 8),
+    "root": Kind(debris.surface_roots, 8),
+}
+
+LOW_PLANTS: dict[str, Kind] = {
+    "herb": Kind(plants.herb, 6),
+    "bilberry": Kind(plants.bilberry, 6),
+}
 
 
 @dataclass(frozen=True)
@@ -75,20 +96,17 @@ def make_prototypes(seed: int = 5) -> Prototypes:
         for near in (True, False)
         for leaves in ((True,) if model.conifer else (True, False))
     }
-    undergrowth = {
-        name: [kind.make(rng) for _ in range(kind.variants)] for name, kind in UNDERGROWTH.items()
-    }
+    undergrowth = _variants(rng, UNDERGROWTH)
     undergrowth["sapling"] = [sapling(rng, species) for species in _SAPLINGS]
-    additions_rng = np.random.default_rng([seed, 1])
-    for name, kind in LOW_PLANTS.items():
-        undergrowth[name] = [kind.make(additions_rng) for _ in range(kind.variants)]
-    for name, (make, variants) in OBJECTS.items():
-        undergrowth[name] = [make(additions_rng) for _ in range(variants)]
-    vegetation_rng = np.random.default_rng([seed, 2])
+    additions_rng, vegetation_rng, negatives_rng = (
+        np.random.default_rng([seed, number]) for number in (1, 2, 3)
+    )
+    undergrowth |= _variants(additions_rng, LOW_PLANTS | OBJECTS)
     twigs = {count: dead_twigs(additions_rng, count) for count in _DEAD_TWIG_COUNTS}
-    for name, kind in VEGETATION.items():
-        undergrowth[name] = [kind.make(vegetation_rng) for _ in range(kind.variants)]
-    negatives_rng = np.random.default_rng([seed, 3])
-    for name, (make, variants) in NEGATIVES.items():
-        undergrowth[name] = [make(negatives_rng) for _ in range(variants)]
+    undergrowth |= _variants(vegetation_rng, VEGETATION) | _variants(negatives_rng, NEGATIVES)
     return Prototypes(crowns, undergrowth, twigs)
+
+
+def _variants(rng: np.random.Generator, kinds: dict[str, Kind]) -> dict[str, list[Mesh]]:
+    """Make the variants of each kind."""
+    return {name: [kind.make(rng) for _ in range(kind.variants)] for name, kind in kinds.items()}

@@ -6,9 +6,8 @@ from functools import partial
 
 import numpy as np
 
-from perceptree.simulator.geometry.mesh import Mesh, merge
+from perceptree.simulator.geometry.mesh import Kind, Mesh, merge
 from perceptree.simulator.geometry.plants import directions, strips
-from perceptree.simulator.geometry.undergrowth import UndergrowthKind
 from perceptree.simulator.materials.layers import Layer
 from perceptree.simulator.scene.vegetation import TUFT_ASPECTS
 from perceptree.simulator.vectors import UP, unit
@@ -74,13 +73,11 @@ def _shell(rng: np.random.Generator, layer: Layer, count: int, size: float) -> M
     )
 
 
-VEGETATION: dict[str, UndergrowthKind] = {
-    f"{tone}_{shape}_tuft": UndergrowthKind(
-        partial(grass_tuft, layer=layer, aspect=aspect, lean=lean), 6
-    )
+VEGETATION: dict[str, Kind] = {
+    f"{tone}_{shape}_tuft": Kind(partial(grass_tuft, layer=layer, aspect=aspect, lean=lean), 6)
     for tone, (layer, lean) in _GRASSES.items()
     for shape, aspect in TUFT_ASPECTS.items()
 } | {
-    "hedge_shrub": UndergrowthKind(partial(hedge_shrub, layer=Layer.SCRUB), 4),
-    "beech_hedge_shrub": UndergrowthKind(partial(hedge_shrub, layer=Layer.BEECH_LEAVES), 4),
+    "hedge_shrub": Kind(partial(hedge_shrub, layer=Layer.SCRUB), 4),
+    "beech_hedge_shrub": Kind(partial(hedge_shrub, layer=Layer.BEECH_LEAVES), 4),
 }

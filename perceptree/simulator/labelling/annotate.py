@@ -17,6 +17,7 @@ from perceptree.simulator.settings.files import FileSettings
 if TYPE_CHECKING:
     from perceptree.simulator.labelling.labels import TreeLabel
 
+_POSE = ("carrier", "height_m", "pitch_deg", "roll_deg")
 _DECIMALS = 4
 _SETTING_DECIMALS = 6
 
@@ -48,7 +49,7 @@ def frame_record(frame: LabelledFrame, image_id: int, files: FileSettings) -> di
         "camera": frame.view.intrinsics.to_dict(),
         "up_camera": _numbers(frame.view.up, 6),
         "scene": _rounded(asdict(frame.scene)),
-        "pose": _rounded(asdict(frame.pose)),
+        "pose": _rounded({name: getattr(frame.view.pose, name) for name in _POSE}),
     }
     if frame.realism:
         image["realism"] = _rounded(frame.realism)

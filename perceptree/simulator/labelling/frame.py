@@ -1,4 +1,4 @@
-"""A simulated frame in memory, with records of its scene and camera pose."""
+"""A simulated frame in memory, with a record of its scene."""
 
 from __future__ import annotations
 
@@ -40,23 +40,6 @@ class SceneRecord:
 
 
 @dataclass(frozen=True)
-class PoseRecord:
-    """How the camera was carried, as stored in the dataset.
-
-    Attributes:
-        carrier: ``mast``, ``hand`` or ``drive``.
-        height_m: Height above the ground, m.
-        pitch_deg: Pitch, positive upwards.
-        roll_deg: Roll, positive clockwise.
-    """
-
-    carrier: str
-    height_m: float
-    pitch_deg: float
-    roll_deg: float
-
-
-@dataclass(frozen=True)
 class Motion:
     """Camera motion at a frame of a drive.
 
@@ -86,7 +69,6 @@ class LabelledFrame:
         labels: The labelled trees.
         view: The camera.
         scene: Properties of the scene.
-        pose: How the camera was carried.
         depth_sensor: Kind and parameters of the depth sensor.
         exact_stride_px: Stride of ``exact_depth_m``, px.
         realism: Additions beyond the paper's conditions in the frame, by name.
@@ -99,7 +81,6 @@ class LabelledFrame:
     labels: list[TreeLabel]
     view: View
     scene: SceneRecord
-    pose: PoseRecord
     depth_sensor: dict[str, Any]
     exact_stride_px: int = 1
     realism: dict[str, float | bool] = field(default_factory=dict)

@@ -12,10 +12,9 @@ import cv2
 import numpy as np
 
 from perceptree.arrays import Float
-from perceptree.simulator.materials.cells import jittered_cells
 from perceptree.simulator.materials.drawing import mix, noise
 from perceptree.simulator.materials.layers import SIZE_PX, Layer
-from perceptree.simulator.materials.noise import smoothstep
+from perceptree.simulator.materials.noise import jittered_cells, smoothstep
 from perceptree.simulator.rows import read_rows
 
 Rgb = tuple[int, int, int]

@@ -16,6 +16,7 @@ from perceptree.arrays import Float, Float32
 from perceptree.simulator.materials.drawing import cutout, ink, point
 from perceptree.simulator.materials.layers import Layer
 from perceptree.simulator.rows import read_rows
+from perceptree.simulator.vectors import heading
 
 Rgb = tuple[int, int, int]
 
@@ -120,7 +121,7 @@ def _shoots(
             length = size * reach * (1 - share) ** pointed * rng.uniform(1 - ragged, 1.0)
             angle = side * rng.uniform(*angle_rad)
             start = np.array([size * (share + 0.02 * rng.random()), size / 2])
-            towards = np.array([np.cos(angle), np.sin(angle)])
+            towards = heading(angle)
             room = np.array([0.98 * size - start[0], 0.49 * size]) - margin_px
             length = min(length, *(room / np.maximum(1e-6, np.abs(towards))))
             shoots.append((start, start + max(length, 1.0) * towards))
@@ -151,7 +152,7 @@ def _draw_needles(rng: np.random.Generator, canvas: Float32, kind: Needles) -> N
             for side in (-1, 1):
                 turn = along + side * rng.uniform(*kind.spread_rad)
                 reach = kind.needle_px * rng.uniform(0.75, 1.1)
-                tip = foot + reach * np.array([np.cos(turn), np.sin(turn)])
+                tip = foot + reach * heading(turn)
                 tone = _tone(rng, kind.colours)
                 cv2.line(canvas, point(*foot), point(*tip), tone, kind.width_px)
 
@@ -185,7 +186,7 @@ def _draw_leaf(
 ) -> None:
     """Draw one leaf with its midrib; its width varies as if it were rotated about its axis."""
     length = rng.uniform(*kind.length_px)
-    along = length * np.array([np.cos(turn_rad), np.sin(turn_rad)])
+    along = length * heading(turn_rad)
     across = np.array([-along[1], along[0]]) * rng.uniform(0.6, 1.0)
     base = foot + 0.12 * along
     shape = base + outline[:, :1] * along + outline[:, 1:] * across
@@ -219,5 +220,5 @@ def _draw_bare_shoot(
         foot = steps[1 + number % 4]
         turn = along + (-1) ** number * rng.uniform(0.4, 1.0)
         reach = length * rng.uniform(0.15, 0.38)
-        tip = foot + reach * np.array([np.cos(turn), np.sin(turn)])
+        tip = foot + reach * heading(turn)
         _draw_bare_shoot(rng, canvas, foot, tip, 0.55 * width)

@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 
 from perceptree.arrays import Float, UInt8
-from perceptree.simulator.materials.cells import jittered_cells
 from perceptree.simulator.materials.drawing import mix, noise, rgb
 from perceptree.simulator.materials.layers import SIZE_PX, Layer
-from perceptree.simulator.materials.noise import smoothstep
+from perceptree.simulator.materials.noise import jittered_cells, smoothstep
 from perceptree.simulator.materials.wood_and_rock import wood_and_rock_layers
+from perceptree.simulator.vectors import heading
 
 Rgb = tuple[int, int, int]
 
@@ -83,16 +83,12 @@ def _polygon(canvas: UInt8, points_px: Float, tone: Float, level: float) -> None
         cv2.fillPoly(canvas, [fixed], (*tone, level), cv2.LINE_AA, _SHIFT)
 
 
-def _heading(angle_rad: float) -> Float:
-    return np.array([np.cos(angle_rad), np.sin(angle_rad)])
-
-
 def _strew_needles(rng: np.random.Generator, canvas: UInt8, count: int) -> None:
     """Scatter short thin needles, each above the previous ones."""
     feet, turns = rng.uniform(0, SIZE_PX, (count, 2)), rng.uniform(0, 2 * np.pi, count)
     for number, (foot, turn) in enumerate(zip(feet, turns, strict=True)):
         share = number / count
-        ends = np.stack([foot, foot + rng.uniform(5, 10) * _heading(turn)])
+        ends = np.stack([foot, foot + rng.uniform(5, 10) * heading(turn)])
         _line(
             canvas,
             ends,
@@ -108,7 +104,7 @@ def _strew_leaves(rng: np.random.Generator, canvas: UInt8, count: int, high: int
     for number in range(count):
         foot, turn = rng.uniform(0, SIZE_PX, 2), rng.uniform(0, 2 * np.pi)
         length = rng.uniform(10, 21)
-        along, across = length * _heading(turn), length * _heading(turn + np.pi / 2)
+        along, across = length * heading(turn), length * heading(turn + np.pi / 2)
         tone = _tone(rng, _LEAVES, 0.45, 0.92)
         level = high * (0.6 + 0.4 * number / count)
         curl = rng.uniform(0.6, 1.0)
@@ -121,7 +117,7 @@ def _strew_leaves(rng: np.random.Generator, canvas: UInt8, count: int, high: int
 def _strew_twigs(rng: np.random.Generator, canvas: UInt8, count: int) -> None:
     """Scatter crooked thin twigs with a bright upper side."""
     for _ in range(count):
-        steps = rng.uniform(6, 20) * _heading(rng.uniform(0, 2 * np.pi))
+        steps = rng.uniform(6, 20) * heading(rng.uniform(0, 2 * np.pi))
         bends = np.cumsum(steps + rng.normal(0, 2.0, (4, 2)), 0)
         points = rng.uniform(0, SIZE_PX, 2) + bends
         tone, width = _tone(rng, _TWIGS, 0.7, 1.15), int(rng.integers(2, 4))
@@ -200,7 +196,7 @@ def _root(rng: np.random.Generator, canvas: UInt8, width_px: int, level: float) 
     """Draw one winding, tapering root in bands of increasing relief."""
     steps = int(rng.integers(14, 30))
     turn = rng.uniform(0, 2 * np.pi) + np.cumsum(rng.normal(0, 0.22, steps))
-    steps_px = 9.0 * np.stack([np.cos(turn), np.sin(turn)], -1)
+    steps_px = 9.0 * heading(turn)
     path = rng.uniform(0, SIZE_PX, 2) + np.cumsum(steps_px, 0)
     tone = _tone(rng, _ROOTS, 0.55, 0.92)
     for band, shade in ((1.35, 0.35), (1.0, 0.7), (0.7, 0.9), (0.35, 1.12)):
@@ -223,7 +219,7 @@ def _mud(rng: np.random.Generator) -> tuple[Float, Float]:
     _strew_needles(rng, canvas, 120)
     for _ in range(30):
         radii = rng.uniform(1.5, 4.5) * rng.uniform(0.7, 1.0, (9, 1))
-        around = np.stack([np.cos(np.arange(9) * 0.7), np.sin(np.arange(9) * 0.7)], -1)
+        around = heading(np.arange(9) * 0.7)
         _polygon(
             canvas,
             rng.uniform(0, SIZE_PX, 2) + radii * around,
@@ -241,7 +237,7 @@ def _prints(rng: np.random.Generator) -> Float:
     angle = np.linspace(0, 2 * np.pi, 18)[:-1, None]
     for _ in range(9):
         centre, turn = rng.uniform(0, SIZE_PX, 2), rng.uniform(0, 2 * np.pi)
-        along, across = _heading(turn), _heading(turn + np.pi / 2)
+        along, across = heading(turn), heading(turn + np.pi / 2)
         deep = rng.uniform(130, 255)
         for offset, half, wide in ((14, 25, 15), (-27, 13, 12)):
             rim = centre + (offset + half * np.cos(angle)) * along + wide * np.sin(angle) * across

@@ -13,6 +13,7 @@ import numpy as np
 from perceptree.arrays import Float, Float32
 from perceptree.simulator.materials.drawing import cutout, ink, point
 from perceptree.simulator.materials.layers import Layer
+from perceptree.simulator.vectors import heading
 
 Rgb = tuple[int, int, int]
 
@@ -89,7 +90,7 @@ def _draw_pinna(
     rng: np.random.Generator, canvas: Float32, foot: Float, angle_rad: float, length: float
 ) -> None:
     """Draw one leaflet with a notched edge: small ovals along both sides of its rib."""
-    along = np.array([np.cos(angle_rad), np.sin(angle_rad)])
+    along = heading(angle_rad)
     strength = rng.uniform(0.75, 1.15)
     lobes = max(3, round(length / 17))
     for number in range(lobes):
@@ -98,7 +99,7 @@ def _draw_pinna(
         for side in (-1, 1):
             turn = angle_rad + side * 0.95
             centre = foot + along * length * share
-            centre = centre + 0.6 * width * np.array([np.cos(turn), np.sin(turn)])
+            centre = centre + 0.6 * width * heading(turn)
             axes = (max(2, round(0.75 * width)), max(2, round(0.42 * width)))
             tone = _tone(rng, _FERN, strength * (1.0 if side > 0 else 0.86))
             cv2.ellipse(canvas, point(*centre), axes, np.degrees(turn), 0, 360, tone, -1)
@@ -119,7 +120,7 @@ def _draw_bush(rng: np.random.Generator, canvas: Float32) -> None:
             start = foot + (tip - foot) * share
             turn = angle + rng.choice([-1, 1]) * rng.uniform(0.35, 0.9)
             reach = length * rng.uniform(0.12, 0.3)
-            shoots.append((start, start + reach * np.array([np.cos(turn), np.sin(turn)])))
+            shoots.append((start, start + reach * heading(turn)))
     for start, tip in shoots:
         cv2.line(canvas, point(*start), point(*tip), ink(_WOOD, rng.uniform(0.7, 1.1)), 6)
     for start, tip in shoots:
@@ -135,7 +136,7 @@ def _draw_oval(rng: np.random.Generator, canvas: Float32, foot: Float, along_rad
     size = canvas.shape[0]
     turn = along_rad + rng.choice([-1, 1]) * rng.uniform(0.3, 1.2)
     half = rng.uniform(16, 27)
-    centre = foot + 1.1 * half * np.array([np.cos(turn), np.sin(turn)])
+    centre = foot + 1.1 * half * heading(turn)
     centre = np.clip(centre, 30, size - 30)
     axes = (round(half), round(half * rng.uniform(0.38, 0.6)))
     tone = _tone(rng, _SCRUB, rng.uniform(0.7, 1.15))
@@ -154,7 +155,7 @@ def _draw_herb(rng: np.random.Generator, canvas: Float32) -> None:
         strength = 0.7 + 0.4 * number / 9
         tone = _tone(rng, _HERB, strength)
         cv2.ellipse(canvas, point(*tip), axes, np.degrees(turn), 0, 360, tone, -1)
-        rib = 0.9 * length * np.array([np.cos(turn), np.sin(turn)])
+        rib = 0.9 * length * heading(turn)
         rib_tone = _tone(rng, _HERB, 0.75 * strength)
         cv2.line(canvas, point(*(tip - rib)), point(*(tip + rib)), rib_tone, 4)
 

@@ -11,10 +11,10 @@ from perceptree.arrays import Float
 from perceptree.simulator.geometry.negatives import LOG_M
 from perceptree.simulator.rendering.view import View, random_view
 from perceptree.simulator.scene.description import Scene
-from perceptree.simulator.scene.scatter import Placement, slope_rotations, yaw_rotations
+from perceptree.simulator.scene.scatter import Placement, rotations, yaw_rotations
 from perceptree.simulator.settings import NegativeSettings, SimulatorSettings
 from perceptree.simulator.streams import Stream, stream
-from perceptree.simulator.vectors import UP, unit
+from perceptree.simulator.vectors import UP, heading, unit
 
 _NEAREST_M, _FARTHEST_M = 1.1, 9.0
 _ATTEMPTS = 12
@@ -147,18 +147,13 @@ def _before(
             ground_m * np.exp(rng.uniform(*np.log(kind.reach))), _NEAREST_M, _FARTHEST_M
         )
         bearing = np.radians(view.pose.yaw_deg) - np.arctan(rng.uniform(0.9 * low, 0.9 * right))
-        middle = view.origin[:2] + distance_m * np.array([np.cos(bearing), np.sin(bearing)])
+        middle = view.origin[:2] + distance_m * heading(bearing)
         turn = rng.uniform(0, 2 * np.pi)
         along = np.linspace(-1, 1, 9)[:, None] * kind.half_length_m * scale
         points_m = middle + along * [np.cos(turn), np.sin(turn)]
         if space.has_room(points_m, kind.radius_m * scale):
-            x, y = middle[:1], middle[1:]
-            turns = np.array([turn])
-            rotation = (
-                slope_rotations(scene.terrain, x, y, turns)
-                if kind.follows_slope
-                else yaw_rotations(turns)
-            )
+            x, y, turns = middle[:1], middle[1:], np.array([turn])
+            rotation = rotations(scene.terrain, x, y, turns, kind.follows_slope)
             height_m = float(scene.terrain.height_m(*middle))
             return _placement(rng, name, np.array([*middle, height_m]), rotation, scale)
     return None
@@ -187,9 +182,9 @@ def _thicket(rng: np.random.Generator, scene: Scene, space: _Space) -> list[Plac
     tall_m, count = rng.uniform(*_BUSH_M), int(rng.integers(4, 11))
     spacing_m = tall_m * aspect * rng.uniform(*_ROW_GAP)
     bearing, turn = rng.uniform(0, 2 * np.pi), rng.normal(np.pi / 2, 0.4)
-    middle = rng.uniform(*_ROW_DISTANCE_M) * np.array([np.cos(bearing), np.sin(bearing)])
+    middle = rng.uniform(*_ROW_DISTANCE_M) * heading(bearing)
     row = spacing_m * (np.arange(count) - (count - 1) / 2) + rng.normal(0, 0.15, count) * spacing_m
-    along = np.array([np.cos(bearing + turn), np.sin(bearing + turn)])
+    along = heading(bearing + turn)
     places = middle + row[:, None] * along + rng.normal(0, 0.3, (count, 2))
     members = []
     for place in places:

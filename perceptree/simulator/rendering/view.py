@@ -13,6 +13,7 @@ from perceptree.arrays import Float, Int64
 from perceptree.simulator.geometry.assemble import SceneMesh
 from perceptree.simulator.scene.description import Scene
 from perceptree.simulator.settings import CameraSettings, PoseSettings
+from perceptree.simulator.vectors import heading
 
 VIEW_RADIUS_M = 6.0  # cameras are within this distance of the scene's centre
 _STEM_CLEARANCE_M = 0.8
@@ -115,7 +116,7 @@ def random_view(rng: np.random.Generator, settings: CameraSettings, scene: Scene
     position = np.zeros(2)
     for _ in range(_ATTEMPTS):
         distance, angle = VIEW_RADIUS_M * np.sqrt(rng.random()), rng.uniform(0, 2 * np.pi)
-        position = distance * np.array([np.cos(angle), np.sin(angle)])
+        position = distance * heading(angle)
         beside = not len(feet) or np.hypot(*(feet - position).T).min() > _STEM_CLEARANCE_M
         gap_m = np.hypot(*(things[:, :2] - position).T) - things[:, 2]
         if beside and gap_m.min(initial=np.inf) > _STEM_CLEARANCE_M:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from perceptree.arrays import Float
+from perceptree.simulator.vectors import heading
 
 _POINTS = 2048
 _RADIUS_M = (3.5, 5.5)  # range of the mean radius
@@ -60,7 +61,7 @@ def make_circuit(rng: np.random.Generator) -> Circuit:
             _WAVE_AMPLITUDE / wave * rng.normal() * np.cos(wave * angle + rng.uniform(0, 2 * np.pi))
         )
     curve = (radius * np.clip(shape, 0.5, 1.4))[:, None]
-    curve = curve * np.stack([np.cos(angle), np.sin(angle)], -1)
+    curve = curve * heading(angle)
     closed = np.concatenate([curve, curve[:1]])
     along = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
     even = np.arange(_POINTS) * along[-1] / _POINTS

@@ -5,13 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from perceptree.arrays import Float
-from perceptree.simulator.scene.scatter import RADIUS_M, Placement, yaw_rotations
+from perceptree.simulator.scene.scatter import RADIUS_M, Placement, place
 from perceptree.simulator.scene.terrain import Terrain
 from perceptree.simulator.settings import ClutterSettings
+from perceptree.simulator.vectors import heading
 
 # Kind: field of ClutterSettings, number of plants at full density, spatial frequency of patches.
 _GROUND_PLANTS = {"herb": ("herbs", 5200, 0.30), "bilberry": ("shrubs", 2600, 0.42)}
 _FOOT_PLANTS = ("grass", "fern", "herb", "bilberry", "scrub", "seedling", "branch", "rock", "stump")
+_TINT = (0.7, 1.2)  # range of the brightness factor
 _FOOT_REACH_M = (0.02, 0.35)  # range of the distance from the bark
 
 
@@ -30,13 +32,12 @@ def cover_ground(
         density = rng.uniform(*getattr(settings, setting))
         number = int(full_count * density)
         distance, angle = RADIUS_M * rng.random(number) ** 0.6, rng.uniform(0, 2 * np.pi, number)
-        x, y = distance * np.cos(angle), distance * np.sin(angle)
+        places_m = distance[:, None] * heading(angle)
+        x, y = places_m.T
         phase = rng.uniform(0, 2 * np.pi, 2)
         wave = np.sin(patch * x + phase[0]) * np.cos(patch * 1.3 * y + phase[1])
         kept = wave + rng.normal(0, 0.3, number) > 0.6 - 1.4 * density
-        placements.append(
-            _make_placement(rng, kind, terrain, np.stack([x, y], -1)[kept], (0.6, 1.5))
-        )
+        placements.append(place(rng, kind, terrain, places_m[kept], (0.6, 1.5), _TINT))
     return placements
 
 
@@ -61,28 +62,10 @@ def surround_feet(
     stems = np.repeat(chosen, rng.integers(2, 9, len(chosen)))
     gap_m = radii_m[stems] + rng.uniform(*_FOOT_REACH_M, len(stems))
     angle = rng.uniform(0, 2 * np.pi, len(stems))
-    positions = feet_m[stems] + gap_m[:, None] * np.stack([np.cos(angle), np.sin(angle)], -1)
+    positions = feet_m[stems] + gap_m[:, None] * heading(angle)
     weights = np.array([4, 3, 4, 3, 2, 1, 2, 1, 0.3])
     kinds = rng.choice(len(_FOOT_PLANTS), len(stems), p=weights / weights.sum())
     return [
-        _make_placement(rng, kind, terrain, positions[kinds == number], (0.5, 1.1))
+        place(rng, kind, terrain, positions[kinds == number], (0.5, 1.1), _TINT)
         for number, kind in enumerate(_FOOT_PLANTS)
     ]
-
-
-def _make_placement(
-    rng: np.random.Generator,
-    kind: str,
-    terrain: Terrain,
-    positions: Float,
-    scale: tuple[float, float],
-) -> Placement:
-    x, y = positions.T
-    return Placement(
-        kind,
-        np.stack([x, y, terrain.height_m(x, y)], -1),
-        yaw_rotations(rng.uniform(0, 2 * np.pi, len(x))),
-        rng.uniform(*scale, len(x)),
-        rng.uniform(0.7, 1.2, len(x)),
-        rng.random(len(x)),
-    )

@@ -26,7 +26,7 @@ from perceptree.simulator.scene.felling_cut import (
     is_near_foot,
 )
 from perceptree.simulator.scene.models import MODELS, TreeModel
-from perceptree.simulator.scene.objects import place_large, place_small
+from perceptree.simulator.scene.objects import place_objects
 from perceptree.simulator.scene.scatter import Placement, scatter, scatter_roots
 from perceptree.simulator.scene.stand import stem_positions
 from perceptree.simulator.scene.stem import Stem, random_stem
@@ -173,7 +173,8 @@ def describe_scene(settings: SimulatorSettings, seed: int) -> Scene:
     if circuit is not None:
         feet = feet[circuit.distance_m(feet) > settings.drive.clearance_m]
     additions_rng = stream(seed, Stream.ADDITIONS)
-    large = place_large(additions_rng, settings.objects, terrain, path_m)
+    objects = settings.objects
+    large = place_objects(additions_rng, objects, terrain, path_m, np.empty((0, 3)), large=True)
     feet = feet[_outside_circles(feet, large.circles)]
     feet = feet[np.argsort(np.hypot(*feet.T), kind="stable")]
     trees = _make_trees(rng, settings, terrain, feet)
@@ -193,7 +194,7 @@ def describe_scene(settings: SimulatorSettings, seed: int) -> Scene:
     radii_m = np.array([tree.stem.diameter_m / 2 for tree in trees if tree.near])
     undergrowth += surround_feet(additions_rng, clutter, terrain, near, radii_m)
     taken_m = np.concatenate([feet, path_m])
-    small = place_small(additions_rng, settings.objects, terrain, taken_m, large.circles)
+    small = place_objects(additions_rng, objects, terrain, taken_m, large.circles, large=False)
     stems_m = np.column_stack([near, radii_m])
     vegetation = grow_vegetation(seed, settings.vegetation, terrain, weather, stems_m, path_m)
     if vegetation.snow_m is not None:

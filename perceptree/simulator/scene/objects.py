@@ -7,15 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from perceptree.arrays import Float
-from perceptree.simulator.scene.scatter import Placement, slope_rotations, yaw_rotations
+from perceptree.simulator.scene.scatter import Placement, place
 from perceptree.simulator.scene.terrain import Terrain
 from perceptree.simulator.settings import ObjectSettings
+from perceptree.simulator.vectors import heading
 
 _RADIUS_M = 18.0  # objects are within this distance of the centre
 _CAMERA_AREA_RADIUS_M = 7.0  # large objects keep clear of this area
 _STEM_CLEARANCE_M = 0.4
 _LARGE_RADIUS_M = 1.0  # objects of at least this radius are large
 _ATTEMPTS = 20
+_TINT = (0.7, 1.2)  # range of the brightness factor
 
 
 @dataclass(frozen=True)
@@ -60,40 +62,7 @@ class Objects:
     circles: Float
 
 
-def place_large(
-    rng: np.random.Generator, settings: ObjectSettings, terrain: Terrain, taken_m: Float
-) -> Objects:
-    """Place machines and walls outside the cameras' area. Stems within their circles are removed.
-
-    Args:
-        rng: Source of random numbers.
-        settings: Numbers of objects.
-        terrain: The ground.
-        taken_m: (n, 2) points to keep clear of, m.
-    """
-    return _place(rng, settings, terrain, taken_m, np.empty((0, 3)), large=True)
-
-
-def place_small(
-    rng: np.random.Generator,
-    settings: ObjectSettings,
-    terrain: Terrain,
-    taken_m: Float,
-    circles: Float,
-) -> Objects:
-    """Place all other objects.
-
-    Args:
-        rng: Source of random numbers.
-        settings: Numbers of objects.
-        terrain: The ground.
-        taken_m: (n, 2) points to keep clear of, such as stems, m.
-        circles: (m, 3) circles to keep clear of: x, y and radius, m.
-    """
-    return _place(rng, settings, terrain, taken_m, circles, large=False)
-
-
-def _place(
+def place_objects(
     rng: np.random.Generator,
     settings: ObjectSettings,
     terrain: Terrain,
@@ -101,7 +70,19 @@ def _place(
     circles: Float,
     large: bool,
 ) -> Objects:
-    """Draw number and positions of each kind, clear of each other."""
+    """Draw number and positions of the large kinds, or of all others, clear of each other.
+
+    Large objects, machines and walls, are outside the cameras' area; the caller removes the stems
+    within their circles.
+
+    Args:
+        rng: Source of random numbers.
+        settings: Numbers of objects.
+        terrain: The ground.
+        taken_m: (n, 2) points to keep clear of, such as stems, m.
+        circles: (m, 3) circles to keep clear of: x, y and radius, m.
+        large: Whether to place the large kinds.
+    """
     placements = []
     for name, kind in _KINDS.items():
         if (kind.radius_m >= _LARGE_RADIUS_M) != large:
@@ -113,7 +94,10 @@ def _place(
                 positions.append(position)
                 circles = np.concatenate([circles, [[*position, kind.radius_m]]])
         if positions:
-            placements.append(_placement(rng, name, kind, terrain, np.array(positions)))
+            places_m = np.array(positions)
+            placements.append(
+                place(rng, name, terrain, places_m, kind.scale, _TINT, kind.follows_slope)
+            )
     return Objects(placements, circles)
 
 
@@ -125,25 +109,9 @@ def _free_position(
     for _ in range(_ATTEMPTS):
         distance = np.sqrt(rng.uniform(nearest_m**2, _RADIUS_M**2))
         angle = rng.uniform(0, 2 * np.pi)
-        position = distance * np.array([np.cos(angle), np.sin(angle)])
+        position = distance * heading(angle)
         free_m = np.hypot(*(taken_m - position).T) - _STEM_CLEARANCE_M
         apart_m = np.hypot(*(circles[:, :2] - position).T) - circles[:, 2]
         if min(free_m.min(initial=np.inf), apart_m.min(initial=np.inf)) > radius_m:
             return np.asarray(position)
     return None
-
-
-def _placement(
-    rng: np.random.Generator, name: str, kind: _ObjectKind, terrain: Terrain, positions: Float
-) -> Placement:
-    x, y = positions.T
-    turn = rng.uniform(0, 2 * np.pi, len(x))
-    rotation = slope_rotations(terrain, x, y, turn) if kind.follows_slope else yaw_rotations(turn)
-    return Placement(
-        name,
-        np.stack([x, y, terrain.height_m(x, y)], -1),
-        rotation,
-        rng.uniform(*kind.scale, len(x)),
-        rng.uniform(0.7, 1.2, len(x)),
-        rng.random(len(x)),
-    )

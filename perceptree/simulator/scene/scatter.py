@@ -9,10 +9,10 @@ import numpy as np
 from perceptree.arrays import Bool, Float
 from perceptree.simulator.scene.terrain import Terrain
 from perceptree.simulator.settings import UndergrowthSettings
-from perceptree.simulator.vectors import unit
+from perceptree.simulator.vectors import heading, unit
 
 RADIUS_M = 21.0  # undergrowth is within this distance of the centre
-_TINT = (0.75, 1.15)  # range of the brightness factor
+TINT = (0.75, 1.15)  # usual range of the brightness factor
 
 
 @dataclass(frozen=True)
@@ -65,6 +65,43 @@ _SCATTER_RULES = {
 }
 
 
+def place(
+    rng: np.random.Generator,
+    kind: str,
+    terrain: Terrain,
+    places_m: Float,
+    scale: tuple[float, float] | Float,
+    tint: tuple[float, float] = TINT,
+    follows_slope: bool = False,
+) -> Placement:
+    """Place objects of one kind on the ground, each turned about the vertical at random.
+
+    Args:
+        rng: Source of random numbers.
+        kind: Name of the kind.
+        terrain: The ground.
+        places_m: (n, 2) positions, m.
+        scale: Range of the size factor, or (n,) factors.
+        tint: Range of the brightness factor.
+        follows_slope: Whether objects are aligned with the ground's slope.
+    """
+    x, y = places_m.T
+    rotation = rotations(terrain, x, y, rng.uniform(0, 2 * np.pi, len(x)), follows_slope)
+    size = rng.uniform(*scale, len(x)) if isinstance(scale, tuple) else scale
+    position_m = np.stack([x, y, terrain.height_m(x, y)], -1)
+    brightness = rng.uniform(*tint, len(x))
+    return Placement(kind, position_m, rotation, size, brightness, rng.random(len(x)))
+
+
+def rotations(
+    terrain: Terrain, x_m: Float, y_m: Float, turn_rad: Float, follows_slope: bool
+) -> Float:
+    """(n, 3, 3) rotations by angles (n,) about the vertical, or about the ground's normal."""
+    if not follows_slope:
+        return yaw_rotations(turn_rad)
+    return slope_rotations(terrain, x_m, y_m, turn_rad)
+
+
 def yaw_rotations(turn_rad: Float) -> Float:
     """(n, 3, 3) rotations about the vertical by angles (n,)."""
     cos, sin, zero = np.cos(turn_rad), np.sin(turn_rad), np.zeros_like(turn_rad)
@@ -104,13 +141,16 @@ def scatter(
         number = int(rule.full_count * density[rule.setting])
         distance = RADIUS_M * rng.random(number) ** 0.6
         angle = rng.uniform(0, 2 * np.pi, number)
-        x, y = distance * np.cos(angle), distance * np.sin(angle)
+        places_m = distance[:, None] * heading(angle)
+        x, y = places_m.T
         cluster = np.sin(x * 0.8 + phase[0]) * np.cos(y * 0.7 + phase[1])
         kept = cluster + rng.normal(0, 0.45, number) > rule.threshold
         kept &= terrain.local_slope_deg(x, y) < 40.0
         if rule.full_count < 100:
             kept &= _clear(x, y, stems_m, 0.6)
-        placements.append(_placement(rng, kind, rule, terrain, x[kept], y[kept]))
+        placements.append(
+            place(rng, kind, terrain, places_m[kept], rule.scale, follows_slope=rule.follows_slope)
+        )
     return placements
 
 
@@ -121,22 +161,6 @@ def _clear(x_m: Float, y_m: Float, stems_m: Float, least_m: float) -> Bool:
     return np.asarray(gap.min(1, initial=np.inf) > least_m)
 
 
-def _placement(
-    rng: np.random.Generator, kind: str, rule: _ScatterRule, terrain: Terrain, x: Float, y: Float
-) -> Placement:
-    turn = rng.uniform(0, 2 * np.pi, len(x))
-    rotation = slope_rotations(terrain, x, y, turn) if rule.follows_slope else yaw_rotations(turn)
-    return Placement(
-        kind,
-        np.stack([x, y, terrain.height_m(x, y)], -1),
-        rotation,
-        rng.uniform(*rule.scale, len(x)),
-        rng.uniform(*_TINT, len(x)),
-        rng.random(len(x)),
-    )
-
-
 def scatter_roots(rng: np.random.Generator, terrain: Terrain, feet_m: Float) -> Placement:
     """Place surface roots around the feet (n, 2) of stems."""
-    rule = _ScatterRule("", 0, (0.7, 1.2), 0.0, follows_slope=True)
-    return _placement(rng, "root", rule, terrain, feet_m[:, 0], feet_m[:, 1])
+    return place(rng, "root", terrain, feet_m, (0.7, 1.2), follows_slope=True)

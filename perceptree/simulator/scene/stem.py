@@ -13,7 +13,7 @@ import numpy as np
 
 from perceptree.arrays import Float
 from perceptree.simulator.scene.models import TreeModel
-from perceptree.simulator.vectors import unit
+from perceptree.simulator.vectors import heading, unit
 
 BREAST_HEIGHT_M = 1.3
 LOWEST_FORK_M = 1.6
@@ -204,7 +204,7 @@ def random_stem(
         model,
         diameter_m,
         float(height_m),
-        np.tan(np.radians(lean_deg)) * _towards(rng.uniform(0, 2 * np.pi)),
+        np.tan(np.radians(lean_deg)) * heading(rng.uniform(0, 2 * np.pi)),
         rng.normal(0, 0.7 * sweep_m, 2),
         rng.uniform(0, 2 * np.pi, 2),
         rng.normal(0, 0.5 * sweep_m, 2),
@@ -212,10 +212,6 @@ def random_stem(
         _bumps(rng, model),
         _fork(rng, model, float(height_m)) if rng.random() < fork_share * model.fork else None,
     )
-
-
-def _towards(azimuth_rad: float) -> Float:
-    return np.array([np.cos(azimuth_rad), np.sin(azimuth_rad)])
 
 
 def _roots(rng: np.random.Generator, model: TreeModel, diameter_m: float) -> Float:

@@ -9,7 +9,7 @@ import numpy as np
 from perceptree.arrays import Bool, Float
 from perceptree.simulator.materials.noise import spectral_noise
 from perceptree.simulator.scene.conditions import Weather
-from perceptree.simulator.scene.scatter import Placement, slope_rotations, yaw_rotations
+from perceptree.simulator.scene.scatter import Placement, place
 from perceptree.simulator.scene.terrain import Terrain
 from perceptree.simulator.settings import VegetationSettings
 from perceptree.simulator.streams import Stream, stream
@@ -126,7 +126,10 @@ def _grass(
             chosen = toned & (shape == number)
             if chosen.any():
                 kind = f"{tone}_{name}_tuft"
-                placements.append(_place(rng, kind, terrain, x[chosen], y[chosen], scale[chosen]))
+                places_m = np.stack([x[chosen], y[chosen]], -1)
+                placements.append(
+                    place(rng, kind, terrain, places_m, scale[chosen], follows_slope=True)
+                )
     return placements
 
 
@@ -162,9 +165,9 @@ def _hedge(
     kept &= np.hypot(x, y) < _REACH_M
     for point in path_m:
         kept &= np.hypot(x - point[0], y - point[1]) > _PATH_CLEARANCE_M
-    x, y = x[kept], y[kept]
-    scale = height_m / _SHRUB_HEIGHT_M * rng.uniform(0.85, 1.15, len(x))
-    return _place(rng, kind, terrain, x, y, scale)
+    places_m = np.stack([x, y], -1)[kept]
+    scale = height_m / _SHRUB_HEIGHT_M * rng.uniform(0.85, 1.15, len(places_m))
+    return place(rng, kind, terrain, places_m, scale)
 
 
 def _snow(rng: np.random.Generator, depth_m: float, terrain: Terrain, stems_m: Float) -> Float:
@@ -177,18 +180,3 @@ def _snow(rng: np.random.Generator, depth_m: float, terrain: Terrain, stems_m: F
         gap_m = np.maximum(np.hypot(x - stem_x, y - stem_y) - radius_m, 0)
         depths_m *= 1 - _WELL_SHARE * np.exp(-((gap_m / _WELL_M) ** 2))
     return np.asarray(depths_m)
-
-
-def _place(
-    rng: np.random.Generator, kind: str, terrain: Terrain, x: Float, y: Float, scale: Float
-) -> Placement:
-    turn = rng.uniform(0, 2 * np.pi, len(x))
-    hedge = kind.endswith("shrub")
-    return Placement(
-        kind,
-        np.stack([x, y, terrain.height_m(x, y)], -1),
-        yaw_rotations(turn) if hedge else slope_rotations(terrain, x, y, turn),
-        scale,
-        rng.uniform(0.75, 1.15, len(x)),
-        rng.random(len(x)),
-    )

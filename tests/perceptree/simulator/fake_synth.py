@@ -54,7 +54,7 @@ def draw_here(jobs: list[SceneJob], workers: int) -> Iterator[int]:
 
 def fake_frame(settings: SimulatorSettings, seed: int, number: int) -> LabelledFrame:
     """A frame of noise, a depth plane, and one or two posts."""
-    from perceptree.simulator.labelling.frame import LabelledFrame, PoseRecord, SceneRecord
+    from perceptree.simulator.labelling.frame import LabelledFrame, SceneRecord
     from perceptree.simulator.settings import GROUNDS, TIMES, WEATHERS
 
     rng = np.random.default_rng([seed, number])
@@ -74,14 +74,14 @@ def fake_frame(settings: SimulatorSettings, seed: int, number: int) -> LabelledF
         TIMES[seed % 4],
         bool(seed % 2),
     )
+    pose = SimpleNamespace(carrier="mast", height_m=2.5, pitch_deg=-10.0, roll_deg=1.0)
     return LabelledFrame(
         rng.integers(0, 255, (*shape, 3), np.uint8),
         measured,
         exact,
         [fake_label(shape, rng, number) for number in range(1 + number % 2)],
-        SimpleNamespace(intrinsics=camera, up=np.array([0.0, -1.0, 0.0])),
+        SimpleNamespace(intrinsics=camera, up=np.array([0.0, -1.0, 0.0]), pose=pose),
         scene,
-        PoseRecord("mast", 2.5, -10.0, 1.0),
         {"kind": "tof", "baseline_m": 0.0, "noise": 0.00025, "range_m": 9.0},
     )
 

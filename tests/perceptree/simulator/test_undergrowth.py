@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from perceptree.simulator.geometry.undergrowth import UNDERGROWTH
+from perceptree.simulator.geometry.prototypes import UNDERGROWTH
 from perceptree.simulator.materials.ground import ground_layers
 from perceptree.simulator.materials.layers import SIZE_PX, Layer
 from perceptree.simulator.materials.plants import plant_layers
