@@ -12,15 +12,14 @@ from typing import Any, Final, Literal
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from basetree.arrays import Float, Float32
 from basetree.files.writing import write_text
 from calib.camera import PinholeCamera
 from calib.errors import CameraError, DepthError
 from calib.files.text import parse_record
 from calib.points import pixels_to_rays
-
-Float = NDArray[np.floating[Any]]
 
 SCHEMA: Final = "calib.depth_scale/1"
 _EXPECTED: Final = "a depth scale as JSON"
@@ -108,7 +107,7 @@ class DepthScale:
         if not -1 <= self.correlation <= 1:
             raise DepthError(f"correlation is {self.correlation}: expected -1 to 1")
 
-    def apply(self, depth_m: NDArray[np.floating[Any]]) -> NDArray[np.float32]:
+    def apply(self, depth_m: Float) -> Float32:
         """Correct (...) readings in metres.
 
         Args:
@@ -168,7 +167,7 @@ def read_target(
     camera: PinholeCamera,
     pose: Sequence[float],
     points_px: ArrayLike,
-    depth_m: NDArray[np.floating[Any]],
+    depth_m: Float,
 ) -> TargetReadings:
     """Collect the readings on a calibration board with a known pose.
 

@@ -6,17 +6,15 @@ The formulas are OpenCV's: ``cv2.projectPoints`` (Brown-Conrady with the rationa
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Float
 from calib.lens_models import FISHEYE
 
 if TYPE_CHECKING:
     from calib.camera import PinholeCamera
-
-Float = NDArray[np.floating[Any]]
 
 _MAX_STEPS = 12
 _CONVERGED = 1e-9  # convergence is quadratic: the next step would be below rounding

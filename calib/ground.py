@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from basetree.arrays import Bool, Float, Index
 from basetree.errors import InputError
 from calib.ground_cloud import GroundCloud
-
-Float = NDArray[np.floating[Any]]
-Flags = NDArray[np.bool_]
 
 CAMERA_UP = (0.0, -1.0, 0.0)
 _MIN_POINTS = 12
@@ -119,7 +117,7 @@ def fit_ground_plane(
 
 def fit_ground_planes(
     points_m: Float,
-    usable: Flags,
+    usable: Bool,
     up: ArrayLike | None = None,
     max_slope_deg: float = 45.0,
     tolerance_m: float = 0.06,
@@ -194,14 +192,14 @@ class _Fits(NamedTuple):
         above: (T,) shares of the points that are above the planes.
     """
 
-    usable: NDArray[np.intp]
-    flat: Flags
+    usable: Index
+    flat: Bool
     variances: Float
     axes: Float
     centre: Float
     normal: Float
     offset: Float
-    support: Flags
+    support: Bool
     weight: Float
     above: Float
 

@@ -7,12 +7,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Bool, Float
 from calib.masks import encode_rle, mask_polygons
 from calib.pixels import image_to_opencv
-
-Float = NDArray[np.floating[Any]]
 
 _LABELLED = 2  # COCO's visibility flag: labelled and visible
 _CATEGORY_ID = 1
@@ -52,7 +50,7 @@ class CocoLabels:
         self,
         box_px: Float,
         score: float,
-        mask: NDArray[np.bool_] | None = None,
+        mask: Bool | None = None,
         keypoints_px: Float | None = None,
     ) -> None:
         """Add an object to the current image.
@@ -110,7 +108,7 @@ class CocoLabels:
         }
 
 
-def _box_mask(box_px: Float, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+def _box_mask(box_px: Float, shape: tuple[int, ...]) -> Bool:
     """Return the (H, W) mask of all pixels that a box touches."""
     mask = np.zeros(shape, np.bool_)
     (x0, y0), (x1, y1) = np.floor(box_px[:2]).astype(int), np.ceil(box_px[2:]).astype(int)

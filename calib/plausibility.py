@@ -9,10 +9,9 @@ from __future__ import annotations
 import copy
 import math
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calib.distortion import distort, undistort
 from calib.errors import CameraError
@@ -20,8 +19,6 @@ from calib.lens_models import FISHEYE, RADTAN
 
 if TYPE_CHECKING:
     from calib.camera import PinholeCamera
-
-Float = NDArray[np.floating[Any]]
 
 _LARGEST_PX = 100_000
 # Fields of view of any lens, and of usual ones

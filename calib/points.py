@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from basetree.arrays import Float
 from calib.camera import PinholeCamera
 from calib.distortion import distort, undistort
 from calib.errors import CameraError
-
-Float = NDArray[np.floating[Any]]
 
 _BLOCK = 8192  # points per block: small enough for the processor's cache
 _CACHED_CAMERAS = 4
@@ -108,7 +106,7 @@ def image_rays(camera: PinholeCamera) -> tuple[Float, Float]:
     return x, y
 
 
-def depth_to_points(camera: PinholeCamera, depth_m: NDArray[np.floating[Any]]) -> Float:
+def depth_to_points(camera: PinholeCamera, depth_m: Float) -> Float:
     """Convert a depth map to camera points.
 
     Args:
@@ -130,7 +128,7 @@ def depth_to_points(camera: PinholeCamera, depth_m: NDArray[np.floating[Any]]) -
     return points
 
 
-def check_size(camera: PinholeCamera, depth_m: NDArray[np.floating[Any]]) -> None:
+def check_size(camera: PinholeCamera, depth_m: Float) -> None:
     """Check that an (H, W) depth map has the camera's size.
 
     Raises:

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, Final, Protocol
+from typing import Final, Protocol
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Float, UInt8
 from basetree.errors import InputError
 from calib.pixels import opencv_to_image
-
-Float = NDArray[np.floating[Any]]
-Grey = NDArray[np.uint8]
 
 LEAST_POINTS: Final = 8
 _MAX_COUNT, _MAX_LENGTH_M = 100, 2.0
@@ -26,7 +23,7 @@ _SEARCH_SIZE_PX, _MIN_BLOB_PX2 = 1600, 25.0
 class Board(Protocol):
     """A flat calibration target with points at known positions."""
 
-    def detect(self, grey: Grey) -> tuple[Float, Float] | None:
+    def detect(self, grey: UInt8) -> tuple[Float, Float] | None:
         """Find the board in an (H, W) uint8 image.
 
         Returns:
@@ -56,7 +53,7 @@ class Checkerboard:
         _check_counts(self.columns, self.rows, "inner corners")
         _check_lengths(square_m=self.square_m)
 
-    def detect(self, grey: Grey) -> tuple[Float, Float] | None:
+    def detect(self, grey: UInt8) -> tuple[Float, Float] | None:
         """Find the board; see ``Board.detect``.
 
         Large images are searched at a reduced size. The corners of ``findChessboardCornersSB`` are
@@ -116,7 +113,7 @@ class CharucoBoard:
                 f" {self.columns}x{self.rows} squares"
             )
 
-    def detect(self, grey: Grey) -> tuple[Float, Float] | None:
+    def detect(self, grey: UInt8) -> tuple[Float, Float] | None:
         """Find the board; see ``Board.detect``.
 
         The corners are refined again because some versions of OpenCV return them half a pixel off.
@@ -163,7 +160,7 @@ class CircleGrid:
         _check_counts(self.columns, self.rows, "circles")
         _check_lengths(spacing_m=self.spacing_m)
 
-    def detect(self, grey: Grey) -> tuple[Float, Float] | None:
+    def detect(self, grey: UInt8) -> tuple[Float, Float] | None:
         """Find the board; see ``Board.detect``."""
         kind = cv2.CALIB_CB_ASYMMETRIC_GRID if self.asymmetric else cv2.CALIB_CB_SYMMETRIC_GRID
         blobs = cv2.SimpleBlobDetector.Params()
@@ -229,7 +226,7 @@ def _min_spacing_px(grid_px: Float) -> float:
     return float(min(along.min(), across.min()))
 
 
-def _refine_corners(grey: Grey, corners_px: Float, window_px: float) -> Float:
+def _refine_corners(grey: UInt8, corners_px: Float, window_px: float) -> Float:
     """Refine corners, in OpenCV's px, to sub-pixel accuracy on the image gradients."""
     half = int(np.clip(window_px, _MIN_WINDOW_PX, _MAX_WINDOW_PX))
     corners = np.array(corners_px, np.float32).reshape(-1, 1, 2)  # OpenCV changes it in place

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from basetree.arrays import Float, Float32
 from calib.errors import DepthError
 
 _MAX_MEDIAN_M = 60.0
@@ -91,9 +92,7 @@ def _implausible(nearest: float, median: float, farthest: float, at_maximum: flo
     return ""
 
 
-def mask_by_confidence(
-    depth_m: NDArray[np.floating[Any]], confidence: NDArray[Any], least: float
-) -> NDArray[np.float32]:
+def mask_by_confidence(depth_m: Float, confidence: NDArray[Any], least: float) -> Float32:
     """Set readings with low confidence to 0.
 
     Args:

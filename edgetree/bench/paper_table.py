@@ -81,7 +81,6 @@ PAPER: Final[dict[str, PaperRow]] = {
     "x101-32x8d": _X101,
 }
 
-
 _WIDTHS: Final = (10, 7, 6, 7, 6, 7, 8, 8, 8, 7, 7, 6, 6, 7)
 # Headings, and the number of columns that each spans.
 _GROUPS: Final = (("", 1), (" classifier, 224x224 ", 4), (" this file ", 4), (" this machine ", 5))

@@ -14,14 +14,12 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Bool, Float
 from edgetree.check.quantities import BIAS_STDS, Comparison, Share
 from edgetree.measure import Estimate, Failure, MeasureSettings
 
 __all__ = ["FITTED_SETTINGS", "MIN_STEMS", "ErrorFit", "fit_errors"]
-
-Float = NDArray[np.floating[Any]]
 
 MIN_STEMS: Final = 20
 """Fewest stems for a fit: the factor is then known to about 17 %."""
@@ -91,7 +89,7 @@ class _Data:
     caliper_m: Float
     caliper_std_m: Float
 
-    def take(self, chosen: NDArray[np.bool_]) -> _Data:
+    def take(self, chosen: Bool) -> _Data:
         return _Data(*(values[chosen] for values in vars(self).values()))
 
     def variance(self, scale: float, factor: float) -> Float:
@@ -99,7 +97,7 @@ class _Data:
         caliper, measured = scale * self.caliper_std_m, factor * self.measured_std_m
         return np.asarray(caliper**2 + measured**2)
 
-    def covered(self, scale: float, factor: float) -> NDArray[np.bool_]:
+    def covered(self, scale: float, factor: float) -> Bool:
         error = np.abs(self.measured_m - scale * self.caliper_m)
         return np.asarray(error <= _NORMAL_975 * np.sqrt(self.variance(scale, factor)))
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Float
 from edgetree.check.matching import Pair
 from edgetree.measure import Estimate, Failure
 
@@ -23,8 +23,6 @@ __all__ = [
     "Share",
     "check_quantity",
 ]
-
-Float = NDArray[np.floating[Any]]
 
 MIN_COVERAGE: Final = 0.9
 """The check fails if the 95 % intervals hold clearly less than this share of the readings."""

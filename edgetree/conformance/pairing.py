@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Float64
 from calib import box_iou
 from edgetree.conformance.results import FoundTree, FrameTrees
 
@@ -76,7 +76,7 @@ def _match(expected: Sequence[FoundTree], found: Sequence[FoundTree]) -> list[tu
     return sorted(pairs)
 
 
-def _boxes(trees: Sequence[FoundTree]) -> NDArray[np.float64]:
+def _boxes(trees: Sequence[FoundTree]) -> Float64:
     return np.array([tree.box_px for tree in trees], np.float64).reshape(-1, 4)
 
 

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import UInt8
 from edgetree.export.float16 import to_float16
 from edgetree.export.frames import frames_sha256, input_shape
 from edgetree.export.quantise import quantise, weight_bits
@@ -59,7 +59,7 @@ class ExportSource:
 
     model: TreeRCNN
     training_data: str
-    calibration_frames: NDArray[np.uint8] | None = None
+    calibration_frames: UInt8 | None = None
     training_pictures: tuple[UsualRange, ...] = ()
 
 

@@ -6,9 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from basetree.arrays import UInt8
 from basetree.errors import InputError, MissingPackage, install_hint
 from edgetree.export.frames import sample_inputs
 from edgetree.export.settings import PRECISIONS, ExportSettings
@@ -155,7 +153,7 @@ def untrained_model(preset: str, modality: str, settings: ExportSettings) -> Tre
     return model
 
 
-def _fit_batch_norms(model: TreeRCNN, images: NDArray[np.uint8]) -> None:
+def _fit_batch_norms(model: TreeRCNN, images: UInt8) -> None:
     import torch
     from torch import nn
 
@@ -168,7 +166,7 @@ def _fit_batch_norms(model: TreeRCNN, images: NDArray[np.uint8]) -> None:
     model.eval()
 
 
-def _scale_last_layers(model: TreeRCNN, image: NDArray[np.uint8]) -> None:
+def _scale_last_layers(model: TreeRCNN, image: UInt8) -> None:
     """Scale the weights of the last layers to outputs of the standard deviation `_LOGIT_STD`.
 
     Each layer is scaled when the model first calls it, so that later layers get scaled inputs.

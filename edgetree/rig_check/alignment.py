@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Float
 from calib import PinholeCamera
 from edgetree.measure import Estimate
 from edgetree.rig_check.checks import RigCheck, judged
@@ -17,8 +17,6 @@ from edgetree.rig_check.peak_fit import PeakFit, Profiles, fit_peak, search_peak
 from edgetree.rig_check.silhouettes import Silhouettes, reach_px
 
 __all__ = ["GROUP", "FrameSilhouettes", "alignment_checks"]
-
-Float = NDArray[np.floating[Any]]
 
 GROUP: Final = "alignment of depth to colour"
 

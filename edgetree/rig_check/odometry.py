@@ -9,18 +9,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Float
 from edgetree.measure import Estimate
 from edgetree.rig_check.checks import RigCheck, judged
 from edgetree.rig_check.stem_sightings import Sighting, level_axes
 
 __all__ = ["GROUP", "odometry_checks"]
-
-Float = NDArray[np.floating[Any]]
 
 GROUP: Final = "scale against the machine's motion"
 

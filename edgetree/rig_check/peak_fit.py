@@ -8,14 +8,13 @@ normal distribution, first with a wide one to find the peak and then with a narr
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
+
+from basetree.arrays import Float, Index
 
 __all__ = ["PeakFit", "Profiles", "fit_peak", "search_peak"]
-
-Float = NDArray[np.floating[Any]]
 
 _SIGMAS_PX: Final = (4.0, 3.0, 2.0, 1.5)
 _STEPS: Final = 30
@@ -39,7 +38,7 @@ class Profiles:
 
     gradient: Float
     regressors: Float
-    block: NDArray[np.intp]
+    block: Index
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +158,7 @@ def _climb(smooth: tuple[Float, Float, Float], rows: Float, values: Float) -> Fl
 
 
 def _block_derivatives(
-    smooth: tuple[Float, Float, Float], rows: Float, values: Float, block: NDArray[np.intp]
+    smooth: tuple[Float, Float, Float], rows: Float, values: Float, block: Index
 ) -> tuple[Float, Float]:
     """Gradients (B, P) and negative Hessians (B, P, P) of the sums over each block."""
     _, slope, bend = _at(smooth, rows @ values)

@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from basetree.arrays import UInt8
 from calib import DepthFailure, check_depth
 from edgetree.live.frames import REMARKS, LiveFrame
 from edgetree.rig_check.checks import HOLDS, NO, UNKNOWN, RigCheck, Verdict
@@ -142,7 +143,7 @@ def _is_same(first: NDArray[Any] | None, second: NDArray[Any] | None) -> bool:
     return first is not None and second is not None and np.array_equal(first, second)
 
 
-def _difference(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> float:
+def _difference(first: UInt8, second: UInt8) -> float:
     """Mean difference of two pictures in grey levels, on some of their pixels."""
     a, b = (each[::_SAMPLED, ::_SAMPLED].astype(np.int16) for each in (first, second))
     return float(np.abs(a - b).mean())

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import calib
+from basetree.arrays import Float32
 from basetree.errors import InputError
 from edgetree.errors import ModelFileError
 from edgetree.model_file.manifest import METADATA_KEY, Manifest, standard_outputs
@@ -33,10 +34,10 @@ class ImageOutputs:
         masks: (N, 28, 28) probabilities on a grid over the box; None if the model has no masks.
     """
 
-    boxes: NDArray[np.float32]
-    scores: NDArray[np.float32]
-    keypoints: NDArray[np.float32] | None
-    masks: NDArray[np.float32] | None
+    boxes: Float32
+    scores: Float32
+    keypoints: Float32 | None
+    masks: Float32 | None
 
 
 def read_manifest(session: InferenceSession) -> Manifest:

@@ -12,6 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from basetree.arrays import Float32
 from edgetree.detections import MASK_SIZE
 from edgetree.errors import ModelFileError
 from edgetree.model_file.manifest import METADATA_KEY, Manifest
@@ -212,10 +213,10 @@ class FakeSession:
     def with_trees(
         cls,
         manifest: Manifest,
-        boxes: NDArray[np.float32],
-        scores: NDArray[np.float32],
-        keypoints: NDArray[np.float32] | None = None,
-        masks: NDArray[np.float32] | None = None,
+        boxes: Float32,
+        scores: Float32,
+        keypoints: Float32 | None = None,
+        masks: Float32 | None = None,
     ) -> FakeSession:
         """A session that returns the same trees for every image.
 
@@ -227,7 +228,7 @@ class FakeSession:
             masks: (N, 28, 28) probabilities; ones if None.
         """
         count = len(scores)
-        given: dict[str, NDArray[np.float32] | None] = {
+        given: dict[str, Float32 | None] = {
             "boxes": boxes,
             "scores": scores,
             "keypoints": keypoints,

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
+
+from basetree.arrays import Bool, Float, Index
 
 __all__ = ["chi_squares", "match_greedily", "quadratic"]
-
-Float = NDArray[np.floating[Any]]
-Index = NDArray[np.intp]
 
 
 def quadratic(offset: Float, covariance: Float) -> Float:
@@ -57,7 +53,7 @@ def chi_squares(
     return quadratic(at - points[:, :2], total), vague
 
 
-def match_greedily(cost: Float, allowed: NDArray[np.bool_]) -> tuple[Index, Index]:
+def match_greedily(cost: Float, allowed: Bool) -> tuple[Index, Index]:
     """Match rows and columns one to one, the lowest cost first.
 
     Stems stand further apart than a gate is wide, so that few have a choice. For those, an optimal

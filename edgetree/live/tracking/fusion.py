@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
+from basetree.arrays import Float, Index
 from edgetree.live.tracking.settings import TrackingSettings
 from edgetree.live.tracking.sightings import Sightings
 
 __all__ = ["FUSED", "add_views"]
-
-Float = NDArray[np.floating[Any]]
-Index = NDArray[np.intp]
 
 # Distinct views that are kept apart for one stem. Later ones count to the nearest of these.
 _MAX_VIEWS = 40
@@ -169,7 +165,7 @@ def _fuse_values(stems: NDArray[np.void], rows: Index, settings: TrackingSetting
     stems["spread"][rows] = np.stack([lowest, highest], -1)
 
 
-def _worst_ratio(degrees: NDArray[np.intp]) -> Float:
+def _worst_ratio(degrees: Index) -> Float:
     """99.9 % quantile of chi-square per degree of freedom (Wilson and Hilferty's approximation)."""
     part = 2.0 / (9.0 * np.maximum(degrees, 1))
     return np.asarray(np.minimum((1 - part + 3.09 * np.sqrt(part)) ** 3, _WORST_CHI_SQUARE))

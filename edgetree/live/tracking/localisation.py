@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Float
 from edgetree.live.tracking.association import chi_squares, match_greedily
 from edgetree.live.tracking.motion import CameraMotion
 from edgetree.live.tracking.registration import find_place, refine_place
@@ -15,8 +14,6 @@ from edgetree.live.tracking.sightings import DIAMETER, Sightings
 from edgetree.live.tracking.stems import StemMap
 
 __all__ = ["locate", "match_costs"]
-
-Float = NDArray[np.floating[Any]]
 
 # Largest part of a difference of diameters in the cost of a match, as a chi-square: diameters
 # decide between stems that are near each other, but refuse none.

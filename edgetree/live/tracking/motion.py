@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Float
 from calib import RigidTransform
 from edgetree.live.tracking.settings import TrackingSettings
 
 __all__ = ["CameraMotion"]
-
-Float = NDArray[np.floating[Any]]
 
 # Standard deviation of the change of the camera's height, m per square root of a second.
 _CLIMB_M = 0.15

@@ -6,15 +6,13 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Float
 from basetree.errors import MissingPackage, install_hint
 from calib import PinholeCamera, RigidTransform, pixels_to_rays
 from edgetree.live.frames import LiveFrame
 
 __all__ = ["CameraStep", "DepthOdometry"]
-
-Float = NDArray[np.floating[Any]]
 
 # Every so manieth pixel is used that some 7,000 of an image are left.
 _PIXELS: Final = 7_000

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Bool, Float, Index
 from edgetree.live.tracking.association import quadratic
 from edgetree.live.tracking.motion import CameraMotion
 
 __all__ = ["find_place", "refine_place"]
-
-Float = NDArray[np.floating[Any]]
-Flags = NDArray[np.bool_]
 
 _ROUNDS = 2
 # Residuals beyond this many standard deviations count less (Huber).
@@ -80,7 +75,7 @@ def find_place(
     followed_std_m: Float,
     seen: Float,
     seen_std_m: Float,
-    alike: Flags,
+    alike: Bool,
     *,
     lost: bool,
 ) -> Float | None:
@@ -140,7 +135,7 @@ def find_place(
     return np.asarray(motion.state[:3] + off[winner])
 
 
-def _within_reach(motion: CameraMotion, followed: Float, seen: Float, lost: bool) -> Flags:
+def _within_reach(motion: CameraMotion, followed: Float, seen: Float, lost: bool) -> Bool:
     """(T, M) pairs that the prediction allows."""
     if lost:
         return np.ones((len(followed), len(seen)), np.bool_)
@@ -159,9 +154,9 @@ def _trials(
     followed_std_m: Float,
     seen: Float,
     seen_std_m: Float,
-    rows: NDArray[np.intp],
-    columns: NDArray[np.intp],
-) -> NDArray[np.intp]:
+    rows: Index,
+    columns: Index,
+) -> Index:
     """(H, 2) pairs of candidates whose stems are equally far apart in the map and in the frame."""
     first, second = np.triu_indices(len(rows), 1)
     different = (rows[first] != rows[second]) & (columns[first] != columns[second])

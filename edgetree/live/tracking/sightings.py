@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Float, Index
 from edgetree.live.tracking.motion import CameraMotion
 from edgetree.measure import Estimate, Failure, StemAxis, TreeMeasurement
 
 __all__ = ["CUT_LEVEL", "DIAMETER", "QUANTITIES", "Sightings", "level_rotation"]
-
-Float = NDArray[np.floating[Any]]
 
 QUANTITIES: Final = ("diameter_m", "dbh_m", "cut_height_m", "inclination_deg")
 """The scalar quantities that are fused; the height of the cut in the map follows them."""
@@ -44,7 +42,7 @@ class Sightings:
         stds: (M, 5) their standard deviations; infinite where unknown.
     """
 
-    tree: NDArray[np.intp]
+    tree: Index
     point_m: Float
     line: Float
     line_covariance: Float
@@ -54,7 +52,7 @@ class Sightings:
     def __len__(self) -> int:
         return len(self.tree)
 
-    def select(self, rows: NDArray[np.intp]) -> Sightings:
+    def select(self, rows: Index) -> Sightings:
         """Some of the sightings."""
         arrays = (self.point_m, self.line, self.line_covariance, self.values, self.stds)
         return Sightings(self.tree[rows], *(array[rows] for array in arrays))

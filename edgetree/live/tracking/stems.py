@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Bool, Float, Index
 from edgetree.live.tracking.fusion import FUSED, add_views
 from edgetree.live.tracking.motion import CameraMotion
 from edgetree.live.tracking.settings import TrackingSettings
@@ -14,9 +12,6 @@ from edgetree.live.tracking.sightings import CUT_LEVEL, DIAMETER, QUANTITIES, Si
 from edgetree.measure import Failure, TreeMeasurement
 
 __all__ = ["StemMap"]
-
-Float = NDArray[np.floating[Any]]
-Index = NDArray[np.intp]
 
 # A stem that is not confirmed is kept for at least this many frames without it.
 _MISSED_FRAMES = 3
@@ -58,7 +53,7 @@ class StemMap:
         return len(self.rows)
 
     @property
-    def confirmed(self) -> NDArray[np.bool_]:
+    def confirmed(self) -> Bool:
         """(T,) whether enough frames agree."""
         return np.asarray(self.rows["frames"] >= self._settings.confirm_frames)
 
@@ -75,7 +70,7 @@ class StemMap:
         if gone.any():
             self._keep(~gone)
 
-    def _keep(self, kept: NDArray[np.bool_]) -> None:
+    def _keep(self, kept: Bool) -> None:
         self.rows = self.rows[kept]
         self.reasons = [
             reason for reason, keep in zip(self.reasons, kept.tolist(), strict=True) if keep
@@ -155,7 +150,7 @@ class StemMap:
         at = self.rows["line"][:, None, :2] + rise * self.rows["line"][:, None, 2:]
         return np.asarray(at)
 
-    def overlap(self, seen: Sightings) -> NDArray[np.bool_]:
+    def overlap(self, seen: Sightings) -> Bool:
         """(M,) whether a stem of this frame stands where the sighting is.
 
         Stems do not overlap, so that such a sighting is a second detection of the same stem.

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import logging
 import math
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Bool, Float
 from basetree.errors import InputError
 from calib import RigidTransform, pixels_to_rays
 from edgetree.detections import TreeDetections
@@ -26,8 +25,6 @@ from edgetree.live.tracking.tracks import TreeTrack
 from edgetree.measure import TreeMeasurement
 
 __all__ = ["StemTracker"]
-
-Float = NDArray[np.floating[Any]]
 
 _LOG = logging.getLogger(__name__)
 
@@ -159,7 +156,7 @@ class StemTracker:
         if len(seen) and not locate(self._motion, self._stems, seen, lost, self._settings.gate):
             self._begin_map("nothing tells how the camera moved")
 
-    def _may_contradict(self, seen: Sightings, chi_square: Float) -> NDArray[np.bool_]:
+    def _may_contradict(self, seen: Sightings, chi_square: Float) -> Bool:
         """(T, M) whether sightings that do not match may yet be of the stems."""
         to_stem, to_seen = self._stems.places_at(seen), seen.line[:, :2] - self._motion.state[:2]
         distance_m = np.hypot(*to_seen.T)
@@ -215,7 +212,7 @@ class StemTracker:
         self._mapped |= len(stems) > 0
 
     def _follow_contradicting(
-        self, seen: Sightings, chi_square: Float, free: NDArray[np.bool_], time_s: float
+        self, seen: Sightings, chi_square: Float, free: Bool, time_s: float
     ) -> None:
         """Find the stems of sightings that contradict them, and split those that do so for long.
 
