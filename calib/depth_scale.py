@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from basetree.arrays import Float, Float32
+from basetree.files.json import json_text
 from basetree.files.writing import write_text
 from calib.camera import PinholeCamera
 from calib.errors import CameraError, DepthError
@@ -389,5 +389,4 @@ def save_depth_scale(path: Path | str, depth_scale: DepthScale) -> None:
     Raises:
         InputFileError: If the file cannot be written.
     """
-    text = json.dumps({"schema": SCHEMA, **depth_scale.to_dict()}, indent=1)
-    write_text(Path(path), f"{text}\n")
+    write_text(Path(path), json_text(SCHEMA, depth_scale.to_dict()))

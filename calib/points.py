@@ -35,7 +35,7 @@ def pixels_to_rays(camera: PinholeCamera, xy_px: ArrayLike) -> Float:
         x: Float = (flat[block, 0] - 0.5 - camera.cx) / camera.fx
         y: Float = (flat[block, 1] - 0.5 - camera.cy) / camera.fy
         if camera.distortion:
-            x, y = undistort(camera, x, y)
+            x, y = undistort(camera.lens, x, y)
         rays[block, 0], rays[block, 1] = x, y
     return rays.reshape(*pixels.shape[:-1], 3)
 
@@ -75,7 +75,7 @@ def _project(camera: PinholeCamera, points: Float, pixels: Float) -> None:
     x: Float = points[:, 0] / z
     y: Float = points[:, 1] / z
     if camera.distortion:
-        x, y = distort(camera, x, y)
+        x, y = distort(camera.lens, x, y)
     x *= camera.fx
     x += camera.cx
     y *= camera.fy

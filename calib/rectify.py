@@ -11,8 +11,8 @@ import numpy as np
 
 from basetree.arrays import Float, Float32, UInt8
 from calib.camera import PinholeCamera
+from calib.distortion import RADTAN
 from calib.errors import CameraError
-from calib.lens_models import RADTAN
 from calib.pixels import image_to_opencv
 from calib.points import check_size, image_rays, pixels_to_rays, project_points
 

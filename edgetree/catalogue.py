@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 import hashlib
-import json
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from basetree.errors import InputError
+from basetree.files.json import read_json
 from edgetree.errors import ModelFileError
 from edgetree.model_file.manifest import METADATA_KEY, Manifest
 from edgetree.model_file.safety_check import read_model_file
@@ -74,13 +74,7 @@ class KnownModel:
         path = self.path.with_suffix(".json")
         if not path.is_file():
             return None
-        expected = f"expected a card of schema {CARD_SCHEMA}"
-        try:
-            card = json.loads(path.read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            raise InputError(f"{path} cannot be read ({error}): {expected}") from error
-        if not isinstance(card, dict) or card.get("schema") != CARD_SCHEMA:
-            raise InputError(f"{path} has another schema: {expected}")
+        card = read_json(path, CARD_SCHEMA, "a card of a model")
         if card.get("model_sha256") != hashlib.sha256(self.path.read_bytes()).hexdigest():
             raise InputError(f"{path} is the card of another file than {self.path.name}")
         return card

@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 
 from basetree.arrays import Float
-from calib.lens_models import FISHEYE
+from calib.distortion import FISHEYE
 
 PARAMETERS: Final = {
     "radtan": ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3"),

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import logging
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from basetree.errors import InputFileError, short_line
+from basetree.files.json import json_text
+from basetree.files.reading import read_text
 from basetree.files.writing import write_text
 from calib.camera import PinholeCamera
 from calib.errors import CameraError
@@ -25,7 +26,7 @@ from calib.files import (
     zed,
 )
 from calib.files.fields import Values
-from calib.files.text import parse, read_text
+from calib.files.text import parse
 
 _log = logging.getLogger(__name__)
 _EXPECTED = "a camera file"
@@ -124,5 +125,4 @@ def save_camera(path: Path | str, camera: PinholeCamera) -> None:
     Raises:
         InputFileError: If the file cannot be written.
     """
-    text = json.dumps({"schema": own.SCHEMA, **camera.to_dict()}, indent=1)
-    write_text(Path(path), f"{text}\n")
+    write_text(Path(path), json_text(own.SCHEMA, camera.to_dict()))

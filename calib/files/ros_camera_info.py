@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from calib.camera import PinholeCamera
+from calib.distortion import FISHEYE, RADTAN
 from calib.files.fields import Values, camera, lens_model, matrix, numbers, one_of, size
-from calib.lens_models import FISHEYE, RADTAN
 
 MODELS = {"plumb_bob": RADTAN, "rational_polynomial": RADTAN, "equidistant": FISHEYE}
 

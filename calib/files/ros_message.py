@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from calib.camera import PinholeCamera
+from calib.distortion import RADTAN
 from calib.errors import CameraError
 from calib.files.fields import Values, camera, lens_model, matrix, number, numbers, one_of, size
 from calib.files.ros_camera_info import MODELS
-from calib.lens_models import RADTAN
 
 _CALIBRATION = ("width", "height", "distortion_model", "d", "D", "k", "K", "roi")
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from calib.camera import PinholeCamera
+from calib.distortion import FISHEYE, RADTAN
 from calib.errors import CameraError
 from calib.files.fields import Values, camera, lens_model, matrix, numbers, size
-from calib.lens_models import FISHEYE, RADTAN
 
 _MODELS = {"fisheye": FISHEYE, "equidistant": FISHEYE, "radtan": RADTAN, "plumb_bob": RADTAN}
 

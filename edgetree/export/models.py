@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 from basetree.arrays import UInt8
 from basetree.errors import InputError, MissingPackage, install_hint
+from basetree.files.json import build
 from edgetree.export.frames import sample_inputs
 from edgetree.export.settings import PRECISIONS, ExportSettings
-from edgetree.model_file.json_fields import build
 from edgetree.model_file.manifest import UsualRange
 
 if TYPE_CHECKING:
@@ -42,7 +42,6 @@ def load_model(checkpoint: Path) -> tuple[TreeRCNN, str, tuple[UsualRange, ...]]
         MissingPackage: a package that exporting needs is not installed.
         CheckpointError: the checkpoint cannot be read.
         InputError: what it tells of its training pictures is no range of numbers.
-        ModelFileError: the same, where a range is of other values.
     """
     _require_packages()
     from perceptree.models import load_checkpoint

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Final
 
 from basetree.errors import InputError
+from basetree.files.json import json_text
 from edgetree.errors import SignatureError
-from edgetree.signing.json_files import json_text, parse_json
+from edgetree.signing.json_files import parse_record
 
 __all__ = [
     "SCHEMA",
@@ -64,7 +65,7 @@ class Statement:
 
     def to_json(self) -> str:
         """The payload of a signature."""
-        return json_text(self, SCHEMA)
+        return json_text(SCHEMA, asdict(self))
 
 
 def _require(condition: bool, what: str, value: object, expected: str) -> None:
@@ -83,7 +84,7 @@ def parse_statement(payload: bytes) -> Statement:
         text = payload.decode()
     except UnicodeDecodeError as error:
         raise SignatureError(f"{where} is not a text in UTF-8") from error
-    return parse_json(Statement, text, where, SCHEMA)
+    return parse_record(Statement, text, where, SCHEMA)
 
 
 def time_text(time: datetime) -> str:

@@ -15,9 +15,10 @@ from pathlib import Path
 from typing import Final
 
 from basetree.errors import InputError, InputFileError
+from basetree.files.json import json_text
 from basetree.files.writing import write_whole
 from edgetree.errors import SignatureError
-from edgetree.signing.json_files import json_text, parse_json, read_small_text
+from edgetree.signing.json_files import parse_record, read_small_text
 from edgetree.signing.keys import KEY_BYTES, key_id
 from edgetree.signing.statement import parse_time
 
@@ -186,7 +187,7 @@ def read_trust_file(path: Path) -> TrustFile:
         raise SignatureError(
             f"trust file {path} cannot be read ({error.strerror}): expected {_EXPECTED}"
         ) from error
-    return parse_json(TrustFile, read_small_text(path, _EXPECTED), f"trust file {path}", SCHEMA)
+    return parse_record(TrustFile, read_small_text(path, _EXPECTED), f"trust file {path}", SCHEMA)
 
 
 def write_trust_file(path: Path, trust: TrustFile) -> None:
@@ -199,7 +200,7 @@ def write_trust_file(path: Path, trust: TrustFile) -> None:
         if not path.parent.is_dir():
             path.parent.mkdir(parents=True)
             path.parent.chmod(_FOLDER_READABLE_BY_ALL)
-        write_whole(path, json_text(trust, SCHEMA).encode(), _READABLE_BY_ALL)
+        write_whole(path, json_text(SCHEMA, dataclasses.asdict(trust)).encode(), _READABLE_BY_ALL)
     except InputFileError as error:
         raise InputError(str(error)) from error
     except OSError as error:

@@ -9,15 +9,16 @@ from __future__ import annotations
 import logging
 import os
 import sys
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Final
 
 from basetree.errors import InputFileError
+from basetree.files.json import json_text
 from basetree.files.writing import write_whole
 from edgetree.errors import SignatureError
-from edgetree.signing.json_files import json_text, parse_json, read_small_text
+from edgetree.signing.json_files import parse_record, read_small_text
 from edgetree.signing.statement import Statement, parse_time, time_text
 
 __all__ = ["UsedVersion", "UsedVersions", "check_version", "read_used", "record_use", "used_file"]
@@ -108,7 +109,7 @@ def read_used(path: Path) -> UsedVersions:
         raise SignatureError(
             f"{path} cannot be read ({error.strerror}): expected {_EXPECTED}"
         ) from error
-    return parse_json(UsedVersions, read_small_text(path, _EXPECTED), str(path), _SCHEMA)
+    return parse_record(UsedVersions, read_small_text(path, _EXPECTED), str(path), _SCHEMA)
 
 
 def check_version(statement: Statement, path: Path, used: UsedVersions, file: Path) -> None:
@@ -163,7 +164,7 @@ def record_use(statement: Statement, path: Path, now: datetime) -> None:
     entry = UsedVersion(statement.name, statement.version, statement.file_sha256)
     others = tuple(model for model in used.models if model.name != statement.name)
     models = (*others, entry) if is_new else used.models
-    text = json_text(UsedVersions(time_text(latest), models), _SCHEMA)
+    text = json_text(_SCHEMA, asdict(UsedVersions(time_text(latest), models)))
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, text.encode())

@@ -4,25 +4,25 @@ from __future__ import annotations
 
 import io
 import json
+import logging
 import re
 import socket
 import time
 from collections.abc import Callable
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from edgetree.live.page.access import Refusal
 from edgetree.live.page.document import page_html, security_headers
 from edgetree.live.page.feed import Shown
+from edgetree.live.page.http_server import PageHttpServer
 from edgetree.live.page.pictures import blank_jpeg
 from edgetree.live.page.reading import body_length, read_body, read_head
 
-if TYPE_CHECKING:
-    from edgetree.live.page.server import PageHttpServer
-
 __all__ = ["PageHandler"]
 
+_LOGGER: Final = logging.getLogger(__name__)
 _SEND_S: Final = 5.0  # a client that takes longer for one picture is disconnected
 _SEND_BUFFER_BYTES: Final = 262_144  # about two pictures: more would only be older when shown
 _EVENT_INTERVAL_S: Final = 0.1
@@ -219,7 +219,7 @@ class PageHandler(BaseHTTPRequestHandler):
 
     def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 (the library's name)
         """Log quietly, without the query, which may hold the token."""
-        self.server.logger.debug("%s %s", self.client_address[0], format % args)
+        _LOGGER.debug("%s %s", self.client_address[0], format % args)
 
 
 def _about(shown: Shown) -> dict[str, str]:
