@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from basetree.arrays import Float, Float32
 from basetree.files.json import json_text
 from basetree.files.writing import write_text
+from basetree.normal import MAD_TO_STD
 from calib.camera import PinholeCamera
 from calib.errors import CameraError, DepthError
 from calib.files.text import parse_record
@@ -27,7 +28,7 @@ _MIN_READINGS, _MIN_TARGETS, _MIN_DISTANCES = 50, 4, 3
 # Ratios: of distances that count as one, of farthest to nearest target, of their readings.
 _SAME_DISTANCE_RATIO, _MIN_DISTANCE_RATIO, _MIN_READING_RATIO = 1.1, 1.5, 1.2
 # Outliers lie more than _OUTLIER_STDS away; a standard deviation is taken as at least _STD_FLOOR.
-_MAD_TO_STD, _OUTLIER_STDS, _STD_FLOOR = 1.4826, 4.0, 0.002
+_OUTLIER_STDS, _STD_FLOOR = 4.0, 0.002
 
 
 @dataclass(frozen=True, eq=False)
@@ -259,7 +260,7 @@ def _mean_of(target: TargetReadings) -> _Mean | None:
         return None
     ratio = measured_m / true_m
     middle = float(np.median(ratio))
-    spread = _MAD_TO_STD * float(np.median(np.abs(ratio - middle)))
+    spread = MAD_TO_STD * float(np.median(np.abs(ratio - middle)))
     near = np.abs(ratio - middle) <= max(_OUTLIER_STDS * spread, _STD_FLOOR)
     true_m, measured_m = true_m[near], measured_m[near]
     along_m, off_m = true_m - true_m.mean(), measured_m - measured_m.mean()

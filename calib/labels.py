@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -25,7 +24,7 @@ class CocoLabels:
     Attributes:
         category: Name of the category.
         keypoint_names: Names of the category's keypoints, in order.
-        skeleton: Pairs of keypoint indices, from 0, to be joined by lines.
+        skeleton: Pairs of keypoint indices, from 0, to be joined by lines. COCO's begin with 1.
         description: Description of the data set.
         runs: Whether masks are written as exact COCO run lengths. The default is polygons, which
             more tools can edit.
@@ -98,7 +97,7 @@ class CocoLabels:
         category: dict[str, Any] = {"id": _CATEGORY_ID, "name": self.category, "supercategory": ""}
         if self.keypoint_names:
             category["keypoints"] = list(self.keypoint_names)
-            category["skeleton"] = _one_based(self.skeleton)
+            category["skeleton"] = [[first + 1, second + 1] for first, second in self.skeleton]
         return {
             "info": {"description": self.description},
             "licenses": [],
@@ -114,8 +113,3 @@ def _box_mask(box_px: Float, shape: tuple[int, ...]) -> Bool:
     (x0, y0), (x1, y1) = np.floor(box_px[:2]).astype(int), np.ceil(box_px[2:]).astype(int)
     mask[max(y0, 0) : y1, max(x0, 0) : x1] = True
     return mask
-
-
-def _one_based(skeleton: Sequence[tuple[int, int]]) -> list[list[int]]:
-    """Number the keypoints from 1, as COCO's skeleton does."""
-    return [[first + 1, second + 1] for first, second in skeleton]

@@ -25,7 +25,8 @@ def by_frame(documents: Sequence[Any]) -> dict[str, Values]:
     found: dict[str, Values] = {}
     different: dict[tuple[str, str], Values] = {}
     for message in documents:
-        different.setdefault((_frame(message), _calibration(message)), message)
+        calibration = repr([message.get(name) for name in _CALIBRATION])
+        different.setdefault((_frame(message), calibration), message)
     count: Counter[str] = Counter()
     for (frame, _), message in different.items():
         count[frame] += 1
@@ -70,11 +71,6 @@ def _frame(message: Values) -> str:
     header = message.get("header")
     frame = header.get("frame_id") if isinstance(header, Mapping) else None
     return str(frame or "")
-
-
-def _calibration(message: Values) -> str:
-    """Return the calibration as text, to compare messages."""
-    return repr([message.get(name) for name in _CALIBRATION])
 
 
 def _check_region(values: Values) -> None:

@@ -109,7 +109,8 @@ class Comparison:
             yield f"measured on different machines: {old}, then {new}"
         width = max((len(row.row) for row in self.rows), default=0)
         for row in self.rows:
-            yield f"{row.row:{width}}  {_times(row)}  {_verdict(row)}"
+            times = f"{row.old_ms:9.2f} ms {row.new_ms:9.2f} ms {100 * (row.ratio - 1):+7.1f} %"
+            yield f"{row.row:{width}}  {times}  {_verdict(row)}"
         for text, names in (("only in OLD", self.only_old), ("only in NEW", self.only_new)):
             yield from (f"{name}: {text}" for name in names)
 
@@ -184,10 +185,6 @@ def _lost(old: Record, new: Record) -> dict[str, float]:
         if was.get(name) is not None and now.get(name) is not None
     }
     return {name: fall for name, fall in falls.items() if fall > LEAST_AP}
-
-
-def _times(row: RowChange) -> str:
-    return f"{row.old_ms:9.2f} ms {row.new_ms:9.2f} ms {100 * (row.ratio - 1):+7.1f} %"
 
 
 def _verdict(row: RowChange) -> str:

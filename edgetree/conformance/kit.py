@@ -113,7 +113,8 @@ def make_kit(
         InputError: the model cannot be used, or the folder cannot be written.
     """
     check_is_file(model)
-    if folder.exists() and not (folder / _CONTENT).is_file() and any(_inside(folder)):
+    taken = folder.exists() and not (folder.is_dir() and not any(folder.iterdir()))
+    if taken and not (folder / _CONTENT).is_file():
         raise InputError(f"{folder} is not empty and not a kit: expected a new folder for the kit")
     reference = Reference(model, score_threshold=score_threshold)
     manifest, content = reference.manifest, model.read_bytes()
@@ -150,10 +151,6 @@ def make_kit(
             " writable one"
         ) from error
     return kit, expected
-
-
-def _inside(folder: Path) -> list[Path]:
-    return list(folder.iterdir()) if folder.is_dir() else [folder]
 
 
 def _write_frame(folder: Path, name: str, pixels: NDArray[Any]) -> KitFrame:

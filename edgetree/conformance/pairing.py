@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from basetree.arrays import Float64
+from basetree.matching import match_greedily
 from calib import box_iou
 from edgetree.conformance.results import FoundTree, FrameTrees
 
@@ -68,12 +69,8 @@ class Pairing:
 def _match(expected: Sequence[FoundTree], found: Sequence[FoundTree]) -> list[tuple[int, int]]:
     """Pairs of trees, those that overlap most first."""
     overlap = box_iou(_boxes(expected), _boxes(found))
-    pairs: list[tuple[int, int]] = []
-    while overlap.size and overlap.max() >= _MATCH_IOU:
-        row, column = (int(i) for i in np.unravel_index(int(overlap.argmax()), overlap.shape))
-        pairs.append((row, column))
-        overlap[row], overlap[:, column] = 0, 0
-    return sorted(pairs)
+    rows, columns = match_greedily(-overlap, overlap >= _MATCH_IOU)
+    return list(zip(rows.tolist(), columns.tolist(), strict=True))
 
 
 def _boxes(trees: Sequence[FoundTree]) -> Float64:

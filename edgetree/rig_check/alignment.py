@@ -94,16 +94,15 @@ def alignment_checks(frames: Sequence[FrameSilhouettes], camera: PinholeCamera) 
     )
     checks = []
     for column, (name, factor, systematic, limit, unit) in enumerate(rows):
-        estimate: Estimate | str = fit if isinstance(fit, str) else _scaled(fit, column, factor)
-        if isinstance(estimate, Estimate):
-            estimate = Estimate(estimate.value, math.hypot(estimate.std, systematic))
+        estimate: Estimate | str
+        if isinstance(fit, str):
+            estimate = fit
+        else:
+            std = math.hypot(float(fit.stds[column]) * factor, systematic)
+            estimate = Estimate(float(fit.values[column]) * factor, std)
         advice = _DELAY_ADVICE if unit == "ms" else _ADVICE
         checks.append(judged(name, GROUP, estimate, limit, unit, *advice))
     return checks
-
-
-def _scaled(fit: PeakFit, column: int, factor: float) -> Estimate:
-    return Estimate(float(fit.values[column]) * factor, float(fit.stds[column]) * factor)
 
 
 def _fit(frames: Sequence[FrameSilhouettes], camera: PinholeCamera) -> PeakFit | str:

@@ -7,6 +7,7 @@ normal distribution, first with a wide one to find the peak and then with a narr
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -92,7 +93,7 @@ def fit_peak(profiles: Profiles, start: Float) -> PeakFit:
         values[used] = _climb(smooth, rows, values[used])
     gradient, hessian = _block_derivatives(smooth, rows, values[used], profiles.block)
     stds = np.full(len(values), np.inf)
-    stds[used] = _resampled_stds(gradient, hessian)
+    stds[used] = _block_stds(gradient, hessian)
     level, _, _ = _at(smooth, rows @ values[used])
     around = float(profiles.gradient.mean())
     contrast = float(level.mean()) / around if around > _NO_GRADIENT else 0.0
@@ -170,16 +171,25 @@ def _block_derivatives(
     return np.array(gradient), np.array(hessian)
 
 
-def _resampled_stds(gradient: Float, hessian: Float) -> Float:
+def _block_stds(gradient: Float, hessian: Float) -> Float:
     """(P,) deviations of one Newton step each, over resampled blocks (bootstrap)."""
     count, parameters = gradient.shape
     total = hessian.sum(axis=0)
     scale = np.sqrt(np.maximum(np.diag(total), 1e-12))
     if count < 2 or np.linalg.eigvalsh(total / np.outer(scale, scale)).min() < 1e-3:
         return np.full(parameters, np.inf)
-    generator = np.random.default_rng(0)
-    times = generator.multinomial(count, np.full(count, 1 / count), _RESAMPLES)
-    slopes = times @ gradient
     # The Hessian of all: one of few blocks need not be invertible.
-    steps = np.linalg.solve(total, slopes.T).T
-    return np.asarray(steps.std(axis=0) * np.sqrt(count / (count - 1)))
+    return resampled_stds(gradient, total)
+
+
+def resampled_stds(gradient: Float, hessian: Float) -> Float:
+    """(P,) standard deviations of fitted parameters, by the bootstrap.
+
+    Args:
+        gradient: (B, P) of each block of data at the solution; their sum is 0.
+        hessian: (P, P) of all data.
+    """
+    count = len(gradient)
+    times = np.random.default_rng(0).multinomial(count, np.full(count, 1 / count), _RESAMPLES)
+    steps = np.linalg.solve(hessian, (times @ gradient).T).T
+    return np.asarray(steps.std(axis=0) * math.sqrt(count / (count - 1)))

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from basetree.arrays import Float, Index
+from edgetree.live.tracking.plane import wrapped
 from edgetree.live.tracking.settings import TrackingSettings
 from edgetree.live.tracking.sightings import Sightings
 
@@ -101,7 +102,7 @@ def _cells(
     views = stems["views"][rows]
     begun = min(int(views.max()) + 1, _MAX_VIEWS)
     turn = stems["angle_rad"][rows, :begun] - angle[:, None]
-    turn = np.abs((turn + np.pi) % (2 * np.pi) - np.pi) / np.radians(settings.view_angle_deg)
+    turn = np.abs(wrapped(turn)) / np.radians(settings.view_angle_deg)
     nearer = np.abs(stems["log_m"][rows, :begun] - log_m[:, None]) / np.log(
         settings.view_distance_ratio
     )

@@ -146,7 +146,11 @@ class StemMap:
 
     def places_at(self, seen: Sightings) -> Float:
         """(T, M, 2) places of the axes of all stems at the heights of sightings."""
-        rise = (seen.point_m[:, 2] - self.rows["reference_m"][:, None])[..., None]
+        return self._axes_at(seen.point_m[:, 2])
+
+    def _axes_at(self, height_m: Float) -> Float:
+        """(T, M, 2) places of the axes of all stems at M heights."""
+        rise = (height_m - self.rows["reference_m"][:, None])[..., None]
         at = self.rows["line"][:, None, :2] + rise * self.rows["line"][:, None, 2:]
         return np.asarray(at)
 
@@ -167,8 +171,7 @@ class StemMap:
         """
         rows = self.rows
         seen = np.flatnonzero(rows["tree"] >= 0)
-        rise = (rows["reference_m"][seen] - rows["reference_m"][:, None])[..., None]
-        at = rows["line"][:, None, :2] + rise * rows["line"][:, None, 2:]
+        at = self._axes_at(rows["reference_m"][seen])
         gap_m = np.linalg.norm(at - rows["line"][seen, :2], axis=-1)
         diameter_m = rows["values"][:, DIAMETER]
         within = gap_m < (diameter_m[:, None] + diameter_m[seen]) / 4

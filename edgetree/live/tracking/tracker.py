@@ -9,14 +9,15 @@ import numpy as np
 
 from basetree.arrays import Bool, Float
 from basetree.errors import InputError
+from basetree.matching import match_greedily
 from calib import RigidTransform, pixels_to_rays
 from edgetree.detections import TreeDetections
 from edgetree.live.frames import LiveFrame
-from edgetree.live.tracking.association import match_greedily
 from edgetree.live.tracking.ego_motion import EgoMotion
 from edgetree.live.tracking.localisation import locate, match_costs
 from edgetree.live.tracking.motion import CameraMotion
 from edgetree.live.tracking.odometry import DepthOdometry
+from edgetree.live.tracking.plane import wrapped
 from edgetree.live.tracking.reports import report_tracks
 from edgetree.live.tracking.settings import TrackingSettings
 from edgetree.live.tracking.sightings import Sightings
@@ -106,7 +107,7 @@ class StemTracker:
         self._camera.move(frame, measurements, step_s)
         doubt = self._border_doubt(trees)
         level, up_std_rad = self._camera.vertical.level, math.radians(self._camera.vertical.std_deg)
-        seen = Sightings.of(measurements, level, up_std_rad, doubt)
+        seen = Sightings.from_measurements(measurements, level, up_std_rad, doubt)
         self._stems.begin_frame()
         if frame.pose is None:
             self._find_motion(seen, step_s)
@@ -186,8 +187,7 @@ class StemTracker:
         bearing = np.unwrap(np.arctan2(sides[..., 1], sides[..., 0]), axis=1)
         middle, half = bearing.mean(1), np.abs(np.diff(bearing, axis=1)[:, 0]) / 2
         to_stem = (rows["line"][hidden, :2] - self._motion.state[:2]) @ self._motion.rotation()
-        off = np.arctan2(to_stem[:, 1], to_stem[:, 0])[:, None] - middle
-        off = np.abs((off + np.pi) % (2 * np.pi) - np.pi)
+        off = np.abs(wrapped(np.arctan2(to_stem[:, 1], to_stem[:, 0])[:, None] - middle))
         within = off < np.maximum(half, _MIN_HALF_WIDTH_RAD)
         within &= (np.hypot(*to_stem.T) < _MAX_UNMEASURED_M)[:, None]
         found, columns = match_greedily(off, within)
