@@ -8,8 +8,6 @@ import numpy as np
 
 from basetree.arrays import Bool, Float, Index
 
-__all__ = ["GroundCloud"]
-
 _TRIALS = 32
 _SCORED_POINTS = 60  # of each set, at least, for a trial plane
 # Trial planes go through the lowest points of this many cells in each horizontal direction.

@@ -16,20 +16,6 @@ from edgetree.errors import ModelFileError
 from edgetree.model_file.manifest import METADATA_KEY, Manifest
 from edgetree.model_file.safety_check import read_model_file
 
-__all__ = [
-    "CARD_SCHEMA",
-    "DEFAULTS",
-    "FOLDERS_VARIABLE",
-    "MODALITIES",
-    "KnownModel",
-    "default_model",
-    "find_model",
-    "hidden_models",
-    "known_models",
-    "other_model",
-    "suited_model",
-]
-
 DEFAULTS: Final = {"rgb": "edge-s-rgb", "depth": "edge-n-depth"}
 """The packaged model that "rgb" and "depth" stand for: of a command without --model, too."""
 MODALITIES: Final = tuple(DEFAULTS)

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from perceptree.data import FrameStore
     from perceptree.evaluation import Predict, RawDetections, Report
 
-__all__ = ["evaluate_file", "frames_for", "predict_with_file", "summary_of"]
-
 
 def evaluate_file(
     detector: TreeDetector,

@@ -1,4 +1,4 @@
-"""Calibration boards: their geometry and their detection in an image."""
+"""Calibration boards: their geometry, their detection in an image, and texts that describe them."""
 
 from __future__ import annotations
 
@@ -14,6 +14,12 @@ from basetree.errors import InputError
 from calib.pixels import opencv_to_image
 
 LEAST_POINTS: Final = 8
+BOARD_FORMS: Final = (
+    "checkerboard:9x6:0.025 (inner corners, side of a square in metres),"
+    " charuco:8x6:0.03:0.022:4x4_50 (squares, sides of square and marker, dictionary),"
+    " circles:7x5:0.02 or circles:4x11:0.02:asymmetric (circles per row x rows, row spacing"
+    " in metres)"
+)
 _MAX_COUNT, _MAX_LENGTH_M = 100, 2.0
 _WINDOW_SHARE, _MIN_WINDOW_PX, _MAX_WINDOW_PX = 0.35, 2, 30
 _REFINE_CRITERIA = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 40, 1e-3)
@@ -178,6 +184,32 @@ class CircleGrid:
         if self.asymmetric:
             object_m[:, 0] = 2 * object_m[:, 0] + object_m[:, 1] % 2
         return opencv_to_image(centres.reshape(-1, 2)), object_m * self.spacing_m
+
+
+def parse_board(text: str) -> Board:
+    """Create a board from a text in one of the forms of ``BOARD_FORMS``.
+
+    Raises:
+        InputError: If the text has no known form or a value is invalid; the message quotes it.
+    """
+    kind, *parts = text.strip().lower().split(":")
+    try:
+        if kind == "checkerboard" and len(parts) == 2:
+            return Checkerboard(*_counts(parts[0]), float(parts[1]))
+        if kind == "charuco" and len(parts) == 4:
+            return CharucoBoard(*_counts(parts[0]), float(parts[1]), float(parts[2]), parts[3])
+        if kind == "circles" and (len(parts) == 2 or parts[2:] == ["asymmetric"]):
+            return CircleGrid(*_counts(parts[0]), float(parts[1]), asymmetric=len(parts) == 3)
+    except InputError as error:
+        raise InputError(f"board {text!r}: {error}") from error
+    except ValueError:
+        pass
+    raise InputError(f"board is {text!r}: expected one such as {BOARD_FORMS}")
+
+
+def _counts(text: str) -> tuple[int, int]:
+    columns, rows = text.split("x")
+    return int(columns), int(rows)
 
 
 @cache

@@ -19,8 +19,6 @@ import numpy as np
 
 from basetree.errors import InputError
 
-__all__ = ["LEAST_AP", "LEAST_SHARE", "Comparison", "RowChange", "compare_results"]
-
 LEAST_SHARE: Final = 0.03
 """Smallest change of a time that counts, as a share of it."""
 LEAST_AP: Final = 0.1

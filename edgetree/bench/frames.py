@@ -17,8 +17,6 @@ from edgetree.frames.pipeline import image_for, open_frames, readable
 from edgetree.runtime.detector import TreeDetector
 from edgetree.samples import sample_frames
 
-__all__ = ["MOST_FRAMES", "BenchFrame", "bench_frames"]
-
 MOST_FRAMES: Final = 16
 
 

@@ -12,8 +12,6 @@ from typing import Final
 
 from edgetree.model_file.graph_rules import GraphNode
 
-__all__ = ["PARTS", "parts_of_nodes"]
-
 PARTS: Final = ("trunk", "pyramid", "proposals", "heads")
 """The parts of a network in the order in which they run."""
 

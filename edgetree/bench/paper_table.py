@@ -11,8 +11,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
-__all__ = ["PAPER", "PAPER_GPU", "PaperRow", "paper_lines"]
-
 PAPER_GPU: Final = "RTX 3090"
 _GIGA: Final = 1e9
 _MEGA: Final = 1e6

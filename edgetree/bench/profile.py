@@ -23,8 +23,6 @@ from edgetree.model_file.safety_check import read_model_file
 from edgetree.runtime.providers import PROVIDERS, SessionSettings, import_onnxruntime
 from edgetree.runtime.session import OrtSession
 
-__all__ = ["NetworkTimes", "Operator", "count_multiply_adds", "network_times"]
-
 _MOST_RUNS: Final = 5
 _FEWEST: Final = 2  # the first one warms up
 _LONGEST_S: Final = 4.0

@@ -11,16 +11,6 @@ from typing import Any, Final
 from basetree.files.json import read_json
 from edgetree.bench.paper_table import PAPER, PAPER_GPU
 
-__all__ = [
-    "SCHEMA",
-    "csv_text",
-    "make_result",
-    "markdown_text",
-    "notes",
-    "read_result",
-    "size_text",
-]
-
 SCHEMA: Final = "edgetree.bench/2"
 
 Record = Mapping[str, Any]

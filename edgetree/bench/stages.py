@@ -15,8 +15,6 @@ from edgetree.bench.network_parts import PARTS
 from edgetree.runtime.detector import TreeDetector
 from edgetree.runtime.session import OrtSession
 
-__all__ = ["STAGES", "stages_ms"]
-
 STAGES: Final = ("decode", "pre", *PARTS, "post", "measure")
 """Stages of a frame: read and decode the file; resize and encode; the parts of the network; check
 the outputs, select trees and map them to the image; measure them in metres."""

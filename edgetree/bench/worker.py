@@ -30,8 +30,6 @@ from edgetree.runtime.detector import TreeDetector
 from edgetree.runtime.providers import SessionSettings
 from edgetree.runtime.session import OrtSession
 
-__all__ = ["Job", "main"]
-
 _HEAT_POINTS: Final = 60
 _SHORTEST_POINT_S: Final = 1.0
 

@@ -20,8 +20,6 @@ from basetree.normal import MEDIAN_ABS_NORMAL, NORMAL_975
 from edgetree.check.quantities import BIAS_STDS, Comparison, Share
 from edgetree.measure import Estimate, Failure, MeasureSettings
 
-__all__ = ["FITTED_SETTINGS", "MIN_STEMS", "ErrorFit", "fit_errors"]
-
 MIN_STEMS: Final = 20
 """Fewest stems for a fit: the factor is then known to about 17 %."""
 

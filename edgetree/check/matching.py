@@ -15,8 +15,6 @@ from basetree.errors import InputError
 from basetree.matching import match_greedily
 from edgetree.check.stems import CaliperStem, CaliperTable, MeasuredStem, MeasuredTable
 
-__all__ = ["MatchedBy", "Matching", "Pair", "match_stems"]
-
 MatchedBy: TypeAlias = Literal["number", "machine position", "camera position"]
 
 # A match is ambiguous if another stem is within the limit and less than this many times as far.

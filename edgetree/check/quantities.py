@@ -14,17 +14,6 @@ from basetree.normal import NORMAL_975
 from edgetree.check.matching import Pair
 from edgetree.measure import Estimate, Failure
 
-__all__ = [
-    "BIAS_STDS",
-    "MIN_COVERAGE",
-    "OUTLIER_STDS",
-    "Comparison",
-    "NotMeasured",
-    "QuantityCheck",
-    "Share",
-    "check_quantity",
-]
-
 MIN_COVERAGE: Final = 0.9
 """The check fails if the 95 % intervals hold clearly less than this share of the readings."""
 

@@ -37,8 +37,6 @@ from edgetree.conformance.results import (
 from edgetree.model_file.safety_check import check_is_file
 from edgetree.runtime.providers import CPU
 
-__all__ = ["Kit", "KitFrame", "make_kit", "read_expected", "read_frame", "read_kit", "run_kit"]
-
 KIT_SCHEMA: Final = "edgetree.conformance-kit/1"
 SCORE_THRESHOLD: Final = 0.15
 """Lower than for display, so that there are more trees, and trees found twice among them."""

@@ -12,8 +12,6 @@ from basetree.matching import match_greedily
 from calib import box_iou
 from edgetree.conformance.results import FoundTree, FrameTrees
 
-__all__ = ["Pairing"]
-
 _MATCH_IOU: Final = 0.5
 
 

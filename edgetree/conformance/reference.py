@@ -19,8 +19,6 @@ from edgetree.runtime.detector import TreeDetector
 from edgetree.runtime.duplicates import distinct_trees
 from edgetree.runtime.providers import CPU, import_onnxruntime
 
-__all__ = ["Reference", "processor_kind"]
-
 _PROCESSORS: Final = {"x86_64": "x86-64", "amd64": "x86-64", "aarch64": "arm64"}
 _OVERLAPS: Final = 101
 

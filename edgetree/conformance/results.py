@@ -13,17 +13,6 @@ from basetree.files.json import build, read_json
 from basetree.files.outputs import text_file
 from edgetree.detections import KEYPOINT_NAMES, MASK_SIZE, TreeDetections
 
-__all__ = [
-    "RESULTS_SCHEMA",
-    "CoveredTree",
-    "FoundTree",
-    "FrameTrees",
-    "Results",
-    "found_trees",
-    "read_results",
-    "write_results",
-]
-
 RESULTS_SCHEMA: Final = "edgetree.conformance-results/1"
 _DIGITS: Final = 4
 _CELLS: Final = MASK_SIZE * MASK_SIZE

@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:
     from edgetree.conformance.results import Results
 
-__all__ = ["Tolerance", "tolerance_for"]
-
 
 @dataclass(frozen=True)
 class Tolerance:

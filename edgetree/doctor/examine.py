@@ -8,11 +8,8 @@ from __future__ import annotations
 from typing import Final
 
 from edgetree.doctor.findings import Findings, Speed
-from edgetree.doctor.libraries import examine_libraries
+from edgetree.doctor.libraries import examine_libraries, examine_video
 from edgetree.doctor.machine import examine_machine
-from edgetree.doctor.video import examine_video
-
-__all__ = ["examine", "probe_speed"]
 
 _PROBE_S: Final = 0.5
 

@@ -10,8 +10,6 @@ from edgetree.doctor.findings import ModelFile
 from edgetree.errors import SignatureError
 from edgetree.signing.verify import parse_signature, signature_file
 
-__all__ = ["examine_models"]
-
 
 def examine_models() -> tuple[ModelFile, ...]:
     """The models of `edgetree.catalogue.known_models`: the four of the package, and the user's.

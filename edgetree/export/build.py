@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import importlib.metadata
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from basetree.arrays import UInt8
+from basetree.program.python import installed_version
 from edgetree.export.float16 import to_float16
 from edgetree.export.frames import frames_sha256, input_shape
 from edgetree.export.quantise import quantise, weight_bits
@@ -33,16 +33,6 @@ from edgetree.runtime.session import InferenceSession, OrtSession
 
 if TYPE_CHECKING:
     from perceptree.models import ModelSpec, TreeRCNN
-
-__all__ = [
-    "BuiltModel",
-    "ExportSource",
-    "build",
-    "describe",
-    "output_names",
-    "trace",
-    "with_manifest",
-]
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,7 +207,7 @@ def describe(model: TreeRCNN, training_data: str, settings: ExportSettings) -> M
         parameters=parameters(model),
         weights_sha256=_weights_sha256(model),
         training_data=training_data,
-        project_version=_version(),
+        project_version=installed_version("edgetree") or "unknown",
         proposals=spec.proposals,
         multiply_adds=multiply_adds(model),
         classifier=ClassifierCost(*classifier_cost(spec.backbone, spec.stride_in_1x1)),
@@ -232,13 +222,6 @@ def _weights_sha256(model: Any) -> str:
         digest.update(name.encode())
         digest.update(np.ascontiguousarray(value.numpy()).tobytes())
     return digest.hexdigest()
-
-
-def _version() -> str:
-    try:
-        return importlib.metadata.version("edgetree")
-    except importlib.metadata.PackageNotFoundError:
-        return "unknown"
 
 
 def _remove_debug_info(proto: Any) -> None:

@@ -13,8 +13,6 @@ from calib import box_iou
 from edgetree.export.limits import Limits, limits_of
 from edgetree.export.parity import FrameParity
 
-__all__ = ["UNMATCHED_FRAMES", "Arrays", "compare_frame", "compare_frames"]
-
 Arrays = Mapping[str, NDArray[Any]]
 Detect = Callable[[UInt8], Arrays]
 

@@ -12,8 +12,6 @@ from basetree.arrays import UInt8
 from edgetree.export.layers import frame_reader, network_nodes
 from edgetree.export.quiet import quiet
 
-__all__ = ["to_float16"]
-
 # Largest finite float16 of IEEE 754: (2 - 2**-10) * 2**15.
 _MAX_FLOAT16: Final = 65504.0
 # Safety factor: other frames may give values this many times larger than the calibration frames.

@@ -20,17 +20,6 @@ from edgetree.frames.sources import read_image
 if TYPE_CHECKING:
     from perceptree.models import ModelSpec
 
-__all__ = [
-    "edge_case_frames",
-    "find_frames",
-    "frames_sha256",
-    "input_shape",
-    "prepare_frame",
-    "read_calibration_frames",
-    "read_frames",
-    "sample_inputs",
-]
-
 _CALIBRATION_FRAMES: Final = 64
 _DATASET_FOLDERS = {"rgb": "images", "depth": "depth"}
 

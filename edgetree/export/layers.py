@@ -10,8 +10,6 @@ import numpy as np
 
 from basetree.arrays import UInt8
 
-__all__ = ["LAST_LAYERS", "frame_reader", "last_matmuls", "module_scopes", "network_nodes"]
-
 _SCOPES: Final = "pkg.torch.onnx.name_scopes"
 LAST_LAYERS: Final = (
     "model.proposer.objectness",

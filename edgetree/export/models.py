@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from edgetree.model_file.manifest import Manifest
     from perceptree.models import TreeRCNN
 
-__all__ = ["UNTRAINED", "load_model", "settings_from_manifest", "untrained_model", "with_settings"]
-
 UNTRAINED = "untrained"
 """Id of the training data of a model without training."""
 

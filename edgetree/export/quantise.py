@@ -21,8 +21,6 @@ from edgetree.export.layers import frame_reader, last_matmuls, network_nodes
 from edgetree.export.quiet import quiet
 from edgetree.export.rounding import round_weights
 
-__all__ = ["quantise", "weight_bits"]
-
 _QUANTISED: Final = {"Add", "Clip", "Conv", "Gemm", "MaxPool", "Relu", "Resize"}
 _JOINING: Final = {"Concat", "Gather"}
 # Matrix multiplications, which the last layers are, take 8-bit inputs and give float outputs.

@@ -16,8 +16,6 @@ import numpy as np
 from basetree.arrays import Float32, Float64, UInt8
 from edgetree.export.layers import frame_reader, network_nodes
 
-__all__ = ["round_weights"]
-
 _FRAMES: Final = 16
 _WINDOWS: Final = 400
 """Windows of a map of which the inputs are taken, for each frame."""

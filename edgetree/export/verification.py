@@ -22,8 +22,6 @@ from edgetree.runtime.session import InferenceSession
 if TYPE_CHECKING:
     from perceptree.models import ModelSpec, TreeRCNN
 
-__all__ = ["Say", "VerificationFrames", "read_verification_frames", "verify"]
-
 _COMPARED_FRAMES: Final = 20
 _AP_FRAMES: Final = 100
 _NO_LABELS: Final = (

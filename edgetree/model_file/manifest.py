@@ -18,20 +18,6 @@ from basetree.files.json import build, parse_json
 from edgetree.detections import ERROR_FACTORS, KEYPOINT_NAMES, MASK_SIZE
 from edgetree.errors import ModelFileError
 
-__all__ = [
-    "METADATA_KEY",
-    "SCHEMA",
-    "ClassifierCost",
-    "InputSpec",
-    "Manifest",
-    "OutputSpec",
-    "ResizeRule",
-    "Thresholds",
-    "UsualRange",
-    "standard_input",
-    "standard_outputs",
-]
-
 METADATA_KEY: Final = "edgetree.manifest"
 SCHEMA: Final = "edgetree.manifest/1"
 RESIZE_RULE: Final = "letterbox-top-left"

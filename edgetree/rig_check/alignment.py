@@ -16,8 +16,6 @@ from edgetree.rig_check.checks import RigCheck, judged
 from edgetree.rig_check.peak_fit import PeakFit, Profiles, fit_peak, search_peak
 from edgetree.rig_check.silhouettes import Silhouettes, reach_px
 
-__all__ = ["GROUP", "FrameSilhouettes", "alignment_checks"]
-
 GROUP: Final = "alignment of depth to colour"
 
 # A shift by a fifth of a stem's width moves its diameter by 1 % (median) to 9 % (one in ten); the

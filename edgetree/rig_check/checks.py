@@ -9,8 +9,6 @@ from typing import Any, Final, Literal, TypeAlias
 from basetree.normal import NORMAL_975
 from edgetree.measure import Estimate
 
-__all__ = ["HOLDS", "NO", "UNKNOWN", "RigCheck", "Verdict", "judged"]
-
 Verdict: TypeAlias = Literal["holds", "does not hold", "cannot tell"]
 
 HOLDS: Final = "holds"

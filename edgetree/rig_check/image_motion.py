@@ -9,8 +9,6 @@ import numpy as np
 
 from basetree.arrays import Float, UInt8
 
-__all__ = ["image_velocity"]
-
 _MOST_POINTS: Final = 200
 _MIN_POINTS: Final = 20
 _WIDTH_PX: Final = 480

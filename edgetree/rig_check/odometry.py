@@ -20,8 +20,6 @@ from edgetree.rig_check.checks import RigCheck, judged
 from edgetree.rig_check.peak_fit import resampled_stds
 from edgetree.rig_check.stem_sightings import Sighting, level_axes
 
-__all__ = ["GROUP", "odometry_checks"]
-
 GROUP: Final = "scale against the machine's motion"
 
 _MIN_STEMS: Final = 5

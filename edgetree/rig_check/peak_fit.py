@@ -15,8 +15,6 @@ import numpy as np
 
 from basetree.arrays import Float, Index
 
-__all__ = ["PeakFit", "Profiles", "fit_peak", "search_peak"]
-
 _SIGMAS_PX: Final = (4.0, 3.0, 2.0, 1.5)
 _STEPS: Final = 30
 _DAMPING: Final = (1e-3, 1e6)

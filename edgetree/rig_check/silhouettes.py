@@ -10,8 +10,6 @@ import numpy as np
 
 from basetree.arrays import Float, Float32, UInt8
 
-__all__ = ["Silhouettes", "find_silhouettes", "reach_px"]
-
 _MOST_PER_FRAME: Final = 500
 
 # The far side is at least this many times as far away as the near side.

@@ -17,8 +17,6 @@ from edgetree.measure import Failure, MeasureSettings, StemAxis, measure_trees
 if TYPE_CHECKING:
     from edgetree.runtime.detector import TreeDetector
 
-__all__ = ["Sighting", "StemFinder", "level_axes"]
-
 # So wide that the given vertical, which is to be checked, has no weight in the axes.
 _LEAN_STD_DEG: Final = 30.0
 

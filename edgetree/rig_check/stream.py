@@ -12,8 +12,6 @@ from calib import DepthFailure, check_depth
 from edgetree.live.frames import REMARKS, LiveFrame
 from edgetree.rig_check.checks import HOLDS, NO, UNKNOWN, RigCheck, Verdict
 
-__all__ = ["GROUP", "StreamCounts"]
-
 GROUP: Final = "frames"
 
 _LIMIT_PERCENT: Final = 5.0

@@ -12,8 +12,6 @@ from edgetree.measure import Estimate
 from edgetree.rig_check.checks import RigCheck, judged
 from edgetree.rig_check.stem_sightings import Sighting, level_axes
 
-__all__ = ["GROUP", "vertical_checks"]
-
 GROUP: Final = "vertical"
 
 _LIMIT_DEG: Final = 4.0

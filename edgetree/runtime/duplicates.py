@@ -6,8 +6,6 @@ import numpy as np
 
 from basetree.arrays import Bool, Float
 
-__all__ = ["distinct_trees"]
-
 _INSIDE = 0.5
 
 

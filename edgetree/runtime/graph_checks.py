@@ -14,11 +14,10 @@ import calib
 from basetree.arrays import Float32
 from basetree.errors import InputError
 from edgetree.errors import ModelFileError
+from edgetree.model_file.graph_rules import MAX_ELEMENTS
 from edgetree.model_file.manifest import METADATA_KEY, Manifest, standard_outputs
-from edgetree.model_file.safety_check import MAX_ELEMENTS, Shape
+from edgetree.model_file.safety_check import Shape
 from edgetree.runtime.session import InferenceSession
-
-__all__ = ["ImageOutputs", "check_outputs", "read_manifest"]
 
 _ROUNDING: Final = 1e-3  # tolerance of scores outside [0, 1], for providers of low precision
 

@@ -12,8 +12,6 @@ from basetree.arrays import UInt8
 from basetree.errors import InputError
 from edgetree.model_file.manifest import Manifest
 
-__all__ = ["check_image", "to_bytes"]
-
 _LARGEST_SIDE_PX: Final = 32767
 
 

@@ -13,8 +13,6 @@ try:
 except ImportError:  # Windows
     resource = None  # type: ignore[assignment]
 
-__all__ = ["memory_limit"]
-
 _STATM: Final = Path("/proc/self/statm")
 _turn = threading.Lock()
 

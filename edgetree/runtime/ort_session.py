@@ -24,8 +24,6 @@ from edgetree.runtime.providers import (
     import_onnxruntime,
 )
 
-__all__ = ["open_session", "placement_of", "reason_of"]
-
 _log = logging.getLogger(__name__)
 
 

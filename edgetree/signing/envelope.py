@@ -14,8 +14,6 @@ from typing import Final
 from edgetree.errors import SignatureError
 from edgetree.signing.json_files import parse_record
 
-__all__ = ["PAYLOAD_TYPE", "Envelope", "parse_envelope"]
-
 PAYLOAD_TYPE: Final = "application/vnd.edgetree.model-signature+json"
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TypeVar
 
@@ -9,8 +10,6 @@ from basetree.errors import InputError, InputFileError
 from basetree.files.json import build, parse_json
 from basetree.files.reading import read_text
 from edgetree.errors import SignatureError
-
-__all__ = ["parse_record", "read_small_text"]
 
 _T = TypeVar("_T")
 
@@ -37,6 +36,23 @@ def read_small_text(path: Path, expected: str) -> str:
     except InputFileError as error:
         more = "" if "expected" in str(error) else f": expected {expected}"
         raise SignatureError(f"{error}{more}") from error
+
+
+def read_record(kind: type[_T], path: Path, expected: str, schema: str, where: str) -> _T | None:
+    """Read a file of this package, as `parse_record`; None if it does not exist.
+
+    Raises:
+        SignatureError: it cannot be read, or has another content.
+    """
+    try:
+        os.lstat(path)
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    except OSError as error:
+        raise SignatureError(
+            f"{where} cannot be read ({error.strerror}): expected {expected}"
+        ) from error
+    return parse_record(kind, read_small_text(path, expected), where, schema)
 
 
 def parse_record(kind: type[_T], text: str, where: str, schema: str | None = None) -> _T:

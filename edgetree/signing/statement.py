@@ -12,16 +12,6 @@ from basetree.files.json import json_text
 from edgetree.errors import SignatureError
 from edgetree.signing.json_files import parse_record
 
-__all__ = [
-    "SCHEMA",
-    "Statement",
-    "end_of_day",
-    "parse_statement",
-    "parse_time",
-    "time_text",
-    "version_of",
-]
-
 SCHEMA: Final = "edgetree.model-signature/1"
 _LARGEST_VERSION: Final = 10**15  # exact in every reader of JSON
 _LONGEST_NAME: Final = 200

@@ -18,10 +18,8 @@ from basetree.errors import InputFileError
 from basetree.files.json import json_text
 from basetree.files.writing import write_whole
 from edgetree.errors import SignatureError
-from edgetree.signing.json_files import parse_record, read_small_text
+from edgetree.signing.json_files import read_record
 from edgetree.signing.statement import Statement, parse_time, time_text
-
-__all__ = ["UsedVersion", "UsedVersions", "check_version", "read_used", "record_use", "used_file"]
 
 _log = logging.getLogger(__name__)
 
@@ -65,7 +63,7 @@ class UsedVersions:
         if self.latest_time is not None:
             parse_time(self.latest_time)
 
-    def of(self, name: str) -> UsedVersion | None:
+    def highest(self, name: str) -> UsedVersion | None:
         """The highest version of a model; None if it was never used."""
         return next((model for model in self.models if model.name == name), None)
 
@@ -101,15 +99,8 @@ def read_used(path: Path) -> UsedVersions:
     Raises:
         SignatureError: the file cannot be read, or is not one of edgetree.
     """
-    try:
-        os.lstat(path)
-    except (FileNotFoundError, NotADirectoryError):
-        return UsedVersions(None, ())
-    except OSError as error:
-        raise SignatureError(
-            f"{path} cannot be read ({error.strerror}): expected {_EXPECTED}"
-        ) from error
-    return parse_record(UsedVersions, read_small_text(path, _EXPECTED), str(path), _SCHEMA)
+    found = read_record(UsedVersions, path, _EXPECTED, _SCHEMA, str(path))
+    return found or UsedVersions(None, ())
 
 
 def check_version(statement: Statement, path: Path, used: UsedVersions, file: Path) -> None:
@@ -124,7 +115,7 @@ def check_version(statement: Statement, path: Path, used: UsedVersions, file: Pa
     Raises:
         SignatureError: it is older, or has the version of another file.
     """
-    highest = used.of(statement.name)
+    highest = used.highest(statement.name)
     if highest is None or statement.version > highest.version:
         return
     what = f"model {path} is version {statement.version} of {statement.name!r}"
@@ -156,7 +147,7 @@ def record_use(statement: Statement, path: Path, now: datetime) -> None:
     """
     used = read_used(path)
     latest = used.latest(now)
-    highest = used.of(statement.name)
+    highest = used.highest(statement.name)
     is_new = highest is None or statement.version > highest.version
     known = None if used.latest_time is None else parse_time(used.latest_time)
     if not is_new and known is not None and latest - known < _TIME_STEP:

@@ -13,8 +13,6 @@ from urllib.parse import parse_qs
 
 from basetree.errors import InputError
 
-__all__ = ["Access", "Refusal", "is_loopback"]
-
 _TOKEN: Final = re.compile(r"[A-Za-z0-9_-]{16,128}")
 
 

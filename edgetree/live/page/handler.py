@@ -20,8 +20,6 @@ from edgetree.live.page.http_server import PageHttpServer
 from edgetree.live.page.pictures import blank_jpeg
 from edgetree.live.page.reading import body_length, read_body, read_head
 
-__all__ = ["PageHandler"]
-
 _LOGGER: Final = logging.getLogger(__name__)
 _SEND_S: Final = 5.0  # a client that takes longer for one picture is disconnected
 _SEND_BUFFER_BYTES: Final = 262_144  # about two pictures: more would only be older when shown

@@ -17,8 +17,6 @@ from typing import Any, Final
 from edgetree.live.page.access import Access
 from edgetree.live.page.feed import Feed
 
-__all__ = ["PageHttpServer"]
-
 _LOGGER: Final = logging.getLogger(__name__)
 
 

@@ -17,8 +17,6 @@ from edgetree.live.tracking.tracks import TreeTrack
 from edgetree.measure import Failure
 from edgetree.measure.estimates import split_unit
 
-__all__ = ["PAGE_SCHEMA", "page_record"]
-
 PAGE_SCHEMA: Final = "edgetree.live.page/1"
 
 _QUANTITIES: Final = ("diameter_m", "dbh_m", "cut_height_m", "inclination_deg")

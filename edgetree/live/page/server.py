@@ -18,8 +18,6 @@ from edgetree.live.results import LiveResult
 if TYPE_CHECKING:
     from edgetree.live.recording import FrameRecorder
 
-__all__ = ["PageServer"]
-
 _LOGGER: Final = logging.getLogger(__name__)
 _POLL_S: Final = 0.05
 _CLOSE_S: Final = 0.6

@@ -15,8 +15,6 @@ from edgetree.live.tracking.sightings import level_rotation
 from edgetree.live.tracking.vertical import Vertical
 from edgetree.measure import TreeMeasurement
 
-__all__ = ["EgoMotion"]
-
 
 class EgoMotion:
     """Moves the camera on from frame to frame, before its stems correct its place.

@@ -10,8 +10,6 @@ from edgetree.live.tracking.plane import wrapped
 from edgetree.live.tracking.settings import TrackingSettings
 from edgetree.live.tracking.sightings import Sightings
 
-__all__ = ["FUSED", "add_views"]
-
 # Distinct views that are kept apart for one stem. Later ones count to the nearest of these.
 _MAX_VIEWS = 40
 # A value further from the fused one than this many standard deviations counts less (Huber).

@@ -15,8 +15,6 @@ from edgetree.live.tracking.registration import find_place, refine_place
 from edgetree.live.tracking.sightings import DIAMETER, Sightings
 from edgetree.live.tracking.stems import StemMap
 
-__all__ = ["locate", "match_costs"]
-
 # Largest part of a difference of diameters in the cost of a match, as a chi-square: diameters
 # decide between stems that are near each other, but refuse none.
 _MAX_DIAMETER_COST = 9.0

@@ -12,8 +12,6 @@ from calib import RigidTransform
 from edgetree.live.tracking.plane import place_jacobian, wrapped
 from edgetree.live.tracking.settings import TrackingSettings
 
-__all__ = ["CameraMotion"]
-
 # Standard deviation of the change of the camera's height, m per square root of a second.
 _CLIMB_M = 0.15
 # Standard deviations of a place and heading that a search found.

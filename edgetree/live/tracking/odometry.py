@@ -12,8 +12,6 @@ from basetree.errors import MissingPackage, install_hint
 from calib import PinholeCamera, RigidTransform, pixels_to_rays
 from edgetree.live.frames import LiveFrame
 
-__all__ = ["CameraStep", "DepthOdometry"]
-
 # Pixels of a depth image that are used, about: those at equal distances in rows and columns.
 _PIXELS: Final = 7_000
 # Depths used, m: nearer ones may be of the machine itself, those of cameras get too noisy beyond.

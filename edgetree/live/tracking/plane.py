@@ -8,8 +8,6 @@ import numpy as np
 
 from basetree.arrays import Float
 
-__all__ = ["chi_squares", "determinants", "place_jacobian", "turns", "wrapped"]
-
 _Angle = TypeVar("_Angle", float, Float)
 
 

@@ -8,8 +8,6 @@ from basetree.arrays import Bool, Float, Index
 from edgetree.live.tracking.motion import CameraMotion
 from edgetree.live.tracking.plane import chi_squares, place_jacobian, turns, wrapped
 
-__all__ = ["find_place", "refine_place"]
-
 _ROUNDS = 2
 # Residuals beyond this many standard deviations count less (Huber).
 _HUBER_STDS = 2.0

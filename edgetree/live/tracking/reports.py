@@ -14,8 +14,6 @@ from edgetree.live.tracking.stems import StemMap
 from edgetree.live.tracking.tracks import TreeTrack
 from edgetree.measure import Estimate, Failure, PointEstimate
 
-__all__ = ["report_tracks"]
-
 # Standard deviation of the height of a point on an axis as the place of a cut that was never seen.
 _UNSEEN_CUT_STD_M = 1.0
 _UNMEASURED = Failure("it has not been measured yet")

@@ -12,8 +12,6 @@ from basetree.arrays import Float, Index
 from edgetree.live.tracking.motion import CameraMotion
 from edgetree.measure import Estimate, Failure, TreeMeasurement
 
-__all__ = ["CUT_LEVEL", "DIAMETER", "QUANTITIES", "Sightings", "level_rotation"]
-
 QUANTITIES: Final = ("diameter_m", "dbh_m", "cut_height_m", "inclination_deg")
 """The scalar quantities that are fused; the height of the cut in the map follows them."""
 

@@ -11,8 +11,6 @@ from edgetree.live.tracking.settings import TrackingSettings
 from edgetree.live.tracking.sightings import CUT_LEVEL, DIAMETER, QUANTITIES, Sightings
 from edgetree.measure import Failure, TreeMeasurement
 
-__all__ = ["StemMap"]
-
 # A stem that is not confirmed is kept for at least this many frames without it.
 _MISSED_FRAMES = 3
 

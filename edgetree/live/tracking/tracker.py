@@ -25,8 +25,6 @@ from edgetree.live.tracking.stems import StemMap
 from edgetree.live.tracking.tracks import TreeTrack
 from edgetree.measure import TreeMeasurement
 
-__all__ = ["StemTracker"]
-
 _LOG = logging.getLogger(__name__)
 
 # Added to the cost of a match with a detection of score 0, as a chi-square: of two detections of a

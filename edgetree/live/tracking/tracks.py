@@ -8,8 +8,6 @@ from typing import Literal
 from basetree.arrays import Float
 from edgetree.measure import Estimate, Failure, PointEstimate
 
-__all__ = ["TreeTrack"]
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class TreeTrack:

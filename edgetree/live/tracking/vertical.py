@@ -12,8 +12,6 @@ from edgetree.live.tracking.settings import TrackingSettings
 from edgetree.live.tracking.sightings import level_rotation
 from edgetree.measure import Failure, TreeMeasurement
 
-__all__ = ["Vertical"]
-
 # Share of the stems' axes in the vertical, where a step of the camera carries it on.
 _STEMS_SHARE = 0.02
 

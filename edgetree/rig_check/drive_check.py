@@ -26,8 +26,6 @@ from edgetree.rig_check.vertical import vertical_checks
 if TYPE_CHECKING:
     from edgetree.runtime.detector import TreeDetector
 
-__all__ = ["RigReport", "check_rig"]
-
 _EVERY_S: Final = 0.5
 _MOST_WAITING: Final = 3
 _FEWEST_FRAMES: Final = 2

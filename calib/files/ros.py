@@ -1,4 +1,9 @@
-"""ROS messages sensor_msgs/CameraInfo, as ``ros2 topic echo`` and ``rostopic echo`` print them."""
+"""ROS: camera_info files, printed CameraInfo messages, and parameter files.
+
+- camera_info YAML, as camera_calibration and camera_calibration_parsers write it.
+- Messages sensor_msgs/CameraInfo, as ``ros2 topic echo`` and ``rostopic echo`` print them.
+- Parameter files: an image size and a map named after the model, with K and D.
+"""
 
 from __future__ import annotations
 
@@ -7,15 +12,33 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from calib.camera import PinholeCamera
-from calib.distortion import RADTAN
+from calib.distortion import FISHEYE, RADTAN
 from calib.errors import CameraError
 from calib.files.fields import Values, camera, lens_model, matrix, number, numbers, one_of, size
-from calib.files.ros_camera_info import MODELS
 
+_MODELS = {"plumb_bob": RADTAN, "rational_polynomial": RADTAN, "equidistant": FISHEYE}
+_LENSES = {"fisheye": FISHEYE, "equidistant": FISHEYE, "radtan": RADTAN, "plumb_bob": RADTAN}
 _CALIBRATION = ("width", "height", "distortion_model", "d", "D", "k", "K", "roi")
 
 
-def by_frame(documents: Sequence[Any]) -> dict[str, Values]:
+def find_camera_info(values: Values) -> dict[str, Values]:
+    """Return the camera if a camera matrix comes with ROS's model name or projection matrix."""
+    ros = "distortion_model" in values or "projection_matrix" in values
+    return {str(values.get("camera_name", "")): values} if ros and "camera_matrix" in values else {}
+
+
+def build_camera_info(values: Values) -> PinholeCamera:
+    """Create the camera of the raw image; as in ROS, the default model is plumb_bob."""
+    name = values.get("distortion_model", "plumb_bob")
+    return camera(
+        size(values),
+        matrix(values, "camera_matrix"),
+        numbers(values, one_of(values, "distortion_coefficients", "distortion_coeffs")),
+        lens_model("distortion_model", name, _MODELS),
+    )
+
+
+def messages_by_frame(documents: Sequence[Any]) -> dict[str, Values]:
     """Return the messages of a dump by their frame_id; empty if a document is no message.
 
     Messages of the same calibration count once. Others of the same frame_id are numbered.
@@ -34,14 +57,14 @@ def by_frame(documents: Sequence[Any]) -> dict[str, Values]:
     return found
 
 
-def find(values: Values) -> dict[str, Values]:
+def find_messages(values: Values) -> dict[str, Values]:
     """Return the message by its frame_id, or the messages in a map by their names."""
     if _is_message(values):
         return {_frame(values): values}
     return {str(name): message for name, message in values.items() if _is_message(message)}
 
 
-def build(values: Values) -> PinholeCamera:
+def build_message(values: Values) -> PinholeCamera:
     """Create the camera of the raw image from K and D.
 
     An empty model without terms is an undistorted image.
@@ -55,7 +78,7 @@ def build(values: Values) -> PinholeCamera:
             f"{matrix_name} is all 0, ROS's mark of an uncalibrated camera: expected a calibration"
         )
     undistorted = name == "" and not any(terms)
-    model = RADTAN if undistorted else lens_model("distortion_model", name, MODELS)
+    model = RADTAN if undistorted else lens_model("distortion_model", name, _MODELS)
     return camera(size(values), matrix(values, matrix_name), terms, model)
 
 
@@ -84,3 +107,32 @@ def _check_region(values: Values) -> None:
             f"roi is {width:g}x{height:g} px: expected the whole image; record the camera without a"
             " region of interest"
         )
+
+
+def find_parameters(values: Values) -> dict[str, Values]:
+    """Return every map, at any depth, that has an image size and a lens."""
+    found: dict[str, Values] = {}
+    for name, inner in values.items():
+        if isinstance(inner, Mapping):
+            is_camera = "image_width" in inner and _lenses(inner)
+            found.update({str(name): inner} if is_camera else find_parameters(inner))
+    return found
+
+
+def _lenses(values: Values) -> list[str]:
+    """Return the names of the maps with K and D."""
+    return [
+        name
+        for name, lens in values.items()
+        if isinstance(lens, Mapping) and "K" in lens and "D" in lens
+    ]
+
+
+def build_parameters(values: Values) -> PinholeCamera:
+    """Create the camera for the image size in the file; use ``scaled`` for other sizes."""
+    lenses = _lenses(values)
+    if len(lenses) > 1:
+        raise CameraError(f"{' and '.join(lenses)} both hold K and D: expected one lens")
+    lens = values[lenses[0]]
+    model = lens_model("the lens", lenses[0], _LENSES)
+    return camera(size(values), matrix(lens, "K"), numbers(lens, "D"), model)
