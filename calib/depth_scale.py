@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import cv2
 import numpy as np
@@ -18,7 +18,7 @@ from basetree.files.json import json_text
 from basetree.files.writing import write_text
 from basetree.normal import MAD_TO_STD
 from calib.camera import PinholeCamera
-from calib.errors import CameraError, DepthError
+from calib.errors import CameraError, DepthError, Failure
 from calib.files.text import parse_record
 from calib.points import pixels_to_rays
 
@@ -153,14 +153,8 @@ class DepthScale:
         )
 
 
-@dataclass(frozen=True)
-class DepthScaleFailure:
+class DepthScaleFailure(Failure):
     """The reason why no depth scale could be fitted. Falsy."""
-
-    reason: str
-
-    def __bool__(self) -> Literal[False]:
-        return False
 
 
 def read_target(

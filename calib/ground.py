@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from basetree.arrays import Bool, Float, Index
 from basetree.errors import InputError
+from calib.errors import Failure
 from calib.ground_cloud import GroundCloud
 
 CAMERA_UP = (0.0, -1.0, 0.0)
@@ -70,14 +71,8 @@ class GroundPlane:
         return float(np.degrees(self.residual_std_m / (least * np.sqrt(self.independent_points))))
 
 
-@dataclass(frozen=True)
-class GroundPlaneFailure:
+class GroundPlaneFailure(Failure):
     """The reason why no ground plane was found. Falsy."""
-
-    reason: str
-
-    def __bool__(self) -> bool:
-        return False
 
 
 def fit_ground_plane(

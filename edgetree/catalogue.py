@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import hashlib
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ from typing import Any, Final
 
 from basetree.errors import InputError
 from basetree.files.json import read_json
+from basetree.files.reading import file_sha256
 from edgetree.errors import ModelFileError
 from edgetree.model_file.manifest import METADATA_KEY, Manifest
 from edgetree.model_file.safety_check import read_model_file
@@ -61,7 +61,7 @@ class KnownModel:
         if not path.is_file():
             return None
         card = read_json(path, CARD_SCHEMA, "a card of a model")
-        if card.get("model_sha256") != hashlib.sha256(self.path.read_bytes()).hexdigest():
+        if card.get("model_sha256") != file_sha256(self.path):
             raise InputError(f"{path} is the card of another file than {self.path.name}")
         return card
 

@@ -5,6 +5,7 @@ The only place that gives paths to OpenCV: it crashes on names that are not UTF-
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +48,15 @@ def read_text(path: Path, expected: str) -> str:
     except UnicodeDecodeError as error:
         raise InputFileError(f"{path}: not a text file, expected {expected}") from error
     return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def file_sha256(path: Path) -> str:
+    """SHA-256 of a file's content, as 64 hexadecimal digits.
+
+    Raises:
+        OSError: If it cannot be read.
+    """
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def read_image(path: Path, flags: int = cv2.IMREAD_COLOR) -> NDArray[Any] | None:

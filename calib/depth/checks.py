@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from basetree.arrays import Float, Float32
-from calib.errors import DepthError
+from calib.errors import DepthError, Failure
 
 _MAX_MEDIAN_M = 60.0
 _MIN_MEDIAN_M = 0.05
@@ -34,14 +34,8 @@ class DepthReport:
     farthest_m: float
 
 
-@dataclass(frozen=True)
-class DepthFailure:
+class DepthFailure(Failure):
     """The reason why an array is not a plausible depth map. Falsy."""
-
-    reason: str
-
-    def __bool__(self) -> bool:
-        return False
 
 
 def check_depth(depth_m: NDArray[Any], min_share: float = 0.05) -> DepthReport | DepthFailure:

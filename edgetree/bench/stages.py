@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edgetree.bench.frames import BenchFrame
-from edgetree.bench.network_parts import PARTS
+from edgetree.bench.profile import PARTS
 from edgetree.runtime.detector import TreeDetector
 from edgetree.runtime.session import OrtSession
 

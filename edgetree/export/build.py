@@ -119,13 +119,7 @@ def build(source: ExportSource, settings: ExportSettings, say: Callable[[str], N
 
 def output_names(masks: bool, keypoints: bool) -> tuple[str, ...]:
     """Names of the graph's outputs in their order, without those of missing branches."""
-    return (
-        "boxes",
-        "scores",
-        *(["keypoints"] if keypoints else []),
-        *(["masks"] if masks else []),
-        "num_detections",
-    )
+    return tuple(each.name for each in standard_outputs(1, keypoints=keypoints, masks=masks))
 
 
 def trace(model: TreeRCNN, batch: int, opset: int = OPSET, *, quantised: bool = False) -> Any:
