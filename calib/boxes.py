@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from basetree.arrays import Float64
 
 
-def box_iou(first_px: ArrayLike, second_px: ArrayLike) -> NDArray[np.float64]:
+def box_iou(first_px: ArrayLike, second_px: ArrayLike) -> Float64:
     """Intersection over union of every pair of boxes.
 
     Args:
@@ -25,7 +27,7 @@ def box_iou(first_px: ArrayLike, second_px: ArrayLike) -> NDArray[np.float64]:
     return np.divide(shared, union, out=np.zeros_like(shared), where=union > 0)
 
 
-def _area(low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.float64]:
+def _area(low: Float64, high: Float64) -> Float64:
     """Area between corners (..., 2); 0 where they are in the wrong order."""
     sides = np.clip(high - low, 0, None)
     return np.asarray(sides[..., 0] * sides[..., 1])

@@ -9,9 +9,9 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from calib.distortion import FISHEYE, RADTAN, Lens
 from calib.errors import CameraError
-from calib.lens_models import FISHEYE, RADTAN
-from calib.plausibility import check_camera, check_size, unusual_values
+from calib.plausibility import Intrinsics, check_camera, check_size, unusual_values
 
 _ASPECT_TOLERANCE = 0.01
 _TERM_COUNTS = {RADTAN: (0, 4, 5, 8), FISHEYE: (4,)}
@@ -82,14 +82,23 @@ class PinholeCamera:
             raise CameraError(
                 f"focal_std_px is {self.focal_std_px}: expected 0 or more, and less than fx and fy"
             )
-        check_camera(self)
+        check_camera(self._intrinsics)
+
+    @property
+    def lens(self) -> Lens:
+        """The distortion."""
+        return Lens(self.distortion_model, self.distortion)
+
+    @property
+    def _intrinsics(self) -> Intrinsics:
+        return Intrinsics(self.width, self.height, self.fx, self.fy, self.cx, self.cy, self.lens)
 
     def unusual_values(self) -> tuple[str, ...]:
         """Return one line for each value that lenses can have but seldom do.
 
         ``load_camera`` logs them as warnings.
         """
-        return unusual_values(self)
+        return unusual_values(self._intrinsics)
 
     def _changed(self, **values: Any) -> PinholeCamera:
         """Return a copy with other values, for values that follow from those of this camera."""

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from basetree.arrays import Float, Float32
+from basetree.files.json import json_text
 from basetree.files.writing import write_text
+from basetree.normal import MAD_TO_STD
 from calib.camera import PinholeCamera
-from calib.errors import CameraError, DepthError
+from calib.errors import CameraError, DepthError, Failure
 from calib.files.text import parse_record
 from calib.points import pixels_to_rays
-
-Float = NDArray[np.floating[Any]]
 
 SCHEMA: Final = "calib.depth_scale/1"
 _EXPECTED: Final = "a depth scale as JSON"
@@ -28,7 +28,7 @@ _MIN_READINGS, _MIN_TARGETS, _MIN_DISTANCES = 50, 4, 3
 # Ratios: of distances that count as one, of farthest to nearest target, of their readings.
 _SAME_DISTANCE_RATIO, _MIN_DISTANCE_RATIO, _MIN_READING_RATIO = 1.1, 1.5, 1.2
 # Outliers lie more than _OUTLIER_STDS away; a standard deviation is taken as at least _STD_FLOOR.
-_MAD_TO_STD, _OUTLIER_STDS, _STD_FLOOR = 1.4826, 4.0, 0.002
+_OUTLIER_STDS, _STD_FLOOR = 4.0, 0.002
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +108,7 @@ class DepthScale:
         if not -1 <= self.correlation <= 1:
             raise DepthError(f"correlation is {self.correlation}: expected -1 to 1")
 
-    def apply(self, depth_m: NDArray[np.floating[Any]]) -> NDArray[np.float32]:
+    def apply(self, depth_m: Float) -> Float32:
         """Correct (...) readings in metres.
 
         Args:
@@ -153,14 +153,8 @@ class DepthScale:
         )
 
 
-@dataclass(frozen=True)
-class DepthScaleFailure:
+class DepthScaleFailure(Failure):
     """The reason why no depth scale could be fitted. Falsy."""
-
-    reason: str
-
-    def __bool__(self) -> Literal[False]:
-        return False
 
 
 def read_target(
@@ -168,7 +162,7 @@ def read_target(
     camera: PinholeCamera,
     pose: Sequence[float],
     points_px: ArrayLike,
-    depth_m: NDArray[np.floating[Any]],
+    depth_m: Float,
 ) -> TargetReadings:
     """Collect the readings on a calibration board with a known pose.
 
@@ -260,7 +254,7 @@ def _mean_of(target: TargetReadings) -> _Mean | None:
         return None
     ratio = measured_m / true_m
     middle = float(np.median(ratio))
-    spread = _MAD_TO_STD * float(np.median(np.abs(ratio - middle)))
+    spread = MAD_TO_STD * float(np.median(np.abs(ratio - middle)))
     near = np.abs(ratio - middle) <= max(_OUTLIER_STDS * spread, _STD_FLOOR)
     true_m, measured_m = true_m[near], measured_m[near]
     along_m, off_m = true_m - true_m.mean(), measured_m - measured_m.mean()
@@ -390,5 +384,4 @@ def save_depth_scale(path: Path | str, depth_scale: DepthScale) -> None:
     Raises:
         InputFileError: If the file cannot be written.
     """
-    text = json.dumps({"schema": SCHEMA, **depth_scale.to_dict()}, indent=1)
-    write_text(Path(path), f"{text}\n")
+    write_text(Path(path), json_text(SCHEMA, depth_scale.to_dict()))

@@ -6,17 +6,13 @@ The formulas are OpenCV's: ``cv2.projectPoints`` (Brown-Conrady with the rationa
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from calib.lens_models import FISHEYE
+from basetree.arrays import Float
 
-if TYPE_CHECKING:
-    from calib.camera import PinholeCamera
-
-Float = NDArray[np.floating[Any]]
+RADTAN, FISHEYE = "radtan", "fisheye"
 
 _MAX_STEPS = 12
 _CONVERGED = 1e-9  # convergence is quadratic: the next step would be below rounding
@@ -30,26 +26,38 @@ _MIN_SLOPE = 1e-3
 _TINY = 1e-12
 
 
-def distort(camera: PinholeCamera, x: Float, y: Float) -> tuple[Float, Float]:
+class Lens(NamedTuple):
+    """A distortion.
+
+    Attributes:
+        model: "radtan" or "fisheye".
+        terms: Its coefficients in OpenCV's order, at least four.
+    """
+
+    model: str
+    terms: tuple[float, ...]
+
+
+def distort(lens: Lens, x: Float, y: Float) -> tuple[Float, Float]:
     """Apply the lens distortion to normalised coordinates.
 
     Args:
-        camera: Camera with a distortion.
+        lens: The distortion.
         x: x / z, any shape.
         y: y / z, the same shape.
 
     Returns:
         Distorted x and y of the same shape.
     """
-    if camera.distortion_model == FISHEYE:
+    if lens.model == FISHEYE:
         radius = np.hypot(x, y)
-        scale = _fisheye_radius(camera.distortion, np.arctan(radius))
+        scale = _fisheye_radius(lens.terms, np.arctan(radius))
         scale /= np.maximum(radius, _TINY, out=radius)
         scale[radius <= _TINY] = 1.0
         return x * scale, y * scale
-    _, _, p1, p2 = camera.distortion[:4]
+    _, _, p1, p2 = lens.terms[:4]
     squared = x * x + y * y
-    radial = _radial(camera.distortion, squared).value
+    radial = _radial(lens.terms, squared).value
     distorted_x = x * radial
     if p1 or p2:
         distorted_x += 2 * p1 * x * y
@@ -61,7 +69,7 @@ def distort(camera: PinholeCamera, x: Float, y: Float) -> tuple[Float, Float]:
     return distorted_x, distorted_y
 
 
-def undistort(camera: PinholeCamera, x: Float, y: Float) -> tuple[Float, Float]:
+def undistort(lens: Lens, x: Float, y: Float) -> tuple[Float, Float]:
     """Remove the lens distortion from normalised coordinates; inverse of ``distort``.
 
     Exact to rounding wherever the model is invertible. Far from the centre a model may not be:
@@ -69,16 +77,16 @@ def undistort(camera: PinholeCamera, x: Float, y: Float) -> tuple[Float, Float]:
     are at most 89 degrees off the axis.
 
     Args:
-        camera: Camera with a distortion.
+        lens: The distortion.
         x: Distorted x / z, any shape.
         y: Distorted y / z, the same shape.
 
     Returns:
         Undistorted x and y of the same shape.
     """
-    if camera.distortion_model == FISHEYE:
-        return _undistort_fisheye(camera.distortion, x, y)
-    return _undistort_radtan(camera.distortion, x, y)
+    if lens.model == FISHEYE:
+        return _undistort_fisheye(lens.terms, x, y)
+    return _undistort_radtan(lens.terms, x, y)
 
 
 class _Radial(NamedTuple):

@@ -1,6 +1,9 @@
-"""Errors of calib."""
+"""Errors of calib, and why it could not find something."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
 
 from basetree.errors import InputError
 
@@ -11,3 +14,13 @@ class CameraError(InputError):
 
 class DepthError(InputError):
     """Depth map or encoding of the wrong shape, dtype or unit."""
+
+
+@dataclass(frozen=True)
+class Failure:
+    """The reason why something could not be found. Falsy."""
+
+    reason: str
+
+    def __bool__(self) -> Literal[False]:
+        return False

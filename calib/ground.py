@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from basetree.arrays import Bool, Float, Index
 from basetree.errors import InputError
+from calib.errors import Failure
 from calib.ground_cloud import GroundCloud
-
-Float = NDArray[np.floating[Any]]
-Flags = NDArray[np.bool_]
 
 CAMERA_UP = (0.0, -1.0, 0.0)
 _MIN_POINTS = 12
@@ -72,14 +71,8 @@ class GroundPlane:
         return float(np.degrees(self.residual_std_m / (least * np.sqrt(self.independent_points))))
 
 
-@dataclass(frozen=True)
-class GroundPlaneFailure:
+class GroundPlaneFailure(Failure):
     """The reason why no ground plane was found. Falsy."""
-
-    reason: str
-
-    def __bool__(self) -> bool:
-        return False
 
 
 def fit_ground_plane(
@@ -119,7 +112,7 @@ def fit_ground_plane(
 
 def fit_ground_planes(
     points_m: Float,
-    usable: Flags,
+    usable: Bool,
     up: ArrayLike | None = None,
     max_slope_deg: float = 45.0,
     tolerance_m: float = 0.06,
@@ -194,14 +187,14 @@ class _Fits(NamedTuple):
         above: (T,) shares of the points that are above the planes.
     """
 
-    usable: NDArray[np.intp]
-    flat: Flags
+    usable: Index
+    flat: Bool
     variances: Float
     axes: Float
     centre: Float
     normal: Float
     offset: Float
-    support: Flags
+    support: Bool
     weight: Float
     above: Float
 

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-__all__ = ["GroundCloud"]
-
-Float = NDArray[np.floating[Any]]
-Flags = NDArray[np.bool_]
+from basetree.arrays import Bool, Float, Index
 
 _TRIALS = 32
 _SCORED_POINTS = 60  # of each set, at least, for a trial plane
@@ -41,12 +37,12 @@ class GroundCloud(NamedTuple):
     """
 
     points: Float
-    usable: Flags
+    usable: Bool
     noise: Float
     departure_m: Float
     tolerance_m: float
 
-    def best_trial(self, least_cosine: float) -> tuple[Float, Float, Flags]:
+    def best_trial(self, least_cosine: float) -> tuple[Float, Float, Bool]:
         """Find the best of many planes through three random low points of each set.
 
         Returns:
@@ -75,7 +71,7 @@ class GroundCloud(NamedTuple):
         each = np.arange(len(best))
         return normals[each, best], -through[each, best], np.asarray(flat.any(axis=1))
 
-    def _lowest(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    def _lowest(self) -> tuple[Index, Index]:
         """Indices (T, C) of the lowest point in each horizontal cell, and their numbers (T,)."""
         level = self.points[..., :2]
         first = np.where(self.usable[..., None], level, np.inf).min(1, keepdims=True)

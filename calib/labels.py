@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Bool, Float
 from calib.masks import encode_rle, mask_polygons
 from calib.pixels import image_to_opencv
-
-Float = NDArray[np.floating[Any]]
 
 _LABELLED = 2  # COCO's visibility flag: labelled and visible
 _CATEGORY_ID = 1
@@ -27,7 +24,7 @@ class CocoLabels:
     Attributes:
         category: Name of the category.
         keypoint_names: Names of the category's keypoints, in order.
-        skeleton: Pairs of keypoint indices, from 0, to be joined by lines.
+        skeleton: Pairs of keypoint indices, from 0, to be joined by lines. COCO's begin with 1.
         description: Description of the data set.
         runs: Whether masks are written as exact COCO run lengths. The default is polygons, which
             more tools can edit.
@@ -52,7 +49,7 @@ class CocoLabels:
         self,
         box_px: Float,
         score: float,
-        mask: NDArray[np.bool_] | None = None,
+        mask: Bool | None = None,
         keypoints_px: Float | None = None,
     ) -> None:
         """Add an object to the current image.
@@ -100,7 +97,7 @@ class CocoLabels:
         category: dict[str, Any] = {"id": _CATEGORY_ID, "name": self.category, "supercategory": ""}
         if self.keypoint_names:
             category["keypoints"] = list(self.keypoint_names)
-            category["skeleton"] = _one_based(self.skeleton)
+            category["skeleton"] = [[first + 1, second + 1] for first, second in self.skeleton]
         return {
             "info": {"description": self.description},
             "licenses": [],
@@ -110,14 +107,9 @@ class CocoLabels:
         }
 
 
-def _box_mask(box_px: Float, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+def _box_mask(box_px: Float, shape: tuple[int, ...]) -> Bool:
     """Return the (H, W) mask of all pixels that a box touches."""
     mask = np.zeros(shape, np.bool_)
     (x0, y0), (x1, y1) = np.floor(box_px[:2]).astype(int), np.ceil(box_px[2:]).astype(int)
     mask[max(y0, 0) : y1, max(x0, 0) : x1] = True
     return mask
-
-
-def _one_based(skeleton: Sequence[tuple[int, int]]) -> list[list[int]]:
-    """Number the keypoints from 1, as COCO's skeleton does."""
-    return [[first + 1, second + 1] for first, second in skeleton]

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from basetree.arrays import Float, UInt8
 from calib.errors import CameraError
-
-Float = NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True)
@@ -65,7 +63,7 @@ class Letterbox:
             [self.resized_width / self.source_width, self.resized_height / self.source_height]
         )
 
-    def apply(self, image: NDArray[np.uint8], pad_value: int) -> NDArray[np.uint8]:
+    def apply(self, image: UInt8, pad_value: int) -> UInt8:
         """Resize and pad an image.
 
         Uses area averaging to shrink and bilinear interpolation to enlarge.

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-Float = NDArray[np.floating[Any]]
+from basetree.arrays import Bool, Float, Float32
 
 _ROWS_AT_ONCE: Final = 64  # small enough for the processor's cache
 _MIN_PART_SHARE = 0.01
@@ -32,7 +32,7 @@ def paste_mask(
     image_width: int,
     image_height: int,
     threshold: float = 0.5,
-) -> NDArray[np.bool_]:
+) -> Bool:
     """Resize a mask predicted in a box and paste it into the image.
 
     The value at a pixel's centre is interpolated bilinearly between the centres of the mask's
@@ -66,7 +66,7 @@ def paste_mask(
 
 def _axis_weights(
     start_px: float, end_px: float, cells: int, image_size: int
-) -> tuple[slice, NDArray[np.float32]]:
+) -> tuple[slice, Float32]:
     """Return the pixels that [start_px, end_px] touches and their (pixels, cells) weights."""
     first = min(max(int(np.floor(start_px)), 0), image_size)
     last = min(max(int(np.ceil(end_px)), first), image_size)
@@ -78,7 +78,7 @@ def _axis_weights(
     return slice(first, last), np.maximum(weights, 0.0).astype(np.float32)
 
 
-def encode_rle(mask: NDArray[np.bool_]) -> CocoRle:
+def encode_rle(mask: Bool) -> CocoRle:
     """Encode a (H, W) bool mask as compressed COCO run lengths (``maskApi.c`` of pycocotools).
 
     Runs are counted down the columns, starting with zeros. From the fourth on, each run is stored
@@ -114,7 +114,7 @@ def _pack_runs(values: NDArray[np.int64]) -> str:
     return characters[np.stack(written, axis=1)].tobytes().decode("ascii")
 
 
-def mask_polygons(mask: NDArray[np.bool_], tolerance_px: float = 1.0) -> list[list[float]]:
+def mask_polygons(mask: Bool, tolerance_px: float = 1.0) -> list[list[float]]:
     """Trace the outlines of a mask as COCO polygons.
 
     Holes are filled. Parts smaller than 1 % of the largest are left out.

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from basetree.arrays import Float64, UInt8
 from calib.depth.encoding import DepthEncoding
 
 _BLOWN, _BLACK = 250, 8
@@ -18,9 +19,7 @@ _USUAL: Final = (1.0, 99.0)
 _DIGITS: Final = 3
 
 
-def picture_statistics(
-    image: NDArray[np.uint8], encoding: DepthEncoding | None = None
-) -> dict[str, float]:
+def picture_statistics(image: UInt8, encoding: DepthEncoding | None = None) -> dict[str, float]:
     """Compute the statistics of a picture.
 
     To take little time, every fourth band of 8 rows is looked at.
@@ -60,7 +59,7 @@ def _usual_range(values: list[float]) -> tuple[float, float]:
     return round(float(low), _DIGITS), round(float(high), _DIGITS)
 
 
-def _of_colour(image: NDArray[np.uint8]) -> dict[str, float]:
+def _of_colour(image: UInt8) -> dict[str, float]:
     bands = _bands(image)
     pixels = bands.reshape(-1, *bands.shape[2:])
     grey: Any = cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY)
@@ -86,7 +85,7 @@ def _of_colour(image: NDArray[np.uint8]) -> dict[str, float]:
     }
 
 
-def _of_depth(image: NDArray[np.uint8], encoding: DepthEncoding) -> dict[str, float]:
+def _of_depth(image: UInt8, encoding: DepthEncoding) -> dict[str, float]:
     pixels = _bands(image).reshape(-1, image.shape[1])
     used = np.ones(256, bool)
     used[[encoding.invalid_value, encoding.far_value]] = False
@@ -110,7 +109,7 @@ def _of_depth(image: NDArray[np.uint8], encoding: DepthEncoding) -> dict[str, fl
     return found
 
 
-def _bands(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _bands(image: UInt8) -> UInt8:
     """Every fourth band of 8 rows, (bands, rows, W) or with colour; all rows of a low image."""
     count = len(image) // (_EVERY * _BLOCK_PX)
     if not count:
@@ -120,19 +119,19 @@ def _bands(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.ascontiguousarray(bands)
 
 
-def _histogram(grey: NDArray[np.uint8]) -> NDArray[np.float64]:
+def _histogram(grey: UInt8) -> Float64:
     """Number of pixels of each grey level, (256,)."""
     counts = cv2.calcHist([grey], [0], None, [256], [0, 256])
     return np.asarray(counts, np.float64).ravel()
 
 
-def _percentile(levels: NDArray[Any], counts: NDArray[np.float64], share: float) -> float:
+def _percentile(levels: NDArray[Any], counts: Float64, share: float) -> float:
     """The level that ``share`` of the pixels do not exceed, in the order of the histogram."""
     total = np.cumsum(counts)
     return float(levels[np.searchsorted(total, share * total[-1])])
 
 
-def _saturation(image: NDArray[np.uint8]) -> float:
+def _saturation(image: UInt8) -> float:
     """Mean difference of the highest and the lowest channel of a pixel, grey levels."""
     blue, green, red = cv2.split(image)
     highest = cv2.max(cv2.max(blue, green), red)

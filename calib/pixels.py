@@ -7,12 +7,10 @@ first pixel's centre.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Float = NDArray[np.floating[Any]]
+from basetree.arrays import Float
 
 
 def image_to_opencv(xy_px: ArrayLike) -> Float:

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from basetree.arrays import Float
 from calib.camera import PinholeCamera
 from calib.distortion import distort, undistort
 from calib.errors import CameraError
-
-Float = NDArray[np.floating[Any]]
 
 _BLOCK = 8192  # points per block: small enough for the processor's cache
 _CACHED_CAMERAS = 4
@@ -37,7 +35,7 @@ def pixels_to_rays(camera: PinholeCamera, xy_px: ArrayLike) -> Float:
         x: Float = (flat[block, 0] - 0.5 - camera.cx) / camera.fx
         y: Float = (flat[block, 1] - 0.5 - camera.cy) / camera.fy
         if camera.distortion:
-            x, y = undistort(camera, x, y)
+            x, y = undistort(camera.lens, x, y)
         rays[block, 0], rays[block, 1] = x, y
     return rays.reshape(*pixels.shape[:-1], 3)
 
@@ -77,7 +75,7 @@ def _project(camera: PinholeCamera, points: Float, pixels: Float) -> None:
     x: Float = points[:, 0] / z
     y: Float = points[:, 1] / z
     if camera.distortion:
-        x, y = distort(camera, x, y)
+        x, y = distort(camera.lens, x, y)
     x *= camera.fx
     x += camera.cx
     y *= camera.fy
@@ -108,7 +106,7 @@ def image_rays(camera: PinholeCamera) -> tuple[Float, Float]:
     return x, y
 
 
-def depth_to_points(camera: PinholeCamera, depth_m: NDArray[np.floating[Any]]) -> Float:
+def depth_to_points(camera: PinholeCamera, depth_m: Float) -> Float:
     """Convert a depth map to camera points.
 
     Args:
@@ -130,7 +128,7 @@ def depth_to_points(camera: PinholeCamera, depth_m: NDArray[np.floating[Any]]) -
     return points
 
 
-def check_size(camera: PinholeCamera, depth_m: NDArray[np.floating[Any]]) -> None:
+def check_size(camera: PinholeCamera, depth_m: Float) -> None:
     """Check that an (H, W) depth map has the camera's size.
 
     Raises:

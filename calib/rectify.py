@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, cast
+from typing import cast
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Float, Float32, UInt8
 from calib.camera import PinholeCamera
+from calib.distortion import RADTAN
 from calib.errors import CameraError
-from calib.lens_models import RADTAN
 from calib.pixels import image_to_opencv
 from calib.points import check_size, image_rays, pixels_to_rays, project_points
 
@@ -33,10 +33,10 @@ class Rectification:
 
     source: PinholeCamera
     camera: PinholeCamera
-    map_x: NDArray[np.float32]
-    map_y: NDArray[np.float32]
+    map_x: Float32
+    map_y: Float32
 
-    def image(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    def image(self, image: UInt8) -> UInt8:
         """Rectify an image by bilinear interpolation.
 
         Args:
@@ -55,9 +55,9 @@ class Rectification:
                 f" {self.source.width}x{self.source.height}"
             )
         undistorted = cv2.remap(image, self.map_x, self.map_y, cv2.INTER_LINEAR)
-        return cast("NDArray[np.uint8]", undistorted)
+        return cast("UInt8", undistorted)
 
-    def depth(self, depth_m: NDArray[np.floating[Any]]) -> NDArray[np.float32]:
+    def depth(self, depth_m: Float) -> Float32:
         """Rectify a depth map by taking the nearest pixel.
 
         The optical axis is unchanged, so depths along z keep their values.
@@ -74,7 +74,7 @@ class Rectification:
         check_size(self.source, depth_m)
         metres = np.asarray(depth_m, np.float32)
         undistorted = cv2.remap(metres, self.map_x, self.map_y, cv2.INTER_NEAREST)
-        return cast("NDArray[np.float32]", undistorted)
+        return cast("Float32", undistorted)
 
 
 def rectify(camera: PinholeCamera, focal_scale: float = 1.0) -> Rectification:

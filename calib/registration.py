@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Float, Float32
 from calib.camera import PinholeCamera
 from calib.pixels import image_to_opencv
 from calib.points import check_size, image_rays, project_points
 from calib.transform import RigidTransform
-
-Float = NDArray[np.floating[Any]]
 
 _MAX_RELATIVE_STEP = 0.1  # of inverse depth between neighbouring pixels of one surface
 _HALF_WIDTH_PX = 0.6  # of a patch in depth px; more than 0.5, or noise would open gaps
@@ -22,11 +20,11 @@ _BLOCK = 4096
 
 
 def register_depth(
-    depth_m: NDArray[np.floating[Any]],
+    depth_m: Float,
     depth_camera: PinholeCamera,
     colour_camera: PinholeCamera,
     depth_to_colour: RigidTransform,
-) -> NDArray[np.float32]:
+) -> Float32:
     """Transform a depth map into the view of another camera.
 
     Each depth pixel becomes a small planar patch, tilted according to its neighbours. It covers the
@@ -81,7 +79,7 @@ class _Patches(NamedTuple):
 
 
 def _project_patches(
-    depth_m: NDArray[np.floating[Any]],
+    depth_m: Float,
     depth_camera: PinholeCamera,
     colour_camera: PinholeCamera,
     depth_to_colour: RigidTransform,

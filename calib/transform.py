@@ -5,14 +5,12 @@ from __future__ import annotations
 from contextlib import suppress
 from dataclasses import dataclass
 from numbers import Real
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from basetree.arrays import Float
 from basetree.errors import InputError
-
-Float = NDArray[np.floating[Any]]
 
 _ORTHONORMAL_TOLERANCE = 1e-3
 # Columns: right, down and forward of a level camera that looks along the machine's x.

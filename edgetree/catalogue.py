@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import hashlib
-import json
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -12,23 +10,11 @@ from pathlib import Path
 from typing import Any, Final
 
 from basetree.errors import InputError
+from basetree.files.json import read_json
+from basetree.files.reading import file_sha256
 from edgetree.errors import ModelFileError
 from edgetree.model_file.manifest import METADATA_KEY, Manifest
 from edgetree.model_file.safety_check import read_model_file
-
-__all__ = [
-    "CARD_SCHEMA",
-    "DEFAULTS",
-    "FOLDERS_VARIABLE",
-    "MODALITIES",
-    "KnownModel",
-    "default_model",
-    "find_model",
-    "hidden_models",
-    "known_models",
-    "other_model",
-    "suited_model",
-]
 
 DEFAULTS: Final = {"rgb": "edge-s-rgb", "depth": "edge-n-depth"}
 """The packaged model that "rgb" and "depth" stand for: of a command without --model, too."""
@@ -74,14 +60,8 @@ class KnownModel:
         path = self.path.with_suffix(".json")
         if not path.is_file():
             return None
-        expected = f"expected a card of schema {CARD_SCHEMA}"
-        try:
-            card = json.loads(path.read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            raise InputError(f"{path} cannot be read ({error}): {expected}") from error
-        if not isinstance(card, dict) or card.get("schema") != CARD_SCHEMA:
-            raise InputError(f"{path} has another schema: {expected}")
-        if card.get("model_sha256") != hashlib.sha256(self.path.read_bytes()).hexdigest():
+        card = read_json(path, CARD_SCHEMA, "a card of a model")
+        if card.get("model_sha256") != file_sha256(self.path):
             raise InputError(f"{path} is the card of another file than {self.path.name}")
         return card
 

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from basetree.errors import InputError
 from calib import paste_mask
 
-__all__ = ["ERROR_FACTORS", "KEYPOINT_NAMES", "MASK_SIZE", "TreeDetections", "UnlikeTraining"]
-
 KEYPOINT_NAMES: Final = (
     "felling_cut",
     "diameter_left",

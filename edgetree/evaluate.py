@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import UInt8
 from basetree.errors import InputError, MissingPackage, install_hint
 from edgetree.model_file.manifest import Manifest
 from edgetree.runtime.detector import TreeDetector
@@ -18,8 +18,6 @@ from edgetree.runtime.session import InferenceSession
 if TYPE_CHECKING:
     from perceptree.data import FrameStore
     from perceptree.evaluation import Predict, RawDetections, Report
-
-__all__ = ["evaluate_file", "frames_for", "predict_with_file", "summary_of"]
 
 
 def evaluate_file(
@@ -82,7 +80,7 @@ def predict_with_file(session: InferenceSession, manifest: Manifest) -> Predict:
 
     batch = manifest.input.batch_sizes[0]
 
-    def predict(images: NDArray[np.uint8]) -> RawDetections:
+    def predict(images: UInt8) -> RawDetections:
         filled = np.concatenate([images, images[:1].repeat(batch - len(images), axis=0)])
         found = session.run({manifest.input.name: filled})
         kept = {name: values[: len(images)] for name, values in found.items()}

@@ -13,8 +13,6 @@ from basetree.errors import InputError
 from basetree.files import writing
 from basetree.files.names import DEPTH_SUFFIXES, IMAGE_SUFFIXES
 
-__all__ = ["check_paths", "output_folder", "replacing", "text_file"]
-
 
 def check_paths(outputs: Mapping[str, Path | None], inputs: Mapping[str, Path | None]) -> None:
     """Check that no output overwrites an input or another output.

@@ -1,10 +1,11 @@
-"""Read image and video files.
+"""Read text, image and video files.
 
 The only place that gives paths to OpenCV: it crashes on names that are not UTF-8.
 """
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,49 @@ import numpy as np
 from numpy.typing import NDArray
 
 from basetree.errors import InputFileError
+from basetree.files.limits import current_limits
 from basetree.files.names import is_utf8
 from basetree.files.picture_size import check_picture_size
+
+
+def read_text(path: Path, expected: str) -> str:
+    """Read a small UTF-8 text file.
+
+    Args:
+        path: The file.
+        expected: What the file should be, for messages.
+
+    Raises:
+        InputFileError: If the file is missing, unreadable, not text or too large.
+    """
+    largest = current_limits().text_file_bytes
+    try:
+        with path.open("rb") as file:
+            data = file.read(largest + 1)
+    except FileNotFoundError as error:
+        raise InputFileError(f"{path}: no such file, expected {expected}") from error
+    except OSError as error:
+        raise InputFileError(f"{path}: cannot be read ({error.strerror})") from error
+    except ValueError as error:  # a NUL in the path
+        raise InputFileError(f"{path}: not a path ({error}), expected {expected}") from error
+    if len(data) > largest:
+        raise InputFileError(
+            f"{path}: larger than {largest} bytes, the limit text_file_bytes, expected {expected}"
+        )
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputFileError(f"{path}: not a text file, expected {expected}") from error
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def file_sha256(path: Path) -> str:
+    """SHA-256 of a file's content, as 64 hexadecimal digits.
+
+    Raises:
+        OSError: If it cannot be read.
+    """
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def read_image(path: Path, flags: int = cv2.IMREAD_COLOR) -> NDArray[Any] | None:

@@ -10,8 +10,6 @@ from typing import Any, Protocol, TypeVar
 
 import typer
 
-__all__ = ["note", "print_json", "progress", "track"]
-
 _T = TypeVar("_T")
 
 

@@ -15,8 +15,6 @@ from typing import Any, NoReturn, TextIO
 
 import typer
 
-__all__ = ["run_command_line"]
-
 _FAILED = 1
 _BAD_INPUT = 2
 _INTERRUPTED = 128 + signal.SIGINT

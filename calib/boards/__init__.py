@@ -4,11 +4,17 @@
 or a CalibrationFailure.
 """
 
-from calib.boards.board import Board, CharucoBoard, Checkerboard, CircleGrid
+from calib.boards.board import (
+    BOARD_FORMS,
+    Board,
+    CharucoBoard,
+    Checkerboard,
+    CircleGrid,
+    parse_board,
+)
 from calib.boards.calibrate import calibrate_camera
 from calib.boards.coverage import Coverage
 from calib.boards.detections import BoardDetections, Picture, find_boards
-from calib.boards.parse import BOARD_FORMS, parse_board
 from calib.boards.result import Calibration, CalibrationFailure, Dropped, Parameter, ViewResult
 from calib.boards.solve import LENS_MODELS, BoardView
 

@@ -1,22 +1,25 @@
-"""Calibration boards: their geometry and their detection in an image."""
+"""Calibration boards: their geometry, their detection in an image, and texts that describe them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, Final, Protocol
+from typing import Final, Protocol
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Float, UInt8
 from basetree.errors import InputError
 from calib.pixels import opencv_to_image
 
-Float = NDArray[np.floating[Any]]
-Grey = NDArray[np.uint8]
-
 LEAST_POINTS: Final = 8
+BOARD_FORMS: Final = (
+    "checkerboard:9x6:0.025 (inner corners, side of a square in metres),"
+    " charuco:8x6:0.03:0.022:4x4_50 (squares, sides of square and marker, dictionary),"
+    " circles:7x5:0.02 or circles:4x11:0.02:asymmetric (circles per row x rows, row spacing"
+    " in metres)"
+)
 _MAX_COUNT, _MAX_LENGTH_M = 100, 2.0
 _WINDOW_SHARE, _MIN_WINDOW_PX, _MAX_WINDOW_PX = 0.35, 2, 30
 _REFINE_CRITERIA = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 40, 1e-3)
@@ -26,7 +29,7 @@ _SEARCH_SIZE_PX, _MIN_BLOB_PX2 = 1600, 25.0
 class Board(Protocol):
     """A flat calibration target with points at known positions."""
 
-    def detect(self, grey: Grey) -> tuple[Float, Float] | None:
+    def detect(self, grey: UInt8) -> tuple[Float, Float] | None:
         """Find the board in an (H, W) uint8 image.
 
         Returns:
@@ -56,7 +59,7 @@ class Checkerboard:
         _check_counts(self.columns, self.rows, "inner corners")
         _check_lengths(square_m=self.square_m)
 
-    def detect(self, grey: Grey) -> tuple[Float, Float] | None:
+    def detect(self, grey: UInt8) -> tuple[Float, Float] | None:
         """Find the board; see ``Board.detect``.
 
         Large images are searched at a reduced size. The corners of ``findChessboardCornersSB`` are
@@ -116,7 +119,7 @@ class CharucoBoard:
                 f" {self.columns}x{self.rows} squares"
             )
 
-    def detect(self, grey: Grey) -> tuple[Float, Float] | None:
+    def detect(self, grey: UInt8) -> tuple[Float, Float] | None:
         """Find the board; see ``Board.detect``.
 
         The corners are refined again because some versions of OpenCV return them half a pixel off.
@@ -163,7 +166,7 @@ class CircleGrid:
         _check_counts(self.columns, self.rows, "circles")
         _check_lengths(spacing_m=self.spacing_m)
 
-    def detect(self, grey: Grey) -> tuple[Float, Float] | None:
+    def detect(self, grey: UInt8) -> tuple[Float, Float] | None:
         """Find the board; see ``Board.detect``."""
         kind = cv2.CALIB_CB_ASYMMETRIC_GRID if self.asymmetric else cv2.CALIB_CB_SYMMETRIC_GRID
         blobs = cv2.SimpleBlobDetector.Params()
@@ -181,6 +184,32 @@ class CircleGrid:
         if self.asymmetric:
             object_m[:, 0] = 2 * object_m[:, 0] + object_m[:, 1] % 2
         return opencv_to_image(centres.reshape(-1, 2)), object_m * self.spacing_m
+
+
+def parse_board(text: str) -> Board:
+    """Create a board from a text in one of the forms of ``BOARD_FORMS``.
+
+    Raises:
+        InputError: If the text has no known form or a value is invalid; the message quotes it.
+    """
+    kind, *parts = text.strip().lower().split(":")
+    try:
+        if kind == "checkerboard" and len(parts) == 2:
+            return Checkerboard(*_counts(parts[0]), float(parts[1]))
+        if kind == "charuco" and len(parts) == 4:
+            return CharucoBoard(*_counts(parts[0]), float(parts[1]), float(parts[2]), parts[3])
+        if kind == "circles" and (len(parts) == 2 or parts[2:] == ["asymmetric"]):
+            return CircleGrid(*_counts(parts[0]), float(parts[1]), asymmetric=len(parts) == 3)
+    except InputError as error:
+        raise InputError(f"board {text!r}: {error}") from error
+    except ValueError:
+        pass
+    raise InputError(f"board is {text!r}: expected one such as {BOARD_FORMS}")
+
+
+def _counts(text: str) -> tuple[int, int]:
+    columns, rows = text.split("x")
+    return int(columns), int(rows)
 
 
 @cache
@@ -229,7 +258,7 @@ def _min_spacing_px(grid_px: Float) -> float:
     return float(min(along.min(), across.min()))
 
 
-def _refine_corners(grey: Grey, corners_px: Float, window_px: float) -> Float:
+def _refine_corners(grey: UInt8, corners_px: Float, window_px: float) -> Float:
     """Refine corners, in OpenCV's px, to sub-pixel accuracy on the image gradients."""
     half = int(np.clip(window_px, _MIN_WINDOW_PX, _MAX_WINDOW_PX))
     corners = np.array(corners_px, np.float32).reshape(-1, 1, 2)  # OpenCV changes it in place

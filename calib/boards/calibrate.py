@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Final
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Float
 from calib.boards.coverage import Coverage, coverage_of
 from calib.boards.result import Calibration, CalibrationFailure, Dropped, Parameter, ViewResult
 from calib.boards.robust import solve_robustly
 from calib.boards.solve import PARAMETERS, BoardView, Solution
 from calib.camera import PinholeCamera
 from calib.errors import CameraError
-
-Float = NDArray[np.floating[Any]]
 
 MIN_VIEWS: Final = 8
 _MIN_TILT_DEG, _MIN_TILTED_VIEWS, _GOOD_TILT_DEG = 10.0, 3, 20.0

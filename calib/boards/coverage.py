@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Float = NDArray[np.floating[Any]]
+from basetree.arrays import Float
 
 _CELLS: Final = 12
 _MIN_CELLS: Final = 3

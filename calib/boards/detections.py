@@ -10,11 +10,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from basetree.arrays import UInt8
 from basetree.errors import InputError
 from calib.boards.board import Board
 from calib.boards.solve import BoardView
-
-Grey = NDArray[np.uint8]
 
 _THUMBNAIL: Final = (32, 24)
 _MIN_GREY_CHANGE = 0.5
@@ -33,7 +32,7 @@ class Picture:
     """
 
     name: str
-    grey: Grey
+    grey: UInt8
     time_s: float | None = None
 
 

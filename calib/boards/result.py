@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from typing import Any
 
 from calib.boards.coverage import Coverage
 from calib.camera import PinholeCamera
+from calib.errors import Failure
 
 
 @dataclass(frozen=True)
@@ -110,7 +111,7 @@ class Calibration:
 
 
 @dataclass(frozen=True)
-class CalibrationFailure:
+class CalibrationFailure(Failure):
     """No camera could be estimated. Falsy.
 
     Attributes:
@@ -119,12 +120,8 @@ class CalibrationFailure:
         dropped: Views and points left out before the failure.
     """
 
-    reason: str
     advice: tuple[str, ...] = ()
     dropped: tuple[Dropped, ...] = ()
-
-    def __bool__(self) -> Literal[False]:
-        return False
 
     def to_dict(self) -> dict[str, Any]:
         """Return JSON-ready values."""

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Bool, Float
 from calib.boards.board import LEAST_POINTS
 from calib.boards.result import Dropped
 from calib.boards.solve import (
@@ -19,8 +19,6 @@ from calib.boards.solve import (
     refine,
     residual_lengths_px,
 )
-
-Float = NDArray[np.floating[Any]]
 
 _MAX_ROUNDS: Final = 15
 # In units of the typical view's median residual.
@@ -33,7 +31,7 @@ _MAX_SHARE_OF_WRONG_POINTS = 0.3
 class _ViewCheck:
     """Which points of a view agree with the other views (none if the view does not), and why."""
 
-    right: NDArray[np.bool_]
+    right: Bool
     reason: str
 
     @property
@@ -130,7 +128,7 @@ def _better_pose(
     )
 
 
-def _part(view: BoardView, right: NDArray[np.bool_]) -> BoardView:
+def _part(view: BoardView, right: Bool) -> BoardView:
     return BoardView(view.name, view.image_px[right], view.object_m[right])
 
 

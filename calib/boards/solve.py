@@ -14,15 +14,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from calib.lens_models import FISHEYE
-
-Float = NDArray[np.floating[Any]]
+from basetree.arrays import Float
+from calib.distortion import FISHEYE
 
 PARAMETERS: Final = {
     "radtan": ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3"),

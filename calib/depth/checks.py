@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.errors import DepthError
+from basetree.arrays import Float, Float32
+from calib.errors import DepthError, Failure
 
 _MAX_MEDIAN_M = 60.0
 _MIN_MEDIAN_M = 0.05
@@ -33,14 +34,8 @@ class DepthReport:
     farthest_m: float
 
 
-@dataclass(frozen=True)
-class DepthFailure:
+class DepthFailure(Failure):
     """The reason why an array is not a plausible depth map. Falsy."""
-
-    reason: str
-
-    def __bool__(self) -> bool:
-        return False
 
 
 def check_depth(depth_m: NDArray[Any], min_share: float = 0.05) -> DepthReport | DepthFailure:
@@ -91,9 +86,7 @@ def _implausible(nearest: float, median: float, farthest: float, at_maximum: flo
     return ""
 
 
-def mask_by_confidence(
-    depth_m: NDArray[np.floating[Any]], confidence: NDArray[Any], least: float
-) -> NDArray[np.float32]:
+def mask_by_confidence(depth_m: Float, confidence: NDArray[Any], least: float) -> Float32:
     """Set readings with low confidence to 0.
 
     Args:

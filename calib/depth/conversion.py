@@ -8,14 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from basetree.arrays import Float32
 from calib.camera import PinholeCamera
 from calib.errors import DepthError
 from calib.points import check_size, image_rays
 
 
-def disparity_to_depth(
-    disparity_px: ArrayLike, fx_px: float, baseline_m: float
-) -> NDArray[np.float32]:
+def disparity_to_depth(disparity_px: ArrayLike, fx_px: float, baseline_m: float) -> Float32:
     """Convert stereo disparity to depth: z = fx b / d.
 
     Args:
@@ -33,12 +32,12 @@ def disparity_to_depth(
     return _divide_valid(_focal_baseline(fx_px, baseline_m), disparity_px)
 
 
-def depth_to_disparity(depth_m: ArrayLike, fx_px: float, baseline_m: float) -> NDArray[np.float32]:
+def depth_to_disparity(depth_m: ArrayLike, fx_px: float, baseline_m: float) -> Float32:
     """Convert (H, W) metres along z to (H, W) px; inverse of ``disparity_to_depth``."""
     return _divide_valid(_focal_baseline(fx_px, baseline_m), depth_m)
 
 
-def range_to_depth(range_m: ArrayLike, camera: PinholeCamera) -> NDArray[np.float32]:
+def range_to_depth(range_m: ArrayLike, camera: PinholeCamera) -> Float32:
     """Convert distance along each pixel's ray to depth along z.
 
     Args:
@@ -55,7 +54,7 @@ def range_to_depth(range_m: ArrayLike, camera: PinholeCamera) -> NDArray[np.floa
     return np.asarray(ranges / _ray_lengths(camera, ranges), np.float32)
 
 
-def depth_to_range(depth_m: ArrayLike, camera: PinholeCamera) -> NDArray[np.float32]:
+def depth_to_range(depth_m: ArrayLike, camera: PinholeCamera) -> Float32:
     """Convert (H, W) metres along z to metres along the ray; inverse of ``range_to_depth``."""
     depths = np.asarray(depth_m, np.float64)
     return np.asarray(depths * _ray_lengths(camera, depths), np.float32)
@@ -76,7 +75,7 @@ def _focal_baseline(fx_px: float, baseline_m: float) -> float:
     return fx_px * baseline_m
 
 
-def _divide_valid(product: float, values: ArrayLike) -> NDArray[np.float32]:
+def _divide_valid(product: float, values: ArrayLike) -> Float32:
     """Divide ``product`` by the finite values above 0; return 0 elsewhere."""
     divisors = np.asarray(values, np.float64)
     usable = np.isfinite(divisors) & (divisors > 0)

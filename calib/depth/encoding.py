@@ -9,8 +9,8 @@ from typing import Any, cast
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Float, Float32, UInt8
 from calib.errors import DepthError
 
 _MIN_READING_M, _MAX_READING_M = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
@@ -80,7 +80,7 @@ class DepthEncoding:
         )
 
 
-def encode_depth(depth_m: NDArray[np.floating[Any]], encoding: DepthEncoding) -> NDArray[np.uint8]:
+def encode_depth(depth_m: Float, encoding: DepthEncoding) -> UInt8:
     """Encode a depth map in 8 bits.
 
     Args:
@@ -98,10 +98,10 @@ def encode_depth(depth_m: NDArray[np.floating[Any]], encoding: DepthEncoding) ->
     grey = np.clip(grey, low, high, out=grey)
     reading = cv2.inRange(metres, _MIN_READING_M, _MAX_READING_M)  # 0 for NaN and infinity
     unknown = np.full(metres.shape, encoding.invalid_value, np.uint8)
-    return cast("NDArray[np.uint8]", cv2.copyTo(grey, reading, unknown))
+    return cast("UInt8", cv2.copyTo(grey, reading, unknown))
 
 
-def decode_depth(grey: NDArray[np.uint8], encoding: DepthEncoding) -> NDArray[np.float32]:
+def decode_depth(grey: UInt8, encoding: DepthEncoding) -> Float32:
     """Decode an 8-bit depth map.
 
     Args:

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from basetree.arrays import Float, Float32
 from basetree.errors import InputFileError
 from basetree.files.limits import current_limits
 from basetree.files.reading import read_image
@@ -21,7 +22,7 @@ _MAX_MM = 65535
 _MAX_READING_M = float(np.finfo(np.float32).max)
 
 
-def read_depth(path: Path | str, scale: float = 1 / _MM_PER_M) -> NDArray[np.float32]:
+def read_depth(path: Path | str, scale: float = 1 / _MM_PER_M) -> Float32:
     """Read a depth map.
 
     Args:
@@ -55,7 +56,7 @@ def read_depth(path: Path | str, scale: float = 1 / _MM_PER_M) -> NDArray[np.flo
     return np.where((values > 0) & (values <= _MAX_READING_M), values, 0).astype(np.float32)
 
 
-def in_metres(steps: NDArray[Any], scale: float) -> NDArray[np.float32]:
+def in_metres(steps: NDArray[Any], scale: float) -> Float32:
     """Convert uint16 steps to metres.
 
     If 1 / scale is a whole number, divide by it: the result is then the float32 nearest to the
@@ -92,7 +93,7 @@ def _read_image(path: Path) -> NDArray[Any]:
     return image
 
 
-def write_depth(path: Path | str, depth_m: NDArray[np.floating[Any]]) -> None:
+def write_depth(path: Path | str, depth_m: Float) -> None:
     """Write (H, W) metres as a 16-bit PNG in millimetres.
 
     Readings that are not finite, negative or beyond 65.535 m are written as 0, no reading. The file

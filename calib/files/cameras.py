@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import logging
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from basetree.errors import InputFileError, short_line
+from basetree.files.json import json_text
+from basetree.files.reading import read_text
 from basetree.files.writing import write_text
 from calib.camera import PinholeCamera
 from calib.errors import CameraError
@@ -19,13 +20,11 @@ from calib.files import (
     orb_slam,
     own,
     realsense,
-    ros_camera_info,
-    ros_message,
-    ros_parameters,
+    ros,
     zed,
 )
 from calib.files.fields import Values
-from calib.files.text import parse, read_text
+from calib.files.text import parse
 
 _log = logging.getLogger(__name__)
 _EXPECTED = "a camera file"
@@ -48,15 +47,15 @@ class _Format(NamedTuple):
 # In order of trial: the first that finds a camera reads the file, so general formats come last.
 _FORMATS = (
     _Format(own.SCHEMA, own.find, own.build),
-    _Format("ROS camera_info", ros_camera_info.find, ros_camera_info.build),
+    _Format("ROS camera_info", ros.find_camera_info, ros.build_camera_info),
     _Format("OpenCV", opencv.find, opencv.build),
-    _Format("ROS CameraInfo messages", ros_message.find, ros_message.build),
+    _Format("ROS CameraInfo messages", ros.find_messages, ros.build_message),
     _Format("Kalibr camchain", kalibr.find, kalibr.build),
     _Format("CamOdoCal", camodocal.find, camodocal.build),
     _Format("ORB-SLAM settings", orb_slam.find, orb_slam.build),
     _Format("RealSense", realsense.find, realsense.build),
     _Format("ZED", zed.find, zed.build),
-    _Format("ROS parameters", ros_parameters.find, ros_parameters.build),
+    _Format("ROS parameters", ros.find_parameters, ros.build_parameters),
     _Format("fx, fy, cx and cy alone", own.find_plain, own.build_plain),
 )
 
@@ -82,7 +81,7 @@ def load_camera(path: Path | str, *, name: str | None = None) -> PinholeCamera:
     text = read_text(path, _EXPECTED)
     values: Any = realsense.parse_text(text) or parse(path, text, _EXPECTED)
     if isinstance(values, list):
-        values = ros_message.by_frame(values)
+        values = ros.messages_by_frame(values)
     for form in _FORMATS:
         if isinstance(values, Mapping) and (cameras := form.find(values)):
             chosen = _choose(path, cameras, name)
@@ -124,5 +123,4 @@ def save_camera(path: Path | str, camera: PinholeCamera) -> None:
     Raises:
         InputFileError: If the file cannot be written.
     """
-    text = json.dumps({"schema": own.SCHEMA, **camera.to_dict()}, indent=1)
-    write_text(Path(path), f"{text}\n")
+    write_text(Path(path), json_text(own.SCHEMA, camera.to_dict()))

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from calib.camera import PinholeCamera
+from calib.distortion import FISHEYE
 from calib.errors import CameraError
 from calib.files.fields import Values, camera, number, size
-from calib.lens_models import FISHEYE
 
 
 def find(values: Values) -> dict[str, Values]:

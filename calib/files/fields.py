@@ -10,8 +10,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from calib.camera import PinholeCamera
+from calib.distortion import RADTAN
 from calib.errors import CameraError
-from calib.lens_models import RADTAN
 
 Values = Mapping[str, Any]
 

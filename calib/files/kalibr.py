@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from calib.camera import PinholeCamera
+from calib.distortion import FISHEYE, RADTAN
 from calib.errors import CameraError
 from calib.files.fields import Values, camera, lens_model, numbers, one_of, size
-from calib.lens_models import FISHEYE, RADTAN
 
 _MODELS = {"radtan": RADTAN, "equidistant": FISHEYE, "none": RADTAN}
 _TERMS = 4

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from calib.camera import PinholeCamera
+from calib.distortion import FISHEYE, RADTAN
 from calib.files.fields import Values, camera, flag, matrix, numbers, one_of, size
-from calib.lens_models import FISHEYE, RADTAN
 
 _MATRIX = ("camera_matrix", "cameraMatrix", "Camera_Matrix")
 _TERMS = (

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from calib.camera import PinholeCamera
+from calib.distortion import FISHEYE, RADTAN
 from calib.errors import CameraError
 from calib.files.fields import Values, camera, matrix, number, numbers, size
-from calib.lens_models import FISHEYE, RADTAN
 
 _CAMERAS = ("Camera", "Camera1", "Camera2")
 _RAW = ("LEFT", "RIGHT")  # ORB-SLAM2: the two cameras before rectification to Camera

@@ -8,9 +8,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from calib.camera import PinholeCamera
+from calib.distortion import FISHEYE, RADTAN
 from calib.errors import CameraError
 from calib.files.fields import Values, camera, lens_model, number, numbers, size
-from calib.lens_models import FISHEYE, RADTAN
 
 _HEADER = re.compile(r'Intrinsic of "(?P<stream>[^"]+)"[\s/]+(?P<size>\d+x\d+)[\s/]*(?P<form>.*)')
 _FIELD = re.compile(r"\s*(?P<name>Width|Height|PPX|PPY|Fx|Fy|Distortion|Coeffs):\s*(?P<value>.*)")

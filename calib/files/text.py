@@ -15,42 +15,13 @@ from typing import Any
 from xml.etree import ElementTree
 
 from basetree.errors import InputFileError
+from basetree.files.json import unique_keys
 from basetree.files.limits import current_limits
+from basetree.files.reading import read_text
 
 _INI = re.compile(r"(\s*[;#].*\n)*\s*\[[A-Za-z]\w*\]\s*\n")
 _OLD_OPENCV_HEADER = re.compile(r"\s*%YAML:1\.0[^\n]*\n")
 _NO_SPACE_AFTER_KEY = re.compile(r"^([ \t]*[A-Za-z_][\w.]*:)(?=[\d\[\"-])", re.MULTILINE)
-
-
-def read_text(path: Path, expected: str) -> str:
-    """Read a UTF-8 text file.
-
-    Args:
-        path: The file.
-        expected: What the file should be, for messages.
-
-    Raises:
-        InputFileError: If the file is missing, unreadable, not text or too large.
-    """
-    largest = current_limits().text_file_bytes
-    try:
-        with path.open("rb") as file:
-            data = file.read(largest + 1)
-    except FileNotFoundError as error:
-        raise InputFileError(f"{path}: no such file, expected {expected}") from error
-    except OSError as error:
-        raise InputFileError(f"{path}: cannot be read ({error.strerror})") from error
-    except ValueError as error:  # a NUL in the path
-        raise InputFileError(f"{path}: not a path ({error}), expected {expected}") from error
-    if len(data) > largest:
-        raise InputFileError(
-            f"{path}: larger than {largest} bytes, the limit text_file_bytes, expected {expected}"
-        )
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputFileError(f"{path}: not a text file, expected {expected}") from error
-    return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def parse(path: Path, text: str, expected: str) -> Any:
@@ -100,21 +71,6 @@ def parse_record(path: Path, schema: str, expected: str) -> Mapping[str, Any]:
     return values
 
 
-def refuse_repeated(names: Iterable[str]) -> None:
-    """Raise ValueError if a name is repeated."""
-    seen: set[str] = set()
-    for name in names:
-        if name in seen:
-            raise ValueError(f"{name} is given twice")
-        seen.add(name)
-
-
-def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Return the pairs as a dict; ValueError if a key is repeated."""
-    refuse_repeated(name for name, _ in pairs)
-    return dict(pairs)
-
-
 def _check_extent(values: Any) -> None:
     """Check the number of values and their nesting.
 
@@ -140,7 +96,7 @@ def _parts(value: Any) -> Iterable[Any]:
 
 
 def _parse_json(text: str) -> Any:
-    return json.loads(text, object_pairs_hook=_unique)
+    return json.loads(text, object_pairs_hook=unique_keys)
 
 
 def _parse_ini(text: str) -> dict[str, dict[str, str]]:
@@ -167,7 +123,7 @@ def _parse_xml(text: str) -> Any:
             return (element.text or "").strip().strip('"')
         if element[0].tag == "_":  # the tag of list items
             return [values(child) for child in element]
-        return _unique([(child.tag, values(child)) for child in element])
+        return unique_keys([(child.tag, values(child)) for child in element])
 
     return values(elements[0])
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from basetree.errors import InputError
+from basetree.files.json import json_text
 from basetree.files.writing import write_text
 from calib.files.text import parse_record
 from calib.transform import RigidTransform
@@ -75,8 +75,7 @@ def save_transform(path: Path | str, transform: RigidTransform) -> None:
         InputFileError: If the file cannot be written.
     """
     values = {
-        "schema": SCHEMA,
         "rotation": transform.rotation.tolist(),
         "translation_m": transform.translation_m.tolist(),
     }
-    write_text(Path(path), f"{json.dumps(values, indent=1)}\n")
+    write_text(Path(path), json_text(SCHEMA, values))

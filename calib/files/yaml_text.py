@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 import yaml
 
+from basetree.files.json import refuse_repeated
 from basetree.files.limits import current_limits
-from calib.files.text import refuse_repeated
 
 _TAG = "tag:yaml.org,2002:"
 _LONGEST_NUMBER = 1000

@@ -6,9 +6,9 @@ import re
 from collections.abc import Mapping
 
 from calib.camera import PinholeCamera
+from calib.distortion import FISHEYE, RADTAN
 from calib.errors import CameraError
 from calib.files.fields import Values, camera, number
-from calib.lens_models import FISHEYE, RADTAN
 
 _SIZES = {
     "2K": (2208, 1242),

@@ -19,8 +19,6 @@ import numpy as np
 
 from basetree.errors import InputError
 
-__all__ = ["LEAST_AP", "LEAST_SHARE", "Comparison", "RowChange", "compare_results"]
-
 LEAST_SHARE: Final = 0.03
 """Smallest change of a time that counts, as a share of it."""
 LEAST_AP: Final = 0.1
@@ -109,7 +107,8 @@ class Comparison:
             yield f"measured on different machines: {old}, then {new}"
         width = max((len(row.row) for row in self.rows), default=0)
         for row in self.rows:
-            yield f"{row.row:{width}}  {_times(row)}  {_verdict(row)}"
+            times = f"{row.old_ms:9.2f} ms {row.new_ms:9.2f} ms {100 * (row.ratio - 1):+7.1f} %"
+            yield f"{row.row:{width}}  {times}  {_verdict(row)}"
         for text, names in (("only in OLD", self.only_old), ("only in NEW", self.only_new)):
             yield from (f"{name}: {text}" for name in names)
 
@@ -184,10 +183,6 @@ def _lost(old: Record, new: Record) -> dict[str, float]:
         if was.get(name) is not None and now.get(name) is not None
     }
     return {name: fall for name, fall in falls.items() if fall > LEAST_AP}
-
-
-def _times(row: RowChange) -> str:
-    return f"{row.old_ms:9.2f} ms {row.new_ms:9.2f} ms {100 * (row.ratio - 1):+7.1f} %"
 
 
 def _verdict(row: RowChange) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import os
 import sys
 from collections.abc import Callable
@@ -11,12 +10,11 @@ from pathlib import Path
 from typing import Final
 
 from basetree.errors import InputError
+from basetree.program.python import installed_version
 from edgetree.errors import SignatureError
 from edgetree.export.settings import PRECISIONS, TARGETS
 from edgetree.runtime.providers import AUTO, CPU
 from edgetree.signing.verify import is_signature_required
-
-__all__ = ["NETWORKS", "NetworkFile", "NetworkFiles", "cache_folder"]
 
 NETWORKS: Final = (
     "edge-n",
@@ -167,8 +165,4 @@ def cache_folder() -> Path:
         base = Path.home() / "Library" / "Caches"
     else:
         base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    try:
-        version = importlib.metadata.version("edgetree")
-    except importlib.metadata.PackageNotFoundError:
-        version = "unknown"
-    return Path(base) / "edgetree" / f"models-{version}"
+    return Path(base) / "edgetree" / f"models-{installed_version('edgetree') or 'unknown'}"

@@ -9,15 +9,13 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
 from numpy.typing import NDArray
 
+from basetree.arrays import Float32, Float64
 from calib import PinholeCamera
 from edgetree.frames.pipeline import image_for, open_frames, readable
 from edgetree.runtime.detector import TreeDetector
 from edgetree.samples import sample_frames
-
-__all__ = ["MOST_FRAMES", "BenchFrame", "bench_frames"]
 
 MOST_FRAMES: Final = 16
 
@@ -36,9 +34,9 @@ class BenchFrame:
 
     image: NDArray[Any]
     decode_ms: float
-    depth_m: NDArray[np.float32] | None = None
+    depth_m: Float32 | None = None
     camera: PinholeCamera | None = None
-    up_camera: NDArray[np.float64] | None = None
+    up_camera: Float64 | None = None
 
 
 def bench_frames(

@@ -11,8 +11,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
-__all__ = ["PAPER", "PAPER_GPU", "PaperRow", "paper_lines"]
-
 PAPER_GPU: Final = "RTX 3090"
 _GIGA: Final = 1e9
 _MEGA: Final = 1e6
@@ -80,7 +78,6 @@ PAPER: Final[dict[str, PaperRow]] = {
     "x101-32x4d": _X101,
     "x101-32x8d": _X101,
 }
-
 
 _WIDTHS: Final = (10, 7, 6, 7, 6, 7, 8, 8, 8, 7, 7, 6, 6, 7)
 # Headings, and the number of columns that each spans.

@@ -16,8 +16,6 @@ import numpy as np
 from edgetree.model_file.onnx_bytes import Node, TensorType, onnx_bytes
 from edgetree.runtime.providers import import_onnxruntime
 
-__all__ = ["machine_peak"]
-
 _SIDE: Final = 1024
 _SHAPE: Final = (_SIDE, _SIDE)
 _FEWEST_RUNS: Final = 5

@@ -3,6 +3,10 @@
 A profile has the time of every operator that ran, its name, and the shapes of its inputs and
 outputs. Multiply-adds are counted in a session without optimisation, in which every convolution and
 matrix product is still the operator that the file contains.
+
+The exporter names weights by the module that they come from, and nodes by their operator. A node
+belongs to the part of its weights; one without weights belongs to the last of the parts that its
+inputs come from, as the parts run one after another. Regions are pooled for the heads.
 """
 
 from __future__ import annotations
@@ -10,7 +14,7 @@ from __future__ import annotations
 import json
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import prod
 from pathlib import Path
@@ -18,12 +22,22 @@ from typing import Any, Final, NamedTuple
 
 from numpy.typing import NDArray
 
-from edgetree.bench.network_parts import PARTS, parts_of_nodes
+from edgetree.model_file.graph_rules import GraphNode
 from edgetree.model_file.safety_check import read_model_file
 from edgetree.runtime.providers import PROVIDERS, SessionSettings, import_onnxruntime
 from edgetree.runtime.session import OrtSession
 
-__all__ = ["NetworkTimes", "Operator", "count_multiply_adds", "network_times"]
+PARTS: Final = ("trunk", "pyramid", "proposals", "heads")
+"""The parts of a network in the order in which they run."""
+
+_WEIGHTS: Final = {
+    "model.backbone.": "trunk",
+    "model.pyramid.": "pyramid",
+    "model.proposer.": "proposals",
+    "model.box_head.": "heads",
+    "model.mask_head.": "heads",
+    "model.keypoint_head.": "heads",
+}
 
 _MOST_RUNS: Final = 5
 _FEWEST: Final = 2  # the first one warms up
@@ -88,6 +102,33 @@ def network_times(path: Path, settings: SessionSettings, inputs: Sequence[Inputs
         for (name, provider), times in kinds.items()
     ]
     return NetworkTimes(parts_ms, sorted(operators, key=lambda each: -each.ms))
+
+
+def parts_of_nodes(nodes: Iterable[GraphNode]) -> dict[str, str]:
+    """The part of each node, by the node's name and by the names of its outputs.
+
+    onnxruntime names nodes that it makes of others by either.
+
+    Args:
+        nodes: the nodes of an exported graph, in the order of execution.
+    """
+    made: dict[str, int] = {}
+    found: dict[str, str] = {}
+    for node in nodes:
+        places = [made.get(name, _place_of_weight(name)) for name in node.inputs]
+        if node.operators == ["RoiAlign"]:
+            places.append(PARTS.index("heads"))
+        place = max(places, default=0)
+        made |= dict.fromkeys(node.outputs, place)
+        found |= dict.fromkeys((*node.names, *node.outputs), PARTS[place])
+    return found
+
+
+def _place_of_weight(name: str) -> int:
+    for prefix, part in _WEIGHTS.items():
+        if name.startswith(prefix):
+            return PARTS.index(part)
+    return 0
 
 
 def _part_of(name: str, parts: Mapping[str, str], previous: str) -> str:

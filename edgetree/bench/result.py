@@ -4,23 +4,12 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from basetree.errors import InputError
+from basetree.files.json import read_json
 from edgetree.bench.paper_table import PAPER, PAPER_GPU
-
-__all__ = [
-    "SCHEMA",
-    "csv_text",
-    "make_result",
-    "markdown_text",
-    "notes",
-    "read_result",
-    "size_text",
-]
 
 SCHEMA: Final = "edgetree.bench/2"
 
@@ -90,17 +79,7 @@ def read_result(path: Path) -> dict[str, Any]:
     Raises:
         InputError: the file cannot be read, is not JSON, or has another schema.
     """
-    expected = f"expected a result of `edgetree bench --out`, schema {SCHEMA}"
-    try:
-        result = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path} cannot be read ({error.strerror}): {expected}") from error
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path} is not JSON: {expected}") from error
-    found = result.get("schema") if isinstance(result, dict) else type(result).__name__
-    if found != SCHEMA:
-        raise InputError(f"{path} has the schema {found!r}: {expected}")
-    return dict(result)
+    return read_json(path, SCHEMA, "a result of `edgetree bench --out`")
 
 
 def size_text(row: Record) -> str:

@@ -7,8 +7,6 @@ them. A variant's time is the median of its rounds; how they differ is its noise
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -18,9 +16,8 @@ from typing import Any, Final
 import numpy as np
 
 from basetree.errors import CheckFailed, InputError
+from basetree.program.python import run_python
 from edgetree.bench.worker import Job
-
-__all__ = ["BenchSettings", "Variant", "measure_variants"]
 
 _BINS: Final = 30
 _PEAK_S: Final = 0.5
@@ -138,13 +135,7 @@ def measure_variants(variants: Sequence[Variant], settings: BenchSettings, say: 
 
 
 def _run(job: Job) -> Record:
-    done = subprocess.run(
-        [sys.executable, "-m", "edgetree.bench.worker"],
-        input=json.dumps(asdict(job)),
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = run_python("-m", "edgetree.bench.worker", given=json.dumps(asdict(job)))
     if done.returncode == 0:
         record: Record = json.loads(done.stdout)
         return record

@@ -7,8 +7,6 @@ from pathlib import Path
 from statistics import fmean
 from typing import Any
 
-__all__ = ["EnergyCounter", "clock_mhz", "sensor_values", "temperature_c"]
-
 _CPU_ZONES = re.compile(r"x86_pkg_temp|cpu|soc|acpitz|coretemp|k10temp", re.IGNORECASE)
 _MICRO = 1e-6
 

@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 from edgetree.model_file.manifest import Manifest
 from edgetree.runtime.detector import TreeDetector
 
-__all__ = ["BenchResult", "bench_detector", "call_times_ms", "model_record", "peak_memory_mib"]
-
 _WARMUP: Final = 3
 _MIN_RUNS: Final = 5
 

@@ -11,11 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from edgetree.bench.frames import BenchFrame
-from edgetree.bench.network_parts import PARTS
+from edgetree.bench.profile import PARTS
 from edgetree.runtime.detector import TreeDetector
 from edgetree.runtime.session import OrtSession
-
-__all__ = ["STAGES", "stages_ms"]
 
 STAGES: Final = ("decode", "pre", *PARTS, "post", "measure")
 """Stages of a frame: read and decode the file; resize and encode; the parts of the network; check

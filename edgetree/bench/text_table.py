@@ -9,8 +9,6 @@ from edgetree.bench.paper_table import paper_lines
 from edgetree.bench.result import notes, size_text
 from edgetree.bench.stages import STAGES
 
-__all__ = ["text_lines"]
-
 _COLUMNS: Final = (
     ("size", 9),
     ("prec.", 9),

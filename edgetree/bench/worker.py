@@ -12,7 +12,7 @@ import hashlib
 import json
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -29,8 +29,6 @@ from edgetree.bench.stages import stages_ms
 from edgetree.runtime.detector import TreeDetector
 from edgetree.runtime.providers import SessionSettings
 from edgetree.runtime.session import OrtSession
-
-__all__ = ["Job", "main"]
 
 _HEAT_POINTS: Final = 60
 _SHORTEST_POINT_S: Final = 1.0
@@ -136,31 +134,27 @@ def _detail(job: Job) -> Record:
 
 
 def _heat(job: Job) -> Record:
+    """Times, clock and temperature at up to sixty moments of a long run."""
     detector, frames, _ = _open(job)
     images = [frame.image for frame in frames]
-    return {"points": list(_heat_points(detector, images, job))}
-
-
-def _heat_points(detector: TreeDetector, images: list[Any], job: Job) -> Iterator[Record]:
-    """Times, clock and temperature at up to sixty moments of a long run."""
     point_s = max(job.duration_s / _HEAT_POINTS, _SHORTEST_POINT_S)
+    points: list[Record] = []
     start = time.perf_counter()
     while (gone_s := time.perf_counter() - start) < job.duration_s:
         times_ms, _ = call_times_ms(detector, images, batch=job.batch, duration_s=point_s)
-        yield {
-            "minute": round((gone_s + point_s / 2) / 60, 3),
-            "p50_ms": round(float(np.percentile(times_ms, 50)), 3),
-            "p99_ms": round(float(np.percentile(times_ms, 99)), 3),
-            "fps": round(len(times_ms) * job.batch / sum(times_ms) * 1000, 3),
-            **sensor_values(),
-        }
+        p50, p99 = (round(float(each), 3) for each in np.percentile(times_ms, (50, 99)))
+        point = {"minute": round((gone_s + point_s / 2) / 60, 3), "p50_ms": p50, "p99_ms": p99}
+        point["fps"] = round(len(times_ms) * job.batch / sum(times_ms) * 1000, 3)
+        points.append({**point, **sensor_values()})
+    return {"points": points}
 
 
-def _peak(job: Job) -> Record:
-    return machine_peak(job.threads, job.duration_s)
-
-
-_TASKS: Final = {"round": _round, "detail": _detail, "heat": _heat, "peak": _peak}
+_TASKS: Final[dict[str, Callable[[Job], Record]]] = {
+    "round": _round,
+    "detail": _detail,
+    "heat": _heat,
+    "peak": lambda job: machine_peak(job.threads, job.duration_s),
+}
 
 if __name__ == "__main__":
     main()

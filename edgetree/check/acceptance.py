@@ -14,8 +14,6 @@ from edgetree.check.records import fit_record, matching_record, quantity_record
 from edgetree.check.stems import CHECKED, CaliperTable, MeasuredTable
 from edgetree.measure import Failure, MeasureSettings
 
-__all__ = ["MAX_DISTANCE_M", "CheckResult", "compare"]
-
 MAX_DISTANCE_M: Final = 0.5
 """Default of the largest distance between two positions of one stem, in metres."""
 

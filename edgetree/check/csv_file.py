@@ -12,8 +12,6 @@ from typing import Final
 
 from basetree.errors import InputError
 
-__all__ = ["CsvFile", "Row", "read_csv"]
-
 _DELIMITERS: Final = (";", "\t", ",")
 _NUMBER: Final = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
 

@@ -14,14 +14,11 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Bool, Float
+from basetree.normal import MEDIAN_ABS_NORMAL, NORMAL_975
 from edgetree.check.quantities import BIAS_STDS, Comparison, Share
 from edgetree.measure import Estimate, Failure, MeasureSettings
-
-__all__ = ["FITTED_SETTINGS", "MIN_STEMS", "ErrorFit", "fit_errors"]
-
-Float = NDArray[np.floating[Any]]
 
 MIN_STEMS: Final = 20
 """Fewest stems for a fit: the factor is then known to about 17 %."""
@@ -45,11 +42,9 @@ They make up nearly all of a diameter's standard deviation. All are multiplied a
 sources keep their weights and the diameters their values.
 """
 
-_NORMAL_975: Final = 1.96  # 97.5 % quantile of the standard normal distribution
 _CLIP: Final = 2.0  # errors beyond this many standard deviations count as this many
 # For a standard normal Z: the mean and the standard deviation of min(Z², _CLIP²).
 _CLIPPED_MEAN, _CLIPPED_STD = 0.92054, 1.1102
-_MEDIAN_ABS_NORMAL: Final = 0.6745  # the median of |Z|
 _SMALLEST_FACTOR: Final = 0.05
 _ITERATIONS: Final = 200
 _CONVERGED: Final = 1e-5
@@ -91,7 +86,7 @@ class _Data:
     caliper_m: Float
     caliper_std_m: Float
 
-    def take(self, chosen: NDArray[np.bool_]) -> _Data:
+    def take(self, chosen: Bool) -> _Data:
         return _Data(*(values[chosen] for values in vars(self).values()))
 
     def variance(self, scale: float, factor: float) -> Float:
@@ -99,9 +94,9 @@ class _Data:
         caliper, measured = scale * self.caliper_std_m, factor * self.measured_std_m
         return np.asarray(caliper**2 + measured**2)
 
-    def covered(self, scale: float, factor: float) -> NDArray[np.bool_]:
+    def covered(self, scale: float, factor: float) -> Bool:
         error = np.abs(self.measured_m - scale * self.caliper_m)
-        return np.asarray(error <= _NORMAL_975 * np.sqrt(self.variance(scale, factor)))
+        return np.asarray(error <= NORMAL_975 * np.sqrt(self.variance(scale, factor)))
 
 
 @dataclass(frozen=True)
@@ -180,14 +175,14 @@ def _solve(data: _Data, near: _Solution | None = None) -> _Solution:
     """
     if near is None:
         error = np.abs(data.measured_m - data.caliper_m)
-        start = 1.0, float(np.median(error / data.measured_std_m)) / _MEDIAN_ABS_NORMAL
+        start = 1.0, float(np.median(error / data.measured_std_m)) / MEDIAN_ABS_NORMAL
     else:
         start = near.scale.value, near.factor.value
     scale, factor = _iterate(data, start, fit_scale=True)
     significant = abs(scale.value - 1) > BIAS_STDS * scale.std
     if not significant:
         _, factor = _iterate(data, (1.0, factor.value), fit_scale=False)
-    reach = _NORMAL_975 * factor.std / factor.value
+    reach = NORMAL_975 * factor.std / factor.value
     return _Solution(scale, significant, factor, abs(math.log(factor.value)) > reach)
 
 

@@ -20,8 +20,6 @@ from edgetree.measure import Failure
 from edgetree.results.csv_table import cell
 from edgetree.results.pictures import encode_picture
 
-__all__ = ["SETTINGS_FILE", "TABLE_FILE", "check_files", "write_files"]
-
 TABLE_FILE: Final = "matched.csv"
 SETTINGS_FILE: Final = "settings.json"
 

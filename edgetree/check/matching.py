@@ -6,14 +6,14 @@ import math
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
-from itertools import product
 from pathlib import Path
 from typing import Final, Literal, NamedTuple, TypeAlias
 
-from basetree.errors import InputError
-from edgetree.check.stems import CaliperStem, CaliperTable, MeasuredStem, MeasuredTable
+import numpy as np
 
-__all__ = ["MatchedBy", "Matching", "Pair", "match_stems"]
+from basetree.errors import InputError
+from basetree.matching import match_greedily
+from edgetree.check.stems import CaliperStem, CaliperTable, MeasuredStem, MeasuredTable
 
 MatchedBy: TypeAlias = Literal["number", "machine position", "camera position"]
 
@@ -163,27 +163,17 @@ def _by_position(
     max_distance_m: float,
 ) -> tuple[list[Pair], list[Pair]]:
     """The clear and the ambiguous pairs, in the order of the caliper's table."""
-    near = {
-        (row, column): distance_m
-        for (row, stem), (column, (found, point_m)) in product(
-            enumerate(caliper.stems), enumerate(placed)
-        )
-        if frames[id(stem)] == found.frame
-        and (distance_m := _distance_m(caliper.source, stem, point_m, vertical)) <= max_distance_m
-    }
-    taken: dict[int, int] = {}
-    for row, column in sorted(near, key=lambda place: (near[place], place)):
-        if row not in taken and column not in taken.values():
-            taken[row] = column
+    distance_m = np.full((len(caliper.stems), len(placed)), np.inf)
+    for row, stem in enumerate(caliper.stems):
+        for column, (found, point_m) in enumerate(placed):
+            if frames[id(stem)] == found.frame:
+                distance_m[row, column] = _distance_m(caliper.source, stem, point_m, vertical)
+    distance_m[distance_m > max_distance_m] = np.inf
     clear: list[Pair] = []
     ambiguous: list[Pair] = []
-    for row, column in sorted(taken.items()):
-        others = (
-            distance_m
-            for place, distance_m in near.items()
-            if (place[0] == row) != (place[1] == column)
-        )
-        doubtful = min(others, default=math.inf) < _CLEARLY_FARTHER * near[row, column]
+    for row, column in zip(*match_greedily(distance_m, np.isfinite(distance_m)), strict=True):
+        others = [*np.delete(distance_m[row], column), *np.delete(distance_m[:, column], row)]
+        doubtful = min(others, default=np.inf) < _CLEARLY_FARTHER * distance_m[row, column]
         pair = Pair(placed[column][0], caliper.stems[row])
         (ambiguous if doubtful else clear).append(pair)
     return clear, ambiguous

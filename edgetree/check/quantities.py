@@ -5,26 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Float
+from basetree.normal import NORMAL_975
 from edgetree.check.matching import Pair
 from edgetree.measure import Estimate, Failure
-
-__all__ = [
-    "BIAS_STDS",
-    "MIN_COVERAGE",
-    "OUTLIER_STDS",
-    "Comparison",
-    "NotMeasured",
-    "QuantityCheck",
-    "Share",
-    "check_quantity",
-]
-
-Float = NDArray[np.floating[Any]]
 
 MIN_COVERAGE: Final = 0.9
 """The check fails if the 95 % intervals hold clearly less than this share of the readings."""
@@ -37,7 +25,6 @@ OUTLIER_STDS: Final = 3.0
 
 # A significant bias of less than this share of the mean diameter does not fail the check.
 _BIAS_SHARE: Final = 0.02
-_NORMAL_975: Final = 1.96  # 97.5 % quantile of the standard normal distribution
 
 
 @dataclass(frozen=True)
@@ -64,9 +51,9 @@ class Share:
         The score interval of Wilson (1927, Probable inference, the law of succession, and
         statistical inference), which also holds for few cases.
         """
-        squared, total, share = _NORMAL_975**2, self.total, self.value
+        squared, total, share = NORMAL_975**2, self.total, self.value
         centre = share + squared / (2 * total)
-        reach = _NORMAL_975 * math.sqrt(share * (1 - share) / total + squared / (4 * total * total))
+        reach = NORMAL_975 * math.sqrt(share * (1 - share) / total + squared / (4 * total * total))
         scale = 1 + squared / total
         return max((centre - reach) / scale, 0.0), min((centre + reach) / scale, 1.0)
 

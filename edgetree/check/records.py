@@ -9,8 +9,6 @@ from edgetree.check.matching import Matching
 from edgetree.check.quantities import Comparison, QuantityCheck, Share
 from edgetree.check.stems import CaliperStem, MeasuredStem
 
-__all__ = ["fit_record", "matching_record", "quantity_record"]
-
 
 def matching_record(matching: Matching) -> dict[str, Any]:
     """How the stems were matched."""

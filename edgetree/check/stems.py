@@ -12,16 +12,6 @@ from basetree.errors import InputError
 from edgetree.check.csv_file import CsvFile, Row, read_csv
 from edgetree.measure import Estimate, Failure
 
-__all__ = [
-    "CHECKED",
-    "CaliperStem",
-    "CaliperTable",
-    "MeasuredStem",
-    "MeasuredTable",
-    "read_caliper",
-    "read_measured",
-]
-
 CHECKED: Final = ("diameter_m", "dbh_m", "cut_height_m")
 """The quantities that are compared, with the keys of `TreeMeasurement`."""
 

@@ -5,8 +5,7 @@ says in plain lines what differs from the trees that this package finds.
 """
 
 from edgetree.conformance.compare import Comparison, Quantity, compare_results
-from edgetree.conformance.kit import Kit, KitFrame, make_kit, read_kit
-from edgetree.conformance.reference import run_kit
+from edgetree.conformance.kit import Kit, KitFrame, make_kit, read_kit, run_kit
 from edgetree.conformance.results import (
     CoveredTree,
     FoundTree,

@@ -17,8 +17,6 @@ from edgetree.conformance.pairing import Pairing
 from edgetree.conformance.results import FoundTree, Results
 from edgetree.conformance.tolerances import Tolerance, tolerance_for
 
-__all__ = ["Comparison", "Quantity", "compare_results"]
-
 _ROUNDING: Final = 1e-3
 _KINDS: Final = {
     "score": "",

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from edgetree.samples import SampleFrame, sample_frames
 
-__all__ = ["MM_PER_M", "frames_for"]
-
 MM_PER_M: Final = np.float32(1000)
 # Name, sample, rows and columns. Each is resized in another way: by a factor that is not whole,
 # with the padding at the right, with a side that is rounded, and enlarged.

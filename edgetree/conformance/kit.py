@@ -12,6 +12,8 @@ import dataclasses
 import hashlib
 import json
 import math
+import statistics
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -21,19 +23,19 @@ from numpy.typing import NDArray
 
 from basetree.errors import InputError
 from basetree.files import writing
+from basetree.files.json import build, read_json
 from basetree.files.outputs import replacing, text_file
 from edgetree.conformance.frames import frames_for
+from edgetree.conformance.reference import Reference
 from edgetree.conformance.results import (
     FrameTrees,
     Results,
-    read_object,
+    found_trees,
     read_results,
     write_results,
 )
-from edgetree.model_file.json_fields import build
 from edgetree.model_file.safety_check import check_is_file
-
-__all__ = ["Kit", "KitFrame", "make_kit", "read_expected", "read_frame", "read_kit"]
+from edgetree.runtime.providers import CPU
 
 KIT_SCHEMA: Final = "edgetree.conformance-kit/1"
 SCORE_THRESHOLD: Final = 0.15
@@ -108,10 +110,9 @@ def make_kit(
     Raises:
         InputError: the model cannot be used, or the folder cannot be written.
     """
-    from edgetree.conformance.reference import Reference
-
     check_is_file(model)
-    if folder.exists() and not (folder / _CONTENT).is_file() and any(_inside(folder)):
+    taken = folder.exists() and not (folder.is_dir() and not any(folder.iterdir()))
+    if taken and not (folder / _CONTENT).is_file():
         raise InputError(f"{folder} is not empty and not a kit: expected a new folder for the kit")
     reference = Reference(model, score_threshold=score_threshold)
     manifest, content = reference.manifest, model.read_bytes()
@@ -150,10 +151,6 @@ def make_kit(
     return kit, expected
 
 
-def _inside(folder: Path) -> list[Path]:
-    return list(folder.iterdir()) if folder.is_dir() else [folder]
-
-
 def _write_frame(folder: Path, name: str, pixels: NDArray[Any]) -> KitFrame:
     channels = pixels.shape[2] if pixels.ndim == 3 else 1
     file = f"{_FRAMES}/{name}.raw"
@@ -173,7 +170,7 @@ def read_kit(folder: Path) -> Kit:
     expected = "a folder of `edgetree conformance make`"
     if not folder.is_dir():
         raise InputError(f"{folder} is not a folder: expected {expected}")
-    kit = build(Kit, read_object(path, KIT_SCHEMA, expected), str(path))
+    kit = build(Kit, read_json(path, KIT_SCHEMA, expected), str(path))
     for frame in kit.frames:
         if frame.channels not in _PIXELS or min(frame.width, frame.height) < 1:
             raise InputError(
@@ -209,3 +206,37 @@ def read_frame(folder: Path, frame: KitFrame) -> NDArray[Any]:
         raise InputError(f"{path} has {len(data)} bytes: expected {size}, as in {_CONTENT}")
     pixels: NDArray[Any] = np.frombuffer(data, dtype).reshape(shape)
     return pixels
+
+
+def run_kit(
+    folder: Path, *, provider: str = CPU, threads: int | None = None, rounds: int = 0
+) -> Results:
+    """Find the trees in the frames of a kit with this package.
+
+    Args:
+        folder: the kit.
+        provider: what runs the network, a name in `edgetree.runtime.PROVIDERS`.
+        threads: threads of one inference; None for all usable cores.
+        rounds: passes over the frames that are timed; 0 for no times.
+
+    Raises:
+        InputError: the kit cannot be read, or the provider cannot be used.
+    """
+    kit = read_kit(folder)
+    reference = Reference(
+        folder / kit.model,
+        score_threshold=kit.score_threshold,
+        provider=provider,
+        threads=threads,
+    )
+    pixels = {frame.name: read_frame(folder, frame) for frame in kit.frames}
+    found = [
+        FrameTrees(name, found_trees(reference.detect(image))) for name, image in pixels.items()
+    ]
+    times_ms = []
+    for image in list(pixels.values()) * rounds:
+        begin = time.perf_counter()
+        reference.detect(image)
+        times_ms.append((time.perf_counter() - begin) * 1e3)
+    median_ms = statistics.median(times_ms) if times_ms else None
+    return reference.results(kit.model_sha256, tuple(found), median_ms)

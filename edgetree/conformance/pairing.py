@@ -6,12 +6,11 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Float64
+from basetree.matching import match_greedily
 from calib import box_iou
 from edgetree.conformance.results import FoundTree, FrameTrees
-
-__all__ = ["Pairing"]
 
 _MATCH_IOU: Final = 0.5
 
@@ -68,15 +67,11 @@ class Pairing:
 def _match(expected: Sequence[FoundTree], found: Sequence[FoundTree]) -> list[tuple[int, int]]:
     """Pairs of trees, those that overlap most first."""
     overlap = box_iou(_boxes(expected), _boxes(found))
-    pairs: list[tuple[int, int]] = []
-    while overlap.size and overlap.max() >= _MATCH_IOU:
-        row, column = (int(i) for i in np.unravel_index(int(overlap.argmax()), overlap.shape))
-        pairs.append((row, column))
-        overlap[row], overlap[:, column] = 0, 0
-    return sorted(pairs)
+    rows, columns = match_greedily(-overlap, overlap >= _MATCH_IOU)
+    return list(zip(rows.tolist(), columns.tolist(), strict=True))
 
 
-def _boxes(trees: Sequence[FoundTree]) -> NDArray[np.float64]:
+def _boxes(trees: Sequence[FoundTree]) -> Float64:
     return np.array([tree.box_px for tree in trees], np.float64).reshape(-1, 4)
 
 

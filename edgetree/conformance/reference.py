@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import platform
-import statistics
-import time
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,15 +12,12 @@ from numpy.typing import NDArray
 
 from basetree.errors import InputError
 from edgetree.conformance.frames import MM_PER_M
-from edgetree.conformance.kit import read_frame, read_kit
 from edgetree.conformance.results import CoveredTree, FrameTrees, Results, found_trees
 from edgetree.detections import TreeDetections
 from edgetree.model_file.manifest import Manifest
 from edgetree.runtime.detector import TreeDetector
 from edgetree.runtime.duplicates import distinct_trees
 from edgetree.runtime.providers import CPU, import_onnxruntime
-
-__all__ = ["Reference", "processor_kind", "run_kit"]
 
 _PROCESSORS: Final = {"x86_64": "x86-64", "amd64": "x86-64", "aarch64": "arm64"}
 _OVERLAPS: Final = 101
@@ -117,37 +112,3 @@ def _covering(kept: TreeDetections, covered: TreeDetections) -> int:
             if not distinct_trees(boxes, masks, float(overlap))[1]:
                 return index
     raise ValueError("the tree has nothing in common with those kept: expected one that covers it")
-
-
-def run_kit(
-    folder: Path, *, provider: str = CPU, threads: int | None = None, rounds: int = 0
-) -> Results:
-    """Find the trees in the frames of a kit with this package.
-
-    Args:
-        folder: the kit.
-        provider: what runs the network, a name in `edgetree.runtime.PROVIDERS`.
-        threads: threads of one inference; None for all usable cores.
-        rounds: passes over the frames that are timed; 0 for no times.
-
-    Raises:
-        InputError: the kit cannot be read, or the provider cannot be used.
-    """
-    kit = read_kit(folder)
-    reference = Reference(
-        folder / kit.model,
-        score_threshold=kit.score_threshold,
-        provider=provider,
-        threads=threads,
-    )
-    pixels = {frame.name: read_frame(folder, frame) for frame in kit.frames}
-    found = [
-        FrameTrees(name, found_trees(reference.detect(image))) for name, image in pixels.items()
-    ]
-    times_ms = []
-    for image in list(pixels.values()) * rounds:
-        begin = time.perf_counter()
-        reference.detect(image)
-        times_ms.append((time.perf_counter() - begin) * 1e3)
-    median_ms = statistics.median(times_ms) if times_ms else None
-    return reference.results(kit.model_sha256, tuple(found), median_ms)

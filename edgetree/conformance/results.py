@@ -9,21 +9,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from basetree.errors import InputError
+from basetree.files.json import build, read_json
 from basetree.files.outputs import text_file
 from edgetree.detections import KEYPOINT_NAMES, MASK_SIZE, TreeDetections
-from edgetree.model_file.json_fields import build
-
-__all__ = [
-    "RESULTS_SCHEMA",
-    "CoveredTree",
-    "FoundTree",
-    "FrameTrees",
-    "Results",
-    "found_trees",
-    "read_object",
-    "read_results",
-    "write_results",
-]
 
 RESULTS_SCHEMA: Final = "edgetree.conformance-results/1"
 _DIGITS: Final = 4
@@ -139,23 +127,6 @@ def _rounded(values: Any) -> Any:
     return round(float(values), _DIGITS)
 
 
-def read_object(path: Path, schema: str, expected: str) -> dict[str, Any]:
-    """Read a JSON object of one schema.
-
-    Raises:
-        InputError: the file is missing, is not JSON, or has another schema.
-    """
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise InputError(f"{path} cannot be read ({reason}): expected {expected}") from error
-    found = data.get("schema") if isinstance(data, dict) else None
-    if found != schema:
-        raise InputError(f"{path} has the schema {found!r}: expected {schema!r}, {expected}")
-    return dict(data)
-
-
 def read_results(path: Path) -> Results:
     """Read the file that a program wrote.
 
@@ -163,7 +134,7 @@ def read_results(path: Path) -> Results:
         InputError: the file is missing, has another schema, or a value is missing or of another
             type; the message names the value.
     """
-    data = read_object(path, RESULTS_SCHEMA, "what a program found in a kit")
+    data = read_json(path, RESULTS_SCHEMA, "what a program found in a kit")
     try:
         return build(Results, data, str(path))
     except InputError as error:

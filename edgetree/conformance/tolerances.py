@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     from edgetree.conformance.results import Results
-
-__all__ = ["Tolerance", "tolerance_for"]
 
 
 @dataclass(frozen=True)
@@ -60,27 +58,19 @@ _ROUNDED: Final = Tolerance(
     trees=0.03,
 )
 # On another kind of processor, the first layers of a colour network round otherwise.
-_OTHER_PROCESSOR: Final = Tolerance(
-    score=0.05,
-    box_px=3.0,
-    box_share=0.01,
-    keypoint_px=5.0,
-    keypoint_score=0.05,
-    mask=0.05,
-    outside=0.1,
-    trees=0.05,
+_OTHER_PROCESSOR: Final = replace(
+    _ROUNDED, box_px=3.0, box_share=0.01, keypoint_px=5.0, mask=0.05, trees=0.05
 )
 # Another runtime rounds between other layers than onnxruntime. OpenVINO moves hidden ends of stems
 # of the embedded depth file by up to 15 px, 4 to 7 % of the box's height.
-_OTHER_RUNTIME: Final = Tolerance(
+_OTHER_RUNTIME: Final = replace(
+    _OTHER_PROCESSOR,
     score=0.1,
     box_px=5.0,
     box_share=0.03,
     keypoint_px=6.0,
     keypoint_score=0.1,
     mask=0.1,
-    outside=0.1,
-    trees=0.05,
 )
 
 

@@ -13,8 +13,6 @@ from edgetree.doctor.libraries import ONNXRUNTIME_BUILDS, OPENCV_BUILDS
 from edgetree.errors import TRAINING_PACKAGES
 from edgetree.runtime.providers import CPU
 
-__all__ = ["Advice", "Level", "advise"]
-
 Level = Literal["broken", "beware", "advice"]
 
 _X86: Final = {"x86_64", "amd64"}

@@ -7,12 +7,9 @@ from __future__ import annotations
 
 from typing import Final
 
-from edgetree.doctor.findings import Findings, Speed
-from edgetree.doctor.libraries import examine_libraries
+from edgetree.doctor.findings import Findings, ModelFile, Speed
+from edgetree.doctor.libraries import examine_libraries, examine_video
 from edgetree.doctor.machine import examine_machine
-from edgetree.doctor.video import examine_video
-
-__all__ = ["examine", "probe_speed"]
 
 _PROBE_S: Final = 0.5
 
@@ -24,7 +21,6 @@ def examine() -> Findings:
     video = {} if "cv2" in libraries.import_errors else examine_video()
     if {"numpy", "onnxruntime"} & libraries.import_errors.keys():
         return Findings(machine, libraries, (), None, video)
-    from edgetree.doctor.models import examine_models
     from edgetree.doctor.providers import examine_providers
 
     providers = examine_providers()
@@ -49,3 +45,27 @@ def probe_speed(duration_s: float = _PROBE_S) -> Speed:
 
     one = fps(1)
     return Speed(threads, one, one if threads == 1 else fps(threads))
+
+
+def examine_models() -> tuple[ModelFile, ...]:
+    """The models of `edgetree.catalogue.known_models`, with their hashes and signed versions.
+
+    Signatures are not checked.
+
+    Raises:
+        InputError: a folder in EDGETREE_MODELS does not exist.
+        OSError: a file cannot be read.
+    """
+    from basetree.files.reading import file_sha256
+    from edgetree.catalogue import known_models
+    from edgetree.errors import SignatureError
+    from edgetree.signing.verify import parse_signature, signature_file
+
+    found = []
+    for model in known_models():
+        try:
+            version = parse_signature(signature_file(model.path).read_bytes()).version
+        except (FileNotFoundError, SignatureError):
+            version = None
+        found.append(ModelFile(model.name, str(model.path), file_sha256(model.path), version))
+    return tuple(found)

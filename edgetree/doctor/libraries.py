@@ -1,4 +1,4 @@
-"""Find the installed libraries, their required versions, and whether they can be imported."""
+"""Find the installed libraries, their versions, whether they work, and what OpenCV can read."""
 
 from __future__ import annotations
 
@@ -6,14 +6,12 @@ import importlib.metadata
 import platform
 import re
 import subprocess
-import sys
 from collections.abc import Iterable
 from typing import Final
 
+from basetree.program.python import installed_version, run_python
 from edgetree.doctor.findings import Libraries
 from edgetree.errors import TRAINING_PACKAGES
-
-__all__ = ["CAMERA_PACKAGES", "examine_libraries", "import_error", "minimum_versions"]
 
 OPENCV_BUILDS: Final = (
     "opencv-python",
@@ -52,18 +50,24 @@ _MODULES: Final = {
     "torchvision": "torchvision",
 }
 _IMPORT_LIMIT_S: Final = 120
+VIDEO_BACKENDS: Final = {"V4L2": "CAP_V4L2", "FFmpeg": "CAP_FFMPEG", "GStreamer": "CAP_GSTREAMER"}
+"""What reads cameras, with the name of its constant in OpenCV: devices of Linux; RTSP, HTTP and
+files; pipelines."""
 
 
 def examine_libraries() -> Libraries:
     """List the installed packages and test-import the most error-prone in separate processes."""
-    versions = {name: version for name in _LOOKED_AT if (version := _version(name)) is not None}
+    found = {name: installed_version(name) for name in _LOOKED_AT}
+    versions = {name: version for name, version in found.items() if version is not None}
     modules = dict.fromkeys(_MODULES[name] for name in versions if name in _MODULES)
+    needed = (re.match(r"torch\s*\(?==\s*([\w.+]+)", line) for line in _requirements("torchvision"))
+    exact = (match[1] for match in needed if match)
     errors = {module: error for module in modules if (error := import_error(module))}
     return Libraries(
         python=platform.python_version(),
         versions=versions,
         minima=minimum_versions(_requirements("edgetree")),
-        torch_needed=_exact_version(_requirements("torchvision"), "torch"),
+        torch_needed=next(iter(exact), None),
         import_errors=errors,
     )
 
@@ -74,11 +78,6 @@ def minimum_versions(requirements: Iterable[str]) -> dict[str, str]:
     return {match[1].lower(): match[2] for match in found if match}
 
 
-def _exact_version(requirements: Iterable[str], name: str) -> str | None:
-    found = (re.match(rf"{name}\s*\(?==\s*([\w.+]+)", line) for line in requirements)
-    return next((match[1] for match in found if match), None)
-
-
 def _requirements(name: str) -> list[str]:
     try:
         return importlib.metadata.requires(name) or []
@@ -86,23 +85,23 @@ def _requirements(name: str) -> list[str]:
         return []
 
 
-def _version(name: str) -> str | None:
-    try:
-        return importlib.metadata.version(name)
-    except importlib.metadata.PackageNotFoundError:
-        return None
-
-
 def import_error(module: str) -> str:
     """The last line of the error when importing a module; empty if it can be imported."""
-    command = [sys.executable, "-c", f"import {module}"]
     try:
-        done = subprocess.run(
-            command, capture_output=True, text=True, check=False, timeout=_IMPORT_LIMIT_S
-        )
+        done = run_python("-c", f"import {module}", limit_s=_IMPORT_LIMIT_S)
     except subprocess.TimeoutExpired:
         return f"not imported after {_IMPORT_LIMIT_S} s"
     if done.returncode == 0:
         return ""
     lines = done.stderr.strip().splitlines()
     return lines[-1] if lines else f"the process ended with {done.returncode}"
+
+
+def examine_video() -> dict[str, bool]:
+    """Whether the installed OpenCV has each of `VIDEO_BACKENDS`."""
+    import cv2
+
+    return {
+        name: bool(cv2.videoio_registry.hasBackend(getattr(cv2, constant)))
+        for name, constant in VIDEO_BACKENDS.items()
+    }

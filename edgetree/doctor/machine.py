@@ -12,8 +12,6 @@ from typing import Final
 from edgetree.doctor.findings import Machine
 from edgetree.runtime.session import usable_cores
 
-__all__ = ["core_quota", "examine_machine", "instruction_sets", "memory_mib"]
-
 # Flags in /proc/cpuinfo and the names of the instruction sets.
 _INSTRUCTIONS: Final = {
     "avx2": "avx2",

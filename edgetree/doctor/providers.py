@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import re
 import subprocess
-import sys
 from typing import Final
 
 import numpy as np
 
 from basetree.errors import MissingPackage
+from basetree.program.python import run_python
 from edgetree.doctor.findings import ProviderResult
 from edgetree.model_file.onnx_bytes import Node, TensorType, onnx_bytes
 from edgetree.runtime.providers import CPU, PROVIDERS, import_onnxruntime, installed_providers
-
-__all__ = ["examine_providers", "run_small_network", "small_network"]
 
 _LIMIT_S: Final = 120
 _MAX_CHARACTERS: Final = 160
@@ -39,11 +37,8 @@ def examine_providers() -> tuple[ProviderResult, ...]:
 
 
 def _examine(name: str) -> ProviderResult:
-    command = [sys.executable, "-c", _TRY, name]
     try:
-        done = subprocess.run(
-            command, capture_output=True, text=True, check=False, timeout=_LIMIT_S
-        )
+        done = run_python("-c", _TRY, name, limit_s=_LIMIT_S)
     except subprocess.TimeoutExpired:
         return ProviderResult(name, False, f"not finished after {_LIMIT_S} s")
     if done.returncode == 0:

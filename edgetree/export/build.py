@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import importlib.metadata
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -11,8 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import UInt8
+from basetree.program.python import installed_version
 from edgetree.export.float16 import to_float16
 from edgetree.export.frames import frames_sha256, input_shape
 from edgetree.export.quantise import quantise, weight_bits
@@ -34,16 +34,6 @@ from edgetree.runtime.session import InferenceSession, OrtSession
 if TYPE_CHECKING:
     from perceptree.models import ModelSpec, TreeRCNN
 
-__all__ = [
-    "BuiltModel",
-    "ExportSource",
-    "build",
-    "describe",
-    "output_names",
-    "trace",
-    "with_manifest",
-]
-
 
 @dataclass(frozen=True, eq=False)
 class ExportSource:
@@ -59,7 +49,7 @@ class ExportSource:
 
     model: TreeRCNN
     training_data: str
-    calibration_frames: NDArray[np.uint8] | None = None
+    calibration_frames: UInt8 | None = None
     training_pictures: tuple[UsualRange, ...] = ()
 
 
@@ -129,13 +119,7 @@ def build(source: ExportSource, settings: ExportSettings, say: Callable[[str], N
 
 def output_names(masks: bool, keypoints: bool) -> tuple[str, ...]:
     """Names of the graph's outputs in their order, without those of missing branches."""
-    return (
-        "boxes",
-        "scores",
-        *(["keypoints"] if keypoints else []),
-        *(["masks"] if masks else []),
-        "num_detections",
-    )
+    return tuple(each.name for each in standard_outputs(1, keypoints=keypoints, masks=masks))
 
 
 def trace(model: TreeRCNN, batch: int, opset: int = OPSET, *, quantised: bool = False) -> Any:
@@ -217,7 +201,7 @@ def describe(model: TreeRCNN, training_data: str, settings: ExportSettings) -> M
         parameters=parameters(model),
         weights_sha256=_weights_sha256(model),
         training_data=training_data,
-        project_version=_version(),
+        project_version=installed_version("edgetree") or "unknown",
         proposals=spec.proposals,
         multiply_adds=multiply_adds(model),
         classifier=ClassifierCost(*classifier_cost(spec.backbone, spec.stride_in_1x1)),
@@ -232,13 +216,6 @@ def _weights_sha256(model: Any) -> str:
         digest.update(name.encode())
         digest.update(np.ascontiguousarray(value.numpy()).tobytes())
     return digest.hexdigest()
-
-
-def _version() -> str:
-    try:
-        return importlib.metadata.version("edgetree")
-    except importlib.metadata.PackageNotFoundError:
-        return "unknown"
 
 
 def _remove_debug_info(proto: Any) -> None:

@@ -8,14 +8,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from basetree.arrays import UInt8
 from calib import box_iou
 from edgetree.export.limits import Limits, limits_of
 from edgetree.export.parity import FrameParity
 
-__all__ = ["UNMATCHED_FRAMES", "Arrays", "compare_frame", "compare_frames"]
-
 Arrays = Mapping[str, NDArray[Any]]
-Detect = Callable[[NDArray[np.uint8]], Arrays]
+Detect = Callable[[UInt8], Arrays]
 
 # In float16 and int8, trees with this score are compared. The other side's score may be lower by
 # the tolerance.
@@ -29,7 +28,7 @@ _SCORE_ROUNDING: Final = 1e-3
 def compare_frames(
     model: Detect,
     file: Detect,
-    frames: Mapping[str, NDArray[np.uint8]],
+    frames: Mapping[str, UInt8],
     precision: str,
     threshold: float,
     batch: int = 1,

@@ -31,8 +31,6 @@ from edgetree.model_file.manifest import Manifest
 from edgetree.runtime.detector import TreeDetector
 from edgetree.runtime.session import OrtSession
 
-__all__ = ["ExportReport", "export_model", "export_preset", "verify_model"]
-
 
 @dataclass(frozen=True)
 class ExportReport:

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
     from perceptree.models import TreeRCNN
 
-__all__ = ["byte_range", "read_bytes_in_first_convolution", "use_bytes_as_quantised"]
-
 _MAX_BYTE: Final = 255
 
 

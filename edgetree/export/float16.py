@@ -7,12 +7,10 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import UInt8
 from edgetree.export.layers import frame_reader, network_nodes
 from edgetree.export.quiet import quiet
-
-__all__ = ["to_float16"]
 
 # Largest finite float16 of IEEE 754: (2 - 2**-10) * 2**15.
 _MAX_FLOAT16: Final = 65504.0
@@ -20,7 +18,7 @@ _MAX_FLOAT16: Final = 65504.0
 _HEADROOM: Final = 4.0
 
 
-def to_float16(model: Any, frames: NDArray[np.uint8]) -> Any:
+def to_float16(model: Any, frames: UInt8) -> Any:
     """Convert a traced ``onnx.ModelProto`` to float16 where that is safe.
 
     Nodes whose values come near the largest float16 on any frame stay in float32, as do the last
@@ -85,7 +83,7 @@ def _without_redundant_casts(model: Any) -> Any:
     return model
 
 
-def _largest_values(model: Any, kinds: list[str], frames: NDArray[np.uint8]) -> dict[str, float]:
+def _largest_values(model: Any, kinds: list[str], frames: UInt8) -> dict[str, float]:
     """Largest absolute value over all frames of each tensor at nodes of some operator types.
 
     Args:

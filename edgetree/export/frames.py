@@ -12,23 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 import calib
+from basetree.arrays import UInt8
 from basetree.errors import InputError
 from basetree.files.names import IMAGE_SUFFIXES
 from edgetree.frames.sources import read_image
 
 if TYPE_CHECKING:
     from perceptree.models import ModelSpec
-
-__all__ = [
-    "edge_case_frames",
-    "find_frames",
-    "frames_sha256",
-    "input_shape",
-    "prepare_frame",
-    "read_calibration_frames",
-    "read_frames",
-    "sample_inputs",
-]
 
 _CALIBRATION_FRAMES: Final = 64
 _DATASET_FOLDERS = {"rgb": "images", "depth": "depth"}
@@ -39,7 +29,7 @@ def input_shape(spec: ModelSpec) -> tuple[int, ...]:
     return (spec.height, spec.width, 3)[: 3 if spec.modality == "rgb" else 2]
 
 
-def prepare_frame(image: NDArray[Any], spec: ModelSpec) -> NDArray[np.uint8]:
+def prepare_frame(image: NDArray[Any], spec: ModelSpec) -> UInt8:
     """Encode and letterbox a frame of any size.
 
     Args:
@@ -98,15 +88,13 @@ def _test_split_names(folder: Path) -> frozenset[str]:
         raise InputError(f"{path}: not a COCO file ({error!r}), expected images in it") from error
 
 
-def read_frames(paths: Sequence[Path], spec: ModelSpec) -> NDArray[np.uint8]:
+def read_frames(paths: Sequence[Path], spec: ModelSpec) -> UInt8:
     """Read and prepare frames: (N, H, W, 3) or (N, H, W) uint8, see ``prepare_frame``."""
     read = read_image if spec.modality == "rgb" else calib.read_depth
     return np.stack([prepare_frame(read(path), spec) for path in paths])
 
 
-def read_calibration_frames(
-    folder: Path, spec: ModelSpec, *, exclude: Sequence[Path]
-) -> NDArray[np.uint8]:
+def read_calibration_frames(folder: Path, spec: ModelSpec, *, exclude: Sequence[Path]) -> UInt8:
     """Read frames for calibration: (N, H, W, 3) or (N, H, W) uint8, at most 64.
 
     Args:
@@ -127,7 +115,7 @@ def read_calibration_frames(
     return read_frames(paths, spec)
 
 
-def sample_inputs(spec: ModelSpec) -> NDArray[np.uint8]:
+def sample_inputs(spec: ModelSpec) -> UInt8:
     """The sample frames of the package, prepared like ``read_frames``."""
     from edgetree.samples import sample_frames
 
@@ -136,7 +124,7 @@ def sample_inputs(spec: ModelSpec) -> NDArray[np.uint8]:
     return np.stack([prepare_frame(image, spec) for image in images])
 
 
-def edge_case_frames(spec: ModelSpec, real: NDArray[np.uint8]) -> dict[str, NDArray[np.uint8]]:
+def edge_case_frames(spec: ModelSpec, real: UInt8) -> dict[str, UInt8]:
     """Edge cases by name: a frame with much padding, a blank frame, and noise.
 
     Args:
@@ -154,6 +142,6 @@ def edge_case_frames(spec: ModelSpec, real: NDArray[np.uint8]) -> dict[str, NDAr
     }
 
 
-def frames_sha256(frames: NDArray[np.uint8]) -> str:
+def frames_sha256(frames: UInt8) -> str:
     """SHA-256 of the pixels of prepared frames, as a hexadecimal string."""
     return hashlib.sha256(np.ascontiguousarray(frames).tobytes()).hexdigest()

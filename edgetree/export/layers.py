@@ -7,9 +7,8 @@ from collections.abc import Iterable
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-__all__ = ["LAST_LAYERS", "frame_reader", "last_matmuls", "module_scopes", "network_nodes"]
+from basetree.arrays import UInt8
 
 _SCOPES: Final = "pkg.torch.onnx.name_scopes"
 LAST_LAYERS: Final = (
@@ -53,7 +52,7 @@ def last_matmuls(model: Any) -> list[Any]:
     ]
 
 
-def frame_reader(model: Any, frames: NDArray[np.uint8]) -> Any:
+def frame_reader(model: Any, frames: UInt8) -> Any:
     """A calibration data reader of onnxruntime that gives frames in batches.
 
     Args:
@@ -67,13 +66,13 @@ def frame_reader(model: Any, frames: NDArray[np.uint8]) -> Any:
     batch = model.graph.input[0].type.tensor_type.shape.dim[0].dim_value
     count = max(len(frames) // batch, 1) * batch
     taken = frames[np.resize(np.arange(len(frames)), count)]
-    batches: Iterable[NDArray[np.uint8]] = taken.reshape(-1, batch, *frames.shape[1:])
+    batches: Iterable[UInt8] = taken.reshape(-1, batch, *frames.shape[1:])
 
     class Reader(CalibrationDataReader):  # type: ignore[misc]
         def __init__(self) -> None:
             self.waiting = iter(batches)
 
-        def get_next(self) -> dict[str, NDArray[np.uint8]] | None:
+        def get_next(self) -> dict[str, UInt8] | None:
             images = next(self.waiting, None)
             return None if images is None else {name: images}
 

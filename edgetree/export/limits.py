@@ -6,8 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
-__all__ = ["UNTRAINED_LIMITS", "Limits", "limits_of"]
-
 
 @dataclass(frozen=True)
 class Limits:

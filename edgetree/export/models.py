@@ -6,13 +6,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from basetree.arrays import UInt8
 from basetree.errors import InputError, MissingPackage, install_hint
+from basetree.files.json import build
 from edgetree.export.frames import sample_inputs
 from edgetree.export.settings import PRECISIONS, ExportSettings
-from edgetree.model_file.json_fields import build
 from edgetree.model_file.manifest import UsualRange
 
 if TYPE_CHECKING:
@@ -20,8 +18,6 @@ if TYPE_CHECKING:
 
     from edgetree.model_file.manifest import Manifest
     from perceptree.models import TreeRCNN
-
-__all__ = ["UNTRAINED", "load_model", "settings_from_manifest", "untrained_model", "with_settings"]
 
 UNTRAINED = "untrained"
 """Id of the training data of a model without training."""
@@ -44,7 +40,6 @@ def load_model(checkpoint: Path) -> tuple[TreeRCNN, str, tuple[UsualRange, ...]]
         MissingPackage: a package that exporting needs is not installed.
         CheckpointError: the checkpoint cannot be read.
         InputError: what it tells of its training pictures is no range of numbers.
-        ModelFileError: the same, where a range is of other values.
     """
     _require_packages()
     from perceptree.models import load_checkpoint
@@ -155,7 +150,7 @@ def untrained_model(preset: str, modality: str, settings: ExportSettings) -> Tre
     return model
 
 
-def _fit_batch_norms(model: TreeRCNN, images: NDArray[np.uint8]) -> None:
+def _fit_batch_norms(model: TreeRCNN, images: UInt8) -> None:
     import torch
     from torch import nn
 
@@ -168,7 +163,7 @@ def _fit_batch_norms(model: TreeRCNN, images: NDArray[np.uint8]) -> None:
     model.eval()
 
 
-def _scale_last_layers(model: TreeRCNN, image: NDArray[np.uint8]) -> None:
+def _scale_last_layers(model: TreeRCNN, image: UInt8) -> None:
     """Scale the weights of the last layers to outputs of the standard deviation `_LOGIT_STD`.
 
     Each layer is scaled when the model first calls it, so that later layers get scaled inputs.

@@ -11,8 +11,6 @@ import numpy as np
 from basetree.errors import CheckFailed
 from edgetree.export.limits import Limits
 
-__all__ = ["FrameParity", "ParityFailed", "ParityReport"]
-
 _LARGEST: Final = ("box_px", "keypoint_px", "score", "keypoint_score", "mask_probability")
 # Name of the values of each percentile, and percent.
 _PERCENTILES: Final = {

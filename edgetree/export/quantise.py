@@ -14,14 +14,12 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import UInt8
 from edgetree.export.first_convolution import byte_range, use_bytes_as_quantised
 from edgetree.export.layers import frame_reader, last_matmuls, network_nodes
 from edgetree.export.quiet import quiet
 from edgetree.export.rounding import round_weights
-
-__all__ = ["quantise", "weight_bits"]
 
 _QUANTISED: Final = {"Add", "Clip", "Conv", "Gemm", "MaxPool", "Relu", "Resize"}
 _JOINING: Final = {"Concat", "Gather"}
@@ -34,7 +32,7 @@ def weight_bits(*, symmetric: bool) -> int:
     return 8 if symmetric else 7
 
 
-def quantise(model: Any, frames: NDArray[np.uint8], *, symmetric: bool = False) -> Any:
+def quantise(model: Any, frames: UInt8, *, symmetric: bool = False) -> Any:
     """Quantise a traced ``onnx.ModelProto``.
 
     Args:

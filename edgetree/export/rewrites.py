@@ -12,8 +12,6 @@ if TYPE_CHECKING:
     from perceptree.models import TreeRCNN
     from perceptree.models.heads import MaskHead
 
-__all__ = ["rewrite_for_export"]
-
 
 def rewrite_for_export(model: TreeRCNN, *, quantised: bool) -> TreeRCNN:
     """A copy of a model with the same detections, ready to be traced.

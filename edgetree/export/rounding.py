@@ -12,11 +12,9 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Float32, Float64, UInt8
 from edgetree.export.layers import frame_reader, network_nodes
-
-__all__ = ["round_weights"]
 
 _FRAMES: Final = 16
 _WINDOWS: Final = 400
@@ -41,7 +39,7 @@ class _Convolution:
     strides: tuple[int, int]
 
     @classmethod
-    def of(cls, node: Any, weight: NDArray[np.float32]) -> _Convolution:
+    def of(cls, node: Any, weight: Float32) -> _Convolution:
         from onnx.helper import get_attribute_value
 
         given = {each.name: get_attribute_value(each) for each in node.attribute}
@@ -50,7 +48,7 @@ class _Convolution:
         groups = given.get("group", 1)
         return cls(node.input[0], node.input[1], groups, (rows, columns), (down, across))
 
-    def inputs(self, maps: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.float32]:
+    def inputs(self, maps: Float32, rng: np.random.Generator) -> Float32:
         """(groups, windows, weights of a kernel) inputs at random places inside (N, C, H, W)."""
         maps = maps[:_MOST_REGIONS]
         count, channels, height, width = maps.shape
@@ -65,13 +63,11 @@ class _Convolution:
         y = (top * down)[:, None, None] + np.arange(rows)[:, None]
         x = (left * across)[:, None, None] + np.arange(columns)
         windows = maps.transpose(0, 2, 3, 1)[image[:, None, None], y, x]
-        grouped: NDArray[np.float32] = windows.reshape(len(image), rows * columns, self.groups, -1)
+        grouped: Float32 = windows.reshape(len(image), rows * columns, self.groups, -1)
         return grouped.transpose(2, 0, 3, 1).reshape(self.groups, len(image), -1)
 
 
-def round_weights(
-    model: Any, frames: NDArray[np.uint8], bits: int
-) -> tuple[Any, dict[str, NDArray[np.float32]]]:
+def round_weights(model: Any, frames: UInt8, bits: int) -> tuple[Any, dict[str, Float32]]:
     """Round the weights of the network's convolutions to whole multiples of a scale.
 
     Kernels of more than 1,024 weights are left as they are.
@@ -118,8 +114,8 @@ def round_weights(
 
 
 def _second_moments(
-    model: Any, convolutions: list[_Convolution], frames: NDArray[np.uint8]
-) -> dict[str, NDArray[np.float64]]:
+    model: Any, convolutions: list[_Convolution], frames: UInt8
+) -> dict[str, Float64]:
     """(groups, weights, weights) sums of products of each kernel's inputs, by its weights."""
     import onnx
     import onnxruntime
@@ -133,7 +129,7 @@ def _second_moments(
         shown.SerializeToString(), providers=["CPUExecutionProvider"]
     )
     reader, rng = frame_reader(model, frames[:_FRAMES]), np.random.default_rng(0)
-    found: dict[str, NDArray[np.float64]] = {}
+    found: dict[str, Float64] = {}
     while (batch := reader.get_next()) is not None:
         maps = dict(zip(sources, session.run(sources, batch), strict=True))
         for each in convolutions:
@@ -143,12 +139,7 @@ def _second_moments(
     return found
 
 
-def _rounded(
-    kernels: NDArray[np.float64],
-    scales: NDArray[np.float64],
-    moments: NDArray[np.float64],
-    most: int,
-) -> NDArray[np.float64]:
+def _rounded(kernels: Float64, scales: Float64, moments: Float64, most: int) -> Float64:
     """Round (G, O, K) kernels of G groups by (G, O) scales and their inputs' (G, K, K) moments."""
     size = moments.shape[-1]
     means = np.trace(moments, axis1=1, axis2=2) / size

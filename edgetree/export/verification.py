@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import UInt8
 from edgetree.evaluate import predict_with_file
 from edgetree.export.build import output_names
 from edgetree.export.comparison import UNMATCHED_FRAMES, Arrays, compare_frames
@@ -21,8 +21,6 @@ from edgetree.runtime.session import InferenceSession
 
 if TYPE_CHECKING:
     from perceptree.models import ModelSpec, TreeRCNN
-
-__all__ = ["Say", "VerificationFrames", "read_verification_frames", "verify"]
 
 _COMPARED_FRAMES: Final = 20
 _AP_FRAMES: Final = 100
@@ -48,7 +46,7 @@ class VerificationFrames:
         dataset: folder of a dataset whose labels may give the average precision, or None.
     """
 
-    images: Mapping[str, NDArray[np.uint8]]
+    images: Mapping[str, UInt8]
     paths: tuple[Path, ...] = ()
     dataset: Path | None = None
 
@@ -125,7 +123,7 @@ def verify(
     return report
 
 
-def _detect(model: TreeRCNN, images: NDArray[np.uint8]) -> Arrays:
+def _detect(model: TreeRCNN, images: UInt8) -> Arrays:
     """Detections of the model, as arrays with the names of a file's outputs."""
     import torch
 

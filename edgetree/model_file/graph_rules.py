@@ -12,8 +12,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
-__all__ = ["MAX_ELEMENTS", "Constant", "GraphNode", "RuleBroken", "check_graph"]
-
 MAX_ELEMENTS: Final = 2**28  # of one tensor
 _MAX_COMPUTED: Final = 2**30  # elements that are computed from constants, in sum
 _MAX_EXPANDED: Final = 64

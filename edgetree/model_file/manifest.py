@@ -13,23 +13,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
+from basetree.errors import InputError
+from basetree.files.json import build, parse_json
 from edgetree.detections import ERROR_FACTORS, KEYPOINT_NAMES, MASK_SIZE
 from edgetree.errors import ModelFileError
-from edgetree.model_file.json_fields import build
-
-__all__ = [
-    "METADATA_KEY",
-    "SCHEMA",
-    "ClassifierCost",
-    "InputSpec",
-    "Manifest",
-    "OutputSpec",
-    "ResizeRule",
-    "Thresholds",
-    "UsualRange",
-    "standard_input",
-    "standard_outputs",
-]
 
 METADATA_KEY: Final = "edgetree.manifest"
 SCHEMA: Final = "edgetree.manifest/1"
@@ -42,10 +29,6 @@ _COLOUR_ORDERS: Final = {"rgb": "BGR", "depth": "depth"}
 def _require(condition: bool, what: str, value: object, expected: str) -> None:
     if not condition:
         raise ModelFileError(f"manifest: {what} is {value!r}: expected {expected}")
-
-
-def _refuse_constant(name: str) -> None:
-    raise ValueError(f"{name} is not a JSON number")
 
 
 @dataclass(frozen=True)
@@ -286,12 +269,15 @@ class Manifest:
                 the wrong type.
         """
         try:
-            data = json.loads(text, parse_constant=_refuse_constant)
+            data = parse_json(text)
         except (ValueError, RecursionError) as error:
             raise ModelFileError(f"manifest: not JSON ({error})") from error
         schema = data.get("schema") if isinstance(data, dict) else None
         _require(schema == SCHEMA, "schema", schema, repr(SCHEMA))
-        return build(cls, data, "manifest")
+        try:
+            return build(cls, data, "manifest")
+        except InputError as error:
+            raise ModelFileError(str(error)) from error
 
 
 def standard_input(modality: str, height: int, width: int) -> InputSpec:

@@ -12,8 +12,6 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Node", "TensorType", "onnx_bytes"]
-
 _IR_VERSION: Final = 8
 _OPSET: Final = 17
 _TYPES: Final = {"float32": 1, "uint8": 2, "int8": 3, "int32": 6, "int64": 7}

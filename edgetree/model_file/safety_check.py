@@ -31,15 +31,6 @@ from edgetree.model_file.graph_rules import (
     check_graph,
 )
 
-__all__ = [
-    "MAX_ELEMENTS",
-    "ModelFile",
-    "Shape",
-    "check_content",
-    "check_is_file",
-    "read_model_file",
-]
-
 Shape: TypeAlias = tuple[int | str, ...]
 
 _MAX_FIELDS: Final = 1_000_000  # a model with a thousand nodes has about ten thousand fields

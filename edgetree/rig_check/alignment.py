@@ -5,20 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Float
 from calib import PinholeCamera
 from edgetree.measure import Estimate
 from edgetree.rig_check.checks import RigCheck, judged
 from edgetree.rig_check.peak_fit import PeakFit, Profiles, fit_peak, search_peak
 from edgetree.rig_check.silhouettes import Silhouettes, reach_px
-
-__all__ = ["GROUP", "FrameSilhouettes", "alignment_checks"]
-
-Float = NDArray[np.floating[Any]]
 
 GROUP: Final = "alignment of depth to colour"
 
@@ -96,16 +92,15 @@ def alignment_checks(frames: Sequence[FrameSilhouettes], camera: PinholeCamera) 
     )
     checks = []
     for column, (name, factor, systematic, limit, unit) in enumerate(rows):
-        estimate: Estimate | str = fit if isinstance(fit, str) else _scaled(fit, column, factor)
-        if isinstance(estimate, Estimate):
-            estimate = Estimate(estimate.value, math.hypot(estimate.std, systematic))
+        estimate: Estimate | str
+        if isinstance(fit, str):
+            estimate = fit
+        else:
+            std = math.hypot(float(fit.stds[column]) * factor, systematic)
+            estimate = Estimate(float(fit.values[column]) * factor, std)
         advice = _DELAY_ADVICE if unit == "ms" else _ADVICE
         checks.append(judged(name, GROUP, estimate, limit, unit, *advice))
     return checks
-
-
-def _scaled(fit: PeakFit, column: int, factor: float) -> Estimate:
-    return Estimate(float(fit.values[column]) * factor, float(fit.stds[column]) * factor)
 
 
 def _fit(frames: Sequence[FrameSilhouettes], camera: PinholeCamera) -> PeakFit | str:

@@ -6,18 +6,14 @@ import math
 from dataclasses import dataclass
 from typing import Any, Final, Literal, TypeAlias
 
+from basetree.normal import NORMAL_975
 from edgetree.measure import Estimate
-
-__all__ = ["HOLDS", "NO", "NORMAL_975", "UNKNOWN", "RigCheck", "Verdict", "judged"]
 
 Verdict: TypeAlias = Literal["holds", "does not hold", "cannot tell"]
 
 HOLDS: Final = "holds"
 NO: Final = "does not hold"
 UNKNOWN: Final = "cannot tell"
-
-NORMAL_975: Final = 1.96
-"""97.5 % quantile of the standard normal distribution."""
 
 
 @dataclass(frozen=True)

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Final
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-__all__ = ["image_velocity"]
-
-Float = NDArray[np.floating[Any]]
+from basetree.arrays import Float, UInt8
 
 _MOST_POINTS: Final = 200
 _MIN_POINTS: Final = 20
@@ -18,9 +15,7 @@ _WIDTH_PX: Final = 480
 _LONGEST_S: Final = 0.4
 
 
-def image_velocity(
-    before: NDArray[np.uint8], now: NDArray[np.uint8], step_s: float, xy_px: Float
-) -> Float:
+def image_velocity(before: UInt8, now: UInt8, step_s: float, xy_px: Float) -> Float:
     """Velocity of the picture at some places, from corners that are followed between two frames.
 
     A similarity is fitted to the corners' motion (Lucas and Kanade's tracker, RANSAC), so the

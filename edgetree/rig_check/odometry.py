@@ -9,18 +9,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Float
+from edgetree.live.tracking.plane import turns
 from edgetree.measure import Estimate
 from edgetree.rig_check.checks import RigCheck, judged
+from edgetree.rig_check.peak_fit import resampled_stds
 from edgetree.rig_check.stem_sightings import Sighting, level_axes
-
-__all__ = ["GROUP", "odometry_checks"]
-
-Float = NDArray[np.floating[Any]]
 
 GROUP: Final = "scale against the machine's motion"
 
@@ -32,7 +30,7 @@ _HEADING_LIMIT_DEG: Final = 2.0
 _SYSTEMATIC: Final = (0.4, 0.4, 0.3)
 # Added to the stated deviations of a stem's place ahead and to the side, m.
 _FLOOR_M: Final = np.array([0.05, 0.03])
-_HUBER, _ROUNDS, _RESAMPLES = 1.5, 8, 400
+_HUBER, _ROUNDS = 1.5, 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,8 +98,7 @@ def _views(sightings: list[Sighting]) -> list[_Views]:
     point, _, covariance, _ = level_axes(sightings, rotation[:, 2])
     # The camera's optical axis on the level plane is the level frame's x axis.
     heading = np.arctan2(rotation[:, 1, 2], rotation[:, 0, 2])
-    cos, sin = np.cos(heading), np.sin(heading)
-    turn = np.stack([np.stack([cos, -sin], 1), np.stack([sin, cos], 1)], 1)
+    turn = turns(heading)
     std = np.sqrt(covariance[:, [0, 1], [0, 1]] + _FLOOR_M**2)
     stem = np.array([each.stem for each in sightings])
     all_views = (
@@ -113,6 +110,10 @@ def _views(sightings: list[Sighting]) -> list[_Views]:
 
 def _solve(views: list[_Views]) -> tuple[Float, Float]:
     """Robust weighted least squares (Huber's weights), and deviations from resampled stems.
+
+    Each round takes the deviations of all views from their stems' mean places, as linear functions
+    of the three errors, weighs them by their size, and solves the normal equations, which are sums
+    over the stems. What remains of each stem's part of them at the solution is resampled.
 
     Returns:
         (3,) shares by which depth and focal length are too large, and the angle in rad by which
@@ -135,12 +136,7 @@ def _solve(views: list[_Views]) -> tuple[Float, Float]:
         if np.linalg.cond(total) > 1e8:
             return values, np.full(3, np.inf)
         values = np.linalg.solve(total, vector.sum(axis=0))
-    # The pull of each stem at the solution, resampled.
-    pull = vector - matrix @ values
-    count = len(views)
-    times = np.random.default_rng(0).multinomial(count, np.full(count, 1 / count), _RESAMPLES)
-    steps = np.linalg.solve(total, (times @ pull).T).T
-    return values, np.asarray(steps.std(axis=0) * math.sqrt(count / (count - 1)))
+    return values, resampled_stds(vector - matrix @ values, total)
 
 
 def _linear(views: _Views, robust: Float) -> tuple[Float, Float]:

@@ -7,15 +7,13 @@ normal distribution, first with a wide one to find the peak and then with a narr
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-__all__ = ["PeakFit", "Profiles", "fit_peak", "search_peak"]
-
-Float = NDArray[np.floating[Any]]
+from basetree.arrays import Float, Index
 
 _SIGMAS_PX: Final = (4.0, 3.0, 2.0, 1.5)
 _STEPS: Final = 30
@@ -39,7 +37,7 @@ class Profiles:
 
     gradient: Float
     regressors: Float
-    block: NDArray[np.intp]
+    block: Index
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +91,7 @@ def fit_peak(profiles: Profiles, start: Float) -> PeakFit:
         values[used] = _climb(smooth, rows, values[used])
     gradient, hessian = _block_derivatives(smooth, rows, values[used], profiles.block)
     stds = np.full(len(values), np.inf)
-    stds[used] = _resampled_stds(gradient, hessian)
+    stds[used] = _block_stds(gradient, hessian)
     level, _, _ = _at(smooth, rows @ values[used])
     around = float(profiles.gradient.mean())
     contrast = float(level.mean()) / around if around > _NO_GRADIENT else 0.0
@@ -159,7 +157,7 @@ def _climb(smooth: tuple[Float, Float, Float], rows: Float, values: Float) -> Fl
 
 
 def _block_derivatives(
-    smooth: tuple[Float, Float, Float], rows: Float, values: Float, block: NDArray[np.intp]
+    smooth: tuple[Float, Float, Float], rows: Float, values: Float, block: Index
 ) -> tuple[Float, Float]:
     """Gradients (B, P) and negative Hessians (B, P, P) of the sums over each block."""
     _, slope, bend = _at(smooth, rows @ values)
@@ -171,16 +169,25 @@ def _block_derivatives(
     return np.array(gradient), np.array(hessian)
 
 
-def _resampled_stds(gradient: Float, hessian: Float) -> Float:
+def _block_stds(gradient: Float, hessian: Float) -> Float:
     """(P,) deviations of one Newton step each, over resampled blocks (bootstrap)."""
     count, parameters = gradient.shape
     total = hessian.sum(axis=0)
     scale = np.sqrt(np.maximum(np.diag(total), 1e-12))
     if count < 2 or np.linalg.eigvalsh(total / np.outer(scale, scale)).min() < 1e-3:
         return np.full(parameters, np.inf)
-    generator = np.random.default_rng(0)
-    times = generator.multinomial(count, np.full(count, 1 / count), _RESAMPLES)
-    slopes = times @ gradient
     # The Hessian of all: one of few blocks need not be invertible.
-    steps = np.linalg.solve(total, slopes.T).T
-    return np.asarray(steps.std(axis=0) * np.sqrt(count / (count - 1)))
+    return resampled_stds(gradient, total)
+
+
+def resampled_stds(gradient: Float, hessian: Float) -> Float:
+    """(P,) standard deviations of fitted parameters, by the bootstrap.
+
+    Args:
+        gradient: (B, P) of each block of data at the solution; their sum is 0.
+        hessian: (P, P) of all data.
+    """
+    count = len(gradient)
+    times = np.random.default_rng(0).multinomial(count, np.full(count, 1 / count), _RESAMPLES)
+    steps = np.linalg.solve(hessian, (times @ gradient).T).T
+    return np.asarray(steps.std(axis=0) * math.sqrt(count / (count - 1)))

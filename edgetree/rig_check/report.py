@@ -8,9 +8,7 @@ from textwrap import wrap
 from typing import Final
 
 from edgetree.rig_check.checks import HOLDS, RigCheck
-from edgetree.rig_check.examine import RigReport
-
-__all__ = ["problem_text", "report_lines"]
+from edgetree.rig_check.drive_check import RigReport
 
 _LINE: Final = 100
 _NAME_WIDTH, _VALUE_WIDTH, _LIMIT_WIDTH = 34, 20, 16

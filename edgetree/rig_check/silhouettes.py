@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-__all__ = ["Silhouettes", "find_silhouettes", "reach_px"]
-
-Float = NDArray[np.floating[Any]]
+from basetree.arrays import Float, Float32, UInt8
 
 _MOST_PER_FRAME: Final = 500
 
@@ -56,9 +53,7 @@ def reach_px(width: int) -> int:
     return round(_REACH_SHARE * width)
 
 
-def find_silhouettes(
-    image: NDArray[np.uint8], depth_m: NDArray[np.float32], seed: int = 0
-) -> Silhouettes:
+def find_silhouettes(image: UInt8, depth_m: Float32, seed: int = 0) -> Silhouettes:
     """Find straight silhouettes, mostly of stems, and sample the colour across them.
 
     Args:
@@ -129,7 +124,7 @@ def _directions(nearness: Float) -> tuple[Float, Float]:
     return np.dstack([x, y]), coherence
 
 
-def _profiles(image: NDArray[np.uint8], xy: Float, normal: Float, reach: int) -> Float:
+def _profiles(image: UInt8, xy: Float, normal: Float, reach: int) -> Float:
     """(N, 2 reach + 1) size of the colour's gradient along the normals, relative to its mean."""
     if not len(xy):
         return np.zeros((0, 2 * reach + 1), np.float32)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Float
 from edgetree.frames.rig import Rig
 from edgetree.live.frames import LiveFrame
 from edgetree.live.tracking import StemTracker
@@ -16,10 +16,6 @@ from edgetree.measure import Failure, MeasureSettings, StemAxis, measure_trees
 
 if TYPE_CHECKING:
     from edgetree.runtime.detector import TreeDetector
-
-__all__ = ["Sighting", "StemFinder", "level_axes"]
-
-Float = NDArray[np.floating[Any]]
 
 # So wide that the given vertical, which is to be checked, has no weight in the axes.
 _LEAN_STD_DEG: Final = 30.0

@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import UInt8
 from calib import DepthFailure, check_depth
 from edgetree.live.frames import REMARKS, LiveFrame
 from edgetree.rig_check.checks import HOLDS, NO, UNKNOWN, RigCheck, Verdict
-
-__all__ = ["GROUP", "StreamCounts"]
 
 GROUP: Final = "frames"
 
 _LIMIT_PERCENT: Final = 5.0
 _FROZEN_LIMIT_PERCENT: Final = 1.0
-# Mean difference of two pictures, grey levels, above which something moved: more than the noise of
-# a camera, which also tells pictures of a camera that stands apart.
+# Mean difference of two pictures, grey levels, above which something moved. The noise of a camera
+# is less; it makes pictures differ where nothing moves, so that equal ones are the same picture.
 _CHANGED_LEVELS: Final = 1.0
 _SAMPLED: Final = 4
-# What a source counts whose own clock makes the stamps of its frames rise.
+# Some sources stamp their frames by a clock of their own, which always rises. They count the wrong
+# stamps of the cameras under these names.
 _WRONG_STAMPS: Final = frozenset(
     {
         "colour with a repeated or late stamp",
@@ -74,12 +73,12 @@ class StreamCounts:
     def _compare(self, frame: LiveFrame) -> None:
         """Count an image that is the last one again, while the other one changed."""
         last = self._last
-        if last is None or last.image is None or frame.image is None:
+        if last is None or last.image is None or last.depth_m is None:
             return
-        if last.image.shape != frame.image.shape:
+        if frame.image is None or frame.depth_m is None or last.image.shape != frame.image.shape:
             return
         changed = _difference(last.image, frame.image) > _CHANGED_LEVELS
-        same_depth = _is_same(last.depth_m, frame.depth_m)
+        same_depth = np.array_equal(last.depth_m, frame.depth_m)
         self._frozen_depth += same_depth and changed
         self._frozen_colour += not same_depth and np.array_equal(last.image, frame.image)
 
@@ -138,11 +137,7 @@ def _told(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{count} {what}" for what, count in sorted(counts.items()))
 
 
-def _is_same(first: NDArray[Any] | None, second: NDArray[Any] | None) -> bool:
-    return first is not None and second is not None and np.array_equal(first, second)
-
-
-def _difference(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> float:
+def _difference(first: UInt8, second: UInt8) -> float:
     """Mean difference of two pictures in grey levels, on some of their pixels."""
     a, b = (each[::_SAMPLED, ::_SAMPLED].astype(np.int16) for each in (first, second))
     return float(np.abs(a - b).mean())

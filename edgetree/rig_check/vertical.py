@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Float, Index
 from edgetree.measure import Estimate
 from edgetree.rig_check.checks import RigCheck, judged
 from edgetree.rig_check.stem_sightings import Sighting, level_axes
-
-__all__ = ["GROUP", "vertical_checks"]
-
-Float = NDArray[np.floating[Any]]
 
 GROUP: Final = "vertical"
 
@@ -75,7 +71,7 @@ def _mean_lean(sightings: list[Sighting], column: int) -> Estimate | str:
     return Estimate(float(np.median(lean)) - _BIAS_DEG[column], std_deg)
 
 
-def _per_stem(stem: NDArray[np.intp], lean: Float, std: Float) -> Float:
+def _per_stem(stem: Index, lean: Float, std: Float) -> Float:
     """Weighted mean leans of the stems, of those whose lean is sure."""
     weight = 1 / (std**2 + _SHARED_STD_DEG**2)
     _, place = np.unique(stem, return_inverse=True)

@@ -16,12 +16,10 @@ from edgetree.catalogue import find_model
 from edgetree.detections import TreeDetections, UnlikeTraining
 from edgetree.runtime.duplicates import distinct_trees
 from edgetree.runtime.graph_checks import ImageOutputs, check_outputs, read_manifest
+from edgetree.runtime.image_shift import unlike_training, what_helps
 from edgetree.runtime.input_images import check_image, to_bytes
 from edgetree.runtime.providers import CPU, SessionSettings
 from edgetree.runtime.session import InferenceSession, OrtSession
-from edgetree.runtime.unlike import unlike_training, what_helps
-
-__all__ = ["DISPLAY_THRESHOLD", "TreeDetector"]
 
 DISPLAY_THRESHOLD: Final = 0.5
 

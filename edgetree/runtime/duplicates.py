@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
-__all__ = ["distinct_trees"]
+from basetree.arrays import Bool, Float
 
 _INSIDE = 0.5
 
 
-def distinct_trees(
-    boxes: NDArray[np.floating[Any]], masks: NDArray[np.floating[Any]], max_overlap: float
-) -> NDArray[np.bool_]:
+def distinct_trees(boxes: Float, masks: Float, max_overlap: float) -> Bool:
     """Which of N trees are not the same as a tree before them.
 
     The boxes of two detections of one stem can differ much, as those of its lower half and of the

@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 import calib
+from basetree.arrays import Float32
 from basetree.errors import InputError
 from edgetree.errors import ModelFileError
+from edgetree.model_file.graph_rules import MAX_ELEMENTS
 from edgetree.model_file.manifest import METADATA_KEY, Manifest, standard_outputs
-from edgetree.model_file.safety_check import MAX_ELEMENTS, Shape
+from edgetree.model_file.safety_check import Shape
 from edgetree.runtime.session import InferenceSession
-
-__all__ = ["ImageOutputs", "check_outputs", "read_manifest"]
 
 _ROUNDING: Final = 1e-3  # tolerance of scores outside [0, 1], for providers of low precision
 
@@ -33,10 +33,10 @@ class ImageOutputs:
         masks: (N, 28, 28) probabilities on a grid over the box; None if the model has no masks.
     """
 
-    boxes: NDArray[np.float32]
-    scores: NDArray[np.float32]
-    keypoints: NDArray[np.float32] | None
-    masks: NDArray[np.float32] | None
+    boxes: Float32
+    scores: Float32
+    keypoints: Float32 | None
+    masks: Float32 | None
 
 
 def read_manifest(session: InferenceSession) -> Manifest:

@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import calib
+from basetree.arrays import UInt8
 from basetree.errors import InputError
 from edgetree.model_file.manifest import Manifest
-
-__all__ = ["check_image", "to_bytes"]
 
 _LARGEST_SIDE_PX: Final = 32767
 
@@ -62,7 +61,7 @@ def _check_depth(depth_m: NDArray[Any], name: str) -> None:
             )
 
 
-def to_bytes(image: NDArray[Any], encoding: calib.DepthEncoding | None) -> NDArray[np.uint8]:
+def to_bytes(image: NDArray[Any], encoding: calib.DepthEncoding | None) -> UInt8:
     """Convert a checked image to uint8, without resizing it.
 
     Args:

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Callable
-from contextlib import nullcontext
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
+
+try:
+    import resource
+except ImportError:  # Windows
+    resource = None  # type: ignore[assignment]
 
 from basetree.errors import InputError
 from basetree.files import current_limits
 from basetree.files.names import is_utf8
 from edgetree.errors import ModelFileError
-from edgetree.runtime.memory_limit import memory_limit
 from edgetree.runtime.providers import (
     AUTO,
     CPU,
@@ -24,9 +29,9 @@ from edgetree.runtime.providers import (
     import_onnxruntime,
 )
 
-__all__ = ["open_session", "placement_of", "reason_of"]
-
 _log = logging.getLogger(__name__)
+_STATM: Final = Path("/proc/self/statm")
+_turn = threading.Lock()
 
 
 class _NotStarted(Exception):
@@ -95,7 +100,7 @@ def _start(
         asked.append((PROVIDERS[CPU].ort_name, {}))
     # Providers with memory of their own reserve far more addresses than they use.
     largest = current_limits().model_memory_bytes
-    limit = memory_limit(largest) if provider.name == CPU else nullcontext()
+    limit = _memory_limit(largest) if provider.name == CPU else nullcontext()
     model: str | bytes = str(path)
     if content is not None or not is_utf8(path):
         model = path.read_bytes() if content is None else content
@@ -120,6 +125,30 @@ def _start(
     if placement and provider.name not in placement:
         raise _NotStarted("it runs no part of the graph")
     return session
+
+
+@contextmanager
+def _memory_limit(more_bytes: int) -> Iterator[None]:
+    """Let the process take at most `more_bytes` more address space inside the block.
+
+    An allocation beyond it fails, as if the machine had no more memory. The limit is that of the
+    whole process, so one thread at a time is inside such a block. It has no effect on systems
+    without /proc.
+    """
+    if resource is None or not _STATM.exists():
+        yield
+        return
+    with _turn:
+        in_use = int(_STATM.read_text("ascii").split()[0]) * resource.getpagesize()
+        soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+        allowed = in_use + more_bytes
+        for other in (soft, hard):
+            allowed = allowed if other == resource.RLIM_INFINITY else min(allowed, other)
+        resource.setrlimit(resource.RLIMIT_AS, (allowed, hard))
+        try:
+            yield
+        finally:
+            resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
 
 
 def _options(onnxruntime: Any, provider: Provider, settings: SessionSettings, threads: int) -> Any:

@@ -14,17 +14,6 @@ from typing import Final
 
 from basetree.errors import InputError, MissingPackage, install_hint
 
-__all__ = [
-    "AUTO",
-    "CPU",
-    "PROVIDERS",
-    "Provider",
-    "SessionSettings",
-    "candidates",
-    "import_onnxruntime",
-    "installed_providers",
-]
-
 AUTO: Final = "auto"
 CPU: Final = "cpu"
 _MAX_THREADS: Final = 1024

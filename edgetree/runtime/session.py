@@ -12,6 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from basetree.arrays import Float32
 from edgetree.detections import MASK_SIZE
 from edgetree.errors import ModelFileError
 from edgetree.model_file.manifest import METADATA_KEY, Manifest
@@ -24,8 +25,6 @@ from edgetree.model_file.safety_check import (
 from edgetree.runtime.ort_session import open_session, placement_of, reason_of
 from edgetree.runtime.providers import CPU, SessionSettings, import_onnxruntime
 from edgetree.signing.verify import model_if_signed
-
-__all__ = ["FakeSession", "InferenceSession", "OrtSession", "usable_cores"]
 
 Arrays = Mapping[str, NDArray[Any]]
 
@@ -80,6 +79,14 @@ class OrtSession:
         adjust: called with the `onnxruntime.SessionOptions` before the model is loaded, for
             measurements.
 
+    Attributes:
+        name: path of the model file.
+        metadata: the model file's metadata.
+        provider: the provider in use, which runs at least a part of the graph.
+        threads: threads of one inference.
+        input_shapes: shape of each input.
+        output_shapes: shape of each output.
+
     Raises:
         ModelFileError: the file is missing, is not an ONNX model or fails the safety check.
         SignatureError: a signature is required, and missing or not accepted.
@@ -105,30 +112,18 @@ class OrtSession:
             read_model_file(path)
         else:
             check_content(content, path)
-        self._name = str(path)
-        self._threads = settings.threads or usable_cores()
-        self._session, self._provider = open_session(path, settings, self._threads, content, adjust)
+        self.name = str(path)
+        self.threads = settings.threads or usable_cores()
+        self._session, self._provider = open_session(path, settings, self.threads, content, adjust)
         if accepted is not None:
             accepted.record_use()
-        self._metadata: dict[str, str] = self._session.get_modelmeta().custom_metadata_map
-        self._inputs = {item.name: tuple(item.shape) for item in self._session.get_inputs()}
-        self._outputs = {item.name: tuple(item.shape) for item in self._session.get_outputs()}
+        self.provider = self._provider.name
+        self.metadata: Mapping[str, str] = self._session.get_modelmeta().custom_metadata_map
+        self.input_shapes, self.output_shapes = (
+            {item.name: tuple(item.shape) for item in items}
+            for items in (self._session.get_inputs(), self._session.get_outputs())
+        )
         self._turn = threading.Lock() if self._provider.one_at_a_time else nullcontext()
-
-    @property
-    def name(self) -> str:
-        """Path of the model file."""
-        return self._name
-
-    @property
-    def metadata(self) -> Mapping[str, str]:
-        """The model file's metadata."""
-        return self._metadata
-
-    @property
-    def provider(self) -> str:
-        """The provider in use, which runs at least a part of the graph."""
-        return self._provider.name
 
     @property
     def placement(self) -> dict[str, dict[str, int]]:
@@ -138,21 +133,6 @@ class OrtSession:
         devices. Empty if only the CPU is in use or the version of onnxruntime does not tell.
         """
         return placement_of(self._session, self._provider)
-
-    @property
-    def threads(self) -> int:
-        """Threads of one inference."""
-        return self._threads
-
-    @property
-    def input_shapes(self) -> Mapping[str, Shape]:
-        """Shape of each input."""
-        return self._inputs
-
-    @property
-    def output_shapes(self) -> Mapping[str, Shape]:
-        """Shape of each output."""
-        return self._outputs
 
     def end_profiling(self) -> Path:
         """End the profile that `adjust` switched on; returns the file that onnxruntime wrote."""
@@ -169,10 +149,10 @@ class OrtSession:
                 values = self._run(inputs)
         except Exception as error:  # onnxruntime's errors have no common base class
             raise ModelFileError(
-                f"model {self._name} failed to run on {self.provider!r} ({reason_of(error)}):"
+                f"model {self.name} failed to run on {self.provider!r} ({reason_of(error)}):"
                 " expected a file made by `edgetree export`, and enough memory"
             ) from error
-        return dict(zip(self._outputs, values, strict=True))
+        return dict(zip(self.output_shapes, values, strict=True))
 
     def _run(self, inputs: Arrays) -> list[NDArray[Any]]:
         """The outputs; for a provider with its own memory, arrays are copied once each way."""
@@ -185,7 +165,7 @@ class OrtSession:
             binding = self._session.io_binding()
             for name, array in inputs.items():
                 binding.bind_ortvalue_input(name, make(np.ascontiguousarray(array), device, 0))
-            for name in self._outputs:
+            for name in self.output_shapes:
                 binding.bind_output(name, "cpu")
             self._session.run_with_iobinding(binding)
             values = binding.copy_outputs_to_cpu()
@@ -212,10 +192,10 @@ class FakeSession:
     def with_trees(
         cls,
         manifest: Manifest,
-        boxes: NDArray[np.float32],
-        scores: NDArray[np.float32],
-        keypoints: NDArray[np.float32] | None = None,
-        masks: NDArray[np.float32] | None = None,
+        boxes: Float32,
+        scores: Float32,
+        keypoints: Float32 | None = None,
+        masks: Float32 | None = None,
     ) -> FakeSession:
         """A session that returns the same trees for every image.
 
@@ -227,7 +207,7 @@ class FakeSession:
             masks: (N, 28, 28) probabilities; ones if None.
         """
         count = len(scores)
-        given: dict[str, NDArray[np.float32] | None] = {
+        given: dict[str, Float32 | None] = {
             "boxes": boxes,
             "scores": scores,
             "keypoints": keypoints,

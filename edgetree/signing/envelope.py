@@ -12,9 +12,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from edgetree.errors import SignatureError
-from edgetree.signing.json_files import parse_json
-
-__all__ = ["PAYLOAD_TYPE", "Envelope", "parse_envelope"]
+from edgetree.signing.json_files import parse_record
 
 PAYLOAD_TYPE: Final = "application/vnd.edgetree.model-signature+json"
 
@@ -71,7 +69,7 @@ def parse_envelope(text: str) -> Envelope:
     Raises:
         SignatureError: it is not such a content.
     """
-    file = parse_json(_File, text, "the envelope")
+    file = parse_record(_File, text, "the envelope")
     if file.payloadType != PAYLOAD_TYPE:
         raise SignatureError(
             f"the envelope's payloadType is {file.payloadType[:100]!r}: expected {PAYLOAD_TYPE!r}"

@@ -1,18 +1,15 @@
-"""Read and write the small JSON files of this package, within the limits of `limits.Limits`."""
+"""Read the small files of this package, within the limits of `basetree.files.Limits`."""
 
 from __future__ import annotations
 
-import dataclasses
-import json
+import os
 from pathlib import Path
-from typing import Any, NoReturn, TypeVar
+from typing import TypeVar
 
-from basetree.errors import InputFileError
-from calib.files.text import read_text
-from edgetree.errors import ModelFileError, SignatureError
-from edgetree.model_file.json_fields import build
-
-__all__ = ["json_text", "parse_json", "read_small_text"]
+from basetree.errors import InputError, InputFileError
+from basetree.files.json import build, parse_json
+from basetree.files.reading import read_text
+from edgetree.errors import SignatureError
 
 _T = TypeVar("_T")
 
@@ -41,12 +38,24 @@ def read_small_text(path: Path, expected: str) -> str:
         raise SignatureError(f"{error}{more}") from error
 
 
-def json_text(value: Any, schema: str) -> str:
-    """A dataclass as the text of a JSON object, with the version of its layout first."""
-    return json.dumps({"schema": schema, **dataclasses.asdict(value)}, indent=1) + "\n"
+def read_record(kind: type[_T], path: Path, expected: str, schema: str, where: str) -> _T | None:
+    """Read a file of this package, as `parse_record`; None if it does not exist.
+
+    Raises:
+        SignatureError: it cannot be read, or has another content.
+    """
+    try:
+        os.lstat(path)
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    except OSError as error:
+        raise SignatureError(
+            f"{where} cannot be read ({error.strerror}): expected {expected}"
+        ) from error
+    return parse_record(kind, read_small_text(path, expected), where, schema)
 
 
-def parse_json(kind: type[_T], text: str, where: str, schema: str | None = None) -> _T:
+def parse_record(kind: type[_T], text: str, where: str, schema: str | None = None) -> _T:
     """Make an instance of a dataclass from the text of one JSON object.
 
     Args:
@@ -59,7 +68,7 @@ def parse_json(kind: type[_T], text: str, where: str, schema: str | None = None)
         SignatureError: it is not such a text, or a field is missing or out of range.
     """
     try:
-        value = json.loads(text, object_pairs_hook=_unique, parse_constant=_refuse_constant)
+        value = parse_json(text)
         found = value.get("schema") if isinstance(value, dict) else schema
         if found != schema:
             raise SignatureError(f"schema is {str(found)[:100]!r}: expected {schema!r}")
@@ -68,16 +77,5 @@ def parse_json(kind: type[_T], text: str, where: str, schema: str | None = None)
         raise SignatureError(f"{where} is not JSON ({error})") from error
     except SignatureError as error:
         raise SignatureError(f"{where}: {error}") from error
-    except ModelFileError as error:
+    except InputError as error:
         raise SignatureError(str(error)) from error
-
-
-def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) != len(pairs):
-        raise ValueError("a key is repeated")
-    return found
-
-
-def _refuse_constant(name: str) -> NoReturn:
-    raise ValueError(f"{name} is not a JSON number")

@@ -19,17 +19,6 @@ from edgetree.signing.json_files import read_small_text
 if TYPE_CHECKING:
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-__all__ = [
-    "KEY_BYTES",
-    "ed25519",
-    "is_signed_by",
-    "key_id",
-    "new_key",
-    "public_bytes",
-    "read_private_key",
-    "read_public_key",
-]
-
 KEY_BYTES: Final = 32
 _ID_DIGITS: Final = 16
 _OWNER_ONLY: Final = 0o600

@@ -20,8 +20,6 @@ from edgetree.signing.verify import signature_file
 if TYPE_CHECKING:
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-__all__ = ["sign_model"]
-
 
 def sign_model(
     path: Path,

@@ -3,23 +3,14 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Final
 
 from basetree.errors import InputError
+from basetree.files.json import json_text
 from edgetree.errors import SignatureError
-from edgetree.signing.json_files import json_text, parse_json
-
-__all__ = [
-    "SCHEMA",
-    "Statement",
-    "end_of_day",
-    "parse_statement",
-    "parse_time",
-    "time_text",
-    "version_of",
-]
+from edgetree.signing.json_files import parse_record
 
 SCHEMA: Final = "edgetree.model-signature/1"
 _LARGEST_VERSION: Final = 10**15  # exact in every reader of JSON
@@ -64,7 +55,7 @@ class Statement:
 
     def to_json(self) -> str:
         """The payload of a signature."""
-        return json_text(self, SCHEMA)
+        return json_text(SCHEMA, asdict(self))
 
 
 def _require(condition: bool, what: str, value: object, expected: str) -> None:
@@ -83,7 +74,7 @@ def parse_statement(payload: bytes) -> Statement:
         text = payload.decode()
     except UnicodeDecodeError as error:
         raise SignatureError(f"{where} is not a text in UTF-8") from error
-    return parse_json(Statement, text, where, SCHEMA)
+    return parse_record(Statement, text, where, SCHEMA)
 
 
 def time_text(time: datetime) -> str:

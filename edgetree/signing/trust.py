@@ -15,24 +15,12 @@ from pathlib import Path
 from typing import Final
 
 from basetree.errors import InputError, InputFileError
+from basetree.files.json import json_text
 from basetree.files.writing import write_whole
 from edgetree.errors import SignatureError
-from edgetree.signing.json_files import json_text, parse_json, read_small_text
+from edgetree.signing.json_files import read_record
 from edgetree.signing.keys import KEY_BYTES, key_id
 from edgetree.signing.statement import parse_time
-
-__all__ = [
-    "SCHEMA",
-    "Trust",
-    "TrustFile",
-    "TrustedKey",
-    "account_file",
-    "current_trust",
-    "machine_file",
-    "own_file",
-    "read_trust_file",
-    "write_trust_file",
-]
 
 SCHEMA: Final = "edgetree.trust/1"
 _EXPECTED: Final = "a file of `edgetree trust`"
@@ -178,15 +166,8 @@ def read_trust_file(path: Path) -> TrustFile:
     Raises:
         SignatureError: it cannot be read, or is not a trust file.
     """
-    try:
-        os.lstat(path)
-    except (FileNotFoundError, NotADirectoryError):
-        return TrustFile(False, ())
-    except OSError as error:
-        raise SignatureError(
-            f"trust file {path} cannot be read ({error.strerror}): expected {_EXPECTED}"
-        ) from error
-    return parse_json(TrustFile, read_small_text(path, _EXPECTED), f"trust file {path}", SCHEMA)
+    found = read_record(TrustFile, path, _EXPECTED, SCHEMA, f"trust file {path}")
+    return found or TrustFile(False, ())
 
 
 def write_trust_file(path: Path, trust: TrustFile) -> None:
@@ -199,7 +180,7 @@ def write_trust_file(path: Path, trust: TrustFile) -> None:
         if not path.parent.is_dir():
             path.parent.mkdir(parents=True)
             path.parent.chmod(_FOLDER_READABLE_BY_ALL)
-        write_whole(path, json_text(trust, SCHEMA).encode(), _READABLE_BY_ALL)
+        write_whole(path, json_text(SCHEMA, dataclasses.asdict(trust)).encode(), _READABLE_BY_ALL)
     except InputFileError as error:
         raise InputError(str(error)) from error
     except OSError as error:

@@ -9,18 +9,17 @@ from __future__ import annotations
 import logging
 import os
 import sys
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Final
 
 from basetree.errors import InputFileError
+from basetree.files.json import json_text
 from basetree.files.writing import write_whole
 from edgetree.errors import SignatureError
-from edgetree.signing.json_files import json_text, parse_json, read_small_text
+from edgetree.signing.json_files import read_record
 from edgetree.signing.statement import Statement, parse_time, time_text
-
-__all__ = ["UsedVersion", "UsedVersions", "check_version", "read_used", "record_use", "used_file"]
 
 _log = logging.getLogger(__name__)
 
@@ -64,7 +63,7 @@ class UsedVersions:
         if self.latest_time is not None:
             parse_time(self.latest_time)
 
-    def of(self, name: str) -> UsedVersion | None:
+    def highest(self, name: str) -> UsedVersion | None:
         """The highest version of a model; None if it was never used."""
         return next((model for model in self.models if model.name == name), None)
 
@@ -100,15 +99,8 @@ def read_used(path: Path) -> UsedVersions:
     Raises:
         SignatureError: the file cannot be read, or is not one of edgetree.
     """
-    try:
-        os.lstat(path)
-    except (FileNotFoundError, NotADirectoryError):
-        return UsedVersions(None, ())
-    except OSError as error:
-        raise SignatureError(
-            f"{path} cannot be read ({error.strerror}): expected {_EXPECTED}"
-        ) from error
-    return parse_json(UsedVersions, read_small_text(path, _EXPECTED), str(path), _SCHEMA)
+    found = read_record(UsedVersions, path, _EXPECTED, _SCHEMA, str(path))
+    return found or UsedVersions(None, ())
 
 
 def check_version(statement: Statement, path: Path, used: UsedVersions, file: Path) -> None:
@@ -123,7 +115,7 @@ def check_version(statement: Statement, path: Path, used: UsedVersions, file: Pa
     Raises:
         SignatureError: it is older, or has the version of another file.
     """
-    highest = used.of(statement.name)
+    highest = used.highest(statement.name)
     if highest is None or statement.version > highest.version:
         return
     what = f"model {path} is version {statement.version} of {statement.name!r}"
@@ -155,7 +147,7 @@ def record_use(statement: Statement, path: Path, now: datetime) -> None:
     """
     used = read_used(path)
     latest = used.latest(now)
-    highest = used.of(statement.name)
+    highest = used.highest(statement.name)
     is_new = highest is None or statement.version > highest.version
     known = None if used.latest_time is None else parse_time(used.latest_time)
     if not is_new and known is not None and latest - known < _TIME_STEP:
@@ -163,7 +155,7 @@ def record_use(statement: Statement, path: Path, now: datetime) -> None:
     entry = UsedVersion(statement.name, statement.version, statement.file_sha256)
     others = tuple(model for model in used.models if model.name != statement.name)
     models = (*others, entry) if is_new else used.models
-    text = json_text(UsedVersions(time_text(latest), models), _SCHEMA)
+    text = json_text(_SCHEMA, asdict(UsedVersions(time_text(latest), models)))
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, text.encode())

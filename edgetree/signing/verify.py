@@ -20,16 +20,6 @@ from edgetree.signing.statement import Statement, parse_statement, parse_time, t
 from edgetree.signing.trust import Trust, TrustedKey, current_trust
 from edgetree.signing.used_versions import check_version, read_used, record_use, used_file
 
-__all__ = [
-    "AcceptedModel",
-    "check_signature",
-    "is_signature_required",
-    "model_if_signed",
-    "parse_signature",
-    "require_signatures",
-    "signature_file",
-]
-
 _PACKAGED: Final = Path(os.path.realpath(__file__)).parents[1] / "assets" / "models"
 _EXPECTED: Final = "a signature of `edgetree sign`"
 

@@ -31,6 +31,8 @@ MAY_IMPORT = {
     | {"perceptree", "calib", "basetree", "numpy", "cv2", "typer", "matplotlib"},
 }
 EDGETREE_BASE_DEPENDENCIES = {"edgetree", "calib", "basetree", "numpy", "cv2", "typer"}
+# Imports that close a circle of modules and are about to go.
+CIRCLES_TO_OPEN = {("perceptree.evaluation.report", "perceptree.evaluation.report_page")}
 EDGETREE_TRAINING_SIDE = ("edgetree.export", "edgetree.demo", "edgetree.evaluate")
 
 
@@ -74,13 +76,19 @@ class Import(NamedTuple):
     always: bool
 
 
-def imports_of(source: str, module: str, is_package: bool) -> Iterator[Import]:
-    """All imports in a module's source, relative ones resolved, type-checking ones left out."""
+def imports_of(
+    source: str, module: str, is_package: bool, for_types: bool = False
+) -> Iterator[Import]:
+    """All imports in a module's source, relative ones resolved.
+
+    Those for type checkers alone are left out unless `for_types`.
+    """
     tree = ast.parse(source)
     skipped: set[ast.AST] = set()
     nested: set[ast.AST] = set()
     for node in ast.walk(tree):
-        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
+        is_typing = isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
+        if is_typing and not for_types:
             skipped.update(child for part in node.body for child in ast.walk(part))
         elif isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
             nested.update(ast.walk(node))
@@ -100,14 +108,15 @@ def imports_of(source: str, module: str, is_package: bool) -> Iterator[Import]:
                 yield Import(f"{base}.{alias.name}", node not in nested)
 
 
-def all_imports() -> Iterator[tuple[str, Import]]:
-    """(importing module, import) for every file of the packages."""
+def all_imports(for_types: bool = False) -> Iterator[tuple[str, Import]]:
+    """(importing module, import) for every file of the packages, as `imports_of`."""
     for package in PACKAGES:
         for path in sorted((ROOT / package).rglob("*.py")):
             module = ".".join(path.relative_to(ROOT).with_suffix("").parts)
             is_package = path.name == "__init__.py"
             module = module.removesuffix(".__init__")
-            for found in imports_of(path.read_text(encoding="utf-8"), module, is_package):
+            source = path.read_text(encoding="utf-8")
+            for found in imports_of(source, module, is_package, for_types):
                 yield module, found
 
 
@@ -184,6 +193,26 @@ def test_no_two_folders_of_a_package_need_each_other(package: str) -> None:
     assert circle_in(arrows) == []
 
 
+def module_of(target: str) -> str:
+    """The module or package of this project that an imported name is, or is of."""
+    while target and not (ROOT / target.replace(".", "/")).with_suffix(".py").is_file():
+        if (ROOT / target.replace(".", "/") / "__init__.py").is_file():
+            break
+        target = target.rpartition(".")[0]
+    return target
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_no_two_modules_need_each_other(package: str) -> None:
+    arrows: dict[str, set[str]] = {}
+    for module, found in all_imports(for_types=True):
+        end = module_of(found.target)
+        inside = module.partition(".")[0] == end.partition(".")[0] == package
+        if inside and module != end and (module, end) not in CIRCLES_TO_OPEN:
+            arrows.setdefault(module, set()).add(end)
+    assert circle_in(arrows) == []
+
+
 def is_module(package: str, name: str) -> bool:
     """Whether a name of a package is a folder or file, and no object of its `__init__`."""
     return (ROOT / package / name).is_dir() or (ROOT / package / f"{name}.py").is_file()
@@ -226,6 +255,11 @@ def test_the_source_check_can_fail() -> None:
         Import("perceptree.models.spec", True),
         Import("torch.nn", False),
     }
+    for_types = set(imports_of(source, "perceptree.data.reader", False, for_types=True))
+    assert for_types - found == {Import("onnx", True)}
+    assert module_of("calib.depth.files.read_depth") == "calib.depth.files"
+    assert module_of("calib.depth.read_depth") == "calib.depth"
+    assert module_of("numpy.float32") == ""
     assert is_command_line("perceptree.cli.main")
     assert is_command_line("edgetree.commands")
     assert not is_command_line("edgetree.measure.commands")

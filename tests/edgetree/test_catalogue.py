@@ -198,8 +198,8 @@ def test_a_missing_folder_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Pa
     ("card", "what"),
     [
         ("{", "cannot be read"),
-        ("[]", "another schema"),
-        (json.dumps({"schema": "edgetree.card/9"}), "another schema"),
+        ("[]", "has the schema 'list'"),
+        (json.dumps({"schema": "edgetree.card/9"}), "has the schema 'edgetree.card/9'"),
         (json.dumps({"schema": CARD_SCHEMA, "model_sha256": "0"}), "the card of another file"),
     ],
 )

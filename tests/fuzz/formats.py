@@ -27,7 +27,7 @@ from edgetree.check.csv_file import read_csv
 from edgetree.live.page.access import Access
 from edgetree.live.page.feed import Feed
 from edgetree.live.page.handler import PageHandler
-from edgetree.live.page.server import PageHttpServer
+from edgetree.live.page.http_server import PageHttpServer
 from edgetree.live.recording import FrameRecorder
 from edgetree.live.sources.exact import EXACT_TOPIC, exact_record
 from edgetree.live.sources.recording import open_recording
@@ -260,7 +260,8 @@ def _page_server() -> PageHttpServer:
     """A server of the page that is about to close, so that streams end at once."""
     feed = Feed(stale_s=1.0, recorder=_Recorder())
     feed.close()
-    return PageHttpServer(("127.0.0.1", 0), Access("127.0.0.1", "0123456789abcdef"), feed, 1)
+    access = Access("127.0.0.1", "0123456789abcdef")
+    return PageHttpServer(("127.0.0.1", 0), PageHandler, access, feed, 1)
 
 
 class _PageHandler(PageHandler):

@@ -13,8 +13,6 @@ from urllib.parse import parse_qs
 
 from basetree.errors import InputError
 
-__all__ = ["Access", "Refusal", "is_loopback"]
-
 _TOKEN: Final = re.compile(r"[A-Za-z0-9_-]{16,128}")
 
 
@@ -76,12 +74,9 @@ class Access:
             for name, _, value in (part.partition("=") for part in cookies.split(";"))
             if name.strip() == cookie_name
         ]
-        return sum(_same(value, self.token) for value in given[:8]) > 0
-
-
-def _same(given: str, token: str) -> bool:
-    """Compare in a time that does not depend on where the two differ."""
-    return hmac.compare_digest(given.encode("utf-8", "replace"), token.encode())
+        # All are compared, in a time that does not depend on where they differ.
+        token, tried = self.token.encode(), (each.encode("utf-8", "replace") for each in given[:8])
+        return sum(hmac.compare_digest(each, token) for each in tried) > 0
 
 
 def is_loopback(host: str) -> bool:

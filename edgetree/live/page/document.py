@@ -7,8 +7,6 @@ import hashlib
 from functools import cache
 from importlib import resources
 
-__all__ = ["page_html", "security_headers"]
-
 
 @cache
 def page_html() -> bytes:

@@ -17,8 +17,6 @@ from edgetree.live.results import LiveResult
 if TYPE_CHECKING:
     from edgetree.live.recording import FrameRecorder
 
-__all__ = ["Feed", "Shown"]
-
 _RATE_SPAN_S: Final = 2.0
 _POLL_S: Final = 0.02  # clients look this often, so that the publisher need not wake them
 

@@ -4,29 +4,26 @@ from __future__ import annotations
 
 import io
 import json
+import logging
 import re
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from edgetree.live.page.access import Refusal
 from edgetree.live.page.document import page_html, security_headers
 from edgetree.live.page.feed import Shown
+from edgetree.live.page.http_server import PageHttpServer
 from edgetree.live.page.pictures import blank_jpeg
 from edgetree.live.page.reading import body_length, read_body, read_head
 
-if TYPE_CHECKING:
-    from edgetree.live.page.server import PageHttpServer
-
-__all__ = ["PageHandler"]
-
+_LOGGER: Final = logging.getLogger(__name__)
 _SEND_S: Final = 5.0  # a client that takes longer for one picture is disconnected
 _SEND_BUFFER_BYTES: Final = 262_144  # about two pictures: more would only be older when shown
-_EVENT_INTERVAL_S: Final = 0.1
-_PICTURE_INTERVAL_S: Final = 0.1
+_INTERVAL_S: Final = 0.1  # between two results of a stream
 _BOUNDARY: Final = "edgetree-picture"
 
 
@@ -158,15 +155,21 @@ class PageHandler(BaseHTTPRequestHandler):
                 return
             self._start("text/event-stream; charset=utf-8")
             self.wfile.write(b"retry: 1000\n\n")
-            serial = 0
-            while not feed.closed:
-                shown = feed.wait(serial, timeout_s=self.server.heartbeat_s)
+            for shown in self._newest(self.server.heartbeat_s):
                 if shown is None:
                     self._send_event("beat", feed.status())
-                    continue
+                else:
+                    self._send_event("stems", {**shown.record(), **feed.status()})
+
+    def _newest(self, timeout_s: float) -> Iterator[Shown | None]:
+        """The newest result whenever there is one, None after each time without, to the end."""
+        feed, serial = self.server.feed, 0
+        while not feed.closed:
+            shown = feed.wait(serial, timeout_s)
+            yield shown
+            if shown is not None:
                 serial = shown.serial
-                self._send_event("stems", {**shown.record(), **feed.status()})
-                time.sleep(_EVENT_INTERVAL_S)
+                time.sleep(_INTERVAL_S)
 
     def _send_event(self, name: str, record: dict[str, Any]) -> None:
         data = json.dumps(record, allow_nan=False)
@@ -174,22 +177,17 @@ class PageHandler(BaseHTTPRequestHandler):
 
     def _send_pictures(self) -> None:
         """Send the newest picture whenever the client has taken the last one."""
-        feed = self.server.feed
         with self.server.slot("pictures") as free:
             if not free:
                 self._refuse_full()
                 return
             self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
             self._start(f"multipart/x-mixed-replace; boundary={_BOUNDARY}")
-            serial = 0
-            while not feed.closed:
-                shown = feed.wait(serial, timeout_s=feed.stale_s)
+            for shown in self._newest(self.server.feed.stale_s):
                 if shown is None:
                     self._send_part(blank_jpeg(), {})
-                    continue
-                serial = shown.serial
-                self._send_part(shown.jpeg(), _about(shown))
-                time.sleep(_PICTURE_INTERVAL_S)
+                else:
+                    self._send_part(shown.jpeg(), _about(shown))
 
     def _send_part(self, jpeg: bytes, about: dict[str, str]) -> None:
         fields = {"Content-Type": "image/jpeg", "Content-Length": str(len(jpeg)), **about}
@@ -219,7 +217,7 @@ class PageHandler(BaseHTTPRequestHandler):
 
     def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 (the library's name)
         """Log quietly, without the query, which may hold the token."""
-        self.server.logger.debug("%s %s", self.client_address[0], format % args)
+        _LOGGER.debug("%s %s", self.client_address[0], format % args)
 
 
 def _about(shown: Shown) -> dict[str, str]:

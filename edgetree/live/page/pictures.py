@@ -16,8 +16,6 @@ from edgetree.live.results import LiveResult
 from edgetree.live.tracking.tracks import TreeTrack
 from edgetree.measure import Estimate, PointEstimate
 
-__all__ = ["blank_jpeg", "draw_result", "encode_jpeg"]
-
 MAX_WIDTH_PX: Final = 1280
 _QUALITY: Final = 80
 _FONT: Final = cv2.FONT_HERSHEY_SIMPLEX

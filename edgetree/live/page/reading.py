@@ -12,8 +12,6 @@ from typing import Final
 
 from edgetree.live.page.access import Refusal
 
-__all__ = ["body_length", "read_body", "read_head"]
-
 _MAX_HEAD_BYTES: Final = 16_384
 _MAX_BODY_BYTES: Final = 1000
 _LONGEST_S: Final = 5.0

@@ -6,8 +6,8 @@ import math
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Float
 from calib import PinholeCamera
 from edgetree.drawing.primitives import Colour
 from edgetree.drawing.trees import tree_colour
@@ -17,12 +17,9 @@ from edgetree.live.tracking.tracks import TreeTrack
 from edgetree.measure import Failure
 from edgetree.measure.estimates import split_unit
 
-__all__ = ["PAGE_SCHEMA", "page_record"]
-
 PAGE_SCHEMA: Final = "edgetree.live.page/1"
 
 _QUANTITIES: Final = ("diameter_m", "dbh_m", "cut_height_m", "inclination_deg")
-_Float = NDArray[np.floating[Any]]
 
 
 def page_record(result: LiveResult) -> dict[str, Any]:
@@ -49,7 +46,7 @@ def page_record(result: LiveResult) -> dict[str, Any]:
     }
 
 
-def _stem(track: TreeTrack, axes: _Float, now_s: float) -> dict[str, Any]:
+def _stem(track: TreeTrack, axes: Float, now_s: float) -> dict[str, Any]:
     right_m, ahead_m = (float(value) for value in axes @ track.position_camera_m)
     record: dict[str, Any] = {
         "number": track.number,

@@ -3,29 +3,20 @@
 from __future__ import annotations
 
 import logging
-import os
 import socket
-import sys
 import threading
-import time
-from collections import Counter
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
-from http.server import ThreadingHTTPServer
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from basetree.errors import InputError
 from edgetree.drawing.primitives import Picture
 from edgetree.live.page.access import Access
 from edgetree.live.page.feed import Feed
 from edgetree.live.page.handler import PageHandler
+from edgetree.live.page.http_server import PageHttpServer
 from edgetree.live.results import LiveResult
 
 if TYPE_CHECKING:
     from edgetree.live.recording import FrameRecorder
-
-__all__ = ["PageHttpServer", "PageServer"]
 
 _LOGGER: Final = logging.getLogger(__name__)
 _POLL_S: Final = 0.05
@@ -91,7 +82,9 @@ class PageServer:
         """
         host, port = self._where
         try:
-            self._http = PageHttpServer((host, port), self._access, self._feed, self._max_clients)
+            self._http = PageHttpServer(
+                (host, port), PageHandler, self._access, self._feed, self._max_clients
+            )
         except OSError as error:
             raise InputError(
                 f"the page cannot be served at {host} port {port} ({error.strerror}):"
@@ -128,103 +121,8 @@ class PageServer:
         self.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
-
-
-class PageHttpServer(ThreadingHTTPServer):
-    """One thread for each connection, with limits.
-
-    Attributes:
-        access: who may open the page.
-        feed: the newest result.
-        heartbeat_s: longest time between two events, s.
-        full_text: what a client is told that is one too many.
-        logger: where requests and errors are logged.
-    """
-
-    daemon_threads = True
-    request_queue_size = 64
-    # On Windows this would let two servers share a port.
-    allow_reuse_address = os.name != "nt"
-    allow_reuse_port = False
-
-    def __init__(
-        self, where: tuple[str, int], access: Access, feed: Feed, max_clients: int
-    ) -> None:
-        self.address_family = socket.AF_INET6 if ":" in where[0] else socket.AF_INET
-        self.access, self.feed, self.logger = access, feed, _LOGGER
-        self.heartbeat_s = min(0.5, feed.stale_s / 2)
-        self.full_text = f"too many pages are open, {max_clients} are allowed: close one of them"
-        self._max_clients = max_clients
-        self._lock = threading.Lock()
-        self._used: Counter[str] = Counter()
-        self._open: set[socket.socket] = set()
-        super().__init__(where, PageHandler)
-
-    def server_bind(self) -> None:
-        """Bind without looking up names, which may wait for the network."""
-        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, self.allow_reuse_address)
-        self.socket.bind(self.server_address)
-        self.server_address = self.socket.getsockname()
-        self.server_name, self.server_port = str(self.server_address[0]), self.server_address[1]
-
-    @contextmanager
-    def slot(self, kind: str) -> Iterator[bool]:
-        """Take one of the slots for a kind of stream; yields whether one was free."""
-        with self._lock:
-            free = self._used[kind] < self._max_clients
-            self._used[kind] += free
-        try:
-            yield free
-        finally:
-            with self._lock:
-                self._used[kind] -= free
-
-    def process_request(self, request: Any, client_address: Any) -> None:
-        """Answer in a thread, or not at all if far too many connections are open."""
-        with self._lock:
-            full = len(self._open) >= 4 * self._max_clients + 8
-            if not full:
-                self._open.add(request)
-        if not full:
-            super().process_request(request, client_address)
-            return
-        with suppress(OSError):
-            request.settimeout(0.0)
-            text = f"503 {self.full_text}\n"
-            head = f"HTTP/1.1 503 Service Unavailable\r\nContent-Length: {len(text)}\r\n"
-            request.send(f"{head}Connection: close\r\n\r\n{text}".encode())
-        self.shutdown_request(request)
-
-    def shutdown_request(self, request: Any) -> None:
-        """End a connection."""
-        with self._lock:
-            self._open.discard(request)
-        super().shutdown_request(request)
-
-    def handle_error(self, request: Any, client_address: Any) -> None:
-        """Log what went wrong with a client; one that left or stalled is no error."""
-        error = sys.exception()
-        if isinstance(error, OSError):
-            self.logger.debug("%s: %s", client_address[0], error)
-        else:
-            self.logger.exception("the answer to %s failed", client_address[0])
-
-    def disconnect(self, timeout_s: float) -> None:
-        """End all connections, and wait for their threads."""
-        with self._lock:
-            for connection in self._open:
-                with suppress(OSError):
-                    connection.shutdown(socket.SHUT_RDWR)
-        end_s = time.monotonic() + timeout_s
-        while self._open and time.monotonic() < end_s:
-            time.sleep(0.01)
 
 
 def _address(host: str, port: int, token: str | None) -> str:

@@ -6,7 +6,7 @@ from contextlib import suppress
 from typing import Any, Final
 
 import calib
-from calib.files import ros_message
+from calib.files import ros
 
 __all__ = ["CameraInfos", "camera_of_message"]
 
@@ -28,7 +28,7 @@ def camera_of_message(message: Any, *, is_rectified: bool = False) -> calib.Pinh
     if is_rectified and any(values["p"]):
         fx, _, cx, _, _, fy, cy, *_ = values["p"]
         values |= {"k": [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0], "d": [], "distortion_model": ""}
-    return ros_message.build(values)
+    return ros.build_message(values)
 
 
 def _values(message: Any) -> dict[str, Any]:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calib import RigidTransform
 from edgetree.live.frames import LiveFrame
@@ -16,10 +14,6 @@ from edgetree.live.tracking.settings import TrackingSettings
 from edgetree.live.tracking.sightings import level_rotation
 from edgetree.live.tracking.vertical import Vertical
 from edgetree.measure import TreeMeasurement
-
-__all__ = ["EgoMotion"]
-
-Float = NDArray[np.floating[Any]]
 
 
 class EgoMotion:

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
+from basetree.arrays import Float, Index
+from edgetree.live.tracking.plane import wrapped
 from edgetree.live.tracking.settings import TrackingSettings
 from edgetree.live.tracking.sightings import Sightings
-
-__all__ = ["FUSED", "add_views"]
-
-Float = NDArray[np.floating[Any]]
-Index = NDArray[np.intp]
 
 # Distinct views that are kept apart for one stem. Later ones count to the nearest of these.
 _MAX_VIEWS = 40
@@ -105,7 +100,7 @@ def _cells(
     views = stems["views"][rows]
     begun = min(int(views.max()) + 1, _MAX_VIEWS)
     turn = stems["angle_rad"][rows, :begun] - angle[:, None]
-    turn = np.abs((turn + np.pi) % (2 * np.pi) - np.pi) / np.radians(settings.view_angle_deg)
+    turn = np.abs(wrapped(turn)) / np.radians(settings.view_angle_deg)
     nearer = np.abs(stems["log_m"][rows, :begun] - log_m[:, None]) / np.log(
         settings.view_distance_ratio
     )
@@ -169,7 +164,7 @@ def _fuse_values(stems: NDArray[np.void], rows: Index, settings: TrackingSetting
     stems["spread"][rows] = np.stack([lowest, highest], -1)
 
 
-def _worst_ratio(degrees: NDArray[np.intp]) -> Float:
+def _worst_ratio(degrees: Index) -> Float:
     """99.9 % quantile of chi-square per degree of freedom (Wilson and Hilferty's approximation)."""
     part = 2.0 / (9.0 * np.maximum(degrees, 1))
     return np.asarray(np.minimum((1 - part + 3.09 * np.sqrt(part)) ** 3, _WORST_CHI_SQUARE))

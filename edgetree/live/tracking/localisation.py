@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from edgetree.live.tracking.association import chi_squares, match_greedily
+from basetree.arrays import Float
+from basetree.matching import match_greedily
 from edgetree.live.tracking.motion import CameraMotion
+from edgetree.live.tracking.plane import chi_squares, determinants
 from edgetree.live.tracking.registration import find_place, refine_place
 from edgetree.live.tracking.sightings import DIAMETER, Sightings
 from edgetree.live.tracking.stems import StemMap
-
-__all__ = ["locate", "match_costs"]
-
-Float = NDArray[np.floating[Any]]
 
 # Largest part of a difference of diameters in the cost of a match, as a chi-square: diameters
 # decide between stems that are near each other, but refuse none.
@@ -36,21 +33,36 @@ _SAME_PLACE_M, _TYPICAL_RANGE_M = 0.1, 7.0
 
 
 def match_costs(stems: StemMap, seen: Sightings) -> tuple[Float, Float]:
-    """(T, M) costs of matching stems with sightings in the map, and chi-squares of their places."""
+    """Costs of matching stems with sightings in the map, and chi-squares of their places.
+
+    The logarithm of a match's probability density, times -2 and without what all matches share:
+    with the covariances S of a stem's place and R of a sighting's, their offset d and the
+    difference of diameters e with its standard deviation s, the cost is
+    d' (S + R)^-1 d + ln(det(S + R) / det(R)) + min((e / s)^2, `_MAX_DIAMETER_COST`).
+
+    Returns:
+        (T, M) costs and (T, M) chi-squares, the first term of them.
+    """
     rows = stems.rows
-    chi_square, vague = chi_squares(
-        rows["line"],
-        rows["line_covariance"],
-        rows["reference_m"],
-        seen.point_m,
-        seen.line_covariance[:, :2, :2],
-    )
+    own = seen.line_covariance[:, :2, :2]
+    total = _spreads(rows, seen.point_m[:, 2]) + own
+    chi_square = chi_squares(stems.places_at(seen) - seen.point_m[:, :2], total)
+    vague = np.log(determinants(total) / determinants(own))
     off_m = rows["values"][:, None, DIAMETER] - seen.values[:, DIAMETER]
     std_m = np.hypot(rows["stds"][:, None, DIAMETER], seen.stds[:, DIAMETER])
     cost = chi_square + vague + np.minimum((off_m / std_m) ** 2, _MAX_DIAMETER_COST)
     extra = np.where(stems.confirmed, 0.0, _NEW_COST)
     extra = extra + np.where(rows["missed"] > 1, _UNSEEN_COST, 0.0)
     return cost + extra[:, None], chi_square
+
+
+def _spreads(rows: NDArray[np.void], height_m: Float) -> Float:
+    """(T, M, 2, 2) covariances of the places of stems at M heights."""
+    lines = rows["line_covariance"]
+    place, slope = lines[:, :2, :2], lines[:, 2:, 2:]
+    cross = lines[:, :2, 2:] + lines[:, 2:, :2]
+    rise = (height_m - rows["reference_m"][:, None])[..., None, None]
+    return np.asarray(place[:, None] + rise * cross[:, None] + rise**2 * slope[:, None])
 
 
 def locate(motion: CameraMotion, stems: StemMap, seen: Sightings, lost: bool, gate: float) -> bool:

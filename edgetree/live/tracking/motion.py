@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Float
 from calib import RigidTransform
+from edgetree.live.tracking.plane import place_jacobian, wrapped
 from edgetree.live.tracking.settings import TrackingSettings
-
-__all__ = ["CameraMotion"]
-
-Float = NDArray[np.floating[Any]]
 
 # Standard deviation of the change of the camera's height, m per square root of a second.
 _CLIMB_M = 0.15
@@ -143,7 +140,7 @@ class CameraMotion:
         there = np.array([place_m[0], place_m[1], heading_rad])
         if step_s:
             moved = there - self.state[:3]
-            moved[2] = (moved[2] + math.pi) % (2 * math.pi) - math.pi
+            moved[2] = wrapped(moved[2])
             self.state[3:] = moved / step_s
         self.state[:3] = there
         place, turn = self._settings.pose_std_m**2, math.radians(self._settings.pose_std_deg) ** 2
@@ -184,8 +181,4 @@ class CameraMotion:
 
     def place_jacobian(self, level_m: Float) -> Float:
         """(K, 2, 3) change of the map places of (K, 2) level points with place and heading."""
-        turned = level_m @ self.rotation().T
-        jacobian = np.zeros((len(level_m), 2, 3))
-        jacobian[:, 0, 0] = jacobian[:, 1, 1] = 1.0
-        jacobian[:, 0, 2], jacobian[:, 1, 2] = -turned[:, 1], turned[:, 0]
-        return jacobian
+        return place_jacobian(level_m @ self.rotation().T)

@@ -6,17 +6,13 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Float
 from basetree.errors import MissingPackage, install_hint
 from calib import PinholeCamera, RigidTransform, pixels_to_rays
 from edgetree.live.frames import LiveFrame
 
-__all__ = ["CameraStep", "DepthOdometry"]
-
-Float = NDArray[np.floating[Any]]
-
-# Every so manieth pixel is used that some 7,000 of an image are left.
+# Pixels of a depth image that are used, about: those at equal distances in rows and columns.
 _PIXELS: Final = 7_000
 # Depths used, m: nearer ones may be of the machine itself, those of cameras get too noisy beyond.
 _NEAREST_M, _FARTHEST_M = 1.0, 12.0
@@ -130,6 +126,10 @@ class DepthOdometry:
 
     def step(self, frame: LiveFrame, guess: CameraStep | None) -> CameraStep | None:
         """Find how the camera moved since the last frame.
+
+        The frame's points are registered with those of the reference, from the guess on. The step
+        counts if enough points match and it does not contradict the guess; if not, the frame is the
+        next reference. It is so, too, when the camera has moved away from the last one.
 
         Args:
             frame: the frame; its depth and camera are used.

@@ -2,18 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
-from edgetree.live.tracking.association import quadratic
+from basetree.arrays import Bool, Float, Index
 from edgetree.live.tracking.motion import CameraMotion
-
-__all__ = ["find_place", "refine_place"]
-
-Float = NDArray[np.floating[Any]]
-Flags = NDArray[np.bool_]
+from edgetree.live.tracking.plane import chi_squares, place_jacobian, turns, wrapped
 
 _ROUNDS = 2
 # Residuals beyond this many standard deviations count less (Huber).
@@ -55,16 +48,15 @@ def refine_place(
     prior = np.linalg.inv(predicted[1])
     state = start.copy()
     for _ in range(_ROUNDS):
-        cos, sin = np.cos(state[2]), np.sin(state[2])
-        turn = np.array([[cos, -sin], [sin, cos]])
+        turn = turns(state[2])
+        # 1. What is left between the stems, and its covariance; large rests weigh less.
         turned = seen @ turn.T
         offset = followed - turned - state[:2]
         covariance = covariances[0] + turn @ covariances[1] @ turn.T
-        apart = np.sqrt(quadratic(offset, covariance))
+        apart = np.sqrt(chi_squares(offset, covariance))
         weight = _HUBER_STDS / np.maximum(apart, _HUBER_STDS)
-        jacobian = np.zeros((len(seen), 2, 3))
-        jacobian[:, 0, 0] = jacobian[:, 1, 1] = 1.0
-        jacobian[:, 0, 2], jacobian[:, 1, 2] = -turned[:, 1], turned[:, 0]
+        # 2. One step of the normal equations, to which the prediction adds its information.
+        jacobian = place_jacobian(turned)
         weighted = jacobian.transpose(0, 2, 1) @ np.linalg.inv(covariance) * weight[:, None, None]
         information = prior.copy()
         information[:3, :3] += (weighted @ jacobian).sum(0)
@@ -80,7 +72,7 @@ def find_place(
     followed_std_m: Float,
     seen: Float,
     seen_std_m: Float,
-    alike: Flags,
+    alike: Bool,
     *,
     lost: bool,
 ) -> Float | None:
@@ -106,30 +98,33 @@ def find_place(
     trials = _trials(followed, followed_std_m, seen, seen_std_m, rows, columns)
     if not len(trials):
         return None
+    # 1. The place and the heading that each pair of pairs gives.
     first, second = trials.T
     map_way = followed[rows[second]] - followed[rows[first]]
     level_way = seen[columns[second]] - seen[columns[first]]
     heading = np.arctan2(map_way[:, 1], map_way[:, 0]) - np.arctan2(
         level_way[:, 1], level_way[:, 0]
     )
-    cos, sin = np.cos(heading), np.sin(heading)
-    turn = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], 1)
+    turn = turns(heading)
     map_middle = (followed[rows[first]] + followed[rows[second]]) / 2
     level_middle = (seen[columns[first]] + seen[columns[second]]) / 2
     place = map_middle - (turn @ level_middle[..., None])[..., 0]
+    # 2. How far each is from the prediction; the least surprising ones are kept.
     off = np.column_stack([place, heading]) - motion.state[:3]
-    off[:, 2] = (off[:, 2] + np.pi) % (2 * np.pi) - np.pi
+    off[:, 2] = wrapped(off[:, 2])
     surprise = np.zeros(len(off))
     if not lost:
         surprise = ((off @ np.linalg.inv(motion.covariance[:3, :3])) * off).sum(1)
         best = np.argsort(surprise, kind="stable")[:_MAX_TRIALS]
         place, turn, off, surprise = place[best], turn[best], off[best], surprise[best]
+    # 3. Each seen stem scores by how near its followed stem is, up to `_MAX_STDS`.
     at = seen @ turn.transpose(0, 2, 1) + place[:, None]
     gap = np.linalg.norm(at[:, None] - followed[:, None], axis=-1)
     std_m = np.hypot(followed_std_m[:, None], seen_std_m)
     apart = np.where(alike, gap / std_m, np.inf).min(1)
     gain = np.maximum(_MAX_STDS**2 - apart**2, 0.0).sum(1)
     score = gain - surprise
+    # 4. The best one counts if enough stems meet, and no other place scores nearly as well.
     winner = int(score.argmax())
     elsewhere = np.hypot(off[:, 0] - off[winner, 0], off[:, 1] - off[winner, 1]) > _OTHER_PLACE_M
     elsewhere |= np.abs(off[:, 2] - off[winner, 2]) > _OTHER_HEADING_RAD
@@ -140,7 +135,7 @@ def find_place(
     return np.asarray(motion.state[:3] + off[winner])
 
 
-def _within_reach(motion: CameraMotion, followed: Float, seen: Float, lost: bool) -> Flags:
+def _within_reach(motion: CameraMotion, followed: Float, seen: Float, lost: bool) -> Bool:
     """(T, M) pairs that the prediction allows."""
     if lost:
         return np.ones((len(followed), len(seen)), np.bool_)
@@ -159,9 +154,9 @@ def _trials(
     followed_std_m: Float,
     seen: Float,
     seen_std_m: Float,
-    rows: NDArray[np.intp],
-    columns: NDArray[np.intp],
-) -> NDArray[np.intp]:
+    rows: Index,
+    columns: Index,
+) -> Index:
     """(H, 2) pairs of candidates whose stems are equally far apart in the map and in the frame."""
     first, second = np.triu_indices(len(rows), 1)
     different = (rows[first] != rows[second]) & (columns[first] != columns[second])

@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Float
 from edgetree.live.tracking.motion import CameraMotion
 from edgetree.live.tracking.settings import TrackingSettings
 from edgetree.live.tracking.sightings import CUT_LEVEL, DIAMETER, QUANTITIES
 from edgetree.live.tracking.stems import StemMap
 from edgetree.live.tracking.tracks import TreeTrack
 from edgetree.measure import Estimate, Failure, PointEstimate
-
-__all__ = ["report_tracks"]
-
-Float = NDArray[np.floating[Any]]
 
 # Standard deviation of the height of a point on an axis as the place of a cut that was never seen.
 _UNSEEN_CUT_STD_M = 1.0

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Float, Index
 from edgetree.live.tracking.motion import CameraMotion
-from edgetree.measure import Estimate, Failure, StemAxis, TreeMeasurement
-
-__all__ = ["CUT_LEVEL", "DIAMETER", "QUANTITIES", "Sightings", "level_rotation"]
-
-Float = NDArray[np.floating[Any]]
+from edgetree.measure import Estimate, Failure, TreeMeasurement
 
 QUANTITIES: Final = ("diameter_m", "dbh_m", "cut_height_m", "inclination_deg")
 """The scalar quantities that are fused; the height of the cut in the map follows them."""
@@ -44,7 +40,7 @@ class Sightings:
         stds: (M, 5) their standard deviations; infinite where unknown.
     """
 
-    tree: NDArray[np.intp]
+    tree: Index
     point_m: Float
     line: Float
     line_covariance: Float
@@ -54,7 +50,7 @@ class Sightings:
     def __len__(self) -> int:
         return len(self.tree)
 
-    def select(self, rows: NDArray[np.intp]) -> Sightings:
+    def select(self, rows: Index) -> Sightings:
         """Some of the sightings."""
         arrays = (self.point_m, self.line, self.line_covariance, self.values, self.stds)
         return Sightings(self.tree[rows], *(array[rows] for array in arrays))
@@ -86,7 +82,7 @@ class Sightings:
         return Sightings(self.tree, self.point_m, line, covariance, self.values, self.stds)
 
     @classmethod
-    def of(
+    def from_measurements(
         cls,
         measurements: Sequence[TreeMeasurement],
         level: Float,
@@ -101,58 +97,76 @@ class Sightings:
             up_std_rad: standard deviation of the vertical behind it.
             doubt: (N,) factors on the stated standard deviations of each tree; 1 by default.
         """
-        indices: list[int] = []
-        axes: list[StemAxis] = []
-        for index, measurement in enumerate(measurements):
-            if not isinstance(measurement.axis, Failure):
-                indices.append(index)
-                axes.append(measurement.axis)
-        if not axes:
+        measured = [
+            (index, each.axis)
+            for index, each in enumerate(measurements)
+            if not isinstance(each.axis, Failure)
+        ]
+        if not measured:
             none = np.zeros((0, 5))
             return cls(
                 np.zeros(0, np.intp), none[:, :3], none[:, :4], np.zeros((0, 4, 4)), none, none
             )
+        # 1. Turn the axes and their covariances to the level frame.
+        indices, axes = np.array([index for index, _ in measured]), [axis for _, axis in measured]
         point = np.array([axis.point_m for axis in axes]) @ level.T
         direction = np.array([axis.direction for axis in axes]) @ level.T
         point_covariance = level @ np.array([axis.point_covariance_m2 for axis in axes]) @ level.T
         turn_covariance = level @ np.array([axis.direction_covariance for axis in axes]) @ level.T
-        values, stds = np.zeros((len(axes), 5)), np.full((len(axes), 5), np.inf)
-        for row, index in enumerate(indices):
-            measurement = measurements[index]
-            for column, name in enumerate(QUANTITIES):
-                result = getattr(measurement, name)
-                if isinstance(result, Estimate) and result.std > 0:
-                    values[row, column], stds[row, column] = result
-            if measurement.cut_point_m:
-                values[row, CUT_LEVEL] = point[row, 2]
-                stds[row, CUT_LEVEL] = np.sqrt(point_covariance[row, 2, 2])
+        # 2. Collect the scalar quantities; the height of the cut is that of the axis point.
+        values, stds = _quantities([measurements[index] for index in indices])
+        has_cut = np.array([bool(measurements[index].cut_point_m) for index in indices])
+        values[has_cut, CUT_LEVEL] = point[has_cut, 2]
+        stds[has_cut, CUT_LEVEL] = np.sqrt(point_covariance[has_cut, 2, 2])
+        # 3. Enlarge the deviations by the doubt, and by the error of the vertical.
         if doubt is not None:
             factor = doubt[indices]
             stds *= factor[:, None]
             point_covariance = point_covariance * factor[:, None, None] ** 2
         reach = np.hypot(point[:, 0], point[:, 1])
         stds[:, CUT_LEVEL] = np.hypot(stds[:, CUT_LEVEL], up_std_rad * reach)
+        # 4. Describe each axis as a line over the height, and leave out what is no stem's.
         sound = direction[:, 2] > 0
         upwards = np.where(sound, direction[:, 2], 1.0)[:, None]
         slope = direction[:, :2] / upwards
         sound &= np.hypot(slope[:, 0], slope[:, 1]) < _MAX_SLOPE
         sound &= np.isfinite(point).all(1) & np.isfinite(point_covariance).all((1, 2))
-        # First-order error propagation: along the axis a shift of the point changes nothing.
-        project = np.zeros((len(axes), 2, 3))
-        project[:, 0, 0] = project[:, 1, 1] = 1.0
-        project[:, :, 2] = -slope
-        turned = project.transpose(0, 2, 1)
-        covariance = np.zeros((len(axes), 4, 4))
-        level_variance = (up_std_rad * point[:, 2]) ** 2
-        unit = np.eye(2)
-        covariance[:, :2, :2] = project @ point_covariance @ turned
-        covariance[:, :2, :2] += level_variance[:, None, None] * unit
-        covariance[:, 2:, 2:] = project @ turn_covariance @ turned / upwards[:, None] ** 2
-        covariance[:, 2:, 2:] += (up_std_rad**2 + 1e-6) * unit
-        covariance[:, :2, :2] += 1e-6 * unit
+        place, turn = _projected(slope, point_covariance), _projected(slope, turn_covariance)
+        covariance = _line_covariance(place, turn / upwards[:, None] ** 2, point, up_std_rad)
         line = np.concatenate([point[:, :2], slope], 1)
         every = (point, line, covariance, values, stds)
-        return cls(np.array(indices)[sound], *(array[sound] for array in every))
+        return cls(indices[sound], *(array[sound] for array in every))
+
+
+def _quantities(measurements: list[TreeMeasurement]) -> tuple[Float, Float]:
+    """(M, 5) values and deviations as in `Sightings`, without the heights of the cuts."""
+    values = np.zeros((len(measurements), 5))
+    stds = np.full(values.shape, np.inf)
+    for row, measurement in enumerate(measurements):
+        for column, name in enumerate(QUANTITIES):
+            result = getattr(measurement, name)
+            if isinstance(result, Estimate) and result.std > 0:
+                values[row, column], stds[row, column] = result
+    return values, stds
+
+
+def _projected(slope: Float, covariance: Float) -> Float:
+    """(M, 2, 2) covariances on a level plane: a shift along the axis changes nothing there."""
+    project = np.zeros((len(slope), 2, 3))
+    project[:, 0, 0] = project[:, 1, 1] = 1.0
+    project[:, :, 2] = -slope
+    return np.asarray(project @ covariance @ project.transpose(0, 2, 1))
+
+
+def _line_covariance(place: Float, turn: Float, point: Float, up_std_rad: float) -> Float:
+    """(M, 4, 4) covariances of lines, from those of place and slope and the vertical's error."""
+    unit = np.eye(2)
+    covariance = np.zeros((len(point), 4, 4))
+    covariance[:, :2, :2] = place
+    covariance[:, :2, :2] += ((up_std_rad * point[:, 2]) ** 2)[:, None, None] * unit
+    covariance[:, :2, :2] += 1e-6 * unit
+    covariance[:, 2:, 2:] = turn + (up_std_rad**2 + 1e-6) * unit
+    return covariance
 
 
 def level_rotation(up: Float) -> Float:

@@ -2,21 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Bool, Float, Index
 from edgetree.live.tracking.fusion import FUSED, add_views
 from edgetree.live.tracking.motion import CameraMotion
 from edgetree.live.tracking.settings import TrackingSettings
 from edgetree.live.tracking.sightings import CUT_LEVEL, DIAMETER, QUANTITIES, Sightings
 from edgetree.measure import Failure, TreeMeasurement
-
-__all__ = ["StemMap"]
-
-Float = NDArray[np.floating[Any]]
-Index = NDArray[np.intp]
 
 # A stem that is not confirmed is kept for at least this many frames without it.
 _MISSED_FRAMES = 3
@@ -58,7 +51,7 @@ class StemMap:
         return len(self.rows)
 
     @property
-    def confirmed(self) -> NDArray[np.bool_]:
+    def confirmed(self) -> Bool:
         """(T,) whether enough frames agree."""
         return np.asarray(self.rows["frames"] >= self._settings.confirm_frames)
 
@@ -75,7 +68,7 @@ class StemMap:
         if gone.any():
             self._keep(~gone)
 
-    def _keep(self, kept: NDArray[np.bool_]) -> None:
+    def _keep(self, kept: Bool) -> None:
         self.rows = self.rows[kept]
         self.reasons = [
             reason for reason, keep in zip(self.reasons, kept.tolist(), strict=True) if keep
@@ -151,11 +144,15 @@ class StemMap:
 
     def places_at(self, seen: Sightings) -> Float:
         """(T, M, 2) places of the axes of all stems at the heights of sightings."""
-        rise = (seen.point_m[:, 2] - self.rows["reference_m"][:, None])[..., None]
+        return self._axes_at(seen.point_m[:, 2])
+
+    def _axes_at(self, height_m: Float) -> Float:
+        """(T, M, 2) places of the axes of all stems at M heights."""
+        rise = (height_m - self.rows["reference_m"][:, None])[..., None]
         at = self.rows["line"][:, None, :2] + rise * self.rows["line"][:, None, 2:]
         return np.asarray(at)
 
-    def overlap(self, seen: Sightings) -> NDArray[np.bool_]:
+    def overlap(self, seen: Sightings) -> Bool:
         """(M,) whether a stem of this frame stands where the sighting is.
 
         Stems do not overlap, so that such a sighting is a second detection of the same stem.
@@ -172,8 +169,7 @@ class StemMap:
         """
         rows = self.rows
         seen = np.flatnonzero(rows["tree"] >= 0)
-        rise = (rows["reference_m"][seen] - rows["reference_m"][:, None])[..., None]
-        at = rows["line"][:, None, :2] + rise * rows["line"][:, None, 2:]
+        at = self._axes_at(rows["reference_m"][seen])
         gap_m = np.linalg.norm(at - rows["line"][seen, :2], axis=-1)
         diameter_m = rows["values"][:, DIAMETER]
         within = gap_m < (diameter_m[:, None] + diameter_m[seen]) / 4

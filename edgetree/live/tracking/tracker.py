@@ -4,30 +4,26 @@ from __future__ import annotations
 
 import logging
 import math
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Bool, Float
 from basetree.errors import InputError
+from basetree.matching import match_greedily
 from calib import RigidTransform, pixels_to_rays
 from edgetree.detections import TreeDetections
 from edgetree.live.frames import LiveFrame
-from edgetree.live.tracking.association import match_greedily
 from edgetree.live.tracking.ego_motion import EgoMotion
 from edgetree.live.tracking.localisation import locate, match_costs
 from edgetree.live.tracking.motion import CameraMotion
 from edgetree.live.tracking.odometry import DepthOdometry
+from edgetree.live.tracking.plane import wrapped
 from edgetree.live.tracking.reports import report_tracks
 from edgetree.live.tracking.settings import TrackingSettings
 from edgetree.live.tracking.sightings import Sightings
 from edgetree.live.tracking.stems import StemMap
 from edgetree.live.tracking.tracks import TreeTrack
 from edgetree.measure import TreeMeasurement
-
-__all__ = ["StemTracker"]
-
-Float = NDArray[np.floating[Any]]
 
 _LOG = logging.getLogger(__name__)
 
@@ -109,7 +105,7 @@ class StemTracker:
         self._camera.move(frame, measurements, step_s)
         doubt = self._border_doubt(trees)
         level, up_std_rad = self._camera.vertical.level, math.radians(self._camera.vertical.std_deg)
-        seen = Sightings.of(measurements, level, up_std_rad, doubt)
+        seen = Sightings.from_measurements(measurements, level, up_std_rad, doubt)
         self._stems.begin_frame()
         if frame.pose is None:
             self._find_motion(seen, step_s)
@@ -159,7 +155,7 @@ class StemTracker:
         if len(seen) and not locate(self._motion, self._stems, seen, lost, self._settings.gate):
             self._begin_map("nothing tells how the camera moved")
 
-    def _may_contradict(self, seen: Sightings, chi_square: Float) -> NDArray[np.bool_]:
+    def _may_contradict(self, seen: Sightings, chi_square: Float) -> Bool:
         """(T, M) whether sightings that do not match may yet be of the stems."""
         to_stem, to_seen = self._stems.places_at(seen), seen.line[:, :2] - self._motion.state[:2]
         distance_m = np.hypot(*to_seen.T)
@@ -189,8 +185,7 @@ class StemTracker:
         bearing = np.unwrap(np.arctan2(sides[..., 1], sides[..., 0]), axis=1)
         middle, half = bearing.mean(1), np.abs(np.diff(bearing, axis=1)[:, 0]) / 2
         to_stem = (rows["line"][hidden, :2] - self._motion.state[:2]) @ self._motion.rotation()
-        off = np.arctan2(to_stem[:, 1], to_stem[:, 0])[:, None] - middle
-        off = np.abs((off + np.pi) % (2 * np.pi) - np.pi)
+        off = np.abs(wrapped(np.arctan2(to_stem[:, 1], to_stem[:, 0])[:, None] - middle))
         within = off < np.maximum(half, _MIN_HALF_WIDTH_RAD)
         within &= (np.hypot(*to_stem.T) < _MAX_UNMEASURED_M)[:, None]
         found, columns = match_greedily(off, within)
@@ -215,7 +210,7 @@ class StemTracker:
         self._mapped |= len(stems) > 0
 
     def _follow_contradicting(
-        self, seen: Sightings, chi_square: Float, free: NDArray[np.bool_], time_s: float
+        self, seen: Sightings, chi_square: Float, free: Bool, time_s: float
     ) -> None:
         """Find the stems of sightings that contradict them, and split those that do so for long.
 

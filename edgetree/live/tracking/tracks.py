@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
+from basetree.arrays import Float
 from edgetree.measure import Estimate, Failure, PointEstimate
-
-__all__ = ["TreeTrack"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -40,7 +36,7 @@ class TreeTrack:
     tree: int | None
     state: Literal["new", "confirmed"]
     position_m: PointEstimate
-    position_camera_m: NDArray[np.floating[Any]]
+    position_camera_m: Float
     diameter_m: Estimate | Failure
     dbh_m: Estimate | Failure
     cut_height_m: Estimate | Failure

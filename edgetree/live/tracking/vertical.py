@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Float
 from calib import CAMERA_UP
 from edgetree.live.frames import LiveFrame
 from edgetree.live.tracking.odometry import CameraStep
 from edgetree.live.tracking.settings import TrackingSettings
 from edgetree.live.tracking.sightings import level_rotation
 from edgetree.measure import Failure, TreeMeasurement
-
-__all__ = ["Vertical"]
 
 # Share of the stems' axes in the vertical, where a step of the camera carries it on.
 _STEMS_SHARE = 0.02
@@ -31,7 +27,7 @@ class Vertical:
 
     def __init__(self, settings: TrackingSettings) -> None:
         self._settings = settings
-        self.up: NDArray[np.floating[Any]] = np.array(CAMERA_UP)
+        self.up: Float = np.array(CAMERA_UP)
         self.level = level_rotation(self.up)
         self.known = False
         self._started = False
@@ -62,9 +58,7 @@ class Vertical:
         self.up = up / np.linalg.norm(up)
         self.level = level_rotation(self.up)
 
-    def _from_stems(
-        self, measurements: list[TreeMeasurement], step: CameraStep | None
-    ) -> NDArray[np.floating[Any]]:
+    def _from_stems(self, measurements: list[TreeMeasurement], step: CameraStep | None) -> Float:
         carried = self.up
         if step is not None:
             carried = np.asarray(self.up @ step.transform.rotation)

@@ -14,9 +14,8 @@ import pytest
 from basetree.errors import CheckFailed, InputError
 from edgetree import TreeDetector, default_model
 from edgetree.bench import rounds as bench_rounds
-from edgetree.bench.network_parts import PARTS, parts_of_nodes
 from edgetree.bench.peak import machine_peak
-from edgetree.bench.profile import count_multiply_adds, network_times
+from edgetree.bench.profile import PARTS, count_multiply_adds, network_times, parts_of_nodes
 from edgetree.bench.rounds import BenchSettings, Variant, measure_variants
 from edgetree.bench.sensors import EnergyCounter, clock_mhz, temperature_c
 from edgetree.bench.stages import STAGES

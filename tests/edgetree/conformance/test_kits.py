@@ -272,7 +272,7 @@ def test_a_kit_that_lacks_a_frame_is_refused(kits: dict[str, Path], tmp_path: Pa
     ("text", "message"),
     [
         ("{", "cannot be read"),
-        ("[]", "has the schema None"),
+        ("[]", "has the schema 'list'"),
         ('{"schema": "edgetree.conformance-results/1"}', "has no field 'model_sha256'"),
     ],
 )

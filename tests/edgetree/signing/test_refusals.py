@@ -154,7 +154,7 @@ CHANGES: dict[str, tuple[Change, str]] = {
     "huge number": (write_signature('{"payloadType": ' + "9" * 10_000 + "}"), "is not JSON"),
     "repeated key": (
         write_signature('{"payloadType": "a", "payloadType": "b"}'),
-        "a key is repeated",
+        "payloadType is given twice",
     ),
     "fifo": (make_fifo, "is not a regular file"),
     "folder": (make_folder, "is not a regular file"),

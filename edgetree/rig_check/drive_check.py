@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import UInt8
 from basetree.errors import InputError
 from edgetree.frames.rig import Rig
 from edgetree.live.completion import completed
@@ -25,8 +25,6 @@ from edgetree.rig_check.vertical import vertical_checks
 
 if TYPE_CHECKING:
     from edgetree.runtime.detector import TreeDetector
-
-__all__ = ["RigReport", "check_rig"]
 
 _EVERY_S: Final = 0.5
 _MOST_WAITING: Final = 3
@@ -200,7 +198,7 @@ class _Work:
         self._silhouettes.append(FrameSilhouettes(frame.time_s, found, velocity))
         self._stems.add(frame)
 
-    def _check_size(self, number: int, image: NDArray[np.uint8]) -> None:
+    def _check_size(self, number: int, image: UInt8) -> None:
         """Raise InputError if an image is not as large as that of the frame searched before."""
         last = self._frame
         if last is None or last.image is None or last.image.shape == image.shape:
@@ -228,5 +226,5 @@ class _Work:
         )
 
 
-def _size(image: NDArray[np.uint8]) -> str:
+def _size(image: UInt8) -> str:
     return f"{image.shape[1]}x{image.shape[0]}"

@@ -18,8 +18,8 @@ from edgetree import TreeDetector, default_model, sample_frames
 from edgetree.catalogue import DEFAULTS, KnownModel
 from edgetree.detections import UnlikeTraining
 from edgetree.model_file.manifest import Manifest, UsualRange
+from edgetree.runtime.image_shift import unlike_training, what_helps
 from edgetree.runtime.session import FakeSession
-from edgetree.runtime.unlike import unlike_training, what_helps
 
 Cli = Callable[..., Any]
 Write = Callable[..., Path]

@@ -10,8 +10,6 @@ from edgetree.catalogue import other_model
 from edgetree.detections import UnlikeTraining
 from edgetree.model_file.manifest import UsualRange
 
-__all__ = ["unlike_training", "what_helps"]
-
 _MARGIN: Final = 0.5
 """How far beyond its usual range a statistic may lie, as a share of the range's width."""
 _LOW_SCORE: Final = 0.05

@@ -1,3 +1,0 @@
-"""Names of the distortion models."""
-
-RADTAN, FISHEYE = "radtan", "fisheye"
