@@ -70,7 +70,7 @@ def calibrate(
     is 1. Pictures of a folder that cannot be read are left out, with exit code 1 too.
     """
     from basetree.errors import InputError
-    from basetree.files.outputs import output_folder
+    from basetree.files.writing import output_folder
     from calib.boards import LENS_MODELS, parse_board
     from edgetree.commands.frame_results import LeftOut
     from edgetree.frames.sources import open_source

@@ -66,7 +66,7 @@ def live(
     with everything written.
     """
     from basetree.errors import InputError
-    from basetree.files.outputs import check_paths
+    from basetree.files.writing import check_paths
     from edgetree.live.pipeline import LivePipeline
     from edgetree.live.recording import run_record
 

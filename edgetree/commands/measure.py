@@ -187,7 +187,7 @@ class _Inputs:
         return model_for(self.model, self.depth)
 
     def _check_paths(self, outputs: _Outputs) -> None:
-        from basetree.files.outputs import check_paths
+        from basetree.files.writing import check_paths
 
         check_paths(
             {f"--{name}": path for name, path in vars(outputs).items()},
@@ -236,7 +236,7 @@ class _Inputs:
 
 def _write(result: FrameResult, outputs: _Outputs, source: str, trees_from: str) -> None:
     """Write the picture, the table and the report; if one fails, none is written."""
-    from basetree.files.outputs import replacing, text_file
+    from basetree.files.writing import replacing, text_file
     from edgetree.report import report_file
     from edgetree.results.csv_table import write_header, write_rows
     from edgetree.results.pictures import draw_frame, encode_picture

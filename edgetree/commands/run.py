@@ -193,7 +193,7 @@ def _check(
     """Raise InputError if outputs overwrite files or do not fit the source."""
     from basetree.errors import InputError
     from basetree.files.names import VIDEO_SUFFIXES
-    from basetree.files.outputs import check_paths
+    from basetree.files.writing import check_paths
 
     check_paths(
         {f"--{name}": path for name, path in vars(outputs).items()},
@@ -219,7 +219,7 @@ def _writer(
     left_out: list[str],
 ) -> Iterator[_Write]:
     """Open the output files; yields a function that writes a frame's result and its record."""
-    from basetree.files.outputs import output_folder, text_file
+    from basetree.files.writing import output_folder, text_file
     from edgetree.frames.sources import as_typed
     from edgetree.report import report_file
     from edgetree.results.coco_labels import labels_file

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from basetree.errors import InputError
-from basetree.files.outputs import text_file
+from basetree.files.writing import text_file
 from edgetree.detections import KEYPOINT_NAMES, MASK_SIZE, TreeDetections
 from edgetree.model_file.json_fields import build
 

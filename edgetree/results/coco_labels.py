@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
-from basetree.files.outputs import text_file
+from basetree.files.writing import text_file
 from calib import CocoLabels
 from edgetree.detections import KEYPOINT_NAMES
 from edgetree.frames.pipeline import FrameResult

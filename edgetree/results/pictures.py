@@ -8,7 +8,7 @@ from typing import Final
 import cv2
 
 from basetree.errors import InputError
-from basetree.files.outputs import replacing
+from basetree.files.writing import replacing
 from edgetree.drawing.primitives import Picture
 from edgetree.drawing.trees import draw_trees, picture_of_depth
 from edgetree.frames.pipeline import FrameResult

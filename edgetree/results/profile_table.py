@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final, TextIO
 
-from basetree.files.outputs import text_file
+from basetree.files.writing import text_file
 from edgetree.frames.pipeline import FrameResult
 from edgetree.measure import Estimate, StemProfile
 from edgetree.results.csv_table import cell, measurements_of

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TextIO
 
-from basetree.files.outputs import text_file
+from basetree.files.writing import text_file
 from basetree.jobs import JobError, MergedParts
 from edgetree.results.csv_table import write_header
 from edgetree.results.json_records import write_json_line

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from contextlib import ExitStack
 from pathlib import Path
 
-from basetree.files.outputs import replacing
+from basetree.files.writing import replacing
 from edgetree.live.results import LiveResult
 from edgetree.live.sinks.map_origin import MapOrigin
 from edgetree.live.sinks.stem_map import StemMap
