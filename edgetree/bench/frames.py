@@ -13,9 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib import PinholeCamera
-from edgetree.frames.pipeline import image_for, open_frames, readable
+from edgetree.frames.pipeline import image_for
 from edgetree.runtime.detector import TreeDetector
 from edgetree.samples import sample_frames
+from edgetree.sources import open_frames
+from edgetree.sources.source import readable
 
 __all__ = ["MOST_FRAMES", "BenchFrame", "bench_frames"]
 
@@ -49,7 +51,7 @@ def bench_frames(
     """Read the first `MOST_FRAMES` frames of a source; without a source the packaged ones.
 
     Args:
-        source: an image, a folder or a video, as for `edgetree.frames.open_frames`.
+        source: an image, a folder or a video, as for `edgetree.sources.open_frames`.
         detector: the model that will take them.
         on_error: called with the error of each frame that cannot be read.
 

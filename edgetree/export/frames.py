@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 import calib
 from basetree.errors import InputError
 from basetree.files.names import IMAGE_SUFFIXES
-from edgetree.frames.sources import read_image
+from edgetree.frames.images import read_image
 
 if TYPE_CHECKING:
     from perceptree.models import ModelSpec
