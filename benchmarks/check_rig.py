@@ -35,8 +35,7 @@ from numpy.typing import NDArray
 from edgetree import TreeDetections, TreeDetector
 from edgetree.catalogue import default_model
 from edgetree.frames import Rig
-from edgetree.live.frames import LiveFrame
-from edgetree.live.sources.drive import open_drive
+from edgetree.frames.frame import Frame
 from edgetree.rig_check import RigCheck, RigReport, check_rig
 from edgetree.rig_check.alignment import FrameSilhouettes, alignment_checks
 from edgetree.rig_check.image_motion import image_velocity
@@ -45,8 +44,9 @@ from edgetree.rig_check.silhouettes import find_silhouettes
 from edgetree.rig_check.stem_sightings import StemFinder
 from edgetree.rig_check.stream import StreamCounts
 from edgetree.rig_check.vertical import vertical_checks
+from edgetree.sources.drive import open_drive
 
-Group = Callable[[list[LiveFrame], Any], list[RigCheck]]
+Group = Callable[[list[Frame], Any], list[RigCheck]]
 
 # Two of the ten frames per second are searched, as `check_rig` does.
 _EVERY = 5
@@ -70,11 +70,11 @@ class FaultySource:
 
     is_live = False
 
-    def __init__(self, name: str, frames: list[LiveFrame], change: Change | None = None) -> None:
+    def __init__(self, name: str, frames: list[Frame], change: Change | None = None) -> None:
         self.name, self._frames, self._change = name, frames, change
         self.counts: dict[str, int] = {}
 
-    def __iter__(self) -> Iterator[LiveFrame]:
+    def __iter__(self) -> Iterator[Frame]:
         change = self._change
         for before, frame in zip([self._frames[0], *self._frames], self._frames, strict=False):
             yield frame if change is None else change(frame, before)
@@ -196,7 +196,7 @@ def faults() -> dict[str, Fault]:
     }
 
 
-def alignment(frames: list[LiveFrame], _: Any) -> list[RigCheck]:
+def alignment(frames: list[Frame], _: Any) -> list[RigCheck]:
     """The checks of depth against colour."""
     found = []
     for before, frame in list(pairwise(frames))[::_EVERY]:
@@ -212,7 +212,7 @@ def alignment(frames: list[LiveFrame], _: Any) -> list[RigCheck]:
     return alignment_checks(found, camera)
 
 
-def stems(frames: list[LiveFrame], detector: Any) -> list[RigCheck]:
+def stems(frames: list[Frame], detector: Any) -> list[RigCheck]:
     """The checks by stems."""
     finder = StemFinder(detector, Rig())
     for frame in frames[::_EVERY]:
@@ -220,7 +220,7 @@ def stems(frames: list[LiveFrame], detector: Any) -> list[RigCheck]:
     return vertical_checks(finder.sightings) + odometry_checks(finder.sightings)
 
 
-def stream(frames: list[LiveFrame], _: Any) -> list[RigCheck]:
+def stream(frames: list[Frame], _: Any) -> list[RigCheck]:
     """The checks of the frames themselves."""
     counts = StreamCounts()
     for frame in frames:

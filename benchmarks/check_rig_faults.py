@@ -10,15 +10,15 @@ import cv2
 import numpy as np
 
 from calib import PinholeCamera, RigidTransform
-from edgetree.live.frames import LiveFrame
+from edgetree.frames.frame import Frame
 
-Change = Callable[[LiveFrame, LiveFrame], LiveFrame]
+Change = Callable[[Frame, Frame], Frame]
 
 
 def warped(x: float = 0, y: float = 0, size: float = 1, turn: float = 0) -> Change:
     """Depth shifted (px right and down), resized and turned (degrees clockwise)."""
 
-    def change(frame: LiveFrame, _: LiveFrame) -> LiveFrame:
+    def change(frame: Frame, _: Frame) -> Frame:
         assert frame.depth_m is not None
         height, width = frame.depth_m.shape
         matrix = cv2.getRotationMatrix2D(((width - 1) / 2, (height - 1) / 2), -turn, size)
@@ -33,7 +33,7 @@ def warped(x: float = 0, y: float = 0, size: float = 1, turn: float = 0) -> Chan
 def parallax(error_m: float) -> Change:
     """Depth as registered with a baseline that is too large: shifted right by f b / z."""
 
-    def change(frame: LiveFrame, _: LiveFrame) -> LiveFrame:
+    def change(frame: Frame, _: Frame) -> Frame:
         assert frame.depth_m is not None
         assert frame.camera is not None
         rows, columns = np.nonzero(frame.depth_m)
@@ -48,7 +48,7 @@ def parallax(error_m: float) -> Change:
     return change
 
 
-def late(frame: LiveFrame, before: LiveFrame) -> LiveFrame:
+def late(frame: Frame, before: Frame) -> Frame:
     """The depth of the frame before."""
     return replace(frame, depth_m=before.depth_m)
 
@@ -59,7 +59,7 @@ def tilted(angle_deg: float, axis: int) -> Change:
     vector[axis] = math.radians(angle_deg)
     matrix = cv2.Rodrigues(vector)[0]
 
-    def change(frame: LiveFrame, _: LiveFrame) -> LiveFrame:
+    def change(frame: Frame, _: Frame) -> Frame:
         assert frame.up_camera is not None
         return replace(frame, up_camera=matrix @ frame.up_camera)
 
@@ -69,7 +69,7 @@ def tilted(angle_deg: float, axis: int) -> Change:
 def scaled(factor: float) -> Change:
     """Depth that is too large by a factor."""
 
-    def change(frame: LiveFrame, _: LiveFrame) -> LiveFrame:
+    def change(frame: Frame, _: Frame) -> Frame:
         assert frame.depth_m is not None
         return replace(frame, depth_m=frame.depth_m * np.float32(factor))
 
@@ -79,7 +79,7 @@ def scaled(factor: float) -> Change:
 def focal(factor: float) -> Change:
     """A focal length that is too large by a factor."""
 
-    def change(frame: LiveFrame, _: LiveFrame) -> LiveFrame:
+    def change(frame: Frame, _: Frame) -> Frame:
         assert frame.camera is not None
         data = frame.camera.to_dict()
         data |= {"fx": data["fx"] * factor, "fy": data["fy"] * factor}
@@ -92,7 +92,7 @@ def heading(angle_deg: float) -> Change:
     """Poses whose heading is too far left."""
     turn = cv2.Rodrigues(np.array([0.0, 0.0, math.radians(angle_deg)]))[0]
 
-    def change(frame: LiveFrame, _: LiveFrame) -> LiveFrame:
+    def change(frame: Frame, _: Frame) -> Frame:
         assert frame.pose is not None
         pose = RigidTransform(turn @ frame.pose.rotation, frame.pose.translation_m)
         return replace(frame, pose=pose)
@@ -100,6 +100,6 @@ def heading(angle_deg: float) -> Change:
     return change
 
 
-def hanging(frame: LiveFrame, before: LiveFrame) -> LiveFrame:
+def hanging(frame: Frame, before: Frame) -> Frame:
     """Every tenth depth is the one before."""
     return late(frame, before) if frame.number % 10 == 9 else frame

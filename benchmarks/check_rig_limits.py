@@ -18,9 +18,9 @@ from check_rig_faults import warped
 
 from edgetree import TreeDetector
 from edgetree.catalogue import default_model
-from edgetree.live.frames import LiveFrame
-from edgetree.live.sources.drive import open_drive
+from edgetree.frames.frame import Frame
 from edgetree.measure import Failure, TreeMeasurement, measure_trees
+from edgetree.sources.drive import open_drive
 
 _EVERY = 5
 _SHIFTS_PX = (-8, -4, -2, -1, 1, 2, 4, 8)
@@ -52,7 +52,7 @@ def main() -> None:
     arguments.result.write_text(json.dumps(result, indent=1) + "\n", "utf-8")
 
 
-def changes(frame: LiveFrame, detector: TreeDetector) -> list[tuple[float, float]]:
+def changes(frame: Frame, detector: TreeDetector) -> list[tuple[float, float]]:
     """Of each stem and shift: the shift over the stem's width, and the relative change.
 
     The change is NaN where the stem could not be measured any more.
@@ -61,7 +61,7 @@ def changes(frame: LiveFrame, detector: TreeDetector) -> list[tuple[float, float
     assert frame.camera is not None
     trees = detector.detect(frame.image)
 
-    def measured(changed: LiveFrame) -> list[TreeMeasurement]:
+    def measured(changed: Frame) -> list[TreeMeasurement]:
         assert changed.depth_m is not None
         assert frame.camera is not None
         return measure_trees(trees, changed.depth_m, frame.camera, up_camera=frame.up_camera)

@@ -28,7 +28,7 @@ from measure_tables import TRUTHS
 from calib import PinholeCamera, read_depth
 from edgetree import TreeDetections, TreeDetector
 from edgetree.demo.matching import match_boxes
-from edgetree.frames.sources import read_image
+from edgetree.frames.images import read_image
 from edgetree.measure import Estimate, measure_trees
 
 SCORE_THRESHOLD = 0.5

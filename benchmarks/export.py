@@ -37,7 +37,7 @@ from export_files import ALL_PROPOSALS, SIDE_PX, build, calibration_frames, note
 from numpy.typing import NDArray
 
 from basetree.errors import EdgetreeError, InputError
-from basetree.files.outputs import output_folder
+from basetree.files.writing import output_folder
 from edgetree import TreeDetector, default_model, sample_frames
 from edgetree.doctor.machine import examine_machine
 from edgetree.export.frames import sample_inputs

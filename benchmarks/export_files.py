@@ -17,7 +17,7 @@ import torch
 from eager import torchvision_network
 from numpy.typing import NDArray
 
-from basetree.files.outputs import replacing
+from basetree.files.writing import replacing
 from edgetree.export import ExportSettings
 from edgetree.export.build import trace
 from edgetree.export.frames import frames_sha256, sample_inputs

@@ -32,10 +32,10 @@ from rosbags.typesys import Stores, get_typestore
 from calib import PinholeCamera
 from edgetree import TreeDetector, default_model, sample_frames
 from edgetree.live import LivePipeline
-from edgetree.live.sinks import JsonLinesSink
-from edgetree.live.sources import open_recording
-from edgetree.live.sources.pacing import PacedSource
 from edgetree.runtime.providers import import_onnxruntime
+from edgetree.sinks import JsonLinesSink
+from edgetree.sources import open_recording
+from edgetree.sources.playing import PacedSource
 
 TARGETS = {"raw_share": 0.75, "latency_frames": 2.0}
 PERIOD_S = 0.1

@@ -35,14 +35,15 @@ from soak import handles, rss_mib
 
 from calib import PinholeCamera, RigidTransform, read_depth
 from edgetree import TreeDetector, default_model
-from edgetree.frames.sources import read_image
+from edgetree.frames.frame import Frame, stream_frame
+from edgetree.frames.images import read_image
 from edgetree.live import LivePipeline
-from edgetree.live.frames import LiveFrame, LiveSource, SourceLost
 from edgetree.live.results import LiveResult
-from edgetree.live.sinks import JsonLinesSink
 from edgetree.live.tracking import TreeTrack
 from edgetree.measure import Estimate
 from edgetree.runtime.providers import import_onnxruntime
+from edgetree.sinks import JsonLinesSink
+from edgetree.sources.source import FrameSource, SourceLost
 
 MEMORY_LIMIT_MIB = 8.0
 SAME_STEM_M = 0.5
@@ -66,10 +67,10 @@ def play(folder: Path, count: int, rate_hz: float, start_s: float, to: Connectio
         to.send(frame_of(folder, image, number, number / rate_hz))
 
 
-def frame_of(folder: Path, image: dict[str, Any], number: int, time_s: float) -> LiveFrame:
+def frame_of(folder: Path, image: dict[str, Any], number: int, time_s: float) -> Frame:
     """A frame of the drive with what a machine knows of it."""
     pose = image["pose_world"]
-    return LiveFrame(
+    return stream_frame(
         number=number,
         time_s=time_s,
         image=read_image(folder / image["file_name"]),
@@ -96,7 +97,7 @@ class CameraProcess:
         self._process.start()
         to.close()
 
-    def __iter__(self) -> Iterator[LiveFrame]:
+    def __iter__(self) -> Iterator[Frame]:
         with self._from:
             while not self._closed.is_set():
                 try:
@@ -196,7 +197,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     start_s = time.monotonic()
     cameras: list[CameraProcess] = []
 
-    def open_camera() -> LiveSource:
+    def open_camera() -> FrameSource:
         cameras.append(CameraProcess(arguments.drive, len(labels), rate_hz, start_s))
         return cameras[-1]
 

@@ -31,7 +31,7 @@ from calib import PinholeCamera, read_depth
 from edgetree import TreeDetections, TreeDetector
 from edgetree.catalogue import find_model
 from edgetree.demo.matching import match_boxes
-from edgetree.frames.sources import read_image
+from edgetree.frames.images import read_image
 from edgetree.measure import Failure, MeasureSettings, TreeMeasurement, measure_trees
 
 # Uncertainty of keypoints and masks that are exact to the pixel.

@@ -39,7 +39,7 @@ from tracking_stand import twenty_stems
 
 from edgetree import TreeDetections, TreeDetector
 from edgetree.catalogue import default_model
-from edgetree.live.frames import LiveFrame
+from edgetree.frames.frame import Frame
 from edgetree.live.tracking import (
     DepthOdometry,
     ErrorShares,
@@ -255,7 +255,7 @@ def _spread_ms(of: str, times: list[float]) -> dict[str, float]:
 
 
 def _update_ms(
-    frames: list[tuple[LiveFrame, TreeDetections, list[TreeMeasurement]]],
+    frames: list[tuple[Frame, TreeDetections, list[TreeMeasurement]]],
     odometry: DepthOdometry | None,
 ) -> list[float]:
     tracker, times = StemTracker(odometry=odometry), []

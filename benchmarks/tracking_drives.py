@@ -13,7 +13,7 @@ import numpy as np
 from calib import PinholeCamera, RigidTransform, read_depth
 from edgetree import TreeDetections, TreeDetector
 from edgetree.demo.matching import match_boxes
-from edgetree.live.frames import LiveFrame
+from edgetree.frames.frame import Frame, stream_frame
 from edgetree.measure import TreeMeasurement, measure_trees
 
 
@@ -39,11 +39,11 @@ class DriveFrame:
     measurements: list[TreeMeasurement]
     label_of: dict[int, int]
 
-    def live(self, pose: bool, vertical: bool, depth: bool = False) -> LiveFrame:
+    def live(self, pose: bool, vertical: bool, depth: bool = False) -> Frame:
         """The frame as a source gives it, with pose, vertical and depth or without them."""
         there = self.image["pose_world"]
         turn = np.array(there["rotation"]).T
-        return LiveFrame(
+        return stream_frame(
             number=self.image["id"],
             time_s=self.image["time_s"],
             image=None,

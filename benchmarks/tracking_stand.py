@@ -9,7 +9,7 @@ import numpy as np
 
 from calib import PinholeCamera, RigidTransform
 from edgetree import TreeDetections
-from edgetree.live.frames import LiveFrame
+from edgetree.frames.frame import Frame, stream_frame
 from edgetree.measure import Estimate, PointEstimate, StemAxis, TreeMeasurement
 
 _CAMERA = PinholeCamera(width=640, height=360, fx=350.0, fy=350.0, cx=319.5, cy=179.5)
@@ -20,7 +20,7 @@ _STD_M = np.array([0.06, 0.02, 0.05])
 
 def twenty_stems(
     pose: bool, vertical: bool
-) -> list[tuple[LiveFrame, TreeDetections, list[TreeMeasurement]]]:
+) -> list[tuple[Frame, TreeDetections, list[TreeMeasurement]]]:
     """Frames with 20 measured stems each, with the pose and the vertical or without them."""
     rng = np.random.default_rng(0)
     ahead, aside = np.meshgrid(4 + 1.6 * np.arange(5), 1.6 * (np.arange(4) - 1.5))
@@ -46,7 +46,7 @@ def twenty_stems(
             _CAMERA.width,
             _CAMERA.height,
         )
-        live = LiveFrame(
+        live = stream_frame(
             number=number,
             time_s=time_s,
             image=None,

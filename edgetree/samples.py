@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib import PinholeCamera, read_depth
-from edgetree.frames.sources import Frame, read_image
+from edgetree.frames.frame import Frame
+from edgetree.frames.images import read_image
 
 __all__ = ["SampleFrame", "SampleTree", "sample_frames"]
 
@@ -85,7 +86,7 @@ class SampleFrame:
         return read_depth(self.depth_path)
 
     def read(self) -> Frame:
-        """Read both images, as a frame of the kind that `edgetree.frames.open_source` gives."""
+        """Read both images, as a frame of the kind that `edgetree.sources.open_source` gives."""
         return Frame(self.name, self.image_path, self.image(), self.depth_m())
 
 

@@ -11,7 +11,7 @@ import sys
 
 from edgetree import TreeDetector, default_model
 from edgetree.live import LivePipeline
-from edgetree.live.sources import open_live_source
+from edgetree.sources import open_live_source
 
 
 def main() -> None:

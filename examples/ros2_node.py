@@ -23,8 +23,8 @@ from std_msgs.msg import String
 from calib import PinholeCamera
 from edgetree import TreeDetector, default_model
 from edgetree.live import LivePipeline
-from edgetree.live.sinks import live_record
-from edgetree.live.sources import PushedFrames, frame_from_arrays
+from edgetree.results import live_record
+from edgetree.sources import PushedFrames, frame_from_arrays
 
 LARGEST_DIFFERENCE_S = 0.02
 COLOUR_ORDER = {"bgr8": "bgr", "rgb8": "rgb"}

@@ -14,8 +14,9 @@ import pyzed.sl as sl
 
 from calib import PinholeCamera
 from edgetree import TreeDetector, default_model
-from edgetree.live import LiveFrame, LivePipeline, SourceLost
-from edgetree.live.sources import frame_from_arrays
+from edgetree.frames import Frame
+from edgetree.live import LivePipeline
+from edgetree.sources import SourceLost, frame_from_arrays
 
 NS_PER_S = 1e9
 MOST_FAILURES = 30
@@ -37,7 +38,7 @@ class ZedFrames:
             raise SourceLost("the ZED camera does not answer: expected one that is connected")
         self._is_open = True
 
-    def __iter__(self) -> Iterator[LiveFrame]:
+    def __iter__(self) -> Iterator[Frame]:
         configuration = self._camera.get_camera_information().camera_configuration
         left = configuration.calibration_parameters.left_cam
         size = configuration.resolution

@@ -16,38 +16,50 @@ import secrets
 import shutil
 import stat
 import sys
-from collections.abc import Iterator, Sequence
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, TextIO
 
 import cv2
 from numpy.typing import NDArray
 
-from basetree.errors import InputFileError
+from basetree.errors import InputError, InputFileError
+from basetree.files.names import DEPTH_SUFFIXES, IMAGE_SUFFIXES
 
+_NOT_REGULAR = "not a regular file"
 _TEMPORARY = re.compile(r"\.calib-[0-9a-f]{16}\.part")
+
+
+class UnwritableFile(InputFileError, OSError):
+    """A file that cannot be written.
+
+    ``errno``, ``strerror`` and ``filename`` are those of an ``OSError`` that names the file.
+    """
+
+    def __str__(self) -> str:
+        return str(self.args[0])
 
 
 @contextmanager
 def replacing(path: Path, mode: int | None = None) -> Iterator[BinaryIO]:
     """Give the block a new file to write, which becomes ``path`` if the block succeeds.
 
-    The content is on the disk before ``path`` changes. If the block raises, ``path`` is unchanged.
-    A symbolic link at ``path`` is replaced, not followed.
+    It is created before the block, and its content is on the disk before ``path`` changes. If the
+    block raises, ``path`` is unchanged. A symbolic link at ``path`` is replaced, not followed.
 
     Args:
         path: File to write or replace.
         mode: Permissions of the file, such as 0o600; those of any new file if None.
 
     Raises:
-        OSError: If the file cannot be written; ``filename`` is ``path``. And whatever the block
-            raises.
+        UnwritableFile: If the file cannot be created or written. And whatever the block raises.
     """
     with _errors_naming(path):
         if path.exists() and not path.is_file():
-            raise OSError(errno.EINVAL, "not a regular file")
+            raise OSError(errno.EINVAL, _NOT_REGULAR)
         _remove_leftovers_once(os.path.realpath(path.parent))
         temporary, descriptor = _new_file(path.parent, mode)
     stream = io.BufferedWriter(_OutputFile(descriptor, path))
@@ -68,6 +80,22 @@ def replacing(path: Path, mode: int | None = None) -> Iterator[BinaryIO]:
 
 
 @contextmanager
+def text_file(path: Path) -> Iterator[TextIO]:
+    r"""Open a UTF-8 text file as in ``replacing``. Line ends are not translated.
+
+    Bytes of file names that are not UTF-8 are spelled out: ``\udcff`` for the byte ff.
+    """
+    with replacing(path) as stream:
+        text = io.TextIOWrapper(stream, "utf-8", "backslashreplace", newline="")
+        try:
+            yield text
+            text.flush()
+        finally:
+            with suppress(OSError):
+                text.detach()  # or it would close the file
+
+
+@contextmanager
 def replacing_folder(path: Path) -> Iterator[Path]:
     """Give the block a new folder to fill, which becomes ``path`` if the block succeeds.
 
@@ -75,7 +103,7 @@ def replacing_folder(path: Path) -> Iterator[Path]:
         path: Folder to make or replace; its parent exists.
 
     Raises:
-        OSError: If the folder cannot be made; and whatever the block raises.
+        UnwritableFile: If the folder cannot be made. And whatever the block raises.
     """
     with _errors_naming(path):
         _remove_leftovers_once(os.path.realpath(path.parent))
@@ -105,7 +133,7 @@ def write_whole(path: Path, data: bytes, mode: int | None = None) -> None:
     try:
         with replacing(path, mode) as stream:
             stream.write(data)
-    except OSError as error:
+    except UnwritableFile as error:
         raise InputFileError(f"{path}: cannot be written ({error.strerror})") from error
 
 
@@ -132,6 +160,68 @@ def write_image(path: Path, image: NDArray[Any], options: Sequence[int] = ()) ->
         InputFileError: If it cannot be written.
     """
     write_whole(path, cv2.imencode(path.suffix, image, options)[1].tobytes())
+
+
+@contextmanager
+def output_folder(path: Path) -> Iterator[Path]:
+    """Create a folder if needed and check that it is writable.
+
+    If the block raises, the folders created here are removed again, unless they contain files.
+
+    Raises:
+        InputError: If the folder cannot be created or is not writable.
+    """
+    made = [folder for folder in (path, *path.parents) if not folder.exists()]
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=path).close()
+    except OSError as error:
+        _remove_empty(made)
+        raise InputError(
+            f"output folder {path} cannot be written ({error.strerror}):"
+            " expected a writable folder, or one that can be created"
+        ) from error
+    try:
+        yield path
+    except BaseException:
+        _remove_empty(made)
+        raise
+
+
+def _remove_empty(folders: list[Path]) -> None:
+    for folder in folders:
+        with suppress(OSError):
+            folder.rmdir()
+
+
+def check_paths(outputs: Mapping[str, Path | None], inputs: Mapping[str, Path | None]) -> None:
+    """Check that no output overwrites an input or another output.
+
+    Args:
+        outputs: The output paths by option; None for options that are not given.
+        inputs: The input paths, likewise. A folder includes the images and depth images in it.
+
+    Raises:
+        InputError: If an output path occurs twice.
+    """
+    taken: dict[Path, str] = {}
+    for name, path in inputs.items():
+        if path is not None:
+            taken[path.resolve()] = f"{name} {path}"
+            taken.update(dict.fromkeys(_frames_in(path), f"a file of {name} {path}"))
+    for option, path in outputs.items():
+        if path is None:
+            continue
+        other = taken.setdefault(path.resolve(), f"{option} {path}")
+        if other != f"{option} {path}":
+            raise InputError(f"{option} is {path}, which is {other} too: expected another path")
+
+
+def _frames_in(folder: Path) -> list[Path]:
+    if not folder.is_dir():
+        return []
+    known = {*IMAGE_SUFFIXES, *DEPTH_SUFFIXES}
+    return [path.resolve() for path in folder.iterdir() if path.suffix.lower() in known]
 
 
 def remove_leftovers(folder: Path) -> None:
@@ -168,7 +258,19 @@ def _errors_naming(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         number = error.errno or errno.EIO
-        raise OSError(number, error.strerror or os.strerror(number), str(path)) from error
+        raise _unwritable(path, number, error.strerror or os.strerror(number)) from error
+
+
+def _unwritable(path: Path, number: int, reason: str) -> UnwritableFile:
+    message = (
+        f"{path} is a folder: expected the name of a file to write"
+        if reason == _NOT_REGULAR and path.is_dir()
+        else f"{path} cannot be written ({reason}): expected a file in an existing, writable"
+        " folder with space for it"
+    )
+    error = UnwritableFile(message)
+    error.errno, error.strerror, error.filename = number, reason, str(path)
+    return error
 
 
 def _new_file(folder: Path, mode: int | None) -> tuple[Path, int]:

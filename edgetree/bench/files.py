@@ -132,7 +132,7 @@ class NetworkFiles:
             self._export(missing, say)
 
     def _export(self, missing: list[NetworkFile], say: Say) -> None:
-        from basetree.files.outputs import output_folder
+        from basetree.files.writing import output_folder
         from edgetree.export import ExportSettings, export_preset
 
         if is_signature_required():

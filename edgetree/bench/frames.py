@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 
 from basetree.arrays import Float32, Float64
 from calib import PinholeCamera
-from edgetree.frames.pipeline import image_for, open_frames, readable
+from edgetree.frames.pipeline import image_for
 from edgetree.runtime.detector import TreeDetector
 from edgetree.samples import sample_frames
+from edgetree.sources import open_frames
+from edgetree.sources.source import readable
 
 MOST_FRAMES: Final = 16
 
@@ -47,7 +49,7 @@ def bench_frames(
     """Read the first `MOST_FRAMES` frames of a source; without a source the packaged ones.
 
     Args:
-        source: an image, a folder or a video, as for `edgetree.frames.open_frames`.
+        source: an image, a folder or a video, as for `edgetree.sources.open_frames`.
         detector: the model that will take them.
         on_error: called with the error of each frame that cannot be read.
 

@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Final
 
-from basetree.files.outputs import replacing, text_file
+from basetree.files.writing import replacing, text_file
 from edgetree.check.acceptance import CheckResult
 from edgetree.check.error_fit import ErrorFit
 from edgetree.check.matching import Pair

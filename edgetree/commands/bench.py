@@ -58,7 +58,7 @@ def bench(
 
     All variants are measured in turn, each time in a process of its own. Keep the machine quiet.
     """
-    from basetree.files.outputs import check_paths
+    from basetree.files.writing import check_paths
 
     check_paths(
         {f"--{name}": path for name, path in asdict(files).items()},
@@ -212,7 +212,7 @@ def _environment() -> dict[str, Any]:
 def _write(result: dict[str, Any], files: BenchFiles) -> None:
     import json
 
-    from basetree.files.outputs import text_file
+    from basetree.files.writing import text_file
     from edgetree.bench.page import page_html
     from edgetree.bench.result import csv_text, markdown_text
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     )
     from calib.depth_scale import DepthScale, DepthScaleFailure
     from edgetree.commands.frame_results import LeftOut
-    from edgetree.frames.sources import FrameSource
+    from edgetree.sources.source import FrameSource
 
 __all__ = ["calibrate"]
 
@@ -70,10 +70,10 @@ def calibrate(
     is 1. Pictures of a folder that cannot be read are left out, with exit code 1 too.
     """
     from basetree.errors import InputError
-    from basetree.files.outputs import output_folder
+    from basetree.files.writing import output_folder
     from calib.boards import LENS_MODELS, parse_board
     from edgetree.commands.frame_results import LeftOut
-    from edgetree.frames.sources import open_source
+    from edgetree.sources import open_source
 
     if model not in LENS_MODELS:
         raise InputError(f"--model is {model!r}: expected {' or '.join(LENS_MODELS)}")
@@ -200,7 +200,7 @@ def _pictures(frames: FrameSource, left_out: LeftOut) -> Iterator[Picture]:
     import numpy as np
 
     from calib.boards import Picture
-    from edgetree.frames.pipeline import readable
+    from edgetree.sources.source import readable
 
     for frame in track(readable(frames, left_out.add), "looking for the board", frames.count):
         if frame.image is not None:
@@ -212,7 +212,7 @@ def _depth_scale(
     frames: FrameSource, seen: BoardDetections, result: Calibration, left_out: LeftOut
 ) -> DepthScale | DepthScaleFailure:
     from calib import fit_depth_scale, read_target
-    from edgetree.frames.pipeline import readable
+    from edgetree.sources.source import readable
 
     points_px = {view.name: view.image_px for view in seen.views}
     poses = {view.name: view.pose for view in result.views}

@@ -56,7 +56,7 @@ def check(
     bias of more than 3 standard errors and more than 2 % of their mean.
     """
     from basetree.errors import CheckFailed, InputError
-    from basetree.files.outputs import check_paths, output_folder
+    from basetree.files.writing import check_paths, output_folder
     from edgetree.check import compare, read_caliper, read_measured
     from edgetree.check.files import check_files, write_files
     from edgetree.check.report import report_lines

@@ -39,7 +39,7 @@ def demo(
 
     Prints the path of the report, a self-contained HTML file.
     """
-    from basetree.files.outputs import output_folder
+    from basetree.files.writing import output_folder
     from edgetree.demo import run_embedded, write_report
     from edgetree.demo.training import run_trained
 

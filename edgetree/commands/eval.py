@@ -46,7 +46,7 @@ def evaluate(
     Prints the COCO AP of boxes, masks and keypoints and errors in pixels, by distance, weather and
     other conditions. Needs the packages for training.
     """
-    from basetree.files.outputs import output_folder
+    from basetree.files.writing import output_folder
     from edgetree.evaluate import evaluate_file, summary_of
 
     detector, path = session.open_model(model)

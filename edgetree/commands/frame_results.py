@@ -2,16 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import logging
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from basetree.errors import CheckFailed, InputError
 from basetree.program.console import note, track
 from edgetree.detections import UnlikeTraining
-from edgetree.frames.pipeline import FrameResult, readable
-from edgetree.frames.sources import Frame, FrameSource
+from edgetree.frames.frame import Frame
+from edgetree.frames.pipeline import FrameResult
+from edgetree.sources.source import REMARKS, FrameSource, readable
 
-__all__ = ["LeftOut", "Totals", "frame_results", "unlike_words"]
+__all__ = [
+    "LeftOut",
+    "Totals",
+    "frame_results",
+    "note_files",
+    "source_remarks",
+    "unlike_words",
+    "warnings_shown",
+]
 
 
 def frame_results(
@@ -117,3 +129,33 @@ class Totals:
 def unlike_words(name: str, unlike: UnlikeTraining) -> str:
     """A frame's name, how its image differs from those of the training, and what to try."""
     return f"{name}: {unlike}; {unlike.advice}"
+
+
+def source_remarks(source: FrameSource) -> Iterator[str]:
+    """What a source left out, and what it says about the frames that were used."""
+    for what, count in source.counts.items():
+        if count:
+            yield f"{count} {what}" if what in REMARKS else f"{count} left out: {what}"
+
+
+def note_files(paths: Mapping[str, Path | None]) -> None:
+    """Say where the output files are, by what they are."""
+    for name, path in paths.items():
+        if path is not None:
+            note(f"{name}: {path}")
+
+
+@contextmanager
+def warnings_shown() -> Iterator[None]:
+    """Print what the package logs, from warnings on, as notes."""
+
+    class Notes(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            note(record.getMessage())
+
+    log, handler = logging.getLogger("edgetree"), Notes(logging.WARNING)
+    log.addHandler(handler)
+    try:
+        yield
+    finally:
+        log.removeHandler(handler)

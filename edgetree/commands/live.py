@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import logging
 import time
-from collections.abc import Iterator
-from contextlib import ExitStack, closing, contextmanager
+from collections.abc import Callable
+from contextlib import ExitStack, closing
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
 
@@ -23,12 +23,12 @@ from edgetree.commands.option_groups import SessionOptions, expand_groups
 from edgetree.commands.options import Model, ScoreThreshold, model_file, model_words
 
 if TYPE_CHECKING:
-    from edgetree.live.frames import LiveSource
     from edgetree.live.page import PageServer
     from edgetree.live.pipeline import LivePipeline
     from edgetree.live.recording import FrameRecorder
-    from edgetree.live.sinks import Sink
-    from edgetree.live.sinks.opening import SinkOptions
+    from edgetree.live.results import LiveResult
+    from edgetree.sinks import Sink
+    from edgetree.sources.source import FrameSource
 
 __all__ = ["live"]
 
@@ -42,22 +42,27 @@ _Source: TypeAlias = Annotated[
         " a camera: a number, /dev/videoN, rtsp://..., http://..., realsense, oak or orbbec.",
     ),
 ]
-_Frames: TypeAlias = Annotated[int | None, typer.Option(min=1, help="End after this many results.")]
+
+
+@dataclass(frozen=True)
+class _ModelOptions:
+    """The options about the model."""
+
+    model: Model = "depth"
+    score_threshold: ScoreThreshold = 0.5
 
 
 @expand_groups
 def live(
     source: _Source,
     *,
-    model: Model = "depth",
+    model_options: _ModelOptions,
     metres: LiveMetresOptions,
     source_options: LiveSourceOptions,
     page_options: LivePageOptions,
     outputs: LiveOutputs,
     record_options: LiveRecordOptions,
-    score_threshold: ScoreThreshold = 0.5,
     session: SessionOptions,
-    frames: _Frames = None,
 ) -> None:
     """Find, measure and follow the trees in front of a camera, or in a recording.
 
@@ -65,15 +70,15 @@ def live(
     diameter with its interval. Prints one JSON line per frame on stdout. Ctrl-C and SIGTERM end it
     with everything written.
     """
-    from basetree.errors import InputError
-    from basetree.files.outputs import check_paths
+    from basetree.files.writing import check_paths
+    from edgetree.commands.frame_results import warnings_shown
     from edgetree.live.pipeline import LivePipeline
     from edgetree.live.recording import run_record
 
+    model, score_threshold = model_options.model, model_options.score_threshold
     rig_options = metres.as_rig_options()
     check_paths(
-        {f"--{name}": getattr(outputs, name) for name in ("jsonl", "csv", "map", "bag")}
-        | {"--record": record_options.record},
+        outputs.paths | {"--record": record_options.record},
         {
             "source": Path(source),
             "--depth": source_options.depth,
@@ -81,15 +86,14 @@ def live(
             **rig_options.files(metres.camera),
         },
     )
-    if outputs.map_origin is not None and outputs.map is None:
-        raise InputError("--map-origin given without --map: expected both")
+    outputs.origin()  # a wrong value ends the command here
     rig, settings = rig_options.rig(metres.camera, None), rig_options.settings()
     tracker = metres.tracker()
     detector, model_path = session.open_model(model, score_threshold)
     takes_depth = detector.manifest.takes_depth
-    sink_options = outputs.options(to_stdout=not (outputs.jsonl or page_options.page))
+    to_stdout = not (outputs.jsonl or page_options.page)
     with (
-        _warnings_shown(),
+        warnings_shown(),
         record_options.recording(
             lambda: run_record(
                 model_path,
@@ -102,20 +106,23 @@ def live(
         page_options.serving(recorder) as page,
     ):
 
-        def open_source() -> LiveSource:
+        def open_source() -> FrameSource:
             opened = source_options.open(source, rig, takes_depth)
             if recorder is not None:
                 recorder.wait_for_disk(waits=not opened.is_live)
             return opened
 
+        def open_sinks(stack: ExitStack) -> list[Sink[LiveResult]]:
+            return outputs.open(stack, to_stdout, source, model_path.name)
+
         pipeline = LivePipeline(open_source, detector, rig=rig, settings=settings, tracker=tracker)
-        _follow(pipeline, sink_options, page, recorder, frames)
+        _follow(pipeline, open_sinks, page, recorder, outputs.frames)
         note(model_words(detector, model_path))
 
 
 def _follow(
     pipeline: LivePipeline,
-    options: SinkOptions,
+    open_sinks: Callable[[ExitStack], list[Sink[LiveResult]]],
     page: PageServer | None,
     recorder: FrameRecorder | None,
     most: int | None,
@@ -126,16 +133,15 @@ def _follow(
     """
     from basetree.errors import InputError
     from basetree.program.interrupts import interrupt_afterwards
-    from edgetree.live.sinks.opening import open_sinks
 
-    sinks: list[Sink] = []
+    sinks: list[Sink[LiveResult]] = []
     said_s = time.monotonic()
     with ExitStack() as stack:
         results = stack.enter_context(closing(iter(pipeline)))
         number = 0
         for number, result in enumerate(results, 1):
             with interrupt_afterwards():
-                sinks = sinks or open_sinks(options, stack)
+                sinks = sinks or open_sinks(stack)
                 for sink in sinks:
                     sink.write(result)
                 if recorder is not None:
@@ -152,19 +158,3 @@ def _follow(
             if number == 0:
                 raise InputError(f"{pipeline.status.line()}: expected a frame that can be used")
     note(pipeline.status.line())
-
-
-@contextmanager
-def _warnings_shown() -> Iterator[None]:
-    """Print what the package logs, from warnings on, as notes."""
-
-    class Notes(logging.Handler):
-        def emit(self, record: logging.LogRecord) -> None:
-            note(record.getMessage())
-
-    log, handler = logging.getLogger("edgetree"), Notes(logging.WARNING)
-    log.addHandler(handler)
-    try:
-        yield
-    finally:
-        log.removeHandler(handler)

@@ -23,12 +23,19 @@ from edgetree.commands.options import (
 
 if TYPE_CHECKING:
     from edgetree.frames.rig import Rig
-    from edgetree.live.frames import LiveSource
     from edgetree.live.page import PageServer
     from edgetree.live.recording import FrameRecorder
     from edgetree.live.tracking import StemTracker
+    from edgetree.sources.source import FrameSource
 
-__all__ = ["LiveMetresOptions", "LivePageOptions", "LiveSourceOptions"]
+__all__ = [
+    "LiveMetresOptions",
+    "LivePageOptions",
+    "LiveSourceOptions",
+    "Scene",
+    "Topic",
+    "topics_by_role",
+]
 
 _TOPIC_ROLES: Final = ("colour", "depth", "camera", "depth_camera", "imu")
 
@@ -41,7 +48,7 @@ _DepthScaleM: TypeAlias = Annotated[
         " not given.",
     ),
 ]
-_Topic: TypeAlias = Annotated[
+Topic: TypeAlias = Annotated[
     list[str] | None,
     typer.Option(
         metavar="ROLE=NAME",
@@ -49,7 +56,7 @@ _Topic: TypeAlias = Annotated[
         " given, topics are found by their type.",
     ),
 ]
-_Scene: TypeAlias = Annotated[
+Scene: TypeAlias = Annotated[
     int | None,
     typer.Option(metavar="N", help="Number of the drive, for a simulated dataset with several."),
 ]
@@ -95,18 +102,18 @@ class LiveSourceOptions:
     """The options about the source."""
 
     depth: Depth = None
-    topic: _Topic = None
+    topic: Topic = None
     depth_scale: _DepthScaleM = None
-    scene: _Scene = None
+    scene: Scene = None
     as_live: _AsLive = False
     loop: _Loop = False
 
-    def open(self, source: str, rig: Rig, takes_depth: bool) -> LiveSource:
+    def open(self, source: str, rig: Rig, takes_depth: bool) -> FrameSource:
         """Open the source for a model that takes depth, or colour."""
-        from edgetree.live.sources.bags import is_bag
-        from edgetree.live.sources.drive import is_drive
-        from edgetree.live.sources.opening import open_live_source
-        from edgetree.live.sources.pacing import PacedSource
+        from edgetree.sources.bags import is_bag
+        from edgetree.sources.drive import is_drive
+        from edgetree.sources.opening import open_live_source
+        from edgetree.sources.playing import PacedSource
 
         path = Path(source)
         are_files = path.exists() and not (is_bag(path) or is_drive(path))
@@ -114,7 +121,7 @@ class LiveSourceOptions:
             source,
             depth=self.depth,
             rig=rig,
-            topics=self.topics(),
+            topics=topics_by_role(self.topic),
             depth_scale_m=self.depth_scale,
             modality="depth" if are_files and takes_depth and self.depth is None else "both",
             scene=self.scene,
@@ -122,24 +129,25 @@ class LiveSourceOptions:
         )
         return PacedSource(opened) if self.as_live and not opened.is_live else opened
 
-    def topics(self) -> dict[str, str]:
-        """The topics by role.
 
-        Raises:
-            InputError: a value has another form, or the role is unknown.
-        """
-        from basetree.errors import InputError
+def topics_by_role(texts: list[str] | None) -> dict[str, str]:
+    """The values of --topic by role.
 
-        found: dict[str, str] = {}
-        for text in self.topic or ():
-            role, equals, name = text.partition("=")
-            if not (equals and name and role in _TOPIC_ROLES):
-                raise InputError(
-                    f"--topic is {text!r}: expected ROLE=NAME, where ROLE is"
-                    f" {', '.join(_TOPIC_ROLES[:-1])} or {_TOPIC_ROLES[-1]}"
-                )
-            found[role] = name
-        return found
+    Raises:
+        InputError: a value has another form, or the role is unknown.
+    """
+    from basetree.errors import InputError
+
+    found: dict[str, str] = {}
+    for text in texts or ():
+        role, equals, name = text.partition("=")
+        if not (equals and name and role in _TOPIC_ROLES):
+            raise InputError(
+                f"--topic is {text!r}: expected ROLE=NAME, where ROLE is"
+                f" {', '.join(_TOPIC_ROLES[:-1])} or {_TOPIC_ROLES[-1]}"
+            )
+        found[role] = name
+    return found
 
 
 @dataclass(frozen=True)

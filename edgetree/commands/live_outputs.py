@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import sys
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import typer
 
+from edgetree.commands.options import check_report
+
 if TYPE_CHECKING:
-    from edgetree.live.sinks import MapOrigin
-    from edgetree.live.sinks.opening import SinkOptions
+    from edgetree.live.results import LiveResult
+    from edgetree.sinks import MapOrigin, Sink
 
 __all__ = ["LiveOutputs"]
 
@@ -52,6 +56,17 @@ _Mqtt: TypeAlias = Annotated[
 ]
 
 
+_Report: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE.html",
+        help="Report to write at the end: one HTML page with an entry for each stem, with what all"
+        " views say and the picture of the best one.",
+    ),
+]
+_Frames: TypeAlias = Annotated[int | None, typer.Option(min=1, help="End after this many results.")]
+
+
 @dataclass(frozen=True)
 class LiveOutputs:
     """The options for outputs."""
@@ -60,25 +75,73 @@ class LiveOutputs:
     csv: _CsvFile = None
     map: _Map = None
     map_origin: _MapOrigin = None
+    report: _Report = None
     bag: _Bag = None
     udp: _Udp = None
     mqtt: _Mqtt = None
+    frames: _Frames = None
 
-    def options(self, to_stdout: bool) -> SinkOptions:
-        """The outputs, with JSON lines on stdout if `to_stdout`."""
-        from edgetree.live.sinks.opening import SinkOptions
+    @property
+    def paths(self) -> dict[str, Path | None]:
+        """The files and folders by option."""
+        names = ("jsonl", "csv", "map", "report", "bag")
+        return {f"--{name}": getattr(self, name) for name in names}
 
-        origin = None if self.map_origin is None else _origin(self.map_origin)
-        return SinkOptions(
-            jsonl=self.jsonl,
-            csv=self.csv,
-            stem_map=self.map,
-            origin=origin,
-            bag=self.bag,
-            udp=self.udp,
-            mqtt=self.mqtt,
-            to_stdout=to_stdout,
-        )
+    def origin(self) -> MapOrigin | None:
+        """The place of the map; None for local metres.
+
+        Raises:
+            InputError: options contradict each other, or a value is wrong.
+        """
+        from basetree.errors import InputError
+
+        check_report(self.report)
+        if self.map_origin is None:
+            return None
+        if self.map is None:
+            raise InputError("--map-origin given without --map: expected both")
+        return _origin(self.map_origin)
+
+    def open(
+        self, stack: ExitStack, to_stdout: bool, source: str, model: str
+    ) -> list[Sink[LiveResult]]:
+        """Open the outputs.
+
+        Args:
+            stack: closes them.
+            to_stdout: whether JSON lines go to stdout.
+            source: value of SOURCE, for the report.
+            model: name of the model file, likewise.
+
+        Raises:
+            InputError: a file cannot be written, or an address or name cannot be used.
+            MissingPackage: the package for MQTT or for bags is not installed.
+        """
+        from edgetree import sinks
+
+        opened: list[Sink[LiveResult]] = []
+
+        def add(sink: Sink[LiveResult]) -> None:
+            stack.callback(sink.close)
+            opened.append(sink)
+
+        if to_stdout:
+            add(sinks.JsonLinesSink(sys.stdout))
+        if self.jsonl is not None:
+            add(sinks.JsonLinesSink(self.jsonl))
+        if self.csv is not None:
+            add(sinks.CsvTracksSink(self.csv))
+        if self.map is not None:
+            add(sinks.open_map(self.map, self.origin()))
+        if self.report is not None:
+            add(sinks.StemReportSink(self.report, source, model))
+        if self.bag is not None:
+            add(sinks.BagSink(self.bag))
+        if self.udp is not None:
+            add(sinks.UdpSink(self.udp))
+        if self.mqtt is not None:
+            add(sinks.MqttSink(self.mqtt))
+        return opened
 
 
 def _origin(text: str) -> MapOrigin:
@@ -88,7 +151,7 @@ def _origin(text: str) -> MapOrigin:
         InputError: it has another form, or is out of range.
     """
     from basetree.errors import InputError
-    from edgetree.live.sinks import MapOrigin
+    from edgetree.sinks import MapOrigin
 
     try:
         latitude, longitude, *rest = (float(part) for part in text.split(","))

@@ -1,17 +1,19 @@
-"""`edgetree run`: detect and measure the trees of an image, a folder or a video."""
+"""`edgetree run`: detect and measure the trees of images, a video, a recording or a drive."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
 from basetree.program.console import note, print_json
+from edgetree.commands.live_options import Scene, Topic, topics_by_role
 from edgetree.commands.option_groups import RigOptions, SessionOptions, expand_groups
 from edgetree.commands.options import (
     Camera,
@@ -32,8 +34,12 @@ from edgetree.commands.options import (
 from edgetree.commands.sharding import ShardedFrames, ShardOptions, run_sharded
 
 if TYPE_CHECKING:
+    from edgetree.frames.frame import Frame
     from edgetree.frames.pipeline import FrameResult
-    from edgetree.frames.sources import Frame
+    from edgetree.frames.rig import Rig
+    from edgetree.runtime.detector import TreeDetector
+    from edgetree.sinks import FileSink, Sink
+    from edgetree.sources.source import FrameSource
 
 __all__ = ["run"]
 
@@ -41,8 +47,8 @@ _Source: TypeAlias = Annotated[
     Path,
     typer.Argument(
         metavar="SOURCE",
-        help="An image, a folder of images, or a video; with --shards a folder or URL of images or"
-        " of recordings.",
+        help="An image, a folder of images, a video, a ROS bag or MCAP file, or a simulated drive;"
+        " with --shards a folder or URL of images or of recordings.",
     ),
 ]
 _Out: TypeAlias = Annotated[
@@ -63,7 +69,48 @@ _StrictFrames: TypeAlias = Annotated[
         " 2 and only the pictures so far. Otherwise such frames are left out, with exit code 1.",
     ),
 ]
-_Write: TypeAlias = "Callable[[FrameResult, dict[str, Any]], None]"
+_Map: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        help="Map of the stems of a recording or drive with poses, .geojson or .gpkg, in metres.",
+    ),
+]
+
+
+@dataclass(frozen=True)
+class _Inputs:
+    """The options that say what to detect in, and with what."""
+
+    model: ModelByInput = None
+    depth: Depth = None
+    camera: Camera = None
+    topic: Topic = None
+    scene: Scene = None
+    strict_frames: _StrictFrames = False
+
+    def open(
+        self, source: Path, rig: Rig, detector: TreeDetector, depth_scale: str | None
+    ) -> FrameSource:
+        """Open the frames; `depth_scale` is the value of --depth-scale."""
+        from edgetree.sources import open_frames
+        from edgetree.sources.opening import is_stream
+
+        return open_frames(
+            source,
+            self.depth,
+            rig=rig,
+            detector=detector,
+            topics=topics_by_role(self.topic),
+            depth_scale_m=_metres_per_unit(depth_scale) if is_stream(source) else None,
+            scene=self.scene,
+        )
+
+    def words(self) -> str:
+        """The options about streams as they would be typed on the command line."""
+        given = [("topic", name) for name in self.topic or ()]
+        given += [] if self.scene is None else [("scene", str(self.scene))]
+        return "".join(f" --{name} {quoted(value)}" for name, value in given)
 
 
 @dataclass(frozen=True)
@@ -76,67 +123,104 @@ class _Outputs:
     profiles: Profiles = None
     coco: _Coco = None
     report: Report = None
+    map: _Map = None
+
+    def open(
+        self, stack: ExitStack, source: Path, model: str, score_threshold: float, reasons: list[str]
+    ) -> list[Sink[FrameResult]]:
+        """Open the files but for the JSON lines.
+
+        Args:
+            stack: completes the files, or discards them if its block raises.
+            source: value of SOURCE, for the report.
+            model: name of the model file.
+            score_threshold: lowest score of trees.
+            reasons: why frames are left out, for the report.
+        """
+        from edgetree.results.csv_table import PROFILES, TREES
+        from edgetree.sinks import CocoSink, CsvSink, PicturesSink, ReportSink
+        from edgetree.sources.files import as_typed
+
+        sinks: list[FileSink[Any]] = []
+        if self.csv is not None:
+            sinks.append(stack.enter_context(CsvSink(self.csv, TREES)))
+        if self.out is not None:
+            sinks.append(stack.enter_context(PicturesSink(self.out)))
+        if self.profiles is not None:
+            sinks.append(stack.enter_context(CsvSink(self.profiles, PROFILES)))
+        if self.coco is not None:
+            sinks.append(stack.enter_context(CocoSink(self.coco, model, score_threshold)))
+        if self.report is not None:
+            report = ReportSink(self.report, as_typed(source), f"the model {model}", reasons)
+            sinks.append(stack.enter_context(report))
+        if self.map is not None:
+            from edgetree.live.results import PosedMapSink
+
+            sinks.append(stack.enter_context(PosedMapSink(self.map)))
+        return [*sinks]
 
 
 @expand_groups
 def run(
     source: _Source,
     *,
-    model: ModelByInput = None,
-    depth: Depth = None,
-    camera: Camera = None,
+    inputs: _Inputs,
     rig_options: RigOptions,
     outputs: _Outputs,
     score_threshold: ScoreThreshold = 0.5,
     session: SessionOptions,
     shards: ShardOptions,
-    strict_frames: _StrictFrames = False,
     as_json: Json = False,
 ) -> None:
-    """Detect the trees of an image, a folder of images or a video.
+    """Detect the trees of images, a video, a recording or a simulated drive.
 
-    Prints one JSON line per frame: boxes, masks (COCO RLE) and keypoints in pixels, and with
-    --depth and --camera the measurements of each tree in metres. Ctrl-C and SIGTERM keep the
-    results so far.
+    Prints one JSON line per frame: boxes, masks (COCO RLE) and keypoints in pixels, and with depth
+    and a camera the measurements of each tree in metres. Ctrl-C and SIGTERM keep the results so
+    far.
     """
-    from basetree.program.interrupts import interrupt_afterwards
-    from edgetree.commands.frame_results import LeftOut, Totals, frame_results
-    from edgetree.frames.pipeline import open_frames, process
+    from edgetree.commands.frame_results import (
+        LeftOut,
+        Totals,
+        frame_results,
+        source_remarks,
+        warnings_shown,
+    )
+    from edgetree.frames.pipeline import process
     from edgetree.results.json_records import frame_record
+    from edgetree.sinks import JsonLinesSink
+    from edgetree.sources.opening import is_stream
 
-    _check(source, depth, camera, model, rig_options, outputs)
-    model = model_for(model, depth)
+    _check(source, inputs, rig_options, outputs, shards)
+    model = model_for(inputs.model, inputs.depth)
     if shards.are_given:
-        work = ShardedFrames(source, depth, camera, model, rig_options, session, score_threshold)
-        run_sharded(work, shards, vars(outputs), as_json=as_json)
+        given = (inputs.depth, inputs.camera, model, rig_options, session, score_threshold)
+        run_sharded(ShardedFrames(source, *given), shards, vars(outputs), as_json=as_json)
         return
     detector, model_path = session.open_model(model, score_threshold)
-    rig, settings = rig_options.rig(camera, depth), rig_options.settings()
-    frames = open_frames(source, depth, rig=rig, detector=detector)
-    totals, left_out = Totals(), LeftOut(strict_frames or not source.is_dir())
-    is_interrupted = False
+    rig, settings = rig_options.rig(inputs.camera, inputs.depth), rig_options.settings()
+    are_files = source.is_dir() and not is_stream(source)
+    totals, left_out = Totals(), LeftOut(inputs.strict_frames or not are_files)
     records: list[dict[str, Any]] = []
-    lines_to_stdout = not (outputs.jsonl or as_json)
-    with _writer(
-        outputs, source, model_path.name, score_threshold, lines_to_stdout, left_out.reasons
-    ) as write:
-        shown = not (lines_to_stdout and sys.stdout.isatty())
+    record = lru_cache(maxsize=1)(frame_record)  # for a line and for the object of --json
+    lines = outputs.jsonl or (None if as_json else sys.stdout)
+    with ExitStack() as stack:
+        if is_stream(source):
+            stack.enter_context(warnings_shown())
+        frames = inputs.open(source, rig, detector, rig_options.depth_scale)
+        writes: list[Callable[[FrameResult], object]] = [totals.add]
+        if lines is not None:
+            sink = stack.enter_context(JsonLinesSink(lines, record, grows=False))
+            writes.append(sink.write)
+        opened = outputs.open(stack, source, model_path.name, score_threshold, left_out.reasons)
+        writes += [each.write for each in opened]
+        if as_json:
+            writes.append(lambda result: records.append(record(result)))
 
         def measure(frame: Frame) -> FrameResult:
             return process(frame, detector, rig, settings)
 
-        try:
-            for result in frame_results(frames, measure, left_out, shown=shown):
-                record = frame_record(result)
-                with interrupt_afterwards():
-                    totals.add(result)
-                    write(result, record)
-                    if as_json:
-                        records.append(record)
-        except KeyboardInterrupt:
-            if not totals.frames:
-                raise
-            is_interrupted = True
+        shown = not (sys.stdout.isatty() and lines is sys.stdout)
+        is_interrupted = _write_all(frame_results(frames, measure, left_out, shown=shown), writes)
         left_out.check_some(totals.frames)
     if as_json:
         paths = {"pictures": outputs.out, "jsonl": outputs.jsonl}
@@ -149,111 +233,106 @@ def run(
                 "score_threshold": detector.score_threshold,
                 "frames": records,
                 **{name: None if path is None else str(path) for name, path in paths.items()},
+                **({} if outputs.map is None else {"map": str(outputs.map)}),
                 **({"left_out": left_out.reasons} if left_out.reasons else {}),
                 **({"interrupted": True} if is_interrupted else {}),
             }
         )
-    for line in totals.lines():
+    for line in (*totals.lines(), *source_remarks(frames), model_words(detector, model_path)):
         note(line)
-    note(model_words(detector, model_path))
     _note_files(outputs)
     if is_interrupted:
         raise KeyboardInterrupt
     left_out.check_none(totals.frames)
     if outputs.out is None:
-        options = f"{rig_options.words(depth, camera)} --model {quoted(model)} --out pictures"
-        note(f"next: edgetree run {quoted(source)}{options}")
+        options = f"{rig_options.words(inputs.depth, inputs.camera)}{inputs.words()}"
+        note(f"next: edgetree run {quoted(source)}{options} --model {quoted(model)} --out pictures")
     else:
-        images = depth if depth is not None and detector.manifest.takes_depth else source
+        takes_depth = inputs.depth is not None and detector.manifest.takes_depth
+        images = inputs.depth if takes_depth else source
         note(f"next: edgetree bench {quoted(model)} --frames {quoted(images)}")
 
 
+def _write_all(
+    results: Iterable[FrameResult], writes: Sequence[Callable[[FrameResult], object]]
+) -> bool:
+    """Write all results, each of them whole; returns whether an interrupt came after the first."""
+    from basetree.program.interrupts import interrupt_afterwards
+
+    is_begun = False
+    try:
+        for result in results:
+            with interrupt_afterwards():
+                is_begun = True
+                for write in writes:
+                    write(result)
+    except KeyboardInterrupt:
+        if not is_begun:
+            raise
+        return True
+    return False
+
+
 def _note_files(outputs: _Outputs) -> None:
-    """Say where the output files are."""
-    for name, path in (
-        ("JSON lines", outputs.jsonl),
-        ("table", outputs.csv),
-        ("profiles", outputs.profiles),
-        ("labels", outputs.coco),
-        ("pictures", outputs.out),
-        ("report", outputs.report),
-    ):
-        if path is not None:
-            note(f"{name}: {path}")
+    from edgetree.commands.frame_results import note_files
+
+    note_files(
+        {
+            "JSON lines": outputs.jsonl,
+            "table": outputs.csv,
+            "profiles": outputs.profiles,
+            "labels": outputs.coco,
+            "pictures": outputs.out,
+            "report": outputs.report,
+            "map": outputs.map,
+        }
+    )
 
 
 def _check(
     source: Path,
-    depth: Path | None,
-    camera: Path | None,
-    model: str | None,
+    inputs: _Inputs,
     rig_options: RigOptions,
     outputs: _Outputs,
+    shards: ShardOptions,
 ) -> None:
     """Raise InputError if outputs overwrite files or do not fit the source."""
     from basetree.errors import InputError
     from basetree.files.names import VIDEO_SUFFIXES
-    from basetree.files.outputs import check_paths
+    from basetree.files.writing import check_paths
+    from edgetree.sources.bags import is_bag
+    from edgetree.sources.opening import is_stream
 
     check_paths(
         {f"--{name}": path for name, path in vars(outputs).items()},
         {
             "source": source,
-            "--depth": depth,
-            "--model": model_file(model),
-            **rig_options.files(camera),
+            "--depth": inputs.depth,
+            "--model": model_file(inputs.model),
+            **rig_options.files(inputs.camera),
         },
     )
     check_report(outputs.report)
+    if shards.are_given and inputs.words():
+        raise InputError(f"{inputs.words().split()[0]} given with --shards: expected one of them")
     if outputs.coco and source.suffix.lower() in VIDEO_SUFFIXES and source.is_file():
         raise InputError(f"source {source} is a video: expected images, as --coco is given")
+    if outputs.coco and is_stream(source) and is_bag(source):
+        raise InputError(f"source {source} is a recording: expected images, as --coco is given")
+    if outputs.map and not (shards.are_given or is_stream(source)):
+        raise InputError(
+            f"source {source} has no poses: expected a recording or a drive with poses, as --map is"
+            " given; `edgetree live` follows stems without them"
+        )
 
 
-@contextmanager
-def _writer(
-    outputs: _Outputs,
-    source: Path,
-    model: str,
-    score_threshold: float,
-    lines_to_stdout: bool,
-    left_out: list[str],
-) -> Iterator[_Write]:
-    """Open the output files; yields a function that writes a frame's result and its record."""
-    from basetree.files.outputs import output_folder, text_file
-    from edgetree.frames.sources import as_typed
-    from edgetree.report import report_file
-    from edgetree.results.coco_labels import labels_file
-    from edgetree.results.csv_table import write_header, write_rows
-    from edgetree.results.json_records import write_json_line
-    from edgetree.results.pictures import write_picture
-    from edgetree.results.profile_table import profiles_file
+def _metres_per_unit(text: str | None) -> float | None:
+    """The value of --depth-scale for a recording."""
+    from basetree.errors import InputError
 
-    with ExitStack() as stack:
-        folder = None if outputs.out is None else stack.enter_context(output_folder(outputs.out))
-        lines = sys.stdout if lines_to_stdout else None
-        if outputs.jsonl is not None:
-            lines = stack.enter_context(text_file(outputs.jsonl))
-        table = None if outputs.csv is None else stack.enter_context(text_file(outputs.csv))
-        others: list[Callable[[FrameResult], None]] = []
-        if outputs.profiles is not None:
-            others.append(stack.enter_context(profiles_file(outputs.profiles)))
-        if outputs.coco is not None:
-            others.append(stack.enter_context(labels_file(outputs.coco, model, score_threshold)))
-        if outputs.report is not None:
-            words = f"the model {model}"
-            report = report_file(outputs.report, as_typed(source), words, left_out)
-            others.append(stack.enter_context(report))
-        if table is not None:
-            write_header(table)
-
-        def write(result: FrameResult, record: dict[str, Any]) -> None:
-            if lines is not None:
-                write_json_line(lines, record)
-            if table is not None:
-                write_rows(table, result)
-            if folder is not None:
-                write_picture(folder, result)
-            for add in others:
-                add(result)
-
-        yield write
+    try:
+        return None if text is None else float(text)
+    except ValueError as error:
+        raise InputError(
+            f"--depth-scale is {text}: expected metres per unit, as the source is a recording"
+        ) from error

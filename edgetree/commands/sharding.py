@@ -230,7 +230,7 @@ def print_merged(merged: MergedFrames, outputs: Outputs, as_json: bool) -> None:
     Raises:
         CheckFailed: frames were left out.
     """
-    from edgetree.commands.frame_results import LeftOut
+    from edgetree.commands.frame_results import LeftOut, note_files
 
     if as_json:
         paths = {name: path and str(path) for name, path in vars(outputs).items()}
@@ -241,11 +241,6 @@ def print_merged(merged: MergedFrames, outputs: Outputs, as_json: bool) -> None:
         left_out.add(ValueError(reason))
     left_out.check_some(merged.frames)
     note(f"{merged.trees} trees in {merged.frames} frame(s)")
-    for name, path in (
-        ("JSON lines", outputs.jsonl),
-        ("table", outputs.csv),
-        ("profiles", outputs.profiles),
-    ):
-        if path is not None:
-            note(f"{name}: {path}")
+    files = {"JSON lines": outputs.jsonl, "table": outputs.csv, "profiles": outputs.profiles}
+    note_files(files)
     left_out.check_none(merged.frames)

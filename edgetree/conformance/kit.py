@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from basetree.errors import InputError
 from basetree.files import writing
 from basetree.files.json import build, read_json
-from basetree.files.outputs import replacing, text_file
+from basetree.files.writing import replacing, text_file
 from edgetree.conformance.frames import frames_for
 from edgetree.conformance.reference import Reference
 from edgetree.conformance.results import (

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from basetree.errors import InputError
 from basetree.files.json import build, read_json
-from basetree.files.outputs import text_file
+from basetree.files.writing import text_file
 from edgetree.detections import KEYPOINT_NAMES, MASK_SIZE, TreeDetections
 
 RESULTS_SCHEMA: Final = "edgetree.conformance-results/1"

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final, TypeAlias
 
-from basetree.files.outputs import text_file
+from basetree.files.writing import text_file
 from edgetree.bench.speed import bench_detector, peak_memory_mib
 from edgetree.demo.examine import examine
 from edgetree.demo.report import NextCommand, render_report

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from basetree.errors import InputError
-from basetree.files.outputs import output_folder, replacing
+from basetree.files.writing import output_folder, replacing
 from edgetree.export.build import ExportSource, build
 from edgetree.export.frames import read_calibration_frames, sample_inputs
 from edgetree.export.models import (

@@ -15,7 +15,7 @@ import calib
 from basetree.arrays import UInt8
 from basetree.errors import InputError
 from basetree.files.names import IMAGE_SUFFIXES
-from edgetree.frames.sources import read_image
+from edgetree.frames.images import read_image
 
 if TYPE_CHECKING:
     from perceptree.models import ModelSpec

@@ -1,7 +1,13 @@
-"""Frames: sources of images and depth, cameras, and processing to trees and metres."""
+"""Frames: a picture with all that is known about it, its cameras, and its trees and metres."""
 
+from basetree.deprecation import moved_names
+from edgetree.frames.frame import Frame, stream_frame
 from edgetree.frames.pipeline import FrameResult, process
 from edgetree.frames.rig import Rig
-from edgetree.frames.sources import Frame, FrameSource, open_source
 
-__all__ = ["Frame", "FrameResult", "FrameSource", "Rig", "open_source", "process"]
+__all__ = ["Frame", "FrameResult", "Rig", "process", "stream_frame"]
+
+__getattr__ = moved_names(
+    __name__,
+    {name: f"edgetree.sources.{name}" for name in ("FrameSource", "open_source")},
+)

@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 import calib
 from basetree.errors import InputError
+from edgetree.frames.frame import Frame
 
-__all__ = ["DepthReading", "Rig"]
+__all__ = ["DepthReading", "Rig", "unit_vector"]
 
 _MILLIMETRE_M = 0.001
 
 
 class DepthReading(NamedTuple):
-    """Depth in the pixels of the image camera.
+    """Depth in metres.
 
     Attributes:
         depth_m: (H, W) float32 metres, 0.0 = no reading.
@@ -79,6 +80,23 @@ class Rig:
             CameraError: the camera is for another aspect ratio.
         """
         return None if self.camera is None else _of_size(self.camera, width, height)
+
+    def completed(self, frame: Frame, width: int, height: int) -> Frame:
+        """The frame with this camera and vertical, where its source does not know them.
+
+        Args:
+            frame: the frame.
+            width: its width in pixels.
+            height: its height in pixels.
+
+        Raises:
+            CameraError: the camera is for another aspect ratio.
+        """
+        up_camera = frame.up_camera
+        if up_camera is None and self.up_camera is not None:
+            up_camera = unit_vector(self.up_camera)
+        camera = frame.camera or self.camera_for(width, height)
+        return replace(frame, camera=camera, up_camera=up_camera)
 
     def read_depth(
         self, path: Path, image: Path | None = None, size_px: tuple[int, int] | None = None
@@ -142,3 +160,18 @@ def _depth_camera_of(
 def _of_size(camera: calib.PinholeCamera, width: int, height: int) -> calib.PinholeCamera:
     same = (camera.width, camera.height) == (width, height)
     return camera if same else camera.scaled(width, height)
+
+
+def unit_vector(direction: ArrayLike) -> NDArray[np.float64]:
+    """Scale a direction of three numbers to length 1.
+
+    Raises:
+        InputError: it is not a direction.
+    """
+    values = np.asarray(direction, np.float64)
+    if values.shape != (3,) or not np.isfinite(values).all() or not values.any():
+        raise InputError(
+            f"up_camera is {values.tolist()}: expected a direction of three numbers, not all 0"
+        )
+    values = values / np.abs(values).max()
+    return np.asarray(values / np.linalg.norm(values))

@@ -1,8 +1,8 @@
-"""Live: frames from cameras and recordings, stems followed over time, results as they come.
+"""Live: stems followed over time in the frames of a camera or a recording, results as they come.
 
 from edgetree import TreeDetector, default_model
 from edgetree.live import LivePipeline
-from edgetree.live.sources import open_live_source
+from edgetree.sources import open_live_source
 
 detector = TreeDetector.load(default_model("depth"))
 for result in LivePipeline(lambda: open_live_source("drive.mcap"), detector):
@@ -10,18 +10,19 @@ for result in LivePipeline(lambda: open_live_source("drive.mcap"), detector):
         print(track.number, track.diameter_m)
 """
 
-from edgetree.live.frames import LiveFrame, LiveSource, SourceLost
+from basetree.deprecation import moved_names
 from edgetree.live.pipeline import LivePipeline
 from edgetree.live.results import LiveResult
 from edgetree.live.status import LiveStatus
 from edgetree.live.tracking.tracks import TreeTrack
 
-__all__ = [
-    "LiveFrame",
-    "LivePipeline",
-    "LiveResult",
-    "LiveSource",
-    "LiveStatus",
-    "SourceLost",
-    "TreeTrack",
-]
+__all__ = ["LivePipeline", "LiveResult", "LiveStatus", "TreeTrack"]
+
+__getattr__ = moved_names(
+    __name__,
+    {
+        "LiveFrame": "edgetree.frames.stream_frame",
+        "LiveSource": "edgetree.sources.FrameSource",
+        "SourceLost": "edgetree.sources.SourceLost",
+    },
+)

@@ -7,25 +7,21 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Generator
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
-
-import numpy as np
-from numpy.typing import NDArray
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
 
 from basetree.errors import InputError
 from calib import DepthFailure, check_depth
-from edgetree.detections import TreeDetections
 from edgetree.errors import ModelFileError
+from edgetree.frames.frame import Frame
+from edgetree.frames.pipeline import FoundTrees, find_trees, measure_frame
 from edgetree.frames.rig import Rig
-from edgetree.live.completion import completed
-from edgetree.live.frames import LiveFrame, LiveSource, SourceLost
-from edgetree.live.handover import Handover
-from edgetree.live.results import LiveResult
+from edgetree.live.results import LiveResult, followed
 from edgetree.live.status import LiveStatus, StatusRecorder
 from edgetree.live.tracking.tracker import StemTracker
-from edgetree.measure import TreeMeasurement, measure_trees
 from edgetree.runtime.detector import TreeDetector
+from edgetree.sources.pushed import Handover
+from edgetree.sources.source import FrameSource, SourceLost
 
 if TYPE_CHECKING:
     from edgetree.measure import MeasureSettings
@@ -35,15 +31,13 @@ __all__ = ["LivePipeline"]
 _log = logging.getLogger(__name__)
 
 _REOPEN_S: Final = 1.0
-_NO_DEPTH: Final = "need depth with each frame"
-_NO_CAMERA: Final = "need the camera: pass --camera"
 
 
 @dataclass(frozen=True, eq=False)
 class _Arrived:
     """A frame, when it arrived, and how long the source took for it."""
 
-    frame: LiveFrame
+    frame: Frame
     at_s: float
     read_ms: float
 
@@ -53,8 +47,7 @@ class _Detected:
     """A frame with its trees."""
 
     arrived: _Arrived
-    trees: TreeDetections
-    detect_ms: float
+    found: FoundTrees
 
 
 class LivePipeline:
@@ -78,7 +71,7 @@ class LivePipeline:
 
     def __init__(
         self,
-        open_source: Callable[[], LiveSource],
+        open_source: Callable[[], FrameSource],
         detector: TreeDetector,
         *,
         rig: Rig | None = None,
@@ -89,11 +82,12 @@ class LivePipeline:
         self._open_source = open_source
         self._detector = detector
         self._rig = rig or Rig()
+        self._mounted = Rig(mounting=self._rig.mounting)
         self._settings = settings
         self._tracker = tracker or StemTracker()
         self._reopen_s = reopen_s
         self._stopping = threading.Event()
-        self._source: LiveSource | None = None
+        self._source: FrameSource | None = None
         self._frames: Handover[_Arrived] = Handover()
         self._detected: Handover[_Detected] = Handover()
         self._recorder = StatusRecorder()
@@ -139,7 +133,7 @@ class LivePipeline:
                 thread.join()
             self._recorder.is_ended = True
 
-    def _read(self, source: LiveSource | None) -> None:
+    def _read(self, source: FrameSource | None) -> None:
         """The thread that reads."""
         try:
             while source is not None and not self._stopping.is_set():
@@ -151,7 +145,7 @@ class LivePipeline:
             if source is not None:
                 source.close()
 
-    def _read_until_lost(self, source: LiveSource) -> LiveSource | None:
+    def _read_until_lost(self, source: FrameSource) -> FrameSource | None:
         """Hand over the frames of a source; returns the source opened again if it was lost."""
         try:
             before_s = time.monotonic()
@@ -170,7 +164,7 @@ class LivePipeline:
             source.close()
         return self._opened_again()
 
-    def _opened_again(self) -> LiveSource | None:
+    def _opened_again(self) -> FrameSource | None:
         """The source once it can be opened again; None if the pipeline is stopped before."""
         while not self._stopping.wait(self._reopen_s):
             try:
@@ -185,21 +179,22 @@ class LivePipeline:
 
     def _detect(self) -> None:
         """The thread that detects."""
+        takes_depth = self._detector.manifest.takes_depth
+        kind = "depth" if takes_depth else "colour"
         try:
             for arrived in self._frames:
-                image = self._image(arrived.frame)
-                if image is None:
+                frame = arrived.frame
+                if (frame.depth_m if takes_depth else frame.image) is None:
+                    self._leave_out(frame, f"without {kind}, which the model takes")
                     continue
-                before_s = time.perf_counter()
                 try:
-                    trees = self._detector.detect(image)
+                    found = find_trees(frame, self._detector)
                 except ModelFileError:
                     raise
                 except InputError as error:
-                    self._leave_out(arrived.frame, str(error))
+                    self._leave_out(frame, str(error))
                     continue
-                detect_ms = (time.perf_counter() - before_s) * 1000
-                if not self._detected.put(_Detected(arrived, trees, detect_ms)):
+                if not self._detected.put(_Detected(arrived, found)):
                     return
         except Exception as error:  # noqa: BLE001 raised again by the iteration
             self._detected.end(error)
@@ -207,74 +202,39 @@ class LivePipeline:
             self._detected.end()
             self._frames.end()
 
-    def _image(self, frame: LiveFrame) -> NDArray[Any] | None:
-        """The image that the model takes; None if the frame has none."""
-        takes_depth = self._detector.manifest.takes_depth
-        image = frame.depth_m if takes_depth else frame.image
-        if image is None:
-            kind = "depth" if takes_depth else "colour"
-            self._leave_out(frame, f"without {kind}, which the model takes")
-        return image
-
-    def _leave_out(self, frame: LiveFrame, reason: str) -> None:
+    def _leave_out(self, frame: Frame, reason: str) -> None:
         if self._recorder.leave_out(reason) == 1:
-            _log.warning("frame %d left out, and more if they are alike: %s", frame.number, reason)
+            _log.warning("frame %s left out, and more if they are alike: %s", frame.number, reason)
 
     def _measured(self, detected: _Detected) -> LiveResult | None:
         """The result of a frame; None if it does not fit its camera."""
-        arrived, trees = detected.arrived, detected.trees
-        frame = arrived.frame
+        arrived, found = detected.arrived, detected.found
         start_s = time.perf_counter()
         try:
-            frame = completed(frame, self._rig, trees.image_width, trees.image_height)
-            measurements, missing = self._measure(frame, trees)
+            frame = self._completed(arrived.frame, found)
+            measured = measure_frame(frame, found, self._mounted, self._settings)
         except InputError as error:
-            self._leave_out(frame, str(error))
+            self._leave_out(arrived.frame, str(error))
             return None
         middle_s = time.perf_counter()
-        failed = [TreeMeasurement.failed(missing)] * len(trees) if missing else []
-        tracks = self._tracker.update(frame, trees, measurements or failed)
+        result = followed(measured, self._tracker)
         end_s = time.perf_counter()
         stages_ms = {
             "read": arrived.read_ms,
-            "detect": detected.detect_ms,
+            "detect": found.detect_ms,
             "measure": (middle_s - start_s) * 1000,
             "track": (end_s - middle_s) * 1000,
         }
         age_s = time.monotonic() - arrived.at_s
         self._recorder.add(stages_ms, age_s)
-        return LiveResult(
-            frame=frame,
-            trees=trees,
-            measurements=measurements,
-            metres_need=missing,
-            tracks=tracks,
-            stages_ms=stages_ms,
-            age_s=age_s,
-            dropped=self._frames.dropped,
-        )
+        return replace(result, stages_ms=stages_ms, age_s=age_s, dropped=self._frames.dropped)
 
-    def _measure(
-        self, frame: LiveFrame, trees: TreeDetections
-    ) -> tuple[list[TreeMeasurement] | None, str | None]:
-        """The measurements, or None and what is missing for them."""
-        if frame.depth_m is None or frame.camera is None:
-            return None, _NO_CAMERA if frame.depth_m is not None else _NO_DEPTH
-        fault = frame.depth_fault or _fault(frame.depth_m)
-        if fault is not None:
-            return [TreeMeasurement.failed(fault) for _ in range(len(trees))], None
-        measurements = measure_trees(
-            trees,
-            frame.depth_m,
-            frame.camera,
-            up_camera=frame.up_camera,
-            mounting=self._rig.mounting,
-            settings=self._settings,
-        )
-        return measurements, None
-
-
-def _fault(depth_m: NDArray[np.float32]) -> str | None:
-    """Why depth is unusable; None if it is usable."""
-    check = check_depth(depth_m)
-    return check.reason if isinstance(check, DepthFailure) else None
+    def _completed(self, frame: Frame, found: FoundTrees) -> Frame:
+        """The frame with what its source does not know: camera, vertical, faults of the depth."""
+        trees = found.trees
+        frame = self._rig.completed(frame, trees.image_width, trees.image_height)
+        if frame.depth_m is None or frame.camera is None or frame.depth_fault is not None:
+            return frame
+        check = check_depth(frame.depth_m)
+        fault = check.reason if isinstance(check, DepthFailure) else None
+        return replace(frame, depth_fault=fault)

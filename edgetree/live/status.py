@@ -9,7 +9,7 @@ from collections import Counter, deque
 from dataclasses import dataclass, field
 from typing import Final, Literal
 
-from edgetree.live.frames import REMARKS
+from edgetree.sources.source import REMARKS
 
 __all__ = ["LiveStatus", "StatusRecorder"]
 

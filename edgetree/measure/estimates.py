@@ -18,6 +18,8 @@ __all__ = [
     "Failure",
     "PointEstimate",
     "TreeMeasurement",
+    "interval_keys",
+    "interval_values",
     "split_unit",
 ]
 
@@ -101,6 +103,21 @@ class Failure:
 
     def __bool__(self) -> Literal[False]:
         return False
+
+
+def interval_keys(quantity: str) -> tuple[str, ...]:
+    """The keys of a quantity: its value, its `std`, `low95`, `high95`, and its `failure`."""
+    name, unit = split_unit(quantity)
+    spread = (f"{name}_{what}_{unit}" for what in ("std", "low95", "high95"))
+    return (quantity, *spread, f"{name}_failure")
+
+
+def interval_values(quantity: str, result: Estimate | Failure) -> dict[str, float | str]:
+    """A value with its standard deviation and 95 % interval by `interval_keys`, or the reason."""
+    *numbers, failure = interval_keys(quantity)
+    if isinstance(result, Failure):
+        return {failure: result.reason}
+    return dict(zip(numbers, (*result, *result.interval95), strict=True))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -227,14 +244,7 @@ class TreeMeasurement:
         """
         values: dict[str, JsonValue] = {}
         for quantity in QUANTITIES:
-            name, unit = split_unit(quantity)
-            result: Estimate | Failure = getattr(self, quantity)
-            if isinstance(result, Failure):
-                values[f"{name}_failure"] = result.reason
-            else:
-                values[quantity] = result.value
-                values[f"{name}_std_{unit}"] = result.std
-                values[f"{name}_low95_{unit}"], values[f"{name}_high95_{unit}"] = result.interval95
+            values |= interval_values(quantity, getattr(self, quantity))
         values["species"] = self.species
         if isinstance(self.profile, Failure):
             values["profile_failure"] = self.profile.reason

@@ -14,7 +14,7 @@ from typing import Final
 
 import cv2
 
-from basetree.files.outputs import text_file
+from basetree.files.writing import text_file
 from edgetree.drawing.primitives import Picture
 from edgetree.frames.pipeline import FrameResult
 from edgetree.measure import Estimate

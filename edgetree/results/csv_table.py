@@ -1,101 +1,53 @@
-"""Measurements as a CSV table: one row per tree, units in the column names."""
+"""Results as CSV tables of trees, of diameters along stems, and of stems that are followed.
+
+Units are in the names of the columns.
+"""
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, Final, TextIO
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final, Generic, TextIO, TypeVar
 
 from edgetree.frames.pipeline import FrameResult
-from edgetree.measure import QUANTITIES, TreeMeasurement
-from edgetree.measure.estimates import split_unit
+from edgetree.measure import QUANTITIES, Estimate, StemProfile, TreeMeasurement
+from edgetree.measure.estimates import interval_keys
+from edgetree.results.json_records import TRACK_QUANTITIES, track_record
 
-__all__ = ["COLUMNS", "cell", "measurements_of", "write_header", "write_rows"]
+if TYPE_CHECKING:
+    from edgetree.live.results import LiveResult
 
-_BOX: Final = ("box_x0_px", "box_y0_px", "box_x1_px", "box_y1_px")
-_POINTS: Final = {"cut_point": "cut_point_camera", "cut_point_machine": "cut_point_machine"}
-_EVIDENCE: Final = ("method", "arc_deg", "valid_depth_share", "visible_share", "ground", "warnings")
-_PROFILE: Final = (
-    "profile_heights_from",
-    "profile_lowest_m",
-    "profile_highest_m",
-    "profile_failure",
-)
+__all__ = ["PROFILES", "TRACKS", "TREES", "Table", "cell", "measurements_of"]
+
 _FORMULA_SIGNS: Final = ("=", "+", "-", "@", "\t", "\r")
 _DIGITS: Final = 5
 
-
-def _quantity_columns(quantity: str) -> tuple[str, ...]:
-    """The columns of a quantity, with the keys of `TreeMeasurement.to_dict`."""
-    name, unit = split_unit(quantity)
-    spread = (f"{name}_{what}_{unit}" for what in ("std", "low95", "high95"))
-    return (quantity, *spread, f"{name}_failure")
+_Result = TypeVar("_Result", bound=FrameResult)
 
 
-def _point_columns(name: str) -> tuple[str, ...]:
-    return (*(f"{name}_{axis}_m" for axis in "xyz"), f"{name}_failure")
+@dataclass(frozen=True)
+class Table(Generic[_Result]):
+    """A CSV table of results.
 
-
-COLUMNS: Final = (
-    "frame",
-    "tree",
-    "score",
-    *_BOX,
-    *(column for quantity in QUANTITIES for column in _quantity_columns(quantity)),
-    "species",
-    *_PROFILE,
-    *(column for name in _POINTS.values() for column in _point_columns(name)),
-    *_EVIDENCE,
-)
-
-
-def write_header(stream: TextIO) -> None:
-    """Write the column names. The stream must have been opened with `newline=""`."""
-    csv.writer(stream).writerow(COLUMNS)
-
-
-def write_rows(stream: TextIO, result: FrameResult) -> None:
-    """Write one row for each tree of a frame.
-
-    Cells without a value are empty; the column `<quantity>_failure` then gives the reason.
+    Attributes:
+        columns: names of the columns.
+        rows: makes the rows of a result, values by column. Cells without a value are empty.
     """
-    writer = csv.DictWriter(stream, COLUMNS)
-    writer.writerows({name: cell(value) for name, value in row.items()} for row in _rows(result))
-    stream.flush()
 
+    columns: tuple[str, ...]
+    rows: Callable[[_Result], Iterable[Mapping[str, object]]]
 
-def measurements_of(result: FrameResult) -> list[TreeMeasurement]:
-    """The measurement of each tree; failures that name the missing options if there is none."""
-    if result.measurements is not None:
-        return result.measurements
-    return [TreeMeasurement.failed(f"metres {result.metres_need}")] * len(result.trees)
+    def write_header(self, stream: TextIO) -> None:
+        """Write the column names. The stream must have been opened with `newline=""`."""
+        csv.writer(stream).writerow(self.columns)
 
-
-def _rows(result: FrameResult) -> Iterator[dict[str, Any]]:
-    trees, measurements = result.trees, measurements_of(result)
-    for index, number in enumerate(result.found.numbers):
-        yield {
-            "frame": result.frame.name,
-            "tree": number,
-            "score": float(trees.scores[index]),
-            **dict(zip(_BOX, trees.boxes_px[index].tolist(), strict=True)),
-            **_metres(measurements[index].to_dict()),
-        }
-
-
-def _metres(values: Mapping[str, Any]) -> dict[str, Any]:
-    """The entries of `TreeMeasurement.to_dict` by column name."""
-    row = {name: value for name, value in values.items() if name in COLUMNS}
-    for name, column in _POINTS.items():
-        x, y, z, failure = _point_columns(column)
-        row |= zip((x, y, z), values.get(f"{name}_m", ()), strict=False)
-        row[failure] = values.get(f"{name}_failure")
-    if "profile" in values:
-        profile = values["profile"]
-        ends = (profile["height_m"][0], profile["height_m"][-1])
-        row |= zip(_PROFILE, (profile["heights_from"], *ends), strict=False)
-    evidence = values["evidence"]
-    return {**row, **{name: evidence[name] for name in _EVIDENCE}}
+    def write_rows(self, stream: TextIO, result: _Result) -> None:
+        """Write the rows of a result."""
+        writer = csv.DictWriter(stream, self.columns)
+        for row in self.rows(result):
+            writer.writerow({name: cell(value) for name, value in row.items()})
+        stream.flush()
 
 
 def cell(value: object) -> object:
@@ -112,3 +64,128 @@ def cell(value: object) -> object:
         return value
     text = " ".join(value.split())
     return f"'{text}" if text.startswith(_FORMULA_SIGNS) else text
+
+
+def measurements_of(result: FrameResult) -> list[TreeMeasurement]:
+    """The measurement of each tree; failures that name the missing options if there is none."""
+    if result.measurements is not None:
+        return result.measurements
+    return [TreeMeasurement.failed(f"metres {result.metres_need}")] * len(result.trees)
+
+
+def _coordinates(name: str) -> tuple[str, ...]:
+    return tuple(f"{name}_{axis}_m" for axis in "xyz")
+
+
+def _of_quantities(quantities: Iterable[str]) -> tuple[str, ...]:
+    return tuple(key for quantity in quantities for key in interval_keys(quantity))
+
+
+_BOX: Final = ("box_x0_px", "box_y0_px", "box_x1_px", "box_y1_px")
+_CUT_POINTS: Final = {"cut_point": "cut_point_camera", "cut_point_machine": "cut_point_machine"}
+_EVIDENCE: Final = ("method", "arc_deg", "valid_depth_share", "visible_share", "ground", "warnings")
+_PROFILE: Final = (
+    "profile_heights_from",
+    "profile_lowest_m",
+    "profile_highest_m",
+    "profile_failure",
+)
+
+
+def _tree_rows(result: FrameResult) -> Iterator[dict[str, Any]]:
+    trees, measurements = result.trees, measurements_of(result)
+    for index, number in enumerate(result.found.numbers):
+        yield {
+            "frame": result.frame.name,
+            "tree": number,
+            "score": float(trees.scores[index]),
+            **dict(zip(_BOX, trees.boxes_px[index].tolist(), strict=True)),
+            **_metres(measurements[index].to_dict()),
+        }
+
+
+def _metres(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The entries of `TreeMeasurement.to_dict` by column name."""
+    row = {name: value for name, value in values.items() if name in TREES.columns}
+    for name, column in _CUT_POINTS.items():
+        row |= zip(_coordinates(column), values.get(f"{name}_m", ()), strict=False)
+        row[f"{column}_failure"] = values.get(f"{name}_failure")
+    if "profile" in values:
+        profile = values["profile"]
+        ends = (profile["height_m"][0], profile["height_m"][-1])
+        row |= zip(_PROFILE, (profile["heights_from"], *ends), strict=False)
+    evidence = values["evidence"]
+    return {**row, **{name: evidence[name] for name in _EVIDENCE}}
+
+
+TREES: Final = Table(
+    (
+        "frame",
+        "tree",
+        "score",
+        *_BOX,
+        *_of_quantities(QUANTITIES),
+        "species",
+        *_PROFILE,
+        *(
+            column
+            for name in _CUT_POINTS.values()
+            for column in (*_coordinates(name), f"{name}_failure")
+        ),
+        *_EVIDENCE,
+    ),
+    _tree_rows,
+)
+"""A row for each tree; where a value is missing, `<quantity>_failure` gives the reason."""
+
+
+def _profile_rows(result: FrameResult) -> Iterator[dict[str, Any]]:
+    for number, tree in zip(result.found.numbers, measurements_of(result), strict=True):
+        if not isinstance(tree.profile, StemProfile):
+            continue
+        profile = tree.profile
+        arrays = (profile.height_m, profile.diameter_m, profile.diameter_std_m)
+        for height_m, *diameter in zip(*(array.tolist() for array in arrays), strict=True):
+            estimate = Estimate(*diameter)
+            values = (result.frame.name, number, profile.heights_from, height_m)
+            row = (*values, *estimate, *estimate.interval95)
+            yield dict(zip(PROFILES.columns, row, strict=True))
+
+
+PROFILES: Final = Table(
+    ("frame", "tree", "heights_from", "height_m", *interval_keys("diameter_m")[:-1]),
+    _profile_rows,
+)
+"""A row for each tree and height; trees without a profile have none."""
+
+_POINTS: Final = ("position_m", "position_std_m", "position_camera_m")
+
+
+def _track_rows(result: LiveResult) -> Iterator[dict[str, Any]]:
+    for track in result.tracks:
+        frame = result.frame
+        row = {"frame": frame.number, "time_s": frame.time_s, **track_record(track)}
+        for key in _POINTS:
+            row |= zip(_coordinates(key.removesuffix("_m")), row.pop(key), strict=True)
+        yield row
+
+
+TRACKS: Final = Table(
+    (
+        "frame",
+        "time_s",
+        "track",
+        "state",
+        "tree",
+        *(column for key in _POINTS for column in _coordinates(key.removesuffix("_m"))),
+        *_of_quantities(TRACK_QUANTITIES),
+        "frames",
+        "views",
+        "arc_deg",
+        "more_views_help",
+        "last_seen_s",
+        "warnings",
+    ),
+    _track_rows,
+)
+"""A row for each frame and stem that is followed, seen in the frame or not."""

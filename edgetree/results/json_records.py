@@ -3,15 +3,34 @@
 from __future__ import annotations
 
 import json
-from typing import Any, Final, TextIO
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any, Final, TextIO
 
 from calib import encode_rle
 from edgetree.detections import KEYPOINT_NAMES, UnlikeTraining
 from edgetree.frames.pipeline import FrameResult
+from edgetree.measure.estimates import interval_keys, interval_values
 
-__all__ = ["FRAME_SCHEMA", "frame_record", "write_json_line"]
+if TYPE_CHECKING:
+    from edgetree.live.results import LiveResult
+    from edgetree.live.tracking.tracks import TreeTrack
+
+__all__ = [
+    "FRAME_SCHEMA",
+    "LIVE_SCHEMA",
+    "STEMS_SCHEMA",
+    "TRACK_QUANTITIES",
+    "frame_record",
+    "live_record",
+    "stems_message",
+    "track_record",
+    "write_json_line",
+]
 
 FRAME_SCHEMA: Final = "edgetree.frame/1"
+LIVE_SCHEMA: Final = "edgetree.live/1"
+STEMS_SCHEMA: Final = "edgetree.live.stems/1"
+TRACK_QUANTITIES: Final = ("diameter_m", "dbh_m", "cut_height_m", "inclination_deg")
 
 
 def frame_record(result: FrameResult) -> dict[str, Any]:
@@ -28,7 +47,7 @@ def frame_record(result: FrameResult) -> dict[str, Any]:
     record: dict[str, Any] = {
         "schema": FRAME_SCHEMA,
         "frame": result.frame.name,
-        "path": str(result.frame.path),
+        "path": result.frame.where,
         "image_width_px": trees.image_width,
         "image_height_px": trees.image_height,
         "detect_ms": round(result.detect_ms, 1),
@@ -44,7 +63,7 @@ def frame_record(result: FrameResult) -> dict[str, Any]:
 def _unlike_record(unlike: UnlikeTraining) -> dict[str, Any]:
     return {
         "statistic": unlike.statistic,
-        "value": _rounded(unlike.value, 3),
+        "value": round(float(unlike.value), 3),
         "usual": [unlike.low, unlike.high],
         "unit": unlike.unit,
         "advice": unlike.advice,
@@ -53,29 +72,139 @@ def _unlike_record(unlike: UnlikeTraining) -> dict[str, Any]:
 
 def _tree_record(result: FrameResult, index: int) -> dict[str, Any]:
     trees = result.trees
-    record: dict[str, Any] = {
-        "tree": result.found.numbers[index],
-        "score": _rounded(trees.scores[index], 4),
-        "box_px": [_rounded(value, 2) for value in trees.boxes_px[index]],
-    }
+    record: dict[str, Any] = {"tree": result.found.numbers[index], **_detection(result, index)}
     if trees.keypoints_px is not None:
         record["keypoints_px"] = {
-            name: [_rounded(x, 2), _rounded(y, 2), _rounded(score, 4)]
+            name: [*_rounded((x, y), 2), *_rounded((score,), 4)]
             for name, (x, y, score) in zip(KEYPOINT_NAMES, trees.keypoints_px[index], strict=True)
         }
     mask = result.found.mask(index)
     if mask is not None:
         record["mask_rle"] = encode_rle(mask)
-    record["metres"] = None
-    if result.measurements is not None:
-        record["metres"] = result.measurements[index].to_dict()
-    else:
+    record["metres"] = _metres(result, index)
+    if result.measurements is None:
         record["metres_need"] = result.metres_need
     return record
 
 
-def _rounded(value: float, digits: int) -> float:
-    return round(float(value), digits)
+def live_record(result: LiveResult) -> dict[str, Any]:
+    """A live result as a JSON object of the schema `LIVE_SCHEMA`.
+
+    `tree` counts the trees of the frame from 1 on; `track` is the number of the stem, the same
+    as long as it is followed. Lengths are in metres, pixel coordinates are continuous.
+    """
+    frame, trees = result.frame, result.trees
+    followed = {track.tree: track.number for track in result.tracks}
+    record: dict[str, Any] = {
+        "schema": LIVE_SCHEMA,
+        "frame": frame.number,
+        "time_s": frame.time_s,
+        "image_width_px": trees.image_width,
+        "image_height_px": trees.image_height,
+        "age_s": round(result.age_s, 4),
+        "dropped": result.dropped,
+        "stages_ms": {name: round(ms, 2) for name, ms in result.stages_ms.items()},
+        "trees": [
+            {
+                "tree": index + 1,
+                "track": followed.get(index),
+                **_detection(result, index),
+                "metres": _metres(result, index),
+            }
+            for index in range(len(trees))
+        ],
+        "tracks": [track_record(track) for track in result.tracks],
+    }
+    if result.metres_need is not None:
+        record["metres_need"] = result.metres_need
+    return record
+
+
+def track_record(track: TreeTrack) -> dict[str, Any]:
+    """A stem that is followed as a JSON object."""
+    record: dict[str, Any] = {
+        "track": track.number,
+        "state": track.state,
+        "tree": None if track.tree is None else track.tree + 1,
+        "position_m": track.position_m.xyz_m.tolist(),
+        "position_std_m": track.position_m.std_m.tolist(),
+        "position_camera_m": track.position_camera_m.tolist(),
+    }
+    for quantity in TRACK_QUANTITIES:
+        record |= interval_values(quantity, getattr(track, quantity))
+    return {
+        **record,
+        "frames": track.frames,
+        "views": track.views,
+        "arc_deg": track.arc_deg,
+        "more_views_help": track.more_views_help,
+        "last_seen_s": track.last_seen_s,
+        "warnings": list(track.warnings),
+    }
+
+
+def stems_message(result: LiveResult, max_bytes: int) -> bytes:
+    """The stems of a result as a short JSON text of the schema `STEMS_SCHEMA`.
+
+    Args:
+        result: the result.
+        max_bytes: limit of the text. The farthest stems are left out until it fits, and
+            `left_out` says how many.
+    """
+    stems = sorted(result.tracks, key=lambda track: float((track.position_camera_m**2).sum()))
+    records = [_short(track) for track in stems]
+    # Each stem adds its own text and a comma, so that the number of stems needs no search.
+    sizes = [len(_text(record)) + 1 for record in records]
+    room = max_bytes - len(_text(_message(result, [], len(records))))
+    count = 0
+    while count < len(records) and sizes[count] <= room:
+        room -= sizes[count]
+        count += 1
+    return _text(_message(result, records[:count], len(records) - count))
+
+
+def _message(result: LiveResult, records: list[dict[str, Any]], left_out: int) -> dict[str, Any]:
+    return {
+        "schema": STEMS_SCHEMA,
+        "frame": result.frame.number,
+        "time_s": result.frame.time_s,
+        "age_s": round(result.age_s, 4),
+        "left_out": left_out,
+        "stems": records,
+    }
+
+
+def _short(track: TreeTrack) -> dict[str, Any]:
+    """What a controller needs of a stem; null for what was not measured."""
+    record: dict[str, Any] = {
+        "track": track.number,
+        "state": track.state,
+        "in_view": track.tree is not None,
+        "position_camera_m": _rounded(track.position_camera_m, 3),
+    }
+    for quantity in ("diameter_m", "cut_height_m"):
+        result = getattr(track, quantity)
+        values = _rounded(result, 4) if result else (None, None)
+        record |= zip(interval_keys(quantity)[:2], values, strict=True)
+    return {**record, "last_seen_s": track.last_seen_s}
+
+
+def _detection(result: FrameResult, index: int) -> dict[str, Any]:
+    trees = result.trees
+    (score,) = _rounded((trees.scores[index],), 4)
+    return {"score": score, "box_px": _rounded(trees.boxes_px[index], 2)}
+
+
+def _metres(result: FrameResult, index: int) -> dict[str, Any] | None:
+    return None if result.measurements is None else result.measurements[index].to_dict()
+
+
+def _rounded(values: Iterable[float], digits: int) -> list[float]:
+    return [round(float(value), digits) for value in values]
+
+
+def _text(value: dict[str, Any]) -> bytes:
+    return json.dumps(value, allow_nan=False, separators=(",", ":")).encode()
 
 
 def write_json_line(stream: TextIO, record: dict[str, Any]) -> None:

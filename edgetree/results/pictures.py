@@ -1,27 +1,34 @@
-"""Draw results on frames and write them as picture files."""
+"""Draw results on frames, and encode the pictures."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Final
 
 import cv2
 
 from basetree.errors import InputError
-from basetree.files.outputs import replacing
 from edgetree.drawing.primitives import Picture
 from edgetree.drawing.trees import draw_trees, picture_of_depth
 from edgetree.frames.pipeline import FrameResult
 from edgetree.results.tree_labels import cut_marks, numbered, profile_marks, tree_labels
 
-__all__ = [
-    "PICTURE_SUFFIXES",
-    "draw_frame",
-    "encode_picture",
-    "write_picture",
-]
+__all__ = ["PICTURE_SUFFIXES", "draw_frame", "encode_picture", "picture_of"]
 
 PICTURE_SUFFIXES: Final = (".jpg", ".jpeg", ".png")
+
+
+def picture_of(result: FrameResult) -> Picture:
+    """The image of a frame, or its depth as colours, (H, W, 3) uint8 BGR.
+
+    Raises:
+        InputError: the frame has neither.
+    """
+    frame = result.frame
+    if frame.image is not None:
+        return frame.image
+    if frame.depth_m is None:
+        raise InputError(f"frame {frame.name} has neither image nor depth: nothing to draw on")
+    return picture_of_depth(frame.depth_m)
 
 
 def draw_frame(result: FrameResult) -> Picture:
@@ -33,18 +40,13 @@ def draw_frame(result: FrameResult) -> Picture:
     Raises:
         InputError: the frame has neither image nor depth.
     """
-    frame, found = result.frame, result.found
-    picture = frame.image
-    if picture is None and frame.depth_m is not None:
-        picture = picture_of_depth(frame.depth_m)
-    if picture is None:
-        raise InputError(f"frame {frame.name} has neither image nor depth: nothing to draw on")
+    found = result.found
     measurements, camera = result.measurements, result.camera
     cuts, profiles = None, None
     if measurements is not None and camera is not None:
         cuts, profiles = cut_marks(measurements, camera), profile_marks(measurements, camera)
     return draw_trees(
-        picture,
+        picture_of(result),
         found.trees,
         numbered(tree_labels(found.trees, measurements), found.numbers),
         masks=None if found.masks is None else list(found.masks),
@@ -57,19 +59,3 @@ def encode_picture(picture: Picture, suffix: str) -> bytes:
     """Encode a picture for a file with one of the `PICTURE_SUFFIXES`."""
     quality = [] if suffix == ".png" else [cv2.IMWRITE_JPEG_QUALITY, 92]
     return cv2.imencode(suffix, picture, quality)[1].tobytes()
-
-
-def write_picture(folder: Path, result: FrameResult) -> Path:
-    """Draw a frame and write it to `folder`.
-
-    Returns:
-        The path of the file, `<frame name>_trees.jpg`.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
-    path = folder / f"{result.frame.name}_trees.jpg"
-    data = encode_picture(draw_frame(result), path.suffix)
-    with replacing(path) as file:
-        file.write(data)
-    return path

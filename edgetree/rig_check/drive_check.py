@@ -11,9 +11,8 @@ import numpy as np
 
 from basetree.arrays import UInt8
 from basetree.errors import InputError
+from edgetree.frames.frame import Frame
 from edgetree.frames.rig import Rig
-from edgetree.live.completion import completed
-from edgetree.live.frames import LiveFrame, LiveSource
 from edgetree.rig_check.alignment import FrameSilhouettes, alignment_checks
 from edgetree.rig_check.checks import NO, UNKNOWN, RigCheck
 from edgetree.rig_check.image_motion import image_velocity
@@ -22,6 +21,7 @@ from edgetree.rig_check.silhouettes import find_silhouettes
 from edgetree.rig_check.stem_sightings import StemFinder
 from edgetree.rig_check.stream import StreamCounts
 from edgetree.rig_check.vertical import vertical_checks
+from edgetree.sources.source import FrameSource
 
 if TYPE_CHECKING:
     from edgetree.runtime.detector import TreeDetector
@@ -83,7 +83,7 @@ class RigReport:
 
 
 def check_rig(
-    source: LiveSource, detector: TreeDetector, rig: Rig | None = None, seconds: float = 60.0
+    source: FrameSource, detector: TreeDetector, rig: Rig | None = None, seconds: float = 60.0
 ) -> RigReport:
     """Check calibration and alignment from a drive.
 
@@ -102,7 +102,7 @@ def check_rig(
     """
     counts, work = StreamCounts(), _Work(detector, rig or Rig(), source.name)
     limit = _TimeLimit(seconds, is_live=source.is_live)
-    before: LiveFrame | None = None
+    before: Frame | None = None
     any_colour = any_depth = False
     with ThreadPoolExecutor(1) as pool:
         waiting: list[Future[None]] = []
@@ -110,10 +110,10 @@ def check_rig(
             for frame in source:
                 any_colour |= frame.image is not None
                 any_depth |= frame.depth_m is not None
-                if limit.is_over(frame.time_s):
+                if limit.is_over(frame.stamp_s):
                     break
                 usable = counts.add(frame)
-                if usable and work.is_due(frame.time_s):
+                if usable and work.is_due(frame.stamp_s):
                     waiting = [each for each in waiting if not _is_done(each)]
                     # Frames of a camera do not wait.
                     if len(waiting) < _MOST_WAITING or not source.is_live:
@@ -171,7 +171,7 @@ class _Work:
         self._stems = StemFinder(detector, rig)
         self._silhouettes: list[FrameSilhouettes] = []
         self._last_s: float | None = None
-        self._frame: LiveFrame | None = None
+        self._frame: Frame | None = None
 
     def is_due(self, time_s: float) -> bool:
         """Whether a frame at this time is searched; from then on, the next is half a second on."""
@@ -180,22 +180,22 @@ class _Work:
         self._last_s = time_s
         return True
 
-    def add(self, frame: LiveFrame, before: LiveFrame | None) -> None:
+    def add(self, frame: Frame, before: Frame | None) -> None:
         """Search a frame; `before` is the one before it, for the motion of the picture."""
         image, depth_m = frame.image, frame.depth_m
         if image is None or depth_m is None:
             return
-        self._check_size(frame.number, image)
-        frame = completed(frame, self._rig, image.shape[1], image.shape[0])
+        self._check_size(frame.number or 0, image)
+        frame = self._rig.completed(frame, image.shape[1], image.shape[0])
         if frame.camera is None:
             raise InputError(f"frame {frame.number} has no camera: pass --camera")
         self._frame = frame
-        found = find_silhouettes(image, depth_m, frame.number)
+        found = find_silhouettes(image, depth_m, frame.number or 0)
         velocity = np.zeros_like(found.xy_px)
         if before is not None and before.image is not None:
-            step_s = frame.time_s - before.time_s
+            step_s = frame.stamp_s - before.stamp_s
             velocity = image_velocity(before.image, image, step_s, found.xy_px)
-        self._silhouettes.append(FrameSilhouettes(frame.time_s, found, velocity))
+        self._silhouettes.append(FrameSilhouettes(frame.stamp_s, found, velocity))
         self._stems.add(frame)
 
     def _check_size(self, number: int, image: UInt8) -> None:
@@ -208,7 +208,7 @@ class _Work:
             f" {_size(last.image)} px: expected frames of one size"
         )
 
-    def report(self, source: LiveSource, counts: StreamCounts) -> RigReport:
+    def report(self, source: FrameSource, counts: StreamCounts) -> RigReport:
         """The checks over all frames."""
         checks = counts.checks(source.counts)
         sightings = self._stems.sightings

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from basetree.arrays import Float
+from edgetree.frames.frame import Frame
 from edgetree.frames.rig import Rig
-from edgetree.live.frames import LiveFrame
 from edgetree.live.tracking import StemTracker
 from edgetree.live.tracking.sightings import level_rotation
 from edgetree.measure import Failure, MeasureSettings, StemAxis, measure_trees
@@ -33,7 +33,7 @@ class Sighting:
 
     stem: int
     axis: StemAxis
-    frame: LiveFrame
+    frame: Frame
 
 
 class StemFinder:
@@ -49,7 +49,7 @@ class StemFinder:
         self._tracker = StemTracker()
         self.sightings: list[Sighting] = []
 
-    def add(self, frame: LiveFrame) -> None:
+    def add(self, frame: Frame) -> None:
         """Find the stems of one more frame with colour, depth, camera and without a fault."""
         takes_depth = self._detector.manifest.takes_depth
         image = frame.depth_m if takes_depth else frame.image

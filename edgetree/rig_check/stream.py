@@ -9,8 +9,9 @@ import numpy as np
 
 from basetree.arrays import UInt8
 from calib import DepthFailure, check_depth
-from edgetree.live.frames import REMARKS, LiveFrame
+from edgetree.frames.frame import Frame
 from edgetree.rig_check.checks import HOLDS, NO, UNKNOWN, RigCheck, Verdict
+from edgetree.sources.source import REMARKS
 
 GROUP: Final = "frames"
 
@@ -50,15 +51,15 @@ class StreamCounts:
         self._first_fault = ""
         self._shares: list[float] = []
         self._frozen_depth = self._frozen_colour = 0
-        self._last: LiveFrame | None = None
+        self._last: Frame | None = None
 
-    def add(self, frame: LiveFrame) -> bool:
+    def add(self, frame: Frame) -> bool:
         """Count a frame; returns whether it can be used for the other checks."""
         if frame.image is None or frame.depth_m is None:
             self._incomplete += 1
             return False
         self.frames += 1
-        self.times_s.append(frame.time_s)
+        self.times_s.append(frame.stamp_s)
         check = check_depth(frame.depth_m)
         fault = frame.depth_fault or (check.reason if isinstance(check, DepthFailure) else "")
         if fault:
@@ -70,7 +71,7 @@ class StreamCounts:
         self._last = frame
         return not fault
 
-    def _compare(self, frame: LiveFrame) -> None:
+    def _compare(self, frame: Frame) -> None:
         """Count an image that is the last one again, while the other one changed."""
         last = self._last
         if last is None or last.image is None or last.depth_m is None:

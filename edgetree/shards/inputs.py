@@ -5,24 +5,20 @@ from __future__ import annotations
 import hashlib
 import json
 import tempfile
-from collections import Counter
 from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from itertools import repeat
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Final, NamedTuple
 
 from basetree.errors import InputError
-from basetree.files.names import DEPTH_SUFFIXES, IMAGE_SUFFIXES, VIDEO_SUFFIXES
+from basetree.files.names import IMAGE_SUFFIXES, VIDEO_SUFFIXES
 from basetree.jobs import LocalStore, Store, fetch, open_store
+from edgetree.frames.frame import Frame
 from edgetree.frames.rig import Rig
-from edgetree.frames.sources import (
-    Frame,
-    open_image_files,
-    open_source,
-)
-from edgetree.live.sources.bags import BAG_SUFFIXES
+from edgetree.sources.bags import BAG_SUFFIXES
+from edgetree.sources.files import depth_names, frame_names, open_image_files
+from edgetree.sources.opening import open_frames
 
 __all__ = ["FrameFiles", "FramesOfUnit", "list_frames"]
 
@@ -38,9 +34,9 @@ class _Entry(NamedTuple):
 
 
 class FramesOfUnit(NamedTuple):
-    """Frames with the rig of each, and the folders on this machine that stand for the source's."""
+    """Frames, and the folders on this machine that stand for the source's."""
 
-    frames: Iterator[tuple[Frame, Rig]]
+    frames: Iterator[Frame]
     folders: dict[str, str]
 
 
@@ -78,8 +74,8 @@ class FrameFiles:
             depth_only: whether the files contain depth images instead of colour images.
 
         Raises:
-            InputError: a recording cannot be read. Iterating may raise it, or `InputError`, for a
-                frame and then go on with the next one.
+            InputError: a recording cannot be read. Iterating may raise it for a frame and then go
+                on with the next one.
             StoreError: a file at a URL cannot be read.
         """
         entries = self.entries[start : start + count]
@@ -94,15 +90,15 @@ class FrameFiles:
                 folders[str(depths)] = self.depth.where
             if self.are_recordings:
                 (entry,) = entries
-                yield FramesOfUnit(_recording(images / entry.file, rig), folders)
+                with closing(open_frames(images / entry.file, rig=rig)) as frames:
+                    yield FramesOfUnit(iter(frames), folders)
                 return
             files = [
                 (e.name, images / e.file, depths / e.depth if depths and e.depth else None)
                 for e in entries
             ]
             opened = open_image_files(files, depth_only=depth_only, rig=rig)
-            # Unlike a generator, zip goes on after an error.
-            yield FramesOfUnit(zip(opened, repeat(rig)), folders)
+            yield FramesOfUnit(iter(opened), folders)
 
 
 def _here(store: Store, names: list[str], folder: Path) -> Path:
@@ -111,24 +107,6 @@ def _here(store: Store, names: list[str], folder: Path) -> Path:
         return store.folder
     fetch(store, names, folder)
     return folder
-
-
-def _recording(path: Path, rig: Rig) -> Iterator[tuple[Frame, Rig]]:
-    """The frames of a video or a recording, with its own camera if the rig has none."""
-    if path.suffix.lower() in VIDEO_SUFFIXES:
-        yield from ((frame, rig) for frame in open_source(path, rig=rig))
-        return
-    from contextlib import closing
-
-    from edgetree.live.sources import open_live_source
-
-    with closing(open_live_source(str(path), rig=rig)) as frames:
-        for live in frames:
-            camera = rig.camera or live.camera
-            up = rig.up_camera if live.up_camera is None else tuple(live.up_camera.tolist())
-            name = f"{path.stem}_{live.number:06d}"
-            frame = Frame(name, path, live.image, live.depth_m, live.depth_fault, live.time_s)
-            yield frame, replace(rig, camera=camera, up_camera=up)
 
 
 def list_frames(source: Path, depth: Path | None) -> FrameFiles:
@@ -162,31 +140,14 @@ def list_frames(source: Path, depth: Path | None) -> FrameFiles:
             raise InputError(f"--depth given for recordings in {store.where}: expected images")
         entries = tuple(_Entry(PurePosixPath(name).stem, name, None) for name in files)
         return FrameFiles(store, None, entries, are_recordings=True)
-    depth_store = None if depth is None else open_store(depth)
-    depths = _depth_files(images, store, depth_store)
-    stems = [PurePosixPath(name).stem for name in images]
-    counts = Counter(stems)
-    names = [stem if counts[stem] == 1 else file for stem, file in zip(stems, images, strict=True)]
-    entries = tuple(map(_Entry, names, images, depths))
+    depths: list[str | None] = [None] * len(images)
+    depth_store = None
+    paths = [PurePosixPath(name) for name in images]
+    if depth is not None:
+        depth_store = open_store(depth)
+        depths = [*depth_names(paths, depth_store.sizes(""), store.where, depth_store.where)]
+    entries = tuple(map(_Entry, frame_names(paths), images, depths))
     return FrameFiles(store, depth_store, entries, are_recordings=False)
-
-
-def _depth_files(images: list[str], source: Store, depth: Store | None) -> list[str | None]:
-    """The depth file with the stem of each image."""
-    if depth is None:
-        return [None] * len(images)
-    present = depth.sizes("")
-    files: list[str | None] = []
-    for image in images:
-        stem = PurePosixPath(image).stem
-        found = [name for suffix in DEPTH_SUFFIXES if (name := f"{stem}{suffix}") in present]
-        if not found:
-            raise InputError(
-                f"depth image {depth.where}/{stem}{DEPTH_SUFFIXES[0]} does not exist, nor with"
-                f" {', '.join(DEPTH_SUFFIXES[1:])}: expected one for image {source.where}/{image}"
-            )
-        files.append(found[0])
-    return files
 
 
 def _suffix(name: str) -> str:

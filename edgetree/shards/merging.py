@@ -7,15 +7,16 @@ import sys
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any, Final, TextIO
 
-from basetree.files.outputs import text_file
+from basetree.files.writing import text_file
 from basetree.jobs import JobError, MergedParts
-from edgetree.results.csv_table import write_header
+from edgetree.results.csv_table import PROFILES, TREES
 from edgetree.results.json_records import write_json_line
-from edgetree.results.profile_table import write_profile_header
 
 __all__ = ["MergedFrames", "Outputs", "merge_frames"]
+
+_TABLES: Final = {"csv": TREES, "profiles": PROFILES}
 
 
 @dataclass(frozen=True)
@@ -69,10 +70,9 @@ def merge_frames(parts: MergedParts, outputs: Outputs, lines_to_stdout: bool) ->
         }
         if lines_to_stdout and "jsonl" not in opened:
             opened["jsonl"] = sys.stdout
-        if "csv" in opened:
-            write_header(opened["csv"])
-        if "profiles" in opened:
-            write_profile_header(opened["profiles"])
+        for name, table in _TABLES.items():
+            if name in opened:
+                table.write_header(opened[name])
         for content in parts:
             _add(merged, _read(content), opened)
     return merged
@@ -91,7 +91,7 @@ def _add(merged: MergedFrames, part: dict[str, Any], opened: dict[str, TextIO]) 
         merged.trees += len(record["trees"])
         if "jsonl" in opened:
             write_json_line(opened["jsonl"], record)
-    for name in ("csv", "profiles"):
+    for name in _TABLES:
         if name in opened:
             opened[name].write(part[name])
     merged.left_out += part["left_out"]

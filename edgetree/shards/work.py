@@ -13,12 +13,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 from basetree.errors import InputError
 from basetree.jobs import Job, JobError, Store
+from edgetree.frames.frame import Frame
 from edgetree.frames.pipeline import FrameResult, process
 from edgetree.frames.rig import Rig
-from edgetree.frames.sources import Frame
-from edgetree.results.csv_table import write_rows
+from edgetree.results.csv_table import PROFILES, TREES
 from edgetree.results.json_records import frame_record
-from edgetree.results.profile_table import write_profile_rows
 from edgetree.shards.inputs import FramesOfUnit, list_frames
 
 if TYPE_CHECKING:
@@ -104,12 +103,12 @@ class FrameWork:
         table, profiles = io.StringIO(newline=""), io.StringIO(newline="")
         records, left_out = [], []
         shown = {here: self.shown.get(where, where) for here, where in opened.folders.items()}
-        for outcome in _outcomes(opened.frames, detector, self.settings):
+        for outcome in self._outcomes(opened.frames, detector):
             if isinstance(outcome, FrameResult):
                 record = frame_record(outcome)
                 records.append({**record, "path": _as_shown(record["path"], shown)})
-                write_rows(table, outcome)
-                write_profile_rows(profiles, outcome)
+                TREES.write_rows(table, outcome)
+                PROFILES.write_rows(profiles, outcome)
             else:
                 left_out.append(_as_shown(" ".join(str(outcome).split()), shown))
         return {
@@ -120,21 +119,17 @@ class FrameWork:
             "left_out": left_out,
         }
 
-
-def _outcomes(
-    frames: Iterator[tuple[Frame, Rig]],
-    detector: TreeDetector,
-    settings: MeasureSettings | None,
-) -> Iterator[FrameResult | Exception]:
-    """The result of each frame, or why it cannot be read or measured."""
-    while True:
-        try:
-            frame, rig = next(frames)
-            yield process(frame, detector, rig, settings)
-        except StopIteration:
-            return
-        except InputError as error:
-            yield error
+    def _outcomes(
+        self, frames: Iterator[Frame], detector: TreeDetector
+    ) -> Iterator[FrameResult | Exception]:
+        """The result of each frame, or why it cannot be read or measured."""
+        while True:
+            try:
+                yield process(next(frames), detector, self.rig, self.settings)
+            except StopIteration:
+                return
+            except InputError as error:
+                yield error
 
 
 def _as_shown(text: str, shown: Mapping[str, str]) -> str:

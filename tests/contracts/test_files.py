@@ -21,7 +21,7 @@ WRITERS = {
     "basetree/program/process.py",  # the null device
     "perceptree/data/cache.py",  # in a folder of `replacing_folder`
     "perceptree/training/run_log.py",  # appends
-    "edgetree/live/sinks/growing_file.py",  # lines as they come
+    "edgetree/sinks/sink.py",  # lines as they come
 }
 WRITES = (
     r"\.write_(bytes|text)\(|open\([^)]*[\"'][wxa]b?\+?[\"']"
@@ -38,7 +38,7 @@ def uses(pattern: str) -> set[str]:
 
 
 def test_paths_are_given_to_opencv_in_one_place_only() -> None:
-    addresses = {"edgetree/live/sources/camera.py"}  # of cameras; it refuses those not in UTF-8
+    addresses = {"edgetree/sources/cameras/opencv.py"}  # of cameras; it refuses those not in UTF-8
     assert uses(BY_PATH) == {"basetree/files/reading.py"} | addresses
 
 

@@ -17,11 +17,11 @@ HEAVY = TRAINING_STACK | {"matplotlib", "onnx", "onnxruntime", "onnxscript", "pe
 HEAVY |= {"ray", "fsspec", "s3fs"}
 HEAVY |= {"cryptography", "rosbags", "pyrealsense2", "depthai", "pyorbbecsdk", "paho", "small_gicp"}
 READS_BAGS = {
-    "edgetree.live.sinks.bag_folder",
-    "edgetree.live.sinks.ros_messages",
-    "edgetree.live.sinks.ros_types",
-    "edgetree.live.sources.bags",
-    "edgetree.live.sources.ros1_index",
+    "edgetree.sinks.bag",
+    "edgetree.sinks.ros_messages",
+    "edgetree.sinks.ros_types",
+    "edgetree.sources.bags.reader",
+    "edgetree.sources.bags.ros1_index",
 }
 MAY_IMPORT = {
     "basetree": {"basetree", "numpy", "cv2", "typer", "ray", "fsspec"},
@@ -156,7 +156,7 @@ def test_edgetree_reaches_the_training_side_from_few_places_only() -> None:
         lazily = HEAVY if training_side else {"onnxruntime"}
         lazily |= {"cryptography"} if module == "edgetree.signing.keys" else set()
         lazily |= {"torch"} if module == "edgetree.bench.peak" else set()
-        lazily |= {"paho"} if module == "edgetree.live.sinks.mqtt" else set()
+        lazily |= {"paho"} if module == "edgetree.sinks.network" else set()
         lazily |= {"rosbags"} if module in READS_BAGS else set()
         lazily |= {"small_gicp"} if module == "edgetree.live.tracking.odometry" else set()
         if top not in EDGETREE_BASE_DEPENDENCIES | lazily or (found.always and top in HEAVY):

@@ -29,8 +29,6 @@ from edgetree.live.page.feed import Feed
 from edgetree.live.page.handler import PageHandler
 from edgetree.live.page.http_server import PageHttpServer
 from edgetree.live.recording import FrameRecorder
-from edgetree.live.sources.exact import EXACT_TOPIC, exact_record
-from edgetree.live.sources.recording import open_recording
 from edgetree.model_file.manifest import Manifest
 from edgetree.model_file.onnx_bytes import Node, TensorType, onnx_bytes
 from edgetree.model_file.safety_check import read_model_file
@@ -39,6 +37,8 @@ from edgetree.runtime.session import OrtSession
 from edgetree.signing import Statement, TrustedKey, TrustFile, parse_signature, read_public_key
 from edgetree.signing.envelope import Envelope
 from edgetree.signing.trust import read_trust_file, write_trust_file
+from edgetree.sources.bags.exact import EXACT_TOPIC, exact_record
+from edgetree.sources.bags.recording import open_recording
 from perceptree.data.dataset import read_labels
 from perceptree.data.layouts import LabelFile
 from perceptree.keypoints import KEYPOINT_NAMES
@@ -48,7 +48,7 @@ from perceptree.simulator import SimulatorSettings
 from perceptree.simulator.settings.reading import read_settings
 from perceptree.training.state import read_state
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "edgetree" / "live" / "sources"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "edgetree" / "sources"))
 import bag_files
 
 _ROS = b"""image_width: 640

@@ -7,14 +7,14 @@ from typing import Final
 import cv2
 import numpy as np
 
-from calib import project_points
 from edgetree.drawing import draw_trees
 from edgetree.drawing.label_placement import Rect, place_label
 from edgetree.drawing.primitives import DARK, Picture
 from edgetree.drawing.trees import CutMark, picture_of_depth, tree_colour
 from edgetree.live.results import LiveResult
 from edgetree.live.tracking.tracks import TreeTrack
-from edgetree.measure import Estimate, PointEstimate
+from edgetree.measure import Estimate
+from edgetree.results.tree_labels import cut_marks
 
 MAX_WIDTH_PX: Final = 1280
 _QUALITY: Final = 80
@@ -70,13 +70,7 @@ def _cuts(result: LiveResult) -> list[CutMark | None] | None:
     camera = result.frame.camera
     if result.measurements is None or camera is None:
         return None
-    points = [measured.cut_point_m for measured in result.measurements]
-    return [
-        CutMark(tuple(project_points(camera, point.xyz_m).tolist()), "")
-        if isinstance(point, PointEstimate)
-        else None
-        for point in points
-    ]
+    return [mark and mark._replace(text="") for mark in cut_marks(result.measurements, camera)]
 
 
 def _draw_tags(canvas: Picture, result: LiveResult) -> None:

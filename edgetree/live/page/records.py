@@ -11,11 +11,10 @@ from basetree.arrays import Float
 from calib import PinholeCamera
 from edgetree.drawing.primitives import Colour
 from edgetree.drawing.trees import tree_colour
-from edgetree.live.level import level_axes
+from edgetree.frames.frame import level_axes
 from edgetree.live.results import LiveResult
 from edgetree.live.tracking.tracks import TreeTrack
-from edgetree.measure import Failure
-from edgetree.measure.estimates import split_unit
+from edgetree.measure.estimates import interval_keys, interval_values
 
 PAGE_SCHEMA: Final = "edgetree.live.page/1"
 
@@ -30,7 +29,7 @@ def page_record(result: LiveResult) -> dict[str, Any]:
     """
     frame = result.frame
     axes = level_axes(frame.up_camera)[:2]
-    stems = [_stem(track, axes, frame.time_s) for track in result.tracks]
+    stems = [_stem(track, axes, frame.stamp_s) for track in result.tracks]
     stems.sort(key=lambda stem: (not stem["in_view"], round(stem["distance_m"]), stem["number"]))
     return {
         "schema": PAGE_SCHEMA,
@@ -59,13 +58,12 @@ def _stem(track: TreeTrack, axes: Float, now_s: float) -> dict[str, Any]:
         "distance_m": round(math.hypot(right_m, ahead_m), 3),
     }
     for quantity in _QUANTITIES:
-        name, unit = split_unit(quantity)
         estimate = getattr(track, quantity)
-        if isinstance(estimate, Failure):
-            record[f"{name}_failure"] = estimate.reason
+        if estimate:
+            values = (round(value, 4) for value in estimate)
+            record |= zip(interval_keys(quantity), values, strict=False)
         else:
-            record[quantity] = round(estimate.value, 4)
-            record[f"{name}_std_{unit}"] = round(estimate.std, 4)
+            record |= interval_values(quantity, estimate)
     return {
         **record,
         "frames": track.frames,

@@ -10,8 +10,7 @@ for result in pipeline:
 recorder.close()
 """
 
-from edgetree.live.recording.recorder import FrameRecorder
-from edgetree.live.recording.run_record import RECORDING_SCHEMA, run_record
-from edgetree.live.recording.status import RecorderStatus
+from edgetree.live.recording.file import RECORDING_SCHEMA, run_record
+from edgetree.live.recording.recorder import FrameRecorder, RecorderStatus
 
 __all__ = ["RECORDING_SCHEMA", "FrameRecorder", "RecorderStatus", "run_record"]

@@ -1,24 +1,31 @@
-"""One recording: a folder with a ROS 2 bag (MCAP), which appears when it is complete."""
+"""One recording: a folder with a ROS 2 bag (MCAP), and what it says about the run."""
 
 from __future__ import annotations
 
+import hashlib
 import time
+from dataclasses import asdict
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 
 from basetree.errors import InputError
+from calib import RigidTransform
+from edgetree.frames.rig import Rig
 from edgetree.live.recording.messages import RecordedMessage, RecordingMessages
 from edgetree.live.results import LiveResult
-from edgetree.live.sinks.bag_folder import BagFolder
-from edgetree.live.sinks.ros_types import time_ns
+from edgetree.measure import MeasureSettings
+from edgetree.sinks.bag import BagFolder
+from edgetree.sinks.ros_types import time_ns
 
-__all__ = ["RecordingFile", "new_folder"]
+__all__ = ["RECORDING_SCHEMA", "RecordingFile", "new_folder", "run_record"]
 
+RECORDING_SCHEMA: Final = "edgetree.recording/1"
 _NS_PER_MESSAGE: Final = 1  # keeps the messages of a frame in order
 
 
 class RecordingFile:
-    """Writes frames.
+    """Writes frames into a folder that appears when it is complete.
 
     Args:
         folder: the recording, a new folder.
@@ -41,7 +48,7 @@ class RecordingFile:
         Raises:
             InputError: it cannot be written.
         """
-        self._log_ns = max(time_ns(result.frame.time_s), self._log_ns)
+        self._log_ns = max(time_ns(result.frame.stamp_s), self._log_ns)
         for message in self._messages.of_result(result):
             self._write(message)
         self.frames += 1
@@ -78,3 +85,47 @@ def new_folder(parent: Path, kind: str) -> Path:
     while (folder := parent / f"{stem}_{number}").exists():
         number += 1
     return folder
+
+
+def run_record(
+    model: Path,
+    *,
+    source: str,
+    score_threshold: float,
+    rig: Rig,
+    settings: MeasureSettings | None = None,
+) -> dict[str, Any]:
+    """What is needed beside the frames to reproduce a result, as a JSON object.
+
+    Args:
+        model: the model file.
+        source: what the frames come from.
+        score_threshold: lowest score of trees.
+        rig: the cameras.
+        settings: settings of the measurement; the defaults if None.
+
+    Raises:
+        OSError: the model file cannot be read.
+    """
+    with model.open("rb") as stream:
+        digest = hashlib.file_digest(stream, "sha256").hexdigest()
+    return {
+        "schema": RECORDING_SCHEMA,
+        "edgetree": version("edgetree"),
+        "source": source,
+        "model": {"file": model.name, "sha256": digest},
+        "score_threshold": score_threshold,
+        "rig": {
+            "camera": None if rig.camera is None else rig.camera.to_dict(),
+            "up_camera": rig.up_camera,
+            "mounting": None if rig.mounting is None else _transform(rig.mounting),
+        },
+        "measure": asdict(settings or MeasureSettings()),
+    }
+
+
+def _transform(transform: RigidTransform) -> dict[str, Any]:
+    return {
+        "rotation": transform.rotation.tolist(),
+        "translation_m": transform.translation_m.tolist(),
+    }

@@ -1,4 +1,4 @@
-"""Live frames as messages that `edgetree.live.sources` reads back without loss."""
+"""Frames as messages that `edgetree.sources` reads back without loss."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from calib import RigidTransform
 from calib.depth.files import in_metres
 from edgetree.live.results import LiveResult
-from edgetree.live.sinks.records import live_record
-from edgetree.live.sinks.ros_types import RosTypes, time_ns
-from edgetree.live.sources.exact import EXACT_TOPIC, exact_record
+from edgetree.results.json_records import live_record
+from edgetree.sinks.ros_types import RosTypes, time_ns
+from edgetree.sources.bags.exact import EXACT_TOPIC, exact_record
 
 __all__ = ["RecordedMessage", "RecordingMessages"]
 
@@ -41,17 +41,18 @@ class RecordingMessages(RosTypes):
         The images come last, as what is read before them belongs to them.
         """
         frame = result.frame
-        header = self.header(frame.time_s, _CAMERA_FRAME)
+        time_s = frame.stamp_s
+        header = self.header(time_s, _CAMERA_FRAME)
         camera, up_camera = frame.camera, frame.up_camera
-        yield self.text(EXACT_TOPIC, exact_record(time_ns(frame.time_s), camera, up_camera))
+        yield self.text(EXACT_TOPIC, exact_record(time_ns(time_s), camera, up_camera))
         if camera is not None:
             info = self.camera_info(header, camera)
             yield RecordedMessage("/edgetree/camera_info", "sensor_msgs/msg/CameraInfo", info)
         if up_camera is not None:
-            imu = self._imu(frame.time_s, up_camera)
+            imu = self._imu(time_s, up_camera)
             yield RecordedMessage("/edgetree/imu", "sensor_msgs/msg/Imu", imu)
         if frame.pose is not None:
-            pose = self._pose(frame.time_s, frame.pose)
+            pose = self._pose(time_s, frame.pose)
             yield RecordedMessage("/tf", "tf2_msgs/msg/TFMessage", pose)
         for topic, encoding, pixels in (
             ("/edgetree/depth", *_steps(frame.depth_m)),

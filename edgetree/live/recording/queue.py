@@ -76,7 +76,7 @@ class FrameQueue:
         with self._changed:
             if self._stop_s is not None:
                 return
-            self._kept.tick(result.frame.time_s)
+            self._kept.tick(result.frame.stamp_s)
             self._forget_old()
             if not self._has_room(size_bytes(result)):
                 return

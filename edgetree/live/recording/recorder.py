@@ -7,6 +7,7 @@ import math
 import shutil
 import threading
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,17 +15,42 @@ from basetree.errors import EdgetreeError, InputError
 from edgetree.live.recording.file import RecordingFile, new_folder
 from edgetree.live.recording.messages import RecordingMessages
 from edgetree.live.recording.queue import FrameQueue, Window
-from edgetree.live.recording.status import RecorderStatus
 from edgetree.live.results import LiveResult
-from edgetree.live.sinks.bag_folder import check_rosbags
+from edgetree.sinks.bag import check_rosbags
 
-__all__ = ["FrameRecorder"]
+__all__ = ["FrameRecorder", "RecorderStatus"]
 
 _log = logging.getLogger(__name__)
 
 _LONGEST_S: Final = 60.0  # of one recording; what is longer goes on in the next one
 _CLOSE_S: Final = 1.0
 _RESERVE_BYTES: Final = 2**30  # of the disk, which other outputs need
+
+
+@dataclass(frozen=True)
+class RecorderStatus:
+    """The state of a recorder.
+
+    Attributes:
+        written: recordings that are complete.
+        failed: recordings that could not be written.
+        left_out: frames that are missing in recordings, as the disk was too slow.
+        is_recording: whether a recording is in progress.
+    """
+
+    written: int = 0
+    failed: int = 0
+    left_out: int = 0
+    is_recording: bool = False
+
+    def line(self) -> str:
+        """The state as a part of a line of text."""
+        parts = [f"{self.written} recording(s)"]
+        if self.failed:
+            parts.append(f"{self.failed} recording(s) failed")
+        if self.left_out:
+            parts.append(f"{self.left_out} frame(s) missing in recordings")
+        return ", ".join(parts)
 
 
 class FrameRecorder:

@@ -1,19 +1,10 @@
-"""Where live results go: files, a map of the stems, and controllers on the network."""
+"""The old name of `edgetree.sinks`, which goes on for one version with a warning."""
 
-from edgetree.live.sinks.bag import BagSink
-from edgetree.live.sinks.csv_tracks import CsvTracksSink
-from edgetree.live.sinks.geojson import GeoJsonSink
-from edgetree.live.sinks.geopackage import GeoPackageSink
-from edgetree.live.sinks.json_lines import JsonLinesSink
-from edgetree.live.sinks.map_origin import MapOrigin
-from edgetree.live.sinks.mqtt import MqttSink
-from edgetree.live.sinks.records import LIVE_SCHEMA, STEMS_SCHEMA, live_record, stems_message
-from edgetree.live.sinks.sink import Sink
-from edgetree.live.sinks.udp import UdpSink
+from basetree.deprecation import moved_names
 
-__all__ = [
-    "LIVE_SCHEMA",
-    "STEMS_SCHEMA",
+__all__: list[str] = []
+
+_SINKS = (
     "BagSink",
     "CsvTracksSink",
     "GeoJsonSink",
@@ -23,6 +14,10 @@ __all__ = [
     "MqttSink",
     "Sink",
     "UdpSink",
-    "live_record",
-    "stems_message",
-]
+)
+_RECORDS = ("LIVE_SCHEMA", "STEMS_SCHEMA", "live_record", "stems_message")
+__getattr__ = moved_names(
+    __name__,
+    {name: f"edgetree.sinks.{name}" for name in _SINKS}
+    | {name: f"edgetree.results.{name}" for name in _RECORDS},
+)

@@ -1,25 +1,10 @@
-"""Sources of live frames: recordings, cameras, files, and the arrays of drivers.
+"""The old name of `edgetree.sources`, which goes on for one version with a warning."""
 
-    from edgetree.live.sources import open_live_source
+from basetree.deprecation import moved_names
 
-    for frame in open_live_source("drive.mcap"):
-        print(frame.number, frame.time_s)
+__all__: list[str] = []
 
-Packages that only some sources need, such as rosbags, are imported when such a source is opened.
-"""
-
-from edgetree.live.sources.arrays import frame_from_arrays
-from edgetree.live.sources.camera import open_camera
-from edgetree.live.sources.drive import open_drive
-from edgetree.live.sources.files import open_files
-from edgetree.live.sources.oak import open_oak
-from edgetree.live.sources.opening import SOURCE_FORMS, open_live_source
-from edgetree.live.sources.orbbec import open_orbbec
-from edgetree.live.sources.pushed import PushedFrames
-from edgetree.live.sources.realsense import open_realsense
-from edgetree.live.sources.recording import open_recording
-
-__all__ = [
+_NAMES = (
     "SOURCE_FORMS",
     "PushedFrames",
     "frame_from_arrays",
@@ -31,4 +16,5 @@ __all__ = [
     "open_orbbec",
     "open_realsense",
     "open_recording",
-]
+)
+__getattr__ = moved_names(__name__, {name: f"edgetree.sources.{name}" for name in _NAMES})

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from calib import RigidTransform
-from edgetree.live.frames import LiveFrame
+from edgetree.frames.frame import Frame
 from edgetree.live.tracking.motion import CameraMotion
 from edgetree.live.tracking.odometry import CameraStep, DepthOdometry
 from edgetree.live.tracking.settings import TrackingSettings
@@ -51,9 +51,7 @@ class EgoMotion:
         place = np.array([*self.motion.state[:2], self.motion.height_m])
         return RigidTransform(turn @ self.vertical.level, place)
 
-    def move(
-        self, frame: LiveFrame, measurements: list[TreeMeasurement], step_s: float | None
-    ) -> None:
+    def move(self, frame: Frame, measurements: list[TreeMeasurement], step_s: float | None) -> None:
         """Move on to a frame.
 
         Args:
@@ -72,7 +70,7 @@ class EgoMotion:
             self.motion.predict(math.inf if step_s is None else step_s)
         self.is_measured = frame.pose is not None or step is not None
 
-    def _step(self, frame: LiveFrame, step_s: float | None) -> CameraStep | None:
+    def _step(self, frame: Frame, step_s: float | None) -> CameraStep | None:
         """How the camera moved since the last frame, from the depth images; None if not known."""
         if self._odometry is None:
             return None

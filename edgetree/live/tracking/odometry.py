@@ -10,7 +10,7 @@ import numpy as np
 from basetree.arrays import Float
 from basetree.errors import MissingPackage, install_hint
 from calib import PinholeCamera, RigidTransform, pixels_to_rays
-from edgetree.live.frames import LiveFrame
+from edgetree.frames.frame import Frame
 
 # Pixels of a depth image that are used, about: those at equal distances in rows and columns.
 _PIXELS: Final = 7_000
@@ -124,7 +124,7 @@ class DepthOdometry:
         self._reference: _Cloud | None = None
         self._since = RigidTransform.identity()
 
-    def step(self, frame: LiveFrame, guess: CameraStep | None) -> CameraStep | None:
+    def step(self, frame: Frame, guess: CameraStep | None) -> CameraStep | None:
         """Find how the camera moved since the last frame.
 
         The frame's points are registered with those of the reference, from the guess on. The step
@@ -170,7 +170,7 @@ class DepthOdometry:
         """Make a cloud the reference."""
         self._reference, self._since = cloud, RigidTransform.identity()
 
-    def _points(self, frame: LiveFrame) -> Float:
+    def _points(self, frame: Frame) -> Float:
         """(N, 3) points of a frame in metres, from pixels at equal distances."""
         if frame.depth_m is None or frame.camera is None or frame.depth_fault is not None:
             return np.zeros((0, 3))

@@ -12,7 +12,7 @@ from basetree.errors import InputError
 from basetree.matching import match_greedily
 from calib import RigidTransform, pixels_to_rays
 from edgetree.detections import TreeDetections
-from edgetree.live.frames import LiveFrame
+from edgetree.frames.frame import Frame
 from edgetree.live.tracking.ego_motion import EgoMotion
 from edgetree.live.tracking.localisation import locate, match_costs
 from edgetree.live.tracking.motion import CameraMotion
@@ -80,7 +80,7 @@ class StemTracker:
         return self._camera.camera_pose
 
     def update(
-        self, frame: LiveFrame, trees: TreeDetections, measurements: list[TreeMeasurement]
+        self, frame: Frame, trees: TreeDetections, measurements: list[TreeMeasurement]
     ) -> list[TreeTrack]:
         """Follow the stems into one more frame.
 
@@ -99,7 +99,7 @@ class StemTracker:
             raise InputError(
                 f"there are {len(measurements)} measurements: expected {len(trees)}, one per tree"
             )
-        step_s = self._step_s(frame.time_s)
+        step_s = self._step_s(frame.stamp_s)
         if frame.pose is not None and not self._camera.in_pose_frame and len(self._stems):
             self._begin_map("the first pose came")
         self._camera.move(frame, measurements, step_s)
@@ -109,10 +109,10 @@ class StemTracker:
         self._stems.begin_frame()
         if frame.pose is None:
             self._find_motion(seen, step_s)
-        self._follow(seen.in_map(self._motion), trees, frame.time_s)
+        self._follow(seen.in_map(self._motion), trees, frame.stamp_s)
         self._name_unmeasured(frame, trees)
         self._stems.note_reasons(measurements)
-        self._stems.forget(frame.time_s)
+        self._stems.forget(frame.stamp_s)
         return report_tracks(self._stems, self._motion, level, self._settings, self._remark)
 
     def _border_doubt(self, trees: TreeDetections) -> Float:
@@ -167,7 +167,7 @@ class StemTracker:
         behind &= np.isfinite(chi_square) & self._stems.confirmed[:, None]
         return np.asarray(same | behind)
 
-    def _name_unmeasured(self, frame: LiveFrame, trees: TreeDetections) -> None:
+    def _name_unmeasured(self, frame: Frame, trees: TreeDetections) -> None:
         """Find the stems of trees without an axis by the direction that they are seen in."""
         rows = self._stems.rows
         without = np.ones(len(trees), np.bool_)
@@ -189,7 +189,7 @@ class StemTracker:
         within = off < np.maximum(half, _MIN_HALF_WIDTH_RAD)
         within &= (np.hypot(*to_stem.T) < _MAX_UNMEASURED_M)[:, None]
         found, columns = match_greedily(off, within)
-        self._stems.name(hidden[found], free[columns], frame.time_s)
+        self._stems.name(hidden[found], free[columns], frame.stamp_s)
 
     def _follow(self, seen: Sightings, trees: TreeDetections, time_s: float) -> None:
         """Match sightings in the map with the stems, fuse them, and begin new stems."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from basetree.arrays import Float
 from calib import CAMERA_UP
-from edgetree.live.frames import LiveFrame
+from edgetree.frames.frame import Frame
 from edgetree.live.tracking.odometry import CameraStep
 from edgetree.live.tracking.settings import TrackingSettings
 from edgetree.live.tracking.sightings import level_rotation
@@ -38,7 +38,7 @@ class Vertical:
         return self._settings.up_std_deg if self.known else self._settings.stem_up_std_deg
 
     def take(
-        self, frame: LiveFrame, measurements: list[TreeMeasurement], step: CameraStep | None
+        self, frame: Frame, measurements: list[TreeMeasurement], step: CameraStep | None
     ) -> None:
         """Take the vertical of a frame.
 

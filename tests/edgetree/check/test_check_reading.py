@@ -11,10 +11,10 @@ import pytest
 from basetree.errors import InputError
 from edgetree.check import read_caliper, read_measured
 from edgetree.detections import TreeDetections
+from edgetree.frames.frame import Frame
 from edgetree.frames.pipeline import FoundTrees, FrameResult
-from edgetree.frames.sources import Frame
 from edgetree.measure import Estimate, Failure, PointEstimate, TreeMeasurement
-from edgetree.results.csv_table import write_header, write_rows
+from edgetree.results.csv_table import TREES
 
 
 def written(folder: Path, content: str | bytes) -> Path:
@@ -122,8 +122,8 @@ def measured_csv(tmp_path: Path) -> Path:
     found, both = FoundTrees(trees, (4, 5)), [tree, TreeMeasurement.failed("no depth")]
     path = tmp_path / "trees.csv"
     with path.open("w", encoding="utf-8", newline="") as stream:
-        write_header(stream)
-        write_rows(stream, FrameResult(frame, found, both, None, 5.0, None, None))
+        TREES.write_header(stream)
+        TREES.write_rows(stream, FrameResult(frame, found, both, None))
     return path
 
 

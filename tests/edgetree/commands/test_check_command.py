@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from edgetree.measure import MeasureSettings
-from edgetree.results.csv_table import COLUMNS
+from edgetree.results.csv_table import TREES
 
 Cli = Callable[..., Any]
 
@@ -23,7 +23,7 @@ def write_tables(folder: Path, count: int, factor: float, scale: float = 1.0) ->
     """Write `trees.csv`, as `edgetree run --csv` does, and `caliper.csv`."""
     rng = np.random.default_rng(5)
     with (folder / "trees.csv").open("w", encoding="utf-8", newline="") as stream:
-        writer = csv.DictWriter(stream, COLUMNS)
+        writer = csv.DictWriter(stream, TREES.columns)
         writer.writeheader()
         lines = ["Frame;Tree;Diameter (cm);DBH (cm)"]
         for number in range(count):

@@ -60,13 +60,13 @@ def test_motion_comes_from_depth_images_too(
     run_cli: Cli, source: tuple[object, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("small_gicp")
-    from edgetree.live.frames import LiveFrame
+    from edgetree.frames.frame import Frame
     from edgetree.live.tracking.odometry import CameraStep, DepthOdometry
 
     seen: list[int] = []
     step = DepthOdometry.step
 
-    def noted(odometry: DepthOdometry, frame: LiveFrame, guess: CameraStep | None) -> Any:
+    def noted(odometry: DepthOdometry, frame: Frame, guess: CameraStep | None) -> Any:
         seen.append(frame.number)
         return step(odometry, frame, guess)
 

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from edgetree.results.profile_table import PROFILE_COLUMNS
+from edgetree.results.csv_table import PROFILES
 from edgetree.shards import inputs, work
 
 Cli = Callable[..., Any]
@@ -62,7 +62,7 @@ def test_shards_make_the_rows_of_one_machine(
     assert len(rows(tmp_path / "merged" / "jsonl")) == 8
     for name in ("csv", "profiles"):
         assert (tmp_path / "merged" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
-    assert (tmp_path / "merged" / "profiles").read_text().startswith(",".join(PROFILE_COLUMNS))
+    assert (tmp_path / "merged" / "profiles").read_text().startswith(",".join(PROFILES.columns))
 
 
 def test_frames_at_a_url_give_the_same_rows_with_its_name(

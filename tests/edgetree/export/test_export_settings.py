@@ -100,7 +100,7 @@ def test_settings_are_in_the_manifest_and_the_record(
 def test_no_score_is_below_the_threshold(
     chosen: tuple[Path, dict[str, Any]], exported: ExportReport, frame_folder: Path
 ) -> None:
-    from edgetree.frames.sources import read_image
+    from edgetree.frames.images import read_image
 
     image = read_image(frame_folder / "images" / "000000.png")
     every = TreeDetector.load(exported.path, score_threshold=0.0).detect(image)

@@ -10,7 +10,8 @@ import pytest
 
 from calib import PinholeCamera, RigidTransform
 from edgetree.detections import TreeDetections
-from edgetree.live.frames import LiveFrame
+from edgetree.frames.frame import stream_frame
+from edgetree.frames.pipeline import FoundTrees
 from edgetree.live.results import LiveResult
 from edgetree.live.tracking.tracks import TreeTrack
 from edgetree.measure import Estimate, Failure, PointEstimate, TreeMeasurement, measure_trees
@@ -74,7 +75,7 @@ def live_result() -> MakeResult:
         boxes = np.stack([x, np.full(seen, 20), x + 30, np.full(seen, 330)], 1).reshape(seen, 4)
         if image is None:
             image = np.full((HEIGHT, WIDTH, 3), 90 + number % 100, np.uint8)
-        frame = LiveFrame(number, time_s, image, None, CAMERA, np.array([0.0, -1.0, 0.0]), pose)
+        frame = stream_frame(number, time_s, image, None, CAMERA, np.array([0.0, -1.0, 0.0]), pose)
         measurements = [make_measurement(i + 1) for i in range(seen)]
         tracks = [
             make_track(i + 1, i if i < seen else None, **{"last_seen_s": time_s, **track_changes})
@@ -82,7 +83,10 @@ def live_result() -> MakeResult:
         ]
         return LiveResult(
             frame=frame,
-            trees=TreeDetections(boxes, np.full(seen, 0.9), None, None, WIDTH, HEIGHT),
+            found=FoundTrees.detected(
+                TreeDetections(boxes, np.full(seen, 0.9), None, None, WIDTH, HEIGHT)
+            ),
+            camera=CAMERA,
             measurements=measurements if measured else None,
             metres_need=None if measured else "no depth",
             tracks=tracks if measured else [],
@@ -106,7 +110,9 @@ def sample_result(detector: TreeDetector, sample: SampleFrame, number: int) -> L
     depth_m = sample.depth_m()
     trees = detector.detect(depth_m)
     measured = measure_trees(trees, depth_m, sample.camera, up_camera=sample.up_camera)
-    frame = LiveFrame(number, number / 10, sample.image(), depth_m, sample.camera, sample.up_camera)
+    frame = stream_frame(
+        number, number / 10, sample.image(), depth_m, sample.camera, sample.up_camera
+    )
     tracks = [
         make_track(
             100 * number + index + 1,
@@ -127,5 +133,10 @@ def sample_result(detector: TreeDetector, sample: SampleFrame, number: int) -> L
         if not isinstance(tree.cut_point_m, Failure)
     ]
     return LiveResult(
-        frame=frame, trees=trees, measurements=measured, metres_need=None, tracks=tracks
+        frame=frame,
+        found=FoundTrees.detected(trees),
+        measurements=measured,
+        metres_need=None,
+        camera=sample.camera,
+        tracks=tracks,
     )

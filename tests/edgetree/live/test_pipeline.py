@@ -13,14 +13,15 @@ import pytest
 from basetree.errors import InputError
 from calib import PinholeCamera
 from edgetree.errors import ModelFileError
+from edgetree.frames.frame import Frame, stream_frame
 from edgetree.frames.rig import Rig
-from edgetree.live.frames import LiveFrame, SourceLost
 from edgetree.live.pipeline import LivePipeline
-from edgetree.live.sources.pacing import PacedSource
 from edgetree.live.tracking.tracker import StemTracker
 from edgetree.model_file.manifest import Manifest
 from edgetree.runtime.detector import TreeDetector
 from edgetree.runtime.session import Arrays, FakeSession
+from edgetree.sources.playing import PacedSource
+from edgetree.sources.source import SourceLost
 
 CAMERA = PinholeCamera(640, 360, 400.0, 400.0, 319.5, 179.5)
 PATIENCE_S = 60.0
@@ -39,7 +40,7 @@ class Source:
         self._items = items
         self._every_s = every_s
 
-    def __iter__(self) -> Iterator[LiveFrame]:
+    def __iter__(self) -> Iterator[Frame]:
         for item in self._items:
             if self.closed.wait(self._every_s):
                 return
@@ -51,10 +52,10 @@ class Source:
         self.closed.set()
 
 
-def colour(number: int, **changes: Any) -> LiveFrame:
+def colour(number: int, **changes: Any) -> Frame:
     depth_m = np.tile(np.linspace(3.9, 4.1, 640, dtype=np.float32), (360, 1))
     values = {"image": np.zeros((360, 640, 3), np.uint8), "depth_m": depth_m, "camera": CAMERA}
-    return LiveFrame(number=number, time_s=number / 10, **(values | changes))
+    return stream_frame(number=number, time_s=number / 10, **(values | changes))
 
 
 @pytest.fixture
@@ -101,7 +102,7 @@ def test_a_recording_gives_every_frame_in_order(detector: TreeDetector) -> None:
 def test_a_camera_gives_its_newest_frame_and_counts_the_dropped(detector: TreeDetector) -> None:
     all_read, source_read = threading.Event(), []
 
-    def read() -> Iterator[LiveFrame]:
+    def read() -> Iterator[Frame]:
         for number in range(20):
             source_read.append(number)
             yield colour(number)
@@ -318,12 +319,12 @@ def test_a_recording_plays_no_faster_than_it_was_made() -> None:
 
 
 def test_a_jump_of_the_clock_does_not_stop_the_recording() -> None:
-    frames = [colour(0), LiveFrame(1, 1e9, None), LiveFrame(2, 0.2, None)]
+    frames = [colour(0), stream_frame(1, 1e9, None), stream_frame(2, 0.2, None)]
     assert len(list(PacedSource(Source(frames)))) == 3
 
 
 def test_closing_ends_a_wait() -> None:
-    source = PacedSource(Source([LiveFrame(0, 0.0, None), LiveFrame(1, 4.0, None)]))
+    source = PacedSource(Source([stream_frame(0, 0.0, None), stream_frame(1, 4.0, None)]))
     frames = iter(source)
     next(frames)
     threading.Timer(0.1, source.close).start()

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from basetree.errors import InputError
 from edgetree.detections import TreeDetections
+from edgetree.frames.frame import Frame
 from edgetree.frames.pipeline import FoundTrees, FrameResult
-from edgetree.frames.sources import Frame
 from edgetree.measure import Estimate, Evidence, Failure, StemProfile, TreeMeasurement
 from edgetree.report import report_file
 from edgetree.report.units import UNITS
@@ -121,9 +121,7 @@ def result(
         image_height=height,
     )
     frame = Frame(name, Path(f"{name}.jpg"), image)
-    return FrameResult(
-        frame, FoundTrees.detected(detections), list(trees), None, 1.0, None, scaling=None
-    )
+    return FrameResult(frame, FoundTrees.detected(detections, 1.0), list(trees), None)
 
 
 def written(path: Path, *results: FrameResult, source: str = "images") -> Page:

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from edgetree.detections import TreeDetections
+from edgetree.frames.frame import Frame
 from edgetree.frames.pipeline import FoundTrees, FrameResult
-from edgetree.frames.sources import Frame
 from edgetree.measure import QUANTITIES, Estimate, Evidence, PointEstimate, TreeMeasurement
 from edgetree.measure.estimates import split_unit
-from edgetree.results.csv_table import COLUMNS, write_header, write_rows
+from edgetree.results.csv_table import TREES
 
 MEASURED = replace(
     TreeMeasurement.failed("no ground ± here"),
@@ -45,10 +45,10 @@ def _rows(
     )
     need = "need depth: pass --depth" if measurements is None else None
     found = FoundTrees(trees, (4,))
-    result = FrameResult(Frame(name, Path("x"), None), found, measurements, need, 5.0, None, None)
+    result = FrameResult(Frame(name, Path("x"), None), found, measurements, need)
     stream = io.StringIO(newline="")
-    write_header(stream)
-    write_rows(stream, result)
+    TREES.write_header(stream)
+    TREES.write_rows(stream, result)
     return list(csv.DictReader(io.StringIO(stream.getvalue(), newline="")))
 
 
@@ -78,8 +78,8 @@ def test_all_quantities_have_columns_with_units() -> None:
         name, unit = split_unit(quantity)
         expected = {quantity, f"{name}_failure"}
         expected |= {f"{name}_{what}_{unit}" for what in ("std", "low95", "high95")}
-        assert expected <= set(COLUMNS)
-    assert len(set(COLUMNS)) == len(COLUMNS)
+        assert expected <= set(TREES.columns)
+    assert len(set(TREES.columns)) == len(TREES.columns)
 
 
 def test_text_is_one_line_and_formulas_are_escaped() -> None:

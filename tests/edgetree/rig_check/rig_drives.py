@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from calib import PinholeCamera
 from edgetree import sample_frames
-from edgetree.live.frames import LiveFrame
+from edgetree.frames.frame import Frame, stream_frame
 
 Float32 = NDArray[np.float32]
 
@@ -29,12 +29,12 @@ class GivenSource:
     is_live = False
     name = "given"
 
-    def __init__(self, frames: list[LiveFrame]) -> None:
+    def __init__(self, frames: list[Frame]) -> None:
         self._frames = frames
         self.counts: dict[str, int] = {}
         self.is_closed = False
 
-    def __iter__(self) -> Iterator[LiveFrame]:
+    def __iter__(self) -> Iterator[Frame]:
         yield from self._frames
 
     def close(self) -> None:
@@ -55,7 +55,7 @@ def panning_drive(
     *,
     late: int = 0,
     change: Callable[[Float32], Float32] | None = None,
-) -> list[LiveFrame]:
+) -> list[Frame]:
     """A window of half the width pans over each sample frame, to and fro.
 
     Args:
@@ -63,7 +63,7 @@ def panning_drive(
         late: by how many frames the depth is late.
         change: applied to the depth of each window.
     """
-    frames: list[LiveFrame] = []
+    frames: list[Frame] = []
     wide = _pictures()
     for number in range(round(seconds / PERIOD_S)):
         camera, wide_image, wide_depth_m = wide[number // 20 % len(wide)]
@@ -72,7 +72,7 @@ def panning_drive(
         depth_m = _window(wide_depth_m, max(step - late, 0))
         fx = camera.fx
         frames.append(
-            LiveFrame(
+            stream_frame(
                 number,
                 number * PERIOD_S,
                 image,
@@ -94,7 +94,7 @@ def _window(picture: NDArray[Any], step: int) -> NDArray[Any]:
     return np.ascontiguousarray(picture[_TOP : _TOP + HEIGHT, left : left + WIDTH])
 
 
-def without(frames: list[LiveFrame], name: str) -> list[LiveFrame]:
+def without(frames: list[Frame], name: str) -> list[Frame]:
     """The frames without their image, depth or camera."""
     nothing: dict[str, Any] = {name: None}
     return [replace(frame, **nothing) for frame in frames]

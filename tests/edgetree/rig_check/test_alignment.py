@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from rig_drives import Float32, panning_drive, warp_depth
 
-from edgetree.live.frames import LiveFrame
+from edgetree.frames.frame import Frame
 from edgetree.rig_check.alignment import FrameSilhouettes, alignment_checks
 from edgetree.rig_check.checks import RigCheck
 from edgetree.rig_check.image_motion import image_velocity
@@ -17,7 +17,7 @@ from edgetree.rig_check.peak_fit import Profiles, fit_peak
 from edgetree.rig_check.silhouettes import find_silhouettes
 
 
-def checks_of(frames: list[LiveFrame], every: int = 5) -> dict[str, RigCheck]:
+def checks_of(frames: list[Frame], every: int = 5) -> dict[str, RigCheck]:
     found = []
     for before, frame in list(pairwise(frames))[::every]:
         assert frame.image is not None

@@ -14,7 +14,7 @@ from rig_drives import GivenSource, panning_drive, warp_depth, without
 from basetree.errors import InputError
 from edgetree import TreeDetector
 from edgetree.catalogue import default_model
-from edgetree.live.frames import LiveFrame
+from edgetree.frames.frame import Frame
 from edgetree.rig_check import check_rig, report_lines
 
 
@@ -59,11 +59,11 @@ class EndlessSource(GivenSource):
         step_s: time from frame to frame, s.
     """
 
-    def __init__(self, frames: list[LiveFrame], step_s: float) -> None:
+    def __init__(self, frames: list[Frame], step_s: float) -> None:
         super().__init__(frames)
         self._step_s = step_s
 
-    def __iter__(self) -> Iterator[LiveFrame]:
+    def __iter__(self) -> Iterator[Frame]:
         for number in range(1000):
             frame = self._frames[number % len(self._frames)]
             yield replace(frame, number=number, time_s=1000 + number * self._step_s)
@@ -123,7 +123,7 @@ def test_frames_of_different_sizes_are_refused(detector: TreeDetector) -> None:
     ],
 )
 def test_a_source_that_lacks_something_is_refused(
-    detector: TreeDetector, change: Callable[[list[LiveFrame]], list[LiveFrame]], message: str
+    detector: TreeDetector, change: Callable[[list[Frame]], list[Frame]], message: str
 ) -> None:
     source = GivenSource(change(panning_drive(1)))
     with pytest.raises(InputError, match=message):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from calib import RigidTransform
-from edgetree.live.frames import LiveFrame
+from edgetree.frames.frame import stream_frame
 from edgetree.measure import StemAxis
 from edgetree.rig_check.odometry import odometry_checks
 from edgetree.rig_check.stem_sightings import Sighting
@@ -51,7 +51,7 @@ def drive(
     for number in range(24):
         place, rotation = np.array([0.4 * number, 0.0, 2.0]), turn(1.5 * number - 15) @ _CAMERA
         given = RigidTransform(turn(heading_deg) @ rotation, place)
-        frame = LiveFrame(
+        frame = stream_frame(
             number,
             0.5 * number,
             None,

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from rig_drives import panning_drive
 
-from edgetree.live.frames import REMARKS, LiveFrame
+from edgetree.frames.frame import Frame
 from edgetree.rig_check.checks import RigCheck
 from edgetree.rig_check.stream import StreamCounts
+from edgetree.sources.source import REMARKS
 
 
-def checks_of(frames: list[LiveFrame], **source_counts: int) -> dict[str, RigCheck]:
+def checks_of(frames: list[Frame], **source_counts: int) -> dict[str, RigCheck]:
     counts = StreamCounts()
     for frame in frames:
         counts.add(frame)

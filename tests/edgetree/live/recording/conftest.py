@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 from edgetree.detections import TreeDetections
-from edgetree.live.frames import LiveFrame
+from edgetree.frames.frame import Frame, stream_frame
+from edgetree.frames.pipeline import FoundTrees
 from edgetree.live.recording import FrameRecorder
 from edgetree.live.results import LiveResult
-from edgetree.live.sources import open_live_source
+from edgetree.sources import open_live_source
 
 WIDTH, HEIGHT = 64, 48
 
@@ -24,12 +25,13 @@ def make_result(number: int, *, period_s: float = 0.1, **values: Any) -> LiveRes
     if not {"image", "depth_m"} & set(values):
         rng = np.random.default_rng(number)
         values["image"] = rng.integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8)
-    frame = LiveFrame(number, 100 + number * period_s, **{"image": None, **values})
+    frame = stream_frame(number, 100 + number * period_s, **{"image": None, **values})
     pixels = frame.depth_m if frame.image is None else frame.image
     height, width = pixels.shape[:2]
     none = np.zeros((0, 4))
     trees = TreeDetections(none, none[:, 0], None, None, width, height)
-    return LiveResult(frame=frame, trees=trees, measurements=[], metres_need=None, tracks=[])
+    found = FoundTrees.detected(trees)
+    return LiveResult(frame=frame, found=found, measurements=[], metres_need=None, tracks=[])
 
 
 @pytest.fixture
@@ -60,7 +62,7 @@ def recordings(tmp_path: Path) -> Callable[[], list[Path]]:
 
 
 @pytest.fixture
-def read() -> Callable[[Path], list[LiveFrame]]:
+def read() -> Callable[[Path], list[Frame]]:
     """A function that reads the frames of a recording as any user does."""
     return lambda path: list(open_live_source(str(path)))
 

@@ -15,8 +15,8 @@ from edgetree.frames import Rig
 from edgetree.live.recording import FrameRecorder, recorder, run_record
 from edgetree.live.recording.file import RecordingFile
 from edgetree.live.recording.queue import FrameQueue
-from edgetree.live.sources import open_live_source
 from edgetree.runtime import default_model
+from edgetree.sources import open_live_source
 
 PATIENCE_S = 60.0
 FRAME_BYTES = 64 * 48 * 3

@@ -11,10 +11,9 @@ import pytest
 from calib import PinholeCamera, RigidTransform
 from edgetree.frames import Rig
 from edgetree.live import LivePipeline, LiveResult
-from edgetree.live.completion import completed
-from edgetree.live.sinks import live_record
-from edgetree.live.sources import open_live_source
+from edgetree.results import live_record
 from edgetree.runtime import TreeDetector, default_model
+from edgetree.sources import open_live_source
 
 WIDTH, HEIGHT = 64, 48
 CAMERA = PinholeCamera(WIDTH, HEIGHT, 51.3, 52.7, 30.1, 22.9, focal_std_px=0.4)
@@ -119,7 +118,7 @@ def test_what_the_rig_knows_is_recorded_with_frames_that_do_not(
 ) -> None:
     recorder, bare = record(), result(0)
     rig = Rig(camera=CAMERA, up_camera=(0.0, -0.8, 0.6))
-    frame = completed(bare.frame, rig, bare.trees.image_width, bare.trees.image_height)
+    frame = rig.completed(bare.frame, bare.trees.image_width, bare.trees.image_height)
     recorder.write(dataclasses.replace(bare, frame=frame))
     recorder.mark()
     recorder.close()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calib import PinholeCamera, RigidTransform, pixels_to_rays
-from edgetree.live.frames import LiveFrame
+from edgetree.frames.frame import Frame, stream_frame
 
 CAMERA = PinholeCamera(width=160, height=90, fx=87.5, fy=87.5, cx=79.5, cy=44.5)
 _HEIGHT_M, _FARTHEST_M = 2.0, 20.0
@@ -19,7 +19,7 @@ def cylinder_frame(
     *,
     vertical: bool = True,
     noise_m: float = 0.0,
-) -> LiveFrame:
+) -> Frame:
     """What a camera sees of cylinders 6 m high on the ground; sky and far ground have no reading.
 
     Args:
@@ -47,7 +47,7 @@ def cylinder_frame(
     depth_m[~(depth_m < _FARTHEST_M)] = 0.0
     noise = np.random.default_rng(round(1000 * time_s)).normal(0, noise_m, depth_m.shape)
     depth_m = np.where(depth_m > 0, depth_m + noise, 0.0)
-    return LiveFrame(
+    return stream_frame(
         number=round(10 * time_s),
         time_s=time_s,
         image=None,

@@ -9,14 +9,14 @@ import numpy as np
 
 from calib import PinholeCamera, RigidTransform, project_points
 from edgetree import TreeDetections
-from edgetree.live.frames import LiveFrame
+from edgetree.frames.frame import Frame, stream_frame
 from edgetree.measure import Estimate, Failure, PointEstimate, StemAxis, TreeMeasurement
 
 CAMERA = PinholeCamera(width=640, height=360, fx=350.0, fy=350.0, cx=319.5, cy=179.5)
 CAMERA_HEIGHT_M, CUT_M, REACH_M = 2.5, 0.2, 11.0
 DIAMETER_STD_M, RANGE_STD_M, ASIDE_STD_M, CUT_STD_M, LEAN_STD_RAD = 0.02, 0.06, 0.02, 0.05, 0.03
 
-Observation = tuple[LiveFrame, TreeDetections, list[TreeMeasurement]]
+Observation = tuple[Frame, TreeDetections, list[TreeMeasurement]]
 
 
 @dataclass
@@ -94,7 +94,7 @@ class Forest:
             )
             boxes.append(box)
             self.stems_seen.append(stem)
-        frame = LiveFrame(
+        frame = stream_frame(
             number=round(time_s * 10),
             time_s=time_s,
             image=None,

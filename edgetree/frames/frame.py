@@ -1,0 +1,113 @@
+"""One picture with all that its source knows about it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from basetree.errors import InputError
+from calib import PinholeCamera, RigidTransform
+
+__all__ = ["Frame", "level_axes", "stream_frame"]
+
+_LEAST_LEVEL_PART: Final = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One picture of a source.
+
+    Attributes:
+        name: the file's stem, for videos and recordings with the frame's number; valid as a file
+            name.
+        path: the file or recording of the frame; None of a camera.
+        image: (H, W, 3) uint8 BGR; None if there is only depth.
+        depth_m: (H, W) float32 metres along the optical axis, 0.0 = no reading, aligned with the
+            image; None if there is only colour.
+        depth_fault: why the depth is unusable; None if it is usable.
+        time_s: time stamp of the picture in the clock of the source, s, such as its position in a
+            video; None of an image file.
+        number: number of the frame in a stream, from 0 on; numbers of left-out frames are missing.
+            None of an image file.
+        camera: intrinsics of the image; None if the source does not know them.
+        up_camera: (3,) unit vector away from gravity in the camera's frame; None if unknown.
+        pose: transform from the camera's frame to a fixed frame (x and y level, z up), as from the
+            machine's odometry; None if unknown.
+    """
+
+    name: str
+    path: Path | None
+    image: NDArray[np.uint8] | None
+    depth_m: NDArray[np.float32] | None = None
+    depth_fault: str | None = None
+    time_s: float | None = None
+    number: int | None = None
+    camera: PinholeCamera | None = None
+    up_camera: NDArray[np.float64] | None = None
+    pose: RigidTransform | None = None
+
+    @property
+    def where(self) -> str:
+        """What messages call the frame: its file, or its name if it has none."""
+        return self.name if self.path is None else str(self.path)
+
+    @property
+    def stamp_s(self) -> float:
+        """The time stamp, s.
+
+        Raises:
+            InputError: the frame has none.
+        """
+        if self.time_s is None:
+            raise InputError(f"frame {self.where} has no time stamp: expected a frame of a stream")
+        return self.time_s
+
+
+def stream_frame(
+    number: int,
+    time_s: float,
+    image: NDArray[np.uint8] | None,
+    depth_m: NDArray[np.float32] | None = None,
+    camera: PinholeCamera | None = None,
+    up_camera: NDArray[np.float64] | None = None,
+    pose: RigidTransform | None = None,
+    depth_fault: str | None = None,
+) -> Frame:
+    """Make a frame of a stream, such as of a camera, which is named by its number.
+
+    Args:
+        number: as in `Frame`, and so are the others.
+        time_s: time stamp, s.
+        image: (H, W, 3) uint8 BGR.
+        depth_m: (H, W) float32 metres.
+        camera: intrinsics of the image.
+        up_camera: (3,) unit vector away from gravity.
+        pose: transform from the camera's frame to a fixed frame.
+        depth_fault: why the depth is unusable.
+    """
+    name = f"frame_{number:06d}"
+    more = (number, camera, up_camera, pose)
+    return Frame(name, None, image, depth_m, depth_fault, time_s, *more)
+
+
+def level_axes(up_camera: NDArray[np.floating[Any]] | None) -> NDArray[np.float64]:
+    """Unit vectors to the right, ahead and up, in the camera's frame.
+
+    Args:
+        up_camera: (3,) unit vector away from gravity in the camera's frame; None if level.
+
+    Returns:
+        (3, 3), one direction in each row. For a camera that looks straight up or down, ahead is the
+        top of the image.
+    """
+    up = np.array([0.0, -1.0, 0.0]) if up_camera is None else np.asarray(up_camera, np.float64)
+    forward, image_up = np.array([0.0, 0.0, 1.0]), np.array([0.0, -1.0, 0.0])
+    ahead = forward - (forward @ up) * up
+    if np.linalg.norm(ahead) < _LEAST_LEVEL_PART:
+        ahead = image_up - (image_up @ up) * up
+    ahead /= np.linalg.norm(ahead)
+    return np.stack([np.cross(ahead, up), ahead, up])

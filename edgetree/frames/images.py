@@ -1,0 +1,110 @@
+"""Read colour images, and mask images drawn by hand or made by another segmentation program."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from basetree.errors import InputError
+from basetree.files.picture_size import check_picture_size
+from basetree.files.reading import decode_image
+from edgetree.detections import TreeDetections
+from edgetree.frames.pipeline import FoundTrees
+
+__all__ = ["read_image", "read_masks"]
+
+_LOSSLESS: Final = (".png", ".tif", ".tiff", ".bmp", ".pgm")
+_MAX_TREES: Final = 100
+
+
+def read_image(path: Path) -> NDArray[np.uint8]:
+    """Read a colour image, (H, W, 3) uint8 BGR. Greyscale images are converted to colour.
+
+    Raises:
+        InputError: the file is missing, not an image, truncated, or has more than 8 bits.
+        InputFileError: it has more pixels than `limits.Limits.image_pixels`.
+    """
+    expected = "expected a complete 8-bit JPEG or PNG image, or another format that OpenCV reads"
+    image = _decoded(path, f"image {path}", cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR, expected)
+    if image.dtype != np.uint8:
+        raise InputError(
+            f"image {path} is {image.dtype}: expected 8-bit colour; pass depth images with"
+            " --depth, or use --model depth"
+        )
+    return np.asarray(image, dtype=np.uint8)
+
+
+def read_masks(path: Path, size_px: tuple[int, int]) -> FoundTrees:
+    """Read a mask image. 0 is background; each other value is the number of a tree.
+
+    Args:
+        path: an image with one channel of 8 or 16 bits in a lossless format, such as PNG.
+        size_px: expected width and height.
+
+    Returns:
+        The trees, sorted by number, with scores of 1 and without keypoints.
+
+    Raises:
+        InputError: the file cannot be read, has another format or size, or does not contain 1 to
+            100 trees.
+    """
+    values = _read_values(path)
+    height, width = values.shape
+    if (width, height) != size_px:
+        raise InputError(
+            f"mask {path} is {width}x{height} px: expected {size_px[0]}x{size_px[1]} px,"
+            " like the image"
+        )
+    numbers = [int(value) for value in np.unique(values) if value]
+    if not 1 <= len(numbers) <= _MAX_TREES:
+        raise InputError(
+            f"mask {path} contains {len(numbers)} values other than 0: expected one per tree, 1 to"
+            f" {_MAX_TREES}"
+        )
+    masks = np.stack([values == number for number in numbers])
+    trees = TreeDetections(
+        boxes_px=np.array([_box(mask) for mask in masks], np.float32),
+        scores=np.ones(len(numbers), np.float32),
+        keypoints_px=None,
+        masks=None,
+        image_width=width,
+        image_height=height,
+    )
+    return FoundTrees(trees, tuple(numbers), masks)
+
+
+def _read_values(path: Path) -> NDArray[np.integer]:
+    """(H, W) the values of a mask image."""
+    expected = "expected one channel of 8 or 16 bits, 0 for background and a number for each tree"
+    if path.suffix.lower() not in _LOSSLESS:
+        raise InputError(f"mask {path} is not in a lossless format: expected a PNG")
+    values = _decoded(path, f"mask {path}", cv2.IMREAD_UNCHANGED, expected)
+    if values.ndim != 2 or values.dtype not in (np.uint8, np.uint16):
+        channels = 1 if values.ndim == 2 else values.shape[2]
+        raise InputError(f"mask {path} has {channels} channel(s) of {values.dtype}: {expected}")
+    return np.asarray(values)
+
+
+def _decoded(path: Path, name: str, flags: int, expected: str) -> NDArray[Any]:
+    """The pixels of an image file. OpenCV reads a PNG without its last chunk in part."""
+    try:
+        data = np.fromfile(path, dtype=np.uint8)
+    except OSError as error:
+        raise InputError(f"{name} cannot be read ({error.strerror}): {expected}") from error
+    check_picture_size(path)
+    is_png = data[:8].tobytes().startswith(b"\x89PNG")
+    is_cut_off = is_png and b"IEND" not in data[-64:].tobytes()
+    pixels = None if is_cut_off else decode_image(data, flags)
+    if pixels is None:
+        raise InputError(f"{name} cannot be read ({data.size} bytes): {expected}")
+    return pixels
+
+
+def _box(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:
+    """x0, y0, x1, y1 around the set pixels."""
+    rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
+    return int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1

@@ -1,0 +1,154 @@
+"""Maps of the stems that were followed, as GeoJSON and GeoPackage."""
+
+from __future__ import annotations
+
+import json
+from abc import abstractmethod
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from basetree.errors import InputError
+from basetree.files.writing import replacing
+from edgetree.measure.estimates import interval_keys
+from edgetree.results.json_records import TRACK_QUANTITIES, track_record
+from edgetree.sinks.geopackage import geopackage
+from edgetree.sinks.map_origin import MapOrigin
+from edgetree.sinks.sink import FileSink
+
+if TYPE_CHECKING:
+    from edgetree.live.results import LiveResult
+    from edgetree.live.tracking.tracks import TreeTrack
+
+__all__ = ["GeoJsonSink", "GeoPackageSink", "open_map"]
+
+_SCHEMA: Final = "edgetree.live.map/1"
+# 1e-8 degrees are about 1 mm.
+_DIGITS: Final = {"local metres": 4, "WGS 84": 8}
+
+
+def _types() -> dict[str, str]:
+    places = [f"{axis}{what}_m" for what in ("", "_std") for axis in "xyz"]
+    types = {"track": "INTEGER"} | dict.fromkeys(places, "REAL")
+    for quantity in TRACK_QUANTITIES:
+        *numbers, failure = interval_keys(quantity)
+        types |= dict.fromkeys(numbers, "REAL") | {failure: "TEXT"}
+    counts = dict.fromkeys(("frames", "views"), "INTEGER")
+    return {**types, **counts, "arc_deg": "REAL", "last_seen_s": "REAL", "warnings": "TEXT"}
+
+
+_ATTRIBUTES: Final = _types()
+"""The attributes of a stem, with their types in SQL."""
+
+
+class _MapSink(FileSink["LiveResult"]):
+    """Keeps the last state of each confirmed stem, also after it is not followed any more."""
+
+    def __init__(self, path: Path, origin: MapOrigin | None = None) -> None:
+        super().__init__()
+        self._origin = origin
+        self._stems: dict[int, TreeTrack] = {}
+        self._files.enter_context(self._written(path))
+
+    @contextmanager
+    def _written(self, path: Path) -> Iterator[None]:
+        with replacing(path) as stream:
+            yield
+            stream.write(self._content())
+
+    def write(self, result: LiveResult) -> None:
+        """Take the stems of one result."""
+        self._stems |= {
+            track.number: track for track in result.tracks if track.state == "confirmed"
+        }
+
+    @abstractmethod
+    def _content(self) -> bytes:
+        """The content of the file."""
+
+    def _all(self) -> list[tuple[tuple[float, float, float], dict[str, Any]]]:
+        """Coordinates and attributes of each stem, by number.
+
+        The coordinates are x, y, z in metres, or longitude, latitude in degrees and height in
+        metres if there is an origin.
+        """
+        return [self._one(self._stems[number]) for number in sorted(self._stems)]
+
+    def _one(self, track: TreeTrack) -> tuple[tuple[float, float, float], dict[str, Any]]:
+        record = track_record(track)
+        for what in ("", "_std"):
+            values = record[f"position{what}_m"]
+            record |= zip((f"{axis}{what}_m" for axis in "xyz"), values, strict=True)
+        record["warnings"] = "; ".join(track.warnings)
+        x, y, z = (float(value) for value in track.position_m.xyz_m)
+        place = (x, y, z) if self._origin is None else self._origin.geodetic(track.position_m.xyz_m)
+        return place, {name: record.get(name) for name in _ATTRIBUTES}
+
+
+class GeoJsonSink(_MapSink):
+    """Writes a map of all confirmed stems when it is closed.
+
+    Args:
+        path: the file to write.
+        origin: where the map's origin is on the earth; None for local metres, which other programs
+            must be told, because GeoJSON knows only WGS 84.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+
+    def _content(self) -> bytes:
+        return (json.dumps(self._collection(), allow_nan=False) + "\n").encode("ascii")
+
+    def _collection(self) -> dict[str, Any]:
+        kind = "local metres" if self._origin is None else "WGS 84"
+        return {
+            "type": "FeatureCollection",
+            "schema": _SCHEMA,
+            "coordinates": kind,
+            "features": [
+                {
+                    "type": "Feature",
+                    "id": attributes["track"],
+                    "geometry": {
+                        "type": "Point",
+                        "coordinates": [
+                            *(round(value, _DIGITS[kind]) for value in place[:2]),
+                            round(place[2], 3),
+                        ],
+                    },
+                    "properties": attributes,
+                }
+                for place, attributes in self._all()
+            ],
+        }
+
+
+class GeoPackageSink(_MapSink):
+    """Writes a map of all confirmed stems when it is closed, as the table `stems`.
+
+    Args:
+        path: the file to write.
+        origin: where the map's origin is on the earth; None for local metres, an undefined
+            Cartesian reference system.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+
+    def _content(self) -> bytes:
+        return geopackage(self._all(), _ATTRIBUTES, is_local=self._origin is None)
+
+
+def open_map(path: Path, origin: MapOrigin | None = None) -> GeoJsonSink | GeoPackageSink:
+    """Open a map by the suffix of its name: .geojson, .json or .gpkg.
+
+    Raises:
+        InputError: the name has another suffix, or the file cannot be written.
+    """
+    if path.suffix.lower() in (".geojson", ".json"):
+        return GeoJsonSink(path, origin)
+    if path.suffix.lower() == ".gpkg":
+        return GeoPackageSink(path, origin)
+    raise InputError(f"--map is {path}: expected a name in .geojson or .gpkg")

@@ -1,0 +1,78 @@
+"""JSON lines and CSV tables."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TextIO
+
+from edgetree.results.csv_table import TRACKS, Table
+from edgetree.results.json_records import live_record, write_json_line
+from edgetree.sinks.sink import FileSink
+
+__all__ = ["CsvSink", "CsvTracksSink", "JsonLinesSink"]
+
+
+class JsonLinesSink(FileSink[Any]):
+    """Writes each result as one line.
+
+    Args:
+        target: the file to write; or an open text stream, such as standard output, which stays
+            open and is flushed after each line.
+        record: makes the JSON object of a result, such as `frame_record`; by default one of the
+            schema `edgetree.live/1`.
+        grows: whether the file has every line at once; otherwise it appears whole.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+
+    def __init__(
+        self,
+        target: Path | TextIO,
+        record: Callable[[Any], dict[str, Any]] = live_record,
+        *,
+        grows: bool = True,
+    ) -> None:
+        super().__init__()
+        self._stream, self._record = self._text(target, grows=grows), record
+
+    def write(self, result: Any) -> None:
+        """Write one line."""
+        write_json_line(self._stream, self._record(result))
+
+
+class CsvSink(FileSink[Any]):
+    """Writes the rows of each result.
+
+    Args:
+        path: the file to write.
+        table: the table, such as `TREES`.
+        grows: whether the file has every row at once; otherwise it appears whole.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+
+    def __init__(self, path: Path, table: Table[Any], *, grows: bool = False) -> None:
+        super().__init__()
+        self._stream, self._table = self._text(path, grows=grows), table
+        table.write_header(self._stream)
+
+    def write(self, result: Any) -> None:
+        """Write the rows of one frame."""
+        self._table.write_rows(self._stream, result)
+
+
+class CsvTracksSink(CsvSink):
+    """Writes a row for each stem that is followed, seen in the frame or not.
+
+    Args:
+        path: the file to write, which has every frame at once.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, TRACKS, grows=True)

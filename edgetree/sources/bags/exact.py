@@ -1,0 +1,109 @@
+"""Camera and vertical of each frame to the last digit, in recordings that edgetree made.
+
+Standard messages do not carry all of it: an IMU is smoothed when it is read, and CameraInfo has no
+error of the focal length. The measurement would differ in the last digits, or in a choice that
+depends on them.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import OrderedDict
+from dataclasses import replace
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from basetree.errors import InputError
+from calib import CameraError, PinholeCamera
+from edgetree.frames.frame import Frame
+
+__all__ = ["EXACT_TOPIC", "EXACT_TYPE", "ExactValues", "exact_record"]
+
+EXACT_TOPIC: Final = "/edgetree/frame"
+EXACT_TYPE: Final = "std_msgs/msg/String"
+_SCHEMA: Final = "edgetree.recording.frame/1"
+_MAX_WAITING: Final = 100
+_UNIT_TOLERANCE: Final = 1e-6
+
+
+def exact_record(
+    stamp_ns: int, camera: PinholeCamera | None, up_camera: NDArray[np.float64] | None
+) -> dict[str, Any]:
+    """Camera and vertical of a frame as a JSON object.
+
+    Args:
+        stamp_ns: time stamp of the frame in the recording, ns.
+        camera: its intrinsics; None if they are not known.
+        up_camera: (3,) unit vector away from gravity in the camera's frame; None if unknown.
+    """
+    return {
+        "schema": _SCHEMA,
+        "stamp_ns": stamp_ns,
+        "camera": None if camera is None else camera.to_dict(),
+        "up_camera": None if up_camera is None else up_camera.tolist(),
+    }
+
+
+class _Exact(NamedTuple):
+    camera: PinholeCamera | None
+    up_camera: NDArray[np.float64] | None
+
+
+class ExactValues:
+    """The values of frames that are still to come, by their time stamps."""
+
+    def __init__(self) -> None:
+        self._waiting: OrderedDict[int, _Exact] = OrderedDict()
+
+    def add(self, text: str) -> None:
+        """Take a message.
+
+        Raises:
+            InputError: it is none of these messages.
+        """
+        try:
+            values = json.loads(text)
+            if values["schema"] != _SCHEMA:
+                raise ValueError(f"its schema is {values['schema']!r}")
+            camera = values["camera"] and PinholeCamera.from_dict(values["camera"])
+            up_camera = values["up_camera"] and _unit(values["up_camera"])
+            stamp = int(values["stamp_ns"])
+        except (
+            ValueError,
+            TypeError,
+            KeyError,
+            RecursionError,
+            OverflowError,
+            CameraError,
+        ) as error:
+            raise InputError(
+                f"a message of {EXACT_TOPIC} cannot be used ({error}): expected {_SCHEMA}"
+            ) from error
+        self._waiting[stamp] = _Exact(camera or None, up_camera)
+        if len(self._waiting) > _MAX_WAITING:
+            self._waiting.popitem(last=False)
+
+    def applied(self, frame: Frame, stamp_ns: int) -> Frame:
+        """A frame with its exact values, if they have come.
+
+        Args:
+            frame: the frame.
+            stamp_ns: its time stamp in the recording, ns.
+        """
+        exact = self._waiting.pop(stamp_ns, None)
+        pixels = frame.depth_m if frame.image is None else frame.image
+        if exact is None or pixels is None:
+            return frame
+        camera = exact.camera
+        if camera is not None and (camera.height, camera.width) != pixels.shape[:2]:
+            return frame
+        return replace(frame, camera=camera, up_camera=exact.up_camera)
+
+
+def _unit(values: Any) -> NDArray[np.float64]:
+    up = np.array(values, np.float64)
+    if up.shape != (3,) or not abs(np.linalg.norm(up) - 1) < _UNIT_TOLERANCE:
+        raise ValueError(f"up_camera is {values}, expected a unit vector")
+    return up

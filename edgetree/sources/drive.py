@@ -1,0 +1,129 @@
+"""Drives of the simulator, with time, pose and gravity of every frame."""
+
+from __future__ import annotations
+
+import json
+import logging
+import threading
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+import calib
+from basetree.errors import InputError
+from edgetree.frames.frame import Frame
+from edgetree.frames.images import read_image
+from edgetree.frames.rig import unit_vector
+from edgetree.sources.source import FrameSource
+
+__all__ = ["is_drive", "open_drive"]
+
+_log = logging.getLogger(__name__)
+
+_LABELS: Final = ("train_RGB.json", "val_RGB.json", "test_RGB.json")
+
+
+def is_drive(folder: Path) -> bool:
+    """Whether a folder is a dataset of the simulator's preset `drive`."""
+    return (folder / "imu").is_dir() and any((folder / name).is_file() for name in _LABELS)
+
+
+def open_drive(folder: Path, *, scene: int | None = None) -> FrameSource:
+    """Open a drive of a dataset that `perceptree synth --preset drive` wrote.
+
+    Args:
+        folder: folder of the dataset.
+        scene: number of the drive; None if the dataset has only one.
+
+    Returns:
+        Its frames in the order of time, with the exact pose, gravity and camera. Frames whose
+        images cannot be read are left out.
+
+    Raises:
+        InputError: the folder is no such dataset, or it is not clear which drive is meant.
+    """
+    return _Drive(folder, scene)
+
+
+class _Drive:
+    """The frames of one drive."""
+
+    is_live = False
+
+    def __init__(self, folder: Path, scene: int | None) -> None:
+        self._counts = Counter[str]()
+        self.counts: dict[str, int] = self._counts
+        self._folder = folder
+        self._is_closed = threading.Event()
+        drives = _drives(folder)
+        listed = ", ".join(str(number) for number in sorted(drives))
+        if scene is None and len(drives) > 1:
+            raise InputError(
+                f"dataset {folder} has {len(drives)} drives: expected one of the scenes {listed}"
+            )
+        number = next(iter(drives)) if scene is None else scene
+        if number not in drives:
+            raise InputError(f"dataset {folder} has no scene {number}: expected one of {listed}")
+        self.name = f"{folder}, scene {number}"
+        self._images = sorted(drives[number], key=lambda image: float(image["time_s"]))
+        self.count = len(self._images)
+
+    def __iter__(self) -> Iterator[Frame]:
+        for number, image in enumerate(self._images):
+            if self._is_closed.is_set():
+                return
+            try:
+                yield self._frame(number, image)
+            except InputError as error:
+                self._counts["unreadable images"] += 1
+                _log.warning("%s", error)
+
+    def close(self) -> None:
+        """End an iteration in progress."""
+        self._is_closed.set()
+
+    def _frame(self, number: int, image: Mapping[str, Any]) -> Frame:
+        path, depth = self._folder / image["file_name"], self._folder / image["depth_file"]
+        depth_m = calib.read_depth(depth)
+        check = calib.check_depth(depth_m)
+        fault = f"depth {depth}: {check.reason}" if isinstance(check, calib.DepthFailure) else None
+        pose = image["pose_world"]
+        return Frame(
+            path.stem,
+            path,
+            read_image(path),
+            depth_m,
+            fault,
+            float(image["time_s"]),
+            number,
+            calib.PinholeCamera.from_dict(image["camera"]),
+            unit_vector(image["up_camera"]),
+            # The rows of the label's rotation are the camera's axes in the world.
+            calib.RigidTransform(np.transpose(pose["rotation"]), pose["origin_m"]),
+        )
+
+
+def _drives(folder: Path) -> dict[int, list[Mapping[str, Any]]]:
+    """The labels of the images by the number of their scene."""
+    drives: dict[int, list[Mapping[str, Any]]] = {}
+    for path in (folder / name for name in _LABELS if (folder / name).is_file()):
+        try:
+            for image in json.loads(path.read_text("utf-8"))["images"]:
+                pose = image["pose_world"]
+                _ = (image["depth_file"], image["file_name"], image["camera"], image["up_camera"])
+                _ = (float(image["time_s"]), pose["rotation"], pose["origin_m"])
+                drives.setdefault(int(Path(image["imu_file"]).stem), []).append(image)
+        except (ValueError, KeyError, TypeError, RecursionError) as error:
+            reason = f"{error} is missing" if isinstance(error, KeyError) else str(error)
+            raise InputError(
+                f"labels {path} cannot be read ({reason}): expected those of a drive, as"
+                " `perceptree synth --preset drive` writes them"
+            ) from error
+    if not drives:
+        raise InputError(
+            f"folder {folder} has no images of a drive: expected a dataset of the preset drive"
+        )
+    return drives

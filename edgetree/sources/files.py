@@ -1,0 +1,306 @@
+"""Files as sources: an image, a folder of images or a video, with optional depth images."""
+
+from __future__ import annotations
+
+import logging
+import math
+import re
+import threading
+from abc import ABC, abstractmethod
+from collections import Counter
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import closing
+from dataclasses import replace
+from itertools import takewhile
+from pathlib import Path, PurePath
+from typing import Final
+
+import cv2
+import numpy as np
+
+from basetree.errors import InputError
+from basetree.files.names import DEPTH_SUFFIXES, IMAGE_SUFFIXES, VIDEO_SUFFIXES
+from basetree.files.reading import is_image_file, open_video
+from calib import CameraError
+from edgetree.frames.frame import Frame
+from edgetree.frames.images import read_image
+from edgetree.frames.rig import Rig
+from edgetree.sources.source import FrameSource, readable
+
+__all__ = [
+    "as_typed",
+    "depth_names",
+    "frame_names",
+    "has_images",
+    "open_files",
+    "open_image_files",
+    "open_source",
+]
+
+_log = logging.getLogger(__name__)
+
+_DEFAULT_RATE_HZ: Final = 15.0
+
+
+def open_source(
+    path: Path, depth: Path | None = None, *, depth_only: bool = False, rig: Rig | None = None
+) -> FrameSource:
+    """Open an image, a folder of images, or a video.
+
+    Args:
+        path: an image, a folder of images, or a video.
+        depth: depth image of an image, or folder with a depth image of the same stem for each
+            image of a folder.
+        depth_only: whether `path` contains depth images instead of colour images.
+        rig: cameras and depth unit. By default, depth is in millimetres and aligned with the image.
+
+    Returns:
+        The frames. Images are read during iteration, which may raise `InputError` for a frame and
+        then go on with the next one.
+
+    Raises:
+        InputError: a file is missing or has another format.
+    """
+    rig = rig or Rig()
+    if path.is_dir():
+        return _open_folder(path, depth, depth_only, rig)
+    if not path.exists():
+        raise InputError(
+            f"source {as_typed(path)} does not exist: expected an image, a folder or a video"
+        )
+    if path.suffix.lower() in IMAGE_SUFFIXES or is_image_file(path):
+        if depth is not None and not depth.is_file():
+            raise InputError(f"depth {depth} is not a file: expected the depth image of {path}")
+        return _ImageFrames(str(path), [(path.stem, path, depth)], depth_only, rig)
+    if depth is not None or depth_only:
+        raise InputError(
+            f"source {path} is not an image: expected an image or a folder, as depth is used"
+        )
+    return _VideoFrames(path)
+
+
+def open_image_files(
+    files: Sequence[tuple[str, Path, Path | None]], *, depth_only: bool, rig: Rig
+) -> FrameSource:
+    """Open image files as frames.
+
+    Args:
+        files: (name of the frame, image, depth image or None) of each.
+        depth_only: whether the images are depth images instead of colour images.
+        rig: cameras and depth unit.
+
+    Returns:
+        The frames; iterating is as for `open_source`.
+    """
+    return _ImageFrames(f"{len(files)} images", files, depth_only, rig)
+
+
+def open_files(
+    path: Path,
+    depth: Path | None = None,
+    *,
+    depth_only: bool = False,
+    rig: Rig | None = None,
+    rate_hz: float = _DEFAULT_RATE_HZ,
+) -> FrameSource:
+    """Open an image, a folder of images or a video as a stream: its frames have numbers and times.
+
+    Images that cannot be read are left out.
+
+    Args:
+        path: an image, a folder of images, or a video.
+        depth: depth image or folder of depth images, as for `open_source`.
+        depth_only: whether `path` contains depth images instead of colour images.
+        rig: the cameras and the unit of the depth.
+        rate_hz: frames per second of images, which have no time stamps.
+
+    Raises:
+        InputError: a file is missing or has another format, or the rate is not above 0.
+    """
+    if not (math.isfinite(rate_hz) and rate_hz > 0):
+        raise InputError(f"rate_hz is {rate_hz}: expected frames per second, above 0")
+    rig = rig or Rig()
+    return _Stream(open_source(path, depth, depth_only=depth_only, rig=rig), rig, rate_hz)
+
+
+def as_typed(source: Path) -> str:
+    """A source as the user typed it, for messages.
+
+    `Path` reduces the two slashes of a URL such as rtsp://camera/1 to one.
+    """
+    return re.sub(r"^([A-Za-z][A-Za-z0-9+.-]+):/(?=[^/])", r"\1://", str(source))
+
+
+def has_images(folder: Path) -> bool:
+    """Whether a path is a folder with images in it."""
+    return folder.is_dir() and any(map(_is_image, folder.iterdir()))
+
+
+def frame_names(images: Sequence[PurePath]) -> list[str]:
+    """The name of each image's frame: its stem, or its file name if others have the same stem."""
+    counts = Counter(path.stem for path in images)
+    return [path.stem if counts[path.stem] == 1 else path.name for path in images]
+
+
+def depth_names(
+    images: Sequence[PurePath], present: Collection[str], folder: str, depth_folder: str
+) -> list[str]:
+    """The name of the depth file with the stem of each image.
+
+    Args:
+        images: the images.
+        present: names of the depth files that exist.
+        folder: where the images are, for messages.
+        depth_folder: where the depth files are, likewise.
+
+    Raises:
+        InputError: an image has none.
+    """
+    found = []
+    for image in images:
+        names = [f"{image.stem}{suffix}" for suffix in DEPTH_SUFFIXES]
+        name = next((name for name in names if name in present), None)
+        if name is None:
+            raise InputError(
+                f"depth image {depth_folder}/{names[0]} does not exist, nor with"
+                f" {', '.join(DEPTH_SUFFIXES[1:])}: expected one for image {folder}/{image.name}"
+            )
+        found.append(name)
+    return found
+
+
+def _is_image(path: Path) -> bool:
+    return path.suffix.lower() in IMAGE_SUFFIXES and not path.name.startswith(".")
+
+
+def _open_folder(folder: Path, depth: Path | None, depth_only: bool, rig: Rig) -> FrameSource:
+    """The images of a folder, sorted by name, with depth images of the same stems."""
+    paths = sorted(filter(_is_image, folder.iterdir()))
+    if not paths:
+        raise InputError(f"folder {folder} has no images: expected {', '.join(IMAGE_SUFFIXES)}")
+    depths: list[Path | None] = [None] * len(paths)
+    if depth is not None:
+        if not depth.is_dir():
+            raise InputError(f"depth {depth} is not a folder: expected one, like {folder}")
+        present = {path.name for path in depth.iterdir()}
+        depths = [depth / name for name in depth_names(paths, present, str(folder), str(depth))]
+    files = list(zip(frame_names(paths), paths, depths, strict=True))
+    return _ImageFrames(str(folder), files, depth_only, rig)
+
+
+class _Files(ABC):
+    """Frames of files, each read when it is asked for."""
+
+    is_live = False
+
+    def __init__(self, name: str, count: int | None) -> None:
+        self.name, self.count = name, count
+        self.counts: dict[str, int] = {}
+        self._is_closed = threading.Event()
+
+    @abstractmethod
+    def __iter__(self) -> Iterator[Frame]: ...
+
+    def close(self) -> None:
+        """End an iteration in progress."""
+        self._is_closed.set()
+
+
+class _ImageFrames(_Files):
+    """Image files: (name, image file, depth file or None) of each."""
+
+    def __init__(
+        self,
+        name: str,
+        files: Sequence[tuple[str, Path, Path | None]],
+        depth_only: bool,
+        rig: Rig,
+    ) -> None:
+        super().__init__(name, len(files))
+        self._files, self._depth_only, self._rig = files, depth_only, rig
+
+    def __iter__(self) -> Iterator[Frame]:
+        wanted = takewhile(lambda _: not self._is_closed.is_set(), self._files)
+        return map(self._read, wanted)  # which, unlike a generator, goes on after an error
+
+    def _read(self, files: tuple[str, Path, Path | None]) -> Frame:
+        name, path, depth = files
+        if self._depth_only:
+            return Frame(name, path, None, *self._rig.read_depth(depth or path))
+        image = read_image(path)
+        if depth is None:
+            return Frame(name, path, image)
+        size_px = (image.shape[1], image.shape[0])
+        return Frame(name, path, image, *self._rig.read_depth(depth, path, size_px))
+
+
+class _VideoFrames(_Files):
+    """The frames of a video."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        with closing(_Capture(path)) as capture:
+            frames = int(capture.video.get(cv2.CAP_PROP_FRAME_COUNT))
+            if not capture.video.grab():
+                raise InputError(f"video {path} has no frame that OpenCV can read: expected one")
+        super().__init__(str(path), frames if frames > 0 else None)
+
+    def __iter__(self) -> Iterator[Frame]:
+        with closing(_Capture(self._path)) as capture:
+            number = 0
+            while not self._is_closed.is_set():
+                found, image = capture.video.read()
+                if not found:
+                    return
+                time_s = capture.video.get(cv2.CAP_PROP_POS_MSEC) / 1000
+                name = f"{self._path.stem}_{number:06d}"
+                pixels = np.asarray(image, dtype=np.uint8)
+                yield Frame(name, self._path, pixels, time_s=round(time_s, 3))
+                number += 1
+
+
+class _Capture:
+    """An open video."""
+
+    def __init__(self, path: Path) -> None:
+        self.video = open_video(path)
+        # The suffix is checked too, because OpenCV opens even text files as videos.
+        if path.suffix.lower() not in VIDEO_SUFFIXES or not self.video.isOpened():
+            raise InputError(
+                f"source {path} cannot be read: expected an image, a folder of images,"
+                f" or a video ({', '.join(VIDEO_SUFFIXES)})"
+            )
+
+    def close(self) -> None:
+        self.video.release()
+
+
+class _Stream(_Files):
+    """Files whose frames have numbers, times and the camera and vertical of a rig."""
+
+    def __init__(self, files: FrameSource, rig: Rig, rate_hz: float) -> None:
+        super().__init__(files.name, files.count)
+        self._frames, self._rig, self._rate_hz = files, rig, rate_hz
+
+    def __iter__(self) -> Iterator[Frame]:
+        left_out = "unreadable images"
+
+        def leave_out(error: Exception) -> None:
+            self.counts[left_out] = self.counts.get(left_out, 0) + 1
+            _log.warning("%s", error)
+
+        for number, frame in enumerate(readable(self._frames, leave_out)):
+            if self._is_closed.is_set():
+                return
+            # The frames that were left out have numbers and times too.
+            yield self._numbered(number + self.counts.get(left_out, 0), frame)
+
+    def _numbered(self, number: int, frame: Frame) -> Frame:
+        picture = frame.depth_m if frame.image is None else frame.image
+        assert picture is not None
+        try:
+            frame = self._rig.completed(frame, picture.shape[1], picture.shape[0])
+        except CameraError as error:
+            raise CameraError(f"{frame.where}: {error}") from error
+        time_s = number / self._rate_hz if frame.time_s is None else frame.time_s
+        return replace(frame, number=number, time_s=time_s)

@@ -1,0 +1,78 @@
+"""What all sources of frames have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from typing import Final, Protocol
+
+from basetree.errors import InputError
+from edgetree.frames.frame import Frame
+
+__all__ = ["REMARKS", "FrameSource", "SourceLost", "readable"]
+
+REMARKS: Final = frozenset(
+    {
+        "without pose",
+        "without gravity",
+        "depth not aligned",
+        "transforms that are no rotation",
+        "end missing",
+        "ended early",
+    }
+)
+"""Names in `FrameSource.counts` that are remarks, on frames that were used or on the source."""
+
+
+class FrameSource(Protocol):
+    """Files, a recording or a camera. Iterate over it once; `close` may be called at any time."""
+
+    @property
+    def name(self) -> str:
+        """What messages call it, such as the path or the address."""
+
+    @property
+    def count(self) -> int | None:
+        """Number of frames; None if it is not known in advance."""
+
+    @property
+    def is_live(self) -> bool:
+        """Whether frames that are not taken in time are lost, as of a camera."""
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """What was left out so far, such as {"colour without depth": 3}, and `REMARKS`."""
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Yield the frames.
+
+        Raises:
+            SourceLost: the camera does not answer any more. It may be opened again.
+            InputError: the source cannot be read. Image files raise it for a frame that cannot be
+                read, and then go on with the next one.
+        """
+
+    def close(self) -> None:
+        """Release the camera or the file; an iteration in progress ends."""
+
+
+class SourceLost(InputError):
+    """A camera does not answer any more."""
+
+
+def readable(frames: Iterable[Frame], on_error: Callable[[Exception], None]) -> Iterator[Frame]:
+    """Yield the frames that can be read.
+
+    Args:
+        frames: the frames.
+        on_error: called with the error of each frame that cannot be read.
+    """
+    iterator = iter(frames)
+    while True:
+        try:
+            frame = next(iterator)
+        except StopIteration:
+            return
+        except InputError as error:
+            on_error(error)
+            continue
+        yield frame

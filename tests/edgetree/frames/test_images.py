@@ -1,0 +1,69 @@
+"""Mask images: one tree for each value, and errors for other images."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from basetree.errors import InputError
+from edgetree.frames.images import read_masks
+
+
+def _mask(dtype: type[np.integer] = np.uint8) -> NDArray[np.integer]:
+    values = np.zeros((48, 64), dtype)
+    values[10:40, 5:9] = 200
+    values[0:48, 60:64] = 7
+    return values
+
+
+def _write(path: Path, values: NDArray[np.integer]) -> Path:
+    assert cv2.imwrite(str(path), values)
+    return path
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_each_value_is_a_tree(tmp_path: Path, dtype: type[np.integer]) -> None:
+    found = read_masks(_write(tmp_path / "m.png", _mask(dtype)), (64, 48))
+    assert found.numbers == (7, 200)
+    np.testing.assert_array_equal(found.trees.boxes_px, [[60, 0, 64, 48], [5, 10, 9, 40]])
+    assert found.trees.keypoints_px is None
+    assert (found.trees.scores == 1).all()
+    for index, number in enumerate(found.numbers):
+        np.testing.assert_array_equal(found.mask(index), _mask() == number)
+
+
+BAD = {
+    "another size": ("m.png", _mask()[:24, :32], r"m\.png is 32x24 px: expected 64x48 px"),
+    "colours": ("m.png", np.ones((48, 64, 3), np.uint8), r"m\.png has 3 channel\(s\) of uint8"),
+    "no tree": (
+        "m.png",
+        np.zeros((48, 64), np.uint8),
+        "contains 0 values other than 0: expected one per",
+    ),
+    "a photograph": (
+        "m.png",
+        np.arange(48 * 64, dtype=np.uint16).reshape(48, 64),
+        "contains 3071 values other than 0: expected one per tree, 1 to 100",
+    ),
+    "a lossy file": ("m.jpg", _mask(), r"m\.jpg is not in a lossless format"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_files_that_are_not_masks_are_rejected(tmp_path: Path, case: str) -> None:
+    name, values, message = BAD[case]
+    with pytest.raises(InputError, match=message):
+        read_masks(_write(tmp_path / name, values), (64, 48))
+
+
+def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"none\.png cannot be read \(No such file"):
+        read_masks(tmp_path / "none.png", (64, 48))
+    path = _write(tmp_path / "m.png", _mask())
+    path.write_bytes(path.read_bytes()[:-20])
+    with pytest.raises(InputError, match=r"m\.png cannot be read \(\d+ bytes\)"):
+        read_masks(path, (64, 48))
