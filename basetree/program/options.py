@@ -106,4 +106,6 @@ def _typed(hint: Any) -> Any:
 def _default(entry: Field[Any]) -> str:
     """The default of a field in words; empty for none and for a switch that is off."""
     value = entry.default
-    return "" if value is None or value is False or value is MISSING else str(value)
+    if value is None or value is False or value is MISSING:
+        return ""
+    return f"{value:g}" if isinstance(value, float) else str(value)

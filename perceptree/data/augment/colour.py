@@ -17,7 +17,7 @@ from perceptree.data.augment.randomness import (
     uniform_symmetric,
     uniform_up_to,
 )
-from perceptree.data.augment.settings import ColourSettings
+from perceptree.settings.augmentation import ColourSettings
 
 Bytes = NDArray[np.uint8]
 Float = NDArray[np.floating[Any]]

@@ -19,7 +19,7 @@ from perceptree.data.augment.randomness import (
     uniform_symmetric,
     uniform_up_to,
 )
-from perceptree.data.augment.settings import DepthSettings
+from perceptree.settings.augmentation import DepthSettings
 
 Bytes = NDArray[np.uint8]
 Float32 = NDArray[np.float32]
