@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import typer
 
-from basetree.settings.base import rule_of
+from basetree.settings.base import metadata_of
 from basetree.settings.words import field_words
 
 __all__ = ["expand_groups", "given", "option_of"]
@@ -64,9 +64,9 @@ def option_of(settings: type, name: str, *, default: str = "") -> Any:
         default: What applies if the option is not given; by default the default of the field.
     """
     (entry,) = (each for each in fields(settings) if each.name == name)
-    names, metavar = entry.metadata.get("option", ((), None))
-    rule = rule_of(settings, entry)
-    notes = [] if rule is None else [rule.expected]
+    metadata = metadata_of(settings, entry)
+    names, metavar = metadata.get("option", ((), None))
+    notes = [metadata["expected"]] if "expected" in metadata else []
     default = default or _default(entry)
     notes += [f"default: {default}"] if default else []
     words = field_words(settings).get(name, "").replace("``", "")

@@ -15,19 +15,18 @@ on the command line (`basetree.program.options`), its entry in the reference, an
 
 from basetree.settings.base import Settings, check_value
 from basetree.settings.json_schema import json_schema
-from basetree.settings.metadata import NOT_AN_OPTION, choice, label, limits, option, pair, weights
+from basetree.settings.metadata import NOT_AN_OPTION, UNORDERED, label, limits, names, option
 from basetree.settings.words import field_words
 
 __all__ = [
     "NOT_AN_OPTION",
+    "UNORDERED",
     "Settings",
     "check_value",
-    "choice",
     "field_words",
     "json_schema",
     "label",
     "limits",
+    "names",
     "option",
-    "pair",
-    "weights",
 ]

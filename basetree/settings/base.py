@@ -7,9 +7,9 @@ from dataclasses import Field, fields
 from typing import Any, ClassVar, NoReturn
 
 from basetree.errors import EdgetreeError, SettingsError
-from basetree.settings.metadata import Metadata, Rule
+from basetree.settings.metadata import Metadata, complaint
 
-__all__ = ["Settings", "check_value", "rule_of"]
+__all__ = ["Settings", "check_value", "metadata_of"]
 
 
 class Settings:
@@ -17,8 +17,8 @@ class Settings:
 
     What a field may be is in its metadata. None is valid where the type of the field has it.
 
-    A subclass may name ``each``, the metadata of all fields that have no rule of their own, and
-    ``error``, the error that is raised in place of SettingsError:
+    A subclass may name ``each``, metadata of all fields that have none of their own, and ``error``,
+    the error that is raised in place of SettingsError:
 
         class Counts(Settings, each=limits(0, 50), error=InputError): ...
 
@@ -41,14 +41,12 @@ class Settings:
     def __post_init__(self) -> None:
         for entry in fields(self):  # type: ignore[arg-type]
             value = getattr(self, entry.name)
-            rule = rule_of(type(self), entry)
-            if rule is None or isinstance(value, Settings):
+            if isinstance(value, Settings) or (value is None and "None" in str(entry.type)):
                 continue
-            if value is None and "None" in str(entry.type):
-                continue
-            complaint = rule.complaint(entry.metadata.get("label", entry.name), value)
-            if complaint is not None:
-                self._refuse(*complaint)
+            metadata = metadata_of(type(self), entry)
+            found = complaint(metadata.get("label", entry.name), value, metadata)
+            if found is not None:
+                self._refuse(*found)
         self._check_together()
 
     def _check_together(self) -> None:
@@ -59,11 +57,10 @@ class Settings:
         raise cls._error(f"{found}{cls._before_expected}expected {expected}")
 
 
-def rule_of(settings: type, entry: Field[Any]) -> Rule | None:
-    """The rule of a field of a dataclass; None if every value is valid."""
-    common: Mapping[str, Any] = getattr(settings, "_each", {})
-    rule: Rule | None = entry.metadata.get("rule", common.get("rule"))
-    return rule
+def metadata_of(settings: type, entry: Field[Any]) -> Mapping[str, Any]:
+    """The metadata of a field of a dataclass, or those that all its fields share."""
+    shared: Metadata = getattr(settings, "_each", {})
+    return entry.metadata or shared
 
 
 def check_value(name: str, value: Any, expected: Metadata) -> None:
@@ -77,6 +74,6 @@ def check_value(name: str, value: Any, expected: Metadata) -> None:
     Raises:
         SettingsError: If the value is something else.
     """
-    complaint = expected["rule"].complaint(name, value)
-    if complaint is not None:
-        raise SettingsError("{}: expected {}".format(*complaint))
+    found = complaint(name, value, expected)
+    if found is not None:
+        raise SettingsError("{}: expected {}".format(*found))

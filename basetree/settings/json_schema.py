@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import MISSING, Field, fields, is_dataclass
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from basetree.settings.base import rule_of
-from basetree.settings.metadata import Rule
+from basetree.settings.base import metadata_of
 from basetree.settings.words import field_words
 
 __all__ = ["json_schema"]
@@ -31,7 +31,7 @@ def _object(settings: type) -> dict[str, Any]:
     hints, words = get_type_hints(settings), field_words(settings)
     properties = {}
     for entry in fields(settings):
-        values = _values(hints[entry.name], rule_of(settings, entry))
+        values = _values(hints[entry.name], metadata_of(settings, entry))
         about = {"description": words[entry.name]} if entry.name in words else {}
         properties[entry.name] = values | about | _default(entry)
     about = " ".join((settings.__doc__ or "").partition("\n\n")[0].split())
@@ -39,28 +39,25 @@ def _object(settings: type) -> dict[str, Any]:
     return {"type": "object", "description": about, **rest}
 
 
-def _values(hint: Any, rule: Rule | None) -> dict[str, Any]:
+def _values(hint: Any, rule: Mapping[str, Any]) -> dict[str, Any]:
     """The keywords for the values of a type that follow a rule."""
     if is_dataclass(hint) and isinstance(hint, type):
         return _object(hint)
     if get_origin(hint) in (Union, UnionType):
         (other,) = (each for each in get_args(hint) if each is not NoneType)
         return {"anyOf": [_values(other, rule), {"type": "null"}]}
-    return _kind(hint) | (rule.schema() if rule is not None else {})
-
-
-def _kind(hint: Any) -> dict[str, Any]:
-    """The keywords for the values of a type."""
     origin, arguments = get_origin(hint), get_args(hint)
-    if origin is Literal:
-        return {"enum": list(arguments)}
-    if origin is dict:
-        return {"type": "object", "additionalProperties": _kind(arguments[1])}
     if origin is tuple:
         count = len(arguments)
         length = {} if Ellipsis in arguments else {"minItems": count, "maxItems": count}
-        return {"type": "array", "items": _kind(arguments[0]), **length}
-    return {"type": _TYPES[hint]}
+        return {"type": "array", "items": _values(arguments[0], rule), **length}
+    names = {"enum": list(rule["names"])} if "names" in rule else {}
+    if origin is dict:
+        weight = {"type": _TYPES[arguments[1]], "minimum": 0}
+        return {"type": "object", "additionalProperties": weight, "propertyNames": names}
+    if origin is Literal:
+        return {"enum": list(arguments)}
+    return {"type": _TYPES[hint], **names, **rule.get("bounds", {})}
 
 
 def _default(entry: Field[Any]) -> dict[str, Any]:

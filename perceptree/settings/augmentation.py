@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from basetree.settings import Settings, limits, pair
+from basetree.settings import UNORDERED, Settings, limits
 
 _SHARE = limits(0, 1)
 _COUNT = limits(0, whole=True)
 _LEVELS = limits(0, 40)
 _ANY = limits(0)
-_ASCENDING = pair(0, over=True, expected="0 < minimum <= maximum")
-_QUALITIES = pair(0, 100, over=True, expected="0 < minimum <= maximum <= 100")
-_SIDES = pair(0, 1, over=True, is_ascending=False, expected="two shares over 0, at most 1")
+_ASCENDING = limits(over=0, expected="0 < minimum <= maximum")
+_QUALITIES = limits(over=0, most=100, expected="0 < minimum <= maximum <= 100")
+_SIDES = limits(over=0, most=1, expected="two shares over 0, at most 1") | UNORDERED
 
 
 @dataclass(frozen=True)

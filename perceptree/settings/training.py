@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from basetree.settings import NOT_AN_OPTION, Settings, choice, label, limits, option
+from basetree.settings import NOT_AN_OPTION, Settings, label, limits, names, option
 from basetree.settings.metadata import Metadata
 from perceptree.settings.augmentation import AugmentSettings
 from perceptree.settings.sampling import SampleSettings
@@ -25,7 +25,7 @@ CERTAIN = limits(over=0, expected="more than 0, or none", unit="m") | label("cer
 _FEW_CORES = 2
 _POSITIVE, _AT_LEAST_0, _SHARE = limits(over=0), limits(0), limits(0, 1)
 _UNDER_1 = limits(0, under=1)
-_SCHEDULES = choice(("constant", "steps", "cosine", "decay"))
+_SCHEDULES = names(("constant", "steps", "cosine", "decay"))
 _EVALUATE_EVERY: Metadata = _POSITIVE | option("--evaluate-every")
 _FROZEN_NORMS = option("--frozen-norms/--trained-norms")
 
@@ -49,7 +49,7 @@ class TrainSettings(Settings):
     """Share of each batch that comes from the dataset that is mixed in; 0 without one."""
     accumulate: int = field(default=1, metadata=_POSITIVE)
     """Number of parts that a batch is split into, whose gradients are summed, to save memory."""
-    optimizer: Literal["adamw", "sgd"] = field(default="adamw", metadata=choice(("adamw", "sgd")))
+    optimizer: Literal["adamw", "sgd"] = field(default="adamw", metadata=names(("adamw", "sgd")))
     """Kind of the optimizer."""
     momentum: float = field(default=0.9, metadata=_UNDER_1)
     """Momentum of SGD."""
@@ -160,11 +160,11 @@ class Engine(Settings):
     """Hardware and speed of a training."""
 
     device: Literal["cpu", "cuda"] = field(
-        default="cpu", metadata=choice(("cpu", "cuda"), "cpu or cuda")
+        default="cpu", metadata=names(("cpu", "cuda"), "cpu or cuda")
     )
     """Where the network runs; torchrun starts several processes."""
     precision: Literal["auto", "fp32", "bf16"] = field(
-        default="auto", metadata=choice(("auto", "fp32", "bf16"), "auto, fp32 or bf16")
+        default="auto", metadata=names(("auto", "fp32", "bf16"), "auto, fp32 or bf16")
     )
     """Numbers of the network; ``auto`` chooses the faster ones on this machine."""
     workers: int | None = field(default=None, metadata=_AT_LEAST_0)

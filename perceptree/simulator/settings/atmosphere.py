@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from basetree.settings import Settings, label, weights
-from perceptree.simulator.settings.checks import OMIT_DEFAULT, Range, Shares, number, span
+from basetree.settings import Settings, label, names
+from perceptree.simulator.settings.checks import OMIT_DEFAULT, Range, Shares, number
 
 WEATHERS = ("clear", "snow", "wet", "fog", "rain", "snowfall")
 TIMES = ("morning", "daylight", "evening", "dusk", "night")
@@ -24,12 +24,12 @@ class WeatherSettings(Settings):
             "rain": 1.0,
             "snowfall": 1.0,
         },
-        metadata=weights(WEATHERS) | label("weather kinds"),
+        metadata=names(WEATHERS) | label("weather kinds"),
     )
     """Weight of each of WEATHERS. ``snow`` is lying snow; ``snowfall`` is flakes in the air and
     some lying snow; ``wet`` is surfaces after rain; ``rain`` is streaks in the air and wet
     surfaces; ``fog`` is dense haze."""
-    strength: Range = field(default=(0.2, 1.0), metadata=span(0, 1) | label("weather strength"))
+    strength: Range = field(default=(0.2, 1.0), metadata=number(0, 1) | label("weather strength"))
     """Range of the strength, 0 (hardly) to 1 (severe)."""
 
 
@@ -39,7 +39,7 @@ class LightSettings(Settings):
 
     times: Shares = field(
         default_factory=lambda: {"morning": 1.0, "daylight": 2.0, "evening": 1.0, "dusk": 1.0},
-        metadata=weights(TIMES) | label("light times"),
+        metadata=names(TIMES) | label("light times"),
     )
     """Weight of each of TIMES, which decide the sun's height, strength and colour. At night a lamp
     at the camera lights the surroundings."""

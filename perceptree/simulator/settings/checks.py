@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from basetree.settings import check_value, limits, pair
+from basetree.settings import check_value, limits
 from basetree.settings.metadata import Metadata
 
 Range = tuple[float, float]
@@ -13,19 +13,14 @@ OMIT_DEFAULT: Metadata = {"omit_default": True}
 
 
 def number(lowest: float, highest: float) -> Metadata:
-    """Limit a number to [lowest, highest]."""
+    """Limit a number, or both ends of a range, to [lowest, highest]."""
     return limits(lowest, highest, style="g")
-
-
-def span(lowest: float, highest: float) -> Metadata:
-    """Limit both ends of a range to [lowest, highest]."""
-    return pair(lowest, highest, style="g")
 
 
 def check_number(name: str, value: float, lowest: float, highest: float) -> None:
     """Check that ``value`` is in [lowest, highest].
 
     Raises:
-        SettingsError: If it is
-    not."""
+        SettingsError: If it is not.
+    """
     check_value(name, value, number(lowest, highest))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from basetree.settings import Settings, choice
+from basetree.settings import Settings, names
 
 IMAGE_FORMATS = ("jpg", "png")
 
@@ -13,5 +13,5 @@ IMAGE_FORMATS = ("jpg", "png")
 class FileSettings(Settings):
     """File formats of a dataset."""
 
-    image_format: str = field(default="jpg", metadata=choice(IMAGE_FORMATS))
+    image_format: str = field(default="jpg", metadata=names(IMAGE_FORMATS))
     """Format of colour images: ``jpg``, with the quality in RgbSettings, or ``png``."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from basetree.settings import Settings, check_value, weights
-from perceptree.simulator.settings.checks import OMIT_DEFAULT, Range, Shares, number, span
+from basetree.settings import Settings, check_value, names
+from perceptree.simulator.settings.checks import OMIT_DEFAULT, Range, Shares, number
 
 GROUNDS = ("litter", "moss", "roots", "mud")
 SPECIES = ("fir", "spruce", "pine", "beech", "birch", "maple")
@@ -16,15 +16,15 @@ PATTERNS = ("random", "regular", "clustered")
 class TerrainSettings(Settings):
     """The ground."""
 
-    slope_deg: Range = field(default=(0.0, 30.0), metadata=span(0, 30))
+    slope_deg: Range = field(default=(0.0, 30.0), metadata=number(0, 30))
     """Range of the mean slope of a scene."""
-    relief_m: Range = field(default=(0.15, 0.7), metadata=span(0, 2))
+    relief_m: Range = field(default=(0.15, 0.7), metadata=number(0, 2))
     """Range of the standard deviation of the large-scale relief, m."""
-    roughness_m: Range = field(default=(0.01, 0.035), metadata=span(0, 0.1))
+    roughness_m: Range = field(default=(0.01, 0.035), metadata=number(0, 0.1))
     """Range of the standard deviation of the small-scale relief, m."""
     grounds: Shares = field(
         default_factory=lambda: {"litter": 1.0, "moss": 1.0, "roots": 1.0, "mud": 1.0},
-        metadata=weights(GROUNDS),
+        metadata=names(GROUNDS),
     )
     """Weight of each of GROUNDS to be the main cover of a scene; the others are mixed in as
     patches."""
@@ -34,11 +34,11 @@ class TerrainSettings(Settings):
 class StandSettings(Settings):
     """The stand: number, positions and shapes of the trees."""
 
-    stems_per_ha: Range = field(default=(300.0, 860.0), metadata=span(10, 5000))
+    stems_per_ha: Range = field(default=(300.0, 860.0), metadata=number(10, 5000))
     """Range of the density."""
     patterns: Shares = field(
         default_factory=lambda: {"random": 1.0, "regular": 1.0, "clustered": 1.0},
-        metadata=weights(PATTERNS),
+        metadata=names(PATTERNS),
     )
     """Weight of each of PATTERNS, the spatial pattern of a scene."""
     spacing_m: float = field(default=1.1, metadata=number(0.3, 10))
@@ -47,7 +47,7 @@ class StandSettings(Settings):
     """Radius in which neighbours are counted, m."""
     max_neighbours: int = field(default=8, metadata=number(0, 100))
     """Maximum number of other stems within that radius."""
-    altitude_preference: Range = field(default=(-0.6, 0.6), metadata=span(-1, 1))
+    altitude_preference: Range = field(default=(-0.6, 0.6), metadata=number(-1, 1))
     """Range of the preference from -1 (hollows) to 1 (ridges), which thins the stand by
     altitude."""
     max_slope_deg: float = field(default=42.0, metadata=number(5, 90))
@@ -61,18 +61,18 @@ class StandSettings(Settings):
             "birch": 1.5,
             "maple": 1.0,
         },
-        metadata=weights(SPECIES),
+        metadata=names(SPECIES),
     )
     """Weight of each of SPECIES."""
     species_per_scene: int = field(default=3, metadata=number(1, len(SPECIES)))
     """Number of species in a scene."""
-    diameter_m: Range = field(default=(0.05, 0.60), metadata=span(0.03, 2))
+    diameter_m: Range = field(default=(0.05, 0.60), metadata=number(0.03, 2))
     """Minimum and maximum diameter at breast height, m."""
     diameter_median_m: Range = (0.16, 0.28)
     """Range of the median diameter of a scene, m."""
     diameter_log_std: float = field(default=0.42, metadata=number(0, 1.5))
     """Standard deviation of the logarithm of the diameter."""
-    lean_std_deg: Range = field(default=(1.0, 6.0), metadata=span(0, 20))
+    lean_std_deg: Range = field(default=(1.0, 6.0), metadata=number(0, 20))
     """Range of the standard deviation of the normal distribution whose absolute value is the
     lean."""
     lean_max_deg: float = field(default=20.0, metadata=number(0, 20))
@@ -85,11 +85,11 @@ class StandSettings(Settings):
     """Whether near crowns have more and smaller twigs that spread more irregularly."""
 
     def _check_together(self) -> None:
-        check_value("diameter_median_m", self.diameter_median_m, span(*self.diameter_m))
+        check_value("diameter_median_m", self.diameter_median_m, number(*self.diameter_m))
 
 
 @dataclass(frozen=True)
-class UndergrowthSettings(Settings, each=span(0, 1)):
+class UndergrowthSettings(Settings, each=number(0, 1)):
     """Density of the undergrowth by kind: ranges from 0 (none) to 1 (dense)."""
 
     grass: Range = (0.0, 1.0)

@@ -5,16 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from basetree.settings import Settings
-from perceptree.simulator.settings.checks import Range, number, span
+from perceptree.simulator.settings.checks import Range, number
 
 _OFF = (0.0, 0.0)
 
 
 @dataclass(frozen=True)
-class ClutterSettings(Settings, each=span(0, 1)):
+class ClutterSettings(Settings, each=number(0, 1)):
     """Clutter beyond the undergrowth. Each scene draws from these ranges."""
 
-    dead_twigs: Range = field(default=_OFF, metadata=span(0, 5))
+    dead_twigs: Range = field(default=_OFF, metadata=number(0, 5))
     """Thin dead twigs on the lower stem of a near conifer, in hundreds."""
     herbs: Range = _OFF
     """Cover of the ground by herbs, 0 (none) to 1 (no gap)."""
@@ -28,7 +28,7 @@ class ClutterSettings(Settings, each=span(0, 1)):
 
 
 @dataclass(frozen=True)
-class ObjectSettings(Settings, each=span(0, 50)):
+class ObjectSettings(Settings, each=number(0, 50)):
     """Objects that are not trees. Each scene draws numbers of objects within 18 m, rounded."""
 
     people: Range = _OFF
@@ -48,7 +48,7 @@ class ObjectSettings(Settings, each=span(0, 50)):
 
 
 @dataclass(frozen=True)
-class NegativeSettings(Settings, each=span(0, 10)):
+class NegativeSettings(Settings, each=number(0, 10)):
     """What is mistaken for stems, near the cameras. Each view draws numbers, rounded.
 
     The objects stand before the cameras of the scene's independent views, from about the nearest
@@ -78,13 +78,13 @@ class ImagingSettings(Settings):
 
     share: float = field(default=0.0, metadata=number(0, 1))
     """Fraction of frames with faults; each fault then occurs at random."""
-    strength: Range = field(default=(0.0, 1.0), metadata=span(0, 1))
+    strength: Range = field(default=(0.0, 1.0), metadata=number(0, 1))
     """Range of the strength of the faults, 0 to 1 (worst)."""
-    exposure_stops: Range = field(default=_OFF, metadata=span(-4, 4))
+    exposure_stops: Range = field(default=_OFF, metadata=number(-4, 4))
     """Range of the exposure error of such frames, in stops."""
     infrared_share: float = field(default=0.0, metadata=number(0, 1))
     """Fraction of such frames that are grey near-infrared pictures with bright leaves."""
-    saturation: Range = field(default=(1.0, 1.0), metadata=span(0, 4))
+    saturation: Range = field(default=(1.0, 1.0), metadata=number(0, 4))
     """Range of the saturation factor of all frames."""
 
 

@@ -6,16 +6,9 @@ import math
 from dataclasses import dataclass, field
 
 from basetree.errors import SettingsError
-from basetree.settings import Settings, label, weights
+from basetree.settings import Settings, label, names
 from calib import PinholeCamera
-from perceptree.simulator.settings.checks import (
-    OMIT_DEFAULT,
-    Range,
-    Shares,
-    check_number,
-    number,
-    span,
-)
+from perceptree.simulator.settings.checks import OMIT_DEFAULT, Range, Shares, check_number, number
 
 DEPTH_KINDS = ("stereo", "tof")
 
@@ -47,11 +40,11 @@ def _check_size(width: int, height: int) -> None:
 class PoseSettings(Settings):
     """How a camera is carried. Each view draws from these ranges."""
 
-    height_m: Range = field(metadata=span(0.3, 10))
+    height_m: Range = field(metadata=number(0.3, 10))
     """Height above the ground, m."""
-    pitch_deg: Range = field(metadata=span(-60, 30))
+    pitch_deg: Range = field(metadata=number(-60, 30))
     """Pitch, positive upwards."""
-    roll_deg: Range = field(metadata=span(-30, 30))
+    roll_deg: Range = field(metadata=number(-30, 30))
     """Roll."""
 
 
@@ -81,17 +74,17 @@ class CameraSettings(Settings):
 class RgbSettings(Settings):
     """The colour sensor. Each frame draws from these ranges."""
 
-    exposure: Range = field(default=(0.45, 0.9), metadata=span(0.05, 5))
+    exposure: Range = field(default=(0.45, 0.9), metadata=number(0.05, 5))
     """Exposure of the metered mean; 1 makes it middle grey."""
-    noise: Range = field(default=(0.003, 0.012), metadata=span(0, 0.5))
+    noise: Range = field(default=(0.003, 0.012), metadata=number(0, 0.5))
     """Standard deviation of the noise at middle grey by day, as a fraction of full scale."""
-    blur_px: Range = field(default=(0.0, 1.0), metadata=span(0, 5))
+    blur_px: Range = field(default=(0.0, 1.0), metadata=number(0, 5))
     """Standard deviation of the lens's Gaussian blur, px."""
-    motion_px: Range = field(default=(0.0, 4.0), metadata=span(0, 40))
+    motion_px: Range = field(default=(0.0, 4.0), metadata=number(0, 40))
     """Length of a straight motion blur, px."""
     motion_share: float = field(default=0.2, metadata=number(0, 1))
     """Fraction of frames with motion blur."""
-    white_balance: Range = field(default=(-0.12, 0.12), metadata=span(-0.5, 0.5))
+    white_balance: Range = field(default=(-0.12, 0.12), metadata=number(-0.5, 0.5))
     """Error of the red and blue gains."""
     jpeg_quality: int = field(default=85, metadata=number(30, 100))
     """Quality of JPEG files."""
@@ -105,23 +98,23 @@ class DepthSettings(Settings):
 
     kinds: Shares = field(
         default_factory=lambda: {"stereo": 3.0, "tof": 1.0},
-        metadata=weights(DEPTH_KINDS) | label("depth kinds"),
+        metadata=names(DEPTH_KINDS) | label("depth kinds"),
     )
     """Weight of each of DEPTH_KINDS."""
-    baseline_m: Range = field(default=(0.06, 0.12), metadata=span(0.02, 1))
+    baseline_m: Range = field(default=(0.06, 0.12), metadata=number(0.02, 1))
     """Baseline of the stereo camera, m."""
-    disparity_noise_px: Range = field(default=(0.05, 0.2), metadata=span(0, 5))
+    disparity_noise_px: Range = field(default=(0.05, 0.2), metadata=number(0, 5))
     """Standard deviation of the disparity, px of the image. The standard deviation of the depth is
     z² / (f b) times that."""
     disparity_step_px: float = field(default=0.0625, metadata=number(0.001, 1))
     """Quantisation of the disparity, px of the image."""
-    stereo_range_m: Range = field(default=(15.0, 25.0), metadata=span(1, 65))
+    stereo_range_m: Range = field(default=(15.0, 25.0), metadata=number(1, 65))
     """Maximum depth of the stereo camera, m."""
-    tof_noise_per_m: Range = field(default=(0.0003, 0.002), metadata=span(0, 0.05))
+    tof_noise_per_m: Range = field(default=(0.0003, 0.002), metadata=number(0, 0.05))
     """Standard deviation of a time-of-flight camera's depth over z², 1/m."""
-    tof_range_m: Range = field(default=(6.0, 12.0), metadata=span(1, 65))
+    tof_range_m: Range = field(default=(6.0, 12.0), metadata=number(1, 65))
     """Maximum depth of the time-of-flight camera, m."""
-    holes: Range = field(default=(0.2, 1.0), metadata=span(0, 1))
+    holes: Range = field(default=(0.2, 1.0), metadata=number(0, 1))
     """Strength of all other errors, 0 to 1: lost readings, and surfaces that bleed or mix at
     edges."""
     half_resolution: bool = True

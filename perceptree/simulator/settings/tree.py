@@ -6,7 +6,7 @@ import dataclasses
 from dataclasses import dataclass, field
 from typing import Any
 
-from basetree.settings import Settings, choice
+from basetree.settings import Settings, names
 from calib import PinholeCamera
 from perceptree.simulator.settings.atmosphere import LightSettings, WeatherSettings
 from perceptree.simulator.settings.checks import OMIT_DEFAULT, number
@@ -48,7 +48,7 @@ class LabelSettings(Settings):
     """Minimum visible fraction of the stem's silhouette in the frame."""
     min_visible_area: float = field(default=4e-4, metadata=number(0, 1))
     """Minimum visible area of the stem, as a fraction of the image."""
-    cut_rule: str = field(default="fixed", metadata=choice(CUT_RULES) | OMIT_DEFAULT)
+    cut_rule: str = field(default="fixed", metadata=names(CUT_RULES) | OMIT_DEFAULT)
     """``fixed`` uses the two heights above; ``visible`` cuts above the root flare and obstacles, as
     in ``scene.felling_cut``."""
 
