@@ -15,7 +15,15 @@ on the command line (`basetree.program.options`), its entry in the reference, an
 
 from basetree.settings.base import Settings, check_value
 from basetree.settings.json_schema import json_schema
-from basetree.settings.metadata import NOT_AN_OPTION, UNORDERED, label, limits, names, option
+from basetree.settings.metadata import (
+    NOT_AN_OPTION,
+    UNORDERED,
+    label,
+    limits,
+    names,
+    option,
+    weights,
+)
 from basetree.settings.words import field_words
 
 __all__ = [
@@ -29,4 +37,5 @@ __all__ = [
     "limits",
     "names",
     "option",
+    "weights",
 ]

@@ -22,7 +22,8 @@ def json_schema(settings: type) -> dict[str, Any]:
     Every setting may be left out. Conditions on several settings together are not part of it.
 
     Args:
-        settings: A dataclass; its fields may be dataclasses.
+        settings: A dataclass; its fields may be dataclasses, tuples of numbers, and dictionaries of
+            weights.
     """
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **_object(settings)}
 
@@ -32,8 +33,8 @@ def _object(settings: type) -> dict[str, Any]:
     properties = {}
     for entry in fields(settings):
         values = _values(hints[entry.name], metadata_of(settings, entry))
-        about = {"description": words[entry.name]} if entry.name in words else {}
-        properties[entry.name] = values | about | _default(entry)
+        described = {"description": words[entry.name]} if entry.name in words else {}
+        properties[entry.name] = values | described | _default(entry)
     about = " ".join((settings.__doc__ or "").partition("\n\n")[0].split())
     rest = {"properties": properties, "additionalProperties": False}
     return {"type": "object", "description": about, **rest}
@@ -51,13 +52,12 @@ def _values(hint: Any, rule: Mapping[str, Any]) -> dict[str, Any]:
         count = len(arguments)
         length = {} if Ellipsis in arguments else {"minItems": count, "maxItems": count}
         return {"type": "array", "items": _values(arguments[0], rule), **length}
-    names = {"enum": list(rule["names"])} if "names" in rule else {}
     if origin is dict:
-        weight = {"type": _TYPES[arguments[1]], "minimum": 0}
+        weight, names = {"type": _TYPES[arguments[1]], "minimum": 0}, {"enum": [*rule["weights"]]}
         return {"type": "object", "additionalProperties": weight, "propertyNames": names}
-    if origin is Literal:
-        return {"enum": list(arguments)}
-    return {"type": _TYPES[hint], **names, **rule.get("bounds", {})}
+    if origin is Literal or "names" in rule:
+        return {"enum": list(rule.get("names", arguments))}
+    return {"type": _TYPES[hint], **rule.get("bounds", {})}
 
 
 def _default(entry: Field[Any]) -> dict[str, Any]:

@@ -16,6 +16,7 @@ __all__ = [
     "limits",
     "names",
     "option",
+    "weights",
 ]
 
 _LARGEST = sys.float_info.max
@@ -41,7 +42,7 @@ def label(name: str) -> Metadata:
 
 
 def names(known: Iterable[str], expected: str = "") -> Metadata:
-    """Expect one of several names; in a dictionary weights by name, one of them above 0.
+    """Expect one of several names.
 
     Args:
         known: The names.
@@ -49,6 +50,11 @@ def names(known: Iterable[str], expected: str = "") -> Metadata:
     """
     known = tuple(known)
     return {"names": known, "expected": expected or f"one of {', '.join(known)}"}
+
+
+def weights(known: Iterable[str]) -> Metadata:
+    """Expect a dictionary of weights by these names, at least one of them above 0."""
+    return {"weights": tuple(known)}
 
 
 def limits(
@@ -92,11 +98,11 @@ def complaint(name: str, value: Any, rule: Mapping[str, Any]) -> tuple[str, str]
     Args:
         name: Name of the value.
         value: The value.
-        rule: What it may be, as `limits` and `names` return it; empty if it may be anything.
+        rule: What it may be, as `limits`, `names` or `weights` return it; empty for anything.
     """
+    if "weights" in rule:
+        return _complaint_of_weights(name, value, rule["weights"])
     if "names" in rule:
-        if isinstance(value, dict):
-            return _complaint_of_weights(name, value, rule["names"])
         return None if value in rule["names"] else (f"{name} is {value!r}", rule["expected"])
     if "bounds" not in rule:
         return None

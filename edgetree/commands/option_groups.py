@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 
 from basetree.program.options import expand_groups
 from edgetree.commands.options import (
-    DepthCamera,
-    DepthExtrinsics,
-    DepthScale,
     Mounting,
     Provider,
     SpeciesName,
@@ -38,9 +37,29 @@ class RigOptions:
 
     up: Up = None
     mounting: Mounting = None
-    depth_camera: DepthCamera = None
-    depth_extrinsics: DepthExtrinsics = None
-    depth_scale: DepthScale = None
+    depth_camera: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE[:NAME]",
+            help="Camera file of the depth, if another camera or lens took it. The depth is then"
+            " aligned with the image.",
+        ),
+    ] = None
+    depth_extrinsics: Annotated[
+        Path | None,
+        typer.Option(
+            help="File with the transform from the depth camera's frame to the image camera's; the"
+            " identity if not given."
+        ),
+    ] = None
+    depth_scale: Annotated[
+        str | None,
+        typer.Option(
+            metavar="M_PER_UNIT|FILE",
+            help="Metres per unit of the depth files, 0.001 if not given; or a depth scale file of"
+            " `edgetree calibrate --depth`.",
+        ),
+    ] = None
     stump_height: StumpHeight = None
     species: SpeciesName = None
 

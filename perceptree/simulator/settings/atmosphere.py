@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from basetree.settings import Settings, label, names
+from basetree.settings import Settings, label, weights
 from perceptree.simulator.settings.checks import OMIT_DEFAULT, Range, Shares, number
 
 WEATHERS = ("clear", "snow", "wet", "fog", "rain", "snowfall")
@@ -24,7 +24,7 @@ class WeatherSettings(Settings):
             "rain": 1.0,
             "snowfall": 1.0,
         },
-        metadata=names(WEATHERS) | label("weather kinds"),
+        metadata=weights(WEATHERS) | label("weather kinds"),
     )
     """Weight of each of WEATHERS. ``snow`` is lying snow; ``snowfall`` is flakes in the air and
     some lying snow; ``wet`` is surfaces after rain; ``rain`` is streaks in the air and wet
@@ -39,7 +39,7 @@ class LightSettings(Settings):
 
     times: Shares = field(
         default_factory=lambda: {"morning": 1.0, "daylight": 2.0, "evening": 1.0, "dusk": 1.0},
-        metadata=names(TIMES) | label("light times"),
+        metadata=weights(TIMES) | label("light times"),
     )
     """Weight of each of TIMES, which decide the sun's height, strength and colour. At night a lamp
     at the camera lights the surroundings."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from basetree.settings import Settings, check_value, names
+from basetree.settings import Settings, check_value, weights
 from perceptree.simulator.settings.checks import OMIT_DEFAULT, Range, Shares, number
 
 GROUNDS = ("litter", "moss", "roots", "mud")
@@ -24,7 +24,7 @@ class TerrainSettings(Settings):
     """Range of the standard deviation of the small-scale relief, m."""
     grounds: Shares = field(
         default_factory=lambda: {"litter": 1.0, "moss": 1.0, "roots": 1.0, "mud": 1.0},
-        metadata=names(GROUNDS),
+        metadata=weights(GROUNDS),
     )
     """Weight of each of GROUNDS to be the main cover of a scene; the others are mixed in as
     patches."""
@@ -38,7 +38,7 @@ class StandSettings(Settings):
     """Range of the density."""
     patterns: Shares = field(
         default_factory=lambda: {"random": 1.0, "regular": 1.0, "clustered": 1.0},
-        metadata=names(PATTERNS),
+        metadata=weights(PATTERNS),
     )
     """Weight of each of PATTERNS, the spatial pattern of a scene."""
     spacing_m: float = field(default=1.1, metadata=number(0.3, 10))
@@ -61,7 +61,7 @@ class StandSettings(Settings):
             "birch": 1.5,
             "maple": 1.0,
         },
-        metadata=names(SPECIES),
+        metadata=weights(SPECIES),
     )
     """Weight of each of SPECIES."""
     species_per_scene: int = field(default=3, metadata=number(1, len(SPECIES)))

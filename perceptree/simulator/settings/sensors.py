@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 
 from basetree.errors import SettingsError
-from basetree.settings import Settings, label, names
+from basetree.settings import Settings, label, weights
 from calib import PinholeCamera
 from perceptree.simulator.settings.checks import OMIT_DEFAULT, Range, Shares, check_number, number
 
@@ -98,7 +98,7 @@ class DepthSettings(Settings):
 
     kinds: Shares = field(
         default_factory=lambda: {"stereo": 3.0, "tof": 1.0},
-        metadata=names(DEPTH_KINDS) | label("depth kinds"),
+        metadata=weights(DEPTH_KINDS) | label("depth kinds"),
     )
     """Weight of each of DEPTH_KINDS."""
     baseline_m: Range = field(default=(0.06, 0.12), metadata=number(0.02, 1))
