@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import os
 from dataclasses import replace
-from importlib.metadata import version
 from typing import Annotated, NoReturn
 
 import typer
 
-from basetree.program.process import run_command_line
+from basetree.program.command_line import Version, new_app, run_app, show_help
 from edgetree.commands.bench import bench
 from edgetree.commands.calibrate import calibrate
 from edgetree.commands.check import check
@@ -31,13 +30,7 @@ from edgetree.commands.verify import verify
 
 __all__ = ["app", "main"]
 
-app = typer.Typer(
-    name="edgetree",
-    help="Find trees in camera frames and measure them in metres.",
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,  # plain help appears three times as fast
-)
+app = new_app("Find trees in camera frames and measure them in metres.", "edgetree")
 app.command()(demo)
 app.command()(run)
 app.command()(measure)
@@ -58,21 +51,10 @@ app.command()(trust)
 app.command()(doctor)
 
 
-def _print_version(requested: bool) -> None:
-    if requested:
-        typer.echo(f"edgetree {version('edgetree')}")
-        raise typer.Exit
-
-
 @app.callback(invoke_without_command=True)
 def options(
     context: typer.Context,
-    version: Annotated[
-        bool,
-        typer.Option(
-            "--version", callback=_print_version, is_eager=True, help="Print the version."
-        ),
-    ] = False,
+    version: Version = False,
     max_megapixels: Annotated[
         int | None,
         typer.Option(
@@ -98,19 +80,11 @@ def options(
         from edgetree.signing import require_signatures
 
         require_signatures()
-    if context.invoked_subcommand is None:
-        typer.echo(context.get_help())
+    show_help(context)
 
 
 def main() -> NoReturn:
-    """Run the command line and exit.
-
-    Exit codes: 0 success, 1 a check failed, 2 wrong usage or bad input, 130 interrupted, 143 ended
-    by SIGTERM.
-    """
+    """Run the command line and exit, as `run_app` says."""
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-    command = typer.main.get_command
-    run_command_line(
-        "edgetree", lambda: command(app).main(prog_name="edgetree", standalone_mode=False)
-    )
+    run_app(app, "edgetree")

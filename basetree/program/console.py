@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, Protocol, TypeVar
 
@@ -47,6 +47,28 @@ def progress(label: str, steps: int, *, shown: bool = True) -> Iterator[Progress
         return
     with typer.progressbar(length=steps, label=label, file=sys.stderr) as bar:
         yield bar
+
+
+def counter(label: str, *, shown: bool = True) -> Callable[[int, int], None]:
+    """A function (done, total) that shows a progress bar from its first call to its last.
+
+    Nothing is shown if stderr is not a terminal or `shown` is false. When all is done, the next
+    call starts another bar.
+    """
+    bar: Any = None
+
+    def tell(done: int, total: int) -> None:
+        nonlocal bar
+        if not (shown and sys.stderr.isatty()):
+            return
+        if bar is None:
+            bar = typer.progressbar(length=total, label=label, file=sys.stderr).__enter__()
+        bar.update(done - bar.pos)
+        if done == total:
+            bar.render_finish()
+            bar = None
+
+    return tell
 
 
 def track(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from typing import Final, Protocol
 
@@ -11,6 +11,8 @@ import numpy as np
 
 from basetree.arrays import Float, UInt8
 from basetree.errors import InputError
+from basetree.settings import Settings, limits
+from basetree.settings.metadata import Metadata
 from calib.pixels import opencv_to_image
 
 LEAST_POINTS: Final = 8
@@ -26,6 +28,18 @@ _REFINE_CRITERIA = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 40, 1e-3
 _SEARCH_SIZE_PX, _MIN_BLOB_PX2 = 1600, 25.0
 
 
+def _counts(what: str) -> Metadata:
+    return limits(3, _MAX_COUNT, expected=f"3 to {_MAX_COUNT} {what}")
+
+
+_LENGTH: Final = limits(
+    over=0,
+    most=_MAX_LENGTH_M,
+    expected=f"metres, more than 0 and up to {_MAX_LENGTH_M:g}",
+    style="g",
+)
+
+
 class Board(Protocol):
     """A flat calibration target with points at known positions."""
 
@@ -39,25 +53,15 @@ class Board(Protocol):
 
 
 @dataclass(frozen=True)
-class Checkerboard:
-    """A checkerboard; all its inner corners must be visible.
+class Checkerboard(Settings, error=InputError):
+    """A checkerboard; all its inner corners must be visible."""
 
-    Attributes:
-        columns: Number of inner corners in a row.
-        rows: Number of rows of inner corners.
-        square_m: Side of a square in metres.
-
-    Raises:
-        InputError: If a value is out of range.
-    """
-
-    columns: int
-    rows: int
-    square_m: float
-
-    def __post_init__(self) -> None:
-        _check_counts(self.columns, self.rows, "inner corners")
-        _check_lengths(square_m=self.square_m)
+    columns: int = field(metadata=_counts("inner corners"))
+    """Number of inner corners in a row."""
+    rows: int = field(metadata=_counts("inner corners"))
+    """Number of rows of inner corners."""
+    square_m: float = field(metadata=_LENGTH)
+    """Side of a square in metres."""
 
     def detect(self, grey: UInt8) -> tuple[Float, Float] | None:
         """Find the board; see ``Board.detect``.
@@ -80,43 +84,33 @@ class Checkerboard:
 
 
 @dataclass(frozen=True)
-class CharucoBoard:
-    """A checkerboard with ArUco markers in its white squares; a part of it may be visible.
+class CharucoBoard(Settings, error=InputError):
+    """A checkerboard with ArUco markers in its white squares; a part of it may be visible."""
 
-    Attributes:
-        columns: Number of squares in a row.
-        rows: Number of rows of squares.
-        square_m: Side of a square in metres.
-        marker_m: Side of a marker in metres.
-        dictionary: OpenCV's marker dictionary in lower case, such as "4x4_50".
-
-    Raises:
-        InputError: If a value is out of range or the dictionary is unknown or too small.
-    """
-
-    columns: int
-    rows: int
-    square_m: float
-    marker_m: float
+    columns: int = field(metadata=_counts("squares"))
+    """Number of squares in a row."""
+    rows: int = field(metadata=_counts("squares"))
+    """Number of rows of squares."""
+    square_m: float = field(metadata=_LENGTH)
+    """Side of a square in metres."""
+    marker_m: float = field(metadata=_LENGTH)
+    """Side of a marker in metres."""
     dictionary: str
+    """OpenCV's marker dictionary in lower case, such as "4x4_50"."""
 
-    def __post_init__(self) -> None:
-        _check_counts(self.columns, self.rows, "squares")
-        _check_lengths(square_m=self.square_m, marker_m=self.marker_m)
+    def _check_together(self) -> None:
         if self.marker_m >= self.square_m:
-            raise InputError(
-                f"marker_m is {self.marker_m:g}: expected less than square_m, {self.square_m:g}"
-            )
+            self._refuse(f"marker_m is {self.marker_m:g}", f"less than square_m, {self.square_m:g}")
         dictionaries = _dictionaries()
         if self.dictionary not in dictionaries:
             known = ", ".join(sorted(dictionaries))
-            raise InputError(f"dictionary is {self.dictionary!r}: expected one of {known}")
+            self._refuse(f"dictionary is {self.dictionary!r}", f"one of {known}")
         markers = len(_predefined(self.dictionary).bytesList)
         needed = self.columns * self.rows // 2
         if markers < needed:
-            raise InputError(
-                f"dictionary {self.dictionary} has {markers} markers: expected {needed} for"
-                f" {self.columns}x{self.rows} squares"
+            self._refuse(
+                f"dictionary {self.dictionary} has {markers} markers",
+                f"{needed} for {self.columns}x{self.rows} squares",
             )
 
     def detect(self, grey: UInt8) -> tuple[Float, Float] | None:
@@ -139,32 +133,23 @@ class CharucoBoard:
 
 
 @dataclass(frozen=True)
-class CircleGrid:
+class CircleGrid(Settings, error=InputError):
     """A grid of dark circles on white; all of them must be visible.
 
     The detected points are the centres of the circles' ellipses in the image. Near a wide-angle
     lens these differ from the projected circle centres by up to some tenths of a pixel; prefer
     boards with corners there.
-
-    Attributes:
-        columns: Number of circles in a row.
-        rows: Number of rows.
-        spacing_m: Distance between neighbouring rows in metres. Within a row the distance is the
-            same, or twice as much if asymmetric.
-        asymmetric: Whether every second row is shifted by ``spacing_m``.
-
-    Raises:
-        InputError: If a value is out of range.
     """
 
-    columns: int
-    rows: int
-    spacing_m: float
+    columns: int = field(metadata=_counts("circles"))
+    """Number of circles in a row."""
+    rows: int = field(metadata=_counts("circles"))
+    """Number of rows."""
+    spacing_m: float = field(metadata=_LENGTH)
+    """Distance between neighbouring rows in metres. Within a row the distance is the same, or twice
+    as much if asymmetric."""
     asymmetric: bool = False
-
-    def __post_init__(self) -> None:
-        _check_counts(self.columns, self.rows, "circles")
-        _check_lengths(spacing_m=self.spacing_m)
+    """Whether every second row is shifted by ``spacing_m``."""
 
     def detect(self, grey: UInt8) -> tuple[Float, Float] | None:
         """Find the board; see ``Board.detect``."""
@@ -229,20 +214,6 @@ def _charuco(board: CharucoBoard) -> tuple[cv2.aruco.CharucoBoard, cv2.aruco.Cha
     squares, markers = (board.columns, board.rows), _predefined(board.dictionary)
     printed = cv2.aruco.CharucoBoard(squares, board.square_m, board.marker_m, markers)
     return printed, cv2.aruco.CharucoDetector(printed)
-
-
-def _check_counts(columns: int, rows: int, what: str) -> None:
-    for name, count in (("columns", columns), ("rows", rows)):
-        if not 3 <= count <= _MAX_COUNT:
-            raise InputError(f"{name} is {count}: expected 3 to {_MAX_COUNT} {what}")
-
-
-def _check_lengths(**lengths_m: float) -> None:
-    for name, length_m in lengths_m.items():
-        if not 0 < length_m <= _MAX_LENGTH_M:
-            raise InputError(
-                f"{name} is {length_m:g}: expected metres, more than 0 and up to {_MAX_LENGTH_M:g}"
-            )
 
 
 def _grid(columns: int, rows: int) -> Float:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from statistics import median
 from typing import Any, Final
@@ -17,6 +17,7 @@ import numpy as np
 
 from basetree.errors import CheckFailed, InputError
 from basetree.program.python import run_python
+from basetree.settings import Settings, label, limits
 from edgetree.bench.worker import Job
 
 _BINS: Final = 30
@@ -49,35 +50,26 @@ class Variant:
 
 
 @dataclass(frozen=True)
-class BenchSettings:
-    """How to measure.
+class BenchSettings(Settings, error=InputError):
+    """How to measure."""
 
-    Attributes:
-        rounds: number of rounds.
-        duration_s: time to measure a variant for in each round.
-        minutes: length of the run after the rounds that shows how each variant heats the machine;
-            0 for none.
-        provider: as for `TreeDetector.load`.
-        strict: likewise.
-        require_signature: likewise.
-        source: frames as for `edgetree.bench.frames.bench_frames`.
-
-    Raises:
-        InputError: a value is out of range.
-    """
-
-    rounds: int = 5
+    rounds: int = field(default=5, metadata=limits(1, expected="1 or more") | label("--rounds"))
+    """Number of rounds."""
     duration_s: float = 1.0
-    minutes: float = 0.0
+    """Time to measure a variant for in each round."""
+    minutes: float = field(
+        default=0.0, metadata=limits(0, expected="0 or more") | label("--minutes")
+    )
+    """Length of the run after the rounds that shows how each variant heats the machine; 0 for
+    none."""
     provider: str = "cpu"
+    """As for `TreeDetector.load`."""
     strict: bool = True
+    """Likewise."""
     require_signature: bool = False
+    """Likewise."""
     source: Path | None = None
-
-    def __post_init__(self) -> None:
-        for name, value, least in (("rounds", self.rounds, 1), ("minutes", self.minutes, 0)):
-            if not least <= value < float("inf"):
-                raise InputError(f"--{name} is {value}: expected {least} or more")
+    """Frames as for `edgetree.bench.frames.bench_frames`."""
 
     def job(self, task: Any, variant: Variant, duration_s: float = 0.0) -> Job:
         """A job of a variant."""

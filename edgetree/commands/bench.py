@@ -25,32 +25,29 @@ __all__ = ["bench"]
 _SPLIT = "test"
 _Chosen: TypeAlias = tuple[str, Path, str | None]
 
-_ModelList: TypeAlias = Annotated[
-    list[str] | None,
-    typer.Argument(
-        metavar="[MODEL]...",
-        help="Exported .onnx files, or names that `edgetree models` lists; the packaged models if"
-        " not given.",
-        show_default=False,
-    ),
-]
-_Data: TypeAlias = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="DATASET",
-        help="Labelled dataset whose split test gives the accuracy; the models' cards if not"
-        " given. Needs the packages for training.",
-    ),
-]
-
 
 @expand_groups
 def bench(
-    models_given: _ModelList = None,
+    models_given: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[MODEL]...",
+            help="Exported .onnx files, or names that `edgetree models` lists; the packaged models"
+            " if not given.",
+            show_default=False,
+        ),
+    ] = None,
     *,
     measure: MeasureOptions,
     networks: NetworkOptions,
-    data: _Data = None,
+    data: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DATASET",
+            help="Labelled dataset whose split test gives the accuracy; the models' cards if not"
+            " given. Needs the packages for training.",
+        ),
+    ] = None,
     files: BenchFiles,
     as_json: Json = False,
 ) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeAlias
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -15,92 +15,42 @@ if TYPE_CHECKING:
 
 __all__ = ["BenchFiles", "MeasureOptions", "NetworkOptions"]
 
-_Threads: TypeAlias = Annotated[
-    str | None,
-    typer.Option(
-        metavar="LIST", help="Threads of one inference, such as 1,2; all cores if not given."
-    ),
-]
-_Batch: TypeAlias = Annotated[
-    str,
-    typer.Option(
-        metavar="LIST",
-        help="Frames that are handed over together, such as 1,4. A file runs them in batches of"
-        " the size that it was exported for.",
-    ),
-]
-_Frames: TypeAlias = Annotated[
-    Path | None,
-    typer.Option(help="Frames as for `run`, up to 16; the packaged samples if not given."),
-]
-_Seconds: TypeAlias = Annotated[
-    float, typer.Option("--seconds", min=0.0, help="Time to measure each variant for, in a round.")
-]
-_Rounds: TypeAlias = Annotated[
-    int, typer.Option(min=1, help="Rounds in which all variants take turns.")
-]
-_Minutes: TypeAlias = Annotated[
-    float,
-    typer.Option(
-        min=0.0,
-        help="After the rounds, run each variant this long without a pause, to see whether the"
-        " machine slows down when it is warm.",
-    ),
-]
-_Backbones: TypeAlias = Annotated[
-    str | None,
-    typer.Option(
-        metavar="LIST",
-        help="Measure networks by name, such as r50,r101,x101-32x8d,edge-n, beside the paper's"
-        " table. Those without a file in --models are exported with untrained weights.",
-    ),
-]
-_Models: TypeAlias = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="DIR",
-        help="With --backbones: folder of NAME-PRECISION-WIDTHxHEIGHT.onnx files; your cache"
-        " folder if not given.",
-    ),
-]
-_Precision: TypeAlias = Annotated[
-    str | None,
-    typer.Option(metavar="LIST", help="With --backbones: of fp32 (the default), fp16 and int8."),
-]
-_Size: TypeAlias = Annotated[
-    str | None,
-    typer.Option(
-        metavar="LIST",
-        help="With --backbones: input sizes in px, such as 640x384,800x800; 800x800 if not given.",
-    ),
-]
-_Proposals: TypeAlias = Annotated[
-    int | None,
-    typer.Option(
-        min=1,
-        help="With --backbones: region proposals per frame; each network's default if not given.",
-    ),
-]
-_Out: TypeAlias = Annotated[
-    Path | None, typer.Option(metavar="FILE.json", help="Write the result, for `edgetree compare`.")
-]
-_Csv: TypeAlias = Annotated[Path | None, typer.Option(help="Write the rows as CSV.")]
-_Markdown: TypeAlias = Annotated[
-    Path | None, typer.Option(help="Write the rows as a Markdown table.")
-]
-_Report: TypeAlias = Annotated[Path | None, typer.Option(help="Write an HTML page with charts.")]
-
 
 @dataclass(frozen=True)
 class MeasureOptions:
     """How to measure."""
 
-    threads: _Threads = None
-    batch: _Batch = "1"
-    frames: _Frames = None
-    seconds: _Seconds = 1.0
-    rounds: _Rounds = 5
-    minutes: _Minutes = 0.0
+    threads: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LIST", help="Threads of one inference, such as 1,2; all cores if not given."
+        ),
+    ] = None
+    batch: Annotated[
+        str,
+        typer.Option(
+            metavar="LIST",
+            help="Frames that are handed over together, such as 1,4. A file runs them in batches of"
+            " the size that it was exported for.",
+        ),
+    ] = "1"
+    frames: Annotated[
+        Path | None,
+        typer.Option(help="Frames as for `run`, up to 16; the packaged samples if not given."),
+    ] = None
+    seconds: Annotated[
+        float,
+        typer.Option("--seconds", min=0.0, help="Time to measure each variant for, in a round."),
+    ] = 1.0
+    rounds: Annotated[int, typer.Option(min=1, help="Rounds in which all variants take turns.")] = 5
+    minutes: Annotated[
+        float,
+        typer.Option(
+            min=0.0,
+            help="After the rounds, run each variant this long without a pause, to see whether the"
+            " machine slows down when it is warm.",
+        ),
+    ] = 0.0
     provider: Provider = "cpu"
     strict: Strict = True
 
@@ -123,11 +73,44 @@ class MeasureOptions:
 class NetworkOptions:
     """Networks by name."""
 
-    backbones: _Backbones = None
-    models: _Models = None
-    precision: _Precision = None
-    size: _Size = None
-    proposals: _Proposals = None
+    backbones: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LIST",
+            help="Measure networks by name, such as r50,r101,x101-32x8d,edge-n, beside the paper's"
+            " table. Those without a file in --models are exported with untrained weights.",
+        ),
+    ] = None
+    models: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="With --backbones: folder of NAME-PRECISION-WIDTHxHEIGHT.onnx files; your cache"
+            " folder if not given.",
+        ),
+    ] = None
+    precision: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LIST", help="With --backbones: of fp32 (the default), fp16 and int8."
+        ),
+    ] = None
+    size: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LIST",
+            help="With --backbones: input sizes in px, such as 640x384,800x800; 800x800 if not"
+            " given.",
+        ),
+    ] = None
+    proposals: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            help="With --backbones: region proposals per frame; each network's default if not"
+            " given.",
+        ),
+    ] = None
 
     def network_files(self, provider: str) -> NetworkFiles | None:
         """The files of the networks; None without --backbones.
@@ -158,10 +141,15 @@ class NetworkOptions:
 class BenchFiles:
     """Where the result goes."""
 
-    out: _Out = None
-    csv: _Csv = None
-    markdown: _Markdown = None
-    report: _Report = None
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.json", help="Write the result, for `edgetree compare`."),
+    ] = None
+    csv: Annotated[Path | None, typer.Option(help="Write the rows as CSV.")] = None
+    markdown: Annotated[Path | None, typer.Option(help="Write the rows as a Markdown table.")] = (
+        None
+    )
+    report: Annotated[Path | None, typer.Option(help="Write an HTML page with charts.")] = None
 
 
 def _names(text: str) -> tuple[str, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, TypeAlias
+from typing import Annotated
 
 import typer
 
@@ -14,24 +14,21 @@ from edgetree.commands.options import Json, Model
 
 __all__ = ["check_rig"]
 
-_Source: TypeAlias = Annotated[
-    str,
-    typer.Argument(
-        metavar="SOURCE",
-        help="A recording, a camera with depth, a simulated drive or a folder of images with"
-        " --depth, as for `edgetree live`.",
-    ),
-]
-_Seconds: TypeAlias = Annotated[
-    float, typer.Option(metavar="S", help="How much of the source is read, seconds.")
-]
-
 
 @expand_groups
 def check_rig(
-    source: _Source,
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="SOURCE",
+            help="A recording, a camera with depth, a simulated drive or a folder of images with"
+            " --depth, as for `edgetree live`.",
+        ),
+    ],
     *,
-    seconds: _Seconds = 60.0,
+    seconds: Annotated[
+        float, typer.Option(metavar="S", help="How much of the source is read, seconds.")
+    ] = 60.0,
     model: Model = "depth",
     metres: LiveMetresOptions,
     source_options: LiveSourceOptions,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated, TypeAlias
+from typing import Annotated
 
 import typer
 
@@ -14,30 +14,26 @@ from edgetree.commands.options import Json, model_record
 
 __all__ = ["evaluate"]
 
-_Model: TypeAlias = Annotated[
-    str,
-    typer.Argument(
-        metavar="MODEL", help="An exported .onnx file, or a name that `edgetree models` lists."
-    ),
-]
-_Out: TypeAlias = Annotated[
-    Path | None,
-    typer.Option(help="Folder for report.json and report.html, with plots and pictures."),
-]
-_EntireTree: TypeAlias = Annotated[
-    bool, typer.Option("--entire-tree", help="Use the labels of entire trees (SynthTree43k).")
-]
-
 
 @expand_groups
 def evaluate(
-    model: _Model,
+    model: Annotated[
+        str,
+        typer.Argument(
+            metavar="MODEL", help="An exported .onnx file, or a name that `edgetree models` lists."
+        ),
+    ],
     data: Annotated[Path, typer.Argument(help="Folder of a dataset.")],
     *,
     split: Annotated[str, typer.Option(help="train, val or test.")] = "test",
     fold: Annotated[int | None, typer.Option(help="Fold, for datasets with several.")] = None,
-    entire_tree: _EntireTree = False,
-    out: _Out = None,
+    entire_tree: Annotated[
+        bool, typer.Option("--entire-tree", help="Use the labels of entire trees (SynthTree43k).")
+    ] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for report.json and report.html, with plots and pictures."),
+    ] = None,
     session: SessionOptions,
     as_json: Json = False,
 ) -> None:

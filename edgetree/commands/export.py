@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from basetree.program.console import note, print_json
+from edgetree.commands.option_groups import expand_groups
 from edgetree.commands.options import Json
+from edgetree.export.settings import ExportSettings
 
 if TYPE_CHECKING:
     from edgetree.export import ExportReport
@@ -18,63 +20,30 @@ if TYPE_CHECKING:
 __all__ = ["export", "record", "showing_differences"]
 
 
-Data: TypeAlias = Annotated[
-    Path, typer.Option(help="Folder of real frames, or a dataset, to compare file and model on.")
-]
-Precision: TypeAlias = Annotated[
-    str, typer.Option(help="fp32; fp16 for GPUs; int8 for CPUs, OpenVINO and TensorRT.")
-]
-Calibration: TypeAlias = Annotated[
-    Path | None,
-    typer.Option(help="Folder of frames to calibrate fp16 and int8 on; --data if not given."),
-]
-Side: TypeAlias = Annotated[int | None, typer.Option(help="Size of the input in px.")]
-Batch: TypeAlias = Annotated[int, typer.Option(help="Frames per inference.")]
-Rows: TypeAlias = Annotated[int | None, typer.Option(help="Number of rows of each output.")]
-Proposals: TypeAlias = Annotated[int | None, typer.Option(help="Region proposals per frame.")]
-Lowest: TypeAlias = Annotated[float | None, typer.Option(help="Lowest score in the outputs.")]
-Opset: TypeAlias = Annotated[int, typer.Option(help="ONNX operator set, 18 to 23.")]
-Provider: TypeAlias = Annotated[
-    str,
-    typer.Option(help="Target provider: cpu, cuda, tensorrt, openvino, coreml or directml."),
-]
-
-
+@expand_groups
 def export(
     checkpoint: Annotated[
         Path, typer.Argument(metavar="CKPT", help="A checkpoint of `perceptree train`.")
     ],
     out: Annotated[Path, typer.Option(help="The .onnx file to write.")],
-    data: Data,
-    precision: Precision = "fp32",
-    calibration: Calibration = None,
-    height: Side = None,
-    width: Side = None,
-    batch: Batch = 1,
-    max_detections: Rows = None,
-    proposals: Proposals = None,
-    score_threshold: Lowest = None,
-    opset: Opset = 20,
-    provider: Provider = "cpu",
+    data: Annotated[
+        Path,
+        typer.Option(help="Folder of real frames, or a dataset, to compare file and model on."),
+    ],
+    *,
+    settings: ExportSettings,
+    calibration: Annotated[
+        Path | None,
+        typer.Option(help="Folder of frames to calibrate fp16 and int8 on; --data if not given."),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Export a checkpoint to ONNX. The file is written only if it finds the same trees.
 
     Options that are not given are taken from the checkpoint.
     """
-    from edgetree.export import ExportSettings, export_model
+    from edgetree.export import export_model
 
-    settings = ExportSettings(
-        height=height,
-        width=width,
-        batch=batch,
-        max_detections=max_detections,
-        proposals=proposals,
-        precision=precision,
-        score_threshold=score_threshold,
-        opset=opset,
-        target=provider,
-    )
     with showing_differences():
         report = export_model(
             checkpoint, out, data=data, settings=settings, calibration=calibration, say=note

@@ -1,19 +1,16 @@
-"""Dataclasses of options that several commands share, and how typer commands take them."""
+"""Dataclasses of options that several commands share."""
 
 from __future__ import annotations
 
-import inspect
 import math
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, fields, is_dataclass, replace
-from functools import wraps
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated
 
+import typer
+
+from basetree.program.options import expand_groups
 from edgetree.commands.options import (
-    DepthCamera,
-    DepthExtrinsics,
-    DepthScale,
     Mounting,
     Provider,
     SpeciesName,
@@ -34,60 +31,35 @@ if TYPE_CHECKING:
 __all__ = ["RigOptions", "SessionOptions", "expand_groups"]
 
 
-def expand_groups(command: Callable[..., None]) -> Callable[..., None]:
-    """Let a typer command take dataclasses of options.
-
-    typer makes one option of each parameter of a function. This decorator replaces each parameter
-    that is annotated with a dataclass by the fields of that dataclass, and passes the command an
-    instance of it. Fields are declared like parameters of a command: annotated with
-    `typer.Option`, and with a default. The group itself has no default, so it must be a
-    keyword-only parameter of the command.
-    """
-    hints = get_type_hints(command, include_extras=True)
-    groups: dict[str, Any] = {name: hint for name, hint in hints.items() if is_dataclass(hint)}
-    parameters: list[inspect.Parameter] = []
-    for parameter in inspect.signature(command).parameters.values():
-        hint = hints[parameter.name]
-        if parameter.name in groups:
-            parameters += _parameters_of(hint)
-        else:
-            parameters.append(parameter.replace(annotation=hint))
-
-    @wraps(command)
-    def expanded(**values: Any) -> None:
-        for name, group in groups.items():
-            names = [field.name for field in fields(group)]
-            values[name] = group(**{each: values.pop(each) for each in names})
-        command(**values)
-
-    expanded.__dict__["__signature__"] = inspect.Signature(parameters)
-    expanded.__annotations__ = {each.name: each.annotation for each in parameters}
-    return expanded
-
-
-def _parameters_of(group: Any) -> list[inspect.Parameter]:
-    """The fields of a dataclass as parameters of a function."""
-    hints = get_type_hints(group, include_extras=True)
-    return [
-        inspect.Parameter(
-            field.name,
-            inspect.Parameter.KEYWORD_ONLY,
-            default=field.default,
-            annotation=hints[field.name],
-        )
-        for field in fields(group)
-    ]
-
-
 @dataclass(frozen=True)
 class RigOptions:
     """The options about the cameras and the measurement, without --camera and --depth."""
 
     up: Up = None
     mounting: Mounting = None
-    depth_camera: DepthCamera = None
-    depth_extrinsics: DepthExtrinsics = None
-    depth_scale: DepthScale = None
+    depth_camera: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE[:NAME]",
+            help="Camera file of the depth, if another camera or lens took it. The depth is then"
+            " aligned with the image.",
+        ),
+    ] = None
+    depth_extrinsics: Annotated[
+        Path | None,
+        typer.Option(
+            help="File with the transform from the depth camera's frame to the image camera's; the"
+            " identity if not given."
+        ),
+    ] = None
+    depth_scale: Annotated[
+        str | None,
+        typer.Option(
+            metavar="M_PER_UNIT|FILE",
+            help="Metres per unit of the depth files, 0.001 if not given; or a depth scale file of"
+            " `edgetree calibrate --depth`.",
+        ),
+    ] = None
     stump_height: StumpHeight = None
     species: SpeciesName = None
 

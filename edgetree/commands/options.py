@@ -16,9 +16,6 @@ __all__ = [
     "Camera",
     "Csv",
     "Depth",
-    "DepthCamera",
-    "DepthExtrinsics",
-    "DepthScale",
     "Json",
     "Model",
     "ModelByInput",
@@ -112,29 +109,6 @@ Mounting: TypeAlias = Annotated[
     typer.Option(
         help="File with the transform from the camera's frame to the machine's (x forward, y left,"
         " z up). Cut points are then given in the machine's frame too."
-    ),
-]
-DepthCamera: TypeAlias = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="FILE[:NAME]",
-        help="Camera file of the depth, if another camera or lens took it. The depth is then"
-        " aligned with the image.",
-    ),
-]
-DepthExtrinsics: TypeAlias = Annotated[
-    Path | None,
-    typer.Option(
-        help="File with the transform from the depth camera's frame to the image camera's; the"
-        " identity if not given."
-    ),
-]
-DepthScale: TypeAlias = Annotated[
-    str | None,
-    typer.Option(
-        metavar="M_PER_UNIT|FILE",
-        help="Metres per unit of the depth files, 0.001 if not given; or a depth scale file of"
-        " `edgetree calibrate --depth`.",
     ),
 ]
 StumpHeight: TypeAlias = Annotated[

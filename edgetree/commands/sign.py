@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeAlias
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -14,54 +14,47 @@ if TYPE_CHECKING:
 
 __all__ = ["sign"]
 
-_Model: TypeAlias = Annotated[
-    Path | None,
-    typer.Argument(metavar="MODEL", help="A file of `edgetree export`.", show_default=False),
-]
-_Key: TypeAlias = Annotated[
-    Path | None, typer.Option(metavar="FILE", help="Private key to sign with.")
-]
-_Version: TypeAlias = Annotated[
-    int | None,
-    typer.Option(
-        help="Version of the model. Machines refuse lower ones than they have used. The time of"
-        " signing if not given, such as 20261123080000."
-    ),
-]
-_Name: TypeAlias = Annotated[
-    str | None,
-    typer.Option(
-        help="Name of the model, whose versions are counted; the name in the file if not given."
-    ),
-]
-_ValidUntil: TypeAlias = Annotated[
-    str | None,
-    typer.Option(
-        metavar="DATE", help="Last day of the signature's validity, in UTC; no end if not given."
-    ),
-]
-_NewKey: TypeAlias = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="FILE",
-        help="Instead of signing: make a private key in FILE, and its public key beside it with"
-        " the suffix .pub.",
-    ),
-]
-_Encrypt: TypeAlias = Annotated[
-    bool, typer.Option("--encrypt", help="With --new-key: ask for a passphrase.")
-]
-
 
 def sign(
-    model: _Model = None,
+    model: Annotated[
+        Path | None,
+        typer.Argument(metavar="MODEL", help="A file of `edgetree export`.", show_default=False),
+    ] = None,
     *,
-    key: _Key = None,
-    version: _Version = None,
-    name: _Name = None,
-    valid_until: _ValidUntil = None,
-    new_key: _NewKey = None,
-    encrypt: _Encrypt = False,
+    key: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Private key to sign with.")
+    ] = None,
+    version: Annotated[
+        int | None,
+        typer.Option(
+            help="Version of the model. Machines refuse lower ones than they have used. The time of"
+            " signing if not given, such as 20261123080000."
+        ),
+    ] = None,
+    name: Annotated[
+        str | None,
+        typer.Option(
+            help="Name of the model, whose versions are counted; the name in the file if not given."
+        ),
+    ] = None,
+    valid_until: Annotated[
+        str | None,
+        typer.Option(
+            metavar="DATE",
+            help="Last day of the signature's validity, in UTC; no end if not given.",
+        ),
+    ] = None,
+    new_key: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Instead of signing: make a private key in FILE, and its public key beside it with"
+            " the suffix .pub.",
+        ),
+    ] = None,
+    encrypt: Annotated[
+        bool, typer.Option("--encrypt", help="With --new-key: ask for a passphrase.")
+    ] = False,
 ) -> None:
     """Sign a model file. The signature is written to MODEL.sig.
 

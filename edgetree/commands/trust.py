@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeAlias
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -16,39 +16,35 @@ if TYPE_CHECKING:
 
 __all__ = ["trust"]
 
-_Key: TypeAlias = Annotated[
-    Path | None,
-    typer.Argument(metavar="KEY", help="Public key to trust, a .pub file.", show_default=False),
-]
-_ValidUntil: TypeAlias = Annotated[
-    str | None,
-    typer.Option(
-        metavar="DATE", help="Last day on which KEY is trusted, in UTC; no end if not given."
-    ),
-]
-_Remove: TypeAlias = Annotated[
-    str | None, typer.Option(metavar="ID", help="Id of a key to trust no longer.")
-]
-_Require: TypeAlias = Annotated[
-    bool | None,
-    typer.Option(
-        "--require/--no-require",
-        help="Refuse models without a signature by a trusted key, or open them.",
-    ),
-]
-_Check: TypeAlias = Annotated[
-    Path | None,
-    typer.Option(metavar="MODEL", help="Check the signature of a model file, without opening it."),
-]
-
 
 def trust(
-    key: _Key = None,
+    key: Annotated[
+        Path | None,
+        typer.Argument(metavar="KEY", help="Public key to trust, a .pub file.", show_default=False),
+    ] = None,
     *,
-    valid_until: _ValidUntil = None,
-    remove: _Remove = None,
-    require: _Require = None,
-    check: _Check = None,
+    valid_until: Annotated[
+        str | None,
+        typer.Option(
+            metavar="DATE", help="Last day on which KEY is trusted, in UTC; no end if not given."
+        ),
+    ] = None,
+    remove: Annotated[
+        str | None, typer.Option(metavar="ID", help="Id of a key to trust no longer.")
+    ] = None,
+    require: Annotated[
+        bool | None,
+        typer.Option(
+            "--require/--no-require",
+            help="Refuse models without a signature by a trusted key, or open them.",
+        ),
+    ] = None,
+    check: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="MODEL", help="Check the signature of a model file, without opening it."
+        ),
+    ] = None,
 ) -> None:
     """Show or change the trusted keys, and whether models must be signed.
 

@@ -2,68 +2,48 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 from basetree.errors import InputError
+from basetree.settings import Settings, label, limits, names, option
 
 __all__ = ["OPSET", "PRECISIONS", "TARGETS", "ExportSettings"]
 
 OPSET: Final = 20
-_OPSETS: Final = range(18, 24)
 PRECISIONS: Final = {"fp32": "float32", "fp16": "float16", "int8": "int8"}
 TARGETS: Final = ("cpu", "cuda", "tensorrt", "openvino", "coreml", "directml")
 # Targets that run 8-bit files at least as fast as float32 files. The others convert to float.
 _INT8_TARGETS: Final = ("cpu", "tensorrt", "openvino")
-_LARGEST: Final = {"batch": 64, "max_detections": 1000, "proposals": 10000}
 
 
 @dataclass(frozen=True)
-class ExportSettings:
-    """Options of an export. None keeps the value of the checkpoint.
-
-    Attributes:
-        height: height of the graph's input in pixels.
-        width: width of the graph's input in pixels.
-        batch: number of frames of one inference, 1 to 64.
-        max_detections: number of rows of every output, 1 to 1000.
-        proposals: number of regions per frame that the box head classifies, 1 to 10000.
-        precision: ``fp32``, ``fp16`` or ``int8``.
-        score_threshold: lowest score of a detection, 0 or more and under 1.
-        opset: ONNX operator set, 18 to 23.
-        target: execution provider that will run the file, one of ``TARGETS``. It decides how
-            ``int8`` stores activations.
-
-    Raises:
-        InputError: a value is out of its range, or the target does not support the precision.
-    """
+class ExportSettings(Settings, error=InputError):
+    """Options of an export. None keeps the value of the checkpoint."""
 
     height: int | None = None
+    """Height of the input in px."""
     width: int | None = None
-    batch: int = 1
-    max_detections: int | None = None
-    proposals: int | None = None
-    precision: str = "fp32"
-    score_threshold: float | None = None
-    opset: int = OPSET
-    target: str = "cpu"
+    """Width of the input in px."""
+    batch: int = field(default=1, metadata=limits(1, 64))
+    """Frames per inference."""
+    max_detections: int | None = field(default=None, metadata=limits(1, 1000))
+    """Number of rows of each output."""
+    proposals: int | None = field(default=None, metadata=limits(1, 10000))
+    """Region proposals per frame, which the box head classifies."""
+    precision: str = field(default="fp32", metadata=names(PRECISIONS))
+    """Numbers of the file: fp16 for GPUs; int8 for CPUs, OpenVINO and TensorRT."""
+    score_threshold: float | None = field(
+        default=None, metadata=limits(0, under=1, expected="0 or more, under 1")
+    )
+    """Lowest score in the outputs."""
+    opset: int = field(default=OPSET, metadata=limits(18, 23))
+    """ONNX operator set."""
+    target: str = field(
+        default="cpu", metadata=names(TARGETS) | label("provider") | option("--provider")
+    )
+    """Target provider, which will run the file. It decides how int8 stores activations."""
 
-    def __post_init__(self) -> None:
-        if self.precision not in PRECISIONS:
-            _refuse("precision", repr(self.precision), f"one of {', '.join(PRECISIONS)}")
-        if self.target not in TARGETS:
-            _refuse("provider", repr(self.target), f"one of {', '.join(TARGETS)}")
+    def _check_together(self) -> None:
         if self.precision == "int8" and self.target not in _INT8_TARGETS:
-            _refuse("precision", "'int8'", f"fp32 or fp16 for the provider {self.target}")
-        if self.opset not in _OPSETS:
-            _refuse("opset", str(self.opset), f"{_OPSETS[0]} to {_OPSETS[-1]}")
-        for name, largest in _LARGEST.items():
-            value = getattr(self, name)
-            if value is not None and not 1 <= value <= largest:
-                _refuse(name, str(value), f"1 to {largest}")
-        if self.score_threshold is not None and not 0.0 <= self.score_threshold < 1.0:
-            _refuse("score_threshold", str(self.score_threshold), "0 or more, under 1")
-
-
-def _refuse(name: str, value: str, expected: str) -> None:
-    raise InputError(f"{name} is {value}: expected {expected}")
+            self._refuse("precision is 'int8'", f"fp32 or fp16 for the provider {self.target}")

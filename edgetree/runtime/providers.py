@@ -13,6 +13,7 @@ from types import ModuleType
 from typing import Final
 
 from basetree.errors import InputError, MissingPackage, install_hint
+from basetree.settings import Settings, limits, names
 
 AUTO: Final = "auto"
 CPU: Final = "cpu"
@@ -101,45 +102,33 @@ _TRIED_BY_AUTO: Final = ("cuda", "coreml", "directml", "openvino")
 
 
 @dataclass(frozen=True)
-class SessionSettings:
-    """Settings for opening a model file.
+class SessionSettings(Settings, error=InputError):
+    """Settings for opening a model file."""
 
-    Attributes:
-        provider: a name in `PROVIDERS`; or "auto" for the first of CUDA, CoreML, DirectML and
-            OpenVINO that is installed and starts, otherwise the CPU.
-        strict: raise an error if the provider given by name is not installed, does not start or
-            runs no part of the graph. If false, log a warning and use the CPU. "auto" may use the
-            CPU in any case.
-        threads: threads of one inference on the CPU; None for all cores that this process may use.
-        spinning: let idle threads spin. Inference becomes slightly faster, but the cores stay busy
-            between inferences, which slows down other programs.
-        cache_folder: where TensorRT, OpenVINO or CoreML store compiled models to start faster the
-            next time; created if needed. None for no cache.
-        require_signature: refuse a model file without an accepted signature, even if the machine
-            does not require one, see `edgetree.signing`.
-
-    Raises:
-        InputError: a value is out of range, or the provider has no cache.
-    """
-
-    provider: str = CPU
+    provider: str = field(default=CPU, metadata=names((AUTO, *PROVIDERS)))
+    """A name in `PROVIDERS`; or "auto" for the first of CUDA, CoreML, DirectML and OpenVINO that is
+    installed and starts, otherwise the CPU."""
     strict: bool = True
-    threads: int | None = None
+    """Raise an error if the provider given by name is not installed, does not start or runs no part
+    of the graph. If false, log a warning and use the CPU. "auto" may use the CPU in any case."""
+    threads: int | None = field(default=None, metadata=limits(1, _MAX_THREADS))
+    """Threads of one inference on the CPU; None for all cores that this process may use."""
     spinning: bool = False
+    """Let idle threads spin. Inference becomes slightly faster, but the cores stay busy between
+    inferences, which slows down other programs."""
     cache_folder: Path | None = None
+    """Where TensorRT, OpenVINO or CoreML store compiled models to start faster the next time;
+    created if needed. None for no cache."""
     require_signature: bool = False
+    """Refuse a model file without an accepted signature, even if the machine does not require one,
+    see `edgetree.signing`."""
 
-    def __post_init__(self) -> None:
-        if self.provider != AUTO and self.provider not in PROVIDERS:
-            names = ", ".join((AUTO, *PROVIDERS))
-            raise InputError(f"provider is {self.provider!r}: expected one of {names}")
-        if self.threads is not None and not 1 <= self.threads <= _MAX_THREADS:
-            raise InputError(f"threads is {self.threads}: expected 1 to {_MAX_THREADS}")
+    def _check_together(self) -> None:
         caching = [provider.name for provider in PROVIDERS.values() if provider.cache_options]
         if self.cache_folder is not None and self.provider not in (AUTO, *caching):
-            raise InputError(
-                f"cache folder is {self.cache_folder}, but provider {self.provider!r} has no cache:"
-                f" expected one of {', '.join(caching)}"
+            self._refuse(
+                f"cache folder is {self.cache_folder}, but provider {self.provider!r} has no cache",
+                f"one of {', '.join(caching)}",
             )
 
 

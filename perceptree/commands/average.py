@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from perceptree.commands.options import check_checkpoint_name
 from perceptree.errors import CheckpointError
 
 
@@ -27,8 +28,7 @@ def average(
     from perceptree.models import save_checkpoint
     from perceptree.training.soup import average_checkpoints
 
-    if out.suffix != ".safetensors":
-        raise CheckpointError(f"--out is {out}: expected a file name ending in .safetensors")
+    check_checkpoint_name(out)
     model, record = average_checkpoints(checkpoints, _shares(weights, len(checkpoints)))
     save_checkpoint(out, model, record)
     typer.echo(f"checkpoint: {out}")

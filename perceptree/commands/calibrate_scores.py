@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from perceptree.errors import CheckpointError, DatasetError
+from basetree.program.console import progress
+from perceptree.commands.options import Checkpoint, Split, check_checkpoint_name, check_split
 
 if TYPE_CHECKING:
     from perceptree.data import FrameRecord
@@ -17,12 +17,12 @@ _BATCH = 4
 
 
 def calibrate_scores(
-    checkpoint: Annotated[Path, typer.Argument(help="A .safetensors checkpoint.")],
+    checkpoint: Checkpoint,
     data: Annotated[
         list[Path], typer.Argument(help="Folders of datasets that the network was not trained on.")
     ],
     out: Annotated[Path, typer.Option(help="Checkpoint to write.")],
-    split: Annotated[str, typer.Option(help="train, val or test.")] = "val",
+    split: Split = "val",
     certain: Annotated[
         float | None,
         typer.Option(
@@ -35,7 +35,7 @@ def calibrate_scores(
     All datasets count the same, whatever their size. The order of the detections stays, and with it
     the average precision. The scale becomes part of the weights.
     """
-    from perceptree.data import SPLITS, FrameStore
+    from perceptree.data import FrameStore
     from perceptree.evaluation import predict_frames, predict_with
     from perceptree.evaluation.reliability import (
         fit_scale,
@@ -45,19 +45,12 @@ def calibrate_scores(
     )
     from perceptree.models import load_checkpoint, save_checkpoint
 
-    if split not in SPLITS:
-        raise DatasetError(f"--split is {split!r}: expected one of {', '.join(SPLITS)}")
-    if out.suffix != ".safetensors":
-        raise CheckpointError(f"--out is {out}: expected a file name ending in .safetensors")
+    check_split(split)
+    check_checkpoint_name(out)
     model, record = load_checkpoint(checkpoint)
     stores = [FrameStore(_frames(folder, split, certain), model.spec) for folder in data]
     sets = []
-    with typer.progressbar(
-        length=sum(map(len, stores)),
-        label="detecting",
-        file=sys.stderr,
-        hidden=not sys.stderr.isatty(),
-    ) as bar:
+    with progress("detecting", sum(map(len, stores))) as bar:
         for store in stores:
             found = []
             for prediction in predict_frames(predict_with(model), store, _BATCH):

@@ -2,31 +2,26 @@
 
 from __future__ import annotations
 
-import json
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from basetree.errors import SettingsError
-from perceptree.errors import DatasetError
+from basetree.program.command_line import new_app, show_help
+from basetree.program.console import print_json, progress
+from perceptree.commands.options import EntireTree, Fold, Json, check_split
 
-app = typer.Typer(help="Inspect datasets before training.", rich_markup_mode=None)
+app = new_app("Inspect datasets before training.")
 
 
 @app.callback(invoke_without_command=True)
 def data(context: typer.Context) -> None:
     """Print the help if no command is given."""
-    if context.invoked_subcommand is None:
-        typer.echo(context.get_help())
+    show_help(context)
 
 
 Directory = Annotated[Path, typer.Argument(help="Folder of a dataset, or one COCO file.")]
-Fold = Annotated[int | None, typer.Option(help="Which fold of a dataset with several.")]
-EntireTree = Annotated[
-    bool, typer.Option("--entire-tree", help="Use the labels of entire trees (SynthTree43k).")
-]
 
 
 @app.command()
@@ -34,7 +29,7 @@ def check(
     directory: Directory,
     fold: Fold = None,
     entire_tree: EntireTree = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: Json = False,
 ) -> None:
     """Find missing and broken files, invalid labels, and leakage between splits.
 
@@ -43,13 +38,10 @@ def check(
     from perceptree.data.check import Check
 
     started = Check(directory, fold, entire_tree)
-    shown = sys.stderr.isatty() and not as_json
-    with typer.progressbar(
-        length=len(started), label="checking", file=sys.stderr, hidden=not shown
-    ) as bar:
+    with progress("checking", len(started), shown=not as_json) as bar:
         report = started.run(progress=bar.update)
     if as_json:
-        typer.echo(json.dumps(report.to_dict()))
+        print_json(report.to_dict())
     else:
         for split in report.splits:
             kinds = ("masks", split.has_masks), ("keypoints", split.has_keypoints)
@@ -83,7 +75,6 @@ def show(
     import cv2
 
     from basetree.files.writing import write_image
-    from perceptree.data import SPLITS
     from perceptree.data.dataset import read_labels
     from perceptree.data.layouts import find_labels, find_splits
     from perceptree.data.show import choose_frames, labelled_pages
@@ -91,8 +82,8 @@ def show(
     for name, value in (("--pages", pages), ("--per-page", per_page)):
         if value < 1:
             raise SettingsError(f"{name} is {value}: expected at least 1")
-    if split is not None and split not in SPLITS:
-        raise DatasetError(f"--split is {split!r}: expected one of {', '.join(SPLITS)}")
+    if split is not None:
+        check_split(split)
     files = (
         find_splits(directory, fold, entire_tree)
         if split is None
@@ -121,7 +112,7 @@ def compare(
     simulated: Annotated[Path, typer.Argument(help="Folder of perceptree synth, or of images.")],
     out: Annotated[Path, typer.Option(help="HTML page to write.")] = Path("likeness.html"),
     most: Annotated[int, typer.Option(help="Largest number of images per folder.")] = 200,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: Json = False,
 ) -> None:
     """Compare real with simulated images: colour, contrast, sharpness, edges, texture."""
     from basetree.files.writing import write_text
@@ -131,14 +122,11 @@ def compare(
     if most < 1:
         raise SettingsError(f"--most is {most}: expected at least 1")
     taken, drawn = (find_pictures(folder, most) for folder in (real, simulated))
-    shown = sys.stderr.isatty() and not as_json
-    with typer.progressbar(
-        length=len(taken) + len(drawn), label="comparing", file=sys.stderr, hidden=not shown
-    ) as bar:
+    with progress("comparing", len(taken) + len(drawn), shown=not as_json) as bar:
         comparison = compare_pictures(taken, drawn, bar.update)
     write_text(out, likeness_page(comparison))
     if as_json:
-        typer.echo(json.dumps(comparison.to_dict() | {"page": str(out)}))
+        print_json(comparison.to_dict() | {"page": str(out)})
         return
     for difference in comparison.differences[:5]:
         typer.echo(

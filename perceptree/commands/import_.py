@@ -2,48 +2,43 @@
 
 from __future__ import annotations
 
-import json
 import math
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from basetree.errors import SettingsError
+from basetree.program.console import print_json
+from basetree.program.options import expand_groups
+from perceptree.commands.options import Json
+from perceptree.commands.progress import say
 from perceptree.errors import CheckpointError
 
 if TYPE_CHECKING:
     from perceptree.models.weights import Imported
 
 
-def import_(
-    checkpoint: Annotated[
-        Path,
-        typer.Argument(
-            metavar="CKPT", help="Checkpoint of Detectron2, .pth, or of its model zoo, .pkl."
-        ),
-    ],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            help="File to write; by default CKPT's name with .safetensors, in this folder."
-        ),
-    ] = None,
-    modality: Annotated[str, typer.Option(help="Input of the model: rgb or depth.")] = "rgb",
-    height: Annotated[int | None, typer.Option(help="Height of the frames in px. [720]")] = None,
-    width: Annotated[int | None, typer.Option(help="Width of the frames in px. [1280]")] = None,
+@dataclass(frozen=True)
+class NetworkOptions:
+    """What the file does not tell of its network, and what is made of it."""
+
+    modality: Annotated[str, typer.Option(help="Input of the model: rgb or depth.")] = "rgb"
+    height: Annotated[int | None, typer.Option(help="Height of the frames in px. [720]")] = None
+    width: Annotated[int | None, typer.Option(help="Width of the frames in px. [1280]")] = None
     stride_in: Annotated[
         str, typer.Option(help="Convolution with the stride: auto, 1x1 or 3x3.")
-    ] = "auto",
+    ] = "auto"
     pixel_std: Annotated[
         str, typer.Option(help="Divisor of the pixels: auto, unit or imagenet.")
-    ] = "auto",
+    ] = "auto"
     as_init: Annotated[
         bool,
         typer.Option(
             "--as-init", help="Keep matching tensors only, as starting weights for training."
         ),
-    ] = False,
+    ] = False
     anchor_sizes: Annotated[
         str | None,
         typer.Option(
@@ -51,21 +46,46 @@ def import_(
             help="Anchor sizes of the five levels, such as 32,64,128,256,512; several of a level"
             " as 32/48. [the file's, or the usual ones for its number of anchors]",
         ),
-    ] = None,
+    ] = None
     anchor_ratios: Annotated[
         str | None,
         typer.Option(
             metavar="RATIO,...",
             help="Height over width of the anchors. [the file's, or 0.5,1,2]",
         ),
-    ] = None,
+    ] = None
     mask_convolutions: Annotated[
         int, typer.Option(help="Convolutions of the mask head, if it has one.")
-    ] = 4,
+    ] = 4
     keypoint_convolutions: Annotated[
         int, typer.Option(help="Convolutions of the keypoint head, if it has one.")
-    ] = 8,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    ] = 8
+
+    def arguments(self) -> dict[str, Any]:
+        """The keyword arguments of `import_checkpoint`; raises SettingsError."""
+        values = asdict(self)
+        sizes_px = _groups("--anchor-sizes", values.pop("anchor_sizes"))
+        ratios = _numbers("--anchor-ratios", values.pop("anchor_ratios"))
+        return {**values, "anchor_sizes_px": sizes_px, "anchor_ratios": ratios}
+
+
+@expand_groups
+def import_(
+    checkpoint: Annotated[
+        Path,
+        typer.Argument(
+            metavar="CKPT", help="Checkpoint of Detectron2, .pth, or of its model zoo, .pkl."
+        ),
+    ],
+    *,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="File to write; by default CKPT's name with .safetensors, in this folder."
+        ),
+    ] = None,
+    network: NetworkOptions,
+    as_json: Json = False,
 ) -> None:
     """Import a Detectron2 Mask R-CNN checkpoint; code in the file is not executed."""
     if not checkpoint.exists():
@@ -77,28 +97,14 @@ def import_(
     from perceptree.models import save_checkpoint
     from perceptree.models.weights import import_checkpoint
 
-    named: dict[str, Any] = {"modality": modality, "stride_in": stride_in, "pixel_std": pixel_std}
-    imported = import_checkpoint(
-        checkpoint,
-        height=height,
-        width=width,
-        as_init=as_init,
-        anchor_sizes_px=_groups("--anchor-sizes", anchor_sizes),
-        anchor_ratios=_numbers("--anchor-ratios", anchor_ratios),
-        mask_convolutions=mask_convolutions,
-        keypoint_convolutions=keypoint_convolutions,
-        **named,
-    )
+    imported = import_checkpoint(checkpoint, **network.arguments())
     save_checkpoint(out, imported.model, imported.training)
     if imported.assumed:
         assumed = ", ".join(imported.assumed)
-        typer.echo(
-            f"perceptree: {checkpoint} does not contain these settings, assumed: {assumed}",
-            err=True,
-        )
+        say(f"{checkpoint} does not contain these settings, assumed: {assumed}")
     facts = _facts(imported, out)
     if as_json:
-        typer.echo(json.dumps(facts))
+        print_json(facts)
         return
     _show(facts)
 

@@ -9,6 +9,7 @@ import typer
 
 from basetree.errors import SettingsError
 from perceptree.commands.eval import print_report
+from perceptree.commands.options import Json
 from perceptree.commands.synth_result import print_result
 
 _SYNTH, _EVAL = "perceptree.synth", "perceptree.eval"
@@ -26,7 +27,7 @@ def merge(
             " completed where its shards are, and of an evaluation only the summary is printed."
         ),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: Json = False,
 ) -> None:
     """Join what `synth` or `eval` wrote with --shard; may be repeated.
 

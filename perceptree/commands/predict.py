@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from basetree.errors import SettingsError
+from basetree.program.console import print_json, track
+from perceptree.commands.options import Checkpoint, Device, Json
 from perceptree.commands.progress import say
 from perceptree.errors import DatasetError
 
@@ -38,13 +39,13 @@ _Runs = Annotated[
 
 
 def predict(
-    checkpoint: Annotated[Path, typer.Argument(help="A .safetensors checkpoint.")],
+    checkpoint: Checkpoint,
     folder: _Folder,
     out: Annotated[Path, typer.Option(help="Folder for annotated images and labels.json.")],
     score: _Score = 0.5,
     runs: _Runs = False,
-    device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    device: Device = "cpu",
+    as_json: Json = False,
 ) -> None:
     """Detect trees in a folder of images, for review and correction in a labelling tool.
 
@@ -79,17 +80,13 @@ def predict(
         say(f"left out: {error}")
 
     found = detect_pictures(predict_with(model), model.spec, paths, score, _BATCH, leave_out)
-    shown = sys.stderr.isatty() and not as_json
     trees = 0
     try:
-        with typer.progressbar(
-            found, length=len(paths), label="detecting", file=sys.stderr, hidden=not shown
-        ) as pictures:
-            for picture in pictures:
-                with interrupt_afterwards():
-                    add_labels(labels, picture)
-                    write_drawing(picture, out / names[picture.path])
-                    trees += len(picture.trees.scores)
+        for picture in track(found, "detecting", len(paths), shown=not as_json):
+            with interrupt_afterwards():
+                add_labels(labels, picture)
+                write_drawing(picture, out / names[picture.path])
+                trees += len(picture.trees.scores)
     except KeyboardInterrupt:
         _write_labels(labels, out)
         raise
@@ -120,8 +117,7 @@ def _drawing_names(paths: list[Path]) -> dict[Path, str]:
 def _print_result(pictures: int, trees: int, folder: Path, out: Path, as_json: bool) -> None:
     labels = out / _LABELS_FILE
     if as_json:
-        result = {"pictures": pictures, "trees": trees, "out": str(out), "labels": str(labels)}
-        typer.echo(json.dumps(result))
+        print_json({"pictures": pictures, "trees": trees, "out": str(out), "labels": str(labels)})
         return
     typer.echo(f"{trees} trees in {pictures} images, drawn in {out}")
     typer.echo(

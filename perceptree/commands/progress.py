@@ -1,14 +1,12 @@
-"""Progress on stderr: a line that is updated on a terminal, otherwise occasional lines."""
+"""Messages and the progress of a training on stderr."""
 
 from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
-import typer
+from basetree.program.console import note
 
 if TYPE_CHECKING:
     from perceptree.training import Status
@@ -16,27 +14,7 @@ if TYPE_CHECKING:
 
 def say(line: str) -> None:
     """Print a message for the user to stderr, if it can be written."""
-    with suppress(OSError):
-        typer.echo(f"perceptree: {line}", err=True)
-
-
-@contextmanager
-def bar(label: str, shown: bool) -> Iterator[Callable[[int, int], None]]:
-    """Yield a function (done, total) that shows a progress bar from its first call on."""
-    drawn = None
-
-    def tell(done: int, total: int) -> None:
-        nonlocal drawn
-        if drawn is None:
-            hidden = not (shown and sys.stderr.isatty())
-            drawn = typer.progressbar(
-                length=total, label=label, file=sys.stderr, hidden=hidden
-            ).__enter__()
-        drawn.update(done - drawn.pos)
-        if done == total:
-            drawn.render_finish()
-
-    yield tell
+    note(f"perceptree: {line}")
 
 
 class TrainingBar:

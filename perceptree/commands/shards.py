@@ -2,65 +2,62 @@
 
 from __future__ import annotations
 
-import json
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeAlias
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from basetree.errors import SettingsError
+from basetree.program.console import print_json
 
 if TYPE_CHECKING:
     from basetree.jobs import Shard, Store
 
-ShardOption: TypeAlias = Annotated[
-    str | None,
-    typer.Option(
-        "--shard",
-        metavar="I/N",
-        help="Do only the I-th of N shares of the work, such as 3/64; `merge` joins them.",
-    ),
-]
-RayOption: TypeAlias = Annotated[
-    str | None,
-    typer.Option(
-        "--ray",
-        metavar="ADDRESS|local",
-        help="Share the work out on a cluster of Ray, or on this machine's cores by Ray.",
-    ),
-]
 
+@dataclass(frozen=True)
+class ShareOptions:
+    """How a work is shared out between machines."""
 
-ShardsOption: TypeAlias = Annotated[
-    Path | None,
-    typer.Option(
-        "--shards",
-        metavar="FOLDER|URL",
-        help="Where finished parts are kept, for --shard and --ray: a folder, or an object store"
-        " such as s3://bucket/folder.",
-    ),
-]
+    shard: Annotated[
+        str | None,
+        typer.Option(
+            metavar="I/N",
+            help="Do only the I-th of N shares of the work, such as 3/64; `merge` joins them.",
+        ),
+    ] = None
+    ray: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS|local",
+            help="Share the work out on a cluster of Ray, or on this machine's cores by Ray.",
+        ),
+    ] = None
 
+    @property
+    def is_given(self) -> bool:
+        """Whether the work is shared out."""
+        return self.shard is not None or self.ray is not None
 
-def chosen_shard(text: str | None, ray: str | None) -> Shard:
-    """The shard of the option --shard; the only one if it is not given.
+    def chosen(self) -> Shard:
+        """The shard of the option --shard; the only one if it is not given.
 
-    Raises:
-        JobError: If the text is not a shard.
-        SettingsError: If Ray is to do the work too.
-    """
-    from basetree.jobs import Shard
+        Raises:
+            JobError: If the text is not a shard.
+            SettingsError: If Ray is to do the work too.
+        """
+        from basetree.jobs import Shard
 
-    if text is not None and ray is not None:
-        raise SettingsError("--shard given with --ray: expected one of them")
-    return Shard() if text is None else Shard.parse(text)
+        if self.shard is not None and self.ray is not None:
+            raise SettingsError("--shard given with --ray: expected one of them")
+        return Shard() if self.shard is None else Shard.parse(self.shard)
 
+    def store(self, where: Path) -> Store:
+        """The store at a folder or URL; folders are absolute if processes of Ray write to them."""
+        from basetree.jobs import is_url, open_store
 
-def opened_store(where: Path, ray: str | None) -> Store:
-    """The store at a folder or URL; folders are absolute if processes of Ray write to them."""
-    from basetree.jobs import is_url, open_store
-
-    return open_store(where.absolute() if ray is not None and not is_url(where) else where)
+        by_ray = self.ray is not None and not is_url(where)
+        return open_store(where.absolute() if by_ray else where)
 
 
 def location(where: Path) -> str:
@@ -72,9 +69,8 @@ def location(where: Path) -> str:
 
 def print_shard(store: Store, shard: Shard, as_json: bool) -> None:
     """Print where a finished shard is, and what to do next."""
-    values = {"store": store.where, "shard": str(shard), "manifest": shard.file}
-    lines = [
-        f"shard {shard}: {store.where}/{shard.file}",
-        f"next, when all shards are finished: perceptree merge {store.where}",
-    ]
-    typer.echo(json.dumps(values) if as_json else "\n".join(lines))
+    if as_json:
+        print_json({"store": store.where, "shard": str(shard), "manifest": shard.file})
+        return
+    typer.echo(f"shard {shard}: {store.where}/{shard.file}")
+    typer.echo(f"next, when all shards are finished: perceptree merge {store.where}")

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-import dataclasses
 import os
 import sys
 import time
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from basetree.errors import SettingsError
-from perceptree.commands.shards import (
-    RayOption,
-    ShardOption,
-    chosen_shard,
-    opened_store,
-    print_shard,
-)
+from basetree.program.options import expand_groups
+from perceptree.commands.options import Json
+from perceptree.commands.shards import ShareOptions, print_shard
 from perceptree.commands.synth_result import print_result
 
 if TYPE_CHECKING:
@@ -30,6 +26,69 @@ if TYPE_CHECKING:
 _LABEL = "simulating"
 
 
+@dataclass(frozen=True)
+class DatasetOptions:
+    """Which dataset is simulated."""
+
+    frames: Annotated[
+        int | None, typer.Option(help="Number of frames; a larger number extends a dataset. [400]")
+    ] = None
+    seed: Annotated[int | None, typer.Option(help="Seed of the simulation. [0]")] = None
+    preset: Annotated[
+        str | None,
+        typer.Option(
+            help="Preset: paper, field, vegetation, drive, plain, test, field-test. By default 400"
+            " frames of field."
+        ),
+    ] = None
+    settings: Annotated[
+        Path | None,
+        typer.Option(help="JSON file with changed settings, in the form of settings.json."),
+    ] = None
+
+
+@dataclass(frozen=True)
+class PictureOptions:
+    """Changes of the camera, the pictures and the labels."""
+
+    width: Annotated[int | None, typer.Option(help="Image width, px. [1280]")] = None
+    height: Annotated[int | None, typer.Option(help="Image height, px. [720]")] = None
+    camera: Annotated[
+        Path | None, typer.Option(help="Camera file with intrinsics and distortion.")
+    ] = None
+    views: Annotated[int | None, typer.Option(help="Frames per scene. [8]")] = None
+    reach: Annotated[
+        float | None, typer.Option(help="Label trees up to this distance in metres. [10]")
+    ] = None
+    image_format: Annotated[str | None, typer.Option(help="Colour images as jpg or png. [jpg]")] = (
+        None
+    )
+    textures: Annotated[
+        Path | None,
+        typer.Option(help="Folder of photographs of bark, ground, stones, leaves, far stands."),
+    ] = None
+
+    def changed(self, settings: SimulatorSettings) -> SimulatorSettings:
+        """Settings with the changes of the camera and the labels."""
+        import calib
+        from perceptree.simulator.settings import ideal_camera
+
+        intrinsics = settings.camera.intrinsics
+        if self.camera is not None:
+            intrinsics = calib.load_camera(self.camera)
+        if self.width is not None or self.height is not None:
+            size = self.width or intrinsics.width, self.height or intrinsics.height
+            intrinsics = intrinsics.scaled(*size) if self.camera else ideal_camera(*size)
+        labels, views = settings.labels, self.views
+        return replace(
+            settings,
+            camera=replace(settings.camera, intrinsics=intrinsics),
+            labels=labels if self.reach is None else replace(labels, reach_m=self.reach),
+            views_per_scene=settings.views_per_scene if views is None else views,
+        )
+
+
+@expand_groups
 def synth(
     out: Annotated[
         Path,
@@ -38,43 +97,14 @@ def synth(
             help="Folder or URL (s3://...) to write; one with the same settings is resumed.",
         ),
     ],
-    frames: Annotated[
-        int | None, typer.Option(help="Number of frames; a larger number extends a dataset. [400]")
-    ] = None,
-    seed: Annotated[int | None, typer.Option(help="Seed of the simulation. [0]")] = None,
-    preset: Annotated[
-        str | None,
-        typer.Option(
-            help="Preset: paper, field, vegetation, drive, plain, test, field-test. By default 400"
-            " frames of field."
-        ),
-    ] = None,
-    settings: Annotated[
-        Path | None,
-        typer.Option(help="JSON file with changed settings, in the form of settings.json."),
-    ] = None,
-    width: Annotated[int | None, typer.Option(help="Image width, px. [1280]")] = None,
-    height: Annotated[int | None, typer.Option(help="Image height, px. [720]")] = None,
-    camera: Annotated[
-        Path | None, typer.Option(help="Camera file with intrinsics and distortion.")
-    ] = None,
-    views: Annotated[int | None, typer.Option(help="Frames per scene. [8]")] = None,
-    reach: Annotated[
-        float | None, typer.Option(help="Label trees up to this distance in metres. [10]")
-    ] = None,
-    image_format: Annotated[
-        str | None, typer.Option(help="Colour images as jpg or png. [jpg]")
-    ] = None,
-    textures: Annotated[
-        Path | None,
-        typer.Option(help="Folder of photographs of bark, ground, stones, leaves, far stands."),
-    ] = None,
+    *,
+    dataset: DatasetOptions,
+    pictures: PictureOptions,
     workers: Annotated[
         int | None, typer.Option(help="Number of processes; by default one per core.")
     ] = None,
-    shard: ShardOption = None,
-    ray: RayOption = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    share: ShareOptions,
+    as_json: Json = False,
 ) -> None:
     """Simulate forest frames with colour, depth, masks, boxes, keypoints and metric truth."""
     from basetree.jobs import is_url
@@ -82,20 +112,19 @@ def synth(
     from perceptree.simulator.dataset.shards import SynthJob
     from perceptree.simulator.photographs.folder import with_photographs
 
-    changes = (frames, seed, settings, width, height, camera, views, reach, image_format, textures)
-    frozen = _frozen(preset, changes)
-    start = chosen_preset(preset, settings)
-    chosen = changed_settings(start.settings, camera, (width, height), views, reach)
-    photographs = _photographs(textures)
+    frozen = _frozen(dataset, pictures)
+    start = chosen_preset(dataset.preset, dataset.settings)
+    chosen = pictures.changed(start.settings)
+    photographs = _photographs(pictures.textures)
     chosen = with_photographs(chosen, photographs)
-    count = start.frames if frames is None else frames
+    count = start.frames if dataset.frames is None else dataset.frames
     files = start.files
-    if image_format is not None:
-        files = dataclasses.replace(files, image_format=image_format)
-    seed = start.seed if seed is None else seed
-    if shard is not None or ray is not None or is_url(out):
-        whole = SynthJob(opened_store(out, ray), count, chosen, seed, files, photographs)
-        _in_shards(whole, shard, ray, workers, as_json, frozen)
+    if pictures.image_format is not None:
+        files = replace(files, image_format=pictures.image_format)
+    seed = start.seed if dataset.seed is None else dataset.seed
+    if share.is_given or is_url(out):
+        whole = SynthJob(share.store(out), count, chosen, seed, files, photographs)
+        _in_shards(whole, share, workers, as_json, frozen)
         return
     with typer.progressbar(
         length=count,
@@ -127,8 +156,7 @@ def _photographs(folder: Path | None) -> PhotoFolder | None:
 
 def _in_shards(
     synth: SynthJob,
-    shard: str | None,
-    ray: str | None,
+    share: ShareOptions,
     workers: int | None,
     as_json: bool,
     frozen: str | None,
@@ -137,31 +165,32 @@ def _in_shards(
     from basetree.jobs import Progress
     from perceptree.simulator.dataset.shards import merge_shards, run_synth_shard
 
-    chosen, store = chosen_shard(shard, ray), synth.store
+    chosen, store = share.chosen(), synth.store
     progress = Progress(_LABEL)
-    if ray is not None:
+    if share.ray is not None:
         from basetree.jobs.on_ray import RayEngine
 
-        with RayEngine(ray) as engine:
+        with RayEngine(share.ray) as engine:
             synth.prepare()
             engine.run(synth.job(), synth, progress)
             report = engine.call(merge_shards, store)
     else:
         run_synth_shard(synth, chosen, workers or os.cpu_count() or 1, progress)
-        if shard is not None:
+        if share.shard is not None:
             print_shard(store, chosen, as_json)
             return
         report = merge_shards(store)
     print_result(report, as_json, frozen)
 
 
-def _frozen(preset: str | None, options: tuple[object, ...]) -> str | None:
+def _frozen(dataset: DatasetOptions, pictures: PictureOptions) -> str | None:
     """Return the preset if it is frozen; raise SettingsError if options would change it."""
     from perceptree.simulator.dataset.frozen import FROZEN_PRESETS
 
+    preset = dataset.preset
     if preset not in FROZEN_PRESETS:
         return None
-    if any(option is not None for option in options):
+    if pictures != PictureOptions() or dataset != DatasetOptions(preset=preset):
         mix = "paper" if preset == "test" else "field"
         raise SettingsError(
             f"--preset {preset} is frozen: expected no options besides --out, --workers and"
@@ -192,41 +221,7 @@ def chosen_preset(name: str | None, settings_file: Path | None = None) -> Preset
     start = PRESETS[name] if name else default
     if settings_file is None:
         return start
-    return dataclasses.replace(start, settings=read_settings(settings_file, start.settings))
-
-
-def changed_settings(
-    settings: SimulatorSettings,
-    camera: Path | None = None,
-    size: tuple[int | None, int | None] = (None, None),
-    views: int | None = None,
-    reach: float | None = None,
-) -> SimulatorSettings:
-    """Apply command line options to settings.
-
-    Args:
-        settings: The settings.
-        camera: Camera file.
-        size: Image width and height in px.
-        views: Frames per scene.
-        reach: Largest distance of labelled trees in metres.
-    """
-    import calib
-    from perceptree.simulator.settings import ideal_camera
-
-    intrinsics = settings.camera.intrinsics
-    if camera is not None:
-        intrinsics = calib.load_camera(camera)
-    if size != (None, None):
-        width, height = size[0] or intrinsics.width, size[1] or intrinsics.height
-        intrinsics = intrinsics.scaled(width, height) if camera else ideal_camera(width, height)
-    labels = settings.labels
-    return dataclasses.replace(
-        settings,
-        camera=dataclasses.replace(settings.camera, intrinsics=intrinsics),
-        labels=labels if reach is None else dataclasses.replace(labels, reach_m=reach),
-        views_per_scene=settings.views_per_scene if views is None else views,
-    )
+    return replace(start, settings=read_settings(settings_file, start.settings))
 
 
 class _Progress:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
+
+from basetree.program.console import print_json
 
 if TYPE_CHECKING:
     from perceptree.simulator import SynthReport
@@ -50,7 +51,10 @@ def print_result(report: SynthReport, as_json: bool, frozen: str | None = None) 
         lines.append(f"next: perceptree train {report.directory} --out runs/depth --modality depth")
     else:
         lines.append(f"next: edgetree eval depth {report.directory}")
-    typer.echo(json.dumps(values) if as_json else "\n".join(lines))
+    if as_json:
+        print_json(values)
+    else:
+        typer.echo("\n".join(lines))
     if fails:
         raise typer.Exit(1)
 

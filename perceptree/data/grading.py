@@ -6,15 +6,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from basetree.errors import SettingsError
+from basetree.settings import check_value
 from perceptree.data.coco import FrameRecord, TreeRecord
 from perceptree.errors import DatasetError
-
-
-def check_certain(certain_m: float | None) -> None:
-    """Raise SettingsError unless a distance is over 0 m and finite, or None."""
-    if certain_m is not None and not (math.isfinite(certain_m) and certain_m > 0):
-        raise SettingsError(f"certain distance is {certain_m} m: expected more than 0, or none")
+from perceptree.settings.training import CERTAIN
 
 
 def graded(frames: Sequence[FrameRecord], certain_m: float) -> list[FrameRecord]:
@@ -24,7 +19,7 @@ def graded(frames: Sequence[FrameRecord], certain_m: float) -> list[FrameRecord]
         DatasetError: If no tree has a distance.
         SettingsError: If ``certain_m`` is not over 0.
     """
-    check_certain(certain_m)
+    check_value("certain distance", certain_m, CERTAIN)
     if not any("distance_m" in tree.truth for frame in frames for tree in frame.trees):
         raise DatasetError(
             f"no tree has a distance_m, expected distances to ignore trees beyond {certain_m:g} m"

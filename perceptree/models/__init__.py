@@ -2,7 +2,6 @@
 
 from perceptree.models.checkpoint import load_checkpoint, save_checkpoint
 from perceptree.models.detector import Detections, TreeRCNN
-from perceptree.models.matching import PAPER_SAMPLING, SampleSettings
 from perceptree.models.presets import EDGE_PRESETS, PAPER_PRESETS, PRESETS, make_spec
 from perceptree.models.spec import (
     CLASS_NAMES,
@@ -10,6 +9,7 @@ from perceptree.models.spec import (
     SpecError,
 )
 from perceptree.models.targets import TreeTargets
+from perceptree.settings.sampling import PAPER_SAMPLING, SampleSettings
 
 __all__ = [
     "CLASS_NAMES",

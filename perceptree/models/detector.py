@@ -27,7 +27,6 @@ from perceptree.models.losses import CountReducer, local_count
 from perceptree.models.matching import (
     RandomDraw,
     RegionSample,
-    SampleSettings,
     match_anchors,
     sample_regions,
     uniform_draw,
@@ -36,6 +35,7 @@ from perceptree.models.roi_align import RegionPooler
 from perceptree.models.rpn import ProposalMaps, ProposalNetwork
 from perceptree.models.spec import MASK_CELLS, STRIDE_5, ModelSpec
 from perceptree.models.targets import TreeTargets, pad_boxes
+from perceptree.settings.sampling import SampleSettings
 
 
 class Detections(NamedTuple):

@@ -3,86 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from basetree.errors import SettingsError
 from perceptree.models.boxes import pairwise_iou, pairwise_share_within
 from perceptree.models.targets import PaddedBoxes
+from perceptree.settings.sampling import SampleSettings
 
 # Share of a box's own area in an ignored region from which on it is not background.
 _IGNORED_SHARE = 0.5
-
-
-@dataclass(frozen=True)
-class SampleSettings:
-    """How a training step samples anchors and regions in each image.
-
-    Training uses more proposals than deployment, because that gives harder and more varied
-    regions.
-
-    Attributes:
-        proposals_per_level: Proposals kept per pyramid level before non-maximum suppression.
-        proposals: Proposals kept per image after it.
-        anchors: Anchors sampled per image.
-        anchor_positive_share: Maximum fraction of positive anchors among them.
-        anchor_positive_iou: Minimum overlap of a positive anchor with a tree.
-        anchor_negative_iou: Overlap below which an anchor is negative.
-        regions: Regions sampled per image for the heads.
-        region_positive_share: Maximum fraction of positive regions among them.
-        region_positive_iou: Minimum overlap of a positive region with a tree.
-        box_beta: Parameter of the smooth L1 loss of the box offsets (Girshick 2015), the value
-            where it changes from quadratic to linear; 0 is plain L1.
-
-    Raises:
-        SettingsError: If a value is out of range.
-    """
-
-    proposals_per_level: int = 200
-    proposals: int = 200
-    anchors: int = 128
-    anchor_positive_share: float = 0.5
-    anchor_positive_iou: float = 0.5
-    anchor_negative_iou: float = 0.3
-    regions: int = 64
-    region_positive_share: float = 0.375
-    region_positive_iou: float = 0.5
-    box_beta: float = 0.0
-
-    def __post_init__(self) -> None:
-        for name in ("proposals_per_level", "proposals", "anchors", "regions"):
-            if getattr(self, name) < 1:
-                raise SettingsError(f"{name} is {getattr(self, name)}: expected at least 1")
-        for name in (
-            "anchor_positive_share",
-            "anchor_positive_iou",
-            "region_positive_share",
-            "region_positive_iou",
-        ):
-            if not 0.0 < getattr(self, name) <= 1.0:
-                raise SettingsError(f"{name} is {getattr(self, name)}: expected over 0, at most 1")
-        if not 0.0 <= self.anchor_negative_iou <= self.anchor_positive_iou:
-            raise SettingsError(
-                f"anchor_negative_iou is {self.anchor_negative_iou}: expected 0 to "
-                f"anchor_positive_iou ({self.anchor_positive_iou})"
-            )
-        if self.box_beta < 0.0:
-            raise SettingsError(f"box_beta is {self.box_beta}: expected at least 0")
-
-
-PAPER_SAMPLING = SampleSettings(
-    proposals_per_level=2000,
-    proposals=1500,
-    anchors=256,
-    anchor_positive_iou=0.7,
-    regions=256,
-    region_positive_share=0.25,
-    box_beta=0.5,
-)
-"""Sampling of Grondin et al. (2022): Detectron2's keypoint configuration with 256 regions."""
 
 RandomDraw = Callable[[tuple[int, int], torch.device], Tensor]
 """Returns uniform random numbers (B, N) from 0 to 1, one row per image of the batch."""

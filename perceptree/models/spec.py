@@ -5,9 +5,11 @@ from __future__ import annotations
 import dataclasses
 import sys
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
 
 from basetree.errors import InputError
+from basetree.settings import Settings, limits, names
 
 CLASS_NAMES = ("tree",)
 
@@ -21,16 +23,13 @@ KeypointGrid = Literal["subcell", "pixels"]
 
 _CHANNELS = {"rgb": (3,), "depth": (1, 3)}
 _SMALLEST_PX, _LARGEST_PX = 32, 8192
-# Counts and widths, with the largest that is accepted: far above any network that is used.
-_LARGEST = {
-    "proposals_per_level": 100_000,
-    "proposals": 100_000,
-    "detections": 10_000,
-    "fpn_width": 4096,
-    "box_head_width": 16_384,
-}
 _LARGEST_FLOAT = sys.float_info.max
-_WIDEST_HEAD, _DEEPEST_HEAD, _MOST_ANCHORS, _MOST_SAMPLES = 4096, 64, 16, 64
+_WIDEST_HEAD, _DEEPEST_HEAD, _MOST_ANCHORS = 4096, 64, 16
+# Far above any network that is used.
+_PROPOSALS = limits(1, 100_000)
+_IOU = limits(over=0, most=1)
+_SCORE = limits(0, under=1, expected="within [0, 1)")
+_GRIDS = names(get_args(KeypointGrid), "'subcell' or 'pixels'")
 _PLAIN_TYPES: dict[str, tuple[type, ...]] = {
     "str": (str,),
     "int": (int,),
@@ -43,8 +42,8 @@ class SpecError(InputError):
     """Raised for a model spec with unknown, missing or invalid values."""
 
 
-@dataclasses.dataclass(frozen=True)
-class ModelSpec:
+@dataclass(frozen=True)
+class ModelSpec(Settings, error=SpecError):
     """Everything that is needed to build a network and to prepare its input.
 
     Channels are in the order of the input, BGR. Pyramid level ``n`` has stride ``2**n``.
@@ -53,9 +52,11 @@ class ModelSpec:
         SpecError: If a value is out of range or does not fit the others.
     """
 
+    _before_expected = ", "
+
     name: str
     """Name of the model."""
-    modality: Modality
+    modality: Modality = field(metadata=names(_CHANNELS, "'rgb' or 'depth'"))
     """Kind of input: ``rgb`` or ``depth``."""
     height: int
     """Input height, px; the network pads to a multiple of 32 itself."""
@@ -66,7 +67,7 @@ class ModelSpec:
     ``depth``. With three the depth channel is repeated, for networks trained on colour."""
     std: tuple[float, ...]
     """Standard deviation of the input per channel, in 8-bit units."""
-    pad_value: int
+    pad_value: int = field(metadata=limits(0, 255))
     """Value of the letterbox borders, 0 to 255."""
     anchor_sizes_px: tuple[tuple[float, ...], ...]
     """Square roots of the anchor areas, px: one or several per level."""
@@ -79,25 +80,25 @@ class ModelSpec:
     3x3 one."""
     levels: tuple[int, ...] = (3, 4, 5)
     """Pyramid levels with proposals; level 6 is level 5 subsampled by 2."""
-    fpn_width: int = 96
+    fpn_width: int = field(default=96, metadata=limits(1, 4096))
     """Channels of the pyramid's maps."""
     fpn_norm: bool = True
     """Batch norm after each of the pyramid's convolutions, in place of a bias."""
     anchor_ratios: tuple[float, ...] = (2.0, 4.5, 10.0)
     """Height over width of the anchors."""
-    anchor_offset: float = 0.5
+    anchor_offset: float = field(default=0.5, metadata=limits(0, 1))
     """Position of the anchor centres in their cell, 0 (its corner) to 1."""
-    proposals_per_level: int = 100
+    proposals_per_level: int = field(default=100, metadata=_PROPOSALS)
     """Proposals kept per level before non-maximum suppression."""
-    proposals: int = 100
+    proposals: int = field(default=100, metadata=_PROPOSALS)
     """Proposals kept per image after non-maximum suppression."""
-    proposal_nms_iou: float = 0.7
+    proposal_nms_iou: float = field(default=0.7, metadata=_IOU)
     """Overlap above which a proposal is suppressed."""
     roi_levels: tuple[int, ...] = (3,)
     """Levels that the heads pool from; with several, the size of a box decides its level."""
-    roi_samples: int = 2
+    roi_samples: int = field(default=2, metadata=limits(0, 64))
     """RoIAlign samples per cell and axis; 0 takes one per covered map cell."""
-    box_head_width: int = 256
+    box_head_width: int = field(default=256, metadata=limits(1, 16_384))
     """Width of the box head's two hidden layers."""
     mask_head_widths: tuple[int, ...] = (64, 64)
     """Channels of the mask head's 3x3 convolutions."""
@@ -107,122 +108,99 @@ class ModelSpec:
     """Whether there is a mask head."""
     keypoints: bool = True
     """Whether there is a keypoint head."""
-    keypoint_box_scale: float = 1.25
+    keypoint_box_scale: float = field(default=1.25, metadata=limits(1, expected=">= 1"))
     """The keypoint head uses the box enlarged by this factor, so that a felling cut hidden below
     the visible stem is still inside."""
-    keypoint_grid: KeypointGrid = "subcell"
+    keypoint_grid: KeypointGrid = field(
+        default="subcell", metadata=names(get_args(KeypointGrid), "'subcell' or 'pixels'")
+    )
     """Possible keypoint positions: ``subcell`` is 1/8 heat map cell refined with a parabola,
     ``pixels`` the centres of the box's pixels as in Detectron2."""
-    detections: int = 20
+    detections: int = field(default=20, metadata=limits(1, 10_000))
     """Rows of every output, the maximum number of trees per image."""
-    score_threshold: float = 0.01
+    score_threshold: float = field(default=0.01, metadata=_SCORE)
     """Detections with a lower score are dropped."""
-    nms_iou: float = 0.5
+    nms_iou: float = field(default=0.5, metadata=_IOU)
     """Overlap above which a detection is suppressed."""
 
     def __post_init__(self) -> None:
         self._check_types()
+        super().__post_init__()
+
+    def _check_together(self) -> None:
         self._check_input()
         self._check_levels()
-        self._check_choices()
-        for name, largest in _LARGEST.items():
-            if not 1 <= getattr(self, name) <= largest:
-                raise SpecError(f"{name} is {getattr(self, name)}, expected 1 to {largest}")
-        for name in ("proposal_nms_iou", "nms_iou"):
-            if not 0.0 < getattr(self, name) <= 1.0:
-                raise SpecError(f"{name} is {getattr(self, name)}, expected over 0, at most 1")
+        self._check_anchors()
         for name in ("mask_head_widths", "keypoint_head_widths"):
             widths = getattr(self, name)
             in_range = all(1 <= width <= _WIDEST_HEAD for width in widths)
             if not 1 <= len(widths) <= _DEEPEST_HEAD or not in_range:
-                raise SpecError(
-                    f"{name} are {widths}, expected 1 to {_DEEPEST_HEAD} of 1 to {_WIDEST_HEAD}"
-                )
+                expected = f"1 to {_DEEPEST_HEAD} of 1 to {_WIDEST_HEAD}"
+                self._refuse(f"{name} are {widths}", expected)
 
     def _check_types(self) -> None:
         """Check that numbers are finite numbers of the right kind, also those in tuples."""
-        for field in dataclasses.fields(self):
-            kind = str(field.type).removeprefix("tuple[").removeprefix("tuple[").split(",")[0]
+        for entry in dataclasses.fields(self):
+            kind = str(entry.type).removeprefix("tuple[").removeprefix("tuple[").split(",")[0]
             if kind not in _PLAIN_TYPES:
                 continue
-            value = getattr(self, field.name)
-            depth = str(field.type).count("tuple[")
+            value = getattr(self, entry.name)
+            depth = str(entry.type).count("tuple[")
             if not all(_is(item, kind) for item in _flat(value, depth)):
-                raise SpecError(
-                    f"{field.name} is {str(value)[:200]}, expected {'tuples of ' * (depth > 0)}"
-                    f"{kind}{', finite' * (kind == 'float')}"
-                )
+                expected = f"{'tuples of ' * (depth > 0)}{kind}{', finite' * (kind == 'float')}"
+                self._refuse(f"{entry.name} is {str(value)[:200]}", expected)
 
     def _check_input(self) -> None:
-        allowed = _CHANNELS.get(self.modality)
-        if allowed is None:
-            raise SpecError(f"modality is {self.modality!r}, expected 'rgb' or 'depth'")
+        allowed = _CHANNELS[self.modality]
         if len(self.mean) not in allowed or len(self.std) != len(self.mean):
-            raise SpecError(
-                f"mean and std have {len(self.mean)} and {len(self.std)} values, "
-                f"expected {' or '.join(map(str, allowed))} for {self.modality}"
+            self._refuse(
+                f"mean and std have {len(self.mean)} and {len(self.std)} values",
+                f"{' or '.join(map(str, allowed))} for {self.modality}",
             )
         if min(self.std) <= 0.0:
-            raise SpecError(f"std is {self.std}, expected positive values")
-        if not 0 <= self.pad_value <= 255:
-            raise SpecError(f"pad_value is {self.pad_value}, expected 0 to 255")
+            self._refuse(f"std is {self.std}", "positive values")
         if (self.depth_encoding is None) != (self.modality == "rgb"):
-            raise SpecError(
-                f"depth_encoding is {self.depth_encoding} for {self.modality}, expected one for "
-                "depth and None for rgb"
-            )
+            found = f"depth_encoding is {self.depth_encoding} for {self.modality}"
+            self._refuse(found, "one for depth and None for rgb")
         if not all(_SMALLEST_PX <= side <= _LARGEST_PX for side in (self.height, self.width)):
-            raise SpecError(
-                f"the input is {self.height}x{self.width}, "
-                f"expected {_SMALLEST_PX} to {_LARGEST_PX} px each way"
-            )
+            found = f"the input is {self.height}x{self.width}"
+            self._refuse(found, f"{_SMALLEST_PX} to {_LARGEST_PX} px each way")
 
     def _check_levels(self) -> None:
         first = self.levels[0] if self.levels else 0
         counted = tuple(range(first, first + len(self.levels)))
         if not 2 <= first <= 6 or self.levels != counted:
-            raise SpecError(f"levels are {self.levels}, expected consecutive levels, at least 2")
+            self._refuse(f"levels are {self.levels}", "consecutive levels, at least 2")
         if not 5 <= self.levels[-1] <= 6:
-            raise SpecError(f"levels are {self.levels}, expected level 5 or 6 as the last")
-        counts = {len(sizes) for sizes in self.anchor_sizes_px}
-        if len(self.anchor_sizes_px) != len(self.levels) or len(counts) != 1 or 0 in counts:
-            raise SpecError(
-                f"anchor_sizes_px are {self.anchor_sizes_px}, expected {len(self.levels)} "
-                "groups (one per level) with the same number of sizes"
-            )
-        sizes = (*self.anchor_ratios, *(s for group in self.anchor_sizes_px for s in group))
-        if max(counts) > _MOST_ANCHORS or len(self.anchor_ratios) > _MOST_ANCHORS:
-            raise SpecError(
-                f"there are {max(counts)} anchor sizes and {len(self.anchor_ratios)} ratios per"
-                f" level, expected at most {_MOST_ANCHORS} each"
-            )
-        if not self.anchor_ratios or min(sizes) <= 0.0:
-            raise SpecError(
-                f"anchor_ratios are {self.anchor_ratios}, anchor_sizes_px {self.anchor_sizes_px}, "
-                "expected at least one each, over 0"
-            )
+            self._refuse(f"levels are {self.levels}", "level 5 or 6 as the last")
         allowed = set(self.levels) - {6}
         pooled = tuple(sorted(set(self.roi_levels) & allowed))
         consecutive = bool(pooled) and pooled[-1] - pooled[0] == len(pooled) - 1
         if not consecutive or self.roi_levels != pooled:
-            raise SpecError(
-                f"roi_levels are {self.roi_levels}, expected consecutive levels of {self.levels}, "
-                "at most 5"
+            self._refuse(
+                f"roi_levels are {self.roi_levels}",
+                f"consecutive levels of {self.levels}, at most 5",
             )
 
-    def _check_choices(self) -> None:
-        if self.keypoint_grid not in get_args(KeypointGrid):
-            raise SpecError(
-                f"keypoint_grid is {self.keypoint_grid!r}, expected 'subcell' or 'pixels'"
+    def _check_anchors(self) -> None:
+        counts = {len(sizes) for sizes in self.anchor_sizes_px}
+        if len(self.anchor_sizes_px) != len(self.levels) or len(counts) != 1 or 0 in counts:
+            self._refuse(
+                f"anchor_sizes_px are {self.anchor_sizes_px}",
+                f"{len(self.levels)} groups (one per level) with the same number of sizes",
             )
-        if not 0 <= self.roi_samples <= _MOST_SAMPLES:
-            raise SpecError(f"roi_samples is {self.roi_samples}, expected 0 to {_MOST_SAMPLES}")
-        if not 0.0 <= self.anchor_offset <= 1.0:
-            raise SpecError(f"anchor_offset is {self.anchor_offset}, expected 0 to 1")
-        if not 0.0 <= self.score_threshold < 1.0:
-            raise SpecError(f"score_threshold is {self.score_threshold}, expected within [0, 1)")
-        if self.keypoint_box_scale < 1.0:
-            raise SpecError(f"keypoint_box_scale is {self.keypoint_box_scale}, expected >= 1")
+        if max(counts) > _MOST_ANCHORS or len(self.anchor_ratios) > _MOST_ANCHORS:
+            self._refuse(
+                f"there are {max(counts)} anchor sizes and {len(self.anchor_ratios)} ratios per"
+                " level",
+                f"at most {_MOST_ANCHORS} each",
+            )
+        sizes = (*self.anchor_ratios, *(s for group in self.anchor_sizes_px for s in group))
+        if not self.anchor_ratios or min(sizes) <= 0.0:
+            self._refuse(
+                f"anchor_ratios are {self.anchor_ratios}, anchor_sizes_px {self.anchor_sizes_px}",
+                "at least one each, over 0",
+            )
 
     @property
     def backbone_levels(self) -> tuple[int, ...]:
@@ -256,7 +234,7 @@ class ModelSpec:
         Raises:
             SpecError: If fields are unknown, missing or out of range.
         """
-        known = {field.name for field in dataclasses.fields(cls)}
+        known = {entry.name for entry in dataclasses.fields(cls)}
         surplus = sorted(set(values) - known)
         if surplus:
             raise SpecError(f"unknown model spec fields: {', '.join(surplus)}")

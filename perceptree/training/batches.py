@@ -29,8 +29,8 @@ from perceptree.data import Sample, augment
 from perceptree.data.cache import FrameCache
 from perceptree.errors import DatasetError
 from perceptree.models import ModelSpec
+from perceptree.settings.training import TrainSettings
 from perceptree.training.packing import PackedTargets, pack_targets
-from perceptree.training.settings import TrainSettings
 
 # Purposes of random number streams, a part of their seeds.
 _ORDER, _AUGMENT, _SAMPLING, _MIXED_ORDER = 1, 2, 3, 4

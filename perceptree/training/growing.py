@@ -21,8 +21,8 @@ from basetree.errors import SettingsError
 from perceptree.data import read_dataset
 from perceptree.errors import DatasetError
 from perceptree.models import ModelSpec
+from perceptree.settings.training import Engine, TrainSettings
 from perceptree.training.run import train
-from perceptree.training.settings import Engine, TrainSettings
 from perceptree.training.source import Preparing
 from perceptree.training.starting import Init
 from perceptree.training.state import STATE_NAME, read_state

@@ -15,7 +15,7 @@ from torch import Tensor, nn
 
 from perceptree.models import TreeRCNN
 from perceptree.models.backbones import Backbone
-from perceptree.training.settings import TrainSettings
+from perceptree.settings.training import TrainSettings
 
 _LEAST_VARIANCE = 1e-6
 

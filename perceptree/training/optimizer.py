@@ -8,7 +8,7 @@ import torch
 from torch import nn
 
 from perceptree.models import TreeRCNN
-from perceptree.training.settings import TrainSettings
+from perceptree.settings.training import TrainSettings
 
 _RATE_SHARE = "rate_share"
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from basetree.errors import SettingsError
-from perceptree.data import PAPER_AUGMENT, VARIED_AUGMENT
-from perceptree.models import PAPER_SAMPLING
-from perceptree.training.settings import TrainSettings
+from perceptree.settings.augmentation import PAPER_AUGMENT, VARIED_AUGMENT
+from perceptree.settings.sampling import PAPER_SAMPLING
+from perceptree.settings.training import TrainSettings
 
 RECIPES: dict[str, dict[str, Any]] = {
     "scratch": {},

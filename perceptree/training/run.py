@@ -13,12 +13,12 @@ from basetree.files.names import is_utf8
 from perceptree.errors import CheckpointError
 from perceptree.evaluation import Metrics
 from perceptree.models import ModelSpec, TreeRCNN
+from perceptree.settings.training import EXTENDABLE_SETTINGS, DataSource, Engine, TrainSettings
 from perceptree.training.credits import Credits, training_credits
 from perceptree.training.memory import keep_freed_memory
 from perceptree.training.precision import fastest_precision
 from perceptree.training.processes import Processes, process_group
-from perceptree.training.settings import EXTENDABLE_SETTINGS, Engine, TrainSettings
-from perceptree.training.source import DataSource, Preparing, TrainingData, open_data
+from perceptree.training.source import Preparing, TrainingData, open_data
 from perceptree.training.starting import Init, describe_init, load_heads, start_from
 from perceptree.training.state import STATE_NAME, read_state, write_state
 from perceptree.training.trainer import Progress, Trainer, TrainReport

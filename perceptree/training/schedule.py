@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from perceptree.training.settings import TrainSettings
+from perceptree.settings.training import TrainSettings
 
 
 def learning_rate(settings: TrainSettings, step: int, done: float) -> float:

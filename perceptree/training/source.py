@@ -9,40 +9,14 @@ from typing import Any
 
 from perceptree.data import Dataset, FrameStore, read_dataset
 from perceptree.data.cache import FrameCache, Progress, open_cache
-from perceptree.data.grading import check_certain, ignored_note
+from perceptree.data.grading import ignored_note
 from perceptree.errors import DatasetError
 from perceptree.models import ModelSpec
+from perceptree.settings.training import DataSource, Engine
 from perceptree.training.origin import simulated_scenes, usual_pictures
-from perceptree.training.settings import Engine
 
 CACHE_FOLDER = ".frame-cache"
 _NAMES_SHOWN = 3
-
-
-@dataclass(frozen=True)
-class DataSource:
-    """A dataset, and the choice among its label files.
-
-    Attributes:
-        directory: Folder of the dataset, or a label file.
-        fold: Fold of a cross-validation, for datasets that have folds.
-        entire_tree: Use the labels of entire trees, for datasets that have them.
-        mix: Folder of a second dataset whose train split is mixed in; None for none.
-        certain_m: Distance beyond which labelled trees are ignored, in all splits, m; None for no
-            limit.
-
-    Raises:
-        SettingsError: If ``certain_m`` is not over 0.
-    """
-
-    directory: Path
-    fold: int | None = None
-    entire_tree: bool = False
-    mix: Path | None = None
-    certain_m: float | None = None
-
-    def __post_init__(self) -> None:
-        check_certain(self.certain_m)
 
 
 @dataclass(frozen=True)

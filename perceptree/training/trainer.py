@@ -18,6 +18,7 @@ from basetree.program.interrupts import interrupt_afterwards
 from perceptree.errors import DatasetError
 from perceptree.evaluation import Metrics, evaluate, predict_with
 from perceptree.models import ModelSpec, TreeRCNN, save_checkpoint
+from perceptree.settings.training import LAST_LEVEL, Engine, TrainSettings
 from perceptree.training.average import make_average
 from perceptree.training.batches import (
     Batch,
@@ -33,7 +34,6 @@ from perceptree.training.processes import Processes, synchronise_norms
 from perceptree.training.rounding import rounded_weights
 from perceptree.training.run_log import RunLog
 from perceptree.training.schedule import learning_rate
-from perceptree.training.settings import LAST_LEVEL, Engine, TrainSettings
 from perceptree.training.source import TrainingData
 from perceptree.training.state import STATE_NAME
 

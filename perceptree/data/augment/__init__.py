@@ -7,6 +7,6 @@ transform image and labels together, ``colour`` and ``depth`` simulate variation
 
 from perceptree.data.augment.frame import augment
 from perceptree.data.augment.geometry import flip
-from perceptree.data.augment.settings import PAPER_AUGMENT, VARIED_AUGMENT, AugmentSettings
+from perceptree.settings.augmentation import PAPER_AUGMENT, VARIED_AUGMENT, AugmentSettings
 
 __all__ = ["PAPER_AUGMENT", "VARIED_AUGMENT", "AugmentSettings", "augment", "flip"]

@@ -16,7 +16,7 @@ from perceptree.data.augment.randomness import (
     uniform_symmetric,
     uniform_up_to,
 )
-from perceptree.data.augment.settings import ColourSettings
+from perceptree.settings.augmentation import ColourSettings
 
 _LIGHT_CELL_PX = 8
 _LIGHT_ONE = 100

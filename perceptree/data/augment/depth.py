@@ -20,7 +20,7 @@ from perceptree.data.augment.randomness import (
     uniform_symmetric,
     uniform_up_to,
 )
-from perceptree.data.augment.settings import DepthSettings
+from perceptree.settings.augmentation import DepthSettings
 
 _REFERENCE_M = 10.0
 _MIN_DEPTH_M = 0.05

@@ -13,9 +13,9 @@ from perceptree.data.augment.depth import disturb_depth, trees_still_read
 from perceptree.data.augment.geometry import draw_transform, flip, transform_sample
 from perceptree.data.augment.paste import paste_trees
 from perceptree.data.augment.randomness import is_drawn
-from perceptree.data.augment.settings import AugmentSettings
 from perceptree.data.frames import Sample
 from perceptree.models import ModelSpec
+from perceptree.settings.augmentation import AugmentSettings
 
 
 def augment(

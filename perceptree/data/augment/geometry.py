@@ -22,8 +22,8 @@ from perceptree.data.augment.labels import (
     transform_masks,
 )
 from perceptree.data.augment.randomness import is_drawn, uniform_symmetric
-from perceptree.data.augment.settings import GeometrySettings
 from perceptree.data.frames import Sample
+from perceptree.settings.augmentation import GeometrySettings
 
 Rectangle = tuple[int, int, int, int]
 """x0, y0, x1, y1 in integer px."""

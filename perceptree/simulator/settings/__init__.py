@@ -1,4 +1,7 @@
-"""Settings of the simulator, one dataclass per topic."""
+"""Settings of the simulator, one dataclass per topic.
+
+All of them are checked when they are built, and raise SettingsError if a value is out of range.
+"""
 
 from perceptree.simulator.settings.atmosphere import (
     TIMES,

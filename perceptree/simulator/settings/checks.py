@@ -1,16 +1,20 @@
-"""Validation of settings. Error messages state the value and what was expected."""
+"""What the simulator's settings may be, as metadata of their fields."""
 
 from __future__ import annotations
 
-import math
-
-from basetree.errors import SettingsError
+from basetree.settings import check_value, limits
+from basetree.settings.metadata import Metadata
 
 Range = tuple[float, float]
 Shares = dict[str, float]
 
-OMIT_DEFAULT = {"omit_default": True}
+OMIT_DEFAULT: Metadata = {"omit_default": True}
 """Metadata of settings that older datasets lack: ``to_dict`` omits them at their default."""
+
+
+def number(lowest: float, highest: float) -> Metadata:
+    """Limit a number, or both ends of a range, to [lowest, highest]."""
+    return limits(lowest, highest, style="g")
 
 
 def check_number(name: str, value: float, lowest: float, highest: float) -> None:
@@ -19,44 +23,4 @@ def check_number(name: str, value: float, lowest: float, highest: float) -> None
     Raises:
         SettingsError: If it is not.
     """
-    if not (math.isfinite(value) and lowest <= value <= highest):
-        raise SettingsError(f"{name} is {value:g}: expected {lowest:g} to {highest:g}")
-
-
-def check_range(name: str, value: Range, lowest: float, highest: float) -> None:
-    """Check that ``value`` is a range (low, high) within [lowest, highest].
-
-    Raises:
-        SettingsError: If it is not.
-    """
-    low, high = value
-    if not lowest <= low <= high <= highest:
-        raise SettingsError(
-            f"{name} is ({low:g}, {high:g}): expected low <= high, both in"
-            f" [{lowest:g}, {highest:g}]"
-        )
-
-
-def check_shares(name: str, value: Shares, known: tuple[str, ...]) -> None:
-    """Check that ``value`` has weights of at least 0 for known names, and one above 0.
-
-    Raises:
-        SettingsError: If it has not.
-    """
-    for key, weight in value.items():
-        if key not in known:
-            raise SettingsError(f"{name} has the name {key!r}: expected one of {', '.join(known)}")
-        if not (math.isfinite(weight) and weight >= 0):
-            raise SettingsError(f"{name}[{key!r}] is {weight:g}: expected a weight of at least 0")
-    if not sum(value.values()) > 0:
-        raise SettingsError(f"{name} has no weight above 0: expected at least one")
-
-
-def check_choice(name: str, value: str, known: tuple[str, ...]) -> None:
-    """Check that ``value`` is one of ``known``.
-
-    Raises:
-        SettingsError: If it is not.
-    """
-    if value not in known:
-        raise SettingsError(f"{name} is {value!r}: expected one of {', '.join(known)}")
+    check_value(name, value, number(lowest, highest))

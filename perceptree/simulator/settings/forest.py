@@ -4,14 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from perceptree.simulator.settings.checks import (
-    OMIT_DEFAULT,
-    Range,
-    Shares,
-    check_number,
-    check_range,
-    check_shares,
-)
+from basetree.settings import Settings, check_value, weights
+from perceptree.simulator.settings.checks import OMIT_DEFAULT, Range, Shares, number
 
 GROUNDS = ("litter", "moss", "roots", "mud")
 SPECIES = ("fir", "spruce", "pine", "beech", "birch", "maple")
@@ -19,73 +13,45 @@ PATTERNS = ("random", "regular", "clustered")
 
 
 @dataclass(frozen=True)
-class TerrainSettings:
-    """The ground.
+class TerrainSettings(Settings):
+    """The ground."""
 
-    Attributes:
-        slope_deg: Range of the mean slope of a scene.
-        relief_m: Range of the standard deviation of the large-scale relief, m.
-        roughness_m: Range of the standard deviation of the small-scale relief, m.
-        grounds: Weight of each of GROUNDS to be the main cover of a scene; the others are mixed in
-            as patches.
-
-    Raises:
-        SettingsError: If a value is out of range.
-    """
-
-    slope_deg: Range = (0.0, 30.0)
-    relief_m: Range = (0.15, 0.7)
-    roughness_m: Range = (0.01, 0.035)
+    slope_deg: Range = field(default=(0.0, 30.0), metadata=number(0, 30))
+    """Range of the mean slope of a scene."""
+    relief_m: Range = field(default=(0.15, 0.7), metadata=number(0, 2))
+    """Range of the standard deviation of the large-scale relief, m."""
+    roughness_m: Range = field(default=(0.01, 0.035), metadata=number(0, 0.1))
+    """Range of the standard deviation of the small-scale relief, m."""
     grounds: Shares = field(
-        default_factory=lambda: {"litter": 1.0, "moss": 1.0, "roots": 1.0, "mud": 1.0}
+        default_factory=lambda: {"litter": 1.0, "moss": 1.0, "roots": 1.0, "mud": 1.0},
+        metadata=weights(GROUNDS),
     )
-
-    def __post_init__(self) -> None:
-        check_range("slope_deg", self.slope_deg, 0.0, 30.0)
-        check_range("relief_m", self.relief_m, 0.0, 2.0)
-        check_range("roughness_m", self.roughness_m, 0.0, 0.1)
-        check_shares("grounds", self.grounds, GROUNDS)
+    """Weight of each of GROUNDS to be the main cover of a scene; the others are mixed in as
+    patches."""
 
 
 @dataclass(frozen=True)
-class StandSettings:
-    """The stand: number, positions and shapes of the trees.
+class StandSettings(Settings):
+    """The stand: number, positions and shapes of the trees."""
 
-    Attributes:
-        stems_per_ha: Range of the density.
-        patterns: Weight of each of PATTERNS, the spatial pattern of a scene.
-        spacing_m: Minimum distance of two stems, m.
-        neighbour_radius_m: Radius in which neighbours are counted, m.
-        max_neighbours: Maximum number of other stems within that radius.
-        altitude_preference: Range of the preference from -1 (hollows) to 1 (ridges), which thins
-            the stand by altitude.
-        max_slope_deg: Ground steeper than this has no stems.
-        species: Weight of each of SPECIES.
-        species_per_scene: Number of species in a scene.
-        diameter_m: Minimum and maximum diameter at breast height, m.
-        diameter_median_m: Range of the median diameter of a scene, m.
-        diameter_log_std: Standard deviation of the logarithm of the diameter.
-        lean_std_deg: Range of the standard deviation of the normal distribution whose absolute
-            value is the lean.
-        lean_max_deg: Maximum lean.
-        fork_share: Fraction of forked stems.
-        dead_share: Fraction of dead trees, without foliage; some are broken above the labelled
-            stem.
-        fine_crowns: Whether near crowns have more and smaller twigs that spread more irregularly.
-
-    Raises:
-        SettingsError: If a value is out of range.
-    """
-
-    stems_per_ha: Range = (300.0, 860.0)
+    stems_per_ha: Range = field(default=(300.0, 860.0), metadata=number(10, 5000))
+    """Range of the density."""
     patterns: Shares = field(
-        default_factory=lambda: {"random": 1.0, "regular": 1.0, "clustered": 1.0}
+        default_factory=lambda: {"random": 1.0, "regular": 1.0, "clustered": 1.0},
+        metadata=weights(PATTERNS),
     )
-    spacing_m: float = 1.1
-    neighbour_radius_m: float = 4.0
-    max_neighbours: int = 8
-    altitude_preference: Range = (-0.6, 0.6)
-    max_slope_deg: float = 42.0
+    """Weight of each of PATTERNS, the spatial pattern of a scene."""
+    spacing_m: float = field(default=1.1, metadata=number(0.3, 10))
+    """Minimum distance of two stems, m."""
+    neighbour_radius_m: float = field(default=4.0, metadata=number(0.5, 10))
+    """Radius in which neighbours are counted, m."""
+    max_neighbours: int = field(default=8, metadata=number(0, 100))
+    """Maximum number of other stems within that radius."""
+    altitude_preference: Range = field(default=(-0.6, 0.6), metadata=number(-1, 1))
+    """Range of the preference from -1 (hollows) to 1 (ridges), which thins the stand by
+    altitude."""
+    max_slope_deg: float = field(default=42.0, metadata=number(5, 90))
+    """Ground steeper than this has no stems."""
     species: Shares = field(
         default_factory=lambda: {
             "fir": 3.0,
@@ -94,60 +60,47 @@ class StandSettings:
             "beech": 2.0,
             "birch": 1.5,
             "maple": 1.0,
-        }
+        },
+        metadata=weights(SPECIES),
     )
-    species_per_scene: int = 3
-    diameter_m: Range = (0.05, 0.60)
+    """Weight of each of SPECIES."""
+    species_per_scene: int = field(default=3, metadata=number(1, len(SPECIES)))
+    """Number of species in a scene."""
+    diameter_m: Range = field(default=(0.05, 0.60), metadata=number(0.03, 2))
+    """Minimum and maximum diameter at breast height, m."""
     diameter_median_m: Range = (0.16, 0.28)
-    diameter_log_std: float = 0.42
-    lean_std_deg: Range = (1.0, 6.0)
-    lean_max_deg: float = 20.0
-    fork_share: float = 0.06
-    dead_share: float = field(default=0.0, metadata=OMIT_DEFAULT)
+    """Range of the median diameter of a scene, m."""
+    diameter_log_std: float = field(default=0.42, metadata=number(0, 1.5))
+    """Standard deviation of the logarithm of the diameter."""
+    lean_std_deg: Range = field(default=(1.0, 6.0), metadata=number(0, 20))
+    """Range of the standard deviation of the normal distribution whose absolute value is the
+    lean."""
+    lean_max_deg: float = field(default=20.0, metadata=number(0, 20))
+    """Maximum lean."""
+    fork_share: float = field(default=0.06, metadata=number(0, 1))
+    """Fraction of forked stems."""
+    dead_share: float = field(default=0.0, metadata=number(0, 1) | OMIT_DEFAULT)
+    """Fraction of dead trees, without foliage; some are broken above the labelled stem."""
     fine_crowns: bool = field(default=False, metadata=OMIT_DEFAULT)
+    """Whether near crowns have more and smaller twigs that spread more irregularly."""
 
-    def __post_init__(self) -> None:
-        check_range("stems_per_ha", self.stems_per_ha, 10.0, 5000.0)
-        check_shares("patterns", self.patterns, PATTERNS)
-        check_number("spacing_m", self.spacing_m, 0.3, 10.0)
-        check_number("neighbour_radius_m", self.neighbour_radius_m, 0.5, 10.0)
-        check_number("max_neighbours", self.max_neighbours, 0, 100)
-        check_range("altitude_preference", self.altitude_preference, -1.0, 1.0)
-        check_number("max_slope_deg", self.max_slope_deg, 5.0, 90.0)
-        check_shares("species", self.species, SPECIES)
-        check_number("species_per_scene", self.species_per_scene, 1, len(SPECIES))
-        check_range("diameter_m", self.diameter_m, 0.03, 2.0)
-        check_range("diameter_median_m", self.diameter_median_m, *self.diameter_m)
-        check_number("diameter_log_std", self.diameter_log_std, 0.0, 1.5)
-        check_range("lean_std_deg", self.lean_std_deg, 0.0, 20.0)
-        check_number("lean_max_deg", self.lean_max_deg, 0.0, 20.0)
-        check_number("fork_share", self.fork_share, 0.0, 1.0)
-        check_number("dead_share", self.dead_share, 0.0, 1.0)
+    def _check_together(self) -> None:
+        check_value("diameter_median_m", self.diameter_median_m, number(*self.diameter_m))
 
 
 @dataclass(frozen=True)
-class UndergrowthSettings:
-    """Density of the undergrowth by kind: ranges from 0 (none) to 1 (dense).
-
-    Attributes:
-        grass: Grass tufts.
-        ferns: Ferns.
-        scrubs: Bushes, seedlings and saplings.
-        branches: Fallen branches and logs.
-        stumps: Stumps.
-        rocks: Rocks.
-
-    Raises:
-        SettingsError: If a value is out of range.
-    """
+class UndergrowthSettings(Settings, each=number(0, 1)):
+    """Density of the undergrowth by kind: ranges from 0 (none) to 1 (dense)."""
 
     grass: Range = (0.0, 1.0)
+    """Grass tufts."""
     ferns: Range = (0.0, 1.0)
+    """Ferns."""
     scrubs: Range = (0.0, 1.0)
+    """Bushes, seedlings and saplings."""
     branches: Range = (0.1, 1.0)
+    """Fallen branches and logs."""
     stumps: Range = (0.0, 1.0)
+    """Stumps."""
     rocks: Range = (0.0, 1.0)
-
-    def __post_init__(self) -> None:
-        for name in ("grass", "ferns", "scrubs", "branches", "stumps", "rocks"):
-            check_range(name, getattr(self, name), 0.0, 1.0)
+    """Rocks."""

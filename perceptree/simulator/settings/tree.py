@@ -6,10 +6,10 @@ import dataclasses
 from dataclasses import dataclass, field
 from typing import Any
 
-from basetree.errors import SettingsError
+from basetree.settings import Settings, names
 from calib import PinholeCamera
 from perceptree.simulator.settings.atmosphere import LightSettings, WeatherSettings
-from perceptree.simulator.settings.checks import OMIT_DEFAULT, check_choice, check_number
+from perceptree.simulator.settings.checks import OMIT_DEFAULT, number
 from perceptree.simulator.settings.drive import DriveSettings
 from perceptree.simulator.settings.forest import (
     StandSettings,
@@ -32,129 +32,100 @@ CUT_RULES = ("fixed", "visible")
 
 
 @dataclass(frozen=True)
-class LabelSettings:
-    """Which trees are labelled, and where their five keypoints are.
+class LabelSettings(Settings):
+    """Which trees are labelled, and where their five keypoints are."""
 
-    Attributes:
-        reach_m: Maximum distance of a labelled tree from the camera, m.
-        stem_height_m: Height of the labelled stem above the ground at its axis, m. The keypoint
-            ``axis_top`` is at half of it, ``axis_middle`` halfway between the cut and ``axis_top``.
-        cut_height_m: Height of the felling cut above the ground on the uphill side, m.
-        diameter_height_m: Height of the diameter keypoints above that ground, m.
-        min_visible_fraction: Minimum visible fraction of the stem's silhouette in the frame.
-        min_visible_area: Minimum visible area of the stem, as a fraction of the image.
-        cut_rule: ``fixed`` uses the two heights above; ``visible`` cuts above the root flare and
-            obstacles, as in ``scene.felling_cut``.
-
-    Raises:
-        SettingsError: If a value is out of range.
-    """
-
-    reach_m: float = 10.0
-    stem_height_m: float = 4.0
+    reach_m: float = field(default=10.0, metadata=number(1, 40))
+    """Maximum distance of a labelled tree from the camera, m."""
+    stem_height_m: float = field(default=4.0, metadata=number(1, 12))
+    """Height of the labelled stem above the ground at its axis, m. The keypoint ``axis_top`` is at
+    half of it, ``axis_middle`` halfway between the cut and ``axis_top``."""
     cut_height_m: float = 0.20
+    """Height of the felling cut above the ground on the uphill side, m."""
     diameter_height_m: float = 0.30
-    min_visible_fraction: float = 0.08
-    min_visible_area: float = 4e-4
-    cut_rule: str = field(default="fixed", metadata=OMIT_DEFAULT)
+    """Height of the diameter keypoints above that ground, m."""
+    min_visible_fraction: float = field(default=0.08, metadata=number(0, 1))
+    """Minimum visible fraction of the stem's silhouette in the frame."""
+    min_visible_area: float = field(default=4e-4, metadata=number(0, 1))
+    """Minimum visible area of the stem, as a fraction of the image."""
+    cut_rule: str = field(default="fixed", metadata=names(CUT_RULES) | OMIT_DEFAULT)
+    """``fixed`` uses the two heights above; ``visible`` cuts above the root flare and obstacles, as
+    in ``scene.felling_cut``."""
 
-    def __post_init__(self) -> None:
-        check_choice("cut_rule", self.cut_rule, CUT_RULES)
+    def _check_together(self) -> None:
         if not 0 < self.cut_height_m < self.diameter_height_m < self.stem_height_m / 4:
-            raise SettingsError(
+            self._refuse(
                 f"cut_height_m, diameter_height_m and stem_height_m are {self.cut_height_m},"
-                f" {self.diameter_height_m} and {self.stem_height_m}: expected"
-                " 0 < cut_height_m < diameter_height_m < stem_height_m / 4"
+                f" {self.diameter_height_m} and {self.stem_height_m}",
+                "0 < cut_height_m < diameter_height_m < stem_height_m / 4",
             )
-        check_number("reach_m", self.reach_m, 1.0, 40.0)
-        check_number("stem_height_m", self.stem_height_m, 1.0, 12.0)
-        check_number("min_visible_fraction", self.min_visible_fraction, 0.0, 1.0)
-        check_number("min_visible_area", self.min_visible_area, 0.0, 1.0)
 
 
 @dataclass(frozen=True)
-class SplitSettings:
-    """Split of the scenes; those not held out are for training.
+class SplitSettings(Settings):
+    """Split of the scenes; those not held out are for training."""
 
-    Attributes:
-        val: Fraction of the scenes for validation.
-        test: Fraction of the scenes for test.
+    val: float = field(default=0.1, metadata=number(0, 0.5))
+    """Fraction of the scenes for validation."""
+    test: float = field(default=0.1, metadata=number(0, 1))
+    """Fraction of the scenes for test."""
 
-    Raises:
-        SettingsError: If a value is out of range, or the sum is above 1.
-    """
-
-    val: float = 0.1
-    test: float = 0.1
-
-    def __post_init__(self) -> None:
-        check_number("val", self.val, 0.0, 0.5)
-        check_number("test", self.test, 0.0, 1.0)
+    def _check_together(self) -> None:
         if self.val + self.test > 1:
-            raise SettingsError(
-                f"val and test are {self.val:g} and {self.test:g}: expected a sum of at most 1"
-            )
+            found = f"val and test are {self.val:g} and {self.test:g}"
+            self._refuse(found, "a sum of at most 1")
 
 
 @dataclass(frozen=True)
-class SimulatorSettings:
-    """All settings of the simulator. With a seed they determine every pixel of a dataset.
-
-    Attributes:
-        terrain: The ground.
-        stand: The trees.
-        undergrowth: The undergrowth.
-        weather: The weather.
-        light: The light.
-        camera: The camera and how it is carried.
-        rgb: The colour sensor.
-        depth: The depth sensor.
-        labels: The labels.
-        splits: Train, val and test scenes.
-        views_per_scene: Frames per scene.
-        clutter: Clutter beyond the undergrowth.
-        objects: Objects that are not trees.
-        imaging: Camera faults.
-        randomisation: Unnatural colours and textures.
-        drive: Drives instead of independent views.
-        vegetation: Dense grass, hedges and deep snow that hide the ground.
-        photographs: Photographs on the materials.
-        trap: Infrared nights and captions of camera traps.
-        negatives: What is mistaken for stems, near the cameras.
-
-    Raises:
-        SettingsError: If a value is out of range.
-    """
+class SimulatorSettings(Settings):
+    """All settings of the simulator. With a seed they determine every pixel of a dataset."""
 
     terrain: TerrainSettings = field(default_factory=TerrainSettings)
+    """The ground."""
     stand: StandSettings = field(default_factory=StandSettings)
+    """The trees."""
     undergrowth: UndergrowthSettings = field(default_factory=UndergrowthSettings)
+    """The undergrowth."""
     weather: WeatherSettings = field(default_factory=WeatherSettings)
+    """The weather."""
     light: LightSettings = field(default_factory=LightSettings)
+    """The light."""
     camera: CameraSettings = field(default_factory=CameraSettings)
+    """The camera and how it is carried."""
     rgb: RgbSettings = field(default_factory=RgbSettings)
+    """The colour sensor."""
     depth: DepthSettings = field(default_factory=DepthSettings)
+    """The depth sensor."""
     labels: LabelSettings = field(default_factory=LabelSettings)
+    """The labels."""
     splits: SplitSettings = field(default_factory=SplitSettings)
-    views_per_scene: int = 8
+    """Train, val and test scenes."""
+    views_per_scene: int = field(default=8, metadata=number(1, 1000))
+    """Frames per scene."""
     clutter: ClutterSettings = field(default_factory=ClutterSettings, metadata=OMIT_DEFAULT)
+    """Clutter beyond the undergrowth."""
     objects: ObjectSettings = field(default_factory=ObjectSettings, metadata=OMIT_DEFAULT)
+    """Objects that are not trees."""
     imaging: ImagingSettings = field(default_factory=ImagingSettings, metadata=OMIT_DEFAULT)
+    """Camera faults."""
     randomisation: RandomisationSettings = field(
         default_factory=RandomisationSettings, metadata=OMIT_DEFAULT
     )
+    """Unnatural colours and textures."""
     drive: DriveSettings = field(default_factory=DriveSettings, metadata=OMIT_DEFAULT)
+    """Drives instead of independent views."""
     vegetation: VegetationSettings = field(
         default_factory=VegetationSettings, metadata=OMIT_DEFAULT
     )
+    """Dense grass, hedges and deep snow that hide the ground."""
     photographs: PhotographSettings = field(
         default_factory=PhotographSettings, metadata=OMIT_DEFAULT
     )
+    """Photographs on the materials."""
     trap: TrapSettings = field(default_factory=TrapSettings, metadata=OMIT_DEFAULT)
+    """Infrared nights and captions of camera traps."""
     negatives: NegativeSettings = field(default_factory=NegativeSettings, metadata=OMIT_DEFAULT)
-
-    def __post_init__(self) -> None:
-        check_number("views_per_scene", self.views_per_scene, 1, 1000)
+    """What is mistaken for stems, near the cameras."""
 
     def to_dict(self) -> dict[str, Any]:
         """Convert to values that JSON can hold.

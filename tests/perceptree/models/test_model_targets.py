@@ -8,19 +8,14 @@ from torchvision.models.detection.roi_heads import keypoints_to_heatmap, project
 from torchvision.ops import roi_align
 
 from basetree.errors import InputError
-from perceptree.models import TreeTargets
+from perceptree.models import PAPER_SAMPLING, SampleSettings, TreeTargets
 from perceptree.models.losses import (
     keypoint_loss,
     keypoint_targets,
     mask_loss,
     mask_targets,
 )
-from perceptree.models.matching import (
-    PAPER_SAMPLING,
-    SampleSettings,
-    match_anchors,
-    sample_regions,
-)
+from perceptree.models.matching import match_anchors, sample_regions
 from perceptree.models.targets import PaddedBoxes, pad_boxes
 
 S = 56

@@ -2,161 +2,126 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, field, fields
-from typing import Any
+from dataclasses import dataclass, field
 
-from basetree.errors import SettingsError
+from basetree.settings import UNORDERED, Settings, limits
 
-
-def _up_to(default: float, most: float = math.inf) -> Any:
-    """A number from 0 to ``most``."""
-    return field(default=default, metadata={"most": most})
-
-
-def _pair(least: float, most: float, limit: float = math.inf) -> Any:
-    """Two positive numbers in ascending order, at most ``limit``."""
-    return field(default=(least, most), metadata={"limit": limit})
-
-
-def _sides(width: float, height: float) -> Any:
-    """Two shares of an image's width and height."""
-    return field(default=(width, height), metadata={"sides": True})
-
-
-class _Checked:
-    def __post_init__(self) -> None:
-        for entry in fields(self):  # type: ignore[arg-type]
-            value = getattr(self, entry.name)
-            expected = _complaint(value, entry.metadata, whole=entry.type == "int")
-            if expected:
-                raise SettingsError(f"{entry.name} is {value}: expected {expected}")
-
-
-def _complaint(value: Any, rules: Any, whole: bool) -> str:
-    """Return what the value should be; empty if it is valid."""
-    if "most" in rules:
-        fits = math.isfinite(value) and 0 <= value <= rules["most"]
-        top = f"0 to {rules['most']:g}" if math.isfinite(rules["most"]) else "at least 0"
-        if whole and not isinstance(value, int):
-            return f"an integer, {top}"
-        return "" if fits else top
-    if "sides" in rules:
-        fits = all(0 < share <= 1 for share in value)
-        return "" if fits else "two shares over 0, at most 1"
-    limit = rules["limit"]
-    top = f" <= {limit:g}" if math.isfinite(limit) else ""
-    fits = all(math.isfinite(bound) for bound in value) and 0 < value[0] <= value[1] <= limit
-    return "" if fits else f"0 < minimum <= maximum{top}"
+_SHARE = limits(0, 1)
+_COUNT = limits(0, whole=True)
+_LEVELS = limits(0, 40)
+_ANY = limits(0)
+_ASCENDING = limits(over=0, expected="0 < minimum <= maximum")
+_QUALITIES = limits(over=0, most=100, expected="0 < minimum <= maximum <= 100")
+_SIDES = limits(over=0, most=1, expected="two shares over 0, at most 1") | UNORDERED
 
 
 @dataclass(frozen=True)
-class GeometrySettings(_Checked):
+class GeometrySettings(Settings):
     """Geometric changes of image and labels."""
 
-    flip_share: float = _up_to(0.5, 1)
+    flip_share: float = field(default=0.5, metadata=_SHARE)
     """Share of the frames that are mirrored horizontally."""
-    scale: tuple[float, float] = _pair(0.8, 1.4)
+    scale: tuple[float, float] = field(default=(0.8, 1.4), metadata=_ASCENDING)
     """Minimum and maximum scale, drawn uniformly in its logarithm. A smaller frame stays inside the
     image, a larger one covers it."""
-    crop_share: float = _up_to(0.0, 1)
+    crop_share: float = field(default=0.0, metadata=_SHARE)
     """Share of the frames that are cropped to a window first."""
-    crop: tuple[float, float] = _sides(0.5625, 1.0)
+    crop: tuple[float, float] = field(default=(0.5625, 1.0), metadata=_SIDES)
     """Width and height of that window as shares of the image. The window is enlarged to fit, and
     the rest of the image is padded."""
-    rotation_deg: float = _up_to(0.0, 15)
+    rotation_deg: float = field(default=0.0, metadata=limits(0, 15))
     """Maximum rotation in either direction, about the centre; limited so that left stays left."""
-    shear_deg: float = _up_to(0.0, 15)
+    shear_deg: float = field(default=0.0, metadata=limits(0, 15))
     """Maximum shear in either direction, along rows, about the centre."""
-    perspective_share: float = _up_to(1.0, 1)
+    perspective_share: float = field(default=1.0, metadata=_SHARE)
     """Share of the frames to which ``perspective`` applies."""
-    perspective: float = _up_to(0.0, 0.15)
+    perspective: float = field(default=0.0, metadata=limits(0, 0.15))
     """Each corner is moved inwards by up to this share of the sides; the area between the corners
     is stretched to fill the image."""
 
 
 @dataclass(frozen=True)
-class ColourSettings(_Checked):
+class ColourSettings(Settings):
     """Changes of RGB frames, applied in this order."""
 
-    shadow: float = _up_to(0.0, 2)
+    shadow: float = field(default=0.0, metadata=limits(0, 2))
     """Maximum log gain of a smooth field of shadows and bright patches."""
-    vignette: float = _up_to(0.0, 1)
+    vignette: float = field(default=0.0, metadata=_SHARE)
     """Maximum darkening of the corners, as a share."""
-    saturation_share: float = _up_to(1.0, 1)
+    saturation_share: float = field(default=1.0, metadata=_SHARE)
     """Share of the frames to which ``saturation`` applies."""
-    saturation: float = _up_to(0.6, 1)
+    saturation: float = field(default=0.6, metadata=_SHARE)
     """Maximum loss of saturation, as a share; the maximum gain is half of it."""
-    hue_deg: float = _up_to(0.0, 180)
+    hue_deg: float = field(default=0.0, metadata=limits(0, 180))
     """Maximum rotation of the hue in either direction."""
-    grey_share: float = _up_to(0.0, 1)
+    grey_share: float = field(default=0.0, metadata=_SHARE)
     """Share of the frames that are turned to grey."""
-    channel_shuffle_share: float = _up_to(0.0, 1)
+    channel_shuffle_share: float = field(default=0.0, metadata=_SHARE)
     """Share of the frames whose channels are permuted."""
-    tone_share: float = _up_to(1.0, 1)
+    tone_share: float = field(default=1.0, metadata=_SHARE)
     """Share of the frames to which ``brightness``, ``contrast``, ``gamma``, ``tint`` and ``curves``
     apply."""
-    brightness: float = _up_to(0.35)
+    brightness: float = field(default=0.35, metadata=_ANY)
     """Maximum log gain in either direction."""
-    contrast: float = _up_to(0.3)
+    contrast: float = field(default=0.3, metadata=_ANY)
     """Maximum log contrast in either direction, about 0.4 of full scale."""
-    gamma: float = _up_to(0.3)
+    gamma: float = field(default=0.3, metadata=_ANY)
     """Maximum log gamma in either direction."""
-    tint: float = _up_to(0.12)
+    tint: float = field(default=0.12, metadata=_ANY)
     """Maximum log gain of each channel, drawn independently."""
-    curves: float = _up_to(0.0, 1)
+    curves: float = field(default=0.0, metadata=_SHARE)
     """Maximum standard deviation of the log slope of each channel's tone curve; the curves are
     increasing."""
-    blur_share: float = _up_to(1.0, 1)
+    blur_share: float = field(default=1.0, metadata=_SHARE)
     """Share of the frames to which one of ``blur_px``, ``motion_blur_px`` and ``sharpening``
     applies, drawn from those that are not 0."""
-    blur_px: float = _up_to(0.0, 20)
+    blur_px: float = field(default=0.0, metadata=limits(0, 20))
     """Maximum standard deviation of a Gaussian blur."""
-    motion_blur_px: float = _up_to(0.0, 50)
+    motion_blur_px: float = field(default=0.0, metadata=limits(0, 50))
     """Maximum length of a straight motion blur, in any direction."""
-    sharpening: float = _up_to(0.0)
+    sharpening: float = field(default=0.0, metadata=_ANY)
     """Maximum gain of an unsharp mask with a standard deviation of 1 px."""
-    cutouts: int = _up_to(0)
+    cutouts: int = field(default=0, metadata=_COUNT)
     """Maximum number of single-coloured patches, like dirt on the lens; their sides are up to a
     tenth of the image's height. Labels do not change."""
-    noise_share: float = _up_to(1.0, 1)
+    noise_share: float = field(default=1.0, metadata=_SHARE)
     """Share of the frames to which ``noise`` and ``chroma_noise`` apply."""
-    noise: float = _up_to(8.0, 40)
+    noise: float = field(default=8.0, metadata=_LEVELS)
     """Maximum standard deviation of independent pixel noise, in levels of 255."""
-    chroma_noise: float = _up_to(0.0, 40)
+    chroma_noise: float = field(default=0.0, metadata=_LEVELS)
     """Maximum standard deviation of colour noise in patches of 4 px, in levels of 255."""
-    jpeg_share: float = _up_to(0.0, 1)
+    jpeg_share: float = field(default=0.0, metadata=_SHARE)
     """Share of the frames that are compressed as JPEG."""
-    jpeg_quality: tuple[float, float] = _pair(30, 95, 100)
+    jpeg_quality: tuple[float, float] = field(default=(30, 95), metadata=_QUALITIES)
     """Minimum and maximum JPEG quality, on libjpeg's scale."""
 
 
 @dataclass(frozen=True)
-class DepthSettings(_Checked):
+class DepthSettings(Settings):
     """Faults of a depth sensor, applied in this order.
 
     Trees that lose more than nine tenths of their readings are removed.
     """
 
-    depth_gain: float = _up_to(0.02, 0.5)
+    depth_gain: float = field(default=0.02, metadata=limits(0, 0.5))
     """Maximum scale error, as a share."""
-    depth_noise: float = _up_to(2.0, 40)
+    depth_noise: float = field(default=2.0, metadata=_LEVELS)
     """Maximum standard deviation of noise independent of distance, in levels of 255."""
-    far_noise_m: float = _up_to(0.0)
+    far_noise_m: float = field(default=0.0, metadata=_ANY)
     """Maximum standard deviation at 10 m of noise that grows with the square of the distance."""
-    far_step_m: float = _up_to(0.0)
+    far_step_m: float = field(default=0.0, metadata=_ANY)
     """Maximum step between readings at 10 m. Steps are uniform in disparity, so they grow with the
     square of the distance."""
-    range_loss: float = _up_to(0.0, 0.9)
+    range_loss: float = field(default=0.0, metadata=limits(0, 0.9))
     """Maximum share of the encoding's range, at its far end, without readings."""
-    stereo_px_m: float = _up_to(0.0)
+    stereo_px_m: float = field(default=0.0, metadata=_ANY)
     """Maximum focal length in px times baseline in m of a stereo camera. Left of near objects is a
     strip without readings that the right camera cannot see, as wide as the step of disparity."""
-    edge_loss_px: int = _up_to(0, 10)
+    edge_loss_px: int = field(default=0, metadata=limits(0, 10, whole=True))
     """Maximum width of missing readings on each side of a depth edge; in patches."""
-    hole_area: float = _up_to(0.0, 0.5)
+    hole_area: float = field(default=0.0, metadata=limits(0, 0.5))
     """Maximum share of the image that is lost to irregular holes."""
-    holes: int = _up_to(6)
+    holes: int = field(default=6, metadata=_COUNT)
     """Maximum number of rectangular holes with sides of up to 25 px."""
 
 
@@ -167,7 +132,7 @@ class AugmentSettings(GeometrySettings, ColourSettings, DepthSettings):
     Colours change for RGB models, readings for depth models. 0 turns a change off.
     """
 
-    copy_paste_share: float = _up_to(0.0, 1)
+    copy_paste_share: float = field(default=0.0, metadata=_SHARE)
     """Share of the frames that receive one to three trees of another frame; needs masks."""
 
 

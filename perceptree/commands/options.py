@@ -1,0 +1,48 @@
+"""Options that several commands share, and checks of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, TypeAlias
+
+import typer
+
+from basetree.program.options import option_of
+from perceptree.errors import CheckpointError, DatasetError
+from perceptree.settings.training import DataSource
+
+__all__ = [
+    "Checkpoint",
+    "Device",
+    "EntireTree",
+    "Fold",
+    "Json",
+    "Side",
+    "Split",
+    "check_checkpoint_name",
+    "check_split",
+]
+
+Json: TypeAlias = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
+Checkpoint: TypeAlias = Annotated[Path, typer.Argument(help="A .safetensors checkpoint.")]
+Device: TypeAlias = Annotated[str, typer.Option(help="cpu or cuda.")]
+Split: TypeAlias = Annotated[str, typer.Option(help="train, val or test.")]
+Fold: TypeAlias = Annotated[int | None, option_of(DataSource, "fold")]
+EntireTree: TypeAlias = Annotated[bool, option_of(DataSource, "entire_tree")]
+Side: TypeAlias = Annotated[
+    int | None, typer.Option(help="Size of the input in px; by default the model's.")
+]
+
+
+def check_split(split: str) -> None:
+    """Raise DatasetError if the value of --split is no split."""
+    from perceptree.data import SPLITS
+
+    if split not in SPLITS:
+        raise DatasetError(f"--split is {split!r}: expected one of {', '.join(SPLITS)}")
+
+
+def check_checkpoint_name(out: Path) -> None:
+    """Raise CheckpointError if the value of --out is not the name of a checkpoint."""
+    if out.suffix != ".safetensors":
+        raise CheckpointError(f"--out is {out}: expected a file name ending in .safetensors")
