@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from basetree.errors import InputError
+from calib.directions import CAMERA_UP
 from calib.ground_cloud import GroundCloud
 
 Float = NDArray[np.floating[Any]]
 Flags = NDArray[np.bool_]
 
-CAMERA_UP = (0.0, -1.0, 0.0)
 _MIN_POINTS = 12
 _MIN_INLIER_SHARE = 0.1
 _REFINEMENTS = 3
