@@ -197,7 +197,7 @@ def _scaled(rig: Rig, text: str) -> Rig:
 
 def _direction(text: str) -> tuple[float, float, float]:
     from basetree.errors import InputError
-    from edgetree.measure.measure import unit_up
+    from edgetree.measure.entry import unit_up
 
     try:
         x, y, z = (float(part) for part in text.split(","))

@@ -3,18 +3,18 @@
 Every quantity has a standard deviation, or the reason why it could not be measured.
 """
 
+from edgetree.measure.entry import measure_trees
 from edgetree.measure.estimates import (
     QUANTITIES,
     Estimate,
     Evidence,
     Failure,
     PointEstimate,
+    StemAxis,
     TreeMeasurement,
 )
-from edgetree.measure.measure import measure_trees
 from edgetree.measure.profile import StemProfile
 from edgetree.measure.settings import MeasureSettings
-from edgetree.measure.stem_axis import StemAxis
 from edgetree.measure.volume import SPECIES, Species, stem_volume
 
 __all__ = [

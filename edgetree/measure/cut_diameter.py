@@ -1,25 +1,63 @@
-"""The diameter at the felling cut, where the section that is measured lies above it."""
+"""The diameter at the section and at the felling cut below it, with its standard deviation."""
 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Float
+from edgetree.measure.constants.outlines import (
+    GIVEN_MASK_DOUBT,
+    MAX_INCOMPLETE_STD,
+    SECTION_CERTAIN_M,
+    SECTION_DOUBTED_M,
+)
 from edgetree.measure.estimates import Estimate
+from edgetree.measure.frame import DepthFrame
 from edgetree.measure.keypoints import CUT, Keypoints
+from edgetree.measure.observations import StemObservations
 from edgetree.measure.settings import MeasureSettings
+from edgetree.measure.stem_fit import Stems
 
-__all__ = ["ButtSwell"]
+__all__ = ["ButtSwell", "diameter_stds_m", "incomplete_stds"]
 
-Float = NDArray[np.floating[Any]]
 
-# Of a stem that the lower side of the image cuts off, networks predict the keypoints of the
-# diameter's section near that side. The section is as likely below the image as not if they are up
-# to the first distance above it, and never from the second on, in metres. Chosen on 673 frames.
-_BELOW_M, _WITHIN_M = 0.05, 0.3
+def diameter_stds_m(frame: DepthFrame, stems: Stems, incomplete_std: Float) -> Float:
+    """(T,) standard deviations of the diameters.
+
+    First-order error propagation through the diameter 2 d sin(delta): its relative change is
+    that of the distance d, plus that of delta times cot(delta). Since d depends on delta too,
+    the relative change of d per radian of delta is added to cot(delta). Focal length, stem
+    shape and incomplete observations add independent relative errors.
+
+    Args:
+        frame: camera and settings.
+        stems: T fitted stems.
+        incomplete_std: (T,) see `incomplete_stds`.
+    """
+    half = stems.sections.half_rad
+    edges = stems.half_std_rad * np.abs(1 / np.tan(half) + stems.distance_change_per_rad)
+    distance = stems.distance_std_m / stems.distance_m
+    focal = np.full_like(half, frame.camera.focal_std_px / frame.camera.fx)
+    shape = np.full_like(half, frame.settings.out_of_round_std)
+    parts = [edges, distance, focal, shape, incomplete_std]
+    return np.asarray(2 * stems.radius_m * np.linalg.norm(parts, axis=0))
+
+
+def incomplete_stds(frame: DepthFrame, observed: StemObservations, stems: Stems) -> Float:
+    """(T,) relative standard deviations for incomplete or contradictory observations.
+
+    See `MeasureSettings.outline_doubt` and `readings_doubt`.
+    """
+    settings, edges = frame.settings, observed.edges
+    shown = edges.valid.mean(2).min(0)
+    outline = 0.0 if observed.outline is None else settings.outline_doubt
+    unread = 1 - stems.used / observed.readings.depth_m.shape[1]
+    parts = (outline * (1 - shown) ** 4, settings.readings_doubt * unread**2)
+    share = GIVEN_MASK_DOUBT if frame.masks_given else 1.0
+    return np.asarray(np.minimum(share * np.linalg.norm(parts, axis=0), MAX_INCOMPLETE_STD))
 
 
 class ButtSwell(NamedTuple):
@@ -36,7 +74,7 @@ class ButtSwell(NamedTuple):
     warnings: list[tuple[str, ...]]
 
     @classmethod
-    def of(
+    def from_keypoints(
         cls, keypoints: Keypoints, image_height: int, m_per_px: Float, settings: MeasureSettings
     ) -> ButtSwell:
         """What keypoints near the lower side of the image tell.
@@ -50,7 +88,8 @@ class ButtSwell(NamedTuple):
         unseen = ~keypoints.within[:, CUT] & keypoints.offered
         inferred = unseen & ~keypoints.has_section
         above_m = keypoints.section_above_px(image_height) * m_per_px
-        likely = np.clip((_WITHIN_M - above_m) / (_WITHIN_M - _BELOW_M), 0.0, 1.0)
+        doubted_m = SECTION_CERTAIN_M - SECTION_DOUBTED_M
+        likely = np.clip((SECTION_CERTAIN_M - above_m) / doubted_m, 0.0, 1.0)
         doubtful = unseen & keypoints.has_section & keypoints.reaches_lower_side
         likely = np.where(doubtful, likely, 0.0)
         # Either the section is where its keypoints are, or the cut is further down the butt.

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Bool, Float
+from edgetree.measure.constants.depth import SURFACE_M, SURFACE_STDS
+from edgetree.measure.constants.outlines import MIN_INSET_PX
 from edgetree.measure.distance_lines import best_distance_lines, masked_means
 from edgetree.measure.edge_lines import masked_medians, pick
 from edgetree.measure.frame import MASK_THRESHOLD, DepthFrame
@@ -14,24 +16,17 @@ from edgetree.measure.regions import OUTWARDS, SearchRegions
 
 __all__ = ["DepthEdges", "find_depth_edges", "front_depth_m"]
 
-Float = NDArray[np.floating[Any]]
-Flags = NDArray[np.bool_]
-
 # The front of the stems is found from readings at these positions across, in half widths.
 _FRONT = np.linspace(-0.6, 0.6, 5)
 # The depth is read across each edge of the mask, from this many steps outside to this many inside.
 # A step is this fraction of the half width, or at least 1 px.
 _STEPS_OUTSIDE, _STEPS_INSIDE = 4, 14
 _STEP = 0.03
-# Readings are on the stem within its radius, this many standard deviations and metres.
-_SURFACE_STDS, _SURFACE_M = 3.0, 0.05
-# The stem ends inside its mask if the median distance from the edge of the mask is above this and
-# above a step, at this many stations at least, and this fraction of the stations at which the mask
-# has an edge.
-_MIN_INSET_PX = 2.0
-# The edge is known if at least this fraction of the readings from there inwards is on the stem.
+# The end of the surface is known if at least this share of the readings inwards is on the stem.
 _MIN_ON_STEM = 0.75
-_MIN_STATIONS, _MIN_FRACTION = 4, 0.25
+# The stem ends inside its mask if it does at so many stations, and at this share of those at which
+# the mask has an edge.
+_MIN_STATIONS, _MIN_SHARE = 4, 0.25
 
 
 class DepthEdges(NamedTuple):
@@ -47,8 +42,8 @@ class DepthEdges(NamedTuple):
     """
 
     inset_px: Float
-    known: Flags
-    behind: Flags
+    known: Bool
+    behind: Bool
     median_px: Float
 
 
@@ -81,7 +76,7 @@ def find_depth_edges(
     frame: DepthFrame,
     regions: SearchRegions,
     edges_px: Float,
-    found: Flags,
+    found: Bool,
     depth_m: Float,
 ) -> DepthEdges:
     """Find where the stems' surfaces end in the depth, from outside inwards.
@@ -100,7 +95,7 @@ def find_depth_edges(
     read_m = frame.depth_at(regions.points(across))
     radius_m = (edges_px[1] - edges_px[0]) / 2 * depth_m / frame.camera.fx
     noise_m = np.hypot(settings.depth_noise_per_m * depth_m**2, settings.depth_noise_m)
-    reach_m = (radius_m + _SURFACE_STDS * noise_m + _SURFACE_M)[..., None]
+    reach_m = (radius_m + SURFACE_STDS * noise_m + SURFACE_M)[..., None]
     behind_m, read = read_m - depth_m[..., None], read_m > 0
     on_stem = read & (np.abs(behind_m) <= reach_m)
     first = (on_stem | (read & (behind_m < -reach_m))).argmax(-1)
@@ -110,8 +105,8 @@ def find_depth_edges(
     known = found & pick(on_stem, index) & (first > 0) & (share >= _MIN_ON_STEM)
     inset_px = (index - _STEPS_OUTSIDE - 0.5) * step_px[:, None]
     median_px = masked_medians(inset_px, known)
-    enough = known.sum(2) >= np.maximum(_MIN_STATIONS, _MIN_FRACTION * found.sum(2))
-    inside = enough & (median_px > np.maximum(_MIN_INSET_PX, step_px))
+    enough = known.sum(2) >= np.maximum(_MIN_STATIONS, _MIN_SHARE * found.sum(2))
+    inside = enough & (median_px > np.maximum(MIN_INSET_PX, step_px))
     return DepthEdges(
         inset_px,
         known,

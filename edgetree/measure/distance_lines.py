@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Bool, Float
+from edgetree.measure.constants.depth import NOISE_PRIOR_READINGS
+from edgetree.measure.constants.stems import STEM_BEND_PER_M
 from edgetree.measure.edge_lines import masked_medians
 from edgetree.measure.settings import MeasureSettings
 
@@ -21,13 +23,6 @@ __all__ = [
     "masked_means",
 ]
 
-Float = NDArray[np.floating[Any]]
-Flags = NDArray[np.bool_]
-
-# Real stems bend and taper. At height h from the section, the bark of a straight stem of constant
-# radius is off by this value times h² metres. In terms of the inverse distance 1 / d that is this
-# value times (h / d)², so readings near the section count most.
-_BEND_PER_M = 0.02
 # Candidates for the first line: this many tilts, up to this many standard deviations of the lean,
 # through these quantiles of the readings. Their support is counted on every fourth reading.
 _TILT_STDS = np.linspace(-6.0, 6.0, 15)
@@ -39,8 +34,6 @@ _MIN_NEARER, _PARTS = 0.15, 4
 _CUTOFF = 4.0
 # Added to the information on value and half angle, so that the equations can be solved.
 _RIDGE = np.diag([1e-9, 0.0, 1e-9])
-# Weight of the assumed noise when it is adjusted, in independent readings.
-_NOISE_PRIOR = 8.0
 
 
 class InverseDistances(NamedTuple):
@@ -62,7 +55,7 @@ class InverseDistances(NamedTuple):
     offset: Float
     depth_ratio: Float
     depth_m: Float
-    used: Flags
+    used: Bool
 
     def noise(self, settings: MeasureSettings) -> Float:
         """(T,) mean standard deviation of the inverse distances, 1/m.
@@ -88,7 +81,7 @@ class NormalEquations:
 
     information: Float
     right: Float
-    kept: Flags
+    kept: Bool
 
     def solve(self) -> Float:
         """(T, 3) value, slope and half angle change from the depth alone."""
@@ -121,21 +114,27 @@ def fit_distance_lines(
     start: Float,
     noise: Float,
     *,
-    per_error: Float,
+    readings_per_error: Float,
     tilt: Float,
     lean_std_rad: float,
     rounds: int,
 ) -> NormalEquations:
     """Robust lines through the inverse distances, with a normal prior on their tilt.
 
-    Iteratively reweighted least squares with Tukey's biweights. The noise is adjusted to the
-    scatter of the readings; the assumed noise counts as `_NOISE_PRIOR` readings.
+    Iteratively reweighted least squares with Tukey's biweights. In each round:
+
+    1. Expect noise, and the bend of stems: at the height h above the section it moves the bark by
+       `STEM_BEND_PER_M` h² metres, and the inverse distance 1 / d by as much times 1 / d².
+    2. Weigh each reading by how far it is off the line, and by how many share its error.
+    3. Adjust the noise to the scatter of the readings. The assumed noise counts as
+       `NOISE_PRIOR_READINGS` of them.
+    4. Build the normal equations, add the prior on the tilt, and solve them.
 
     Args:
         points: inverse distances.
         start: (T, 2) value and slope to start from.
         noise: (T,) standard deviation of the inverse distances, 1/m.
-        per_error: (T,) number of readings that share one error.
+        readings_per_error: (T,) number of readings that share one error.
         tilt: (T,) tilt that the axes already have, in radians; the prior refers to a tilt of 0.
         lean_std_rad: standard deviation of the tilt.
         rounds: number of times the weights are updated.
@@ -144,8 +143,8 @@ def fit_distance_lines(
     model = np.stack([ones, points.height_ratio, points.per_narrowing, points.inverse], 1)
     basis = model[:, :3]
     slope, slope_std = np.tan(tilt), np.tan(lean_std_rad)
-    squared_bend = (_BEND_PER_M * points.height_ratio**2) ** 2
-    share = np.where(points.used, 1 / per_error[:, None], 0.0)
+    squared_bend = (STEM_BEND_PER_M * points.height_ratio**2) ** 2
+    share = np.where(points.used, 1 / readings_per_error[:, None], 0.0)
     variance = np.ones(len(start))
     state = np.concatenate([start, np.zeros((len(start), 1))], 1)
     for _ in range(rounds):
@@ -159,7 +158,8 @@ def fit_distance_lines(
         # A reading counts in the adjustment of the noise as far as noise, not bend, dominates it.
         noise_weight = weight * squared_noise
         scatter = np.vecdot(noise_weight, squared)
-        variance = variance * (_NOISE_PRIOR + scatter) / (_NOISE_PRIOR + noise_weight.sum(1))
+        variance *= NOISE_PRIOR_READINGS + scatter
+        variance /= NOISE_PRIOR_READINGS + noise_weight.sum(1)
         equations = np.matmul(weighted, model.transpose(0, 2, 1))
         information, right = equations[..., :3], equations[..., 3]
         # The prior: slope / value has mean tan(tilt) and standard deviation tan(lean_std_rad).
@@ -171,35 +171,45 @@ def fit_distance_lines(
     return NormalEquations(information, right, weight > 0)
 
 
-def masked_means(values: Float, used: Flags) -> Float:
+def masked_means(values: Float, used: Bool) -> Float:
     """(T,) means of the used ones among (T, N) values; 0 where there are none."""
     return np.asarray(np.where(used, values, 0).sum(1) / np.maximum(used.sum(1), 1))
 
 
-def level_distance_lines(points: InverseDistances, kept: Flags) -> Float:
+def level_distance_lines(points: InverseDistances, kept: Bool) -> Float:
     """(T, 2) medians of the used inverse distances (T, N) that are kept, and slope 0."""
     value = _medians(points.inverse, points.used & kept)
     return np.stack([value, np.zeros(len(value))], 1)
 
 
-def _medians(inverse: Float, used: Flags) -> Float:
+def _medians(inverse: Float, used: Bool) -> Float:
     value = masked_medians(inverse, used)
     return np.where(value > 0, value, 1.0)
 
 
 def best_distance_lines(
-    height_ratio: Float, inverse: Float, used: Flags, noise: Float, lean_std_rad: float
+    height_ratio: Float, inverse: Float, used: Bool, noise: Float, lean_std_rad: float
 ) -> Float:
     """(T, 2) value and slope of the candidate line with the most readings near it.
 
-    The candidates have several slopes and go through several quantiles of the readings. So one of
-    them lies on the stem even if most readings belong to an object in front of it. A nearer
-    candidate wins if readings near it lie all along the stem: then the others show the background.
+    1. Candidates have several slopes and go through several quantiles of the readings. So one of
+       them lies on the stem even if most readings belong to an object in front of it.
+    2. Count the readings near each candidate, in parts along the stem.
+    3. The candidate with the most of them is the best, less a penalty for its tilt.
+    4. A nearer candidate wins if readings near it lie all along the stem: then the others show the
+       background, as nothing is seen through a stem.
+
+    Args:
+        height_ratio: (T, N) heights, see `InverseDistances`.
+        inverse: (T, N) inverse distances, 1/m.
+        used: (T, N) which of them are used.
+        noise: (T,) their standard deviations, 1/m.
+        lean_std_rad: standard deviation of a stem's lean.
     """
     height, inverse = height_ratio[:, ::_SUPPORT_STEP], inverse[:, ::_SUPPORT_STEP]
     used = used[:, ::_SUPPORT_STEP]
     count, scale = used.sum(1), _medians(inverse, used)
-    allowed = _CUTOFF * np.hypot(noise[:, None], _BEND_PER_M * height**2)
+    allowed = _CUTOFF * np.hypot(noise[:, None], STEM_BEND_PER_M * height**2)
     slopes = _TILT_STDS * (np.tan(lean_std_rad) * scale)[:, None]
     values = np.where(used[:, None], inverse[:, None] - slopes[..., None] * height[:, None], np.inf)
     ordered = np.sort(values, axis=2)
@@ -215,11 +225,10 @@ def best_distance_lines(
         ],
         2,
     )
-    # The squared tilt is the penalty of a normal prior.
+    # The squared tilt, in standard deviations, is the penalty of a normal prior.
     support = (near_parts.sum(-1) - _TILT_STDS[:, None] ** 2).reshape(len(count), -1)
     rows = np.arange(len(count))
     best = support.argmax(1)
-    # What is behind an opaque stem cannot be seen through it.
     middle = masked_means(height, used)[:, None, None]
     inverse_there = (candidates + slopes[..., None] * middle).reshape(len(count), -1)
     clearance = 2 * masked_means(allowed, used)[:, None]

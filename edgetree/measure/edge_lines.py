@@ -7,22 +7,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from basetree.arrays import Bool, Float, Index
+from edgetree.measure.constants.outlines import EDGE_TOLERANCE, MIN_EDGE_TOLERANCE_PX
 from edgetree.measure.regions import OUTWARDS, SearchRegions
 
 __all__ = ["OuterLines", "fit_lines", "masked_medians", "outer_lines", "pick"]
 
-Float = NDArray[np.floating[Any]]
-Flags = NDArray[np.bool_]
-
-# An edge agrees with a line within this fraction of the half width, or this many px.
-_TOLERANCE, _MIN_TOLERANCE_PX = 0.08, 1.0
-# Score that a candidate line loses for every edge that lies outside it.
-_OUTSIDE_PENALTY = 0.5
-# The same for every edge inside it at which the depth shows that the stem ends there.
-_CERTAIN_PENALTY = 2.0
+# Votes on candidate lines: an edge on a line counts up to 1. One outside it counts against it, and
+# twice as much as a vote does one inside it at which the depth shows that the stem ends there.
+_OUTSIDE_PENALTY, _CERTAIN_PENALTY = 0.5, 2.0
 # Edges further inside a line than this many times the median distance are removed.
 _MAX_INSIDE = 4.0
-# Smallest fraction of stations that must agree with a line.
+# Smallest share of the stations that must agree with a line.
 _MIN_AGREEING = 0.1
 # Candidate lines join these quantiles of the edges in both halves of the stem.
 _QUANTILES = np.array((0.1, 0.4, 0.7, 0.9))
@@ -41,11 +37,11 @@ class OuterLines(NamedTuple):
 
     value: Float
     slope: Float
-    agreeing: Flags
+    agreeing: Bool
 
 
 def outer_lines(
-    regions: SearchRegions, edges_px: Float, seen: Flags, certain: Flags | None = None
+    regions: SearchRegions, edges_px: Float, seen: Bool, certain: Bool | None = None
 ) -> OuterLines:
     """Robustly fit a straight line to each edge of the stems.
 
@@ -62,7 +58,7 @@ def outer_lines(
     """
     seen = np.broadcast_to(seen, edges_px.shape)
     position, outward = regions.stations_px, np.where(seen, OUTWARDS * edges_px, 0.0)
-    tolerance = np.maximum(_TOLERANCE * regions.half_px, _MIN_TOLERANCE_PX)[:, None]
+    tolerance = np.maximum(EDGE_TOLERANCE * regions.half_px, MIN_EDGE_TOLERANCE_PX)[:, None]
     ends = np.zeros_like(seen) if certain is None else seen & certain
     value, slope = _best_line(position, outward, seen, ends, tolerance)
     for _ in range(_ROUNDS):
@@ -74,13 +70,13 @@ def outer_lines(
     # The butt of a stem flares outwards. Edges that lie inside the line belong to something in
     # front of the stem, or to its rounded foot.
     scatter = masked_medians(np.abs(residual), agree)[..., None]
-    agree &= residual > -np.maximum(_MAX_INSIDE * scatter, _MIN_TOLERANCE_PX)
+    agree &= residual > -np.maximum(_MAX_INSIDE * scatter, MIN_EDGE_TOLERANCE_PX)
     agree &= agree.mean(-1, keepdims=True) >= _MIN_AGREEING
     return OuterLines(value, slope, agree)
 
 
 def _best_line(
-    position: Float, outward: Float, seen: Flags, certain: Flags, tolerance: Float
+    position: Float, outward: Float, seen: Bool, certain: Bool, tolerance: Float
 ) -> tuple[Float, Float]:
     """Value and slope (2, T) of the candidate line that the most stations agree with."""
     sets = (
@@ -96,7 +92,7 @@ def _best_line(
     return pick(value, best), pick(slope, best)
 
 
-def _lines_across_halves(position: Float, outward: Float, seen: Flags) -> tuple[Float, Float]:
+def _lines_across_halves(position: Float, outward: Float, seen: Bool) -> tuple[Float, Float]:
     """Values and slopes (2, T, K) of lines between quantiles of the lower and the upper half.
 
     Where only one half shows an edge the lines are parallel to the centre line.
@@ -116,7 +112,7 @@ def _lines_across_halves(position: Float, outward: Float, seen: Flags) -> tuple[
     return np.repeat(low, len(_QUANTILES), -1) - slope * low_position, slope
 
 
-def _lines_in_halves(position: Float, outward: Float, seen: Flags) -> tuple[Float, Float]:
+def _lines_in_halves(position: Float, outward: Float, seen: Bool) -> tuple[Float, Float]:
     """Values and slopes (2, T, 2) of the lines through the medians of both quarters of each half.
 
     For leaning stems whose other half is hidden.
@@ -132,7 +128,7 @@ def _parts(values: NDArray[Any], count: int) -> NDArray[Any]:
     return values.reshape(*values.shape[:-1], count, -1)
 
 
-def pick(values: NDArray[Any], index: NDArray[np.intp]) -> NDArray[Any]:
+def pick(values: NDArray[Any], index: Index) -> NDArray[Any]:
     """Pick one of N values in each row.
 
     Args:
@@ -147,7 +143,7 @@ def pick(values: NDArray[Any], index: NDArray[np.intp]) -> NDArray[Any]:
     return np.asarray(picked.reshape(index.shape))
 
 
-def masked_medians(values: Float, valid: Flags) -> Float:
+def masked_medians(values: Float, valid: Bool) -> Float:
     """(...) medians of the valid ones among (..., N) values; 0 where none is valid."""
     ordered = np.sort(np.where(valid, values, np.inf))
     found = pick(ordered, np.minimum(valid.sum(-1) // 2, values.shape[-1] - 1))

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Final, Literal, NamedTuple, TypeAlias
+from typing import Final, Literal, NamedTuple, TypeAlias
 
-import numpy as np
-from numpy.typing import NDArray
-
+from basetree.arrays import Float
 from edgetree.measure.profile import StemProfile
-from edgetree.measure.stem_axis import StemAxis
 
 __all__ = [
     "QUANTITIES",
@@ -87,8 +84,26 @@ class PointEstimate:
         std_m: (3,) standard deviation of each coordinate in metres.
     """
 
-    xyz_m: NDArray[np.floating[Any]]
-    std_m: NDArray[np.floating[Any]]
+    xyz_m: Float
+    std_m: Float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class StemAxis:
+    """The line of a stem's axis in camera coordinates (x right, y down, z forward).
+
+    Attributes:
+        point_m: (3,) axis point at the felling cut; if the cut is not known, axis point of the
+            section at which the diameter is measured.
+        point_covariance_m2: (3, 3) covariance of its error.
+        direction: (3,) unit vector up the axis.
+        direction_covariance: (3, 3) covariance of its error, rad².
+    """
+
+    point_m: Float
+    point_covariance_m2: Float
+    direction: Float
+    direction_covariance: Float
 
 
 @dataclass(frozen=True)

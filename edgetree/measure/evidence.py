@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from edgetree.measure.constants.outlines import MAX_DISAGREEMENT_STDS
 from edgetree.measure.estimates import Estimate, Evidence, Failure
 from edgetree.measure.ground import BaseGround
 from edgetree.measure.observations import StemObservations
@@ -14,8 +15,6 @@ __all__ = ["gather_evidence", "stump_warning"]
 _SOURCES = ("keypoints", "mask", "depth")
 # A source is named in `Evidence.method` from this weight on.
 _MIN_WEIGHT = 0.02
-# Keypoints and mask disagree if their diameters differ by more than this many standard deviations.
-_MAX_DISAGREEMENT_STDS = 3.0
 
 
 def gather_evidence(
@@ -89,6 +88,6 @@ def _disagreement(diameters: dict[str, float], stds: dict[str, float]) -> tuple[
         return ()
     keypoints_m, mask_m = diameters["keypoints"], diameters["mask"]
     std_m = math.hypot(stds["keypoints"], stds["mask"])
-    if abs(keypoints_m - mask_m) <= _MAX_DISAGREEMENT_STDS * std_m:
+    if abs(keypoints_m - mask_m) <= MAX_DISAGREEMENT_STDS * std_m:
         return ()
     return (f"keypoints and mask disagree: {keypoints_m:.2f} m and {mask_m:.2f} m",)

@@ -4,27 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Bool, Float, Float32, Index
 from calib import PinholeCamera, pixels_to_rays
 from edgetree.detections import TreeDetections
 from edgetree.measure.settings import MeasureSettings, reference_px
 
 __all__ = ["MASK_THRESHOLD", "DepthFrame", "MaskGrid"]
 
-Float = NDArray[np.floating[Any]]
-Mask = NDArray[np.bool_]
-Indices = NDArray[np.intp]
-
 # OpenCV samples at most 32,766 points in a row.
 _MAX_POINTS = 30_000
 
 MASK_THRESHOLD = 0.5
-"""Mask probability from which a point counts as part of the stem."""
+"""Bool probability from which a point counts as part of the stem."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,11 +31,11 @@ class MaskGrid:
         box_px: (4,) x0, y0, x1, y1 of the box in the image.
     """
 
-    grid: NDArray[np.float32]
+    grid: Float32
     box_px: Float
 
     @classmethod
-    def of_image(cls, mask: Mask) -> MaskGrid:
+    def from_image(cls, mask: Bool) -> MaskGrid:
         """Crop an (H, W) bool mask to its bounding box; each pixel becomes one cell."""
         rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
         if not len(rows):
@@ -86,31 +81,31 @@ class DepthFrame:
     masks_given: bool = False
 
     @classmethod
-    def of(
+    def from_detections(
         cls,
         trees: TreeDetections,
         depth_m: Float,
         camera: PinholeCamera,
-        masks: Sequence[Mask] | NDArray[np.bool_] | None,
+        masks: Sequence[Bool] | Bool | None,
         settings: MeasureSettings,
     ) -> DepthFrame:
         """Build a frame; `masks` of image size take precedence over those of the detections."""
         grids = None
         if masks is not None:
-            grids = [MaskGrid.of_image(mask) for mask in masks]
+            grids = [MaskGrid.from_image(mask) for mask in masks]
         elif trees.masks is not None:
             boxes = trees.boxes_px.astype(np.float64)
             grids = [MaskGrid(*pair) for pair in zip(trees.masks, boxes, strict=True)]
         return cls(camera, np.ascontiguousarray(depth_m), grids, settings, masks is not None)
 
     def mask_probability(self, xy_px: Float) -> Float:
-        """Mask probability (T, ...) of each tree at its own points (T, ..., 2); 1 without masks."""
+        """Bool probability (T, ...) of each tree at its own points (T, ..., 2); 1 without masks."""
         result = np.ones(xy_px.shape[:-1], np.float32)
         for mask, points, probability in zip(self.masks or (), xy_px, result, strict=False):
             probability[:] = mask.at(points)
         return result
 
-    def on_any_stem(self, xy_px: Float) -> NDArray[np.bool_]:
+    def on_any_stem(self, xy_px: Float) -> Bool:
         """(T, N) whether points (T, N, 2) lie on the mask of any tree in the image."""
         result = np.zeros(xy_px[..., 0].size, np.bool_)
         x, y = (np.ascontiguousarray(part) for part in xy_px.reshape(-1, 2).T)
@@ -123,7 +118,7 @@ class DepthFrame:
                 result[part] |= mask.at(points[None])[0] >= MASK_THRESHOLD
         return result.reshape(xy_px.shape[:-1])
 
-    def inside(self, xy_px: Float, margin_px: Float | float = 0.0) -> NDArray[np.bool_]:
+    def inside(self, xy_px: Float, margin_px: Float | float = 0.0) -> Bool:
         """(...) whether points (..., 2) are in the image, at least `margin_px` from its border."""
         x, y = xy_px[..., 0], xy_px[..., 1]
         width, height = self.camera.width, self.camera.height
@@ -148,13 +143,13 @@ class DepthFrame:
         """Depth (...) in metres at image points (..., 2), as from `readings`."""
         return self._depth_m(xy_px, *self._pixels(xy_px))
 
-    def _pixels(self, xy_px: Float) -> tuple[Indices, Indices]:
+    def _pixels(self, xy_px: Float) -> tuple[Index, Index]:
         """Columns and rows (...) of the pixels nearest to points (..., 2)."""
         column = np.fmax(np.fmin(xy_px[..., 0], self.camera.width - 1), 0).astype(np.intp)
         row = np.fmax(np.fmin(xy_px[..., 1], self.camera.height - 1), 0).astype(np.intp)
         return column, row
 
-    def _depth_m(self, xy_px: Float, column: Indices, row: Indices) -> Float:
+    def _depth_m(self, xy_px: Float, column: Index, row: Index) -> Float:
         depth_m = self.depth_m.take(row * self.camera.width + column).astype(np.float64)
         usable = self.inside(xy_px) & (depth_m > 0) & (depth_m <= self.settings.max_range_m)
         return np.where(usable, depth_m, 0.0)

@@ -4,51 +4,41 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Bool, Float, Index
 from calib import GroundPlane, GroundPlaneFailure, fit_ground_planes
+from edgetree.measure.constants.ground import (
+    DEPARTURE_STD_PER_M,
+    LIFT,
+    LITTER_STD_M,
+    MAX_ABOVE_STEM_M,
+    MAX_COVER_STD_M,
+    MAX_SLOPE_WITHOUT_FOOT_DEG,
+    MIN_COVER_STD_M,
+    MIN_PLANTS_SHARE,
+    MIN_SHARE_WITHOUT_FOOT,
+    OUTLIER_STD_M,
+    POINTS_PER_ERROR,
+    SEARCH_RADIUS_M,
+    UNEVEN_STD_M,
+)
 from edgetree.measure.estimates import Estimate, Failure
 from edgetree.measure.frame import DepthFrame
-from edgetree.measure.ground_cover import UNEVEN_STD_M, cover_stds_m, depth_stds_m
+from edgetree.measure.ground_cover import cover_stds_m, depth_stds_m
 from edgetree.measure.ground_samples import GroundSamples, sample_around, thinned
 from edgetree.measure.vertical import Vertical, Verticals
 
 __all__ = ["BaseGround", "StemBases", "find_grounds"]
 
-Float = NDArray[np.floating[Any]]
-
-# Ground is searched for within this distance around the stem.
-_SEARCH_RADIUS_M = 1.4
-# Ground is not flat. Standard deviation by which it leaves the plane at the stem, by the squared
-# distance from the bark. Chosen on 510 simulated frames with exact outlines.
-_DEPARTURE_STD_PER_M = 0.15
 # Rows and columns of the sampling grid. The second one is for sparse depth.
 _GRIDS = (27, 72)
+# Fewer points make no plane.
 _MIN_POINTS = 20
-_TOLERANCE_M = 3 * UNEVEN_STD_M
-# Smallest standard deviation of the ground's height: litter, moss and roots.
-_LITTER_STD_M = 0.02
-_POINTS_PER_ERROR = 12.0
-# Points off the plane may mean that plants hide the ground. Standard deviation of the height, times
-# the squared fraction of such points.
-_OUTLIER_STD_M = 0.15
-# From this fraction of points above the plane on, plants hide the ground.
-_MIN_PLANTS = 0.3
-# The same from the first standard deviation because of plants on. From the second one on, the
-# height of the ground is not known: a 95 % interval would be 0.8 m wide.
-_MIN_COVER_STD_M, _MAX_COVER_STD_M = 0.08, 0.2
-# Low plants pass for ground and lift the plane. It lies above the ground by this much of the spread
-# of its points, times the share of points above it. Fitted on 791 simulated frames.
-_LIFT = 0.35
-# The ground lies above no seen part of the stem, but for this much and for its slope across it.
-_MAX_ABOVE_STEM_M = 0.05
-# Where the foot of the stem is below the image, branches are the lowest that is seen of many stems.
-# So the plane is to hold this share of the points, and to be flatter than this.
-_MIN_SHARE_WITHOUT_FOOT, _MAX_SLOPE_WITHOUT_FOOT_DEG = 0.3, 30.0
-# Smallest cosine of the angle between an axis and the ground's normal, or the vertical.
+# Smallest cosine of the angle between an axis and the ground's normal, or the vertical. It keeps
+# lengths along a lying stem finite.
 _MIN_COSINE = 0.2
 
 
@@ -74,17 +64,17 @@ class BaseGround:
     @property
     def lift_m(self) -> float:
         """How far low plants are expected to lift the plane above the ground, in metres."""
-        return _LIFT * self.plane.residual_std_m * self.plane.above_fraction
+        return LIFT * self.plane.residual_std_m * self.plane.above_fraction
 
     @property
     def overgrown(self) -> bool:
         """Whether plants hide a large part of the ground."""
-        return self.plane.above_fraction > _MIN_PLANTS or self.cover_std_m > _MIN_COVER_STD_M
+        return self.plane.above_fraction > MIN_PLANTS_SHARE or self.cover_std_m > MIN_COVER_STD_M
 
     @property
     def hidden(self) -> bool:
         """Whether the surface is so unsteady that it is that of plants, and not the ground."""
-        return self.cover_std_m > _MAX_COVER_STD_M
+        return self.cover_std_m > MAX_COVER_STD_M
 
     def height_m(
         self, axis_point: Float, along: Float, radius_m: float, axis_std_m: float
@@ -110,10 +100,10 @@ class BaseGround:
         foot = axis_point - length * along
         value = length * float(along @ self.up) - self.uphill_m(radius_m)
         plane_std_m = float(self.plane.height_std_m(foot))
-        outlier_std_m = _OUTLIER_STD_M * (1 - self.plane.inlier_fraction) ** 2
+        outlier_std_m = OUTLIER_STD_M * (1 - self.plane.inlier_fraction) ** 2
         # An error of the vertical changes the slope by as much.
         uphill_std_m = radius_m * self.vertical.tilt_std_rad
-        parts = (plane_std_m, outlier_std_m, self.cover_std_m, uphill_std_m, _LITTER_STD_M)
+        parts = (plane_std_m, outlier_std_m, self.cover_std_m, uphill_std_m, LITTER_STD_M)
         return Estimate(value, math.hypot(*parts, axis_std_m))
 
     def axis_length_m(
@@ -141,13 +131,13 @@ class BaseGround:
         """The plane, and the direction along which heights are measured, as text."""
         residual_cm = 100 * self.plane.residual_std_m
         return (
-            f"plane within {_SEARCH_RADIUS_M} m of the stem, {self.plane.points} points"
+            f"plane within {SEARCH_RADIUS_M} m of the stem, {self.plane.points} points"
             f" ({self.plane.inlier_fraction:.0%} there) ± {residual_cm:.1f} cm, heights along"
             f" {self.vertical.description()}{self._cover_description()}"
         )
 
     def _cover_description(self) -> str:
-        if self.cover_std_m <= _MIN_COVER_STD_M:
+        if self.cover_std_m <= MIN_COVER_STD_M:
             return ""
         return f"; as unsteady as plants, which may hide the ground (± {self.cover_std_m:.2f} m)"
 
@@ -164,17 +154,24 @@ class StemBases(NamedTuple):
         foot_within: (T,) whether the foot is in the image, as far as one can tell.
     """
 
-    indices: NDArray[np.intp]
+    indices: Index
     cuts: Float
     lowest: Float
     radii_m: Float
-    foot_within: NDArray[np.bool_]
+    foot_within: Bool
 
 
 def find_grounds(
     frame: DepthFrame, bases: StemBases, verticals: Verticals, noise: float
 ) -> list[BaseGround | Failure]:
     """Fit the ground around each stem.
+
+    1. Sample the depth on a grid around each cut, leaving out the stems.
+    2. Fit the lowest plane that many of these points support; points count less with their
+       distance from the bark, as ground is not flat.
+    3. Judge by the surface how far plants may hide the ground.
+    4. Take the vertical at the stem, and refuse planes above the stem's seen part or of branches.
+    5. Where the depth is sparse and shows too little, repeat with the finer grid.
 
     Args:
         frame: depth, camera and masks.
@@ -190,7 +187,7 @@ def find_grounds(
     missing = np.arange(len(bases.cuts))
     for grid in _GRIDS:
         radius_m, cuts = bases.radii_m[missing], bases.cuts[missing]
-        samples = sample_around(frame, cuts, _SEARCH_RADIUS_M + radius_m, up, grid)
+        samples = sample_around(frame, cuts, SEARCH_RADIUS_M + radius_m, up, grid)
         planes = _fit_planes(frame, samples, radius_m, up, noise)
         for index, found in zip(missing, planes, strict=True):
             if isinstance(found, Failure):
@@ -210,14 +207,14 @@ def _if_trusted(ground: BaseGround, bases: StemBases, index: int) -> BaseGround 
     plane = ground.plane
     lowest = bases.lowest[index]
     below_m = -float(plane.height_m(lowest)) if np.isfinite(lowest).all() else 0.0
-    if below_m > _MAX_ABOVE_STEM_M + 2 * ground.uphill_m(float(bases.radii_m[index])):
+    if below_m > MAX_ABOVE_STEM_M + 2 * ground.uphill_m(float(bases.radii_m[index])):
         seen = f"the stem is seen {below_m:.2f} m below the best plane"
         return Failure(f"no ground around the base: {seen}")
     if bases.foot_within[index]:
         return ground
     slope_deg = math.degrees(math.acos(min(float(plane.normal @ ground.up), 1.0)))
-    steep = slope_deg > _MAX_SLOPE_WITHOUT_FOOT_DEG
-    if not steep and plane.inlier_fraction >= _MIN_SHARE_WITHOUT_FOOT:
+    steep = slope_deg > MAX_SLOPE_WITHOUT_FOOT_DEG
+    if not steep and plane.inlier_fraction >= MIN_SHARE_WITHOUT_FOOT:
         return ground
     return Failure(
         "no ground around the base: the foot of the stem is not in the image, and the best plane"
@@ -243,10 +240,10 @@ def _fit_planes(
         usable,
         up,
         settings.max_slope_deg,
-        _TOLERANCE_M,
-        _POINTS_PER_ERROR,
+        3 * UNEVEN_STD_M,
+        POINTS_PER_ERROR,
         depth_std_m,
-        _DEPARTURE_STD_PER_M * from_bark_m**2,
+        DEPARTURE_STD_PER_M * from_bark_m**2,
     )
     cover_std_m = cover_stds_m(frame, points, usable, noise * depth_std_m, planes)
     return [

@@ -11,43 +11,32 @@ shows.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Bool, Float
 from calib import GroundPlane, GroundPlaneFailure, project_points
+from edgetree.measure.constants.ground import (
+    BESIDE_M,
+    CLOSED_COVER_FACTOR,
+    CLOSED_COVER_SHARE,
+    CLOSED_COVER_STD_M,
+    MIN_BESIDE_PX,
+    MIN_UNSTEADINESS,
+    STD_PER_UNSTEADINESS_M,
+    UNEVEN_STD_M,
+)
 from edgetree.measure.edge_lines import masked_medians
 from edgetree.measure.frame import DepthFrame
 from edgetree.measure.settings import MeasureSettings
 from edgetree.measure.stem_fit import Readings
 
-__all__ = ["UNEVEN_STD_M", "cover_stds_m", "depth_stds_m", "noise_factor"]
+__all__ = ["cover_stds_m", "depth_stds_m", "noise_factor"]
 
-Float = NDArray[np.floating[Any]]
-Flags = NDArray[np.bool_]
-
-UNEVEN_STD_M = 0.05 / 3
-"""The unevenness of ground, as a standard deviation in metres."""
-
-# The places that are compared lie this far to the left and right of a reading, but at least so many
-# pixels: neighbouring pixels share the noise of stereo cameras.
-_BESIDE_M, _MIN_BESIDE_PX = 0.025, 2.0
 # Of sparse depth so few places can be compared that those beside the stem count too much.
 _MIN_COMPARED = 12
 # Of the readings across a stem these are looked at: few to save time, and none near its edges.
 _ACROSS = slice(2, -2, 2)
-# Unsteadiness is the spread about the plane plus the roughness, both in standard deviations of a
-# ground reading. From the first value on, plants may hide the ground. The standard deviation of its
-# height grows with the rest by the second value in metres. Both were fitted on 480 ray-traced
-# scenes (grass of 0.1 to 0.5 m on none to 90 % of the ground) and 60 frames each of the simulator's
-# presets `field` and `vegetation`, so that hidden ground is rarely stated as sure and seen ground
-# rarely refused.
-_STEADY, _STD_PER_UNSTEADINESS_M = 1.35, 0.25
-# Gaps between plants show lower ground, of which some readings stand out above the plane. Where
-# fewer than the first share do, an unsteady surface is that of closed plants. What the deviation is
-# above the second value, in metres, then counts up to six times.
-_CLOSED_BELOW, _CLOSED_FROM_M, _CLOSED_MORE = 0.1, 0.065, 5.0
 # The median of the size of a normally distributed error, in standard deviations.
 _MEDIAN_ERROR = 0.6745
 # The standard deviation of 2 b - a - c for independent errors of standard deviation 1.
@@ -86,7 +75,7 @@ def noise_factor(readings: Readings, stations: int, settings: MeasureSettings) -
 def cover_stds_m(
     frame: DepthFrame,
     points: Float,
-    usable: Flags,
+    usable: Bool,
     depth_std_m: Float,
     planes: Sequence[GroundPlane | GroundPlaneFailure],
 ) -> Float:
@@ -118,9 +107,9 @@ def cover_stds_m(
     left_m, right_m = (np.where(known, side_m, 1.0) for side_m in (left_m, right_m))
     roughness = masked_medians(slopes * _bend_m(left_m, depth_m, right_m) / noise_m, known)
     spread = residuals_m / np.maximum(masked_medians(noise_m, usable), UNEVEN_STD_M)
-    std_m = _STD_PER_UNSTEADINESS_M * np.maximum(spread + roughness - _STEADY, 0.0)
-    closed = np.maximum(1 - above / _CLOSED_BELOW, 0.0)
-    return std_m + _CLOSED_MORE * closed * np.maximum(std_m - _CLOSED_FROM_M, 0.0)
+    std_m = STD_PER_UNSTEADINESS_M * np.maximum(spread + roughness - MIN_UNSTEADINESS, 0.0)
+    closed = np.maximum(1 - above / CLOSED_COVER_SHARE, 0.0)
+    return std_m + CLOSED_COVER_FACTOR * closed * np.maximum(std_m - CLOSED_COVER_STD_M, 0.0)
 
 
 def _bend_m(before_m: Float, middle_m: Float, after_m: Float) -> Float:
@@ -132,13 +121,13 @@ def _bend_m(before_m: Float, middle_m: Float, after_m: Float) -> Float:
     return np.asarray(np.abs(bend) * middle_m**2 / _BEND_STD)
 
 
-def _beside(frame: DepthFrame, points: Float, usable: Flags) -> tuple[Float, Float]:
+def _beside(frame: DepthFrame, points: Float, usable: Bool) -> tuple[Float, Float]:
     """(T, N) depths in metres at the left and at the right of points, 0 where there is none.
 
     A few are on a stem, too few for the median to notice.
     """
     xyz = np.where(usable[..., None], points, (0.0, 0.0, 1.0))
     middle_px = project_points(frame.camera, xyz)
-    step_px = np.maximum(_BESIDE_M * frame.camera.fx / xyz[..., 2], _MIN_BESIDE_PX)
+    step_px = np.maximum(BESIDE_M * frame.camera.fx / xyz[..., 2], MIN_BESIDE_PX)
     step_px = np.rint(step_px)[..., None] * (1.0, 0.0)
     return frame.depth_at(middle_px - step_px), frame.depth_at(middle_px + step_px)

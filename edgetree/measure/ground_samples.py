@@ -2,28 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Bool, Float
 from calib import project_points
+from edgetree.measure.constants.ground import MAX_ABOVE_CUT_M, MAX_BELOW_CUT_M
 from edgetree.measure.frame import DepthFrame
 
 __all__ = ["GroundSamples", "sample_around", "thinned"]
 
-Float = NDArray[np.floating[Any]]
-Flags = NDArray[np.bool_]
-
-# Ground points are at most this far above and below the felling cut.
-_MAX_ABOVE_CUT_M = 0.6
-_MAX_BELOW_CUT_M = 1.5
 # The grid is denser towards the stem by this exponent. It reaches less far up and down, by this
-# factor, because the ground is seen from the side. These and the limit above the cut were chosen on
-# 791 simulated frames.
+# factor, because the ground is seen from the side. Both were chosen on 791 simulated frames.
 _GRID_EXPONENT, _REACH_UP = 1.2, 0.6
 # Depth is sparse if there are readings at less than this fraction of the grid's points.
 _SPARSE = 0.3
+# More points cost time and hardly change a plane.
 _MAX_POINTS = 150
 
 
@@ -38,9 +33,9 @@ class GroundSamples(NamedTuple):
     """
 
     points: Float
-    usable: Flags
+    usable: Bool
     level_m: Float
-    sparse: Flags
+    sparse: Bool
 
 
 def sample_around(
@@ -66,7 +61,7 @@ def sample_around(
     beside = ~frame.on_any_stem(xy_px)
     sparse = ((depth_m > 0) & beside).sum(1) < _SPARSE * beside.sum(1)
     usable = beside & (depth_m > 0) & (level_m < reach_m[:, None]) & (axis_points[:, 2:] > 0)
-    usable &= (rise < _MAX_ABOVE_CUT_M) & (rise > -_MAX_BELOW_CUT_M)
+    usable &= (rise < MAX_ABOVE_CUT_M) & (rise > -MAX_BELOW_CUT_M)
     return GroundSamples(points, usable, level_m, sparse)
 
 

@@ -4,52 +4,29 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Bool, Float
+from calib.directions import lengths
 from edgetree.detections import KEYPOINT_NAMES, TreeDetections
-from edgetree.measure.section import lengths
+from edgetree.measure.constants.outlines import (
+    BORDER_KEYPOINT_STDS,
+    CLIPPED_GAP_PX,
+    LOWER_SIDE_PX,
+    NEAR_SIDE_STD,
+    NEAR_SIDE_WIDTHS,
+    REACHES_SIDE_SHARE,
+    UNSEEN_SCORE,
+)
 from edgetree.measure.settings import MeasureSettings, reference_px
 
-__all__ = [
-    "CUT",
-    "CUT_OFF_PX",
-    "LEFT",
-    "MIDDLE",
-    "MIN_WIDTH_PX",
-    "RIGHT",
-    "TOP",
-    "Keypoints",
-]
-
-Float = NDArray[np.floating[Any]]
-Flags = NDArray[np.bool_]
+__all__ = ["CUT", "LEFT", "MIDDLE", "MIN_WIDTH_PX", "RIGHT", "TOP", "Keypoints"]
 
 CUT, LEFT, RIGHT, MIDDLE, TOP = range(len(KEYPOINT_NAMES))
 
 MIN_WIDTH_PX = 1.0
 """Smallest distance between the left and the right edge of the diameter's section."""
-
-# A keypoint this many standard deviations from the lower border may be below the image.
-_BORDER_STDS = 12.0
-# A box reaches the lower side if it ends less than this before it, in px of an image of 1280 px
-# width.
-_LOWER_SIDE_PX = 10.0
-
-# Where the box reaches a side of the image, edge keypoints this near to it, in widths of the
-# section, may be beyond it: networks then predict a point inside the image. Their standard
-# deviation grows to this share of the width.
-_NEAR_SIDE, _NEAR_SIDE_STD = 0.4, 0.2
-# A box reaches a side that is less than this share of its width away.
-_REACHES_SIDE = 0.2
-# A side of the image may cut a stem off if its box ends less than the first distance before it, in
-# px of an image of 1280 px width, and the edge keypoint there has a score below the second value.
-# Chosen with `edge-n-depth` on 1,700 frames that it was not trained on: of 254 diameters of stems
-# that a side cuts off 95 % lie in their intervals; without these limits it was 86 % of 347. Of 158
-# whole stems near a side 157 are still measured.
-CUT_OFF_PX, _UNSEEN_SCORE = 30.0, 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,23 +41,23 @@ class Keypoints:
             be outside.
         doubtful_cut_px: (T,) how far above the lower border a cut keypoint lies that is not used
             because the stem reaches this border, so that the cut may be below it; NaN elsewhere.
-        cut_off: (T, 2) whether the left or the right side of the image may cut the stem off: its
-            box ends near that side, and the edge keypoint there is not seen.
+        clipped_by_side: (T, 2) whether the left or the right side of the image may cut the stem
+            off: its box ends near that side, and the edge keypoint there is not seen.
         reaches_lower_side: (T,) whether the box ends at the lower side of the image.
         offered: whether the model predicts keypoints.
     """
 
     xy_px: Float
-    given: Flags
+    given: Bool
     std_px: Float
-    within: Flags
+    within: Bool
     doubtful_cut_px: Float
-    cut_off: Flags
-    reaches_lower_side: Flags
+    clipped_by_side: Bool
+    reaches_lower_side: Bool
     offered: bool
 
     @classmethod
-    def of(cls, trees: TreeDetections, settings: MeasureSettings) -> Keypoints:
+    def from_detections(cls, trees: TreeDetections, settings: MeasureSettings) -> Keypoints:
         """Take the keypoints of detections and estimate their errors.
 
         The standard deviations grow with 1 / sqrt(score), see `MeasureSettings.keypoint_spread`,
@@ -99,8 +76,8 @@ class Keypoints:
         fraction = np.array([settings.keypoint_spread, settings.keypoint_slide])
         spread = fraction * extent[:, None] / np.sqrt(score)
         std_px = np.hypot(settings.keypoint_std_px * reference_px(trees.image_width), spread)
-        cut_off = _cut_off(trees, values[:, [LEFT, RIGHT], 2])
-        std_px[..., 0] = np.hypot(std_px[..., 0], _cut_off_std_px(trees, values, cut_off))
+        clipped = _clipped_by_side(trees, values[:, [LEFT, RIGHT], 2])
+        std_px[..., 0] = np.hypot(std_px[..., 0], _near_side_std_px(trees, values, clipped))
         given = (values[..., 2] > 0) & near
         inside = (values[..., :2] > std_px) & (values[..., :2] < size - std_px)
         within = given & inside.all(2)
@@ -110,16 +87,16 @@ class Keypoints:
         reaches_border = trees.boxes_px[:, 3] > trees.image_height - np.maximum(cut_std_px, 1.0)
         above_border_px = trees.image_height - values[:, CUT, 1]
         doubtful = given[:, CUT] & (above_border_px > 0) & reaches_border
-        doubtful &= above_border_px < _BORDER_STDS * cut_std_px
+        doubtful &= above_border_px < BORDER_KEYPOINT_STDS * cut_std_px
         within[:, CUT] &= ~doubtful
-        lower_side_px = _LOWER_SIDE_PX * reference_px(trees.image_width)
+        lower_side_px = LOWER_SIDE_PX * reference_px(trees.image_width)
         return cls(
             xy_px=values[..., :2],
             given=given,
             std_px=std_px,
             within=within,
             doubtful_cut_px=np.where(doubtful, above_border_px, np.nan),
-            cut_off=cut_off,
+            clipped_by_side=clipped,
             reaches_lower_side=trees.boxes_px[:, 3] > trees.image_height - lower_side_px,
             offered=trees.keypoints_px is not None,
         )
@@ -131,18 +108,18 @@ class Keypoints:
         """
         edges = [LEFT, RIGHT]
         above_px = image_height - self.xy_px[:, edges, 1].max(1)
-        near = above_px < _BORDER_STDS * self.std_px[:, edges, 1].max(1)
+        near = above_px < BORDER_KEYPOINT_STDS * self.std_px[:, edges, 1].max(1)
         return np.where(near, above_px, np.inf)
 
     @cached_property
-    def has_section(self) -> Flags:
+    def has_section(self) -> Bool:
         """(T,) whether both edges of the diameter's section are in the image and distinct."""
         width = lengths(self.xy_px[:, RIGHT] - self.xy_px[:, LEFT])
         size_known = width >= MIN_WIDTH_PX
         return np.asarray(self.within[:, LEFT] & self.within[:, RIGHT] & size_known)
 
 
-def _cut_off(trees: TreeDetections, edge_scores: Float) -> Flags:
+def _clipped_by_side(trees: TreeDetections, edge_scores: Float) -> Bool:
     """(T, 2) whether the left or the right side of the image may cut the stems off.
 
     Args:
@@ -151,27 +128,27 @@ def _cut_off(trees: TreeDetections, edge_scores: Float) -> Flags:
     """
     left_px, right_px = trees.boxes_px[:, 0], trees.image_width - trees.boxes_px[:, 2]
     gaps_px = np.stack([left_px, right_px], 1)
-    unseen = (edge_scores < _UNSEEN_SCORE) & (trees.keypoints_px is not None)
-    return np.asarray(unseen & (gaps_px < CUT_OFF_PX * reference_px(trees.image_width)))
+    unseen = (edge_scores < UNSEEN_SCORE) & (trees.keypoints_px is not None)
+    return np.asarray(unseen & (gaps_px < CLIPPED_GAP_PX * reference_px(trees.image_width)))
 
 
-def _cut_off_std_px(trees: TreeDetections, values: Float, cut_off: Flags) -> Float:
-    """(T, 5) standard deviations of edge keypoints of stems that a side of the image may cut off.
+def _near_side_std_px(trees: TreeDetections, values: Float, clipped: Bool) -> Float:
+    """(T, 5) standard deviations of edge keypoints that may be beyond a side of the image, else 0.
 
     Args:
         trees: the detections.
         values: (T, 5, 3) their keypoints.
-        cut_off: (T, 2) whether the edge there is not seen, from `_cut_off`.
+        clipped: (T, 2) whether the edge there is not seen, from `_clipped_by_side`.
     """
     std_px = np.zeros(values.shape[:2])
     picked = [LEFT, RIGHT]
     x_px = values[:, picked, 0]
     width_px = np.abs(x_px[:, 1] - x_px[:, 0])[:, None]
     left_px, right_px = trees.boxes_px[:, 0], trees.boxes_px[:, 2]
-    reach_px = _REACHES_SIDE * (right_px - left_px)
-    near_px = _NEAR_SIDE * width_px
-    beyond = cut_off | ((left_px < reach_px)[:, None] & (x_px < near_px))
+    reach_px = REACHES_SIDE_SHARE * (right_px - left_px)
+    near_px = NEAR_SIDE_WIDTHS * width_px
+    beyond = clipped | ((left_px < reach_px)[:, None] & (x_px < near_px))
     size = trees.image_width
     beyond |= (right_px > size - reach_px)[:, None] & (x_px > size - near_px)
-    std_px[:, picked] = np.where(beyond, _NEAR_SIDE_STD * width_px, 0.0)
+    std_px[:, picked] = np.where(beyond, NEAR_SIDE_STD * width_px, 0.0)
     return std_px

@@ -5,33 +5,27 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from calib import CAMERA_UP, RigidTransform
-from edgetree.measure.estimates import Estimate, Failure, PointEstimate
+from basetree.arrays import Float
+from calib import RigidTransform
+from calib.directions import heading
+from edgetree.measure.constants.stems import (
+    HIGHEST_CUT_M,
+    LOWEST_CUT_M,
+    MAX_CUT_ABOVE_GROUND_M,
+    MAX_CUT_BELOW_GROUND_M,
+    MIN_LEAN_STDS,
+    TAPER_PER_M,
+    TAPER_STD_PER_M,
+)
+from edgetree.measure.estimates import Estimate, Failure, PointEstimate, StemAxis
 from edgetree.measure.ground import BaseGround
 from edgetree.measure.settings import MeasureSettings
-from edgetree.measure.stem_axis import StemAxis
 from edgetree.measure.vertical import Vertical
 
 __all__ = ["StemPosition"]
-
-Float = NDArray[np.floating[Any]]
-
-# The cut is a little below the section at which the diameter is measured.
-_CUT_ABOVE_SECTION_M = (-0.5, 0.3)
-_MAX_CUT_BELOW_GROUND_M = 0.1
-_MAX_CUT_ABOVE_GROUND_M = 0.8
-_FORWARD = np.array([0.0, 0.0, 1.0])
-# Above this cosine to the vertical, a camera looks straight down and its forward is not used.
-_STRAIGHT_DOWN = 0.999
-# Relative decrease of the diameter per metre of a lower stem, and its standard deviation.
-_TAPER, _TAPER_STD = 0.07, 0.04
-# An inclination below this many standard deviations has no direction.
-_MIN_LEAN_STDS = 1.5
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -106,8 +100,8 @@ class StemPosition:
             bend_rad: standard deviation of the axis direction along a stem.
         """
         ahead_m, _, level_m = self._section_parts_m
-        value = ahead_m + level_m * _TAPER * self.radius_m
-        direction_std = math.hypot(self.tilt_std_rad, _TAPER_STD * self.radius_m, bend_rad)
+        value = ahead_m + level_m * TAPER_PER_M * self.radius_m
+        direction_std = math.hypot(self.tilt_std_rad, TAPER_STD_PER_M * self.radius_m, bend_rad)
         parts = (self.distance_std_m, self.diameter_std_m / 2, level_m * direction_std)
         return Estimate(value, math.hypot(*parts, self.shape_std_m))
 
@@ -152,16 +146,12 @@ class StemPosition:
             has_section: whether the section is given by keypoints, which are near the cut.
         """
         above_m = self._cut_parts_m[2] - self._section_parts_m[2]
-        lowest_m, highest_m = _CUT_ABOVE_SECTION_M
-        if has_section and not lowest_m <= above_m <= highest_m:
+        if has_section and not LOWEST_CUT_M <= above_m <= HIGHEST_CUT_M:
             side = "above" if above_m > 0 else "below"
             return Failure(f"the felling cut is {abs(above_m):.2f} m {side} the diameter's section")
-        if (
-            isinstance(height, Estimate)
-            and height.value < -_MAX_CUT_BELOW_GROUND_M - 2 * height.std
-        ):
+        if isinstance(height, Estimate) and height.value < -MAX_CUT_BELOW_GROUND_M - 2 * height.std:
             return Failure(f"the felling cut is {-height.value:.2f} m below the ground")
-        if isinstance(height, Estimate) and height.value > _MAX_CUT_ABOVE_GROUND_M + 2 * height.std:
+        if isinstance(height, Estimate) and height.value > MAX_CUT_ABOVE_GROUND_M + 2 * height.std:
             return Failure(
                 f"the felling cut is {height.value:.2f} m above the ground: the depth may be of"
                 " what stands before the stem"
@@ -282,7 +272,7 @@ class StemPosition:
         inclination = Estimate(value, std_deg)
         if not vertical.has_directions:
             return inclination, Failure("no vertical given to tell the direction of the lean")
-        if value < _MIN_LEAN_STDS * std_deg:
+        if value < MIN_LEAN_STDS * std_deg:
             return inclination, Failure(
                 f"upright within its error: {value:.1f} ± {std_deg:.1f} deg"
             )
@@ -292,8 +282,7 @@ class StemPosition:
 
     def _lean_direction_deg(self, vertical: Float) -> float:
         """Direction of the lean, clockwise from the camera's forward, as seen from above."""
-        forward = _FORWARD if abs(vertical[2]) < _STRAIGHT_DOWN else np.array(CAMERA_UP)
-        ahead = forward - (forward @ vertical) * vertical
+        ahead = heading(vertical)
         # The cross product (vertical x along) points horizontally, at right angles to the lean.
         (ax, ay, az), (ux, uy, uz) = self.along.tolist(), vertical.tolist()
         sideways = np.array([uy * az - uz * ay, uz * ax - ux * az, ux * ay - uy * ax])

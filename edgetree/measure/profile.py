@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
-import numpy as np
-from numpy.typing import NDArray
+from basetree.arrays import Float
 
 __all__ = ["HeightsFrom", "StemProfile"]
 
-Float = NDArray[np.floating[Any]]
 HeightsFrom: TypeAlias = Literal["ground", "section"]
 
 _DIGITS = 5

@@ -2,35 +2,31 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Bool, Float
+from edgetree.measure.constants.depth import (
+    ROUNDNESS_WITHIN,
+    SEVERAL_STEMS_SCORE,
+    SEVERAL_STEMS_STDS,
+)
 from edgetree.measure.edge_lines import masked_medians
 from edgetree.measure.stem_fit import Readings, Stems
 
 __all__ = ["shows_several_stems"]
 
-Float = NDArray[np.floating[Any]]
-Flags = NDArray[np.bool_]
-
-# Readings further from the middle than this, 1 at the edge of the mask, may show the background.
-_MAX_OFFSET = 0.85
+# Fewer readings at a station do not show its shape.
 _MIN_READINGS = 5
 # Readings further from the fitted stem than this many radii are clipped to it or left out.
 _MAX_OFF = 2.0
 # Least squared difference of the two shapes over the readings of a station.
 _MIN_POWER = 0.05
 _MAD_TO_STD = 1.4826
-# Score of a mask, 0 for one round stem and 1 for two equal ones side by side: this much, and this
-# many standard deviations, tell several stems.
-_MIN_SCORE, _MIN_STDS = 0.4, 3.0
-# Part of the stations along the stem that must have enough readings.
+# Share of the stations along the stem that must have enough readings.
 _MIN_STATIONS = 0.25
 
 
-def shows_several_stems(stems: Stems, readings: Readings, stations: int) -> Flags:
+def shows_several_stems(stems: Stems, readings: Readings, stations: int) -> Bool:
     """Whether the depth across the masks is that of two stems side by side, and not of one.
 
     The depth of each station is compared with both shapes: one circle, and two circles of half its
@@ -50,7 +46,7 @@ def shows_several_stems(stems: Stems, readings: Readings, stations: int) -> Flag
     )
 
 
-def _shows_several(stems: Stems, readings: Readings, stations: int, near_only: bool) -> Flags:
+def _shows_several(stems: Stems, readings: Readings, stations: int, near_only: bool) -> Bool:
     """(T,) flags; `near_only` leaves out readings far from the stem instead of clipping them.
 
     Between two stems, the background shows along the whole mask, and clipped it tells them apart.
@@ -60,21 +56,19 @@ def _shows_several(stems: Stems, readings: Readings, stations: int, near_only: b
     score = masked_medians(scores, known)
     scatter = _MAD_TO_STD * masked_medians(np.abs(scores - score[:, None]), known)
     seen = known.sum(1)
-    std = scatter / np.sqrt(np.maximum(seen / np.maximum(readings.per_error, 1.0), 1.0))
+    std = scatter / np.sqrt(np.maximum(seen / np.maximum(readings.readings_per_error, 1.0), 1.0))
     enough = seen >= _MIN_STATIONS * stations
-    return np.asarray(enough & (score > np.maximum(_MIN_SCORE, _MIN_STDS * std)))
+    return np.asarray(enough & (score > np.maximum(SEVERAL_STEMS_SCORE, SEVERAL_STEMS_STDS * std)))
 
 
-def _scores(
-    stems: Stems, readings: Readings, stations: int, near_only: bool
-) -> tuple[Float, Flags]:
+def _scores(stems: Stems, readings: Readings, stations: int, near_only: bool) -> tuple[Float, Bool]:
     """(T, S) scores of the stations, and which are known."""
     sections = stems.sections
     view = sections.view(readings.rays)
     shape = (len(readings.depth_m), stations, -1)
     offset = np.abs(view.offset).reshape(shape)
     used = ((view.depth_ratio > 0) & (readings.depth_m > 0)).reshape(shape)
-    used &= offset < _MAX_OFFSET
+    used &= offset < ROUNDNESS_WITHIN
     # The distance to the axis that each reading gives by itself is the same across a round stem.
     axis_m = (readings.depth_m / np.where(view.depth_ratio > 0, view.depth_ratio, 1.0)).reshape(
         shape
@@ -95,7 +89,7 @@ def _scores(
     return np.where(known, score, 0.0), known
 
 
-def _means(values: Float, used: Flags) -> Float:
+def _means(values: Float, used: Bool) -> Float:
     """(T, S, 1) means of the used ones of (T, S, N) values."""
     return np.asarray(
         np.where(used, values, 0.0).sum(2, keepdims=True)

@@ -1,16 +1,16 @@
 """Geometry of cylinders seen from a nearby camera, in the plane across their axes.
 
 In the plane at right angles to the stem's axis, the stem is a circle, the camera a point and each
-viewing ray a direction. Let ``d`` be the distance from the camera to the axis in that plane and
-``delta`` half the angle between the two rays that touch the circle. From the right triangle of
+viewing ray a direction. Let `d` be the distance from the camera to the axis in that plane and
+`delta` half the angle between the two rays that touch the circle. From the right triangle of
 camera, tangent point and centre follows:
 
-- The radius is ``d sin(delta)``.
-- A ray at angle ``theta`` from the centre meets the front of the circle at the range
-  ``d (cos(theta) - sqrt(sin²(delta) - sin²(theta)))``, the smaller root of the quadratic equation
+- The radius is `d sin(delta)`.
+- A ray at angle `theta` from the centre meets the front of the circle at the range
+  `d (cos(theta) - sqrt(sin²(delta) - sin²(theta)))`, the smaller root of the quadratic equation
   for the intersection of a line with a circle.
-- At the centre this is the front range ``rho = d (1 - sin(delta))``, so the diameter is
-  ``2 rho sin(delta) / (1 - sin(delta))``.
+- At the centre this is the front range `rho = d (1 - sin(delta))`, so the diameter is
+  `2 rho sin(delta) / (1 - sin(delta))`.
 
 All functions work on T stems at once.
 """
@@ -19,28 +19,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-__all__ = ["Sections", "StemAxes", "StemView", "axes_in_planes", "dot", "lengths"]
+from basetree.arrays import Float
+from calib.directions import unit
 
-Float = NDArray[np.floating[Any]]
+__all__ = ["Sections", "StemAxes", "StemView", "axes_in_planes", "fit_axes"]
 
 # Close to the edge, the depth changes without bound with the angle. Readings at a larger offset
 # than this (1 at the edge) are not used.
 _MAX_OFFSET = 0.995
 
 
-def dot(vectors: Float, axes: Float) -> Float:
+def _dot(vectors: Float, axes: Float) -> Float:
     """(..., T, N) dot products of (..., T, N, 3) vectors with one (T, 3) axis per stem."""
     return np.asarray(np.matmul(vectors, axes[..., None])[..., 0])
-
-
-def lengths(vectors: Float) -> Float:
-    """(...) lengths of (..., K) vectors."""
-    return np.asarray(np.sqrt(np.vecdot(vectors, vectors)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,8 +76,40 @@ class StemAxes:
             (..., T, N) their bearings, which are angles around the axis in radians, 0 at `away` and
             positive to `across`, and (..., T, N) metres along the axis per metre across it.
         """
-        along, across, away = (dot(rays, axis) for axis in (self.along, self.across, self.away))
+        along, across, away = (_dot(rays, axis) for axis in (self.along, self.across, self.away))
         return np.arctan2(across, away), along / np.hypot(across, away)
+
+
+def fit_axes(rays: Float, std_rad: Float, up: Float, lean_std_rad: float) -> tuple[StemAxes, Float]:
+    """Fit the plane through the camera that holds each stem's axis.
+
+    A weighted total least squares fit: the plane's normal is the eigenvector with the smallest
+    eigenvalue of the rays' weighted scatter matrix. The vertical counts as one more ray, with
+    standard deviation `lean_std_rad`. It decides where the rays are too close together to tell
+    the direction.
+
+    Args:
+        rays: (T, N, 3) rays to points on the axes; NaN where there is none.
+        std_rad: (T, N) standard deviations of their angles; infinite for rays to ignore.
+        up: (3,) unit vector of the vertical.
+        lean_std_rad: standard deviation of a stem's angle from the vertical.
+
+    Returns:
+        The axes in those planes that are closest to the vertical, and (T,) the standard deviation
+        of each axis' angle in the image, in radians, from the inverse of the information matrix.
+    """
+    known = np.isfinite(rays).all(axis=2) & ~np.isnan(std_rad)
+    rays = np.where(known[..., None], rays, up)
+    directions = unit(rays)
+    weight = np.where(known, 1 / std_rad**2, 0.0)
+    scatter = np.matmul((directions * weight[..., None]).transpose(0, 2, 1), directions)
+    scatter = scatter + np.outer(up, up) / lean_std_rad**2
+    normals = np.linalg.eigh(scatter)[1][:, :, 0]
+    axes = axes_in_planes(normals, up)
+    in_plane = np.stack([axes.along, axes.away], 1)
+    information = np.matmul(np.matmul(in_plane, scatter), in_plane.transpose(0, 2, 1))
+    determinant = information[:, 0, 0] * information[:, 1, 1] - information[:, 0, 1] ** 2
+    return axes, np.sqrt(information[:, 1, 1] / np.maximum(determinant, 1e-12))
 
 
 def axes_in_planes(normals: Float, up: Float) -> StemAxes:
@@ -95,8 +122,7 @@ def axes_in_planes(normals: Float, up: Float) -> StemAxes:
     Returns:
         The systems; `across` is the plane's normal, turned to the right of an upright image.
     """
-    along = up - (normals @ up)[:, None] * normals
-    along = along / lengths(along)[:, None]
+    along = unit(up - (normals @ up)[:, None] * normals)
     away = np.cross(along, normals)
     turn = np.where(away[:, 2:] < 0, -1.0, 1.0)
     return StemAxes(along, normals * turn, away * turn)
@@ -167,8 +193,8 @@ class Sections:
         """
         axes = self.axes
         cos, sin = np.cos(self.middle_rad)[:, None], np.sin(self.middle_rad)[:, None]
-        ahead = dot(rays, self.view_direction)
-        aside = dot(rays, cos * axes.across - sin * axes.away)
+        ahead = _dot(rays, self.view_direction)
+        aside = _dot(rays, cos * axes.across - sin * axes.away)
         squared_reach = ahead**2 + aside**2
         edge = np.sin(self.half_rad)[:, None]
         offset = aside / (edge * np.sqrt(squared_reach))
@@ -178,4 +204,4 @@ class Sections:
         # Derivative of the root with respect to delta; the depth has the opposite sign.
         root_slope = edge * np.cos(self.half_rad)[:, None] / root
         slope = np.where(inside, -root_slope, 0.0)
-        return StemView(offset, ratio, slope, dot(rays, axes.along) * ratio)
+        return StemView(offset, ratio, slope, _dot(rays, axes.along) * ratio)

@@ -4,11 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Bool, Float, Index
+from edgetree.measure.constants.depth import (
+    DISAGREEMENT_STD,
+    MAX_CURVATURE_STD,
+    MAX_USED_OFFSET,
+    MIN_READINGS,
+    UNREAD_STD,
+)
 from edgetree.measure.distance_lines import (
     InverseDistances,
     NormalEquations,
@@ -21,27 +28,13 @@ from edgetree.measure.section import Sections, StemAxes
 from edgetree.measure.settings import MeasureSettings
 from edgetree.measure.width import HalfAngle, StemEdges, fuse
 
-__all__ = ["MAX_USED_OFFSET", "Readings", "Stems", "fit_stems"]
+__all__ = ["Readings", "Stems", "fit_stems"]
 
-Float = NDArray[np.floating[Any]]
-Flags = NDArray[np.bool_]
-
-MAX_USED_OFFSET = 0.8
-"""Readings further from the middle than this, 1 at the edge, may show the background."""
-
-_MIN_READINGS = 4
-# With a larger relative standard deviation, the curvature tells nothing about the half angle.
-_MAX_CURVATURE_STD = 0.3
 # Repetitions of the fit, until all tilts change by less than this.
 _ITERATIONS = 5
 _CONVERGED_RAD = 3e-3
 # Rounds of reweighted least squares in the first and in later repetitions.
 _ROUNDS = (3, 2)
-# Relative standard deviation of the distance, times the squared fraction of readings that
-# disagree: these may show the stem, and the others an object in front of it.
-_DISAGREEMENT_STD = 0.5
-# The same, times the squared fraction of samples without a reading on the stem.
-_UNREAD_STD = 0.15
 
 
 class Readings(NamedTuple):
@@ -50,12 +43,12 @@ class Readings(NamedTuple):
     Attributes:
         rays: (T, N, 3) viewing rays with z = 1.
         depth_m: (T, N) depth z in metres; 0 where there is no reading.
-        per_error: (T,) number of neighbouring readings that share one sensor error.
+        readings_per_error: (T,) number of neighbouring readings that share one sensor error.
     """
 
     rays: Float
     depth_m: Float
-    per_error: Float
+    readings_per_error: Float
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -85,14 +78,14 @@ class Stems:
     sources: list[HalfAngle]
     weights: Float
     arc_rad: Float
-    used: NDArray[np.intp]
+    used: Index
     agreeing: Float
 
     @cached_property
-    def fitted(self) -> Flags:
+    def fitted(self) -> Bool:
         """(T,) whether the fit succeeded."""
         sound = np.isfinite(self.distance_m) & (self.distance_m > 0)
-        return np.asarray(sound & (self.used >= _MIN_READINGS) & (self.sections.centre[:, 2] > 0))
+        return np.asarray(sound & (self.used >= MIN_READINGS) & (self.sections.centre[:, 2] > 0))
 
     @cached_property
     def radius_m(self) -> Float:
@@ -124,7 +117,7 @@ def fit_stems(
     """
     tilt = step = np.zeros(len(readings.depth_m))
     sections, sources = edges.sections(axes)
-    kept: Flags | None = None
+    kept: Bool | None = None
     for iteration in range(_ITERATIONS):
         points = _inverse_distances(sections, readings)
         noise = points.noise(settings)
@@ -138,7 +131,7 @@ def fit_stems(
             points,
             start,
             noise,
-            per_error=readings.per_error,
+            readings_per_error=readings.readings_per_error,
             tilt=tilt,
             lean_std_rad=lean_std_rad,
             rounds=_ROUNDS[iteration > 0],
@@ -162,7 +155,7 @@ def fit_stems(
     std = np.sqrt(np.diagonal(lines.covariance, axis1=1, axis2=2))
     bias = settings.depth_bias_per_m * masked_means(points.depth_ratio, points.used)
     unread = 1 - equations.kept.mean(1)
-    doubt = np.hypot(_DISAGREEMENT_STD * (1 - agreeing) ** 2, _UNREAD_STD * unread**2)
+    doubt = np.hypot(DISAGREEMENT_STD * (1 - agreeing) ** 2, UNREAD_STD * unread**2)
     # First-order error propagation: the relative error of a distance d is d times the error of its
     # inverse. The slope divided by the inverse distance is the tangent of the tilt.
     return Stems(
@@ -180,7 +173,7 @@ def fit_stems(
     )
 
 
-def _covered_arc_rad(points: InverseDistances, kept: Flags) -> Float:
+def _covered_arc_rad(points: InverseDistances, kept: Bool) -> Float:
     """(T,) arc between the outermost kept readings.
 
     `points.offset` is about the sine of the angle at the stem's centre, exactly so from afar.
@@ -214,6 +207,6 @@ def _curvature(equations: NormalEquations, rad: Float, settings: MeasureSettings
     variance = np.linalg.inv(equations.information)[:, 2, 2]
     std = np.sqrt(variance + (settings.curvature_std * rad) ** 2)
     plausible = (
-        (rad > 0) & (std < _MAX_CURVATURE_STD * rad) & (equations.kept.sum(1) >= _MIN_READINGS)
+        (rad > 0) & (std < MAX_CURVATURE_STD * rad) & (equations.kept.sum(1) >= MIN_READINGS)
     )
     return HalfAngle(np.where(plausible, rad, 1.0), np.where(plausible, std, np.inf))

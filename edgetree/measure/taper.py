@@ -5,11 +5,20 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Bool, Float, Index
+from edgetree.measure.constants.outlines import EDGE_ERROR_M, EDGE_SHARE
+from edgetree.measure.constants.stems import (
+    COLLAR_HEIGHT_DIAMETERS,
+    COLLAR_STD,
+    LOWEST_HEIGHT_DIAMETERS,
+    LOWEST_HEIGHT_M,
+    MAX_RELATIVE_STD,
+    MIN_TAPER_M,
+)
 from edgetree.measure.estimates import Estimate, Failure
 from edgetree.measure.profile import StemProfile
 from edgetree.measure.stem_fit import Stems
@@ -17,24 +26,8 @@ from edgetree.measure.width import MaskWidths
 
 __all__ = ["HeightScale", "StemDiameters", "read_diameters"]
 
-Float = NDArray[np.floating[Any]]
-Flags = NDArray[np.bool_]
-Rows = NDArray[np.intp]
-
 # Distance between the diameters of a profile, in m, and their largest number.
 _STEP_M, _MAX_DIAMETERS = 0.1, 300
-# Shortest part of a stem whose taper is given, in m.
-_MIN_TAPER_M = 0.5
-# Diameters with a larger relative standard deviation are not given.
-_MAX_RELATIVE_STD = 0.5
-# The root collar: no diameters below this height in diameters and in m, and above it a relative
-# standard deviation at height 0 that falls by e within this height in diameters.
-_LOWEST, _LOWEST_M = 0.5, 0.2
-_COLLAR_STD, _COLLAR_HEIGHT = 0.2, 0.9
-# Edges at several stations are averaged at each height: factor on the half angle's error.
-_EDGE_SHARE = 0.6
-# The edges within this distance along the stem share one error, in m.
-_EDGE_ERROR_M = 1.0
 
 
 class HeightScale(NamedTuple):
@@ -49,7 +42,7 @@ class HeightScale(NamedTuple):
 
     zero_m: Float
     per_m: Float
-    from_ground: Flags
+    from_ground: Bool
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -71,7 +64,7 @@ class StemDiameters:
     """
 
     heights: HeightScale
-    stem: Rows
+    stem: Index
     height_m: Float
     along_m: Float
     value_m: Float
@@ -129,7 +122,7 @@ class StemDiameters:
         """Decrease of the diameter along each stem, by a straight line fitted to the diameters.
 
         Errors that all diameters of a stem share do not change it. The edges have independent
-        errors only at distances of `_EDGE_ERROR_M`.
+        errors only at distances of `EDGE_ERROR_M`.
         """
         number = np.maximum(self._sums(np.ones(len(self.stem))), 1.0)
         offset = self.along_m - (self._sums(self.along_m) / number)[self.stem]
@@ -137,14 +130,14 @@ class StemDiameters:
         slope = self._sums(offset * self.value_m) / square
         seen_m = np.zeros(len(number))
         np.maximum.at(seen_m, self.stem, 2 * np.abs(offset))
-        independent = (1 + seen_m / _EDGE_ERROR_M) * square / number
+        independent = (1 + seen_m / EDGE_ERROR_M) * square / number
         edges = self._sums(self.edge_std_m) / number / np.sqrt(independent)
         std = np.hypot(edges, self._sums(self.value_m) / number * self.tilt_std)
         return [
             Estimate(-100 * value, 100 * error)
-            if length_m >= _MIN_TAPER_M
+            if length_m >= MIN_TAPER_M
             else Failure(
-                f"the taper needs {_MIN_TAPER_M:g} m of the stem: {length_m:.1f} m are seen"
+                f"the taper needs {MIN_TAPER_M:g} m of the stem: {length_m:.1f} m are seen"
             )
             for value, error, length_m in zip(
                 slope.tolist(), std.tolist(), seen_m.tolist(), strict=True
@@ -166,6 +159,12 @@ def read_diameters(
 ) -> StemDiameters:
     """Read diameters at every 10 cm along T stems where both edges show, and at breast height.
 
+    1. List the heights: steps of 10 cm between the ends of the edges, then breast heights.
+    2. Read the half angle at each from the mask edges around it, which makes a diameter.
+    3. Add up its errors: edges and shape, what all diameters of a stem share, the tilt of the axis
+       over the distance from the section, and the root collar.
+    4. Keep those where both edges show, above the collar, and that are certain enough.
+
     Args:
         stems: the fitted stems.
         widths: mask edges by height.
@@ -180,16 +179,16 @@ def read_diameters(
     rows = np.concatenate([rows, np.arange(count)])
     height_m = np.concatenate([height_m, np.full(count, breast_height_m)])
     along_m = heights.zero_m[rows] + height_m * heights.per_m[rows]
-    picked = widths.of(rows)
+    picked = widths.select(rows)
     half, middle_rad = picked.at(along_m)
     value_m = 2 * stems.distance_m[rows] * np.sin(half.rad)
     tilt_std = stems.tilt_std_rad / stems.distance_m
-    edge_std_m = value_m * np.hypot(_EDGE_SHARE * half.std_rad / np.tan(half.rad), shape_std)
+    edge_std_m = value_m * np.hypot(EDGE_SHARE * half.std_rad / np.tan(half.rad), shape_std)
     other_std = np.hypot(shared_std[rows], tilt_std[rows] * along_m)
     collar_std, above_collar = _root_collar(heights.from_ground[rows], height_m, value_m)
     collar_std_m = value_m * collar_std
     std_m = np.hypot(np.hypot(edge_std_m, value_m * other_std), collar_std_m)
-    seen = picked.visible_at(along_m) & (std_m <= _MAX_RELATIVE_STD * value_m) & above_collar
+    seen = picked.visible_at(along_m) & (std_m <= MAX_RELATIVE_STD * value_m) & above_collar
     breast = [
         Estimate(value, std) if visible else None
         for value, std, visible in zip(
@@ -213,7 +212,7 @@ def read_diameters(
     )
 
 
-def _steps(widths: MaskWidths, heights: HeightScale) -> tuple[Rows, Float]:
+def _steps(widths: MaskWidths, heights: HeightScale) -> tuple[Index, Float]:
     """(N,) numbers of stems, and heights in steps of 10 cm between the ends of their edges."""
     low = np.where(widths.valid, widths.height_m, np.inf).min(2).max(0)
     high = np.where(widths.valid, widths.height_m, -np.inf).max(2).min(0)
@@ -227,7 +226,7 @@ def _steps(widths: MaskWidths, heights: HeightScale) -> tuple[Rows, Float]:
     return rows, (first[rows] + within) * _STEP_M
 
 
-def _root_collar(from_ground: Flags, height_m: Float, diameter_m: Float) -> tuple[Float, Flags]:
+def _root_collar(from_ground: Bool, height_m: Float, diameter_m: Float) -> tuple[Float, Bool]:
     """Errors by the root collar.
 
     Args:
@@ -239,12 +238,14 @@ def _root_collar(from_ground: Flags, height_m: Float, diameter_m: Float) -> tupl
         (N,) relative standard deviations, and (N,) which heights are above the collar.
     """
     height = height_m / diameter_m
-    above = (height >= _LOWEST) & (height_m > _LOWEST_M - _STEP_M / 2)
-    std = _COLLAR_STD * np.exp(-height / _COLLAR_HEIGHT)
+    above = (height >= LOWEST_HEIGHT_DIAMETERS) & (height_m > LOWEST_HEIGHT_M - _STEP_M / 2)
+    std = COLLAR_STD * np.exp(-height / COLLAR_HEIGHT_DIAMETERS)
     return np.where(from_ground, std, 0.0), ~from_ground | above
 
 
-def _edges_m(stems: Stems, rows: Rows, along_m: Float, half_rad: Float, middle_rad: Float) -> Float:
+def _edges_m(
+    stems: Stems, rows: Index, along_m: Float, half_rad: Float, middle_rad: Float
+) -> Float:
     """(N, 2, 3) camera points at which the left and the right viewing ray touch the stem."""
     axes, distance_m = stems.sections.axes, stems.distance_m[rows]
     along, across, away = axes.along[rows], axes.across[rows], axes.away[rows]

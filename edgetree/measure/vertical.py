@@ -4,28 +4,23 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from calib import CAMERA_UP
+from basetree.arrays import Bool, Float
+from calib.directions import CAMERA_UP, unit
+from edgetree.measure.constants.ground import (
+    CAMERA_UP_STD_DEG,
+    MIN_STEMS_FOR_VERTICAL,
+    SLOPE_STD_DEG,
+)
+from edgetree.measure.constants.stems import COMMON_LEAN_STD_DEG
 from edgetree.measure.section import StemAxes
 
-__all__ = ["CAMERA_UP_STD_DEG", "Vertical", "Verticals"]
+__all__ = ["Vertical", "Verticals"]
 
-Float = NDArray[np.floating[Any]]
-
-CAMERA_UP_STD_DEG = 15.0
-"""Standard deviation of the camera's own up direction, used where no vertical is given."""
-
-# Standard deviation of the slope of forest ground, as an error of its normal as the vertical.
-_SLOPE_STD_RAD = math.radians(12.0)
-# Wind, snow and light turn the stems of a stand the same way.
-_COMMON_LEAN_STD_RAD = math.radians(2.0)
 # Stems further from the common direction than this many standard deviations count less (Huber).
 _HUBER_STDS, _HUBER_ROUNDS = 1.5, 4
-_MIN_STEMS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +57,7 @@ class Vertical:
     @property
     def has_directions(self) -> bool:
         """Whether it is certain enough for the direction of a lean."""
-        return self.stems is None or self.stems >= _MIN_STEMS
+        return self.stems is None or self.stems >= MIN_STEMS_FOR_VERTICAL
 
     def description(self) -> str:
         """Where it comes from, as text."""
@@ -88,7 +83,7 @@ class Verticals:
 
     common: Float
     stem_information: Float | None = None
-    counted: NDArray[np.bool_] | None = None
+    counted: Bool | None = None
 
     @classmethod
     def from_stems(
@@ -119,7 +114,7 @@ class Verticals:
             apart = np.sqrt((information @ common) @ common)
             weight = _HUBER_STDS / np.maximum(apart, _HUBER_STDS)
         # Few stems may all lean.
-        if counted.sum() < _MIN_STEMS:
+        if counted.sum() < MIN_STEMS_FOR_VERTICAL:
             common = np.array(CAMERA_UP)
         return cls(common, weight[:, None, None] * information, np.asarray(counted))
 
@@ -134,12 +129,14 @@ class Verticals:
             return Vertical(self.common, np.zeros((3, 3)), None, False)
         others = self.stem_information.sum(0) - self.stem_information[index]
         # The common lean of the stand limits what many stems tell.
-        others = others @ np.linalg.inv(np.eye(3) + _COMMON_LEAN_STD_RAD**2 * others)
+        common_lean = math.radians(COMMON_LEAN_STD_DEG) ** 2
+        others = others @ np.linalg.inv(np.eye(3) + common_lean * others)
         matrix, vector = _camera()
         matrix = matrix + others
         if normal is not None:
-            matrix = matrix + np.eye(3) / _SLOPE_STD_RAD**2
-            vector = vector + normal / _SLOPE_STD_RAD**2
+            slope = math.radians(SLOPE_STD_DEG) ** 2
+            matrix = matrix + np.eye(3) / slope
+            vector = vector + normal / slope
         up = _solved(matrix, vector)
         level = np.eye(3) - np.outer(up, up)
         covariance = level @ np.linalg.inv(matrix) @ level
@@ -160,5 +157,4 @@ def _camera() -> tuple[Float, Float]:
 
 def _solved(matrix: Float, vector: Float) -> Float:
     """(3,) unit vector that solves the normal equations."""
-    solution = np.linalg.solve(matrix, vector)
-    return np.asarray(solution / np.linalg.norm(solution))
+    return unit(np.linalg.solve(matrix, vector))

@@ -66,9 +66,9 @@ _FUNCTIONS: Final[dict[Species, _VolumeFunction]] = {
         49.7,
     ),
 }
-_SMALLEST_CM: Final = 1.5
+_MIN_DIAMETER_CM: Final = 1.5
 # Below this height in m, the functions of diameter and height give too large volumes.
-_LOWEST_M: Final = 4.0
+_MIN_HEIGHT_M: Final = 4.0
 
 
 def stem_volume(
@@ -93,10 +93,10 @@ def stem_volume(
         The volume in m³, or why there is none: a diameter or height outside the function's range.
     """
     function, d = _FUNCTIONS[species], 100 * dbh_m.value
-    if not _SMALLEST_CM <= d <= function.largest_cm:
+    if not _MIN_DIAMETER_CM <= d <= function.largest_cm:
         return Failure(
             f"the volume function for {species} does not hold at a DBH of {d:.1f} cm, only from"
-            f" {_SMALLEST_CM:g} to {function.largest_cm:g} cm"
+            f" {_MIN_DIAMETER_CM:g} to {function.largest_cm:g} cm"
         )
     height_part = 0.0
     if height_m is None:
@@ -106,10 +106,10 @@ def stem_volume(
         function_std = function.diameter_std
     else:
         h = height_m.value
-        if not h >= _LOWEST_M:
+        if not h >= _MIN_HEIGHT_M:
             return Failure(
                 f"the volume function for {species} does not hold at a height of {h:.1f} m, only"
-                f" from {_LOWEST_M:g} m"
+                f" from {_MIN_HEIGHT_M:g} m"
             )
         constant, growth, rise, fall, bend = function.by_height
         log_dm3 = constant + growth * math.log(d) + bend * d

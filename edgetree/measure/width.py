@@ -4,31 +4,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.arrays import Bool, Float, Index
 from calib import PinholeCamera
+from edgetree.measure.constants.stems import SHAPE_STD_PER_M, SWELL_LENGTH_M, VISIBLE_WITHIN_M
 from edgetree.measure.edge_lines import fit_lines
 from edgetree.measure.section import Sections, StemAxes
 
 __all__ = ["HalfAngle", "MaskWidths", "StemEdges", "fuse"]
 
-Float = NDArray[np.floating[Any]]
-Flags = NDArray[np.bool_]
-
 # The width at a height is read from mask edges with Gaussian weights of this standard deviation.
 # Edges further away keep a small weight, for stems with few edges.
 _WINDOW_M = 0.2
 _FAR_WEIGHT = 1e-3
-# Relative error of the width per metre of distance from the edges it is read from.
-_SHAPE_STD_PER_M = 0.05
-# The butt of a stem widens towards the ground: at a height h it is narrower than at the section by
-# the share 1 - exp(-h / length) of the butt swell. The length fits simulated stems.
-_SWELL_LENGTH_M = 0.6
-# The stem counts as visible at a height if both edges show within this distance.
-_VISIBLE_WITHIN_M = 0.25
 
 
 class HalfAngle(NamedTuple):
@@ -56,7 +47,7 @@ class MaskWidths:
 
     height_m: Float
     bearing_rad: Float
-    valid: Flags
+    valid: Bool
     std_rad: Float
 
     def at(self, height_m: Float) -> tuple[HalfAngle, Float]:
@@ -74,26 +65,26 @@ class MaskWidths:
         left, right = fit_lines(offset, self.bearing_rad, weight)[0]
         away_m = np.vecdot(weight, np.abs(offset)) / np.maximum(weight.sum(2), 1e-12)
         half = (right - left) / 2
-        std = np.hypot(self.std_rad, _SHAPE_STD_PER_M * away_m.max(0) * half)
+        std = np.hypot(self.std_rad, SHAPE_STD_PER_M * away_m.max(0) * half)
         known = self.valid.any(2).all(0) & (half > 0)
         return HalfAngle(half, np.where(known, std, np.inf)), (left + right) / 2
 
     def below_edges(self) -> Float:
         """(T,) share of the butt swell between the lowest edges and the section, from 0 to 1."""
         lowest_m = np.where(self.valid, self.height_m, np.inf).min(2)
-        shares = 1 - np.exp(-np.maximum(lowest_m, 0.0) / _SWELL_LENGTH_M)
+        shares = 1 - np.exp(-np.maximum(lowest_m, 0.0) / SWELL_LENGTH_M)
         return np.asarray(shares.mean(0))
 
     def lowest_m(self) -> Float:
         """(T,) lowest heights at which both edges are visible; infinite where there are none."""
         return np.asarray(np.where(self.valid.all(0), self.height_m, np.inf).min(1))
 
-    def visible_at(self, height_m: Float) -> Flags:
+    def visible_at(self, height_m: Float) -> Bool:
         """(T,) whether both edges are visible near heights (T,) along the axis."""
-        near = np.abs(self.height_m - height_m[:, None]) < _VISIBLE_WITHIN_M
+        near = np.abs(self.height_m - height_m[:, None]) < VISIBLE_WITHIN_M
         return np.asarray((near & self.valid).any(2).all(0))
 
-    def of(self, rows: NDArray[np.intp]) -> MaskWidths:
+    def select(self, rows: Index) -> MaskWidths:
         """The edges of some stems, in this order."""
         return MaskWidths(
             self.height_m[rows], self.bearing_rad[:, rows], self.valid[:, rows], self.std_rad[rows]
@@ -123,7 +114,7 @@ class StemEdges:
     section: Float
     section_std_px: Float
     sides: Float
-    valid: Flags
+    valid: Bool
     mask_std_px: Float
     distance_m: Float
     butt_swell: Float

@@ -28,8 +28,8 @@ def test_an_image_of_half_the_size_gives_keypoints_of_half_the_error(stand):
         image_width=640,
         image_height=360,
     )
-    whole_px = Keypoints.of(trees, MeasureSettings()).std_px
-    assert Keypoints.of(half, MeasureSettings()).std_px == pytest.approx(whole_px / 2)
+    whole_px = Keypoints.from_detections(trees, MeasureSettings()).std_px
+    assert Keypoints.from_detections(half, MeasureSettings()).std_px == pytest.approx(whole_px / 2)
 
 
 @pytest.mark.parametrize(("right_m", "keypoint"), [(-2.0, LEFT), (2.0, RIGHT)])
@@ -41,7 +41,7 @@ def test_a_keypoint_near_the_side_that_cuts_the_stem_off_is_doubted(scene, pole,
     keypoints[0, keypoint, 0] = side_px + (20 if right_m < 0 else -20)
     trees = replace(trees, keypoints_px=keypoints)
     width_px = abs(keypoints[0, RIGHT, 0] - keypoints[0, LEFT, 0])
-    std_px = Keypoints.of(trees, MeasureSettings()).std_px[0, :, 0]
+    std_px = Keypoints.from_detections(trees, MeasureSettings()).std_px[0, :, 0]
     assert std_px[keypoint] > 0.2 * width_px
     others = [n for n in range(len(KEYPOINT_NAMES)) if n != keypoint]
     assert (std_px[others] < 0.05 * width_px).all()

@@ -1,24 +1,31 @@
-"""Measure the trees of one image: check the input and start the measurement."""
+"""Measure the trees of one image: check the input and run the steps."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from basetree.arrays import Bool, Float, Float32
 from basetree.errors import InputError
 from calib import PinholeCamera, RigidTransform
+from calib.directions import CAMERA_UP, unit
 from edgetree.detections import TreeDetections
-from edgetree.measure.estimates import TreeMeasurement
+from edgetree.measure.constants.ground import CAMERA_UP_STD_DEG
+from edgetree.measure.estimates import Failure, TreeMeasurement
+from edgetree.measure.fitted_frame import FittedFrame
 from edgetree.measure.frame import DepthFrame
+from edgetree.measure.ground import BaseGround, find_grounds
+from edgetree.measure.ground_cover import noise_factor
+from edgetree.measure.keypoints import Keypoints
+from edgetree.measure.observations import observe_stems
+from edgetree.measure.regions import STATIONS
+from edgetree.measure.section import fit_axes
 from edgetree.measure.settings import MeasureSettings
-from edgetree.measure.trees import measure_all
+from edgetree.measure.stem_fit import fit_stems
 
 __all__ = ["measure_trees"]
-
-Float = NDArray[np.floating[Any]]
 
 # A vertical with larger components than these, downwards in the image or along the optical axis,
 # means that gravity was given in place of its opposite, or a mounting without the rotation from
@@ -28,10 +35,10 @@ _MAX_DOWN, _MAX_FORWARD = 0.5, 0.9
 
 def measure_trees(
     detections: TreeDetections,
-    depth_m: NDArray[np.float32],
+    depth_m: Float32,
     camera: PinholeCamera,
     *,
-    masks: Sequence[NDArray[np.bool_]] | NDArray[np.bool_] | None = None,
+    masks: Sequence[Bool] | Bool | None = None,
     up_camera: ArrayLike | None = None,
     mounting: RigidTransform | None = None,
     settings: MeasureSettings | None = None,
@@ -70,11 +77,67 @@ def measure_trees(
         up = unit_up(mounting.inverse().rotate(np.array([0.0, 0.0, 1.0])))
     if not len(detections):
         return []
-    frame = DepthFrame.of(detections, depth_m, camera, masks, settings)
+    frame = DepthFrame.from_detections(detections, depth_m, camera, masks, settings)
     if detections.keypoints_px is None and frame.masks is None:
         reason = "the model gives neither keypoints nor masks"
         return [TreeMeasurement.failed(reason) for _ in range(len(detections))]
-    return measure_all(frame, detections, up, mounting)
+    # Values that are not finite are found and reported by `failure_reasons`.
+    with np.errstate(all="ignore"):
+        return _measure_all(frame, detections, up, mounting)
+
+
+def _measure_all(
+    frame: DepthFrame, trees: TreeDetections, up: Float | None, mounting: RigidTransform | None
+) -> list[TreeMeasurement]:
+    """Measure all trees of a frame.
+
+    1. Observe edges, axis points and depth readings (`observe_stems`).
+    2. Fit the direction of each axis in the image, then distance, tilt and width to the depth.
+    3. Fit the ground around each sound stem, and take the vertical there.
+    4. Read the diameters along each stem.
+    5. Compute all values of each tree.
+
+    Args:
+        frame: depth, camera, masks and settings.
+        trees: the detections, at least one.
+        up: (3,) unit vector of the vertical; None estimates it from the stems, the ground and the
+            camera.
+        mounting: transform from camera to machine coordinates.
+
+    Returns:
+        One measurement per detection, in their order.
+    """
+    settings = frame.settings
+    keypoints = Keypoints.from_detections(trees, settings)
+    observed = observe_stems(frame, trees.boxes_px.astype(np.float64), keypoints)
+    vertical = np.array(CAMERA_UP) if up is None else up
+    up_std_deg = CAMERA_UP_STD_DEG if up is None else 0.0
+    lean_std_rad = float(np.radians(np.hypot(settings.lean_std_deg, up_std_deg)))
+    axes, roll_std_rad = fit_axes(observed.axis_rays, observed.axis_std_rad, vertical, lean_std_rad)
+    stems = fit_stems(observed.readings, axes, observed.edges, lean_std_rad, settings)
+    fitted = FittedFrame(
+        frame=frame, keypoints=keypoints, observed=observed, stems=stems, roll_std_rad=roll_std_rad
+    )
+    reasons = fitted.failure_reasons()
+    cuts = fitted.cut_points()
+    sound = np.array([reason is None for reason in reasons])
+    grounds: list[BaseGround | Failure] = [Failure("")] * len(sound)
+    indices = np.flatnonzero(sound)
+    verticals = fitted.verticals(sound, up)
+    if len(indices):
+        noise = noise_factor(observed.readings, STATIONS, settings)
+        found = find_grounds(frame, fitted.bases(cuts, indices), verticals, noise)
+        for index, ground in zip(indices, found, strict=True):
+            grounds[index] = ground
+    tapers = fitted.tapers(fitted.diameters(cuts, grounds), grounds)
+    return [
+        TreeMeasurement.failed(reason)
+        if reason is not None
+        else fitted.measurement(
+            index, cuts[index], grounds[index], verticals, tapers[index], mounting
+        )
+        for index, reason in enumerate(reasons)
+    ]
 
 
 def _check_sizes(detections: TreeDetections, depth_m: Float, camera: PinholeCamera) -> None:
@@ -99,9 +162,7 @@ def _check_sizes(detections: TreeDetections, depth_m: Float, camera: PinholeCame
         )
 
 
-def _check_masks(
-    detections: TreeDetections, masks: Sequence[NDArray[np.bool_]] | NDArray[np.bool_]
-) -> None:
+def _check_masks(detections: TreeDetections, masks: Sequence[Bool] | Bool) -> None:
     if len(masks) != len(detections):
         raise InputError(f"there are {len(masks)} masks: expected {len(detections)}, one per tree")
     expected = (detections.image_height, detections.image_width)
@@ -125,11 +186,10 @@ def unit_up(up_camera: ArrayLike) -> Float:
         InputError: the value is not a direction, or the camera would be upside down or look at
             the sky.
     """
-    up = np.asarray(up_camera, np.float64)
-    if up.shape != (3,) or not np.isfinite(up).all() or not np.abs(up).max() > 0:
-        raise InputError(f"up_camera is {up.tolist()}: expected a direction of three numbers")
-    up = up / np.abs(up).max()
-    up = np.asarray(up / np.linalg.norm(up))
+    given = np.asarray(up_camera, np.float64)
+    if given.shape != (3,) or not np.isfinite(given).all() or not np.abs(given).max() > 0:
+        raise InputError(f"up_camera is {given.tolist()}: expected a direction of three numbers")
+    up = unit(given / np.abs(given).max())
     if up[1] > _MAX_DOWN or up[2] > _MAX_FORWARD:
         seen = "upside down" if up[1] > _MAX_DOWN else "at the sky"
         raise InputError(

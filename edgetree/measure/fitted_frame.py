@@ -1,109 +1,43 @@
-"""Measure all trees of a frame: combine observations, fitted stems and ground."""
+"""The fitted stems of a frame, and the values that follow from them and the ground."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from calib import CAMERA_UP, RigidTransform
-from edgetree.detections import TreeDetections
-from edgetree.measure.axis import fit_axes
-from edgetree.measure.cut_diameter import ButtSwell
-from edgetree.measure.diameter_error import diameter_stds_m, incomplete_stds
+from basetree.arrays import Bool, Float, Index
+from calib import RigidTransform
+from edgetree.measure.constants.depth import AXIS_DOUBT, MIN_DEPTH_SHARE
+from edgetree.measure.constants.outlines import MIN_ON_STEM_SHARE
+from edgetree.measure.constants.stems import (
+    BREAST_HEIGHT_SHAPE,
+    CUT_SHAPE,
+    MAX_RELATIVE_STD,
+    MIN_DIAMETER_M,
+)
+from edgetree.measure.cut_diameter import ButtSwell, diameter_stds_m, incomplete_stds
 from edgetree.measure.estimates import Estimate, Failure, TreeMeasurement
 from edgetree.measure.evidence import gather_evidence, stump_warning
 from edgetree.measure.frame import DepthFrame
-from edgetree.measure.ground import BaseGround, StemBases, find_grounds
-from edgetree.measure.ground_cover import noise_factor
+from edgetree.measure.ground import BaseGround, StemBases
 from edgetree.measure.keypoints import CUT, Keypoints
-from edgetree.measure.observations import StemObservations, observe_stems
+from edgetree.measure.observations import StemObservations
 from edgetree.measure.position import StemPosition
 from edgetree.measure.profile import StemProfile
 from edgetree.measure.regions import STATIONS
 from edgetree.measure.roundness import shows_several_stems
 from edgetree.measure.settings import MeasureSettings
-from edgetree.measure.stem_fit import Stems, fit_stems
+from edgetree.measure.stem_fit import Stems
 from edgetree.measure.taper import HeightScale, StemDiameters, read_diameters
-from edgetree.measure.vertical import CAMERA_UP_STD_DEG, Verticals
+from edgetree.measure.vertical import Verticals
 from edgetree.measure.volume import Species, stem_volume
 from edgetree.measure.width import MaskWidths
 
-__all__ = ["measure_all"]
-
-Float = NDArray[np.floating[Any]]
-Flags = NDArray[np.bool_]
-
-# Real stems are more irregular at breast height, because of branches, and between section and
-# cut, because of the butt swell. Factors on `MeasureSettings.out_of_round_std`.
-_BREAST_HEIGHT_SHAPE, _CUT_SHAPE = 1.6, 2.6
-# The errors of the axis' angles grow with the doubt in the diameter times this, since the outlines
-# and readings are the same. Chosen on 673 simulated frames with two models.
-_AXIS_DOUBT = 2.0
-_MIN_ON_STEM_FRACTION = 0.03
-_MIN_DEPTH_FRACTION = 0.05
-_MIN_DIAMETER_M = 0.02
-_MAX_RELATIVE_STD = 0.5
-
-
-def measure_all(
-    frame: DepthFrame, trees: TreeDetections, up: Float | None, mounting: RigidTransform | None
-) -> list[TreeMeasurement]:
-    """Measure all trees of a frame.
-
-    Args:
-        frame: depth, camera, masks and settings.
-        trees: the detections, at least one.
-        up: (3,) unit vector of the vertical; None estimates it from the stems, the ground and the
-            camera.
-        mounting: transform from camera to machine coordinates.
-
-    Returns:
-        One measurement per detection, in their order.
-    """
-    settings = frame.settings
-    keypoints = Keypoints.of(trees, settings)
-    # Values that are not finite are found and reported by `failure_reasons`.
-    with np.errstate(all="ignore"):
-        observed = observe_stems(frame, trees.boxes_px.astype(np.float64), keypoints)
-        vertical = np.array(CAMERA_UP) if up is None else up
-        up_std_deg = CAMERA_UP_STD_DEG if up is None else 0.0
-        lean_std_rad = float(np.radians(np.hypot(settings.lean_std_deg, up_std_deg)))
-        axes, roll_std_rad = fit_axes(
-            observed.axis_rays, observed.axis_std_rad, vertical, lean_std_rad
-        )
-        stems = fit_stems(observed.readings, axes, observed.edges, lean_std_rad, settings)
-        fitted = _FittedFrame(
-            frame=frame,
-            keypoints=keypoints,
-            observed=observed,
-            stems=stems,
-            roll_std_rad=roll_std_rad,
-        )
-        reasons = fitted.failure_reasons()
-        cuts = fitted.cut_points()
-        sound = np.array([reason is None for reason in reasons])
-        grounds: list[BaseGround | Failure] = [Failure("")] * len(sound)
-        indices = np.flatnonzero(sound)
-        verticals = fitted.verticals(sound, up)
-        if len(indices):
-            noise = noise_factor(observed.readings, STATIONS, settings)
-            found = find_grounds(frame, fitted.bases(cuts, indices), verticals, noise)
-            for index, ground in zip(indices, found, strict=True):
-                grounds[index] = ground
-        tapers = fitted.tapers(fitted.diameters(cuts, grounds), grounds)
-        return [
-            TreeMeasurement.failed(reason)
-            if reason is not None
-            else fitted.measurement(
-                index, cuts[index], grounds[index], verticals, tapers[index], mounting
-            )
-            for index, reason in enumerate(reasons)
-        ]
+__all__ = ["FittedFrame"]
 
 
 class _Taper(NamedTuple):
@@ -116,7 +50,7 @@ class _Taper(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _FittedFrame:
+class FittedFrame:
     """The fitted stems of a frame, with the observations that they are fitted to."""
 
     frame: DepthFrame
@@ -127,6 +61,7 @@ class _FittedFrame:
 
     @property
     def settings(self) -> MeasureSettings:
+        """Assumptions of the measurement."""
         return self.frame.settings
 
     def failure_reasons(self) -> list[str | None]:
@@ -140,20 +75,20 @@ class _FittedFrame:
             if self.frame.masks is None:
                 return "the diameter keypoints are not in the image"
             return "neither the diameter keypoints nor the mask show both edges of the stem"
-        if self.observed.on_stem_fraction[index] < _MIN_ON_STEM_FRACTION:
+        if self.observed.on_stem_fraction[index] < MIN_ON_STEM_SHARE:
             return "the mask shows hardly any of the stem"
-        if self.observed.valid_depth_fraction[index] < _MIN_DEPTH_FRACTION:
+        if self.observed.valid_depth_fraction[index] < MIN_DEPTH_SHARE:
             return "no depth on the stem"
         if not self.keypoints.has_section[index] and self.several_stems[index]:
             return "the mask shows more than one stem: its middle lies further back than its sides"
         if not (stems.fitted[index] and self.finite[index]):
             return "the depth on the stem does not agree with itself"
         diameter_m = 2 * float(stems.radius_m[index])
-        if not _MIN_DIAMETER_M <= diameter_m <= self.settings.max_diameter_m:
+        if not MIN_DIAMETER_M <= diameter_m <= self.settings.max_diameter_m:
             return f"a diameter of {diameter_m:.2f} m is not plausible"
         return None
 
-    def verticals(self, sound: Flags, up: Float | None) -> Verticals:
+    def verticals(self, sound: Bool, up: Float | None) -> Verticals:
         """The verticals: given, or estimated from the (T,) sound stems and the camera."""
         if up is not None:
             return Verticals(up)
@@ -180,7 +115,7 @@ class _FittedFrame:
         points = view_direction + height_ratio[:, None] * along
         return np.asarray(self.stems.distance_m[:, None] * points)
 
-    def bases(self, cuts: Float, indices: NDArray[np.intp]) -> StemBases:
+    def bases(self, cuts: Float, indices: Index) -> StemBases:
         """The lower ends of some stems; `cuts` are the (T, 3) axis points at all felling cuts."""
         sections, keypoints = self.stems.sections, self.keypoints
         along = self.widths.lowest_m()[:, None] * sections.axes.along
@@ -200,13 +135,13 @@ class _FittedFrame:
         return self.observed.edges.mask_widths(sections.axes, sections.height_ratio)
 
     @cached_property
-    def finite(self) -> Flags:
+    def finite(self) -> Bool:
         """(T,) whether all standard deviations are finite."""
         errors = [self.roll_std_rad, self.stems.tilt_std_rad, self.diameter_std_m]
         return np.asarray(np.isfinite(errors).all(axis=0))
 
     @cached_property
-    def several_stems(self) -> Flags:
+    def several_stems(self) -> Bool:
         """(T,) whether the depth across the stem is that of several stems."""
         return shows_several_stems(self.stems, self.observed.readings, STATIONS)
 
@@ -225,7 +160,7 @@ class _FittedFrame:
         """How much thicker the stems are at the cut than at the section."""
         camera = self.frame.camera
         m_per_px = self.stems.distance_m / camera.fy
-        return ButtSwell.of(self.keypoints, camera.height, m_per_px, self.settings)
+        return ButtSwell.from_keypoints(self.keypoints, camera.height, m_per_px, self.settings)
 
     def diameters(self, cuts: Float, grounds: list[BaseGround | Failure]) -> StemDiameters:
         """The diameters along each stem.
@@ -245,7 +180,7 @@ class _FittedFrame:
             self.widths,
             self._height_scale(cuts, grounds),
             shared_std=np.linalg.norm(shared, axis=0),
-            shape_std=_BREAST_HEIGHT_SHAPE * self.settings.out_of_round_std,
+            shape_std=BREAST_HEIGHT_SHAPE * self.settings.out_of_round_std,
             breast_height_m=self.settings.breast_height_m,
         )
 
@@ -367,7 +302,7 @@ class _FittedFrame:
         cut_std_px = self.keypoints.std_px.item(index, CUT, 1) if has_cut else 0.0
         reach_px = self.frame.camera.fx * math.hypot(*self.observed.edges.middle[index].tolist())
         radius_m = stems.radius_m.item(index)
-        doubt = 1 + _AXIS_DOUBT * self.incomplete_std.item(index)
+        doubt = 1 + AXIS_DOUBT * self.incomplete_std.item(index)
         return StemPosition(
             directions=sections.directions[index],
             section=stems.distance_m[index] * sections.centre[index],
@@ -376,7 +311,7 @@ class _FittedFrame:
             distance_std_m=stems.distance_std_m.item(index),
             diameter_std_m=self.diameter_std_m.item(index),
             cut_rad=cut_std_px / reach_px,
-            shape_std_m=_CUT_SHAPE * self.settings.out_of_round_std * 2 * radius_m,
+            shape_std_m=CUT_SHAPE * self.settings.out_of_round_std * 2 * radius_m,
             roll_std_rad=self.roll_std_rad.item(index) * doubt,
             tilt_std_rad=stems.tilt_std_rad.item(index) * doubt,
         )
@@ -391,7 +326,7 @@ def _volume(species: Species | None, dbh: Estimate | Failure) -> Estimate | Fail
 
 def _if_certain(diameter: Estimate) -> Estimate | Failure:
     """The diameter, or a failure if its relative standard deviation is too large."""
-    if not diameter.std <= _MAX_RELATIVE_STD * diameter.value:
+    if not diameter.std <= MAX_RELATIVE_STD * diameter.value:
         return Failure(
             f"the diameter is too uncertain: {diameter.value:.2f} m ± {diameter.std:.2f} m"
         )

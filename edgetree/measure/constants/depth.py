@@ -1,0 +1,73 @@
+"""Assumptions about depth cameras, and about readings that are missing or contradict each other."""
+
+from typing import Final
+
+# Readings near the edge of a stem may show the background. Lateral positions are 1 at the edge.
+
+DEPTH_WITHIN: Final = 0.75
+"""Depth is read within this share of the half width.
+Source: bound, below `MAX_USED_OFFSET`, so that small corrections of the edges lose no readings."""
+
+MAX_USED_OFFSET: Final = 0.8
+"""Readings further from the middle are not used.
+Source: chosen by hand."""
+
+ROUNDNESS_WITHIN: Final = 0.85
+"""The same where one round stem is told from several.
+Source: chosen by hand."""
+
+# What is in front of a stem
+
+NEARER_SHARE: Final = 0.98
+"""An object is in front of a stem if its depth is below this share of the stem's, by three standard
+deviations and `NEARER_M`. Source: chosen by hand."""
+
+NEARER_M: Final = 0.05
+"""See `NEARER_SHARE`. Source: bound, bark is less deep."""
+
+SURFACE_STDS: Final = 3.0
+"""Readings are on the stem within its radius, this many standard deviations and `SURFACE_M`.
+Source: bound, noise exceeds it once in 370 times."""
+
+SURFACE_M: Final = 0.05
+"""See `SURFACE_STDS`. Source: bound, bark is less deep."""
+
+SEVERAL_STEMS_SCORE: Final = 0.4
+"""A mask shows several stems from this score on; it is 0 for one round stem and 1 for two equal
+ones side by side. Source: chosen by hand."""
+
+SEVERAL_STEMS_STDS: Final = 3.0
+"""So many standard deviations the score has to be above 0.
+Source: bound, noise exceeds it once in 370 times."""
+
+# The fit of distance and tilt
+
+NOISE_PRIOR_READINGS: Final = 8.0
+"""Weight of the assumed noise when it is adjusted to the scatter, in independent readings.
+Source: chosen, so many readings know their scatter to a quarter."""
+
+MIN_READINGS: Final = 4
+"""Fewer readings fit no stem. Source: bound, the fit has three unknowns."""
+
+MIN_DEPTH_SHARE: Final = 0.05
+"""Share of the places on a stem that must have a reading.
+Source: bound, of 216 places 10 are left."""
+
+MAX_CURVATURE_STD: Final = 0.3
+"""With a larger relative standard deviation the roundness tells nothing of the half angle.
+Source: chosen by hand."""
+
+# Readings that are missing or disagree
+
+DISAGREEMENT_STD: Final = 0.5
+"""Relative standard deviation of the distance, times the squared share of readings that disagree:
+these may show the stem, and the others an object in front of it.
+Source: fitted (distance-labels)."""
+
+UNREAD_STD: Final = 0.15
+"""The same, times the squared share of samples without a reading on the stem.
+Source: fitted (distance-labels)."""
+
+AXIS_DOUBT: Final = 2.0
+"""The errors of the axis' angles grow with the doubt in the diameter times this, since outlines and
+readings are the same. Source: fitted (inclination-network)."""

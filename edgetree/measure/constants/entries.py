@@ -1,0 +1,61 @@
+"""List the constants with their meanings and sources, for the documentation and for the fits."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import re
+from types import ModuleType
+from typing import NamedTuple
+
+from edgetree.measure.constants import depth, ground, outlines, stems
+
+__all__ = ["TOPICS", "Entry", "entries"]
+
+TOPICS = {
+    "Stems": stems,
+    "Ground and vertical": ground,
+    "Keypoints and masks": outlines,
+    "Depth": depth,
+}
+"""The modules of constants by their headings."""
+
+_DOCSTRING = re.compile(r"(.+?) Source: ((?:fitted \(([\w-]+)\)|chosen|bound|published).*)\.")
+
+
+class Entry(NamedTuple):
+    """One constant.
+
+    Attributes:
+        name: its name, which ends with its unit.
+        value: its value.
+        meaning: what it stands for.
+        source: where it comes from.
+        fit: name of the fit that determines it; None if none does.
+    """
+
+    name: str
+    value: float
+    meaning: str
+    source: str
+    fit: str | None
+
+
+def entries(module: ModuleType) -> list[Entry]:
+    """The constants of one of the modules in `TOPICS`, in their order.
+
+    Raises:
+        ValueError: a constant has no docstring that ends with its source.
+    """
+    found = []
+    body = ast.parse(inspect.getsource(module)).body
+    for node, after in zip(body, [*body[1:], ast.Pass()], strict=True):
+        if not isinstance(node, ast.AnnAssign):
+            continue
+        name = ast.unparse(node.target)
+        text = ast.literal_eval(after.value) if isinstance(after, ast.Expr) else ""
+        parts = _DOCSTRING.fullmatch(" ".join(text.split()))
+        if parts is None:
+            raise ValueError(f"{module.__name__}.{name}: expected a docstring with its source")
+        found.append(Entry(name, getattr(module, name), *parts.groups()))
+    return found
