@@ -98,6 +98,13 @@ def tube_faces(tubes: int, rings: int, sides: int) -> Int:
     return np.stack([first, second], -2).reshape(-1, 3)
 
 
+def card_faces(cards: int, vertices: int, quads: list[list[int]]) -> Int:
+    """(F, 3) triangles of cards, each with a number of vertices and the same quads (Q, 4)."""
+    corners = np.array(quads)
+    local = np.concatenate([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]])
+    return (np.arange(cards)[:, None, None] * vertices + local).reshape(-1, 3)
+
+
 def surface_mesh(
     vertices: Float, centres: Float, layer: int, repeats: float, repeat_length_m: float, tint: float
 ) -> Mesh:
@@ -190,14 +197,11 @@ def cards_mesh(
     flat = unit(np.cross(vertices[:, 6] - vertices[:, 0], vertices[:, 2] - vertices[:, 0]))
     flat = np.where(flat[:, 2:] < 0, -flat, flat)
     normals = unit(flat[:, None] + 0.9 * unit(vertices - centre[:, None]))
-    quads = np.array([[0, 3, 4, 1], [1, 4, 5, 2], [3, 6, 7, 4], [4, 7, 8, 5]])
-    local = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
-    faces = (np.arange(count)[:, None, None] * 9 + local).reshape(-1, 3)
     return make_mesh(
         vertices.reshape(-1, 3),
         normals.reshape(-1, 3),
         np.stack(coordinates, 1).reshape(-1, 2),
-        faces,
+        card_faces(count, 9, [[0, 3, 4, 1], [1, 4, 5, 2], [3, 6, 7, 4], [4, 7, 8, 5]]),
         layer,
         np.repeat(tint, 9),
     )
