@@ -27,12 +27,7 @@ from basetree.jobs import (
 )
 from perceptree.errors import DatasetError
 from perceptree.simulator.dataset.contact_sheet import choose_frames
-from perceptree.simulator.dataset.generate import (
-    SynthReport,
-    collect,
-    prepare,
-    scene_jobs,
-)
+from perceptree.simulator.dataset.generate import SynthReport, collect, prepare, scene_jobs
 from perceptree.simulator.dataset.plan import DatasetPlan
 from perceptree.simulator.dataset.pool import draw_scenes
 from perceptree.simulator.dataset.scene_job import SceneJob

@@ -20,11 +20,7 @@ from perceptree.simulator.scene.conditions import (
     make_light,
     make_weather,
 )
-from perceptree.simulator.scene.felling_cut import (
-    DIAMETER_ABOVE_CUT_M,
-    cut_height_m,
-    is_near_foot,
-)
+from perceptree.simulator.scene.felling_cut import DIAMETER_ABOVE_CUT_M, cut_height_m, is_near_foot
 from perceptree.simulator.scene.models import MODELS, TreeModel
 from perceptree.simulator.scene.objects import place_objects
 from perceptree.simulator.scene.scatter import Placement, scatter, scatter_roots
