@@ -160,35 +160,40 @@ def tubes_mesh(
     return surface_mesh(vertices, centres, layer, 1.0, repeat_length_m, tint)
 
 
-def cards_mesh(
-    origins: Float,
-    axes: Float,
-    sides: Float,
-    length_m: Float,
-    width_m: Float,
-    centre: Float,
-    layer: int,
-    tint: Float,
-    droop: float = 0.22,
-) -> Mesh:
-    """Make twig cards: bent, folded strips for textures with alpha.
+class Cards(NamedTuple):
+    """Rectangles for textures with alpha, which plants are composed of.
 
-    Args:
-        origins: (n, 3) feet of the twigs, m.
-        axes: (n, 3) unit vectors along the twigs.
-        sides: (n, 3) unit vectors across the twigs.
+    Attributes:
+        feet: (n, 3) middles of their lower ends, m.
+        axes: (n, 3) unit vectors along them.
+        sides: (n, 3) unit vectors across them.
         length_m: (n,) lengths, m.
         width_m: (n,) widths, m.
+    """
+
+    feet: Float
+    axes: Float
+    sides: Float
+    length_m: Float
+    width_m: Float
+
+
+def cards_mesh(cards: Cards, centre: Float, layer: int, tint: Float, droop: float) -> Mesh:
+    """Make bent, folded twigs.
+
+    Args:
+        cards: The twigs.
         centre: (n, 3) points from which the normals are bent away, so that the shading of the
             foliage shows volume, m.
         layer: Texture layer.
         tint: (n,) brightness factors.
         droop: How far the tips hang down, as a fraction of the length.
     """
-    count = len(origins)
+    feet, axes, sides, length_m, width_m = cards
+    count = len(feet)
     points, coordinates = [], []
     for fraction, lift in ((0.0, 0.0), (0.5, 0.06), (1.0, -droop)):
-        spine = origins + axes * (length_m * fraction)[:, None] + UP * (length_m * lift)[:, None]
+        spine = feet + axes * (length_m * fraction)[:, None] + UP * (length_m * lift)[:, None]
         for side in (-0.5, 0.0, 0.5):
             fold = UP * (width_m * 0.16 * (0.5 - abs(side)))[:, None]
             points.append(spine + sides * (width_m * side)[:, None] + fold)
