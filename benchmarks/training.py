@@ -134,9 +134,8 @@ def profiled_step(data: Path) -> dict[str, Any]:
     from perceptree.data import FrameStore, read_split
     from perceptree.models import TreeRCNN, make_spec
     from perceptree.training import TrainSettings
-    from perceptree.training.memory import keep_freed_memory
+    from perceptree.training.hardware import fastest_precision, keep_freed_memory
     from perceptree.training.optimizer import make_optimizer
-    from perceptree.training.precision import fastest_precision
 
     precision = fastest_precision(torch.device("cpu"))
     keep_freed_memory()

@@ -43,22 +43,9 @@ SPLIT_WORDS = {
     "test": "test",
     "testing": "test",
 }
-_NOT_LABELS = frozenset(
-    (
-        "captions",
-        "panoptic",
-        "stuff",
-        "info",
-        "results",
-        "result",
-        "predictions",
-        "detections",
-        "settings",
-        "statistics",
-        "metrics",
-        "report",
-        "log",
-    )
+_NOT_LABELS = re.compile(
+    "captions|panoptic|stuff|info|results?|predictions|detections|settings|statistics|metrics"
+    "|report|log"
 )
 # Names without a split: the folder's name gives the split, else it is "test".
 _PLAIN_STEMS = frozenset(
@@ -102,7 +89,7 @@ def label_files(directory: Path) -> list[LabelFile]:
 def _recognise(path: Path) -> tuple[str, int | None, bool] | None:
     """Return (split, fold, entire tree) from a file's name and folders; None for other files."""
     stem = words(path.stem)
-    if _NOT_LABELS & set(stem):
+    if any(map(_NOT_LABELS.fullmatch, stem)):
         return None
     splits = [SPLIT_WORDS[word] for word in stem if word in SPLIT_WORDS]
     if not splits and path.stem in _PLAIN_STEMS:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 
 from basetree.files.names import IMAGE_SUFFIXES
 from basetree.files.reading import read_image
-from perceptree.arrays import Float, UInt8
+from perceptree.arrays import Bool, Float, UInt8
 from perceptree.errors import DatasetError
 
 _WIDTH_PX = 640
@@ -43,12 +44,12 @@ class Measure:
     Attributes:
         name: Key in JSON.
         title: Description for people.
-        of: Computes the value.
+        of: Computes the value, a number.
     """
 
     name: str
     title: str
-    of: Callable[[Tones], float]
+    of: Callable[[Tones], Any]
 
 
 @dataclass(frozen=True)
@@ -159,7 +160,7 @@ def compare_pictures(
         rows = []
         for path in paths:
             tones = _tones(read_small(path))
-            rows.append([measure.of(tones) for measure in MEASURES])
+            rows.append([float(measure.of(tones)) for measure in MEASURES])
             progress(1)
         values.append(np.array(rows))
     differences = [
@@ -193,9 +194,9 @@ def _tones(image: UInt8) -> Tones:
     return Tones(grey, np.hypot(green_red, blue_yellow), green_red, blue_yellow)
 
 
-def _share_of_edges(grey: Float, upright: bool) -> float:
+def _share_of_edges(tones: Tones, upright: bool) -> float:
     """Return the share of gradient energy within 15 degrees of vertical (or horizontal) edges."""
-    soft = cv2.GaussianBlur(grey, (0, 0), 1.0)
+    soft = cv2.GaussianBlur(tones.grey, (0, 0), 1.0)
     across, down = cv2.Sobel(soft, cv2.CV_32F, 1, 0), cv2.Sobel(soft, cv2.CV_32F, 0, 1)
     energy = across**2 + down**2
     main = np.abs(across if upright else down)
@@ -203,61 +204,43 @@ def _share_of_edges(grey: Float, upright: bool) -> float:
     return float(energy[near].sum() / max(float(energy.sum()), 1e-9))
 
 
-def _texture(grey: Float, sigma_px: float) -> float:
+def _texture(tones: Tones, sigma_px: float) -> float:
     """Return the standard deviation of the detail between two blur scales, in grey levels.
 
     A ``sigma_px`` of 0 means no blur on the finer scale.
     """
-    finer = cv2.GaussianBlur(grey, (0, 0), sigma_px) if sigma_px else grey
-    return float((finer - cv2.GaussianBlur(grey, (0, 0), max(2 * sigma_px, 1.0))).std())
+    finer = cv2.GaussianBlur(tones.grey, (0, 0), sigma_px) if sigma_px else tones.grey
+    return float((finer - cv2.GaussianBlur(tones.grey, (0, 0), max(2 * sigma_px, 1.0))).std())
 
 
-def _above_below(grey: Float) -> float:
+def _above_below(tones: Tones) -> float:
     """Return the mean grey level of the upper third minus that of the lower third."""
-    third = grey.shape[0] // 3
-    return float(grey[:third].mean() - grey[-third:].mean())
+    third = tones.grey.shape[0] // 3
+    return float(tones.grey[:third].mean() - tones.grey[-third:].mean())
+
+
+def _percent(pixels: Bool) -> float:
+    return 100 * float(pixels.mean())
 
 
 MEASURES: tuple[Measure, ...] = (
-    Measure("lightness", "Lightness, mean grey level", lambda tones: float(tones.grey.mean())),
-    Measure("contrast", "Contrast, deviation of grey", lambda tones: float(tones.grey.std())),
-    Measure(
-        "blown",
-        "Overexposed, % of pixels over 250",
-        lambda tones: 100 * float((tones.grey > 250).mean()),
-    ),
-    Measure(
-        "black", "Black, % of pixels under 8", lambda tones: 100 * float((tones.grey < 8).mean())
-    ),
-    Measure(
-        "sky_over_ground",
-        "Upper third minus lower third, grey levels",
-        lambda tones: _above_below(tones.grey),
-    ),
-    Measure("chroma", "Colourfulness, mean chroma", lambda tones: float(tones.chroma.mean())),
+    Measure("lightness", "Lightness, mean grey level", lambda tones: tones.grey.mean()),
+    Measure("contrast", "Contrast, deviation of grey", lambda tones: tones.grey.std()),
+    Measure("blown", "Overexposed, % of pixels over 250", lambda tones: _percent(tones.grey > 250)),
+    Measure("black", "Black, % of pixels under 8", lambda tones: _percent(tones.grey < 8)),
+    Measure("sky_over_ground", "Upper third minus lower third, grey levels", _above_below),
+    Measure("chroma", "Colourfulness, mean chroma", lambda tones: tones.chroma.mean()),
     Measure(
         "chroma_spread",
         "Colour variety, standard deviation of chroma",
-        lambda tones: float(tones.chroma.std()),
+        lambda tones: tones.chroma.std(),
     ),
-    Measure("green_red", "Red against green, mean a*", lambda tones: float(tones.green_red.mean())),
-    Measure(
-        "blue_yellow", "Yellow against blue, mean b*", lambda tones: float(tones.blue_yellow.mean())
-    ),
-    Measure(
-        "finest", "Finest detail and noise, below 1 px", lambda tones: _texture(tones.grey, 0.0)
-    ),
-    Measure("fine", "Fine texture, 1 to 2 px", lambda tones: _texture(tones.grey, 1.0)),
-    Measure("medium", "Texture of 4 to 8 px", lambda tones: _texture(tones.grey, 4.0)),
-    Measure("coarse", "Texture of 16 to 32 px", lambda tones: _texture(tones.grey, 16.0)),
-    Measure(
-        "upright_edges",
-        "Vertical edges, share",
-        lambda tones: _share_of_edges(tones.grey, upright=True),
-    ),
-    Measure(
-        "level_edges",
-        "Horizontal edges, share",
-        lambda tones: _share_of_edges(tones.grey, upright=False),
-    ),
+    Measure("green_red", "Red against green, mean a*", lambda tones: tones.green_red.mean()),
+    Measure("blue_yellow", "Yellow against blue, mean b*", lambda tones: tones.blue_yellow.mean()),
+    Measure("finest", "Finest detail and noise, below 1 px", partial(_texture, sigma_px=0.0)),
+    Measure("fine", "Fine texture, 1 to 2 px", partial(_texture, sigma_px=1.0)),
+    Measure("medium", "Texture of 4 to 8 px", partial(_texture, sigma_px=4.0)),
+    Measure("coarse", "Texture of 16 to 32 px", partial(_texture, sigma_px=16.0)),
+    Measure("upright_edges", "Vertical edges, share", partial(_share_of_edges, upright=True)),
+    Measure("level_edges", "Horizontal edges, share", partial(_share_of_edges, upright=False)),
 )

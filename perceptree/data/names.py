@@ -12,71 +12,14 @@ from perceptree.data.entries import EntryError, refuse, rows
 from perceptree.errors import DatasetError
 from perceptree.keypoints import KEYPOINT_NAMES
 
-_TREES = frozenset(
-    (
-        "tree",
-        "trees",
-        "trunk",
-        "trunks",
-        "stem",
-        "stems",
-        "bole",
-        "boles",
-        "treetrunk",
-        "treetrunks",
-        "conifer",
-        "conifers",
-        "spruce",
-        "pine",
-        "fir",
-        "larch",
-        "cedar",
-        "hemlock",
-        "douglas",
-        "birch",
-        "beech",
-        "maple",
-        "oak",
-        "aspen",
-        "poplar",
-        "alder",
-        "ash",
-        "picea",
-        "pinus",
-        "abies",
-        "larix",
-        "betula",
-        "fagus",
-        "acer",
-        "quercus",
-        "populus",
-        "alnus",
-        "fraxinus",
-    )
+_TREE = re.compile(
+    "trees?|trunks?|stems?|boles?|treetrunks?|conifers?|spruce|pine|fir|larch|cedar|hemlock|douglas"
+    "|birch|beech|maple|oak|aspen|poplar|alder|ash|picea|pinus|abies|larix|betula|fagus|acer"
+    "|quercus|populus|alnus|fraxinus"
 )
-_NOT_STANDING = frozenset(
-    (
-        "stump",
-        "stumps",
-        "branch",
-        "branches",
-        "crown",
-        "crowns",
-        "canopy",
-        "root",
-        "roots",
-        "leaf",
-        "leaves",
-        "log",
-        "logs",
-        "fallen",
-        "felled",
-        "lying",
-        "deadwood",
-        "non",
-        "no",
-        "not",
-    )
+_NOT_STANDING = re.compile(
+    "stumps?|branch|branches|crowns?|canopy|roots?|leaf|leaves|logs?|fallen|felled|lying|deadwood"
+    "|non?|not"
 )
 _NO_CATEGORIES = "the file has no categories: all labels are taken as trees"
 # The published names are those of PercepTreeV1's demo and training scripts.
@@ -103,8 +46,8 @@ _KEYPOINT_OF = {
 def means_tree(name: str) -> bool:
     """Return whether a category's name means a standing tree or a tree species."""
     spaced = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
-    words = set(re.findall(r"[a-z]+", spaced.lower()))
-    return bool(words & _TREES) and not words & _NOT_STANDING
+    words = re.findall(r"[a-z]+", spaced.lower())
+    return any(map(_TREE.fullmatch, words)) and not any(map(_NOT_STANDING.fullmatch, words))
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -58,16 +58,16 @@ class Parsed:
     outside: list[tuple[int, float, float]]
 
 
-@dataclass(frozen=True, eq=False)
-class _TreeEntries:
-    """Checked annotations of some images, as on disk, with the sizes of their images."""
+class _TreeEntry(NamedTuple):
+    """A checked annotation, as on disk, with the size of its image."""
 
-    entries: list[Entry] = field(default_factory=list)
-    boxes: list[list[float]] = field(default_factory=list)
-    points: list[list[float]] = field(default_factory=list)
-    sizes: list[tuple[int, int]] = field(default_factory=list)
-    truths: list[dict[str, float]] = field(default_factory=list)
-    flags: list[tuple[bool, bool]] = field(default_factory=list)
+    entry: Entry
+    box: list[float]
+    points: list[float]
+    size: tuple[int, int]
+    truth: dict[str, float]
+    crowd: bool
+    marked: bool
 
 
 class Parser:
@@ -153,7 +153,7 @@ class Parser:
 
     def _frames(self, images: list[Entry], trees: list[list[Entry]]) -> list[FrameRecord]:
         """Create the records of some images; boxes and keypoints are rows of two shared arrays."""
-        found = _TreeEntries()
+        found: list[_TreeEntry] = []
         usable: list[Entry] = []
         ends: list[int] = []
         for image, labels in zip(images, trees, strict=True):
@@ -168,7 +168,7 @@ class Parser:
                 except EntryError as error:
                     self._report(error)
             usable.append(image)
-            ends.append(len(found.entries))
+            ends.append(len(found))
         records = self._records(found)
         return [
             self._frame(image, tuple(records[first:end]))
@@ -184,7 +184,7 @@ class Parser:
         paths = self._pictures.of(image)
         return FrameRecord(image["id"], *paths, image["width"], image["height"], extra, trees)
 
-    def _check_tree(self, annotation: Entry, image: Entry, found: _TreeEntries) -> None:
+    def _check_tree(self, annotation: Entry, image: Entry, found: list[_TreeEntry]) -> None:
         """Add an annotation to ``found`` if it is a tree.
 
         Raises:
@@ -200,39 +200,27 @@ class Parser:
         elif self._with_masks and not (crowd or marked):
             expected = "polygons or run lengths, because other trees in the file have them"
             refuse(annotation, "annotation", "segmentation", expected)
-        truth = named_numbers(annotation, _TRUTH_FIELDS)
-        found.entries.append(annotation)
-        found.boxes.append(box)
-        found.points.append(points)
-        found.sizes.append((image["width"], image["height"]))
-        found.truths.append(truth)
-        found.flags.append((crowd, marked))
+        truth, size = named_numbers(annotation, _TRUTH_FIELDS), (image["width"], image["height"])
+        found.append(_TreeEntry(annotation, box, points, size, truth, crowd, marked))
 
-    def _records(self, found: _TreeEntries) -> list[TreeRecord]:
-        boxes = np.array(found.boxes, float).reshape(-1, 4)
+    def _records(self, found: list[_TreeEntry]) -> list[TreeRecord]:
+        boxes = np.array([one.box for one in found], float).reshape(-1, 4)
         boxes[:, 2:] += boxes[:, :2]
         return [
             TreeRecord(
-                entry["id"],
+                one.entry["id"],
                 box,
                 points,
-                entry.get("segmentation") or None,
-                crowd,
-                truth,
-                _species(entry),
-                marked,
+                one.entry.get("segmentation") or None,
+                one.crowd,
+                one.truth,
+                _species(one.entry),
+                one.marked,
             )
-            for entry, box, points, truth, (crowd, marked) in zip(
-                found.entries,
-                boxes,
-                self._keypoints_in_frame(found),
-                found.truths,
-                found.flags,
-                strict=True,
-            )
+            for one, box, points in zip(found, boxes, self._keypoints_in_frame(found), strict=True)
         ]
 
-    def _keypoints_in_frame(self, found: _TreeEntries) -> Float64:
+    def _keypoints_in_frame(self, found: list[_TreeEntry]) -> Float64:
         """Convert keypoints from pixel indices to continuous px inside their frames.
 
         Keypoints up to 1 px outside, such as rounded coordinates, are moved to the border.
@@ -241,15 +229,16 @@ class Parser:
         Returns:
             (N, 5, 3) x, y, flag.
         """
-        keypoints = np.array(found.points, np.float64).reshape(-1, len(KEYPOINT_NAMES), 3)
-        sizes = np.array(found.sizes, np.float64).reshape(-1, 1, 2)
+        listed = [one.points for one in found]
+        keypoints = np.array(listed, np.float64).reshape(-1, len(KEYPOINT_NAMES), 3)
+        sizes = np.array([one.size for one in found], np.float64).reshape(-1, 1, 2)
         labelled = keypoints[..., 2] > 0
         keypoints[..., :2] = opencv_to_image(keypoints[..., :2])
         gap = np.maximum(-keypoints[..., :2], keypoints[..., :2] - sizes).max(-1)
         outside = labelled & (gap > _BORDER_PX)
         for row, point in zip(*np.nonzero(outside), strict=True):
-            x, y = found.points[row][3 * point : 3 * point + 2]
-            self.outside.append((found.entries[row]["id"], x, y))
+            x, y = listed[row][3 * point : 3 * point + 2]
+            self.outside.append((found[row].entry["id"], x, y))
         keypoints[~labelled | outside] = 0.0
         keypoints[..., :2] = np.clip(keypoints[..., :2], 0.0, sizes)
         return keypoints

@@ -3,11 +3,7 @@
 from perceptree.models.checkpoint import load_checkpoint, save_checkpoint
 from perceptree.models.detector import Detections, TreeRCNN
 from perceptree.models.presets import EDGE_PRESETS, PAPER_PRESETS, PRESETS, make_spec
-from perceptree.models.spec import (
-    CLASS_NAMES,
-    ModelSpec,
-    SpecError,
-)
+from perceptree.models.spec import CLASS_NAMES, ModelSpec, SpecError
 from perceptree.models.targets import TreeTargets
 from perceptree.settings.sampling import PAPER_SAMPLING, SampleSettings
 

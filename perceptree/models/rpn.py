@@ -9,12 +9,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from perceptree.models.anchors import level_anchors
-from perceptree.models.boxes import (
-    clip_boxes,
-    decode_boxes,
-    joint_nms_keep_mask,
-    nms_keep_mask,
-)
+from perceptree.models.boxes import clip_boxes, decode_boxes, joint_nms_keep_mask, nms_keep_mask
 from perceptree.models.spec import ModelSpec
 
 PROPOSAL_WEIGHTS = (1.0, 1.0, 1.0, 1.0)

@@ -5,6 +5,7 @@ With separate streams, a change in the number of draws for one purpose affects n
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from enum import IntEnum, unique
 
 import numpy as np
@@ -27,6 +28,12 @@ class Stream(IntEnum):
     NIGHT = 11
     TRAP = 12
     NEGATIVES = 13
+
+
+def choose(rng: np.random.Generator, weights: Mapping[str, float], known: Sequence[str]) -> str:
+    """Choose one of the known names by their weights; a name without weight is never chosen."""
+    shares = np.array([weights.get(name, 0.0) for name in known])
+    return known[rng.choice(len(known), p=shares / shares.sum())]
 
 
 def stream(seed: int, purpose: Stream, *numbers: int) -> np.random.Generator:

@@ -22,11 +22,12 @@ from perceptree.data import read_dataset
 from perceptree.errors import DatasetError
 from perceptree.models import ModelSpec
 from perceptree.settings.training import Engine, TrainSettings
+from perceptree.training.counts import Progress, Status
 from perceptree.training.run import train
 from perceptree.training.source import Preparing
 from perceptree.training.starting import Init
 from perceptree.training.state import STATE_NAME, read_state
-from perceptree.training.trainer import Progress, Status, TrainReport
+from perceptree.training.trainer import TrainReport
 
 _SETTINGS_FILE = "settings.json"
 _GROWTH_FACTOR = 2

@@ -1,11 +1,14 @@
-"""The optimizer of a training."""
+"""The optimizer of a training, its learning rate, and the moving average of the weights."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import Any
 
 import torch
-from torch import nn
+from torch import Tensor, nn
+from torch.optim.swa_utils import AveragedModel
 
 from perceptree.models import TreeRCNN
 from perceptree.settings.training import TrainSettings
@@ -38,6 +41,25 @@ def set_rate(optimizer: torch.optim.Optimizer, rate: float) -> None:
         group["lr"] = rate * group.get(_RATE_SHARE, 1.0)
 
 
+def learning_rate(settings: TrainSettings, step: int, done: float) -> float:
+    """Compute the learning rate of a step.
+
+    Args:
+        settings: The schedule.
+        step: Number of the step, from 0.
+        done: Fraction of the training that is completed, 0 to 1.
+    """
+    warm = min(1.0, (step + 1) / settings.warmup_steps)
+    if settings.schedule == "constant":
+        share = 1.0
+    elif settings.schedule == "steps":
+        share = settings.rate_drop ** sum(step >= drop for drop in settings.rate_steps)
+    else:
+        fall = done if settings.schedule == "decay" else 0.5 * (1 - math.cos(math.pi * done))
+        share = 1 - (1 - settings.final_rate_share) * fall
+    return settings.learning_rate * warm * share
+
+
 def _groups(
     parameters: list[nn.Parameter], settings: TrainSettings, share: float
 ) -> list[dict[str, Any]]:
@@ -49,3 +71,28 @@ def _groups(
         {"params": chosen, "weight_decay": decay, _RATE_SHARE: share}
         for decay, chosen in (decays, fixed)
     ]
+
+
+def make_average(model: TreeRCNN, decay: float) -> AveragedModel:
+    """Make an exponential moving average of a model's weights and batch norm statistics.
+
+    Args:
+        model: Model to average.
+        decay: Fraction of the average that an update keeps. At step n it is at most
+            (1 + n) / (10 + n), so that the first steps are forgotten faster.
+
+    Returns:
+        The average, in eval mode; its ``update_parameters(model)`` is called after each step.
+    """
+
+    def update(averages: Sequence[Tensor], currents: Sequence[Tensor], updates: Any) -> None:
+        kept = min(decay, (1 + int(updates)) / (10 + int(updates)))
+        if averages[0].dtype.is_floating_point:
+            torch._foreach_lerp_(list(averages), list(currents), 1 - kept)
+        else:
+            torch._foreach_copy_(list(averages), list(currents))
+
+    average = AveragedModel(model, multi_avg_fn=update, use_buffers=True)
+    average.requires_grad_(False)
+    average.eval()
+    return average

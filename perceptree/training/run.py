@@ -11,17 +11,16 @@ import torch
 from basetree.errors import SettingsError
 from basetree.files.names import is_utf8
 from perceptree.errors import CheckpointError
-from perceptree.evaluation import Metrics
 from perceptree.models import ModelSpec, TreeRCNN
 from perceptree.settings.training import EXTENDABLE_SETTINGS, DataSource, Engine, TrainSettings
+from perceptree.training.counts import Counts, Progress
 from perceptree.training.credits import Credits, training_credits
-from perceptree.training.memory import keep_freed_memory
-from perceptree.training.precision import fastest_precision
+from perceptree.training.hardware import fastest_precision, keep_freed_memory
 from perceptree.training.processes import Processes, process_group
 from perceptree.training.source import Preparing, TrainingData, open_data
 from perceptree.training.starting import Init, describe_init, load_heads, start_from
 from perceptree.training.state import STATE_NAME, read_state, write_state
-from perceptree.training.trainer import Progress, Trainer, TrainReport
+from perceptree.training.trainer import Trainer, TrainReport
 
 # Settings that make no sense with a random backbone.
 _NEED_START = ("frozen_norms", "frozen_steps", "keep_weights", "keep_features")
@@ -228,14 +227,7 @@ def _state_of(trainer: Trainer) -> dict[str, Any]:
         "start": None if trainer.start is None else trainer.start.state(),
         "optimizer": trainer.optimizer.state_dict(),
         "precision": trainer.precision,
-        "step": trainer.step,
-        "first_step": trainer.first_step,
-        "elapsed_s": trainer.elapsed_s,
-        "waited_s": trainer.waited_s,
-        "means": trainer.means,
-        "best": None if trainer.best is None else trainer.best.to_dict(),
-        "stale": trainer.stale,
-        "evaluated_at": trainer.evaluated_at,
+        **trainer.counts.to_state(),
     }
 
 
@@ -258,11 +250,5 @@ def _restore(trainer: Trainer, state: dict[str, Any], branched: bool) -> None:
     if trainer.start is not None:
         trainer.start.load_state(state.get("start") or trainer.model.backbone.state_dict())
     trainer.optimizer.load_state_dict(state["optimizer"])
-    trainer.step = state["step"]
-    if branched:
-        trainer.first_step = state["step"]
-        return
-    trainer.first_step, trainer.elapsed_s = state["first_step"], state["elapsed_s"]
-    trainer.waited_s, trainer.means = state["waited_s"], state["means"]
-    trainer.stale, trainer.evaluated_at = state["stale"], state["evaluated_at"]
-    trainer.best = None if state["best"] is None else Metrics(**state["best"])
+    step = state["step"]
+    trainer.counts = Counts(step, first_step=step) if branched else Counts.of_state(state)

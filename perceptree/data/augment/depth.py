@@ -140,11 +140,8 @@ def _stereo_occlusion(image: UInt8, metres_of: Float32, stereo_px_m: float) -> B
     right_px = np.asarray(cv2.LUT(image, -np.float32(stereo_px_m) / metres_of), np.float32)
     right_px += np.arange(image.shape[1], dtype=np.float32)
     right_px = np.asarray(cv2.flip(right_px, 1), np.float32)
-    occluder_px, tolerance = (
-        np.minimum.accumulate(right_px, axis=1),
-        np.float32(_OCCLUSION_TOLERANCE_PX),
-    )
-    return np.asarray(cv2.flip(cv2.compare(right_px, occluder_px + tolerance, cv2.CMP_GT), 1) > 0)
+    limit_px = np.minimum.accumulate(right_px, axis=1) + np.float32(_OCCLUSION_TOLERANCE_PX)
+    return np.asarray(cv2.flip(cv2.compare(right_px, limit_px, cv2.CMP_GT), 1) > 0)
 
 
 def _edge_loss(rng: np.random.Generator, image: UInt8, metres_of: Float32, width_px: int) -> Bool:

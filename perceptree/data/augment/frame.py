@@ -42,7 +42,10 @@ def augment(
     if spec.depth_encoding is not None:
         encoding = DepthEncoding.from_dict(spec.depth_encoding)
     if other is not None and is_drawn(rng, settings.copy_paste_share):
-        sample = _paste_from(rng, sample, other(), encoding)
+        theirs = other()
+        if is_drawn(rng, 0.5):
+            theirs = flip(theirs)
+        sample = paste_trees(rng, sample, theirs, encoding)
     height, width = sample.image.shape[:2]
     sample = transform_sample(sample, draw_transform(rng, width, height, settings), spec.pad_value)
     if encoding is None:
@@ -58,12 +61,3 @@ def _select_trees(sample: Sample, kept: list[int]) -> Sample:
     masks = None if sample.masks is None else sample.masks[kept]
     boxes, keypoints = sample.boxes[kept], sample.keypoints[kept]
     return replace(sample, boxes=boxes, keypoints=keypoints, masks=masks)
-
-
-def _paste_from(
-    rng: np.random.Generator, sample: Sample, other: Sample, encoding: DepthEncoding | None
-) -> Sample:
-    """Paste trees of the other frame, which may be mirrored."""
-    if is_drawn(rng, 0.5):
-        other = flip(other)
-    return paste_trees(rng, sample, other, encoding)

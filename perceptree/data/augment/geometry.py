@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import cv2
 import numpy as np
@@ -112,14 +113,10 @@ class Transform:
         matrix = _to_opencv(self.matrix @ np.array([[1.0, 0, x0], [0, 1, y0], [0, 0, 1]]))
         interpolation = cv2.INTER_NEAREST if nearest else cv2.INTER_LINEAR
         patch, size, border = image[y0:y1, x0:x1], (self.width, self.height), (pad_value,) * 3
+        warp: Any = cv2.warpPerspective
         if np.allclose(matrix[2], (0, 0, 1)):
-            warped = cv2.warpAffine(
-                patch, matrix[:2], size, flags=interpolation, borderValue=border
-            )
-        else:
-            warped = cv2.warpPerspective(
-                patch, matrix, size, flags=interpolation, borderValue=border
-            )
+            warp, matrix = cv2.warpAffine, matrix[:2]
+        warped = warp(patch, matrix, size, flags=interpolation, borderValue=border)
         return np.asarray(warped, np.uint8)
 
     def _resize_and_place(self, image: UInt8, pad_value: int, nearest: bool) -> UInt8:
@@ -131,11 +128,8 @@ class Transform:
         if size != (x1 - x0, y1 - y0):
             patch = np.asarray(cv2.resize(patch, size, interpolation=interpolation), np.uint8)
         if self.mirrored:
-            patch, u0, u1 = (
-                np.asarray(cv2.flip(patch, 1), np.uint8),
-                self.width - u1,
-                self.width - u0,
-            )
+            patch = np.asarray(cv2.flip(patch, 1), np.uint8)
+            u0, u1 = self.width - u1, self.width - u0
         if patch.shape == image.shape:
             return patch
         placed = np.full_like(image, pad_value)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from perceptree.errors import DatasetError
-from perceptree.simulator.dataset.generate import settings_sha256
+from perceptree.simulator.dataset.plan import settings_sha256
 from perceptree.simulator.dataset.splits import SPLITS
 from perceptree.simulator.dataset.storage import FRAME_FOLDERS
 from perceptree.simulator.settings.presets import PRESETS

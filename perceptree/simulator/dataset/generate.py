@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-import hashlib
 import json
 import math
 import os
@@ -18,6 +16,7 @@ from basetree.jobs import Store
 from perceptree.errors import DatasetError
 from perceptree.simulator.dataset.contact_sheet import write_contact_sheets
 from perceptree.simulator.dataset.pages import write_statistics
+from perceptree.simulator.dataset.plan import DatasetPlan
 from perceptree.simulator.dataset.pool import draw_scenes
 from perceptree.simulator.dataset.scene_job import MAX_SCENES, SceneJob
 from perceptree.simulator.dataset.splits import SPLITS, assign_splits, split_shares
@@ -31,14 +30,12 @@ from perceptree.simulator.dataset.storage import (
     write_atomically,
 )
 from perceptree.simulator.labelling.annotate import coco_dataset
-from perceptree.simulator.photographs.folder import CREDITS, PhotoFolder, with_photographs
+from perceptree.simulator.photographs.folder import PhotoFolder
 from perceptree.simulator.settings import SimulatorSettings, SplitSettings
 from perceptree.simulator.settings.checks import check_number
 from perceptree.simulator.settings.files import FileSettings
 
 MAX_FRAMES = MAX_SCENES - 1
-MAX_SEED = 999_999
-_VERSION = 2
 _FILES = FileSettings()
 
 Progress = Callable[[int, int], None]
@@ -60,12 +57,6 @@ class SynthReport:
     frames: dict[str, int]
     trees: dict[str, int]
     conditions: dict[str, dict[str, int]]
-
-
-def settings_sha256(settings: SimulatorSettings, seed: int, files: FileSettings = _FILES) -> str:
-    """Hash everything that determines a dataset's bytes, except for the number of frames."""
-    content = json.dumps(_settings_record(settings, seed, files), sort_keys=True)
-    return hashlib.sha256(content.encode()).hexdigest()
 
 
 def generate_dataset(
@@ -102,49 +93,37 @@ def generate_dataset(
     """
     if workers is not None:
         check_number("workers", workers, 1, 1024)
-    settings = with_photographs(settings, photographs)
-    jobs = scene_jobs(directory, frames, settings, seed, files, photographs=photographs)
+    plan = DatasetPlan(settings, seed, files, photographs)
+    jobs = scene_jobs(directory, frames, plan)
     try:
-        prepare(directory, settings, seed, files, photographs)
+        prepare(directory, plan)
         try:
             _render_missing(jobs, workers or os.cpu_count() or 1, progress)
         finally:
             remove_leftovers(directory)
-        return collect(directory, _all_records(jobs), settings.splits)
+        return collect(directory, _all_records(jobs), plan.settings.splits)
     except OSError as error:
         raise storage_error(error, directory) from error
 
 
 def scene_jobs(
-    directory: Path,
-    frames: int,
-    settings: SimulatorSettings,
-    seed: int,
-    files: FileSettings,
-    store: Store | None = None,
-    photographs: PhotoFolder | None = None,
+    directory: Path, frames: int, plan: DatasetPlan, store: Store | None = None
 ) -> list[SceneJob]:
     """Return the scenes of a dataset.
 
     Args:
         directory: Folder of the dataset; not used with a store.
         frames: Number of frames.
-        settings: Settings of the simulator.
-        seed: Seed of the dataset.
-        files: File formats.
+        plan: What decides its content.
         store: Object store of the dataset; None for a folder.
-        photographs: Photographs that the settings name; None for none.
 
     Raises:
-        SettingsError: If a number is out of range, there are too few frames for the splits, or the
-            settings name other photographs.
+        SettingsError: If ``frames`` is out of range, or too few for the splits.
     """
     check_number("frames", frames, 1, MAX_FRAMES)
-    check_number("seed", seed, 0, MAX_SEED)
-    settings = with_photographs(settings, photographs)
-    views = settings.views_per_scene
+    views = plan.settings.views_per_scene
     scenes = math.ceil(frames / views)
-    splits = split_shares(settings.splits)
+    splits = split_shares(plan.settings.splits)
     if scenes < len(splits):
         raise SettingsError(
             f"frames is {frames}, which makes {scenes} scene{'s' * (scenes > 1)} of {views} views:"
@@ -152,43 +131,11 @@ def scene_jobs(
             f" {', '.join(splits)}"
         )
     return [
-        SceneJob(
-            directory, settings, files, seed, n, min(views, frames - n * views), store, photographs
-        )
-        for n in range(scenes)
+        SceneJob(directory, plan, n, min(views, frames - n * views), store) for n in range(scenes)
     ]
 
 
-def _settings_record(settings: SimulatorSettings, seed: int, files: FileSettings) -> dict[str, Any]:
-    return {
-        "settings": settings.to_dict(),
-        "seed": seed,
-        "files": dataclasses.asdict(files),
-        "version": _VERSION,
-    }
-
-
-def settings_content(
-    settings: SimulatorSettings,
-    seed: int,
-    files: FileSettings,
-    photographs: PhotoFolder | None = None,
-) -> bytes:
-    """Make the content of a dataset's ``settings.json``, with the credits of its photographs."""
-    digest = settings_sha256(settings, seed, files)
-    content = {**_settings_record(settings, seed, files), "sha256": digest}
-    if photographs is not None:
-        content[CREDITS] = photographs.credits
-    return json.dumps(content, indent=1).encode()
-
-
-def prepare(
-    directory: Path,
-    settings: SimulatorSettings,
-    seed: int,
-    files: FileSettings,
-    photographs: PhotoFolder | None = None,
-) -> None:
+def prepare(directory: Path, plan: DatasetPlan) -> None:
     """Make a dataset's folders and its ``settings.json``.
 
     Raises:
@@ -199,14 +146,13 @@ def prepare(
     for name in (*FRAME_FOLDERS, SCENE_FOLDER):
         (directory / name).mkdir(parents=True, exist_ok=True)
     remove_leftovers(directory)
-    digest = settings_sha256(settings, seed, files)
-    if record.exists() and _digest_in(record) != digest:
-        also = ", or other photographs" if settings.photographs.sha256 else ""
+    if record.exists() and _digest_in(record) != plan.sha256:
+        also = ", or other photographs" if plan.settings.photographs.sha256 else ""
         raise DatasetError(
             f"{record}: has other settings or another seed{also}; expected the same to resume, or"
             " an empty folder"
         )
-    write_atomically(record, settings_content(settings, seed, files, photographs))
+    write_atomically(record, plan.content())
 
 
 def _digest_in(record: Path) -> object:

@@ -45,7 +45,7 @@ def draw_scenes(jobs: list[SceneJob], workers: int) -> Generator[int]:
     context = multiprocessing.get_context("spawn")
     ended, running = context.Pipe(duplex=False)
     count = min(workers, len(jobs))
-    start = (ended, jobs[0].photographs)
+    start = (ended, jobs[0].plan.photographs)
     with ended, running, ProcessPoolExecutor(count, context, _start_worker, start) as pool:
         try:
             with _interrupts_held():

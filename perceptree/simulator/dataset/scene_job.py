@@ -14,6 +14,7 @@ import numpy as np
 import calib
 from basetree.jobs import Store, copy_folder
 from perceptree.arrays import Float
+from perceptree.simulator.dataset.plan import DatasetPlan
 from perceptree.simulator.dataset.storage import (
     FRAME_FOLDERS,
     IMU_FOLDER,
@@ -25,9 +26,6 @@ from perceptree.simulator.dataset.storage import (
 )
 from perceptree.simulator.labelling.annotate import frame_record
 from perceptree.simulator.labelling.frame import LabelledFrame
-from perceptree.simulator.photographs.folder import PhotoFolder
-from perceptree.simulator.settings import SimulatorSettings
-from perceptree.simulator.settings.files import FileSettings
 
 if TYPE_CHECKING:
     from perceptree.simulator.dataset.frames import Assets
@@ -52,23 +50,17 @@ class SceneJob:
 
     Attributes:
         directory: Folder of the dataset; not used with a store.
-        settings: Settings of the simulator.
-        files: File formats.
-        dataset_seed: Seed of the dataset.
+        plan: What decides the dataset's content.
         number: Number of the scene in the dataset.
         views: Number of frames.
         store: Object store of the dataset; None for a folder.
-        photographs: Photographs that the scene shows besides; None for none.
     """
 
     directory: Path
-    settings: SimulatorSettings
-    files: FileSettings
-    dataset_seed: int
+    plan: DatasetPlan
     number: int
     views: int
     store: Store | None = None
-    photographs: PhotoFolder | None = None
 
     @property
     def record_file(self) -> str:
@@ -88,7 +80,7 @@ class SceneJob:
     @property
     def scene_seed(self) -> int:
         """Seed of the scene, different for every scene of every dataset seed."""
-        return self.dataset_seed * MAX_SCENES + self.number
+        return self.plan.seed * MAX_SCENES + self.number
 
     def records(self) -> list[dict[str, Any]]:
         """Read the records of the scene's frames.
@@ -150,11 +142,11 @@ def _draw_here(job: SceneJob, assets: Assets) -> list[dict[str, Any]]:
     """Simulate a scene, write the files of its frames, and return their records."""
     from perceptree.simulator.dataset.frames import simulate_frames
 
-    first = job.number * job.settings.views_per_scene
-    frames = simulate_frames(job.settings, job.scene_seed, job.views, assets)
+    first = job.number * job.plan.settings.views_per_scene
+    frames = simulate_frames(job.plan.settings, job.scene_seed, job.views, assets)
     records, measured = [], []
     for image_id, frame in enumerate(frames, start=first):
-        record = frame_record(frame, image_id, job.files)
+        record = frame_record(frame, image_id, job.plan.files)
         record["bytes"] = {}
         if frame.motion is not None:
             measured.append(frame.motion.imu)
@@ -183,8 +175,8 @@ def _files(
     frame: LabelledFrame, image: dict[str, Any], job: SceneJob
 ) -> Iterator[tuple[str, bytes]]:
     """Yield name and content of each of a frame's files."""
-    jpeg = job.files.image_format == "jpg"
-    quality = job.settings.rgb.jpeg_quality
+    jpeg = job.plan.files.image_format == "jpg"
+    quality = job.plan.settings.rgb.jpeg_quality
     yield (
         image["file_name"],
         encode_jpeg(frame.image, quality) if jpeg else encode_png(frame.image),

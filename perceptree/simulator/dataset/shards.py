@@ -27,14 +27,8 @@ from basetree.jobs import (
 )
 from perceptree.errors import DatasetError
 from perceptree.simulator.dataset.contact_sheet import choose_frames
-from perceptree.simulator.dataset.generate import (
-    SynthReport,
-    collect,
-    prepare,
-    scene_jobs,
-    settings_content,
-    settings_sha256,
-)
+from perceptree.simulator.dataset.generate import SynthReport, collect, prepare, scene_jobs
+from perceptree.simulator.dataset.plan import DatasetPlan
 from perceptree.simulator.dataset.pool import draw_scenes
 from perceptree.simulator.dataset.scene_job import SceneJob
 from perceptree.simulator.dataset.storage import (
@@ -80,18 +74,22 @@ class SynthJob:
     def __post_init__(self) -> None:
         self.scenes()
 
+    @property
+    def plan(self) -> DatasetPlan:
+        """What decides the dataset's content."""
+        return DatasetPlan(self.settings, self.seed, self.files, self.photographs)
+
     def job(self) -> Job:
         """The work, with a unit for every scene."""
-        identity = {"settings_sha256": settings_sha256(self.settings, self.seed, self.files)}
+        identity = {"settings_sha256": self.plan.sha256}
         views = self.settings.views_per_scene
         return Job(self.store, KIND, identity, self.frames, views, SCENE_FOLDER)
 
     def scenes(self) -> list[SceneJob]:
         """All scenes."""
-        numbers = (self.frames, self.settings, self.seed, self.files)
         if isinstance(self.store, LocalStore):
-            return scene_jobs(self.store.folder, *numbers, photographs=self.photographs)
-        return scene_jobs(Path(), *numbers, self.store, self.photographs)
+            return scene_jobs(self.store.folder, self.frames, self.plan)
+        return scene_jobs(Path(), self.frames, self.plan, self.store)
 
     def prepare(self) -> None:
         """Write the settings, and make the folders.
@@ -99,15 +97,14 @@ class SynthJob:
         Raises:
             DatasetError: If the store holds a dataset with other settings, or cannot be written.
         """
-        chosen = (self.settings, self.seed, self.files, self.photographs)
         if isinstance(self.store, LocalStore):
             directory = self.store.folder
             try:
-                prepare(directory, *chosen)
+                prepare(directory, self.plan)
             except OSError as error:
                 raise storage_error(error, directory) from error
-            return
-        self.store.write(SETTINGS_FILE, settings_content(*chosen))
+        else:
+            self.store.write(SETTINGS_FILE, self.plan.content())
 
     def __call__(self) -> Callable[[int], bytes]:
         """Start a worker of Ray: make the textures, and return what simulates a scene."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass
 from typing import Any
 
@@ -59,12 +60,8 @@ class _Assembly:
     """Collects placed meshes and concatenates them."""
 
     def __init__(self) -> None:
-        self._columns: dict[str, list[NDArray[Any]]] = {
-            name: [] for name in ("vertices", "normals", "uv", "tint", "faces", "layer", "object")
-        }
+        self._columns: dict[str, list[NDArray[Any]]] = defaultdict(list)
         self._face_counts: list[Int64] = []
-        self._centres: list[Float] = []
-        self._radii: list[Float] = []
         self._vertex_count = 0
         self._tree_start: list[int] = []
 
@@ -88,18 +85,21 @@ class _Assembly:
         placed = corners * scale[:, None, None].astype(np.float32) + position_m[:, None]
         normals = np.asarray(mesh.normals, np.float32) @ turn
         shift = self._vertex_count + np.arange(count)[:, None, None] * size
-        columns = self._columns
-        columns["vertices"].append(placed.reshape(-1, 3).astype(np.float32))
-        columns["normals"].append(normals.reshape(-1, 3))
-        columns["uv"].append(np.tile(mesh.uv, (count, 1)).astype(np.float32))
-        columns["tint"].append((mesh.tint * tint[:, None]).ravel().astype(np.float32))
-        columns["faces"].append((mesh.faces[None] + shift).reshape(-1, 3).astype(np.int32))
-        columns["layer"].append(np.tile(mesh.layer, count))
-        columns["object"].append(np.tile(mesh.labelled * np.int32(object_id), count))
-        self._face_counts.append(np.full(count, len(mesh.faces), np.int64))
         low, high = placed.min(1), placed.max(1)
-        self._centres.append((low + high) / 2)
-        self._radii.append(np.linalg.norm(high - low, axis=-1) / 2)
+        columns = {
+            "vertices": placed.reshape(-1, 3).astype(np.float32),
+            "normals": normals.reshape(-1, 3),
+            "uv": np.tile(mesh.uv, (count, 1)).astype(np.float32),
+            "tint": (mesh.tint * tint[:, None]).ravel().astype(np.float32),
+            "faces": (mesh.faces[None] + shift).reshape(-1, 3).astype(np.int32),
+            "layer": np.tile(mesh.layer, count),
+            "object_id": np.tile(mesh.labelled * np.int32(object_id), count),
+            "instance_centre": (low + high) / 2,
+            "instance_radius": np.linalg.norm(high - low, axis=-1) / 2,
+        }
+        for name, values in columns.items():
+            self._columns[name].append(values)
+        self._face_counts.append(np.full(count, len(mesh.faces), np.int64))
         self._vertex_count += count * size
 
     def place(self, mesh: Mesh, position_m: Float, tint: float = 1.0, object_id: int = 0) -> None:
@@ -109,20 +109,11 @@ class _Assembly:
     def scene_mesh(self) -> SceneMesh:
         """The concatenated arrays of everything placed so far."""
         columns = {name: np.concatenate(parts) for name, parts in self._columns.items()}
-        starts = np.concatenate([[0], np.cumsum(np.concatenate(self._face_counts))])
         return SceneMesh(
-            columns["vertices"],
-            columns["normals"],
-            columns["uv"],
-            columns["tint"],
-            sky_visibility(columns["vertices"], columns["faces"], columns["layer"]),
-            columns["faces"],
-            columns["layer"],
-            columns["object"].astype(np.int32),
-            starts,
-            np.concatenate(self._centres),
-            np.concatenate(self._radii),
-            np.array(self._tree_start, np.int64),
+            **columns,
+            sky=sky_visibility(columns["vertices"], columns["faces"], columns["layer"]),
+            instance_start=np.concatenate([[0], np.cumsum(np.concatenate(self._face_counts))]),
+            tree_start=np.array(self._tree_start, np.int64),
         )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from perceptree.arrays import Float
 from perceptree.simulator.geometry.habits import HABITS, Habit
-from perceptree.simulator.geometry.mesh import Mesh, make_mesh, merge, tubes_mesh
+from perceptree.simulator.geometry.mesh import Mesh, card_faces, make_mesh, merge, tubes_mesh
 from perceptree.simulator.materials.layers import Layer
 from perceptree.simulator.scene.models import TreeModel
 from perceptree.simulator.scene.stem import Stem
@@ -253,14 +253,12 @@ def _cards(
     vertices = spine[:, :, None] + (half_m[:, None] * folded)[:, None]
     upper = np.where(ridge[:, 2:] < 0, -ridge, ridge)[:, None] + 0.6 * habit.fold * wings
     away = vertices - (origins * [0.0, 0.0, 1.0] - 0.5 * UP)[:, None, None]
-    quads = np.array([[0, 3, 4, 1], [1, 4, 5, 2]])
-    local = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
     corners = [(along, across) for along in (0.0, 1.0) for across in (0.0, 0.5, 1.0)]
     return make_mesh(
         vertices.reshape(-1, 3),
         unit(upper[:, None] + 0.9 * unit(away)).reshape(-1, 3),
         np.tile(corners, (len(origins), 1)),
-        (np.arange(len(origins))[:, None, None] * 6 + local).reshape(-1, 3),
+        card_faces(len(origins), 6, [[0, 3, 4, 1], [1, 4, 5, 2]]),
         habit.foliage,
         np.repeat(tint, 6),
     )

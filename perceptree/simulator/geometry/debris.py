@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from perceptree.arrays import Float
 from perceptree.simulator.geometry.mesh import (
+    Cards,
     Mesh,
     cards_mesh,
     make_mesh,
@@ -236,17 +237,9 @@ def _dry_needles(rng: np.random.Generator, wood: Mesh) -> Mesh:
     sides = np.stack([-np.sin(turn), np.cos(turn), rng.normal(0, 0.3, count)], -1)
     size = rng.uniform(0.25, 0.5, count)
     layer = (Layer.FIR_TWIG, Layer.SPRUCE_TWIG, Layer.PINE_TWIG, Layer.BARE_TWIG)[rng.integers(4)]
-    return cards_mesh(
-        origins,
-        unit(axes),
-        unit(sides),
-        size,
-        0.7 * size,
-        origins - UP,
-        layer,
-        np.full(count, rng.uniform(0.6, 0.95)),
-        0.15,
-    )
+    cards = Cards(origins, unit(axes), unit(sides), size, 0.7 * size)
+    tint = np.full(count, rng.uniform(0.6, 0.95))
+    return cards_mesh(cards, origins - UP, layer, tint, 0.15)
 
 
 def _cap(rim: Float, outwards: Float, tint: float) -> Mesh:

@@ -98,6 +98,13 @@ def tube_faces(tubes: int, rings: int, sides: int) -> Int:
     return np.stack([first, second], -2).reshape(-1, 3)
 
 
+def card_faces(cards: int, vertices: int, quads: list[list[int]]) -> Int:
+    """(F, 3) triangles of cards, each with a number of vertices and the same quads (Q, 4)."""
+    corners = np.array(quads)
+    local = np.concatenate([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]])
+    return (np.arange(cards)[:, None, None] * vertices + local).reshape(-1, 3)
+
+
 def surface_mesh(
     vertices: Float, centres: Float, layer: int, repeats: float, repeat_length_m: float, tint: float
 ) -> Mesh:
@@ -153,35 +160,40 @@ def tubes_mesh(
     return surface_mesh(vertices, centres, layer, 1.0, repeat_length_m, tint)
 
 
-def cards_mesh(
-    origins: Float,
-    axes: Float,
-    sides: Float,
-    length_m: Float,
-    width_m: Float,
-    centre: Float,
-    layer: int,
-    tint: Float,
-    droop: float = 0.22,
-) -> Mesh:
-    """Make twig cards: bent, folded strips for textures with alpha.
+class Cards(NamedTuple):
+    """Rectangles for textures with alpha, which plants are composed of.
 
-    Args:
-        origins: (n, 3) feet of the twigs, m.
-        axes: (n, 3) unit vectors along the twigs.
-        sides: (n, 3) unit vectors across the twigs.
+    Attributes:
+        feet: (n, 3) middles of their lower ends, m.
+        axes: (n, 3) unit vectors along them.
+        sides: (n, 3) unit vectors across them.
         length_m: (n,) lengths, m.
         width_m: (n,) widths, m.
+    """
+
+    feet: Float
+    axes: Float
+    sides: Float
+    length_m: Float
+    width_m: Float
+
+
+def cards_mesh(cards: Cards, centre: Float, layer: int, tint: Float, droop: float) -> Mesh:
+    """Make bent, folded twigs.
+
+    Args:
+        cards: The twigs.
         centre: (n, 3) points from which the normals are bent away, so that the shading of the
             foliage shows volume, m.
         layer: Texture layer.
         tint: (n,) brightness factors.
         droop: How far the tips hang down, as a fraction of the length.
     """
-    count = len(origins)
+    feet, axes, sides, length_m, width_m = cards
+    count = len(feet)
     points, coordinates = [], []
     for fraction, lift in ((0.0, 0.0), (0.5, 0.06), (1.0, -droop)):
-        spine = origins + axes * (length_m * fraction)[:, None] + UP * (length_m * lift)[:, None]
+        spine = feet + axes * (length_m * fraction)[:, None] + UP * (length_m * lift)[:, None]
         for side in (-0.5, 0.0, 0.5):
             fold = UP * (width_m * 0.16 * (0.5 - abs(side)))[:, None]
             points.append(spine + sides * (width_m * side)[:, None] + fold)
@@ -190,14 +202,11 @@ def cards_mesh(
     flat = unit(np.cross(vertices[:, 6] - vertices[:, 0], vertices[:, 2] - vertices[:, 0]))
     flat = np.where(flat[:, 2:] < 0, -flat, flat)
     normals = unit(flat[:, None] + 0.9 * unit(vertices - centre[:, None]))
-    quads = np.array([[0, 3, 4, 1], [1, 4, 5, 2], [3, 6, 7, 4], [4, 7, 8, 5]])
-    local = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
-    faces = (np.arange(count)[:, None, None] * 9 + local).reshape(-1, 3)
     return make_mesh(
         vertices.reshape(-1, 3),
         normals.reshape(-1, 3),
         np.stack(coordinates, 1).reshape(-1, 2),
-        faces,
+        card_faces(count, 9, [[0, 3, 4, 1], [1, 4, 5, 2], [3, 6, 7, 4], [4, 7, 8, 5]]),
         layer,
         np.repeat(tint, 9),
     )

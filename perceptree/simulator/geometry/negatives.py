@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 
 from perceptree.simulator.geometry import debris
-from perceptree.simulator.geometry.mesh import Kind, Mesh, cards_mesh, merge, tubes_mesh
+from perceptree.simulator.geometry.mesh import Cards, Kind, Mesh, cards_mesh, merge, tubes_mesh
 from perceptree.simulator.geometry.objects import lying_log
 from perceptree.simulator.geometry.solids import ball, block, limb, painted
 from perceptree.simulator.materials.layers import Layer
@@ -236,8 +236,8 @@ def lens_twig(rng: np.random.Generator) -> Mesh:
     size = rng.uniform(0.15, 0.4, count)
     layer = _LEAVES[rng.integers(len(_LEAVES))]
     tint = rng.uniform(0.7, 1.2, count)
-    leaves = cards_mesh(origins, axes, sides, size, 0.8 * size, origins - UP, layer, tint, 0.15)
-    return merge([wood, leaves])
+    cards = Cards(origins, axes, sides, size, 0.8 * size)
+    return merge([wood, cards_mesh(cards, origins - UP, layer, tint, 0.15)])
 
 
 NEGATIVES: dict[str, Kind] = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from perceptree.arrays import Float
-from perceptree.simulator.geometry.mesh import Mesh, make_mesh, merge, tube_faces, tubes_mesh
+from perceptree.simulator.geometry.mesh import Cards, Mesh, make_mesh, merge, tube_faces, tubes_mesh
 from perceptree.simulator.materials.layers import Layer
 from perceptree.simulator.vectors import UP, unit
 
@@ -28,17 +28,9 @@ def fern(rng: np.random.Generator) -> Mesh:
     rise = rng.uniform(1.1, 2.8, (count, 1))
     length = rng.uniform(0.5, 0.78, count)
     across = directions(azimuth + np.pi / 2) + UP * rng.normal(0, 0.2, (count, 1))
-    return strips(
-        0.04 * outwards - 0.02 * UP,
-        unit(outwards + rise * UP),
-        unit(across),
-        length,
-        length * rng.uniform(0.36, 0.46, count),
-        3,
-        0.32 + 0.1 * rise[:, 0],
-        Layer.FERN,
-        (0.5, 1.0),
-    )
+    foot, width = 0.04 * outwards - 0.02 * UP, length * rng.uniform(0.36, 0.46, count)
+    cards = Cards(foot, unit(outwards + rise * UP), unit(across), length, width)
+    return strips(cards, 3, 0.32 + 0.1 * rise[:, 0], Layer.FERN, (0.5, 1.0))
 
 
 def scrub(rng: np.random.Generator) -> Mesh:
@@ -55,17 +47,8 @@ def scrub(rng: np.random.Generator) -> Mesh:
     axis = unit(UP + directions(azimuth + rng.normal(0, 0.7, count)) * lean[:, None])
     side = unit(np.cross(axis, rng.normal(0, 1, (count, 3))))
     length = height * dome * (1 - 0.75 * share) * rng.uniform(0.75, 1.1, count)
-    return strips(
-        foot,
-        axis,
-        side,
-        length,
-        length * rng.uniform(0.75, 1.0, count),
-        2,
-        rng.uniform(0.0, 0.25, count),
-        Layer.SCRUB,
-        (0.5, 1.1),
-    )
+    cards = Cards(foot, axis, side, length, length * rng.uniform(0.75, 1.0, count))
+    return strips(cards, 2, rng.uniform(0.0, 0.25, count), Layer.SCRUB, (0.5, 1.1))
 
 
 def seedling(rng: np.random.Generator) -> Mesh:
@@ -82,10 +65,8 @@ def seedling(rng: np.random.Generator) -> Mesh:
     axis = unit(directions(azimuth) + UP * rng.uniform(0.1, 0.6, (count, 1)))
     length = height * (0.55 - 0.3 * level) * rng.uniform(0.7, 1.2, count)
     across = directions(azimuth + np.pi / 2) + UP * rng.normal(0, 0.25, (count, 1))
-    leaves = strips(
-        foot, axis, unit(across), length, 0.9 * length, 2, np.full(count, 0.3), layer, (0.8, 1.05)
-    )
-    return merge([stem, leaves])
+    cards = Cards(foot, axis, unit(across), length, 0.9 * length)
+    return merge([stem, strips(cards, 2, np.full(count, 0.3), layer, (0.8, 1.05))])
 
 
 def herb(rng: np.random.Generator) -> Mesh:
@@ -105,17 +86,9 @@ def _rosette(
     azimuth = np.arange(count) * 2 * np.pi / count + rng.normal(0, 0.4, count)
     axis = unit(UP + directions(azimuth) * spread * rng.uniform(0.6, 1.4, (count, 1)))
     length = size_m * rng.uniform(0.75, 1.25, count)
-    return strips(
-        0.03 * directions(azimuth) - 0.02 * UP,
-        axis,
-        directions(azimuth + np.pi / 2),
-        length,
-        length * rng.uniform(0.9, 1.3, count),
-        2,
-        np.full(count, droop),
-        layer,
-        (0.45, 1.15),
-    )
+    foot, side = 0.03 * directions(azimuth) - 0.02 * UP, directions(azimuth + np.pi / 2)
+    cards = Cards(foot, axis, side, length, length * rng.uniform(0.9, 1.3, count))
+    return strips(cards, 2, np.full(count, droop), layer, (0.45, 1.15))
 
 
 def _tuft(rng: np.random.Generator, layer: Layer, size_m: float, lean: float) -> Mesh:
@@ -125,17 +98,9 @@ def _tuft(rng: np.random.Generator, layer: Layer, size_m: float, lean: float) ->
     foot = rng.normal(0, 0.035, (count, 3)) * [1, 1, 0] - 0.02 * UP
     axis = unit(UP + directions(rng.uniform(0, 2 * np.pi, count)) * lean)
     length = size_m * rng.uniform(0.75, 1.15, count)
-    return strips(
-        foot,
-        axis,
-        directions(azimuth),
-        length,
-        length * rng.uniform(0.9, 1.2, count),
-        2,
-        rng.uniform(0.05, 0.35, count),
-        layer,
-        (0.45, 1.1),
-    )
+    width = length * rng.uniform(0.9, 1.2, count)
+    cards = Cards(foot, axis, directions(azimuth), length, width)
+    return strips(cards, 2, rng.uniform(0.05, 0.35, count), layer, (0.45, 1.1))
 
 
 def directions(azimuth_rad: Float) -> Float:
@@ -144,29 +109,18 @@ def directions(azimuth_rad: Float) -> Float:
 
 
 def strips(
-    feet: Float,
-    axes: Float,
-    sides: Float,
-    length_m: Float,
-    width_m: Float,
-    segments: int,
-    droop: Float,
-    layer: int,
-    tint: tuple[float, float],
+    cards: Cards, segments: int, droop: Float, layer: int, tint: tuple[float, float]
 ) -> Mesh:
     """Make n bent cards of 2 * segments faces. Normals are bent up and away from the plant.
 
     Args:
-        feet: (n, 3) feet, m.
-        axes: (n, 3) unit vectors along the cards.
-        sides: (n, 3) unit vectors across the cards.
-        length_m: (n,) lengths, m.
-        width_m: (n,) widths, m.
+        cards: The cards.
         segments: Segments along a card.
         droop: (n,) how far the tips hang below the straight line, as a fraction of the length.
         layer: Texture layer; u runs along a card, v across.
         tint: Brightness factors at foot and tip.
     """
+    feet, axes, sides, length_m, width_m = cards
     share = np.linspace(0, 1, segments + 1)[:, None]
     straight = feet[:, None] + axes[:, None] * (length_m[:, None, None] * share)
     spine = straight - UP * ((droop * length_m)[:, None, None] * share**2)

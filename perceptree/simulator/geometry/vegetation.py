@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from perceptree.simulator.geometry.mesh import Kind, Mesh, merge
+from perceptree.simulator.geometry.mesh import Cards, Kind, Mesh, merge
 from perceptree.simulator.geometry.plants import directions, strips
 from perceptree.simulator.materials.layers import Layer
 from perceptree.simulator.scene.vegetation import TUFT_ASPECTS
@@ -30,17 +30,9 @@ def grass_tuft(rng: np.random.Generator, layer: Layer, aspect: float, lean: floa
     slope = lean * rng.uniform(0.3, 1.7, (count, 1))
     axis = unit(UP + directions(rng.uniform(0, 2 * np.pi, count)) * slope)
     length = rng.uniform(0.95, 1.2, count)
-    return strips(
-        foot,
-        axis,
-        directions(azimuth),
-        length,
-        width * rng.uniform(0.9, 1.2, count),
-        2,
-        rng.uniform(0.05, 0.25, count),
-        layer,
-        (0.4, 1.1),
-    )
+    widths = width * rng.uniform(0.9, 1.2, count)
+    cards = Cards(foot, axis, directions(azimuth), length, widths)
+    return strips(cards, 2, rng.uniform(0.05, 0.25, count), layer, (0.4, 1.1))
 
 
 def hedge_shrub(rng: np.random.Generator, layer: Layer) -> Mesh:
@@ -60,17 +52,9 @@ def _shell(rng: np.random.Generator, layer: Layer, count: int, size: float) -> M
     axes = unit(outwards + UP * rise + 0.4 * rng.normal(0, 1, (count, 3)))
     sides = unit(np.cross(axes, rng.normal(0, 1, (count, 3))))
     length = rng.uniform(0.2, 0.34, count)
-    return strips(
-        feet - 0.35 * axes * length[:, None],
-        axes,
-        sides,
-        length,
-        length * rng.uniform(0.8, 1.1, count),
-        1,
-        np.full(count, 0.12),
-        layer,
-        (0.5, 1.1),
-    )
+    feet -= 0.35 * axes * length[:, None]
+    cards = Cards(feet, axes, sides, length, length * rng.uniform(0.8, 1.1, count))
+    return strips(cards, 1, np.full(count, 0.12), layer, (0.5, 1.1))
 
 
 VEGETATION: dict[str, Kind] = {

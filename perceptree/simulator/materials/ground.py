@@ -156,13 +156,13 @@ def _moss(rng: np.random.Generator) -> tuple[Float, Float]:
     smooth, fine, broad = noise(rng, 3.4), noise(rng, 0.6), noise(rng, 2.4)
     dome, own = _cushions(rng, 13, smooth)
     lumps = 1 - np.minimum(1, np.abs(noise(rng, 1.9)))
-    dome = np.asarray(dome * (0.75 + 0.25 * lumps))
+    dome = dome * (0.75 + 0.25 * lumps)
     light = np.clip(0.24 + 0.52 * dome + 0.10 * fine + 0.06 * broad, 0, 1)
     deep = mix(rgb(28, 36, 16), rgb(92, 106, 46), light)
     yellow = mix(rgb(42, 44, 18), rgb(126, 124, 58), light)
     colour = mix(deep, yellow, np.clip(0.3 + 0.3 * broad + 0.4 * (own - 0.5), 0, 1))
     brown = mix(rgb(32, 25, 18), rgb(102, 80, 54), light)
-    dried = smoothstep(0.7, 1.5, np.asarray(noise(rng, 2.2) + 0.6 * (own - 0.5) - 0.5 * dome))
+    dried = smoothstep(0.7, 1.5, noise(rng, 2.2) + 0.6 * (own - 0.5) - 0.5 * dome)
     canvas = _canvas(mix(colour, brown, 0.85 * dried))
     _strew_needles(rng, canvas, 150)
     _strew_leaves(rng, canvas, 14, 60)
@@ -175,13 +175,13 @@ def _cushions(rng: np.random.Generator, across: int, warp: Float) -> tuple[Float
     edge, cell = jittered_cells(rng, (across, across), 1.5 * warp, 1.5 * bent)
     dome = np.sqrt(np.clip(edge / 0.65, 0, 1))
     own = rng.random(across * across).astype(np.float32)[cell]
-    return _soft(np.asarray(dome * (0.7 + 0.3 * own)), 2), own
+    return _soft(dome * (0.7 + 0.3 * own), 2), own
 
 
 def _roots(rng: np.random.Generator) -> tuple[Float, Float]:
     """A network of thin winding roots on dark humus with crumbs and a few needles."""
     fine, broad = noise(rng, 0.8), noise(rng, 2.0)
-    shade = np.asarray(0.6 * fine + 0.5 * broad)
+    shade = 0.6 * fine + 0.5 * broad
     canvas = _canvas(mix(rgb(33, 27, 22), rgb(68, 55, 44), smoothstep(-1.6, 1.6, shade)))
     _strew_needles(rng, canvas, 650)
     _strew_leaves(rng, canvas, 30, 70)
@@ -209,9 +209,9 @@ def _root(rng: np.random.Generator, canvas: UInt8, width_px: int, level: float) 
 def _mud(rng: np.random.Generator) -> tuple[Float, Float]:
     """Dark wet, compressed soil with footprints, shallow pools, and a few pebbles and leaves."""
     fine, medium, broad = noise(rng, 1.2), noise(rng, 3.3), noise(rng, 3.6)
-    height = np.asarray(1.3 * medium + 1.1 * broad - _prints(rng))
+    height = 1.3 * medium + 1.1 * broad - _prints(rng)
     pool = 1 - smoothstep(-3.0, -2.2, height)
-    shade = smoothstep(-3.0, 3.0, np.asarray(height + 0.35 * fine))
+    shade = smoothstep(-3.0, 3.0, height + 0.35 * fine)
     colour = mix(rgb(42, 34, 27), rgb(70, 57, 45), shade)
     colour = mix(colour, rgb(44, 38, 32), 0.8 * pool)
     canvas = _canvas(colour)

@@ -30,14 +30,14 @@ def _rock(rng: np.random.Generator) -> tuple[Float, Float]:
     grain, medium, broad = noise(rng, 0.4), noise(rng, 2.0), noise(rng, 2.8)
     colour = mix(rgb(74, 72, 69), rgb(118, 115, 110), smoothstep(-1.8, 1.8, medium))
     colour = mix(colour, rgb(58, 56, 54), 0.5 * smoothstep(1.1, 1.7, grain))
-    colour = mix(colour, rgb(146, 141, 134), 0.35 * smoothstep(1.0, 1.7, np.asarray(-grain)))
+    colour = mix(colour, rgb(146, 141, 134), 0.35 * smoothstep(1.0, 1.7, -grain))
     crack = 1 - smoothstep(0.015, 0.075, np.abs(noise(rng, 3.0) + 0.05 * medium))
     colour = mix(colour, rgb(44, 42, 40), 0.75 * crack)
-    crust = smoothstep(0.85, 1.05, np.asarray(noise(rng, 1.9) + 0.18 * grain))
+    crust = smoothstep(0.85, 1.05, noise(rng, 1.9) + 0.18 * grain)
     colour = mix(colour, rgb(136, 141, 124), 0.75 * crust)
-    yellow = smoothstep(1.55, 1.75, np.asarray(noise(rng, 1.9) + 0.2 * grain))
+    yellow = smoothstep(1.55, 1.75, noise(rng, 1.9) + 0.2 * grain)
     colour = mix(colour, rgb(124, 118, 70), 0.7 * yellow)
-    green = smoothstep(1.1, 1.8, np.asarray(broad + 0.2 * medium))
+    green = smoothstep(1.1, 1.8, broad + 0.2 * medium)
     colour = mix(colour, rgb(76, 84, 46), 0.7 * green)
     relief = 0.15 * grain + 1.6 * medium + 2.5 * broad - 2.5 * crack + 0.5 * crust
     return colour, relief
@@ -46,12 +46,12 @@ def _rock(rng: np.random.Generator) -> tuple[Float, Float]:
 def _dead_wood(rng: np.random.Generator) -> tuple[Float, Float]:
     """Weathered wood without bark, with grain and cracks along v."""
     grain, fibre, broad = noise(rng, 1.6, 14.0, 1.0), noise(rng, 0.8, 20.0, 1.0), noise(rng, 2.2)
-    tone = smoothstep(-2.0, 2.0, np.asarray(grain + 0.6 * fibre))
+    tone = smoothstep(-2.0, 2.0, grain + 0.6 * fibre)
     colour = mix(rgb(78, 68, 57), rgb(142, 132, 118), tone)
     colour = mix(colour, rgb(104, 78, 56), 0.6 * smoothstep(0.4, 1.5, broad))
     crack = smoothstep(1.55, 2.1, noise(rng, 1.3, 12.0, 1.0))
     colour = mix(colour, rgb(38, 32, 27), 0.85 * crack)
-    growth = smoothstep(1.5, 2.1, np.asarray(noise(rng, 1.8) + 0.2 * fibre))
+    growth = smoothstep(1.5, 2.1, noise(rng, 1.8) + 0.2 * fibre)
     colour = mix(colour, rgb(112, 116, 92), 0.6 * growth)
     return colour, 0.9 * grain + 0.35 * fibre - 2.2 * crack + 0.3 * broad
 
@@ -66,8 +66,8 @@ def _cut_wood(rng: np.random.Generator) -> tuple[Float, Float]:
     age = np.interp(radius + wobble, _BARK_RADIUS * ring_edges / ring_edges[-1], np.arange(_RINGS))
     season = (age % 1.0) ** 3
     fine = noise(rng, 1.2)
-    colour = mix(rgb(194, 158, 112), rgb(132, 92, 58), np.asarray(0.8 * season))
-    heart = 1 - smoothstep(0.13, 0.20, np.asarray(radius + wobble))
+    colour = mix(rgb(194, 158, 112), rgb(132, 92, 58), 0.8 * season)
+    heart = 1 - smoothstep(0.13, 0.20, radius + wobble)
     colour = mix(colour, colour * rgb(222, 196, 176), 0.9 * heart)
     colour = colour * (1 + 0.05 * noise(rng, 2.0)[..., None] + 0.02 * fine[..., None])
     saw = np.sin(2 * np.pi * (17 * across + 3 * along) + 0.6 * fine)
@@ -84,6 +84,6 @@ def _cracks(rng: np.random.Generator, radius: Float, angle_rad: Float, bend: Flo
         away = angle_rad - rng.uniform(-np.pi, np.pi)
         offset = np.abs((away + np.pi) % (2 * np.pi) - np.pi) * radius + 0.004 * bend
         width = 0.010 * np.clip((radius - rng.uniform(0.05, 0.38)) / 0.4, 0, 1)
-        total = np.maximum(total, smoothstep(0.0, 0.002, np.asarray(width - np.abs(offset))))
+        total = np.maximum(total, smoothstep(0.0, 0.002, width - np.abs(offset)))
     heart = np.abs(np.sin(angle_rad - rng.uniform(0, np.pi)) * radius + 0.003 * bend)
     return np.maximum(total, (1 - smoothstep(0.001, 0.004, heart)) * (radius < 0.07))

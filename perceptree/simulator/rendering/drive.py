@@ -98,12 +98,9 @@ def make_drive(
     slew_deg = rng.uniform(*settings.slew_deg)
     yaw_deg = np.degrees(heading) + slew_deg * _wave(rng, time_s, 1 / rng.uniform(*_SLEW_PERIOD_S))
     slew_rad = np.radians(yaw_deg) - heading
-    pitch = np.arctan2(climb, 3.0) * np.cos(slew_rad) - np.arctan2(tilt, 2 * _TRACK_M) * np.sin(
-        slew_rad
-    )
-    roll = np.arctan2(tilt, 2 * _TRACK_M) * np.cos(slew_rad) + np.arctan2(climb, 3.0) * np.sin(
-        slew_rad
-    )
+    climb_rad, tilt_rad = np.arctan2(climb, 3.0), np.arctan2(tilt, 2 * _TRACK_M)
+    pitch = climb_rad * np.cos(slew_rad) - tilt_rad * np.sin(slew_rad)
+    roll = tilt_rad * np.cos(slew_rad) + climb_rad * np.sin(slew_rad)
     pitch_deg = rng.uniform(*ranges.pitch_deg) + 0.5 * np.degrees(_smooth(pitch, _WHEELBASE_S))
     roll_deg = 0.5 * np.degrees(_smooth(roll, _WHEELBASE_S))
     pitch_deg = pitch_deg + sway_deg * _wave(rng, time_s, rng.uniform(*_SWAY_HZ))

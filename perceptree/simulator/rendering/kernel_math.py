@@ -1,13 +1,15 @@
-"""Numba functions for the shading kernels: noise, smooth steps and texture sampling."""
+"""Numba functions for the kernels: noise, smooth steps and texture sampling."""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
 
-from perceptree.simulator.materials.layers import SIZE_PX
+from perceptree.simulator.materials.layers import FIRST_CUTOUT, FIRST_OBJECT, SIZE_PX
 
 _f32 = np.float32
+_AREA = np.float32(SIZE_PX * SIZE_PX)
+_FIRST_CUTOUT, _FIRST_OBJECT = int(FIRST_CUTOUT), int(FIRST_OBJECT)
 
 
 @njit(inline="always", cache=True, error_model="numpy")
@@ -57,6 +59,34 @@ def normalise(vector):
     scale = _f32(1) / (length + _f32(1e-9))
     for axis in range(3):
         vector[axis] *= scale
+
+
+@njit(inline="always", cache=True, error_model="numpy")
+def is_cutout(texture):
+    """Whether a layer is cut out by its alpha."""
+    return _FIRST_CUTOUT <= texture < _FIRST_OBJECT
+
+
+@njit(inline="always", cache=True, error_model="numpy")
+def face_texels(corners, u, i, j, k):
+    """Twice the area of a face in texels of the finest mip level.
+
+    ``corners`` (V, n) holds the texture coordinates of the vertices in the columns u and u + 1.
+    """
+    return _AREA * abs(
+        (corners[j, u] - corners[i, u]) * (corners[k, u + 1] - corners[i, u + 1])
+        - (corners[k, u] - corners[i, u]) * (corners[j, u + 1] - corners[i, u + 1])
+    )
+
+
+@njit(inline="always", cache=True, error_model="numpy")
+def mip_level(texels, most, last):
+    """The first mip level with at most ``most`` texels in an area, or the last one."""
+    level = 0
+    while texels > most and level < last:
+        texels *= _f32(0.25)
+        level += 1
+    return level
 
 
 @njit(inline="always", cache=True, error_model="numpy")

@@ -29,6 +29,29 @@ class Surface(NamedTuple):
     cover: Float32
 
 
+class Triangles(NamedTuple):
+    """Triangles to rasterise, on the screen.
+
+    Attributes:
+        screen: (V, 3) projected vertices: x px, y px and 1 / z or nearness.
+        faces: (F, 3) vertex numbers.
+        uv: (V, 2) texture coordinates.
+        layer: (F,) texture layers.
+        alpha: (N,) alpha of all layers and mip levels.
+        offsets: (levels,) first texel of each mip level.
+        perspective: Whether the projection is perspective, so that texture coordinates must be
+            corrected.
+    """
+
+    screen: Float32
+    faces: Int32
+    uv: Float32
+    layer: UInt8
+    alpha: UInt8
+    offsets: Int64
+    perspective: bool
+
+
 class FarStand(NamedTuple):
     """A photographed sky and far stand around the scene.
 
@@ -72,7 +95,7 @@ class Maps(NamedTuple):
     far_view: Float32
 
 
-class ShadingCamera(NamedTuple):
+class SampleCamera(NamedTuple):
     """Camera of the sample grid.
 
     Attributes:

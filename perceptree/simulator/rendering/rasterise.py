@@ -10,31 +10,27 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
-from perceptree.simulator.materials.layers import FIRST_CUTOUT, FIRST_OBJECT, SIZE_PX
+from perceptree.simulator.materials.layers import SIZE_PX
+from perceptree.simulator.rendering.kernel_math import face_texels, is_cutout, mip_level
 
 BANDS = 8  # bands of rows that are drawn in parallel
 NEAR_PLANE_M = np.float32(0.05)
-_FIRST_CUTOUT, _FIRST_OBJECT = int(FIRST_CUTOUT), int(FIRST_OBJECT)
+_COARSEST = 6  # mip level of distant cut-outs
 _SIZE = SIZE_PX
-_AREA = np.float32(SIZE_PX * SIZE_PX)
 _f32 = np.float32
 
 
 @njit(parallel=True, cache=True, error_model="numpy")
-def project_vertices(vertices, rotation, origin, focal_x, focal_y, centre_x, centre_y, screen):
+def project_vertices(vertices, camera, screen):
     """Project vertices by a pinhole camera.
 
     Args:
         vertices: (V, 3) float32 world points, m.
-        rotation: (3, 3) camera axes; the rows are right, down and forward.
-        origin: (3,) camera position, m.
-        focal_x: Horizontal focal length, px.
-        focal_y: Vertical focal length, px.
-        centre_x: Principal point, px.
-        centre_y: Principal point, px.
+        camera: Camera of the samples.
         screen: (V, 3) float32, receives x px, y px and 1 / z; -1 for the last one where a vertex
             is behind the near plane.
     """
+    rotation, origin = camera.rotation, camera.origin
     for i in prange(vertices.shape[0]):
         x = vertices[i, 0] - origin[0]
         y = vertices[i, 1] - origin[1]
@@ -44,8 +40,8 @@ def project_vertices(vertices, rotation, origin, focal_x, focal_y, centre_x, cen
             inverse = _f32(1) / depth
             right = rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z
             down = rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z
-            screen[i, 0] = right * inverse * focal_x + centre_x
-            screen[i, 1] = down * inverse * focal_y + centre_y
+            screen[i, 0] = right * inverse * camera.focal_x + camera.centre_x
+            screen[i, 1] = down * inverse * camera.focal_y + camera.centre_y
             screen[i, 2] = inverse
         else:
             screen[i, 2] = _f32(-1)
@@ -95,45 +91,18 @@ def bin_faces(screen, faces, width, height, counts, lists):
 
 
 @njit(inline="always", cache=True, error_model="numpy")
-def _texels(uv, i, j, k):
-    """Twice the area of a face in texels of the finest mip level."""
-    return _AREA * abs(
-        (uv[j, 0] - uv[i, 0]) * (uv[k, 1] - uv[i, 1])
-        - (uv[k, 0] - uv[i, 0]) * (uv[j, 1] - uv[i, 1])
-    )
-
-
-@njit(inline="always", cache=True, error_model="numpy")
-def _cutout(uv, i, j, k, area, texture, offsets):
+def _cutout(triangles, i, j, k, area, texture):
     """Size, first texel and alpha threshold of the mip level for a cut-out face."""
-    level, ratio = 0, _texels(uv, i, j, k) / abs(area)
-    while ratio > _f32(2) and level < 6:
-        ratio *= _f32(0.25)
-        level += 1
+    level = mip_level(face_texels(triangles.uv, 0, i, j, k) / abs(area), _f32(2), _COARSEST)
     size = _SIZE >> level
-    return (
-        size,
-        offsets[level] + texture * size * size,
-        _f32(127.5) / (_f32(1) + _f32(0.28) * level),
-    )
+    threshold = _f32(127.5) / (_f32(1) + _f32(0.28) * level)
+    return size, triangles.offsets[level] + texture * size * size, threshold
 
 
 @njit(cache=True, error_model="numpy")
-def _draw_face(
-    face,
-    top,
-    bottom,
-    screen,
-    faces,
-    uv,
-    layer,
-    alpha,
-    offsets,
-    perspective,
-    depth_buffer,
-    face_buffer,
-):
+def _draw_face(face, top, bottom, triangles, depth_buffer, face_buffer):
     """Draw one face into the rows ``top`` to ``bottom``."""
+    faces, screen, uv = triangles.faces, triangles.screen, triangles.uv
     i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
     x0, y0, w0 = screen[i, 0], screen[i, 1], screen[i, 2]
     x1, y1, w1 = screen[j, 0], screen[j, 1], screen[j, 2]
@@ -145,11 +114,11 @@ def _draw_face(
     right = min(depth_buffer.shape[1] - 1, int(np.floor(max(x0, max(x1, x2)) - _f32(0.5))))
     first = max(top, int(np.ceil(min(y0, min(y1, y2)) - _f32(0.5))))
     last = min(bottom - 1, int(np.floor(max(y0, max(y1, y2)) - _f32(0.5))))
-    texture = int(layer[face])
-    cutout = _FIRST_CUTOUT <= texture < _FIRST_OBJECT
+    texture = int(triangles.layer[face])
+    cutout = is_cutout(texture)
     size, base, threshold = _SIZE, 0, _f32(0)
     if cutout and left <= right and first <= last:
-        size, base, threshold = _cutout(uv, i, j, k, area, texture, offsets)
+        size, base, threshold = _cutout(triangles, i, j, k, area, texture)
     inverse = _f32(1) / area
     a_dx, a_dy = (y1 - y2) * inverse, (x2 - x1) * inverse
     b_dx, b_dy = (y2 - y0) * inverse, (x0 - x2) * inverse
@@ -164,12 +133,12 @@ def _draw_face(
                 visible = True
                 if cutout:
                     pa, pb, pc, scale = a, b, c, _f32(size)
-                    if perspective:
+                    if triangles.perspective:
                         pa, pb, pc, scale = a * w0, b * w1, c * w2, size / nearness
                     column = int((pa * uv[i, 0] + pb * uv[j, 0] + pc * uv[k, 0]) * scale)
                     row = int((pa * uv[i, 1] + pb * uv[j, 1] + pc * uv[k, 1]) * scale)
                     texel = base + (row & (size - 1)) * size + (column & (size - 1))
-                    visible = alpha[texel] > threshold
+                    visible = triangles.alpha[texel] > threshold
                 if visible:
                     depth_buffer[y, x] = nearness
                     face_buffer[y, x] = face
@@ -178,25 +147,16 @@ def _draw_face(
 
 
 @njit(parallel=True, cache=True, error_model="numpy")
-def draw_faces(
-    screen, faces, uv, layer, alpha, offsets, counts, lists, perspective, depth_buffer, face_buffer
-):
+def draw_faces(triangles, counts, lists, depth_buffer, face_buffer):
     """Rasterise faces.
 
     Cut-out layers are tested against their alpha at a mip level that fits their size on the
     screen. The threshold decreases with the level, so that foliage does not vanish with distance.
 
     Args:
-        screen: (V, 3) projected vertices.
-        faces: (F, 3) vertex numbers.
-        uv: (V, 2) texture coordinates.
-        layer: (F,) texture layers.
-        alpha: (N,) uint8 alpha of all layers and mip levels.
-        offsets: (levels,) first texel of each mip level.
+        triangles: The triangles.
         counts: (bands,) number of faces of each band.
         lists: (bands, F) faces of each band.
-        perspective: Whether the projection is perspective, so that texture coordinates must be
-            corrected.
         depth_buffer: (H, W) float32, receives the largest 1 / z (or nearness), 0 where empty.
         face_buffer: (H, W) int32, receives the face of it, -1 where empty.
     """
@@ -207,17 +167,4 @@ def draw_faces(
         depth_buffer[top:bottom] = _f32(0)
         face_buffer[top:bottom] = -1
         for entry in range(counts[band]):
-            _draw_face(
-                lists[band, entry],
-                top,
-                bottom,
-                screen,
-                faces,
-                uv,
-                layer,
-                alpha,
-                offsets,
-                perspective,
-                depth_buffer,
-                face_buffer,
-            )
+            _draw_face(lists[band, entry], top, bottom, triangles, depth_buffer, face_buffer)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,8 +15,9 @@ from perceptree.simulator.rendering.kernel_types import (
     Atmosphere,
     FarStand,
     Maps,
-    ShadingCamera,
+    SampleCamera,
     Surface,
+    Triangles,
 )
 from perceptree.simulator.rendering.rasterise import (
     BANDS,
@@ -58,8 +60,7 @@ class Drawing:
     object_id: Int32
 
 
-@dataclass(frozen=True)
-class _Buffers:
+class _Buffers(NamedTuple):
     depth_buffer: Float32
     face_buffer: Int32
 
@@ -121,37 +122,20 @@ class Renderer:
         bin_faces(self._screen, faces, width, height, counts, lists)
         depth_buffer = np.empty((height, width), np.float32)
         face_buffer = np.empty((height, width), np.int32)
-        draw_faces(
-            self._screen,
-            faces,
-            mesh.uv,
-            layer,
-            textures.alpha,
-            textures.offsets,
-            counts,
-            lists,
-            perspective,
-            depth_buffer,
-            face_buffer,
+        triangles = Triangles(
+            self._screen, faces, mesh.uv, layer, textures.alpha, textures.offsets, perspective
         )
+        draw_faces(triangles, counts, lists, depth_buffer, face_buffer)
         return _Buffers(depth_buffer, face_buffer)
 
     def draw(self, view: View) -> Drawing:
         """Render colour at twice the image resolution, and depth and labels at pixel centres."""
         grid = sample_grid(view)
         numbers = visible_faces(self._mesh, view)
-        project_vertices(
-            self._mesh.vertices,
-            view.rotation.astype(_f32),
-            view.origin.astype(_f32),
-            _f32(grid.focal_x),
-            _f32(grid.focal_y),
-            _f32(grid.centre_x),
-            _f32(grid.centre_y),
-            self._screen,
-        )
+        camera = _sample_camera(view, grid)
+        project_vertices(self._mesh.vertices, camera, self._screen)
         buffers = self._rasterise(numbers, grid.width, grid.height, perspective=True)
-        samples, log_luminance = self._shade(view, grid, numbers, buffers)
+        samples, log_luminance = self._shade(camera, grid, numbers, buffers)
         seen = np.asarray(grid.nearest(buffers.face_buffer), np.int32)
         hit = seen >= 0
         if grid.distorted:
@@ -164,7 +148,7 @@ class Renderer:
         return Drawing(grid.resample(samples), log_luminance, depth_m, object_id)
 
     def _shade(
-        self, view: View, grid: SampleGrid, numbers: Int64, buffers: _Buffers
+        self, camera: SampleCamera, grid: SampleGrid, numbers: Int64, buffers: _Buffers
     ) -> tuple[Float32, float]:
         mesh, textures = self._mesh, self._textures
         samples = np.empty((grid.height, grid.width, 3), np.float32)
@@ -189,26 +173,16 @@ class Renderer:
             self._far_stand.root,
             self._far_stand.view,
         )
-        camera = ShadingCamera(
-            view.origin.astype(_f32),
-            view.rotation.astype(_f32),
-            _f32(grid.focal_x),
-            _f32(grid.focal_y),
-            _f32(grid.centre_x),
-            _f32(grid.centre_y),
-        )
-        shade_samples(
-            buffers.depth_buffer,
-            buffers.face_buffer,
-            surface,
-            maps,
-            camera,
-            self._atmosphere,
-            samples,
-            log_sum,
-        )
+        shade_samples(*buffers, surface, maps, camera, self._atmosphere, samples, log_sum)
         blocks = (grid.height // 2) * (grid.width // 2)
         return samples, float(log_sum.sum(dtype=np.float64) / blocks)
+
+
+def _sample_camera(view: View, grid: SampleGrid) -> SampleCamera:
+    lengths = (grid.focal_x, grid.focal_y, grid.centre_x, grid.centre_y)
+    return SampleCamera(
+        view.origin.astype(_f32), view.rotation.astype(_f32), *(_f32(each) for each in lengths)
+    )
 
 
 def _corners(mesh: SceneMesh) -> Float32:

@@ -49,15 +49,13 @@ def _like_last_foliage(depth_buffer, face_buffer, x, y, layer, shared):
 
 
 @njit(cache=True, error_model="numpy")
-def _shade_sample(
-    x, y, depth_buffer, face_buffer, surface, maps, camera, atmosphere, scratch, shared
-):
+def _shade_sample(x, y, depth_buffer, face_buffer, surface, maps, camera, atmosphere, scratch):
     """Compute the colour of one sample into ``scratch[0]``; the other arrays are work space.
 
-    ``shared`` holds the values of the last shaded sample of the block: depth, sunlight and
+    The last one holds the values of the last shaded sample of the block: depth, sunlight and
     ambient openness, which samples of equal depth reuse, and its layer if it is foliage, else -1.
     """
-    colour, ray, world, point, normal, work, texel = scratch
+    colour, ray, world, point, normal, work, texel, shared = scratch
     ray[0] = (x + _f32(0.5) - camera.centre_x) / camera.focal_x
     ray[1] = (y + _f32(0.5) - camera.centre_y) / camera.focal_y
     length = np.sqrt(ray[0] * ray[0] + ray[1] * ray[1] + _f32(1))
@@ -130,17 +128,10 @@ def shade_samples(depth_buffer, face_buffer, surface, maps, camera, atmosphere, 
     """
     height, width = depth_buffer.shape
     for pair in prange(height // 2):
-        colour = np.empty(3, np.float32)
-        scratch = (
-            colour,
-            np.empty(3, np.float32),
-            np.empty(3, np.float32),
-            np.empty(3, np.float32),
-            np.empty(3, np.float32),
-            np.empty(4, np.float32),
-            np.empty(3, np.float32),
-        )
-        shared = np.zeros(4, np.float32)
+        colour, ray, world = np.empty(3, _f32), np.empty(3, _f32), np.empty(3, _f32)
+        point, normal, texel = np.empty(3, _f32), np.empty(3, _f32), np.empty(3, _f32)
+        work, shared = np.empty(4, _f32), np.zeros(4, _f32)
+        scratch = (colour, ray, world, point, normal, work, texel, shared)
         total = _f32(0)
         for column in range(width // 2):
             shared[_DEPTH], shared[_FOLIAGE_LAYER] = _f32(0), _f32(-1)
@@ -153,16 +144,7 @@ def shade_samples(depth_buffer, face_buffer, surface, maps, camera, atmosphere, 
                     continue
                 if not _like_last_foliage(depth_buffer, face_buffer, x, y, surface.layer, shared):
                     _shade_sample(
-                        x,
-                        y,
-                        depth_buffer,
-                        face_buffer,
-                        surface,
-                        maps,
-                        camera,
-                        atmosphere,
-                        scratch,
-                        shared,
+                        x, y, depth_buffer, face_buffer, surface, maps, camera, atmosphere, scratch
                     )
                 for c in range(3):
                     out[y, x, c] = colour[c]

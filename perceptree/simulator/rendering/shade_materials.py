@@ -14,11 +14,13 @@ from perceptree.simulator.materials.layers import (
     FIRST_OBJECT,
     LAST_BARK,
     MIP_LEVELS,
-    SIZE_PX,
     Layer,
 )
 from perceptree.simulator.rendering.kernel_math import (
     cloud,
+    face_texels,
+    is_cutout,
+    mip_level,
     nearest,
     normalise,
     ramp,
@@ -27,26 +29,10 @@ from perceptree.simulator.rendering.kernel_math import (
 )
 
 _f32 = np.float32
-_AREA = np.float32(SIZE_PX * SIZE_PX)
 _FIRST_CUTOUT, _FIRST_GROUND, _LAST_BARK = int(FIRST_CUTOUT), int(FIRST_GROUND), int(LAST_BARK)
 _DEAD_WOOD, _CUT_WOOD, _MUD = int(Layer.DEAD_WOOD), int(Layer.CUT_WOOD), int(Layer.MUD)
 _FIRST_PLANT, _FIRST_OBJECT = int(Layer.GRASS), int(FIRST_OBJECT)
 _MUD_COVER = _MUD - _FIRST_GROUND
-
-
-@njit(inline="always", cache=True, error_model="numpy")
-def is_foliage(texture):
-    """Whether a layer is cut out by its alpha."""
-    return _FIRST_CUTOUT <= texture < _FIRST_OBJECT
-
-
-@njit(inline="always", cache=True, error_model="numpy")
-def _texels(corners, i, j, k):
-    """Twice the area of a face in texels of the finest mip level."""
-    return _AREA * abs(
-        (corners[j, 3] - corners[i, 3]) * (corners[k, 4] - corners[i, 4])
-        - (corners[k, 3] - corners[i, 3]) * (corners[j, 4] - corners[i, 4])
-    )
 
 
 @njit(cache=True, error_model="numpy")
@@ -145,7 +131,7 @@ def _snow(colour, normal, up, point, open_sky, texture, snow):
         share = ramp(_f32(0.1), _f32(0.6), up + _f32(0.5) * (fine - _f32(0.5))) * min(
             _f32(1), snow * _f32(1.4)
         )
-    elif is_foliage(texture):
+    elif is_cutout(texture):
         share = ramp(_f32(0.35), _f32(0.8), up + _f32(0.5) * (fine - _f32(0.5))) * snow * open_sky
     else:
         lean = up + _f32(0.35) * (fine - _f32(0.5)) + _f32(0.2) * (grain - _f32(0.5))
@@ -162,7 +148,7 @@ def _snow(colour, normal, up, point, open_sky, texture, snow):
 def _paint(colour, normal, point, world, u, v, tint, level, texture, surface, maps, work, texel):
     """Albedo and textured normal of a dry surface without snow; returns its gloss."""
     texture_layer = maps.texture_layer[texture]
-    if is_foliage(texture):
+    if is_cutout(texture):
         nearest(maps.albedo, maps.offsets, texture_layer, level, u, v, colour)
         if normal[0] * world[0] + normal[1] * world[1] + normal[2] * world[2] > 0:
             for axis in range(3):
@@ -181,7 +167,7 @@ def _paint(colour, normal, point, world, u, v, tint, level, texture, surface, ma
 @njit(inline="always", cache=True, error_model="numpy")
 def _wet(colour, gloss, texture, wet):
     """Darken a wet surface, and make it glossy unless it is foliage; returns the gloss."""
-    foliage = is_foliage(texture)
+    foliage = is_cutout(texture)
     darker = _f32(1) - wet * (_f32(0.18) if foliage else _f32(0.45))
     for channel in range(3):
         colour[channel] *= darker
@@ -221,10 +207,8 @@ def material(colour, normal, point, world, face, x, y, z, surface, maps, atmosph
     v = a * corners[i, 4] + b * corners[j, 4] + c * corners[k, 4]
     tint = a * corners[i, 5] + b * corners[j, 5] + c * corners[k, 5]
     open_sky = a * corners[i, 6] + b * corners[j, 6] + c * corners[k, 6]
-    level, ratio = 0, _texels(corners, i, j, k) * density
-    while ratio > _f32(0.6) and level < MIP_LEVELS - 1:
-        ratio *= _f32(0.25)
-        level += 1
+    texels = face_texels(corners, 3, i, j, k) * density
+    level = mip_level(texels, _f32(0.6), MIP_LEVELS - 1)
     texture = int(surface.layer[face])
     normalise(normal)
     upwards = normal[2]
@@ -234,7 +218,7 @@ def material(colour, normal, point, world, face, x, y, z, surface, maps, atmosph
     gloss = _wet(colour, gloss, texture, atmosphere.wet)
     if atmosphere.snow > 0:
         gloss *= _f32(1) - _snow(colour, normal, upwards, point, open_sky, texture, atmosphere.snow)
-    foliage = is_foliage(texture)
+    foliage = is_cutout(texture)
     if not foliage:
         normalise(normal)
     return open_sky, foliage, gloss

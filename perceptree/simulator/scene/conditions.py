@@ -8,6 +8,7 @@ import numpy as np
 
 from perceptree.arrays import Float
 from perceptree.simulator.settings import TIMES, WEATHERS, LightSettings, WeatherSettings
+from perceptree.simulator.streams import choose
 
 # Ranges of the extinction. By Koschmieder (1924) the visibility is 3.9 over it: 0.8 to 4 km in
 # clear air, 60 to 260 m in fog.
@@ -91,11 +92,6 @@ _INFRARED_SKY = (0.0001, 0.0012)  # ambient light over that of the infrared lamp
 _INFRARED_SCATTER_M = (0.1, 0.4)  # light that the air throws back, over extinction and lamp
 
 
-def _choose(rng: np.random.Generator, weights: dict[str, float], known: tuple[str, ...]) -> str:
-    shares = np.array([weights.get(name, 0.0) for name in known])
-    return known[rng.choice(len(known), p=shares / shares.sum())]
-
-
 def make_weather(rng: np.random.Generator, settings: WeatherSettings) -> Weather:
     """Draw the weather of a scene.
 
@@ -105,7 +101,7 @@ def make_weather(rng: np.random.Generator, settings: WeatherSettings) -> Weather
         rng: Source of random numbers.
         settings: Weights of the kinds, and range of the strength.
     """
-    kind = _choose(rng, settings.kinds, WEATHERS)
+    kind = choose(rng, settings.kinds, WEATHERS)
     strength = float(rng.uniform(*settings.strength))
     haze = float(rng.uniform(*_CLEAR_AIR_PER_M))
     if kind == "fog":
@@ -134,7 +130,7 @@ def make_light(rng: np.random.Generator, settings: LightSettings, weather: Weath
         settings: Weights of the times of day, and fraction of overcast scenes.
         weather: Weather of the scene.
     """
-    time = _choose(rng, settings.times, TIMES)
+    time = choose(rng, settings.times, TIMES)
     sky = _TIMES_OF_DAY[time]
     elevation, azimuth = np.radians(rng.uniform(*sky.elevation_deg)), rng.uniform(0, 2 * np.pi)
     across = np.cos(elevation)

@@ -20,11 +20,7 @@ from perceptree.simulator.scene.conditions import (
     make_light,
     make_weather,
 )
-from perceptree.simulator.scene.felling_cut import (
-    DIAMETER_ABOVE_CUT_M,
-    cut_height_m,
-    is_near_foot,
-)
+from perceptree.simulator.scene.felling_cut import DIAMETER_ABOVE_CUT_M, cut_height_m, is_near_foot
 from perceptree.simulator.scene.models import MODELS, TreeModel
 from perceptree.simulator.scene.objects import place_objects
 from perceptree.simulator.scene.scatter import Placement, scatter, scatter_roots
@@ -40,7 +36,7 @@ from perceptree.simulator.settings import (
     SimulatorSettings,
     StandSettings,
 )
-from perceptree.simulator.streams import Stream, stream
+from perceptree.simulator.streams import Stream, choose, stream
 
 NEAR_M = 18.0  # trees within this distance of the centre have full detail
 _OBSTACLES_M = {"rock": (0.22, 0.17), "stump": (0.18, 0.33)}  # typical radius and height
@@ -164,8 +160,7 @@ def describe_scene(settings: SimulatorSettings, seed: int) -> Scene:
     rng = stream(seed, Stream.SCENE)
     stand = settings.stand
     terrain = make_terrain(rng, settings.terrain)
-    weights = np.array([stand.patterns.get(name, 0.0) for name in PATTERNS])
-    pattern = PATTERNS[rng.choice(len(PATTERNS), p=weights / weights.sum())]
+    pattern = choose(rng, stand.patterns, PATTERNS)
     stems_per_ha = float(rng.uniform(*stand.stems_per_ha))
     feet = stem_positions(rng, stand, terrain, stems_per_ha, pattern)
     circuit = make_circuit(stream(seed, Stream.CIRCUIT)) if settings.drive.rate_hz else None

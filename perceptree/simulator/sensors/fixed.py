@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from perceptree.simulator.settings import DEPTH_KINDS, SimulatorSettings
+from perceptree.simulator.streams import choose
 
 _RGB_RANGES = ("exposure", "noise", "blur_px", "white_balance")
 _DEPTH_RANGES = (
@@ -23,8 +24,7 @@ _DEPTH_RANGES = (
 def fixed_sensors(rng: np.random.Generator, settings: SimulatorSettings) -> SimulatorSettings:
     """Draw the sensor parameters once and return settings in which they no longer vary."""
     depth = settings.depth
-    shares = np.array([depth.kinds.get(kind, 0.0) for kind in DEPTH_KINDS])
-    kind = DEPTH_KINDS[rng.choice(len(DEPTH_KINDS), p=shares / shares.sum())]
+    kind = choose(rng, depth.kinds, DEPTH_KINDS)
     return replace(
         settings,
         rgb=replace(settings.rgb, **_drawn(rng, settings.rgb, _RGB_RANGES)),

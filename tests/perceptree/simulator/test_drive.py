@@ -10,11 +10,11 @@ import pytest
 
 from calib import PinholeCamera, opencv_to_image, pixels_to_rays
 from perceptree.simulator.dataset.frames import Assets, simulate_frames
+from perceptree.simulator.dataset.plan import DatasetPlan
 from perceptree.simulator.dataset.scene_job import SceneJob, draw_scene
 from perceptree.simulator.rendering.drive import GRAVITY_M_PER_S2, IMU_HZ, Drive, make_drive
 from perceptree.simulator.scene.description import describe_scene
 from perceptree.simulator.settings import CameraSettings, DriveSettings, SimulatorSettings
-from perceptree.simulator.settings.files import FileSettings
 from perceptree.simulator.settings.presets import PRESETS
 from perceptree.simulator.streams import Stream, stream
 
@@ -35,7 +35,7 @@ def dataset(tmp_path_factory, settings, textures, prototypes) -> Path:
     folder = tmp_path_factory.mktemp("drive")
     for name in ("images", "depth", "depth8", "depth_exact", "scenes"):
         (folder / name).mkdir()
-    job = SceneJob(folder, settings, FileSettings(), 4, 1, FRAMES)
+    job = SceneJob(folder, DatasetPlan(settings, 4), 1, FRAMES)
     assert draw_scene(job, Assets(textures, prototypes)) == FRAMES
     assert job.records()
     return folder

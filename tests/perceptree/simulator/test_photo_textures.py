@@ -14,7 +14,8 @@ import pytest
 from basetree.errors import SettingsError
 from perceptree.errors import DatasetError
 from perceptree.simulator.dataset.frames import Assets, simulate_frames
-from perceptree.simulator.dataset.generate import generate_dataset, settings_sha256
+from perceptree.simulator.dataset.generate import generate_dataset
+from perceptree.simulator.dataset.plan import settings_sha256
 from perceptree.simulator.labelling.annotate import frame_record
 from perceptree.simulator.materials.layers import SIZE_PX, Layer
 from perceptree.simulator.materials.textures import layer_texels

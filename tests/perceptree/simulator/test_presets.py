@@ -17,7 +17,8 @@ from perceptree.simulator.dataset.frozen import (
     preset_sha256,
     read_frozen,
 )
-from perceptree.simulator.dataset.generate import generate_dataset, settings_sha256
+from perceptree.simulator.dataset.generate import generate_dataset
+from perceptree.simulator.dataset.plan import settings_sha256
 from perceptree.simulator.dataset.splits import assign_splits
 from perceptree.simulator.settings import GROUNDS, TIMES, WEATHERS
 from perceptree.simulator.settings.files import FileSettings

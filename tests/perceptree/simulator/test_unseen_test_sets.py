@@ -12,6 +12,7 @@ import pytest
 
 from perceptree.simulator.dataset.frozen import FROZEN_PRESETS
 from perceptree.simulator.dataset.generate import scene_jobs
+from perceptree.simulator.dataset.plan import DatasetPlan
 from perceptree.simulator.settings.presets import PRESETS
 
 ROOT = Path(__file__).parents[3]
@@ -22,7 +23,9 @@ CARDS = sorted(FOLDER.glob("*.json"))
 def frozen_scenes(name: str) -> set[int]:
     """Seeds of the scenes of a frozen set; the same seed and mix give the same scene."""
     preset = PRESETS[name]
-    jobs = scene_jobs(Path(), preset.frames, preset.settings, preset.seed, preset.files)
+    jobs = scene_jobs(
+        Path(), preset.frames, DatasetPlan(preset.settings, preset.seed, preset.files)
+    )
     return {job.scene_seed for job in jobs}
 
 
@@ -35,7 +38,7 @@ def scenes_of(entry: dict[str, Any]) -> set[int]:
     """Seeds of the first scenes of a dataset, as the simulator derives them."""
     preset = PRESETS["test"]  # all of its scenes are in one split, so that few are no error
     settings = replace(preset.settings, views_per_scene=1)
-    jobs = scene_jobs(Path(), entry["scenes"], settings, entry["seed"], preset.files)
+    jobs = scene_jobs(Path(), entry["scenes"], DatasetPlan(settings, entry["seed"], preset.files))
     return {job.scene_seed for job in jobs}
 
 
