@@ -32,15 +32,10 @@ from calib.depth_scale import (
     read_target,
     save_depth_scale,
 )
+from calib.directions import CAMERA_UP
 from calib.errors import CameraError, DepthError
 from calib.files import load_camera, load_transform, save_camera, save_transform
-from calib.ground import (
-    CAMERA_UP,
-    GroundPlane,
-    GroundPlaneFailure,
-    fit_ground_plane,
-    fit_ground_planes,
-)
+from calib.ground import GroundPlane, GroundPlaneFailure, fit_ground_plane, fit_ground_planes
 from calib.labels import CocoLabels
 from calib.letterbox import Letterbox
 from calib.masks import CocoRle, encode_rle, mask_polygons, paste_mask

@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike
 
 from basetree.arrays import Bool, Float, Index
 from basetree.errors import InputError
+from calib.directions import CAMERA_UP
 from calib.errors import Failure
 from calib.ground_cloud import GroundCloud
 
-CAMERA_UP = (0.0, -1.0, 0.0)
 _MIN_POINTS = 12
 _MIN_INLIER_SHARE = 0.1
 _REFINEMENTS = 3
