@@ -141,7 +141,13 @@ def _tilt(inverse_depth: Float, axis: int) -> Float:
 
 
 def _splat(patches: _Patches, inverse_depth: Float, camera: PinholeCamera) -> None:
-    """Update ``inverse_depth`` (H x W,) of the colour pixels with the patches that cover them."""
+    """Update ``inverse_depth`` (H x W,) of the colour pixels with the patches that cover them.
+
+    Each patch has a box of colour pixels around it. The boxes of all patches are gone through
+    together, row by row and from left to right. At every step, the place of the pixel in depth px
+    from the patch's centre, and its inverse depth there, change by the same amounts; a pixel within
+    the patch keeps the largest inverse depth that it gets.
+    """
     (ux, uy), (vx, vy) = patches.along_u_px.T, patches.along_v_px.T
     area = ux * vy - uy * vx
     centre = image_to_opencv(patches.centre_px)

@@ -75,7 +75,8 @@ def options(
         from basetree.files import current_limits, set_limits
 
         limit = max_megapixels * 1_000_000
-        set_limits(replace(current_limits(), image_pixels=limit))
+        before = set_limits(replace(current_limits(), image_pixels=limit))
+        context.call_on_close(lambda: set_limits(before))
     if require_signature:
         from edgetree.signing import require_signatures
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -123,15 +123,12 @@ class TreeDetections:
 
     def select(self, index: _Index) -> TreeDetections:
         """The trees selected by a slice, a (N,) bool array or an array of indices."""
-        return TreeDetections(
+        return replace(
+            self,
             boxes_px=self.boxes_px[index],
             scores=self.scores[index],
             keypoints_px=None if self.keypoints_px is None else self.keypoints_px[index],
             masks=None if self.masks is None else self.masks[index],
-            image_width=self.image_width,
-            image_height=self.image_height,
-            unlike=self.unlike,
-            error_factor=self.error_factor,
         )
 
     def above(self, score_threshold: float) -> TreeDetections:

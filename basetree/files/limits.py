@@ -3,7 +3,7 @@
 The defaults are far above what real files need, and low enough that a broken or hostile file costs
 seconds and not gigabytes. They apply to the whole process:
 
-    set_limits(dataclasses.replace(current_limits(), image_pixels=400_000_000))
+    before = set_limits(dataclasses.replace(current_limits(), image_pixels=400_000_000))
 """
 
 from __future__ import annotations
@@ -54,7 +54,12 @@ def current_limits() -> Limits:
     return _current
 
 
-def set_limits(limits: Limits) -> None:
-    """Change the limits of this process, for all threads."""
+def set_limits(limits: Limits) -> Limits:
+    """Change the limits of this process, for all threads.
+
+    Returns:
+        The limits before, to set them again.
+    """
     global _current
-    _current = limits
+    before, _current = _current, limits
+    return before

@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+import errno
+from typing import Final
+
 from basetree.errors import InputError
+
+FULL: Final = (errno.ENOSPC, errno.EDQUOT)
+"""Error numbers of a disk without space."""
 
 
 class JobError(InputError):

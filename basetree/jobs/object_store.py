@@ -10,7 +10,7 @@ from functools import cached_property
 from typing import Any, Final, TypeVar
 
 from basetree.errors import MissingPackage
-from basetree.jobs.errors import StoreError, full_store, install_hint
+from basetree.jobs.errors import FULL, StoreError, full_store, install_hint
 
 _T = TypeVar("_T")
 
@@ -18,7 +18,6 @@ _T = TypeVar("_T")
 PROTOCOLS: Final = ("s3", "s3a", "gs", "gcs", "abfs", "az", "memory")
 _ATTEMPTS: Final = 9
 _FIRST_WAIT_S, _LONGEST_WAIT_S = 0.1, 10.0
-_FULL_ERRORS: Final = (errno.ENOSPC, errno.EDQUOT)
 _FULL_CODES: Final = ("storagefull", "quotaexceeded", "insufficientstorage", "507")
 _NEVER_RETRIED: Final = (FileNotFoundError, PermissionError, FileExistsError, IsADirectoryError)
 _WRONG: Final = (errno.EINVAL, errno.ENOSYS, errno.EPERM)
@@ -119,7 +118,7 @@ class ObjectStore:
 
 def _is_full(error: BaseException) -> bool:
     """Whether the store has no space left, by the error or the answer that caused it."""
-    if isinstance(error, OSError) and error.errno in _FULL_ERRORS:
+    if isinstance(error, OSError) and error.errno in FULL:
         return True
     return any(word in _answer_code(error).lower() for word in _FULL_CODES)
 

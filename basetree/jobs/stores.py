@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -11,10 +10,9 @@ from pathlib import Path, PurePath
 from typing import Protocol
 
 from basetree.files import writing
-from basetree.jobs.errors import StoreError, full_store
+from basetree.jobs.errors import FULL, StoreError, full_store
 
 _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:/+(?=[^/])")
-_FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
 class Store(Protocol):
@@ -132,6 +130,6 @@ def _named(path: Path, done: str) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        if error.errno in _FULL:
+        if error.errno in FULL:
             raise full_store(str(path)) from error
         raise StoreError(f"{path}: cannot be {done} ({error.strerror})") from error

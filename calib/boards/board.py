@@ -180,11 +180,11 @@ def parse_board(text: str) -> Board:
     kind, *parts = text.strip().lower().split(":")
     try:
         if kind == "checkerboard" and len(parts) == 2:
-            return Checkerboard(*_grid(parts[0]), float(parts[1]))
+            return Checkerboard(*_counts_of(parts[0]), float(parts[1]))
         if kind == "charuco" and len(parts) == 4:
-            return CharucoBoard(*_grid(parts[0]), float(parts[1]), float(parts[2]), parts[3])
+            return CharucoBoard(*_counts_of(parts[0]), float(parts[1]), float(parts[2]), parts[3])
         if kind == "circles" and (len(parts) == 2 or parts[2:] == ["asymmetric"]):
-            return CircleGrid(*_grid(parts[0]), float(parts[1]), asymmetric=len(parts) == 3)
+            return CircleGrid(*_counts_of(parts[0]), float(parts[1]), asymmetric=len(parts) == 3)
     except InputError as error:
         raise InputError(f"board {text!r}: {error}") from error
     except ValueError:
@@ -192,7 +192,7 @@ def parse_board(text: str) -> Board:
     raise InputError(f"board is {text!r}: expected one such as {BOARD_FORMS}")
 
 
-def _grid(text: str) -> tuple[int, int]:
+def _counts_of(text: str) -> tuple[int, int]:
     columns, rows = text.split("x")
     return int(columns), int(rows)
 

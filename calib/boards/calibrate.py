@@ -74,15 +74,10 @@ def _too_few(count: int, dropped: tuple[Dropped, ...]) -> CalibrationFailure:
     )
 
 
-def _normals(poses: Float) -> Float:
-    """Return the (V, 3) unit normals of the boards, pointing away from the camera."""
-    normals = np.array([cv2.Rodrigues(pose[:3])[0][:, 2] for pose in poses])
-    return np.asarray(normals * np.where(normals[:, 2:] < 0, -1.0, 1.0))
-
-
 def _tilts_deg(poses: Float) -> Float:
     """Return the (V,) angles between each board and the mean orientation."""
-    normals = _normals(poses)
+    normals = np.array([cv2.Rodrigues(pose[:3])[0][:, 2] for pose in poses])
+    normals = normals * np.where(normals[:, 2:] < 0, -1.0, 1.0)  # away from the camera
     mean = normals.mean(0) / np.linalg.norm(normals.mean(0))
     return np.asarray(np.degrees(np.arccos(np.clip(normals @ mean, -1, 1))))
 

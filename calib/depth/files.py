@@ -68,6 +68,12 @@ def in_metres(steps: NDArray[Any], scale: float) -> Float32:
     return steps.astype(np.float32) * np.float32(scale)
 
 
+def in_millimetres(depth_m: Float) -> NDArray[np.uint16]:
+    """Convert metres to whole millimetres; 0 for readings that are no number of 16 bits."""
+    steps = np.where(np.isfinite(depth_m), np.rint(depth_m * _MM_PER_M), 0)
+    return np.where((steps < 0) | (steps > _MAX_MM), 0, steps).astype(np.uint16)
+
+
 def _read_array(path: Path) -> NDArray[Any]:
     largest = current_limits().image_pixels
     try:
@@ -102,6 +108,4 @@ def write_depth(path: Path | str, depth_m: Float) -> None:
     Raises:
         InputFileError: If the file cannot be written.
     """
-    millimetres = np.where(np.isfinite(depth_m), np.rint(depth_m * _MM_PER_M), 0)
-    millimetres = np.where((millimetres < 0) | (millimetres > _MAX_MM), 0, millimetres)
-    write_image(Path(path), millimetres.astype(np.uint16))
+    write_image(Path(path), in_millimetres(depth_m))

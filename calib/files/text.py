@@ -10,6 +10,7 @@ import io
 import json
 import re
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -41,7 +42,7 @@ def parse(path: Path, text: str, expected: str) -> Any:
     if _INI.match(text):
         kind, parser = "INI", _parse_ini
     elif start in ("{", "["):
-        kind, parser = "JSON", _parse_json
+        kind, parser = "JSON", partial(json.loads, object_pairs_hook=unique_keys)
     elif start == "<":
         kind, parser = "XML", _parse_xml
     try:
@@ -93,10 +94,6 @@ def _parts(value: Any) -> Iterable[Any]:
     if isinstance(value, Mapping):
         return value.values()
     return value if isinstance(value, list) else ()
-
-
-def _parse_json(text: str) -> Any:
-    return json.loads(text, object_pairs_hook=unique_keys)
 
 
 def _parse_ini(text: str) -> dict[str, dict[str, str]]:

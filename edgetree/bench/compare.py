@@ -68,7 +68,7 @@ class RowChange:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class ResultChange:
     """Two results of `edgetree bench` compared.
 
     Attributes:
@@ -113,7 +113,7 @@ class Comparison:
             yield from (f"{name}: {text}" for name in names)
 
 
-def compare_results(old: Record, new: Record) -> Comparison:
+def compare_results(old: Record, new: Record) -> ResultChange:
     """Compare two results of `edgetree bench`.
 
     Args:
@@ -132,7 +132,7 @@ def compare_results(old: Record, new: Record) -> Comparison:
             " the same model, precision, size, provider, threads and batch in both"
         )
     machines = tuple(_machine(result) for result in (old, new))
-    return Comparison(
+    return ResultChange(
         rows=tuple(_change(key, before[key], now[key]) for key in common),
         only_old=tuple(key for key in before if key not in now),
         only_new=tuple(key for key in now if key not in before),

@@ -11,10 +11,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
+from edgetree.bench.cells import number_text
+
 PAPER_GPU: Final = "RTX 3090"
 _GIGA: Final = 1e9
 _MEGA: Final = 1e6
-_UNKNOWN: Final = "-"
 
 Record = Mapping[str, Any]
 
@@ -112,29 +113,25 @@ _UNITS: Final = (
 )
 
 
-def _count(value: float | None, unit: float, decimals: int) -> str:
-    return _UNKNOWN if value is None else f"{value / unit:.{decimals}f}"
-
-
 def _cells(row: Record) -> list[str]:
     paper, classifier = row["paper"] or {}, row["classifier"] or {}
     p50_ms, fps = row["p50_ms"], row["fps"]
     accuracy = row.get("accuracy") or {}
     return [
         row["network"],
-        _count(classifier.get("parameters"), _MEGA, 1),
-        _count(paper.get("parameters"), _MEGA, 1),
-        _count(classifier.get("multiply_adds"), _GIGA, 2),
-        _count(paper.get("multiply_adds"), _GIGA, 2),
-        _count(row["parameters"], _MEGA, 1),
-        _count(row["proposals"], 1, 0),
-        _count(row["graph_multiply_adds"], _GIGA, 1),
-        _count(row["graph_flops"], _GIGA, 1),
+        number_text(classifier.get("parameters"), 1, _MEGA),
+        number_text(paper.get("parameters"), 1, _MEGA),
+        number_text(classifier.get("multiply_adds"), 2, _GIGA),
+        number_text(paper.get("multiply_adds"), 2, _GIGA),
+        number_text(row["parameters"], 1, _MEGA),
+        number_text(row["proposals"], 0),
+        number_text(row["graph_multiply_adds"], 1, _GIGA),
+        number_text(row["graph_flops"], 1, _GIGA),
         f"{p50_ms:.{1 if p50_ms < 100 else 0}f}",
-        _count(fps, 1, 1 if fps >= 10 else 2),
-        _count(paper.get("fps"), 1, 0),
-        _count(accuracy.get("box_ap"), 1, 1),
-        _count(paper.get("box_ap", {}).get(row["modality"]), 1, 1),
+        number_text(fps, 1 if fps >= 10 else 2),
+        number_text(paper.get("fps"), 0),
+        number_text(accuracy.get("box_ap"), 1),
+        number_text(paper.get("box_ap", {}).get(row["modality"]), 1),
     ]
 
 

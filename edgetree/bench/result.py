@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from basetree.files.json import read_json
+from edgetree.bench.cells import number_text, share_text
 from edgetree.bench.paper_table import PAPER, PAPER_GPU
 
 SCHEMA: Final = "edgetree.bench/2"
@@ -121,7 +122,6 @@ _HEAD: Final = (
 
 def _cells(row: Record) -> list[str]:
     accuracy = row.get("accuracy") or {}
-    share = row["share_of_peak"]
     return [
         row["name"],
         size_text(row),
@@ -131,15 +131,11 @@ def _cells(row: Record) -> list[str]:
         f"{row['graph_multiply_adds'] / _GIGA:.2f}",
         *(f"{row[key]:.1f}" for key in ("p50_ms", "p90_ms", "p99_ms", "fps")),
         f"{row['load_ms']:.0f}",
-        _number(row["peak_memory_mib"], 0),
-        "-" if share is None else f"{100 * share:.0f} %",
-        _number(accuracy.get("box_ap"), 1),
-        _number(accuracy.get("diameter_error_mm"), 0),
+        number_text(row["peak_memory_mib"], 0),
+        share_text(row["share_of_peak"]),
+        number_text(accuracy.get("box_ap"), 1),
+        number_text(accuracy.get("diameter_error_mm"), 0),
     ]
-
-
-def _number(value: float | None, digits: int) -> str:
-    return "-" if value is None else f"{value:.{digits}f}"
 
 
 def notes(result: Record) -> Iterator[str]:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from textwrap import wrap
 from typing import Any, Final
 
+from edgetree.bench.cells import number_text, share_text
 from edgetree.bench.paper_table import paper_lines
 from edgetree.bench.result import notes, size_text
 from edgetree.bench.stages import STAGES
@@ -56,8 +58,7 @@ def text_lines(result: Record) -> Iterator[str]:
 
 
 def _cells(row: Record) -> list[str]:
-    share, accuracy = row["share_of_peak"], row.get("accuracy") or {}
-    memory, ap = row["peak_memory_mib"], accuracy.get("box_ap")
+    accuracy = row.get("accuracy") or {}
     times = (row[key] for key in ("p50_ms", "p90_ms", "p99_ms"))
     return [
         size_text(row),
@@ -66,9 +67,9 @@ def _cells(row: Record) -> list[str]:
         str(row["batch"]),
         *(f"{value:.{1 if value < 1000 else 0}f}" for value in times),
         f"{row['fps']:.{1 if row['fps'] >= 10 else 2}f}",
-        "-" if memory is None else f"{memory:.0f}",
-        "-" if share is None else f"{100 * share:.0f} %",
-        "-" if ap is None else f"{ap:.1f}",
+        number_text(row["peak_memory_mib"], 0),
+        share_text(row["share_of_peak"]),
+        number_text(accuracy.get("box_ap"), 1),
     ]
 
 
@@ -84,11 +85,12 @@ def _stages(row: Record) -> Iterator[str]:
     yield from _wrapped(f"operators: {operators}", "    ")
 
 
-def _wrapped(text: str, indent: str = "") -> Iterator[str]:
-    line = indent
-    for word in text.split(" "):
-        if len(line) + len(word) > _WIDEST and line.strip():
-            yield line.rstrip()
-            line = indent
-        line += f"{word} "
-    yield line.rstrip()
+def _wrapped(text: str, indent: str = "") -> list[str]:
+    return wrap(
+        text,
+        _WIDEST,
+        initial_indent=indent,
+        subsequent_indent=indent,
+        break_on_hyphens=False,
+        break_long_words=False,
+    )

@@ -8,9 +8,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from calib.depth.files import in_millimetres
 from edgetree.samples import SampleFrame, sample_frames
 
-MM_PER_M: Final = np.float32(1000)
 # Name, sample, rows and columns. Each is resized in another way: by a factor that is not whole,
 # with the padding at the right, with a side that is rounded, and enlarged.
 _CUTS: Final = (
@@ -41,7 +41,4 @@ def frames_for(*, takes_depth: bool) -> Iterator[tuple[str, NDArray[Any]]]:
 
 
 def _pixels(sample: SampleFrame, takes_depth: bool) -> NDArray[Any]:
-    if takes_depth:
-        mm: NDArray[Any] = np.rint(sample.depth_m() * MM_PER_M).astype(np.uint16)
-        return mm
-    return sample.image()
+    return in_millimetres(sample.depth_m()) if takes_depth else sample.image()

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from basetree.errors import InputError
-from edgetree.conformance.frames import MM_PER_M
+from calib.depth.files import in_metres
 from edgetree.conformance.results import CoveredTree, FrameTrees, Results, found_trees
 from edgetree.detections import TreeDetections
 from edgetree.model_file.manifest import Manifest
@@ -96,7 +96,7 @@ class Reference:
         if pixels.ndim == 3 and not self.manifest.takes_depth:
             return pixels
         if pixels.ndim == 2 and self.manifest.takes_depth:
-            return pixels.astype(np.float32) / MM_PER_M
+            return in_metres(pixels, 0.001)
         kind = "depth" if self.manifest.takes_depth else "colour"
         raise InputError(f"a frame is {pixels.dtype} {pixels.shape}: the model takes {kind} images")
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -65,15 +64,10 @@ class BuiltModel:
     proto: Any
     manifest: Manifest
 
-    def serialized(self, manifest: Manifest) -> bytes:
-        """The bytes of an ONNX file with this manifest."""
-        return with_manifest(self.proto, manifest)
-
-    @contextmanager
-    def session(self) -> Iterator[InferenceSession]:
+    def session(self) -> InferenceSession:
         """An inference session of the graph, as a file of it would give."""
-        content = self.serialized(self.manifest)
-        yield OrtSession(Path("the exported model"), content=content)
+        content = with_manifest(self.proto, self.manifest)
+        return OrtSession(Path("the exported model"), content=content)
 
 
 def with_manifest(proto: Any, manifest: Manifest) -> bytes:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from basetree.arrays import UInt8
 from calib import box_iou
-from edgetree.export.limits import Limits, limits_of
+from edgetree.export.limits import ParityLimits, limits_of
 from edgetree.export.parity import FrameParity
 
 Arrays = Mapping[str, NDArray[Any]]
@@ -156,7 +156,7 @@ def _differences(
     pairs: list[tuple[int, int]],
     trees: int,
     matched: int,
-    limits: Limits,
+    limits: ParityLimits,
 ) -> FrameParity:
     if not pairs:
         return FrameParity(name, trees, matched)

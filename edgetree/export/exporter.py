@@ -10,7 +10,7 @@ from typing import BinaryIO
 
 from basetree.errors import InputError
 from basetree.files.writing import output_folder, replacing
-from edgetree.export.build import ExportSource, build
+from edgetree.export.build import ExportSource, build, with_manifest
 from edgetree.export.frames import read_calibration_frames, sample_inputs
 from edgetree.export.models import (
     UNTRAINED,
@@ -192,9 +192,9 @@ def _build_verify_write(
 ) -> ExportReport:
     """Build and verify a model, and write it to a file that becomes ``path``."""
     built = build(source, settings, say)
-    with built.session() as session:
-        parity = verify(source.model, session, built.manifest, frames, say, trained=trained)
+    session, model = built.session(), source.model
+    parity = verify(model, session, built.manifest, frames, say, trained=trained)
     manifest = replace(built.manifest, parity=parity.figures())
-    content = built.serialized(manifest)
+    content = with_manifest(built.proto, manifest)
     file.write(content)
     return ExportReport(path, manifest, parity, len(content))

@@ -1,4 +1,4 @@
-"""Limits on the differences between a file and its model, for each precision."""
+"""ParityLimits on the differences between a file and its model, for each precision."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Final
 
 
 @dataclass(frozen=True)
-class Limits:
+class ParityLimits:
     """Largest allowed differences between a file and its model. None means no limit.
 
     Attributes:
@@ -16,14 +16,14 @@ class Limits:
         keypoint_px: largest difference of a keypoint coordinate, in pixels of the input.
         score: largest difference of a score.
         keypoint_score: largest difference of a keypoint's score.
-        keypoint_ties: largest fraction of keypoints that may lie elsewhere with the same score, see
+        keypoint_ties: largest share of keypoints that may lie elsewhere with the same score, see
             ``FrameParity.keypoint_ties``.
         mask_probability: largest difference of a mask's probability in one cell.
         mask_iou: smallest intersection over union of two masks.
         percentiles: limits on percentiles over all matched trees, see
             ``ParityReport.percentiles``; smallest values for ``mask_iou``, largest for the others.
         match_iou: intersection over union of boxes from which two detections are the same tree.
-        matched: smallest fraction of trees that both must find. For ``float32`` all trees count,
+        matched: smallest share of trees that both must find. For ``float32`` all trees count,
             otherwise those with a score of 0.5 or more.
         ap_loss: largest loss of average precision, in percentage points.
     """
@@ -43,7 +43,7 @@ class Limits:
 
 # docs/explanation/gate.md says what exports gave when the percentiles' limits were chosen.
 _LIMITS: Final = {
-    "float32": Limits(
+    "float32": ParityLimits(
         box_px=0.5,
         keypoint_px=0.5,
         score=1e-3,
@@ -52,7 +52,7 @@ _LIMITS: Final = {
         mask_probability=2e-3,
         mask_iou=0.98,
     ),
-    "float16": Limits(
+    "float16": ParityLimits(
         percentiles={
             "score_median": 0.002,
             "keypoint_score_median": 0.002,
@@ -66,7 +66,7 @@ _LIMITS: Final = {
         matched=0.99,
         ap_loss=0.2,
     ),
-    "int8": Limits(
+    "int8": ParityLimits(
         percentiles={
             "score_median": 0.05,
             "keypoint_score_median": 0.05,
@@ -81,11 +81,11 @@ _LIMITS: Final = {
         ap_loss=1.0,
     ),
 }
-UNTRAINED_LIMITS: Final = Limits(matched=0.0)
+UNTRAINED_LIMITS: Final = ParityLimits(matched=0.0)
 """For random weights in ``float16`` and ``int8``: only the validity of the outputs is checked."""
 
 
-def limits_of(precision: str, *, trained: bool = True) -> Limits:
+def limits_of(precision: str, *, trained: bool = True) -> ParityLimits:
     """The limits for a precision.
 
     Args:

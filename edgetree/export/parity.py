@@ -9,7 +9,7 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from basetree.errors import CheckFailed
-from edgetree.export.limits import Limits
+from edgetree.export.limits import ParityLimits
 
 _LARGEST: Final = ("box_px", "keypoint_px", "score", "keypoint_score", "mask_probability")
 # Name of the values of each percentile, and percent.
@@ -80,7 +80,7 @@ class ParityReport:
     precision: str
     frames: tuple[FrameParity, ...]
     average_precision: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    limits: Limits = field(default_factory=Limits)
+    limits: ParityLimits = field(default_factory=ParityLimits)
     not_checked: tuple[str, ...] = ()
 
     @property
@@ -90,7 +90,7 @@ class ParityReport:
 
     @property
     def matched(self) -> float:
-        """Fraction of the trees that are matched; 1 if there are none."""
+        """Share of the trees that are matched; 1 if there are none."""
         found = sum(frame.matched for frame in self.frames)
         return found / self.trees if self.trees else 1.0
 

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from basetree.arrays import Float
+from calib.directions import level_rotation
 from edgetree.frames.frame import Frame
 from edgetree.frames.rig import Rig
 from edgetree.live.tracking import StemTracker
-from edgetree.live.tracking.sightings import level_rotation
 from edgetree.measure import Failure, MeasureSettings, StemAxis, measure_trees
 
 if TYPE_CHECKING:

@@ -7,11 +7,11 @@ import math
 import numpy as np
 
 from calib import RigidTransform
+from calib.directions import level_rotation
 from edgetree.frames.frame import Frame
 from edgetree.live.tracking.motion import CameraMotion
 from edgetree.live.tracking.odometry import CameraStep, DepthOdometry
 from edgetree.live.tracking.settings import TrackingSettings
-from edgetree.live.tracking.sightings import level_rotation
 from edgetree.live.tracking.vertical import Vertical
 from edgetree.measure import TreeMeasurement
 

@@ -19,9 +19,6 @@ DIAMETER, CUT_LEVEL = 0, 4
 
 # An axis that leans more than this, as horizontal metres per metre of height, is not a stem's.
 _MAX_SLOPE = 1.0
-_STRAIGHT_DOWN = 0.999
-_CAMERA_UP = np.array([0.0, -1.0, 0.0])
-_FORWARD = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,13 +164,3 @@ def _line_covariance(place: Float, turn: Float, point: Float, up_std_rad: float)
     covariance[:, :2, :2] += 1e-6 * unit
     covariance[:, 2:, 2:] = turn + (up_std_rad**2 + 1e-6) * unit
     return covariance
-
-
-def level_rotation(up: Float) -> Float:
-    """(3, 3) rotation from the camera's frame to the level frame, from the (3,) vertical."""
-    forward = _CAMERA_UP if abs(up[2]) > _STRAIGHT_DOWN else _FORWARD
-    ahead = forward - (forward @ up) * up
-    ahead = ahead / np.linalg.norm(ahead)
-    (ux, uy, uz), (ax, ay, az) = up.tolist(), ahead.tolist()
-    left = [uy * az - uz * ay, uz * ax - ux * az, ux * ay - uy * ax]
-    return np.array([ahead, left, up])

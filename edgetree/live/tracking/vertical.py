@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from basetree.arrays import Float
-from calib import CAMERA_UP
+from calib.directions import CAMERA_UP, level_rotation, unit
 from edgetree.frames.frame import Frame
 from edgetree.live.tracking.odometry import CameraStep
 from edgetree.live.tracking.settings import TrackingSettings
-from edgetree.live.tracking.sightings import level_rotation
 from edgetree.measure import Failure, TreeMeasurement
 
 # Share of the stems' axes in the vertical, where a step of the camera carries it on.
@@ -55,7 +54,7 @@ class Vertical:
         else:
             self.known = False
             up = self._from_stems(measurements, step)
-        self.up = up / np.linalg.norm(up)
+        self.up = unit(up)
         self.level = level_rotation(self.up)
 
     def _from_stems(self, measurements: list[TreeMeasurement], step: CameraStep | None) -> Float:
@@ -69,5 +68,4 @@ class Vertical:
         started, self._started = self._started, True
         if step is None or not started:
             return middle
-        middle = middle / np.linalg.norm(middle)
-        return np.asarray((1 - _STEMS_SHARE) * carried + _STEMS_SHARE * middle)
+        return np.asarray((1 - _STEMS_SHARE) * carried + _STEMS_SHARE * unit(middle))

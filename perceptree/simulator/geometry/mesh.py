@@ -102,7 +102,7 @@ def card_faces(cards: int, vertices: int, quads: list[list[int]]) -> Int:
     """(F, 3) triangles of cards, each with a number of vertices and the same quads (Q, 4)."""
     corners = np.array(quads)
     local = np.concatenate([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]])
-    return (np.arange(cards)[:, None, None] * vertices + local).reshape(-1, 3)
+    return np.asarray(np.arange(cards)[:, None, None] * vertices + local).reshape(-1, 3)
 
 
 def surface_mesh(

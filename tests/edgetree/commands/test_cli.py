@@ -21,6 +21,7 @@ import typer
 import edgetree.doctor
 import edgetree.runtime.session
 from basetree.errors import CheckFailed
+from basetree.files import current_limits
 from edgetree import cli
 from edgetree.doctor import Findings, Libraries, Machine, ModelFile, ProviderResult, Speed
 from edgetree.frames import pipeline
@@ -48,6 +49,17 @@ def test_run_prints_one_json_line_per_frame(run_cli: Cli, model: Path, images: P
     assert tree["score"] == 0.9
     assert tree["mask_rle"]["size"] == [360, 640]
     assert "2 trees in 2 frame(s)" in done.err
+
+
+def test_a_limit_of_pixels_holds_for_one_command(
+    run_cli: Cli, model: Path, images: Path, tmp_path: Path
+) -> None:
+    large, before = tmp_path / "large.png", current_limits()
+    cv2.imwrite(str(large), np.zeros((1001, 1000, 3), np.uint8))
+    done = run_cli("--max-megapixels", "1", "run", large, "--model", model)
+    assert done.code == 2
+    assert "1000x1001 px, expected at most 1000000 pixels" in done.err
+    assert current_limits() == before
 
 
 def test_without_depth_the_record_asks_for_depth(run_cli: Cli, model: Path, images: Path) -> None:

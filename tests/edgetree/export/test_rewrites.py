@@ -10,7 +10,7 @@ import torch
 from torch import nn
 
 from edgetree.export.comparison import compare_frames
-from edgetree.export.limits import Limits
+from edgetree.export.limits import ParityLimits
 from edgetree.export.parity import ParityReport
 from edgetree.export.rewrites import rewrite_for_export
 from perceptree.models import TreeRCNN
@@ -18,7 +18,7 @@ from perceptree.models import TreeRCNN
 BuildModel = Callable[..., TreeRCNN]
 
 UNIT = (1.0, 1.0, 1.0)
-CLOSE = Limits(box_px=0.01, keypoint_px=0.05, score=1e-4, keypoint_score=1e-4, mask_iou=0.999)
+CLOSE = ParityLimits(box_px=0.01, keypoint_px=0.05, score=1e-4, keypoint_score=1e-4, mask_iou=0.999)
 NETWORKS: dict[str, dict[str, Any]] = {
     "rgb, 3x3 stem, std": {},
     "rgb, 7x7 stem, no std": {"preset": "r50", "std": UNIT},
