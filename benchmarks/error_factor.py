@@ -2,7 +2,7 @@
 
 perceptree synth --out cal_paper --preset paper --seed 909 --views 2 --frames 160
 perceptree synth --out cal_field --preset field --seed 909 --views 2 --frames 160
-python -m benchmarks.error_factor MODEL.onnx cal_paper cal_field
+python benchmarks/error_factor.py MODEL.onnx cal_paper cal_field
 
 The constants of `MeasureSettings` were fitted to the embedded depth file. Another file may find
 edges less or more exactly: its manifest says by which factor (`error_factor`). It is the smallest
@@ -21,10 +21,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from manifest_change import write_manifest
+from measure import frames, labelled
+from measure_tables import TRUTHS
 
-from benchmarks.manifest_change import write_manifest
-from benchmarks.measure import frames, labelled
-from benchmarks.measure_tables import TRUTHS
 from calib import PinholeCamera, read_depth
 from edgetree import TreeDetections, TreeDetector
 from edgetree.demo.matching import match_boxes
@@ -77,13 +77,13 @@ def fitted(cases: list[Case]) -> float:
         words = "  ".join(f"{100 * share:.1f} of {count}" for count, share in shares)
         sys.stdout.write(f"{factor:6.2f}  {words}\n")
         if min(share for _, share in shares) >= HELD:
-            return float(factor)
+            return factor
     sys.exit(f"no factor up to {FACTORS[-1]} holds {100 * HELD:.0f} % of the intervals")
 
 
 def main() -> None:
     """Fit the factor and write it into the file."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])  # type: ignore[union-attr]
     parser.add_argument("model", type=Path)
     parser.add_argument("data", type=Path, nargs="+")
     options = parser.parse_args()

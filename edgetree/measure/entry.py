@@ -186,7 +186,7 @@ def unit_up(up_camera: ArrayLike) -> Float:
         InputError: the value is not a direction, or the camera would be upside down or look at
             the sky.
     """
-    up = np.asarray(up_camera, np.float64)
+    up: Float = np.asarray(up_camera, np.float64)
     if up.shape != (3,) or not np.isfinite(up).all() or not np.abs(up).max() > 0:
         raise InputError(f"up_camera is {up.tolist()}: expected a direction of three numbers")
     up = unit(up / np.abs(up).max())
