@@ -82,7 +82,7 @@ class Case:
         return np.asarray(world.mean(0) - turn @ camera.mean(0))
 
     def measured(
-        self, source: str, settings: dict[str, float]
+        self, source: str, settings: dict[str, Any]
     ) -> Iterator[tuple[int, TreeMeasurement]]:
         """Measure the labelled trees.
 
@@ -110,7 +110,7 @@ class Case:
         for match in match_boxes(self.found.boxes_px, self.truth.boxes_px):
             yield match.truth, results[match.detection]
 
-    def readings(self, quantity: str, source: str, settings: dict[str, float]) -> list[Reading]:
+    def readings(self, quantity: str, source: str, settings: dict[str, Any]) -> list[Reading]:
         """The measured values of a quantity, such as "dbh_m", or all diameters of "profile"."""
         result = []
         for number, tree in self.measured(source, settings):
@@ -121,9 +121,9 @@ class Case:
                 for height_m, diameter_m, std_m in zip(
                     value.height_m, value.diameter_m, value.diameter_std_m, strict=True
                 ):
-                    true = self._girth_m(number, height_m)
                     key = (number, round(10 * height_m))
-                    result.append(Reading(key, float(diameter_m - true), float(std_m)))
+                    error_m = float(diameter_m - self._girth_m(number, height_m))
+                    result.append(Reading(key, error_m, float(std_m)))
             else:
                 true = self._true_value(quantity, number, tree)
                 if true is not None:
