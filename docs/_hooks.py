@@ -3,6 +3,10 @@
 In a page, a line `<!-- commands: edgetree -->` becomes the help of every command of that program,
 and `<!-- api: calib.boards -->` the reference of every name in that package's `__all__`. With
 `except PACKAGE`, names that are also in the `__all__` of that package are left out.
+
+A line `<!-- constants: measure -->` becomes the tables of the measurement's constants. In the text,
+`{{LITTER_STD_M}}` becomes the value of a constant or of a field of `MeasureSettings`, and
+`{{LITTER_STD_M cm}}` the value in another unit (%, cm or mm) with that unit.
 """
 
 from __future__ import annotations
@@ -16,6 +20,7 @@ from typing import Any
 
 _ROOT = Path(__file__).resolve().parents[1]
 _HELP_COLUMNS = 88
+_UNITS = {"": 1.0, "%": 100.0, "cm": 100.0, "mm": 1000.0}
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
@@ -26,6 +31,13 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
         markdown,
         flags=re.MULTILINE,
     )
+    markdown = re.sub(
+        r"^<!-- constants: measure -->$",
+        lambda _: "\n".join(_constant_tables()),
+        markdown,
+        flags=re.MULTILINE,
+    )
+    markdown = re.sub(r"\{\{(\w+) ?(%|cm|mm|)\}\}", lambda found: _value(*found.groups()), markdown)
     return re.sub(
         r"^<!-- api: ([\w.]+)(?: except ([\w.]+))? -->$",
         lambda found: "\n".join(_api_directives(found[1], found[2])),
@@ -51,6 +63,30 @@ def _helps(command: Any, words: tuple[str, ...]) -> Iterator[tuple[tuple[str, ..
     yield words, command.get_help(context)
     for name, child in getattr(command, "commands", {}).items():
         yield from _helps(child, (*words, name))
+
+
+def _constant_tables() -> Iterator[str]:
+    """A heading and a table for each topic of the measurement's constants."""
+    from edgetree.measure.constants.entries import TOPICS, entries
+
+    for topic, module in TOPICS.items():
+        yield f"### {topic}\n"
+        yield "| Constant | Value | What it stands for | Source |\n| --- | --- | --- | --- |"
+        for entry in entries(module):
+            yield f"| `{entry.name}` | {entry.value:.4g} | {entry.meaning} | {entry.source} |"
+        yield ""
+
+
+def _value(name: str, unit: str) -> str:
+    """The value of a constant or of a setting of the measurement, in a unit."""
+    from edgetree.measure import MeasureSettings
+    from edgetree.measure.constants.entries import TOPICS
+
+    places: list[Any] = [MeasureSettings(), *TOPICS.values()]
+    values = [getattr(place, name) for place in places if hasattr(place, name)]
+    if not values:
+        raise ValueError(f"{{{{{name}}}}}: expected a constant or a setting of the measurement")
+    return f"{values[0] * _UNITS[unit]:.3g} {unit}".rstrip()
 
 
 def _api_directives(package: str, other: str | None) -> Iterator[str]:

@@ -186,10 +186,10 @@ def unit_up(up_camera: ArrayLike) -> Float:
         InputError: the value is not a direction, or the camera would be upside down or look at
             the sky.
     """
-    given = np.asarray(up_camera, np.float64)
-    if given.shape != (3,) or not np.isfinite(given).all() or not np.abs(given).max() > 0:
-        raise InputError(f"up_camera is {given.tolist()}: expected a direction of three numbers")
-    up = unit(given / np.abs(given).max())
+    up: Float = np.asarray(up_camera, np.float64)
+    if up.shape != (3,) or not np.isfinite(up).all() or not np.abs(up).max() > 0:
+        raise InputError(f"up_camera is {up.tolist()}: expected a direction of three numbers")
+    up = unit(up / np.abs(up).max())
     if up[1] > _MAX_DOWN or up[2] > _MAX_FORWARD:
         seen = "upside down" if up[1] > _MAX_DOWN else "at the sky"
         raise InputError(

@@ -23,14 +23,14 @@ NEARER_SHARE: Final = 0.98
 deviations and `NEARER_M`. Source: chosen by hand."""
 
 NEARER_M: Final = 0.05
-"""See `NEARER_SHARE`. Source: bound, bark is less deep."""
+"""Depth by which it is nearer at least. Source: bound, bark is less deep."""
 
 SURFACE_STDS: Final = 3.0
 """Readings are on the stem within its radius, this many standard deviations and `SURFACE_M`.
 Source: bound, noise exceeds it once in 370 times."""
 
 SURFACE_M: Final = 0.05
-"""See `SURFACE_STDS`. Source: bound, bark is less deep."""
+"""Depth that bark adds to that. Source: bound, bark is less deep."""
 
 SEVERAL_STEMS_SCORE: Final = 0.4
 """A mask shows several stems from this score on; it is 0 for one round stem and 1 for two equal

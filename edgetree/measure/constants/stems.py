@@ -50,7 +50,7 @@ LOWEST_HEIGHT_DIAMETERS: Final = 0.5
 Source: chosen by hand, above most of the root collar."""
 
 LOWEST_HEIGHT_M: Final = 0.2
-"""The same in metres. Source: chosen by hand, above most of the root collar."""
+"""Nor below this height in metres. Source: chosen by hand, above most of the root collar."""
 
 # Where a cut can be
 

@@ -1,0 +1,38 @@
+"""The parts of the documentation that are generated from the measurement's constants."""
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="module")
+def generated():
+    spec = importlib.util.spec_from_file_location("docs_hooks", ROOT / "docs" / "_hooks.py")
+    assert spec is not None
+    assert spec.loader is not None
+    hooks = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(hooks)
+    return hooks.on_page_markdown
+
+
+@pytest.mark.parametrize("page", ["explanation/measurement.md", "explanation/accuracy.md"])
+def test_no_marker_is_left_in_a_page(generated, page):
+    text = (ROOT / "docs" / page).read_text("utf-8")
+    assert "{{" in text
+    assert "{{" not in generated(text)
+
+
+def test_numbers_and_tables_are_those_of_the_code(generated):
+    assert generated("{{LITTER_STD_M cm}} and {{LIFT}}") == "2 cm and 0.35"
+    assert generated("{{bend_std_deg}}, {{out_of_round_std %}}") == "1.1, 1.35 %"
+    table = generated("<!-- constants: measure -->")
+    assert "| `LITTER_STD_M` | 0.02 | Smallest standard deviation of the ground's height" in table
+    assert table.count("fitted (") > 20
+
+
+def test_an_unknown_name_is_an_error(generated):
+    with pytest.raises(ValueError, match=r"\{\{NO_SUCH_M\}\}: expected a constant or a setting of"):
+        generated("{{NO_SUCH_M}}")
