@@ -3,9 +3,9 @@
 perceptree synth --out paper --preset paper --seed 905 --views 4 --frames 1500
 perceptree synth --out field --preset field --seed 905 --views 4 --width 960 --height 540 \\
     --frames 1800
-python benchmarks/measure.py paper field --first 800 \\
+python -m benchmarks.measure paper field --first 800 \\
     --result benchmarks/results/measure_labels.json
-python benchmarks/measure.py paper field --first 800 --model edge-n-depth \\
+python -m benchmarks.measure paper field --first 800 --model edge-n-depth \\
     --result benchmarks/results/measure_edge_n_depth.json
 
 `--first` leaves out the frames before, which the depth models were trained on. Without `--model`,
@@ -24,9 +24,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from measure_tables import TRUTHS, tables
 from pycocotools import mask as coco_mask
 
+from benchmarks.measure_tables import TRUTHS, tables
 from calib import PinholeCamera, read_depth
 from edgetree import TreeDetections, TreeDetector
 from edgetree.catalogue import find_model

@@ -1,6 +1,6 @@
 """Time to measure ten trees of a 1280x720 frame on one core.
 
-python benchmarks/measure_speed.py --result benchmarks/results/measure_speed.json
+python -m benchmarks.measure_speed --result benchmarks/results/measure_speed.json
 
 The trees are those that the embedded depth model detects in the sample frame with the most trees,
 repeated up to ten. Times are CPU times. For comparison between machines, the time to decode the
