@@ -46,12 +46,13 @@ def twenty_stems(
             _CAMERA.width,
             _CAMERA.height,
         )
+        up_camera = np.asarray(camera.inverse().rotate([0.0, 0.0, 1.0]), np.float64)
         live = LiveFrame(
             number=number,
             time_s=time_s,
             image=None,
             camera=_CAMERA,
-            up_camera=np.float64(camera.inverse().rotate([0.0, 0.0, 1.0])) if vertical else None,
+            up_camera=up_camera if vertical else None,
             pose=camera if pose else None,
         )
         frames.append((live, trees, measurements))

@@ -127,7 +127,7 @@ def test_a_run_goes_on_after_the_last_command_that_ended_well(
     (tmp_path / "a.json").write_text("{}")
     tool = ["python", "-m", "json.tool"]
     commands = [[*tool, "a.json", "b.json"], [*tool, "c.json"]]
-    assert make("some", commands, tmp_path) == 1
+    assert make("some", commands, tmp_path) != 0
     (tmp_path / "b.json").unlink()
     (tmp_path / "c.json").write_text("{}")
     assert make("some", commands, tmp_path) == 0
