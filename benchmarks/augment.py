@@ -1,6 +1,6 @@
 """Time of augmenting a frame, compared with torchvision's v2 transforms.
 
-python benchmarks/augment.py --result benchmarks/results/augment.json
+python -m benchmarks.augment --result benchmarks/results/augment.json
 
 Result: for image and labels, v2 takes as long for mirroring and 1.5 to 30 times as long for all
 other changes. Mirroring costs nothing here, as it is part of another step. Training does not use
@@ -14,25 +14,23 @@ swapping left and right keypoints, or removing trees outside the frame.
 
 from __future__ import annotations
 
-import argparse
-import json
-import platform
 import statistics
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
+from functools import partial
 from typing import Any
 
 import cv2
 import numpy as np
 import torch
 import torchvision
-from scratch import CANDIDATES
 from torchvision import tv_tensors
 from torchvision.transforms import v2
 
+from benchmarks.scratch import CANDIDATES
+from benchmarks.tools.program import finish, machine, program
+from benchmarks.tools.timing import time_ms
 from perceptree.data import AugmentSettings, Sample, augment
 from perceptree.data.augment import PAPER_AUGMENT
 from perceptree.models import make_spec
@@ -106,9 +104,8 @@ def pairs() -> dict[str, Pair]:
 def frame(modality: str) -> Sample:
     """A frame of uniform noise with four posts as trees."""
     rng = np.random.default_rng(0)
-    image = cv2.GaussianBlur(
-        rng.integers(0, 256, (HEIGHT_PX, WIDTH_PX, 3), dtype=np.uint8), (9, 9), 3
-    )
+    noise = rng.integers(0, 256, (HEIGHT_PX, WIDTH_PX, 3), dtype=np.uint8)
+    image = np.asarray(cv2.GaussianBlur(noise, (9, 9), 3), np.uint8)
     masks = np.zeros((TREES, HEIGHT_PX, WIDTH_PX), bool)
     boxes = np.array([[40.0 + 150 * row, 60, 80 + 150 * row, 330] for row in range(TREES)])
     for mask, (x0, y0, x1, y1) in zip(masks, boxes.astype(int), strict=True):
@@ -141,10 +138,9 @@ def processor_ms(calls: list[Callable[[int], object]], draws: int) -> list[float
     for _ in range(ROUNDS):
         for draw in range(draws):
             for row, call in enumerate(calls):
-                start = time.thread_time()
-                call(draw)
-                fastest[row, draw] = min(fastest[row, draw], time.thread_time() - start)
-    return [round(statistics.mean(times) * 1000, 2) for times in fastest.tolist()]
+                taken_ms = time_ms(partial(call, draw), time.thread_time)
+                fastest[row, draw] = min(fastest[row, draw], taken_ms)
+    return [round(statistics.mean(times), 2) for times in fastest.tolist()]
 
 
 def ours(modality: Any, settings: AugmentSettings) -> Callable[[int], Sample]:
@@ -181,16 +177,15 @@ def recipes(draws: int) -> dict[str, float]:
 
 
 def main() -> None:
-    """Print the results as JSON, and optionally write them to a file."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    """Measure all settings, and all changes beside v2's."""
+    parser = program(__doc__)
     parser.add_argument("--draws", type=int, default=40)
-    parser.add_argument("--result", type=Path)
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
     torch.set_num_threads(1)
     times = recipes(arguments.draws)
     result = {
-        "machine": platform.processor() or platform.machine(),
+        "machine": machine(),
         "torchvision": torchvision.__version__,
         "opencv": cv2.__version__,
         "frame": f"{WIDTH_PX}x{HEIGHT_PX}, {TREES} trees",
@@ -200,10 +195,7 @@ def main() -> None:
         "missed": [name for name, limit in TARGET_MS.items() if times[f"{name}, default"] > limit],
         "beside_v2": {name: compare(pair, arguments.draws) for name, pair in pairs().items()},
     }
-    text = json.dumps(result, indent=2)
-    sys.stdout.write(text + "\n")
-    if arguments.result:
-        arguments.result.write_text(text + "\n", encoding="utf-8")
+    finish(result, arguments.result)
 
 
 if __name__ == "__main__":

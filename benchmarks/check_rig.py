@@ -1,7 +1,7 @@
 """False alarms and found faults of `edgetree check-rig` on simulated drives.
 
 perceptree synth --out DRIVES/1 --preset drive --frames 150 --width 640 --height 360 --seed 1
-python benchmarks/check_rig.py DRIVES/* --result benchmarks/results/check_rig.json
+python -m benchmarks.check_rig DRIVES/* --result benchmarks/results/check_rig.json
 
 Every drive is checked as it is, and then with one fault at a time, put into its frames. Of a fault,
 only the group of checks runs that should find it.
@@ -9,17 +9,16 @@ only the group of checks runs that should find it.
 
 from __future__ import annotations
 
-import argparse
 import hashlib
-import json
-import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from check_rig_faults import (
+from numpy.typing import NDArray
+
+from benchmarks.check_rig_faults import (
     Change,
     focal,
     hanging,
@@ -30,8 +29,7 @@ from check_rig_faults import (
     tilted,
     warped,
 )
-from numpy.typing import NDArray
-
+from benchmarks.tools.program import finish, note, program
 from edgetree import TreeDetections, TreeDetector
 from edgetree.catalogue import default_model
 from edgetree.frames import Rig
@@ -99,11 +97,10 @@ class RememberingDetector:
 
 
 def main() -> None:
-    """Check all drives, print how far it is, and write the figures after each drive."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    """Check all drives; the result is written after each."""
+    parser = program(__doc__)
     parser.add_argument("drives", type=Path, nargs="+", help="folders of drives")
     parser.add_argument("--with-faults", type=int, help="faults in the first so many; default: all")
-    parser.add_argument("--result", type=Path, required=True, help="file for the result")
     arguments = parser.parse_args()
     detector = TreeDetector.load(default_model("depth"), threads=1)
     most = len(arguments.drives) if arguments.with_faults is None else arguments.with_faults
@@ -124,8 +121,8 @@ def main() -> None:
             "unchanged": unchanged_figures(unchanged),
             "faults": {name: fault_figures(each, faulty[name]) for name, each in faults().items()},
         }
-        arguments.result.write_text(json.dumps(result, indent=1) + "\n", "utf-8")
-        sys.stdout.write(f"{drive}: done\n")
+        finish(result, arguments.result)
+        note(f"{drive}: done")
 
 
 def unchanged_figures(reports: list[RigReport]) -> dict[str, Any]:

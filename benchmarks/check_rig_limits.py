@@ -1,21 +1,20 @@
 """What a shift between depth and colour does to diameters, for the limit of `edgetree check-rig`.
 
 perceptree synth --out DRIVES/1 --preset drive --frames 150 --width 640 --height 360 --seed 1
-python benchmarks/check_rig_limits.py DRIVES/* --result benchmarks/results/check_rig_limits.json
+python -m benchmarks.check_rig_limits DRIVES/* --result benchmarks/results/check_rig_limits.json
 
 The packaged colour model finds the stems; they are measured with depth that is shifted sideways.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from check_rig_faults import warped
 
+from benchmarks.check_rig_faults import warped
+from benchmarks.tools.program import finish, program
 from edgetree import TreeDetector
 from edgetree.catalogue import default_model
 from edgetree.frames.frame import Frame
@@ -30,9 +29,8 @@ _CLASSES = ((0.0, 0.1), (0.1, 0.2), (0.2, 0.3), (0.3, 0.5), (0.5, 1.0))
 
 def main() -> None:
     """Measure the stems of all drives and write the changes by class."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = program(__doc__)
     parser.add_argument("drives", type=Path, nargs="+", help="folders of drives")
-    parser.add_argument("--result", type=Path, required=True, help="file for the result")
     arguments = parser.parse_args()
     detector = TreeDetector.load(default_model("rgb"), threads=1)
     rows = np.array(
@@ -49,7 +47,7 @@ def main() -> None:
         "stems": len(rows) // len(_SHIFTS_PX),
         "classes": [figures(rows, low, high) for low, high in _CLASSES],
     }
-    arguments.result.write_text(json.dumps(result, indent=1) + "\n", "utf-8")
+    finish(result, arguments.result)
 
 
 def changes(frame: Frame, detector: TreeDetector) -> list[tuple[float, float]]:

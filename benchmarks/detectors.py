@@ -1,6 +1,6 @@
 """Size, cost, speed and accuracy of each model preset after a short training.
 
-python benchmarks/detectors.py DATA --test TEST --runs RUNS --result FILE.json
+python -m benchmarks.detectors DATA --test TEST --runs RUNS --result FILE.json
 
 DATA is a dataset of ``perceptree synth``. Every light preset is trained on it from random weights
 with the same number of steps, into RUNS/NAME; an existing checkpoint is reused. By default depth
@@ -14,12 +14,8 @@ The paper's presets are timed with random weights and not trained, which would t
 from __future__ import annotations
 
 import argparse
-import json
 import logging
-import platform
 import statistics
-import sys
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -30,10 +26,12 @@ import onnxruntime
 import torch
 from numpy.typing import NDArray
 
+from benchmarks.tools.program import finish, machine, program
+from benchmarks.tools.scores import evaluated
+from benchmarks.tools.timing import in_turn
 from edgetree.export.build import trace
 from edgetree.export.quantise import quantise
 from perceptree.data import FrameStore, read_split
-from perceptree.evaluation import evaluate, predict_with
 from perceptree.models import EDGE_PRESETS, PAPER_PRESETS, TreeRCNN, load_checkpoint, make_spec
 from perceptree.models.cost import multiply_adds, parameters
 from perceptree.training import TrainSettings, train
@@ -44,7 +42,7 @@ PAPER_SIDE_PX = 800
 
 def checkpoint_of(preset: str, size: tuple[int, int], arguments: argparse.Namespace) -> Path:
     """The preset's checkpoint; trained if it does not exist."""
-    folder = arguments.runs / preset
+    folder: Path = arguments.runs / preset
     best = folder / "best.safetensors"
     if not best.exists():
         steps = arguments.steps
@@ -55,7 +53,7 @@ def checkpoint_of(preset: str, size: tuple[int, int], arguments: argparse.Namesp
 
 def accuracy(model: TreeRCNN, test: Path) -> dict[str, Any]:
     """Average precision in percent."""
-    metrics = evaluate(predict_with(model), FrameStore(read_split(test, "test"), model.spec), 4)
+    metrics = evaluated(model, test)
     names = ("box_ap", "box_ap50", "mask_ap", "keypoint_ap")
     return {name: round(getattr(metrics, name), 1) for name in names}
 
@@ -97,20 +95,19 @@ def times_ms(
     rounds: int,
 ) -> dict[tuple[str, str], float]:
     """Median time of each file, ms. Every file runs once per round."""
-    taken: dict[tuple[str, str], list[float]] = {key: [] for key in files}
-    for turn in range(rounds + 1):
-        for key, (session, frames) in files.items():
-            frame = frames[turn % len(frames)][None]
-            start = time.perf_counter()
-            session.run(None, {"image": frame})
-            if turn:  # the first round warms up
-                taken[key].append((time.perf_counter() - start) * 1000)
-    return {key: round(statistics.median(values), 1) for key, values in taken.items()}
+    calls = {
+        key: lambda number, session=session, frames=frames: session.run(
+            None, {"image": frames[number % len(frames)][None]}
+        )
+        for key, (session, frames) in files.items()
+    }
+    times = in_turn(calls, rounds)
+    return {key: round(statistics.median(values), 1) for key, values in times.items()}
 
 
 def main() -> None:
-    """Print the results as JSON, and optionally write them to a file."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    """Train, evaluate and time the presets."""
+    parser = program(__doc__)
     parser.add_argument("data", type=Path)
     parser.add_argument("--test", type=Path, required=True)
     parser.add_argument("--runs", type=Path, required=True)
@@ -121,7 +118,6 @@ def main() -> None:
     parser.add_argument("--size", default="192x320", help="training input, height x width in px")
     parser.add_argument("--steps", type=int, default=250)
     parser.add_argument("--rounds", type=int, default=15)
-    parser.add_argument("--result", type=Path)
     arguments = parser.parse_args()
     logging.disable(logging.WARNING)
     height, width = (int(side) for side in arguments.size.split("x"))
@@ -144,17 +140,14 @@ def main() -> None:
     for (preset, precision), median in times_ms(files, arguments.rounds).items():
         figures[preset][f"{precision}_ms"] = median
     result = {
-        "machine": platform.processor() or platform.machine(),
+        "machine": machine(),
         "threads": 2,
         "modality": arguments.modality,
         "trained_input": f"{width}x{height}",
         "training_steps": arguments.steps,
         "presets": figures,
     }
-    text = json.dumps(result, indent=2)
-    sys.stdout.write(text + "\n")
-    if arguments.result:
-        arguments.result.write_text(text + "\n", encoding="utf-8")
+    finish(result, arguments.result)
 
 
 if __name__ == "__main__":

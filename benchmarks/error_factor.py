@@ -2,14 +2,14 @@
 
 perceptree synth --out cal_paper --preset paper --seed 909 --views 2 --frames 160
 perceptree synth --out cal_field --preset field --seed 909 --views 2 --frames 160
-python benchmarks/error_factor.py MODEL.onnx cal_paper cal_field
+python -m benchmarks.error_factor MODEL.onnx cal_paper cal_field
 
 The constants of `MeasureSettings` were fitted to the embedded depth file. Another file may find
 edges less or more exactly: its manifest says by which factor (`error_factor`). It is the smallest
 one with which `HELD` of the 95 % intervals hold, of the diameters at the cut, of those at breast
 height and of the cut heights, each. DATA are datasets of scenes that the model was not trained on.
 Only the manifest changes: the graph keeps its bytes. Make the file's card anew afterwards
-(`model_cards.py`), because the stated errors change.
+(`release/cards.py`), because the stated errors change.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from manifest_change import write_manifest
-from measure import frames, labelled
-from measure_tables import TRUTHS
 
+from benchmarks.measure import frames, labelled
+from benchmarks.measure_tables import TRUTHS
 from calib import PinholeCamera, read_depth
 from edgetree import TreeDetections, TreeDetector
 from edgetree.demo.matching import match_boxes
 from edgetree.frames.images import read_image
 from edgetree.measure import Estimate, measure_trees
+from release.manifest_change import write_manifest
 
 SCORE_THRESHOLD = 0.5
 FACTORS = np.round(np.geomspace(0.6, 3.0, 17), 2)
@@ -77,13 +77,13 @@ def fitted(cases: list[Case]) -> float:
         words = "  ".join(f"{100 * share:.1f} of {count}" for count, share in shares)
         sys.stdout.write(f"{factor:6.2f}  {words}\n")
         if min(share for _, share in shares) >= HELD:
-            return factor
+            return float(factor)
     sys.exit(f"no factor up to {FACTORS[-1]} holds {100 * HELD:.0f} % of the intervals")
 
 
 def main() -> None:
     """Fit the factor and write it into the file."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])  # type: ignore[union-attr]
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("model", type=Path)
     parser.add_argument("data", type=Path, nargs="+")
     options = parser.parse_args()

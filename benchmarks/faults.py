@@ -1,6 +1,6 @@
 """Fault injection: what killed, ended and starved commands leave behind, and what is lost.
 
-python benchmarks/faults.py --result benchmarks/results/faults.json
+python -m benchmarks.faults --result benchmarks/results/faults.json
 
 Each command first runs undisturbed. Then it runs with a fault, and afterwards once more without:
 
@@ -13,12 +13,12 @@ Each command first runs undisturbed. Then it runs with a fault, and afterwards o
 After a fault, every result that has its final name must be whole: equal to the undisturbed one,
 or for a checkpoint, complete.
 After the repetition all results must be equal, and no temporary file may be left. States and logs
-of trainings, which grow, are only used for the repetition. Prints a table in Markdown.
+of trainings, which grow, are only used for the repetition. Prints a table in Markdown; outcomes are
+added to the result file.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import random
@@ -33,9 +33,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
 
+from basetree.errors import InputError
+from basetree.files.writing import write_text
+from benchmarks.tools.program import program, read_record
 from edgetree import sample_frames
+from perceptree.models import TreeRCNN, load_checkpoint, make_spec, save_checkpoint
 
 SAMPLES = 4
 DISK = "256m"
@@ -107,9 +110,6 @@ def is_whole(path: Path, content: bytes, expected: bytes | None) -> bool:
         return (expected or b"").startswith(whole_lines)
     if path.suffix != ".safetensors":
         return False
-    from basetree.errors import InputError
-    from perceptree.models import load_checkpoint
-
     try:
         load_checkpoint(path)
     except InputError:
@@ -253,8 +253,6 @@ def can_mount() -> bool:
 
 def jobs(folder: Path, share: float) -> list[Job]:
     """The commands to disturb, with their inputs in a folder."""
-    from perceptree.models import TreeRCNN, make_spec, save_checkpoint
-
     for kind in ("images", "depth"):
         (folder / kind).mkdir()
     for sample in sample_frames()[:SAMPLES]:
@@ -302,14 +300,6 @@ def jobs(folder: Path, share: float) -> list[Job]:
     return [Job(job.name, job.arguments, max(1, round(job.trials * share))) for job in found]
 
 
-def read_record(path: Path | None) -> dict[str, Any]:
-    """The outcomes of former runs, by command and fault."""
-    if path is None or not path.exists():
-        return {}
-    record: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    return record
-
-
 def show(line: str) -> None:
     """Print a line at once."""
     sys.stdout.write(line + "\n")
@@ -318,13 +308,12 @@ def show(line: str) -> None:
 
 def main() -> None:
     """Disturb all commands, print the table, and optionally write the results to a file."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = program(__doc__)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--share", type=float, default=1.0, help="share of the trials to make")
     parser.add_argument(
         "--only", help="part of a command and its fault, such as 'synth, disk full'"
     )
-    parser.add_argument("--result", type=Path, help="file to write, or to add outcomes to")
     options = parser.parse_args()
     faults = ["killed", "ended", *["disk full"] * can_mount(), "clock jumps"]
     record = read_record(options.result)
@@ -348,8 +337,7 @@ def main() -> None:
                 show(outcome.row())
                 record[f"{job.name}, {fault}"] = {"seed": options.seed, **asdict(outcome)}
                 if options.result:
-                    text = json.dumps(record, indent=2) + "\n"
-                    options.result.write_text(text, encoding="utf-8")
+                    write_text(options.result, json.dumps(record, indent=1) + "\n")
     sys.exit(any(outcome["faults"] for outcome in record.values()))
 
 

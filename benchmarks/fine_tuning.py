@@ -1,6 +1,6 @@
 """Fine-tuning on a hundred labelled pictures of another forest, as the guide describes it.
 
-python benchmarks/fine_tuning.py CHECKPOINT WORK --general DATA --test TEST_SET --result FILE.json
+python -m benchmarks.fine_tuning CHECKPOINT WORK --general DATA --test TEST_SET --result FILE.json
 
 The other forest is simulated: dense old beeches and maples on snowy slopes in fog, rain and snow at
 dusk, seen from a high mast through a wide lens with distortion, none of which the presets contain
@@ -12,17 +12,13 @@ field``. WORK keeps datasets and runs; an interrupted call is resumed.
 
 from __future__ import annotations
 
-import argparse
-import json
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from basetree.files.writing import write_text
+from benchmarks.tools.program import finish, note, program
+from benchmarks.tools.scores import scores
 from calib import PinholeCamera
-from perceptree.data import FrameStore, read_split
-from perceptree.evaluation import evaluate, predict_with
 from perceptree.models import load_checkpoint
 from perceptree.simulator import (
     CameraSettings,
@@ -43,7 +39,6 @@ SEED, TEST_SEED = 501, 502
 RATE = 5e-4
 MIX_SHARE = 0.5
 FINAL_SHARE = 0.3
-MEASURES = ("box_ap", "mask_ap", "keypoint_ap", "diameter_error_px", "recall", "precision")
 
 
 def other_forest() -> SimulatorSettings:
@@ -81,32 +76,19 @@ def simulate(work: Path) -> tuple[Path, Path]:
     return pictures, unseen
 
 
-def score(checkpoint: Path, tests: dict[str, Path]) -> dict[str, Any]:
-    """Evaluate a checkpoint on the test split of each dataset."""
-    model = load_checkpoint(checkpoint)[0].eval()
-    scores = {}
-    for name, folder in tests.items():
-        store = FrameStore(read_split(folder, "test"), model.spec)
-        metrics = evaluate(predict_with(model), store, 4).to_dict()
-        scores[name] = {measure: metrics[measure] for measure in MEASURES}
-    return scores
-
-
 def main() -> None:
     """Simulate, measure, fine-tune and measure again."""
-    assert __doc__
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n\n")[0])
+    parser = program(__doc__)
     parser.add_argument("checkpoint", type=Path)
     parser.add_argument("work", type=Path)
     parser.add_argument("--general", type=Path, required=True, help="simulated frames to mix in")
     parser.add_argument("--test", type=Path, required=True, help="the frozen test set")
     parser.add_argument("--minutes", type=float, default=60)
-    parser.add_argument("--result", type=Path, required=True)
     arguments = parser.parse_args()
     pictures, unseen = simulate(arguments.work)
     tests = {"other forest": unseen, "test": arguments.test}
-    before = score(arguments.checkpoint, tests)
-    sys.stderr.write(f"before: {before}\n")
+    before = {name: scores(arguments.checkpoint, test) for name, test in tests.items()}
+    note(f"before: {before}")
     spec = load_checkpoint(arguments.checkpoint)[0].spec
     source = DataSource(pictures, mix=arguments.general)
     shared: dict[str, Any] = {"mix_share": MIX_SHARE, "learning_rate": RATE}
@@ -117,8 +99,8 @@ def main() -> None:
     minutes = arguments.minutes * FINAL_SHARE
     last = recipe_settings("scratch", minutes=minutes, schedule="decay", **shared)
     end = train(spec, last, source, final, branch=tuned)
-    after = score(end.checkpoint, tests)
-    sys.stderr.write(f"after: {after}\n")
+    after = {name: scores(end.checkpoint, test) for name, test in tests.items()}
+    note(f"after: {after}")
     result = {
         "checkpoint": arguments.checkpoint.name,
         "pictures": PICTURES,
@@ -128,7 +110,7 @@ def main() -> None:
         "before": before,
         "after": after,
     }
-    write_text(arguments.result, json.dumps(result, indent=1) + "\n")
+    finish(result, arguments.result)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Work on several workers: overhead of the engine, scaling, and memory of the driver.
 
-python benchmarks/fleet_speed.py overhead scaling memory sizes --result FILE.json
+python -m benchmarks.fleet_speed overhead scaling memory sizes --result FILE.json
 
 - overhead: `edgetree run` on 1280x720 frames with depth by two processes with a shard each, and by
   Ray with two workers, in turn;
@@ -17,8 +17,6 @@ Prints what it measures as JSON.
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
 import statistics
 import subprocess
@@ -31,10 +29,20 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+import calib
+from basetree.files.writing import write_image
+from basetree.jobs import open_store, read_manifests
+from benchmarks.tools.processes import memory_mib
+from benchmarks.tools.program import finish, note, program, read_record
 from edgetree import sample_frames
+from edgetree.shards.merging import Outputs, merge_frames
+from edgetree.shards.work import KIND
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.append(str(ROOT / "tests" / "fleet"))
+FAKES = ROOT / "tests" / "basetree" / "jobs"  # a renderer of noise
+MB_PER_MIB = 1.048576
 
 Values = dict[str, Any]
 
@@ -89,7 +97,8 @@ def commands(
     first_cpu_s = last_cpu_s = 0.0
     seen = 0
     while any(process.poll() is None for process in processes):
-        largest_mb = max(largest_mb, memory_mb(processes[0].pid))
+        resident_mib = memory_mib(processes[0].pid, "status", "VmHWM")
+        largest_mb = max(largest_mb, MB_PER_MIB * resident_mib)
         now_cpu_s, written = cpu.look(), len(list(parts.glob("*.json")))
         if written > seen:
             first_cpu_s, last_cpu_s = (first_cpu_s if seen else now_cpu_s), now_cpu_s
@@ -137,16 +146,6 @@ def python_path(env: dict[str, str] | None) -> str:
     return str(ROOT) if given is None else given
 
 
-def memory_mb(process: int) -> float:
-    """Largest resident memory of a process until now, MB; 0 if it has ended."""
-    try:
-        text = Path(f"/proc/{process}/status").read_text()
-    except OSError:
-        return 0.0
-    lines = [line for line in text.splitlines() if line.startswith("VmHWM:")]
-    return int(lines[0].split()[1]) / 1000 if lines else 0.0
-
-
 @contextmanager
 def cluster_of(cores: int, env: dict[str, str] | None = None) -> Iterator[str]:
     """A cluster of Ray on this machine; yields its address."""
@@ -159,12 +158,7 @@ def cluster_of(cores: int, env: dict[str, str] | None = None) -> Iterator[str]:
     try:
         yield cluster.address
     finally:
-        cluster.shutdown()
-
-
-def tell(*values: object) -> None:
-    """Print what was measured on stderr."""
-    sys.stderr.write(" ".join(map(str, values)) + "\n")
+        cluster.shutdown()  # type: ignore[no-untyped-call]
 
 
 def repeated_frames(folder: Path, count: int) -> tuple[Path, Path]:
@@ -180,11 +174,8 @@ def repeated_frames(folder: Path, count: int) -> tuple[Path, Path]:
 
 def tiny_frames(folder: Path, count: int) -> Path:
     """A folder with images of 64x48."""
-    import cv2
-    import numpy as np
-
     folder.mkdir()
-    (folder / "first.png").write_bytes(cv2.imencode(".png", np.zeros((48, 64, 3), np.uint8))[1])
+    write_image(folder / "first.png", np.zeros((48, 64, 3), np.uint8))
     for number in range(1, count):
         (folder / f"{number:06d}.png").symlink_to(folder / "first.png")
     return folder
@@ -194,8 +185,6 @@ def run_command(images: Path, depth: Path, shards: Path, *options: object) -> li
     """The words of `edgetree run` with one thread."""
     camera = images.parent / "camera.json"
     if not camera.exists():
-        import calib
-
         calib.save_camera(camera, sample_frames()[0].camera)
     given = ("--depth", depth, "--camera", camera, "--threads", 1, "--shards", shards)
     return ["edgetree", "run", images, *given, *options]
@@ -218,7 +207,7 @@ def overhead(frames: int, repeats: int) -> Values:
                     table = folder / f"{number}.csv"
                     lists = [run_command(images, depth, shards, "--ray", "local", "--csv", table)]
                 found.append(commands(lists, shards / "parts"))
-                tell(kind, found[-1])
+                note(kind, found[-1])
     pairs = list(zip(runs["shards"], runs["ray"], strict=True))
     return {
         "frames": frames,
@@ -263,7 +252,7 @@ def doubled(work: Callable[[Path, str, int], Run], folder: Path, repeats: int) -
             with cluster_of(workers) as address:
                 out = folder / f"{work.__name__}{workers}_{number}"
                 found.append(work(out, address, workers))
-            tell(work.__name__, workers, found[-1])
+            note(work.__name__, workers, found[-1])
     ratios = [two.rate / one.rate for one, two in zip(runs[1], runs[2], strict=True)]
     return {
         "runs": {str(workers): [asdict(run) for run in found] for workers, found in runs.items()},
@@ -273,7 +262,8 @@ def doubled(work: Callable[[Path, str, int], Run], folder: Path, repeats: int) -
 
 def memory(few: int, many: int) -> Values:
     """Largest memory of the driver for few and many tiny frames."""
-    from fake_frames import environment
+    sys.path.append(str(FAKES))
+    from fake_frames import environment  # type: ignore[import-not-found]
 
     found: Values = {"simulation_mb": {}, "inference_mb": {}, "driver_ms_per_unit": {}}
     with tempfile.TemporaryDirectory() as name:
@@ -287,14 +277,14 @@ def memory(few: int, many: int) -> Values:
                 run = commands([command], out / "scenes", env)
                 found["simulation_mb"][str(frames)] = round(run.largest_mb, 1)
                 found["driver_ms_per_unit"][str(frames)] = round(1000 * run.cpu_s_per_part, 2)
-                tell("simulation", frames, run)
+                note("simulation", frames, run)
             for frames in (few, many):
                 images, out = tiny_frames(folder / f"images{frames}", frames), folder / f"r{frames}"
                 given = ("--shards", out, "--ray", address, "--csv", folder / f"{frames}.csv")
                 command = ["edgetree", "run", images, *given, "--json"]
                 run = commands([command], out / "parts", env)
                 found["inference_mb"][str(frames)] = round(run.largest_mb, 1)
-                tell("inference", frames, run)
+                note("inference", frames, run)
     return found
 
 
@@ -329,10 +319,6 @@ def sizes(frames: int, repeats: int) -> Values:
 
 def merging_s(shards: Path, table: Path) -> float:
     """Processor time to merge parts into JSON lines and a table."""
-    from basetree.jobs import open_store, read_manifests
-    from edgetree.shards.merging import Outputs, merge_frames
-    from edgetree.shards.work import KIND
-
     start_s = time.process_time()
     outputs = Outputs(jsonl=table.with_suffix(".jsonl"), csv=table)
     merge_frames(read_manifests([open_store(shards)], (KIND,)), outputs, lines_to_stdout=False)
@@ -351,16 +337,13 @@ def lines_of(path: Path) -> int:
 
 def main() -> None:
     """Measure what is asked for, and add it to the result."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = program(__doc__)
     parser.add_argument("parts", nargs="+", choices=["overhead", "scaling", "memory", "sizes"])
     parser.add_argument("--frames", type=int, default=512)
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--tiny", type=int, nargs=2, default=(1000, 10_000))
-    parser.add_argument("--result", type=Path)
     arguments = parser.parse_args()
-    result = {}
-    if arguments.result is not None and arguments.result.exists():
-        result = json.loads(arguments.result.read_text())
+    result = read_record(arguments.result)
     for part in arguments.parts:
         load = os.getloadavg()[2]
         if part == "memory":
@@ -370,9 +353,7 @@ def main() -> None:
                 arguments.frames, arguments.repeats
             )
         result[part] = {"cores": os.cpu_count(), "load_before": round(load, 2), **values}
-        if arguments.result is not None:
-            arguments.result.write_text(json.dumps(result, indent=1) + "\n")
-    sys.stdout.write(json.dumps(result, indent=1) + "\n")
+        finish(result, arguments.result)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """What a host does around the network, in the host and as operators of the graph.
 
-python benchmarks/host_stages.py --result benchmarks/results/host_stages.json
+python -m benchmarks.host_stages --result benchmarks/results/host_stages.json
 
 Resizing, depth encoding and leaving out trees that a better one covers are measured as the Python
 runtime does them. Resizing and encoding are measured as ONNX operators too, which could stand
@@ -11,14 +11,9 @@ Frames are the package's samples, 1280x720; models are the package's, 640x384.
 
 from __future__ import annotations
 
-import argparse
-import json
-import platform
 import statistics
-import sys
-import time
 from collections.abc import Callable
-from pathlib import Path
+from functools import partial
 from typing import Any
 
 import cv2
@@ -26,6 +21,8 @@ import numpy as np
 from onnx import TensorProto, helper, numpy_helper
 
 import calib
+from benchmarks.tools.program import finish, machine, program
+from benchmarks.tools.timing import in_turn
 from edgetree import TreeDetector, default_model, sample_frames
 from edgetree.runtime.duplicates import distinct_trees
 from edgetree.runtime.input_images import to_bytes
@@ -155,21 +152,18 @@ def stages_of(
             theirs = graph.run(None, {"frame": given})[0].reshape(pixels.shape)
             gaps[name] = max(gaps[name], int(np.abs(theirs.astype(int) - pixels).max()))
         stages: dict[str, Callable[[], Any]] = {
-            "network": lambda pixels=pixels: detector.session.run({manifest.input.name: pixels}),
-            "resize, host": lambda small=small: box.apply(small, pad_value),
+            "network": partial(detector.session.run, {manifest.input.name: pixels}),
+            "resize, host": partial(box.apply, small, pad_value),
             **{
-                name: lambda graph=graph, given=given: graph.run(None, {"frame": given})
-                for name, graph in resizing.items()
+                name: partial(graph.run, None, {"frame": given}) for name, graph in resizing.items()
             },
-            "covered trees, host": lambda boxes=boxes, masks=masks: distinct_trees(
-                boxes, masks, manifest.thresholds.mask_overlap
+            "covered trees, host": partial(
+                distinct_trees, boxes, masks, manifest.thresholds.mask_overlap
             ),
         }
         if encoder is not None:
-            stages["depth encoding, host"] = lambda image=image: to_bytes(image, encoding)
-            stages["depth encoding, graph"] = lambda image=image: encoder.run(
-                None, {"frame": image}
-            )
+            stages["depth encoding, host"] = partial(to_bytes, image, encoding)
+            stages["depth encoding, graph"] = partial(encoder.run, None, {"frame": image})
         frames.append(stages)
     return frames, gaps
 
@@ -177,13 +171,10 @@ def stages_of(
 def measure(modality: str, threads: int, rounds: int) -> dict[str, Any]:
     """Median time of each stage, and its share of the network's."""
     frames, gaps = stages_of(modality, threads)
-    times_ms: dict[str, list[float]] = {name: [] for name in frames[0]}
-    for index in range(rounds + 2):
-        for name, call in frames[index % len(frames)].items():
-            start = time.perf_counter()
-            call()
-            if index >= 2:
-                times_ms[name].append((time.perf_counter() - start) * 1e3)
+    calls = {
+        name: lambda number, name=name: frames[number % len(frames)][name]() for name in frames[0]
+    }
+    times_ms = in_turn(calls, rounds, warm_up=2)
     medians = {name: statistics.median(values) for name, values in times_ms.items()}
     return {
         "stages": {
@@ -195,15 +186,14 @@ def measure(modality: str, threads: int, rounds: int) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Print the results as JSON, and optionally write them to a file."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    """Measure the stages of both packaged models."""
+    parser = program(__doc__)
     parser.add_argument("--rounds", type=int, default=120)
     parser.add_argument("--threads", type=int, default=2, help="threads of an inference")
-    parser.add_argument("--result", type=Path)
     arguments = parser.parse_args()
     cv2.setNumThreads(arguments.threads)
     result = {
-        "machine": platform.processor() or platform.machine(),
+        "machine": machine(),
         "onnxruntime": import_onnxruntime().__version__,
         "threads": arguments.threads,
         "frame": f"{WIDTH}x{HEIGHT}",
@@ -212,10 +202,7 @@ def main() -> None:
             for modality in ("rgb", "depth")
         },
     }
-    text = json.dumps(result, indent=2)
-    sys.stdout.write(text + "\n")
-    if arguments.result:
-        arguments.result.write_text(text + "\n", encoding="utf-8")
+    finish(result, arguments.result)
 
 
 if __name__ == "__main__":

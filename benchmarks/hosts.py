@@ -1,6 +1,6 @@
 """Programs in other languages: what they find in conformance kits, and their time beside Python's.
 
-python benchmarks/hosts.py --model rgb --model depth \\
+python -m benchmarks.hosts --model rgb --model depth \\
     --host "node=node examples/hosts/node/run-kit.js {kit} {out} 2 {rounds}" \\
     --host "cpp=examples/hosts/cpp/build/run_kit {kit} {out} 2 {rounds}" \\
     --result benchmarks/results/hosts.json
@@ -13,9 +13,6 @@ a host is its fastest turn, which other load on the machine disturbs least. A co
 
 from __future__ import annotations
 
-import argparse
-import json
-import platform
 import shlex
 import subprocess
 import sys
@@ -23,6 +20,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from benchmarks.tools.program import finish, machine, note, program
 from edgetree.catalogue import find_model
 from edgetree.conformance import Results, compare_results, make_kit, read_results
 
@@ -67,7 +65,7 @@ def measure(model: Path, hosts: dict[str, str], turns: int, folder: Path) -> dic
         for name, command in hosts.items():
             if turn and "{rounds}" not in command:
                 continue
-            sys.stderr.write(f"{model.name}: {name}, turn {turn + 1}\n")
+            note(f"{model.name}: {name}, turn {turn + 1}")
             found = run(command, folder / "kit", folder / "results.json")
             results.setdefault(name, findings(folder / "kit", found))
             if found.median_ms is not None:
@@ -87,15 +85,12 @@ def measure(model: Path, hosts: dict[str, str], turns: int, folder: Path) -> dic
 
 
 def main() -> None:
-    """Print the results as JSON, and optionally write them to a file."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    """Run the hosts on the kits of all models."""
+    parser = program(__doc__)
     parser.add_argument("--model", action="append", required=True, help="name or file")
     parser.add_argument("--host", action="append", default=[], metavar="NAME=COMMAND")
     parser.add_argument("--turns", type=int, default=3)
     parser.add_argument("--threads", type=int, default=2, help="threads of the host in Python")
-    parser.add_argument("--result", type=Path)
     arguments = parser.parse_args()
     python = f"{PYTHON} --threads {arguments.threads} --rounds {{rounds}}"
     hosts = {"python": python} | dict(given.split("=", 1) for given in arguments.host)
@@ -104,16 +99,13 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as folder:
             models.append(measure(find_model(model), hosts, arguments.turns, Path(folder)))
     result = {
-        "machine": platform.processor() or platform.machine(),
+        "machine": machine(),
         "threads": arguments.threads,
         "rounds": ROUNDS,
         "turns": arguments.turns,
         "models": models,
     }
-    text = json.dumps(result, indent=2)
-    sys.stdout.write(text + "\n")
-    if arguments.result:
-        arguments.result.write_text(text + "\n", encoding="utf-8")
+    finish(result, arguments.result)
 
 
 if __name__ == "__main__":

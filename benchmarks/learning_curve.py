@@ -1,6 +1,6 @@
 """Draw how the models' average precision rose with training.
 
-python benchmarks/learning_curve.py --out docs/images/learning-curve.png
+python -m benchmarks.learning_curve --out docs/images/learning-curve.png
 
 The figures are in ``benchmarks/results/learning_curve.json``: of each file its card at the time,
 of weights without a file ``perceptree eval``.
@@ -12,8 +12,7 @@ import argparse
 import json
 from pathlib import Path
 
-import matplotlib as mpl
-from matplotlib import pyplot
+from benchmarks.tools.plots import panels, save
 
 RESULT = Path(__file__).parent / "results" / "learning_curve.json"
 HEADS = ("boxes", "masks", "keypoints")
@@ -32,8 +31,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True)
     out = parser.parse_args().out
     models = json.loads(RESULT.read_text(encoding="utf-8"))["models"]
-    mpl.use("agg")
-    figure, plots = pyplot.subplots(1, len(HEADS), figsize=(11, 3.6), sharex=True)
+    figure, plots = panels(1, len(HEADS), (11, 3.6), sharex=True)
     for plot, head in zip(plots, HEADS, strict=True):
         for name, points in models.items():
             frames = [point["frames"] / 1000 for point in points]
@@ -44,10 +42,8 @@ def main() -> None:
                 mark = "D" if "device" in point else "o"
                 plot.plot(x, y, mark, color=COLOURS[name], markerfacecolor=inside, markersize=6)
         plot.set(title=f"AP of {head} on test, %", xlabel="frames seen, thousands")
-        plot.grid(alpha=0.3)
     plots[0].legend(fontsize=8)
-    figure.tight_layout()
-    figure.savefig(out, dpi=110)
+    save(figure, out)
 
 
 if __name__ == "__main__":

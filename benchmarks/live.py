@@ -1,6 +1,6 @@
 """Rate and latency of the live pipeline on a recording of raw or compressed colour and depth.
 
-python benchmarks/live.py --result benchmarks/results/live.json
+python -m benchmarks.live --result benchmarks/results/live.json
 
 The recordings are MCAP files of the package's samples, 1280x720, made for the run. Each sample is
 shown for a second, as a machine that stands shows it, so that its stems are followed. `detect`
@@ -13,11 +13,7 @@ frame times.
 
 from __future__ import annotations
 
-import argparse
-import json
-import platform
 import statistics
-import sys
 import tempfile
 import time
 from pathlib import Path
@@ -26,14 +22,15 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
 
+from benchmarks.tools.program import finish, machine, program
 from calib import PinholeCamera
 from edgetree import TreeDetector, default_model, sample_frames
 from edgetree.live import LivePipeline
 from edgetree.runtime.providers import import_onnxruntime
 from edgetree.sinks import JsonLinesSink
+from edgetree.sinks.bag import BagFolder
+from edgetree.sinks.ros_types import RosTypes, time_ns
 from edgetree.sources import open_recording
 from edgetree.sources.playing import PacedSource
 
@@ -42,95 +39,60 @@ PERIOD_S = 0.1
 HOLD = 10  # frames of one sample
 PACE = 0.8  # of the chain's rate, for the latency
 COMPRESSED_DEPTH_HEADER = 12  # bytes before the PNG
-TYPES = {
-    "image": "sensor_msgs/msg/Image",
-    "packed": "sensor_msgs/msg/CompressedImage",
-    "camera": "sensor_msgs/msg/CameraInfo",
-}
+SUFFIXES = {"bgr8": "/compressed", "16UC1": "/compressedDepth"}  # of compressed topics
 
 Pixels = NDArray[Any]
 
 
 class Recording:
-    """Writes frames to an MCAP file."""
+    """Writes frames to an MCAP file, as a ROS driver of a camera does."""
 
     def __init__(self, folder: Path, *, compressed: bool) -> None:
-        self._store = get_typestore(Stores.LATEST)
+        self._types = RosTypes()
+        self._bag = BagFolder(folder, self._types.store)
         self._compressed = compressed
-        self._writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
-        self._writer.open()
-        kind = "packed" if compressed else "image"
-        topics = {
-            "colour": ("/camera/color/image_raw" + "/compressed" * compressed, kind),
-            "depth": ("/camera/depth/image_raw" + "/compressedDepth" * compressed, kind),
-            "camera": ("/camera/color/camera_info", "camera"),
-        }
-        self._connections = {
-            role: (self._writer.add_connection(name, TYPES[kind], typestore=self._store), kind)
-            for role, (name, kind) in topics.items()
-        }
 
     def add(self, image: Pixels, depth_mm: Pixels, camera: PinholeCamera, time_s: float) -> None:
         """Write one frame."""
-        make = self._store.types
-        seconds, part = divmod(round(time_s * 1e9), 10**9)
-        stamp = make["builtin_interfaces/msg/Time"](sec=seconds, nanosec=part)
-        header = make["std_msgs/msg/Header"](stamp=stamp, frame_id="camera")
-        for role, pixels, encoding in (("colour", image, "bgr8"), ("depth", depth_mm, "16UC1")):
-            values = self._packed(role, pixels) if self._compressed else _raw(pixels, encoding)
-            self._write(role, {"header": header, **values}, time_s)
-        region = make["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
-        k = np.array([camera.fx, 0, camera.cx, 0, camera.fy, camera.cy, 0, 0, 1], np.float64)
-        values = {
-            "header": header,
-            "height": camera.height,
-            "width": camera.width,
-            "distortion_model": "plumb_bob",
-            "d": np.zeros(5),
-            "k": k,
-            "r": np.eye(3).ravel(),
-            "p": np.insert(k, [3, 6, 9], 0.0),
-            "binning_x": 0,
-            "binning_y": 0,
-            "roi": region,
-        }
-        self._write("camera", values, time_s)
-
-    def _packed(self, role: str, pixels: Pixels) -> dict[str, Any]:
-        if role == "colour":
-            data, form = cv2.imencode(".jpg", pixels)[1].ravel(), "bgr8; jpeg compressed bgr8"
-        else:
-            png = cv2.imencode(".png", pixels, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1].ravel()
-            head = np.zeros(COMPRESSED_DEPTH_HEADER, np.uint8)
-            data, form = np.concatenate([head, png]), "16UC1; compressedDepth png"
-        return {"format": form, "data": data}
-
-    def _write(self, role: str, values: dict[str, Any], time_s: float) -> None:
-        connection, kind = self._connections[role]
-        message = self._store.types[TYPES[kind]](**values)
-        data = self._store.serialize_cdr(message, TYPES[kind])
-        self._writer.write(connection, round(time_s * 1e9), data)
+        header = self._types.header(time_s, "camera")
+        for topic, pixels, encoding in (
+            ("/camera/color/image_raw", image, "bgr8"),
+            ("/camera/depth/image_raw", depth_mm, "16UC1"),
+        ):
+            if self._compressed:
+                suffix, kind = SUFFIXES[encoding], "CompressedImage"
+                values = _packed(pixels, encoding)
+            else:
+                suffix, kind, values = "", "Image", _raw(pixels, encoding)
+            message = self._types.new("sensor_msgs", kind, header, *values)
+            self._bag.write(topic + suffix, f"sensor_msgs/msg/{kind}", time_ns(time_s), message)
+        info = self._types.camera_info(header, camera)
+        topic, kind = "/camera/color/camera_info", "sensor_msgs/msg/CameraInfo"
+        self._bag.write(topic, kind, time_ns(time_s), info)
 
     def close(self) -> None:
         """Complete the file."""
-        self._writer.close()
+        self._bag.close()
 
 
-def _raw(pixels: Pixels, encoding: str) -> dict[str, Any]:
-    """The fields of an uncompressed image."""
-    return {
-        "height": pixels.shape[0],
-        "width": pixels.shape[1],
-        "encoding": encoding,
-        "is_bigendian": 0,
-        "step": pixels.strides[0],
-        "data": np.frombuffer(pixels.tobytes(), np.uint8),
-    }
+def _raw(pixels: Pixels, encoding: str) -> tuple[Any, ...]:
+    """The fields of an uncompressed image after its header."""
+    data = np.frombuffer(pixels.tobytes(), np.uint8)
+    return *pixels.shape[:2], encoding, 0, pixels.strides[0], data
+
+
+def _packed(pixels: Pixels, encoding: str) -> tuple[Any, ...]:
+    """The fields of a compressed image after its header."""
+    if encoding == "bgr8":
+        return "bgr8; jpeg compressed bgr8", cv2.imencode(".jpg", pixels)[1].ravel()
+    png = cv2.imencode(".png", pixels, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1].ravel()
+    head = np.zeros(COMPRESSED_DEPTH_HEADER, np.uint8)
+    return "16UC1; compressedDepth png", np.concatenate([head, png])
 
 
 def record(folder: Path, frames: int, period_s: float, *, compressed: bool) -> Path:
     """Make a recording of the samples, one after the other."""
-    samples = [
+    samples: list[tuple[Pixels, Any, PinholeCamera]] = [
         (
             sample.image(),
             cv2.imdecode(np.fromfile(sample.depth_path, np.uint8), cv2.IMREAD_UNCHANGED),
@@ -176,12 +138,11 @@ def latency_s(detector: TreeDetector, recording: Path, lines: Path) -> list[floa
 
 
 def main() -> None:
-    """Print the results as JSON, and optionally write them to a file."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    """Measure rates and latency."""
+    parser = program(__doc__)
     parser.add_argument("--frames", type=int, default=120)
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--threads", type=int, default=2, help="threads of an inference")
-    parser.add_argument("--result", type=Path)
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
     detector = TreeDetector.load(default_model("depth"), threads=arguments.threads, warm_up=True)
@@ -212,7 +173,7 @@ def main() -> None:
         "latency_frames_p99": float(np.percentile(ages, 99)) / period_s,
     }
     result = {
-        "machine": platform.processor() or platform.machine(),
+        "machine": machine(),
         "onnxruntime": import_onnxruntime().__version__,
         "threads": arguments.threads,
         "frame": "1280x720",
@@ -226,10 +187,7 @@ def main() -> None:
             if (figures[name] > target) == name.startswith("latency")
         ],
     }
-    text = json.dumps(result, indent=2)
-    sys.stdout.write(text + "\n")
-    if arguments.result:
-        arguments.result.write_text(text + "\n", encoding="utf-8")
+    finish(result, arguments.result)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """An hour of the live pipeline on a drive, with a camera process that is killed on the way.
 
-python benchmarks/live_endurance.py DRIVE --result benchmarks/results/live_endurance.json \
+python -m benchmarks.live_endurance DRIVE --result benchmarks/results/live_endurance.json \
     --plot docs/images/live_endurance.png
 
 A process of its own plays the camera: it reads the frames of a simulated drive and sends them at a
@@ -14,16 +14,15 @@ threads grew. Ctrl-C ends the run early, with its results. Needs Linux, for /pro
 from __future__ import annotations
 
 import argparse
-import json
 import multiprocessing
 import os
-import platform
 import signal
 import sys
 import threading
 import time
 from collections import Counter, defaultdict
 from collections.abc import Iterator
+from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -31,11 +30,14 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from soak import handles, rss_mib
 
-from calib import PinholeCamera, RigidTransform, read_depth
+from benchmarks.tools.drives import drive_records, frame_without_pixels
+from benchmarks.tools.plots import endurance, save
+from benchmarks.tools.processes import Usage, percentiles
+from benchmarks.tools.program import finish, machine, program
+from calib import read_depth
 from edgetree import TreeDetector, default_model
-from edgetree.frames.frame import Frame, stream_frame
+from edgetree.frames.frame import Frame
 from edgetree.frames.images import read_image
 from edgetree.live import LivePipeline
 from edgetree.live.results import LiveResult
@@ -47,7 +49,6 @@ from edgetree.sources.source import FrameSource, SourceLost
 
 MEMORY_LIMIT_MIB = 8.0
 SAME_STEM_M = 0.5
-PERCENTILES = (50, 99)
 
 
 def there_and_back(count: int, number: int) -> int:
@@ -64,21 +65,14 @@ def play(folder: Path, count: int, rate_hz: float, start_s: float, to: Connectio
         number = max(0, int((time.monotonic() - start_s) * rate_hz) + 1)
         time.sleep(max(0.0, start_s + number / rate_hz - time.monotonic()))
         image = images[there_and_back(count, number)]
-        to.send(frame_of(folder, image, number, number / rate_hz))
-
-
-def frame_of(folder: Path, image: dict[str, Any], number: int, time_s: float) -> Frame:
-    """A frame of the drive with what a machine knows of it."""
-    pose = image["pose_world"]
-    return stream_frame(
-        number=number,
-        time_s=time_s,
-        image=read_image(folder / image["file_name"]),
-        depth_m=read_depth(folder / image["depth_file"]),
-        camera=PinholeCamera.from_dict(image["camera"]),
-        up_camera=np.array(image["up_camera"]),
-        pose=RigidTransform(np.transpose(pose["rotation"]), pose["origin_m"]),
-    )
+        frame = replace(
+            frame_without_pixels(image),
+            number=number,
+            time_s=number / rate_hz,
+            image=read_image(folder / image["file_name"]),
+            depth_m=read_depth(folder / image["depth_file"]),
+        )
+        to.send(frame)
 
 
 class CameraProcess:
@@ -184,8 +178,7 @@ class Identities:
 def records_of(folder: Path, count: int) -> list[dict[str, Any]]:
     """Image and labels of the first frames of a drive."""
     (scene,) = sorted((folder / "scenes").glob("*.json"))
-    records: list[dict[str, Any]] = json.loads(scene.read_text(encoding="utf-8"))
-    return sorted(records, key=lambda record: float(record["image"]["time_s"]))[:count]
+    return drive_records(scene)[:count]
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -207,8 +200,8 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     # Written in full before the run, so that it takes no more memory as it goes on.
     most = round(duration_s * rate_hz * 1.1) + 100
     rows = np.full((most, 3), np.nan)  # time in s, latency in ms, number of the frame
-    machine = np.full((round(duration_s) + 100, 4), np.nan)  # time in s, MiB, open files, threads
-    count = seconds = 0
+    usage = Usage(round(duration_s) + 100)
+    count = 0
     kills_s = [duration_s * (k + 1) / (arguments.kills + 1) for k in range(arguments.kills)]
     killed: list[tuple[float, int]] = []
     signal.signal(signal.SIGINT, lambda *_: pipeline.stop())
@@ -222,9 +215,8 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
             rows[count] = now_s - start_s, age_ms, result.frame.number
             count += 1
             identities.add(result)
-            if not seconds or now_s - start_s - machine[seconds - 1, 0] >= 1.0:
-                machine[seconds] = now_s - start_s, rss_mib(), *handles()
-                seconds += 1
+            if not len(usage.times_s) or now_s - start_s - usage.times_s[-1] >= 1.0:
+                usage.look(now_s - start_s)
                 show(now_s - start_s, duration_s, pipeline)
             if len(killed) < len(kills_s) and now_s - start_s >= kills_s[len(killed)]:
                 killed.append((now_s - start_s, result.frame.number))
@@ -232,21 +224,11 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
             if now_s - start_s >= duration_s or count == most:
                 break
     status = pipeline.status
-    gaps = missing(rows[:count, 2].astype(int), [number for _, number in killed])
-    times_s, mib, files, threads = machine[:seconds].T
-    part = np.minimum(times_s // part_s, arguments.parts - 1).astype(int)
-    memory = [float(mib[part == p].mean()) for p in np.unique(part)]
-    growth = memory[-1] - memory[len(memory) // 10]
-    tenth = len(mib) // 10
-    grown = bool(
-        files[-tenth:].min() > files[tenth : 2 * tenth].max()
-        or threads[-tenth:].min() > threads[tenth : 2 * tenth].max()
-    )
     return {
-        "machine": platform.processor() or platform.machine(),
+        "machine": machine(),
         "onnxruntime": import_onnxruntime().__version__,
         "threads_of_inference": arguments.threads,
-        "seconds": round(float(times_s[-1]), 1),
+        "seconds": round(float(usage.times_s[-1]), 1),
         "rate_hz": rate_hz,
         "frames_of_drive": len(labels),
         "results": status.results,
@@ -254,16 +236,9 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         "left_out": status.left_out,
         "camera_killed_s": [round(at_s, 1) for at_s, _ in killed],
         "camera_lost": status.lost,
-        "missing_after_kill": gaps["after_kill"],
-        "missing_else": gaps["else"],
-        "latency_ms": latency(rows[:count], part_s, arguments.parts),
-        "memory_mib": [round(value, 2) for value in memory],
-        "growth_mib": round(growth, 2),
-        "limit_mib": MEMORY_LIMIT_MIB,
-        "open_files": [int(files[tenth]), int(files[-1]), int(files.max())],
-        "threads": [int(threads[tenth]), int(threads[-1]), int(threads.max())],
+        **missing(rows[:count, 2].astype(int), [number for _, number in killed]),
+        **over_time(rows[:count], usage, part_s, arguments.parts),
         "identities": identities.summary(),
-        "passed": growth <= MEMORY_LIMIT_MIB and not grown,
     }
 
 
@@ -275,18 +250,26 @@ def missing(seen: NDArray[np.int_], killed_at: list[int]) -> dict[str, Any]:
         # Up to a few frames were on their way when the camera was killed.
         near = (seen[:-1] >= number) & (seen[:-1] <= number + 5)
         after.append(int(steps[near].max(initial=0)))
-    return {"after_kill": after, "else": int(steps.sum()) - sum(after)}
+    return {"missing_after_kill": after, "missing_else": int(steps.sum()) - sum(after)}
 
 
-def latency(rows: NDArray[np.float64], part_s: float, parts: int) -> dict[str, list[float]]:
-    """Percentiles of the latency in each part of the run, ms."""
-    times_s, age_ms, _ = rows.T
-    part = np.minimum(times_s // part_s, parts - 1).astype(int)
+def over_time(rows: NDArray[np.float64], usage: Usage, part_s: float, parts: int) -> dict[str, Any]:
+    """Latency and memory in each part of the run, open files and threads, and whether they grew."""
+
+    def part_of(times_s: NDArray[np.float64]) -> NDArray[np.int_]:
+        return np.minimum(times_s // part_s, parts - 1).astype(int)
+
+    looked = part_of(usage.times_s)
+    memory_mib = [float(usage.resident_mib[looked == part].mean()) for part in np.unique(looked)]
+    growth_mib = memory_mib[-1] - memory_mib[len(memory_mib) // 10]
+    handles, grown = usage.handles()
     return {
-        f"p{percent}": [
-            round(float(np.percentile(age_ms[part == p], percent)), 1) for p in np.unique(part)
-        ]
-        for percent in PERCENTILES
+        "latency_ms": percentiles(rows[:, 1], part_of(rows[:, 0]), 1),
+        "memory_mib": [round(value, 2) for value in memory_mib],
+        "growth_mib": round(growth_mib, 2),
+        "limit_mib": MEMORY_LIMIT_MIB,
+        **handles,
+        "passed": growth_mib <= MEMORY_LIMIT_MIB and not grown,
     }
 
 
@@ -297,38 +280,25 @@ def show(now_s: float, duration_s: float, pipeline: LivePipeline) -> None:
 
 def plot(result: dict[str, Any], path: Path) -> None:
     """Draw latency and memory over the run."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
-
     count = len(result["memory_mib"])
     ends = (np.arange(count) + 0.5) * result["seconds"] / 60 / count
-    figure, (top, bottom) = plt.subplots(2, 1, figsize=(7, 5), sharex=True, layout="constrained")
+    figure, top, bottom = endurance(
+        ends, "minutes", result["latency_ms"], result["memory_mib"], "results"
+    )
     frame_ms = 1000 / result["rate_hz"]
     top.axhline(2 * frame_ms, color="grey", linestyle=":", label="two frame times")
-    for name, label in (("p99", "99 % of the results are faster"), ("p50", "median")):
-        top.plot(ends, result["latency_ms"][name], label=label)
-    top.set(ylabel="latency (ms)", ylim=(0, 1.5 * max(result["latency_ms"]["p99"])))
-    bottom.plot(ends, result["memory_mib"], color="tab:green")
-    bottom.set(
-        ylabel="resident memory (MiB)",
-        xlabel="minutes",
-        ylim=(0, 1.2 * max(result["memory_mib"])),
-    )
     for axes in (top, bottom):
-        axes.grid(alpha=0.3)
         for number, at_s in enumerate(result["camera_killed_s"]):
             label = "camera killed" if number == 0 else ""
             axes.axvline(at_s / 60, color="tab:red", linewidth=0.8, alpha=0.6, label=label)
     top.legend(fontsize="small", ncols=2, loc="upper center")
     figure.suptitle(f"{result['results']:,} frames of a drive at {result['rate_hz']:g} per second")
-    figure.savefig(path, dpi=110)
+    save(figure, path)
 
 
 def main() -> None:
-    """Print the results as JSON, and optionally write them to a file."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    """Run the test."""
+    parser = program(__doc__)
     parser.add_argument("drive", type=Path, help="dataset of the preset drive, with one scene")
     parser.add_argument("--minutes", type=float, default=60.0)
     parser.add_argument("--rate", type=float, default=15.0, help="frames per second")
@@ -336,15 +306,11 @@ def main() -> None:
     parser.add_argument("--kills", type=int, default=10, help="how often the camera is killed")
     parser.add_argument("--parts", type=int, default=60, help="parts of the run in the result")
     parser.add_argument("--threads", type=int, default=2, help="threads of an inference")
-    parser.add_argument("--result", type=Path)
     parser.add_argument("--plot", type=Path)
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
     result = run(arguments)
-    text = json.dumps(result, indent=1)
-    sys.stdout.write(text + "\n")
-    if arguments.result:
-        arguments.result.write_text(text + "\n", encoding="utf-8")
+    finish(result, arguments.result)
     if arguments.plot:
         plot(result, arguments.plot)
     sys.exit(0 if result["passed"] else 1)

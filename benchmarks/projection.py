@@ -1,6 +1,6 @@
 """Time to project a million points with every lens model, compared with OpenCV.
 
-python benchmarks/projection.py --result benchmarks/results/projection.json
+python -m benchmarks.projection --result benchmarks/results/projection.json
 
 Points and pixels are float64; one thread. Also measured: the rays of all pixels of a 1280x720 image
 (computed once per camera and then cached), the points of a depth map of that size, and the
@@ -10,18 +10,14 @@ on the machine matters little.
 
 from __future__ import annotations
 
-import argparse
-import json
-import platform
-import sys
-import time
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import cv2
 import numpy as np
 
+from benchmarks.tools.program import finish, machine, program
+from benchmarks.tools.timing import in_turn
 from calib import (
     PinholeCamera,
     RigidTransform,
@@ -50,13 +46,7 @@ CAMERAS = {
 
 def fastest_ms(call: Callable[[], object], rounds: int) -> float:
     """Minimum time of several calls after a warm-up call, ms."""
-    call()
-    times_s = []
-    for _ in range(rounds):
-        start = time.perf_counter()
-        call()
-        times_s.append(time.perf_counter() - start)
-    return round(min(times_s) * 1000, 2)
+    return round(min(in_turn({"call": lambda _: call()}, rounds)["call"]), 2)
 
 
 def opencv_projection(camera: PinholeCamera, points_m: np.ndarray) -> Callable[[], object]:
@@ -93,16 +83,15 @@ def measure_registration(rounds: int) -> float:
 
 
 def main() -> None:
-    """Print the results as JSON, and optionally write them to a file."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    """Measure all lens models."""
+    parser = program(__doc__)
     parser.add_argument("--rounds", type=int, default=15)
-    parser.add_argument("--result", type=Path)
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
     points_m = np.random.default_rng(0).uniform([-3, -2, 3], [3, 2, 9], (POINTS, 3))
     models = {name: measure(camera, points_m, arguments.rounds) for name, camera in CAMERAS.items()}
     result = {
-        "machine": platform.processor() or platform.machine(),
+        "machine": machine(),
         "numpy": np.__version__,
         "opencv": cv2.__version__,
         "points": POINTS,
@@ -112,10 +101,7 @@ def main() -> None:
         "target_ms": TARGET_MS,
         "missed": [name for name, row in models.items() if row["project_ms"] > TARGET_MS],
     }
-    text = json.dumps(result, indent=2)
-    sys.stdout.write(text + "\n")
-    if arguments.result:
-        arguments.result.write_text(text + "\n", encoding="utf-8")
+    finish(result, arguments.result)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Accuracy of a model file on real pictures with manually drawn boxes.
 
-python benchmarks/real_pictures.py PICTURES/instances.json --model rgb --drawn FOLDER
+python -m benchmarks.real_pictures PICTURES/instances.json --model rgb --drawn FOLDER
 
 The label file has COCO's format. An annotation may have ``certain: false``: a detection with at
 least half of its box inside such a box is ignored (as with COCO's crowds). A certain stem counts as
@@ -12,21 +12,23 @@ certain are ignored: for ``perceptree eval`` and ``perceptree calibrate-scores``
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import io
 import json
 import shutil
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
 from basetree.files.reading import read_image
 from basetree.files.writing import write_image
+from benchmarks.tools.program import command_line
 from edgetree import TreeDetections, TreeDetector, default_model
 from edgetree.drawing.trees import draw_trees
 
@@ -48,8 +50,25 @@ def ground_truth(labels: Path) -> COCO:
     return truth
 
 
-def compare(truth: COCO, found: list[dict[str, Any]]) -> COCOeval:
-    """Match detections with the boxes at an IoU of 0.5."""
+@dataclass(frozen=True)
+class Matches:
+    """Detections beside the annotated boxes, at an IoU of 0.5; ignored ones are left out.
+
+    Attributes:
+        ap50: average precision, %.
+        stems: number of certain stems.
+        scores: (N,) scores, the highest first.
+        right: (N,) whether each is a stem.
+    """
+
+    ap50: float
+    stems: int
+    scores: NDArray[np.float64]
+    right: NDArray[np.bool_]
+
+
+def compare(truth: COCO, found: list[dict[str, Any]]) -> Matches:
+    """Match detections with the boxes."""
     with contextlib.redirect_stdout(io.StringIO()):
         matched = COCOeval(truth, truth.loadRes(found), "bbox")
         matched.params.iouThrs = np.array([IOU])
@@ -57,20 +76,18 @@ def compare(truth: COCO, found: list[dict[str, Any]]) -> COCOeval:
         matched.params.areaRngLbl = ["all"]
         matched.evaluate()
         matched.accumulate()
-    return matched
-
-
-def counts(matched: COCOeval) -> dict[str, int]:
-    """Numbers of certain stems, found stems and false detections at the displayed score."""
-    stems = hits = wrong = 0
+    scores: list[float] = []
+    right: list[bool] = []
+    stems = 0
     for image in filter(None, matched.evalImgs):
-        shown = np.asarray(image["dtScores"]) >= SHOWN_SCORE
-        taken = np.asarray(image["dtMatches"][0])[shown] > 0
-        ignored = np.asarray(image["dtIgnore"][0], bool)[shown]
+        counted = ~np.asarray(image["dtIgnore"][0], bool)
+        scores += np.asarray(image["dtScores"])[counted].tolist()
+        right += (np.asarray(image["dtMatches"][0])[counted] > 0).tolist()
         stems += int((~np.asarray(image["gtIgnore"], bool)).sum())
-        hits += int((taken & ~ignored).sum())
-        wrong += int((~taken & ~ignored).sum())
-    return {"stems": stems, "found": hits, "wrong": wrong}
+    precision = matched.eval["precision"][0, :, 0, 0, -1]
+    order = np.argsort(-np.asarray(scores), kind="stable")
+    ap50 = round(100 * float(precision[precision > -1].mean()), 1)
+    return Matches(ap50, stems, np.asarray(scores)[order], np.asarray(right, bool)[order])
 
 
 def entries(image_id: int, trees: TreeDetections) -> list[dict[str, Any]]:
@@ -98,8 +115,7 @@ def write_dataset(labels: Path, content: dict[str, Any], out: Path) -> None:
 
 def main() -> None:
     """Print the results as JSON, and optionally draw the pictures."""
-    assert __doc__
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = command_line(__doc__)
     parser.add_argument("labels", type=Path)
     parser.add_argument("--model", default="rgb", help="rgb for the embedded model, or a file")
     parser.add_argument("--drawn", type=Path, help="folder for the pictures with detections")
@@ -127,14 +143,16 @@ def main() -> None:
             drawn = draw_trees(np.asarray(picture, np.uint8), trees.above(SHOWN_SCORE))
             write_image(arguments.drawn / f"{path.stem}.jpg", drawn)
     matched = compare(truth, found)
-    told = counts(matched)
-    precision = matched.eval["precision"][0, :, 0, 0, -1]
+    shown = matched.right[matched.scores >= SHOWN_SCORE]
+    hits, wrong = int(shown.sum()), int((~shown).sum())
     result = {
         "model": arguments.model,
-        "box AP50": round(100 * float(precision[precision > -1].mean()), 1),
-        **told,
-        "recall": round(told["found"] / told["stems"], 3),
-        "precision": round(told["found"] / max(1, told["found"] + told["wrong"]), 3),
+        "box AP50": matched.ap50,
+        "stems": matched.stems,
+        "found": hits,
+        "wrong": wrong,
+        "recall": round(hits / matched.stems, 3),
+        "precision": round(hits / max(1, hits + wrong), 3),
     }
     sys.stdout.write(json.dumps(result) + "\n")
 

@@ -1,6 +1,6 @@
 """Overhead of the runtime: its start, and the work around each inference.
 
-python benchmarks/runtime.py --result benchmarks/results/runtime.json
+python -m benchmarks.runtime --result benchmarks/results/runtime.json
 
 The start is measured in new processes, alternating with one that only imports numpy, OpenCV and
 onnxruntime. The work around the network (resizing, depth encoding, decoding the output) is the time
@@ -11,19 +11,17 @@ the package's, 640x384. On a machine with other load, ratios are valid, absolute
 
 from __future__ import annotations
 
-import argparse
 import json
-import platform
-import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Callable
-from pathlib import Path
+from functools import partial
 
 import cv2
 import numpy as np
 
+from benchmarks.tools.program import finish, machine, program
+from benchmarks.tools.timing import medians, time_ms
 from edgetree import SampleFrame, TreeDetections, TreeDetector, default_model, sample_frames
 from edgetree.runtime.providers import SessionSettings, import_onnxruntime
 from edgetree.runtime.session import Arrays, OrtSession
@@ -54,23 +52,12 @@ print([imported - start, loaded - begin, done - begin])
 """
 
 
-def milliseconds(call: Callable[[], object]) -> float:
-    """Time of one call, ms."""
-    start = time.perf_counter()
-    call()
-    return (time.perf_counter() - start) * 1000
-
-
-def medians(rows: list[dict[str, float]]) -> dict[str, float]:
-    """Median of each value over the rounds."""
-    return {name: round(statistics.median(row[name] for row in rows), 4) for name in rows[0]}
-
-
 def run_fresh(code: str, *arguments: str) -> list[float]:
     """Run a program in a new process, and return what it prints."""
     command = [sys.executable, "-c", code, *arguments]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
-    return json.loads(done.stdout)
+    times_s: list[float] = json.loads(done.stdout)
+    return times_s
 
 
 def measure_start(modality: str, threads: int, rounds: int) -> dict[str, float]:
@@ -119,11 +106,11 @@ def measure_around(modality: str, threads: int, rounds: int) -> dict[str, float]
     rows = []
     for index in range(rounds):
         frame = frames[index % len(frames)]
-        detect_ms = milliseconds(lambda frame=frame: detector.detect(frame))
+        detect_ms = time_ms(partial(detector.detect, frame))
         run_ms = session.run_ms
         trees = detector.detect(frame)
         ten = trees.select(np.arange(PASTED) % len(trees))
-        paste_ms = milliseconds(lambda ten=ten: paste_all(ten))
+        paste_ms = time_ms(partial(paste_all, ten))
         rows.append(
             {
                 "run_ms": run_ms,
@@ -144,9 +131,9 @@ def measure_decoding(frame: SampleFrame, rounds: int) -> dict[str, float]:
     return medians(
         [
             {
-                "jpeg_ms": milliseconds(lambda: cv2.imdecode(jpeg, cv2.IMREAD_COLOR)),
-                "png_ms": milliseconds(lambda: cv2.imdecode(png, cv2.IMREAD_COLOR)),
-                "depth_png_ms": milliseconds(lambda: cv2.imdecode(depth_png, cv2.IMREAD_UNCHANGED)),
+                "jpeg_ms": time_ms(lambda: cv2.imdecode(jpeg, cv2.IMREAD_COLOR)),
+                "png_ms": time_ms(lambda: cv2.imdecode(png, cv2.IMREAD_COLOR)),
+                "depth_png_ms": time_ms(lambda: cv2.imdecode(depth_png, cv2.IMREAD_UNCHANGED)),
             }
             for _ in range(rounds)
         ]
@@ -154,12 +141,11 @@ def measure_decoding(frame: SampleFrame, rounds: int) -> dict[str, float]:
 
 
 def main() -> None:
-    """Print the results as JSON, and optionally write them to a file."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    """Measure both packaged models."""
+    parser = program(__doc__)
     parser.add_argument("--rounds", type=int, default=60, help="detections per model")
     parser.add_argument("--starts", type=int, default=7, help="new processes per model")
     parser.add_argument("--threads", type=int, default=1, help="threads of an inference")
-    parser.add_argument("--result", type=Path)
     arguments = parser.parse_args()
     cv2.setNumThreads(arguments.threads)
     models = {
@@ -168,7 +154,7 @@ def main() -> None:
         for modality in ("rgb", "depth")
     }
     result = {
-        "machine": platform.processor() or platform.machine(),
+        "machine": machine(),
         "onnxruntime": import_onnxruntime().__version__,
         "threads": arguments.threads,
         "frame": "1280x720",
@@ -182,10 +168,7 @@ def main() -> None:
             if figures[name] > limit
         ],
     }
-    text = json.dumps(result, indent=2)
-    sys.stdout.write(text + "\n")
-    if arguments.result:
-        arguments.result.write_text(text + "\n", encoding="utf-8")
+    finish(result, arguments.result)
 
 
 if __name__ == "__main__":

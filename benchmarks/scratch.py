@@ -1,6 +1,6 @@
 """Effect of single changes of the training recipe ``scratch`` on a light network.
 
-python benchmarks/scratch.py DATA --start CHECKPOINT --test TEST --runs RUNS --minutes 30 \
+python -m benchmarks.scratch DATA --start CHECKPOINT --test TEST --runs RUNS --minutes 30 \
     --candidates base-0,base-1,colours,paste --result benchmarks/results/scratch_rgb.json
 
 Every candidate starts from the same checkpoint and trains for the same time, with the learning rate
@@ -14,23 +14,20 @@ the result.
 from __future__ import annotations
 
 import argparse
-import json
 import platform
-import sys
 from pathlib import Path
 from typing import Any
 
 import torch
 
-from perceptree.data import AugmentSettings, FrameStore, read_split
-from perceptree.evaluation import evaluate, predict_with
+from benchmarks.tools.program import finish, made_once, note, program
+from benchmarks.tools.scores import MEASURES, NEVER, scores
+from perceptree.data import AugmentSettings, read_split
 from perceptree.models import load_checkpoint
 from perceptree.training import TrainSettings, recipe_settings, train
 
 RATE = 1e-3
 BASE = "base-"
-NEVER = 10**9
-MEASURES = ("box_ap", "mask_ap", "keypoint_ap", "diameter_error_px", "recall", "precision")
 CANDIDATES: dict[str, tuple[str, dict[str, Any]]] = {
     "colours": (
         "strong colours: shadows, hue, curves, blur, patches, chroma noise, JPEG",
@@ -91,42 +88,31 @@ def settings_of(name: str, minutes: float) -> TrainSettings:
 def run(name: str, arguments: argparse.Namespace) -> dict[str, Any]:
     """Train and evaluate one candidate, or read the scores of an earlier run."""
     folder: Path = arguments.runs / name
-    found = folder / "scores.json"
-    if found.exists():
-        return dict(json.loads(found.read_text("utf-8")))
-    spec = load_checkpoint(arguments.start)[0].spec
-    settings = settings_of(name, arguments.minutes)
-    sys.stderr.write(f"{name}: training\n")
-    report = train(spec, settings, arguments.data, folder, init=arguments.start)
-    scores = score(report.checkpoint, arguments.test) | {
-        "steps": report.steps,
-        "frames": report.steps * settings.batch,
-        "elapsed_s": round(report.elapsed_s, 1),
-    }
-    found.write_text(json.dumps(scores), "utf-8")
-    sys.stderr.write(f"{name}: {scores}\n")
-    return scores
 
+    def trained() -> dict[str, Any]:
+        spec = load_checkpoint(arguments.start)[0].spec
+        settings = settings_of(name, arguments.minutes)
+        report = train(spec, settings, arguments.data, folder, init=arguments.start)
+        return scores(report.checkpoint, arguments.test) | {
+            "steps": report.steps,
+            "frames": report.steps * settings.batch,
+            "elapsed_s": round(report.elapsed_s, 1),
+        }
 
-def score(checkpoint: Path, test: Path) -> dict[str, Any]:
-    """Average precision and errors on the test frames."""
-    model = load_checkpoint(checkpoint)[0].eval()
-    frames = FrameStore(read_split(test, "test"), model.spec)
-    metrics = evaluate(predict_with(model), frames, 4).to_dict()
-    return {name: metrics[name] for name in MEASURES}
+    found = made_once(folder / "scores.json", trained)
+    note(f"{name}: {found}")
+    return found
 
 
 def main() -> None:
     """Train the missing candidates, and optionally write the table."""
-    assert __doc__
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n\n")[0])
+    parser = program(__doc__)
     parser.add_argument("data", type=Path)
     parser.add_argument("--start", type=Path, required=True, help="common starting checkpoint")
     parser.add_argument("--test", type=Path, required=True)
     parser.add_argument("--runs", type=Path, required=True)
     parser.add_argument("--minutes", type=float, default=30)
     parser.add_argument("--candidates", required=True, help=f"base-N, {', '.join(CANDIDATES)}")
-    parser.add_argument("--result", type=Path)
     arguments = parser.parse_args()
     names = arguments.candidates.split(",")
     rows = {name: run(name, arguments) for name in names}
@@ -145,12 +131,12 @@ def main() -> None:
         "train frames": len(read_split(arguments.data, "train")),
         "test frames": len(read_split(arguments.test, "test")),
         "minutes": arguments.minutes,
-        "start": score(arguments.start, arguments.test),
+        "start": scores(arguments.start, arguments.test),
         "what": {name: CANDIDATES[name][0] for name in names if name in CANDIDATES},
         "rows": rows,
         "spread of the bases": spread,
     }
-    arguments.result.write_text(json.dumps(result, indent=1) + "\n", "utf-8")
+    finish(result, arguments.result)
 
 
 if __name__ == "__main__":

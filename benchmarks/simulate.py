@@ -1,6 +1,6 @@
 """Speed of the simulator (frames per minute), its memory, and bytes per frame.
 
-python benchmarks/simulate.py FOLDER --frames 1000 --result benchmarks/results/simulator.json
+python -m benchmarks.simulate FOLDER --frames 1000 --result benchmarks/results/simulator.json
 
 Memory is the sum of the proportional set sizes of all processes (Linux), sampled every second.
 The folder must be new, so that nothing is resumed. Afterwards one process simulates a few scenes
@@ -9,18 +9,17 @@ under a profiler, which gives the fraction of time per stage, without the writin
 
 from __future__ import annotations
 
-import argparse
 import cProfile
 import dataclasses
-import json
 import os
 import platform
 import pstats
-import sys
 import threading
 import time
 from pathlib import Path
 
+from benchmarks.tools.processes import family, memory_mib
+from benchmarks.tools.program import finish, program
 from perceptree.simulator import PRESETS, CameraSettings, SimulatorSettings, generate_dataset
 from perceptree.simulator.dataset.frames import make_assets, simulate_frames
 
@@ -39,24 +38,6 @@ STAGES = {
 }
 
 
-def family(pid: int) -> list[int]:
-    """Ids of a process and all its descendants."""
-    found = [pid]
-    for task in Path(f"/proc/{pid}/task").glob("*/children"):
-        for child in task.read_text().split():
-            found += family(int(child))
-    return found
-
-
-def proportional_mb(pid: int) -> float:
-    """Proportional set size of a process, MB; 0 if it has just ended."""
-    try:
-        lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()
-    except OSError:
-        return 0.0
-    return sum(float(line.split()[1]) for line in lines if line.startswith("Pss:")) / 1024
-
-
 class PeakMemory:
     """Records the peak memory of this process and its children until ``stop``."""
 
@@ -68,7 +49,8 @@ class PeakMemory:
 
     def _watch(self) -> None:
         while not self._ended.wait(SAMPLE_S):
-            self.mb = max(self.mb, sum(proportional_mb(pid) for pid in family(os.getpid())))
+            every = family(os.getpid())
+            self.mb = max(self.mb, sum(memory_mib(pid, "smaps_rollup", "Pss") for pid in every))
 
     def stop(self) -> float:
         """Stop recording, and return the peak, MB."""
@@ -99,8 +81,8 @@ def shares_of_time(settings: SimulatorSettings, seed: int) -> dict[str, float]:
 
 
 def main() -> None:
-    """Simulate, measure, print the results, and optionally write them to a file."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    """Simulate and measure."""
+    parser = program(__doc__)
     parser.add_argument("out", type=Path)
     parser.add_argument("--frames", type=int, default=200)
     parser.add_argument("--workers", type=int, default=os.cpu_count())
@@ -109,7 +91,6 @@ def main() -> None:
         "--size", type=int, nargs=2, default=(1280, 720), help="image width and height, px"
     )
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--result", type=Path)
     options = parser.parse_args()
     if options.out.exists():
         parser.error(f"{options.out} exists: expected a new folder")
@@ -152,9 +133,7 @@ def main() -> None:
         "trees_per_frame": round(sum(report.trees.values()) / frames, 3),
         "shares_of_time": shares_of_time(settings, options.seed),
     }
-    sys.stdout.write(json.dumps(result, indent=1) + "\n")
-    if options.result:
-        options.result.write_text(json.dumps(result, indent=1) + "\n")
+    finish(result, options.result)
 
 
 if __name__ == "__main__":

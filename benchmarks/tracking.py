@@ -1,7 +1,7 @@
 """Following and fusing stems over simulated drives: identities, errors, intervals and time.
 
 perceptree synth --out drives --preset drive --frames 2000 --views 200 --width 640 --height 360
-python benchmarks/tracking.py drives --result benchmarks/results/tracking.json
+python -m benchmarks.tracking drives --result benchmarks/results/tracking.json
 
 The scores of identities need scipy, those of ByteTrack `supervision` before 0.27; without these
 packages they are left out. `--cache` keeps detections and measurements. The shares of errors in
@@ -10,20 +10,21 @@ packages they are left out. `--cache` keeps detections and measurements. The sha
 
 from __future__ import annotations
 
-import argparse
 import importlib.util
-import json
 import math
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tracking_drives import DriveFrame, load_drives
-from tracking_fusion import (
+
+from benchmarks.tools.program import finish, program
+from benchmarks.tools.timing import time_ms
+from benchmarks.tracking_drives import DriveFrame, load_drives
+from benchmarks.tracking_fusion import (
     PLACE,
     TRUTHS,
     Row,
@@ -33,10 +34,9 @@ from tracking_fusion import (
     fused_rows,
     single_frames,
 )
-from tracking_plot import plot
-from tracking_scores import ScoredFrame, byte_track, scores
-from tracking_stand import twenty_stems
-
+from benchmarks.tracking_plot import plot
+from benchmarks.tracking_scores import ScoredFrame, byte_track, scores
+from benchmarks.tracking_stand import twenty_stems
 from edgetree import TreeDetections, TreeDetector
 from edgetree.catalogue import default_model
 from edgetree.frames.frame import Frame
@@ -72,12 +72,11 @@ Tracks = list[list[TreeTrack]]
 
 
 def main() -> None:
-    """Follow the drives, print the figures, and optionally write them."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    """Follow the drives."""
+    parser = program(__doc__)
     parser.add_argument("data", type=Path, nargs="+", help="folders of drives")
     parser.add_argument("--model", type=Path, help="depth model; default: the embedded one")
     parser.add_argument("--cache", type=Path, help="folder for detections and measurements")
-    parser.add_argument("--result", type=Path, help="file for the result")
     parser.add_argument("--plot", type=Path, help="file for a plot, .png")
     arguments = parser.parse_args()
     if arguments.cache is not None:
@@ -97,9 +96,7 @@ def main() -> None:
         "identities": identities(drives),
         "speed": speed(drives),
     }
-    sys.stdout.write(json.dumps(result, indent=1) + "\n")
-    if arguments.result is not None:
-        arguments.result.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    finish(result, arguments.result)
     if arguments.plot is not None:
         plot(result, arguments.plot)
 
@@ -120,7 +117,7 @@ def known_here() -> dict[str, Given]:
 def settings_without(drives: dict[str, list[DriveFrame]], name: str) -> TrackingSettings:
     """Settings with the shares of errors that all drives but one tell."""
     others = [drive for other, drive in drives.items() if other != name]
-    fitted = {}
+    fitted: dict[str, Any] = {}
     for quantity in TRUTHS:
         shares = error_shares(others, quantity)
         fitted[quantity.rsplit("_", 1)[0]] = ErrorShares(
@@ -260,19 +257,15 @@ def _update_ms(
 ) -> list[float]:
     tracker, times = StemTracker(odometry=odometry), []
     for frame in frames:
-        start = time.thread_time()
-        tracker.update(*frame)
-        times.append(1e3 * (time.thread_time() - start))
+        times.append(time_ms(partial(tracker.update, *frame), time.thread_time))
     return times
 
 
 def _call_us() -> float:
     """Time of the smallest NumPy call, which tells how busy the processor is."""
-    values = np.zeros(3)
-    start = time.thread_time()
-    for _ in range(2000):
-        values + 1
-    return (time.thread_time() - start) / 2000 * 1e6
+    values, calls = np.zeros(3), 2000
+    every_ms = time_ms(lambda: [values + 1 for _ in range(calls)], time.thread_time)
+    return 1e3 * every_ms / calls
 
 
 if __name__ == "__main__":

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import json
 import pickle
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from calib import PinholeCamera, RigidTransform, read_depth
+from benchmarks.tools.drives import drive_records, frame_without_pixels
+from calib import PinholeCamera, read_depth
 from edgetree import TreeDetections, TreeDetector
 from edgetree.demo.matching import match_boxes
-from edgetree.frames.frame import Frame, stream_frame
+from edgetree.frames.frame import Frame
 from edgetree.measure import TreeMeasurement, measure_trees
 
 
@@ -41,16 +41,12 @@ class DriveFrame:
 
     def live(self, pose: bool, vertical: bool, depth: bool = False) -> Frame:
         """The frame as a source gives it, with pose, vertical and depth or without them."""
-        there = self.image["pose_world"]
-        turn = np.array(there["rotation"]).T
-        return stream_frame(
-            number=self.image["id"],
-            time_s=self.image["time_s"],
-            image=None,
+        known = frame_without_pixels(self.image)
+        return replace(
+            known,
             depth_m=read_depth(self.data / self.image["depth_file"]) if depth else None,
-            camera=PinholeCamera.from_dict(self.image["camera"]),
-            up_camera=np.array(self.image["up_camera"]) if vertical else None,
-            pose=RigidTransform(turn, np.array(there["origin_m"])) if pose else None,
+            up_camera=known.up_camera if vertical else None,
+            pose=known.pose if pose else None,
         )
 
 
@@ -73,8 +69,7 @@ def load_drives(
         if kept is not None and kept.exists():
             frames = pickle.loads(kept.read_bytes())
         else:
-            records = json.loads(scene.read_text(encoding="utf-8"))
-            frames = [_drive_frame(data, record, detector) for record in records]
+            frames = [_drive_frame(data, record, detector) for record in drive_records(scene)]
             if kept is not None:
                 kept.write_bytes(pickle.dumps(frames))
         if any(frame.labels for frame in frames):

@@ -8,8 +8,8 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
-from tracking_drives import DriveFrame
 
+from benchmarks.tracking_drives import DriveFrame
 from edgetree.live.tracking import TrackingSettings, TreeTrack
 from edgetree.measure import Estimate, Failure
 
@@ -146,7 +146,7 @@ def single_frames(drives: Iterable[list[DriveFrame]]) -> dict[str, Any]:
                     for name in ("all", place):
                         held[name].append(abs(error) <= 1.96 * value.std)
     return {
-        name: {"values": len(each), "held": _rounded(np.mean(each))}
+        name: {"values": len(each), "held": _rounded(float(np.mean(each)))}
         for name, each in held.items()
         if each
     }

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.tools.plots import panels, save
+
 QUANTITIES = {
     "diameter_m": "diameter",
     "dbh_m": "diameter at breast height",
@@ -18,12 +20,7 @@ TARGET = (0.93, 0.97)
 
 def plot(result: dict[str, Any], path: Path) -> None:
     """Draw the coverage of all quantities, and errors beside what the intervals state."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
-
-    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4.2), layout="constrained")
+    figure, (left, right) = panels(1, 2, (10, 4.2))
     left.axhspan(100 * TARGET[0], 100 * TARGET[1], color="tab:green", alpha=0.15)
     fused = result["fusion"]["pose"]
     lines = [(fused[quantity], label, "o-") for quantity, label in QUANTITIES.items()]
@@ -55,8 +52,7 @@ def plot(result: dict[str, Any], path: Path) -> None:
     for axes in (left, right):
         axes.set_xticks(frames, [str(count) for count in frames])
         axes.minorticks_off()
-        axes.grid(alpha=0.3)
-    figure.savefig(path, dpi=110)
+    save(figure, path)
 
 
 def _columns(entry: dict[str, Any]) -> tuple[np.ndarray, ...]:

@@ -78,7 +78,8 @@ def _numbered(drives: Iterable[list[ScoredFrame]]) -> Iterable[ScoredFrame]:
 def _assigned(gain: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     from scipy.optimize import linear_sum_assignment
 
-    return linear_sum_assignment(gain, maximize=True)
+    rows, columns = linear_sum_assignment(gain, maximize=True)
+    return rows, columns
 
 
 def _identity_matches(frames: list[ScoredFrame], overlaps: list[np.ndarray]) -> int:

@@ -39,19 +39,20 @@ def twenty_stems(
             for place, diameter_m in zip(places, diameters_m, strict=True)
         ]
         trees = TreeDetections(
-            np.tile(np.float32([300, 0, 320, 200]), (20, 1)),
+            np.tile(np.array([300, 0, 320, 200], np.float32), (20, 1)),
             np.ones(20, np.float32),
             None,
             None,
             _CAMERA.width,
             _CAMERA.height,
         )
+        up_camera = np.asarray(camera.inverse().rotate([0.0, 0.0, 1.0]), np.float64)
         live = stream_frame(
             number=number,
             time_s=time_s,
             image=None,
             camera=_CAMERA,
-            up_camera=camera.inverse().rotate([0.0, 0.0, 1.0]) if vertical else None,
+            up_camera=up_camera if vertical else None,
             pose=camera if pose else None,
         )
         frames.append((live, trees, measurements))

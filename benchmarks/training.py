@@ -1,37 +1,42 @@
 """Speed of training, compared with the former trainer, and a time profile of a step.
 
-python benchmarks/training.py DATA --result FILE.json [--former CHECKOUT]
+python -m benchmarks.training DATA --result FILE.json [--former CHECKOUT]
 
 DATA is a dataset of ``perceptree synth``. ``edge-n`` is trained on depth at 640x384 px, 8 frames
 per step. CHECKOUT is a checkout of the commit before this engine (f4cffdb). Its trainer alternates
 with this one, in separate processes, in its original form (bfloat16 autocast on every CPU) and with
 float32. Then a step is profiled in the precision that training chooses here, and compared with the
-measured peak of this machine.
+measured peak of this machine in matrix products.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
-import platform
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import torch
-from torch.nn import functional
 from torch.profiler import ProfilerActivity, profile
 from torch.utils.flop_counter import FlopCounterMode
+
+from benchmarks.tools.program import finish, machine, program
+from edgetree.bench.peak import machine_peak
+from perceptree.data import FrameStore, read_split
+from perceptree.models import TreeRCNN, make_spec
+from perceptree.training import TrainSettings
+from perceptree.training.hardware import fastest_precision, keep_freed_memory
+from perceptree.training.optimizer import make_optimizer
 
 ROOT = Path(__file__).resolve().parents[1]
 BATCH = 8
 LEFT_OUT_STEPS = 2
+PEAK_S = 1.0
 GROUPS = {
     "convolutions": ("convolution", "_Depthwise"),
     "batch norms": ("batch_norm",),
@@ -104,39 +109,8 @@ def in_turn(data: Path, former: Path | None, steps: int, rounds: int) -> dict[st
     }
 
 
-def fastest_gflops(work: Callable[[], Any], flops: float) -> float:
-    """Highest rate of several runs after a warm-up run, GFLOP/s."""
-    work()
-    shortest_s = float("inf")
-    for _ in range(5):
-        start_s = time.perf_counter()
-        work()
-        shortest_s = min(shortest_s, time.perf_counter() - start_s)
-    return flops / shortest_s / 1e9
-
-
-def peak_gflops() -> dict[str, float]:
-    """Measured peak of this machine in a matrix product and a convolution, GFLOP/s."""
-    side, found = 1024, {}
-    image = torch.randn(8, 96, 48, 80).to(memory_format=torch.channels_last)
-    for kind, name in ((torch.float32, "fp32"), (torch.bfloat16, "bf16")):
-        matrix = torch.randn(side, side).to(kind)
-        x, weight = image.to(kind), torch.randn(96, 96, 3, 3).to(kind)
-        found[f"{name} product"] = fastest_gflops(lambda m=matrix: m @ m, 2 * side**3)
-        found[f"{name} convolution"] = fastest_gflops(
-            lambda x=x, w=weight: functional.conv2d(x, w, padding=1), 2 * 8 * 48 * 80 * 96 * 96 * 9
-        )
-    return found
-
-
 def profiled_step(data: Path) -> dict[str, Any]:
     """Profile a training step: its arithmetic, and the fraction of its time by kind of work."""
-    from perceptree.data import FrameStore, read_split
-    from perceptree.models import TreeRCNN, make_spec
-    from perceptree.training import TrainSettings
-    from perceptree.training.hardware import fastest_precision, keep_freed_memory
-    from perceptree.training.optimizer import make_optimizer
-
     precision = fastest_precision(torch.device("cpu"))
     keep_freed_memory()
     spec = make_spec("edge-n", "depth")
@@ -150,7 +124,7 @@ def profiled_step(data: Path) -> dict[str, Any]:
         optimizer.zero_grad(set_to_none=True)
         with torch.autocast("cpu", torch.bfloat16, enabled=precision == "bf16"):
             losses = model.losses(images, targets)
-        torch.stack(list(losses.values())).sum().backward()
+        torch.stack(list(losses.values())).sum().backward()  # type: ignore[no-untyped-call]
         optimizer.step()
 
     with FlopCounterMode(display=False) as counter:
@@ -179,22 +153,23 @@ def profiled_step(data: Path) -> dict[str, Any]:
 
 def main() -> None:
     """Run all measurements and write the result."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = program(__doc__)
     parser.add_argument("data", type=Path)
     parser.add_argument("--former", type=Path)
     parser.add_argument("--steps", type=int, default=8)
     parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--result", type=Path, required=True)
     arguments = parser.parse_args()
     speed = in_turn(arguments.data, arguments.former, arguments.steps, arguments.rounds)
-    step, peak = profiled_step(arguments.data), peak_gflops()
-    shares_of_peak = {
-        f"share_of_{kind}_peak": step["gflops"]
-        / max(value for name, value in peak.items() if name.startswith(kind))
-        for kind in ("fp32", "bf16")
+    step = profiled_step(arguments.data)
+    products = machine_peak(torch.get_num_threads(), PEAK_S)
+    peak = {
+        name: 2 * rate  # a multiply-add is two operations
+        for name, kind in (("fp32", "float32"), ("bf16", "bfloat16"))
+        if (rate := products[kind]) is not None
     }
+    shares_of_peak = {f"share_of_{name}_peak": step["gflops"] / peak[name] for name in peak}
     result = {
-        "machine": platform.processor() or platform.machine(),
+        "machine": machine(),
         "cores": os.cpu_count(),
         "instructions": torch.backends.cpu.get_cpu_capability(),
         "torch": torch.__version__,
@@ -202,9 +177,7 @@ def main() -> None:
         "peak_gflops": peak,
         "step": step | shares_of_peak,
     }
-    text = json.dumps(result, indent=1)
-    arguments.result.write_text(text + "\n", "utf-8")
-    sys.stdout.write(text + "\n")
+    finish(result, arguments.result)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Memory of training over an epoch of many frames, which must not grow, and time to start.
 
-python benchmarks/training_memory.py --result FILE.json [--frames 43000]
+python -m benchmarks.training_memory --result FILE.json [--frames 43000]
 
 Makes a dataset of tiny distinct images with two trees each, as many as SynthTree43k has. Trains on
 a part of it to make the cache, then opens the finished cache again and reads a whole epoch of
@@ -9,10 +9,8 @@ batches as the trainer does.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
-import sys
 import tempfile
 import time
 from pathlib import Path
@@ -21,6 +19,13 @@ from typing import Any
 import numpy as np
 
 from basetree.files.writing import write_image
+from benchmarks.tools.processes import memory_mib
+from benchmarks.tools.program import finish, program
+from perceptree.keypoints import KEYPOINT_NAMES
+from perceptree.models import make_spec
+from perceptree.training import DataSource, Engine, Preparing, TrainSettings
+from perceptree.training.batches import SlotSampler, TrainingFrames, make_loader
+from perceptree.training.source import open_data
 
 WIDTH_PX, HEIGHT_PX = 64, 36
 BATCH = 8
@@ -60,32 +65,19 @@ def write_split(folder: Path, split: str, first: int, frames: int) -> None:
                     ],
                 }
             )
-    names = ["felling_cut", "diameter_left", "diameter_right", "axis_middle", "axis_top"]
     content = {
         "images": images,
         "annotations": annotations,
-        "categories": [{"id": 1, "name": "tree", "keypoints": names}],
+        "categories": [{"id": 1, "name": "tree", "keypoints": list(KEYPOINT_NAMES)}],
     }
     (folder / f"{split}_RGB.json").write_text(json.dumps(content))
 
 
-def private_mib() -> float:
-    """Private memory of this process without mapped files, MiB."""
-    status = Path("/proc/self/status").read_text()
-    return next(int(x.split()[1]) for x in status.splitlines() if x.startswith("RssAnon")) / 1024
-
-
 def main() -> None:
     """Run all measurements and write the result."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = program(__doc__)
     parser.add_argument("--frames", type=int, default=43_000)
-    parser.add_argument("--result", type=Path, required=True)
     arguments = parser.parse_args()
-    from perceptree.models import make_spec
-    from perceptree.training import DataSource, Engine, Preparing, TrainSettings
-    from perceptree.training.batches import SlotSampler, TrainingFrames, make_loader
-    from perceptree.training.source import open_data
-
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "depth8").mkdir()
@@ -103,21 +95,20 @@ def main() -> None:
         next(batches)
         opening_s = time.perf_counter() - start_s
         steps = arguments.frames // BATCH
-        memory_mib: dict[str, float] = {}
+        private_mib: dict[str, float] = {}
         for step in range(1, steps):
             next(batches)
             if step % (steps // 10) == 0:
-                memory_mib[str(step * BATCH)] = round(private_mib(), 1)
+                used_mib = memory_mib("self", "status", "RssAnon")
+                private_mib[str(step * BATCH)] = round(used_mib, 1)
         result = {
             "frames": arguments.frames,
             "cores": os.cpu_count(),
             "making_cache_s": round(making_s, 1),
             "start_with_ready_cache_s": round(opening_s, 2),
-            "private_memory_mib_by_frames": memory_mib,
+            "private_memory_mib_by_frames": private_mib,
         }
-    text = json.dumps(result, indent=1)
-    arguments.result.write_text(text + "\n", "utf-8")
-    sys.stdout.write(text + "\n")
+    finish(result, arguments.result)
 
 
 if __name__ == "__main__":

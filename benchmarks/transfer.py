@@ -1,7 +1,7 @@
 """How well checkpoints do on real pictures and on simulated frames, in one table.
 
-python benchmarks/transfer.py PICTURES/instances.json test_set field_test_set \\
-    --runs frozen=RUN/best.safetensors average=FILE ... --out benchmarks/results/transfer.json
+python -m benchmarks.transfer PICTURES/instances.json test_set field_test_set \\
+    --runs frozen=RUN/best.safetensors average=FILE ... --result benchmarks/results/transfer.json
 
 Real pictures: AP50, recall at a score of 0.5, and recall at the lowest score with a precision
 of at least 0.8, in float32. Simulated frames: AP of boxes, masks and keypoints on every N-th
@@ -11,7 +11,6 @@ already holds are replaced, other rows stay.
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from pathlib import Path
@@ -19,17 +18,17 @@ from typing import Any
 
 import numpy as np
 import torch
-from real_pictures import compare, ground_truth
 
 from basetree.files.reading import read_image
 from basetree.files.writing import write_text
+from benchmarks.real_pictures import SHOWN_SCORE, compare, ground_truth
+from benchmarks.tools.program import program, read_record
 from calib import Letterbox
 from perceptree.data import FrameStore, read_dataset
 from perceptree.evaluation import evaluate, predict_with
 from perceptree.models import TreeRCNN, load_checkpoint
 
 LEAST_SCORE = 0.02
-SHOWN_SCORE = 0.5
 PRECISION = 0.8
 
 
@@ -62,27 +61,17 @@ def on_pictures(model: TreeRCNN, labels: Path) -> dict[str, Any]:
         for one in detections(model, labels.parent / "images", image)
     ]
     matched = compare(truth, found)
-    precision = matched.eval["precision"][0, :, 0, 0, -1]
-    scores: list[float] = []
-    right: list[bool] = []
-    stems = 0
-    for image in filter(None, matched.evalImgs):
-        counted = ~np.asarray(image["dtIgnore"][0], bool)
-        scores += np.asarray(image["dtScores"])[counted].tolist()
-        right += (np.asarray(image["dtMatches"][0])[counted] > 0).tolist()
-        stems += int((~np.asarray(image["gtIgnore"], bool)).sum())
-    order = np.argsort(-np.asarray(scores), kind="stable")
-    score, hits = np.asarray(scores)[order], np.cumsum(np.asarray(right)[order])
-    share = hits / np.arange(1, len(hits) + 1)
-    last = np.flatnonzero(share >= PRECISION)
-    shown = int((score >= SHOWN_SCORE).sum())
+    recall = np.cumsum(matched.right) / matched.stems
+    precision = np.cumsum(matched.right) / np.arange(1, len(matched.right) + 1)
+    exact = np.flatnonzero(precision >= PRECISION)
+    shown = int((matched.scores >= SHOWN_SCORE).sum())
     return {
-        "AP50": round(100 * float(precision[precision > -1].mean()), 1),
-        "stems": stems,
-        "recall at 0.5": round(float(hits[shown - 1]) / stems, 3) if shown else 0.0,
-        "precision at 0.5": round(float(share[shown - 1]), 3) if shown else None,
-        "recall at a precision of 0.8": round(float(hits[last[-1]]) / stems, 3) if len(last) else 0,
-        "score there": round(float(score[last[-1]]), 3) if len(last) else None,
+        "AP50": matched.ap50,
+        "stems": matched.stems,
+        "recall at 0.5": round(float(recall[shown - 1]), 3) if shown else 0.0,
+        "precision at 0.5": round(float(precision[shown - 1]), 3) if shown else None,
+        "recall at a precision of 0.8": round(float(recall[exact[-1]]), 3) if len(exact) else 0,
+        "score there": round(float(matched.scores[exact[-1]]), 3) if len(exact) else None,
     }
 
 
@@ -99,18 +88,15 @@ def on_frames(model: TreeRCNN, folder: Path, every: int) -> dict[str, float]:
 
 def main() -> None:
     """Print one row per checkpoint and write all rows."""
-    assert __doc__
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = program(__doc__)
     parser.add_argument("pictures", type=Path)
     parser.add_argument("test", type=Path)
     parser.add_argument("field_test", type=Path)
     parser.add_argument("--runs", nargs="+", required=True, metavar="NAME=CHECKPOINT")
     parser.add_argument("--every", type=int, default=8)
-    parser.add_argument("--out", type=Path, required=True)
     options = parser.parse_args()
-    rows = json.loads(options.out.read_text("utf-8"))["rows"] if options.out.exists() else {}
+    known = read_record(options.result)
+    rows = known.get("rows", {})
     for entry in options.runs:
         name, _, path = entry.partition("=")
         model, record = load_checkpoint(Path(path))
@@ -125,7 +111,9 @@ def main() -> None:
         }
         sys.stdout.write(f"{name}: {json.dumps(rows[name])}\n")
         sys.stdout.flush()
-        write_text(options.out, json.dumps({"every": options.every, "rows": rows}, indent=1) + "\n")
+        if options.result is not None:
+            known |= {"every": options.every, "rows": rows}
+            write_text(options.result, json.dumps(known, indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
-from environments import DEVELOPMENT
+from benchmarks.peers.environments import DEVELOPMENT
 
 SIDE_PX: Final = 800
 BARE, WHOLE = "bare run", "frame to trees"
@@ -77,6 +77,7 @@ NETWORKS: Final = {
         Network("edge-n", DEVELOPMENT, "export_ours.py"),
         Network("r50", DEVELOPMENT, "export_ours.py"),
         Network("maskrcnn-r50-fpn", DEVELOPMENT, "export_ours.py"),
+        Network("mask-keypoint-rcnn-r50-fpn", DEVELOPMENT, "export_ours.py"),
         *(Network(name, "ultralytics", "export_ultralytics.py") for name in _YOLO),
         Network("rf-detr-nano", "rfdetr", "export_rfdetr.py"),
         Network("rf-detr-seg-nano", "rfdetr", "export_rfdetr.py", _RF_DETR_SEG_SIDE_PX),
@@ -143,8 +144,9 @@ def _in_pytorch(preset: str) -> list[Contestant]:
     return [eager, compiled]
 
 
-def _torchvision() -> Contestant:
-    return Contestant(
+def _torchvision() -> list[Contestant]:
+    """torchvision's networks: two by its own exporter, and the one with all heads in PyTorch."""
+    masks = Contestant(
         "torchvision Mask R-CNN R50-FPN",
         DEVELOPMENT,
         "run_onnxruntime.py",
@@ -155,6 +157,21 @@ def _torchvision() -> Contestant:
         (_NO_KEYPOINTS, _NO_MANIFEST),
         layout="plane",
     )
+    whole = replace(
+        masks,
+        name="torchvision Mask and Keypoint R-CNN R50-FPN",
+        file="mask-keypoint-rcnn-r50-fpn/float32.onnx",
+        gives=_ALL,
+        lacks=(_NO_MANIFEST,),
+    )
+    eager = replace(
+        whole,
+        name=f"{whole.name}, PyTorch eager",
+        worker="run_pytorch.py",
+        file="mask-keypoint-rcnn-r50-fpn/network.pt",
+        options=("--list",),
+    )
+    return [masks, whole, eager]
 
 
 def _yolo(network: str) -> list[Contestant]:
@@ -199,7 +216,7 @@ def peers() -> list[Contestant]:
     return [
         *_in_pytorch("edge-n"),
         *_in_pytorch("r50"),
-        _torchvision(),
+        *_torchvision(),
         *(contestant for network in _YOLO for contestant in _yolo(network)),
         _detr("rf-detr-nano", "rfdetr", ("boxes",)),
         _detr("rf-detr-seg-nano", "rfdetr", ("boxes", "masks")),

@@ -1,7 +1,7 @@
 """Environments of the peers, one for each, so that their packages and licences stay apart.
 
-python benchmarks/peers/environments.py make [NAME ...] --folder DIR
-python benchmarks/peers/environments.py list --folder DIR
+python -m benchmarks.peers.environments make [NAME ...] --folder DIR
+python -m benchmarks.peers.environments list --folder DIR
 
 `make` installs the pinned packages of requirements/NAME.txt into DIR/env-NAME, with pip; without
 names, those of all peers. An environment that is complete is kept.
@@ -9,11 +9,12 @@ names, those of all peers. An environment that is complete is kept.
 
 from __future__ import annotations
 
-import argparse
 import subprocess
 import sys
 import venv
 from pathlib import Path
+
+from benchmarks.tools.program import command_line
 
 REQUIREMENTS = Path(__file__).parent / "requirements"
 DEVELOPMENT = "development"  # the environment that runs this program
@@ -65,9 +66,7 @@ def make(name: str, folder: Path) -> None:
 
 def main() -> None:
     """Make or list the environments."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_line(__doc__)
     parser.add_argument("action", choices=("make", "list"))
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(names())}")
     parser.add_argument("--folder", type=Path, required=True, help="folder of the environments")

@@ -1,8 +1,10 @@
 """Other detectors ("peers") timed beside this project's files, in turn and on the same frames.
 
-python benchmarks/peers/environments.py make --folder DIR
+Among them are torchvision's networks: its exports beside this project's, and both in PyTorch.
+
+python -m benchmarks.peers.environments make --folder DIR
 edgetree bench --backbones edge-n,r50 --precision int8 --models DIR/ours
-python benchmarks/peers/measure.py --folder DIR --threads 2 --rounds 5 \\
+python -m benchmarks.peers.measure --folder DIR --threads 2 --rounds 5 \\
     --ours edge-n-int8=DIR/ours/edge-n-int8-800x800.onnx \\
     --ours r50-int8=DIR/ours/r50-int8-800x800.onnx --result benchmarks/results/peers.json
 
@@ -30,12 +32,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from contestants import ABSENT, Contestant, ours, peers
-from environments import DEVELOPMENT, packages, python_of
-from prepare import Failed, call, facts_of, frames_file, prepare
-from rounds import Record, merge, ratio, turns
-from table import table_lines
 
+from basetree.files.writing import write_text
+from benchmarks.peers.contestants import ABSENT, Contestant, ours, peers
+from benchmarks.peers.environments import DEVELOPMENT, packages, python_of
+from benchmarks.peers.prepare import Failed, call, facts_of, frames_file, prepare
+from benchmarks.peers.rounds import merge, ratio, turns
+from benchmarks.peers.table import table_lines
+from benchmarks.tools.program import Record, note, program
 from edgetree import TreeDetector
 from edgetree.doctor.machine import examine_machine
 
@@ -74,7 +78,7 @@ def run_all(
     for number, name in turns(list(records), arguments.rounds):
         if name in failed or left_s[name] <= 0.0:
             continue
-        sys.stderr.write(f"round {number} of {arguments.rounds}: {name}\n")
+        note(f"round {number} of {arguments.rounds}: {name}")
         start = time.perf_counter()
         try:
             records[name].append({"round": number, **run(contestants[name], arguments)})
@@ -164,7 +168,6 @@ def parse(parser: argparse.ArgumentParser) -> argparse.Namespace:
         help="of a contestant's turns with start-up; when spent, it leaves out further rounds",
     )
     parser.add_argument("--only", nargs="+", default=["*"], metavar="PATTERN", help="peers' names")
-    parser.add_argument("--result", type=Path)
     arguments = parser.parse_args()
     for given in arguments.ours:
         if not Path(given.partition("=")[2]).is_file():
@@ -188,17 +191,15 @@ def all_contestants(arguments: argparse.Namespace) -> dict[str, Contestant]:
 
 def main() -> None:
     """Print the table, and optionally write the result to a file."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = program(__doc__)
     arguments = parse(parser)
     try:
         result = measure(all_contestants(arguments), arguments)
     except Failed as error:
         parser.error(str(error))
     if arguments.result:
-        text = json.dumps(result, indent=2, ensure_ascii=False)
-        arguments.result.write_text(text + "\n", encoding="utf-8")
+        text = json.dumps(result, indent=1, ensure_ascii=False) + "\n"
+        write_text(arguments.result, text)
     sys.stdout.write("\n".join(table_lines(result)) + "\n")
 
 

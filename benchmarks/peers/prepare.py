@@ -12,13 +12,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from contestants import NETWORKS, Network
-from environments import python_of
 
 import calib
+from benchmarks.peers.contestants import NETWORKS, Network
+from benchmarks.peers.environments import python_of
 from edgetree import sample_frames
 
 PAD_VALUE = 114
+ROOT = Path(__file__).resolve().parents[2]
 EXPORTERS = Path(__file__).parent / "exporters"
 FACTS = "facts.json"
 
@@ -39,6 +40,7 @@ def call(command: list[str | Path], threads: int | None, folder: Path) -> dict[s
         Failed: the program failed.
     """
     settings = {
+        "PYTHONPATH": str(ROOT),
         "YOLO_CONFIG_DIR": str(folder / "settings"),
         "YOLO_OFFLINE": "1",
         "NNCF_CI": "1",  # no telemetry

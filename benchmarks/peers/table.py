@@ -1,18 +1,18 @@
 """The table of `measure.py` in Markdown.
 
-python benchmarks/peers/table.py benchmarks/results/peers.json
+python -m benchmarks.peers.table benchmarks/results/peers.json
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from contestants import SIDE_PX, WHOLE
+from benchmarks.peers.contestants import SIDE_PX, WHOLE
+from benchmarks.tools.program import command_line
 
 COLUMNS = ("Contestant", "Gives", "Runs in", "Licence", "Median ms", "Ratio", "MiB")
 UNKNOWN = "–"
@@ -70,7 +70,7 @@ def _short(value_ms: float) -> str:
 
 def main() -> None:
     """Print the table of a result file."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = command_line(__doc__)
     parser.add_argument("result", type=Path)
     arguments = parser.parse_args()
     result = json.loads(arguments.result.read_text(encoding="utf-8"))

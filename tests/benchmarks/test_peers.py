@@ -4,14 +4,12 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-import pytest
+from benchmarks.peers.contestants import NETWORKS, ours, peers
+from benchmarks.peers.environments import DEVELOPMENT, packages
+from benchmarks.peers.rounds import merge, ratio, turns
+from benchmarks.peers.table import table_lines
 
 PEERS = Path(__file__).resolve().parents[2] / "benchmarks" / "peers"
-
-
-@pytest.fixture(autouse=True)
-def _programs(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(str(PEERS))
 
 
 def record(*times_ms: float, **changes: Any) -> dict[str, Any]:
@@ -41,8 +39,6 @@ def result(*rows: dict[str, Any], **changes: Any) -> dict[str, Any]:
 
 
 def test_every_contestant_runs_once_in_each_round_and_the_order_turns() -> None:
-    from rounds import turns
-
     order = list(turns(["a", "b", "c"], 3))
     assert order[:6] == [(1, "a"), (1, "b"), (1, "c"), (2, "c"), (2, "b"), (2, "a")]
     assert set(Counter(order).values()) == {1}
@@ -50,8 +46,6 @@ def test_every_contestant_runs_once_in_each_round_and_the_order_turns() -> None:
 
 
 def test_a_slow_round_does_not_move_the_median() -> None:
-    from rounds import merge
-
     slow = record(90.0, 100.0, 110.0, round=2, peak_memory_mib=300.0, load_ms=50.0)
     merged = merge([record(9.0, 10.0, 30.0), slow, record(11.0, 12.0, round=3)])
     assert merged["rounds_ms"] == {1: 10.0, 2: 100.0, 3: 11.5}
@@ -63,24 +57,18 @@ def test_a_slow_round_does_not_move_the_median() -> None:
 
 
 def test_memory_is_unknown_if_one_round_does_not_tell() -> None:
-    from rounds import merge
-
     assert (
         merge([record(1.0), record(1.0, round=2, peak_memory_mib=None)])["peak_memory_mib"] is None
     )
 
 
 def test_the_ratio_is_taken_within_rounds() -> None:
-    from rounds import ratio
-
     reference_ms = {1: 10.0, 2: 100.0, 3: 10.0}
     assert ratio({1: 20.0, 2: 200.0, 3: 30.0}, reference_ms) == 2.0
     assert ratio({2: 300.0}, reference_ms) == 3.0
 
 
 def test_the_table_names_what_each_gives_and_what_was_timed() -> None:
-    from table import table_lines
-
     whole = result_row(name="edge-n-int8, whole", timed="frame to trees", median_ms=131.4)
     other = result_row(name="rf-detr-seg-nano", input_px=[792, 792], peak_memory_mib=None)
     lines = list(table_lines(result(result_row(), whole, other, absent={"gone": "no package"})))
@@ -97,8 +85,6 @@ def test_the_table_names_what_each_gives_and_what_was_timed() -> None:
 
 
 def test_contestants_have_names_of_their_own_and_prepared_networks(tmp_path: Path) -> None:
-    from contestants import NETWORKS, ours, peers
-
     everyone = [*ours("edge-n-int8", tmp_path / "edge-n.onnx", "int8"), *peers()]
     assert len({each.name for each in everyone}) == len(everyone)
     assert {each.network for each in everyone} - {None} == set(NETWORKS)
@@ -108,9 +94,6 @@ def test_contestants_have_names_of_their_own_and_prepared_networks(tmp_path: Pat
 
 
 def test_packages_are_pinned_and_the_copyleft_peer_has_its_own_environment() -> None:
-    from contestants import peers
-    from environments import DEVELOPMENT, packages
-
     assert [line for lines in packages().values() for line in lines if "==" not in line] == []
     homes = {each.environment for each in peers() if each.licence.startswith("AGPL")}
     assert homes - {"ultralytics", "openvino"} == set()

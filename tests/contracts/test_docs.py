@@ -23,7 +23,8 @@ from edgetree.cli import app as edgetree_app
 from perceptree.cli import app as perceptree_app
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+TOP_PAGES = ["README.md", "CONTRIBUTING.md", "RELEASING.md"]
+PAGES = [*(ROOT / name for name in TOP_PAGES), *sorted((ROOT / "docs").rglob("*.md"))]
 PROGRAMS = {
     "edgetree": typer.main.get_command(edgetree_app),
     "perceptree": typer.main.get_command(perceptree_app),
@@ -132,7 +133,7 @@ def test_a_json_example_can_be_read(page: str, text: str, tmp_path: Path) -> Non
         assert load_transform(path).rotation.shape == (3, 3)
 
 
-@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md"])
+@pytest.mark.parametrize("page", TOP_PAGES)
 def test_a_link_to_a_file_leads_somewhere(page: str) -> None:
     text = (ROOT / page).read_text("utf-8")
     links = [link for link in re.findall(r"\]\(([^)#]+)", text) if "://" not in link]
@@ -141,7 +142,9 @@ def test_a_link_to_a_file_leads_somewhere(page: str) -> None:
 
 
 def test_a_named_file_of_the_repository_is_there() -> None:
-    tops = "benchmarks|calib|checkpoints|docs|edgetree|perceptree|requirements|tests"
+    tops = (
+        "basetree|benchmarks|calib|checkpoints|docs|edgetree|perceptree|release|requirements|tests"
+    )
     missing = set()
     for page in PAGES:
         text = re.sub(

@@ -80,7 +80,7 @@ def test_a_detector_opens_by_name() -> None:
 @pytest.mark.parametrize("name", PACKAGED)
 def test_the_packaged_models_have_cards_of_the_very_files(name: str) -> None:
     card = KnownModel(name, default_model(name)).card()
-    assert card is not None, "run benchmarks/model_cards.py"
+    assert card is not None, "run release/cards.py"
     assert card["input_px"] == ([800, 480] if name.startswith("edge-s") else [640, 384])
     for test_set in ("test", "field_test"):
         measured = card[test_set]

@@ -49,7 +49,7 @@ def export(name: str, file: Path, side_px: int, data: Path) -> int:
     """Make one file of a network; returns the network's parameters."""
     kind, bits = FILES[file.name]
     model = YOLO(f"{name}.yaml")
-    parameters = sum(each.numel() for each in model.model.parameters())
+    parameters: int = sum(each.numel() for each in model.model.parameters())
     nms = False if name.startswith("yolo26") else None  # False: the head without suppression
     made = model.export(
         format=kind, imgsz=side_px, quantize=bits, data=str(data), nms=nms, device="cpu"

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import onnxruntime
-from stopwatch import Run, measure, options, read_inputs, report
+
+from benchmarks.peers.workers.stopwatch import Run, measure, options, read_inputs, report
 
 
 def main() -> None:

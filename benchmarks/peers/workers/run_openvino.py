@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import openvino
 from openvino import properties
-from stopwatch import Run, measure, options, read_inputs, report
+
+from benchmarks.peers.workers.stopwatch import Run, measure, options, read_inputs, report
 
 
 def main() -> None:

@@ -115,7 +115,7 @@ def test_a_test_presets_settings_are_the_frozen_ones(name: str):
     assert (kept.name, kept.seed, kept.frames) == (preset.name, preset.seed, preset.frames)
     assert kept.settings_sha256 == preset_sha256(name), (
         f"the preset {name} changed: figures measured on it before no longer compare; if that is"
-        " meant, run benchmarks/freeze_test_set.py"
+        " meant, run release/freeze_test_set.py"
     )
 
 

@@ -9,13 +9,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 import onnx
-from model_card_page import page
 
 from basetree.files.writing import write_text, write_whole
 from edgetree.catalogue import KnownModel
 from edgetree.export.build import with_manifest
 from edgetree.model_file.manifest import Manifest
 from edgetree.model_file.safety_check import check_content
+from release.card_page import page
 
 
 def write_manifest(path: Path, change: Callable[[Manifest], Manifest]) -> None:

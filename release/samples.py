@@ -1,16 +1,17 @@
 """Choose sample frames for the package from a simulated dataset's test split.
 
 perceptree synth --preset test --out forest
-python benchmarks/make_samples.py forest edgetree/assets/samples
+python -m release.samples forest edgetree/assets/samples
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import shutil
 from pathlib import Path
 from typing import Any
+
+from benchmarks.tools.program import command_line
 
 SAMPLES = 6
 TREE_FIELDS = (
@@ -46,7 +47,7 @@ def choose(dataset: dict[str, Any]) -> list[tuple[dict[str, Any], list[dict[str,
 
 def main() -> None:
     """Write the samples' images, depth and ground truth."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = command_line(__doc__)
     parser.add_argument("dataset", type=Path)
     parser.add_argument("out", type=Path)
     arguments = parser.parse_args()

@@ -1,6 +1,6 @@
 """Add to model files how the pictures that they were trained on look.
 
-python benchmarks/training_pictures.py MODEL.onnx DATA [DATA ...]
+python -m release.training_pictures MODEL.onnx DATA [DATA ...]
 
 DATA are datasets whose train splits the model was trained on, or parts of them. `perceptree train`
 does the same for new checkpoints, and `edgetree export` takes it from there; this is for files of
@@ -10,17 +10,16 @@ the new hash and size.
 
 from __future__ import annotations
 
-import argparse
 import sys
 from dataclasses import replace
 from pathlib import Path
 
-from manifest_change import write_manifest
-
+from benchmarks.tools.program import command_line
 from calib import DepthEncoding, picture_statistics, usual_ranges
 from edgetree.evaluate import frames_for
 from edgetree.model_file.manifest import Manifest, UsualRange
 from perceptree.data import read_dataset
+from release.manifest_change import write_manifest
 
 
 def usual_of(manifest: Manifest, folders: list[Path]) -> tuple[UsualRange, ...]:
@@ -41,8 +40,7 @@ def usual_of(manifest: Manifest, folders: list[Path]) -> tuple[UsualRange, ...]:
 
 def main() -> None:
     """Add the ranges to a file."""
-    assert __doc__
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = command_line(__doc__)
     parser.add_argument("model", type=Path)
     parser.add_argument("data", type=Path, nargs="+")
     options = parser.parse_args()

@@ -2,7 +2,7 @@
 
 perceptree synth --out test_set --preset test
 perceptree synth --out field_test_set --preset field-test
-python benchmarks/model_cards.py --test test_set --field-test field_test_set
+python -m release.cards --test test_set --field-test field_test_set
 
 By default the models are the four of the package. NAME.json holds all figures (schema
 `edgetree.card/1`), NAME.md the same as a page. What was found is counted as users get it: of trees
@@ -12,37 +12,39 @@ frames; keep the machine quiet.
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import json
-import platform
 import sys
 import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from measure import frames, measured, row
-from measure_tables import tables
-from model_card_page import page
 from numpy.typing import NDArray
 
 from basetree.files.writing import write_text
+from benchmarks.measure import frames, measured, row
+from benchmarks.measure_tables import tables
+from benchmarks.tools.program import command_line
 from edgetree import TreeDetector
 from edgetree.bench.speed import bench_detector
 from edgetree.catalogue import CARD_SCHEMA
+from edgetree.doctor.machine import examine_machine
 from edgetree.evaluate import frames_for, predict_with_file
 from edgetree.runtime.duplicates import distinct_trees
 from edgetree.samples import sample_frames
 from perceptree.data import read_dataset
 from perceptree.evaluation import About, Predict, RawDetections, make_report
 from perceptree.models import load_checkpoint
+from release.card_page import page
 
 ROOT = Path(__file__).parents[1]
 PURPOSE = {"depth": "depth images with or without colour", "rgb": "colour images"}
 DIAMETER_TABLES = ("diameter_by_distance", "diameter_by_diameter", "diameter_by_visible_fraction")
 SHOWN_SCORE = 0.5
 HALF = ("50", "from 75")
+# Models that hold the weights of another one's checkpoint.
+SAME_WEIGHTS = {"edge-s-rgb": "edge-n-rgb"}
 FEWEST = 30
 BENCH_S = 10.0
 
@@ -107,8 +109,9 @@ def _visible_half(by: dict[str, Any]) -> float | None:
     """Share of the trees found among those of which at least half of the lower trunk shows."""
     groups = by.get("visible_fraction", {"groups": []})["groups"]
     clear = [group for group in groups if group["name"].startswith(HALF)]
-    trees = sum(group["trees"] for group in clear)
-    return round(sum(group["recall"] * group["trees"] for group in clear) / trees, 4)
+    trees: int = sum(group["trees"] for group in clear)
+    found: float = sum(group["recall"] * group["trees"] for group in clear)
+    return round(found / trees, 4) if trees else None
 
 
 def _weakest(by: dict[str, Any]) -> list[dict[str, Any]]:
@@ -142,7 +145,7 @@ def speed_figures(detector: TreeDetector) -> dict[str, Any]:
     images = [each.depth_m() if depth else each.image() for each in sample_frames()]
     result = bench_detector(detector, images, duration_s=BENCH_S)
     return {
-        "machine": _processor(),
+        "machine": examine_machine().processor or "",
         "threads": result.threads,
         "detect_p50_ms": round(result.detect_p50_ms, 1),
         "detect_p90_ms": round(result.detect_p90_ms, 1),
@@ -150,21 +153,16 @@ def speed_figures(detector: TreeDetector) -> dict[str, Any]:
     }
 
 
-def _processor() -> str:
-    cpuinfo = Path("/proc/cpuinfo")
-    if cpuinfo.is_file():
-        for line in cpuinfo.read_text(encoding="utf-8").splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    return platform.processor()
+def training_record(path: Path, checkpoints: Path) -> dict[str, Any] | None:
+    """What the checkpoint with a model's weights tells of its training; None without one."""
+    own = checkpoints / f"{path.stem}.safetensors"
+    shared = checkpoints / f"{SAME_WEIGHTS.get(path.stem, path.stem)}.safetensors"
+    found = next((each for each in (own, shared) if each.is_file()), None)
+    return None if found is None else dict(load_checkpoint(found)[1]["training"])
 
 
-def training_figures(path: Path) -> dict[str, Any] | None:
-    """The last run of the checkpoint of the same name, if the repository holds it."""
-    checkpoint = ROOT / "checkpoints" / f"{path.stem}.safetensors"
-    if not checkpoint.is_file():
-        return None
-    record = load_checkpoint(checkpoint)[1]["training"]
+def training_figures(record: dict[str, Any]) -> dict[str, Any]:
+    """The last run, as the card tells it."""
     return {
         "data": record["data"],
         "frames": record["frames"],
@@ -183,25 +181,20 @@ def training_figures(path: Path) -> dict[str, Any] | None:
     }
 
 
-def training_scenes(path: Path) -> list[dict[str, Any]]:
+def training_scenes(path: Path, record: dict[str, Any] | None) -> list[dict[str, Any]]:
     """The simulated scenes that the weights, the scale of the scores and the file were made with.
 
-    They are what the card before says, and what the checkpoint of the same name tells of the seeds
-    of its last run that are not among them. A new model begins with a card that holds only the
-    schema and this list.
+    They are what the card before says, and what the checkpoint tells of the seeds of its last run
+    that are not among them. A new model begins with a card of `release/scenes.py`.
 
     Raises:
         SystemExit: neither tells anything.
     """
-    before, checkpoint = (
-        path.with_suffix(".json"),
-        ROOT / "checkpoints" / f"{path.stem}.safetensors",
-    )
+    before = path.with_suffix(".json")
     known: list[dict[str, Any]] = []
     if before.is_file():
         known += json.loads(before.read_text(encoding="utf-8")).get("training_scenes", [])
-    if checkpoint.is_file():
-        record = load_checkpoint(checkpoint)[1]["training"]
+    if record is not None:
         trained = {each["seed"] for each in known if each["use"].startswith("training")}
         known += [
             {"use": "training", "data": record["data"], **scenes}
@@ -215,8 +208,9 @@ def training_scenes(path: Path) -> list[dict[str, Any]]:
     return known
 
 
-def card(path: Path, sets: dict[str, Path]) -> dict[str, Any]:
+def card(path: Path, sets: dict[str, Path], checkpoints: Path) -> dict[str, Any]:
     """Measure one file."""
+    record = training_record(path, checkpoints)
     detector = TreeDetector.load(path, threads=1, score_threshold=SHOWN_SCORE)
     manifest = detector.manifest
     fastest = f"edge-n-{manifest.modality}"
@@ -231,8 +225,8 @@ def card(path: Path, sets: dict[str, Path]) -> dict[str, Any]:
         "file_bytes": path.stat().st_size,
         "parameters": manifest.parameters,
         "input_px": [manifest.input.width, manifest.input.height],
-        "training": training_figures(path),
-        "training_scenes": training_scenes(path),
+        "training": None if record is None else training_figures(record),
+        "training_scenes": training_scenes(path, record),
     }
     for name, data in sets.items():
         sys.stderr.write(f"{path.stem} on {name}\n")
@@ -245,14 +239,20 @@ def card(path: Path, sets: dict[str, Path]) -> dict[str, Any]:
 
 def main() -> None:
     """Measure the models, and write their cards."""
-    assert __doc__
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = command_line(__doc__)
     parser.add_argument("--test", type=Path, required=True, help="folder of the preset test")
     parser.add_argument("--field-test", type=Path, required=True, help="that of field-test")
     parser.add_argument("--models", type=Path, nargs="*", help="files; those of the package if not")
+    parser.add_argument(
+        "--checkpoints",
+        type=Path,
+        default=ROOT / "checkpoints",
+        help="folder of NAME.safetensors, for what the card says of the training",
+    )
     options = parser.parse_args()
+    sets = {"test": options.test, "field_test": options.field_test}
     for path in options.models or sorted((ROOT / "edgetree/assets/models").glob("*.onnx")):
-        figures = card(path, {"test": options.test, "field_test": options.field_test})
+        figures = card(path, sets, options.checkpoints)
         write_text(path.with_suffix(".json"), json.dumps(figures, indent=1) + "\n")
         write_text(path.with_suffix(".md"), page(figures))
         sys.stderr.write(f"{path.with_suffix('.json')}\n")

@@ -1,0 +1,1 @@
+"""Programs that make the peers' files, each in the environment of its peer."""

@@ -1,0 +1,1 @@
+"""Programs that time one file, each in the environment of its runtime."""
