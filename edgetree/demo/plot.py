@@ -69,17 +69,12 @@ def error_histogram(models: Sequence[ModelResult], quantity: str) -> str:
         Axis.bins([f"{edge:+g}" if edge else "0" for edge in edges], amount.unit),
         Axis.rounded(0, max(map(max, counts)), "trees", whole=True),
     )
-    bins = range(len(edges))
-    series = []
-    for number in range(len(models)):
-        place = (number, len(models))
-        hints = [f"trees: {count}" for count in counts[number]]
-        bars = plot.bars(bins, counts[number], hints, place=place)
-        hints = [f"gross errors: {count}" for count in marked[number]]
-        bars += plot.bars(bins, marked[number], hints, place=place, kind="gross")
-        series.append(charts.series(number, bars))
+    marks = (
+        charts.series(number, _bars(plot, counts[number], marked[number], (number, len(models))))
+        for number in range(len(models))
+    )
     name = f"{amount.name.capitalize()} error, {amount.unit}"
-    return parts.card(name, plot.svg(name, *series))
+    return parts.card(name, plot.svg(name, *marks))
 
 
 def _counts(found: Sequence[Comparison], width_m: float) -> list[int]:
@@ -89,3 +84,11 @@ def _counts(found: Sequence[Comparison], width_m: float) -> list[int]:
         place = math.floor(each.error.value / width_m) + _BINS_PER_SIDE
         counts[min(max(place, 0), len(counts) - 1)] += 1
     return counts
+
+
+def _bars(plot: charts.Plot, trees: list[int], gross: list[int], place: tuple[int, int]) -> str:
+    """The bars of one of the models that share each bin, the gross errors at their bottom."""
+    bins = range(len(trees) + 1)
+    return plot.bars(bins, trees, [f"trees: {n}" for n in trees], place=place) + plot.bars(
+        bins, gross, [f"gross errors: {n}" for n in gross], place=place, kind="gross"
+    )
