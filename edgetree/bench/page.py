@@ -6,23 +6,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from typing import Any, Final
 
+from basetree.page import parts
 from edgetree.bench.page_charts import front_chart, heat_chart, histogram_chart, stages_chart
 from edgetree.bench.result import notes, size_text
-from edgetree.report.page import page_end, page_start, plot_tiles, scrolling, tiles
 
 __all__ = ["page_html"]
 
-_STYLE: Final = (
-    "<style>polyline{stroke:currentColor;stroke-width:2}.first polyline{stroke:var(--first)}"
-    "svg g text{stroke:none}svg text.on-bar{fill:#fff}thead th:first-child{text-align:left}"
-    + "".join(
-        f".stage-{index}{{fill:{colour}}}"
-        for index, colour in enumerate(
-            ("#7a8a99", "#5d7183", "#1f6f54", "#2c8a68", "#b5651d", "#8c4a2f", "#6c5b9e", "#3f6db0")
-        )
-    )
-    + "</style>"
-)
 _COLUMNS: Final = (
     *("model", "size px", "precision", "provider", "threads", "batch", "multiply-adds G"),
     *("FLOPs G", "parameters M", "file MB", "load ms", "p50 ms", "p90 ms", "p99 ms", "FPS"),
@@ -42,37 +31,37 @@ def page_html(result: Record) -> Iterator[str]:
     """The page in parts; it needs no network and no script."""
     rows = result["rows"]
     fastest = min(rows, key=lambda row: row["p50_ms"] / row["batch"])
-    yield page_start("edgetree bench") + _STYLE + "<h1>Speed of tree detectors</h1>"
-    yield "".join(f'<p class="note">{escape(line)}</p>' for line in notes(result))
-    yield tiles(
+    yield parts.start("edgetree bench") + "<h1>Speed of tree detectors</h1>"
+    yield "".join(parts.note(escape(line)) for line in notes(result))
+    yield parts.tiles(
         [
             (f"{fastest['p50_ms'] / fastest['batch']:.1f} ms", f"fastest: {_label(fastest)}"),
             (f"{max(row['fps'] for row in rows):.1f}", "most frames a second"),
             (str(len(rows)), "variants measured in turn"),
         ]
     )
-    yield from _front(rows)
-    yield "<h2>All figures</h2>" + scrolling(_table(_COLUMNS, [_cells(row) for row in rows]))
-    yield "<h2>Where the time goes</h2>"
+    if points := list(_front_points(rows)):
+        yield parts.heading("Accuracy and speed") + parts.grid([front_chart(points)], "halves")
+    yield parts.heading("All figures") + parts.table(_COLUMNS, map(_cells, rows))
+    yield parts.heading("Where the time goes")
     yield "<p>Reading the file, preparing the picture, the parts of the network, reading its "
     yield "outputs, and measuring in metres; one frame at a time. Bars show shares of the time.</p>"
-    single = [row for row in rows if row["batch"] == min(each["batch"] for each in rows)]
-    chart = stages_chart([(_label(row), row["stages_ms"]) for row in single])
-    yield f'<div class="tile">{chart}</div>'
-    yield "<h2>Operators</h2>" + "".join(_operators(row) for row in single)
-    yield "<h2>How the times vary</h2>"
-    yield plot_tiles([histogram_chart(_label(row), row["histogram"]) for row in rows])
+    single = [row for row in rows if row["batch"] == min(other["batch"] for other in rows)]
+    yield parts.card("", stages_chart([(_label(row), row["stages_ms"]) for row in single]))
+    yield parts.heading("Operators") + "".join(_operators(row) for row in single)
+    yield parts.heading("How the times vary")
+    yield parts.grid(histogram_chart(_label(row), row["histogram"]) for row in rows)
     hot = [row for row in rows if row.get("heat")]
     if hot:
-        yield "<h2>A long run</h2>"
-        yield plot_tiles([heat_chart(_label(row), row["heat"]) for row in hot])
-    if any(row["paper"] for row in rows):
-        yield "<h2>Beside the paper</h2><p>Grondin et al. (2022) count parameters and "
+        yield parts.heading("A long run")
+        yield parts.grid(heat_chart(_label(row), row["heat"]) for row in hot)
+    compared = [row for row in rows if row["paper"]]
+    if compared:
+        yield parts.heading("Beside the paper") + "<p>Grondin et al. (2022) count parameters and "
         yield "multiply-adds of the backbone as classifier of 224x224 px; AP is on its own "
         yield f"simulated frames, speed on an {escape(result['paper_gpu'])}.</p>"
-        compared = [row for row in rows if row["paper"]]
-        yield scrolling(_table(_PAPER, [_paper_cells(row) for row in compared]))
-    yield page_end()
+        yield parts.table(_PAPER, map(_paper_cells, compared))
+    yield parts.end()
 
 
 def _label(row: Record) -> str:
@@ -80,27 +69,14 @@ def _label(row: Record) -> str:
     return text if row["batch"] == 1 else f"{text}, batch {row['batch']}"
 
 
-def _front(rows: Sequence[Record]) -> Iterator[str]:
+def _front_points(rows: Sequence[Record]) -> Iterator[tuple[str, float, float]]:
+    """Name, time in ms and average precision of each model that has one."""
     several = len({row["threads"] for row in rows}) > 1
-    points = [
-        (
-            f"{row['name']}, {row['threads']} thread(s)" if several else row["name"],
-            row["p50_ms"],
-            row["accuracy"]["box_ap"],
-        )
-        for row in rows
-        if row["batch"] == 1 and row.get("accuracy") and row["accuracy"]["box_ap"] is not None
-    ]
-    if points:
-        yield "<h2>Accuracy and speed</h2>" + plot_tiles([front_chart(points)])
-
-
-def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    head = "".join(f"<th>{escape(name)}</th>" for name in heads)
-    body = "".join(
-        "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
-    )
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    for row in rows:
+        ap = (row.get("accuracy") or {}).get("box_ap")
+        if row["batch"] == 1 and ap is not None:
+            threads = f", {row['threads']} thread(s)" if several else ""
+            yield f"{row['name']}{threads}", row["p50_ms"], ap
 
 
 def _cells(row: Record) -> list[str]:
@@ -148,17 +124,16 @@ def _number(value: float | None, digits: int) -> str:
 
 
 def _operators(row: Record) -> str:
-    total = sum(each["ms"] for each in row["operators"])
-    shown = row["operators"][:_OPERATORS]
-    cells = [
+    total_ms = sum(each["ms"] for each in row["operators"])
+    rows = (
         [
             each["operator"],
             each["provider"],
             str(each["nodes"]),
             f"{each['ms']:.2f}",
-            f"{100 * each['ms'] / total:.0f} %",
+            f"{100 * each['ms'] / total_ms:.0f} %",
         ]
-        for each in shown
-    ]
-    table = _table(("operator", "runs on", "nodes", "ms", "share"), cells)
-    return f"<details><summary>{escape(_label(row))}</summary>{scrolling(table)}</details>"
+        for each in row["operators"][:_OPERATORS]
+    )
+    content = parts.table(("operator", "runs on", "nodes", "ms", "share"), rows)
+    return f"<details><summary>{escape(_label(row))}</summary>{content}</details>"

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
+from basetree.page.axis import Axis
 from edgetree.check.quantities import OUTLIER_STDS, Comparison, QuantityCheck
 from edgetree.check.report import QUANTITY_NAMES
 from edgetree.drawing.primitives import (
@@ -25,6 +24,7 @@ __all__ = ["draw_check"]
 
 _WIDTH, _HEIGHT = 1640, 860
 _PANEL, _TOP, _LEFT, _GAP = 690, 84, 100, 120
+_TICKS: Final = 8
 _FONT: Final = 0.62
 _LINE_WIDTH: Final = 1
 _DOT_RADIUS: Final = 4.5
@@ -35,32 +35,6 @@ _GRID: Final[Colour] = (225, 225, 225)
 _DOTS: Final[Colour] = (160, 95, 25)
 _OUTLIER: Final[Colour] = (40, 40, 215)
 _BIAS: Final[Colour] = (60, 140, 40)
-
-
-@dataclass(frozen=True)
-class _Axis:
-    """Values in cm from `low` to `high` along a panel, with a tick at each multiple of `step`."""
-
-    low: float
-    high: float
-    step: float
-
-    @classmethod
-    def around(cls, low: float, high: float) -> _Axis:
-        """An axis with round ends that holds both values."""
-        rough = max(high - low, 1e-6) / 8
-        magnitude = 10.0 ** math.floor(math.log10(rough))
-        step = magnitude * min((m for m in (1, 2, 5) if m * magnitude >= rough), default=10)
-        return cls(math.floor(low / step) * step, math.ceil(high / step) * step, step)
-
-    def place(self, value: float) -> float:
-        """Position of a value, from 0 to 1, limited to the axis."""
-        return min(max((value - self.low) / (self.high - self.low), 0.0), 1.0)
-
-    def ticks(self) -> list[float]:
-        """The values of the ticks."""
-        first, last = round(self.low / self.step), round(self.high / self.step)
-        return [index * self.step for index in range(first, last + 1)]
 
 
 def draw_check(check: QuantityCheck) -> Picture:
@@ -75,12 +49,12 @@ def draw_check(check: QuantityCheck) -> Picture:
     name = QUANTITY_NAMES[check.quantity]
     sides = [value for each in check.comparisons for value in _sides(each)]
     values = [*sides, *(each.caliper.value * 100 for each in check.comparisons)]
-    both = _Axis.around(min(values), max(values))
+    both = Axis.rounded(min(values), max(values), parts=_TICKS)
     canvas.panel(_LEFT, f"{name}: measured, cm", "caliper, cm", both, both)
     canvas.line((_LEFT, _TOP + _PANEL), (_LEFT + _PANEL, _TOP), _INK)
     canvas.marks(check, _LEFT, both, both, lambda each: each.measured.value * 100)
     ends = [end - each.caliper.value * 100 for each in check.comparisons for end in _sides(each)]
-    errors = _Axis.around(min(*ends, 0.0), max(*ends, 0.0))
+    errors = Axis.rounded(min(*ends, 0.0), max(*ends, 0.0), parts=_TICKS)
     left = _LEFT + _PANEL + _GAP
     canvas.panel(left, f"{name}: measured - caliper, cm", "caliper, cm", both, errors)
     for value, colour in ((0.0, _INK), (check.bias_m * 100, _BIAS)):
@@ -112,17 +86,17 @@ class _Canvas:
         width, _ = text_size(text, _FONT)
         write_text(self.pixels, text, (round(x - align * width), round(y)), _FONT, colour)
 
-    def panel(self, left: float, title: str, below: str, across: _Axis, up: _Axis) -> None:
+    def panel(self, left: float, title: str, below: str, across: Axis, up: Axis) -> None:
         """Draw the grid, the numbers and the names of the axes."""
         bottom, right = _TOP + _PANEL, left + _PANEL
-        for value in across.ticks():
+        for value, text in across.ticks:
             x = left + _PANEL * across.place(value)
             self.line((x, _TOP), (x, bottom), _GRID)
-            self.text(f"{value:g}", x, bottom + 28, 0.5)
-        for value in up.ticks():
+            self.text(text, x, bottom + 28, 0.5)
+        for value, text in up.ticks:
             y = bottom - _PANEL * up.place(value)
             self.line((left, y), (right, y), _GRID)
-            self.text(f"{value:g}", left - 12, y + 7, 1.0)
+            self.text(text, left - 12, y + 7, 1.0)
         self.text(title, left, _TOP - 18, 0.0)
         self.text(below, right, bottom + 60, 1.0)
 
@@ -130,8 +104,8 @@ class _Canvas:
         self,
         check: QuantityCheck,
         left: float,
-        across: _Axis,
-        up: _Axis,
+        across: Axis,
+        up: Axis,
         value_cm: Callable[[Comparison], float],
     ) -> None:
         """Draw a dot and a bar for each stem; outliers last."""

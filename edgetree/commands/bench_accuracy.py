@@ -88,7 +88,7 @@ def _diameter_error_mm(detector: TreeDetector, data: Path, split: str) -> float 
         frames = held_out_frames(data, split, _MOST_METRE_FRAMES)
     except InputError:  # not a dataset of the simulator: no depth, camera or truth
         return None
-    compared = [examine(detector, frame)[0] for frame in frames]
+    compared = [examine(detector, frame) for frame in frames]
     error_m = summarise(compared, "diameter_m").median_abs_error_m
     return None if error_m is None else round(1000 * error_m, 1)
 

@@ -103,8 +103,8 @@ def _summary(result: DemoResult) -> Iterator[str]:
         error_m = model.summary("diameter_m").median_abs_error_m
         metres = "no diameter" if error_m is None else f"diameters within {error_m * 100:.1f} cm"
         yield (
-            f"{model.modality:5}  {model.found_trees} of {model.true_trees} trees found,"
-            f" {metres} (median), {model.speed.fps:.0f} frames per second"
+            f"{model.manifest.modality:5}  {model.found_trees} of {model.true_trees} trees found,"
+            f" {metres} (median), {model.fps:.0f} frames per second"
         )
 
 

@@ -9,25 +9,29 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from basetree.page.parts import Jpeg
+from edgetree.check import CaliperStem, Comparison, MeasuredStem, Pair
+from edgetree.check.quantities import OUTLIER_STDS
 from edgetree.demo.matching import Match
 from edgetree.measure import Estimate, Failure, TreeMeasurement
 from edgetree.samples import SampleTree
 
 __all__ = [
     "GROSS_DIAMETER_SHARE",
-    "GROSS_STDS",
     "QUANTITIES",
     "FrameComparison",
     "QuantitySummary",
     "TreeComparison",
     "compare_trees",
+    "compared",
+    "is_gross",
     "summarise",
 ]
 
 QUANTITIES: Final = ("diameter_m", "cut_height_m", "distance_m")
 
-GROSS_STDS: Final = 3.0
 GROSS_DIAMETER_SHARE: Final = 0.2
+"""An error of the diameter is gross from this share of the diameter on."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,11 +39,15 @@ class TreeComparison:
     """A tree of the ground truth, and the measurement of the detection that matches it.
 
     Attributes:
+        frame: name of the frame.
+        number: number of the tree in the frame, from 1.
         truth: the ground truth.
         score: score of the detection; None if the tree was not found.
         measurement: measurement of the detection; None if the tree was not found.
     """
 
+    frame: str
+    number: int
     truth: SampleTree
     score: float | None
     measurement: TreeMeasurement | None
@@ -49,34 +57,22 @@ class TreeComparison:
         """Whether a detection matches this tree."""
         return self.measurement is not None
 
-    def estimate(self, quantity: str) -> Estimate | None:
-        """The measured value of one of `QUANTITIES`; None if there is none."""
-        value = getattr(self.measurement, quantity, None)
-        return value if isinstance(value, Estimate) else None
+    def compared(self, quantity: str) -> Comparison | None:
+        """One of `QUANTITIES` with its error; None if it was not measured."""
+        measured = getattr(self.measurement, quantity, None)
+        if not isinstance(measured, Estimate):
+            return None
+        true = Estimate(float(getattr(self.truth, quantity)), 0.0)
+        pair = Pair(
+            MeasuredStem(self.frame, self.number, {quantity: measured}),
+            CaliperStem(self.number, {quantity: true}, self.frame, self.number),
+        )
+        return Comparison(pair, measured, true)
 
-    def failure(self, quantity: str) -> str | None:
-        """Why one of `QUANTITIES` could not be measured; None if it was, or the tree not found."""
-        value = getattr(self.measurement, quantity, None)
-        return value.reason if isinstance(value, Failure) else None
-
-    def error_m(self, quantity: str) -> float | None:
-        """Measured minus true value of one of `QUANTITIES`; None if it was not measured."""
-        estimate = self.estimate(quantity)
-        return None if estimate is None else estimate.value - float(getattr(self.truth, quantity))
-
-    def is_gross(self, quantity: str) -> bool:
-        """Whether one of `QUANTITIES` has a gross error.
-
-        It is gross if it is more than `GROSS_STDS` standard deviations; for a diameter also if it
-        is more than `GROSS_DIAMETER_SHARE` of the true diameter.
-        """
-        estimate, error_m = self.estimate(quantity), self.error_m(quantity)
-        if estimate is None or error_m is None:
-            return False
-        limit_m = GROSS_STDS * estimate.std
-        if quantity == "diameter_m":
-            limit_m = min(limit_m, GROSS_DIAMETER_SHARE * self.truth.diameter_m)
-        return abs(error_m) > limit_m
+    def missing(self, quantity: str) -> str:
+        """Why one of `QUANTITIES` has no value; empty if it has one."""
+        value = getattr(self.measurement, quantity, Failure("not found"))
+        return value.reason if isinstance(value, Failure) else ""
 
     def to_dict(self) -> dict[str, Any]:
         """A flat JSON object: the truth as `true_*` in metres, and the measurement."""
@@ -93,11 +89,13 @@ class FrameComparison:
         frame: name of the frame.
         trees: the trees of the ground truth.
         unmatched_detections: number of detections that match no tree of the ground truth.
+        picture: the frame with the detections drawn on it; None if they were not drawn.
     """
 
     frame: str
     trees: tuple[TreeComparison, ...]
     unmatched_detections: int
+    picture: Jpeg | None = None
 
 
 class QuantitySummary(NamedTuple):
@@ -126,6 +124,7 @@ def compare_trees(
     matches: Iterable[Match],
     scores: Sequence[float],
     measurements: Sequence[TreeMeasurement],
+    picture: Jpeg | None = None,
 ) -> FrameComparison:
     """Compare the measurements of one frame with its ground truth.
 
@@ -135,40 +134,49 @@ def compare_trees(
         matches: pairs of detections and trees of the ground truth.
         scores: score of each detection.
         measurements: measurement of each detection.
+        picture: the frame with the detections drawn on it.
     """
-    of_truth = {match.truth: match.detection for match in matches}
+    found = {match.truth: match.detection for match in matches}
     trees = []
     for index, truth in enumerate(truths):
-        detection = of_truth.get(index)
-        if detection is None:
-            trees.append(TreeComparison(truth, None, None))
-        else:
-            trees.append(TreeComparison(truth, scores[detection], measurements[detection]))
-    return FrameComparison(frame, tuple(trees), len(measurements) - len(of_truth))
+        detection = found.get(index)
+        score = None if detection is None else scores[detection]
+        measurement = None if detection is None else measurements[detection]
+        trees.append(TreeComparison(frame, index + 1, truth, score, measurement))
+    return FrameComparison(frame, tuple(trees), len(measurements) - len(found), picture)
+
+
+def compared(frames: Iterable[FrameComparison], quantity: str) -> list[Comparison]:
+    """One of `QUANTITIES` of all trees of all frames where it was measured."""
+    trees = (tree for frame in frames for tree in frame.trees)
+    return [found for tree in trees if (found := tree.compared(quantity)) is not None]
+
+
+def is_gross(quantity: str, found: Comparison) -> bool:
+    """Whether one of `QUANTITIES` has a gross error.
+
+    It is gross if it is more than `OUTLIER_STDS` standard deviations; for a diameter also if it is
+    more than `GROSS_DIAMETER_SHARE` of the true diameter.
+    """
+    limit_m = OUTLIER_STDS * found.error.std
+    if quantity == "diameter_m":
+        limit_m = min(limit_m, GROSS_DIAMETER_SHARE * found.caliper.value)
+    return abs(found.error.value) > limit_m
 
 
 def summarise(frames: Iterable[FrameComparison], quantity: str) -> QuantitySummary:
     """Summarise the errors of one of `QUANTITIES` over all trees of all frames."""
-    errors_m, relative, stds_m = [], [], []
-    for tree in (tree for frame in frames for tree in frame.trees):
-        estimate = tree.estimate(quantity)
-        if estimate is None:
-            continue
-        true_m = float(getattr(tree.truth, quantity))
-        errors_m.append(abs(estimate.value - true_m))
-        stds_m.append(estimate.std)
-        if true_m > 0.0:
-            relative.append(errors_m[-1] / true_m)
-    if not errors_m:
+    found = compared(frames, quantity)
+    if not found:
         return QuantitySummary(0, None, None, None, None)
-
-    def share_within(stds: float) -> float:
-        return float(np.mean(np.array(errors_m) <= stds * np.array(stds_m)))
-
+    relative = [
+        abs(each.error.value) / each.caliper.value for each in found if each.caliper.value > 0.0
+    ]
+    off = np.abs([each.standardised for each in found])
     return QuantitySummary(
-        measured=len(errors_m),
-        median_abs_error_m=median(errors_m),
+        measured=len(found),
+        median_abs_error_m=median(abs(each.error.value) for each in found),
         median_relative_error=median(relative) if relative else None,
-        within_one_std=share_within(1.0),
-        within_two_std=share_within(2.0),
+        within_one_std=float(np.mean(off <= 1.0)),
+        within_two_std=float(np.mean(off <= 2.0)),
     )

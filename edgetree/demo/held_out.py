@@ -55,13 +55,6 @@ def _sample_frame(record: FrameRecord) -> SampleFrame:
 
 
 def _sample_tree(record: TreeRecord) -> SampleTree:
-    return SampleTree(
-        box_px=record.box_px.astype(np.float32),
-        keypoints_px=record.keypoints.astype(np.float32),
-        diameter_m=float(record.truth["diameter_m"]),
-        cut_height_m=float(record.truth["cut_height_m"]),
-        distance_m=float(record.truth["distance_m"]),
-        inclination_deg=float(record.truth["inclination_deg"]),
-        visible_fraction=float(record.truth["visible_fraction"]),
-        species=record.species or "unknown",
-    )
+    species = record.species or "unknown"
+    own = {"box_px": record.box_px, "keypoints_px": record.keypoints, "species": species}
+    return SampleTree.from_dict({**record.truth, **own})

@@ -5,42 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+from edgetree.bench.speed import BenchResult
+from edgetree.check import Comparison
 from edgetree.demo.comparison import (
     QUANTITIES,
     FrameComparison,
     QuantitySummary,
+    compared,
+    is_gross,
     summarise,
 )
+from edgetree.model_file.manifest import Manifest
 
-__all__ = ["DemoResult", "ModelResult", "Picture", "Speed", "Step"]
-
-
-class Speed(NamedTuple):
-    """Time of one detection: median and 90th percentile, with this number of threads."""
-
-    p50_ms: float
-    p90_ms: float
-    threads: int
-
-    @property
-    def fps(self) -> float:
-        """Frames per second at the median time."""
-        return 1000.0 / self.p50_ms
-
-    @property
-    def fps_at_p90(self) -> float:
-        """Frames per second at the 90th percentile of the time."""
-        return 1000.0 / self.p90_ms
-
-
-class Picture(NamedTuple):
-    """A frame with one model's detections drawn on it; `jpeg` is the content of a JPEG file."""
-
-    frame: str
-    modality: str
-    jpeg: bytes
-    width_px: int
-    height_px: int
+__all__ = ["DemoResult", "ModelResult", "Step"]
 
 
 class Step(NamedTuple):
@@ -56,24 +33,31 @@ class ModelResult:
     """The result of one model on all frames.
 
     Attributes:
-        modality: "depth" or "rgb".
-        name: name of the model.
-        precision: precision of the model, such as "int8".
-        input_width_px: width of the model's input, to which frames are letterboxed.
-        input_height_px: height of the model's input.
+        manifest: description of the model.
         file_bytes: size of the model file.
         speed: time per frame on this machine.
         frames: comparison with the ground truth for each frame.
     """
 
-    modality: str
-    name: str
-    precision: str
-    input_width_px: int
-    input_height_px: int
+    manifest: Manifest
     file_bytes: int
-    speed: Speed
+    speed: BenchResult
     frames: tuple[FrameComparison, ...]
+
+    @property
+    def label(self) -> str:
+        """The kind of the model in words."""
+        return "depth model" if self.manifest.takes_depth else "colour model"
+
+    @property
+    def fps(self) -> float:
+        """Frames per second at the median time."""
+        return 1000.0 / self.speed.detect_p50_ms
+
+    @property
+    def fps_at_p90(self) -> float:
+        """Frames per second at the 90th percentile of the time."""
+        return 1000.0 / self.speed.detect_p90_ms
 
     @property
     def true_trees(self) -> int:
@@ -90,9 +74,13 @@ class ModelResult:
         """Number of detections that match no labelled tree."""
         return sum(frame.unmatched_detections for frame in self.frames)
 
+    def compared(self, quantity: str) -> list[Comparison]:
+        """One of `QUANTITIES` of each tree where it was measured."""
+        return compared(self.frames, quantity)
+
     def gross_errors(self, quantity: str) -> int:
         """Number of trees with a gross error of one of `QUANTITIES`."""
-        return sum(tree.is_gross(quantity) for frame in self.frames for tree in frame.trees)
+        return sum(is_gross(quantity, found) for found in self.compared(quantity))
 
     def summary(self, quantity: str) -> QuantitySummary:
         """The errors of one of `QUANTITIES`."""
@@ -101,26 +89,25 @@ class ModelResult:
     def to_dict(self) -> dict[str, Any]:
         """The result as a JSON object; units are in the keys."""
         return {
-            "modality": self.modality,
-            "name": self.name,
-            "precision": self.precision,
-            "input_width_px": self.input_width_px,
-            "input_height_px": self.input_height_px,
+            "modality": self.manifest.modality,
+            "name": self.manifest.name,
+            "precision": self.manifest.precision,
+            "input_width_px": self.manifest.input.width,
+            "input_height_px": self.manifest.input.height,
             "file_bytes": self.file_bytes,
             "threads": self.speed.threads,
-            "latency_p50_ms": self.speed.p50_ms,
-            "latency_p90_ms": self.speed.p90_ms,
-            "fps_p50": self.speed.fps,
-            "fps_p90": self.speed.fps_at_p90,
+            "latency_p50_ms": self.speed.detect_p50_ms,
+            "latency_p90_ms": self.speed.detect_p90_ms,
+            "fps_p50": self.fps,
+            "fps_p90": self.fps_at_p90,
             "true_trees": self.true_trees,
             "found_trees": self.found_trees,
             "unmatched_detections": self.unmatched_detections,
             "errors": {name: self.summary(name)._asdict() for name in QUANTITIES},
-            "trees": self._rows(),
+            "trees": [
+                {"frame": tree.frame, **tree.to_dict()} for f in self.frames for tree in f.trees
+            ],
         }
-
-    def _rows(self) -> list[dict[str, Any]]:
-        return [{"frame": f.frame, **tree.to_dict()} for f in self.frames for tree in f.trees]
 
 
 @dataclass(frozen=True)
@@ -130,7 +117,6 @@ class DemoResult:
     Attributes:
         models: results of at least one model, all on the same frames. The report's summary is
             about the first.
-        pictures: the drawn frames of all models.
         duration_s: time of the whole demonstration.
         peak_memory_mib: peak memory of the process; None if not known.
         steps: steps of the training demonstration; empty for the packaged models.
@@ -138,7 +124,6 @@ class DemoResult:
     """
 
     models: tuple[ModelResult, ...]
-    pictures: tuple[Picture, ...]
     duration_s: float
     peak_memory_mib: float | None = None
     steps: tuple[Step, ...] = ()
@@ -151,6 +136,6 @@ class DemoResult:
             "report": report,
             "duration_s": self.duration_s,
             "peak_memory_mib": self.peak_memory_mib,
-            "models": {model.modality: model.to_dict() for model in self.models},
+            "models": {model.manifest.modality: model.to_dict() for model in self.models},
             **({"training": self.figures} if self.steps else {}),
         }

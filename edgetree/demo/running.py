@@ -11,7 +11,7 @@ from basetree.files.writing import text_file
 from edgetree.bench.speed import bench_detector, peak_memory_mib
 from edgetree.demo.examine import examine
 from edgetree.demo.report import NextCommand, render_report
-from edgetree.demo.result import DemoResult, ModelResult, Picture, Speed
+from edgetree.demo.result import DemoResult, ModelResult
 from edgetree.frames.pipeline import image_for
 from edgetree.runtime import TreeDetector, default_model
 from edgetree.samples import SampleFrame, sample_frames
@@ -45,54 +45,33 @@ def demonstrate(
     """
     start_s = time.perf_counter()
     results: list[ModelResult] = []
-    pictures: list[Picture] = []
     for index, model in enumerate(models):
 
         def on_share(share: float, what: str, index: int = index) -> None:
             on_progress((index + share) / len(models), what)
 
-        result, drawn = _run_model(model, frames, on_share)
-        results.append(result)
-        pictures = [*drawn, *pictures]
+        results.append(_run_model(model, frames, on_share))
     return DemoResult(
         models=tuple(results),
-        pictures=tuple(pictures),
         duration_s=time.perf_counter() - start_s,
         peak_memory_mib=peak_memory_mib(),
     )
 
 
-def _run_model(
-    model: Path, frames: Sequence[SampleFrame], on_progress: Progress
-) -> tuple[ModelResult, list[Picture]]:
+def _run_model(model: Path, frames: Sequence[SampleFrame], on_progress: Progress) -> ModelResult:
     detector = TreeDetector.load(model)
-    manifest = detector.manifest
-    comparisons, pictures = [], []
+    modality = detector.manifest.modality
+    comparisons = []
     for number, frame in enumerate(frames):
-        on_progress(0.5 * number / len(frames), f"measuring {frame.name}, {manifest.modality}")
-        comparison, picture = examine(detector, frame)
-        comparisons.append(comparison)
-        pictures.append(picture)
-    images = [image_for(detector, frame.read()) for frame in frames]
-    bench = bench_detector(
+        on_progress(0.5 * number / len(frames), f"measuring {frame.name}, {modality}")
+        comparisons.append(examine(detector, frame))
+    speed = bench_detector(
         detector,
-        images,
+        [image_for(detector, frame.read()) for frame in frames],
         duration_s=_BENCH_S,
-        on_run=lambda share: on_progress(
-            0.5 + 0.5 * share, f"measuring speed, {manifest.modality}"
-        ),
+        on_run=lambda share: on_progress(0.5 + 0.5 * share, f"measuring speed, {modality}"),
     )
-    result = ModelResult(
-        modality=manifest.modality,
-        name=manifest.name,
-        precision=manifest.precision,
-        input_width_px=manifest.input.width,
-        input_height_px=manifest.input.height,
-        file_bytes=model.stat().st_size,
-        speed=Speed(bench.detect_p50_ms, bench.detect_p90_ms, detector.session.threads),
-        frames=tuple(comparisons),
-    )
-    return result, pictures
+    return ModelResult(detector.manifest, model.stat().st_size, speed, tuple(comparisons))
 
 
 def write_report(folder: Path, result: DemoResult, next_commands: Sequence[NextCommand]) -> Path:

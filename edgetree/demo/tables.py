@@ -2,50 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from html import escape
-from typing import NamedTuple
+from typing import Final
 
-from edgetree.demo.comparison import QUANTITIES, TreeComparison
+from basetree.page import parts
+from edgetree.demo.comparison import QUANTITIES, TreeComparison, is_gross
 from edgetree.demo.result import ModelResult
+from edgetree.results.units import AMOUNTS
 
-__all__ = ["MODEL_LABELS", "QUANTITY_STYLES", "QuantityStyle", "frame_table", "model_table"]
+__all__ = ["SHOWN", "error_text", "frame_table", "model_table"]
 
-MODEL_LABELS = {"depth": "Depth model", "rgb": "Colour model"}
-
-
-class QuantityStyle(NamedTuple):
-    """How to format a quantity.
-
-    Attributes:
-        name: name of the quantity.
-        unit: unit of the text.
-        per_metre: factor from metres to `unit`.
-        digits: digits after the decimal point.
-    """
-
-    name: str
-    unit: str
-    per_metre: float
-    digits: int
-
-    def text(self, value_m: float) -> str:
-        """The value in `unit`, without the unit's name."""
-        return f"{value_m * self.per_metre:.{self.digits}f}"
-
-    def std_text(self, std_m: float) -> str:
-        """A standard deviation with ±; "± <0.01" instead of one that is rounded to zero."""
-        least = 10.0**-self.digits
-        if std_m * self.per_metre < least / 2:
-            return f"± &lt;{least:.{self.digits}f}"
-        return f"± {self.text(std_m)}"
-
-
-QUANTITY_STYLES = {
-    "distance_m": QuantityStyle("Distance", "m", 1.0, 2),
-    "diameter_m": QuantityStyle("Diameter", "cm", 100.0, 1),
-    "cut_height_m": QuantityStyle("Cut height", "cm", 100.0, 1),
+SHOWN: Final = {
+    "distance_m": AMOUNTS["distance_m"],
+    "diameter_m": AMOUNTS["diameter_m"],
+    "cut_height_m": AMOUNTS["cut_height_m"]._replace(digits=1),
 }
+"""The compared quantities in the report's order, and how to format them."""
+
+_COLOURS: Final = ("first", "second")
+
+
+def _text(quantity: str, value_m: float) -> str:
+    """A value without its unit."""
+    amount = SHOWN[quantity]
+    return f"{value_m * amount.per_unit:.{amount.digits}f}"
+
+
+def error_text(model: ModelResult, quantity: str) -> str:
+    """The median error with its unit, or a dash."""
+    error_m = model.summary(quantity).median_abs_error_m
+    return "–" if error_m is None else f"{_text(quantity, error_m)} {SHOWN[quantity].unit}"
 
 
 def frame_table(models: Sequence[ModelResult], frame: int) -> str:
@@ -55,112 +42,79 @@ def frame_table(models: Sequence[ModelResult], frame: int) -> str:
         models: the results of the models.
         frame: index of the frame.
     """
-    groups = "".join(
-        f'<th class="group" colspan="{1 + len(models)}">{style.name}, {style.unit}</th>'
-        for style in QUANTITY_STYLES.values()
+    columns = f'class="group" colspan="{1 + len(models)}"'
+    groups = [
+        parts.Cell("tree", 'rowspan="2"'),
+        *(parts.Cell(f"{each.name.capitalize()}, {each.unit}", columns) for each in SHOWN.values()),
+    ]
+    heads = [
+        parts.Cell("true", 'class="group"'),
+        *(parts.Cell(model.label, f'class="{_COLOURS[n]}"') for n, model in enumerate(models)),
+    ]
+    rows: Iterable[parts.Cells] = (
+        [str(trees[0].number), *(cell for name in SHOWN for cell in _cells(trees, name))]
+        for trees in zip(*(model.frames[frame].trees for model in models), strict=True)
     )
-    heads = '<th class="group">true</th>' + "".join(
-        f'<th class="{_colour(index)}">{MODEL_LABELS[model.modality].lower()}</th>'
-        for index, model in enumerate(models)
-    )
-    rows = []
-    for number, trees in enumerate(
-        zip(*(model.frames[frame].trees for model in models), strict=True), start=1
-    ):
-        cells = "".join(_quantity_cells(trees, quantity) for quantity in QUANTITY_STYLES)
-        rows.append(f"<tr><td>{number}</td>{cells}</tr>")
-    return (
-        '<div class="scroll"><table><thead>'
-        f'<tr><th rowspan="2">tree</th>{groups}</tr><tr>{heads * len(QUANTITY_STYLES)}</tr>'
-        f"</thead><tbody>{''.join(rows)}</tbody></table></div>"
-    )
+    return parts.table(heads * len(SHOWN), rows, groups=groups)
 
 
-def _quantity_cells(trees: Sequence[TreeComparison], quantity: str) -> str:
+def _cells(trees: Sequence[TreeComparison], quantity: str) -> Iterator[parts.Cell]:
     """The cells of one quantity of one tree: the true value, then each model's."""
-    style = QUANTITY_STYLES[quantity]
-    true_text = style.text(getattr(trees[0].truth, quantity))
-    return f'<td class="truth group">{true_text}</td>' + "".join(
-        _measured_cell(tree, quantity, style) for tree in trees
-    )
+    yield parts.Cell(_text(quantity, getattr(trees[0].truth, quantity)), 'class="truth group"')
+    for tree in trees:
+        found = tree.compared(quantity)
+        if found is None:
+            yield parts.Cell(escape(tree.missing(quantity)), 'class="why"')
+            continue
+        value, std = _text(quantity, found.measured.value), _std_text(quantity, found.measured.std)
+        if is_gross(quantity, found):
+            yield parts.Cell(f"{value} <small>{std}</small> gross error", 'class="gross"')
+        else:
+            yield parts.Cell(f"{value} <small>{std}</small>")
 
 
-def _measured_cell(tree: TreeComparison, quantity: str, style: QuantityStyle) -> str:
-    estimate = tree.estimate(quantity)
-    if estimate is not None:
-        value, std = style.text(estimate.value), style.std_text(estimate.std)
-        if tree.is_gross(quantity):
-            return f'<td class="gross">{value} <small>{std}</small> gross error</td>'
-        return f"<td>{value} <small>{std}</small></td>"
-    reason = tree.failure(quantity) if tree.found else "not found"
-    return f'<td class="why">{escape(reason or "")}</td>'
+def _std_text(quantity: str, std_m: float) -> str:
+    """A standard deviation with ±; "± <0.01" instead of one that is rounded to zero."""
+    amount = SHOWN[quantity]
+    least = 10.0**-amount.digits
+    if std_m * amount.per_unit < least / 2:
+        return f"± &lt;{least:.{amount.digits}f}"
+    return f"± {_text(quantity, std_m)}"
 
 
 def model_table(models: Sequence[ModelResult]) -> str:
     """The table of the models: file, speed and errors, one column per model."""
-    rows: list[tuple[str, list[str]]] = [
-        ("file", [f"{m.name}, {m.precision}, {m.file_bytes / 1e6:.1f} MB" for m in models]),
-        ("input", [f"{m.input_width_px} × {m.input_height_px} px" for m in models]),
-        ("processor threads", [str(m.speed.threads) for m in models]),
-        (
-            "time per frame, median / 90th percentile",
-            [f"{m.speed.p50_ms:.1f} / {m.speed.p90_ms:.1f} ms" for m in models],
-        ),
-        (
-            "frames per second, at the median / 90th percentile",
-            [f"{m.speed.fps:.1f} / {m.speed.fps_at_p90:.1f}" for m in models],
-        ),
-        ("labelled trees found", [f"{m.found_trees} of {m.true_trees}" for m in models]),
-        (
-            "detections that match no labelled tree",
-            [str(m.unmatched_detections) for m in models],
-        ),
+    heads = [
+        parts.Cell(model.label.capitalize(), f'class="{_COLOURS[n]}"')
+        for n, model in enumerate(models)
     ]
+    columns = [_model_rows(model) for model in models]
+    rows = ([name, *(column[name] for column in columns)] for name in columns[0])
+    return parts.table(["", *heads], rows, kind="text")
+
+
+def _model_rows(model: ModelResult) -> dict[str, str]:
+    """What the table says about a model, by row."""
+    manifest, speed = model.manifest, model.speed
+    times = f"{speed.detect_p50_ms:.1f} / {speed.detect_p90_ms:.1f} ms"
+    fps = f"{model.fps:.1f} / {model.fps_at_p90:.1f}"
+    rows = {
+        "file": f"{manifest.name}, {manifest.precision}, {model.file_bytes / 1e6:.1f} MB",
+        "input": f"{manifest.input.width} × {manifest.input.height} px",
+        "processor threads": str(speed.threads),
+        "time per frame, median / 90th percentile": times,
+        "frames per second, at the median / 90th percentile": fps,
+        "labelled trees found": f"{model.found_trees} of {model.true_trees}",
+        "detections that match no labelled tree": str(model.unmatched_detections),
+    }
     for quantity in QUANTITIES:
-        style = QUANTITY_STYLES[quantity]
-        rows.append((f"{style.name.lower()}: measured", [_count(m, quantity) for m in models]))
-        rows.append((f"{style.name.lower()}: median error", [_error(m, quantity) for m in models]))
-        rows.append(
-            (f"{style.name.lower()}: gross errors", [str(m.gross_errors(quantity)) for m in models])
+        name = SHOWN[quantity].name
+        measured, _, relative, *within = model.summary(quantity)
+        share = "" if relative is None else f" ({relative:.{0 if relative >= 0.01 else 1}%})"
+        rows[f"{name}: measured"] = f"{measured} trees"
+        rows[f"{name}: median error"] = error_text(model, quantity) + share
+        rows[f"{name}: gross errors"] = str(model.gross_errors(quantity))
+        rows[f"{name}: within 1 / 2 std"] = (
+            " / ".join(f"{each:.0%}" for each in within if each is not None) or "–"
         )
-        rows.append(
-            (f"{style.name.lower()}: within 1 / 2 std", [_coverage(m, quantity) for m in models])
-        )
-    heads = "".join(
-        f'<th class="{_colour(index)}">{MODEL_LABELS[model.modality]}</th>'
-        for index, model in enumerate(models)
-    )
-    body = "".join(
-        f"<tr><td>{name}</td>{''.join(f'<td>{escape(cell)}</td>' for cell in cells)}</tr>"
-        for name, cells in rows
-    )
-    return (
-        f'<div class="scroll"><table class="text"><thead><tr><th></th>{heads}</tr></thead>'
-        f"<tbody>{body}</tbody></table></div>"
-    )
-
-
-def _count(model: ModelResult, quantity: str) -> str:
-    return f"{model.summary(quantity).measured} trees"
-
-
-def _error(model: ModelResult, quantity: str) -> str:
-    summary = model.summary(quantity)
-    if summary.median_abs_error_m is None:
-        return "–"
-    style = QUANTITY_STYLES[quantity]
-    relative = summary.median_relative_error
-    share = "" if relative is None else f" ({relative:.{0 if relative >= 0.01 else 1}%})"
-    return f"{style.text(summary.median_abs_error_m)} {style.unit}{share}"
-
-
-def _coverage(model: ModelResult, quantity: str) -> str:
-    summary = model.summary(quantity)
-    if summary.within_one_std is None or summary.within_two_std is None:
-        return "–"
-    return f"{summary.within_one_std:.0%} / {summary.within_two_std:.0%}"
-
-
-def _colour(index: int) -> str:
-    """The CSS class of a model's colour."""
-    return "first" if index == 0 else "second"
+    return rows

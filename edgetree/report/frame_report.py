@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from html import escape
+from importlib import resources
 from pathlib import Path
 from statistics import median
 from typing import Final
@@ -15,10 +16,10 @@ from typing import Final
 import cv2
 
 from basetree.files.writing import text_file
+from basetree.page import parts
 from edgetree.drawing.primitives import Picture
 from edgetree.frames.pipeline import FrameResult
 from edgetree.measure import Estimate
-from edgetree.report.page import figure, page_end, page_start, plot_tiles, tiles
 from edgetree.report.tree_table import class_chart, reason_table, tree_row, tree_table
 from edgetree.report.units import length_attributes, unit_buttons
 from edgetree.results.csv_table import measurements_of
@@ -64,11 +65,15 @@ def report_file(
 
         yield add
         figures.seek(0)
-        page.write(page_start(f"Trees in {source}"))
+        page.write(parts.start(f"Trees in {source}", _asset("report.css")))
         page.write(totals.summary(source, trees_from, left_out))
         shutil.copyfileobj(figures, page)
         page.write(totals.tables())
-        page.write(page_end("report.js"))
+        page.write(parts.end(_asset("report.js")))
+
+
+def _asset(name: str) -> str:
+    return resources.files("edgetree.report").joinpath(name).read_text("utf-8")
 
 
 class _Totals:
@@ -101,9 +106,8 @@ class _Totals:
             words += f"; {result.frame.depth_fault}"
         if result.trees.unlike is not None:
             words += f"; unlike the training pictures: {result.trees.unlike}"
-        jpeg, size_px = _embedded(draw_frame(result))
         caption = f"<b>{escape(name)}</b> {escape(words)}"
-        return figure(jpeg, size_px, caption, f"{name}: {words}", anchor)
+        return parts.figure(_embedded(draw_frame(result)), caption, f"{name}: {words}", anchor)
 
     def summary(self, source: str, trees_from: str, left_out: Sequence[str]) -> str:
         """The page from its heading to the beginning of the pictures."""
@@ -117,7 +121,7 @@ class _Totals:
         return (
             f"<h1>Trees in {escape(source)}</h1>"
             f'<p class="lead">Found by {escape(trees_from)}.</p>{unit_buttons()}'
-            + tiles(
+            + parts.tiles(
                 [
                     (str(self._frames), "frame" if self._frames == 1 else "frames"),
                     (str(trees), "tree found" if trees == 1 else "trees found"),
@@ -128,12 +132,16 @@ class _Totals:
             + _left_out(left_out)
             + self._classes()
             + reason_table(self._reasons)
-            + '<h2>Pictures</h2><p class="note">Click a picture to enlarge it. A red dot is the '
-            "felling cut, with its height above the ground; the white line is the diameter. Each "
-            "label begins with the tree's number in the table. A label with only the number means "
-            "that nothing could be measured; an amber line that ends with ! has a warning. The "
-            "table gives the reasons and warnings. Short white ticks at the edges of a stem mark "
-            'the diameters of its profile, every 10 cm or in wider steps.</p><div class="pair">'
+            + parts.heading(
+                "Pictures",
+                "Click a picture to enlarge it. A red dot is the felling cut, with its height"
+                " above the ground; the white line is the diameter. Each label begins with the"
+                " tree's number in the table. A label with only the number means that nothing"
+                " could be measured; an amber line that ends with ! has a warning. The table gives"
+                " the reasons and warnings. Short white ticks at the edges of a stem mark the"
+                " diameters of its profile, every 10 cm or in wider steps.",
+            )
+            + '<div class="grid wide">'
         )
 
     def _classes(self) -> str:
@@ -148,20 +156,21 @@ class _Totals:
         ]
         if not charts:
             return ""
-        return (
-            '<h2>Diameter classes</h2><p class="note">Trees in classes of 4 cm.</p>'
-            f"{plot_tiles(charts)}"
-        )
+        return parts.heading("Diameter classes", "Trees in classes of 4 cm.") + parts.grid(charts)
 
     def tables(self) -> str:
         """The page from the end of the pictures to its end."""
         return (
-            '</div><h2>All trees</h2><p class="note">Click the head of a column to sort by it, '
-            "and again for the opposite order. ± is one standard deviation; twice that holds the "
-            "truth for 95 trees in 100. A profile in the remarks holds the diameters along the "
-            "stem, its taper and the volume between the lowest and the highest of them.</p>"
-            f"{tree_table(self._rows)}"
-            '<footer class="note">Made by edgetree. Apache License 2.0.</footer>'
+            "</div>"
+            + parts.heading(
+                "All trees",
+                "Click the head of a column to sort by it, and again for the opposite order. ± is"
+                " one standard deviation; twice that holds the truth for 95 trees in 100. A"
+                " profile in the remarks holds the diameters along the stem, its taper and the"
+                " volume between the lowest and the highest of them.",
+            )
+            + tree_table(self._rows)
+            + '<footer class="note">Made by edgetree. Apache License 2.0.</footer>'
         )
 
 
@@ -170,15 +179,15 @@ def _left_out(reasons: Sequence[str]) -> str:
     if not reasons:
         return ""
     lines = "".join(f"<li>{escape(reason)}</li>" for reason in reasons)
-    return f"<h2>{_count(len(reasons), 'frame')} left out</h2><ul>{lines}</ul>"
+    return parts.heading(f"{_count(len(reasons), 'frame')} left out") + f"<ul>{lines}</ul>"
 
 
 def _count(number: int, what: str) -> str:
     return f"{number} {what}{'' if number == 1 else 's'}"
 
 
-def _embedded(picture: Picture) -> tuple[bytes, tuple[int, int]]:
-    """A picture as JPEG of at most `_MAX_BYTES`, and its width and height.
+def _embedded(picture: Picture) -> parts.Jpeg:
+    """A picture as JPEG of at most `_MAX_BYTES`.
 
     It is scaled down to `_MAX_SIDE_PX`. If it is still too large, first the quality is lowered,
     then the size.
@@ -188,7 +197,7 @@ def _embedded(picture: Picture) -> tuple[bytes, tuple[int, int]]:
         size_px = [max(round(side * scale), 1) for side in picture.shape[1::-1]]
         shown = cv2.resize(picture, size_px, interpolation=cv2.INTER_AREA)
         for quality in _QUALITIES:
-            jpeg = cv2.imencode(".jpg", shown, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes()
-            if len(jpeg) <= _MAX_BYTES:
-                return jpeg, (size_px[0], size_px[1])
+            jpeg = parts.jpeg_of(shown, quality)
+            if len(jpeg.data) <= _MAX_BYTES:
+                return jpeg
         scale *= 0.8

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import Final
 
+from basetree.page import charts
+from basetree.page.axis import Axis
 from edgetree.measure import Estimate, StemProfile, TreeMeasurement
 from edgetree.measure.volume import VOLUME_SOURCE
-from edgetree.report.charts import nice_axis
-from edgetree.report.units import CLASS_EDGE, PROFILE_HEIGHT, length_attributes, unit_name
+from edgetree.report.units import (
+    CLASS_EDGE,
+    PROFILE_HEIGHT,
+    length_attributes,
+    tick_text,
+    unit_name,
+)
 from edgetree.results.units import AMOUNTS
 
 __all__ = ["further_values_html"]
 
-_LEFT, _TOP, _PLOT_WIDTH, _PLOT_HEIGHT = 38, 24, 214, 150
-_WIDTH, _HEIGHT = _LEFT + _PLOT_WIDTH + 18, _TOP + _PLOT_HEIGHT + 34
 _STDS: Final = 1.96
 _MAX_LEVELS: Final = 8
 _HEIGHTS_FROM: Final = {"ground": "above the ground", "section": "above the section"}
@@ -50,45 +54,26 @@ def _value(tree: TreeMeasurement, quantity: str) -> str:
 def _chart(profile: StemProfile) -> str:
     """The diameters over the height as SVG, with their 95 % intervals."""
     diameter_cm, spread_cm = 100 * profile.diameter_m, 100 * _STDS * profile.diameter_std_m
+    low_cm, high_cm = diameter_cm - spread_cm, diameter_cm + spread_cm
     heights_m: list[float] = profile.height_m.tolist()
-    end_cm, step_cm = nice_axis(float((diameter_cm + spread_cm).max()))
-    lowest_m = min(0, math.floor(heights_m[0]))
-    highest_m = max(math.ceil(heights_m[-1]), lowest_m + 1)
-
-    def x(value_cm: float) -> float:
-        return _LEFT + _PLOT_WIDTH * value_cm / end_cm
-
-    def y(value_m: float) -> float:
-        return _TOP + _PLOT_HEIGHT * (highest_m - value_m) / (highest_m - lowest_m)
-
-    def path(values_cm: list[float], heights_m: list[float]) -> str:
-        points = zip(values_cm, heights_m, strict=True)
-        return "L".join(f"{x(value):.1f} {y(height):.1f}" for value, height in points)
-
-    low_cm, high_cm = (diameter_cm - spread_cm).tolist(), (diameter_cm + spread_cm).tolist()
-    band = path(low_cm + high_cm[::-1], heights_m + heights_m[::-1])
-    levels = "".join(
-        f'<path class="axis" d="M{_LEFT} {y(level):.1f}H{_LEFT + _PLOT_WIDTH}"/>'
-        f'<text x="{_LEFT - 6}" y="{y(level) + 4:.1f}" text-anchor="end">'
-        f"{_tick(PROFILE_HEIGHT, level, f'{level}')}</text>"
-        for level in range(lowest_m, highest_m + 1, math.ceil((highest_m - lowest_m) / _MAX_LEVELS))
+    plot = charts.Plot(
+        Axis.rounded(
+            0.0,
+            float(high_cm.max()),
+            f"diameter, {unit_name(CLASS_EDGE)}",
+            text=lambda value_cm: tick_text(CLASS_EDGE, value_cm / 100, f"{value_cm:g}"),
+        ),
+        Axis.rounded(
+            min(0.0, heights_m[0]),
+            heights_m[-1],
+            f"height {_HEIGHTS_FROM[profile.heights_from]}, {unit_name(PROFILE_HEIGHT)}",
+            parts=_MAX_LEVELS,
+            whole=True,
+            text=lambda value_m: tick_text(PROFILE_HEIGHT, value_m, f"{value_m:g}"),
+        ),
+        (270, 220),
     )
-    ticks = "".join(
-        f'<text x="{x(value):.1f}" y="{_TOP + _PLOT_HEIGHT + 15}" text-anchor="middle">'
-        f"{_tick(CLASS_EDGE, value / 100, f'{value:g}')}</text>"
-        for value in (index * step_cm for index in range(round(end_cm / step_cm) + 1))
-    )
-    return (
-        f'<svg class="profile" viewBox="0 0 {_WIDTH} {_HEIGHT}" role="img"'
-        ' aria-label="diameters along the stem">'
-        f'<text class="name" x="{_LEFT}" y="13">height {_HEIGHTS_FROM[profile.heights_from]},'
-        f" {unit_name(PROFILE_HEIGHT)}</text>{levels}{ticks}"
-        f'<text x="{_LEFT + _PLOT_WIDTH}" y="{_TOP + _PLOT_HEIGHT + 29}" text-anchor="end">'
-        f"diameter, {unit_name(CLASS_EDGE)}</text>"
-        f'<g class="first"><path class="band" d="M{band}Z"/>'
-        f'<path class="line" d="M{path(diameter_cm.tolist(), heights_m)}"/></g></svg>'
-    )
-
-
-def _tick(quantity: str, value_m: float, text: str) -> str:
-    return f"<tspan data-bare {length_attributes(quantity, value_m)}>{text}</tspan>"
+    outline_cm = [*low_cm.tolist(), *high_cm[::-1].tolist()]
+    band = plot.line(zip(outline_cm, heights_m + heights_m[::-1], strict=True), "band")
+    line = plot.line(zip(diameter_cm.tolist(), heights_m, strict=True))
+    return plot.svg("diameters along the stem", charts.series(0, band, line), kind="profile")

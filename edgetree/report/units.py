@@ -13,6 +13,7 @@ __all__ = [
     "PROFILE_HEIGHT",
     "UNITS",
     "length_attributes",
+    "tick_text",
     "unit_buttons",
     "unit_name",
 ]
@@ -65,6 +66,11 @@ def length_attributes(quantity: str, value: Estimate | float) -> str:
     else:
         number, spread = value, ""
     return f'data-quantity="{quantity}" data-value="{float(number)!r}"{spread}'
+
+
+def tick_text(quantity: str, value_m: float, text: str) -> str:
+    """An SVG element that shows a value without its unit."""
+    return f"<tspan data-bare {length_attributes(quantity, value_m)}>{text}</tspan>"
 
 
 def unit_name(quantity: str) -> str:

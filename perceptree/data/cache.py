@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from basetree.arrays import Bool, UInt8
 from basetree.files.writing import replacing_folder
-from perceptree.arrays import Bool, UInt8
 from perceptree.data.coco import FrameRecord
 from perceptree.data.frames import Sample, load_sample, source_path
 from perceptree.errors import DatasetError

@@ -9,7 +9,7 @@ from typing import Any, NoReturn
 import numpy as np
 from pycocotools import mask as coco_mask
 
-from perceptree.arrays import Bool, Float
+from basetree.arrays import Bool, Float
 from perceptree.errors import DatasetError
 
 SPLITS = ("train", "val", "test")

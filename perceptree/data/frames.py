@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 import torch
 
+from basetree.arrays import Bool, Float, UInt8
 from basetree.errors import InputFileError
 from basetree.files.reading import read_image
 from calib import Letterbox
-from perceptree.arrays import Bool, Float, UInt8
 from perceptree.data.coco import FrameRecord
 from perceptree.errors import DatasetError
 from perceptree.models import ModelSpec, TreeTargets

@@ -11,9 +11,9 @@ from typing import Any
 import cv2
 import numpy as np
 
+from basetree.arrays import Bool, Float, UInt8
 from basetree.files.names import IMAGE_SUFFIXES
 from basetree.files.reading import read_image
-from perceptree.arrays import Bool, Float, UInt8
 from perceptree.errors import DatasetError
 
 _WIDTH_PX = 640

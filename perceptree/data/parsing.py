@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from basetree.arrays import Float64
 from basetree.files.limits import current_limits
 from calib import opencv_to_image
-from perceptree.arrays import Float64
 from perceptree.data.coco import FrameRecord, TreeRecord
 from perceptree.data.entries import (
     Entry,

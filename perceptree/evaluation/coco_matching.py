@@ -14,7 +14,7 @@ import numpy as np
 from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
-from perceptree.arrays import Float64
+from basetree.arrays import Float64
 from perceptree.keypoints import KEYPOINT_NAMES
 
 Kind = Literal["bbox", "segm", "keypoints"]

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from perceptree.arrays import Float
+from basetree.arrays import Float
 from perceptree.data import FrameRecord
 from perceptree.evaluation.matching import Pair
 from perceptree.evaluation.predictions import FramePrediction

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from pycocotools import mask as coco_mask
 
+from basetree.page.parts import Jpeg, jpeg_of
 from calib import box_iou
 from perceptree.data import FrameRecord, TreeRecord, read_frame
 from perceptree.drawing import Colour, Picture, draw_trees
@@ -29,25 +30,14 @@ _PER_FRAME = 2
 _CROP_PX = (330, 440)
 _MARGIN_SHARE = 0.3
 _MIN_REGION_PX = 90
-_JPEG_QUALITY = 82
 _LINE_WEIGHT, _POINT_WEIGHT = 4.0, 2.6
 
 
-@dataclass(frozen=True)
-class ExampleImage:
-    """An example image.
+class ExampleImage(NamedTuple):
+    """An example image and its description."""
 
-    Attributes:
-        caption: Description.
-        jpeg: JPEG data.
-        width_px: Width of the image.
-        height_px: Height of the image.
-    """
-
+    jpeg: Jpeg
     caption: str
-    jpeg: bytes
-    width_px: int
-    height_px: int
 
 
 @dataclass(frozen=True)
@@ -165,10 +155,8 @@ def _make_example(measured: Measured, case: _Case) -> ExampleImage:
         scale = _CROP_PX[0] / (x1 - x0)
         crop = cv2.resize(picture[y0:y1, x0:x1], _CROP_PX, interpolation=cv2.INTER_LINEAR)
         panels.append(_draw_case(np.asarray(crop, np.uint8), frame, found, case, (x0, y0), scale))
-    drawn = np.concatenate(panels, axis=1)
-    jpeg = cv2.imencode(".jpg", drawn, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])[1].tobytes()
-    caption = f"{frame.image_path.name}: {case.caption}"
-    return ExampleImage(caption, jpeg, drawn.shape[1], drawn.shape[0])
+    drawn = jpeg_of(np.concatenate(panels, axis=1))
+    return ExampleImage(drawn, f"{frame.image_path.name}: {case.caption}")
 
 
 def _pictures(frame: FrameRecord, modality: str) -> Iterator[Picture]:

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from basetree.arrays import Float
 from calib import box_iou
-from perceptree.arrays import Float
 from perceptree.data import FrameRecord
 from perceptree.evaluation.predictions import FramePrediction
 

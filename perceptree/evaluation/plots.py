@@ -1,216 +1,166 @@
-"""Plots of the evaluation report as inline SVG that follows the page's light or dark theme."""
+"""Charts of the evaluation report, with their legends below them."""
 
 from __future__ import annotations
 
-import io
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import Any
 
+import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from basetree.page import charts, parts
+from basetree.page.axis import Axis
 from perceptree.evaluation.errors_px import PixelErrors
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 Figures = dict[str, Any]
 
-# Placeholders for the page's theme colours.
-_PAGE_COLOURS = {"#5a675e": "var(--soft)", "#dfded4": "var(--line)", "#2c6a48": "var(--accent)"}
-_SOFT, _LINE, _ACCENT = _PAGE_COLOURS
-BLUE, ORANGE = "#3b7dc4", "#e08a2e"
+_WIDE_PX, _PANEL_PX, _SQUARE_PX, _MAP_PX = (460, 300), (340, 210), (340, 342), (208, 210)
 _PANELS = (
     ("a", "felling_cut"),
     ("b", "diameter_right"),
     ("c", "axis_middle"),
-    (None, None),
+    ("d", None),
     ("e", "diameter_left"),
     ("f", "axis_top"),
 )
-_PAGE_STYLE: dict[Any, Any] = {
-    "svg.fonttype": "none",
-    "font.family": "sans-serif",
-    "font.size": 10.0,
-    "axes.edgecolor": _LINE,
-    "axes.labelcolor": _SOFT,
-    "axes.titlecolor": _SOFT,
-    "axes.titlesize": 10.0,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": _LINE,
-    "text.color": _SOFT,
-    "xtick.color": _SOFT,
-    "ytick.color": _SOFT,
-    "legend.frameon": False,
-}
+_DENSITY_BGR = (104, 138, 44)
 
 
-def curves_svg(figures: Figures) -> str:
+def curves(figures: Figures) -> str:
     """Plot precision against recall at an overlap of 0.50."""
-    with _style("curves"):
-        figure = _figure(5.2, 3.6)
-        axes = figure.add_subplot()
-        colours = {"boxes": _ACCENT, "masks": ORANGE, "keypoints": BLUE}
-        for kind, curve in figures["precision_at_recall"].items():
-            if curve is not None:
-                recalls = np.linspace(0, 100, len(curve))
-                axes.plot(recalls, 100 * np.array(curve), color=colours[kind], label=kind, lw=2)
-        axes.set(
-            xlim=(0, 100),
-            ylim=(0, 102),
-            xlabel="recall, % of trees found",
-            ylabel="precision, % of detections that are trees",
-        )
-        axes.legend(loc="lower left")
-        return _svg(figure)
+    plot = charts.Plot(
+        Axis.rounded(0, 100, "recall, % of trees found"),
+        Axis.rounded(0, 100, "precision, % of detections that are trees"),
+        _WIDE_PX,
+    )
+    lines = {}
+    for kind, curve in figures["precision_at_recall"].items():
+        percents = [100 * value for value in curve or ()]
+        recalls = np.linspace(0, 100, len(percents)).tolist()
+        lines[kind] = plot.line(zip(recalls, percents, strict=True))
+    return _chart(plot, "precision against recall", lines)
 
 
-def scores_svg(figures: Figures) -> str:
+def scores(figures: Figures) -> str:
     """Plot recall and precision against the score threshold."""
-    with _style("scores"):
-        figure = _figure(5.2, 3.6)
-        axes = figure.add_subplot()
-        rows = figures["boxes_by_score"]
-        scores = [row["score"] for row in rows]
-        for name, colour, label in (
-            ("recall", _ACCENT, "recall, %"),
-            ("precision", ORANGE, "precision, %"),
-        ):
-            values = [float("nan") if row[name] is None else 100 * row[name] for row in rows]
-            axes.plot(scores, values, color=colour, label=label, lw=2)
-        axes.set(xlim=(0, 1), ylim=(0, 102), xlabel="score threshold")
-        axes.legend(loc="lower left")
-        return _svg(figure)
+    plot = charts.Plot(Axis.rounded(0, 1, "score threshold"), Axis.rounded(0, 100), _WIDE_PX)
+    rows = figures["boxes_by_score"]
+    lines = {
+        f"{name}, %": plot.line(
+            (row["score"], 100 * row[name]) for row in rows if row[name] is not None
+        )
+        for name in ("recall", "precision")
+    }
+    return _chart(plot, "recall and precision against the score threshold", lines)
 
 
-def reliability_svg(figures: Figures) -> str:
+def reliability(figures: Figures) -> str:
     """Plot the share of right detections against their score; the diagonal is the ideal."""
-    with _style("reliability"):
-        figure = _figure(5.2, 3.6)
-        axes = figure.add_subplot()
-        bins = [each for each in figures["reliability"]["bins"] if each["detections"]]
-        axes.plot([0, 1], [0, 100], color=_SOFT, lw=1, ls="--", label="score is the probability")
-        axes.bar(
-            [(each["from"] + each["to"]) / 2 for each in bins],
-            [100 * each["right"] for each in bins],
-            width=0.085,
-            color=_ACCENT,
-            label="labelled trees among them, %",
-        )
-        axes.set(xlim=(0, 1), ylim=(0, 102), xlabel="score of the detections")
-        axes.legend(loc="upper left")
-        return _svg(figure)
+    plot = charts.Plot(
+        Axis.rounded(0, 1, "score of the detections"), Axis.rounded(0, 100), _WIDE_PX
+    )
+    bins = figures["reliability"]["bins"]
+    edges = [bins[0]["from"], *(each["to"] for each in bins)]
+    bars = plot.bars(edges, [100 * (each["right"] or 0) for each in bins])
+    names = {"labelled trees among them, %": bars}
+    words = "The dashed line is where the score is the probability."
+    chart = _chart(plot, "share of labelled trees against the score", names, plot.diagonal())
+    return chart + parts.note(words)
 
 
-def directions_svg(figures: Figures) -> str:
+def paper_directions(figures: Figures) -> str:
     """Plot the paper's figure 4: horizontal and vertical keypoint errors, felling cut density."""
-    with _style("directions"):
-        figure = _figure(10.4, 5.4)
-        for panel, (letter, name) in enumerate(_PANELS, start=1):
-            axes = figure.add_subplot(2, 3, panel)
-            if letter is None or name is None:
-                _draw_density(axes, figures["felling_cut_density"])
-                continue
-            errors = figures["keypoint_error_px"][name]
-            _two_histograms(axes, errors, "horizontal", "vertical")
-            axes.set_title(f"({letter}) {name.replace('_', ' ')}")
-        return _svg(figure)
+    errors = figures["keypoint_error_px"]
+    return parts.grid(
+        _density(letter, figures["felling_cut_density"])
+        if name is None
+        else _panel(f"({letter}) {_words(name)}", errors[name], ("horizontal", "vertical"))
+        for letter, name in _PANELS
+    )
 
 
-def stem_directions_svg(figures: Figures) -> str:
+def stem_directions(figures: Figures) -> str:
     """Plot the errors of each keypoint across and along the trunk's axis."""
-    with _style("stem"):
-        figure = _figure(10.4, 5.4)
-        for panel, (name, errors) in enumerate(figures["keypoint_error_px"].items(), start=1):
-            axes = figure.add_subplot(2, 3, panel)
-            _two_histograms(axes, errors, "across", "along")
-            axes.set_title(name.replace("_", " "))
-        return _svg(figure)
+    return parts.grid(
+        _panel(_words(name), errors, ("across", "along"))
+        for name, errors in figures["keypoint_error_px"].items()
+    )
 
 
-def diameters_svg(figures: Figures, errors: PixelErrors) -> str:
+def diameters(figures: Figures, errors: PixelErrors) -> str:
     """Plot predicted against true diameters in px, and a histogram of the errors."""
-    with _style("diameters"):
-        figure = _figure(10.4, 3.8)
-        axes = figure.add_subplot(1, 2, 1)
-        known = np.isfinite(errors.true_width)
-        true, found = errors.true_width[known], errors.found_width[known]
-        top_px = 1.05 * float(np.percentile(np.concatenate([true, found]), 99.5))
-        axes.plot([0, top_px], [0, top_px], color=_SOFT, lw=1, ls="--")
-        axes.plot(
-            np.minimum(true, top_px), np.minimum(found, top_px), ".", color=_ACCENT, alpha=0.5
-        )
-        axes.set(
-            xlim=(0, top_px),
-            ylim=(0, top_px),
-            xlabel="true diameter, px",
-            ylabel="predicted diameter, px",
-            aspect="equal",
-        )
-        axes = figure.add_subplot(1, 2, 2)
-        _bars(axes, figures["diameter_error_px"]["histogram"], _ACCENT, None)
-        axes.set(xlabel="too narrow  ←  px  →  too wide", ylabel="trees")
-        return _svg(figure)
+    known = np.isfinite(errors.true_width)
+    true, found = errors.true_width[known], errors.found_width[known]
+    end_px = 1.05 * float(np.percentile(np.concatenate([true, found]), 99.5))
+    plot = charts.Plot(
+        Axis.rounded(0, end_px, "true diameter, px"),
+        Axis.rounded(0, end_px, "predicted diameter, px"),
+        _SQUARE_PX,
+    )
+    cloud = charts.series(0, plot.cloud(zip(true.tolist(), found.tolist(), strict=True)))
+    scatter = plot.svg("predicted against true diameters", plot.diagonal(), cloud)
+    counts = figures["diameter_error_px"]["histogram"]
+    plot = _histogram_plot([counts], "too narrow ← px too wide", _WIDE_PX)
+    return parts.grid(
+        [scatter, plot.svg("errors of the diameter", charts.series(0, _bars(plot, counts)))],
+        "halves",
+    )
 
 
-def _two_histograms(axes: Axes, errors: Figures, first: str, second: str) -> None:
-    """Draw two histograms over the same range, semi-transparent."""
-    for direction, colour in ((first, BLUE), (second, ORANGE)):
-        spread = errors[direction]
-        if spread is not None:
-            label = f"{direction}, σ {spread['sigma']:.1f}"
-            _bars(axes, spread["histogram"], colour, label)
-    axes.set_xlabel("px")
-    if axes.get_legend_handles_labels()[0]:
-        axes.legend(loc="upper right", fontsize=8, handlelength=1.2)
+def _chart(
+    plot: charts.Plot, name: str, marks: Mapping[str, str], ideal: str = "", kind: str = ""
+) -> str:
+    """The chart of one series for each name, with a legend; those without marks are left out."""
+    shown = [(number, each) for number, each in enumerate(marks) if marks[each]]
+    drawn = (charts.series(number, marks[each], kind=kind) for number, each in shown)
+    return plot.svg(name, *drawn, ideal) + parts.note(charts.legend(shown))
 
 
-def _bars(axes: Axes, counts: Figures, colour: str, label: str | None) -> None:
-    edges = np.linspace(counts["from_px"], counts["to_px"], len(counts["counts"]) + 1)
-    axes.stairs(counts["counts"], edges, fill=True, color=colour, alpha=0.55, label=label)
+def _words(name: str) -> str:
+    return name.replace("_", " ")
 
 
-def _draw_density(axes: Axes, found: Figures | None) -> None:
-    axes.set_title("(d) felling cut, density")
-    axes.grid(False)
+def _panel(title: str, errors: Figures, directions: tuple[str, str]) -> str:
+    """Two histograms over the same range, semi-transparent."""
+    spreads = {name: errors[name] for name in directions if errors[name] is not None}
+    histograms = [spread["histogram"] for spread in spreads.values()]
+    if not histograms:
+        return parts.note(f"{title}: none")
+    plot = _histogram_plot(histograms, "px", _PANEL_PX)
+    bars = {
+        f"{name}, σ {spread['sigma']:.1f}": _bars(plot, spread["histogram"])
+        for name, spread in spreads.items()
+    }
+    return f"<div>{parts.note(title)}{_chart(plot, title, bars, kind='over')}</div>"
+
+
+def _histogram_plot(histograms: list[Figures], name: str, size_px: tuple[int, int]) -> charts.Plot:
+    low, high = histograms[0]["from_px"], histograms[0]["to_px"]
+    most = max(max(each["counts"]) for each in histograms)
+    return charts.Plot(
+        Axis.rounded(low, high, name, parts=6), Axis.rounded(0, most, "trees", whole=True), size_px
+    )
+
+
+def _bars(plot: charts.Plot, histogram: Figures) -> str:
+    counts = histogram["counts"]
+    edges = np.linspace(histogram["from_px"], histogram["to_px"], len(counts) + 1)
+    return plot.bars(edges.tolist(), counts)
+
+
+def _density(letter: str, found: Figures | None) -> str:
+    """Where the predicted felling cuts are around the true ones, smoothed."""
+    title = f"({letter}) felling cut, density"
     if found is None:
-        return
+        return parts.note(f"{title}: none")
     low, high = found["from_px"], found["to_px"]
-    counts = _smoothed(np.array(found["rows"], float))
-    axes.imshow(counts, extent=(low, high, high, low), cmap="YlGnBu_r", interpolation="bilinear")
-    axes.axhline(0, color="white", lw=0.6, alpha=0.7)
-    axes.axvline(0, color="white", lw=0.6, alpha=0.7)
-    axes.set(xlabel="px to the right", ylabel="px downwards")
-
-
-def _smoothed(counts: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Smooth the counts, so that few trees give a readable map."""
-    import cv2
-
-    return np.asarray(cv2.GaussianBlur(counts, (0, 0), 1.0), np.float64)
-
-
-def _style(name: str) -> Any:
-    """Return the style of a plot; its name makes the SVG ids unique on the page."""
-    import matplotlib
-
-    return matplotlib.rc_context({**_PAGE_STYLE, "svg.hashsalt": name})
-
-
-def _figure(width_in: float, height_in: float) -> Figure:
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=(width_in, height_in), layout="constrained")
-
-
-def _svg(figure: Figure) -> str:
-    """Return the plot as SVG in the page's colours."""
-    buffer = io.StringIO()
-    figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None})
-    text = buffer.getvalue()
-    for colour, own in _PAGE_COLOURS.items():
-        text = text.replace(colour, own)
-    return text[text.index("<svg") :]
+    ticks = tuple((value, f"{value:g}") for value in (low, 0.0, high))
+    plot = charts.Plot(
+        Axis(low, high, ticks, "px to the right"), Axis(high, low, ticks, "px downwards"), _MAP_PX
+    )
+    counts = cv2.GaussianBlur(np.array(found["rows"], np.float64), (0, 0), 1.0)
+    picture = np.full((*counts.shape, 4), (*_DENSITY_BGR, 0), np.uint8)
+    picture[..., 3] = np.rint(255 * counts / max(counts.max(), 1e-9))
+    cross = plot.line([(low, 0), (high, 0)], "axis") + plot.line([(0, low), (0, high)], "axis")
+    drawn = plot.picture(cv2.imencode(".png", picture)[1].tobytes())
+    return f"<div>{parts.note(title)}{plot.svg(title, drawn, cross)}</div>"

@@ -12,9 +12,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from basetree.arrays import Float, UInt8
 from basetree.errors import SettingsError
 from calib import CocoRle, Letterbox, encode_rle, paste_mask
-from perceptree.arrays import Float, UInt8
 from perceptree.data import FrameStore
 from perceptree.models import TreeRCNN
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from perceptree.arrays import Bool, Float
+from basetree.arrays import Bool, Float
 from perceptree.data import FrameRecord
 from perceptree.errors import DatasetError
 from perceptree.evaluation.matching import match_trees

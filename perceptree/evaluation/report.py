@@ -14,6 +14,7 @@ from perceptree.errors import DatasetError
 from perceptree.evaluation.figures import About, figures_of
 from perceptree.evaluation.metrics import Measured, Progress, measure
 from perceptree.evaluation.predictions import Predict
+from perceptree.evaluation.report_page import report_page
 
 JSON_FILE, PAGE_FILE = "report.json", "report.html"
 
@@ -39,10 +40,8 @@ class Report:
         Raises:
             InputFileError: If a file cannot be written.
         """
-        from perceptree.evaluation.report_page import report_page
-
         text = json.dumps(self.figures, indent=1, allow_nan=False)
-        page = report_page(self)
+        page = report_page(self.figures, self.measured)
         write_text(folder / JSON_FILE, text)
         write_text(folder / PAGE_FILE, page)
         return folder / PAGE_FILE

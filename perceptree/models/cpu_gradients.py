@@ -18,7 +18,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from perceptree.arrays import Float32
+from basetree.arrays import Float32
 
 
 def depthwise_conv(x: Tensor, weight: Tensor, stride: int, padding: int) -> Tensor:

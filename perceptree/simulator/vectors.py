@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from perceptree.arrays import Float
+from basetree.arrays import Float
 
 UP = np.array([0.0, 0.0, 1.0])
 

@@ -24,7 +24,7 @@ import torch
 from torch import Tensor
 from torch.utils.data import DataLoader, Dataset, Sampler
 
-from perceptree.arrays import Int64
+from basetree.arrays import Int64
 from perceptree.data import Sample, augment
 from perceptree.data.cache import FrameCache
 from perceptree.errors import DatasetError

@@ -7,7 +7,7 @@ import math
 import cv2
 import numpy as np
 
-from perceptree.arrays import Float, UInt8
+from basetree.arrays import Float, UInt8
 from perceptree.data.augment.randomness import (
     add_levels,
     is_drawn,

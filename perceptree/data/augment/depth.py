@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from basetree.arrays import Bool, Float32, UInt8
 from calib import DepthEncoding, encode_depth
-from perceptree.arrays import Bool, Float32, UInt8
 from perceptree.data.augment.randomness import (
     add_levels,
     blobs,

@@ -14,7 +14,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from perceptree.arrays import Bool, Float, UInt8
+from basetree.arrays import Bool, Float, UInt8
 from perceptree.data.augment.labels import (
     flip_keypoints,
     transform_boxes,

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
-from perceptree.arrays import Bool, Float, UInt8
+from basetree.arrays import Bool, Float, UInt8
 from perceptree.keypoints import KEYPOINT_FLIP_PAIRS
 
 MIN_PIXELS = 25

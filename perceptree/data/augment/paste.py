@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
+from basetree.arrays import Bool, Float, UInt8
 from calib import DepthEncoding
-from perceptree.arrays import Bool, Float, UInt8
 from perceptree.data.augment.depth import level_metres
 from perceptree.data.augment.labels import MIN_PIXELS, MIN_VISIBLE_SHARE, box_of
 from perceptree.data.frames import Sample

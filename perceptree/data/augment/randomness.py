@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from perceptree.arrays import Bool, Float32, UInt8
+from basetree.arrays import Bool, Float32, UInt8
 
 ZERO_LEVEL = 128
 """The value of 0 in :func:`normal_levels`."""

@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from basetree.arrays import UInt8
 from basetree.files.reading import decode_image
-from perceptree.arrays import UInt8
 from perceptree.data.coco import FrameRecord
 
 Signature = NDArray[np.uint64]

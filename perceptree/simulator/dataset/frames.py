@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from perceptree.arrays import UInt8
+from basetree.arrays import UInt8
 from perceptree.simulator.geometry.assemble import assemble
 from perceptree.simulator.geometry.negatives import NEGATIVES
 from perceptree.simulator.geometry.prototypes import Prototypes, make_prototypes

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
-from html import escape
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
-from perceptree.page import card, grid, render_page, tiles
-from perceptree.simulator.dataset.charts import bars_svg, counts_svg, histogram_svg, stacked_svg
+from basetree.page import charts, parts
+from basetree.page.axis import Axis
 from perceptree.simulator.dataset.contact_sheet import DEPTH_SHEET_FILE, SHEET_FILE
 from perceptree.simulator.dataset.statistics import (
     PAPER_TREES_PER_FRAME,
@@ -31,6 +31,8 @@ _TREE_CHARTS = {
     "box_width_px": ("Box width, px", " px"),
     "box_height_px": ("Box height, px", " px"),
 }
+_MAX_LABELS = 18
+_SIZE_PX = (340, 170)
 _FLAG_ORDER = ("visible", "hidden", "outside")
 
 
@@ -55,13 +57,13 @@ def write_statistics(directory: Path, splits: dict[str, list[Record]]) -> Figure
 
 def statistics_page(figures: Figures) -> str:
     """Make the HTML page of a dataset's statistics."""
-    return render_page(
+    return parts.whole(
         "What was simulated",
-        _header(figures)
-        + _splits(figures["splits"])
-        + _trees(figures)
-        + _conditions(figures)
-        + _sensors(figures),
+        _header(figures),
+        _splits(figures["splits"]),
+        _trees(figures),
+        _conditions(figures),
+        _sensors(figures),
     )
 
 
@@ -83,38 +85,68 @@ def _header(figures: Figures) -> str:
         "<h1>What was simulated</h1>"
         f'<p class="lead">The frames themselves: <a href="{SHEET_FILE}">colour with labels</a>'
         f' and <a href="{DEPTH_SHEET_FILE}">measured depth</a>, beside this page.</p>'
-        + tiles(shown)
+        + parts.tiles(shown)
     )
 
 
 def _splits(splits: Figures) -> str:
-    rows = "".join(
-        f"<tr><td>{escape(name)}</td><td>{split['scenes']:,}</td><td>{split['frames']:,}</td>"
-        f"<td>{split['trees']:,}</td><td>{split['trees_per_frame']:.2f}</td></tr>"
+    rows = (
+        [
+            name,
+            *(f"{split[what]:,}" for what in ("scenes", "frames", "trees")),
+            f"{split['trees_per_frame']:.2f}",
+        ]
         for name, split in splits.items()
     )
-    return (
-        "<h2>Splits</h2>"
-        '<div class="card scroll"><table><thead><tr><th>split</th><th>scenes</th><th>frames</th>'
-        f"<th>trees</th><th>trees a frame</th></tr></thead><tbody>{rows}</tbody></table></div>"
-    )
+    heads = ["split", "scenes", "frames", "trees", "trees a frame"]
+    return parts.heading("Splits") + parts.card("", parts.table(heads, rows))
 
 
 def _trees(figures: Figures) -> str:
     cards = [
-        card("Trees a frame", counts_svg("Trees a frame", figures["trees_per_frame"]["counts"]))
-    ]
-    for name, (title, unit) in _TREE_CHARTS.items():
-        one = figures["tree"][name]
-        chart = histogram_svg(title, one["edges"], one["counts"], unit)
-        cards.append(card(title, chart, _quantiles(one)))
-    cards += [
-        card("Species", bars_svg("Species", figures["species"])),
-        card("Models of bark and form", bars_svg("Models", figures["models"])),
+        _number_card("Trees a frame", figures["trees_per_frame"]["counts"]),
+        *(
+            _histogram_card(title, figures["tree"][name], unit)
+            for name, (title, unit) in _TREE_CHARTS.items()
+        ),
+        _bars_card("Species", figures["species"]),
+        _bars_card("Models of bark and form", figures["models"]),
         _keypoints(figures["keypoints"]),
     ]
     note = "Shares of all labelled trees; what lies beyond an axis is counted in its last bar."
-    return f'<h2>Trees</h2><p class="note">{note}</p>{grid(cards)}'
+    return parts.heading("Trees", note) + parts.grid(cards)
+
+
+def _bars_card(title: str, counts: Mapping[str, int], note: str = "") -> str:
+    return parts.card(title, charts.named_bars(title, counts), note)
+
+
+def _number_card(title: str, counts: Sequence[int]) -> str:
+    """A bar for each of the numbers 0, 1, 2 and so on."""
+    every = math.ceil(len(counts) / _MAX_LABELS)
+    ticks = tuple((number + 0.5, f"{number}") for number in range(0, len(counts), every))
+    axis = Axis(0, len(counts), ticks)
+    return parts.card(title, _columns(title, axis, counts, [f"{n}" for n in range(len(counts))]))
+
+
+def _histogram_card(title: str, one: Figures, unit: str) -> str:
+    """A histogram of one quantity, with its quantiles."""
+    edges = [f"{edge:.0f}" if abs(edge) >= 100 else f"{edge:.3g}" for edge in one["edges"]]
+    names = [f"{low} to {high}{unit}" for low, high in pairwise(edges)]
+    chart = _columns(title, Axis.bins(edges), one["counts"], names)
+    return parts.card(title, chart, _quantiles(one))
+
+
+def _columns(title: str, across: Axis, counts: Sequence[int], names: Sequence[str]) -> str:
+    """Bars in percent of all counts; their names are shown when the pointer is on them."""
+    percents = [100 * count / max(1, sum(counts)) for count in counts]
+    up = Axis.rounded(0, max(percents, default=0.0), text=lambda percent: f"{percent:g} %")
+    plot = charts.Plot(across, up, _SIZE_PX)
+    hints = [
+        f"{name}: {count:,}, {percent:.1f} %"
+        for name, count, percent in zip(names, counts, percents, strict=True)
+    ]
+    return plot.svg(title, charts.series(0, plot.bars(range(len(counts) + 1), percents, hints)))
 
 
 def _quantiles(one: Figures) -> str:
@@ -124,51 +156,51 @@ def _quantiles(one: Figures) -> str:
 
 
 def _keypoints(keypoints: Figures) -> str:
-    rows = {
-        name.replace("_", " "): {flag: flags[flag] for flag in _FLAG_ORDER}
-        for name, flags in keypoints.items()
-    }
+    rows = [(name.replace("_", " "), _flags(flags)) for name, flags in keypoints.items()]
     legend = " ".join(
-        f'<span class="key key{index}"></span>{flag}' for index, flag in enumerate(_FLAG_ORDER)
+        f"{charts.key(f'part{index}', '■')} {flag}" for index, flag in enumerate(_FLAG_ORDER)
     )
-    chart = stacked_svg("Keypoints", rows)
-    return (
-        f'<div class="card"><h3>Keypoints</h3>{chart}<p class="note">{legend} the frame</p></div>'
-    )
+    return parts.card("Keypoints", charts.stacked_bars("Keypoints", rows), f"{legend} the frame")
+
+
+def _flags(flags: Figures) -> list[charts.Part]:
+    total = max(1, sum(flags.values()))
+    shares = {flag: f"{100 * flags[flag] / total:.0f} %" for flag in _FLAG_ORDER}
+    return [
+        charts.Part(flags[flag], share, f"{flag}: {flags[flag]:,}, {share}")
+        for flag, share in shares.items()
+    ]
 
 
 def _conditions(figures: Figures) -> str:
     cards = [
-        card("Ground", bars_svg("Ground", figures["terrain"]), "frames"),
+        _bars_card("Ground", figures["terrain"], "frames"),
         _histogram_card("Mean slope of a scene, degrees", figures["slope_deg"], "°"),
         _histogram_card("Stems per hectare of a scene", figures["stems_per_ha"], ""),
-        card("Camera carried by", bars_svg("Carrier", figures["carrier"]), "frames"),
+        _bars_card("Camera carried by", figures["carrier"], "frames"),
     ]
-    if figures["realism"]:
-        title = "Beyond the paper’s conditions"
-        cards.append(card(title, bars_svg(title, figures["realism"]), "frames that have it"))
-    return "<h2>Conditions</h2>" + _weather_by_light(figures["weather_by_light"]) + grid(cards)
+    if realism := figures["realism"]:
+        cards.append(_bars_card("Beyond the paper’s conditions", realism, "frames that have it"))
+    table = _weather_by_light(figures["weather_by_light"])
+    return parts.heading("Conditions") + table + parts.grid(cards)
 
 
-def _weather_by_light(table: Mapping[str, Mapping[str, int]]) -> str:
+def _weather_by_light(counts: Mapping[str, Mapping[str, int]]) -> str:
     """Table of the number of frames by weather and light, coloured by number."""
-    lights = list(next(iter(table.values())))
-    most = max(1, *(count for row in table.values() for count in row.values()))
-    head = "".join(f"<th>{escape(light)}</th>" for light in lights)
-    rows = ""
-    for weather, row in table.items():
-        cells = "".join(
-            f'<td style="--share:{100 * row[light] / most:.0f}%">{row[light]:,}</td>'
-            for light in lights
-        )
-        rows += f"<tr><td>{escape(weather)}</td>{cells}<td>{sum(row.values()):,}</td></tr>"
-    sums = [sum(row[light] for row in table.values()) for light in lights]
-    last = "".join(f"<td>{count:,}</td>" for count in [*sums, sum(sums)])
-    return (
-        '<div class="card scroll"><h3>Frames of each weather by light</h3>'
-        f'<table class="heat"><thead><tr><th>weather</th>{head}<th>all</th></tr></thead>'
-        f"<tbody>{rows}</tbody><tfoot><tr><td>all</td>{last}</tr></tfoot></table></div>"
+    lights = list(next(iter(counts.values())))
+    most = max(1, *(count for found in counts.values() for count in found.values()))
+    rows: Iterable[parts.Cells] = (
+        [
+            weather,
+            *(parts.share_cell(f"{found[light]:,}", 100 * found[light] / most) for light in lights),
+            parts.Cell(f"{sum(found.values()):,}", 'class="none"'),
+        ]
+        for weather, found in counts.items()
     )
+    sums = [sum(found[light] for found in counts.values()) for light in lights]
+    foot = ["all", *(f"{count:,}" for count in [*sums, sum(sums)])]
+    content = parts.table(["weather", *lights, "all"], rows, foot=foot)
+    return parts.card("Frames of each weather by light", content)
 
 
 def _sensors(figures: Figures) -> str:
@@ -177,19 +209,15 @@ def _sensors(figures: Figures) -> str:
     size = figures["bytes_per_frame"]
     kilobytes = {name: round(count / 1000) for name, count in size["folders"].items()}
     cards = [
-        card(
+        _bars_card(
             "Depth sensor",
-            bars_svg("Depth sensor", figures["depth_sensor"]),
+            figures["depth_sensor"],
             f"frames; pixels with a reading: {shares}",
         ),
-        card(
+        _bars_card(
             "Files of a frame, kB",
-            bars_svg("Files of a frame", kilobytes),
+            kilobytes,
             f"mean {size['mean'] / 1000:.0f} kB, at most {size['largest'] / 1000:.0f} kB",
         ),
     ]
-    return f"<h2>Sensors and files</h2>{grid(cards)}"
-
-
-def _histogram_card(title: str, one: dict[str, Any], unit: str) -> str:
-    return card(title, histogram_svg(title, one["edges"], one["counts"], unit), _quantiles(one))
+    return parts.heading("Sensors and files") + parts.grid(cards)

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import calib
+from basetree.arrays import Float
 from basetree.jobs import Store, copy_folder
-from perceptree.arrays import Float
 from perceptree.simulator.dataset.plan import DatasetPlan
 from perceptree.simulator.dataset.storage import (
     FRAME_FOLDERS,

@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from basetree.arrays import Float, UInt8
 from basetree.files import writing
-from perceptree.arrays import Float, UInt8
 from perceptree.errors import DatasetError
 
 FRAME_FOLDERS = ("images", "depth", "depth8", "depth_exact")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from perceptree.arrays import Float, Float32, Int32, Int64, UInt8
+from basetree.arrays import Float, Float32, Int32, Int64, UInt8
 from perceptree.simulator.geometry.crowns import fit_crown
 from perceptree.simulator.geometry.ground import ground_mesh
 from perceptree.simulator.geometry.mesh import Mesh

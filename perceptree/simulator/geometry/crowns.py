@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from perceptree.arrays import Float
+from basetree.arrays import Float
 from perceptree.simulator.geometry.habits import HABITS, Habit
 from perceptree.simulator.geometry.mesh import Mesh, card_faces, make_mesh, merge, tubes_mesh
 from perceptree.simulator.materials.layers import Layer

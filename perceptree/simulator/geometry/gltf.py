@@ -18,8 +18,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from basetree.arrays import Float, Float32, Int64, UInt8
 from basetree.files.writing import replacing
-from perceptree.arrays import Float, Float32, Int64, UInt8
 from perceptree.errors import DatasetError
 from perceptree.simulator.geometry.assemble import SceneMesh, assemble
 from perceptree.simulator.geometry.prototypes import make_prototypes

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from perceptree.arrays import Float
+from basetree.arrays import Float
 from perceptree.simulator.geometry.mesh import Mesh, make_mesh, tube_faces
 from perceptree.simulator.materials.layers import Layer
 from perceptree.simulator.scene.terrain import Terrain

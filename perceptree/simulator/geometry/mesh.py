@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from perceptree.arrays import Bool, Float
+from basetree.arrays import Bool, Float
 from perceptree.simulator.vectors import UP, unit
 
 Int = NDArray[np.integer[Any]]

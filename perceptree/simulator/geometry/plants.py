@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from perceptree.arrays import Float
+from basetree.arrays import Float
 from perceptree.simulator.geometry.mesh import Cards, Mesh, make_mesh, merge, tube_faces, tubes_mesh
 from perceptree.simulator.materials.layers import Layer
 from perceptree.simulator.vectors import UP, unit

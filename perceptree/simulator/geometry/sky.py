@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from perceptree.arrays import Float, Float32, Int32, UInt8
+from basetree.arrays import Float, Float32, Int32, UInt8
 from perceptree.simulator.materials.layers import CROWN_FOLIAGE
 from perceptree.simulator.scene.terrain import EXTENT_M
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from perceptree.arrays import Float
+from basetree.arrays import Float
 from perceptree.simulator.geometry.mesh import Mesh, make_mesh, merge, ring_frames, surface_mesh
 from perceptree.simulator.materials.layers import PAINT_CELLS, Layer
 from perceptree.simulator.vectors import unit

@@ -9,7 +9,7 @@ import numpy as np
 from pycocotools import mask as coco_mask
 
 import calib
-from perceptree.arrays import Float
+from basetree.arrays import Float
 from perceptree.keypoints import KEYPOINT_NAMES
 from perceptree.simulator.labelling.frame import LabelledFrame
 from perceptree.simulator.settings.files import FileSettings

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from perceptree.arrays import Float, Float32, UInt8
+from basetree.arrays import Float, Float32, UInt8
 
 if TYPE_CHECKING:
     from perceptree.simulator.labelling.labels import TreeLabel

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from perceptree.arrays import Bool, Float
+from basetree.arrays import Bool, Float
 from perceptree.simulator.labelling.silhouette import CLOSEST_M, outline_points, silhouette_area_px
 from perceptree.simulator.rendering.render import Drawing
 from perceptree.simulator.rendering.view import View

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from perceptree.arrays import Float
+from basetree.arrays import Float
 from perceptree.simulator.geometry.stems import STEM_SIDES, lower_levels_m
 from perceptree.simulator.rendering.view import View
 from perceptree.simulator.scene.description import Tree

@@ -11,7 +11,7 @@ from statistics import NormalDist
 import cv2
 import numpy as np
 
-from perceptree.arrays import Float
+from basetree.arrays import Float
 from perceptree.simulator.materials.drawing import mix, noise
 from perceptree.simulator.materials.layers import SIZE_PX, Layer
 from perceptree.simulator.materials.noise import jittered_cells, smoothstep

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
-from perceptree.arrays import Float, Float32
+from basetree.arrays import Float, Float32
 from perceptree.simulator.materials.layers import SIZE_PX
 from perceptree.simulator.materials.noise import spectral_noise
 

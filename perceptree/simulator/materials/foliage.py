@@ -12,7 +12,7 @@ from itertools import pairwise
 import cv2
 import numpy as np
 
-from perceptree.arrays import Float, Float32
+from basetree.arrays import Float, Float32
 from perceptree.simulator.materials.drawing import cutout, ink, point
 from perceptree.simulator.materials.layers import Layer
 from perceptree.simulator.rows import read_rows

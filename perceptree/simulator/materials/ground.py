@@ -8,7 +8,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from perceptree.arrays import Float, UInt8
+from basetree.arrays import Float, UInt8
 from perceptree.simulator.materials.drawing import mix, noise, rgb
 from perceptree.simulator.materials.layers import SIZE_PX, Layer
 from perceptree.simulator.materials.noise import jittered_cells, smoothstep

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from perceptree.arrays import Float
+from basetree.arrays import Float
 from perceptree.simulator.materials.drawing import mix, noise, rgb
 from perceptree.simulator.materials.layers import PAINT_CELLS, SIZE_PX, Layer
 from perceptree.simulator.materials.noise import smoothstep

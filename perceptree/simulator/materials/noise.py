@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from perceptree.arrays import Float, Float32
+from basetree.arrays import Float, Float32
 from perceptree.simulator.materials.layers import SIZE_PX
 
 _WARP = 0.22

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from perceptree.arrays import Float, Int64, UInt8
+from basetree.arrays import Float, Int64, UInt8
 from perceptree.simulator.materials.barks import bark_layers
 from perceptree.simulator.materials.foliage import foliage_layers
 from perceptree.simulator.materials.ground import ground_layers

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from perceptree.arrays import Float, UInt8
+from basetree.arrays import Float, UInt8
 from perceptree.simulator.materials.layers import FIRST_GROUND, SIZE_PX, Layer, is_cutout
 from perceptree.simulator.materials.textures import Textures, layer_texels, pack_layer
 from perceptree.simulator.photographs.choice import panoramas, photographs_for

@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from basetree.arrays import Float, UInt8
 from basetree.errors import InputFileError, SettingsError
 from basetree.files.reading import read_image
-from perceptree.arrays import Float, UInt8
 from perceptree.simulator.materials.layers import SIZE_PX
 from perceptree.simulator.photographs.folder import Photograph
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from basetree.arrays import UInt8
 from basetree.errors import SettingsError
-from perceptree.arrays import UInt8
 from perceptree.simulator.photographs.folder import CUBE_FACES, Photograph
 from perceptree.simulator.photographs.loading import (
     DEEP,

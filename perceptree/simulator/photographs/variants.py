@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from perceptree.arrays import Float, Float32, UInt8
+from basetree.arrays import Float, Float32, UInt8
 from perceptree.simulator.materials.layers import SIZE_PX
 from perceptree.simulator.materials.noise import smoothstep, spectral_noise
 from perceptree.simulator.photographs.loading import Material, blend_seam

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from perceptree.arrays import Float
+from basetree.arrays import Float
 from perceptree.simulator.rendering.view import Pose, View, look_from
 from perceptree.simulator.scene.circuit import Circuit
 from perceptree.simulator.scene.terrain import Terrain

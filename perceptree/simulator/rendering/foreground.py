@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from perceptree.arrays import Float
+from basetree.arrays import Float
 from perceptree.simulator.geometry.negatives import LOG_M
 from perceptree.simulator.rendering.view import View, random_view
 from perceptree.simulator.scene.description import Scene

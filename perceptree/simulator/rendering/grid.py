@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import calib
+from basetree.arrays import Float, Float32
 from calib import PinholeCamera
-from perceptree.arrays import Float, Float32
 from perceptree.simulator.rendering.view import View
 
 SUPERSAMPLING = 2

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from perceptree.arrays import Float32, Int32, Int64, UInt8
+from basetree.arrays import Float32, Int32, Int64, UInt8
 
 
 class Surface(NamedTuple):

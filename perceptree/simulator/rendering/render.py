@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from perceptree.arrays import Float32, Int32, Int64
+from basetree.arrays import Float32, Int32, Int64
 from perceptree.simulator.geometry.assemble import SceneMesh
 from perceptree.simulator.materials.textures import Textures
 from perceptree.simulator.rendering.grid import SampleGrid, sample_grid

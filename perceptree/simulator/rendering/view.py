@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 
 import calib
+from basetree.arrays import Float, Int64
 from calib import PinholeCamera
-from perceptree.arrays import Float, Int64
 from perceptree.simulator.geometry.assemble import SceneMesh
 from perceptree.simulator.scene.description import Scene
 from perceptree.simulator.settings import CameraSettings, PoseSettings

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from perceptree.arrays import Float, Int64
+from basetree.arrays import Float, Int64
 from perceptree.simulator.materials.layers import Layer, is_cutout
 from perceptree.simulator.settings import RandomisationSettings
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from perceptree.arrays import Float
+from basetree.arrays import Float
 from perceptree.simulator.settings import TIMES, WEATHERS, LightSettings, WeatherSettings
 from perceptree.simulator.streams import choose
 

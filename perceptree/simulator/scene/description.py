@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from perceptree.arrays import Bool, Float
+from basetree.arrays import Bool, Float
 from perceptree.simulator.scene.appearance import Appearance, random_appearance
 from perceptree.simulator.scene.circuit import Circuit, make_circuit
 from perceptree.simulator.scene.clutter import cover_ground, surround_feet

@@ -12,7 +12,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from perceptree.arrays import Bool, Float
+from basetree.arrays import Bool, Float
 from perceptree.simulator.scene.stem import Stem
 
 LOWEST_M, HIGHEST_M = 0.05, 0.50

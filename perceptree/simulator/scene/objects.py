@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from perceptree.arrays import Float
+from basetree.arrays import Float
 from perceptree.simulator.scene.scatter import Placement, place
 from perceptree.simulator.scene.terrain import Terrain
 from perceptree.simulator.settings import ObjectSettings

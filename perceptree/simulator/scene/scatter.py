@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from perceptree.arrays import Bool, Float
+from basetree.arrays import Bool, Float
 from perceptree.simulator.scene.terrain import Terrain
 from perceptree.simulator.settings import UndergrowthSettings
 from perceptree.simulator.vectors import heading, unit

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from perceptree.arrays import Float
+from basetree.arrays import Float
 from perceptree.simulator.scene.terrain import EXTENT_M, Terrain
 from perceptree.simulator.settings import PATTERNS, StandSettings
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from perceptree.arrays import Float
+from basetree.arrays import Float
 from perceptree.simulator.materials.noise import spectral_noise
 from perceptree.simulator.settings import GROUNDS, TerrainSettings
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from perceptree.arrays import Bool, Float
+from basetree.arrays import Bool, Float
 from perceptree.simulator.materials.noise import spectral_noise
 from perceptree.simulator.scene.conditions import Weather
 from perceptree.simulator.scene.scatter import Placement, place

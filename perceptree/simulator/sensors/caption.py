@@ -7,7 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from perceptree.arrays import UInt8
+from basetree.arrays import UInt8
 
 _Colour = tuple[int, int, int]
 

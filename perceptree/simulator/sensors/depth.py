@@ -8,8 +8,8 @@ from statistics import NormalDist
 import cv2
 import numpy as np
 
+from basetree.arrays import Bool, Float32
 from calib import PinholeCamera
-from perceptree.arrays import Bool, Float32
 from perceptree.simulator.sensors.kernels import invert_depth, mark_unseen
 from perceptree.simulator.sensors.smooth import smooth_noise
 from perceptree.simulator.settings import DepthSettings

@@ -13,7 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from perceptree.arrays import Float, Float32, UInt8
+from basetree.arrays import Float, Float32, UInt8
 from perceptree.simulator.settings import ImagingSettings
 
 _Fault = Callable[[np.random.Generator, float, Any], Any]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from perceptree.arrays import Float32, Float64, UInt8
+from basetree.arrays import Float32, Float64, UInt8
 from perceptree.simulator.settings import TrapSettings
 
 _REFLECTANCE = 0.3  # of the surface that the reach is stated for

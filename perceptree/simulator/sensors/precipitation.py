@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
+from basetree.arrays import Float, Float32, UInt8
 from calib import CAMERA_UP, PinholeCamera, project_points
-from perceptree.arrays import Float, Float32, UInt8
 from perceptree.simulator.sensors.kernels import draw_particles
 
 _NEAREST_M = 0.4

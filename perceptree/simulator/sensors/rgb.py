@@ -8,7 +8,7 @@ from statistics import NormalDist
 import cv2
 import numpy as np
 
-from perceptree.arrays import Float, Float32, UInt8
+from basetree.arrays import Float, Float32, UInt8
 from perceptree.simulator.sensors.kernels import develop, tone
 from perceptree.simulator.settings import RgbSettings
 

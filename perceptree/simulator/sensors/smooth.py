@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from perceptree.arrays import Float32
+from basetree.arrays import Float32
 
 
 def smooth_noise(rng: np.random.Generator, shape: tuple[int, ...], sigma_px: float) -> Float32:

@@ -38,9 +38,11 @@ def test_each_true_tree_gets_the_measurement_of_its_own_detection() -> None:
     measurements = [measured(Estimate(0.11, 0.01)), measured(Estimate(0.41, 0.01))]
     frame = compare_trees("one", truths, [Match(1, 0, 0.9)], [0.9, 0.8], measurements)
     assert [tree.found for tree in frame.trees] == [True, False, False]
-    assert frame.trees[0].estimate("diameter_m") == Estimate(0.41, 0.01)
+    found = frame.trees[0].compared("diameter_m")
+    assert found is not None
+    assert found.measured == Estimate(0.41, 0.01)
     assert frame.trees[0].score == 0.8
-    assert frame.trees[1].estimate("diameter_m") is None
+    assert frame.trees[1].compared("diameter_m") is None
     assert frame.unmatched_detections == 1
 
 

@@ -70,14 +70,15 @@ def test_detections_get_the_numbers_of_their_trees_from_near_to_far(
     monkeypatch.setattr("edgetree.demo.examine.draw_trees", draw)
     session = FakeSession.with_trees(depth_manifest, **two_trees)
     detector = TreeDetector(session, score_threshold=0.2)
-    comparison, picture = examine(detector, frames[0])
+    comparison = examine(detector, frames[0])
     assert [tree.truth.distance_m for tree in comparison.trees] == [5.0, 9.0]
     assert [tree.found for tree in comparison.trees] == [True, False]
     assert comparison.trees[0].score == pytest.approx(0.9)
     assert comparison.unmatched_detections == 1
     assert [lines[0].split()[0] for lines in drawn] == ["1", "?"]
-    assert picture.modality == "depth"
-    decoded = cv2.imdecode(np.frombuffer(picture.jpeg, np.uint8), cv2.IMREAD_COLOR)
+    picture = comparison.picture
+    assert picture is not None
+    decoded = cv2.imdecode(np.frombuffer(picture.data, np.uint8), cv2.IMREAD_COLOR)
     assert decoded.shape == (HEIGHT, WIDTH, 3)
     assert (picture.width_px, picture.height_px) == (WIDTH, HEIGHT)
 
@@ -103,12 +104,13 @@ def test_a_demonstration_contains_all_models_and_frames(
     models = [write_model(depth_manifest, "depth.onnx"), write_model(rgb_manifest, "rgb.onnx")]
     told: list[float] = []
     result = demonstrate(models, frames, lambda share, what: told.append(share))
-    assert [model.modality for model in result.models] == ["depth", "rgb"]
+    assert [model.manifest.modality for model in result.models] == ["depth", "rgb"]
     assert [(m.found_trees, m.true_trees) for m in result.models] == [(3, 6), (3, 6)]
-    assert all(0.0 < m.speed.p50_ms <= m.speed.p90_ms for m in result.models)
-    assert {(p.frame, p.modality) for p in result.pictures} == {
-        (frame.name, modality) for frame in frames for modality in ("depth", "rgb")
-    }
+    speeds = [model.speed for model in result.models]
+    assert all(0.0 < speed.detect_p50_ms <= speed.detect_p90_ms for speed in speeds)
+    for model in result.models:
+        assert [each.frame for each in model.frames] == [frame.name for frame in frames]
+        assert all(each.picture is not None for each in model.frames)
     assert told == sorted(told)
     assert told[0] == 0.0
     assert told[-1] == pytest.approx(1.0)

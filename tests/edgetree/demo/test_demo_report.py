@@ -11,12 +11,17 @@ import cv2
 import numpy as np
 import pytest
 
+from basetree.page.parts import jpeg_of
+from edgetree.bench.speed import BenchResult
+from edgetree.catalogue import default_model
 from edgetree.demo.comparison import compare_trees
 from edgetree.demo.matching import Match
 from edgetree.demo.plot import error_histogram
 from edgetree.demo.report import NextCommand, render_report
-from edgetree.demo.result import DemoResult, ModelResult, Picture, Speed, Step
+from edgetree.demo.result import DemoResult, ModelResult, Step
 from edgetree.measure import Estimate, Failure, TreeMeasurement
+from edgetree.model_file.manifest import METADATA_KEY, Manifest
+from edgetree.model_file.safety_check import read_model_file
 from edgetree.samples import SampleTree
 
 VOID = {"meta", "img", "input", "line", "path", "circle"}
@@ -51,22 +56,18 @@ def truth(diameter_m: float, cut_height_m: float, distance_m: float) -> SampleTr
     )
 
 
-def model(modality: str, diameter: Estimate | Failure, name: str = "light") -> ModelResult:
+def model(modality: str, diameter: Estimate | Failure) -> ModelResult:
     measurement = dataclasses.replace(
         TreeMeasurement.failed("no ground <near> the stem"),
         diameter_m=diameter,
         distance_m=Estimate(6.25, 0.125),
     )
     truths = [truth(0.314, 0.2, 6.5), truth(0.2, 0.1, 8.0)]
-    frame = compare_trees("Frame 1", truths, [Match(0, 0, 0.9)], [0.9], [measurement])
-    return ModelResult(
-        modality, name, "float32", 640, 384, 7_300_000, Speed(20.0, 25.0, 2), (frame,)
-    )
-
-
-def picture(modality: str) -> Picture:
-    data = cv2.imencode(".jpg", np.zeros((8, 16, 3), np.uint8))[1].tobytes()
-    return Picture("Frame 1", modality, data, 16, 8)
+    picture = jpeg_of(np.zeros((8, 16, 3), np.uint8))
+    frame = compare_trees("Frame 1", truths, [Match(0, 0, 0.9)], [0.9], [measurement], picture)
+    shipped = read_model_file(default_model(modality)).metadata[METADATA_KEY]
+    speed = BenchResult(99, 2, 20.0, 25.0, 48.0, 1.0, None)
+    return ModelResult(Manifest.from_json(shipped), 7_300_000, speed, (frame,))
 
 
 @pytest.fixture
@@ -75,7 +76,7 @@ def result() -> DemoResult:
         model("depth", Estimate(0.329, 0.0171)),
         model("rgb", Failure("no depth at the stem")),
     )
-    return DemoResult(models, (picture("rgb"), picture("depth")), duration_s=21.4)
+    return DemoResult(models, duration_s=21.4)
 
 
 def words(html: str) -> str:
@@ -139,7 +140,7 @@ def test_the_cards_count_detections_of_no_tree(result: DemoResult) -> None:
 def test_gross_errors_are_marked_in_plot_and_tables(
     diameter: Estimate | Failure, gross: bool
 ) -> None:
-    html = render_report(DemoResult((model("depth", diameter),), (), 1.0), [])
+    html = render_report(DemoResult((model("depth", diameter),), 1.0), [])
     assert ('<td class="gross">' in html) is gross
     assert ("gross errors: 1" in html) is gross
     assert f"diameter: gross errors {int(gross)}" in words(html)
@@ -160,7 +161,7 @@ def test_errors_are_counted_in_bins_around_zero() -> None:
 
 
 def test_a_tiny_std_is_not_shown_as_zero() -> None:
-    tiny = DemoResult((model("depth", Estimate(0.3141, 0.0001)),), (), 1.0)
+    tiny = DemoResult((model("depth", Estimate(0.3141, 0.0001)),), 1.0)
     assert "31.4 ± &lt;0.1" in words(render_report(tiny, []))
 
 
@@ -171,14 +172,14 @@ def test_text_is_escaped(result: DemoResult) -> None:
 
 
 def test_a_model_that_measures_nothing_still_gets_a_page() -> None:
-    nothing = DemoResult((model("rgb", Failure("no depth")),), (), 1.0)
+    nothing = DemoResult((model("rgb", Failure("no depth")),), 1.0)
     text = words(render_report(nothing, []))
     assert "– median error of the stem diameter" in text
 
 
 def test_the_training_steps_are_shown_only_after_training(result: DemoResult) -> None:
     steps = (Step("Train", "12 rounds", 301.0),)
-    trained = DemoResult(result.models, (), 5.0, None, steps, {"ap50_boxes": 0.61})
+    trained = DemoResult(result.models, 5.0, None, steps, {"ap50_boxes": 0.61})
     assert "Train 12 rounds 301 s" in words(render_report(trained, []))
     assert "From nothing to this model" not in render_report(result, [])
     assert trained.to_dict("r.html")["training"] == {"ap50_boxes": 0.61}
