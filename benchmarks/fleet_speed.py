@@ -34,7 +34,7 @@ from typing import Any
 from edgetree import sample_frames
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.append(str(ROOT / "tests" / "fleet"))
+sys.path.append(str(ROOT / "tests" / "support"))
 
 Values = dict[str, Any]
 
