@@ -41,7 +41,7 @@ from edgetree.shards.merging import Outputs, merge_frames
 from edgetree.shards.work import KIND
 
 ROOT = Path(__file__).resolve().parents[1]
-FAKES = ROOT / "tests" / "basetree" / "jobs"  # a renderer of noise
+FAKES = ROOT / "tests" / "support"  # a renderer of noise
 MB_PER_MIB = 1.048576
 
 Values = dict[str, Any]

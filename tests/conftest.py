@@ -1,15 +1,19 @@
 """Settings and fixtures of all tests: threads, hypothesis, recorded data, golden files."""
 
 import difflib
+import functools
 import os
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterator
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
+from once import Once
 
 # Processes that run tests side by side share the cores: each computes with its part of them.
 workers = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
@@ -46,6 +50,36 @@ def shared_path() -> Callable[[str], Path]:
         return path
 
     return find
+
+
+@pytest.fixture(scope="session")
+def once(tmp_path_factory: pytest.TempPathFactory) -> Once:
+    """Makes files once for all processes that run the tests."""
+    base = tmp_path_factory.getbasetemp()
+    return Once((base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "once")
+
+
+@pytest.fixture(scope="session")
+def kit_of(once: Once) -> Callable[[str], Path]:
+    """The conformance kit of a packaged model, by its name."""
+    from edgetree.catalogue import default_model
+    from edgetree.conformance import make_kit
+
+    def find(name: str) -> Path:
+        make = functools.partial(make_kit, default_model(name))
+        return once.folder(f"kit-{name}", lambda folder: make(folder / "kit")) / "kit"
+
+    return find
+
+
+@pytest.fixture(autouse=True)
+def torch_threads() -> Iterator[None]:
+    """Sets the number of torch's threads back, on which the sums of a training depend."""
+    torch: Any = sys.modules.get("torch")
+    before = torch and torch.get_num_threads()
+    yield
+    if before and torch.get_num_threads() != before:
+        torch.set_num_threads(before)
 
 
 @pytest.fixture(scope="session")

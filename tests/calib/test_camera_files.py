@@ -7,6 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from camera_files import assert_recognised, assert_refused, write
 
 from basetree.errors import InputFileError
 from calib import CameraError, PinholeCamera, load_camera
@@ -172,18 +173,11 @@ KNOWN = [
 ]
 
 
-def write(folder: Path, name: str, text: str) -> Path:
-    path = folder / name
-    path.write_text(text)
-    return path
-
-
 @pytest.mark.parametrize(("file", "text", "name", "expected"), KNOWN)
 def test_known_files_are_recognised_by_their_content(
     tmp_path: Path, file: str, text: str, name: str | None, expected: PinholeCamera
 ) -> None:
-    assert load_camera(write(tmp_path, file, text), name=name) == expected
-    assert load_camera(write(tmp_path, "any.name", f"\ufeff{text}"), name=name) == expected
+    assert_recognised(tmp_path, file, text, name, expected)
 
 
 @pytest.mark.parametrize("suffix", [".yml", ".xml"])
@@ -316,12 +310,7 @@ BROKEN = [
 def test_broken_and_contradictory_files_get_one_line(
     tmp_path: Path, text: str, name: str | None, message: str
 ) -> None:
-    path = write(tmp_path, "camera.any", text)
-    with pytest.raises((CameraError, InputFileError)) as caught:
-        load_camera(path, name=name)
-    assert str(caught.value).startswith(str(path))
-    assert message in str(caught.value)
-    assert "\n" not in str(caught.value)
+    assert_refused(tmp_path, text, name, message)
 
 
 def test_binary_files_are_named(tmp_path: Path) -> None:

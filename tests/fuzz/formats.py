@@ -48,7 +48,7 @@ from perceptree.simulator import SimulatorSettings
 from perceptree.simulator.settings.reading import read_settings
 from perceptree.training.state import read_state
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "edgetree" / "sources"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 import bag_files
 
 _ROS = b"""image_width: 640

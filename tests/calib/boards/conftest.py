@@ -1,31 +1,16 @@
 """Fixtures of the board tests: synthetic images of boards."""
 
-import importlib.util
 from collections.abc import Callable
 from functools import cache
-from pathlib import Path
-from types import ModuleType
 
+import fake_boards as fake
 import pytest
 
 from calib.boards import BoardDetections, Picture, find_boards
 
 
 @pytest.fixture(scope="session")
-def fake() -> ModuleType:
-    """The module ``fake_boards``."""
-    spec = importlib.util.spec_from_file_location(
-        "fake_boards", Path(__file__).with_name("fake_boards.py")
-    )
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-@pytest.fixture(scope="session")
-def pictures(fake: ModuleType) -> Callable[[str, str], list[Picture]]:
+def pictures() -> Callable[[str, str], list[Picture]]:
     """Render 14 images of a board of ``fake_boards.BOARDS`` with a distortion model."""
 
     @cache
@@ -39,7 +24,7 @@ def pictures(fake: ModuleType) -> Callable[[str, str], list[Picture]]:
 
 @pytest.fixture(scope="session")
 def seen(
-    fake: ModuleType, pictures: Callable[[str, str], list[Picture]]
+    pictures: Callable[[str, str], list[Picture]],
 ) -> Callable[[str, str], BoardDetections]:
     """Detect the boards in these images."""
 

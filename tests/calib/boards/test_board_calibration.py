@@ -3,8 +3,8 @@
 import json
 from collections.abc import Callable
 from dataclasses import replace
-from types import ModuleType
 
+import fake_boards as fake
 import numpy as np
 import pytest
 
@@ -36,7 +36,6 @@ def errors_in_stds(result: Calibration | CalibrationFailure, truth: object) -> l
     ],
 )
 def test_the_camera_is_recovered_from_images(
-    fake: ModuleType,
     seen: Callable[[str, str], BoardDetections],
     board: str,
     model: str,
@@ -60,7 +59,7 @@ def test_the_camera_is_recovered_from_images(
 
 
 @pytest.mark.parametrize("model", ["radtan", "fisheye"])
-def test_standard_deviations_match_the_errors(fake: ModuleType, model: str) -> None:
+def test_standard_deviations_match_the_errors(model: str) -> None:
     truth = fake.TRUTH[model]
     off = []
     for seed in range(12):
@@ -72,7 +71,7 @@ def test_standard_deviations_match_the_errors(fake: ModuleType, model: str) -> N
     assert 0.4 < np.mean(np.square(off)) < 1.2
 
 
-def test_each_view_gives_its_boards_pose(fake: ModuleType) -> None:
+def test_each_view_gives_its_boards_pose() -> None:
     poses = fake.poses(fake.RADTAN, 16, seed=2)
     views = fake.seen_points(fake.RADTAN, poses, 0)
     result = calibrate_camera(views, SIZE)
@@ -89,7 +88,7 @@ def test_each_view_gives_its_boards_pose(fake: ModuleType) -> None:
 
 
 @pytest.mark.parametrize("wrong_views", [1, 4])
-def test_wrong_views_and_points_are_dropped_and_named(fake: ModuleType, wrong_views: int) -> None:
+def test_wrong_views_and_points_are_dropped_and_named(wrong_views: int) -> None:
     truth = fake.RADTAN
     views = fake.seen_points(truth, fake.poses(truth, 20, seed=3), 1)
     whole = calibrate_camera(views, SIZE)
@@ -111,7 +110,7 @@ def test_wrong_views_and_points_are_dropped_and_named(fake: ModuleType, wrong_vi
         assert "residual" in dropped.reason or "off by more than" in dropped.reason
 
 
-def test_a_blurred_view_is_dropped(fake: ModuleType) -> None:
+def test_a_blurred_view_is_dropped() -> None:
     poses = fake.poses(fake.RADTAN, 20, seed=3)
     views = fake.seen_points(fake.RADTAN, poses, 1)
     rng = np.random.default_rng(2)
@@ -123,7 +122,7 @@ def test_a_blurred_view_is_dropped(fake: ModuleType) -> None:
     assert dropped.reason.startswith("its median residual is 0.39 px")
 
 
-def test_too_few_views_are_rejected(fake: ModuleType) -> None:
+def test_too_few_views_are_rejected() -> None:
     views = fake.seen_points(fake.RADTAN, fake.poses(fake.RADTAN, 20, seed=3), 1)
     failure = calibrate_camera(views[:7], SIZE)
     assert not failure
@@ -134,7 +133,7 @@ def test_too_few_views_are_rejected(fake: ModuleType) -> None:
     assert none.reason == "0 views of the board, expected at least 8"
 
 
-def test_contradictory_views_are_rejected(fake: ModuleType) -> None:
+def test_contradictory_views_are_rejected() -> None:
     views = fake.seen_points(fake.RADTAN, fake.poses(fake.RADTAN, 20, seed=3), 1)[:9]
     rng = np.random.default_rng(0)
     for i in range(3):
@@ -146,7 +145,7 @@ def test_contradictory_views_are_rejected(fake: ModuleType) -> None:
 
 
 @pytest.mark.parametrize("model", ["radtan", "fisheye"])
-def test_a_single_board_orientation_is_rejected(fake: ModuleType, model: str) -> None:
+def test_a_single_board_orientation_is_rejected(model: str) -> None:
     frontal = fake.poses(fake.RADTAN, 20, seed=3, tilt_deg=5)
     failure = calibrate_camera(fake.seen_points(fake.RADTAN, frontal, 1), SIZE, model)
     assert isinstance(failure, CalibrationFailure)
@@ -154,7 +153,7 @@ def test_a_single_board_orientation_is_rejected(fake: ModuleType, model: str) ->
     assert failure.advice == ("tilt the board by 20 to 45 degrees in all directions",)
 
 
-def test_points_only_in_the_middle_are_rejected(fake: ModuleType) -> None:
+def test_points_only_in_the_middle_are_rejected() -> None:
     poses = fake.poses(fake.RADTAN, 20, seed=3, spread=0.02)
     far = [pose._replace(translation_m=pose.translation_m * 2) for pose in poses]
     failure = calibrate_camera(fake.seen_points(fake.RADTAN, far, 1), SIZE)
@@ -164,7 +163,7 @@ def test_points_only_in_the_middle_are_rejected(fake: ModuleType) -> None:
     assert not any("middle" in line for line in failure.advice)
 
 
-def test_a_corner_without_points_is_named(fake: ModuleType) -> None:
+def test_a_corner_without_points_is_named() -> None:
     views = fake.seen_points(fake.RADTAN, fake.poses(fake.RADTAN, 24, seed=3), 1)
     elsewhere = [
         v for v in views if not ((v.image_px[:, 0] < 215) & (v.image_px[:, 1] < 165)).any()
@@ -179,7 +178,7 @@ def test_a_corner_without_points_is_named(fake: ModuleType) -> None:
     assert digits[4][6] != "."
 
 
-def test_poor_calibrations_do_not_pass(fake: ModuleType) -> None:
+def test_poor_calibrations_do_not_pass() -> None:
     poses = fake.poses(fake.RADTAN, 14, seed=3)
     coarse = calibrate_camera(fake.seen_points(fake.RADTAN, poses, 1, noise_px=1.0), SIZE)
     assert isinstance(coarse, Calibration)
@@ -193,7 +192,7 @@ def test_poor_calibrations_do_not_pass(fake: ModuleType) -> None:
     assert any(reason.endswith("of the image, expected at least 50%") for reason in left.reasons)
 
 
-def test_a_lens_that_refocuses_does_not_pass(fake: ModuleType) -> None:
+def test_a_lens_that_refocuses_does_not_pass() -> None:
     views = fake.seen_points(fake.RADTAN, fake.poses(fake.RADTAN, 20, seed=3), 1)
     centre_px = (fake.RADTAN.cx, fake.RADTAN.cy)
     for i, view in enumerate(views):
@@ -207,7 +206,7 @@ def test_a_lens_that_refocuses_does_not_pass(fake: ModuleType) -> None:
     assert abs(errors_in_stds(result, fake.RADTAN)[0]) < 4
 
 
-def test_results_are_plain_json_values(fake: ModuleType) -> None:
+def test_results_are_plain_json_values() -> None:
     views = fake.seen_points(fake.RADTAN, fake.poses(fake.RADTAN, 16, seed=2), 0)
     for result in (calibrate_camera(views, SIZE), calibrate_camera(views[:3], SIZE)):
         values = json.loads(json.dumps(result.to_dict(), allow_nan=False))

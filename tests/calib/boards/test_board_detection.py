@@ -1,9 +1,9 @@
 """Board detection: accuracy, and images without a board."""
 
 from collections.abc import Callable
-from types import ModuleType
 
 import cv2
+import fake_boards as fake
 import numpy as np
 import pytest
 
@@ -34,7 +34,6 @@ from calib.boards import (
     ],
 )
 def test_points_are_detected_where_they_project(
-    fake: ModuleType,
     seen: Callable[[str, str], BoardDetections],
     board: str,
     model: str,
@@ -58,7 +57,7 @@ def test_points_are_detected_where_they_project(
 
 
 def test_large_images_are_equally_accurate(
-    fake: ModuleType, pictures: Callable[[str, str], list[Picture]]
+    pictures: Callable[[str, str], list[Picture]],
 ) -> None:
     grey = pictures("checkerboard", "radtan")[5].grey
     large = cv2.resize(grey, None, fx=4, fy=4, interpolation=cv2.INTER_CUBIC)
@@ -69,7 +68,7 @@ def test_large_images_are_equally_accurate(
 
 
 def test_part_of_a_charuco_board_is_enough(
-    fake: ModuleType, pictures: Callable[[str, str], list[Picture]]
+    pictures: Callable[[str, str], list[Picture]],
 ) -> None:
     grey = pictures("charuco", "radtan")[5].grey.copy()
     whole = fake.BOARDS["charuco"].detect(grey)
@@ -84,7 +83,7 @@ def test_part_of_a_charuco_board_is_enough(
     np.testing.assert_allclose(part[0], image_px[same], atol=0.1)
 
 
-def test_an_image_without_a_board_gives_none(fake: ModuleType) -> None:
+def test_an_image_without_a_board_gives_none() -> None:
     noise = np.random.default_rng(0).integers(0, 256, (480, 640), np.uint8)
     for board in fake.BOARDS.values():
         assert board.detect(noise) is None

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import re
 import shutil
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import cv2
+import fake_boards as fake
 import numpy as np
 import pytest
 
@@ -32,19 +31,7 @@ def calibrate(run_cli: Cli) -> Cli:
 
 
 @pytest.fixture(scope="module")
-def fake() -> ModuleType:
-    """The module of the tests of `calib` that draws boards."""
-    path = Path(__file__).parents[2] / "calib" / "boards" / "fake_boards.py"
-    spec = importlib.util.spec_from_file_location("fake_boards", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-@pytest.fixture(scope="module")
-def board_files(fake: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def board_files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder `pictures` with 14 pictures of the board and one without, and their `depth`."""
     folder = tmp_path_factory.mktemp("board")
     for name in ("pictures", "depth"):
@@ -65,7 +52,7 @@ def board_files(fake: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> P
 
 
 def test_a_folder_of_pictures_gives_a_camera_file(
-    calibrate: Cli, fake: ModuleType, board_files: Path, tmp_path: Path
+    calibrate: Cli, board_files: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "new folder" / "left camera.json"
     done = calibrate(board_files / "pictures", "--board", BOARD, "--out", out)

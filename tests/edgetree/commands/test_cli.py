@@ -274,7 +274,11 @@ def test_doctor_fails_if_something_is_broken(run_cli: Cli, monkeypatch: pytest.M
     assert record["machine"]["instructions"] is None
 
 
-def test_doctor_runs_on_this_machine(run_cli: Cli) -> None:
+def test_doctor_runs_on_this_machine_and_says_which_models_it_has(
+    run_cli: Cli, model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model.rename(tmp_path / "forest.onnx")
+    monkeypatch.setenv("EDGETREE_MODELS", str(tmp_path))
     done = run_cli("doctor", "--json")
     record = json.loads(done.out)
     assert {"name": "cpu", "works": True, "reason": ""} in record["providers"]
@@ -284,14 +288,6 @@ def test_doctor_runs_on_this_machine(run_cli: Cli) -> None:
     assert record["video"]["GStreamer"] == cv2.videoio_registry.hasBackend(cv2.CAP_GSTREAMER)
     assert libraries["minima"]["numpy"]
     assert done.code == (0 if record["healthy"] else 1)
-
-
-def test_doctor_says_which_models_a_machine_has(
-    run_cli: Cli, model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    model.rename(tmp_path / "forest.onnx")
-    monkeypatch.setenv("EDGETREE_MODELS", str(tmp_path))
-    record = json.loads(run_cli("doctor", "--json").out)
     found = {each["name"]: each for each in record["models"]}
     assert {"forest", "edge-n-rgb", "edge-n-depth", "edge-s-rgb", "edge-s-depth"} <= found.keys()
     assert found["forest"] == {

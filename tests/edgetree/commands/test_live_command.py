@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import re
 import signal
 import subprocess
 import sys
+import time
 import urllib.request
 from collections.abc import Callable
 from pathlib import Path
@@ -163,7 +165,9 @@ def test_sigterm_ends_it_with_everything_written(
     address = process.stderr.readline().removeprefix("page: ").strip()
     with urllib.request.urlopen(address, timeout=60) as answer:
         assert b"<html" in answer.read()
-    assert any(line.startswith("running: ") for line in process.stderr)
+    with urllib.request.urlopen(f"{address}events", timeout=60) as events:
+        shown = (line for line in events if line.startswith(b"data: "))
+        assert len(list(itertools.islice(shown, 5))) == 5
     process.send_signal(signal.SIGTERM)
     process.communicate(timeout=60)
     assert process.returncode == 143
@@ -193,19 +197,39 @@ def trees(line: str) -> list[object]:
     return [(tree["score"], tree["box_px"], tree["metres"]) for tree in json.loads(line)["trees"]]
 
 
+def wait_until(happened: Callable[[], object]) -> None:
+    for _ in range(1200):
+        if happened():
+            return
+        time.sleep(0.05)
+    pytest.fail("it did not happen in a minute")
+
+
+def test_how_it_goes_is_said_every_few_seconds(
+    run_cli: Cli, source: tuple[object, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("rosbags")
+    seconds = itertools.count(0, 0.5)
+    monkeypatch.setattr(time, "monotonic", lambda: float(next(seconds)))
+    done = run_cli("live", *source, "--loop", "--frames", 9, "--record", tmp_path / "recordings")
+    assert done.code == 0, done.err
+    told = [line for line in done.err.splitlines() if line.startswith("running: ")]
+    assert 1 < len(told) < 9
+    assert all(line.endswith(", 0 recording(s)") for line in told)
+
+
 @pytest.mark.skipif(not hasattr(signal, "SIGUSR1"), reason="the system has no SIGUSR1")
 def test_sigusr1_marks_and_sigterm_completes_the_recording(
     run_cli: Cli, source: tuple[object, ...], model: Path, tmp_path: Path
 ) -> None:
     pytest.importorskip("rosbags")
     folder, lines = tmp_path / "recordings", tmp_path / "lines.jsonl"
-    options = ["--loop", "--record", str(folder), "--jsonl", str(lines)]
-    command = [sys.executable, "-c", MAIN, "live", *map(str, source), *options]
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-    assert process.stderr is not None
-    assert any(", 0 recording(s)" in line for line in process.stderr)
+    command = [sys.executable, "-c", MAIN, "live", *map(str, source), "--loop", "--record", folder]
+    with lines.open("w") as stdout:
+        process = subprocess.Popen(command, stdout=stdout, stderr=subprocess.PIPE, text=True)
+    wait_until(lambda: lines.read_text().count("\n") > 1)
     process.send_signal(signal.SIGUSR1)
-    assert any(", 1 recording(s)" in line for line in process.stderr)
+    wait_until(lambda: list(folder.glob("mark_*")))
     process.send_signal(signal.SIGUSR1)
     process.send_signal(signal.SIGTERM)
     told = process.communicate(timeout=60)[1]

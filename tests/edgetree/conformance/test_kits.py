@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -34,12 +35,9 @@ Change = Callable[[list[dict[str, Any]]], object]
 
 
 @pytest.fixture(scope="module")
-def kits(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+def kits(kit_of: Callable[[str], Path]) -> dict[str, Path]:
     """Kits of the packaged models."""
-    folder = tmp_path_factory.mktemp("kits")
-    for modality in ("rgb", "depth"):
-        make_kit(default_model(f"edge-n-{modality}"), folder / modality)
-    return {modality: folder / modality for modality in ("rgb", "depth")}
+    return {modality: kit_of(f"edge-n-{modality}") for modality in ("rgb", "depth")}
 
 
 @pytest.mark.parametrize("modality", ["rgb", "depth"])
@@ -145,9 +143,10 @@ def changed(folder: Path, change: Change) -> Results:
     """What the kit expects, with a change to the list of frames."""
     data = json.loads((folder / "expected.json").read_text("utf-8"))
     change(data["frames"])
-    path = folder.parent / "changed.json"
-    path.write_text(json.dumps(data), "utf-8")
-    return read_results(path)
+    with tempfile.TemporaryDirectory() as other:
+        path = Path(other) / "changed.json"
+        path.write_text(json.dumps(data), "utf-8")
+        return read_results(path)
 
 
 def for_all(change: Callable[[dict[str, Any]], object]) -> Change:

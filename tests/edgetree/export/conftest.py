@@ -1,5 +1,6 @@
 """A small network with varied detections without training, and frames for it."""
 
+import hashlib
 import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -10,37 +11,30 @@ import numpy as np
 import onnx
 import pytest
 import torch
+from narrow_networks import NARROW_PAPER
 from numpy.typing import NDArray
+from once import Once
 
 from calib import write_depth
-from edgetree.export import ExportReport, export_model
+from edgetree.export import ExportReport, build, export_model
+from edgetree.export.build import trace
 from edgetree.model_file.manifest import METADATA_KEY
 from perceptree.models import TreeRCNN, make_spec, save_checkpoint
 
 HEIGHT, WIDTH = 96, 160
 RECORD = {"data": "random numbers", "pictures": {"lightness": [50.0, 190.5], "contrast": [20, 70]}}
-NARROW_LIGHT = {"fpn_width": 32}
-NARROW_PAPER = {
-    "backbone": "resnet18",
-    "stride_in_1x1": False,
-    "fpn_width": 16,
-    "box_head_width": 32,
-    "mask_head_widths": (16, 16),
-    "keypoint_head_widths": (16, 16),
-    "proposals_per_level": 50,
-    "proposals": 50,
-    "detections": 6,
-}
 
 BuildModel = Callable[..., TreeRCNN]
 Change = Callable[[NDArray[Any]], NDArray[Any]]
 Tamper = Callable[..., Path]
+Trace = Callable[..., Any]
 
 
 def random_model(modality: str = "rgb", preset: str = "edge-n", **changes: Any) -> TreeRCNN:
     """A model with random weights, scaled up in the last layers for clear peaks of the scores."""
     torch.manual_seed(1)
-    narrow = NARROW_LIGHT if preset.startswith("edge-") else NARROW_PAPER
+    is_light = preset.startswith("edge-")
+    narrow = {"fpn_width": 32} if is_light else NARROW_PAPER | {"detections": 6}
     values: dict[str, Any] = {"height": HEIGHT, "width": WIDTH, **narrow, **changes}
     model = TreeRCNN(make_spec(preset, modality, **values))  # type: ignore[arg-type]
     for part in model.modules():
@@ -72,10 +66,12 @@ def build_model() -> BuildModel:
 
 
 @pytest.fixture(scope="session")
-def rgb_checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("checkpoints") / "rgb.safetensors"
-    save_checkpoint(path, random_model("rgb"), RECORD)
-    return path
+def rgb_checkpoint(once: Once) -> Path:
+    folder = once.folder(
+        "export-rgb",
+        lambda new: save_checkpoint(new / "rgb.safetensors", random_model("rgb"), RECORD),
+    )
+    return folder / "rgb.safetensors"
 
 
 @pytest.fixture(scope="session")
@@ -102,12 +98,39 @@ def frame_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def exported(
-    rgb_checkpoint: Path, frame_folder: Path, tmp_path_factory: pytest.TempPathFactory
-) -> ExportReport:
+def traced(once: Once) -> Trace:
+    """The function `edgetree.export.build.trace`, which traces each network once in a run."""
+
+    def look_up(model: TreeRCNN, *settings: Any, quantised: bool = False) -> Any:
+        key = [f"{model.spec} {settings} {quantised}".encode()]
+        key += [value.numpy().tobytes() for value in model.state_dict().values()]
+
+        def make(folder: Path) -> None:
+            onnx.save(trace(model, *settings, quantised=quantised), folder / "traced.onnx")
+
+        name = f"trace-{hashlib.sha256(b''.join(key)).hexdigest()[:20]}"
+        return onnx.load(once.folder(name, make) / "traced.onnx")
+
+    return look_up
+
+
+@pytest.fixture
+def shared_traces(traced: Trace, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Exports take the trace of a network that another test has made."""
+    monkeypatch.setattr(build, "trace", traced)
+
+
+@pytest.fixture(scope="session")
+def exported(rgb_checkpoint: Path, frame_folder: Path, traced: Trace, once: Once) -> ExportReport:
     """The RGB checkpoint, exported in float32."""
-    out = tmp_path_factory.mktemp("out") / "rgb.onnx"
-    return export_model(rgb_checkpoint, out, data=frame_folder)
+
+    def export(folder: Path) -> ExportReport:
+        with pytest.MonkeyPatch.context() as patched:
+            patched.setattr(build, "trace", traced)
+            return export_model(rgb_checkpoint, folder / "rgb.onnx", data=frame_folder)
+
+    report: ExportReport = once.value("export-float32", export)
+    return report
 
 
 @pytest.fixture

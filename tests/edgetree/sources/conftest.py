@@ -2,32 +2,19 @@
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
+import bag_files
 import pytest
-
-
-def _bag_files() -> ModuleType:
-    """The helper module beside this file; tests are no packages."""
-    spec = importlib.util.spec_from_file_location(
-        "bag_files", Path(__file__).with_name("bag_files.py")
-    )
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 @pytest.fixture(scope="session")
 def bags() -> Any:
     """The helper module `bag_files`."""
     pytest.importorskip("rosbags")
-    return _bag_files()
+    return bag_files
 
 
 @pytest.fixture

@@ -84,6 +84,7 @@ def test_the_newest_frame_is_kept(fake: type[FakeCapture]) -> None:
     np.testing.assert_array_equal(second.up_camera, [0, -1, 0])
     assert first.time_s < second.time_s <= time.time() + 0.01
     assert source.counts == {"replaced by newer frames": 3}
+    capture.is_lost = True  # so that the reader ends at once
     source.close()
 
 
@@ -193,8 +194,8 @@ def test_a_camera_of_another_aspect_ratio_is_named(fake: type[FakeCapture]) -> N
     fake.opened[0].send(1)
     with pytest.raises(calib.CameraError, match="camera 0: the camera is for 64x64 px and the"):
         next(iter(source))
-    source.close()
     fake.opened[0].is_lost = True
+    source.close()
 
 
 def test_pictures_that_change_their_shape_are_left_out(fake: type[FakeCapture]) -> None:
@@ -212,5 +213,5 @@ def test_pictures_that_change_their_shape_are_left_out(fake: type[FakeCapture]) 
     threading.Timer(0.3, fit_again).start()
     assert next(frames).number == 2
     assert source.counts["pictures of another shape than the camera file"] == 1
-    source.close()
     capture.is_lost = True
+    source.close()

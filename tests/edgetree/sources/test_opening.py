@@ -2,42 +2,65 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import cv2
 import pytest
 
-from basetree.errors import InputError
-from edgetree.sources import opening
+from basetree.errors import InputError, MissingPackage
 from edgetree.sources.opening import open_live_source
+from edgetree.sources.source import SourceLost
 
 
 @pytest.mark.parametrize(
-    ("text", "opener", "address"),
+    ("text", "address"),
     [
-        ("0", "open_camera", 0),
-        ("/dev/video2", "open_camera", 2),
-        ("rtsp://camera/1", "open_camera", "rtsp://camera/1"),
-        ("http://camera/video", "open_camera", "http://camera/video"),
-        ("v4l2src ! appsink", "open_camera", "v4l2src ! appsink"),
-        ("realsense", "realsense", None),
-        ("oak", "oak", None),
-        ("orbbec", "orbbec", None),
+        ("0", 0),
+        (" /dev/video2 ", 2),
+        ("rtsp://camera/1", "rtsp://camera/1"),
+        ("http://camera/video", "http://camera/video"),
     ],
 )
-def test_cameras_are_recognised(
-    monkeypatch: pytest.MonkeyPatch, text: str, opener: str, address: Any
+def test_opencv_opens_devices_and_addresses(
+    monkeypatch: pytest.MonkeyPatch, text: str, address: int | str
 ) -> None:
-    calls: list[tuple[Any, ...]] = []
+    asked: list[int | str] = []
 
-    def note(called: str) -> Callable[..., None]:
-        return lambda *given, **_: calls.append((called, *given))
+    class NoCamera:
+        def __init__(self, address: int | str, *_: object) -> None:
+            asked.append(address)
 
-    monkeypatch.setattr(opening, "open_camera", note("open_camera"))
-    monkeypatch.setattr(opening, "_VENDORS", {name: note(name) for name in opening._VENDORS})
-    open_live_source(text)
-    assert calls == [(opener,) if address is None else (opener, address)]
+        def isOpened(self) -> bool:
+            return False
+
+        def release(self) -> None:
+            """There is nothing to release."""
+
+    monkeypatch.setattr(cv2, "VideoCapture", NoCamera)
+    with pytest.raises(SourceLost, match=f"camera {address} "):
+        open_live_source(text)
+    assert asked == [address]
+
+
+def test_a_pipeline_is_for_gstreamer(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cv2.videoio_registry, "hasBackend", lambda _: False)
+    with pytest.raises(InputError, match="GStreamer"):
+        open_live_source("v4l2src ! appsink")
+
+
+@pytest.mark.parametrize(
+    ("text", "package"),
+    [("realsense", "pyrealsense2"), ("oak", "depthai"), ("orbbec", "pyorbbecsdk")],
+)
+def test_the_cameras_of_makers_are_opened_by_their_packages(
+    monkeypatch: pytest.MonkeyPatch, text: str, package: str
+) -> None:
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(MissingPackage, match=rf"{package}.*\[{text}\]"):
+        open_live_source(text)
 
 
 @pytest.mark.parametrize("kind", ["ros1", "mcap", "sqlite3"])

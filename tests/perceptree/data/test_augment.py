@@ -6,23 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from augmentations import STILL
 
 from perceptree.data import AugmentSettings, FrameStore, Sample, augment, flip, read_split
 from perceptree.models import make_spec
-
-STILL = AugmentSettings(
-    flip_share=0.0,
-    scale=(1.0, 1.0),
-    brightness=0.0,
-    contrast=0.0,
-    gamma=0.0,
-    saturation=0.0,
-    tint=0.0,
-    noise=0.0,
-    depth_gain=0.0,
-    depth_noise=0.0,
-    holes=0,
-)
 
 
 def store_of(posts: Path, modality: Any) -> FrameStore:

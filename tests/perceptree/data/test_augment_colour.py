@@ -6,6 +6,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from augmentations import STILL
 
 from perceptree.data import AugmentSettings, Sample, augment
 from perceptree.data.augment import PAPER_AUGMENT, VARIED_AUGMENT
@@ -13,9 +14,6 @@ from perceptree.models import ModelSpec, make_spec
 
 WIDTH_PX, HEIGHT_PX = 160, 96
 SPEC: ModelSpec = make_spec("edge-n", "rgb", HEIGHT_PX, WIDTH_PX)
-STILL = AugmentSettings(
-    flip_share=0, scale=(1, 1), brightness=0, contrast=0, gamma=0, tint=0, saturation=0, noise=0
-)
 CHANGES: dict[str, dict[str, Any]] = {
     "shadow": {"shadow": 0.8},
     "vignette": {"vignette": 0.8},

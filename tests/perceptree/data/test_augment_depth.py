@@ -5,15 +5,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from augmentations import STILL
 
-from perceptree.data import AugmentSettings, Sample, augment
+from perceptree.data import Sample, augment
 from perceptree.models import ModelSpec, make_spec
 
 WIDTH_PX, HEIGHT_PX = 320, 192
 SPEC: ModelSpec = make_spec("edge-n", "depth", HEIGHT_PX, WIDTH_PX)
 LEVEL_M = 20 / 255
 NONE = 255
-STILL = AugmentSettings(flip_share=0, scale=(1, 1), depth_gain=0, depth_noise=0, holes=0)
 FAULTS: dict[str, dict[str, Any]] = {
     "gain": {"depth_gain": 0.1},
     "noise": {"depth_noise": 4.0},

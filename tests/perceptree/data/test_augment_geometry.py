@@ -5,17 +5,15 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from augmentations import STILL
 
-from perceptree.data import AugmentSettings, Sample, augment, flip
+from perceptree.data import Sample, augment, flip
 from perceptree.models import ModelSpec, make_spec
 
 WIDTH_PX, HEIGHT_PX = 320, 192
 SPEC: ModelSpec = make_spec("edge-n", "rgb", HEIGHT_PX, WIDTH_PX)
 BACK, POST = 40, 200
 POSTS = ((70, 20, 96, 170), (200, 40, 216, 150))  # x0, y0, x1, y1
-STILL = AugmentSettings(
-    flip_share=0, scale=(1, 1), saturation=0, tone_share=0, noise_share=0, blur_share=0
-)
 MOVES = {
     "flip": {"flip_share": 1.0},
     "shrunk": {"scale": (0.5, 0.8), "flip_share": 0.5},

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from augmentations import STILL
 
-from perceptree.data import AugmentSettings, Sample, augment, flip
+from perceptree.data import Sample, augment, flip
 from perceptree.data.augment.labels import transform_boxes, transform_ignored
 from perceptree.models import ModelSpec, make_spec
 
@@ -16,9 +17,6 @@ WIDTH_PX, HEIGHT_PX = 320, 192
 SPEC: ModelSpec = make_spec("edge-n", "rgb", HEIGHT_PX, WIDTH_PX)
 BACK, BRIGHT = 40, 200
 IGNORED = (200, 40, 230, 150)
-STILL = AugmentSettings(
-    flip_share=0, scale=(1, 1), saturation=0, tone_share=0, noise_share=0, blur_share=0
-)
 MOVES: dict[str, dict[str, Any]] = {
     "flip": {"flip_share": 1.0},
     "shrunk": {"scale": (0.5, 0.8), "flip_share": 0.5},

@@ -5,23 +5,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from augmentations import STILL
 
-from perceptree.data import AugmentSettings, Sample, augment
+from perceptree.data import Sample, augment
 from perceptree.models import ModelSpec, make_spec
 
 WIDTH_PX, HEIGHT_PX = 160, 96
 NONE = 255
-STILL = AugmentSettings(
-    flip_share=0,
-    scale=(1, 1),
-    depth_gain=0,
-    depth_noise=0,
-    holes=0,
-    saturation_share=0,
-    tone_share=0,
-    noise_share=0,
-    copy_paste_share=1.0,
-)
+PASTING = replace(STILL, copy_paste_share=1.0)
 
 
 def spec_of(modality: Any) -> ModelSpec:
@@ -42,7 +33,7 @@ def post(x0: int, x1: int, level: int, modality: str, back: int = 150) -> Sample
 
 
 def pasted(sample: Sample, other: Sample, modality: Any, **settings: Any) -> Sample:
-    changed = replace(STILL, **settings)
+    changed = replace(PASTING, **settings)
     rng = np.random.default_rng(0)
     return augment(rng, sample, spec_of(modality), changed, lambda: other)
 
@@ -124,7 +115,7 @@ def test_one_to_three_trees_come_from_the_other_frame(modality: Any) -> None:
     empty = Sample(np.full_like(image, 200), parts[0][:0], parts[1][:0], parts[2][:0])
     for seed in range(20):
         rng = np.random.default_rng(seed)
-        result = augment(rng, empty, spec_of(modality), STILL, lambda: other)
+        result = augment(rng, empty, spec_of(modality), PASTING, lambda: other)
         assert len(result.boxes) == len(result.keypoints)
         assert (result.keypoints[:, 1, 0] < result.keypoints[:, 2, 0]).all()
         counts.add(len(result.boxes))
@@ -137,7 +128,7 @@ def test_trees_keep_their_position_or_are_mirrored() -> None:
     for seed in range(20):
         rng = np.random.default_rng(seed)
         sample, other = post(70, 90, 60, "depth"), post(10, 30, 40, "depth")
-        result = augment(rng, sample, spec_of("depth"), STILL, lambda other=other: other)
+        result = augment(rng, sample, spec_of("depth"), PASTING, lambda other=other: other)
         lefts.add(float(result.boxes[1, 0]))
     assert lefts == {10, WIDTH_PX - 30}
 
@@ -147,7 +138,7 @@ def test_nothing_is_pasted_without_masks_or_another_frame() -> None:
     bare = replace(sample, masks=None)
     assert len(pasted(bare, other, "depth").boxes) == 1
     assert len(pasted(sample, replace(other, masks=None), "depth").boxes) == 1
-    alone = augment(np.random.default_rng(0), sample, spec_of("depth"), STILL)
+    alone = augment(np.random.default_rng(0), sample, spec_of("depth"), PASTING)
     assert len(alone.boxes) == 1
 
 
@@ -158,7 +149,7 @@ def test_another_frame_is_read_only_when_needed() -> None:
         asked.append(1)
         return post(70, 90, 40, "depth")
 
-    settings = replace(STILL, copy_paste_share=0.3)
+    settings = replace(PASTING, copy_paste_share=0.3)
     for seed in range(100):
         augment(np.random.default_rng(seed), sample, spec_of("depth"), settings, other)
     assert 15 < len(asked) < 45

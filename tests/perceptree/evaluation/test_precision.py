@@ -17,7 +17,7 @@ from pycocotools.cocoeval import COCOeval
 import calib
 from perceptree.data import FrameRecord, TreeRecord, read_split
 from perceptree.evaluation import RawDetections, evaluate, predict_frames
-from perceptree.evaluation.precision import Scorer
+from perceptree.evaluation.precision import SIZES_PX2, Scorer
 from perceptree.evaluation.predictions import FramePrediction
 
 DatasetWriter = Callable[..., Path]
@@ -196,6 +196,59 @@ def test_trees_without_a_mask_are_ignored_for_masks_only(
     assert boxes.ap == pytest.approx(100)
 
 
+def pycocotools_of(frames: list[FrameRecord], found: list[FramePrediction], kind: str) -> COCOeval:
+    """The evaluation of boxes of 10x40 px by pycocotools alone."""
+    truth, guesses = [], []
+    for record, prediction in zip(frames, found, strict=True):
+        common = {"image_id": record.image_id, "category_id": 1}
+        for label in record.trees:
+            left, top, right, bottom = label.box_px.tolist()
+            values = {
+                "bbox": [left, top, right - left, bottom - top],
+                "area": 400.0,
+                "segmentation": label.segmentation,
+                "keypoints": label.keypoints.ravel().tolist(),
+                "num_keypoints": 5,
+                "iscrowd": int(label.ignored),
+            }
+            truth.append({"id": len(truth) + 1, **common, **values})
+        for row, box in enumerate(prediction.boxes):
+            value: dict[str, Any] = {
+                "bbox": {"bbox": [*box[:2], *(box[2:] - box[:2])]},
+                "segm": {"segmentation": dict(prediction.masks[row])},  # type: ignore[index]
+                "keypoints": {"keypoints": prediction.keypoints[row].ravel()},  # type: ignore[index]
+            }
+            guesses.append({**common, **value[kind], "score": prediction.scores[row]})
+    coco = COCO()
+    coco.dataset = {
+        "info": {},
+        "images": [{"id": f.image_id, "width": f.width, "height": f.height} for f in frames],
+        "annotations": truth,
+        "categories": [{"id": 1, "name": "tree"}],
+    }
+    with contextlib.redirect_stdout(io.StringIO()):
+        coco.createIndex()
+        evaluation = COCOeval(coco, coco.loadRes(guesses), kind)
+        evaluation.params.areaRng = [list(limits) for limits in SIZES_PX2.values()]
+        evaluation.params.areaRngLbl = list(SIZES_PX2)
+        if kind == "keypoints":
+            evaluation.params.kpt_oks_sigmas = np.full(5, 0.25)
+        evaluation.evaluate()
+        evaluation.accumulate()
+    return evaluation
+
+
+def counted(images: list[dict[str, Any] | None], score: float) -> tuple[int, int, int]:
+    """Right detections and all of at least a score, and all trees, at an overlap of 0.50."""
+    right = shown = trees = 0
+    for image in (image for image in images if image is not None):
+        counts = ~image["dtIgnore"][0].astype(bool) & (np.array(image["dtScores"]) >= score)
+        right += int((image["dtMatches"][0] > 0)[counts].sum())
+        shown += int(counts.sum())
+        trees += int((np.array(image["gtIgnore"]) == 0).sum())
+    return right, shown, trees
+
+
 @pytest.mark.parametrize("kind", ["bbox", "segm", "keypoints"])
 def test_matches_equal_pycocotools_in_every_case(kind: str) -> None:
     """Crowds, equal overlaps and scores, sizes and crowded frames, on a coarse grid."""
@@ -218,21 +271,19 @@ def test_matches_equal_pycocotools_in_every_case(kind: str) -> None:
         guess = points[rng.integers(0, 6, count)] + rng.integers(-5, 6, (count, 1, 2))
         guess = np.concatenate([guess, np.ones((count, 5, 1))], axis=2)
         found.append(FramePrediction(boxes.reshape(-1, 4), scores, guess, masks))
-    scorer = Scorer(frames, found)
-    ours = scorer._evaluation(kind)  # type: ignore[arg-type]
+    scorer, theirs = Scorer(frames, found), pycocotools_of(frames, found, kind)
+    values = 100 * theirs.eval["precision"][:, :, 0, :, -1]  # (overlaps, recalls, sizes)
+    ours = scorer.precision(kind)  # type: ignore[arg-type]
     assert ours is not None
-    theirs = COCOeval(ours.cocoGt, ours.cocoDt, kind)
-    theirs.params.areaRng = ours.params.areaRng
-    theirs.params.areaRngLbl = ours.params.areaRngLbl
-    if kind == "keypoints":
-        theirs.params.kpt_oks_sigmas = np.full(5, 0.25)
-    with contextlib.redirect_stdout(io.StringIO()):
-        theirs.evaluate()
-        theirs.accumulate()
-    assert (ours.eval["precision"] == theirs.eval["precision"]).all()
-    assert len(np.unique(ours.eval["precision"])) > 10  # the comparison is not trivial
-    for our, their in zip(ours.evalImgs, theirs.evalImgs, strict=True):
-        assert (our is None) == (their is None)
-        if our is not None:
-            for name in ("dtMatches", "dtIgnore", "gtIgnore"):
-                assert (our[name] == their[name]).all(), name
+    whole, *sizes = np.moveaxis(values, -1, 0)
+    assert ours.ap == pytest.approx(whole.mean())
+    assert (ours.ap50, ours.ap75) == pytest.approx((whole[0].mean(), whole[5].mean()))
+    expected = [None if (size < 0).any() else pytest.approx(size.mean()) for size in sizes]
+    assert [ours.ap_small, ours.ap_medium, ours.ap_large] == expected
+    curve = scorer.curve(kind)  # type: ignore[arg-type]
+    assert curve == pytest.approx(whole[0] / 100)
+    assert len(np.unique(values)) > 10  # the comparison is not trivial
+    for row in scorer.by_score(kind) or []:  # type: ignore[arg-type]
+        right, shown, trees = counted(theirs.evalImgs[: len(frames)], float(row["score"] or 0))
+        assert row["recall"] == pytest.approx(right / trees)
+        assert row["precision"] == (pytest.approx(right / shown) if shown else None)

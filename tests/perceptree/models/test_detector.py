@@ -1,12 +1,21 @@
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from once import Once
 from torch import Tensor
 from torchvision.ops import box_iou
 
-from perceptree.models import ModelSpec, TreeRCNN, TreeTargets, make_spec
+from perceptree.models import (
+    ModelSpec,
+    TreeRCNN,
+    TreeTargets,
+    load_checkpoint,
+    make_spec,
+    save_checkpoint,
+)
 
 HEIGHT, WIDTH = 96, 160
 
@@ -65,11 +74,14 @@ def train(model: TreeRCNN, steps: int, count: int = 4) -> list[dict[str, float]]
 
 
 @pytest.fixture(scope="module")
-def trained() -> TreeRCNN:
-    torch.manual_seed(0)
-    model = TreeRCNN(small_spec())
-    train(model, 120)
-    return model.eval()
+def trained(once: Once) -> TreeRCNN:
+    def learn(folder: Path) -> None:
+        torch.manual_seed(0)
+        model = TreeRCNN(small_spec())
+        train(model, 120)
+        save_checkpoint(folder / "bars.safetensors", model, {})
+
+    return load_checkpoint(once.folder("trained-on-bars", learn) / "bars.safetensors")[0].eval()
 
 
 def test_a_few_frames_are_learned_from_random_weights(trained: TreeRCNN) -> None:

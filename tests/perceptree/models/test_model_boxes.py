@@ -96,40 +96,37 @@ def test_anchors_are_torchvisions_but_for_its_rounding() -> None:
     assert float((ours - expected).abs().max()) < 0.501
 
 
-def detectron2_anchors(
-    rows: int, columns: int, stride: int, sizes: tuple[float, ...], ratios: tuple[float, ...]
-) -> list[list[float]]:
-    """Its DefaultAnchorGenerator, OFFSET 0.0, written as plain loops."""
-    found = []
-    for row in range(rows):
-        for column in range(columns):
-            for size in sizes:
-                for ratio in ratios:
-                    width = math.sqrt(size**2 / ratio)
-                    height = ratio * width
-                    x, y = column * stride, row * stride
-                    found.append([x - width / 2, y - height / 2, x + width / 2, y + height / 2])
-    return found
-
-
-@pytest.mark.parametrize("sizes", [(64.0,), (32.0, 64.0, 128.0)])
-def test_anchors_are_detectron2s_in_its_order(sizes: tuple[float, ...]) -> None:
-    ratios = (0.5, 1.0, 2.0)
-    ours = level_anchors(3, 4, 8, sizes, ratios, 0.0)
-    expected = torch.tensor(detectron2_anchors(3, 4, 8, sizes, ratios))
-    assert len(ours) == 3 * 4 * len(sizes) * 3
-    torch.testing.assert_close(ours, expected, atol=1e-4, rtol=1e-6)
+def test_anchors_are_detectron2s_in_its_order() -> None:
+    """Of two cells with the ratios 1/4, 1 and 4, as its DefaultAnchorGenerator puts them."""
+    first_cell = [
+        *([-32.0, -8.0, 32.0, 8.0], [-16.0, -16.0, 16.0, 16.0], [-8.0, -32.0, 8.0, 32.0]),
+        *([-64.0, -16.0, 64.0, 16.0], [-32.0, -32.0, 32.0, 32.0], [-16.0, -64.0, 16.0, 64.0]),
+    ]
+    right_cell = [[left + 4, top, right + 4, bottom] for left, top, right, bottom in first_cell]
+    lower_row = [[left, top + 4, right, bottom + 4] for left, top, right, bottom in first_cell]
+    ours = level_anchors(2, 2, 4, (32.0, 64.0), (0.25, 1.0, 4.0), 0.0).tolist()
+    assert ours[:6] == first_cell
+    assert ours[6:12] == right_cell
+    assert ours[12:18] == lower_row
+    assert len(ours) == 24
 
 
 def test_the_paper_presets_anchors_are_detectron2s_on_every_level() -> None:
+    # The input of 150x90 px is padded to 160x96 px: cells by level, and sides of squares, px.
+    grids = {2: (24, 40, 32), 3: (12, 20, 64), 4: (6, 10, 128), 5: (3, 5, 256), 6: (2, 3, 512)}
     spec = make_spec("r50", "rgb", 90, 150)
-    padded = (96, 160)
-    for level, anchors in zip(spec.levels, ProposalNetwork(spec).anchors(), strict=True):
-        stride = 2**level
-        rows, columns = (math.ceil(side / stride) for side in padded)
-        size = 32.0 * 2 ** (level - 2)
-        expected = detectron2_anchors(rows, columns, stride, (size,), (0.5, 1.0, 2.0))
-        torch.testing.assert_close(anchors, torch.tensor(expected), atol=1e-3, rtol=1e-6)
+    anchors = dict(zip(spec.levels, ProposalNetwork(spec).anchors(), strict=True))
+    assert anchors.keys() == grids.keys()
+    for level, (rows, columns, side) in grids.items():
+        assert len(anchors[level]) == rows * columns * 3
+        wide, square, tall = anchors[level][:3]
+        torch.testing.assert_close(square, side / 2 * torch.tensor([-1.0, -1.0, 1.0, 1.0]))
+        flat = side / 2**1.5 * torch.tensor([-2.0, -1.0, 2.0, 1.0])
+        torch.testing.assert_close(wide, flat)
+        torch.testing.assert_close(tall, flat[[1, 0, 3, 2]])
+        step = 2.0**level
+        last = torch.tensor([step * (columns - 1), step * (rows - 1)]).repeat(2)
+        torch.testing.assert_close(anchors[level][-2], square + last)
 
 
 @pytest.mark.parametrize("levels", [(3, 4, 5), (2, 3, 4, 5)])

@@ -2,6 +2,7 @@
 
 import pytest
 import torch
+from narrow_networks import narrow_paper_spec as narrow_spec
 from torchvision.ops import box_iou, masks_to_boxes
 
 from perceptree.models import (
@@ -14,21 +15,6 @@ from perceptree.models import (
 )
 
 SAMPLING = SampleSettings(proposals_per_level=60, proposals=60, anchors=64, regions=32)
-
-
-def narrow_spec(height: int = 96, width: int = 160, **changes: object) -> ModelSpec:
-    narrow: dict[str, object] = {
-        "backbone": "resnet18",
-        "stride_in_1x1": False,
-        "fpn_width": 16,
-        "box_head_width": 32,
-        "mask_head_widths": (16, 16),
-        "keypoint_head_widths": (16, 16),
-        "proposals_per_level": 50,
-        "proposals": 50,
-        "detections": 5,
-    }
-    return make_spec("r50", "rgb", height, width, **(narrow | changes))
 
 
 def bars(spec: ModelSpec) -> tuple[torch.Tensor, list[TreeTargets]]:

@@ -1,13 +1,13 @@
 """Fixtures of the simulator's tests: fake frames without rendering, and small scenes."""
 
 import contextlib
-import importlib.util
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
+import fake_synth
 import pytest
 
 from perceptree.simulator.dataset import generate, shards
@@ -25,21 +25,10 @@ from perceptree.simulator.settings import (
 from perceptree.simulator.settings.presets import PRESETS
 
 
-def _load() -> ModuleType:
-    spec = importlib.util.spec_from_file_location(
-        "fake_synth", Path(__file__).with_name("fake_synth.py")
-    )
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 @pytest.fixture(scope="session")
 def synth() -> ModuleType:
     """The module ``fake_synth``."""
-    return _load()
+    return fake_synth
 
 
 @contextlib.contextmanager

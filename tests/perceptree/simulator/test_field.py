@@ -10,7 +10,7 @@ import pytest
 from perceptree.simulator.dataset.frames import Assets, simulate_frames
 from perceptree.simulator.geometry.assemble import assemble
 from perceptree.simulator.geometry.objects import OBJECTS
-from perceptree.simulator.materials.layers import Layer
+from perceptree.simulator.materials.layers import CROWN_FOLIAGE, Layer
 from perceptree.simulator.rendering.render import Renderer
 from perceptree.simulator.rendering.view import random_view
 from perceptree.simulator.scene.appearance import natural_appearance, random_appearance
@@ -18,15 +18,6 @@ from perceptree.simulator.scene.description import describe_scene
 from perceptree.simulator.scene.objects import OBJECT_KINDS
 from perceptree.simulator.settings import CameraSettings, RandomisationSettings
 from perceptree.simulator.settings.presets import PRESETS
-
-FOLIAGE = [
-    Layer.FIR_TWIG,
-    Layer.SPRUCE_TWIG,
-    Layer.PINE_TWIG,
-    Layer.BEECH_LEAVES,
-    Layer.BIRCH_LEAVES,
-    Layer.MAPLE_LEAVES,
-]
 
 
 @pytest.fixture(scope="module")
@@ -188,7 +179,7 @@ def test_a_share_of_the_trees_is_dead_and_some_are_broken_above_their_labels(
     for tree in broken:
         assert tree.top_z_m < tree.stem.broken_m < 0.9 * tree.stem.height_m
     assert all(tree.stem.broken_m is None for tree in scene.trees if not tree.dead)
-    foliage = [np.isin(assemble(s, prototypes).layer, FOLIAGE).sum() for s in (scene, alive)]
+    foliage = [np.isin(assemble(s, prototypes).layer, CROWN_FOLIAGE).sum() for s in (scene, alive)]
     assert foliage[0] < 0.9 * foliage[1]
     standing = [tree.position_m.tolist() for tree in field_forest[0].trees]
     assert [tree.position_m.tolist() for tree in scene.trees] == standing

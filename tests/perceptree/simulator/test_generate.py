@@ -29,7 +29,7 @@ from perceptree.simulator.dataset.splits import assign_splits
 from perceptree.simulator.settings import SimulatorSettings, SplitSettings
 from perceptree.simulator.settings.files import FileSettings
 
-SCRIPT = Path(__file__).with_name("fake_synth.py")
+SCRIPT = Path(__file__).parents[2] / "support" / "fake_synth.py"
 SEED, FRAMES = 3, 7
 PACE, DYING_SCENE = "FAKE_FRAME_SECONDS", "FAKE_DYING_SCENE"
 

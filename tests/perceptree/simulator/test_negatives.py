@@ -8,6 +8,7 @@ import pytest
 from basetree.errors import SettingsError
 from perceptree.simulator.dataset.frames import Assets, simulate_frames
 from perceptree.simulator.geometry.negatives import LOG_M, NEGATIVES
+from perceptree.simulator.labelling.frame import LabelledFrame
 from perceptree.simulator.materials.layers import LAST_BARK
 from perceptree.simulator.rendering.foreground import with_foreground
 from perceptree.simulator.rendering.view import View, random_view
@@ -46,6 +47,11 @@ def crowded(settings):
     return dataclasses.replace(settings, negatives=MANY)
 
 
+@pytest.fixture(scope="module")
+def crowded_frames(crowded, assets: Assets) -> list[LabelledFrame]:
+    return list(simulate_frames(crowded, 21, 2, assets))
+
+
 def placed_in(scene: Scene, crowded) -> list[Placement]:
     return with_foreground(crowded, scene).undergrowth[len(scene.undergrowth) :]
 
@@ -55,11 +61,9 @@ def views_of(scene: Scene, crowded) -> list[View]:
     return [random_view(stream(scene.seed, Stream.VIEW, n), crowded.camera, scene) for n in numbers]
 
 
-def test_no_label_moves_and_stems_are_only_hidden(settings, crowded, assets: Assets):
+def test_no_label_moves_and_stems_are_only_hidden(settings, crowded_frames, assets: Assets):
     hidden_stems = 0
-    for free, full in zip(
-        *(simulate_frames(one, 21, 2, assets) for one in (settings, crowded)), strict=True
-    ):
+    for free, full in zip(simulate_frames(settings, 21, 2, assets), crowded_frames, strict=True):
         assert np.array_equal(free.view.origin, full.view.origin)
         assert np.array_equal(free.view.rotation, full.view.rotation)
         assert free.scene == full.scene
@@ -79,10 +83,10 @@ def test_no_label_moves_and_stems_are_only_hidden(settings, crowded, assets: Ass
 
 
 def test_a_frame_says_what_stands_near_and_is_the_same_however_many_are_drawn(
-    crowded, assets: Assets
+    crowded, crowded_frames, assets: Assets
 ):
     [alone] = simulate_frames(crowded, 21, 1, assets)
-    first = next(iter(simulate_frames(crowded, 21, 2, assets)))
+    first = crowded_frames[0]
     assert np.array_equal(alone.image, first.image)
     assert alone.realism == first.realism
     assert alone.realism["lens_twig"] == 2

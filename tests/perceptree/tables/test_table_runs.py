@@ -7,11 +7,12 @@ from typing import Any
 
 import pytest
 import torch
+from narrow_networks import narrow_spec
 
 import perceptree.tables
 from basetree.errors import SettingsError
 from perceptree.errors import CheckpointError
-from perceptree.models import TreeRCNN, load_checkpoint, make_spec, save_checkpoint
+from perceptree.models import TreeRCNN, load_checkpoint, save_checkpoint
 from perceptree.tables import TableSettings, Watch, build_table
 from perceptree.tables import results as runs
 from perceptree.tables.plan import TableModel
@@ -155,18 +156,9 @@ def test_the_models_of_table_3_differ_only_in_their_branches() -> None:
 
 
 def test_starting_files_are_found_by_model_and_modality(tmp_path: Path) -> None:
-    spec = make_spec(
-        "edge-n",
-        "rgb",
-        96,
-        160,
-        fpn_width=16,
-        box_head_width=16,
-        mask_head_widths=(8,),
-        keypoint_head_widths=(8,),
-    )
     torch.manual_seed(0)
-    save_checkpoint(tmp_path / "edge-n-rgb.safetensors", TreeRCNN(spec), {})
+    model = TreeRCNN(narrow_spec("rgb", 96, 160))
+    save_checkpoint(tmp_path / "edge-n-rgb.safetensors", model, {})
     settings = two_steps(init=str(tmp_path / "{model}-{modality}.safetensors"))
     rgb, depth = (row.model for row in settings.rows())
     assert settings.start(rgb) == tmp_path / "edge-n-rgb.safetensors"

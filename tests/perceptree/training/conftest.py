@@ -2,51 +2,25 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 import torch
+from narrow_networks import narrow_spec, short_plan
 
-from perceptree.models import ModelSpec, load_checkpoint, make_spec
+from perceptree.models import ModelSpec, load_checkpoint
 from perceptree.training import Status, TrainSettings
 
 
 @pytest.fixture
 def narrow() -> Callable[..., ModelSpec]:
     """A narrow network for frames of 128x64 px."""
-
-    def make(modality: Any = "depth", **changes: Any) -> ModelSpec:
-        return make_spec(
-            "edge-n",
-            modality,
-            64,
-            128,
-            fpn_width=16,
-            box_head_width=16,
-            mask_head_widths=(8,),
-            keypoint_head_widths=(8,),
-            **changes,
-        )
-
-    return make
+    return narrow_spec
 
 
 @pytest.fixture
 def plan() -> Callable[..., TrainSettings]:
     """Settings for a few steps."""
-
-    def make(**changes: Any) -> TrainSettings:
-        values: dict[str, Any] = {
-            "steps": 4,
-            "batch": 2,
-            "warmup_steps": 2,
-            "evaluate_every_steps": 100,
-        }
-        if "minutes" in changes:
-            values["steps"] = None
-        return TrainSettings(**values | changes)
-
-    return make
+    return short_plan
 
 
 @pytest.fixture

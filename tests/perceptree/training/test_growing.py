@@ -1,16 +1,14 @@
 """Training on a dataset while it is being simulated."""
 
 import json
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 import torch
+from fake_python import replace_python
 
-import perceptree.training.growing as growing
 from basetree.errors import SettingsError
 from perceptree.errors import DatasetError
 from perceptree.training import Status, train_while_simulating
@@ -18,21 +16,22 @@ from perceptree.training import Status, train_while_simulating
 Make = Callable[..., Any]
 WriteDataset = Callable[..., Path]
 
-# Waits until training has begun, then adds the frames that were held back.
+# A `perceptree synth` that waits until training has begun, then adds the frames held back.
 EXTEND = """
-import pathlib, sys, time
-state, now, later = map(pathlib.Path, sys.argv[1:])
-while not state.exists():
+import json, pathlib, sys, time
+here = pathlib.Path(__file__).parent
+(here / "asked.json").write_text(json.dumps(sys.argv[1:]))
+while not (here / "run/stage-1/log.jsonl").exists():
     time.sleep(0.02)
-later.replace(now)
+(here / "posts/all.json").replace(here / "posts/train_RGB.json")
 """
 
 
 @pytest.fixture
 def grown_later(
     write_dataset: WriteDataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> tuple[Path, list[int]]:
-    """A dataset to which a process adds half of the train frames later, and requested sizes."""
+) -> Path:
+    """A dataset to which its simulation adds half of the train frames later."""
     posts = write_dataset(train=8, val=3, test=1)
     labels, later = posts / "train_RGB.json", posts / "all.json"
     content = json.loads(labels.read_text())
@@ -41,23 +40,14 @@ def grown_later(
     content["images"] = content["images"][:4]
     content["annotations"] = [a for a in content["annotations"] if a["image_id"] in kept]
     labels.write_text(json.dumps(content))
-    asked: list[int] = []
-
-    def start(data: Path, frames: int, workers: int) -> "subprocess.Popen[str]":
-        asked.append(frames)
-        paths = [tmp_path / "run/stage-1/log.jsonl", labels, later]
-        return subprocess.Popen(
-            [sys.executable, "-c", EXTEND, *map(str, paths)], stderr=subprocess.PIPE, text=True
-        )
-
-    monkeypatch.setattr(growing, "_start_simulating", start)
-    return posts, asked
+    (posts / "settings.json").write_text(json.dumps({"seed": 5, "files": {"image_format": "png"}}))
+    replace_python(monkeypatch, tmp_path, EXTEND)
+    return posts
 
 
 def test_it_goes_on_with_the_larger_dataset_as_soon_as_it_is_there(
-    grown_later: tuple[Path, list[int]], tmp_path: Path, narrow: Make, plan: Make
+    grown_later: Path, tmp_path: Path, narrow: Make, plan: Make
 ) -> None:
-    posts, asked = grown_later
     seen: list[Status] = []
     larger = 0
 
@@ -70,8 +60,11 @@ def test_it_goes_on_with_the_larger_dataset_as_soon_as_it_is_there(
 
     settings = plan(minutes=30, evaluate_every_steps=3)
     with pytest.raises(KeyboardInterrupt):
-        train_while_simulating(narrow(), settings, posts, 12, tmp_path / "run", watch)
-    assert asked == [12]
+        train_while_simulating(narrow(), settings, grown_later, 12, tmp_path / "run", watch)
+    words = json.loads((tmp_path / "asked.json").read_text())
+    assert words[:3] == ["-m", "perceptree", "synth"]
+    asked = {"--frames": "12", "--seed": "5", "--out": str(grown_later), "--image-format": "png"}
+    assert asked.items() <= dict(zip(words[4::2], words[5::2], strict=True)).items()
     first, second = (torch.load(tmp_path / f"run/stage-{n}/state.pt") for n in (1, 2))
     # No step was lost or repeated, and the time continued.
     assert second["first_step"] == first["step"] >= 3
@@ -85,13 +78,12 @@ def test_it_goes_on_with_the_larger_dataset_as_soon_as_it_is_there(
 
 
 def test_a_run_whose_minutes_are_over_says_so(
-    grown_later: tuple[Path, list[int]], tmp_path: Path, narrow: Make, plan: Make
+    grown_later: Path, tmp_path: Path, narrow: Make, plan: Make
 ) -> None:
-    posts, _ = grown_later
     settings = plan(minutes=0.02, evaluate_every_steps=3)
-    train_while_simulating(narrow(), settings, posts, 12, tmp_path / "run")
+    train_while_simulating(narrow(), settings, grown_later, 12, tmp_path / "run")
     with pytest.raises(SettingsError, match=r"^minutes is 0\.02, which .*run has used up"):
-        train_while_simulating(narrow(), settings, posts, 12, tmp_path / "run")
+        train_while_simulating(narrow(), settings, grown_later, 12, tmp_path / "run")
 
 
 def test_a_simulation_that_fails_ends_the_training_with_its_reason(

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import joint_run
 import pytest
 import torch
 
@@ -19,20 +20,18 @@ from perceptree.training import train
 from perceptree.training.batches import SlotSampler
 from perceptree.training.processes import Processes
 
-SCRIPT = Path(__file__).with_name("joint_run.py")
 NEVER = 0
 
 Make = Callable[..., Any]
 
 
-def run_processes(
-    number: int, data: Path, out: Path, dies_at: int = NEVER, near: Path | None = None
+def run_two(
+    data: Path, out: Path, dies_at: int = NEVER, near: Path | None = None
 ) -> subprocess.CompletedProcess[str]:
-    start = [sys.executable]
-    if number > 1:
-        start += ["-m", "torch.distributed.run", "--standalone", f"--nproc-per-node={number}"]
+    torchrun = ["-m", "torch.distributed.run", "--standalone", "--nproc-per-node=2"]
+    words = [joint_run.__file__, data, out, dies_at, *([] if near is None else [near])]
     return subprocess.run(
-        [*start, str(SCRIPT), str(data), str(out), str(dies_at), *([] if near is None else [near])],
+        [sys.executable, *torchrun, *map(str, words)],
         capture_output=True,
         text=True,
         check=False,
@@ -48,9 +47,9 @@ def test_two_processes_have_the_losses_of_one(
     write_dataset: Callable[..., Path], tmp_path: Path
 ) -> None:
     data = write_dataset(train=10)
-    for number in (1, 2):
-        done = run_processes(number, data, tmp_path / str(number))
-        assert done.returncode == 0, done.stderr
+    joint_run.run(data, tmp_path / "1", NEVER)
+    done = run_two(data, tmp_path / "2")
+    assert done.returncode == 0, done.stderr
     one, two = losses(tmp_path / "1"), losses(tmp_path / "2")
     assert len(one) == len(two) == 8
     for alone, together in zip(one, two, strict=True):
@@ -65,9 +64,9 @@ def test_two_processes_hold_a_backbone_near_its_start_as_one_does(
     data, start = write_dataset(train=10), tmp_path / "start.safetensors"
     torch.manual_seed(4)
     save_checkpoint(start, TreeRCNN(narrow(proposal_nms_iou=1.0)), {})
-    for number in (1, 2):
-        done = run_processes(number, data, tmp_path / str(number), near=start)
-        assert done.returncode == 0, done.stderr
+    joint_run.run(data, tmp_path / "1", NEVER, start)
+    done = run_two(data, tmp_path / "2", near=start)
+    assert done.returncode == 0, done.stderr
     one, two = losses(tmp_path / "1"), losses(tmp_path / "2")
     assert len(one) == len(two) == 8
     for alone, together in zip(one, two, strict=True):
@@ -79,7 +78,7 @@ def test_two_processes_hold_a_backbone_near_its_start_as_one_does(
 @pytest.mark.slow
 def test_a_process_that_dies_ends_the_other(posts: Path, tmp_path: Path) -> None:
     started_s = time.monotonic()
-    done = run_processes(2, posts, tmp_path / "run", dies_at=3)
+    done = run_two(posts, tmp_path / "run", dies_at=3)
     assert done.returncode != 0
     assert "this process dies" in done.stderr
     assert time.monotonic() - started_s < 60 + 30  # including the start of both

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 import timm
 import torch
+from narrow_networks import narrow_spec, short_plan
 from torch import Tensor
 
 from basetree.errors import SettingsError
@@ -17,7 +18,6 @@ from perceptree.models import (
     SampleSettings,
     TreeRCNN,
     load_checkpoint,
-    make_spec,
     save_checkpoint,
 )
 from perceptree.training import Status, TrainSettings, train
@@ -28,18 +28,11 @@ _STATISTICS = ("running_mean", "running_var", "num_batches_tracked")
 
 
 def small_spec(height: int = 64, width: int = 128, **changes: Any) -> ModelSpec:
-    values = {
-        "fpn_width": 16,
-        "box_head_width": 16,
-        "mask_head_widths": (8,),
-        "keypoint_head_widths": (8,),
-    } | changes
-    return make_spec("edge-n", "depth", height, width, **values)
+    return narrow_spec("depth", height, width, **changes)
 
 
 def settings(**changes: Any) -> TrainSettings:
-    values: dict[str, Any] = {"steps": 1, "batch": 2, "warmup_steps": 1}
-    return TrainSettings(**values | changes)
+    return short_plan(**{"steps": 1, "warmup_steps": 1} | changes)
 
 
 def write_start(path: Path, spec: ModelSpec) -> dict[str, Tensor]:

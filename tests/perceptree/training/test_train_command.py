@@ -9,6 +9,7 @@ from urllib.error import URLError
 
 import pytest
 import timm
+from narrow_networks import narrow_spec
 from torchvision.models._api import WeightsEnum
 
 import perceptree.training
@@ -80,17 +81,7 @@ def asked(
 
 
 def write_start(path: Path, **changes: Any) -> ModelSpec:
-    spec = make_spec(
-        "edge-n",
-        "depth",
-        96,
-        160,
-        fpn_width=16,
-        box_head_width=16,
-        mask_head_widths=(8,),
-        keypoint_head_widths=(8,),
-        **changes,
-    )
+    spec = narrow_spec("depth", 96, 160, **changes)
     save_checkpoint(path, TreeRCNN(spec), {})
     return spec
 

@@ -9,35 +9,21 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from narrow_networks import narrow_spec as small_spec
+from narrow_networks import short_plan
 
 from basetree.errors import SettingsError
 from perceptree.data import AugmentSettings, FrameStore, read_split
 from perceptree.errors import CheckpointError, DatasetError
 from perceptree.evaluation import evaluate, predict_with
-from perceptree.models import ModelSpec, load_checkpoint, make_spec
+from perceptree.models import load_checkpoint, make_spec
 from perceptree.training import Status, TrainSettings, train
 
 Edit = Callable[[Path, str, Callable[[dict[str, Any]], None]], None]
 
 
-def small_spec(modality: Any = "depth") -> ModelSpec:
-    return make_spec(
-        "edge-n",
-        modality,
-        64,
-        128,
-        fpn_width=16,
-        box_head_width=16,
-        mask_head_widths=(8,),
-        keypoint_head_widths=(8,),
-    )
-
-
 def settings(**changes: Any) -> TrainSettings:
-    values: dict[str, Any] = {"steps": 4, "batch": 2, "warmup_steps": 2, "evaluate_every_steps": 2}
-    if "minutes" in changes:
-        values["steps"] = None
-    return TrainSettings(**values | changes)
+    return short_plan(**{"evaluate_every_steps": 2} | changes)
 
 
 def weights(path: Path) -> dict[str, torch.Tensor]:

@@ -72,14 +72,15 @@ def test_frames_without_usable_depth_give_no_step(odometry):
         assert odometry.step(third, None) is None, "the frame before had no depth"
 
 
-def test_another_picture_size_is_taken_from_there_on(odometry):
-    first, second = frames([mounted(0, 0), mounted(0.1, 0)])
-    camera = replace(second.camera, width=80, height=45, fx=43.75, fy=43.75, cx=39.5, cy=22.0)
-    smaller = replace(second, depth_m=second.depth_m[::2, ::2].copy(), camera=camera)
-    odometry.step(first, None)
-    assert odometry.step(second, None) is not None
-    odometry.step(smaller, None)
-    assert odometry.step(second, None) is not None or odometry.step(second, None) is not None
+def test_steps_are_found_across_a_change_of_the_pictures_size(odometry):
+    whole = frames([mounted(0.1 * number, 0) for number in range(5)])
+    camera = replace(whole[0].camera, width=80, height=45, fx=43.75, fy=43.75, cx=39.75, cy=22.25)
+    small = [replace(one, depth_m=one.depth_m[::2, ::2].copy(), camera=camera) for one in whole]
+    steps = [odometry.step(frame, None) for frame in (*whole[:2], *small[2:4], whole[4])]
+    assert steps[0] is None
+    for step in steps[1:]:  # 0.1 m ahead, seen by a camera that looks down by 8 degrees
+        true_m = [0.0, -0.1 * np.sin(np.radians(8)), 0.1 * np.cos(np.radians(8))]
+        np.testing.assert_allclose(step.transform.translation_m, true_m, atol=0.02)
 
 
 @pytest.mark.parametrize("vertical", [True, False])

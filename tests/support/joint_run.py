@@ -1,4 +1,4 @@
-"""One process of a training that a test starts by torchrun.
+"""One process of a training that a test runs alone, or starts by torchrun.
 
 Arguments: DATA OUT DIES_AT, and START for a training that is held near the weights in that file.
 """
@@ -10,9 +10,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import torch
+from narrow_networks import narrow_spec
 
 from perceptree.data import AugmentSettings
-from perceptree.models import SampleSettings, make_spec
+from perceptree.models import SampleSettings
 from perceptree.training import Engine, Status, TrainSettings, train
 
 STEPS = 8
@@ -23,21 +24,17 @@ ALL_PROPOSALS = SampleSettings(
 )
 
 
-def main() -> None:
-    """Train, and write the losses of each step to a file."""
-    data, out, dies_at = Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3])
+def run(data: Path, out: Path, dies_at: int, start: Path | None = None) -> None:
+    """Train with one thread, and write the losses of each step to `told.json`.
+
+    Args:
+        data: dataset.
+        out: folder of the run.
+        dies_at: step at which the second process dies; 0 for none.
+        start: starting weights that the training is held near.
+    """
     torch.set_num_threads(1)
-    spec = make_spec(
-        "edge-n",
-        "depth",
-        64,
-        128,
-        fpn_width=16,
-        box_head_width=16,
-        mask_head_widths=(8,),
-        keypoint_head_widths=(8,),
-        proposal_nms_iou=1.0,
-    )
+    spec = narrow_spec(proposal_nms_iou=1.0)
     settings = TrainSettings(
         steps=STEPS,
         batch=4,
@@ -49,7 +46,6 @@ def main() -> None:
         augment=AugmentSettings(holes=2),
         sampling=ALL_PROPOSALS,
     )
-    start = Path(sys.argv[4]) if len(sys.argv) > 4 else None
     if start is not None:
         settings = replace(settings, frozen_steps=3, keep_features=1.0, keep_weights=100.0)
     told: list[dict[str, float]] = []
@@ -74,4 +70,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]), *map(Path, sys.argv[4:]))

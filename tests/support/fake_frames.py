@@ -4,8 +4,8 @@ import os
 import sys
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[3]
-FAKE = ROOT / "tests" / "perceptree" / "simulator" / "fake_synth.py"
+ROOT = Path(__file__).resolve().parents[2]
+FAKE = Path(__file__).with_name("fake_synth.py")
 
 # Python runs a module of this name in every process that finds it.
 STARTED_IN_EVERY_PROCESS = f"""
