@@ -10,7 +10,7 @@ from typing import Any, Protocol, TypeVar
 
 import typer
 
-__all__ = ["Progress", "counter", "note", "print_json", "progress", "track"]
+__all__ = ["Progress", "counter", "note", "print_found", "print_json", "progress", "track"]
 
 _T = TypeVar("_T")
 
@@ -36,6 +36,17 @@ def note(text: str) -> None:
 def print_json(value: dict[str, Any]) -> None:
     """Print one JSON object on stdout."""
     typer.echo(json.dumps(value, allow_nan=False))
+
+
+def print_found(
+    as_json: bool, record: Callable[[], dict[str, Any]], lines: Callable[[], Iterable[str]]
+) -> None:
+    """Print what was found on stdout: as one JSON object, or as lines of text."""
+    if as_json:
+        print_json(record())
+        return
+    for line in lines():
+        typer.echo(line)
 
 
 @contextmanager
