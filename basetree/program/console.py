@@ -36,6 +36,17 @@ def print_json(value: dict[str, Any]) -> None:
     typer.echo(json.dumps(value, allow_nan=False))
 
 
+def print_found(
+    as_json: bool, record: Callable[[], dict[str, Any]], lines: Callable[[], Iterable[str]]
+) -> None:
+    """Print what was found on stdout: as one JSON object, or as lines of text."""
+    if as_json:
+        print_json(record())
+        return
+    for line in lines():
+        typer.echo(line)
+
+
 @contextmanager
 def progress(label: str, steps: int, *, shown: bool = True) -> Iterator[Progress]:
     """Show a progress bar of `steps` steps with the estimated time left.

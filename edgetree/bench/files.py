@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
 from basetree.errors import InputError
 from basetree.program.python import installed_version
+from basetree.settings import Settings, label, names
 from edgetree.errors import SignatureError
 from edgetree.export.settings import PRECISIONS, TARGETS
 from edgetree.runtime.providers import AUTO, CPU
@@ -51,7 +52,7 @@ class NetworkFile:
 
 
 @dataclass(frozen=True)
-class NetworkFiles:
+class NetworkFiles(Settings, error=InputError):
     """Networks by name, in the precisions and sizes to measure.
 
     Attributes:
@@ -71,26 +72,20 @@ class NetworkFiles:
     precisions: tuple[str, ...] = ("fp32",)
     sizes: tuple[tuple[int, int], ...] = ((800, 800),)
     proposals: int | None = None
-    provider: str = CPU
+    provider: str = field(default=CPU, metadata=names((AUTO, *TARGETS)) | label("--provider"))
 
-    def __post_init__(self) -> None:
+    def _check_together(self) -> None:
         for option, values in (("--backbones", self.networks), ("--precision", self.precisions)):
             if not all(values) or len(set(values)) != len(values):
-                raise InputError(
-                    f"{option} is {','.join(values)!r}: expected distinct names separated by commas"
-                )
+                found = f"{option} is {','.join(values)!r}"
+                self._refuse(found, "distinct names separated by commas")
         for precision in self.precisions:
             if precision not in PRECISIONS:
-                choices = ", ".join(PRECISIONS)
-                raise InputError(f"--precision is {precision!r}: expected {choices}")
-        if self.provider not in (AUTO, *TARGETS):
-            choices = ", ".join((AUTO, *TARGETS))
-            raise InputError(f"--provider is {self.provider!r}: expected one of {choices}")
+                self._refuse(f"--precision is {precision!r}", ", ".join(PRECISIONS))
         for width, height in self.sizes:
             if min(width, height) < _SMALLEST_PX:
-                raise InputError(
-                    f"--size is {width}x{height}: expected {_SMALLEST_PX} px or more each way"
-                )
+                found = f"--size is {width}x{height}"
+                self._refuse(found, f"{_SMALLEST_PX} px or more each way")
 
     @property
     def target(self) -> str:

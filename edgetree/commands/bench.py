@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
-from basetree.program.console import note, print_json
+from basetree.program.console import note, print_found
+from basetree.program.options import expand_groups, given
 from edgetree.commands.bench_options import BenchFiles, MeasureOptions, NetworkOptions
-from edgetree.commands.option_groups import expand_groups
 from edgetree.commands.options import Json
 
 if TYPE_CHECKING:
@@ -56,6 +56,7 @@ def bench(
     All variants are measured in turn, each time in a process of its own. Keep the machine quiet.
     """
     from basetree.files.writing import check_paths
+    from edgetree.bench.text_table import text_lines
 
     check_paths(
         {f"--{name}": path for name, path in asdict(files).items()},
@@ -67,13 +68,7 @@ def bench(
     left_out, frames = _look_at_frames(measure, variants[0].path)
     result = _result(variants, network_of, settings, data, frames)
     _write(result, files)
-    if as_json:
-        print_json(result)
-    else:
-        from edgetree.bench.text_table import text_lines
-
-        for line in text_lines(result):
-            typer.echo(line)
+    print_found(as_json, lambda: result, lambda: text_lines(result))
     left_out.check_none(frames)
 
 
@@ -116,11 +111,8 @@ def _settings(measure: MeasureOptions) -> BenchSettings:
     from edgetree.signing.verify import is_signature_required
 
     return BenchSettings(
-        rounds=measure.rounds,
+        **given(measure, BenchSettings),
         duration_s=measure.seconds,
-        minutes=measure.minutes,
-        provider=measure.provider,
-        strict=measure.strict,
         require_signature=is_signature_required(),
         source=measure.frames,
     )

@@ -9,7 +9,7 @@ from typing import Annotated, TypeAlias
 
 import typer
 
-from basetree.program.console import note, print_json
+from basetree.program.console import note, print_found
 from edgetree.commands.options import Json, quoted
 
 __all__ = ["check"]
@@ -72,19 +72,14 @@ def check(
     with ExitStack() as stack:
         folder = None if out is None else stack.enter_context(output_folder(out))
         written = [] if folder is None else write_files(folder, result)
-    if as_json:
-        print_json(
-            {
-                "schema": "edgetree.check/1",
-                "measured": str(measured),
-                "caliper": str(caliper),
-                **result.to_dict(),
-                "files": [str(path) for path in written],
-            }
-        )
-    else:
-        for line in report_lines(result):
-            typer.echo(line)
+    record = {
+        "schema": "edgetree.check/1",
+        "measured": str(measured),
+        "caliper": str(caliper),
+        **result.to_dict(),
+        "files": [str(path) for path in written],
+    }
+    print_found(as_json, lambda: record, lambda: report_lines(result))
     for path in written:
         note(f"written: {path}")
     if out is None:

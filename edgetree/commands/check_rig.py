@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from basetree.program.console import print_json
+from basetree.program.console import print_found
 from edgetree.commands.live_options import LiveMetresOptions, LiveSourceOptions
 from edgetree.commands.option_groups import SessionOptions, expand_groups
 from edgetree.commands.options import Json, Model
@@ -51,11 +51,8 @@ def check_rig(
     rig = metres.as_rig_options().rig(metres.camera, None)
     detector, _ = session.open_model(model)
     report = checked(source_options.open(source, rig, False), detector, rig, seconds)
-    if as_json:
-        print_json({"schema": "edgetree.check-rig/1", **report.to_dict()})
-    else:
-        for line in report_lines(report):
-            typer.echo(line)
+    record = {"schema": "edgetree.check-rig/1", **report.to_dict()}
+    print_found(as_json, lambda: record, lambda: report_lines(report))
     if not report.passed:
         problems = "; ".join(problem_text(check) for check in report.problems)
         raise CheckFailed(f"{report.source}: the check failed: {problems}")

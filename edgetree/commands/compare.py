@@ -7,7 +7,7 @@ from typing import Annotated, TypeAlias
 
 import typer
 
-from basetree.program.console import print_json
+from basetree.program.console import print_found
 from edgetree.commands.options import Json
 
 __all__ = ["compare"]
@@ -31,10 +31,6 @@ def compare(old: _Old, new: _New, as_json: Json = False) -> None:
     from edgetree.bench.result import read_result
 
     found = compare_results(read_result(old), read_result(new))
-    if as_json:
-        print_json(found.to_dict())
-    else:
-        for line in found.lines():
-            typer.echo(line)
+    print_found(as_json, found.to_dict, found.lines)
     if found.regressions:
         raise CheckFailed(f"{len(found.regressions)} of {len(found.rows)} row(s) became worse")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
-from basetree.program.console import note, print_json
+from basetree.program.console import note, print_found, print_json
 from edgetree.commands.options import Json, Provider, Threads
 
 if TYPE_CHECKING:
@@ -108,11 +108,7 @@ def check(
 
     found = read_results(results)
     comparison = compare_results(kit, found)
-    if as_json:
-        print_json(_record(found, comparison))
-    else:
-        for line in _lines(found, comparison):
-            typer.echo(line)
+    print_found(as_json, lambda: _record(found, comparison), lambda: _lines(found, comparison))
     if not comparison.passed:
         raise typer.Exit(1)
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 import typer
 
-from basetree.program.console import note, print_json
+from basetree.program.console import note, print_found
 from edgetree.commands.options import Json
 
 if TYPE_CHECKING:
@@ -32,13 +32,10 @@ def doctor(as_json: Json = False) -> None:
     findings = examine()
     advice = advise(findings)
     broken = any(item.level == "broken" for item in advice)
-    if as_json:
-        items = [{"level": item.level, "text": item.text} for item in advice]
-        verdict = {"schema": "edgetree.doctor/1", "healthy": not broken}
-        print_json({**verdict, **findings.to_dict(), "advice": items})
-    else:
-        for line in _lines(findings, advice):
-            typer.echo(line)
+    items = [{"level": item.level, "text": item.text} for item in advice]
+    verdict = {"schema": "edgetree.doctor/1", "healthy": not broken}
+    record = {**verdict, **findings.to_dict(), "advice": items}
+    print_found(as_json, lambda: record, lambda: _lines(findings, advice))
     if broken:
         raise typer.Exit(1)
 

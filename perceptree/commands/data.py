@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from basetree.errors import SettingsError
 from basetree.program.command_line import new_app, show_help
-from basetree.program.console import print_json, progress
+from basetree.program.console import print_found, print_json, progress
 from perceptree.commands.options import EntireTree, Fold, Json, check_split
+
+if TYPE_CHECKING:
+    from perceptree.data.check import Report
 
 app = new_app("Inspect datasets before training.")
 
@@ -40,24 +44,23 @@ def check(
     started = Check(directory, fold, entire_tree)
     with progress("checking", len(started), shown=not as_json) as bar:
         report = started.run(progress=bar.update)
-    if as_json:
-        print_json(report.to_dict())
-    else:
-        for split in report.splits:
-            kinds = ("masks", split.has_masks), ("keypoints", split.has_keypoints)
-            held = [name for name, there in (*kinds, ("depth", split.has_depth)) if there]
-            typer.echo(
-                f"{split.split:5} {split.labels}: {split.frames} frames, {split.trees} trees,"
-                f" with {', '.join(held) or 'boxes only'}"
-            )
-            for note in split.notes:
-                typer.echo(f"      {note}")
-        for finding in report.findings:
-            typer.echo(str(finding))
-        if not report.findings:
-            typer.echo(f"nothing found; splits compared by {report.compared_by}")
+    print_found(as_json, report.to_dict, lambda: _report_lines(report))
     if report.findings:
         raise typer.Exit(1)
+
+
+def _report_lines(report: Report) -> Iterator[str]:
+    for split in report.splits:
+        kinds = ("masks", split.has_masks), ("keypoints", split.has_keypoints)
+        held = [name for name, there in (*kinds, ("depth", split.has_depth)) if there]
+        yield (
+            f"{split.split:5} {split.labels}: {split.frames} frames, {split.trees} trees,"
+            f" with {', '.join(held) or 'boxes only'}"
+        )
+        yield from (f"      {note}" for note in split.notes)
+    yield from map(str, report.findings)
+    if not report.findings:
+        yield f"nothing found; splits compared by {report.compared_by}"
 
 
 @app.command()

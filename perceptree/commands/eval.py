@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from basetree.errors import SettingsError
-from basetree.program.console import print_json, progress
+from basetree.program.console import print_found, progress
 from basetree.program.options import expand_groups
 from perceptree.commands.options import (
     Checkpoint,
@@ -161,13 +161,9 @@ def print_report(figures: dict[str, Any], page: Path | None, as_json: bool) -> N
     """
     from perceptree.evaluation import summary_lines
 
-    if as_json:
-        print_json(figures)
-        return
-    for line in summary_lines(figures):
-        typer.echo(line)
     hint = "next: add --out FOLDER for plots and images"
-    typer.echo(hint if page is None else f"open: {page}")
+    last = hint if page is None else f"open: {page}"
+    print_found(as_json, lambda: figures, lambda: [*summary_lines(figures), last])
 
 
 def _about(checkpoint: Path, spec: ModelSpec, record: dict[str, Any]) -> dict[str, Any]:

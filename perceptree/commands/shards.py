@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from basetree.errors import SettingsError
-from basetree.program.console import print_json
+from basetree.program.console import print_found
 
 if TYPE_CHECKING:
     from basetree.jobs import Shard, Store
@@ -69,8 +69,9 @@ def location(where: Path) -> str:
 
 def print_shard(store: Store, shard: Shard, as_json: bool) -> None:
     """Print where a finished shard is, and what to do next."""
-    if as_json:
-        print_json({"store": store.where, "shard": str(shard), "manifest": shard.file})
-        return
-    typer.echo(f"shard {shard}: {store.where}/{shard.file}")
-    typer.echo(f"next, when all shards are finished: perceptree merge {store.where}")
+    values = {"store": store.where, "shard": str(shard), "manifest": shard.file}
+    lines = [
+        f"shard {shard}: {store.where}/{shard.file}",
+        f"next, when all shards are finished: perceptree merge {store.where}",
+    ]
+    print_found(as_json, lambda: values, lambda: lines)

@@ -236,18 +236,14 @@ class _Progress:
         self._start_s = 0.0
 
     def __call__(self, done: int, total: int) -> None:
+        from basetree.jobs.progress import duration
+
         if self._first is None:
             self._first, self._start_s = done, time.monotonic()
         drawn, taken_s = done - self._first, time.monotonic() - self._start_s
         text = ""
         if drawn and taken_s > 0:
             left_s = (total - done) * taken_s / drawn
-            text = f"{60 * drawn / taken_s:.0f} frames/min, {_duration(left_s)} left"
+            text = f"{60 * drawn / taken_s:.0f} frames/min, {duration(left_s)} left"
         self._bar.current_item = text
         self._bar.update(done - self._bar.pos)
-
-
-def _duration(seconds: float) -> str:
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

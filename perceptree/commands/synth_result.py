@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from basetree.program.console import print_json
+from basetree.program.console import print_found
 
 if TYPE_CHECKING:
     from perceptree.simulator import SynthReport
@@ -51,10 +51,7 @@ def print_result(report: SynthReport, as_json: bool, frozen: str | None = None) 
         lines.append(f"next: perceptree train {report.directory} --out runs/depth --modality depth")
     else:
         lines.append(f"next: edgetree eval depth {report.directory}")
-    if as_json:
-        print_json(values)
-    else:
-        typer.echo("\n".join(lines))
+    print_found(as_json, lambda: values, lambda: lines)
     if fails:
         raise typer.Exit(1)
 

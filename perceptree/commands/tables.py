@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from basetree.errors import SettingsError
-from basetree.program.console import counter, note, print_json
+from basetree.program.console import counter, note, print_found
 from basetree.program.options import expand_groups, given
 from perceptree.commands.options import Json, Side
 from perceptree.commands.progress import TrainingBar, say
@@ -121,12 +121,8 @@ def tables(
     )
     engine = Engine(**given(machine, Engine))
     record = build_table(settings, data, test or data, out, engine, _watch(not as_json))
-    if as_json:
-        print_json(record)
-        return
-    for line in table_lines(record):
-        typer.echo(line)
-    typer.echo(f"\n{out / 'tables.md'}")
+    page = f"\n{out / 'tables.md'}"
+    print_found(as_json, lambda: record, lambda: [*table_lines(record), page])
 
 
 def _numbers(text: str) -> tuple[int, ...]:

@@ -16,14 +16,7 @@ class WeatherSettings(Settings):
     """Weather of the scenes."""
 
     kinds: Shares = field(
-        default_factory=lambda: {
-            "clear": 4.0,
-            "snow": 1.0,
-            "wet": 1.0,
-            "fog": 1.0,
-            "rain": 1.0,
-            "snowfall": 1.0,
-        },
+        default_factory=lambda: dict.fromkeys(WEATHERS, 1.0) | {"clear": 4.0},
         metadata=weights(WEATHERS) | label("weather kinds"),
     )
     """Weight of each of WEATHERS. ``snow`` is lying snow; ``snowfall`` is flakes in the air and

@@ -80,51 +80,47 @@ class SplitSettings(Settings):
 class SimulatorSettings(Settings):
     """All settings of the simulator. With a seed they determine every pixel of a dataset."""
 
-    terrain: TerrainSettings = field(default_factory=TerrainSettings)
+    terrain: TerrainSettings = field(default=TerrainSettings())
     """The ground."""
-    stand: StandSettings = field(default_factory=StandSettings)
+    stand: StandSettings = field(default=StandSettings())
     """The trees."""
-    undergrowth: UndergrowthSettings = field(default_factory=UndergrowthSettings)
+    undergrowth: UndergrowthSettings = field(default=UndergrowthSettings())
     """The undergrowth."""
-    weather: WeatherSettings = field(default_factory=WeatherSettings)
+    weather: WeatherSettings = field(default=WeatherSettings())
     """The weather."""
-    light: LightSettings = field(default_factory=LightSettings)
+    light: LightSettings = field(default=LightSettings())
     """The light."""
-    camera: CameraSettings = field(default_factory=CameraSettings)
+    camera: CameraSettings = field(default=CameraSettings())
     """The camera and how it is carried."""
-    rgb: RgbSettings = field(default_factory=RgbSettings)
+    rgb: RgbSettings = field(default=RgbSettings())
     """The colour sensor."""
-    depth: DepthSettings = field(default_factory=DepthSettings)
+    depth: DepthSettings = field(default=DepthSettings())
     """The depth sensor."""
-    labels: LabelSettings = field(default_factory=LabelSettings)
+    labels: LabelSettings = field(default=LabelSettings())
     """The labels."""
-    splits: SplitSettings = field(default_factory=SplitSettings)
+    splits: SplitSettings = field(default=SplitSettings())
     """Train, val and test scenes."""
     views_per_scene: int = field(default=8, metadata=number(1, 1000))
     """Frames per scene."""
-    clutter: ClutterSettings = field(default_factory=ClutterSettings, metadata=OMIT_DEFAULT)
+    clutter: ClutterSettings = field(default=ClutterSettings(), metadata=OMIT_DEFAULT)
     """Clutter beyond the undergrowth."""
-    objects: ObjectSettings = field(default_factory=ObjectSettings, metadata=OMIT_DEFAULT)
+    objects: ObjectSettings = field(default=ObjectSettings(), metadata=OMIT_DEFAULT)
     """Objects that are not trees."""
-    imaging: ImagingSettings = field(default_factory=ImagingSettings, metadata=OMIT_DEFAULT)
+    imaging: ImagingSettings = field(default=ImagingSettings(), metadata=OMIT_DEFAULT)
     """Camera faults."""
     randomisation: RandomisationSettings = field(
-        default_factory=RandomisationSettings, metadata=OMIT_DEFAULT
+        default=RandomisationSettings(), metadata=OMIT_DEFAULT
     )
     """Unnatural colours and textures."""
-    drive: DriveSettings = field(default_factory=DriveSettings, metadata=OMIT_DEFAULT)
+    drive: DriveSettings = field(default=DriveSettings(), metadata=OMIT_DEFAULT)
     """Drives instead of independent views."""
-    vegetation: VegetationSettings = field(
-        default_factory=VegetationSettings, metadata=OMIT_DEFAULT
-    )
+    vegetation: VegetationSettings = field(default=VegetationSettings(), metadata=OMIT_DEFAULT)
     """Dense grass, hedges and deep snow that hide the ground."""
-    photographs: PhotographSettings = field(
-        default_factory=PhotographSettings, metadata=OMIT_DEFAULT
-    )
+    photographs: PhotographSettings = field(default=PhotographSettings(), metadata=OMIT_DEFAULT)
     """Photographs on the materials."""
-    trap: TrapSettings = field(default_factory=TrapSettings, metadata=OMIT_DEFAULT)
+    trap: TrapSettings = field(default=TrapSettings(), metadata=OMIT_DEFAULT)
     """Infrared nights and captions of camera traps."""
-    negatives: NegativeSettings = field(default_factory=NegativeSettings, metadata=OMIT_DEFAULT)
+    negatives: NegativeSettings = field(default=NegativeSettings(), metadata=OMIT_DEFAULT)
     """What is mistaken for stems, near the cameras."""
 
     def to_dict(self) -> dict[str, Any]:
@@ -143,13 +139,8 @@ def _record(node: Any) -> dict[str, Any]:
     values = {}
     for entry in dataclasses.fields(node):
         value = getattr(node, entry.name)
-        if entry.metadata.get("omit_default") and value == _default(entry):
+        if entry.metadata.get("omit_default") and value == entry.default:
             continue
         known = dataclasses.is_dataclass(value) and not isinstance(value, PinholeCamera)
         values[entry.name] = _record(value) if known else value
     return values
-
-
-def _default(entry: dataclasses.Field[Any]) -> Any:
-    factory = entry.default_factory
-    return entry.default if factory is dataclasses.MISSING else factory()
