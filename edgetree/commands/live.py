@@ -17,22 +17,21 @@ from edgetree.commands.live_options import (
     LivePageOptions,
     LiveSourceOptions,
 )
-from edgetree.commands.live_outputs import LiveOutputs
-from edgetree.commands.live_recording import LiveRecordOptions
+from edgetree.commands.live_outputs import LiveOutputs, LiveRecordOptions
 from edgetree.commands.option_groups import SessionOptions, expand_groups
 from edgetree.commands.options import Model, ScoreThreshold, model_file, model_words
 
 if TYPE_CHECKING:
-    from edgetree.live.page import PageServer
     from edgetree.live.pipeline import LivePipeline
     from edgetree.live.recording import FrameRecorder
     from edgetree.live.results import LiveResult
-    from edgetree.sinks import Sink
     from edgetree.sources.source import FrameSource
 
 __all__ = ["live"]
 
 _STATUS_EVERY_S: Final = 5.0
+
+_Write: TypeAlias = "Callable[[LiveResult], object]"
 
 _Source: TypeAlias = Annotated[
     str,
@@ -112,18 +111,20 @@ def live(
                 recorder.wait_for_disk(waits=not opened.is_live)
             return opened
 
-        def open_sinks(stack: ExitStack) -> list[Sink[LiveResult]]:
-            return outputs.open(stack, to_stdout, source, model_path.name)
+        def open_outputs(stack: ExitStack) -> list[_Write]:
+            sinks = outputs.open(stack, to_stdout, source, model_path.name)
+            writes: list[_Write] = [sink.write for sink in sinks]
+            writes += [] if recorder is None else [recorder.write]
+            return writes if page is None else [*writes, page.publish]
 
         pipeline = LivePipeline(open_source, detector, rig=rig, settings=settings, tracker=tracker)
-        _follow(pipeline, open_sinks, page, recorder, outputs.frames)
+        _follow(pipeline, open_outputs, recorder, outputs.frames)
         note(model_words(detector, model_path))
 
 
 def _follow(
     pipeline: LivePipeline,
-    open_sinks: Callable[[ExitStack], list[Sink[LiveResult]]],
-    page: PageServer | None,
+    open_outputs: Callable[[ExitStack], list[_Write]],
     recorder: FrameRecorder | None,
     most: int | None,
 ) -> None:
@@ -134,20 +135,16 @@ def _follow(
     from basetree.errors import InputError
     from basetree.program.interrupts import interrupt_afterwards
 
-    sinks: list[Sink[LiveResult]] = []
+    writes: list[_Write] = []
     said_s = time.monotonic()
     with ExitStack() as stack:
         results = stack.enter_context(closing(iter(pipeline)))
         number = 0
         for number, result in enumerate(results, 1):
             with interrupt_afterwards():
-                sinks = sinks or open_sinks(stack)
-                for sink in sinks:
-                    sink.write(result)
-                if recorder is not None:
-                    recorder.write(result)
-                if page is not None:
-                    page.publish(result)
+                writes = writes or open_outputs(stack)
+                for write in writes:
+                    write(result)
             if time.monotonic() - said_s > _STATUS_EVERY_S:
                 recordings = "" if recorder is None else f", {recorder.status.line()}"
                 note(pipeline.status.line() + recordings)

@@ -1,22 +1,27 @@
-"""The options of `edgetree live` for outputs."""
+"""The options of `edgetree live` for outputs and recordings, and the signal that marks."""
 
 from __future__ import annotations
 
+import signal
 import sys
-from contextlib import ExitStack
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
+from basetree.program.console import note
 from edgetree.commands.options import check_report
 
 if TYPE_CHECKING:
+    from edgetree.live.recording import FrameRecorder
     from edgetree.live.results import LiveResult
     from edgetree.sinks import MapOrigin, Sink
 
-__all__ = ["LiveOutputs"]
+__all__ = ["LiveOutputs", "LiveRecordOptions"]
 
 _JsonLines: TypeAlias = Annotated[
     Path | None,
@@ -65,6 +70,19 @@ _Report: TypeAlias = Annotated[
     ),
 ]
 _Frames: TypeAlias = Annotated[int | None, typer.Option(min=1, help="End after this many results.")]
+
+
+_Record: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FOLDER",
+        help="Record the input of the seconds around each mark here. A mark is the button of"
+        " --page, POST /mark, or the signal SIGUSR1.",
+    ),
+]
+_RecordAll: TypeAlias = Annotated[
+    bool, typer.Option("--record-all", help="Record all input in the folder of --record.")
+]
 
 
 @dataclass(frozen=True)
@@ -119,28 +137,21 @@ class LiveOutputs:
         """
         from edgetree import sinks
 
-        opened: list[Sink[LiveResult]] = []
-
-        def add(sink: Sink[LiveResult]) -> None:
-            stack.callback(sink.close)
-            opened.append(sink)
-
-        if to_stdout:
-            add(sinks.JsonLinesSink(sys.stdout))
-        if self.jsonl is not None:
-            add(sinks.JsonLinesSink(self.jsonl))
-        if self.csv is not None:
-            add(sinks.CsvTracksSink(self.csv))
-        if self.map is not None:
-            add(sinks.open_map(self.map, self.origin()))
-        if self.report is not None:
-            add(sinks.StemReportSink(self.report, source, model))
-        if self.bag is not None:
-            add(sinks.BagSink(self.bag))
-        if self.udp is not None:
-            add(sinks.UdpSink(self.udp))
-        if self.mqtt is not None:
-            add(sinks.MqttSink(self.mqtt))
+        makers: dict[str, Callable[[Any], Sink[LiveResult]]] = {
+            "jsonl": sinks.JsonLinesSink,
+            "csv": sinks.CsvTracksSink,
+            "map": lambda path: sinks.open_map(path, self.origin()),
+            "report": lambda path: sinks.StemReportSink(path, source, model),
+            "bag": sinks.BagSink,
+            "udp": sinks.UdpSink,
+            "mqtt": sinks.MqttSink,
+        }
+        opened: list[Sink[LiveResult]] = [sinks.JsonLinesSink(sys.stdout)] if to_stdout else []
+        for name, make in makers.items():
+            target = getattr(self, name)
+            if target is not None:
+                opened.append(make(target))
+                stack.callback(opened[-1].close)
         return opened
 
 
@@ -160,3 +171,53 @@ def _origin(text: str) -> MapOrigin:
         raise InputError(
             f"--map-origin is {text!r}: expected LAT,LON[,HEIGHT[,HEADING]], such as 60.5,24.3"
         ) from error
+
+
+@dataclass(frozen=True)
+class LiveRecordOptions:
+    """The options about recordings of the input."""
+
+    record: _Record = None
+    record_all: _RecordAll = False
+
+    @contextmanager
+    def recording(self, about: Callable[[], dict[str, Any]]) -> Iterator[FrameRecorder | None]:
+        """Record during a block; yields None if it is not wanted.
+
+        Args:
+            about: returns what recordings say about the run.
+
+        Raises:
+            InputError: the folder is a file, or is missing for `--record-all`.
+            MissingPackage: rosbags is not installed.
+        """
+        from basetree.errors import InputError
+        from edgetree.live.recording import FrameRecorder
+
+        if self.record is None:
+            if self.record_all:
+                raise InputError("--record-all given without --record: expected both")
+            yield None
+            return
+        recorder = FrameRecorder(self.record, everything=self.record_all, about=about())
+        try:
+            with _marked_by_signal(recorder):
+                yield recorder
+        finally:
+            recorder.close()
+            if recorder.status.written or recorder.status.failed:
+                note(f"{recorder.status.line()} in {self.record}")
+
+
+@contextmanager
+def _marked_by_signal(recorder: FrameRecorder) -> Iterator[None]:
+    """Mark at each SIGUSR1 during a block, where the system has it."""
+    number = getattr(signal, "SIGUSR1", None)
+    if number is None or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(number, lambda *_: recorder.mark("SIGUSR1"))
+    try:
+        yield
+    finally:
+        signal.signal(number, before)

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from edgetree.frames.pipeline import FrameResult
     from edgetree.frames.rig import Rig
     from edgetree.runtime.detector import TreeDetector
-    from edgetree.sinks import FileSink, Sink
+    from edgetree.sinks import FileSink
     from edgetree.sources.source import FrameSource
 
 __all__ = ["run"]
@@ -127,7 +127,7 @@ class _Outputs:
 
     def open(
         self, stack: ExitStack, source: Path, model: str, score_threshold: float, reasons: list[str]
-    ) -> list[Sink[FrameResult]]:
+    ) -> list[FileSink[Any]]:
         """Open the files but for the JSON lines.
 
         Args:
@@ -141,23 +141,26 @@ class _Outputs:
         from edgetree.sinks import CocoSink, CsvSink, PicturesSink, ReportSink
         from edgetree.sources.files import as_typed
 
-        sinks: list[FileSink[Any]] = []
-        if self.csv is not None:
-            sinks.append(stack.enter_context(CsvSink(self.csv, TREES)))
-        if self.out is not None:
-            sinks.append(stack.enter_context(PicturesSink(self.out)))
-        if self.profiles is not None:
-            sinks.append(stack.enter_context(CsvSink(self.profiles, PROFILES)))
-        if self.coco is not None:
-            sinks.append(stack.enter_context(CocoSink(self.coco, model, score_threshold)))
-        if self.report is not None:
-            report = ReportSink(self.report, as_typed(source), f"the model {model}", reasons)
-            sinks.append(stack.enter_context(report))
-        if self.map is not None:
+        def map_sink(path: Path) -> FileSink[Any]:
             from edgetree.live.results import PosedMapSink
 
-            sinks.append(stack.enter_context(PosedMapSink(self.map)))
-        return [*sinks]
+            return PosedMapSink(path)
+
+        named, words = as_typed(source), f"the model {model}"
+        makers: dict[str, Callable[[Path], FileSink[Any]]] = {
+            "csv": lambda path: CsvSink(path, TREES),
+            "out": PicturesSink,
+            "profiles": lambda path: CsvSink(path, PROFILES),
+            "coco": lambda path: CocoSink(path, model, score_threshold),
+            "report": lambda path: ReportSink(path, named, words, reasons),
+            "map": map_sink,
+        }
+        paths = vars(self)
+        return [
+            stack.enter_context(make(paths[name]))
+            for name, make in makers.items()
+            if paths[name] is not None
+        ]
 
 
 @expand_groups
@@ -182,6 +185,7 @@ def run(
         LeftOut,
         Totals,
         frame_results,
+        note_files,
         source_remarks,
         warnings_shown,
     )
@@ -240,7 +244,17 @@ def run(
         )
     for line in (*totals.lines(), *source_remarks(frames), model_words(detector, model_path)):
         note(line)
-    _note_files(outputs)
+    note_files(
+        {
+            "JSON lines": outputs.jsonl,
+            "table": outputs.csv,
+            "profiles": outputs.profiles,
+            "labels": outputs.coco,
+            "pictures": outputs.out,
+            "report": outputs.report,
+            "map": outputs.map,
+        }
+    )
     if is_interrupted:
         raise KeyboardInterrupt
     left_out.check_none(totals.frames)
@@ -273,22 +287,6 @@ def _write_all(
     return False
 
 
-def _note_files(outputs: _Outputs) -> None:
-    from edgetree.commands.frame_results import note_files
-
-    note_files(
-        {
-            "JSON lines": outputs.jsonl,
-            "table": outputs.csv,
-            "profiles": outputs.profiles,
-            "labels": outputs.coco,
-            "pictures": outputs.out,
-            "report": outputs.report,
-            "map": outputs.map,
-        }
-    )
-
-
 def _check(
     source: Path,
     inputs: _Inputs,
@@ -300,7 +298,7 @@ def _check(
     from basetree.errors import InputError
     from basetree.files.names import VIDEO_SUFFIXES
     from basetree.files.writing import check_paths
-    from edgetree.sources.bags import is_bag
+    from edgetree.sources.drive import is_drive
     from edgetree.sources.opening import is_stream
 
     check_paths(
@@ -317,7 +315,7 @@ def _check(
         raise InputError(f"{inputs.words().split()[0]} given with --shards: expected one of them")
     if outputs.coco and source.suffix.lower() in VIDEO_SUFFIXES and source.is_file():
         raise InputError(f"source {source} is a video: expected images, as --coco is given")
-    if outputs.coco and is_stream(source) and is_bag(source):
+    if outputs.coco and is_stream(source) and not is_drive(source):
         raise InputError(f"source {source} is a recording: expected images, as --coco is given")
     if outputs.map and not (shards.are_given or is_stream(source)):
         raise InputError(

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import logging
-import threading
-from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -17,7 +15,7 @@ from basetree.errors import InputError
 from edgetree.frames.frame import Frame
 from edgetree.frames.images import read_image
 from edgetree.frames.rig import unit_vector
-from edgetree.sources.source import FrameSource
+from edgetree.sources.source import BaseSource, FrameSource
 
 __all__ = ["is_drive", "open_drive"]
 
@@ -48,16 +46,11 @@ def open_drive(folder: Path, *, scene: int | None = None) -> FrameSource:
     return _Drive(folder, scene)
 
 
-class _Drive:
+class _Drive(BaseSource):
     """The frames of one drive."""
 
-    is_live = False
-
     def __init__(self, folder: Path, scene: int | None) -> None:
-        self._counts = Counter[str]()
-        self.counts: dict[str, int] = self._counts
         self._folder = folder
-        self._is_closed = threading.Event()
         drives = _drives(folder)
         listed = ", ".join(str(number) for number in sorted(drives))
         if scene is None and len(drives) > 1:
@@ -67,7 +60,7 @@ class _Drive:
         number = next(iter(drives)) if scene is None else scene
         if number not in drives:
             raise InputError(f"dataset {folder} has no scene {number}: expected one of {listed}")
-        self.name = f"{folder}, scene {number}"
+        super().__init__(f"{folder}, scene {number}")
         self._images = sorted(drives[number], key=lambda image: float(image["time_s"]))
         self.count = len(self._images)
 
@@ -78,12 +71,8 @@ class _Drive:
             try:
                 yield self._frame(number, image)
             except InputError as error:
-                self._counts["unreadable images"] += 1
+                self.counts["unreadable images"] += 1
                 _log.warning("%s", error)
-
-    def close(self) -> None:
-        """End an iteration in progress."""
-        self._is_closed.set()
 
     def _frame(self, number: int, image: Mapping[str, Any]) -> Frame:
         path, depth = self._folder / image["file_name"], self._folder / image["depth_file"]

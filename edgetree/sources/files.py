@@ -5,8 +5,6 @@ from __future__ import annotations
 import logging
 import math
 import re
-import threading
-from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import closing
@@ -25,7 +23,7 @@ from calib import CameraError
 from edgetree.frames.frame import Frame
 from edgetree.frames.images import read_image
 from edgetree.frames.rig import Rig
-from edgetree.sources.source import FrameSource, readable
+from edgetree.sources.source import BaseSource, FrameSource, readable
 
 __all__ = [
     "as_typed",
@@ -188,25 +186,7 @@ def _open_folder(folder: Path, depth: Path | None, depth_only: bool, rig: Rig) -
     return _ImageFrames(str(folder), files, depth_only, rig)
 
 
-class _Files(ABC):
-    """Frames of files, each read when it is asked for."""
-
-    is_live = False
-
-    def __init__(self, name: str, count: int | None) -> None:
-        self.name, self.count = name, count
-        self.counts: dict[str, int] = {}
-        self._is_closed = threading.Event()
-
-    @abstractmethod
-    def __iter__(self) -> Iterator[Frame]: ...
-
-    def close(self) -> None:
-        """End an iteration in progress."""
-        self._is_closed.set()
-
-
-class _ImageFrames(_Files):
+class _ImageFrames(BaseSource):
     """Image files: (name, image file, depth file or None) of each."""
 
     def __init__(
@@ -216,7 +196,8 @@ class _ImageFrames(_Files):
         depth_only: bool,
         rig: Rig,
     ) -> None:
-        super().__init__(name, len(files))
+        super().__init__(name)
+        self.count = len(files)
         self._files, self._depth_only, self._rig = files, depth_only, rig
 
     def __iter__(self) -> Iterator[Frame]:
@@ -234,16 +215,17 @@ class _ImageFrames(_Files):
         return Frame(name, path, image, *self._rig.read_depth(depth, path, size_px))
 
 
-class _VideoFrames(_Files):
+class _VideoFrames(BaseSource):
     """The frames of a video."""
 
     def __init__(self, path: Path) -> None:
+        super().__init__(str(path))
         self._path = path
         with closing(_Capture(path)) as capture:
             frames = int(capture.video.get(cv2.CAP_PROP_FRAME_COUNT))
             if not capture.video.grab():
                 raise InputError(f"video {path} has no frame that OpenCV can read: expected one")
-        super().__init__(str(path), frames if frames > 0 else None)
+        self.count = frames if frames > 0 else None
 
     def __iter__(self) -> Iterator[Frame]:
         with closing(_Capture(self._path)) as capture:
@@ -275,25 +257,24 @@ class _Capture:
         self.video.release()
 
 
-class _Stream(_Files):
+class _Stream(BaseSource):
     """Files whose frames have numbers, times and the camera and vertical of a rig."""
 
     def __init__(self, files: FrameSource, rig: Rig, rate_hz: float) -> None:
-        super().__init__(files.name, files.count)
+        super().__init__(files.name)
+        self.count = files.count
         self._frames, self._rig, self._rate_hz = files, rig, rate_hz
 
     def __iter__(self) -> Iterator[Frame]:
-        left_out = "unreadable images"
-
-        def leave_out(error: Exception) -> None:
-            self.counts[left_out] = self.counts.get(left_out, 0) + 1
-            _log.warning("%s", error)
-
-        for number, frame in enumerate(readable(self._frames, leave_out)):
+        for number, frame in enumerate(readable(self._frames, self._leave_out)):
             if self._is_closed.is_set():
                 return
             # The frames that were left out have numbers and times too.
-            yield self._numbered(number + self.counts.get(left_out, 0), frame)
+            yield self._numbered(number + self.counts["unreadable images"], frame)
+
+    def _leave_out(self, error: Exception) -> None:
+        self.counts["unreadable images"] += 1
+        _log.warning("%s", error)
 
     def _numbered(self, number: int, frame: Frame) -> Frame:
         picture = frame.depth_m if frame.image is None else frame.image

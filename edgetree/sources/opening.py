@@ -42,7 +42,7 @@ _ADDRESS: Final = re.compile(r"(?:rtsps?|https?|udp|tcp|rtmp)://")
 
 def is_stream(path: Path) -> bool:
     """Whether a path is a recording or a drive, whose frames have times and cameras."""
-    return not has_images(path) and (is_bag(path) or is_drive(path))
+    return is_drive(path) or (is_bag(path) and not has_images(path))
 
 
 def open_frames(
@@ -76,14 +76,14 @@ def open_frames(
         MissingPackage: the package for recordings is not installed.
     """
     streams = is_stream(source)
-    is_recording = streams and is_bag(source)
+    is_recording = streams and not is_drive(source)
     _check_options(
         str(source),
         {
             "topics": bool(topics) and not is_recording,
             "depth_scale_m": depth_scale_m is not None and not is_recording,
             "depth": depth is not None and streams,
-            "scene": scene is not None and (is_recording or not streams),
+            "scene": scene is not None and not is_drive(source),
         },
     )
     if is_recording:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Final
 
 from edgetree.frames.frame import Frame
-from edgetree.sources.source import FrameSource
+from edgetree.sources.source import BaseSource, FrameSource
 
 __all__ = ["Looped", "PacedSource", "RisingClock"]
 
@@ -46,20 +45,26 @@ class RisingClock:
         return time_s
 
 
-class Looped:
-    """A source that starts again at its end, with numbers and time stamps that go on rising.
+class _Played(BaseSource):
+    """A source that is played in another way.
 
     Args:
-        source: a source that can be iterated over several times, as files and recordings can.
+        source: a recording or files; to be looped, they can be iterated over several times.
     """
 
-    is_live = False
-    count = None
-
     def __init__(self, source: FrameSource) -> None:
-        self.name, self.counts = source.name, source.counts
+        super().__init__(source.name)
         self._source = source
-        self._is_closed = threading.Event()
+        self.counts = source.counts  # type: ignore[assignment]
+
+    def close(self) -> None:
+        """End an iteration in progress."""
+        super().close()
+        self._source.close()
+
+
+class Looped(_Played):
+    """A source that starts again at its end, with numbers and time stamps that go on rising."""
 
     def __iter__(self) -> Iterator[Frame]:
         clock, start = RisingClock(), 0
@@ -74,33 +79,14 @@ class Looped:
             start += number + 1
             clock.restart()
 
-    def close(self) -> None:
-        """End an iteration in progress."""
-        self._is_closed.set()
-        self._source.close()
 
-
-class PacedSource:
+class PacedSource(_Played):
     """A recording that yields each frame at its time, as a camera does.
 
     Frames that are not taken in time are lost.
-
-    Args:
-        source: the recording.
     """
 
     is_live = True
-    count = None
-
-    def __init__(self, source: FrameSource) -> None:
-        self._source = source
-        self._closed = threading.Event()
-        self.name = source.name
-
-    @property
-    def counts(self) -> dict[str, int]:
-        """What the recording left out."""
-        return self._source.counts
 
     def __iter__(self) -> Iterator[Frame]:
         due_s, last_s = time.monotonic(), None
@@ -109,11 +95,6 @@ class PacedSource:
             last_s = frame.stamp_s
             due_s += gap_s if 0 <= gap_s <= _LONGEST_GAP_S else 0.0
             due_s = max(due_s, time.monotonic() - _LONGEST_GAP_S)
-            if self._closed.wait(max(0.0, due_s - time.monotonic())):
+            if self._is_closed.wait(max(0.0, due_s - time.monotonic())):
                 return
             yield frame
-
-    def close(self) -> None:
-        """Close the recording."""
-        self._closed.set()
-        self._source.close()

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import threading
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from typing import Final, Protocol
 
 from basetree.errors import InputError
 from edgetree.frames.frame import Frame
 
-__all__ = ["REMARKS", "FrameSource", "SourceLost", "readable"]
+__all__ = ["REMARKS", "BaseSource", "FrameSource", "SourceLost", "readable"]
 
 REMARKS: Final = frozenset(
     {
@@ -57,6 +59,26 @@ class FrameSource(Protocol):
 
 class SourceLost(InputError):
     """A camera does not answer any more."""
+
+
+class BaseSource:
+    """A source whose iteration ends after it is closed.
+
+    Args:
+        name: what messages call it.
+    """
+
+    is_live = False
+    count: int | None = None
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.counts = Counter[str]()
+        self._is_closed = threading.Event()
+
+    def close(self) -> None:
+        """End an iteration in progress."""
+        self._is_closed.set()
 
 
 def readable(frames: Iterable[Frame], on_error: Callable[[Exception], None]) -> Iterator[Frame]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import json
+import shutil
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -28,6 +30,7 @@ from edgetree.model_file.manifest import (
 from edgetree.model_file.onnx_bytes import Node, TensorType, onnx_bytes
 from edgetree.model_file.safety_check import read_model_file
 from edgetree.runtime.session import FakeSession
+from edgetree.samples import sample_frames
 
 ModelWriter = Callable[..., Path]
 
@@ -172,3 +175,37 @@ def two_trees() -> dict[str, NDArray[np.float32]]:
         "scores": np.array([0.9, 0.3], np.float32),
         "keypoints": np.array(keypoints * 2, np.float32),
     }
+
+
+@pytest.fixture
+def write_drive(tmp_path: Path) -> Callable[..., Path]:
+    """A function that writes a dataset of drives, in the form of the simulator."""
+
+    def write(scenes: int = 1, frames: int = 3, step_m: float = 1.0) -> Path:
+        folder = tmp_path / "drives"
+        sample = sample_frames()[0]
+        for name in ("images", "depth", "imu"):
+            (folder / name).mkdir(parents=True)
+        images = []
+        for number in range(frames * scenes):
+            shutil.copy(sample.image_path, folder / f"images/{number:06d}.jpg")
+            shutil.copy(sample.depth_path, folder / f"depth/{number:06d}.png")
+            # Rows: right, down and forward of a level camera that looks along the world's y.
+            images.append(
+                {
+                    "file_name": f"images/{number:06d}.jpg",
+                    "depth_file": f"depth/{number:06d}.png",
+                    "camera": sample.camera.to_dict(),
+                    "up_camera": [0.0, -1.0, 0.0],
+                    "time_s": 0.1 * (frames - 1 - number % frames),
+                    "pose_world": {
+                        "origin_m": [number * step_m, 0.0, 2.0],
+                        "rotation": [[1, 0, 0], [0, 0, -1], [0, 1, 0]],
+                    },
+                    "imu_file": f"imu/{number // frames:06d}.csv",
+                }
+            )
+        (folder / "test_RGB.json").write_text(json.dumps({"images": images}))
+        return folder
+
+    return write

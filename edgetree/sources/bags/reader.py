@@ -26,7 +26,6 @@ __all__ = [
     "Message",
     "Topic",
     "is_bag",
-    "open_bag",
 ]
 
 BAG_SUFFIXES: Final = (".bag", ".mcap", ".db3")
@@ -72,11 +71,18 @@ class Message(NamedTuple):
 class Bag:
     """An open recording.
 
+    Args:
+        path: a ROS 1 bag (.bag), an MCAP file, a database of a ROS 2 bag (.db3), or the folder of a
+            ROS 2 bag. Without its metadata.yaml, as after a power failure, the files are read.
+
     Attributes:
-        path: the file or folder.
         topics: the topics by name.
         is_cut_off: whether the end of the file is missing, and what is there is read.
         duration_ns: time from the first to the last message, ns.
+
+    Raises:
+        InputError: it does not exist or cannot be read.
+        MissingPackage: rosbags is not installed.
     """
 
     def __init__(self, path: Path) -> None:
@@ -143,20 +149,6 @@ class Bag:
         with suppress(Exception):  # rosbags has no error of its own for most kinds of broken bytes
             return decode(message.data, kind)
         return None
-
-
-def open_bag(path: Path) -> Bag:
-    """Open a recording.
-
-    Args:
-        path: a ROS 1 bag (.bag), an MCAP file, a database of a ROS 2 bag (.db3), or the folder of a
-            ROS 2 bag. Without its metadata.yaml, as after a power failure, the files are read.
-
-    Raises:
-        InputError: it does not exist or cannot be read.
-        MissingPackage: rosbags is not installed.
-    """
-    return Bag(path)
 
 
 def is_bag(path: Path) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import threading
 from collections import Counter, deque
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -14,10 +13,10 @@ from edgetree.frames.frame import Frame
 from edgetree.sources.bags.assembly import Assembly
 from edgetree.sources.bags.messages import stamp_ns
 from edgetree.sources.bags.pairing import Pair, Pairing, Picture, StampCheck
-from edgetree.sources.bags.reader import Bag, BrokenRecording, Message, open_bag
+from edgetree.sources.bags.reader import Bag, BrokenRecording, Message
 from edgetree.sources.bags.topics import Modality, Streams, choose_streams
 from edgetree.sources.playing import Looped, RisingClock
-from edgetree.sources.source import FrameSource
+from edgetree.sources.source import BaseSource, FrameSource
 
 __all__ = ["open_recording"]
 
@@ -63,11 +62,8 @@ def open_recording(
     return Looped(recording) if loop else recording
 
 
-class _Recording:
+class _Recording(BaseSource):
     """A recording; every pass opens the file anew."""
-
-    is_live = False
-    count = None
 
     def __init__(
         self,
@@ -76,12 +72,9 @@ class _Recording:
         depth_scale_m: float | None,
         modality: Modality,
     ) -> None:
-        self.name = str(path)
-        self._counts = Counter[str]()
-        self.counts: dict[str, int] = self._counts
+        super().__init__(str(path))
         self._path, self._scale_m = path, depth_scale_m
-        self._is_closed = threading.Event()
-        with open_bag(path) as bag:
+        with Bag(path) as bag:
             self._streams = choose_streams(bag, topics, modality)
             if bag.is_cut_off:
                 self.counts["end missing"] += 1
@@ -96,16 +89,12 @@ class _Recording:
         if is_empty and not self._is_closed.is_set():
             raise InputError(self._nothing())
 
-    def close(self) -> None:
-        """End an iteration in progress, which closes the file."""
-        self._is_closed.set()
-
     def _frames(self) -> Iterator[Frame]:
         clock = RisingClock()
         number = 0
         try:
-            with open_bag(self._path) as bag:
-                one_pass = _Pass(bag, self._streams, self._scale_m, self._counts)
+            with Bag(self._path) as bag:
+                one_pass = _Pass(bag, self._streams, self._scale_m, self.counts)
                 for pair in one_pass.pairs():
                     if self._is_closed.is_set():
                         return

@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 import importlib
-import threading
+import logging
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+import calib
 from basetree.errors import MissingPackage, install_hint
 from edgetree.frames.frame import Frame
 from edgetree.frames.rig import unit_vector
+from edgetree.sources.arrays import frame_from_arrays
 from edgetree.sources.gravity import GravityFilter
-from edgetree.sources.source import SourceLost
+from edgetree.sources.source import BaseSource, SourceLost
 
 __all__ = ["Device", "load_sdk"]
+
+_log = logging.getLogger(__name__)
 
 _FRAME_TIMEOUT_S: Final = 5.0
 
@@ -44,7 +48,7 @@ def load_sdk(module: str, package: str, extra: str, cameras: str) -> Any:
         ) from error
 
 
-class Device(ABC):
+class Device(ABC, BaseSource):
     """A camera that streams until it is closed.
 
     Args:
@@ -54,16 +58,15 @@ class Device(ABC):
     """
 
     is_live = True
-    count = None
 
     def __init__(
         self, name: str, up_camera: ArrayLike | None, errors: tuple[type[Exception], ...]
     ) -> None:
-        self.name = name
-        self.counts: dict[str, int] = {}
+        super().__init__(name)
         self._errors = errors
         self._given_up = None if up_camera is None else unit_vector(up_camera)
-        self._is_closed = threading.Event()
+        self._first: int | None = None  # number of the first frame
+        self._camera: calib.PinholeCamera | None = None
         self._gravity = GravityFilter()
         self._imu_to_camera: NDArray[np.float64] | None = None
         try:
@@ -99,6 +102,41 @@ class Device(ABC):
             self._is_closed.set()
             with suppress(*self._errors):  # a camera that was unplugged cannot be stopped
                 self._stop()
+
+    def _frame_of(
+        self,
+        number: int,
+        time_s: float,
+        image: NDArray[Any],
+        depth: NDArray[Any],
+        depth_scale_m: float,
+        intrinsics: Callable[[], calib.PinholeCamera | None],
+    ) -> Frame:
+        """A frame of the camera's arrays.
+
+        Args:
+            number: number that the camera gives the frame.
+            time_s: time stamp, s.
+            image: (H, W, 3) uint8 BGR.
+            depth: (H, W) uint16, aligned with the image.
+            depth_scale_m: metres per unit of the depth.
+            intrinsics: finds the intrinsics of the image, once.
+        """
+        if self._first is None:
+            self._first = number
+            try:
+                self._camera = intrinsics()
+            except calib.CameraError as error:
+                _log.warning("%s: its intrinsics are not used: %s", self.name, error)
+        return frame_from_arrays(
+            number - self._first,
+            time_s,
+            image,
+            depth,
+            depth_scale_m=depth_scale_m,
+            camera=self._camera,
+            up_camera=self._up(time_s),
+        )
 
     def _up(self, time_s: float) -> NDArray[np.float64] | None:
         """The direction away from gravity in the camera's frame."""

@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike
 import calib
 from calib.files import fields
 from edgetree.frames.frame import Frame
-from edgetree.sources.arrays import frame_from_arrays
 from edgetree.sources.cameras.device import Device, load_sdk
 from edgetree.sources.source import FrameSource
 
@@ -54,8 +53,6 @@ class _Oak(Device):
         self._dai = dai
         # The camera's stamps are in the clock of time.monotonic.
         self._start_s = time.time() - time.monotonic()
-        self._first: int | None = None  # number of the first frame
-        self._camera: calib.PinholeCamera | None = None
         super().__init__("oak", up_camera, (RuntimeError,))
 
     def _start(self) -> None:
@@ -105,18 +102,13 @@ class _Oak(Device):
 
     def _frame(self, colour: Any, depth: Any) -> Frame:
         image = colour.getCvFrame()
-        if self._first is None:
-            self._first = int(colour.getSequenceNum())
-            self._camera = _intrinsics(colour, image.shape[1], image.shape[0])
-        time_s = self._time_s(colour.getTimestamp())
-        return frame_from_arrays(
-            colour.getSequenceNum() - self._first,
-            time_s,
+        return self._frame_of(
+            int(colour.getSequenceNum()),
+            self._time_s(colour.getTimestamp()),
             image,
             depth.getFrame(),
-            depth_scale_m=_DEPTH_SCALE_M,
-            camera=self._camera,
-            up_camera=self._up(time_s),
+            _DEPTH_SCALE_M,
+            lambda: _intrinsics(colour, image.shape[1], image.shape[0]),
         )
 
     def _time_s(self, stamp: timedelta) -> float:
@@ -152,14 +144,10 @@ def _link_pictures(dai: Any, pipeline: Any) -> Any:
     return sync.out.createOutputQueue(maxSize=1, blocking=False)
 
 
-def _intrinsics(colour: Any, width: int, height: int) -> calib.PinholeCamera | None:
+def _intrinsics(colour: Any, width: int, height: int) -> calib.PinholeCamera:
     """The camera of an undistorted picture, which knows how it was scaled and cropped."""
     transformation = colour.getTransformation()
     matrix = np.array(transformation.getIntrinsicMatrix(), np.float64)
     terms = [float(value) for value in transformation.getDistortionCoefficients()]
     focal_and_centre_px = (matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2])
-    try:
-        return fields.camera((width, height), focal_and_centre_px, terms)
-    except calib.CameraError as error:
-        _log.warning("oak: its intrinsics are not used: %s", error)
-        return None
+    return fields.camera((width, height), focal_and_centre_px, terms)

@@ -18,7 +18,7 @@ from basetree.errors import InputError
 from edgetree.frames.frame import Frame, stream_frame
 from edgetree.frames.rig import unit_vector
 from edgetree.sources.arrays import bgr_image
-from edgetree.sources.source import FrameSource, SourceLost
+from edgetree.sources.source import BaseSource, FrameSource, SourceLost
 
 __all__ = ["open_camera"]
 
@@ -57,11 +57,10 @@ def open_camera(
     return _Camera(address, camera, up)
 
 
-class _Camera:
+class _Camera(BaseSource):
     """A camera and the thread that reads it."""
 
     is_live = True
-    count = None
 
     def __init__(
         self,
@@ -69,13 +68,13 @@ class _Camera:
         camera: calib.PinholeCamera | None,
         up: NDArray[np.float64] | None,
     ) -> None:
-        self.name = f"camera {_without_password(address)}"
-        self.counts: dict[str, int] = {"replaced by newer frames": 0}
+        super().__init__(f"camera {_without_password(address)}")
+        self.counts["replaced by newer frames"] = 0
         self._camera, self._up = camera, up
         self._start_s = time.time() - time.monotonic()
         self._changed = threading.Condition()
         self._newest: tuple[int, float, NDArray[Any]] | None = None
-        self._is_closed = self._is_lost = self._has_fitted = False
+        self._is_lost = self._has_fitted = False
         capture = _open(address, self.name, camera)
         self._reader = threading.Thread(
             target=self._read, args=(capture,), name=self.name, daemon=True
@@ -86,7 +85,7 @@ class _Camera:
         while True:
             with self._changed:
                 self._changed.wait_for(self._has_news, _FRAME_TIMEOUT_S)
-                if self._is_closed:
+                if self._is_closed.is_set():
                     return
                 newest, self._newest = self._newest, None
             if newest is None:
@@ -104,7 +103,7 @@ class _Camera:
     def close(self) -> None:
         """Release the camera, within a second."""
         with self._changed:
-            self._is_closed = True
+            super().close()
             self._changed.notify_all()
         # A reader that waits for a dead network releases the camera when its wait ends.
         self._reader.join(_CLOSE_TIMEOUT_S)
@@ -121,17 +120,17 @@ class _Camera:
 
     def _leave_out(self, error: calib.CameraError) -> None:
         """Count a picture that does not fit the camera file although earlier ones did."""
-        if self.counts.setdefault(_NO_FIT, 0) == 0:
+        if self.counts[_NO_FIT] == 0:
             _log.warning("frames left out: %s", error)
         self.counts[_NO_FIT] += 1
 
     def _has_news(self) -> bool:
-        return self._is_closed or self._is_lost or self._newest is not None
+        return self._is_closed.is_set() or self._is_lost or self._newest is not None
 
     def _read(self, capture: cv2.VideoCapture) -> None:
         """Read frames until the camera is closed or lost. Runs in a thread."""
         number = 0
-        while not self._is_closed:
+        while not self._is_closed.is_set():
             try:
                 is_there, picture = capture.read()
             except cv2.error as error:

@@ -17,7 +17,6 @@ import calib
 from basetree.files.reading import decode_image
 from calib.files import fields
 from edgetree.frames.frame import Frame
-from edgetree.sources.arrays import frame_from_arrays
 from edgetree.sources.cameras.device import Device, load_sdk
 from edgetree.sources.source import FrameSource
 
@@ -52,8 +51,6 @@ def open_orbbec(*, up_camera: ArrayLike | None = None) -> FrameSource:
 class _Orbbec(Device):
     def __init__(self, sdk: Any, up_camera: ArrayLike | None) -> None:
         self._sdk = sdk
-        self._first: int | None = None  # number of the first frame
-        self._camera: calib.PinholeCamera | None = None
         self._motion: Any = None
         super().__init__("orbbec", up_camera, (RuntimeError, sdk.OBError))
 
@@ -103,7 +100,7 @@ class _Orbbec(Device):
         aligned = aligned.as_frame_set()
         colour, depth = aligned.get_color_frame(), aligned.get_depth_frame()
         if colour is None or depth is None:
-            self.counts["colour without depth"] = self.counts.get("colour without depth", 0) + 1
+            self.counts["colour without depth"] += 1
             return None
         return self._frame(colour, depth)
 
@@ -123,21 +120,16 @@ class _Orbbec(Device):
     def _frame(self, colour: Any, depth: Any) -> Frame | None:
         image = self._bgr(colour)
         if image is None:
-            self.counts["unreadable images"] = self.counts.get("unreadable images", 0) + 1
+            self.counts["unreadable images"] += 1
             return None
-        if self._first is None:
-            self._first = int(colour.get_index())
-            self._camera = self._intrinsics()
         values = np.frombuffer(depth.get_data(), np.uint16)
-        time_s = colour.get_system_timestamp_us() / _US_PER_S
-        return frame_from_arrays(
-            colour.get_index() - self._first,
-            time_s,
+        return self._frame_of(
+            int(colour.get_index()),
+            colour.get_system_timestamp_us() / _US_PER_S,
             image,
             values.reshape(depth.get_height(), depth.get_width()),
-            depth_scale_m=depth.get_depth_scale() / _MM_PER_M,
-            camera=self._camera,
-            up_camera=self._up(time_s),
+            depth.get_depth_scale() / _MM_PER_M,
+            self._intrinsics,
         )
 
     def _bgr(self, colour: Any) -> NDArray[Any] | None:
@@ -171,10 +163,6 @@ class _Orbbec(Device):
                 model,
             )
             return None
-        try:
-            return fields.camera(
-                (found.width, found.height), (found.fx, found.fy, found.cx, found.cy), terms
-            )
-        except calib.CameraError as error:
-            _log.warning("orbbec: its intrinsics are not used: %s", error)
-            return None
+        return fields.camera(
+            (found.width, found.height), (found.fx, found.fy, found.cx, found.cy), terms
+        )

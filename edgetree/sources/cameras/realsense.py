@@ -5,7 +5,6 @@ Tested against a fake of pyrealsense2 that follows its documentation, never agai
 
 from __future__ import annotations
 
-import logging
 from typing import Any, Final
 
 import numpy as np
@@ -14,13 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 import calib
 from calib.files import realsense
 from edgetree.frames.frame import Frame
-from edgetree.sources.arrays import frame_from_arrays
 from edgetree.sources.cameras.device import Device, load_sdk
 from edgetree.sources.source import FrameSource
 
 __all__ = ["open_realsense"]
-
-_log = logging.getLogger(__name__)
 
 _MS_PER_S: Final = 1000
 _POLL_MS: Final = 200
@@ -51,8 +47,6 @@ class _RealSense(Device):
     def __init__(self, rs: Any, serial: str | None, up_camera: ArrayLike | None) -> None:
         self._rs, self._serial = rs, serial
         self._pipeline = rs.pipeline()
-        self._first: int | None = None  # number of the first frame
-        self._camera: calib.PinholeCamera | None = None
         name = "realsense" if serial is None else f"realsense {serial}"
         super().__init__(name, up_camera, (RuntimeError,))
 
@@ -72,7 +66,7 @@ class _RealSense(Device):
         aligned = self._align.process(frames)
         colour, depth = aligned.get_color_frame(), aligned.get_depth_frame()
         if not colour or not depth:
-            self.counts["colour without depth"] = self.counts.get("colour without depth", 0) + 1
+            self.counts["colour without depth"] += 1
             return None
         return self._frame(colour, depth)
 
@@ -111,31 +105,21 @@ class _RealSense(Device):
         )
 
     def _frame(self, colour: Any, depth: Any) -> Frame:
-        if self._first is None:
-            self._first = int(colour.get_frame_number())
-            self._camera = self._intrinsics(colour)
-        time_s = colour.get_timestamp() / _MS_PER_S
-        return frame_from_arrays(
-            colour.get_frame_number() - self._first,
-            time_s,
+        return self._frame_of(
+            int(colour.get_frame_number()),
+            colour.get_timestamp() / _MS_PER_S,
             np.asanyarray(colour.get_data()),
             np.asanyarray(depth.get_data()),
-            depth_scale_m=self._scale_m,
-            camera=self._camera,
-            up_camera=self._up(time_s),
+            self._scale_m,
+            lambda: _intrinsics(colour),
         )
 
-    def _intrinsics(self, colour: Any) -> calib.PinholeCamera | None:
-        found = colour.get_profile().as_video_stream_profile().get_intrinsics()
-        names = ("width", "height", "fx", "fy", "ppx", "ppy")
-        values = {name: getattr(found, name) for name in names}
-        try:
-            return realsense.build(
-                values | {"coeffs": list(found.coeffs), "model": str(found.model)}
-            )
-        except calib.CameraError as error:
-            _log.warning("%s: %s", self.name, error)
-            return None
+
+def _intrinsics(colour: Any) -> calib.PinholeCamera:
+    found = colour.get_profile().as_video_stream_profile().get_intrinsics()
+    names = ("width", "height", "fx", "fy", "ppx", "ppy")
+    values = {name: getattr(found, name) for name in names}
+    return realsense.build(values | {"coeffs": list(found.coeffs), "model": str(found.model)})
 
 
 def _vector(frame: Any) -> NDArray[np.float64]:

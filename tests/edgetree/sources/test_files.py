@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -58,40 +57,6 @@ def test_a_rate_of_0_is_refused(images: Path) -> None:
 
 
 WriteDrive = Callable[..., Path]
-
-
-@pytest.fixture
-def write_drive(tmp_path: Path) -> WriteDrive:
-    """A function that writes a dataset of drives, in the form of the simulator."""
-
-    def write(scenes: int = 1) -> Path:
-        folder = tmp_path / "drives"
-        sample = edgetree.sample_frames()[0]
-        for name in ("images", "depth", "imu"):
-            (folder / name).mkdir(parents=True)
-        images = []
-        for number in range(3 * scenes):
-            shutil.copy(sample.image_path, folder / f"images/{number:06d}.jpg")
-            shutil.copy(sample.depth_path, folder / f"depth/{number:06d}.png")
-            # Rows: right, down and forward of a level camera that looks along the world's y.
-            images.append(
-                {
-                    "file_name": f"images/{number:06d}.jpg",
-                    "depth_file": f"depth/{number:06d}.png",
-                    "camera": sample.camera.to_dict(),
-                    "up_camera": [0.0, -1.0, 0.0],
-                    "time_s": 0.1 * (2 - number % 3),
-                    "pose_world": {
-                        "origin_m": [number, 0.0, 2.0],
-                        "rotation": [[1, 0, 0], [0, 0, -1], [0, 1, 0]],
-                    },
-                    "imu_file": f"imu/{number // 3:06d}.csv",
-                }
-            )
-        (folder / "test_RGB.json").write_text(json.dumps({"images": images}))
-        return folder
-
-    return write
 
 
 def test_a_drive_has_time_pose_gravity_and_camera(write_drive: WriteDrive) -> None:

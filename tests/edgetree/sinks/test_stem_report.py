@@ -1,0 +1,90 @@
+"""The report of followed stems: one entry each, their best views, and bounded memory."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from pathlib import Path
+
+import pytest
+
+from edgetree.measure import Estimate
+from edgetree.sinks import StemReportSink, report
+
+
+def measured(result, *stds_m: float):
+    """The result with other errors of the diameters of this frame."""
+    trees = [
+        dataclasses.replace(tree, diameter_m=Estimate(tree.diameter_m.value, std_m))
+        for tree, std_m in zip(result.measurements, stds_m, strict=True)
+    ]
+    return dataclasses.replace(result, measurements=trees)
+
+
+def entries(page: str) -> list[tuple[str, int, str]]:
+    """Frame, number and diameter of each row."""
+    found = re.findall(
+        r'<tr><td data-name="frame"><a href="#[^"]+">([^<]+)</a></td>'
+        r'<td data-name="tree" data-value="(\d+)">\d+</td>'
+        r'<td data-name="diameter"[^>]*>([^<]+)</td>',
+        page,
+    )
+    return [(frame, int(number), diameter) for frame, number, diameter in found]
+
+
+def written(path: Path, *results) -> str:
+    sink = StemReportSink(path, "drive.mcap", "model.onnx")
+    for result in results:
+        sink.write(result)
+    assert not path.exists()
+    sink.close()
+    sink.close()
+    return path.read_text()
+
+
+def test_each_stem_has_its_best_view_and_what_all_views_say(tmp_path, live_result) -> None:
+    page = written(
+        tmp_path / "stems.html",
+        measured(live_result(0), 0.02, 0.02),
+        measured(live_result(1), 0.004, 0.05),
+        measured(live_result(2, diameter_m=Estimate(0.3, 0.001)), 0.0039, 0.05),
+    )
+    assert entries(page) == [
+        ("frame_000000", 2, "30.0 ± 0.1 cm"),
+        ("frame_000001", 1, "30.0 ± 0.1 cm"),
+    ]
+    assert page.count("<figure") == 2
+    assert "Trees in drive.mcap" in page
+    assert "Found by the model model.onnx; each stem has what all views say" in page
+
+
+def test_stems_that_were_never_confirmed_have_no_entry(tmp_path, live_result) -> None:
+    results = (live_result(0, 2), live_result(1, 4, state="new"), live_result(2, 2))
+    assert [number for _, number, _ in entries(written(tmp_path / "a.html", *results))] == [1]
+
+
+def test_the_newest_pictures_are_kept_and_older_stems_counted(
+    tmp_path, live_result, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(report, "_MOST_PICTURES", 2)
+    results = []
+    for frame in range(4):
+        result = live_result(frame, 2)
+        (track, *_) = result.tracks
+        tracks = [dataclasses.replace(track, number=10 + frame)]
+        results.append(dataclasses.replace(result, tracks=tracks))
+    page = written(tmp_path / "a.html", *results)
+    assert [number for _, number, _ in entries(page)] == [12, 13]
+    assert "2 older stem(s): this page has the 2 newest pictures" in page
+
+
+def test_pictures_are_kept_without_the_frames(tmp_path, live_result) -> None:
+    sink = StemReportSink(tmp_path / "a.html", "drive.mcap", "model.onnx")
+    sink.write(live_result(0))
+    (view,) = {stem.view for stem in sink._stems.values()}
+    assert (view.result.frame.image, view.result.frame.depth_m) == (None, None)
+    sink.close()
+
+
+def test_a_run_without_stems_gives_a_page(tmp_path, live_result) -> None:
+    assert "No trees." in written(tmp_path / "a.html", live_result(stems=0))
