@@ -43,6 +43,7 @@ from edgetree.rig_check.stem_sightings import StemFinder
 from edgetree.rig_check.stream import StreamCounts
 from edgetree.rig_check.vertical import vertical_checks
 from edgetree.sources.drive import open_drive
+from edgetree.sources.source import BaseSource
 
 Group = Callable[[list[Frame], Any], list[RigCheck]]
 
@@ -63,22 +64,17 @@ class Fault:
     group: Group
 
 
-class FaultySource:
+class FaultySource(BaseSource):
     """A drive with a fault."""
 
-    is_live = False
-
     def __init__(self, name: str, frames: list[Frame], change: Change | None = None) -> None:
-        self.name, self._frames, self._change = name, frames, change
-        self.counts: dict[str, int] = {}
+        super().__init__(name)
+        self._frames, self._change = frames, change
 
     def __iter__(self) -> Iterator[Frame]:
         change = self._change
         for before, frame in zip([self._frames[0], *self._frames], self._frames, strict=False):
             yield frame if change is None else change(frame, before)
-
-    def close(self) -> None:
-        """There is nothing to release."""
 
 
 class RememberingDetector:
@@ -200,10 +196,11 @@ def alignment(frames: list[Frame], _: Any) -> list[RigCheck]:
         assert frame.image is not None
         assert before.image is not None
         assert frame.depth_m is not None
+        assert frame.number is not None
         seen = find_silhouettes(frame.image, frame.depth_m, frame.number)
-        step_s = frame.time_s - before.time_s
+        step_s = frame.stamp_s - before.stamp_s
         velocity = image_velocity(before.image, frame.image, step_s, seen.xy_px)
-        found.append(FrameSilhouettes(frame.time_s, seen, velocity))
+        found.append(FrameSilhouettes(frame.stamp_s, seen, velocity))
     camera = frames[0].camera
     assert camera is not None
     return alignment_checks(found, camera)

@@ -102,4 +102,5 @@ def heading(angle_deg: float) -> Change:
 
 def hanging(frame: Frame, before: Frame) -> Frame:
     """Every tenth depth is the one before."""
+    assert frame.number is not None
     return late(frame, before) if frame.number % 10 == 9 else frame

@@ -37,8 +37,8 @@ def main() -> None:
         [
             row
             for drive in arguments.drives
-            for frame in open_drive(drive)
-            if frame.number % _EVERY == 0
+            for number, frame in enumerate(open_drive(drive))
+            if number % _EVERY == 0
             for row in changes(frame, detector)
         ]
     )

@@ -18,7 +18,6 @@ import multiprocessing
 import os
 import signal
 import sys
-import threading
 import time
 from collections import Counter, defaultdict
 from collections.abc import Iterator
@@ -45,7 +44,7 @@ from edgetree.live.tracking import TreeTrack
 from edgetree.measure import Estimate
 from edgetree.runtime.providers import import_onnxruntime
 from edgetree.sinks import JsonLinesSink
-from edgetree.sources.source import FrameSource, SourceLost
+from edgetree.sources.source import BaseSource, FrameSource, SourceLost
 
 MEMORY_LIMIT_MIB = 8.0
 SAME_STEM_M = 0.5
@@ -75,15 +74,13 @@ def play(folder: Path, count: int, rate_hz: float, start_s: float, to: Connectio
         to.send(frame)
 
 
-class CameraProcess:
+class CameraProcess(BaseSource):
     """A live source of the frames that the camera's process sends."""
 
     is_live = True
-    name = "camera process"
 
     def __init__(self, folder: Path, count: int, rate_hz: float, start_s: float) -> None:
-        self.counts: dict[str, int] = {}
-        self._closed = threading.Event()
+        super().__init__("camera process")
         context = multiprocessing.get_context("spawn")
         self._from, to = context.Pipe(duplex=False)
         arguments = (folder, count, rate_hz, start_s, to)
@@ -93,11 +90,11 @@ class CameraProcess:
 
     def __iter__(self) -> Iterator[Frame]:
         with self._from:
-            while not self._closed.is_set():
+            while not self._is_closed.is_set():
                 try:
                     frame = self._from.recv()
                 except (EOFError, OSError) as error:
-                    if self._closed.is_set():
+                    if self._is_closed.is_set():
                         return
                     raise SourceLost(f"{self.name} does not answer") from error
                 yield frame
@@ -108,8 +105,8 @@ class CameraProcess:
 
     def close(self) -> None:
         """End the process."""
-        if not self._closed.is_set():
-            self._closed.set()
+        if not self._is_closed.is_set():
+            super().close()
             self._process.kill()
             self._process.join()
             self._process.close()
@@ -134,11 +131,12 @@ class Identities:
 
     def add(self, result: LiveResult) -> None:
         """Take one result."""
+        assert result.frame.number is not None
         labels = self._labels[there_and_back(len(self._labels), result.frame.number)]
         tracks = [t for t in result.tracks if t.state == "confirmed" and t.tree is not None]
         if not (labels and tracks):
             return
-        part = min(int(result.frame.time_s / self._part_s), self._parts - 1)
+        part = min(int(result.frame.stamp_s / self._part_s), self._parts - 1)
         places_m = np.array([track.position_m.xyz_m[:2] for track in tracks])
         for label in labels:
             away_m = np.linalg.norm(places_m - label["position_world_m"][:2], axis=1)
@@ -211,6 +209,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
             before_s = time.monotonic()
             sink.write(result)
             now_s = time.monotonic()
+            assert result.frame.number is not None
             age_ms = (result.age_s + now_s - before_s) * 1000
             rows[count] = now_s - start_s, age_ms, result.frame.number
             count += 1
