@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from basetree.errors import InputError
-from edgetree.sources import opening
-from edgetree.sources.opening import open_live_source
+from edgetree.sources import live as opening
+from edgetree.sources.live import open_live_source
 
 
 @pytest.mark.parametrize(
