@@ -112,7 +112,7 @@ class LiveSourceOptions:
         """Open the source for a model that takes depth, or colour."""
         from edgetree.sources.bags import is_bag
         from edgetree.sources.drive import is_drive
-        from edgetree.sources.opening import open_live_source
+        from edgetree.sources.live import open_live_source
         from edgetree.sources.playing import PacedSource
 
         path = Path(source)

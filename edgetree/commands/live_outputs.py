@@ -138,13 +138,13 @@ class LiveOutputs:
         from edgetree import sinks
 
         makers: dict[str, Callable[[Any], Sink[LiveResult]]] = {
-            "jsonl": sinks.JsonLinesSink,
-            "csv": sinks.CsvTracksSink,
+            "jsonl": lambda path: sinks.JsonLinesSink(path),
+            "csv": lambda path: sinks.CsvTracksSink(path),
             "map": lambda path: sinks.open_map(path, self.origin()),
             "report": lambda path: sinks.StemReportSink(path, source, model),
-            "bag": sinks.BagSink,
-            "udp": sinks.UdpSink,
-            "mqtt": sinks.MqttSink,
+            "bag": lambda path: sinks.BagSink(path),
+            "udp": lambda address: sinks.UdpSink(address),
+            "mqtt": lambda address: sinks.MqttSink(address),
         }
         opened: list[Sink[LiveResult]] = [sinks.JsonLinesSink(sys.stdout)] if to_stdout else []
         for name, make in makers.items():

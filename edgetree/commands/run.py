@@ -93,8 +93,7 @@ class _Inputs:
         self, source: Path, rig: Rig, detector: TreeDetector, depth_scale: str | None
     ) -> FrameSource:
         """Open the frames; `depth_scale` is the value of --depth-scale."""
-        from edgetree.sources import open_frames
-        from edgetree.sources.opening import is_stream
+        from edgetree.sources.opening import is_stream, open_frames
 
         return open_frames(
             source,
@@ -137,8 +136,8 @@ class _Outputs:
             score_threshold: lowest score of trees.
             reasons: why frames are left out, for the report.
         """
+        from edgetree import sinks
         from edgetree.results.csv_table import PROFILES, TREES
-        from edgetree.sinks import CocoSink, CsvSink, PicturesSink, ReportSink
         from edgetree.sources.files import as_typed
 
         def map_sink(path: Path) -> FileSink[Any]:
@@ -148,11 +147,11 @@ class _Outputs:
 
         named, words = as_typed(source), f"the model {model}"
         makers: dict[str, Callable[[Path], FileSink[Any]]] = {
-            "csv": lambda path: CsvSink(path, TREES),
-            "out": PicturesSink,
-            "profiles": lambda path: CsvSink(path, PROFILES),
-            "coco": lambda path: CocoSink(path, model, score_threshold),
-            "report": lambda path: ReportSink(path, named, words, reasons),
+            "csv": lambda path: sinks.CsvSink(path, TREES),
+            "out": lambda path: sinks.PicturesSink(path),
+            "profiles": lambda path: sinks.CsvSink(path, PROFILES),
+            "coco": lambda path: sinks.CocoSink(path, model, score_threshold),
+            "report": lambda path: sinks.ReportSink(path, named, words, reasons),
             "map": map_sink,
         }
         paths = vars(self)

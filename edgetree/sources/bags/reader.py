@@ -16,19 +16,17 @@ from types import TracebackType
 from typing import Any, Final, NamedTuple
 
 from basetree.errors import EdgetreeError, InputError, MissingPackage, install_hint, short_line
+from edgetree.sources.bags import BAG_SUFFIXES, storage_files
 from edgetree.sources.bags.cut_off import readable_file
 
 __all__ = [
-    "BAG_SUFFIXES",
     "TF_TYPE",
     "Bag",
     "BrokenRecording",
     "Message",
     "Topic",
-    "is_bag",
 ]
 
-BAG_SUFFIXES: Final = (".bag", ".mcap", ".db3")
 TF_TYPE: Final = "tf2_msgs/msg/TFMessage"
 _OLD_TF_TYPE: Final = "tf/msg/tfMessage"  # of ROS 1 before 2013, with the same content
 
@@ -151,17 +149,6 @@ class Bag:
         return None
 
 
-def is_bag(path: Path) -> bool:
-    """Whether a path looks like a recording by its name, or by the names in its folder."""
-    if path.is_dir():
-        return (path / "metadata.yaml").is_file() or bool(_storage_files(path))
-    return path.suffix.lower() in BAG_SUFFIXES
-
-
-def _storage_files(folder: Path) -> list[Path]:
-    return sorted(path for path in folder.iterdir() if path.suffix in (".mcap", ".db3"))
-
-
 def _readers(path: Path) -> list[Any]:
     """The readers of the files of a recording, not opened."""
     if not path.exists():
@@ -183,7 +170,7 @@ def _readers(path: Path) -> list[Any]:
         return [rosbag2.Reader(readable_file(path))]
     if (path / "metadata.yaml").is_file():
         return [rosbag2.Reader(path)]
-    files = [file for file in _storage_files(path) if file.stat().st_size]
+    files = [file for file in storage_files(path) if file.stat().st_size]
     if not files:
         raise InputError(
             f"recording {path} has no metadata.yaml: expected the folder of a ROS 2 bag"

@@ -106,7 +106,6 @@ MISTAKES = {
     "topic of a drive": ("drives", ("--topic", "imu=/imu"), "expected it for recordings alone"),
     "topic with another role": ("drives", ("--topic", "a=/b"), "--topic is 'a=/b': expected ROLE="),
     "depth of a drive": ("drives", ("--depth", "drives/depth"), "expected it for images alone"),
-    "depth scale file": ("drives", ("--depth-scale", "x"), "--depth-scale is x: expected metres"),
     "shards": ("drives", ("--scene", "0", "--shards", "p"), "--scene given with --shards"),
     "coco of a recording": ("a.mcap", ("--coco", "c.json"), "is a recording: expected images"),
     "a recording that is not there": ("a.mcap", (), "recording a.mcap does not exist: expected"),

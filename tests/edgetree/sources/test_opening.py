@@ -11,7 +11,7 @@ import cv2
 import pytest
 
 from basetree.errors import InputError, MissingPackage
-from edgetree.sources.opening import open_live_source
+from edgetree.sources.live import open_live_source
 from edgetree.sources.source import SourceLost
 
 

@@ -1,0 +1,98 @@
+"""Open any live source by a text, as given on the command line."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+from edgetree.frames.rig import Rig
+from edgetree.sources.bags import is_bag
+from edgetree.sources.bags.recording import open_recording
+from edgetree.sources.bags.topics import Modality
+from edgetree.sources.cameras.oak import open_oak
+from edgetree.sources.cameras.opencv import open_camera
+from edgetree.sources.cameras.orbbec import open_orbbec
+from edgetree.sources.cameras.realsense import open_realsense
+from edgetree.sources.drive import is_drive, open_drive
+from edgetree.sources.files import open_files
+from edgetree.sources.opening import check_options
+from edgetree.sources.playing import Looped
+from edgetree.sources.source import FrameSource
+
+__all__ = ["SOURCE_FORMS", "open_live_source"]
+
+SOURCE_FORMS: Final = (
+    "realsense, oak, orbbec, a device (0, /dev/video0), an address (rtsp://..., http://...), a"
+    " recording (.bag, .mcap, .db3 or the folder of a ROS 2 bag), a drive of the simulator, a"
+    " folder of images, or a video"
+)
+
+_VENDORS: Final = {"realsense": open_realsense, "oak": open_oak, "orbbec": open_orbbec}
+_DEVICE: Final = re.compile(r"(?:/dev/video)?(\d+)")
+_ADDRESS: Final = re.compile(r"(?:rtsps?|https?|udp|tcp|rtmp)://")
+
+
+def open_live_source(
+    text: str,
+    *,
+    depth: Path | None = None,
+    rig: Rig | None = None,
+    topics: Mapping[str, str] | None = None,
+    depth_scale_m: float | None = None,
+    modality: Modality = "both",
+    scene: int | None = None,
+    loop: bool = False,
+) -> FrameSource:
+    """Open a camera, a recording or files; what it is follows from the text.
+
+    Args:
+        text: "realsense", "oak", "orbbec"; a V4L2 device as 0 or /dev/video0; an address such as
+            rtsp://camera/1; a GStreamer pipeline; or a path of a recording, a dataset of the
+            preset `drive`, an image, a folder of images or a video.
+        depth: depth image or folder of depth images; for images alone.
+        rig: cameras and gravity of images, videos and cameras without intrinsics of their own.
+        topics: names of topics by role, for recordings.
+        depth_scale_m: metres per unit of the depth, for recordings.
+        modality: which images of a recording are read. Of "depth", images in files are depth.
+        scene: number of the drive in a dataset with several.
+        loop: whether a recording starts again at its end, for ever.
+
+    Raises:
+        InputError: there is no such source, or an option does not fit it.
+        SourceLost: the camera does not answer.
+        MissingPackage: the package for the source is not installed.
+    """
+    name = text.strip()
+    is_camera = name in _VENDORS or "!" in name or bool(_ADDRESS.match(name))
+    is_camera = is_camera or _DEVICE.fullmatch(name) is not None
+    path = Path(name)
+    is_recording = not is_camera and is_bag(path)
+    check_options(
+        text,
+        {
+            "topics": bool(topics) and not is_recording,
+            "depth_scale_m": depth_scale_m is not None and not is_recording,
+            "depth": depth is not None and (is_camera or is_recording or is_drive(path)),
+            "loop": loop and is_camera,
+            "scene": scene is not None and not is_drive(path),
+        },
+    )
+    if is_camera:
+        return _open_camera(name, rig or Rig())
+    if is_recording:
+        source = open_recording(path, topics=topics, depth_scale_m=depth_scale_m, modality=modality)
+    elif is_drive(path):
+        source = open_drive(path, scene=scene)
+    else:
+        source = open_files(path, depth, depth_only=modality == "depth", rig=rig)
+    return Looped(source) if loop else source
+
+
+def _open_camera(name: str, rig: Rig) -> FrameSource:
+    if name in _VENDORS:
+        return _VENDORS[name](up_camera=rig.up_camera)
+    device = _DEVICE.fullmatch(name)
+    address = name if device is None else int(device[1])
+    return open_camera(address, camera=rig.camera, up_camera=rig.up_camera)
