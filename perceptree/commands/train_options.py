@@ -17,6 +17,7 @@ from perceptree.settings.training import DataSource, TrainSettings
 
 if TYPE_CHECKING:
     from perceptree.models import ModelSpec
+    from perceptree.models.spec import Modality
     from perceptree.training import Init
 
 _DEFAULT_MODEL = "edge-n"
@@ -118,7 +119,7 @@ class ModelOptions:
         from perceptree.models import ModelSpec, load_checkpoint, make_spec
 
         changes = given(self, ModelSpec)
-        modality = "rgb" if changes.pop("modality", None) == "rgb" else "depth"
+        modality: Modality = "rgb" if changes.pop("modality", None) == "rgb" else "depth"
         named = make_spec(self.model or _DEFAULT_MODEL, modality, **changes)
         if not isinstance(start, Path):
             # Published weights were trained with the stride in the 3x3 convolutions.
