@@ -39,7 +39,7 @@ class LampOptions:
 
 
 def run(command: Callable[..., None], *words: str) -> Any:
-    app = typer.Typer(rich_markup_mode=None)
+    app = typer.Typer(rich_markup_mode=None, add_completion=False)
     app.command()(command)
     return CliRunner().invoke(app, words)
 
