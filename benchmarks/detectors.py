@@ -2,10 +2,10 @@
 
 python -m benchmarks.detectors DATA --test TEST --runs RUNS --result FILE.json
 
-DATA is a dataset of ``perceptree synth``. Every light preset is trained on it from random weights
+DATA is a dataset of `perceptree synth`. Every light preset is trained on it from random weights
 with the same number of steps, into RUNS/NAME; an existing checkpoint is reused. By default depth
 models are trained, as they need fewer steps than colour models. The test split of TEST, another
-dataset such as one of ``--preset test``, gives the accuracy. Each network is exported to ONNX at
+dataset such as one of `--preset test`, gives the accuracy. Each network is exported to ONNX at
 its preset's input size, in float32 and INT8, and timed from the prepared frame to the output
 arrays. The files alternate, so that ratios are valid on a machine with other load.
 The paper's presets are timed with random weights and not trained, which would take days on a CPU.

@@ -1,16 +1,16 @@
-"""Effect of the preset ``field`` and its groups on a light RGB network, against ``paper``.
+"""Effect of the preset `field` and its groups on a light RGB network, against `paper`.
 
 python -m benchmarks.field WORK --tests TEST,FIELD_TEST --pictures PICTURES/instances.json \
     --mixes paper-0,field-0,paper-1,field-1,none,scene,camera,objects,colours,trap,negatives \
     --result FILE.json
 
-``paper-N`` and ``field-N`` train for ``--minutes`` with seed N. Each group of ``FIELD_GROUPS`` is
-added to ``paper`` alone and trained for half the time on a quarter of the frames, as is ``none``,
-which is ``paper``; these short runs give hints, not decisions. Every network starts from the same
-weights (``--start``, by default random). It is evaluated on the test split of each of TESTS
+`paper-N` and `field-N` train for `--minutes` with seed N. Each group of `FIELD_GROUPS` is
+added to `paper` alone and trained for half the time on a quarter of the frames, as is `none`,
+which is `paper`; these short runs give hints, not decisions. Every network starts from the same
+weights (`--start`, by default random). It is evaluated on the test split of each of TESTS
 and on the real pictures. WORK keeps datasets (640x360 px, four views per scene), runs
 and scores. Existing ones are reused, so that mixes can run in several single-threaded processes
-(``OMP_NUM_THREADS=1``).
+(`OMP_NUM_THREADS=1`).
 """
 
 from __future__ import annotations

@@ -30,9 +30,9 @@ class Reading:
     """One measured value with its true one.
 
     Attributes:
-        key: what was measured, the same for every value of a constant.
-        error: measured less true value.
-        std: stated standard deviation.
+        key: What was measured, the same for every value of a constant.
+        error: Measured less true value.
+        std: Stated standard deviation.
     """
 
     key: tuple[int, int]
@@ -45,12 +45,12 @@ class Case:
     """One frame.
 
     Attributes:
-        scene: number that frames of the same scene share.
+        scene: Number that frames of the same scene share.
         depth_m: (H, W) noisy depth.
-        image: record of the frame.
-        trees: records of the labelled trees.
-        stems: their exact shapes.
-        found: what the network detects.
+        image: Record of the frame.
+        trees: Records of the labelled trees.
+        stems: Their exact shapes.
+        found: What the network detects.
     """
 
     scene: int
@@ -89,7 +89,7 @@ class Case:
         Args:
             source: "labels" for exact keypoints and outlines, "network" for detected ones, and
                 "no-vertical" for detected ones without a given vertical.
-            settings: changes of the usual settings.
+            settings: Changes of the usual settings.
 
         Yields:
             The number of a labelled tree, and its measurement.
@@ -172,7 +172,7 @@ def read_cases(
     """The first frames of a dataset with a labelled tree.
 
     Raises:
-        ValueError: the labels are not those that the preset gives today.
+        ValueError: The labels are not those that the preset gives today.
     """
     cases: list[Case] = []
     shapes: dict[int, list[Tree]] = {}

@@ -2,8 +2,8 @@
 
 python -m benchmarks.learning_curve --out docs/images/learning-curve.png
 
-The figures are in ``benchmarks/results/learning_curve.json``: of each file its card at the time,
-of weights without a file ``perceptree eval``.
+The figures are in `benchmarks/results/learning_curve.json`: of each file its card at the time,
+of weights without a file `perceptree eval`.
 """
 
 from __future__ import annotations

@@ -2,12 +2,12 @@
 
 python -m benchmarks.real_pictures PICTURES/instances.json --model rgb --drawn FOLDER
 
-The label file has COCO's format. An annotation may have ``certain: false``: a detection with at
+The label file has COCO's format. An annotation may have `certain: false`: a detection with at
 least half of its box inside such a box is ignored (as with COCO's crowds). A certain stem counts as
 found at an IoU of 0.5. AP50 uses all scores of at least 0.05; recall and precision use those of at
 least 0.5. The pictures are only for evaluation: never train on them or choose a threshold by them.
-With ``--dataset FOLDER`` the pictures are written as a dataset instead, in which stems that are not
-certain are ignored: for ``perceptree eval`` and ``perceptree calibrate-scores``.
+With `--dataset FOLDER` the pictures are written as a dataset instead, in which stems that are not
+certain are ignored: for `perceptree eval` and `perceptree calibrate-scores`.
 """
 
 from __future__ import annotations
@@ -55,8 +55,8 @@ class Matches:
     """Detections beside the annotated boxes, at an IoU of 0.5; ignored ones are left out.
 
     Attributes:
-        ap50: average precision, %.
-        stems: number of certain stems.
+        ap50: Average precision, %.
+        stems: Number of certain stems.
         scores: (N,) scores, the highest first.
         right: (N,) whether each is a stem.
     """

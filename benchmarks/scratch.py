@@ -1,13 +1,13 @@
-"""Effect of single changes of the training recipe ``scratch`` on a light network.
+"""Effect of single changes of the training recipe `scratch` on a light network.
 
 python -m benchmarks.scratch DATA --start CHECKPOINT --test TEST --runs RUNS --minutes 30 \
     --candidates base-0,base-1,colours,paste --result benchmarks/results/scratch_rgb.json
 
 Every candidate starts from the same checkpoint and trains for the same time, with the learning rate
-decreasing to zero. Its averaged weights are evaluated on the test split of TEST. ``base-N`` is the
+decreasing to zero. Its averaged weights are evaluated on the test split of TEST. `base-N` is the
 unchanged recipe with seed N; the differences between the bases show the noise that the effect of a
 change must exceed. Finished runs in RUNS are reused, so that candidates can run one after another,
-or in several single-threaded processes (``OMP_NUM_THREADS=1``). A final call with all names writes
+or in several single-threaded processes (`OMP_NUM_THREADS=1`). A final call with all names writes
 the result.
 """
 

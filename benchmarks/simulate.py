@@ -39,7 +39,7 @@ STAGES = {
 
 
 class PeakMemory:
-    """Records the peak memory of this process and its children until ``stop``."""
+    """Records the peak memory of this process and its children until `stop`."""
 
     def __init__(self) -> None:
         self.mb = 0.0

@@ -22,13 +22,13 @@ class DriveFrame:
     """A frame with what was found in it and what is true.
 
     Attributes:
-        data: folder of the dataset.
-        image: keys of the frame in the labels.
-        labels: its labelled trees.
+        data: Folder of the dataset.
+        image: Keys of the frame in the labels.
+        labels: Its labelled trees.
         boxes: (L, 4) their boxes, xyxy px.
-        trees: what the network found.
-        measurements: one per found tree.
-        label_of: index of the labelled tree for each found one that matches one.
+        trees: What the network found.
+        measurements: One per found tree.
+        label_of: Index of the labelled tree for each found one that matches one.
     """
 
     data: Path
@@ -56,9 +56,9 @@ def load_drives(
     """All finished drives of datasets that show stems, by the names of dataset and scene.
 
     Args:
-        datasets: folders of the datasets.
-        detector: network for depth images.
-        cache: folder for detections and measurements, so that they are made once.
+        datasets: Folders of the datasets.
+        detector: Network for depth images.
+        cache: Folder for detections and measurements, so that they are made once.
     """
     drives = {}
     scenes = (scene for data in datasets for scene in sorted((data / "scenes").glob("*.json")))

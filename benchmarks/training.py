@@ -2,7 +2,7 @@
 
 python -m benchmarks.training DATA --result FILE.json [--former CHECKOUT]
 
-DATA is a dataset of ``perceptree synth``. ``edge-n`` is trained on depth at 640x384 px, 8 frames
+DATA is a dataset of `perceptree synth`. `edge-n` is trained on depth at 640x384 px, 8 frames
 per step. CHECKOUT is a checkout of the commit before this engine (f4cffdb). Its trainer alternates
 with this one, in separate processes, in its original form (bfloat16 autocast on every CPU) and with
 float32. Then a step is profiled in the precision that training chooses here, and compared with the

@@ -76,7 +76,7 @@ def on_pictures(model: TreeRCNN, labels: Path) -> dict[str, Any]:
 
 
 def on_frames(model: TreeRCNN, folder: Path, every: int) -> dict[str, float]:
-    """AP of boxes, masks and keypoints on every ``every``-th frame."""
+    """AP of boxes, masks and keypoints on every `every`-th frame."""
     frames = read_dataset(folder, "test").frames[::every]
     found = evaluate(predict_with(model), FrameStore(frames, model.spec), batch=4)
     values = {"box": found.box_ap, "mask": found.mask_ap, "keypoint": found.keypoint_ap}

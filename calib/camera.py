@@ -26,7 +26,7 @@ class PinholeCamera:
     """Intrinsics and distortion of a camera.
 
     The parameters follow OpenCV, where a pixel's centre has whole-number coordinates.
-    ``calib.pixels`` converts to the continuous pixels used elsewhere.
+    `calib.pixels` converts to the continuous pixels used elsewhere.
 
     Attributes:
         width: Image width in px.
@@ -37,8 +37,8 @@ class PinholeCamera:
         cy: Principal point's y in px, OpenCV's convention.
         distortion: Distortion coefficients in OpenCV's order: none, 4, 5 or 8 of k1, k2, p1, p2,
             k3, k4, k5, k6 for "radtan"; k1, k2, k3, k4 for "fisheye".
-        distortion_model: "radtan" (Brown-Conrady, as ``cv2.projectPoints``) or "fisheye"
-            (Kannala-Brandt, as ``cv2.fisheye``).
+        distortion_model: "radtan" (Brown-Conrady, as `cv2.projectPoints`) or "fisheye"
+            (Kannala-Brandt, as `cv2.fisheye`).
         focal_std_px: Standard deviation of fx and fy in px; 0 if unknown.
 
     Raises:
@@ -96,7 +96,7 @@ class PinholeCamera:
     def unusual_values(self) -> tuple[str, ...]:
         """Return one line for each value that lenses can have but seldom do.
 
-        ``load_camera`` logs them as warnings.
+        `load_camera` logs them as warnings.
         """
         return unusual_values(self._intrinsics)
 
@@ -108,7 +108,7 @@ class PinholeCamera:
         return other
 
     def scaled(self, width: int, height: int) -> PinholeCamera:
-        """Return the camera of the image resized to ``width`` x ``height`` px.
+        """Return the camera of the image resized to `width` x `height` px.
 
         Pixel centres are at whole numbers, so a scale s moves cx to s (cx + 0.5) - 0.5.
 
@@ -164,7 +164,7 @@ class PinholeCamera:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> PinholeCamera:
-        """Create a camera from the values of ``to_dict``.
+        """Create a camera from the values of `to_dict`.
 
         Raises:
             CameraError: If a field is missing or has the wrong type.

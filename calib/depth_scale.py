@@ -40,7 +40,7 @@ class TargetReadings:
         true_m: (N,) true metres along z of the pixels on the target.
         measured_m: (N,) readings of the same pixels in metres; 0 or not finite is no reading.
         focal_std_share: Relative standard deviation of the camera's focal length. It is also the
-            relative error of ``true_m``, which comes from the target's size in the image.
+            relative error of `true_m`, which comes from the target's size in the image.
     """
 
     name: str
@@ -70,13 +70,13 @@ class TargetResidual:
 
 @dataclass(frozen=True)
 class DepthScale:
-    """Linear correction: true depth = ``scale`` x reading + ``offset_m``.
+    """Linear correction: true depth = `scale` x reading + `offset_m`.
 
     Attributes:
         scale: True metres per metre of reading.
         offset_m: Offset in metres.
-        scale_std: Standard deviation of ``scale``.
-        offset_std_m: Standard deviation of ``offset_m``.
+        scale_std: Standard deviation of `scale`.
+        offset_std_m: Standard deviation of `offset_m`.
         correlation: Correlation of the errors of scale and offset, -1 to 1.
         nearest_m: Distance of the nearest target used.
         farthest_m: Distance of the farthest target used.
@@ -135,7 +135,7 @@ class DepthScale:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> DepthScale:
-        """Create a depth scale from the values of ``to_dict``.
+        """Create a depth scale from the values of `to_dict`.
 
         Raises:
             DepthError: If a field is missing or has the wrong type.

@@ -6,8 +6,6 @@ import numpy as np
 
 from basetree.arrays import Float
 
-__all__ = ["CAMERA_UP", "heading", "lengths", "level_rotation", "unit"]
-
 CAMERA_UP = (0.0, -1.0, 0.0)
 """Upward direction of a level camera, in its own coordinates."""
 

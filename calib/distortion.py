@@ -1,7 +1,7 @@
 """Lens distortion of normalised image coordinates (x / z, y / z), and its inverse.
 
-The formulas are OpenCV's: ``cv2.projectPoints`` (Brown-Conrady with the rational terms) and
-``cv2.fisheye`` (Kannala-Brandt).
+The formulas are OpenCV's: `cv2.projectPoints` (Brown-Conrady with the rational terms) and
+`cv2.fisheye` (Kannala-Brandt).
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ def distort(lens: Lens, x: Float, y: Float) -> tuple[Float, Float]:
 
 
 def undistort(lens: Lens, x: Float, y: Float) -> tuple[Float, Float]:
-    """Remove the lens distortion from normalised coordinates; inverse of ``distort``.
+    """Remove the lens distortion from normalised coordinates; inverse of `distort`.
 
     Exact to rounding wherever the model is invertible. Far from the centre a model may not be:
     coordinates that no point is distorted to get a finite point near the limit. Points of a fisheye
@@ -134,7 +134,7 @@ def _undistort_radtan(terms: tuple[float, ...], x: Float, y: Float) -> tuple[Flo
 
 
 def _fisheye_radius(terms: tuple[float, ...], angle: Float) -> Float:
-    """Return the distorted radius of a point ``angle`` rad off the axis."""
+    """Return the distorted radius of a point `angle` rad off the axis."""
     k1, k2, k3, k4 = terms
     squared = angle * angle
     radius = squared * k4
@@ -147,7 +147,7 @@ def _fisheye_radius(terms: tuple[float, ...], angle: Float) -> Float:
 
 
 def _fisheye_slope(terms: tuple[float, ...], angle: Float) -> Float:
-    """Return the derivative of ``_fisheye_radius`` with respect to the angle."""
+    """Return the derivative of `_fisheye_radius` with respect to the angle."""
     k1, k2, k3, k4 = terms
     squared = angle * angle
     return 1 + squared * (3 * k1 + squared * (5 * k2 + squared * (7 * k3 + squared * 9 * k4)))

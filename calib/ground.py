@@ -24,7 +24,7 @@ _GROUND_SHARE = 0.2
 
 @dataclass(frozen=True, eq=False)
 class GroundPlane:
-    """Plane of the points p with ``normal`` . p + ``offset_m`` = 0, in camera coordinates.
+    """Plane of the points p with `normal` . p + `offset_m` = 0, in camera coordinates.
 
     Attributes:
         normal: (3,) unit vector pointing up.
@@ -36,7 +36,7 @@ class GroundPlane:
         independent_points: Number of inliers with independent errors, by weight.
         centre_m: (3,) weighted mean of the inliers.
         axes: (2, 3) unit vectors in the plane: the principal axes of the inliers.
-        extents_m: (2,) weighted standard deviations of the inliers along ``axes``.
+        extents_m: (2,) weighted standard deviations of the inliers along `axes`.
     """
 
     normal: Float
@@ -94,7 +94,7 @@ def fit_ground_plane(
         points_m: (N, 3) camera points in metres; rows that are not finite are ignored.
         up: (3,) direction away from gravity in camera coordinates, from an IMU or the mounting. The
             default is the camera's own up, (0, -1, 0).
-        max_slope_deg: Largest angle between the plane's normal and ``up``.
+        max_slope_deg: Largest angle between the plane's normal and `up`.
         tolerance_m: Largest distance of ground points from the plane: three standard deviations of
             the ground's unevenness.
 
@@ -103,7 +103,7 @@ def fit_ground_plane(
         line, if every plane is too steep, or if less than 10 % of the points are inliers.
 
     Raises:
-        InputError: If ``up`` is not a direction.
+        InputError: If `up` is not a direction.
     """
     points = np.asarray(points_m, np.float64).reshape(1, -1, 3)
     usable = np.asarray(np.isfinite(points).all(axis=2))
@@ -120,16 +120,16 @@ def fit_ground_planes(
     depth_std_m: ArrayLike = 0.0,
     departure_std_m: ArrayLike = 0.0,
 ) -> list[GroundPlane | GroundPlaneFailure]:
-    """Fit a plane to each of T sets of points at once; see ``fit_ground_plane``.
+    """Fit a plane to each of T sets of points at once; see `fit_ground_plane`.
 
     Args:
         points_m: (T, N, 3) camera points in metres.
         usable: (T, N) bool, the points to use.
         up: (3,) direction away from gravity in camera coordinates.
-        max_slope_deg: Largest angle between a plane's normal and ``up``.
+        max_slope_deg: Largest angle between a plane's normal and `up`.
         tolerance_m: Largest distance of ground points from their plane, without errors of depth.
         points_per_error: Number of neighbouring points that share one error of the sensor; it
-            lowers ``independent_points``.
+            lowers `independent_points`.
         depth_std_m: (T, N) or scalar standard deviation of the depth, which enlarges the tolerance.
         departure_std_m: (T, N) or scalar standard deviation by which the ground itself leaves the
             plane at a point. It lowers the point's weight: ground that is not flat is fitted best
@@ -139,7 +139,7 @@ def fit_ground_planes(
         A plane or a GroundPlaneFailure for each set.
 
     Raises:
-        InputError: If ``up`` is not a direction.
+        InputError: If `up` is not a direction.
     """
     vertical = _direction(CAMERA_UP if up is None else up)
     if not points_m.shape[1]:
@@ -177,7 +177,7 @@ class _Fits(NamedTuple):
     Attributes:
         usable: (T,) number of usable points.
         flat: (T,) whether any trial plane was flat enough.
-        variances: (T, 3) variances along ``axes``, ascending.
+        variances: (T, 3) variances along `axes`, ascending.
         axes: (T, 3, 3) principal axes in columns.
         centre: (T, 3) means of the inliers.
         normal: (T, 3) unit normals pointing up.
@@ -201,7 +201,7 @@ class _Fits(NamedTuple):
     def plane(
         self, at: int, points: Float, points_per_error: float, max_slope_deg: float, vertical: Float
     ) -> GroundPlane | GroundPlaneFailure:
-        """Return the plane of set ``at``, or the reason why there is none."""
+        """Return the plane of set `at`, or the reason why there is none."""
         support, normal, variances = self.support[at], self.normal[at], self.variances[at]
         held = int(support.sum())
         share = held / max(int(self.usable[at]), 1)
@@ -238,7 +238,7 @@ class _Fits(NamedTuple):
 
 
 def _direction(up: ArrayLike) -> Float:
-    """Return ``up`` normalised to unit length."""
+    """Return `up` normalised to unit length."""
     vertical = np.asarray(up, np.float64)
     length = float(np.linalg.norm(vertical)) if vertical.shape == (3,) else 0.0
     if not (np.isfinite(length) and length > 0):

@@ -33,7 +33,7 @@ class GroundCloud(NamedTuple):
         usable: (T, N) the points to use.
         noise: (T, N) standard deviations of the depth, relative to it.
         departure_m: (T, N) standard deviations by which the ground leaves the plane.
-        tolerance_m: largest distance of ground points from their plane, without errors of depth.
+        tolerance_m: Largest distance of ground points from their plane, without errors of depth.
     """
 
     points: Float
@@ -92,8 +92,8 @@ class GroundCloud(NamedTuple):
         """Variance of a ground point's height: of unevenness, and of the depth times its slope.
 
         Args:
-            along: normal times point; divided by the depth, the height's change per depth.
-            noise: standard deviation of the depth, relative to it.
+            along: Normal times point; divided by the depth, the height's change per depth.
+            noise: Standard deviation of the depth, relative to it.
         """
         return (self.tolerance_m / _TOLERANCE_STDS) ** 2 + (along * noise) ** 2
 

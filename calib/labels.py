@@ -19,7 +19,7 @@ _CATEGORY_ID = 1
 class CocoLabels:
     """Builds a COCO data set of one category from detections.
 
-    Call ``add_image`` for each image, then ``add`` for each object in it.
+    Call `add_image` for each image, then `add` for each object in it.
 
     Attributes:
         category: Name of the category.

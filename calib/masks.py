@@ -36,8 +36,8 @@ def paste_mask(
     """Resize a mask predicted in a box and paste it into the image.
 
     The value at a pixel's centre is interpolated bilinearly between the centres of the mask's
-    cells, with zeros outside the box. This matches ``grid_sample(align_corners=False)`` in
-    Detectron2's ``paste_masks_in_image``. Bilinear interpolation is separable, so two small matrix
+    cells, with zeros outside the box. This matches `grid_sample(align_corners=False)` in
+    Detectron2's `paste_masks_in_image`. Bilinear interpolation is separable, so two small matrix
     products over the box's pixels are enough.
 
     Args:
@@ -79,7 +79,7 @@ def _axis_weights(
 
 
 def encode_rle(mask: Bool) -> CocoRle:
-    """Encode a (H, W) bool mask as compressed COCO run lengths (``maskApi.c`` of pycocotools).
+    """Encode a (H, W) bool mask as compressed COCO run lengths (`maskApi.c` of pycocotools).
 
     Runs are counted down the columns, starting with zeros. From the fourth on, each run is stored
     as its difference from the run two before. The numbers are written in base 32, least significant

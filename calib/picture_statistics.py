@@ -29,12 +29,12 @@ def picture_statistics(image: UInt8, encoding: DepthEncoding | None = None) -> d
         encoding: How the depth is encoded; None for colour.
 
     Returns:
-        Values by name. Of colour: ``lightness``, ``contrast``, ``saturation``, ``green_red``,
-        ``blue_yellow`` and ``top_bottom`` in grey levels, ``blown_percent`` and ``black_percent``,
-        ``texture`` (mean step between neighbouring pixels) and ``local_contrast`` (the median of
-        blocks of 8x8 px), both as shares of the contrast, and ``upright`` (share of the steps that
-        are from left to right). Of depth: ``reading_percent`` (pixels with a reading in range),
-        ``median_m``, ``spread_m`` (10th to 90th percentile), ``top_bottom_m`` and ``texture_m``
+        Values by name. Of colour: `lightness`, `contrast`, `saturation`, `green_red`,
+        `blue_yellow` and `top_bottom` in grey levels, `blown_percent` and `black_percent`,
+        `texture` (mean step between neighbouring pixels) and `local_contrast` (the median of
+        blocks of 8x8 px), both as shares of the contrast, and `upright` (share of the steps that
+        are from left to right). Of depth: `reading_percent` (pixels with a reading in range),
+        `median_m`, `spread_m` (10th to 90th percentile), `top_bottom_m` and `texture_m`
         (mean step between neighbouring pixels). Those for which there are too few readings are
         left out.
     """
@@ -45,7 +45,7 @@ def usual_ranges(pictures: Iterable[Mapping[str, float]]) -> dict[str, tuple[flo
     """The 1st and 99th percentile of each statistic over pictures.
 
     Args:
-        pictures: Results of :func:`picture_statistics`.
+        pictures: Results of `picture_statistics`.
     """
     values: dict[str, list[float]] = {}
     for statistics in pictures:
@@ -126,7 +126,7 @@ def _histogram(grey: UInt8) -> Float64:
 
 
 def _percentile(levels: NDArray[Any], counts: Float64, share: float) -> float:
-    """The level that ``share`` of the pixels do not exceed, in the order of the histogram."""
+    """The level that `share` of the pixels do not exceed, in the order of the histogram."""
     total = np.cumsum(counts)
     return float(levels[np.searchsorted(total, share * total[-1])])
 

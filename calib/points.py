@@ -66,7 +66,7 @@ def project_points(camera: PinholeCamera, points_m: ArrayLike) -> Float:
 
 
 def _project(camera: PinholeCamera, points: Float, pixels: Float) -> None:
-    """Write the px of (N, 3) ``points`` to the (N, 2) array ``pixels``."""
+    """Write the px of (N, 3) `points` to the (N, 2) array `pixels`."""
     z = points[:, 2]
     ahead = z > 0
     all_ahead = bool(ahead.all())

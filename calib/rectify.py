@@ -22,12 +22,12 @@ _OUTSIDE_PX = -10.0
 
 @dataclass(frozen=True, eq=False)
 class Rectification:
-    """Maps an image of ``source`` to one without distortion.
+    """Maps an image of `source` to one without distortion.
 
     Attributes:
         source: The camera with distortion.
         camera: The camera without distortion, of the rectified image.
-        map_x: (H, W) float32 column in the source image of each rectified pixel, for ``cv2.remap``.
+        map_x: (H, W) float32 column in the source image of each rectified pixel, for `cv2.remap`.
         map_y: (H, W) float32 row in the source image of each rectified pixel.
     """
 
@@ -86,7 +86,7 @@ def rectify(camera: PinholeCamera, focal_scale: float = 1.0) -> Rectification:
             wide lens's view is kept, above 1 less.
 
     Raises:
-        CameraError: If ``focal_scale`` is not above 0.
+        CameraError: If `focal_scale` is not above 0.
     """
     if not (math.isfinite(focal_scale) and focal_scale > 0):
         raise CameraError(f"focal_scale is {focal_scale}: expected a positive number")

@@ -63,11 +63,11 @@ class _Patches(NamedTuple):
 
     Attributes:
         centre_px: (N, 2) centres in colour px.
-        along_u_px: (N, 2) derivative of ``centre_px`` with respect to u.
-        along_v_px: (N, 2) derivative of ``centre_px`` with respect to v.
+        along_u_px: (N, 2) derivative of `centre_px` with respect to u.
+        along_v_px: (N, 2) derivative of `centre_px` with respect to v.
         inverse_depth: (N,) 1 / z in the colour camera.
-        along_u: (N,) derivative of ``inverse_depth`` with respect to u.
-        along_v: (N,) derivative of ``inverse_depth`` with respect to v.
+        along_u: (N,) derivative of `inverse_depth` with respect to u.
+        along_v: (N,) derivative of `inverse_depth` with respect to v.
     """
 
     centre_px: Float
@@ -141,7 +141,7 @@ def _tilt(inverse_depth: Float, axis: int) -> Float:
 
 
 def _splat(patches: _Patches, inverse_depth: Float, camera: PinholeCamera) -> None:
-    """Update ``inverse_depth`` (H x W,) of the colour pixels with the patches that cover them.
+    """Update `inverse_depth` (H x W,) of the colour pixels with the patches that cover them.
 
     Each patch has a box of colour pixels around it. The boxes of all patches are gone through
     together, row by row and from left to right. At every step, the place of the pixel in depth px

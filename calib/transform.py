@@ -19,7 +19,7 @@ _LEVEL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
 @dataclass(frozen=True, eq=False)
 class RigidTransform:
-    """Transforms points p of one frame to ``rotation`` p + ``translation_m`` of another.
+    """Transforms points p of one frame to `rotation` p + `translation_m` of another.
 
     Attributes:
         rotation: (3, 3) rotation matrix. Values may be rounded: a matrix orthonormal to 1e-3 is
@@ -108,7 +108,7 @@ class RigidTransform:
 
         Camera: x right, y down, z forward. Machine: x forward, y left, z up. With all angles 0 the
         camera is level and looks forward. The angles are right-handed rotations about the machine's
-        axes, in the order of ``from_euler_deg``.
+        axes, in the order of `from_euler_deg`.
 
         Args:
             position_m: (3,) position of the camera in the machine's frame, in metres; the third
@@ -138,12 +138,12 @@ class RigidTransform:
         return RigidTransform(self.rotation.T, -self.rotation.T @ self.translation_m)
 
     def then(self, other: RigidTransform) -> RigidTransform:
-        """Return the transform that applies this one first, then ``other``."""
+        """Return the transform that applies this one first, then `other`."""
         return RigidTransform(other.rotation @ self.rotation, other.apply(self.translation_m))
 
 
 def _numbers(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Float:
-    """Convert ``values`` to finite float64 of the given shape; strings and bools are rejected."""
+    """Convert `values` to finite float64 of the given shape; strings and bools are rejected."""
     found = np.asarray(values, object)
     real = all(isinstance(each, Real) and not isinstance(each, bool) for each in found.flat)
     if real and found.shape == shape:

@@ -31,8 +31,8 @@ class KnownModel:
     """A model that is found by name.
 
     Attributes:
-        name: its name, that of the file without its suffix.
-        path: the .onnx file.
+        name: Its name, that of the file without its suffix.
+        path: The .onnx file.
     """
 
     name: str
@@ -42,7 +42,7 @@ class KnownModel:
         """The description of the model in its file.
 
         Raises:
-            ModelFileError: the file is not a model of edgetree.
+            ModelFileError: The file is not a model of edgetree.
         """
         metadata = read_model_file(self.path).metadata
         if METADATA_KEY not in metadata:
@@ -55,7 +55,7 @@ class KnownModel:
         """The measured figures of the file, from NAME.json beside it; None if there is no card.
 
         Raises:
-            InputError: the card cannot be read, has another schema, or is of another file.
+            InputError: The card cannot be read, has another schema, or is of another file.
         """
         path = self.path.with_suffix(".json")
         if not path.is_file():
@@ -131,7 +131,7 @@ def default_model(name: str) -> Path:
             that `edgetree models` lists, such as "edge-s-rgb".
 
     Raises:
-        ModelFileError: no model has this name.
+        ModelFileError: No model has this name.
         InputError: a folder that EDGETREE_MODELS names does not exist.
     """
     packaged = {path.stem: path for path in _PACKAGED.glob("*.onnx")}
@@ -161,7 +161,7 @@ def find_model(text: str) -> Path:
         text: a name as for `default_model`, or the path of an .onnx file.
 
     Raises:
-        ModelFileError: there is neither a known model nor a file of this name.
+        ModelFileError: There is neither a known model nor a file of this name.
         InputError: a folder that EDGETREE_MODELS names does not exist.
     """
     path = Path(text)
@@ -179,7 +179,7 @@ def other_model(modality: str, used: str) -> str | None:
 
     Args:
         modality: "rgb" or "depth".
-        used: name of the model in use.
+        used: Name of the model in use.
     """
     packaged = sorted(path.stem for path in _PACKAGED.glob(f"*-{modality}.onnx"))
     return next((name for name in (DEFAULTS[modality], *packaged) if name != used), None)

@@ -28,8 +28,6 @@ from edgetree.commands.sign import sign
 from edgetree.commands.trust import trust
 from edgetree.commands.verify import verify
 
-__all__ = ["app", "main"]
-
 app = new_app("Find trees in camera frames and measure them in metres.", "edgetree")
 app.command()(demo)
 app.command()(run)

@@ -28,13 +28,13 @@ class UnlikeTraining:
     """How an image differs most from those that the model was trained on.
 
     Attributes:
-        statistic: name of the statistic that is far outside its usual range.
-        value: its value for this image, in `unit`.
-        low: lower end of the usual range.
-        high: upper end of it.
-        words: what the statistic is.
-        unit: its unit; empty for shares from 0 to 1.
-        advice: what to try: another model, a lower score threshold, fine-tuning; on one line.
+        statistic: Name of the statistic that is far outside its usual range.
+        value: Its value for this image, in `unit`.
+        low: Lower end of the usual range.
+        high: Upper end of it.
+        words: What the statistic is.
+        unit: Its unit; empty for shares from 0 to 1.
+        advice: What to try: another model, a lower score threshold, fine-tuning; on one line.
     """
 
     statistic: str
@@ -69,15 +69,15 @@ class TreeDetections:
             keypoint output.
         masks: (N, 28, 28) float32, probability on a grid over the box. None if the model has no
             mask output. `mask` resamples one of them to the image.
-        image_width: width of the image in pixels.
-        image_height: height of the image in pixels.
-        unlike: how the image differs from those that the model was trained on, if it does clearly;
+        image_width: Width of the image in pixels.
+        image_height: Height of the image in pixels.
+        unlike: How the image differs from those that the model was trained on, if it does clearly;
             None for an ordinary image, and if the model file does not say how they look.
-        error_factor: standard deviation of keypoints and mask edges, relative to those that
+        error_factor: Standard deviation of keypoints and mask edges, relative to those that
             `MeasureSettings` states, 0.1 to 10; as the model file says.
 
     Raises:
-        InputError: an array does not have the shape given above, contains values that are not
+        InputError: An array does not have the shape given above, contains values that are not
             finite, or a score or the error factor is out of its range.
     """
 
@@ -142,7 +142,7 @@ class TreeDetections:
             (image_height, image_width) bool, computed on each call.
 
         Raises:
-            InputError: the model has no mask output.
+            InputError: The model has no mask output.
         """
         if self.masks is None:
             raise InputError("these detections have no masks: the model has no mask output")

@@ -6,8 +6,6 @@ from typing import Final
 
 from basetree.errors import InputError
 
-__all__ = ["TRAINING_PACKAGES", "ModelFileError", "SignatureError"]
-
 TRAINING_PACKAGES: Final = (
     "torch",
     "torchvision",

@@ -32,21 +32,21 @@ def evaluate_file(
     """Evaluate a model file with the code that evaluates checkpoints.
 
     Args:
-        detector: the model. Its score threshold is not applied.
+        detector: The model. Its score threshold is not applied.
         about: JSON-ready description of the model for the report.
-        data: folder of a dataset.
+        data: Folder of a dataset.
         split: "train", "val" or "test".
-        fold: number of the fold, for datasets with several.
-        entire_tree: use the labels of entire trees, for datasets that have both kinds.
-        progress: called with the number of frames done since the last call and the total.
+        fold: Number of the fold, for datasets with several.
+        entire_tree: Use the labels of entire trees, for datasets that have both kinds.
+        progress: Called with the number of frames done since the last call and the total.
 
     Returns:
         The report with all metrics.
 
     Raises:
         InputError: `split` is not one of the above.
-        MissingPackage: torch or another package for training is not installed.
-        perceptree.errors.DatasetError: the dataset is missing, broken or has no trees.
+        MissingPackage: Torch or another package for training is not installed.
+        perceptree.errors.DatasetError: The dataset is missing, broken or has no trees.
     """
     _need_training_setup()
     from perceptree.data import SPLITS, read_dataset
@@ -70,8 +70,8 @@ def predict_with_file(session: InferenceSession, manifest: Manifest) -> Predict:
     """A prediction function for perceptree's metrics.
 
     Args:
-        session: the session of the model file.
-        manifest: the model's manifest.
+        session: The session of the model file.
+        manifest: The model's manifest.
 
     Returns:
         A function from uint8 images, at most the file's batch size, to raw detections.

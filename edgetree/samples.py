@@ -14,8 +14,6 @@ from calib import PinholeCamera, read_depth
 from edgetree.frames.frame import Frame
 from edgetree.frames.images import read_image
 
-__all__ = ["SampleFrame", "SampleTree", "sample_frames"]
-
 
 @dataclass(frozen=True, eq=False)
 class SampleTree:
@@ -25,12 +23,12 @@ class SampleTree:
         box_px: (4,) float32 x0, y0, x1, y1 around the visible lower stem.
         keypoints_px: (5, 3) float32 x, y, flag in the order of `KEYPOINT_NAMES`. The flag is 2
             for visible, 1 for hidden and 0 for outside the frame, where x and y are 0.
-        diameter_m: stem diameter at the height of the diameter keypoints.
-        cut_height_m: height of the felling cut above the ground on the uphill side.
-        distance_m: distance from the camera's centre to the stem's axis at the cut.
-        inclination_deg: angle between the stem's axis and the vertical.
-        visible_fraction: visible part of the lower stem, 0 to 1.
-        species: name of the species.
+        diameter_m: Stem diameter at the height of the diameter keypoints.
+        cut_height_m: Height of the felling cut above the ground on the uphill side.
+        distance_m: Distance from the camera's centre to the stem's axis at the cut.
+        inclination_deg: Angle between the stem's axis and the vertical.
+        visible_fraction: Visible part of the lower stem, 0 to 1.
+        species: Name of the species.
     """
 
     box_px: NDArray[np.float32]
@@ -62,12 +60,12 @@ class SampleFrame:
     """One sample frame. Its images are read by `image` and `depth_m`.
 
     Attributes:
-        name: for example "sample_0".
-        image_path: file of the colour image.
-        depth_path: file of the depth image, 16-bit millimetres.
-        camera: the camera of both images.
+        name: For example "sample_0".
+        image_path: File of the colour image.
+        depth_path: File of the depth image, 16-bit millimetres.
+        camera: The camera of both images.
         up_camera: (3,) unit vector opposite to gravity in the camera's frame, as from an IMU.
-        trees: ground truth of the labelled trees.
+        trees: Ground truth of the labelled trees.
     """
 
     name: str

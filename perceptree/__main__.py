@@ -1,4 +1,4 @@
-"""Entry point of ``python -m perceptree`` and ``torchrun -m perceptree``."""
+"""Entry point of `python -m perceptree` and `torchrun -m perceptree`."""
 
 from perceptree.cli import main
 

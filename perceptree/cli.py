@@ -1,4 +1,4 @@
-"""The ``perceptree`` command line."""
+"""The `perceptree` command line."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ def page(card: dict[str, Any]) -> str:
     """Make the page.
 
     Args:
-        card: figures of the schema `edgetree.card/1`, as `model_cards.py` makes them.
+        card: Figures of the schema `edgetree.card/1`, as `model_cards.py` makes them.
     """
     parts = [
         f"# {card['model']}",

@@ -188,7 +188,7 @@ def training_scenes(path: Path, record: dict[str, Any] | None) -> list[dict[str,
     that are not among them. A new model begins with a card of `release/scenes.py`.
 
     Raises:
-        SystemExit: neither tells anything.
+        SystemExit: Neither tells anything.
     """
     before = path.with_suffix(".json")
     known: list[dict[str, Any]] = []

@@ -58,11 +58,11 @@ def read_recipe(name: str, values: Mapping[str, str]) -> list[Words]:
     """The commands of a recipe, each as its words.
 
     Args:
-        name: name of the recipe.
-        values: what the names `$RECIPES` and `$TEXTURES` stand for.
+        name: Name of the recipe.
+        values: What the names `$RECIPES` and `$TEXTURES` stand for.
 
     Raises:
-        RecipeError: there is no such recipe, or a name stands for nothing.
+        RecipeError: There is no such recipe, or a name stands for nothing.
     """
     path = RECIPES / f"{name}.sh"
     if not path.is_file():

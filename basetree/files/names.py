@@ -26,5 +26,5 @@ def is_utf8(path: Path | str) -> bool:
 
 
 def printable(text: str) -> str:
-    r"""Spell out bytes that are not UTF-8, as ``\udcff`` for the byte ff; other text is kept."""
+    r"""Spell out bytes that are not UTF-8, as `\udcff` for the byte ff; other text is kept."""
     return text.encode("utf-8", "backslashreplace").decode()

@@ -16,7 +16,7 @@ _TIFF_WIDTH, _TIFF_HEIGHT = 256, 257
 
 
 def check_picture_size(path: Path | str) -> None:
-    """Check that a picture has no more pixels than ``Limits.image_pixels``.
+    """Check that a picture has no more pixels than `Limits.image_pixels`.
 
     The size is read from the header of PNG, JPEG, TIFF, BMP and WebP files; files of other kinds
     and unreadable ones are accepted, for the reader to refuse.

@@ -60,17 +60,17 @@ def file_sha256(path: Path) -> str:
 
 
 def read_image(path: Path, flags: int = cv2.IMREAD_COLOR) -> NDArray[Any] | None:
-    """Read an image file as ``cv2.imread`` does, with any name.
+    """Read an image file as `cv2.imread` does, with any name.
 
     Args:
         path: File to read.
-        flags: Flags of ``cv2.imread``.
+        flags: Flags of `cv2.imread`.
 
     Returns:
         (H, W) or (H, W, channels); None if the file cannot be read or is not an image.
 
     Raises:
-        InputFileError: If it has more pixels than ``Limits.image_pixels``.
+        InputFileError: If it has more pixels than `Limits.image_pixels`.
     """
     check_picture_size(path)
     try:
@@ -87,7 +87,7 @@ def decode_image(
 
     Args:
         data: The content.
-        flags: Flags of ``cv2.imread``.
+        flags: Flags of `cv2.imread`.
 
     Returns:
         (H, W) or (H, W, channels); None if it is not an image.
@@ -105,7 +105,7 @@ def is_image_file(path: Path) -> bool:
 
 
 def open_video(path: Path) -> cv2.VideoCapture:
-    """Open a video file; ``isOpened`` of the result tells whether OpenCV can read it.
+    """Open a video file; `isOpened` of the result tells whether OpenCV can read it.
 
     Raises:
         InputFileError: If the name is not UTF-8.

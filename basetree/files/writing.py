@@ -1,7 +1,7 @@
 """Write files and folders whole: a reader sees the old content or the new, never a part of it.
 
-The content is written under a random name ``.calib-<16 hex digits>.part`` in the same folder, and
-renamed when it is complete. The operating system locks that file (``flock``) until then, and
+The content is written under a random name `.calib-<16 hex digits>.part` in the same folder, and
+renamed when it is complete. The operating system locks that file (`flock`) until then, and
 releases the lock when the process ends, even if it is killed. A file of this form without a lock
 is therefore a leftover, which the next process that writes to the folder removes.
 """
@@ -36,7 +36,7 @@ _TEMPORARY = re.compile(r"\.calib-[0-9a-f]{16}\.part")
 class UnwritableFile(InputFileError, OSError):
     """A file that cannot be written.
 
-    ``errno``, ``strerror`` and ``filename`` are those of an ``OSError`` that names the file.
+    `errno`, `strerror` and `filename` are those of an `OSError` that names the file.
     """
 
     def __str__(self) -> str:
@@ -45,10 +45,10 @@ class UnwritableFile(InputFileError, OSError):
 
 @contextmanager
 def replacing(path: Path, mode: int | None = None) -> Iterator[BinaryIO]:
-    """Give the block a new file to write, which becomes ``path`` if the block succeeds.
+    """Give the block a new file to write, which becomes `path` if the block succeeds.
 
-    It is created before the block, and its content is on the disk before ``path`` changes. If the
-    block raises, ``path`` is unchanged. A symbolic link at ``path`` is replaced, not followed.
+    It is created before the block, and its content is on the disk before `path` changes. If the
+    block raises, `path` is unchanged. A symbolic link at `path` is replaced, not followed.
 
     Args:
         path: File to write or replace.
@@ -81,9 +81,9 @@ def replacing(path: Path, mode: int | None = None) -> Iterator[BinaryIO]:
 
 @contextmanager
 def text_file(path: Path) -> Iterator[TextIO]:
-    r"""Open a UTF-8 text file as in ``replacing``. Line ends are not translated.
+    r"""Open a UTF-8 text file as in `replacing`. Line ends are not translated.
 
-    Bytes of file names that are not UTF-8 are spelled out: ``\udcff`` for the byte ff.
+    Bytes of file names that are not UTF-8 are spelled out: `\udcff` for the byte ff.
     """
     with replacing(path) as stream:
         text = io.TextIOWrapper(stream, "utf-8", "backslashreplace", newline="")
@@ -97,7 +97,7 @@ def text_file(path: Path) -> Iterator[TextIO]:
 
 @contextmanager
 def replacing_folder(path: Path) -> Iterator[Path]:
-    """Give the block a new folder to fill, which becomes ``path`` if the block succeeds.
+    """Give the block a new folder to fill, which becomes `path` if the block succeeds.
 
     Args:
         path: Folder to make or replace; its parent exists.
@@ -125,7 +125,7 @@ def write_whole(path: Path, data: bytes, mode: int | None = None) -> None:
     Args:
         path: File to write or replace.
         data: Its content.
-        mode: Permissions of the file, as for ``replacing``.
+        mode: Permissions of the file, as for `replacing`.
 
     Raises:
         InputFileError: If it cannot be written.
@@ -140,7 +140,7 @@ def write_whole(path: Path, data: bytes, mode: int | None = None) -> None:
 def write_text(path: Path, text: str) -> None:
     r"""Write a UTF-8 text file at once or not at all.
 
-    Bytes of file names that are not UTF-8 are spelled out: ``\udcff`` for the byte ff.
+    Bytes of file names that are not UTF-8 are spelled out: `\udcff` for the byte ff.
 
     Raises:
         InputFileError: If it cannot be written.
@@ -154,7 +154,7 @@ def write_image(path: Path, image: NDArray[Any], options: Sequence[int] = ()) ->
     Args:
         path: File to write; its suffix is the format.
         image: (H, W) or (H, W, 3) BGR.
-        options: Flags and values of ``cv2.imwrite``.
+        options: Flags and values of `cv2.imwrite`.
 
     Raises:
         InputFileError: If it cannot be written.

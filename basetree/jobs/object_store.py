@@ -1,4 +1,4 @@
-"""A store in an object store, through ``fsspec``: retries, and one clear line when it is full."""
+"""A store in an object store, through `fsspec`: retries, and one clear line when it is full."""
 
 from __future__ import annotations
 

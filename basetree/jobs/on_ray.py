@@ -33,7 +33,7 @@ _workers: dict[str, Worker] = {}  # in the processes of Ray: the worker of the l
 
 
 class RayEngine:
-    """A connection to a cluster, or a cluster of this machine alone; use it with ``with``.
+    """A connection to a cluster, or a cluster of this machine alone; use it with `with`.
 
     Args:
         address: Address of a cluster as Ray takes it, such as 10.0.0.5:6379; "local" for this

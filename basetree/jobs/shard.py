@@ -48,5 +48,5 @@ class Shard:
         return f"shards/{self.number:06d}-of-{self.count:06d}.json"
 
     def units(self, count: int) -> range:
-        """Numbers of the shard's units, if the job has ``count`` of them."""
+        """Numbers of the shard's units, if the job has `count` of them."""
         return range(self.number - 1, count, self.count)

@@ -1,4 +1,4 @@
-"""Stores of parts: a folder, or a place in an object store that ``fsspec`` opens by its URL."""
+"""Stores of parts: a folder, or a place in an object store that `fsspec` opens by its URL."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:/+(?=[^/])")
 class Store(Protocol):
     """Named files that appear whole, and that all workers see.
 
-    Names are relative, with folders separated by "/". All methods raise ``StoreError`` if the store
+    Names are relative, with folders separated by "/". All methods raise `StoreError` if the store
     cannot be read or written.
     """
 

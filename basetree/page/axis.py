@@ -28,10 +28,10 @@ class Axis:
     """The values along one side of a chart.
 
     Attributes:
-        low: value at the beginning.
-        high: value at the end, another one.
-        ticks: values, and what is written at each of them as content of an SVG text.
-        name_html: what the values are, with their unit, likewise; nothing if empty.
+        low: Value at the beginning.
+        high: Value at the end, another one.
+        ticks: Values, and what is written at each of them as content of an SVG text.
+        name_html: What the values are, with their unit, likewise; nothing if empty.
     """
 
     low: float
@@ -53,12 +53,12 @@ class Axis:
         """An axis with round ends that holds both values.
 
         Args:
-            low: smallest value.
-            high: largest value.
-            name_html: what the values are.
-            parts: number of steps between ticks, about.
-            whole: whether only whole numbers have ticks.
-            text: what is written at a value, as content of an SVG text.
+            low: Smallest value.
+            high: Largest value.
+            name_html: What the values are.
+            parts: Number of steps between ticks, about.
+            whole: Whether only whole numbers have ticks.
+            text: What is written at a value, as content of an SVG text.
         """
         step = max(round_step(high - low, parts), float(whole))
         first = math.floor(low / step)
@@ -71,9 +71,9 @@ class Axis:
         """An axis of bins, the first from 0 to 1, the second from 1 to 2 and so on.
 
         Args:
-            edges_html: the edges of the bins, one more than there are bins. Of many, only some
+            edges_html: The edges of the bins, one more than there are bins. Of many, only some
                 are written.
-            name_html: what the edges are.
+            name_html: What the edges are.
         """
         every = math.ceil(len(edges_html) / _MAX_EDGES)
         ticks = tuple((float(n), text) for n, text in enumerate(edges_html) if n % every == 0)

@@ -24,8 +24,8 @@ def series(number: int, *marks: str, kind: str = "") -> str:
     """Marks in the colour of a series.
 
     Args:
-        number: index of the series, 0 to 2.
-        marks: what the methods of `Plot` give.
+        number: Index of the series, 0 to 2.
+        marks: What the methods of `Plot` give.
         kind: "over" for bars that others may stand behind.
     """
     return f'<g class="{_SERIES[number]} {kind}">{"".join(marks)}</g>'
@@ -40,8 +40,8 @@ def key(kind: str, sign: str = "●", colour: str = "") -> str:
     """A coloured sign in front of a name.
 
     Args:
-        kind: class that gives the colour: "first", "second", "third", "gross", "part0" and so on.
-        sign: the sign.
+        kind: Class that gives the colour: "first", "second", "third", "gross", "part0" and so on.
+        sign: The sign.
         colour: a CSS colour instead.
     """
     style = f' style="color:{colour}"' if colour else ""
@@ -55,9 +55,9 @@ class Plot:
         """Prepare a chart.
 
         Args:
-            across: the horizontal axis.
-            up: the vertical axis.
-            size_px: width and height; the page scales the chart to the width that it has.
+            across: The horizontal axis.
+            up: The vertical axis.
+            size_px: Width and height; the page scales the chart to the width that it has.
         """
         self._across, self._up = across, up
         self._width, self._height = size_px
@@ -126,10 +126,10 @@ class Plot:
         """Vertical bars from zero; none where the value is zero.
 
         Args:
-            edges: the edges of the bins on the horizontal axis, one more than there are values.
-            values: the height of each bar.
-            hints: what is shown when the pointer is on a bar.
-            place: index and number of the series that share the width of the bins.
+            edges: The edges of the bins on the horizontal axis, one more than there are values.
+            values: The height of each bar.
+            hints: What is shown when the pointer is on a bar.
+            place: Index and number of the series that share the width of the bins.
             kind: "gross" for bars of gross errors.
         """
         drawn = []
@@ -171,9 +171,9 @@ class Part(NamedTuple):
     """A part of a stacked bar.
 
     Attributes:
-        value: its size, in the unit of the other parts.
-        text: what is written on it, if there is room.
-        hint: what is shown when the pointer is on it.
+        value: Its size, in the unit of the other parts.
+        text: What is written on it, if there is room.
+        hint: What is shown when the pointer is on it.
     """
 
     value: float
@@ -187,9 +187,9 @@ def stacked_bars(
     """A horizontal bar for each row, divided into its parts; all bars have the same length.
 
     Args:
-        name: what the chart shows.
-        rows: the title of each bar, which stands above it, and its parts, up to eight.
-        width_px: width of the chart.
+        name: What the chart shows.
+        rows: The title of each bar, which stands above it, and its parts, up to eight.
+        width_px: Width of the chart.
     """
     drawn = []
     for number, (title, parts) in enumerate(rows):

@@ -82,7 +82,7 @@ def grid(items_html: Iterable[str], kind: str = "") -> str:
     """Cards or figures side by side, as many as fit.
 
     Args:
-        items_html: the cards or figures.
+        items_html: The cards or figures.
         kind: "wide" for large pictures, "halves" for two in a row, "small" for small pictures.
     """
     return f'<div class="grid {kind}">{"".join(items_html)}</div>'
@@ -120,8 +120,8 @@ def table(
     """A table, which scrolls sideways where the page is too narrow for it.
 
     Args:
-        head: the names of the columns; none if empty.
-        rows: the cells of each row; a string is a row that `row` made.
+        head: The names of the columns; none if empty.
+        rows: The cells of each row; a string is a row that `row` made.
         groups: a row above the head, over groups of columns.
         foot: a row below the body.
         kind: "text" for columns of words, "sortable" for one that a script sorts.
@@ -160,9 +160,9 @@ def figure(jpeg: Jpeg, caption_html: str, alt: str, anchor: str = "") -> str:
     """A picture that a click shows as large as the window.
 
     Args:
-        jpeg: the picture.
-        caption_html: text below the picture.
-        alt: description of the picture.
+        jpeg: The picture.
+        caption_html: Text below the picture.
+        alt: Description of the picture.
         anchor: id of the element, for links; none if empty.
     """
     data = base64.b64encode(jpeg.data).decode("ascii")

@@ -9,8 +9,6 @@ import typer
 from basetree.errors import MissingPackage
 from basetree.program.process import run_command_line
 
-__all__ = ["Version", "new_app", "run_app", "show_help"]
-
 
 def _print_version(context: typer.Context, asked: bool) -> None:
     if asked:

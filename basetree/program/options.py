@@ -13,8 +13,6 @@ import typer
 from basetree.settings.base import metadata_of
 from basetree.settings.words import field_words
 
-__all__ = ["expand_groups", "given", "option_of"]
-
 
 def expand_groups(command: Callable[..., None]) -> Callable[..., None]:
     """Let a typer command take dataclasses of options.

@@ -35,9 +35,9 @@ def run_command_line(name: str, run: Callable[[], object], resume: str = "") -> 
     written, 130 for Ctrl-C, 143 for SIGTERM.
 
     Args:
-        name: name of the program, for messages.
-        run: the command line; returns the exit code, or None.
-        resume: what an interrupted command tells the user to do.
+        name: Name of the program, for messages.
+        run: The command line; returns the exit code, or None.
+        resume: What an interrupted command tells the user to do.
     """
     stdout = _open_streams(name)
     with _interruptible() as is_terminated:

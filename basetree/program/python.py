@@ -21,12 +21,12 @@ def run_python(
     """Run this Python in a process of its own, and wait for its end.
 
     Args:
-        arguments: arguments of Python, such as "-m" and a module.
-        given: text for its standard input.
-        limit_s: longest time that it may take.
+        arguments: Arguments of Python, such as "-m" and a module.
+        given: Text for its standard input.
+        limit_s: Longest time that it may take.
 
     Raises:
-        subprocess.TimeoutExpired: it takes longer.
+        subprocess.TimeoutExpired: It takes longer.
     """
     return subprocess.run(
         [sys.executable, *arguments],

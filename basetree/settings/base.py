@@ -9,15 +9,13 @@ from typing import Any, ClassVar, NoReturn
 from basetree.errors import EdgetreeError, SettingsError
 from basetree.settings.metadata import Metadata, complaint
 
-__all__ = ["Settings", "check_value", "metadata_of"]
-
 
 class Settings:
     """Base of frozen dataclasses of settings: values are checked when an instance is built.
 
     What a field may be is in its metadata. None is valid where the type of the field has it.
 
-    A subclass may name ``each``, metadata of all fields that have none of their own, and ``error``,
+    A subclass may name `each`, metadata of all fields that have none of their own, and `error`,
     the error that is raised in place of SettingsError:
 
         class Counts(Settings, each=limits(0, 50), error=InputError): ...
@@ -69,7 +67,7 @@ def check_value(name: str, value: Any, expected: Metadata) -> None:
     Args:
         name: Name of the value, for the message.
         value: The value.
-        expected: What it may be, such as ``limits(0, 1)``.
+        expected: What it may be, such as `limits(0, 1)`.
 
     Raises:
         SettingsError: If the value is something else.

@@ -11,8 +11,6 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 from basetree.settings.base import metadata_of
 from basetree.settings.words import field_words
 
-__all__ = ["json_schema"]
-
 _TYPES = {bool: "boolean", int: "integer", float: "number", str: "string", Path: "string"}
 
 

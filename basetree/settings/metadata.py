@@ -7,22 +7,10 @@ from collections.abc import Iterable, Mapping
 from math import inf
 from typing import Any
 
-__all__ = [
-    "NOT_AN_OPTION",
-    "UNORDERED",
-    "Metadata",
-    "complaint",
-    "label",
-    "limits",
-    "names",
-    "option",
-    "weights",
-]
-
 _LARGEST = sys.float_info.max
 
 Metadata = dict[str, Any]
-"""Metadata of a field of a dataclass; several are joined by ``|``."""
+"""Metadata of a field of a dataclass; several are joined by `|`."""
 
 NOT_AN_OPTION: Metadata = {"option": None}
 """Metadata of a setting that the command line does not offer."""

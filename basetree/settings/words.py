@@ -10,8 +10,6 @@ from dataclasses import is_dataclass
 from functools import cache
 from itertools import pairwise
 
-__all__ = ["field_words"]
-
 
 @cache
 def field_words(settings: type) -> Mapping[str, str]:

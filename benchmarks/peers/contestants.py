@@ -23,18 +23,18 @@ class Contestant:
     """A network in a runtime.
 
     Attributes:
-        name: name in the table.
-        environment: environment that runs it, see `environments.py`.
-        worker: program in `workers`.
-        file: the network's file; relative paths are in the folder of prepared networks.
-        gives: of boxes, masks and keypoints, what one pass gives.
-        precision: of weights and activations.
-        licence: of the network's code, as an SPDX name.
-        lacks: what this project's files have and this one does not.
+        name: Name in the table.
+        environment: Environment that runs it, see `environments.py`.
+        worker: Program in `workers`.
+        file: The network's file; relative paths are in the folder of prepared networks.
+        gives: Of boxes, masks and keypoints, what one pass gives.
+        precision: Of weights and activations.
+        licence: Of the network's code, as an SPDX name.
+        lacks: What this project's files have and this one does not.
         timed: `BARE` or `WHOLE`.
-        layout: layout of the input, see `workers/stopwatch.py`.
-        side_px: side of the letterboxed frames; None for frames as they come.
-        options: further options of the worker.
+        layout: Layout of the input, see `workers/stopwatch.py`.
+        side_px: Side of the letterboxed frames; None for frames as they come.
+        options: Further options of the worker.
     """
 
     name: str

@@ -32,12 +32,12 @@ def call(command: list[str | Path], threads: int | None, folder: Path) -> dict[s
     """Run a program of a peer; returns the JSON object in the last line of its output.
 
     Args:
-        command: the program and its arguments.
-        threads: threads of the libraries that ask the environment; None for their default.
-        folder: where the peers' packages may store settings.
+        command: The program and its arguments.
+        threads: Threads of the libraries that ask the environment; None for their default.
+        folder: Where the peers' packages may store settings.
 
     Raises:
-        Failed: the program failed.
+        Failed: The program failed.
     """
     settings = {
         "PYTHONPATH": str(ROOT),
@@ -64,8 +64,8 @@ def frames_file(side_px: int | None, folder: Path) -> Path:
     """The sample frames of edgetree as (N, H, W, 3) uint8 BGR in a .npy file.
 
     Args:
-        side_px: side of the square that they are letterboxed to; None for frames as they are.
-        folder: folder of the file.
+        side_px: Side of the square that they are letterboxed to; None for frames as they are.
+        folder: Folder of the file.
     """
     path = folder / f"frames-{side_px or 'whole'}.npy"
     if not path.is_file():

@@ -26,7 +26,7 @@ def merge(records: Sequence[Mapping[str, Any]]) -> Record:
     """The figures of a contestant.
 
     Args:
-        records: what its worker reported in each round that it took part in: the times of the runs,
+        records: What its worker reported in each round that it took part in: the times of the runs,
             the times to load the file and of the first run, and the peak memory.
 
     Returns:
@@ -53,8 +53,8 @@ def ratio(rounds_ms: Mapping[int, float], reference_ms: Mapping[int, float]) -> 
     """Median of the ratios within a round, which other load on the machine changes least.
 
     Args:
-        rounds_ms: median time by round of a contestant.
-        reference_ms: that of the reference, which took part in the same rounds at least.
+        rounds_ms: Median time by round of a contestant.
+        reference_ms: That of the reference, which took part in the same rounds at least.
     """
     ratios = [time_ms / reference_ms[number] for number, time_ms in rounds_ms.items()]
     return round(statistics.median(ratios), 2)

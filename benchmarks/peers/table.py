@@ -22,7 +22,7 @@ def table_lines(result: Mapping[str, Any]) -> Iterator[str]:
     """The lines of the table, and notes that say what its numbers mean.
 
     Args:
-        result: the JSON object of `measure.py`.
+        result: The JSON object of `measure.py`.
     """
     yield f"| {' | '.join(COLUMNS)} |"
     yield f"|{' --- |' * len(COLUMNS)}"

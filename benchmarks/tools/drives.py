@@ -16,7 +16,7 @@ def drive_records(scene: Path) -> list[dict[str, Any]]:
     """Image and labels of each frame of a drive, in the order of time.
 
     Args:
-        scene: file of the drive in the folder `scenes` of its dataset.
+        scene: File of the drive in the folder `scenes` of its dataset.
     """
     records: list[dict[str, Any]] = json.loads(scene.read_text("utf-8"))
     return sorted(records, key=lambda record: float(record["image"]["time_s"]))

@@ -16,10 +16,10 @@ def panels(rows: int, columns: int, size: tuple[float, float], **options: Any) -
     """A figure and its panels.
 
     Args:
-        rows: rows of panels.
-        columns: columns of panels.
-        size: width and height in inches.
-        **options: as for `pyplot.subplots`.
+        rows: Rows of panels.
+        columns: Columns of panels.
+        size: Width and height in inches.
+        **options: As for `pyplot.subplots`.
     """
     from matplotlib import pyplot
 
@@ -43,11 +43,11 @@ def endurance(
     """Latency above memory over a long run.
 
     Args:
-        x: place of each part of the run.
-        x_label: what x is.
+        x: Place of each part of the run.
+        x_label: What x is.
         latency_ms: `p50` and `p99` of each part.
-        memory_mib: resident memory in each part.
-        counted: what the latency is of, such as "frames".
+        memory_mib: Resident memory in each part.
+        counted: What the latency is of, such as "frames".
 
     Returns:
         The figure and its two panels.

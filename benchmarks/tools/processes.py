@@ -16,10 +16,10 @@ def memory_mib(process: int | str, file: str, line: str) -> float:
     """A value of a file of `/proc/PROCESS`, MiB; 0 if the process has ended.
 
     Args:
-        process: its id, or "self".
+        process: Its id, or "self".
         file: "status" with the lines VmRSS, VmHWM (its peak) and RssAnon (without mapped files), or
             "smaps_rollup" with Pss (shared memory divided among its users).
-        line: name of the line.
+        line: Name of the line.
     """
     try:
         lines = (PROC / str(process) / file).read_text("ascii", "replace").splitlines()
@@ -43,7 +43,7 @@ class Usage:
     The rows are written in full before the run, so that it takes no more memory as it goes on.
 
     Args:
-        most: largest number of looks.
+        most: Largest number of looks.
     """
 
     def __init__(self, most: int) -> None:
@@ -91,7 +91,7 @@ def percentiles(
     Args:
         values: (N,) values.
         part: (N,) number of the part of each.
-        digits: digits to round to.
+        digits: Digits to round to.
     """
     parts = [values[part == number] for number in np.unique(part)]
     return {

@@ -15,8 +15,8 @@ def time_ms(call: Callable[[], object], clock: Callable[[], float] = time.perf_c
     """Time of one call, ms.
 
     Args:
-        call: what to time.
-        clock: seconds; `time.thread_time` and `time.process_time` count processor time.
+        call: What to time.
+        clock: Seconds; `time.thread_time` and `time.process_time` count processor time.
     """
     start_s = clock()
     call()
@@ -32,10 +32,10 @@ def in_turn(
     """Times of calls in ms by name, each called once in a round.
 
     Args:
-        calls: what to time; each gets the number of the round.
-        rounds: rounds that count.
-        warm_up: rounds before them.
-        clock: as for `time_ms`.
+        calls: What to time; each gets the number of the round.
+        rounds: Rounds that count.
+        warm_up: Rounds before them.
+        clock: As for `time_ms`.
     """
     times: dict[Name, list[float]] = {name: [] for name in calls}
     for number in range(warm_up + rounds):

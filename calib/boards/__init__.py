@@ -1,6 +1,6 @@
 """Camera calibration from images of flat boards.
 
-``find_boards`` detects the board in images; ``calibrate_camera`` turns the views into a Calibration
+`find_boards` detects the board in images; `calibrate_camera` turns the views into a Calibration
 or a CalibrationFailure.
 """
 

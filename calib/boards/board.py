@@ -64,9 +64,9 @@ class Checkerboard(Settings, error=InputError):
     """Side of a square in metres."""
 
     def detect(self, grey: UInt8) -> tuple[Float, Float] | None:
-        """Find the board; see ``Board.detect``.
+        """Find the board; see `Board.detect`.
 
-        Large images are searched at a reduced size. The corners of ``findChessboardCornersSB`` are
+        Large images are searched at a reduced size. The corners of `findChessboardCornersSB` are
         refined on the image gradients at full size, which reduces their error to about a fifth.
         """
         scale = min(1.0, _SEARCH_SIZE_PX / max(grey.shape))
@@ -114,7 +114,7 @@ class CharucoBoard(Settings, error=InputError):
             )
 
     def detect(self, grey: UInt8) -> tuple[Float, Float] | None:
-        """Find the board; see ``Board.detect``.
+        """Find the board; see `Board.detect`.
 
         The corners are refined again because some versions of OpenCV return them half a pixel off.
         The refinement window does not reach the markers.
@@ -149,10 +149,10 @@ class CircleGrid(Settings, error=InputError):
     """Distance between neighbouring rows in metres. Within a row the distance is the same, or twice
     as much if asymmetric."""
     asymmetric: bool = False
-    """Whether every second row is shifted by ``spacing_m``."""
+    """Whether every second row is shifted by `spacing_m`."""
 
     def detect(self, grey: UInt8) -> tuple[Float, Float] | None:
-        """Find the board; see ``Board.detect``."""
+        """Find the board; see `Board.detect`."""
         kind = cv2.CALIB_CB_ASYMMETRIC_GRID if self.asymmetric else cv2.CALIB_CB_SYMMETRIC_GRID
         blobs = cv2.SimpleBlobDetector.Params()
         blobs.minArea = _MIN_BLOB_PX2
@@ -172,7 +172,7 @@ class CircleGrid(Settings, error=InputError):
 
 
 def parse_board(text: str) -> Board:
-    """Create a board from a text in one of the forms of ``BOARD_FORMS``.
+    """Create a board from a text in one of the forms of `BOARD_FORMS`.
 
     Raises:
         InputError: If the text has no known form or a value is invalid; the message quotes it.

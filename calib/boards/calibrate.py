@@ -32,7 +32,7 @@ def calibrate_camera(
     Views and points that do not agree with the others are left out and named.
 
     Args:
-        views: Points of the board in each image, from ``find_boards``.
+        views: Points of the board in each image, from `find_boards`.
         size: Width and height of the images in px.
         model: "radtan" (k1, k2, p1, p2, k3) or "fisheye" (k1 to k4), as OpenCV defines them.
 
@@ -42,7 +42,7 @@ def calibrate_camera(
         separated), or if its points cover less than a quarter of the image.
 
     Raises:
-        CameraError: If ``model`` is unknown.
+        CameraError: If `model` is unknown.
     """
     if model not in PARAMETERS:
         raise CameraError(f"model is {model!r}: expected one of {', '.join(PARAMETERS)}")

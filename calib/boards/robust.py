@@ -56,7 +56,7 @@ def solve_robustly(
         min_views: Smallest number of views to solve with.
 
     Returns:
-        The views used, without wrong points; the solution, None if fewer than ``min_views`` are
+        The views used, without wrong points; the solution, None if fewer than `min_views` are
         left; and what was left out.
     """
     intrinsics, poses = initial_estimate(views, size, model)

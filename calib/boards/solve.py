@@ -53,7 +53,7 @@ class Solution:
     """A camera and board poses.
 
     Attributes:
-        intrinsics: (P,) in the order of ``PARAMETERS``.
+        intrinsics: (P,) in the order of `PARAMETERS`.
         poses: (V, 6) rotation vector and translation in metres, board to camera coordinates.
         residuals_px: (N, 2) observed minus projected px of each view.
         stds: (P,) standard deviations of the intrinsics; None if the views do not determine them.
@@ -72,7 +72,7 @@ def project(
 
     Args:
         model: "radtan" or "fisheye".
-        intrinsics: (P,) in the order of ``PARAMETERS``.
+        intrinsics: (P,) in the order of `PARAMETERS`.
         pose: (6,) rotation vector and translation in metres.
         object_m: (N, 3) metres on the board.
 
@@ -224,7 +224,7 @@ def refine(
 class _NormalEquations:
     """The normal equations of one linearisation.
 
-    Holds the ``cost`` and, view by view, the blocks of J^T J and J^T r.
+    Holds the `cost` and, view by view, the blocks of J^T J and J^T r.
     """
 
     def __init__(

@@ -27,13 +27,13 @@ def disparity_to_depth(disparity_px: ArrayLike, fx_px: float, baseline_m: float)
         (H, W) float32 metres along z, 0 where the disparity is missing.
 
     Raises:
-        DepthError: If ``fx_px`` or ``baseline_m`` is not above 0.
+        DepthError: If `fx_px` or `baseline_m` is not above 0.
     """
     return _divide_valid(_focal_baseline(fx_px, baseline_m), disparity_px)
 
 
 def depth_to_disparity(depth_m: ArrayLike, fx_px: float, baseline_m: float) -> Float32:
-    """Convert (H, W) metres along z to (H, W) px; inverse of ``disparity_to_depth``."""
+    """Convert (H, W) metres along z to (H, W) px; inverse of `disparity_to_depth`."""
     return _divide_valid(_focal_baseline(fx_px, baseline_m), depth_m)
 
 
@@ -55,7 +55,7 @@ def range_to_depth(range_m: ArrayLike, camera: PinholeCamera) -> Float32:
 
 
 def depth_to_range(depth_m: ArrayLike, camera: PinholeCamera) -> Float32:
-    """Convert (H, W) metres along z to metres along the ray; inverse of ``range_to_depth``."""
+    """Convert (H, W) metres along z to metres along the ray; inverse of `range_to_depth`."""
     depths = np.asarray(depth_m, np.float64)
     return np.asarray(depths * _ray_lengths(camera, depths), np.float32)
 
@@ -76,7 +76,7 @@ def _focal_baseline(fx_px: float, baseline_m: float) -> float:
 
 
 def _divide_valid(product: float, values: ArrayLike) -> Float32:
-    """Divide ``product`` by the finite values above 0; return 0 elsewhere."""
+    """Divide `product` by the finite values above 0; return 0 elsewhere."""
     divisors = np.asarray(values, np.float64)
     usable = np.isfinite(divisors) & (divisors > 0)
     quotients = np.divide(product, divisors, out=np.zeros(divisors.shape), where=usable)

@@ -21,10 +21,10 @@ class DepthEncoding:
     """Linear mapping from metres to 8-bit values, clamped outside the range.
 
     Attributes:
-        near_m: Depth encoded as ``near_value``, in metres.
-        far_m: Depth encoded as ``far_value``, in metres.
-        near_value: Grey value of ``near_m`` and nearer, 0 to 255.
-        far_value: Grey value of ``far_m`` and farther, 0 to 255.
+        near_m: Depth encoded as `near_value`, in metres.
+        far_m: Depth encoded as `far_value`, in metres.
+        near_value: Grey value of `near_m` and nearer, 0 to 255.
+        far_value: Grey value of `far_m` and farther, 0 to 255.
         invalid_value: Grey value of pixels without a reading, 0 to 255.
 
     Raises:
@@ -58,7 +58,7 @@ class DepthEncoding:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> DepthEncoding:
-        """Create an encoding from the values of ``to_dict``.
+        """Create an encoding from the values of `to_dict`.
 
         Raises:
             DepthError: If a field is missing, unknown or not a number.
@@ -88,7 +88,7 @@ def encode_depth(depth_m: Float, encoding: DepthEncoding) -> UInt8:
         encoding: The encoding.
 
     Returns:
-        (H, W) uint8, ``invalid_value`` for missing readings.
+        (H, W) uint8, `invalid_value` for missing readings.
     """
     metres = np.ascontiguousarray(depth_m, np.float32)
     low, high = sorted((encoding.near_value, encoding.far_value))
@@ -109,8 +109,8 @@ def decode_depth(grey: UInt8, encoding: DepthEncoding) -> Float32:
         encoding: The encoding.
 
     Returns:
-        (H, W) float32 metres. Pixels with ``invalid_value``, at or beyond ``far_value``, or on the
-        other side of ``near_value`` become 0, because their depth is unknown.
+        (H, W) float32 metres. Pixels with `invalid_value`, at or beyond `far_value`, or on the
+        other side of `near_value` become 0, because their depth is unknown.
     """
     share = (grey.astype(np.float32) - encoding.near_value) / (
         encoding.far_value - encoding.near_value

@@ -26,7 +26,7 @@ def read_depth(path: Path | str, scale: float = 1 / _MM_PER_M) -> Float32:
     """Read a depth map.
 
     Args:
-        path: Single-channel PNG, TIFF or .npy file. uint16 values are multiplied by ``scale``;
+        path: Single-channel PNG, TIFF or .npy file. uint16 values are multiplied by `scale`;
             float32 and float64 values are metres.
         scale: Metres per step of a uint16 file; the default is millimetres.
 
@@ -35,8 +35,8 @@ def read_depth(path: Path | str, scale: float = 1 / _MM_PER_M) -> Float32:
         float32 become 0, no reading.
 
     Raises:
-        InputFileError: If the file is missing, unreadable or larger than ``Limits`` allows.
-        DepthError: If ``scale`` is not positive, or the file has another dtype or several channels.
+        InputFileError: If the file is missing, unreadable or larger than `Limits` allows.
+        DepthError: If `scale` is not positive, or the file has another dtype or several channels.
     """
     path = Path(path)
     if not (math.isfinite(scale) and scale > 0):

@@ -64,7 +64,7 @@ def load_camera(path: Path | str, *, name: str | None = None) -> PinholeCamera:
     """Read a camera file; the format is recognised by the content.
 
     Supported: the project's own JSON, also without its schema; ROS camera_info, CameraInfo messages
-    as ``ros2 topic echo`` prints them, and parameter files; OpenCV FileStorage (YAML, XML); Kalibr
+    as `ros2 topic echo` prints them, and parameter files; OpenCV FileStorage (YAML, XML); Kalibr
     camchains; CamOdoCal; ORB-SLAM settings; RealSense (text, JSON); ZED factory calibration.
     Values that lenses seldom have are logged as warnings.
 
@@ -74,7 +74,7 @@ def load_camera(path: Path | str, *, name: str | None = None) -> PinholeCamera:
 
     Raises:
         InputFileError: If the file is missing, unreadable, of no known format or larger than
-            ``Limits`` allows, or if ``name`` does not select one camera.
+            `Limits` allows, or if `name` does not select one camera.
         CameraError: If a value is invalid; the message names the file.
     """
     path = Path(path)

@@ -22,7 +22,7 @@ def find(values: Values) -> dict[str, Values]:
 
 
 def build(values: Values) -> PinholeCamera:
-    """Create the camera; ``fisheye_model`` 1 means the fisheye model."""
+    """Create the camera; `fisheye_model` 1 means the fisheye model."""
     model = FISHEYE if flag(values, "fisheye_model") else RADTAN
     return camera(
         size(values),

@@ -18,7 +18,7 @@ def find(values: Values) -> dict[str, Values]:
 
 
 def build(values: Values) -> PinholeCamera:
-    """Create the camera from the values of ``PinholeCamera.to_dict``."""
+    """Create the camera from the values of `PinholeCamera.to_dict`."""
     if values["schema"] != SCHEMA:
         raise CameraError(f"schema is {values['schema']!r}, expected {SCHEMA!r}")
     return PinholeCamera.from_dict(values)
@@ -30,7 +30,7 @@ def find_plain(values: Values) -> dict[str, Values]:
 
 
 def build_plain(values: Values) -> PinholeCamera:
-    """Create the camera from the values of ``PinholeCamera.to_dict`` without a schema.
+    """Create the camera from the values of `PinholeCamera.to_dict` without a schema.
 
     Such a file may be another tool's, so other fields, such as k1, are refused.
     """

@@ -1,4 +1,4 @@
-"""RealSense intrinsics: text of ``rs-enumerate-devices -c`` or pyrealsense2, or JSON."""
+"""RealSense intrinsics: text of `rs-enumerate-devices -c` or pyrealsense2, or JSON."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """ROS: camera_info files, printed CameraInfo messages, and parameter files.
 
 - camera_info YAML, as camera_calibration and camera_calibration_parsers write it.
-- Messages sensor_msgs/CameraInfo, as ``ros2 topic echo`` and ``rostopic echo`` print them.
+- Messages sensor_msgs/CameraInfo, as `ros2 topic echo` and `rostopic echo` print them.
 - Parameter files: an image size and a map named after the model, with K and D.
 """
 
@@ -129,7 +129,7 @@ def _lenses(values: Values) -> list[str]:
 
 
 def build_parameters(values: Values) -> PinholeCamera:
-    """Create the camera for the image size in the file; use ``scaled`` for other sizes."""
+    """Create the camera for the image size in the file; use `scaled` for other sizes."""
     lenses = _lenses(values)
     if len(lenses) > 1:
         raise CameraError(f"{' and '.join(lenses)} both hold K and D: expected one lens")

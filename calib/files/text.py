@@ -1,6 +1,6 @@
 """Parse a text file as JSON, XML, INI or YAML, recognised by its content.
 
-Every camera, transform and depth scale file is read here, within ``basetree.files.Limits``.
+Every camera, transform and depth scale file is read here, within `basetree.files.Limits`.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def parse_record(path: Path, schema: str, expected: str) -> Mapping[str, Any]:
 
     Args:
         path: The file.
-        schema: Value of its field ``schema``.
+        schema: Value of its field `schema`.
         expected: What the file should be, for the message.
 
     Raises:

@@ -22,9 +22,9 @@ _ANGLES = ("roll_deg", "pitch_deg", "yaw_deg")
 def load_transform(path: Path | str) -> RigidTransform:
     """Read a transform.
 
-    The file holds either ``translation_m`` and one of ``rotation`` (3x3), ``quaternion_xyzw`` and
-    ``roll_pitch_yaw_deg``, or a ``mounting`` with ``position_m`` and the angles of
-    ``RigidTransform.mounting``.
+    The file holds either `translation_m` and one of `rotation` (3x3), `quaternion_xyzw` and
+    `roll_pitch_yaw_deg`, or a `mounting` with `position_m` and the angles of
+    `RigidTransform.mounting`.
 
     Raises:
         InputFileError: If the file is missing, unreadable or has another schema.

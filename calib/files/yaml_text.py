@@ -1,4 +1,4 @@
-"""Parse YAML: plain values only, within the limits of ``basetree.files.limits``."""
+"""Parse YAML: plain values only, within the limits of `basetree.files.limits`."""
 
 from __future__ import annotations
 

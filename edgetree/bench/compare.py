@@ -36,12 +36,12 @@ class RowChange:
     """How one row of a result changed.
 
     Attributes:
-        row: the row's key as text, such as "edge-n-depth int8 640x384 cpu, 2 threads, batch 1".
-        old_ms: median time of a frame before, over the rounds.
-        new_ms: the same now.
+        row: The row's key as text, such as "edge-n-depth int8 640x384 cpu, 2 threads, batch 1".
+        old_ms: Median time of a frame before, over the rounds.
+        new_ms: The same now.
         ratio: `new_ms` divided by `old_ms`.
-        noise: share by which the times of both results vary without a cause.
-        lost_ap: lost points of each average precision that fell by more than `LEAST_AP`.
+        noise: Share by which the times of both results vary without a cause.
+        lost_ap: Lost points of each average precision that fell by more than `LEAST_AP`.
     """
 
     row: str
@@ -72,10 +72,10 @@ class ResultChange:
     """Two results of `edgetree bench` compared.
 
     Attributes:
-        rows: the rows that both have, in the order of the new result.
-        only_old: rows of the old result alone.
-        only_new: rows of the new result alone.
-        machines: the old and the new machine, if they differ; else None.
+        rows: The rows that both have, in the order of the new result.
+        only_old: Rows of the old result alone.
+        only_new: Rows of the new result alone.
+        machines: The old and the new machine, if they differ; else None.
     """
 
     rows: tuple[RowChange, ...]
@@ -117,11 +117,11 @@ def compare_results(old: Record, new: Record) -> ResultChange:
     """Compare two results of `edgetree bench`.
 
     Args:
-        old: the JSON object of the earlier result.
-        new: the JSON object of the later one.
+        old: The JSON object of the earlier result.
+        new: The JSON object of the later one.
 
     Raises:
-        InputError: the results have no row in common.
+        InputError: The results have no row in common.
     """
     before = {_key(row): row for row in old["rows"]}
     now = {_key(row): row for row in new["rows"]}

@@ -39,9 +39,9 @@ class NetworkFile:
     Attributes:
         network: a name in `NETWORKS`, or of files in the folder.
         precision: a key of `edgetree.export.PRECISIONS`.
-        width: width of the input in pixels.
-        height: height of the input in pixels.
-        path: the file.
+        width: Width of the input in pixels.
+        height: Height of the input in pixels.
+        path: The file.
     """
 
     network: str
@@ -56,12 +56,12 @@ class NetworkFiles(Settings, error=InputError):
     """Networks by name, in the precisions and sizes to measure.
 
     Attributes:
-        networks: names in `NETWORKS`, or of files in `folder`.
-        folder: folder of the model files; missing files are exported to it.
-        precisions: keys of `edgetree.export.PRECISIONS`.
+        networks: Names in `NETWORKS`, or of files in `folder`.
+        folder: Folder of the model files; missing files are exported to it.
+        precisions: Keys of `edgetree.export.PRECISIONS`.
         sizes: (width, height) of the inputs in pixels.
-        proposals: region proposals per frame; None for each network's default.
-        provider: provider to run on, and to export for; see `edgetree.runtime.PROVIDERS`.
+        proposals: Region proposals per frame; None for each network's default.
+        provider: Provider to run on, and to export for; see `edgetree.runtime.PROVIDERS`.
 
     Raises:
         InputError: a value is invalid.
@@ -109,7 +109,7 @@ class NetworkFiles(Settings, error=InputError):
         """Export the files that are missing, with untrained weights.
 
         Args:
-            say: called with progress messages.
+            say: Called with progress messages.
 
         Raises:
             InputError: a name has no file and is not in `NETWORKS`, or the folder is not writable.

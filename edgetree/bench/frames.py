@@ -27,10 +27,10 @@ class BenchFrame:
     """One frame of a benchmark.
 
     Attributes:
-        image: what the model takes, as for `TreeDetector.detect`.
-        decode_ms: time to read and decode its file.
+        image: What the model takes, as for `TreeDetector.detect`.
+        decode_ms: Time to read and decode its file.
         depth_m: (H, W) depth in metres for measuring; None if it is not known.
-        camera: the camera, likewise.
+        camera: The camera, likewise.
         up_camera: (3,) direction opposite to gravity in the camera's frame, likewise.
     """
 
@@ -49,12 +49,12 @@ def bench_frames(
     """Read the first `MOST_FRAMES` frames of a source; without a source the packaged ones.
 
     Args:
-        source: an image, a folder or a video, as for `edgetree.sources.open_frames`.
-        detector: the model that will take them.
-        on_error: called with the error of each frame that cannot be read.
+        source: An image, a folder or a video, as for `edgetree.sources.open_frames`.
+        detector: The model that will take them.
+        on_error: Called with the error of each frame that cannot be read.
 
     Raises:
-        InputError: the source cannot be opened, or lacks the kind of image that the model takes.
+        InputError: The source cannot be opened, or lacks the kind of image that the model takes.
     """
     if source is None:
         return list(_packaged(detector))

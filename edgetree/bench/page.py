@@ -10,8 +10,6 @@ from basetree.page import parts
 from edgetree.bench.page_charts import front_chart, heat_chart, histogram_chart, stages_chart
 from edgetree.bench.result import notes, size_text
 
-__all__ = ["page_html"]
-
 _COLUMNS: Final = (
     *("model", "size px", "precision", "provider", "threads", "batch", "multiply-adds G"),
     *("FLOPs G", "parameters M", "file MB", "load ms", "p50 ms", "p90 ms", "p99 ms", "FPS"),

@@ -9,8 +9,6 @@ from basetree.page import charts, parts
 from basetree.page.axis import Axis
 from edgetree.bench.stages import STAGES
 
-__all__ = ["front_chart", "heat_chart", "histogram_chart", "stages_chart"]
-
 _SIZE_PX: Final = (380, 240)
 _FRONT_PX: Final = (560, 300)
 _STAGES_WIDTH_PX: Final = 920

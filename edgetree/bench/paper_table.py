@@ -25,14 +25,14 @@ class PaperRow:
     """A row of the paper's tables.
 
     Attributes:
-        name: name of the backbone in the paper.
-        counted_network: this project's name of the network that the counts belong to.
-        parameters: parameters of the ImageNet classifier.
-        multiply_adds: multiply-adds of the ImageNet classifier at 224x224 px; the paper calls them
+        name: Name of the backbone in the paper.
+        counted_network: This project's name of the network that the counts belong to.
+        parameters: Parameters of the ImageNet classifier.
+        multiply_adds: Multiply-adds of the ImageNet classifier at 224x224 px; the paper calls them
             FLOPs.
-        fps: frames per second of the detector at 800x800 px on `PAPER_GPU`.
-        box_ap: average precision of boxes on simulated frames, by modality.
-        mask_ap: average precision of masks, likewise.
+        fps: Frames per second of the detector at 800x800 px on `PAPER_GPU`.
+        box_ap: Average precision of boxes on simulated frames, by modality.
+        mask_ap: Average precision of masks, likewise.
     """
 
     name: str

@@ -26,8 +26,8 @@ def machine_peak(threads: int, duration_s: float) -> dict[str, float | None]:
     """Measure the multiply-adds per second of large matrix products, in units of 10^9.
 
     Args:
-        threads: threads of one product.
-        duration_s: time to measure each number format for.
+        threads: Threads of one product.
+        duration_s: Time to measure each number format for.
 
     Returns:
         `float32`, `int8` and `bfloat16`; None where a format cannot be measured.

@@ -53,10 +53,10 @@ class Operator:
     """The nodes of one operator on one provider.
 
     Attributes:
-        operator: the operator, as it runs after optimisation.
-        provider: what runs it, a name in `edgetree.runtime.PROVIDERS`.
-        nodes: number of its nodes.
-        ms: their time in one run.
+        operator: The operator, as it runs after optimisation.
+        provider: What runs it, a name in `edgetree.runtime.PROVIDERS`.
+        nodes: Number of its nodes.
+        ms: Their time in one run.
     """
 
     operator: str
@@ -69,8 +69,8 @@ class NetworkTimes(NamedTuple):
     """Where the time of one run of a network goes.
 
     Attributes:
-        parts_ms: time of each of `PARTS`.
-        operators: the operators by descending time.
+        parts_ms: Time of each of `PARTS`.
+        operators: The operators by descending time.
     """
 
     parts_ms: dict[str, float]
@@ -81,9 +81,9 @@ def network_times(path: Path, settings: SessionSettings, inputs: Sequence[Inputs
     """Profile a network on inputs in turn, after one run to warm up; slow ones in fewer runs.
 
     Args:
-        path: the model file.
-        settings: how to run it.
-        inputs: inputs by name, at least one.
+        path: The model file.
+        settings: How to run it.
+        inputs: Inputs by name, at least one.
     """
     runs = _profile(path, settings, inputs, _MOST_RUNS + 1, optimised=True)[1:]
     events = [event for run in runs for event in run]
@@ -110,7 +110,7 @@ def parts_of_nodes(nodes: Iterable[GraphNode]) -> dict[str, str]:
     onnxruntime names nodes that it makes of others by either.
 
     Args:
-        nodes: the nodes of an exported graph, in the order of execution.
+        nodes: The nodes of an exported graph, in the order of execution.
     """
     made: dict[str, int] = {}
     found: dict[str, str] = {}
@@ -148,8 +148,8 @@ def count_multiply_adds(path: Path, inputs: Inputs) -> int:
     """Count the multiply-adds of one run of a file, in convolutions and matrix products.
 
     Args:
-        path: the model file.
-        inputs: inputs by name.
+        path: The model file.
+        inputs: Inputs by name.
     """
     (events,) = _profile(path, SessionSettings(), [inputs], 1, optimised=False)
     return sum(_multiply_adds(event["args"]) for event in events)

@@ -52,10 +52,10 @@ def make_result(
     """Make the JSON object of a benchmark.
 
     Args:
-        measured: what `measure_variants` returned.
-        environment: the machine and the versions of the libraries.
-        method: how it was measured.
-        networks: the network of each row that was asked for by name, or None.
+        measured: What `measure_variants` returned.
+        environment: The machine and the versions of the libraries.
+        method: How it was measured.
+        networks: The network of each row that was asked for by name, or None.
     """
     rows = []
     for row, network in zip(measured["rows"], networks, strict=True):
@@ -78,7 +78,7 @@ def read_result(path: Path) -> dict[str, Any]:
     """Read a result of `edgetree bench --out`.
 
     Raises:
-        InputError: the file cannot be read, is not JSON, or has another schema.
+        InputError: The file cannot be read, is not JSON, or has another schema.
     """
     return read_json(path, SCHEMA, "a result of `edgetree bench --out`")
 

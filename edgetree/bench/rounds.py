@@ -33,10 +33,10 @@ class Variant:
     """A model file in one way of running it.
 
     Attributes:
-        name: name of the model in results.
-        path: the file.
-        threads: threads of one inference.
-        batch: frames that are handed over together.
+        name: Name of the model in results.
+        path: The file.
+        threads: Threads of one inference.
+        batch: Frames that are handed over together.
     """
 
     name: str
@@ -90,9 +90,9 @@ def measure_variants(variants: Sequence[Variant], settings: BenchSettings, say: 
     """Measure variants in turn.
 
     Args:
-        variants: what to measure.
-        settings: how to measure.
-        say: called with progress messages.
+        variants: What to measure.
+        settings: How to measure.
+        say: Called with progress messages.
 
     Returns:
         `peak` by number of threads, and `rows`, one for each variant.

@@ -15,7 +15,7 @@ def sensor_values(root: Path = Path("/")) -> dict[str, float | None]:
     """`clock_mhz` and `temperature_c` now; None where the system does not tell.
 
     Args:
-        root: the folder that contains `proc` and `sys`; another one in tests.
+        root: The folder that contains `proc` and `sys`; another one in tests.
     """
     return {"clock_mhz": clock_mhz(root), "temperature_c": temperature_c(root)}
 
@@ -51,7 +51,7 @@ class EnergyCounter:
     The counters are those of RAPL in /sys/class/powercap, which only root can read on most systems.
 
     Args:
-        root: the folder that contains `sys`; another one in tests.
+        root: The folder that contains `sys`; another one in tests.
     """
 
     def __init__(self, root: Path = Path("/")) -> None:

@@ -23,13 +23,13 @@ class BenchResult:
     """The result of a benchmark. Times include resizing, inference and reading the outputs.
 
     Attributes:
-        runs: number of timed detections.
-        threads: threads of one inference.
-        detect_p50_ms: median time of a detection.
+        runs: Number of timed detections.
+        threads: Threads of one inference.
+        detect_p50_ms: Median time of a detection.
         detect_p90_ms: 90th percentile of the time of a detection.
-        fps: detections per second, one at a time.
-        trees_per_frame: mean number of trees found.
-        peak_memory_mib: peak memory of this process so far; None if not known.
+        fps: Detections per second, one at a time.
+        trees_per_frame: Mean number of trees found.
+        peak_memory_mib: Peak memory of this process so far; None if not known.
     """
 
     runs: int
@@ -59,10 +59,10 @@ def bench_detector(
     """Measure detections on the images in turn, after three detections to warm up.
 
     Args:
-        detector: the model.
-        images: images as for `TreeDetector.detect`, at least one.
-        duration_s: time to measure for; at least five detections are measured.
-        on_run: called after each detection with the elapsed share of the time, 0 to 1.
+        detector: The model.
+        images: Images as for `TreeDetector.detect`, at least one.
+        duration_s: Time to measure for; at least five detections are measured.
+        on_run: Called after each detection with the elapsed share of the time, 0 to 1.
 
     Raises:
         ValueError: `images` is empty.
@@ -90,11 +90,11 @@ def call_times_ms(
     """Time detections on the images in turn, after three to warm up.
 
     Args:
-        detector: the model.
-        images: images as for `TreeDetector.detect`, at least one.
-        batch: images that are handed over together.
-        duration_s: time to measure for; at least five calls are measured.
-        on_run: called after each call with the elapsed share of the time, 0 to 1.
+        detector: The model.
+        images: Images as for `TreeDetector.detect`, at least one.
+        batch: Images that are handed over together.
+        duration_s: Time to measure for; at least five calls are measured.
+        on_run: Called after each call with the elapsed share of the time, 0 to 1.
 
     Returns:
         The time of each call in milliseconds, and the number of trees that were found.

@@ -42,9 +42,9 @@ def stages_ms(
     """Median time of each of `STAGES`, one frame at a time.
 
     Args:
-        frames: the frames, at least one.
-        open_as: opens the model in a session of the given class.
-        parts_ms: times of the parts of the network from a profile, which makes all of them a little
+        frames: The frames, at least one.
+        open_as: Opens the model in a session of the given class.
+        parts_ms: Times of the parts of the network from a profile, which makes all of them a little
             slower: only their proportions are used.
 
     Returns:

@@ -43,14 +43,14 @@ class Job:
     Attributes:
         task: `round` for times, `detail` for cost and stages, `heat` for a long run, `peak` for the
             machine's products, which need no model.
-        threads: threads of one inference.
-        model: the model file.
-        provider: as for `TreeDetector.load`.
+        threads: Threads of one inference.
+        model: The model file.
+        provider: As for `TreeDetector.load`.
         strict: likewise.
         require_signature: likewise.
-        source: frames as for `bench_frames`.
-        batch: frames that are handed over together.
-        duration_s: time to measure for.
+        source: Frames as for `bench_frames`.
+        batch: Frames that are handed over together.
+        duration_s: Time to measure for.
     """
 
     task: Literal["round", "detail", "heat", "peak"]

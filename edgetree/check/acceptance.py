@@ -23,11 +23,11 @@ class CheckResult:
     """The comparison of two tables.
 
     Attributes:
-        matching: which stems are the same.
-        max_distance_m: largest distance between two positions of one stem.
-        quantities: the compared quantities, by their keys in `TreeMeasurement`.
-        not_compared: why a quantity of the caliper's table could not be compared, by quantity.
-        fit: the fit of the stated errors, or why there is none.
+        matching: Which stems are the same.
+        max_distance_m: Largest distance between two positions of one stem.
+        quantities: The compared quantities, by their keys in `TreeMeasurement`.
+        not_compared: Why a quantity of the caliper's table could not be compared, by quantity.
+        fit: The fit of the stated errors, or why there is none.
     """
 
     matching: Matching
@@ -71,14 +71,14 @@ def compare(
     """Compare a machine's table with a caliper's.
 
     Args:
-        measured: the machine's table.
-        caliper: the caliper's table.
-        max_distance_m: largest distance between two positions of one stem, in metres. Not used
+        measured: The machine's table.
+        caliper: The caliper's table.
+        max_distance_m: Largest distance between two positions of one stem, in metres. Not used
             for stems with numbers.
-        settings: the settings that the machine measured with.
+        settings: The settings that the machine measured with.
 
     Raises:
-        InputError: the stems cannot be matched (see `match_stems`), no matched stem has a measured
+        InputError: The stems cannot be matched (see `match_stems`), no matched stem has a measured
             diameter, or `max_distance_m` is not positive.
     """
     if not (math.isfinite(max_distance_m) and max_distance_m > 0):

@@ -21,9 +21,9 @@ class Row:
     """One row of a CSV file.
 
     Attributes:
-        place: file and line, for error messages.
-        line: number of the line in the file, from 1.
-        cells: text of each cell by column, without spaces around it.
+        place: File and line, for error messages.
+        line: Number of the line in the file, from 1.
+        cells: Text of each cell by column, without spaces around it.
     """
 
     place: str
@@ -38,7 +38,7 @@ class Row:
         """The number in a cell, with a decimal point or comma; None if the cell is empty.
 
         Raises:
-            InputError: the cell holds something else.
+            InputError: The cell holds something else.
         """
         text = self.text(column)
         if not text:
@@ -52,7 +52,7 @@ class Row:
         """The whole number in a cell; None if the cell is empty.
 
         Raises:
-            InputError: the cell holds something else.
+            InputError: The cell holds something else.
         """
         value = self.number(column)
         if value is not None and value != int(value):
@@ -67,10 +67,10 @@ class CsvFile:
     """The content of a CSV file.
 
     Attributes:
-        path: the file.
-        columns: names of the columns, in lower case, with `_` for spaces and signs:
+        path: The file.
+        columns: Names of the columns, in lower case, with `_` for spaces and signs:
             "Diameter (cm)" becomes "diameter_cm".
-        rows: the rows that are not empty.
+        rows: The rows that are not empty.
     """
 
     path: Path
@@ -86,7 +86,7 @@ def read_csv(path: Path) -> CsvFile:
     line ends and a first line such as "sep=;" are understood.
 
     Raises:
-        InputError: the file cannot be read, has no header or no rows, or a row has more cells than
+        InputError: The file cannot be read, has no header or no rows, or a row has more cells than
             the header.
     """
     lines = list(io.StringIO(_text(path), newline=""))

@@ -57,15 +57,15 @@ class ErrorFit:
     """Scale and error factor of the diameters of a machine.
 
     Attributes:
-        scale: measured diameters divided by true ones, and its standard deviation.
-        scale_significant: whether it differs from 1 by more than `BIAS_STDS` standard deviations.
+        scale: Measured diameters divided by true ones, and its standard deviation.
+        scale_significant: Whether it differs from 1 by more than `BIAS_STDS` standard deviations.
             Only then it is used.
-        factor: true standard deviations divided by stated ones, and its standard deviation.
-        factor_significant: whether 1 is outside of its 95 % interval. Only then it is used.
-        coverage_before: how many of the stated 95 % intervals hold the caliper's value.
-        coverage_after: the same with scale and factor, fitted for each stem to the other stems
+        factor: True standard deviations divided by stated ones, and its standard deviation.
+        factor_significant: Whether 1 is outside of its 95 % interval. Only then it is used.
+        coverage_before: How many of the stated 95 % intervals hold the caliper's value.
+        coverage_after: The same with scale and factor, fitted for each stem to the other stems
             (leave one out).
-        settings: new values of `FITTED_SETTINGS`; empty if the factor is not significant.
+        settings: New values of `FITTED_SETTINGS`; empty if the factor is not significant.
     """
 
     scale: Estimate
@@ -121,8 +121,8 @@ def fit_errors(
     """Fit scale and error factor to the diameters of matched stems.
 
     Args:
-        comparisons: the diameters of different stems.
-        settings: the settings that the stems were measured with.
+        comparisons: The diameters of different stems.
+        settings: The settings that the stems were measured with.
 
     Returns:
         The fit, or the reason why there is none: fewer than `MIN_STEMS` stems, or a factor that is
@@ -170,8 +170,8 @@ def _solve(data: _Data, near: _Solution | None = None) -> _Solution:
     """Fit the scale; if it is not significant, fit the factor again with the scale 1.
 
     Args:
-        data: the diameters.
-        near: the solution of similar data to start from.
+        data: The diameters.
+        near: The solution of similar data to start from.
     """
     if near is None:
         error = np.abs(data.measured_m - data.caliper_m)

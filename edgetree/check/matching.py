@@ -35,12 +35,12 @@ class Matching:
     """Which stems of two tables are the same.
 
     Attributes:
-        by: what they were matched by.
-        pairs: the matched stems, in the order of the caliper's table.
-        ambiguous: pairs matched by position for which another stem is about as near. They are not
+        by: What they were matched by.
+        pairs: The matched stems, in the order of the caliper's table.
+        ambiguous: Pairs matched by position for which another stem is about as near. They are not
             compared.
-        caliper_only: stems without a measured stem.
-        measured_only: measured stems without a reading of the caliper.
+        caliper_only: Stems without a measured stem.
+        measured_only: Measured stems without a reading of the caliper.
     """
 
     by: MatchedBy
@@ -58,9 +58,9 @@ def match_stems(measured: MeasuredTable, caliper: CaliperTable, max_distance_m: 
     still free is matched first (greedy assignment).
 
     Args:
-        measured: the machine's table.
-        caliper: the caliper's table.
-        max_distance_m: largest distance between the positions of a pair, in metres.
+        measured: The machine's table.
+        caliper: The caliper's table.
+        max_distance_m: Largest distance between the positions of a pair, in metres.
 
     Raises:
         InputError: a stem occurs twice, the frame or the position is missing, or no stem matches.

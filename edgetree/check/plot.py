@@ -20,8 +20,6 @@ from edgetree.drawing.primitives import (
     write_text,
 )
 
-__all__ = ["draw_check"]
-
 _WIDTH, _HEIGHT = 1640, 860
 _PANEL, _TOP, _LEFT, _GAP = 690, 84, 100, 120
 _TICKS: Final = 8

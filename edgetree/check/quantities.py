@@ -32,8 +32,8 @@ class Share:
     """A share of cases.
 
     Attributes:
-        count: the cases that count.
-        total: all cases, at least one.
+        count: The cases that count.
+        total: All cases, at least one.
     """
 
     count: int
@@ -95,9 +95,9 @@ class QuantityCheck:
     """The comparison of one quantity. Errors are measured minus caliper, in metres.
 
     Attributes:
-        quantity: its key in `TreeMeasurement`, such as "diameter_m".
-        comparisons: the stems with both values, at least one.
-        not_measured: the stems with a reading of the caliper only.
+        quantity: Its key in `TreeMeasurement`, such as "diameter_m".
+        comparisons: The stems with both values, at least one.
+        not_measured: The stems with a reading of the caliper only.
     """
 
     quantity: str
@@ -194,8 +194,8 @@ def check_quantity(quantity: str, pairs: tuple[Pair, ...]) -> QuantityCheck | Fa
     """Compare one quantity of matched stems.
 
     Args:
-        quantity: its key in `TreeMeasurement`.
-        pairs: the matched stems.
+        quantity: Its key in `TreeMeasurement`.
+        pairs: The matched stems.
 
     Returns:
         The comparison, or the reason why no stem has both values.

@@ -12,8 +12,6 @@ from edgetree.check.matching import Matching
 from edgetree.check.quantities import BIAS_STDS, Comparison, QuantityCheck, Share
 from edgetree.measure import Failure
 
-__all__ = ["QUANTITY_NAMES", "report_lines"]
-
 QUANTITY_NAMES: Final = {
     "diameter_m": "diameter",
     "dbh_m": "DBH",

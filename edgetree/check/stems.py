@@ -28,12 +28,12 @@ class MeasuredStem:
     """A stem that the machine measured.
 
     Attributes:
-        frame: name of the frame.
-        tree: number of the tree in the frame.
-        values: the measured quantities of `CHECKED`, or the reason why there is no value.
-        point_camera_m: the cut point in the camera's frame (x right, y down, z forward), metres;
+        frame: Name of the frame.
+        tree: Number of the tree in the frame.
+        values: The measured quantities of `CHECKED`, or the reason why there is no value.
+        point_camera_m: The cut point in the camera's frame (x right, y down, z forward), metres;
             None if it is not known.
-        point_machine_m: the cut point in the machine's frame (x forward, y left, z up).
+        point_machine_m: The cut point in the machine's frame (x forward, y left, z up).
     """
 
     frame: str
@@ -53,12 +53,12 @@ class CaliperStem:
     """A stem that a person measured.
 
     Attributes:
-        line: number of its line in the file.
-        values: the measured quantities of `CHECKED`, with their standard deviations; 0 if they are
+        line: Number of its line in the file.
+        values: The measured quantities of `CHECKED`, with their standard deviations; 0 if they are
             not known.
-        frame: name of the frame; None if the file does not say it.
-        tree: number of the tree in the frame; None if the stem is found by its position.
-        point_m: coordinates x, y, z in metres; None for those that were not measured.
+        frame: Name of the frame; None if the file does not say it.
+        tree: Number of the tree in the frame; None if the stem is found by its position.
+        point_m: Coordinates x, y, z in metres; None for those that were not measured.
     """
 
     line: int
@@ -79,8 +79,8 @@ class MeasuredTable:
     """The machine's table.
 
     Attributes:
-        source: name of the table for messages, such as its path.
-        stems: its rows.
+        source: Name of the table for messages, such as its path.
+        stems: Its rows.
     """
 
     source: str
@@ -92,8 +92,8 @@ class CaliperTable:
     """The table of a person with a caliper or tape.
 
     Attributes:
-        source: name of the table for messages, such as its path.
-        stems: its rows.
+        source: Name of the table for messages, such as its path.
+        stems: Its rows.
     """
 
     source: str
@@ -104,7 +104,7 @@ def read_measured(path: Path) -> MeasuredTable:
     """Read a table of `edgetree run --csv` or `edgetree measure --csv`.
 
     Raises:
-        InputError: the file cannot be read, a column is missing, or a value is not a number.
+        InputError: The file cannot be read, a column is missing, or a value is not a number.
     """
     file = read_csv(path)
     needed = ("frame", "tree", *(name for each in CHECKED for name in (each, _std(each))))
@@ -163,7 +163,7 @@ def read_caliper(path: Path) -> CaliperTable:
     Rows without a reading are left out.
 
     Raises:
-        InputError: the file cannot be read, a column is missing, or a value is not plausible.
+        InputError: The file cannot be read, a column is missing, or a value is not plausible.
     """
     file = read_csv(path)
     if "diameter_low95_m" in file.columns:

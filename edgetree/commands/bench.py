@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from edgetree.bench.rounds import BenchSettings, Variant
     from edgetree.commands.frame_results import LeftOut
 
-__all__ = ["bench"]
-
 _SPLIT = "test"
 _Chosen: TypeAlias = tuple[str, Path, str | None]
 

@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from edgetree.runtime.detector import TreeDetector
 
-__all__ = ["accuracy_of"]
-
 _MOST_METRE_FRAMES = 100
 _AVERAGE_PRECISIONS = {"box_ap": "boxes", "mask_ap": "masks", "keypoint_ap": "keypoints"}
 
@@ -22,14 +20,14 @@ def accuracy_of(path: Path, data: Path | None, split: str) -> dict[str, Any] | N
     average precisions are in percent, the diameter's error is the median of the absolute error.
 
     Args:
-        path: the model file.
+        path: The model file.
         data: a labelled dataset; None for the figures of the model's card.
-        split: split of the dataset.
+        split: Split of the dataset.
 
     Raises:
         MissingPackage: a dataset is given, and torch or another package for training is missing.
-        perceptree.errors.DatasetError: the dataset is missing or broken.
-        EdgetreeError: the model cannot be opened.
+        perceptree.errors.DatasetError: The dataset is missing or broken.
+        EdgetreeError: The model cannot be opened.
     """
     return _of_card(path) if data is None else _of_data(path, data, split)
 

@@ -13,8 +13,6 @@ from edgetree.commands.options import Provider, Strict
 if TYPE_CHECKING:
     from edgetree.bench.files import NetworkFiles
 
-__all__ = ["BenchFiles", "MeasureOptions", "NetworkOptions"]
-
 
 @dataclass(frozen=True)
 class MeasureOptions:
@@ -116,7 +114,7 @@ class NetworkOptions:
         """The files of the networks; None without --backbones.
 
         Raises:
-            InputError: an option is invalid, or given without --backbones.
+            InputError: An option is invalid, or given without --backbones.
         """
         from basetree.errors import InputError
         from edgetree.bench.files import NetworkFiles, cache_folder

@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from edgetree.commands.frame_results import LeftOut
     from edgetree.sources.source import FrameSource
 
-__all__ = ["calibrate"]
-
 _Source: TypeAlias = Annotated[
     Path,
     typer.Argument(metavar="SOURCE", help="A folder with pictures of the board, or a video."),

@@ -12,8 +12,6 @@ import typer
 from basetree.program.console import note, print_found
 from edgetree.commands.options import Json, quoted
 
-__all__ = ["check"]
-
 _Measured: TypeAlias = Annotated[
     Path,
     typer.Argument(

@@ -8,11 +8,10 @@ from typing import Annotated
 import typer
 
 from basetree.program.console import print_found
+from basetree.program.options import expand_groups
 from edgetree.commands.live_options import LiveMetresOptions, LiveSourceOptions
-from edgetree.commands.option_groups import SessionOptions, expand_groups
+from edgetree.commands.option_groups import SessionOptions
 from edgetree.commands.options import Json, Model
-
-__all__ = ["check_rig"]
 
 
 @expand_groups

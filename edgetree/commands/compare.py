@@ -10,8 +10,6 @@ import typer
 from basetree.program.console import print_found
 from edgetree.commands.options import Json
 
-__all__ = ["compare"]
-
 _Old: TypeAlias = Annotated[
     Path, typer.Argument(metavar="OLD.json", help="Earlier result of `edgetree bench --out`.")
 ]

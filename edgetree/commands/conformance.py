@@ -15,8 +15,6 @@ from edgetree.commands.options import Json, Provider, Threads
 if TYPE_CHECKING:
     from edgetree.conformance import Comparison, Results
 
-__all__ = ["conformance"]
-
 _MOST_LINES = 20
 
 conformance = typer.Typer(

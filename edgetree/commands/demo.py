@@ -16,8 +16,6 @@ from edgetree.commands.options import Json
 if TYPE_CHECKING:
     from edgetree.demo import DemoResult, NextCommand, Progress
 
-__all__ = ["demo"]
-
 _STEPS = 200
 
 

@@ -14,8 +14,6 @@ from edgetree.commands.options import Json
 if TYPE_CHECKING:
     from edgetree.doctor import Advice, Findings, Machine
 
-__all__ = ["doctor"]
-
 _LABEL: Final = 14
 _WIDTH: Final = 100
 _SHOWN_DIGITS: Final = 12  # of a SHA-256

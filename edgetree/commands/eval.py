@@ -9,10 +9,9 @@ from typing import Annotated
 import typer
 
 from basetree.program.console import Progress, note, print_json, progress
-from edgetree.commands.option_groups import SessionOptions, expand_groups
+from basetree.program.options import expand_groups
+from edgetree.commands.option_groups import SessionOptions
 from edgetree.commands.options import Json, model_record
-
-__all__ = ["evaluate"]
 
 
 @expand_groups

@@ -10,14 +10,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from basetree.program.console import note, print_json
-from edgetree.commands.option_groups import expand_groups
+from basetree.program.options import expand_groups
 from edgetree.commands.options import Json
 from edgetree.export.settings import ExportSettings
 
 if TYPE_CHECKING:
     from edgetree.export import ExportReport
-
-__all__ = ["export", "record", "showing_differences"]
 
 
 @expand_groups

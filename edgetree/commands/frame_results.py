@@ -15,16 +15,6 @@ from edgetree.frames.frame import Frame
 from edgetree.frames.pipeline import FrameResult
 from edgetree.sources.source import REMARKS, FrameSource, readable
 
-__all__ = [
-    "LeftOut",
-    "Totals",
-    "frame_results",
-    "note_files",
-    "source_remarks",
-    "unlike_words",
-    "warnings_shown",
-]
-
 
 def frame_results(
     frames: FrameSource, process: Callable[[Frame], FrameResult], left_out: LeftOut, *, shown: bool
@@ -32,10 +22,10 @@ def frame_results(
     """Process frames with a progress bar.
 
     Args:
-        frames: the frames.
-        process: detects and measures the trees of a frame.
-        left_out: takes the frames that cannot be read or processed.
-        shown: whether to show the progress bar on a terminal.
+        frames: The frames.
+        process: Detects and measures the trees of a frame.
+        left_out: Takes the frames that cannot be read or processed.
+        shown: Whether to show the progress bar on a terminal.
     """
     for frame in track(readable(frames, left_out.add), "detecting", frames.count, shown=shown):
         try:
@@ -50,10 +40,10 @@ class LeftOut:
     """The frames that cannot be read or measured.
 
     Args:
-        strict: whether the first one ends the command.
+        strict: Whether the first one ends the command.
 
     Attributes:
-        reasons: what each error says, on one line.
+        reasons: What each error says, on one line.
     """
 
     def __init__(self, strict: bool) -> None:

@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Annotated, Final, TypeAlias
 import typer
 
 from basetree.program.console import note
+from basetree.program.options import expand_groups
 from edgetree.commands.live_options import (
     LiveMetresOptions,
     LivePageOptions,
     LiveSourceOptions,
 )
 from edgetree.commands.live_outputs import LiveOutputs, LiveRecordOptions
-from edgetree.commands.option_groups import SessionOptions, expand_groups
+from edgetree.commands.option_groups import SessionOptions
 from edgetree.commands.options import Model, ScoreThreshold, model_file, model_words
 
 if TYPE_CHECKING:
@@ -26,8 +27,6 @@ if TYPE_CHECKING:
     from edgetree.live.recording import FrameRecorder
     from edgetree.live.results import LiveResult
     from edgetree.sources.source import FrameSource
-
-__all__ = ["live"]
 
 _STATUS_EVERY_S: Final = 5.0
 

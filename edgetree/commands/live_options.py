@@ -28,15 +28,6 @@ if TYPE_CHECKING:
     from edgetree.live.tracking import StemTracker
     from edgetree.sources.source import FrameSource
 
-__all__ = [
-    "LiveMetresOptions",
-    "LivePageOptions",
-    "LiveSourceOptions",
-    "Scene",
-    "Topic",
-    "topics_by_role",
-]
-
 _TOPIC_ROLES: Final = ("colour", "depth", "camera", "depth_camera", "imu")
 
 _DepthScaleM: TypeAlias = Annotated[

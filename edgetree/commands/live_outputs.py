@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from edgetree.live.results import LiveResult
     from edgetree.sinks import MapOrigin, Sink
 
-__all__ = ["LiveOutputs", "LiveRecordOptions"]
-
 _JsonLines: TypeAlias = Annotated[
     Path | None,
     typer.Option(help="File for the JSON lines, instead of stdout (with --page: nowhere)."),
@@ -109,7 +107,7 @@ class LiveOutputs:
         """The place of the map; None for local metres.
 
         Raises:
-            InputError: options contradict each other, or a value is wrong.
+            InputError: Options contradict each other, or a value is wrong.
         """
         from basetree.errors import InputError
 
@@ -126,14 +124,14 @@ class LiveOutputs:
         """Open the outputs.
 
         Args:
-            stack: closes them.
-            to_stdout: whether JSON lines go to stdout.
-            source: value of SOURCE, for the report.
-            model: name of the model file, likewise.
+            stack: Closes them.
+            to_stdout: Whether JSON lines go to stdout.
+            source: Value of SOURCE, for the report.
+            model: Name of the model file, likewise.
 
         Raises:
             InputError: a file cannot be written, or an address or name cannot be used.
-            MissingPackage: the package for MQTT or for bags is not installed.
+            MissingPackage: The package for MQTT or for bags is not installed.
         """
         from edgetree import sinks
 
@@ -159,7 +157,7 @@ def _origin(text: str) -> MapOrigin:
     """The place of the map.
 
     Raises:
-        InputError: it has another form, or is out of range.
+        InputError: It has another form, or is out of range.
     """
     from basetree.errors import InputError
     from edgetree.sinks import MapOrigin
@@ -185,11 +183,11 @@ class LiveRecordOptions:
         """Record during a block; yields None if it is not wanted.
 
         Args:
-            about: returns what recordings say about the run.
+            about: Returns what recordings say about the run.
 
         Raises:
-            InputError: the folder is a file, or is missing for `--record-all`.
-            MissingPackage: rosbags is not installed.
+            InputError: The folder is a file, or is missing for `--record-all`.
+            MissingPackage: Rosbags is not installed.
         """
         from basetree.errors import InputError
         from edgetree.live.recording import FrameRecorder

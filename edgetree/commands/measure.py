@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 import typer
 
 from basetree.program.console import note, print_json
-from edgetree.commands.option_groups import RigOptions, SessionOptions, expand_groups
+from basetree.program.options import expand_groups
+from edgetree.commands.option_groups import RigOptions, SessionOptions
 from edgetree.commands.options import (
     CAMERA_FILES,
     Csv,
@@ -34,8 +35,6 @@ if TYPE_CHECKING:
     from edgetree.frames.rig import Rig
     from edgetree.measure import MeasureSettings
     from edgetree.runtime.detector import TreeDetector
-
-__all__ = ["measure"]
 
 _Image: TypeAlias = Annotated[
     Path,

@@ -10,8 +10,6 @@ import typer
 from edgetree.commands.options import Csv, Json, Profiles
 from edgetree.commands.sharding import print_merged
 
-__all__ = ["merge"]
-
 _Shards: TypeAlias = Annotated[
     list[Path],
     typer.Argument(metavar="SHARDS...", help="Folders or URLs of the shards of one job."),

@@ -13,8 +13,6 @@ from edgetree.commands.options import Json
 if TYPE_CHECKING:
     from edgetree.catalogue import KnownModel
 
-__all__ = ["models"]
-
 _COLUMNS = ("name", "images", "precision", "MB", "boxes", "masks", "keypoints", "ms")
 _IMAGES = {"rgb": "images without depth", "depth": "images with depth"}
 

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from basetree.program.options import expand_groups
 from edgetree.commands.options import (
     Mounting,
     Provider,
@@ -27,8 +26,6 @@ if TYPE_CHECKING:
     from edgetree.frames.rig import Rig
     from edgetree.measure import MeasureSettings
     from edgetree.runtime.detector import TreeDetector
-
-__all__ = ["RigOptions", "SessionOptions", "expand_groups"]
 
 
 @dataclass(frozen=True)
@@ -67,11 +64,11 @@ class RigOptions:
         """Read the files.
 
         Args:
-            camera: value of --camera.
-            depth: value of --depth.
+            camera: Value of --camera.
+            depth: Value of --depth.
 
         Raises:
-            InputError: options contradict each other, or a value is invalid.
+            InputError: Options contradict each other, or a value is invalid.
             InputError: a file cannot be read.
         """
         from basetree.errors import InputError
@@ -147,14 +144,14 @@ class SessionOptions:
         """Open the model of the option --model.
 
         Args:
-            model: name of a known model, or the path of an .onnx file.
-            score_threshold: lowest score of trees; None for the default.
+            model: Name of a known model, or the path of an .onnx file.
+            score_threshold: Lowest score of trees; None for the default.
 
         Returns:
             The detector and the path of the model file.
 
         Raises:
-            EdgetreeError: as for `find_model` and `TreeDetector.load`.
+            EdgetreeError: As for `find_model` and `TreeDetector.load`.
         """
         from edgetree.catalogue import find_model
         from edgetree.runtime.detector import DISPLAY_THRESHOLD, TreeDetector

@@ -11,33 +11,6 @@ import typer
 if TYPE_CHECKING:
     from edgetree.runtime.detector import TreeDetector
 
-__all__ = [
-    "CAMERA_FILES",
-    "Camera",
-    "Csv",
-    "Depth",
-    "Json",
-    "Model",
-    "ModelByInput",
-    "Mounting",
-    "Profiles",
-    "Provider",
-    "Report",
-    "ScoreThreshold",
-    "SpeciesName",
-    "Strict",
-    "StumpHeight",
-    "Threads",
-    "Up",
-    "check_report",
-    "existing_file",
-    "model_file",
-    "model_for",
-    "model_record",
-    "model_words",
-    "quoted",
-]
-
 CAMERA_FILES = (
     "Formats: calib.camera/1 JSON of this project, ROS, OpenCV, Kalibr, CamOdoCal, ORB-SLAM,"
     " RealSense, ZED. NAME selects one of several cameras in a file."

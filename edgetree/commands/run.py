@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 import typer
 
 from basetree.program.console import note, print_json
+from basetree.program.options import expand_groups
 from edgetree.commands.live_options import Scene, Topic, topics_by_role
-from edgetree.commands.option_groups import RigOptions, SessionOptions, expand_groups
+from edgetree.commands.option_groups import RigOptions, SessionOptions
 from edgetree.commands.options import (
     Camera,
     Csv,
@@ -40,8 +41,6 @@ if TYPE_CHECKING:
     from edgetree.runtime.detector import TreeDetector
     from edgetree.sinks import FileSink
     from edgetree.sources.source import FrameSource
-
-__all__ = ["run"]
 
 _Source: TypeAlias = Annotated[
     Path,
@@ -130,11 +129,11 @@ class _Outputs:
         """Open the files but for the JSON lines.
 
         Args:
-            stack: completes the files, or discards them if its block raises.
-            source: value of SOURCE, for the report.
-            model: name of the model file.
-            score_threshold: lowest score of trees.
-            reasons: why frames are left out, for the report.
+            stack: Completes the files, or discards them if its block raises.
+            source: Value of SOURCE, for the report.
+            model: Name of the model file.
+            score_threshold: Lowest score of trees.
+            reasons: Why frames are left out, for the report.
         """
         from edgetree import sinks
         from edgetree.results.csv_table import PROFILES, TREES

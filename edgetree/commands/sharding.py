@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from basetree.jobs import Job, Store
     from edgetree.shards.merging import MergedFrames, Outputs
 
-__all__ = ["ShardOptions", "ShardedFrames", "print_merged", "run_sharded"]
-
 
 @dataclass(frozen=True)
 class ShardOptions:
@@ -59,13 +57,13 @@ class ShardOptions:
         """Check that the options fit each other and the files to write.
 
         Args:
-            paths: paths of the options for files, by name.
+            paths: Paths of the options for files, by name.
 
         Returns:
             The files of the merged results.
 
         Raises:
-            InputError: they do not fit.
+            InputError: They do not fit.
         """
         from basetree.errors import InputError
         from edgetree.shards.merging import Outputs
@@ -96,13 +94,13 @@ class ShardedFrames:
     """The options that say what to detect and measure.
 
     Attributes:
-        source: value of SOURCE.
-        depth: value of --depth.
-        camera: value of --camera.
-        model: name or file of the model.
-        rig_options: the options about the cameras.
-        session: the options about running the model.
-        score_threshold: value of --score-threshold.
+        source: Value of SOURCE.
+        depth: Value of --depth.
+        camera: Value of --camera.
+        model: Name or file of the model.
+        rig_options: The options about the cameras.
+        session: The options about running the model.
+        score_threshold: Value of --score-threshold.
     """
 
     source: Path
@@ -139,15 +137,15 @@ def run_sharded(
     """Do a shard of the frames; with Ray, or without --shard, do all and merge them.
 
     Args:
-        frames: what to do.
-        options: where, and which shard.
-        paths: paths of the options for files, by name.
-        as_json: whether to print one JSON object.
+        frames: What to do.
+        options: Where, and which shard.
+        paths: Paths of the options for files, by name.
+        as_json: Whether to print one JSON object.
 
     Raises:
-        InputError: options contradict each other, or files cannot be used.
+        InputError: Options contradict each other, or files cannot be used.
         InputError: a store or a cluster cannot be used.
-        CheckFailed: frames were left out of the merged results.
+        CheckFailed: Frames were left out of the merged results.
     """
     from basetree.jobs import Progress, Shard, open_store, read_manifests, run_shard
     from edgetree.shards.merging import merge_frames
@@ -223,7 +221,7 @@ def print_merged(merged: MergedFrames, outputs: Outputs, as_json: bool) -> None:
     """Say what was merged, and where it is.
 
     Raises:
-        CheckFailed: frames were left out.
+        CheckFailed: Frames were left out.
     """
     from edgetree.commands.frame_results import LeftOut, note_files
 

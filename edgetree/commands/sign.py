@@ -12,8 +12,6 @@ from basetree.program.console import note
 if TYPE_CHECKING:
     from edgetree.signing import Statement
 
-__all__ = ["sign"]
-
 
 def sign(
     model: Annotated[

@@ -14,8 +14,6 @@ from basetree.program.console import note
 if TYPE_CHECKING:
     from edgetree.signing import TrustFile
 
-__all__ = ["trust"]
-
 
 def trust(
     key: Annotated[

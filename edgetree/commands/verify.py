@@ -11,8 +11,6 @@ from basetree.program.console import note, print_json
 from edgetree.commands.export import record, showing_differences
 from edgetree.commands.options import Json
 
-__all__ = ["verify"]
-
 
 def verify(
     file: Annotated[

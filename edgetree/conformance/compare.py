@@ -32,15 +32,15 @@ class Quantity:
     """The differences of one kind over all frames, lengths in pixels of the model's input.
 
     Attributes:
-        name: what was compared.
-        unit: its unit with a space before it, or nothing.
-        values: number of values.
+        name: What was compared.
+        unit: Its unit with a space before it, or nothing.
+        values: Number of values.
         p95: 95 % differ by less.
-        largest: the largest difference.
-        allowed: the tolerance.
-        allowed_share: share of the box's longer side that is added to it.
-        outside: number of values that differ by more.
-        may_be_outside: number of values that may.
+        largest: The largest difference.
+        allowed: The tolerance.
+        allowed_share: Share of the box's longer side that is added to it.
+        outside: Number of values that differ by more.
+        may_be_outside: Number of values that may.
     """
 
     name: str
@@ -59,11 +59,11 @@ class Comparison:
     """The result of a check.
 
     Attributes:
-        problems: what differs by more than the tolerance, one line each; empty if it passes.
-        quantities: the differences by kind.
-        trees: number of trees in the kit.
-        unmatched: trees that are missing or too many.
-        tolerance: the tolerance that was used.
+        problems: What differs by more than the tolerance, one line each; empty if it passes.
+        quantities: The differences by kind.
+        trees: Number of trees in the kit.
+        unmatched: Trees that are missing or too many.
+        tolerance: The tolerance that was used.
     """
 
     problems: tuple[str, ...]
@@ -85,7 +85,7 @@ def compare_results(folder: Path, results: Results) -> Comparison:
     scores may differ need not be found.
 
     Raises:
-        InputError: the kit cannot be read, or the results are of another model.
+        InputError: The kit cannot be read, or the results are of another model.
     """
     kit, expected = read_kit(folder), read_expected(folder)
     if results.model_sha256 != kit.model_sha256:

@@ -26,7 +26,7 @@ def frames_for(*, takes_depth: bool) -> Iterator[tuple[str, NDArray[Any]]]:
     """The name and the pixels of each frame.
 
     Args:
-        takes_depth: whether the model takes depth.
+        takes_depth: Whether the model takes depth.
 
     Yields:
         uint8 (H, W, 3) BGR, or uint16 (H, W) millimetres with 0 for no reading.

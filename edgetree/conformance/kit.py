@@ -49,10 +49,10 @@ class KitFrame:
     """One frame.
 
     Attributes:
-        name: its name.
-        file: path of its pixels inside the kit.
-        width: width in pixels.
-        height: height in pixels.
+        name: Its name.
+        file: Path of its pixels inside the kit.
+        width: Width in pixels.
+        height: Height in pixels.
         channels: 3 for blue, green and red bytes; 1 for 16-bit millimetres, 0 = no reading.
     """
 
@@ -68,17 +68,17 @@ class Kit:
     """The content of kit.json.
 
     Attributes:
-        model: name of the model file inside the kit.
-        model_sha256: its hash.
-        name: name of the model.
-        precision: precision of the model.
-        input_width: width of the model's input in pixels.
-        input_height: height of the model's input in pixels.
-        score_threshold: trees with a lower score are left out.
-        frames: the frames.
-        project_version: version of edgetree that made the model.
-        weight_bits: bits that the weights of an 8-bit model use, see `Manifest`.
-        schema: version of this layout.
+        model: Name of the model file inside the kit.
+        model_sha256: Its hash.
+        name: Name of the model.
+        precision: Precision of the model.
+        input_width: Width of the model's input in pixels.
+        input_height: Height of the model's input in pixels.
+        score_threshold: Trees with a lower score are left out.
+        frames: The frames.
+        project_version: Version of edgetree that made the model.
+        weight_bits: Bits that the weights of an 8-bit model use, see `Manifest`.
+        schema: Version of this layout.
     """
 
     model: str
@@ -101,14 +101,14 @@ def make_kit(
 
     Args:
         model: a file of `edgetree export`.
-        folder: folder to make or replace; only an empty one or an older kit is replaced.
-        score_threshold: trees with a lower score are left out.
+        folder: Folder to make or replace; only an empty one or an older kit is replaced.
+        score_threshold: Trees with a lower score are left out.
 
     Returns:
         The kit, and the trees in its frames.
 
     Raises:
-        InputError: the model cannot be used, or the folder cannot be written.
+        InputError: The model cannot be used, or the folder cannot be written.
     """
     check_is_file(model)
     taken = folder.exists() and not (folder.is_dir() and not any(folder.iterdir()))
@@ -164,7 +164,7 @@ def read_kit(folder: Path) -> Kit:
     """Read the content of a kit.
 
     Raises:
-        InputError: the folder is not a kit; the message names the file and the value.
+        InputError: The folder is not a kit; the message names the file and the value.
     """
     path = folder / _CONTENT
     expected = "a folder of `edgetree conformance make`"
@@ -184,7 +184,7 @@ def read_expected(folder: Path) -> Results:
     """Read the trees that programs must find in the frames of a kit.
 
     Raises:
-        InputError: as for `read_results`.
+        InputError: As for `read_results`.
     """
     return read_results(folder / _EXPECTED)
 
@@ -193,7 +193,7 @@ def read_frame(folder: Path, frame: KitFrame) -> NDArray[Any]:
     """Read the pixels of a frame: uint8 (H, W, 3) BGR, or uint16 (H, W) millimetres.
 
     Raises:
-        InputError: the file is missing or has another size than kit.json says.
+        InputError: The file is missing or has another size than kit.json says.
     """
     path, dtype = folder / frame.file, _PIXELS[frame.channels]
     shape = (frame.height, frame.width, frame.channels)[: 3 if frame.channels == 3 else 2]
@@ -214,13 +214,13 @@ def run_kit(
     """Find the trees in the frames of a kit with this package.
 
     Args:
-        folder: the kit.
-        provider: what runs the network, a name in `edgetree.runtime.PROVIDERS`.
-        threads: threads of one inference; None for all usable cores.
-        rounds: passes over the frames that are timed; 0 for no times.
+        folder: The kit.
+        provider: What runs the network, a name in `edgetree.runtime.PROVIDERS`.
+        threads: Threads of one inference; None for all usable cores.
+        rounds: Passes over the frames that are timed; 0 for no times.
 
     Raises:
-        InputError: the kit cannot be read, or the provider cannot be used.
+        InputError: The kit cannot be read, or the provider cannot be used.
     """
     kit = read_kit(folder)
     reference = Reference(

@@ -22,8 +22,8 @@ class Pairing:
     their scores hardly differ, either may be the one that is left out.
 
     Attributes:
-        candidates: the kit's trees, then those that it leaves out.
-        pairs: indices of candidates and of the program's trees, each in one pair at most.
+        candidates: The kit's trees, then those that it leaves out.
+        pairs: Indices of candidates and of the program's trees, each in one pair at most.
     """
 
     def __init__(

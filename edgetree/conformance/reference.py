@@ -33,10 +33,10 @@ class Reference:
     """Detects trees in the frames of a kit.
 
     Args:
-        model: the model file.
-        score_threshold: trees with a lower score are left out.
-        provider: what runs the network, a name in `edgetree.runtime.PROVIDERS`.
-        threads: threads of one inference; None for all usable cores.
+        model: The model file.
+        score_threshold: Trees with a lower score are left out.
+        provider: What runs the network, a name in `edgetree.runtime.PROVIDERS`.
+        threads: Threads of one inference; None for all usable cores.
     """
 
     def __init__(

@@ -26,11 +26,11 @@ class FoundTree:
     """One tree.
 
     Attributes:
-        score: probability of being a tree.
+        score: Probability of being a tree.
         box_px: x0, y0, x1, y1 in pixels of the frame, not clipped to it.
         keypoints_px: x, y, score of each keypoint in the manifest's order; None if the model has
             no keypoints.
-        mask: probabilities on the grid over the box, row by row; None if the model has no masks.
+        mask: Probabilities on the grid over the box, row by row; None if the model has no masks.
     """
 
     score: float
@@ -50,8 +50,8 @@ class CoveredTree:
     """A tree that is left out, since its mask and that of a better tree cover each other.
 
     Attributes:
-        by: index of the better tree.
-        tree: the tree.
+        by: Index of the better tree.
+        tree: The tree.
     """
 
     by: int
@@ -63,9 +63,9 @@ class FrameTrees:
     """The trees in one frame.
 
     Attributes:
-        name: name of the frame.
-        trees: the trees, by descending score.
-        covered: trees that were left out; only in what a kit expects.
+        name: Name of the frame.
+        trees: The trees, by descending score.
+        covered: Trees that were left out; only in what a kit expects.
     """
 
     name: str
@@ -78,15 +78,15 @@ class Results:
     """What a program found in all frames of a kit.
 
     Attributes:
-        model_sha256: hash of the model file, as the kit names it.
-        runtime: what ran the network, such as "onnxruntime" or "openvino".
-        runtime_version: its version.
+        model_sha256: Hash of the model file, as the kit names it.
+        runtime: What ran the network, such as "onnxruntime" or "openvino".
+        runtime_version: Its version.
         processor: "x86-64", "arm64", "wasm" or another word.
-        frames: the trees of each frame.
-        host: name of the program.
-        median_ms: median time from a frame in memory to its trees; None if not measured.
-        threads: threads of one inference; None if not known.
-        schema: version of this layout.
+        frames: The trees of each frame.
+        host: Name of the program.
+        median_ms: Median time from a frame in memory to its trees; None if not measured.
+        threads: Threads of one inference; None if not known.
+        schema: Version of this layout.
     """
 
     model_sha256: str
@@ -131,7 +131,7 @@ def read_results(path: Path) -> Results:
     """Read the file that a program wrote.
 
     Raises:
-        InputError: the file is missing, has another schema, or a value is missing or of another
+        InputError: The file is missing, has another schema, or a value is missing or of another
             type; the message names the value.
     """
     data = read_json(path, RESULTS_SCHEMA, "what a program found in a kit")
@@ -146,7 +146,7 @@ def write_results(path: Path, results: Results) -> None:
     """Write results as JSON.
 
     Raises:
-        InputError: the file cannot be written.
+        InputError: The file cannot be written.
     """
     with text_file(path) as stream:
         json.dump(dataclasses.asdict(results), stream, allow_nan=False)

@@ -14,16 +14,16 @@ class Tolerance:
     """Largest differences. Lengths are in pixels of the model's input.
 
     Attributes:
-        score: of the score of a tree.
-        box_px: of a side of a box; `box_share` times the longer side of the box is added, since
+        score: Of the score of a tree.
+        box_px: Of a side of a box; `box_share` times the longer side of the box is added, since
             the ends of stems that branches or plants hide move most.
-        box_share: see `box_px`.
-        keypoint_px: of the position of a keypoint.
-        keypoint_score: of the score of a keypoint.
-        mask: of a mask, as the mean difference of its probabilities.
-        outside: share of the values of each kind that may differ by more, since a keypoint may
+        box_share: See `box_px`.
+        keypoint_px: Of the position of a keypoint.
+        keypoint_score: Of the score of a keypoint.
+        mask: Of a mask, as the mean difference of its probabilities.
+        outside: Share of the values of each kind that may differ by more, since a keypoint may
             jump between two peaks of its map.
-        trees: share of the trees that may be missing, or found in addition.
+        trees: Share of the trees that may be missing, or found in addition.
     """
 
     score: float
@@ -81,8 +81,8 @@ def tolerance_for(precision: str, expected: Results, found: Results) -> Toleranc
 
     Args:
         precision: "float32", "float16" or "int8".
-        expected: what the kit expects, with the runtime and the processor that found it.
-        found: what a program found, likewise.
+        expected: What the kit expects, with the runtime and the processor that found it.
+        found: What a program found, likewise.
     """
     if precision == "float32":
         return _EXACT

@@ -16,18 +16,6 @@ from edgetree.demo.matching import Match
 from edgetree.measure import Estimate, Failure, TreeMeasurement
 from edgetree.samples import SampleTree
 
-__all__ = [
-    "GROSS_DIAMETER_SHARE",
-    "QUANTITIES",
-    "FrameComparison",
-    "QuantitySummary",
-    "TreeComparison",
-    "compare_trees",
-    "compared",
-    "is_gross",
-    "summarise",
-]
-
 QUANTITIES: Final = ("diameter_m", "cut_height_m", "distance_m")
 
 GROSS_DIAMETER_SHARE: Final = 0.2
@@ -39,11 +27,11 @@ class TreeComparison:
     """A tree of the ground truth, and the measurement of the detection that matches it.
 
     Attributes:
-        frame: name of the frame.
-        number: number of the tree in the frame, from 1.
-        truth: the ground truth.
-        score: score of the detection; None if the tree was not found.
-        measurement: measurement of the detection; None if the tree was not found.
+        frame: Name of the frame.
+        number: Number of the tree in the frame, from 1.
+        truth: The ground truth.
+        score: Score of the detection; None if the tree was not found.
+        measurement: Measurement of the detection; None if the tree was not found.
     """
 
     frame: str
@@ -86,10 +74,10 @@ class FrameComparison:
     """The comparison of one model on one frame.
 
     Attributes:
-        frame: name of the frame.
-        trees: the trees of the ground truth.
-        unmatched_detections: number of detections that match no tree of the ground truth.
-        picture: the frame with the detections drawn on it; None if they were not drawn.
+        frame: Name of the frame.
+        trees: The trees of the ground truth.
+        unmatched_detections: Number of detections that match no tree of the ground truth.
+        picture: The frame with the detections drawn on it; None if they were not drawn.
     """
 
     frame: str
@@ -102,12 +90,12 @@ class QuantitySummary(NamedTuple):
     """Errors of one quantity over all trees where it was measured.
 
     Attributes:
-        measured: number of these trees. If it is 0, the other values are None.
-        median_abs_error_m: median absolute error in metres.
-        median_relative_error: median absolute error divided by the true value.
-        within_one_std: share of errors within one standard deviation, in [0, 1]. Normally
+        measured: Number of these trees. If it is 0, the other values are None.
+        median_abs_error_m: Median absolute error in metres.
+        median_relative_error: Median absolute error divided by the true value.
+        within_one_std: Share of errors within one standard deviation, in [0, 1]. Normally
             distributed errors give 0.68.
-        within_two_std: share of errors within two standard deviations, in [0, 1]. Normally
+        within_two_std: Share of errors within two standard deviations, in [0, 1]. Normally
             distributed errors give 0.95.
     """
 
@@ -129,12 +117,12 @@ def compare_trees(
     """Compare the measurements of one frame with its ground truth.
 
     Args:
-        frame: name of the frame.
-        truths: the trees of the ground truth.
-        matches: pairs of detections and trees of the ground truth.
-        scores: score of each detection.
-        measurements: measurement of each detection.
-        picture: the frame with the detections drawn on it.
+        frame: Name of the frame.
+        truths: The trees of the ground truth.
+        matches: Pairs of detections and trees of the ground truth.
+        scores: Score of each detection.
+        measurements: Measurement of each detection.
+        picture: The frame with the detections drawn on it.
     """
     found = {match.truth: match.detection for match in matches}
     trees = []

@@ -14,8 +14,6 @@ from edgetree.results.tree_labels import cut_marks, numbered, tree_labels
 from edgetree.runtime.detector import TreeDetector
 from edgetree.samples import SampleFrame
 
-__all__ = ["examine"]
-
 
 def examine(detector: TreeDetector, sample: SampleFrame) -> FrameComparison:
     """Detect and measure the trees of one frame, compare them with the ground truth, draw them.

@@ -14,19 +14,17 @@ from edgetree.samples import SampleFrame, SampleTree
 if TYPE_CHECKING:
     from perceptree.data import FrameRecord, TreeRecord
 
-__all__ = ["held_out_frames"]
-
 
 def held_out_frames(data: Path, split: str, count: int) -> list[SampleFrame]:
     """Read up to `count` frames of a simulated dataset, spread evenly over a split.
 
     Args:
-        data: folder of the dataset.
+        data: Folder of the dataset.
         split: "train", "val" or "test".
-        count: number of frames.
+        count: Number of frames.
 
     Raises:
-        perceptree.errors.DatasetError: the split is missing or broken.
+        perceptree.errors.DatasetError: The split is missing or broken.
         InputError: a frame lacks the depth, camera or ground truth that the simulator writes.
     """
     from perceptree.data import read_split

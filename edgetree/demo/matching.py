@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from calib import box_iou
 
-__all__ = ["Match", "match_boxes"]
-
 
 class Match(NamedTuple):
     """A matched pair: the indices of the detection and the true tree, and their IoU."""
@@ -31,7 +29,7 @@ def match_boxes(
     Args:
         detected_px: (N, 4) x0, y0, x1, y1, by descending score.
         true_px: (M, 4) x0, y0, x1, y1, in any order.
-        min_iou: smallest intersection over union of a match.
+        min_iou: Smallest intersection over union of a match.
     """
     free = box_iou(detected_px, true_px)
     matches = []

@@ -13,8 +13,6 @@ from edgetree.demo.comparison import is_gross
 from edgetree.demo.result import ModelResult
 from edgetree.demo.tables import SHOWN
 
-__all__ = ["error_histogram", "scatter_plot"]
-
 _BINS_PER_SIDE: Final = 4
 _SQUARE_PX: Final = (320, 322)
 

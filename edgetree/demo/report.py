@@ -14,8 +14,6 @@ from edgetree.demo.plot import error_histogram, scatter_plot
 from edgetree.demo.result import DemoResult, ModelResult
 from edgetree.demo.tables import SHOWN, error_text, frame_table, model_table
 
-__all__ = ["NextCommand", "render_report"]
-
 _GROSS: Final = charts.key("gross", "■")
 
 

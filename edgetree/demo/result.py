@@ -17,8 +17,6 @@ from edgetree.demo.comparison import (
 )
 from edgetree.model_file.manifest import Manifest
 
-__all__ = ["DemoResult", "ModelResult", "Step"]
-
 
 class Step(NamedTuple):
     """One step of the training demonstration: name, outcome in words, and time."""
@@ -33,10 +31,10 @@ class ModelResult:
     """The result of one model on all frames.
 
     Attributes:
-        manifest: description of the model.
-        file_bytes: size of the model file.
-        speed: time per frame on this machine.
-        frames: comparison with the ground truth for each frame.
+        manifest: Description of the model.
+        file_bytes: Size of the model file.
+        speed: Time per frame on this machine.
+        frames: Comparison with the ground truth for each frame.
     """
 
     manifest: Manifest
@@ -115,12 +113,12 @@ class DemoResult:
     """The content of the report.
 
     Attributes:
-        models: results of at least one model, all on the same frames. The report's summary is
+        models: Results of at least one model, all on the same frames. The report's summary is
             about the first.
-        duration_s: time of the whole demonstration.
-        peak_memory_mib: peak memory of the process; None if not known.
-        steps: steps of the training demonstration; empty for the packaged models.
-        figures: measurements of these steps as a JSON object, with units in the keys.
+        duration_s: Time of the whole demonstration.
+        peak_memory_mib: Peak memory of the process; None if not known.
+        steps: Steps of the training demonstration; empty for the packaged models.
+        figures: Measurements of these steps as a JSON object, with units in the keys.
     """
 
     models: tuple[ModelResult, ...]

@@ -16,8 +16,6 @@ from edgetree.frames.pipeline import image_for
 from edgetree.runtime import TreeDetector, default_model
 from edgetree.samples import SampleFrame, sample_frames
 
-__all__ = ["Progress", "demonstrate", "run_embedded", "write_report"]
-
 Progress: TypeAlias = Callable[[float, str], None]
 """Function called with the share of the work done, 0 to 1, and a description of the next work."""
 
@@ -36,9 +34,9 @@ def demonstrate(
     """Detect, measure and compare all frames with each model, and measure each model's speed.
 
     Args:
-        models: model files; the report's summary is about the first.
-        frames: frames with ground truth.
-        on_progress: called with the progress.
+        models: Model files; the report's summary is about the first.
+        frames: Frames with ground truth.
+        on_progress: Called with the progress.
 
     Raises:
         EdgetreeError: a model or a frame cannot be used.
@@ -81,7 +79,7 @@ def write_report(folder: Path, result: DemoResult, next_commands: Sequence[NextC
         The path of the report.
 
     Raises:
-        InputError: the file cannot be written.
+        InputError: The file cannot be written.
     """
     path = folder / "report.html"
     with text_file(path) as page:

@@ -11,8 +11,6 @@ from edgetree.demo.comparison import QUANTITIES, TreeComparison, is_gross
 from edgetree.demo.result import ModelResult
 from edgetree.results.units import AMOUNTS
 
-__all__ = ["SHOWN", "error_text", "frame_table", "model_table"]
-
 SHOWN: Final = {
     "distance_m": AMOUNTS["distance_m"],
     "diameter_m": AMOUNTS["diameter_m"],
@@ -39,8 +37,8 @@ def frame_table(models: Sequence[ModelResult], frame: int) -> str:
     """The table of a frame: a row per labelled tree, with true and measured values.
 
     Args:
-        models: the results of the models.
-        frame: index of the frame.
+        models: The results of the models.
+        frame: Index of the frame.
     """
     columns = f'class="group" colspan="{1 + len(models)}"'
     groups = [

@@ -14,8 +14,6 @@ from edgetree.demo.result import DemoResult, Step
 from edgetree.demo.running import Progress, demonstrate
 from edgetree.errors import TRAINING_PACKAGES
 
-__all__ = ["run_trained"]
-
 _NEEDED: Final = (*TRAINING_PACKAGES, "onnxruntime")
 _FRAMES: Final = 300
 _FRAME_SIZE_PX: Final = (640, 360)
@@ -32,12 +30,12 @@ def run_trained(folder: Path, on_progress: Progress) -> DemoResult:
     an interruption, they are used to continue.
 
     Args:
-        folder: an existing folder to work in.
-        on_progress: called with the progress.
+        folder: An existing folder to work in.
+        on_progress: Called with the progress.
 
     Raises:
         MissingPackage: a package for training is not installed.
-        CheckFailed: the exported model's detections differ from the trained model's.
+        CheckFailed: The exported model's detections differ from the trained model's.
     """
     _require_extras()
     start_s = time.perf_counter()

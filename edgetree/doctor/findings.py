@@ -12,17 +12,17 @@ class Machine:
     """The computer.
 
     Attributes:
-        system: operating system and architecture, such as "Linux x86_64".
+        system: Operating system and architecture, such as "Linux x86_64".
         architecture: "x86_64", "aarch64", ... in lower case.
-        processor: name of the CPU; None if not known.
-        instructions: instruction sets of the CPU that speed up networks; None if not known.
-        cores: number of logical cores.
-        usable_cores: number of cores that this process may use.
-        core_quota: limit of a container's CPU time, in cores; None if not limited.
-        busy_cores: mean number of busy cores in the last minute; None if not known.
-        memory_mib: memory of the machine, or limit of the container; None if not known.
-        free_memory_mib: memory that is still available; None if not known.
-        has_nvidia_gpu: whether an NVIDIA driver is installed.
+        processor: Name of the CPU; None if not known.
+        instructions: Instruction sets of the CPU that speed up networks; None if not known.
+        cores: Number of logical cores.
+        usable_cores: Number of cores that this process may use.
+        core_quota: Limit of a container's CPU time, in cores; None if not limited.
+        busy_cores: Mean number of busy cores in the last minute; None if not known.
+        memory_mib: Memory of the machine, or limit of the container; None if not known.
+        free_memory_mib: Memory that is still available; None if not known.
+        has_nvidia_gpu: Whether an NVIDIA driver is installed.
     """
 
     system: str
@@ -43,12 +43,12 @@ class Libraries:
     """The installed packages.
 
     Attributes:
-        python: version of Python.
-        versions: version of each installed package that matters here.
-        minima: lowest supported version of each package.
-        torch_needed: torch version that the installed torchvision was built for; None if not known
+        python: Version of Python.
+        versions: Version of each installed package that matters here.
+        minima: Lowest supported version of each package.
+        torch_needed: Torch version that the installed torchvision was built for; None if not known
             or not installed.
-        import_errors: error message of each module that cannot be imported.
+        import_errors: Error message of each module that cannot be imported.
     """
 
     python: str
@@ -81,10 +81,10 @@ class ModelFile:
     """A model that is found by name.
 
     Attributes:
-        name: its name.
-        path: the .onnx file.
+        name: Its name.
+        path: The .onnx file.
         file_sha256: SHA-256 of the file.
-        version: version in the signature beside the file; None without a signature.
+        version: Version in the signature beside the file; None without a signature.
     """
 
     name: str
@@ -98,12 +98,12 @@ class Findings:
     """All findings.
 
     Attributes:
-        machine: the computer.
-        libraries: the installed packages.
-        providers: what runs networks.
+        machine: The computer.
+        libraries: The installed packages.
+        providers: What runs networks.
         speed: None if the model did not run.
-        video: whether OpenCV has each of `VIDEO_BACKENDS`; empty if OpenCV cannot be imported.
-        models: the models that are found by name.
+        video: Whether OpenCV has each of `VIDEO_BACKENDS`; empty if OpenCV cannot be imported.
+        models: The models that are found by name.
     """
 
     machine: Machine

@@ -29,7 +29,7 @@ def examine_machine(root: Path = Path("/")) -> Machine:
     """Examine this machine.
 
     Args:
-        root: the folder that contains `proc` and `sys`; another one in tests.
+        root: The folder that contains `proc` and `sys`; another one in tests.
     """
     total, free = memory_mib(root)
     cpuinfo = _read(root / "proc/cpuinfo") or ""
@@ -54,7 +54,7 @@ def instruction_sets(cpuinfo: str) -> tuple[str, ...] | None:
     """The instruction sets that speed up networks.
 
     Args:
-        cpuinfo: content of /proc/cpuinfo.
+        cpuinfo: Content of /proc/cpuinfo.
 
     Returns:
         Their names; None if `cpuinfo` lists no flags.

@@ -73,7 +73,7 @@ def run_small_network(name: str) -> None:
         name: a name in `edgetree.runtime.PROVIDERS`.
 
     Raises:
-        RuntimeError: another provider was used, or the output is wrong.
+        RuntimeError: Another provider was used, or the output is wrong.
     """
     onnxruntime = import_onnxruntime()
     provider = PROVIDERS[name].ort_name

@@ -7,8 +7,6 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Rect", "place_label"]
-
 Rect: TypeAlias = tuple[int, int, int, int]
 """x0, y0, x1, y1 in pixels."""
 _Floats: TypeAlias = NDArray[np.floating[Any]]
@@ -32,11 +30,11 @@ def place_label(
     the weighted areas of other labels and of stems that the label would hide.
 
     Args:
-        size_px: width and height of the label.
-        at_px: left and right edge of the tree's box, and the preferred y of the label's centre.
-        labels: areas that are already taken.
+        size_px: Width and height of the label.
+        at_px: Left and right edge of the tree's box, and the preferred y of the label's centre.
+        labels: Areas that are already taken.
         stems: (N, 4) boxes of all stems, x0, y0, x1, y1.
-        picture_px: width and height of the picture.
+        picture_px: Width and height of the picture.
 
     Returns:
         The rectangle of the label.

@@ -11,18 +11,6 @@ from numpy.typing import NDArray
 from basetree.files.names import printable
 from edgetree.drawing.label_placement import Rect
 
-__all__ = [
-    "DARK",
-    "Colour",
-    "Picture",
-    "Point",
-    "darken",
-    "draw_dot",
-    "draw_line",
-    "text_size",
-    "write_text",
-]
-
 Picture: TypeAlias = NDArray[np.uint8]
 Colour: TypeAlias = tuple[int, int, int]
 Point: TypeAlias = tuple[float, float]

@@ -23,8 +23,6 @@ from edgetree.drawing.primitives import (
     write_text,
 )
 
-__all__ = ["WARNING_SIGN", "CutMark", "draw_trees", "picture_of_depth", "tree_colour"]
-
 WARNING_SIGN: Final = "!"
 
 # BGR, light enough to be seen on a dark forest, with distinct hues.
@@ -68,11 +66,11 @@ def draw_trees(
 
     Args:
         picture: (H, W, 3) uint8 BGR, of the image size of `trees`.
-        trees: the trees; masks and keypoints are drawn if there are any.
-        labels: lines of text for each tree; the scores if None. A line that ends with
+        trees: The trees; masks and keypoints are drawn if there are any.
+        labels: Lines of text for each tree; the scores if None. A line that ends with
             `WARNING_SIGN` is drawn in amber.
         masks: (H, W) bool mask of each tree, to draw instead of the detections' masks.
-        cuts: measured felling cut of each tree; for None, the keypoint is drawn instead.
+        cuts: Measured felling cut of each tree; for None, the keypoint is drawn instead.
         profiles: (N, 2, 2) left and right ends of the diameters along each tree in px, at equal
             steps, to mark by ticks at the edges.
         colours: BGR colour of each tree; those of their indices if None.
@@ -111,7 +109,7 @@ def picture_of_depth(depth_m: NDArray[np.float32], far_m: float = 20.0) -> Pictu
 
     Args:
         depth_m: (H, W) metres, 0.0 = no reading.
-        far_m: depth of the darkest colour.
+        far_m: Depth of the darkest colour.
 
     Returns:
         (H, W, 3) uint8 BGR, brighter for smaller depths; black for no reading.

@@ -39,11 +39,11 @@ class ExportSource:
     """What an ONNX file is built from.
 
     Attributes:
-        model: the model, with the input size and thresholds of the file.
+        model: The model, with the input size and thresholds of the file.
         training_data: id of the data that it was trained on.
         calibration_frames: (N, H, W, 3) or (N, H, W) uint8 prepared frames for the ranges of
-            activations. Needed unless the precision is ``fp32``.
-        training_pictures: how the pictures of that data look; empty if it is not known.
+            activations. Needed unless the precision is `fp32`.
+        training_pictures: How the pictures of that data look; empty if it is not known.
     """
 
     model: TreeRCNN
@@ -57,8 +57,8 @@ class BuiltModel:
     """An ONNX graph and its manifest.
 
     Attributes:
-        proto: an ``onnx.ModelProto`` without metadata.
-        manifest: description of the graph, without the results of the verification.
+        proto: An `onnx.ModelProto` without metadata.
+        manifest: Description of the graph, without the results of the verification.
     """
 
     proto: Any
@@ -74,8 +74,8 @@ def with_manifest(proto: Any, manifest: Manifest) -> bytes:
     """The bytes of an ONNX file with a manifest as its only metadata.
 
     Args:
-        proto: an ``onnx.ModelProto``; its metadata change, nothing else.
-        manifest: description of the graph.
+        proto: An `onnx.ModelProto`; its metadata change, nothing else.
+        manifest: Description of the graph.
     """
     import onnx
 
@@ -88,9 +88,9 @@ def build(source: ExportSource, settings: ExportSettings, say: Callable[[str], N
     """Trace a model to ONNX, convert it to the precision of the settings, and describe it.
 
     Args:
-        source: model and calibration frames.
-        settings: precision, batch size, operator set and target.
-        say: called with progress messages.
+        source: Model and calibration frames.
+        settings: Precision, batch size, operator set and target.
+        say: Called with progress messages.
     """
     described = describe(source.model, source.training_data, settings)
     manifest = replace(described, training_pictures=source.training_pictures)
@@ -117,21 +117,21 @@ def output_names(masks: bool, keypoints: bool) -> tuple[str, ...]:
 
 
 def trace(model: TreeRCNN, batch: int, opset: int = OPSET, *, quantised: bool = False) -> Any:
-    """Trace ``model.detect`` to ONNX with static shapes, in float32.
+    """Trace `model.detect` to ONNX with static shapes, in float32.
 
     The model has no branches that depend on data, so it is traced on zeros.
 
     Args:
-        model: the model.
-        batch: number of frames of one inference.
+        model: The model.
+        batch: Number of frames of one inference.
         opset: ONNX operator set.
-        quantised: whether to rewrite the model for ``edgetree.export.quantise``.
+        quantised: Whether to rewrite the model for `edgetree.export.quantise`.
 
     Returns:
-        An ``onnx.ModelProto``, whose nodes name the modules that they come from.
+        An `onnx.ModelProto`, whose nodes name the modules that they come from.
 
     Raises:
-        RuntimeError: torch gave no ONNX program.
+        RuntimeError: Torch gave no ONNX program.
     """
     import torch
 
@@ -166,9 +166,9 @@ def describe(model: TreeRCNN, training_data: str, settings: ExportSettings) -> M
     """The manifest of the file of a model.
 
     Args:
-        model: the model, with the input size and thresholds of the file.
+        model: The model, with the input size and thresholds of the file.
         training_data: id of the data that it was trained on.
-        settings: precision, batch size, operator set and target.
+        settings: Precision, batch size, operator set and target.
     """
     from perceptree.keypoints import KEYPOINT_FLIP_PAIRS, KEYPOINT_NAMES
     from perceptree.models import CLASS_NAMES

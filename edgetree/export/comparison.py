@@ -37,13 +37,13 @@ def compare_frames(
     """Run the model and the file on all frames and compare their detections.
 
     Args:
-        model: gives the outputs of the model for (B, H, W, 3) or (B, H, W) uint8 images.
-        file: gives those of the file.
-        frames: images by name, without the batch axis.
-        precision: ``float32``, ``float16`` or ``int8``.
-        threshold: lowest score of a detection.
-        batch: number of images of one call. The last batch is filled up with the first frames.
-        unmatched: names of frames on which only the validity of the outputs is checked.
+        model: Gives the outputs of the model for (B, H, W, 3) or (B, H, W) uint8 images.
+        file: Gives those of the file.
+        frames: Images by name, without the batch axis.
+        precision: `float32`, `float16` or `int8`.
+        threshold: Lowest score of a detection.
+        batch: Number of images of one call. The last batch is filled up with the first frames.
+        unmatched: Names of frames on which only the validity of the outputs is checked.
 
     Returns:
         The comparison on each frame, in their order.
@@ -96,7 +96,7 @@ def _invalid_output(found: Arrays, threshold: float) -> str | None:
 
 
 def _valid_rows(outputs: Arrays) -> Arrays:
-    """The outputs of one image without empty rows, and ``rows``, the number of all rows."""
+    """The outputs of one image without empty rows, and `rows`, the number of all rows."""
     count = int(outputs["num_detections"])
     return {
         name: values[:count] for name, values in outputs.items() if name != "num_detections"
@@ -109,13 +109,13 @@ def compare_frame(
     """Match the trees of one frame by the overlap of their boxes, and compare them.
 
     Args:
-        name: name of the frame.
-        expected: outputs of the model: ``boxes`` (N, 4), ``scores`` (N,), ``rows``, the largest
-            possible N, and, if the model has them, ``keypoints`` (N, 5, 3) and ``masks``
+        name: Name of the frame.
+        expected: Outputs of the model: `boxes` (N, 4), `scores` (N,), `rows`, the largest
+            possible N, and, if the model has them, `keypoints` (N, 5, 3) and `masks`
             (N, 28, 28).
-        found: outputs of the file.
-        precision: ``float32``, ``float16`` or ``int8``.
-        threshold: lowest score of a detection.
+        found: Outputs of the file.
+        precision: `float32`, `float16` or `int8`.
+        threshold: Lowest score of a detection.
     """
     limits = limits_of(precision)
     overlap = box_iou(expected["boxes"], found["boxes"])

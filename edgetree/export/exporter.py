@@ -37,10 +37,10 @@ class ExportReport:
     """Result of an export or a verification.
 
     Attributes:
-        path: the ONNX file.
-        manifest: metadata in the file.
-        parity: comparison of the file with its model.
-        file_bytes: size of the file.
+        path: The ONNX file.
+        manifest: Metadata in the file.
+        parity: Comparison of the file with its model.
+        file_bytes: Size of the file.
     """
 
     path: Path
@@ -66,21 +66,21 @@ def export_model(
 
     Args:
         checkpoint: a perceptree checkpoint.
-        out: the file to write. It is not changed unless the export succeeds.
-        data: folder with frames to compare on. If it is a labelled dataset, average precision
-            is compared too, for ``int8`` and ``fp16``; otherwise the report says that it was not.
-        settings: precision, input size and other options.
-        calibration: folder with frames for the ranges of activations, for ``int8`` and ``fp16``.
-            By default ``data``, without the frames to compare on.
-        say: called with progress messages.
+        out: The file to write. It is not changed unless the export succeeds.
+        data: Folder with frames to compare on. If it is a labelled dataset, average precision
+            is compared too, for `int8` and `fp16`; otherwise the report says that it was not.
+        settings: Precision, input size and other options.
+        calibration: Folder with frames for the ranges of activations, for `int8` and `fp16`.
+            By default `data`, without the frames to compare on.
+        say: Called with progress messages.
 
     Returns:
         The file with its manifest and the comparison.
 
     Raises:
         InputError: a folder or value cannot be used.
-        CheckpointError: the checkpoint cannot be read.
-        ParityFailed: the file differs from the checkpoint by more than the limits.
+        CheckpointError: The checkpoint cannot be read.
+        ParityFailed: The file differs from the checkpoint by more than the limits.
     """
     settings = settings or ExportSettings()
     with _new_onnx_file(out) as file:
@@ -109,19 +109,19 @@ def export_preset(
     It is verified on the sample frames of the package.
 
     Args:
-        preset: name of the preset.
-        out: the file to write. It is not changed unless the export succeeds.
-        modality: ``rgb`` or ``depth``.
-        settings: precision, input size and other options.
-        say: called with progress messages.
+        preset: Name of the preset.
+        out: The file to write. It is not changed unless the export succeeds.
+        modality: `rgb` or `depth`.
+        settings: Precision, input size and other options.
+        say: Called with progress messages.
 
     Returns:
         The file with its manifest and the comparison.
 
     Raises:
         InputError: a value cannot be used.
-        SpecError: the preset is unknown.
-        ParityFailed: the file differs from the model by more than the limits.
+        SpecError: The preset is unknown.
+        ParityFailed: The file differs from the model by more than the limits.
     """
     settings = settings or ExportSettings()
     with _new_onnx_file(out) as file:
@@ -143,19 +143,19 @@ def verify_model(file: Path, checkpoint: Path, *, data: Path, say: Say = _silent
     The limits are those of a trained network, whatever the file says of its training data.
 
     Args:
-        file: an ONNX file from ``export_model``.
-        checkpoint: the checkpoint that it was made from.
-        data: folder with frames to compare on, see ``export_model``.
-        say: called with progress messages.
+        file: An ONNX file from `export_model`.
+        checkpoint: The checkpoint that it was made from.
+        data: Folder with frames to compare on, see `export_model`.
+        say: Called with progress messages.
 
     Returns:
         The file with its manifest and the comparison.
 
     Raises:
         InputError: a folder cannot be used, or file and checkpoint have different modalities.
-        ModelFileError: the file is not a model file of this project.
-        CheckpointError: the checkpoint cannot be read.
-        ParityFailed: the file differs from the checkpoint by more than the limits.
+        ModelFileError: The file is not a model file of this project.
+        CheckpointError: The checkpoint cannot be read.
+        ParityFailed: The file differs from the checkpoint by more than the limits.
     """
     session = OrtSession(file)
     manifest = TreeDetector(session).manifest
@@ -173,7 +173,7 @@ def verify_model(file: Path, checkpoint: Path, *, data: Path, say: Say = _silent
 
 @contextmanager
 def _new_onnx_file(out: Path) -> Iterator[BinaryIO]:
-    """A temporary file that becomes ``out`` if the block succeeds."""
+    """A temporary file that becomes `out` if the block succeeds."""
     if out.suffix.lower() != ".onnx":
         raise InputError(f"the file to write is {out}: expected a name that ends in .onnx")
     with output_folder(out.parent), replacing(out) as file:
@@ -190,7 +190,7 @@ def _build_verify_write(
     *,
     trained: bool = True,
 ) -> ExportReport:
-    """Build and verify a model, and write it to a file that becomes ``path``."""
+    """Build and verify a model, and write it to a file that becomes `path`."""
     built = build(source, settings, say)
     session, model = built.session(), source.model
     parity = verify(model, session, built.manifest, frames, say, trained=trained)

@@ -22,9 +22,9 @@ _MAX_BYTE: Final = 255
 def read_bytes_in_first_convolution(model: TreeRCNN) -> None:
     """Change a model in place so that its first convolution reads 2x2 blocks of bytes.
 
-    One value ``zero``, the rounded mean over all channels, is subtracted from all bytes. The rest
+    One value `zero`, the rounded mean over all channels, is subtracted from all bytes. The rest
     of each channel's mean comes from an additional channel of constant value: with weight w, pixel
-    x and channel mean m, ``w (x - m) / std = w / std (x - zero) + w / std (zero - m)``, and the
+    x and channel mean m, `w (x - m) / std = w / std (x - zero) + w / std (zero - m)`, and the
     sum of the last term over the channels is the weight of the additional channel times its value.
     Around the image all channels are 0, as in the original, where 0 stands for the mean.
     """
@@ -48,7 +48,7 @@ def read_bytes_in_first_convolution(model: TreeRCNN) -> None:
     padding = (0, 0, 0, columns - spec.width, 0, rows - spec.height)
 
     def normalise(images: Tensor) -> Tensor:
-        """uint8 images -> (B, 4C, H / 2, W / 2) float32 with ``zero`` subtracted, and padded."""
+        """uint8 images -> (B, 4C, H / 2, W / 2) float32 with `zero` subtracted, and padded."""
         x = images if spec.modality == "rgb" else images[..., None]
         if constant:
             x = torch.cat((x, torch.full_like(x[..., :1], _MAX_BYTE)), dim=3)
@@ -83,10 +83,10 @@ def _block_convolution(weight: Tensor, padding: int) -> tuple[nn.Conv2d, tuple[i
 
     Args:
         weight: (out, C, k, k) weight of the convolution of stride 2.
-        padding: its padding in pixels.
+        padding: Its padding in pixels.
 
     Returns:
-        The convolution, whose input channels are ``(row * 2 + column) * C + channel`` of a block,
+        The convolution, whose input channels are `(row * 2 + column) * C + channel` of a block,
         and the padding in blocks that it needs: left, right, top, bottom.
     """
     from torch import nn
@@ -110,10 +110,10 @@ def byte_range(model: Any) -> dict[str, list[dict[str, Any]]]:
     The scale is 1 and the zero point is the value that is subtracted.
 
     Args:
-        model: a traced ``onnx.ModelProto``.
+        model: a traced `onnx.ModelProto`.
 
     Returns:
-        Parameters by tensor, for ``TensorQuantOverrides`` of onnxruntime's quantiser.
+        Parameters by tensor, for `TensorQuantOverrides` of onnxruntime's quantiser.
     """
     import numpy as np
 

@@ -19,17 +19,17 @@ _HEADROOM: Final = 4.0
 
 
 def to_float16(model: Any, frames: UInt8) -> Any:
-    """Convert a traced ``onnx.ModelProto`` to float16 where that is safe.
+    """Convert a traced `onnx.ModelProto` to float16 where that is safe.
 
     Nodes whose values come near the largest float16 on any frame stay in float32, as do the last
     layers and the arithmetic on boxes. Inputs and outputs keep their types.
 
     Args:
-        model: a graph from ``edgetree.export.build.trace``.
+        model: a graph from `edgetree.export.build.trace`.
         frames: (N, H, W, 3) or (N, H, W) uint8 real frames for the ranges of activations.
 
     Returns:
-        The converted ``onnx.ModelProto``.
+        The converted `onnx.ModelProto`.
     """
     from onnxruntime.transformers.float16 import convert_float_to_float16
 
@@ -87,8 +87,8 @@ def _largest_values(model: Any, kinds: list[str], frames: UInt8) -> dict[str, fl
     """Largest absolute value over all frames of each tensor at nodes of some operator types.
 
     Args:
-        model: an ``onnx.ModelProto``.
-        kinds: the operator types.
+        model: An `onnx.ModelProto`.
+        kinds: The operator types.
         frames: (N, H, W, 3) or (N, H, W) uint8 frames.
     """
     import onnx

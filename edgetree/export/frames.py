@@ -25,7 +25,7 @@ _DATASET_FOLDERS = {"rgb": "images", "depth": "depth"}
 
 
 def input_shape(spec: ModelSpec) -> tuple[int, ...]:
-    """Shape of one frame as input of a model: (H, W, 3) for ``rgb``, (H, W) for ``depth``."""
+    """Shape of one frame as input of a model: (H, W, 3) for `rgb`, (H, W) for `depth`."""
     return (spec.height, spec.width, 3)[: 3 if spec.modality == "rgb" else 2]
 
 
@@ -34,10 +34,10 @@ def prepare_frame(image: NDArray[Any], spec: ModelSpec) -> UInt8:
 
     Args:
         image: (h, w, 3) uint8 BGR, or (h, w) float depth in metres.
-        spec: model with input size, padding and depth encoding.
+        spec: Model with input size, padding and depth encoding.
 
     Returns:
-        uint8 frame of ``input_shape(spec)``.
+        uint8 frame of `input_shape(spec)`.
     """
     if spec.depth_encoding is not None:
         encoding = calib.DepthEncoding.from_dict(dict(spec.depth_encoding))
@@ -47,18 +47,18 @@ def prepare_frame(image: NDArray[Any], spec: ModelSpec) -> UInt8:
 
 
 def find_frames(folder: Path, modality: str, most: int, *, test_split: bool = False) -> list[Path]:
-    """Find at most ``most`` frames of a folder, evenly spread over its sorted names.
+    """Find at most `most` frames of a folder, evenly spread over its sorted names.
 
     Args:
-        folder: a dataset, with its frames in ``images`` or ``depth``, or a folder of images. Depth
+        folder: a dataset, with its frames in `images` or `depth`, or a folder of images. Depth
             frames are 16-bit PNG files in millimetres.
-        modality: ``rgb`` or ``depth``.
-        most: largest number of frames.
-        test_split: take only frames of the dataset's test split if it has one. No model was
+        modality: `rgb` or `depth`.
+        most: Largest number of frames.
+        test_split: Take only frames of the dataset's test split if it has one. No model was
             trained on these.
 
     Raises:
-        InputError: the folder does not exist or holds no images.
+        InputError: The folder does not exist or holds no images.
     """
     if not folder.is_dir():
         raise InputError(f"{folder} is no folder: expected one with {modality} frames")
@@ -89,7 +89,7 @@ def _test_split_names(folder: Path) -> frozenset[str]:
 
 
 def read_frames(paths: Sequence[Path], spec: ModelSpec) -> UInt8:
-    """Read and prepare frames: (N, H, W, 3) or (N, H, W) uint8, see ``prepare_frame``."""
+    """Read and prepare frames: (N, H, W, 3) or (N, H, W) uint8, see `prepare_frame`."""
     read = read_image if spec.modality == "rgb" else calib.read_depth
     return np.stack([prepare_frame(read(path), spec) for path in paths])
 
@@ -98,12 +98,12 @@ def read_calibration_frames(folder: Path, spec: ModelSpec, *, exclude: Sequence[
     """Read frames for calibration: (N, H, W, 3) or (N, H, W) uint8, at most 64.
 
     Args:
-        folder: a dataset or a folder of images, see ``find_frames``.
-        spec: model with input size, padding and depth encoding.
-        exclude: files not to use.
+        folder: a dataset or a folder of images, see `find_frames`.
+        spec: Model with input size, padding and depth encoding.
+        exclude: Files not to use.
 
     Raises:
-        InputError: the folder has no other frames.
+        InputError: The folder has no other frames.
     """
     excluded = {path.resolve() for path in exclude}
     found = find_frames(folder, spec.modality, _CALIBRATION_FRAMES + len(excluded))
@@ -116,7 +116,7 @@ def read_calibration_frames(folder: Path, spec: ModelSpec, *, exclude: Sequence[
 
 
 def sample_inputs(spec: ModelSpec) -> UInt8:
-    """The sample frames of the package, prepared like ``read_frames``."""
+    """The sample frames of the package, prepared like `read_frames`."""
     from edgetree.samples import sample_frames
 
     samples = sample_frames()
@@ -128,9 +128,9 @@ def edge_case_frames(spec: ModelSpec, real: UInt8) -> dict[str, UInt8]:
     """Edge cases by name: a frame with much padding, a blank frame, and noise.
 
     Args:
-        spec: model with input size and padding.
+        spec: Model with input size and padding.
         real: (N, H, W, 3) or (N, H, W) prepared frames. The left half of the first one is
-            letterboxed for the case ``padded``.
+            letterboxed for the case `padded`.
     """
     shape = input_shape(spec)
     half = real[0][:, : spec.width // 2]

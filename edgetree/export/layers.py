@@ -56,7 +56,7 @@ def frame_reader(model: Any, frames: UInt8) -> Any:
     """A calibration data reader of onnxruntime that gives frames in batches.
 
     Args:
-        model: an ``onnx.ModelProto``; its input has the batch size.
+        model: An `onnx.ModelProto`; its input has the batch size.
         frames: (N, H, W, 3) or (N, H, W) uint8 frames. Those that do not fill a batch are left
             out. Fewer frames than one batch are repeated.
     """

@@ -12,20 +12,20 @@ class ParityLimits:
     """Largest allowed differences between a file and its model. None means no limit.
 
     Attributes:
-        box_px: largest difference of a box coordinate, in pixels of the input.
-        keypoint_px: largest difference of a keypoint coordinate, in pixels of the input.
-        score: largest difference of a score.
-        keypoint_score: largest difference of a keypoint's score.
-        keypoint_ties: largest share of keypoints that may lie elsewhere with the same score, see
-            ``FrameParity.keypoint_ties``.
-        mask_probability: largest difference of a mask's probability in one cell.
-        mask_iou: smallest intersection over union of two masks.
-        percentiles: limits on percentiles over all matched trees, see
-            ``ParityReport.percentiles``; smallest values for ``mask_iou``, largest for the others.
-        match_iou: intersection over union of boxes from which two detections are the same tree.
-        matched: smallest share of trees that both must find. For ``float32`` all trees count,
+        box_px: Largest difference of a box coordinate, in pixels of the input.
+        keypoint_px: Largest difference of a keypoint coordinate, in pixels of the input.
+        score: Largest difference of a score.
+        keypoint_score: Largest difference of a keypoint's score.
+        keypoint_ties: Largest share of keypoints that may lie elsewhere with the same score, see
+            `FrameParity.keypoint_ties`.
+        mask_probability: Largest difference of a mask's probability in one cell.
+        mask_iou: Smallest intersection over union of two masks.
+        percentiles: Limits on percentiles over all matched trees, see
+            `ParityReport.percentiles`; smallest values for `mask_iou`, largest for the others.
+        match_iou: Intersection over union of boxes from which two detections are the same tree.
+        matched: Smallest share of trees that both must find. For `float32` all trees count,
             otherwise those with a score of 0.5 or more.
-        ap_loss: largest loss of average precision, in percentage points.
+        ap_loss: Largest loss of average precision, in percentage points.
     """
 
     box_px: float | None = None
@@ -82,16 +82,16 @@ _LIMITS: Final = {
     ),
 }
 UNTRAINED_LIMITS: Final = ParityLimits(matched=0.0)
-"""For random weights in ``float16`` and ``int8``: only the validity of the outputs is checked."""
+"""For random weights in `float16` and `int8`: only the validity of the outputs is checked."""
 
 
 def limits_of(precision: str, *, trained: bool = True) -> ParityLimits:
     """The limits for a precision.
 
     Args:
-        precision: ``float32``, ``float16`` or ``int8``.
-        trained: whether the network is trained. The scores and boxes of an untrained one change
-            too much by rounding, so there is no limit for it except in ``float32``.
+        precision: `float32`, `float16` or `int8`.
+        trained: Whether the network is trained. The scores and boxes of an untrained one change
+            too much by rounding, so there is no limit for it except in `float32`.
     """
     limits = _LIMITS[precision]
     return limits if trained or precision == "float32" else UNTRAINED_LIMITS

@@ -38,8 +38,8 @@ def load_model(checkpoint: Path) -> tuple[TreeRCNN, str, tuple[UsualRange, ...]]
 
     Raises:
         MissingPackage: a package that exporting needs is not installed.
-        CheckpointError: the checkpoint cannot be read.
-        InputError: what it tells of its training pictures is no range of numbers.
+        CheckpointError: The checkpoint cannot be read.
+        InputError: What it tells of its training pictures is no range of numbers.
     """
     _require_packages()
     from perceptree.models import load_checkpoint
@@ -77,12 +77,12 @@ def with_settings(model: TreeRCNN, settings: ExportSettings) -> TreeRCNN:
     """A model with the same weights and other settings.
 
     Args:
-        model: the model; it is not changed.
-        settings: input size, numbers of detections and proposals, and score threshold. Those that
+        model: The model; it is not changed.
+        settings: Input size, numbers of detections and proposals, and score threshold. Those that
             are None stay as they are.
 
     Raises:
-        SpecError: the network does not support the input size.
+        SpecError: The network does not support the input size.
     """
     from perceptree.models import TreeRCNN
 
@@ -127,12 +127,12 @@ def untrained_model(preset: str, modality: str, settings: ExportSettings) -> Tre
     are scaled on one of them, so that scores vary as much as those of a trained network.
 
     Args:
-        preset: name of the preset.
-        modality: ``rgb`` or ``depth``.
-        settings: input size and other options.
+        preset: Name of the preset.
+        modality: `rgb` or `depth`.
+        settings: Input size and other options.
 
     Raises:
-        SpecError: the preset is unknown.
+        SpecError: The preset is unknown.
         MissingPackage: a package that exporting needs is not installed.
     """
     _require_packages()

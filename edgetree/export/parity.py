@@ -29,24 +29,24 @@ class FrameParity:
     """Comparison on one frame. Differences are the largest over the matched trees.
 
     Attributes:
-        name: name of the frame.
-        trees: number of trees to match, counted in both directions.
-        matched: how many of them are matched.
-        box_px: difference of a box coordinate, in pixels of the input.
-        keypoint_px: difference of a keypoint coordinate, in pixels of the input.
-        untied_keypoint_px: the same without those that ``keypoint_ties`` counts.
-        keypoint_ties: number of keypoints that differ by more than the limit, but whose scores
+        name: Name of the frame.
+        trees: Number of trees to match, counted in both directions.
+        matched: How many of them are matched.
+        box_px: Difference of a box coordinate, in pixels of the input.
+        keypoint_px: Difference of a keypoint coordinate, in pixels of the input.
+        untied_keypoint_px: The same without those that `keypoint_ties` counts.
+        keypoint_ties: Number of keypoints that differ by more than the limit, but whose scores
             agree. Where a heat map has two peaks of the same height, rounding decides.
-        score: difference of a score.
-        keypoint_score: difference of a keypoint's score.
-        mask_probability: difference of a mask's probability in one cell.
-        mask_iou: smallest intersection over union of two masks.
-        values: one value per matched tree, by name: ``score``, the difference of its score;
-            ``keypoint_score``, that of its keypoints (5 values per tree); ``keypoint_shift``, the
+        score: Difference of a score.
+        keypoint_score: Difference of a keypoint's score.
+        mask_probability: Difference of a mask's probability in one cell.
+        mask_iou: Smallest intersection over union of two masks.
+        values: One value per matched tree, by name: `score`, the difference of its score;
+            `keypoint_score`, that of its keypoints (5 values per tree); `keypoint_shift`, the
             distances of its keypoints (5 values), divided by the square root of the area of its
-            box; ``mask_probability``, the mean difference of its mask's cells; ``mask_iou``, the
+            box; `mask_probability`, the mean difference of its mask's cells; `mask_iou`, the
             intersection over union of its masks. Without those of missing branches.
-        fault: why the file's outputs are invalid, or None.
+        fault: Why the file's outputs are invalid, or None.
     """
 
     name: str
@@ -69,12 +69,12 @@ class ParityReport:
     """Comparison of a file with its model.
 
     Attributes:
-        precision: ``float32``, ``float16`` or ``int8``.
-        frames: comparison on each frame.
-        average_precision: in percent, of the model and of the file, for ``box``, ``mask`` and
-            ``keypoint``; empty without labels.
-        limits: largest allowed differences.
-        not_checked: what could not be compared and why, one line each.
+        precision: `float32`, `float16` or `int8`.
+        frames: Comparison on each frame.
+        average_precision: In percent, of the model and of the file, for `box`, `mask` and
+            `keypoint`; empty without labels.
+        limits: Largest allowed differences.
+        not_checked: What could not be compared and why, one line each.
     """
 
     precision: str
@@ -214,7 +214,7 @@ class ParityFailed(CheckFailed):
     """A file differs from its model by more than the limits.
 
     Attributes:
-        report: the comparison.
+        report: The comparison.
     """
 
     def __init__(self, message: str, report: ParityReport) -> None:

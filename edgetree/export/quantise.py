@@ -4,7 +4,7 @@ Static quantisation in the QDQ format: signed weights with a scale per channel, 
 activations with a scale per tensor. Weights use 7 of their 8 bits. Processors with AVX2 but without
 VNNI add two products of 8 bits in 16 bits, which overflows with full weights: the depth model then
 lost 1.5 points of box AP and showed 40 % more false trees. With 7 bits it is the same everywhere;
-``edgetree.export.rounding`` makes up for much of what the missing bit costs.
+`edgetree.export.rounding` makes up for much of what the missing bit costs.
 """
 
 from __future__ import annotations
@@ -33,17 +33,17 @@ def weight_bits(*, symmetric: bool) -> int:
 
 
 def quantise(model: Any, frames: UInt8, *, symmetric: bool = False) -> Any:
-    """Quantise a traced ``onnx.ModelProto``.
+    """Quantise a traced `onnx.ModelProto`.
 
     Args:
-        model: a graph from ``edgetree.export.build.trace`` with ``quantised=True``.
+        model: a graph from `edgetree.export.build.trace` with `quantised=True`.
         frames: (N, H, W, 3) or (N, H, W) uint8 real frames for the ranges of activations. Those
             that do not fill a batch are left out.
-        symmetric: whether activations are signed with zero point 0, as TensorRT needs. This is
+        symmetric: Whether activations are signed with zero point 0, as TensorRT needs. This is
             slow on CPUs.
 
     Returns:
-        An ``onnx.ModelProto`` with the same inputs and outputs.
+        An `onnx.ModelProto` with the same inputs and outputs.
     """
     import onnx
     from onnxruntime.quantization import (

@@ -23,8 +23,8 @@ def rewrite_for_export(model: TreeRCNN, *, quantised: bool) -> TreeRCNN:
     Sub-Pixel Convolutional Neural Network). The mask head shuffles last, when one channel is left.
 
     Args:
-        model: the model; it is not changed.
-        quantised: whether to prepare for 8 bits. Then the last layers become matrix
+        model: The model; it is not changed.
+        quantised: Whether to prepare for 8 bits. Then the last layers become matrix
             multiplications, which take 8-bit inputs and give float outputs, and the first
             convolution reads bytes. Keypoints are read between the pixels of a heat map, also
             where the model reads them at the centres of pixels, so these may differ slightly.
@@ -161,13 +161,13 @@ def _subpixel_convolution(layer: nn.ConvTranspose2d) -> nn.Sequential:
 def _subpixel_weight(weight: Tensor, padding: int, reach: int) -> Tensor:
     """Weight of the sub-pixel convolution of a transposed convolution.
 
-    Output pixel ``2 c + i`` of a transposed convolution of stride 2 gets input cell ``c + d``
-    through tap ``t`` with ``2 (c + d) + t - padding = 2 c + i``, so ``t = i + padding - 2 d``.
+    Output pixel `2 c + i` of a transposed convolution of stride 2 gets input cell `c + d`
+    through tap `t` with `2 (c + d) + t - padding = 2 c + i`, so `t = i + padding - 2 d`.
 
     Args:
         weight: (in, out, k, k) weight of the transposed convolution.
-        padding: its padding.
-        reach: largest distance d of a cell.
+        padding: Its padding.
+        reach: Largest distance d of a cell.
 
     Returns:
         (4 * out, in, 2 * reach + 1, 2 * reach + 1) weight.

@@ -73,9 +73,9 @@ def round_weights(model: Any, frames: UInt8, bits: int) -> tuple[Any, dict[str, 
     Kernels of more than 1,024 weights are left as they are.
 
     Args:
-        model: a traced ``onnx.ModelProto`` in float32; it is not changed.
+        model: a traced `onnx.ModelProto` in float32; it is not changed.
         frames: (N, H, W, 3) or (N, H, W) uint8 real frames, of which the first 16 are used.
-        bits: bits of a weight with its sign.
+        bits: Bits of a weight with its sign.
 
     Returns:
         A copy of the model with rounded weights, and the scale of each output channel by the name

@@ -8,8 +8,6 @@ from typing import Final
 from basetree.errors import InputError
 from basetree.settings import Settings, label, limits, names, option
 
-__all__ = ["OPSET", "PRECISIONS", "TARGETS", "ExportSettings"]
-
 OPSET: Final = 20
 PRECISIONS: Final = {"fp32": "float32", "fp16": "float16", "int8": "int8"}
 TARGETS: Final = ("cpu", "cuda", "tensorrt", "openvino", "coreml", "directml")

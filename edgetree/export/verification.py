@@ -41,9 +41,9 @@ class VerificationFrames:
     """Frames on which a file and its model are compared.
 
     Attributes:
-        images: prepared frames by name, (H, W, 3) or (H, W) uint8.
-        paths: files that they were read from; empty for samples of the package.
-        dataset: folder of a dataset whose labels may give the average precision, or None.
+        images: Prepared frames by name, (H, W, 3) or (H, W) uint8.
+        paths: Files that they were read from; empty for samples of the package.
+        dataset: Folder of a dataset whose labels may give the average precision, or None.
     """
 
     images: Mapping[str, UInt8]
@@ -56,10 +56,10 @@ def read_verification_frames(data: Path, spec: ModelSpec) -> VerificationFrames:
 
     Args:
         data: a dataset or a folder of images.
-        spec: model with input size, padding and depth encoding.
+        spec: Model with input size, padding and depth encoding.
 
     Raises:
-        InputError: the folder has no frames.
+        InputError: The folder has no frames.
     """
     paths = find_frames(data, spec.modality, _COMPARED_FRAMES, test_split=True)
     images = read_frames(paths, spec)
@@ -79,16 +79,16 @@ def verify(
     """Compare a file with its model on given frames and on edge cases.
 
     Args:
-        model: the model.
-        session: inference session of the file.
-        manifest: manifest of the file.
-        frames: the frames to compare on.
-        say: called with progress messages.
-        trained: False for random weights. Then files in ``float16`` and ``int8`` have no limits,
-            see ``limits_of``.
+        model: The model.
+        session: Inference session of the file.
+        manifest: Manifest of the file.
+        frames: The frames to compare on.
+        say: Called with progress messages.
+        trained: False for random weights. Then files in `float16` and `int8` have no limits,
+            see `limits_of`.
 
     Raises:
-        ParityFailed: they differ by more than the limits of the file's precision.
+        ParityFailed: They differ by more than the limits of the file's precision.
     """
     edge_cases = edge_case_frames(model.spec, np.stack(list(frames.images.values())))
     images = {**frames.images, **edge_cases}

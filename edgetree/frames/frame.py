@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from basetree.errors import InputError
 from calib import PinholeCamera, RigidTransform
 
-__all__ = ["Frame", "level_axes", "stream_frame"]
-
 _LEAST_LEVEL_PART: Final = 0.1
 
 
@@ -22,20 +20,20 @@ class Frame:
     """One picture of a source.
 
     Attributes:
-        name: the file's stem, for videos and recordings with the frame's number; valid as a file
+        name: The file's stem, for videos and recordings with the frame's number; valid as a file
             name.
-        path: the file or recording of the frame; None of a camera.
+        path: The file or recording of the frame; None of a camera.
         image: (H, W, 3) uint8 BGR; None if there is only depth.
         depth_m: (H, W) float32 metres along the optical axis, 0.0 = no reading, aligned with the
             image; None if there is only colour.
-        depth_fault: why the depth is unusable; None if it is usable.
-        time_s: time stamp of the picture in the clock of the source, s, such as its position in a
+        depth_fault: Why the depth is unusable; None if it is usable.
+        time_s: Time stamp of the picture in the clock of the source, s, such as its position in a
             video; None of an image file.
-        number: number of the frame in a stream, from 0 on; numbers of left-out frames are missing.
+        number: Number of the frame in a stream, from 0 on; numbers of left-out frames are missing.
             None of an image file.
-        camera: intrinsics of the image; None if the source does not know them.
+        camera: Intrinsics of the image; None if the source does not know them.
         up_camera: (3,) unit vector away from gravity in the camera's frame; None if unknown.
-        pose: transform from the camera's frame to a fixed frame (x and y level, z up), as from the
+        pose: Transform from the camera's frame to a fixed frame (x and y level, z up), as from the
             machine's odometry; None if unknown.
     """
 
@@ -60,7 +58,7 @@ class Frame:
         """The time stamp, s.
 
         Raises:
-            InputError: the frame has none.
+            InputError: The frame has none.
         """
         if self.time_s is None:
             raise InputError(f"frame {self.where} has no time stamp: expected a frame of a stream")
@@ -80,14 +78,14 @@ def stream_frame(
     """Make a frame of a stream, such as of a camera, which is named by its number.
 
     Args:
-        number: as in `Frame`, and so are the others.
-        time_s: time stamp, s.
+        number: As in `Frame`, and so are the others.
+        time_s: Time stamp, s.
         image: (H, W, 3) uint8 BGR.
         depth_m: (H, W) float32 metres.
-        camera: intrinsics of the image.
+        camera: Intrinsics of the image.
         up_camera: (3,) unit vector away from gravity.
-        pose: transform from the camera's frame to a fixed frame.
-        depth_fault: why the depth is unusable.
+        pose: Transform from the camera's frame to a fixed frame.
+        depth_fault: Why the depth is unusable.
     """
     name = f"frame_{number:06d}"
     more = (number, camera, up_camera, pose)

@@ -15,8 +15,6 @@ from basetree.files.reading import decode_image
 from edgetree.detections import TreeDetections
 from edgetree.frames.pipeline import FoundTrees
 
-__all__ = ["read_image", "read_masks"]
-
 _LOSSLESS: Final = (".png", ".tif", ".tiff", ".bmp", ".pgm")
 _MAX_TREES: Final = 100
 
@@ -25,8 +23,8 @@ def read_image(path: Path) -> NDArray[np.uint8]:
     """Read a colour image, (H, W, 3) uint8 BGR. Greyscale images are converted to colour.
 
     Raises:
-        InputError: the file is missing, not an image, truncated, or has more than 8 bits.
-        InputFileError: it has more pixels than `limits.Limits.image_pixels`.
+        InputError: The file is missing, not an image, truncated, or has more than 8 bits.
+        InputFileError: It has more pixels than `limits.Limits.image_pixels`.
     """
     expected = "expected a complete 8-bit JPEG or PNG image, or another format that OpenCV reads"
     image = _decoded(path, f"image {path}", cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR, expected)
@@ -42,14 +40,14 @@ def read_masks(path: Path, size_px: tuple[int, int]) -> FoundTrees:
     """Read a mask image. 0 is background; each other value is the number of a tree.
 
     Args:
-        path: an image with one channel of 8 or 16 bits in a lossless format, such as PNG.
-        size_px: expected width and height.
+        path: An image with one channel of 8 or 16 bits in a lossless format, such as PNG.
+        size_px: Expected width and height.
 
     Returns:
         The trees, sorted by number, with scores of 1 and without keypoints.
 
     Raises:
-        InputError: the file cannot be read, has another format or size, or does not contain 1 to
+        InputError: The file cannot be read, has another format or size, or does not contain 1 to
             100 trees.
     """
     values = _read_values(path)

@@ -19,8 +19,6 @@ from edgetree.runtime.detector import TreeDetector
 if TYPE_CHECKING:
     from edgetree.measure import MeasureSettings, TreeMeasurement
 
-__all__ = ["FoundTrees", "FrameResult", "find_trees", "image_for", "measure_frame", "process"]
-
 
 @dataclass(frozen=True, eq=False)
 class FoundTrees:
@@ -28,9 +26,9 @@ class FoundTrees:
 
     Attributes:
         trees: N trees.
-        numbers: number of each tree in tables and pictures.
+        numbers: Number of each tree in tables and pictures.
         masks: (N, H, W) bool masks from a mask image; None for trees from a model.
-        detect_ms: time of the detection, including resizing; 0 for trees from a mask image.
+        detect_ms: Time of the detection, including resizing; 0 for trees from a mask image.
     """
 
     trees: TreeDetections
@@ -55,11 +53,11 @@ class FrameResult:
     """The result of one frame.
 
     Attributes:
-        frame: the frame.
-        found: its trees.
-        measurements: one for each tree; None if depth or camera are missing.
-        metres_need: what measuring needs; None if the trees were measured.
-        camera: the camera of the measurement, of the frame's size; None if it is not known.
+        frame: The frame.
+        found: Its trees.
+        measurements: One for each tree; None if depth or camera are missing.
+        metres_need: What measuring needs; None if the trees were measured.
+        camera: The camera of the measurement, of the frame's size; None if it is not known.
         scaling: a note if the rig's camera was scaled to the frame's size, else None.
     """
 
@@ -88,7 +86,7 @@ def image_for(detector: TreeDetector, frame: Frame) -> NDArray[Any]:
         Colour, (H, W, 3) uint8 BGR, or depth, (H, W) float32 metres.
 
     Raises:
-        InputError: the frame does not have it.
+        InputError: The frame does not have it.
     """
     takes_depth = detector.manifest.takes_depth
     image = frame.depth_m if takes_depth else frame.image
@@ -107,15 +105,15 @@ def process(
     """Detect the trees of a frame, and measure them if depth and camera are known.
 
     Args:
-        frame: the frame.
-        detector: the model.
-        rig: the cameras that took the frame. Its camera takes the place of the frame's own; its
+        frame: The frame.
+        detector: The model.
+        rig: The cameras that took the frame. Its camera takes the place of the frame's own; its
             vertical is for frames without one.
-        settings: settings of the measurement; the defaults if None.
+        settings: Settings of the measurement; the defaults if None.
 
     Raises:
-        InputError: the frame does not have the kind of image that the model takes.
-        CameraError: the camera is for another aspect ratio.
+        InputError: The frame does not have the kind of image that the model takes.
+        CameraError: The camera is for another aspect ratio.
     """
     return measure_frame(frame, find_trees(frame, detector), rig, settings)
 
@@ -124,7 +122,7 @@ def find_trees(frame: Frame, detector: TreeDetector) -> FoundTrees:
     """Detect the trees of a frame: the first half of `process`.
 
     Raises:
-        InputError: the frame does not have the kind of image that the model takes.
+        InputError: The frame does not have the kind of image that the model takes.
     """
     image = image_for(detector, frame)
     start = time.perf_counter()
@@ -140,13 +138,13 @@ def measure_frame(
     If the frame's depth is unusable, each measurement is a failure with the reason.
 
     Args:
-        frame: the frame.
-        found: its trees.
-        rig: the cameras, as for `process`.
-        settings: settings of the measurement; the defaults if None.
+        frame: The frame.
+        found: Its trees.
+        rig: The cameras, as for `process`.
+        settings: Settings of the measurement; the defaults if None.
 
     Raises:
-        CameraError: the camera is for another aspect ratio.
+        CameraError: The camera is for another aspect ratio.
     """
     try:
         camera = rig.camera_for(found.trees.image_width, found.trees.image_height) or frame.camera

@@ -14,8 +14,6 @@ import calib
 from basetree.errors import InputError
 from edgetree.frames.frame import Frame
 
-__all__ = ["DepthReading", "Rig", "unit_vector"]
-
 _MILLIMETRE_M = 0.001
 
 
@@ -24,7 +22,7 @@ class DepthReading(NamedTuple):
 
     Attributes:
         depth_m: (H, W) float32 metres, 0.0 = no reading.
-        fault: why the depth is unusable; None if it is usable.
+        fault: Why the depth is unusable; None if it is usable.
     """
 
     depth_m: NDArray[np.float32]
@@ -36,17 +34,17 @@ class Rig:
     """The cameras that took the frames, as far as they are known.
 
     Attributes:
-        camera: the image camera; without it nothing can be measured.
-        up_camera: direction opposite to gravity in the camera's frame, as from an IMU.
-        mounting: transform from the camera's frame to the machine's (x forward, y left, z up).
-        depth_camera: the depth camera; None if depth files are aligned with the images.
-        depth_extrinsics: transform from the depth camera's frame to the image camera's; None for
+        camera: The image camera; without it nothing can be measured.
+        up_camera: Direction opposite to gravity in the camera's frame, as from an IMU.
+        mounting: Transform from the camera's frame to the machine's (x forward, y left, z up).
+        depth_camera: The depth camera; None if depth files are aligned with the images.
+        depth_extrinsics: Transform from the depth camera's frame to the image camera's; None for
             the identity.
-        depth_scale_m: metres per unit of an integer depth file.
-        depth_calibration: correction of the depth; None for no correction.
+        depth_scale_m: Metres per unit of an integer depth file.
+        depth_calibration: Correction of the depth; None for no correction.
 
     Raises:
-        InputError: the scale is not positive, or a value needs another one that is missing.
+        InputError: The scale is not positive, or a value needs another one that is missing.
     """
 
     camera: calib.PinholeCamera | None = None
@@ -73,11 +71,11 @@ class Rig:
         """The image camera, scaled to images of this size; None if it is not known.
 
         Args:
-            width: width of the image in pixels.
-            height: height of the image in pixels.
+            width: Width of the image in pixels.
+            height: Height of the image in pixels.
 
         Raises:
-            CameraError: the camera is for another aspect ratio.
+            CameraError: The camera is for another aspect ratio.
         """
         return None if self.camera is None else _of_size(self.camera, width, height)
 
@@ -85,12 +83,12 @@ class Rig:
         """The frame with this camera and vertical, where its source does not know them.
 
         Args:
-            frame: the frame.
-            width: its width in pixels.
-            height: its height in pixels.
+            frame: The frame.
+            width: Its width in pixels.
+            height: Its height in pixels.
 
         Raises:
-            CameraError: the camera is for another aspect ratio.
+            CameraError: The camera is for another aspect ratio.
         """
         up_camera = frame.up_camera
         if up_camera is None and self.up_camera is not None:
@@ -104,13 +102,13 @@ class Rig:
         """Read a depth file and align it with its image.
 
         Args:
-            path: the depth file.
-            image: the image that it belongs to, for messages; None if there is no image.
-            size_px: width and height of the image; None to leave the depth unaligned.
+            path: The depth file.
+            image: The image that it belongs to, for messages; None if there is no image.
+            size_px: Width and height of the image; None to leave the depth unaligned.
 
         Raises:
-            InputError: the size differs from the image's, and there is no depth camera.
-            InputError: the file cannot be read, or a camera is for another aspect ratio.
+            InputError: The size differs from the image's, and there is no depth camera.
+            InputError: The file cannot be read, or a camera is for another aspect ratio.
         """
         depth_m = calib.read_depth(path, scale=self.depth_scale_m)
         if self.depth_calibration is not None:
@@ -166,7 +164,7 @@ def unit_vector(direction: ArrayLike) -> NDArray[np.float64]:
     """Scale a direction of three numbers to length 1.
 
     Raises:
-        InputError: it is not a direction.
+        InputError: It is not a direction.
     """
     values = np.asarray(direction, np.float64)
     if values.shape != (3,) or not np.isfinite(values).all() or not values.any():

@@ -26,8 +26,6 @@ from edgetree.sources.source import FrameSource, SourceLost
 if TYPE_CHECKING:
     from edgetree.measure import MeasureSettings
 
-__all__ = ["LivePipeline"]
-
 _log = logging.getLogger(__name__)
 
 _REOPEN_S: Final = 1.0
@@ -61,12 +59,12 @@ class LivePipeline:
     out and counted; `logging` tells of both.
 
     Args:
-        open_source: opens the source; called again if the source was lost.
-        detector: the model.
-        rig: the camera, the vertical and the mounting, for sources that do not know them.
-        settings: settings of the measurement; the defaults if None.
-        tracker: follows the stems; a new one if None.
-        reopen_s: time between two attempts to open a source that was lost, s.
+        open_source: Opens the source; called again if the source was lost.
+        detector: The model.
+        rig: The camera, the vertical and the mounting, for sources that do not know them.
+        settings: Settings of the measurement; the defaults if None.
+        tracker: Follows the stems; a new one if None.
+        reopen_s: Time between two attempts to open a source that was lost, s.
     """
 
     def __init__(
@@ -111,8 +109,8 @@ class LivePipeline:
         """Yield the result of each frame.
 
         Raises:
-            InputError: the source cannot be opened or read.
-            ModelFileError: the model fails.
+            InputError: The source cannot be opened or read.
+            ModelFileError: The model fails.
         """
         source = self._source = self._open_source()
         self._frames = Handover(newest_only=source.is_live)

@@ -16,8 +16,6 @@ from edgetree.measure import TreeMeasurement
 from edgetree.sinks.maps import open_map
 from edgetree.sinks.sink import FileSink
 
-__all__ = ["LiveResult", "PosedMapSink", "followed"]
-
 _MOST_WITHOUT_POSE_S: Final = 2.0  # at the beginning of a recording
 
 
@@ -26,10 +24,10 @@ class LiveResult(FrameResult):
     """The result of a frame, and the stems that are followed.
 
     Attributes:
-        tracks: the stems that are followed, seen in this frame or not.
-        stages_ms: time that each stage took for this frame, such as {"detect": 31.0}.
-        age_s: time from the arrival of the frame to this result, s.
-        dropped: frames that were left out so far because newer ones had arrived.
+        tracks: The stems that are followed, seen in this frame or not.
+        stages_ms: Time that each stage took for this frame, such as {"detect": 31.0}.
+        age_s: Time from the arrival of the frame to this result, s.
+        dropped: Frames that were left out so far because newer ones had arrived.
     """
 
     tracks: list[TreeTrack]
@@ -42,11 +40,11 @@ def followed(result: FrameResult, tracker: StemTracker) -> LiveResult:
     """Follow the stems into one more frame.
 
     Args:
-        result: the result of the frame, which has a time stamp.
-        tracker: follows the stems.
+        result: The result of the frame, which has a time stamp.
+        tracker: Follows the stems.
 
     Raises:
-        InputError: the frame has no time stamp.
+        InputError: The frame has no time stamp.
     """
     measurements = result.measurements
     if measurements is None:
@@ -61,10 +59,10 @@ class PosedMapSink(FileSink[FrameResult]):
     Frames before the first pose are left out.
 
     Args:
-        path: the file to write, .geojson or .gpkg.
+        path: The file to write, .geojson or .gpkg.
 
     Raises:
-        InputError: the file cannot be written; when results are written or the sink is closed, if
+        InputError: The file cannot be written; when results are written or the sink is closed, if
             there are no poses.
     """
 

@@ -11,8 +11,6 @@ from typing import Final, Literal
 
 from edgetree.sources.source import REMARKS
 
-__all__ = ["LiveStatus", "StatusRecorder"]
-
 _REMEMBERED: Final = 50  # results for rates and medians
 
 
@@ -23,15 +21,15 @@ class LiveStatus:
     Attributes:
         state: "starting" before the first result; "running"; "lost" while the source does not
             answer; "ended".
-        results: number of frames that have a result.
-        dropped: frames that were left out because newer ones had arrived.
-        left_out: frames that could not be used, by reason, with what the source left out itself.
-        remarks: what the source says about frames that were used, such as {"without pose": 60}.
-        lost: how many times the source was lost.
-        rate_hz: results per second, over the last 50; 0 before the second.
-        stages_ms: median time of each stage over the last 50 results, ms.
-        age_ms: median time from a frame's arrival to its result, likewise.
-        silent_s: time since the last result, s.
+        results: Number of frames that have a result.
+        dropped: Frames that were left out because newer ones had arrived.
+        left_out: Frames that could not be used, by reason, with what the source left out itself.
+        remarks: What the source says about frames that were used, such as {"without pose": 60}.
+        lost: How many times the source was lost.
+        rate_hz: Results per second, over the last 50; 0 before the second.
+        stages_ms: Median time of each stage over the last 50 results, ms.
+        age_ms: Median time from a frame's arrival to its result, likewise.
+        silent_s: Time since the last result, s.
     """
 
     state: Literal["starting", "running", "lost", "ended"]
@@ -99,8 +97,8 @@ class StatusRecorder:
         """The state now.
 
         Args:
-            dropped: frames that were replaced by newer ones.
-            of_source: what the source counted.
+            dropped: Frames that were replaced by newer ones.
+            of_source: What the source counted.
         """
         with self._lock:
             times, now = list(self._times_s), time.monotonic()

@@ -21,8 +21,6 @@ from edgetree.measure.observations import StemObservations
 from edgetree.measure.settings import MeasureSettings
 from edgetree.measure.stem_fit import Stems
 
-__all__ = ["ButtSwell", "diameter_stds_m", "incomplete_stds"]
-
 
 def diameter_stds_m(frame: DepthFrame, stems: Stems, incomplete_std: Float) -> Float:
     """(T,) standard deviations of the diameters.
@@ -33,7 +31,7 @@ def diameter_stds_m(frame: DepthFrame, stems: Stems, incomplete_std: Float) -> F
     shape and incomplete observations add independent relative errors.
 
     Args:
-        frame: camera and settings.
+        frame: Camera and settings.
         stems: T fitted stems.
         incomplete_std: (T,) see `incomplete_stds`.
     """
@@ -80,10 +78,10 @@ class ButtSwell(NamedTuple):
         """What keypoints near the lower side of the image tell.
 
         Args:
-            keypoints: keypoints of T stems.
-            image_height: height of the image in pixels.
+            keypoints: Keypoints of T stems.
+            image_height: Height of the image in pixels.
             m_per_px: (T,) metres per pixel at the stems.
-            settings: the butt swell of stems.
+            settings: The butt swell of stems.
         """
         unseen = ~keypoints.within[:, CUT] & keypoints.offered
         inferred = unseen & ~keypoints.has_section

@@ -14,8 +14,6 @@ from edgetree.measure.edge_lines import masked_medians, pick
 from edgetree.measure.frame import MASK_THRESHOLD, DepthFrame
 from edgetree.measure.regions import OUTWARDS, SearchRegions
 
-__all__ = ["DepthEdges", "find_depth_edges", "front_depth_m"]
-
 # The front of the stems is found from readings at these positions across, in half widths.
 _FRONT = np.linspace(-0.6, 0.6, 5)
 # The depth is read across each edge of the mask, from this many steps outside to this many inside.
@@ -82,8 +80,8 @@ def find_depth_edges(
     """Find where the stems' surfaces end in the depth, from outside inwards.
 
     Args:
-        frame: depth and camera.
-        regions: search regions.
+        frame: Depth and camera.
+        regions: Search regions.
         edges_px: (2, T, S) left and right edges of the masks across the regions.
         found: (2, T, S) which of these were found.
         depth_m: (T, S) depth of the front of the stems at the stations.

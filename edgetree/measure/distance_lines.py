@@ -13,16 +13,6 @@ from edgetree.measure.constants.stems import STEM_BEND_PER_M
 from edgetree.measure.edge_lines import masked_medians
 from edgetree.measure.settings import MeasureSettings
 
-__all__ = [
-    "DistanceLines",
-    "InverseDistances",
-    "NormalEquations",
-    "best_distance_lines",
-    "fit_distance_lines",
-    "level_distance_lines",
-    "masked_means",
-]
-
 # Candidates for the first line: this many tilts, up to this many standard deviations of the lean,
 # through these quantiles of the readings. Their support is counted on every fourth reading.
 _TILT_STDS = np.linspace(-6.0, 6.0, 15)
@@ -40,13 +30,13 @@ class InverseDistances(NamedTuple):
     """What each reading says about its stem's distance, each array (T, N).
 
     Attributes:
-        height_ratio: height along the axis above the section, per metre of distance.
-        inverse: inverse distance to the axis, 1/m.
-        per_narrowing: change of `inverse` per radian of decrease of the half angle.
-        offset: lateral position on the stem, see `StemView.offset`.
-        depth_ratio: depth per metre of distance to the axis, see `StemView.depth_ratio`.
-        depth_m: depth; 1 where the reading is not used.
-        used: whether the reading is used.
+        height_ratio: Height along the axis above the section, per metre of distance.
+        inverse: Inverse distance to the axis, 1/m.
+        per_narrowing: Change of `inverse` per radian of decrease of the half angle.
+        offset: Lateral position on the stem, see `StemView.offset`.
+        depth_ratio: Depth per metre of distance to the axis, see `StemView.depth_ratio`.
+        depth_m: Depth; 1 where the reading is not used.
+        used: Whether the reading is used.
     """
 
     height_ratio: Float
@@ -131,13 +121,13 @@ def fit_distance_lines(
     4. Build the normal equations, add the prior on the tilt, and solve them.
 
     Args:
-        points: inverse distances.
+        points: Inverse distances.
         start: (T, 2) value and slope to start from.
         noise: (T,) standard deviation of the inverse distances, 1/m.
         readings_per_error: (T,) number of readings that share one error.
         tilt: (T,) tilt that the axes already have, in radians; the prior refers to a tilt of 0.
-        lean_std_rad: standard deviation of the tilt.
-        rounds: number of times the weights are updated.
+        lean_std_rad: Standard deviation of the tilt.
+        rounds: Number of times the weights are updated.
     """
     ones = np.ones_like(points.height_ratio)
     model = np.stack([ones, points.height_ratio, points.per_narrowing, points.inverse], 1)
@@ -204,7 +194,7 @@ def best_distance_lines(
         inverse: (T, N) inverse distances, 1/m.
         used: (T, N) which of them are used.
         noise: (T,) their standard deviations, 1/m.
-        lean_std_rad: standard deviation of a stem's lean.
+        lean_std_rad: Standard deviation of a stem's lean.
     """
     height, inverse = height_ratio[:, ::_SUPPORT_STEP], inverse[:, ::_SUPPORT_STEP]
     used = used[:, ::_SUPPORT_STEP]

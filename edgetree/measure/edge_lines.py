@@ -11,8 +11,6 @@ from basetree.arrays import Bool, Float, Index
 from edgetree.measure.constants.outlines import EDGE_TOLERANCE, MIN_EDGE_TOLERANCE_PX
 from edgetree.measure.regions import OUTWARDS, SearchRegions
 
-__all__ = ["OuterLines", "fit_lines", "masked_medians", "outer_lines", "pick"]
-
 # Votes on candidate lines: an edge on a line counts up to 1. One outside it counts against it, and
 # twice as much as a vote does one inside it at which the depth shows that the stem ends there.
 _OUTSIDE_PENALTY, _CERTAIN_PENALTY = 0.5, 2.0
@@ -51,7 +49,7 @@ def outer_lines(
     least squares fit with Tukey's biweights.
 
     Args:
-        regions: search regions.
+        regions: Search regions.
         edges_px: (2, T, S) left and right edges of the masks across the regions.
         seen: (2, T, S) where an edge was found, or (T, S) where both were.
         certain: (2, T, S) where the depth shows that the stem ends at the edge, if known.

@@ -25,8 +25,6 @@ from edgetree.measure.section import fit_axes
 from edgetree.measure.settings import MeasureSettings
 from edgetree.measure.stem_fit import fit_stems
 
-__all__ = ["measure_trees"]
-
 # A vertical with larger components than these, downwards in the image or along the optical axis,
 # means that gravity was given in place of its opposite, or a mounting without the rotation from
 # camera to machine axes: cameras are not upside down and do not look at the sky.
@@ -46,18 +44,18 @@ def measure_trees(
     """Measure every tree of one image.
 
     Args:
-        detections: the N trees, in pixels of this image, with keypoints, masks or both.
+        detections: The N trees, in pixels of this image, with keypoints, masks or both.
             Keypoints with score 0 are not used.
         depth_m: (H, W) depth z along the optical axis in metres, of a float dtype; 0, NaN or
             infinite where there is no reading.
-        camera: intrinsics of the depth map, for this image size.
+        camera: Intrinsics of the depth map, for this image size.
         masks: (N, H, W) bool masks that replace those of the detections, for example drawn by
             hand or from another segmentation.
         up_camera: (3,) direction away from gravity in camera coordinates, as from an IMU. By
             default the mounting's, for a level machine. Without both, heights and inclinations
             refer to the normal of the ground plane.
-        mounting: transform from camera to machine coordinates (x forward, y left, z up).
-        settings: assumed errors and limits. Those of keypoints and mask edges are multiplied by
+        mounting: Transform from camera to machine coordinates (x forward, y left, z up).
+        settings: Assumed errors and limits. Those of keypoints and mask edges are multiplied by
             `detections.error_factor`.
 
     Returns:
@@ -65,7 +63,7 @@ def measure_trees(
         reason.
 
     Raises:
-        InputError: depth, camera or masks are for another image size, the depth does not have a
+        InputError: Depth, camera or masks are for another image size, the depth does not have a
             float dtype, or the vertical is not a valid direction.
     """
     settings = (settings or MeasureSettings()).scaled(detections.error_factor)
@@ -98,11 +96,11 @@ def _measure_all(
     5. Compute all values of each tree.
 
     Args:
-        frame: depth, camera, masks and settings.
-        trees: the detections, at least one.
+        frame: Depth, camera, masks and settings.
+        trees: The detections, at least one.
         up: (3,) unit vector of the vertical; None estimates it from the stems, the ground and the
             camera.
-        mounting: transform from camera to machine coordinates.
+        mounting: Transform from camera to machine coordinates.
 
     Returns:
         One measurement per detection, in their order.
@@ -183,7 +181,7 @@ def unit_up(up_camera: ArrayLike) -> Float:
         (3,) unit vector.
 
     Raises:
-        InputError: the value is not a direction, or the camera would be upside down or look at
+        InputError: The value is not a direction, or the camera would be upside down or look at
             the sky.
     """
     up: Float = np.asarray(up_camera, np.float64)

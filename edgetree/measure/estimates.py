@@ -8,18 +8,6 @@ from typing import Final, Literal, NamedTuple, TypeAlias
 from basetree.arrays import Float
 from edgetree.measure.profile import StemProfile
 
-__all__ = [
-    "QUANTITIES",
-    "Estimate",
-    "Evidence",
-    "Failure",
-    "PointEstimate",
-    "TreeMeasurement",
-    "interval_keys",
-    "interval_values",
-    "split_unit",
-]
-
 JsonValue: TypeAlias = (
     float
     | str
@@ -111,7 +99,7 @@ class Failure:
     """The reason why a quantity could not be measured. Always false.
 
     Attributes:
-        reason: one line of text.
+        reason: One line of text.
     """
 
     reason: str
@@ -140,16 +128,16 @@ class Evidence:
     """What a measurement is based on, for judging its quality.
 
     Attributes:
-        method: sources with a weight in the diameter, such as "keypoints + mask + depth".
-        source_diameters_m: diameter in metres that each source gives by itself.
-        source_std_m: standard deviation of each of these in metres.
-        arc_deg: arc of the stem's circumference with depth readings, in degrees; at most 180 is
+        method: Sources with a weight in the diameter, such as "keypoints + mask + depth".
+        source_diameters_m: Diameter in metres that each source gives by itself.
+        source_std_m: Standard deviation of each of these in metres.
+        arc_deg: Arc of the stem's circumference with depth readings, in degrees; at most 180 is
             visible.
-        valid_depth_share: fraction of the depth samples on the stem that have a reading.
-        visible_share: fraction of the stem's length, from the bottom to the top of its box, that
+        valid_depth_share: Fraction of the depth samples on the stem that have a reading.
+        visible_share: Fraction of the stem's length, from the bottom to the top of its box, that
             the mask shows; None without a mask.
-        ground: reference of the heights, as text.
-        warnings: problems to know about before using the values.
+        ground: Reference of the heights, as text.
+        warnings: Problems to know about before using the values.
     """
 
     method: str = ""
@@ -180,36 +168,36 @@ class TreeMeasurement:
     """The measurements of one tree.
 
     Attributes:
-        diameter_m: stem diameter at right angles to the axis, at the section through the diameter
+        diameter_m: Stem diameter at right angles to the axis, at the section through the diameter
             keypoints near the felling cut. If the cut is below the image, it is inferred from the
             lowest visible section with `MeasureSettings.butt_swell`, with a warning. Without
             keypoints, it is measured in the middle of the visible part of the mask.
-        dbh_m: stem diameter at breast height.
-        cut_height_m: height of the axis at the felling cut above the ground on the uphill side,
+        dbh_m: Stem diameter at breast height.
+        cut_height_m: Height of the axis at the felling cut above the ground on the uphill side,
             along the vertical.
-        inclination_deg: angle of the axis from the vertical. If no vertical is given, it is
+        inclination_deg: Angle of the axis from the vertical. If no vertical is given, it is
             estimated from the other stems, the ground and the camera, and its error is included.
-        lean_direction_deg: direction of the lean, seen from above: 0 away from the camera, 90 to
+        lean_direction_deg: Direction of the lean, seen from above: 0 away from the camera, 90 to
             the right, -90 to the left, 180 towards the camera. Without a given vertical it needs
             three other stems.
-        distance_m: distance from the camera's centre to the axis at the felling cut; without
+        distance_m: Distance from the camera's centre to the axis at the felling cut; without
             keypoints, to the middle of the visible part of the mask.
-        axis_distance_m: shortest distance from the camera's centre to the line of the stem's axis.
+        axis_distance_m: Shortest distance from the camera's centre to the line of the stem's axis.
             For an upright stem it is the horizontal distance. It needs neither the felling cut nor
             the ground.
-        taper_cm_per_m: mean decrease of the diameter, in cm per metre of the stem, between the
+        taper_cm_per_m: Mean decrease of the diameter, in cm per metre of the stem, between the
             lowest and the highest diameter of `profile`.
-        seen_volume_m3: volume over bark of the part of the stem between the lowest and the highest
+        seen_volume_m3: Volume over bark of the part of the stem between the lowest and the highest
             diameter of `profile`. Between two diameters it is a truncated cone.
-        volume_m3: volume over bark of the whole stem, from `dbh_m` by the volume function of
+        volume_m3: Volume over bark of the whole stem, from `dbh_m` by the volume function of
             `MeasureSettings.species`, see `stem_volume`.
-        profile: diameters at every 10 cm along the stem.
-        species: species of the volume function, if one was given.
-        cut_point_m: point of the cut on the bark that faces the camera, in camera coordinates
+        profile: Diameters at every 10 cm along the stem.
+        species: Species of the volume function, if one was given.
+        cut_point_m: Point of the cut on the bark that faces the camera, in camera coordinates
             (x right, y down, z forward).
-        cut_point_machine_m: the same point in machine coordinates.
-        axis: line of the axis in camera coordinates. It is not part of `to_dict`.
-        evidence: what the measurement is based on.
+        cut_point_machine_m: The same point in machine coordinates.
+        axis: Line of the axis in camera coordinates. It is not part of `to_dict`.
+        evidence: What the measurement is based on.
     """
 
     diameter_m: Estimate | Failure

@@ -10,8 +10,6 @@ from edgetree.measure.ground import BaseGround
 from edgetree.measure.observations import StemObservations
 from edgetree.measure.stem_fit import Stems
 
-__all__ = ["gather_evidence", "stump_warning"]
-
 _SOURCES = ("keypoints", "mask", "depth")
 # A source is named in `Evidence.method` from this weight on.
 _MIN_WEIGHT = 0.02
@@ -27,11 +25,11 @@ def gather_evidence(
     """Describe what the measurement of one stem is based on.
 
     Args:
-        index: number of the stem.
-        stems: the fitted stems.
-        observed: the observations that they are fitted to.
-        ground: ground at the stem.
-        warnings: warnings about other values of the stem, which come first.
+        index: Number of the stem.
+        stems: The fitted stems.
+        observed: The observations that they are fitted to.
+        ground: Ground at the stem.
+        warnings: Warnings about other values of the stem, which come first.
     """
     distance_m = stems.distance_m.item(index)
     known = {
@@ -64,10 +62,10 @@ def stump_warning(
     """A warning if the stump would be too high, or may be because plants hide the ground.
 
     Args:
-        height: height of the cut.
-        above_surface: the same above the surface around the base, which may be that of plants.
-        ground: ground at the stem.
-        limit_m: largest height of a stump in metres.
+        height: Height of the cut.
+        above_surface: The same above the surface around the base, which may be that of plants.
+        ground: Ground at the stem.
+        limit_m: Largest height of a stump in metres.
     """
     if not isinstance(above_surface, Estimate):
         return ()

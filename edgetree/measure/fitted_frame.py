@@ -37,8 +37,6 @@ from edgetree.measure.vertical import Verticals
 from edgetree.measure.volume import Species, stem_volume
 from edgetree.measure.width import MaskWidths
 
-__all__ = ["FittedFrame"]
-
 
 class _Taper(NamedTuple):
     """What the diameters along one stem tell, as in `TreeMeasurement`."""
@@ -167,7 +165,7 @@ class FittedFrame:
 
         Args:
             cuts: (T, 3) axis points at the felling cuts.
-            grounds: ground at each stem.
+            grounds: Ground at each stem.
         """
         stems, camera = self.stems, self.frame.camera
         shared = (
@@ -234,12 +232,12 @@ class FittedFrame:
         """All measurements of one tree.
 
         Args:
-            index: number of the tree.
+            index: Number of the tree.
             cut: (3,) axis point at the felling cut.
-            ground: ground at the tree.
-            verticals: the verticals of all trees.
-            taper: its diameters along the stem.
-            mounting: transform from camera to machine coordinates, if given.
+            ground: Ground at the tree.
+            verticals: The verticals of all trees.
+            taper: Its diameters along the stem.
+            mounting: Transform from camera to machine coordinates, if given.
         """
         stem = self._position(index, cut)
         at_section = Estimate(2 * stem.radius_m, stem.diameter_std_m)

@@ -13,8 +13,6 @@ from calib import PinholeCamera, pixels_to_rays
 from edgetree.detections import TreeDetections
 from edgetree.measure.settings import MeasureSettings, reference_px
 
-__all__ = ["MASK_THRESHOLD", "DepthFrame", "MaskGrid"]
-
 # OpenCV samples at most 32,766 points in a row.
 _MAX_POINTS = 30_000
 
@@ -67,11 +65,11 @@ class DepthFrame:
     """A depth map with its camera and the masks of T trees.
 
     Attributes:
-        camera: intrinsics for the depth map's size.
+        camera: Intrinsics for the depth map's size.
         depth_m: (H, W) depth in metres; 0, NaN or infinite where there is no reading.
-        masks: one per tree, or None if the model gives no masks.
-        settings: assumptions of the measurement.
-        masks_given: whether the caller gave the masks, at the image's size.
+        masks: One per tree, or None if the model gives no masks.
+        settings: Assumptions of the measurement.
+        masks_given: Whether the caller gave the masks, at the image's size.
     """
 
     camera: PinholeCamera

@@ -31,8 +31,6 @@ from edgetree.measure.ground_cover import cover_stds_m, depth_stds_m
 from edgetree.measure.ground_samples import GroundSamples, sample_around, thinned
 from edgetree.measure.vertical import Vertical, Verticals
 
-__all__ = ["BaseGround", "StemBases", "find_grounds"]
-
 # Rows and columns of the sampling grid. The second one is for sparse depth.
 _GRIDS = (27, 72)
 # Fewer points make no plane.
@@ -47,9 +45,9 @@ class BaseGround:
     """The ground plane at a stem, and the vertical along which heights are measured.
 
     Attributes:
-        plane: plane fitted to the depth around the base.
-        vertical: the vertical at the stem.
-        cover_std_m: standard deviation of the ground's height because plants may hide it.
+        plane: Plane fitted to the depth around the base.
+        vertical: The vertical at the stem.
+        cover_std_m: Standard deviation of the ground's height because plants may hide it.
     """
 
     plane: GroundPlane
@@ -87,8 +85,8 @@ class BaseGround:
         Args:
             axis_point: (3,) camera point on the axis.
             along: (3,) unit vector up the axis.
-            radius_m: radius of the stem.
-            axis_std_m: standard deviation of the point's height.
+            radius_m: Radius of the stem.
+            axis_std_m: Standard deviation of the point's height.
 
         Returns:
             The height in metres along the vertical, or why there is none.
@@ -114,8 +112,8 @@ class BaseGround:
         Args:
             axis_point: (3,) camera point on the axis.
             along: (3,) unit vector up the axis.
-            radius_m: radius of the stem.
-            height_m: height above the ground on the uphill side, along the vertical.
+            radius_m: Radius of the stem.
+            height_m: Height above the ground on the uphill side, along the vertical.
         """
         cosine = max(float(self.plane.normal @ along), _MIN_COSINE)
         foot_m = -(float(self.plane.height_m(axis_point)) + self.lift_m) / cosine
@@ -174,10 +172,10 @@ def find_grounds(
     5. Where the depth is sparse and shows too little, repeat with the finer grid.
 
     Args:
-        frame: depth, camera and masks.
-        bases: the lower ends of T stems.
-        verticals: the verticals of all stems of the frame.
-        noise: ratio of the noise of the depth to the assumed one.
+        frame: Depth, camera and masks.
+        bases: The lower ends of T stems.
+        verticals: The verticals of all stems of the frame.
+        noise: Ratio of the noise of the depth to the assumed one.
 
     Returns:
         T grounds, or why there is none.

@@ -31,8 +31,6 @@ from edgetree.measure.frame import DepthFrame
 from edgetree.measure.settings import MeasureSettings
 from edgetree.measure.stem_fit import Readings
 
-__all__ = ["cover_stds_m", "depth_stds_m", "noise_factor"]
-
 # Of sparse depth so few places can be compared that those beside the stem count too much.
 _MIN_COMPARED = 12
 # Of the readings across a stem these are looked at: few to save time, and none near its edges.
@@ -56,8 +54,8 @@ def noise_factor(readings: Readings, stations: int, settings: MeasureSettings) -
 
     Args:
         readings: T stems' readings, the same number across the stem at each station.
-        stations: number of stations along each stem.
-        settings: the assumed noise.
+        stations: Number of stations along each stem.
+        settings: The assumed noise.
 
     Returns:
         The ratio of the standard deviations, at least 1.
@@ -82,7 +80,7 @@ def cover_stds_m(
     """Standard deviations of the ground's height because plants may hide it.
 
     Args:
-        frame: depth, camera and masks.
+        frame: Depth, camera and masks.
         points: (T, N, 3) camera points to which the planes were fitted.
         usable: (T, N) which of them were used.
         depth_std_m: (T, N) standard deviations of their depths.

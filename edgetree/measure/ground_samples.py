@@ -11,8 +11,6 @@ from calib import project_points
 from edgetree.measure.constants.ground import MAX_ABOVE_CUT_M, MAX_BELOW_CUT_M
 from edgetree.measure.frame import DepthFrame
 
-__all__ = ["GroundSamples", "sample_around", "thinned"]
-
 # The grid is denser towards the stem by this exponent. It reaches less far up and down, by this
 # factor, because the ground is seen from the side. Both were chosen on 791 simulated frames.
 _GRID_EXPONENT, _REACH_UP = 1.2, 0.6

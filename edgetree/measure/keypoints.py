@@ -21,8 +21,6 @@ from edgetree.measure.constants.outlines import (
 )
 from edgetree.measure.settings import MeasureSettings, reference_px
 
-__all__ = ["CUT", "LEFT", "MIDDLE", "MIN_WIDTH_PX", "RIGHT", "TOP", "Keypoints"]
-
 CUT, LEFT, RIGHT, MIDDLE, TOP = range(len(KEYPOINT_NAMES))
 
 MIN_WIDTH_PX = 1.0
@@ -44,7 +42,7 @@ class Keypoints:
         clipped_by_side: (T, 2) whether the left or the right side of the image may cut the stem
             off: its box ends near that side, and the edge keypoint there is not seen.
         reaches_lower_side: (T,) whether the box ends at the lower side of the image.
-        offered: whether the model predicts keypoints.
+        offered: Whether the model predicts keypoints.
     """
 
     xy_px: Float
@@ -123,7 +121,7 @@ def _clipped_by_side(trees: TreeDetections, edge_scores: Float) -> Bool:
     """(T, 2) whether the left or the right side of the image may cut the stems off.
 
     Args:
-        trees: the detections.
+        trees: The detections.
         edge_scores: (T, 2) scores of the keypoints of the left and the right edge.
     """
     left_px, right_px = trees.boxes_px[:, 0], trees.image_width - trees.boxes_px[:, 2]
@@ -136,7 +134,7 @@ def _near_side_std_px(trees: TreeDetections, values: Float, clipped: Bool) -> Fl
     """(T, 5) standard deviations of edge keypoints that may be beyond a side of the image, else 0.
 
     Args:
-        trees: the detections.
+        trees: The detections.
         values: (T, 5, 3) their keypoints.
         clipped: (T, 2) whether the edge there is not seen, from `_clipped_by_side`.
     """

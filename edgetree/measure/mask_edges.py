@@ -10,8 +10,6 @@ from edgetree.measure.edge_lines import outer_lines, pick
 from edgetree.measure.frame import MASK_THRESHOLD, DepthFrame
 from edgetree.measure.regions import MIN_HALF_PX, OUTWARDS, STATIONS, SearchRegions
 
-__all__ = ["COARSE_STEP", "coarse_edges", "fine_edges", "realigned"]
-
 # Edges are searched for across this many half widths, with this many samples. A second search
 # around each edge found takes more samples over this part of the half width, or at least px.
 _SEARCH_HALF_WIDTHS = 1.8
@@ -45,8 +43,8 @@ def fine_edges(
     """Refine coarse edges.
 
     Args:
-        frame: the masks.
-        regions: search regions.
+        frame: The masks.
+        regions: Search regions.
         edges_px: (2, T, S) left and right edges in px across the regions.
         border_px: (2, T) edges closer than this to the border of the image do not count.
 

@@ -21,8 +21,6 @@ from edgetree.measure.search_regions import find_regions
 from edgetree.measure.stem_fit import Readings
 from edgetree.measure.width import StemEdges
 
-__all__ = ["StemObservations", "observe_stems"]
-
 # Depth is sampled at this many points across the stem.
 _DEPTH_SAMPLES = 9
 # A midpoint between the mask's edges this far off the centre line, in half widths, is not used.
@@ -34,11 +32,11 @@ class StemObservations:
     """Everything a frame shows of T stems.
 
     Attributes:
-        outline: edges in the masks; None if there are no masks.
-        edges: edges as viewing rays.
+        outline: Edges in the masks; None if there are no masks.
+        edges: Edges as viewing rays.
         axis_rays: (T, N, 3) viewing rays to points on the axes.
         axis_std_rad: (T, N) standard deviations of their angles; infinite for rays to ignore.
-        readings: depth readings within the outlines.
+        readings: Depth readings within the outlines.
         on_stem_fraction: (T,) fraction of the depth samples that are on the stem's mask.
         valid_depth_fraction: (T,) fraction of these that have a depth reading.
     """
@@ -62,9 +60,9 @@ def observe_stems(frame: DepthFrame, boxes_px: Float, keypoints: Keypoints) -> S
     5. Make viewing rays to points on the axis, each with its error.
 
     Args:
-        frame: depth, masks and camera.
+        frame: Depth, masks and camera.
         boxes_px: (T, 4) boxes x0, y0, x1, y1.
-        keypoints: keypoints of the same trees.
+        keypoints: Keypoints of the same trees.
     """
     regions = find_regions(frame, boxes_px, keypoints)
     outline = None
@@ -91,7 +89,7 @@ class _DepthSamples(NamedTuple):
     """Depth samples on T stems.
 
     Attributes:
-        readings: the samples as readings.
+        readings: The samples as readings.
         on_stem_fraction: (T,) fraction of the samples on the stem's mask.
         valid_fraction: (T,) fraction of these with a depth reading.
         median_m: (T,) their median depth; 1 where there is no reading.

@@ -23,8 +23,6 @@ from edgetree.measure.mask_edges import coarse_edges, fine_edges, realigned
 from edgetree.measure.regions import OUTWARDS, SearchRegions
 from edgetree.measure.settings import reference_px
 
-__all__ = ["Outline", "trace_outline"]
-
 # An object in front of a stem is searched for this far from the stem's edge, in half widths or px.
 _BESIDE, _MIN_BESIDE_PX = 0.15, 3.0
 
@@ -34,7 +32,7 @@ class Outline:
     """The edges of T stems in their masks, at S stations.
 
     Attributes:
-        regions: search regions.
+        regions: Search regions.
         edges_px: (2, T, S) positions of the left and right edges across the region.
         valid: (2, T, S) whether these are edges of the stem itself.
         visible_fraction: (T,) fraction of the stations at which the mask shows both sides.
@@ -61,7 +59,7 @@ class Outline:
         """The outline without edges beside which something nearer may hide the stem's edge.
 
         Args:
-            frame: depth and settings.
+            frame: Depth and settings.
             depth_m: (T,) depth of the stems.
         """
         regions, stem = self.regions, depth_m[:, None, None]
@@ -82,9 +80,9 @@ def trace_outline(frame: DepthFrame, regions: SearchRegions, keypoints: Keypoint
     there. Edges that contradict the depth or each other have a larger standard deviation.
 
     Args:
-        frame: the frame, with one mask per stem.
-        regions: where to search.
-        keypoints: keypoints of the same trees.
+        frame: The frame, with one mask per stem.
+        regions: Where to search.
+        keypoints: Keypoints of the same trees.
     """
     regions = realigned(regions, *coarse_edges(frame, regions))
     coarse_px, seen = coarse_edges(frame, regions)

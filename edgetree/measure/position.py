@@ -25,8 +25,6 @@ from edgetree.measure.ground import BaseGround
 from edgetree.measure.settings import MeasureSettings
 from edgetree.measure.vertical import Vertical
 
-__all__ = ["StemPosition"]
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class StemPosition:
@@ -37,14 +35,14 @@ class StemPosition:
             right angles to the axis to the right, and up the axis.
         section: (3,) axis point of the section at which the diameter is measured.
         cut: (3,) axis point of the felling cut.
-        radius_m: radius at the section.
-        distance_std_m: standard deviation of the axis' distance.
-        diameter_std_m: standard deviation of the diameter.
-        cut_rad: standard deviation of the cut's direction, up and down.
-        shape_std_m: displacement of the axis between section and cut by bark, butt swell and
+        radius_m: Radius at the section.
+        distance_std_m: Standard deviation of the axis' distance.
+        diameter_std_m: Standard deviation of the diameter.
+        cut_rad: Standard deviation of the cut's direction, up and down.
+        shape_std_m: Displacement of the axis between section and cut by bark, butt swell and
             bends, as a standard deviation.
-        roll_std_rad: standard deviation of the axis' angle within the image.
-        tilt_std_rad: standard deviation of the axis' angle towards or away from the camera.
+        roll_std_rad: Standard deviation of the axis' angle within the image.
+        tilt_std_rad: Standard deviation of the axis' angle towards or away from the camera.
     """
 
     directions: Float
@@ -97,7 +95,7 @@ class StemPosition:
         fitted line leans away by as much; this is subtracted.
 
         Args:
-            bend_rad: standard deviation of the axis direction along a stem.
+            bend_rad: Standard deviation of the axis direction along a stem.
         """
         ahead_m, _, level_m = self._section_parts_m
         value = ahead_m + level_m * TAPER_PER_M * self.radius_m
@@ -142,8 +140,8 @@ class StemPosition:
         """Why the keypoint of the felling cut is implausible, or None if it is plausible.
 
         Args:
-            height: height of the cut above the ground.
-            has_section: whether the section is given by keypoints, which are near the cut.
+            height: Height of the cut above the ground.
+            has_section: Whether the section is given by keypoints, which are near the cut.
         """
         above_m = self._cut_parts_m[2] - self._section_parts_m[2]
         if has_section and not LOWEST_CUT_M <= above_m <= HIGHEST_CUT_M:
@@ -167,8 +165,8 @@ class StemPosition:
         axis by more than its own error.
 
         Args:
-            height: height of the cut above the ground on the uphill side.
-            ground: ground at the stem.
+            height: Height of the cut above the ground on the uphill side.
+            ground: Ground at the stem.
         """
         if isinstance(height, Failure) or isinstance(ground, Failure):
             return height
@@ -205,8 +203,8 @@ class StemPosition:
         changes the diameter.
 
         Args:
-            bend_rad: standard deviation of the axis direction along a stem.
-            has_cut: whether the cut is known, and the point is taken there.
+            bend_rad: Standard deviation of the axis direction along a stem.
+            has_cut: Whether the cut is known, and the point is taken there.
         """
         slide_m = self.cut_rad * self._range_m if has_cut else 0.0
         ahead_m = math.hypot(self.distance_std_m, self.diameter_std_m / 2, self.shape_std_m)
@@ -249,9 +247,9 @@ class StemPosition:
         first-order error propagation in polar coordinates.
 
         Args:
-            vertical: the vertical at the stem.
-            ground: ground at the stem.
-            settings: bend of stems.
+            vertical: The vertical at the stem.
+            ground: Ground at the stem.
+            settings: Bend of stems.
 
         Returns:
             The inclination, and its direction as in `TreeMeasurement.lean_direction_deg`.

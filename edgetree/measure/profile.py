@@ -7,8 +7,6 @@ from typing import Literal, TypeAlias
 
 from basetree.arrays import Float
 
-__all__ = ["HeightsFrom", "StemProfile"]
-
 HeightsFrom: TypeAlias = Literal["ground", "section"]
 
 _DIGITS = 5

@@ -9,8 +9,6 @@ import numpy as np
 
 from basetree.arrays import Float
 
-__all__ = ["MIN_HALF_PX", "OUTWARDS", "STATIONS", "SearchRegions", "line_spans"]
-
 STATIONS = 24
 """Number of cross-lines along every stem, at which its edges and depth are sampled.
 

@@ -13,8 +13,6 @@ from edgetree.measure.constants.depth import (
 from edgetree.measure.edge_lines import masked_medians
 from edgetree.measure.stem_fit import Readings, Stems
 
-__all__ = ["shows_several_stems"]
-
 # Fewer readings at a station do not show its shape.
 _MIN_READINGS = 5
 # Readings further from the fitted stem than this many radii are clipped to it or left out.
@@ -35,8 +33,8 @@ def shows_several_stems(stems: Stems, readings: Readings, stations: int) -> Bool
 
     Args:
         stems: T fitted stems.
-        readings: their depth readings (T, N), station by station.
-        stations: number of stations.
+        readings: Their depth readings (T, N), station by station.
+        stations: Number of stations.
 
     Returns:
         (T,) flags.

@@ -14,8 +14,6 @@ from edgetree.measure.keypoints import LEFT, MIDDLE, MIN_WIDTH_PX, RIGHT, TOP, K
 from edgetree.measure.mask_edges import COARSE_STEP, coarse_edges, realigned
 from edgetree.measure.regions import MIN_HALF_PX, STATIONS, SearchRegions, line_spans
 
-__all__ = ["find_regions"]
-
 # Aspect ratio of a mask below which the direction from its moments is not trusted alone.
 _MIN_ASPECT = 2.2
 # Realignments of a region from each start.
@@ -36,9 +34,9 @@ def find_regions(frame: DepthFrame, boxes_px: Float, keypoints: Keypoints) -> Se
     is at right angles to the section if they are too close to it.
 
     Args:
-        frame: the frame, with its masks if there are any.
+        frame: The frame, with its masks if there are any.
         boxes_px: (T, 4) boxes x0, y0, x1, y1.
-        keypoints: keypoints of the same trees.
+        keypoints: Keypoints of the same trees.
     """
     left, right = keypoints.xy_px[:, LEFT], keypoints.xy_px[:, RIGHT]
     origin = (left + right) / 2
@@ -74,7 +72,7 @@ def _regions_from_masks(frame: DepthFrame, boxes_px: Float) -> SearchRegions:
     edges lie on straight lines either way, the region is that of the mask's clean rows.
 
     Args:
-        frame: the frame, with one mask per stem.
+        frame: The frame, with one mask per stem.
         boxes_px: (T, 4) boxes x0, y0, x1, y1.
     """
     masks = frame.masks or []
@@ -156,8 +154,8 @@ def _clean_rows(mask: MaskGrid, width_px: int) -> SearchRegions | None:
     For masks that show much else beside the stem in their other rows.
 
     Args:
-        mask: the mask.
-        width_px: width of the image; rows that reach its border are not clean.
+        mask: The mask.
+        width_px: Width of the image; rows that reach its border are not clean.
 
     Returns:
         The region of one stem, which spans these rows alone, or None if there are too few.

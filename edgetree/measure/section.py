@@ -26,8 +26,6 @@ import numpy as np
 from basetree.arrays import Float
 from calib.directions import unit
 
-__all__ = ["Sections", "StemAxes", "StemView", "axes_in_planes", "fit_axes"]
-
 # Close to the edge, the depth changes without bound with the angle. Readings at a larger offset
 # than this (1 at the edge) are not used.
 _MAX_OFFSET = 0.995
@@ -92,7 +90,7 @@ def fit_axes(rays: Float, std_rad: Float, up: Float, lean_std_rad: float) -> tup
         rays: (T, N, 3) rays to points on the axes; NaN where there is none.
         std_rad: (T, N) standard deviations of their angles; infinite for rays to ignore.
         up: (3,) unit vector of the vertical.
-        lean_std_rad: standard deviation of a stem's angle from the vertical.
+        lean_std_rad: Standard deviation of a stem's angle from the vertical.
 
     Returns:
         The axes in those planes that are closest to the vertical, and (T,) the standard deviation
@@ -133,11 +131,11 @@ class StemView(NamedTuple):
 
     Attributes:
         offset: sin(theta) / sin(delta), the lateral position on the stem: -1 and 1 at the edges.
-        depth_ratio: depth z of the front surface per metre from the camera to the axis; 0 where
+        depth_ratio: Depth z of the front surface per metre from the camera to the axis; 0 where
             the ray misses the stem.
-        depth_ratio_slope: derivative of `depth_ratio` with respect to delta, per radian; 0 where
+        depth_ratio_slope: Derivative of `depth_ratio` with respect to delta, per radian; 0 where
             the ray misses the stem.
-        height_ratio: height along the axis of the surface point, per metre from the camera to the
+        height_ratio: Height along the axis of the surface point, per metre from the camera to the
             axis.
     """
 
@@ -152,7 +150,7 @@ class Sections:
     """Cross-sections of T stems, scaled to 1 m from the camera to the axis.
 
     Attributes:
-        axes: coordinate systems of the stems.
+        axes: Coordinate systems of the stems.
         middle_rad: (T,) bearings of the stems' centres, see `StemAxes.bearing_and_slope`.
         half_rad: (T,) delta, half the angle between the two tangent rays.
         height_ratio: (T,) heights of the sections along the axes, per metre from the camera to

@@ -8,8 +8,6 @@ from dataclasses import dataclass, fields, replace
 from basetree.errors import InputError
 from edgetree.measure.volume import EXPECTED_SPECIES, SPECIES, Species
 
-__all__ = ["MeasureSettings", "reference_px"]
-
 _REFERENCE_WIDTH_PX = 1280
 _DETECTOR_ERRORS = (
     "keypoint_std_px",
@@ -32,51 +30,51 @@ class MeasureSettings:
     "Standard deviation" is a one-sigma error. Fractions are between 0 and 1.
 
     Attributes:
-        keypoint_std_px: smallest standard deviation of a keypoint, in pixels of an image of
+        keypoint_std_px: Smallest standard deviation of a keypoint, in pixels of an image of
             1280 px width. In other images it is the same share of the width.
-        keypoint_spread: standard deviation of a keypoint across the stem at score 1, as a
+        keypoint_spread: Standard deviation of a keypoint across the stem at score 1, as a
             fraction of the box width. It grows with 1 / sqrt(score), because a normal heat map
             of standard deviation s has the peak 1 / (2 pi s²).
-        keypoint_slide: the same along the stem, where no edge limits the heat map, as a fraction
+        keypoint_slide: The same along the stem, where no edge limits the heat map, as a fraction
             of the square root of the box area.
-        mask_std_px: smallest standard deviation of a mask edge, in the same pixels.
-        mask_spread: standard deviation of a mask edge, in cells of the mask grid.
-        given_mask_std_px: the same for masks of the image's size that the caller gives, instead of
+        mask_std_px: Smallest standard deviation of a mask edge, in the same pixels.
+        mask_spread: Standard deviation of a mask edge, in cells of the mask grid.
+        given_mask_std_px: The same for masks of the image's size that the caller gives, instead of
             the two above, in pixels of the image. The scatter of each outline about straight
             lines adds to it.
-        depth_noise_per_m: standard deviation of the depth at 1 m, in metres. At z metres it is
+        depth_noise_per_m: Standard deviation of the depth at 1 m, in metres. At z metres it is
             z² times as large, as for stereo cameras. It is adjusted to the scatter of the
             readings on a stem where there are many.
-        depth_noise_m: smallest standard deviation of the depth in metres, as for time-of-flight
+        depth_noise_m: Smallest standard deviation of the depth in metres, as for time-of-flight
             cameras.
-        depth_bias_per_m: error that all depth readings on one stem share, for example from the
+        depth_bias_per_m: Error that all depth readings on one stem share, for example from the
             steps of the disparity, at 1 m, in metres. At z metres it is z² times as large.
-        depth_correlation_px: side of the image squares in which all depth readings share one
+        depth_correlation_px: Side of the image squares in which all depth readings share one
             error, in pixels.
-        outline_doubt: relative standard deviation that is added to a diameter for missing mask
+        outline_doubt: Relative standard deviation that is added to a diameter for missing mask
             edges: this value times the fourth power of the share of stations along the stem
             without an edge, on the side that shows fewer.
-        readings_doubt: the same for missing or contradictory depth: this value times the square of
+        readings_doubt: The same for missing or contradictory depth: this value times the square of
             the share of the samples within the outline that give no reading on the fitted stem.
             Both together are limited to 0.45. For masks that the caller gives, 0.3 of both is
             added, because they do not depend on a detector.
-        butt_swell: relative difference between the diameter at the cut and that of the stem well
+        butt_swell: Relative difference between the diameter at the cut and that of the stem well
             above it. It is added where the cut is below the image, and as far as the lowest edges
             of a mask are above the section.
-        butt_swell_std: standard deviation of `butt_swell` between stems.
-        out_of_round_std: relative standard deviation of a real stem's diameter with viewing
+        butt_swell_std: Standard deviation of `butt_swell` between stems.
+        out_of_round_std: Relative standard deviation of a real stem's diameter with viewing
             direction and height.
-        curvature_std: relative standard deviation of the diameter from the curvature of the depth
+        curvature_std: Relative standard deviation of the diameter from the curvature of the depth
             across the stem.
-        bend_std_deg: standard deviation of the axis direction along a real stem, in degrees.
-        lean_std_deg: standard deviation of a stem's lean before it is measured, in degrees.
-        breast_height_m: height of the second diameter above the ground on the uphill side, along
+        bend_std_deg: Standard deviation of the axis direction along a real stem, in degrees.
+        lean_std_deg: Standard deviation of a stem's lean before it is measured, in degrees.
+        breast_height_m: Height of the second diameter above the ground on the uphill side, along
             the vertical, in metres.
-        max_stump_height_m: felling cuts higher above the ground give a warning, in metres.
-        max_range_m: depth readings beyond this are not used, in metres.
-        max_diameter_m: larger diameters are reported as failures, in metres.
-        max_slope_deg: steeper ground is rejected, in degrees.
-        species: species of the function for the volume of whole stems: "pine", "spruce" or
+        max_stump_height_m: Felling cuts higher above the ground give a warning, in metres.
+        max_range_m: Depth readings beyond this are not used, in metres.
+        max_diameter_m: Larger diameters are reported as failures, in metres.
+        max_slope_deg: Steeper ground is rejected, in degrees.
+        species: Species of the function for the volume of whole stems: "pine", "spruce" or
             "birch". None gives no such volume.
 
     Raises:

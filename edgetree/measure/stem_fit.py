@@ -28,8 +28,6 @@ from edgetree.measure.section import Sections, StemAxes
 from edgetree.measure.settings import MeasureSettings
 from edgetree.measure.width import HalfAngle, StemEdges, fuse
 
-__all__ = ["Readings", "Stems", "fit_stems"]
-
 # Repetitions of the fit, until all tilts change by less than this.
 _ITERATIONS = 5
 _CONVERGED_RAD = 3e-3
@@ -56,13 +54,13 @@ class Stems:
     """Fitted stems, T at once. All distances are across the axis, from the camera to the axis.
 
     Attributes:
-        sections: cross-sections and axes.
+        sections: Cross-sections and axes.
         distance_m: (T,) distance to the axis at the section.
         distance_std_m: (T,) its standard deviation.
         tilt_std_rad: (T,) standard deviation of the axis' angle towards or away from the camera.
         half_std_rad: (T,) standard deviation of the half angle.
         distance_change_per_rad: (T,) relative change of the distance per radian of half angle.
-        sources: half angles from keypoints, masks and depth curvature, each by itself.
+        sources: Half angles from keypoints, masks and depth curvature, each by itself.
         weights: (3, T) weights of these sources in the half angle.
         arc_rad: (T,) arc of the stem's circumference that the readings cover.
         used: (T,) number of readings that agree with the stem.
@@ -109,11 +107,11 @@ def fit_stems(
     across the stem gives one more estimate of the half angle.
 
     Args:
-        readings: depth readings within the stems' outlines.
-        axes: the axes from image and vertical.
-        edges: the stems' edges from keypoints and masks.
-        lean_std_rad: standard deviation of the tilt towards or away from the camera.
-        settings: noise of the depth.
+        readings: Depth readings within the stems' outlines.
+        axes: The axes from image and vertical.
+        edges: The stems' edges from keypoints and masks.
+        lean_std_rad: Standard deviation of the tilt towards or away from the camera.
+        settings: Noise of the depth.
     """
     tilt = step = np.zeros(len(readings.depth_m))
     sections, sources = edges.sections(axes)

@@ -24,8 +24,6 @@ from edgetree.measure.profile import StemProfile
 from edgetree.measure.stem_fit import Stems
 from edgetree.measure.width import MaskWidths
 
-__all__ = ["HeightScale", "StemDiameters", "read_diameters"]
-
 # Distance between the diameters of a profile, in m, and their largest number.
 _STEP_M, _MAX_DIAMETERS = 0.1, 300
 
@@ -50,7 +48,7 @@ class StemDiameters:
     """N diameters along T stems, sorted by stem and height.
 
     Attributes:
-        heights: heights along the axes.
+        heights: Heights along the axes.
         stem: (N,) number of the stem.
         height_m: (N,) heights.
         along_m: (N,) positions along the axis, from the section.
@@ -60,7 +58,7 @@ class StemDiameters:
         collar_std_m: (N,) the part from the root collar.
         tilt_std: (T,) relative error of a diameter per metre from the section, from the axis' tilt.
         edges_m: (N, 2, 3) camera points at the left and the right edge.
-        breast: diameter at breast height of each stem; None if the edges do not show there.
+        breast: Diameter at breast height of each stem; None if the edges do not show there.
     """
 
     heights: HeightScale
@@ -166,12 +164,12 @@ def read_diameters(
     4. Keep those where both edges show, above the collar, and that are certain enough.
 
     Args:
-        stems: the fitted stems.
-        widths: mask edges by height.
-        heights: heights along the axes.
+        stems: The fitted stems.
+        widths: Mask edges by height.
+        heights: Heights along the axes.
         shared_std: (T,) relative standard deviation that all diameters of a stem share.
-        shape_std: relative standard deviation of a diameter from the shape of the stem.
-        breast_height_m: breast height.
+        shape_std: Relative standard deviation of a diameter from the shape of the stem.
+        breast_height_m: Breast height.
     """
     count = len(shared_std)
     rows, height_m = _steps(widths, heights)

@@ -17,8 +17,6 @@ from edgetree.measure.constants.ground import (
 from edgetree.measure.constants.stems import COMMON_LEAN_STD_DEG
 from edgetree.measure.section import StemAxes
 
-__all__ = ["Vertical", "Verticals"]
-
 # Stems further from the common direction than this many standard deviations count less (Huber).
 _HUBER_STDS, _HUBER_ROUNDS = 1.5, 4
 
@@ -30,8 +28,8 @@ class Vertical:
     Attributes:
         up: (3,) unit vector away from gravity, in camera coordinates.
         covariance: (3, 3) of its error, in rad²; zero if the vertical is given.
-        stems: number of other stems that it is estimated from; None if it is given.
-        from_ground: whether it is also estimated from the slope of the ground.
+        stems: Number of other stems that it is estimated from; None if it is given.
+        from_ground: Whether it is also estimated from the slope of the ground.
     """
 
     up: Float
@@ -98,7 +96,7 @@ class Verticals:
             roll_std_rad: (T,) standard deviations of the axes' angles within the image; infinite
                 for stems that are not to be used.
             tilt_std_rad: (T,) the same towards or away from the camera.
-            lean_std_rad: standard deviation of a stem's lean.
+            lean_std_rad: Standard deviation of a stem's lean.
         """
         roll, tilt = (
             1 / (lean_std_rad**2 + std_rad**2)[:, None, None]
@@ -122,7 +120,7 @@ class Verticals:
         """The vertical at one stem. The stem's own direction is left out.
 
         Args:
-            index: number of the stem.
+            index: Number of the stem.
             normal: (3,) normal of the ground there, if it is known.
         """
         if self.stem_information is None or self.counted is None:

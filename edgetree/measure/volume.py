@@ -7,8 +7,6 @@ from typing import Final, Literal, NamedTuple, TypeAlias, get_args
 
 from edgetree.measure.estimates import Estimate, Failure
 
-__all__ = ["EXPECTED_SPECIES", "SPECIES", "VOLUME_SOURCE", "Species", "stem_volume"]
-
 Species: TypeAlias = Literal["pine", "spruce", "birch"]
 
 SPECIES: Final[tuple[Species, ...]] = get_args(Species)
@@ -26,9 +24,9 @@ class _VolumeFunction(NamedTuple):
     Attributes:
         by_diameter: a, b, c of ln V = a + b ln(2 + 1.25 d) + c d.
         by_height: a, b, c, e, f of ln V = a + b ln d + c ln h + e ln(h - 1.3) + f d.
-        diameter_std: relative standard error of the volume by diameter alone.
-        height_std: relative standard error of the volume by diameter and height.
-        largest_cm: largest diameter that the functions were fitted to.
+        diameter_std: Relative standard error of the volume by diameter alone.
+        height_std: Relative standard error of the volume by diameter and height.
+        largest_cm: Largest diameter that the functions were fitted to.
     """
 
     by_diameter: tuple[float, float, float]
@@ -86,8 +84,8 @@ def stem_volume(
 
     Args:
         species: "pine" (Pinus sylvestris), "spruce" (Picea abies) or "birch" (Betula).
-        dbh_m: diameter at breast height over bark.
-        height_m: height of the tree, if known.
+        dbh_m: Diameter at breast height over bark.
+        height_m: Height of the tree, if known.
 
     Returns:
         The volume in m³, or why there is none: a diameter or height outside the function's range.

@@ -14,8 +14,6 @@ from edgetree.measure.constants.stems import SHAPE_STD_PER_M, SWELL_LENGTH_M, VI
 from edgetree.measure.edge_lines import fit_lines
 from edgetree.measure.section import Sections, StemAxes
 
-__all__ = ["HalfAngle", "MaskWidths", "StemEdges", "fuse"]
-
 # The width at a height is read from mask edges with Gaussian weights of this standard deviation.
 # Edges further away keep a small weight, for stems with few edges.
 _WINDOW_M = 0.2
@@ -96,7 +94,7 @@ class StemEdges:
     """The edges of T stems as viewing rays with z = 1, from keypoints and from masks.
 
     Attributes:
-        camera: camera of the rays.
+        camera: Camera of the rays.
         section: (T, 2, 3) rays to the left and right edge of the section, by keypoints. Where
             there are none, both are the ray to the middle of the section to be measured.
         section_std_px: (T,) standard deviation of one of them across the stem; infinite where
@@ -131,7 +129,7 @@ class StemEdges:
         """Cross-sections of the stems.
 
         Args:
-            axes: coordinate systems of the stems.
+            axes: Coordinate systems of the stems.
             half_rad: (T,) half angles, if known better than from these edges.
 
         Returns:
@@ -163,7 +161,7 @@ class StemEdges:
         """The mask edges by height along the axis.
 
         Args:
-            axes: coordinate systems of the stems.
+            axes: Coordinate systems of the stems.
             section_height_ratio: (T,) heights of the sections, see `Sections.height_ratio`.
         """
         bearing, slope = axes.bearing_and_slope(self.sides)
@@ -195,7 +193,7 @@ def fuse(sources: list[HalfAngle]) -> tuple[HalfAngle, Float]:
     (Birge 1932, The calculation of errors by the method of least squares).
 
     Args:
-        sources: half angles; those with an infinite standard deviation are ignored.
+        sources: Half angles; those with an infinite standard deviation are ignored.
 
     Returns:
         The weighted mean, with an infinite standard deviation where there is no source, and

@@ -48,8 +48,8 @@ class Constant(NamedTuple):
     """A constant of the graph.
 
     Attributes:
-        elements: number of its elements.
-        values: its values if they are few numbers, else None.
+        elements: Number of its elements.
+        values: Its values if they are few numbers, else None.
     """
 
     elements: int
@@ -61,12 +61,12 @@ class GraphNode:
     """One node of the graph.
 
     Attributes:
-        operators: its operator; several only in files that no exporter writes.
-        domains: domain of the operator, likewise; none for ONNX's own operators.
-        names: its name, likewise; none if it has no name.
-        inputs: names of its inputs, "" for those left out.
-        outputs: names of its outputs.
-        integers: whole numbers of its attributes by name.
+        operators: Its operator; several only in files that no exporter writes.
+        domains: Domain of the operator, likewise; none for ONNX's own operators.
+        names: Its name, likewise; none if it has no name.
+        inputs: Names of its inputs, "" for those left out.
+        outputs: Names of its outputs.
+        integers: Whole numbers of its attributes by name.
     """
 
     operators: list[str] = field(default_factory=list)
@@ -83,12 +83,12 @@ def check_graph(
     """Check the nodes of a graph, in their order.
 
     Args:
-        nodes: the nodes.
-        inputs: names of the graph's inputs.
-        constants: the graph's constants by name.
+        nodes: The nodes.
+        inputs: Names of the graph's inputs.
+        constants: The graph's constants by name.
 
     Raises:
-        RuleBroken: the graph has an operator that exports do not have, computes something else from
+        RuleBroken: The graph has an operator that exports do not have, computes something else from
             constants alone than exports do, or enlarges a tensor by more than exports would.
     """
     checker = _Checker(inputs, constants)

@@ -36,13 +36,13 @@ class InputSpec:
     """The graph's only input.
 
     Attributes:
-        name: name of the input.
-        height: height in pixels.
-        width: width in pixels.
-        layout: the axes, "BHWC" for rgb models and "BHW" for depth models.
-        dtype: always "uint8".
+        name: Name of the input.
+        height: Height in pixels.
+        width: Width in pixels.
+        layout: The axes, "BHWC" for rgb models and "BHW" for depth models.
+        dtype: Always "uint8".
         colour_order: "BGR" or "depth".
-        batch_sizes: batch sizes that the export has verified.
+        batch_sizes: Batch sizes that the export has verified.
 
     Raises:
         ModelFileError: a value is out of range.
@@ -102,9 +102,9 @@ class Thresholds:
     """Thresholds for the outputs.
 
     Attributes:
-        score: lowest score that the graph outputs.
+        score: Lowest score that the graph outputs.
         nms_iou: IoU of boxes above which the graph keeps the one with the higher score.
-        mask_overlap: after the graph, of two trees whose masks have more than this share of the
+        mask_overlap: After the graph, of two trees whose masks have more than this share of the
             smaller one in common, the one with the higher score is kept.
     """
 
@@ -131,7 +131,7 @@ class UsualRange:
     """Where a statistic of the pictures that a model was trained on usually lies.
 
     Attributes:
-        statistic: name of the statistic, a key of `calib.picture_statistics`.
+        statistic: Name of the statistic, a key of `calib.picture_statistics`.
         low: 1st percentile over the pictures.
         high: 99th percentile.
     """
@@ -150,41 +150,41 @@ class Manifest:
     """Description of a model file.
 
     Attributes:
-        name: name of the model.
-        backbone: name of its backbone.
+        name: Name of the model.
+        backbone: Name of its backbone.
         modality: "rgb" or "depth", the kind of image that the model takes.
-        input: the graph's input.
-        resize: how images are resized to the input.
-        mean: mean per channel, in the input's colour order; the graph subtracts it from the uint8
+        input: The graph's input.
+        resize: How images are resized to the input.
+        mean: Mean per channel, in the input's colour order; the graph subtracts it from the uint8
             values. Three values for a depth model that repeats its channel three times.
-        std: standard deviation per channel, likewise; the graph divides by it.
+        std: Standard deviation per channel, likewise; the graph divides by it.
         depth_encoding: `calib.DepthEncoding.to_dict()` of a depth model, else None.
-        outputs: the graph's outputs, see `standard_outputs`.
-        classes: names of the classes.
+        outputs: The graph's outputs, see `standard_outputs`.
+        classes: Names of the classes.
         keypoint_names: `KEYPOINT_NAMES`, or empty for a model without keypoints.
-        keypoint_flip_pairs: pairs of keypoint indices that a horizontal flip swaps.
-        thresholds: thresholds for the outputs.
+        keypoint_flip_pairs: Pairs of keypoint indices that a horizontal flip swaps.
+        thresholds: Thresholds for the outputs.
         precision: "float32", "float16" or "int8".
         opset: ONNX opset of the graph.
-        parameters: number of weights.
-        weights_sha256: hash of the checkpoint's weights.
+        parameters: Number of weights.
+        weights_sha256: Hash of the checkpoint's weights.
         training_data: id of the data that the weights were trained on.
-        project_version: version of edgetree that wrote the file.
-        parity: results of the export's parity check.
-        calibration_sha256: hash of the calibration data of a quantised model, else None.
-        proposals: region proposals per frame for the box head; None in older files.
-        multiply_adds: multiply-adds of the whole network for one frame; None in older files.
-        classifier: cost of the backbone alone, as papers give it; None in older files.
-        target: the provider that the file was exported for.
-        weight_bits: bits that the weights of an 8-bit model use. With 8, x86 processors without
+        project_version: Version of edgetree that wrote the file.
+        parity: Results of the export's parity check.
+        calibration_sha256: Hash of the calibration data of a quantised model, else None.
+        proposals: Region proposals per frame for the box head; None in older files.
+        multiply_adds: Multiply-adds of the whole network for one frame; None in older files.
+        classifier: Cost of the backbone alone, as papers give it; None in older files.
+        target: The provider that the file was exported for.
+        weight_bits: Bits that the weights of an 8-bit model use. With 8, x86 processors without
             VNNI give other results. None for other precisions and in older files.
-        training_pictures: how the pictures of the last training run look; empty in older files.
-        error_factor: standard deviation of keypoints and mask edges, relative to those that
+        training_pictures: How the pictures of the last training run look; empty in older files.
+        error_factor: Standard deviation of keypoints and mask edges, relative to those that
             `edgetree.measure.MeasureSettings` states; 1 in older files.
-        schema: version of this layout.
+        schema: Version of this layout.
 
     Raises:
-        ModelFileError: values contradict each other.
+        ModelFileError: Values contradict each other.
     """
 
     name: str
@@ -265,7 +265,7 @@ class Manifest:
         """Parse the output of `to_json`.
 
         Raises:
-            ModelFileError: the text is not JSON, has another schema, or a field is missing or has
+            ModelFileError: The text is not JSON, has another schema, or a field is missing or has
                 the wrong type.
         """
         try:
@@ -284,7 +284,7 @@ def standard_input(modality: str, height: int, width: int) -> InputSpec:
     """The input of all models of this project for a modality, "rgb" or "depth".
 
     Raises:
-        ModelFileError: another modality, or a size below 32x32 px.
+        ModelFileError: Another modality, or a size below 32x32 px.
     """
     _require(modality in _LAYOUTS, "modality", modality, "'rgb' or 'depth'")
     layout, order = _LAYOUTS[modality], _COLOUR_ORDERS[modality]
@@ -297,9 +297,9 @@ def standard_outputs(
     """The outputs of all models of this project, in their order.
 
     Args:
-        detections: number of rows per image. Rows from `num_detections` on are zero.
-        keypoints: whether the model has a keypoint output.
-        masks: whether the model has a mask output.
+        detections: Number of rows per image. Rows from `num_detections` on are zero.
+        keypoints: Whether the model has a keypoint output.
+        masks: Whether the model has a mask output.
     """
     rows: tuple[int | str, ...] = ("B", detections)
     boxes = OutputSpec("boxes", (*rows, 4), "float32", "px of the input", "x0, y0, x1, y1")

@@ -43,11 +43,11 @@ def onnx_bytes(
     """Encode an ONNX model.
 
     Args:
-        nodes: the operators, in execution order.
-        inputs: the graph's inputs by name.
-        outputs: the graph's outputs by name.
-        constants: arrays of the types above, which operators use as inputs.
-        metadata: custom metadata of the model.
+        nodes: The operators, in execution order.
+        inputs: The graph's inputs by name.
+        outputs: The graph's outputs by name.
+        constants: Arrays of the types above, which operators use as inputs.
+        metadata: Custom metadata of the model.
 
     Returns:
         The content of the .onnx file.

@@ -50,10 +50,10 @@ class ModelFile:
     """Metadata, inputs, outputs and nodes of a model file.
 
     Attributes:
-        metadata: the metadata entries.
-        input_shapes: shape of each input; dynamic sizes are given by their name.
-        output_shapes: shape of each output, likewise.
-        nodes: the nodes of the graph, in the order of execution.
+        metadata: The metadata entries.
+        input_shapes: Shape of each input; dynamic sizes are given by their name.
+        output_shapes: Shape of each output, likewise.
+        nodes: The nodes of the graph, in the order of execution.
     """
 
     metadata: dict[str, str] = field(default_factory=dict)
@@ -74,7 +74,7 @@ def read_model_file(path: Path) -> ModelFile:
     """Check a model file and read its metadata, inputs and outputs.
 
     Raises:
-        ModelFileError: the file is missing or unreadable, is not an ONNX model or truncated, refers
+        ModelFileError: The file is missing or unreadable, is not an ONNX model or truncated, refers
             to data in other files, contains less data than it declares, has an input or output of
             more than `MAX_ELEMENTS` elements, or has operators that no export of this project has.
     """
@@ -95,7 +95,7 @@ def check_is_file(path: Path) -> None:
     """Check that a model file exists.
 
     Raises:
-        ModelFileError: it does not, or is a folder or another special file.
+        ModelFileError: It does not, or is a folder or another special file.
     """
     if not path.is_file():
         problem = "is a folder" if path.is_dir() else "does not exist"
@@ -106,11 +106,11 @@ def check_content(content: bytes, path: Path) -> ModelFile:
     """Check the content of a model file, as `read_model_file` does.
 
     Args:
-        content: the content.
-        path: the file that it is from, for messages.
+        content: The content.
+        path: The file that it is from, for messages.
 
     Raises:
-        ModelFileError: as `read_model_file`.
+        ModelFileError: As `read_model_file`.
     """
     with _errors_naming(path):
         if not content:

@@ -27,8 +27,6 @@ from edgetree.results.pictures import draw_frame
 from edgetree.results.text_table import failure_reasons
 from edgetree.results.units import AMOUNTS
 
-__all__ = ["report_file"]
-
 _MAX_SIDE_PX: Final = 1280
 _MAX_BYTES: Final = 180_000  # 240 kB as text in the page: 24 MB for 100 frames
 _QUALITIES: Final = (82, 70, 58, 46)
@@ -44,13 +42,13 @@ def report_file(
     If the block raises, nothing is written.
 
     Args:
-        path: the HTML file to write.
-        source: what was measured, for the heading.
-        trees_from: the model or the mask image that the trees come from, likewise.
-        left_out: why frames were left out, a line for each; read at the end of the block.
+        path: The HTML file to write.
+        source: What was measured, for the heading.
+        trees_from: The model or the mask image that the trees come from, likewise.
+        left_out: Why frames were left out, a line for each; read at the end of the block.
 
     Raises:
-        InputError: the file cannot be written.
+        InputError: The file cannot be written.
     """
     with (
         text_file(path) as page,

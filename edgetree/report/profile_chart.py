@@ -18,8 +18,6 @@ from edgetree.report.units import (
 )
 from edgetree.results.units import AMOUNTS
 
-__all__ = ["further_values_html"]
-
 _STDS: Final = 1.96
 _MAX_LEVELS: Final = 8
 _HEIGHTS_FROM: Final = {"ground": "above the ground", "section": "above the section"}

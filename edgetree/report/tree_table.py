@@ -16,8 +16,6 @@ from edgetree.report.units import CLASS_EDGE, UNITS, length_attributes, tick_tex
 from edgetree.results.text_table import failure_reasons
 from edgetree.results.units import AMOUNTS, direction_words
 
-__all__ = ["class_chart", "reason_table", "tree_row", "tree_table"]
-
 _CLASS_CM: Final = 4
 _COLUMNS: Final = ("diameter_m", "dbh_m", "cut_height_m", "inclination_deg", "distance_m")
 _MISSING: Final = parts.Cell("–", 'class="none"')
@@ -28,10 +26,10 @@ def tree_row(anchor: str, frame: str, number: int, score: float, measured: TreeM
 
     Args:
         anchor: id of the frame's picture.
-        frame: name of the frame.
-        number: number of the tree in the picture.
-        score: score of the detection.
-        measured: its measurement.
+        frame: Name of the frame.
+        number: Number of the tree in the picture.
+        score: Score of the detection.
+        measured: Its measurement.
     """
     notes = [f"{what}: {reason}" for what, reason in failure_reasons(measured)]
     notes += [f"warning: {text}" for text in measured.evidence.warnings]

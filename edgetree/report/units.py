@@ -8,16 +8,6 @@ from typing import Final
 from edgetree.measure import Estimate
 from edgetree.results.units import AMOUNTS, Amount
 
-__all__ = [
-    "CLASS_EDGE",
-    "PROFILE_HEIGHT",
-    "UNITS",
-    "length_attributes",
-    "tick_text",
-    "unit_buttons",
-    "unit_name",
-]
-
 CLASS_EDGE: Final = "class_edge_m"
 """Name in `UNITS` of the edges of diameter classes."""
 

@@ -18,8 +18,6 @@ from edgetree.results.json_records import TRACK_QUANTITIES, track_record
 if TYPE_CHECKING:
     from edgetree.live.results import LiveResult
 
-__all__ = ["PROFILES", "TRACKS", "TREES", "Table", "cell", "measurements_of"]
-
 _FORMULA_SIGNS: Final = ("=", "+", "-", "@", "\t", "\r")
 _DIGITS: Final = 5
 
@@ -31,8 +29,8 @@ class Table(Generic[_Result]):
     """A CSV table of results.
 
     Attributes:
-        columns: names of the columns.
-        rows: makes the rows of a result, values by column. Cells without a value are empty.
+        columns: Names of the columns.
+        rows: Makes the rows of a result, values by column. Cells without a value are empty.
     """
 
     columns: tuple[str, ...]

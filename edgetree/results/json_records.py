@@ -15,18 +15,6 @@ if TYPE_CHECKING:
     from edgetree.live.results import LiveResult
     from edgetree.live.tracking.tracks import TreeTrack
 
-__all__ = [
-    "FRAME_SCHEMA",
-    "LIVE_SCHEMA",
-    "STEMS_SCHEMA",
-    "TRACK_QUANTITIES",
-    "frame_record",
-    "live_record",
-    "stems_message",
-    "track_record",
-    "write_json_line",
-]
-
 FRAME_SCHEMA: Final = "edgetree.frame/1"
 LIVE_SCHEMA: Final = "edgetree.live/1"
 STEMS_SCHEMA: Final = "edgetree.live.stems/1"
@@ -147,8 +135,8 @@ def stems_message(result: LiveResult, max_bytes: int) -> bytes:
     """The stems of a result as a short JSON text of the schema `STEMS_SCHEMA`.
 
     Args:
-        result: the result.
-        max_bytes: limit of the text. The farthest stems are left out until it fits, and
+        result: The result.
+        max_bytes: Limit of the text. The farthest stems are left out until it fits, and
             `left_out` says how many.
     """
     stems = sorted(result.tracks, key=lambda track: float((track.position_camera_m**2).sum()))

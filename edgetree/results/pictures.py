@@ -12,8 +12,6 @@ from edgetree.drawing.trees import draw_trees, picture_of_depth
 from edgetree.frames.pipeline import FrameResult
 from edgetree.results.tree_labels import cut_marks, numbered, profile_marks, tree_labels
 
-__all__ = ["PICTURE_SUFFIXES", "draw_frame", "encode_picture", "picture_of"]
-
 PICTURE_SUFFIXES: Final = (".jpg", ".jpeg", ".png")
 
 
@@ -21,7 +19,7 @@ def picture_of(result: FrameResult) -> Picture:
     """The image of a frame, or its depth as colours, (H, W, 3) uint8 BGR.
 
     Raises:
-        InputError: the frame has neither.
+        InputError: The frame has neither.
     """
     frame = result.frame
     if frame.image is not None:
@@ -38,7 +36,7 @@ def draw_frame(result: FrameResult) -> Picture:
         (H, W, 3) uint8 BGR: the image, or the depth as colours if there is no image.
 
     Raises:
-        InputError: the frame has neither image nor depth.
+        InputError: The frame has neither image nor depth.
     """
     found = result.found
     measurements, camera = result.measurements, result.camera

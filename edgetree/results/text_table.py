@@ -10,8 +10,6 @@ from edgetree.measure import Estimate, Evidence, Failure, StemProfile, TreeMeasu
 from edgetree.measure.volume import VOLUME_SOURCE
 from edgetree.results.units import AMOUNTS, direction_words
 
-__all__ = ["failure_reasons", "further_values", "table_lines"]
-
 _WIDTHS: Final = {
     "diameter_m": 16,
     "dbh_m": 16,
@@ -30,8 +28,8 @@ def table_lines(measurements: list[TreeMeasurement], numbers: tuple[int, ...]) -
     the evidence.
 
     Args:
-        measurements: the measurement of each tree.
-        numbers: the number of each tree.
+        measurements: The measurement of each tree.
+        numbers: The number of each tree.
     """
     if not measurements:
         yield "no trees"

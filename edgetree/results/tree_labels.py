@@ -14,8 +14,6 @@ from edgetree.drawing.trees import WARNING_SIGN, CutMark
 from edgetree.measure import Estimate, PointEstimate, StemProfile, TreeMeasurement
 from edgetree.results.units import AMOUNTS
 
-__all__ = ["cut_marks", "numbered", "profile_marks", "tree_labels"]
-
 
 def tree_labels(
     trees: TreeDetections, measurements: list[TreeMeasurement] | None = None

@@ -6,17 +6,15 @@ from typing import Final, NamedTuple
 
 from edgetree.measure import Estimate, Failure
 
-__all__ = ["AMOUNTS", "Amount", "direction_words"]
-
 
 class Amount(NamedTuple):
     """How to format a quantity.
 
     Attributes:
-        name: name of the quantity.
-        unit: unit of the text.
-        per_unit: factor from the measurement's unit to `unit`.
-        digits: digits after the decimal point.
+        name: Name of the quantity.
+        unit: Unit of the text.
+        per_unit: Factor from the measurement's unit to `unit`.
+        digits: Digits after the decimal point.
     """
 
     name: str

@@ -60,8 +60,8 @@ class FrameSilhouettes:
     """The silhouettes of a frame.
 
     Attributes:
-        time_s: time stamp.
-        silhouettes: the silhouettes, N.
+        time_s: Time stamp.
+        silhouettes: The silhouettes, N.
         velocity: (N, 2) velocity of the picture there, px/s.
     """
 
@@ -74,8 +74,8 @@ def alignment_checks(frames: Sequence[FrameSilhouettes], camera: PinholeCamera) 
     """Check shift, size, turn, parallax and delay of depth against colour.
 
     Args:
-        frames: the frames with silhouettes.
-        camera: intrinsics of the colour.
+        frames: The frames with silhouettes.
+        camera: Intrinsics of the colour.
     """
     fit = _fit(frames, camera)
     limit_px = _LIMIT_RAD * camera.fx

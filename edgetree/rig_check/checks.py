@@ -21,14 +21,14 @@ class RigCheck:
     """One check.
 
     Attributes:
-        name: what is checked, such as "shift to the right".
-        group: the part of the report that it belongs to.
-        verdict: whether the value is within the limit.
-        limit: largest size of the value; None if there is none.
-        unit: unit of the value, such as "px".
-        value: the measured value; None if it is not known.
-        half_interval: half of the 95 % interval; None for counts.
-        reason: what is missing or what to do, if the check does not hold or cannot tell.
+        name: What is checked, such as "shift to the right".
+        group: The part of the report that it belongs to.
+        verdict: Whether the value is within the limit.
+        limit: Largest size of the value; None if there is none.
+        unit: Unit of the value, such as "px".
+        value: The measured value; None if it is not known.
+        half_interval: Half of the 95 % interval; None for counts.
+        reason: What is missing or what to do, if the check does not hold or cannot tell.
     """
 
     name: str
@@ -69,11 +69,11 @@ def judged(
     beyond. Otherwise, nothing can be told.
 
     Args:
-        name, group, unit: as in `RigCheck`.
-        estimate: the estimate, or why there is none.
-        limit: largest size of the value.
-        remedy: what to do if it does not hold.
-        need: what makes the interval narrower.
+        name, group, unit: As in `RigCheck`.
+        estimate: The estimate, or why there is none.
+        limit: Largest size of the value.
+        remedy: What to do if it does not hold.
+        need: What makes the interval narrower.
     """
     if isinstance(estimate, str):
         return RigCheck(name, group, UNKNOWN, limit, unit, reason=estimate)

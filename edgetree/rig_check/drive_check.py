@@ -36,13 +36,13 @@ class RigReport:
     """The checks of a rig.
 
     Attributes:
-        source: name of the source.
-        seconds: from the first to the last frame, s.
-        frames: frames with colour and depth.
-        used: those that were searched for silhouettes and stems.
-        silhouettes: points on silhouettes that were found.
-        stems: stems that were found.
-        checks: the checks.
+        source: Name of the source.
+        seconds: From the first to the last frame, s.
+        frames: Frames with colour and depth.
+        used: Those that were searched for silhouettes and stems.
+        silhouettes: Points on silhouettes that were found.
+        stems: Stems that were found.
+        checks: The checks.
     """
 
     source: str
@@ -91,13 +91,13 @@ def check_rig(
 
     Args:
         source: a camera or a recording with colour and depth.
-        detector: finds the stems.
-        rig: the camera and the vertical of sources that do not know them.
-        seconds: how much of the source is read from its first frame on, s: by its time stamps
+        detector: Finds the stems.
+        rig: The camera and the vertical of sources that do not know them.
+        seconds: How much of the source is read from its first frame on, s: by its time stamps
             and, if it is live, by this machine's clock too.
 
     Raises:
-        InputError: the source has no colour, no depth, no camera, fewer than two frames with
+        InputError: The source has no colour, no depth, no camera, fewer than two frames with
             both, or frames of different sizes.
     """
     counts, work = StreamCounts(), _Work(detector, rig or Rig(), source.name)

@@ -23,7 +23,7 @@ def image_velocity(before: UInt8, now: UInt8, step_s: float, xy_px: Float) -> Fl
 
     Args:
         before, now: (H, W, 3) uint8 pictures.
-        step_s: time between them, s.
+        step_s: Time between them, s.
         xy_px: (N, 2) places in `now`.
 
     Returns:

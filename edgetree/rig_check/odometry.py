@@ -48,7 +48,7 @@ def odometry_checks(sightings: list[Sighting]) -> list[RigCheck]:
     """Check the scale of depth, the focal length and the heading.
 
     Args:
-        sightings: stems of all frames; those of frames without a pose are left out.
+        sightings: Stems of all frames; those of frames without a pose are left out.
     """
     estimates = _estimates([each for each in sightings if each.frame.pose is not None])
     rows = (

@@ -48,7 +48,7 @@ class PeakFit:
         values: (P,) parameters.
         stds: (P,) their standard deviations, from resampled blocks; infinite where the data do not
             tell the parameter.
-        contrast: gradient at the shifted silhouettes, relative to that around them; 0 if there is
+        contrast: Gradient at the shifted silhouettes, relative to that around them; 0 if there is
             no gradient beyond rounding.
     """
 
@@ -61,7 +61,7 @@ def search_peak(profiles: Profiles, grid: Float) -> Float:
     """Choose the best of some parameters.
 
     Args:
-        profiles: the profiles.
+        profiles: The profiles.
         grid: (M, P) parameters to try.
     """
     some = slice(None, None, max(1, len(profiles.gradient) // _SEARCH_MOST))

@@ -59,7 +59,7 @@ def find_silhouettes(image: UInt8, depth_m: Float32, seed: int = 0) -> Silhouett
     Args:
         image: (H, W, 3) uint8 BGR.
         depth_m: (H, W) metres, 0 = no reading, aligned with the image.
-        seed: chooses which silhouettes are used where there are more than `_MOST_PER_FRAME`.
+        seed: Chooses which silhouettes are used where there are more than `_MOST_PER_FRAME`.
     """
     nearness = np.where(depth_m > 0, 1 / np.maximum(depth_m, 0.05), 0).astype(np.float32)
     rows, columns, normal, near = _edges(np.asarray(cv2.medianBlur(nearness, 5), np.float32))

@@ -26,9 +26,9 @@ class Sighting:
     """A stem in one frame.
 
     Attributes:
-        stem: number of the stem.
-        axis: its axis in the camera's frame.
-        frame: the frame, without its images.
+        stem: Number of the stem.
+        axis: Its axis in the camera's frame.
+        frame: The frame, without its images.
     """
 
     stem: int
@@ -40,7 +40,7 @@ class StemFinder:
     """Finds, measures and follows the stems of the frames that it is given, in order.
 
     Attributes:
-        sightings: what it found so far.
+        sightings: What it found so far.
     """
 
     def __init__(self, detector: TreeDetector, rig: Rig) -> None:

@@ -39,8 +39,8 @@ class StreamCounts:
     """Counts over all frames of a source.
 
     Attributes:
-        frames: number of frames with colour and depth.
-        times_s: their time stamps.
+        frames: Number of frames with colour and depth.
+        times_s: Their time stamps.
     """
 
     def __init__(self) -> None:
@@ -87,7 +87,7 @@ class StreamCounts:
         """The checks.
 
         Args:
-            source_counts: the `counts` of the source: frames left out, pictures with wrong time
+            source_counts: The `counts` of the source: frames left out, pictures with wrong time
                 stamps, and remarks on frames that were used.
         """
         wrong = {what: source_counts[what] for what in _WRONG_STAMPS & source_counts.keys()}

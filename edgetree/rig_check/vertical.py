@@ -32,7 +32,7 @@ def vertical_checks(sightings: list[Sighting]) -> list[RigCheck]:
     """Check the vertical's angles ahead and to the side.
 
     Args:
-        sightings: stems of all frames; those of frames without a given vertical are left out.
+        sightings: Stems of all frames; those of frames without a given vertical are left out.
     """
     known = [each for each in sightings if each.frame.up_camera is not None]
     names = ("stems lean away from the camera", "stems lean to the left")

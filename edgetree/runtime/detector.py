@@ -28,18 +28,18 @@ class TreeDetector:
     """Detects trees in images. Thread-safe; usable after an error.
 
     Args:
-        session: runs the model's graph.
-        score_threshold: trees with a lower score are left out. The graph itself leaves out trees
+        session: Runs the model's graph.
+        score_threshold: Trees with a lower score are left out. The graph itself leaves out trees
             below a score of about 0.01.
 
     Attributes:
-        session: runs the model's graph.
-        score_threshold: lowest score of the returned trees.
-        manifest: description of the model.
+        session: Runs the model's graph.
+        score_threshold: Lowest score of the returned trees.
+        manifest: Description of the model.
 
     Raises:
-        ModelFileError: the model has no manifest of edgetree, or one that contradicts its graph.
-        InputError: the threshold is outside [0, 1].
+        ModelFileError: The model has no manifest of edgetree, or one that contradicts its graph.
+        InputError: The threshold is outside [0, 1].
     """
 
     def __init__(
@@ -73,24 +73,24 @@ class TreeDetector:
         described in `edgetree.runtime.SessionSettings`.
 
         Args:
-            model: the .onnx file, or a name as for `default_model`, such as "edge-s-rgb". Beside
+            model: The .onnx file, or a name as for `default_model`, such as "edge-s-rgb". Beside
                 the file's signature, no other file is read.
             provider: "cpu", "cuda", "tensorrt", "openvino", "coreml", "directml", or "auto".
-            strict: raise an error if the provider cannot be used, instead of using the CPU.
-            threads: threads of one inference on the CPU; None for all usable cores.
-            spinning: let idle threads spin.
-            cache_folder: where TensorRT, OpenVINO or CoreML store compiled models.
-            score_threshold: trees with a lower score are left out.
-            warm_up: call `warm_up` before returning.
-            require_signature: refuse a file without an accepted signature.
+            strict: Raise an error if the provider cannot be used, instead of using the CPU.
+            threads: Threads of one inference on the CPU; None for all usable cores.
+            spinning: Let idle threads spin.
+            cache_folder: Where TensorRT, OpenVINO or CoreML store compiled models.
+            score_threshold: Trees with a lower score are left out.
+            warm_up: Call `warm_up` before returning.
+            require_signature: Refuse a file without an accepted signature.
 
         Raises:
-            ModelFileError: the file is missing, no model has the name, or the file is not an ONNX
+            ModelFileError: The file is missing, no model has the name, or the file is not an ONNX
                 model, fails the safety check, or has no manifest of edgetree that matches its
                 graph.
             SignatureError: a signature is required, and missing or not accepted.
             InputError: a setting is out of range, or the provider cannot be used.
-            MissingPackage: onnxruntime is not installed.
+            MissingPackage: Onnxruntime is not installed.
         """
         cache = None if cache_folder is None else Path(cache_folder)
         settings = SessionSettings(provider, strict, threads, spinning, cache, require_signature)
@@ -106,7 +106,7 @@ class TreeDetector:
         The first inference allocates memory and, on a GPU, chooses and compiles kernels.
 
         Args:
-            rounds: number of blank images.
+            rounds: Number of blank images.
         """
         shape = self.manifest.input.image_shape
         blank = np.full(shape, self.manifest.resize.pad_value, np.uint8)
@@ -117,7 +117,7 @@ class TreeDetector:
         """Detect the trees in one image.
 
         Args:
-            image: an image of any size, contiguous or not. For an rgb model uint8 (H, W, 3), BGR
+            image: An image of any size, contiguous or not. For an rgb model uint8 (H, W, 3), BGR
                 as read by OpenCV. For a depth model float (H, W), metres along the optical axis,
                 where 0.0, NaN and infinity mean no reading; or uint8 (H, W), encoded as described
                 in the manifest.
@@ -129,7 +129,7 @@ class TreeDetector:
         Raises:
             InputError: `image` is not an array of this shape and dtype, is empty, or has negative
                 depths.
-            ModelFileError: the model fails, or its outputs contradict its manifest.
+            ModelFileError: The model fails, or its outputs contradict its manifest.
         """
         return self._detect_all([check_image(image, "image", self.manifest)])[0]
 
@@ -140,14 +140,14 @@ class TreeDetector:
         size it was verified for. An incomplete batch is filled up with blank images.
 
         Args:
-            images: images as for `detect`.
+            images: Images as for `detect`.
 
         Returns:
             The result of `detect` for each image.
 
         Raises:
-            InputError: as for `detect`, with the index of the image; raised before any inference.
-            ModelFileError: as for `detect`.
+            InputError: As for `detect`, with the index of the image; raised before any inference.
+            ModelFileError: As for `detect`.
         """
         return self._detect_all(
             [
@@ -160,13 +160,13 @@ class TreeDetector:
         """The network's input for one image: depth encoded, resized, and padded to its size.
 
         Args:
-            image: an image as for `detect`.
+            image: An image as for `detect`.
 
         Returns:
             (H, W, 3) or (H, W) of the manifest's input size.
 
         Raises:
-            InputError: as for `detect`.
+            InputError: As for `detect`.
         """
         return self._prepare(check_image(image, "image", self.manifest))[1]
 

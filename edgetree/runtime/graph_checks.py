@@ -43,7 +43,7 @@ def read_manifest(session: InferenceSession) -> Manifest:
     """Read the manifest of a model and check that it matches the graph.
 
     Raises:
-        ModelFileError: the manifest is missing or invalid, or contradicts the graph.
+        ModelFileError: The manifest is missing or invalid, or contradicts the graph.
     """
     try:
         return _read_manifest(session)
@@ -116,16 +116,16 @@ def check_outputs(
     """Check that the outputs of one inference match the manifest, and split them by image.
 
     Args:
-        outputs: the graph's outputs by name.
-        manifest: the model's manifest.
-        batch: number of images in the batch.
-        name: name of the model in error messages.
+        outputs: The graph's outputs by name.
+        manifest: The model's manifest.
+        batch: Number of images in the batch.
+        name: Name of the model in error messages.
 
     Returns:
         The outputs of each image, without unused rows and with scores clipped to [0, 1].
 
     Raises:
-        ModelFileError: an output is missing or has another shape or dtype, `num_detections` is out
+        ModelFileError: An output is missing or has another shape or dtype, `num_detections` is out
             of range, a value is not finite, or a score is not in [0, 1].
     """
     for output in manifest.outputs:

@@ -21,10 +21,10 @@ class _Statistic(NamedTuple):
     """What a statistic is called, its unit, and how its values are compared.
 
     Attributes:
-        words: what it is.
-        unit: its unit.
-        least_width: the width that a range is given at least, on the scale of the comparison.
-        offset: if given, the scale is the logarithm of the value plus this, so that halves count
+        words: What it is.
+        unit: Its unit.
+        least_width: The width that a range is given at least, on the scale of the comparison.
+        offset: If given, the scale is the logarithm of the value plus this, so that halves count
             as much as doubles.
     """
 
@@ -64,8 +64,8 @@ def unlike_training(
     """The statistic that is farthest outside its usual range, if it is far outside.
 
     Args:
-        statistics: those of the picture, from `calib.picture_statistics`.
-        usual: the usual ranges; statistics that this version does not know are left out.
+        statistics: Those of the picture, from `calib.picture_statistics`.
+        usual: The usual ranges; statistics that this version does not know are left out.
     """
     farthest, found = _MARGIN, None
     for each in usual:
@@ -87,8 +87,8 @@ def what_helps(modality: str, used: str, score_threshold: float) -> str:
 
     Args:
         modality: "rgb" or "depth".
-        used: name of the model in use.
-        score_threshold: the one in use.
+        used: Name of the model in use.
+        score_threshold: The one in use.
     """
     other = other_model(modality, used)
     ways = [] if other is None else [f"--model {other}"]

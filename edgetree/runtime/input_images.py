@@ -19,9 +19,9 @@ def check_image(image: object, name: str, manifest: Manifest) -> NDArray[Any]:
     """Check that an image suits the model.
 
     Args:
-        image: an image as for `TreeDetector.detect`.
-        name: name of the image in error messages.
-        manifest: the model's manifest.
+        image: An image as for `TreeDetector.detect`.
+        name: Name of the image in error messages.
+        manifest: The model's manifest.
 
     Returns:
         The image as a contiguous array.
@@ -65,8 +65,8 @@ def to_bytes(image: NDArray[Any], encoding: calib.DepthEncoding | None) -> UInt8
     """Convert a checked image to uint8, without resizing it.
 
     Args:
-        image: the result of `check_image`.
-        encoding: encoding of the depth model; None for an rgb model.
+        image: The result of `check_image`.
+        encoding: Encoding of the depth model; None for an rgb model.
 
     Returns:
         uint8 (H, W, 3) or (H, W); depth in metres is encoded.

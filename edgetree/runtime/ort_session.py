@@ -52,20 +52,20 @@ def open_session(
     error here with strict settings, and otherwise a warning.
 
     Args:
-        path: the .onnx file.
-        settings: the provider and its options.
-        threads: threads of one inference on the CPU.
-        content: the content to open instead of the file, whose path is then only a name.
-        adjust: called with the `onnxruntime.SessionOptions` before the model is loaded.
+        path: The .onnx file.
+        settings: The provider and its options.
+        threads: Threads of one inference on the CPU.
+        content: The content to open instead of the file, whose path is then only a name.
+        adjust: Called with the `onnxruntime.SessionOptions` before the model is loaded.
 
     Returns:
         The `onnxruntime.InferenceSession` and the provider in use.
 
     Raises:
-        ModelFileError: onnxruntime cannot load the model.
-        InputError: with strict settings, the provider is not installed, does not start or runs no
+        ModelFileError: Onnxruntime cannot load the model.
+        InputError: With strict settings, the provider is not installed, does not start or runs no
             part of the graph; or the cache folder cannot be created.
-        MissingPackage: onnxruntime is not installed.
+        MissingPackage: Onnxruntime is not installed.
     """
     onnxruntime = import_onnxruntime()
     _make_folder(settings.cache_folder)

@@ -25,16 +25,16 @@ class Provider:
     """One execution provider.
 
     Attributes:
-        name: its name in edgetree's options.
-        ort_name: its name in onnxruntime.
-        package: the package that contains it, for messages.
-        options: provider options for onnxruntime; "{threads}" is replaced by the thread count.
-        cache_options: further options if there is a cache folder, which replaces "{cache}". Empty
+        name: Its name in edgetree's options.
+        ort_name: Its name in onnxruntime.
+        package: The package that contains it, for messages.
+        options: Provider options for onnxruntime; "{threads}" is replaced by the thread count.
+        cache_options: Further options if there is a cache folder, which replaces "{cache}". Empty
             for a provider without a cache.
-        helpers: onnxruntime names of providers for operators that this one does not support. The
+        helpers: Onnxruntime names of providers for operators that this one does not support. The
             CPU comes last in any case.
-        io_device: device to copy inputs to before a run; None leaves it to onnxruntime.
-        one_at_a_time: whether a session must not run in two threads at once.
+        io_device: Device to copy inputs to before a run; None leaves it to onnxruntime.
+        one_at_a_time: Whether a session must not run in two threads at once.
     """
 
     name: str
@@ -136,7 +136,7 @@ def import_onnxruntime() -> ModuleType:
     """Import onnxruntime on first use.
 
     Raises:
-        MissingPackage: onnxruntime is not installed.
+        MissingPackage: Onnxruntime is not installed.
     """
     try:
         import onnxruntime
@@ -153,7 +153,7 @@ def installed_providers() -> tuple[str, ...]:
     """Names of the providers in the installed build of onnxruntime, which may fail to start.
 
     Raises:
-        MissingPackage: onnxruntime is not installed.
+        MissingPackage: Onnxruntime is not installed.
     """
     listed = import_onnxruntime().get_available_providers()
     return tuple(name for name, provider in PROVIDERS.items() if provider.ort_name in listed)
@@ -163,8 +163,8 @@ def candidates(settings: SessionSettings) -> list[Provider]:
     """The providers to try, in this order.
 
     Raises:
-        InputError: the provider of strict settings is not installed.
-        MissingPackage: onnxruntime is not installed.
+        InputError: The provider of strict settings is not installed.
+        MissingPackage: Onnxruntime is not installed.
     """
     installed = installed_providers()
     asked = _TRIED_BY_AUTO if settings.provider == AUTO else (settings.provider,)

@@ -71,27 +71,27 @@ class OrtSession:
     """A model file opened in onnxruntime. Thread-safe.
 
     Args:
-        path: the .onnx file. It must pass `edgetree.model_file.safety_check` before it is opened,
+        path: The .onnx file. It must pass `edgetree.model_file.safety_check` before it is opened,
             and have an accepted signature where one is required, see `edgetree.signing`.
-        settings: provider and options; the default settings if None.
-        content: the content of a model that the caller made itself, which needs no signature. The
+        settings: Provider and options; the default settings if None.
+        content: The content of a model that the caller made itself, which needs no signature. The
             path is then only a name for messages.
-        adjust: called with the `onnxruntime.SessionOptions` before the model is loaded, for
+        adjust: Called with the `onnxruntime.SessionOptions` before the model is loaded, for
             measurements.
 
     Attributes:
-        name: path of the model file.
-        metadata: the model file's metadata.
-        provider: the provider in use, which runs at least a part of the graph.
-        threads: threads of one inference.
-        input_shapes: shape of each input.
-        output_shapes: shape of each output.
+        name: Path of the model file.
+        metadata: The model file's metadata.
+        provider: The provider in use, which runs at least a part of the graph.
+        threads: Threads of one inference.
+        input_shapes: Shape of each input.
+        output_shapes: Shape of each output.
 
     Raises:
-        ModelFileError: the file is missing, is not an ONNX model or fails the safety check.
+        ModelFileError: The file is missing, is not an ONNX model or fails the safety check.
         SignatureError: a signature is required, and missing or not accepted.
-        InputError: the provider cannot be used, or the cache folder cannot be created.
-        MissingPackage: onnxruntime is not installed.
+        InputError: The provider cannot be used, or the cache folder cannot be created.
+        MissingPackage: Onnxruntime is not installed.
     """
 
     def __init__(
@@ -142,7 +142,7 @@ class OrtSession:
         """Run the graph on inputs by name; returns all outputs by name.
 
         Raises:
-            ModelFileError: onnxruntime cannot run the model on these inputs.
+            ModelFileError: Onnxruntime cannot run the model on these inputs.
         """
         try:
             with self._turn:
@@ -176,11 +176,11 @@ class FakeSession:
     """A session without a model, for tests.
 
     Args:
-        manifest: the manifest of the imitated model.
-        outputs: fixed outputs by name, or a function from inputs to outputs.
+        manifest: The manifest of the imitated model.
+        outputs: Fixed outputs by name, or a function from inputs to outputs.
 
     Attributes:
-        inputs: the inputs of the last `run`.
+        inputs: The inputs of the last `run`.
     """
 
     def __init__(self, manifest: Manifest, outputs: Arrays | Callable[[Arrays], Arrays]) -> None:
@@ -200,7 +200,7 @@ class FakeSession:
         """A session that returns the same trees for every image.
 
         Args:
-            manifest: the manifest of the imitated model.
+            manifest: The manifest of the imitated model.
             boxes: (N, 4) x0, y0, x1, y1 in pixels of the input.
             scores: (N,) in descending order.
             keypoints: (N, 5, 3) x, y in pixels of the input, score; zeros if None.

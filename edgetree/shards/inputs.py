@@ -20,8 +20,6 @@ from edgetree.sources.bags import BAG_SUFFIXES
 from edgetree.sources.files import depth_names, frame_names, open_image_files
 from edgetree.sources.opening import open_frames
 
-__all__ = ["FrameFiles", "FramesOfUnit", "list_frames"]
-
 _RECORDINGS: Final = (*VIDEO_SUFFIXES, *BAG_SUFFIXES)
 
 
@@ -45,10 +43,10 @@ class FrameFiles:
     """Images, or recordings.
 
     Attributes:
-        source: folder or URL.
-        depth: folder or URL of the depth images; None if there are none.
-        entries: the files by name.
-        are_recordings: whether the files are videos or recordings of ROS.
+        source: Folder or URL.
+        depth: Folder or URL of the depth images; None if there are none.
+        entries: The files by name.
+        are_recordings: Whether the files are videos or recordings of ROS.
     """
 
     source: Store
@@ -68,10 +66,10 @@ class FrameFiles:
         """Open some of the files; those at a URL are copied to this machine meanwhile.
 
         Args:
-            start: number of the first file.
-            count: number of files.
-            rig: cameras and depth unit.
-            depth_only: whether the files contain depth images instead of colour images.
+            start: Number of the first file.
+            count: Number of files.
+            rig: Cameras and depth unit.
+            depth_only: Whether the files contain depth images instead of colour images.
 
         Raises:
             InputError: a recording cannot be read. Iterating may raise it for a frame and then go
@@ -113,11 +111,11 @@ def list_frames(source: Path, depth: Path | None) -> FrameFiles:
     """List the files of a folder or URL: images with their depth images, or recordings.
 
     Args:
-        source: folder or URL of images or of recordings; or one recording.
-        depth: folder or URL with a depth image of the same stem for each image.
+        source: Folder or URL of images or of recordings; or one recording.
+        depth: Folder or URL with a depth image of the same stem for each image.
 
     Raises:
-        InputError: there are no images or recordings, or a depth image is missing.
+        InputError: There are no images or recordings, or a depth image is missing.
         StoreError: a place cannot be read.
     """
     if source.suffix.lower() in _RECORDINGS and source.is_file():

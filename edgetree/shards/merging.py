@@ -14,8 +14,6 @@ from basetree.jobs import JobError, MergedParts
 from edgetree.results.csv_table import PROFILES, TREES
 from edgetree.results.json_records import write_json_line
 
-__all__ = ["MergedFrames", "Outputs", "merge_frames"]
-
 _TABLES: Final = {"csv": TREES, "profiles": PROFILES}
 
 
@@ -24,9 +22,9 @@ class Outputs:
     """Files of merged results; None for those that are not wanted.
 
     Attributes:
-        jsonl: the JSON lines.
-        csv: the table of trees.
-        profiles: the table of diameters along stems.
+        jsonl: The JSON lines.
+        csv: The table of trees.
+        profiles: The table of diameters along stems.
     """
 
     jsonl: Path | None = None
@@ -39,9 +37,9 @@ class MergedFrames:
     """What was merged.
 
     Attributes:
-        frames: number of frames with a result.
-        trees: number of their trees.
-        left_out: what was wrong with each frame without a result.
+        frames: Number of frames with a result.
+        trees: Number of their trees.
+        left_out: What was wrong with each frame without a result.
     """
 
     frames: int = 0
@@ -53,9 +51,9 @@ def merge_frames(parts: MergedParts, outputs: Outputs, lines_to_stdout: bool) ->
     """Write the results of all parts in the order of the frames, one part in memory at a time.
 
     Args:
-        parts: the shards.
-        outputs: files to write.
-        lines_to_stdout: whether to print the JSON lines, if no file for them is given.
+        parts: The shards.
+        outputs: Files to write.
+        lines_to_stdout: Whether to print the JSON lines, if no file for them is given.
 
     Raises:
         InputError: a file cannot be written.

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from edgetree.measure import MeasureSettings
     from edgetree.runtime.detector import TreeDetector
 
-__all__ = ["BLOCK_FRAMES", "KIND", "FrameWork", "frames_job"]
-
 KIND: Final = "edgetree.run"
 BLOCK_FRAMES: Final = 32
 _SIGNATURE: Final = ".sig"
@@ -36,15 +34,15 @@ class FrameWork:
     """What a worker needs to detect and measure; sent to the machines that work.
 
     Attributes:
-        source: folder or URL of images or recordings, or one recording, as this machine sees it.
-        depth: folder or URL of the depth images; None if there are none.
-        shown: source and depth as the user typed them, by what they are here; for results.
-        files_sha256: digest of the names of the files.
-        model: the model file.
-        model_files: content of the model file and of its signature, by name.
-        rig: the cameras.
-        settings: settings of the measurement; the defaults if None.
-        session: options of `TreeDetector.load`.
+        source: Folder or URL of images or recordings, or one recording, as this machine sees it.
+        depth: Folder or URL of the depth images; None if there are none.
+        shown: Source and depth as the user typed them, by what they are here; for results.
+        files_sha256: Digest of the names of the files.
+        model: The model file.
+        model_files: Content of the model file and of its signature, by name.
+        rig: The cameras.
+        settings: Settings of the measurement; the defaults if None.
+        session: Options of `TreeDetector.load`.
     """
 
     source: Path
@@ -61,8 +59,8 @@ class FrameWork:
         """List the files and open the model; returns what does a unit.
 
         Raises:
-            JobError: this machine does not see the same files.
-            EdgetreeError: the model cannot be opened.
+            JobError: This machine does not see the same files.
+            EdgetreeError: The model cannot be opened.
         """
         from edgetree.runtime.detector import TreeDetector
 
@@ -145,11 +143,11 @@ def frames_job(
     """The job of doing all units.
 
     Args:
-        work: what a worker needs.
-        store: where the parts are kept.
-        files: number of images or recordings.
-        block: files of a unit.
-        identity: the options that decide on the results.
+        work: What a worker needs.
+        store: Where the parts are kept.
+        files: Number of images or recordings.
+        block: Files of a unit.
+        identity: The options that decide on the results.
     """
     model_sha256 = hashlib.sha256(work.model_files[work.model.name]).hexdigest()
     whole = {**identity, "files_sha256": work.files_sha256, "model_sha256": model_sha256}
@@ -160,7 +158,7 @@ def model_files(model: Path) -> dict[str, bytes]:
     """Content of a model file and of its signature if it has one, by name.
 
     Raises:
-        OSError: the model cannot be read.
+        OSError: The model cannot be read.
     """
     signature = Path(f"{model}{_SIGNATURE}")
     paths = [model, *([signature] if signature.is_file() else [])]

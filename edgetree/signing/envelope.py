@@ -22,9 +22,9 @@ class Envelope:
     """A payload and its signature.
 
     Attributes:
-        payload: the JSON text of a `Statement`.
+        payload: The JSON text of a `Statement`.
         key_id: id of the signer's key. It is not signed, and only says which key to try.
-        signature: the signature of `message`.
+        signature: The signature of `message`.
     """
 
     payload: bytes
@@ -67,7 +67,7 @@ def parse_envelope(text: str) -> Envelope:
     """Parse the content of a signature file.
 
     Raises:
-        SignatureError: it is not such a content.
+        SignatureError: It is not such a content.
     """
     file = parse_record(_File, text, "the envelope")
     if file.payloadType != PAYLOAD_TYPE:

@@ -18,11 +18,11 @@ def read_small_text(path: Path, expected: str) -> str:
     """The text of a small file.
 
     Args:
-        path: the file.
-        expected: what it should be, for messages.
+        path: The file.
+        expected: What it should be, for messages.
 
     Raises:
-        SignatureError: it is missing, is no regular file, cannot be read, or is too large.
+        SignatureError: It is missing, is no regular file, cannot be read, or is too large.
     """
     try:
         if not path.is_file():
@@ -42,7 +42,7 @@ def read_record(kind: type[_T], path: Path, expected: str, schema: str, where: s
     """Read a file of this package, as `parse_record`; None if it does not exist.
 
     Raises:
-        SignatureError: it cannot be read, or has another content.
+        SignatureError: It cannot be read, or has another content.
     """
     try:
         os.lstat(path)
@@ -59,13 +59,13 @@ def parse_record(kind: type[_T], text: str, where: str, schema: str | None = Non
     """Make an instance of a dataclass from the text of one JSON object.
 
     Args:
-        kind: the dataclass.
-        text: the JSON text, in which no key may be repeated.
-        where: name of the object in messages.
-        schema: what the object's key "schema" must be; None for an object without one.
+        kind: The dataclass.
+        text: The JSON text, in which no key may be repeated.
+        where: Name of the object in messages.
+        schema: What the object's key "schema" must be; None for an object without one.
 
     Raises:
-        SignatureError: it is not such a text, or a field is missing or out of range.
+        SignatureError: It is not such a text, or a field is missing or out of range.
     """
     try:
         value = parse_json(text)

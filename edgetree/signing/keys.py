@@ -43,7 +43,7 @@ def key_id(public_key: bytes) -> str:
     """The id of a public key: the first 16 hexadecimal digits of its SHA-256.
 
     Args:
-        public_key: the 32 bytes of the key.
+        public_key: The 32 bytes of the key.
     """
     return hashlib.sha256(public_key).hexdigest()[:_ID_DIGITS]
 
@@ -52,9 +52,9 @@ def is_signed_by(public_key: bytes, signature: bytes, message: bytes) -> bool:
     """Whether a signature of a message is by a key.
 
     Args:
-        public_key: the 32 bytes of the key.
-        signature: the signature.
-        message: what was signed.
+        public_key: The 32 bytes of the key.
+        signature: The signature.
+        message: What was signed.
 
     Raises:
         MissingPackage: `cryptography` is not installed.
@@ -75,14 +75,14 @@ def new_key(path: Path, passphrase: str | None = None) -> tuple[Path, str]:
     Only the owner of the private key's file can read it.
 
     Args:
-        path: the file of the private key.
-        passphrase: encrypts the private key; None to leave it plain.
+        path: The file of the private key.
+        passphrase: Encrypts the private key; None to leave it plain.
 
     Returns:
         The file of the public key, and the key's id.
 
     Raises:
-        InputError: one of the files exists or cannot be written, or the passphrase is empty.
+        InputError: One of the files exists or cannot be written, or the passphrase is empty.
         MissingPackage: `cryptography` is not installed.
     """
     module = ed25519()
@@ -122,10 +122,10 @@ def read_private_key(path: Path, ask_passphrase: Callable[[], str]) -> Ed25519Pr
 
     Args:
         path: a PEM file of `new_key` or another program.
-        ask_passphrase: called if the file is encrypted.
+        ask_passphrase: Called if the file is encrypted.
 
     Raises:
-        InputError: the file cannot be read, is no Ed25519 private key, or the passphrase is wrong.
+        InputError: The file cannot be read, is no Ed25519 private key, or the passphrase is wrong.
         MissingPackage: `cryptography` is not installed.
     """
     ed25519()
@@ -157,7 +157,7 @@ def read_public_key(path: Path) -> bytes:
         path: a PEM file of `new_key` or another program.
 
     Raises:
-        InputError: the file cannot be read, or is no Ed25519 public key.
+        InputError: The file cannot be read, or is no Ed25519 public key.
         MissingPackage: `cryptography` is not installed.
     """
     ed25519()

@@ -33,17 +33,17 @@ def sign_model(
 
     Args:
         path: a file of `edgetree export`. It passes the safety check, or is not signed.
-        key: the private key.
-        version: version of the model; by default the time in UTC, such as 20261123080000.
-        name: name of the model, whose versions rise; by default the name in its manifest.
-        valid_until: last second of the validity, as of `end_of_day`; None for no end.
+        key: The private key.
+        version: Version of the model; by default the time in UTC, such as 20261123080000.
+        name: Name of the model, whose versions rise; by default the name in its manifest.
+        valid_until: Last second of the validity, as of `end_of_day`; None for no end.
 
     Returns:
         The signature file, and what was signed.
 
     Raises:
-        ModelFileError: the file is not a model of this project, or a value is out of range.
-        InputError: the signature cannot be written.
+        ModelFileError: The file is not a model of this project, or a value is out of range.
+        InputError: The signature cannot be written.
     """
     check_is_file(path)
     try:

@@ -22,12 +22,12 @@ class Statement:
     """What the signer of a model file says about it.
 
     Attributes:
-        name: name of the model, whose versions rise.
-        version: version of the model; machines refuse lower ones than they have used.
-        file_bytes: size of the file.
+        name: Name of the model, whose versions rise.
+        version: Version of the model; machines refuse lower ones than they have used.
+        file_bytes: Size of the file.
         file_sha256: SHA-256 of the whole file, with its manifest, as 64 hexadecimal digits.
-        valid_from: time of signing, such as 2026-11-23T08:00:00Z.
-        valid_until: last second of the validity, likewise; None for no end.
+        valid_from: Time of signing, such as 2026-11-23T08:00:00Z.
+        valid_until: Last second of the validity, likewise; None for no end.
 
     Raises:
         SignatureError: a value is out of range.
@@ -67,7 +67,7 @@ def parse_statement(payload: bytes) -> Statement:
     """Parse the payload of a signature.
 
     Raises:
-        SignatureError: it is not JSON, or a field is missing or out of range.
+        SignatureError: It is not JSON, or a field is missing or out of range.
     """
     where = "the signed statement"
     try:
@@ -86,7 +86,7 @@ def parse_time(text: str) -> datetime:
     """Parse what `time_text` gives.
 
     Raises:
-        SignatureError: it is another text.
+        SignatureError: It is another text.
     """
     try:
         return datetime.strptime(text, "%Y-%m-%dT%H:%M:%SZ").replace(tzinfo=UTC)
@@ -100,7 +100,7 @@ def end_of_day(date: str) -> str:
     """The last second of a day in UTC as text, for a date such as 2027-12-31.
 
     Raises:
-        InputError: it is no date.
+        InputError: It is no date.
     """
     try:
         day = datetime.strptime(date, "%Y-%m-%d").replace(tzinfo=UTC)

@@ -35,9 +35,9 @@ class TrustedKey:
     """A public key whose signatures are accepted.
 
     Attributes:
-        name: name for people, from the key's file.
-        public_key: the 32 bytes of the key in base64.
-        valid_until: last second in which it is accepted, in UTC; None for no end.
+        name: Name for people, from the key's file.
+        public_key: The 32 bytes of the key in base64.
+        valid_until: Last second in which it is accepted, in UTC; None for no end.
 
     Raises:
         SignatureError: a value is not valid.
@@ -78,8 +78,8 @@ class TrustFile:
     """Content of a trust file.
 
     Attributes:
-        require_signature: whether models without an accepted signature are refused.
-        keys: the trusted keys.
+        require_signature: Whether models without an accepted signature are refused.
+        keys: The trusted keys.
     """
 
     require_signature: bool
@@ -94,10 +94,10 @@ class TrustFile:
         """The file without a key.
 
         Args:
-            wanted: the key's id, or the start of it.
+            wanted: The key's id, or the start of it.
 
         Raises:
-            InputError: no key or several keys match.
+            InputError: No key or several keys match.
         """
         found = [key for key in self.keys if wanted and key.id.startswith(wanted)]
         if len(found) != 1:
@@ -112,9 +112,9 @@ class Trust:
     """What holds for this account.
 
     Attributes:
-        required_by: the file that requires signatures, or None.
-        keys: the keys that count, by id.
-        files: the files that were read.
+        required_by: The file that requires signatures, or None.
+        keys: The keys that count, by id.
+        files: The files that were read.
     """
 
     required_by: Path | None
@@ -147,7 +147,7 @@ def own_file() -> Path:
     """The trust file that this account changes: the machine's for root, otherwise its own.
 
     Raises:
-        InputError: the account has no home folder.
+        InputError: The account has no home folder.
     """
     machine = machine_file()
     if machine is not None and os.geteuid() == 0:
@@ -164,7 +164,7 @@ def read_trust_file(path: Path) -> TrustFile:
     """Read a trust file; one that does not exist has no keys.
 
     Raises:
-        SignatureError: it cannot be read, or is not a trust file.
+        SignatureError: It cannot be read, or is not a trust file.
     """
     found = read_record(TrustFile, path, _EXPECTED, SCHEMA, f"trust file {path}")
     return found or TrustFile(False, ())
@@ -174,7 +174,7 @@ def write_trust_file(path: Path, trust: TrustFile) -> None:
     """Write a trust file, which every account can read, and make its folder.
 
     Raises:
-        InputError: it cannot be written.
+        InputError: It cannot be written.
     """
     try:
         if not path.parent.is_dir():

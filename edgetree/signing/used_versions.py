@@ -34,8 +34,8 @@ class UsedVersion:
     """The highest version of a model that was used.
 
     Attributes:
-        name: the model's name in its signature.
-        version: its version.
+        name: The model's name in its signature.
+        version: Its version.
         file_sha256: SHA-256 of the file.
     """
 
@@ -49,11 +49,11 @@ class UsedVersions:
     """What was used on this machine by this account.
 
     Attributes:
-        latest_time: the latest time at which a model was opened, by the clock; None at first.
-        models: the highest version of each model.
+        latest_time: The latest time at which a model was opened, by the clock; None at first.
+        models: The highest version of each model.
 
     Raises:
-        SignatureError: the time is none.
+        SignatureError: The time is none.
     """
 
     latest_time: str | None
@@ -76,7 +76,7 @@ def used_file() -> Path:
     """The file of the used versions: in systemd's state folder of a service, or the account's.
 
     Raises:
-        SignatureError: the account has no home folder.
+        SignatureError: The account has no home folder.
     """
     service = os.environ.get("STATE_DIRECTORY", "").partition(":")[0]
     if service:
@@ -97,7 +97,7 @@ def read_used(path: Path) -> UsedVersions:
     """Read the used versions; there are none if the file does not exist.
 
     Raises:
-        SignatureError: the file cannot be read, or is not one of edgetree.
+        SignatureError: The file cannot be read, or is not one of edgetree.
     """
     found = read_record(UsedVersions, path, _EXPECTED, _SCHEMA, str(path))
     return found or UsedVersions(None, ())
@@ -107,13 +107,13 @@ def check_version(statement: Statement, path: Path, used: UsedVersions, file: Pa
     """Check that a model is not older than the one that was used here.
 
     Args:
-        statement: the statement of the model's signature.
-        path: the model file, for messages.
-        used: the used versions.
-        file: the file that they were read from, for messages.
+        statement: The statement of the model's signature.
+        path: The model file, for messages.
+        used: The used versions.
+        file: The file that they were read from, for messages.
 
     Raises:
-        SignatureError: it is older, or has the version of another file.
+        SignatureError: It is older, or has the version of another file.
     """
     highest = used.highest(statement.name)
     if highest is None or statement.version > highest.version:
@@ -137,9 +137,9 @@ def record_use(statement: Statement, path: Path, now: datetime) -> None:
     Nothing is written for a known version on the same day.
 
     Args:
-        statement: the statement of the model's signature.
-        path: the file of the used versions.
-        now: the time by the clock.
+        statement: The statement of the model's signature.
+        path: The file of the used versions.
+        now: The time by the clock.
 
     Raises:
         SignatureError: a new version cannot be recorded. A later time that cannot be recorded is a

@@ -49,10 +49,10 @@ class AcceptedModel:
     """A model that may be opened.
 
     Attributes:
-        content: the content of the file.
-        statement: what its signer says; None for a packaged model.
-        key: the signer's key, likewise.
-        checked_at: the time by the clock, likewise.
+        content: The content of the file.
+        statement: What its signer says; None for a packaged model.
+        key: The signer's key, likewise.
+        checked_at: The time by the clock, likewise.
     """
 
     content: bytes
@@ -79,14 +79,14 @@ def model_if_signed(path: Path, required: bool = False) -> AcceptedModel | None:
     """Check the signature of a model file, if one is required.
 
     Args:
-        path: the model file, which exists.
-        required: require a signature, whatever the setting of the machine.
+        path: The model file, which exists.
+        required: Require a signature, whatever the setting of the machine.
 
     Returns:
         The accepted model; None if the file can be opened by its path, as no signature is required.
 
     Raises:
-        SignatureError: the signature is missing or not accepted, or a trust file is broken.
+        SignatureError: The signature is missing or not accepted, or a trust file is broken.
         MissingPackage: `cryptography` is not installed.
     """
     real = Path(os.path.realpath(path))
@@ -103,11 +103,11 @@ def check_signature(path: Path, trust: Trust) -> AcceptedModel:
     """Check the signature of a model file.
 
     Args:
-        path: the model file, which exists.
-        trust: the trusted keys.
+        path: The model file, which exists.
+        trust: The trusted keys.
 
     Raises:
-        SignatureError: the signature is missing or not accepted.
+        SignatureError: The signature is missing or not accepted.
         MissingPackage: `cryptography` is not installed.
     """
     now = _now()
@@ -137,7 +137,7 @@ def parse_signature(content: bytes) -> Statement:
     """Parse the content of a signature file, without checking the signature.
 
     Raises:
-        SignatureError: it is not the content of a signature file.
+        SignatureError: It is not the content of a signature file.
     """
     try:
         text = content.decode()

@@ -16,8 +16,6 @@ from edgetree.sinks.sink import FileSink
 if TYPE_CHECKING:
     from edgetree.live.results import LiveResult
 
-__all__ = ["BagFolder", "BagSink", "check_rosbags"]
-
 _VERSION: Final = 9
 
 
@@ -25,12 +23,12 @@ class BagSink(FileSink["LiveResult"]):
     """Writes pictures, cameras, poses and stems as a ROS 2 bag, which Foxglove and Rerun open.
 
     Args:
-        folder: the bag, a new folder, which appears when the sink is closed. It holds
+        folder: The bag, a new folder, which appears when the sink is closed. It holds
             `FOLDER.mcap` and `metadata.yaml`.
 
     Raises:
-        InputError: the folder exists already or cannot be made.
-        MissingPackage: rosbags is not installed.
+        InputError: The folder exists already or cannot be made.
+        MissingPackage: Rosbags is not installed.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -51,13 +49,13 @@ class BagFolder:
     """A bag that is written beside its path.
 
     Args:
-        folder: the bag, a new folder. It holds `FOLDER.mcap` and `metadata.yaml`.
-        types: the type store of rosbags.
-        compressed: whether the messages are compressed, without loss (zstd).
+        folder: The bag, a new folder. It holds `FOLDER.mcap` and `metadata.yaml`.
+        types: The type store of rosbags.
+        compressed: Whether the messages are compressed, without loss (zstd).
 
     Raises:
-        InputError: the folder exists already or cannot be made.
-        MissingPackage: rosbags is not installed.
+        InputError: The folder exists already or cannot be made.
+        MissingPackage: Rosbags is not installed.
     """
 
     def __init__(self, folder: Path, types: Any, *, compressed: bool = False) -> None:
@@ -85,13 +83,13 @@ class BagFolder:
         """Write a message.
 
         Args:
-            topic: its topic, which is made with the first message.
-            kind: its type, such as "std_msgs/msg/String".
-            log_ns: its time in the bag, ns.
-            message: the message.
+            topic: Its topic, which is made with the first message.
+            kind: Its type, such as "std_msgs/msg/String".
+            log_ns: Its time in the bag, ns.
+            message: The message.
 
         Raises:
-            InputError: the bag cannot be written.
+            InputError: The bag cannot be written.
         """
         try:
             if topic not in self._connections:
@@ -107,7 +105,7 @@ class BagFolder:
         """Complete the bag.
 
         Raises:
-            InputError: the bag cannot be written; then there is none.
+            InputError: The bag cannot be written; then there is none.
         """
         try:
             self._writer.close()
@@ -137,7 +135,7 @@ def check_rosbags() -> None:
     """Check that bags can be written.
 
     Raises:
-        MissingPackage: rosbags is not installed.
+        MissingPackage: Rosbags is not installed.
     """
     try:
         import rosbags.rosbag2  # noqa: F401

@@ -11,8 +11,6 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 if TYPE_CHECKING:
     import sqlite3
 
-__all__ = ["geopackage"]
-
 _Stems: TypeAlias = Sequence[tuple[tuple[float, float, float], Mapping[str, Any]]]
 
 _APPLICATION_ID: Final = 0x47504B47  # "GPKG"
@@ -53,9 +51,9 @@ def geopackage(stems: _Stems, attributes: Mapping[str, str], *, is_local: bool) 
     """The content of a file: a database made in memory, so that it is written whole.
 
     Args:
-        stems: coordinates and attributes of each stem.
-        attributes: the attributes, with their types in SQL.
-        is_local: whether the coordinates are metres, not degrees of WGS 84.
+        stems: Coordinates and attributes of each stem.
+        attributes: The attributes, with their types in SQL.
+        is_local: Whether the coordinates are metres, not degrees of WGS 84.
     """
     import sqlite3
 

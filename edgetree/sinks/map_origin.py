@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from basetree.errors import InputError
 
-__all__ = ["MapOrigin"]
-
 # WGS 84: semi-major axis in metres and squared eccentricity.
 _AXIS_M: Final = 6_378_137.0
 _ECCENTRICITY2: Final = 6.694379990141316e-3
@@ -25,10 +23,10 @@ class MapOrigin:
     """Where the map's origin is on the earth, and how the map is turned.
 
     Attributes:
-        latitude_deg: geodetic latitude of the map's origin in WGS 84, -89 to 89.
-        longitude_deg: its longitude, -180 to 180.
-        height_m: its height above the ellipsoid.
-        heading_deg: direction of the map's y axis, clockwise from north. With 0, x points east and
+        latitude_deg: Geodetic latitude of the map's origin in WGS 84, -89 to 89.
+        longitude_deg: Its longitude, -180 to 180.
+        height_m: Its height above the ellipsoid.
+        heading_deg: Direction of the map's y axis, clockwise from north. With 0, x points east and
             y north.
 
     Raises:

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from edgetree.live.results import LiveResult
     from edgetree.live.tracking.tracks import TreeTrack
 
-__all__ = ["GeoJsonSink", "GeoPackageSink", "open_map"]
-
 _SCHEMA: Final = "edgetree.live.map/1"
 # 1e-8 degrees are about 1 mm.
 _DIGITS: Final = {"local metres": 4, "WGS 84": 8}
@@ -90,12 +88,12 @@ class GeoJsonSink(_MapSink):
     """Writes a map of all confirmed stems when it is closed.
 
     Args:
-        path: the file to write.
-        origin: where the map's origin is on the earth; None for local metres, which other programs
+        path: The file to write.
+        origin: Where the map's origin is on the earth; None for local metres, which other programs
             must be told, because GeoJSON knows only WGS 84.
 
     Raises:
-        InputError: the file cannot be written.
+        InputError: The file cannot be written.
     """
 
     def _content(self) -> bytes:
@@ -129,12 +127,12 @@ class GeoPackageSink(_MapSink):
     """Writes a map of all confirmed stems when it is closed, as the table `stems`.
 
     Args:
-        path: the file to write.
-        origin: where the map's origin is on the earth; None for local metres, an undefined
+        path: The file to write.
+        origin: Where the map's origin is on the earth; None for local metres, an undefined
             Cartesian reference system.
 
     Raises:
-        InputError: the file cannot be written.
+        InputError: The file cannot be written.
     """
 
     def _content(self) -> bytes:
@@ -145,7 +143,7 @@ def open_map(path: Path, origin: MapOrigin | None = None) -> GeoJsonSink | GeoPa
     """Open a map by the suffix of its name: .geojson, .json or .gpkg.
 
     Raises:
-        InputError: the name has another suffix, or the file cannot be written.
+        InputError: The name has another suffix, or the file cannot be written.
     """
     if path.suffix.lower() in (".geojson", ".json"):
         return GeoJsonSink(path, origin)

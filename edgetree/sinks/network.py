@@ -13,8 +13,6 @@ from edgetree.results.json_records import stems_message
 if TYPE_CHECKING:
     from edgetree.live.results import LiveResult
 
-__all__ = ["MqttSink", "UdpSink"]
-
 _LOGGER: Final = logging.getLogger(__name__)
 _LEAST_BYTES, _MOST_BYTES = 256, 65_507
 _MQTT_PORT: Final = 1883
@@ -27,15 +25,15 @@ class UdpSink:
     Sending never waits. Datagrams may be lost on the way.
 
     Args:
-        address: where to send, such as "192.168.1.20:9000".
-        max_bytes: limit of a datagram, 256 to 65507 bytes. 1400 bytes, about 6 stems, fit into one
+        address: Where to send, such as "192.168.1.20:9000".
+        max_bytes: Limit of a datagram, 256 to 65507 bytes. 1400 bytes, about 6 stems, fit into one
             packet of Ethernet. The farthest stems are left out and counted in the message.
 
     Attributes:
-        lost: datagrams that could not be sent.
+        lost: Datagrams that could not be sent.
 
     Raises:
-        InputError: the address or the limit cannot be used.
+        InputError: The address or the limit cannot be used.
     """
 
     def __init__(self, address: str, max_bytes: int = 1400) -> None:
@@ -77,17 +75,17 @@ class MqttSink:
     quality of service 0; while the last one has not left, newer ones are not queued but lost.
 
     Args:
-        address: the broker, such as "192.168.1.20:1883" or "broker.local".
-        topic: topic of the messages, without wildcards.
-        username: name at the broker; none if None.
-        password: password at the broker.
+        address: The broker, such as "192.168.1.20:1883" or "broker.local".
+        topic: Topic of the messages, without wildcards.
+        username: Name at the broker; none if None.
+        password: Password at the broker.
 
     Attributes:
-        lost: messages that were not sent.
+        lost: Messages that were not sent.
 
     Raises:
-        InputError: the address or the topic cannot be used.
-        MissingPackage: paho-mqtt is not installed.
+        InputError: The address or the topic cannot be used.
+        MissingPackage: Paho-mqtt is not installed.
     """
 
     def __init__(
@@ -140,7 +138,7 @@ def _host_and_port(text: str, default_port: int | None = None) -> tuple[str, int
     """Split an address such as "192.168.1.20:9000" or "[fe80::1]:9000".
 
     Raises:
-        InputError: it is not of this form.
+        InputError: It is not of this form.
     """
     found = re.fullmatch(r"(\[[0-9A-Fa-f:.%\w]+\]|[^\s:/\[\]]+)(?::(\d{1,5}))?", text)
     port = found[2] if found is not None and found[2] is not None else default_port

@@ -15,8 +15,6 @@ from edgetree.frames.pipeline import FrameResult
 from edgetree.results.pictures import draw_frame, encode_picture
 from edgetree.sinks.sink import FileSink
 
-__all__ = ["CocoSink", "PicturesSink"]
-
 # Lines between keypoints, as indices of KEYPOINT_NAMES: the stem's axis and the diameter.
 _SKELETON: Final = ((0, 3), (3, 4), (1, 2))
 
@@ -25,10 +23,10 @@ class PicturesSink(FileSink[FrameResult]):
     """Draws each frame and writes it at once as `<frame name>_trees.jpg`.
 
     Args:
-        folder: where to; created if needed.
+        folder: Where to; created if needed.
 
     Raises:
-        InputError: the folder cannot be created or is not writable.
+        InputError: The folder cannot be created or is not writable.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -47,12 +45,12 @@ class CocoSink(FileSink[FrameResult]):
     """Writes the detections as a COCO file when it is closed, under the names of the images.
 
     Args:
-        path: the file to write.
-        model: name of the model file, for the description in the labels.
-        score_threshold: the detector's threshold, likewise.
+        path: The file to write.
+        model: Name of the model file, for the description in the labels.
+        score_threshold: The detector's threshold, likewise.
 
     Raises:
-        InputError: the file cannot be written.
+        InputError: The file cannot be written.
     """
 
     def __init__(self, path: Path, model: str, score_threshold: float) -> None:

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from edgetree.live.results import LiveResult
     from edgetree.live.tracking.tracks import TreeTrack
 
-__all__ = ["ReportSink", "StemReportSink"]
-
 _MOST_PICTURES: Final = 200  # 25 to 50 MB in the page, and about as much in memory
 # A view takes the place of another if its error is this much smaller: each is encoded as JPEG.
 _CLEARLY_BETTER: Final = 0.8
@@ -34,13 +32,13 @@ class ReportSink(FileSink[FrameResult]):
     """Writes a page with the picture of each frame and all trees, when it is closed.
 
     Args:
-        path: the HTML file to write.
-        source: what was measured, for the heading.
-        trees_from: the model or the mask image that the trees come from, likewise.
-        left_out: why frames were left out, a line for each; read when the sink is closed.
+        path: The HTML file to write.
+        source: What was measured, for the heading.
+        trees_from: The model or the mask image that the trees come from, likewise.
+        left_out: Why frames were left out, a line for each; read when the sink is closed.
 
     Raises:
-        InputError: the file cannot be written.
+        InputError: The file cannot be written.
     """
 
     def __init__(
@@ -60,7 +58,7 @@ class _View:
     """A result without the arrays of its frame, and the picture as JPEG.
 
     Attributes:
-        serial: its number among all views.
+        serial: Its number among all views.
     """
 
     serial: int
@@ -73,8 +71,8 @@ class _Stem:
     """A stem as it is known now, and the view that shows it best.
 
     Attributes:
-        std_m: error of the diameter by this view alone.
-        tree: its index among the trees of the view.
+        std_m: Error of the diameter by this view alone.
+        tree: Its index among the trees of the view.
     """
 
     track: TreeTrack
@@ -90,12 +88,12 @@ class StemReportSink(FileSink["LiveResult"]):
     view. Memory and page hold the 200 newest pictures; older stems are left out and counted.
 
     Args:
-        path: the HTML file to write.
-        source: where the frames come from, for the heading.
-        model: name of the model file, likewise.
+        path: The HTML file to write.
+        source: Where the frames come from, for the heading.
+        model: Name of the model file, likewise.
 
     Raises:
-        InputError: the file cannot be written.
+        InputError: The file cannot be written.
     """
 
     def __init__(self, path: Path, source: str, model: str) -> None:

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from edgetree.live.results import LiveResult
     from edgetree.live.tracking.tracks import TreeTrack
 
-__all__ = ["TOPICS", "RosMessages"]
-
 CAMERA_FRAME, MAP_FRAME = "edgetree_camera", "edgetree_map"
 TOPICS: Final = {
     "/edgetree/image/compressed": "sensor_msgs/msg/CompressedImage",

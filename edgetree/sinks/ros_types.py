@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from calib import PinholeCamera, RigidTransform
 
-__all__ = ["RosTypes", "time_ns"]
-
 _NS_PER_S: Final = 1_000_000_000
 _DISTORTION: Final = {"fisheye": "equidistant", "radtan": "plumb_bob"}
 
@@ -25,7 +23,7 @@ class RosTypes:
     """Makes messages.
 
     Attributes:
-        store: the types of rosbags.
+        store: The types of rosbags.
     """
 
     def __init__(self) -> None:

@@ -14,8 +14,6 @@ from basetree.errors import InputError
 from basetree.files.writing import text_file
 from edgetree.frames.pipeline import FrameResult
 
-__all__ = ["FileSink", "Sink", "growing_file"]
-
 _Result_contra = TypeVar("_Result_contra", bound=FrameResult, contravariant=True)
 _Result = TypeVar("_Result", bound=FrameResult)
 
@@ -83,7 +81,7 @@ def growing_file(path: Path) -> Iterator[TextIO]:
     `\udcff` for the byte ff. Errors of writing name the file.
 
     Raises:
-        InputError: the file cannot be created.
+        InputError: The file cannot be created.
     """
     if path.is_dir():
         raise InputError(f"{path} is a folder: expected the name of a file to write")

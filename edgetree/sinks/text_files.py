@@ -10,21 +10,19 @@ from edgetree.results.csv_table import TRACKS, Table
 from edgetree.results.json_records import live_record, write_json_line
 from edgetree.sinks.sink import FileSink
 
-__all__ = ["CsvSink", "CsvTracksSink", "JsonLinesSink"]
-
 
 class JsonLinesSink(FileSink[Any]):
     """Writes each result as one line.
 
     Args:
-        target: the file to write; or an open text stream, such as standard output, which stays
+        target: The file to write; or an open text stream, such as standard output, which stays
             open and is flushed after each line.
-        record: makes the JSON object of a result, such as `frame_record`; by default one of the
+        record: Makes the JSON object of a result, such as `frame_record`; by default one of the
             schema `edgetree.live/1`.
-        grows: whether the file has every line at once; otherwise it appears whole.
+        grows: Whether the file has every line at once; otherwise it appears whole.
 
     Raises:
-        InputError: the file cannot be written.
+        InputError: The file cannot be written.
     """
 
     def __init__(
@@ -46,12 +44,12 @@ class CsvSink(FileSink[Any]):
     """Writes the rows of each result.
 
     Args:
-        path: the file to write.
-        table: the table, such as `TREES`.
-        grows: whether the file has every row at once; otherwise it appears whole.
+        path: The file to write.
+        table: The table, such as `TREES`.
+        grows: Whether the file has every row at once; otherwise it appears whole.
 
     Raises:
-        InputError: the file cannot be written.
+        InputError: The file cannot be written.
     """
 
     def __init__(self, path: Path, table: Table[Any], *, grows: bool = False) -> None:
@@ -68,10 +66,10 @@ class CsvTracksSink(CsvSink):
     """Writes a row for each stem that is followed, seen in the frame or not.
 
     Args:
-        path: the file to write, which has every frame at once.
+        path: The file to write, which has every frame at once.
 
     Raises:
-        InputError: the file cannot be written.
+        InputError: The file cannot be written.
     """
 
     def __init__(self, path: Path) -> None:

@@ -15,8 +15,6 @@ from calib.depth.files import in_metres
 from edgetree.frames.frame import Frame, stream_frame
 from edgetree.frames.rig import DepthReading, unit_vector
 
-__all__ = ["bgr_image", "frame_from_arrays", "metres_from_array"]
-
 _MILLIMETRE_M: Final = 0.001
 _MAX_MEDIAN_M: Final = 60.0  # as in `calib.check_depth`
 _MAX_READING_M: Final = float(np.finfo(np.float32).max)
@@ -46,28 +44,28 @@ def frame_from_arrays(
     The arrays are copied, as drivers use their buffers again.
 
     Args:
-        number: number of the frame, from 0 on.
-        time_s: time stamp of the picture, s.
+        number: Number of the frame, from 0 on.
+        time_s: Time stamp of the picture, s.
         image: (H, W, 3) or (H, W, 4) uint8 colour, or (H, W) uint8 grey; None if there is only
             depth.
         depth: (H, W) depth along the optical axis, aligned with the image: uint16 in steps of
             `depth_scale_m`, or floating point in metres. 0, NaN and infinity are no reading. None
             if there is only colour.
-        depth_scale_m: metres per unit of `depth`. By default 0.001 for uint16 and 1 for floating
+        depth_scale_m: Metres per unit of `depth`. By default 0.001 for uint16 and 1 for floating
             point.
         colour_order: "bgr" as OpenCV has it, or "rgb".
-        camera: intrinsics of the image. They are scaled to its size.
+        camera: Intrinsics of the image. They are scaled to its size.
         up_camera: (3,) direction away from gravity in the camera's frame (x right, y down,
             z forward), of any length.
-        pose: transform from the camera's frame to a fixed frame with z up.
+        pose: Transform from the camera's frame to a fixed frame with z up.
 
     Returns:
         The frame. If too little of the depth has readings, its `depth_fault` says so.
 
     Raises:
-        InputError: an array has another shape or type, image and depth differ in size, or
+        InputError: An array has another shape or type, image and depth differ in size, or
             floating-point depth is in millimetres.
-        InputError: the camera is for another aspect ratio.
+        InputError: The camera is for another aspect ratio.
     """
     if image is None and depth is None:
         raise InputError(f"frame {number} has neither image nor depth: expected one of them")
@@ -97,10 +95,10 @@ def bgr_image(
     Args:
         image: (H, W, 3) or (H, W, 4) uint8 colour, or (H, W) uint8 grey.
         colour_order: "bgr" or "rgb".
-        name: what messages call it.
+        name: What messages call it.
 
     Raises:
-        InputError: the image has another shape or type, or the order is unknown.
+        InputError: The image has another shape or type, or the order is unknown.
     """
     if colour_order not in ("bgr", "rgb"):
         raise InputError(f"colour_order is {colour_order!r}: expected 'bgr' or 'rgb'")
@@ -121,11 +119,11 @@ def metres_from_array(depth: NDArray[Any], depth_scale_m: float | None, name: st
 
     Args:
         depth: (H, W) uint16 in steps of `depth_scale_m`, or floating point in metres.
-        depth_scale_m: metres per unit. By default 0.001 for uint16 and 1 for floating point.
-        name: what messages call it.
+        depth_scale_m: Metres per unit. By default 0.001 for uint16 and 1 for floating point.
+        name: What messages call it.
 
     Raises:
-        InputError: the array has another shape or type, the scale is not positive, or
+        InputError: The array has another shape or type, the scale is not positive, or
             floating-point depth is in millimetres.
     """
     values = np.asarray(depth)

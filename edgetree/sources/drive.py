@@ -17,8 +17,6 @@ from edgetree.frames.images import read_image
 from edgetree.frames.rig import unit_vector
 from edgetree.sources.source import BaseSource, FrameSource
 
-__all__ = ["is_drive", "open_drive"]
-
 _log = logging.getLogger(__name__)
 
 _LABELS: Final = ("train_RGB.json", "val_RGB.json", "test_RGB.json")
@@ -33,15 +31,15 @@ def open_drive(folder: Path, *, scene: int | None = None) -> FrameSource:
     """Open a drive of a dataset that `perceptree synth --preset drive` wrote.
 
     Args:
-        folder: folder of the dataset.
-        scene: number of the drive; None if the dataset has only one.
+        folder: Folder of the dataset.
+        scene: Number of the drive; None if the dataset has only one.
 
     Returns:
         Its frames in the order of time, with the exact pose, gravity and camera. Frames whose
         images cannot be read are left out.
 
     Raises:
-        InputError: the folder is no such dataset, or it is not clear which drive is meant.
+        InputError: The folder is no such dataset, or it is not clear which drive is meant.
     """
     return _Drive(folder, scene)
 

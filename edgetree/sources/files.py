@@ -25,16 +25,6 @@ from edgetree.frames.images import read_image
 from edgetree.frames.rig import Rig
 from edgetree.sources.source import BaseSource, FrameSource, readable
 
-__all__ = [
-    "as_typed",
-    "depth_names",
-    "frame_names",
-    "has_images",
-    "open_files",
-    "open_image_files",
-    "open_source",
-]
-
 _log = logging.getLogger(__name__)
 
 _DEFAULT_RATE_HZ: Final = 15.0
@@ -46,11 +36,11 @@ def open_source(
     """Open an image, a folder of images, or a video.
 
     Args:
-        path: an image, a folder of images, or a video.
-        depth: depth image of an image, or folder with a depth image of the same stem for each
+        path: An image, a folder of images, or a video.
+        depth: Depth image of an image, or folder with a depth image of the same stem for each
             image of a folder.
-        depth_only: whether `path` contains depth images instead of colour images.
-        rig: cameras and depth unit. By default, depth is in millimetres and aligned with the image.
+        depth_only: Whether `path` contains depth images instead of colour images.
+        rig: Cameras and depth unit. By default, depth is in millimetres and aligned with the image.
 
     Returns:
         The frames. Images are read during iteration, which may raise `InputError` for a frame and
@@ -84,8 +74,8 @@ def open_image_files(
 
     Args:
         files: (name of the frame, image, depth image or None) of each.
-        depth_only: whether the images are depth images instead of colour images.
-        rig: cameras and depth unit.
+        depth_only: Whether the images are depth images instead of colour images.
+        rig: Cameras and depth unit.
 
     Returns:
         The frames; iterating is as for `open_source`.
@@ -106,11 +96,11 @@ def open_files(
     Images that cannot be read are left out.
 
     Args:
-        path: an image, a folder of images, or a video.
-        depth: depth image or folder of depth images, as for `open_source`.
-        depth_only: whether `path` contains depth images instead of colour images.
-        rig: the cameras and the unit of the depth.
-        rate_hz: frames per second of images, which have no time stamps.
+        path: An image, a folder of images, or a video.
+        depth: Depth image or folder of depth images, as for `open_source`.
+        depth_only: Whether `path` contains depth images instead of colour images.
+        rig: The cameras and the unit of the depth.
+        rate_hz: Frames per second of images, which have no time stamps.
 
     Raises:
         InputError: a file is missing or has another format, or the rate is not above 0.
@@ -146,13 +136,13 @@ def depth_names(
     """The name of the depth file with the stem of each image.
 
     Args:
-        images: the images.
-        present: names of the depth files that exist.
-        folder: where the images are, for messages.
-        depth_folder: where the depth files are, likewise.
+        images: The images.
+        present: Names of the depth files that exist.
+        folder: Where the images are, for messages.
+        depth_folder: Where the depth files are, likewise.
 
     Raises:
-        InputError: an image has none.
+        InputError: An image has none.
     """
     found = []
     for image in images:

@@ -9,8 +9,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["GravityFilter"]
-
 # Sway and braking average out over some seconds; a gyroscope bridges them, but drifts over more.
 _TIME_CONSTANT_S: Final = 1.0
 _TIME_CONSTANT_WITH_GYRO_S: Final = 3.0
@@ -45,7 +43,7 @@ class GravityFilter:
         """Take a sample. Samples that are not finite are left out.
 
         Args:
-            time_s: time of the sample, s.
+            time_s: Time of the sample, s.
             acceleration: (3,) measured acceleration in the IMU's frame.
             turn_rad_per_s: (3,) turn rates about the same axes; None or zeros without a gyroscope.
         """

@@ -21,8 +21,6 @@ from edgetree.sources.opening import check_options
 from edgetree.sources.playing import Looped
 from edgetree.sources.source import FrameSource
 
-__all__ = ["SOURCE_FORMS", "open_live_source"]
-
 SOURCE_FORMS: Final = (
     "realsense, oak, orbbec, a device (0, /dev/video0), an address (rtsp://..., http://...), a"
     " recording (.bag, .mcap, .db3 or the folder of a ROS 2 bag), a drive of the simulator, a"
@@ -51,18 +49,18 @@ def open_live_source(
         text: "realsense", "oak", "orbbec"; a V4L2 device as 0 or /dev/video0; an address such as
             rtsp://camera/1; a GStreamer pipeline; or a path of a recording, a dataset of the
             preset `drive`, an image, a folder of images or a video.
-        depth: depth image or folder of depth images; for images alone.
-        rig: cameras and gravity of images, videos and cameras without intrinsics of their own.
-        topics: names of topics by role, for recordings.
-        depth_scale_m: metres per unit of the depth, for recordings.
-        modality: which images of a recording are read. Of "depth", images in files are depth.
-        scene: number of the drive in a dataset with several.
-        loop: whether a recording starts again at its end, for ever.
+        depth: Depth image or folder of depth images; for images alone.
+        rig: Cameras and gravity of images, videos and cameras without intrinsics of their own.
+        topics: Names of topics by role, for recordings.
+        depth_scale_m: Metres per unit of the depth, for recordings.
+        modality: Which images of a recording are read. Of "depth", images in files are depth.
+        scene: Number of the drive in a dataset with several.
+        loop: Whether a recording starts again at its end, for ever.
 
     Raises:
-        InputError: there is no such source, or an option does not fit it.
-        SourceLost: the camera does not answer.
-        MissingPackage: the package for the source is not installed.
+        InputError: There is no such source, or an option does not fit it.
+        SourceLost: The camera does not answer.
+        MissingPackage: The package for the source is not installed.
     """
     name = text.strip()
     is_camera = name in _VENDORS or "!" in name or bool(_ADDRESS.match(name))

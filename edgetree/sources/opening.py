@@ -16,8 +16,6 @@ from edgetree.sources.source import FrameSource
 if TYPE_CHECKING:
     from edgetree.runtime.detector import TreeDetector
 
-__all__ = ["check_options", "is_stream", "open_frames"]
-
 _OPTION_SOURCES: Final = {
     "topics": "recordings",
     "depth_scale_m": "recordings",
@@ -45,22 +43,22 @@ def open_frames(
     """Open the frames of files, a recording or a drive for a model.
 
     Args:
-        source: an image, a folder of images, a video, a recording, or a dataset of the preset
+        source: An image, a folder of images, a video, a recording, or a dataset of the preset
             `drive`.
-        depth: depth image or folder of depth images, as for `open_source`. If it is not given, the
+        depth: Depth image or folder of depth images, as for `open_source`. If it is not given, the
             images themselves are depth for a model that takes depth.
-        rig: the cameras and the unit of the depth images.
-        detector: the model; None if the trees come from a mask image.
-        topics: names of topics by role, for recordings.
-        depth_scale_m: metres per unit of the depth, for recordings.
-        scene: number of the drive in a dataset with several.
+        rig: The cameras and the unit of the depth images.
+        detector: The model; None if the trees come from a mask image.
+        topics: Names of topics by role, for recordings.
+        depth_scale_m: Metres per unit of the depth, for recordings.
+        scene: Number of the drive in a dataset with several.
 
     Returns:
         The frames; iterating over images is as for `open_source`.
 
     Raises:
-        InputError: there is no such source, or an option does not fit it.
-        MissingPackage: the package for recordings is not installed.
+        InputError: There is no such source, or an option does not fit it.
+        MissingPackage: The package for recordings is not installed.
     """
     streams = is_stream(source)
     is_recording = streams and not is_drive(source)

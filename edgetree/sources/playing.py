@@ -10,8 +10,6 @@ from typing import Final
 from edgetree.frames.frame import Frame
 from edgetree.sources.source import BaseSource, FrameSource
 
-__all__ = ["Looped", "PacedSource", "RisingClock"]
-
 _FIRST_STEP_S: Final = 1 / 30
 _MAX_STEP_S: Final = 1.0
 _LONGEST_PAUSE_S: Final = 86_400.0  # a longer one is a wrong stamp, or a clock that was set

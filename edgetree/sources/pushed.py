@@ -8,8 +8,6 @@ from typing import Generic, TypeVar
 
 from edgetree.frames.frame import Frame
 
-__all__ = ["Handover", "PushedFrames"]
-
 _T = TypeVar("_T")
 
 
@@ -17,7 +15,7 @@ class PushedFrames:
     """A live source whose frames another thread pushes. Only the newest frame is kept.
 
     Args:
-        name: what messages call it.
+        name: What messages call it.
     """
 
     is_live = True
@@ -49,10 +47,10 @@ class Handover(Generic[_T]):
     """Holds at most one value between the thread that puts and the one that takes.
 
     Args:
-        newest_only: whether a new value replaces one that nobody took, instead of waiting.
+        newest_only: Whether a new value replaces one that nobody took, instead of waiting.
 
     Attributes:
-        dropped: number of values that were replaced.
+        dropped: Number of values that were replaced.
     """
 
     def __init__(self, *, newest_only: bool = False) -> None:
@@ -87,7 +85,7 @@ class Handover(Generic[_T]):
         """Take the values until the end.
 
         Raises:
-            BaseException: the error that the exchange was ended with.
+            BaseException: The error that the exchange was ended with.
         """
         while True:
             with self._changed:

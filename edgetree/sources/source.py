@@ -10,8 +10,6 @@ from typing import Final, Protocol
 from basetree.errors import InputError
 from edgetree.frames.frame import Frame
 
-__all__ = ["REMARKS", "BaseSource", "FrameSource", "SourceLost", "readable"]
-
 REMARKS: Final = frozenset(
     {
         "without pose",
@@ -48,8 +46,8 @@ class FrameSource(Protocol):
         """Yield the frames.
 
         Raises:
-            SourceLost: the camera does not answer any more. It may be opened again.
-            InputError: the source cannot be read. Image files raise it for a frame that cannot be
+            SourceLost: The camera does not answer any more. It may be opened again.
+            InputError: The source cannot be read. Image files raise it for a frame that cannot be
                 read, and then go on with the next one.
         """
 
@@ -65,7 +63,7 @@ class BaseSource:
     """A source whose iteration ends after it is closed.
 
     Args:
-        name: what messages call it.
+        name: What messages call it.
     """
 
     is_live = False
@@ -85,8 +83,8 @@ def readable(frames: Iterable[Frame], on_error: Callable[[Exception], None]) -> 
     """Yield the frames that can be read.
 
     Args:
-        frames: the frames.
-        on_error: called with the error of each frame that cannot be read.
+        frames: The frames.
+        on_error: Called with the error of each frame that cannot be read.
     """
     iterator = iter(frames)
     while True:

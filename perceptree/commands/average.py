@@ -1,4 +1,4 @@
-"""``perceptree average``: the mean of several checkpoints' weights."""
+"""`perceptree average`: the mean of several checkpoints' weights."""
 
 from __future__ import annotations
 

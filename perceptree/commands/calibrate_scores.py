@@ -1,4 +1,4 @@
-"""``perceptree calibrate-scores``: make the scores of a checkpoint probabilities."""
+"""`perceptree calibrate-scores`: make the scores of a checkpoint probabilities."""
 
 from __future__ import annotations
 

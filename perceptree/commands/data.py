@@ -1,4 +1,4 @@
-"""``perceptree data``: inspect datasets before training."""
+"""`perceptree data`: inspect datasets before training."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``perceptree eval``: evaluate a checkpoint on a split of a dataset."""
+"""`perceptree eval`: evaluate a checkpoint on a split of a dataset."""
 
 from __future__ import annotations
 

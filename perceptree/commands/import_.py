@@ -1,4 +1,4 @@
-"""``perceptree import``: convert a published checkpoint."""
+"""`perceptree import`: convert a published checkpoint."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``perceptree merge``: join the shards of a simulation or an evaluation."""
+"""`perceptree merge`: join the shards of a simulation or an evaluation."""
 
 from __future__ import annotations
 

@@ -11,18 +11,6 @@ from basetree.program.options import option_of
 from perceptree.errors import CheckpointError, DatasetError
 from perceptree.settings.training import DataSource
 
-__all__ = [
-    "Checkpoint",
-    "Device",
-    "EntireTree",
-    "Fold",
-    "Json",
-    "Side",
-    "Split",
-    "check_checkpoint_name",
-    "check_split",
-]
-
 Json: TypeAlias = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 Checkpoint: TypeAlias = Annotated[Path, typer.Argument(help="A .safetensors checkpoint.")]
 Device: TypeAlias = Annotated[str, typer.Option(help="cpu or cuda.")]

@@ -1,4 +1,4 @@
-"""``perceptree plot``: plot one or several trainings."""
+"""`perceptree plot`: plot one or several trainings."""
 
 from __future__ import annotations
 

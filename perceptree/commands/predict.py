@@ -1,4 +1,4 @@
-"""``perceptree predict``: detect trees in a folder of images; draw them and write labels."""
+"""`perceptree predict`: detect trees in a folder of images; draw them and write labels."""
 
 from __future__ import annotations
 

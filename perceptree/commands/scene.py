@@ -1,4 +1,4 @@
-"""``perceptree scene``: export one simulated scene to a 3D file."""
+"""`perceptree scene`: export one simulated scene to a 3D file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``perceptree synth``: simulate a labelled dataset."""
+"""`perceptree synth`: simulate a labelled dataset."""
 
 from __future__ import annotations
 
@@ -203,7 +203,7 @@ def chosen_preset(name: str | None, settings_file: Path | None = None) -> Preset
     """Return a preset, with the changes of a settings file.
 
     Args:
-        name: Name of the preset; None for 400 frames in the conditions of ``field``.
+        name: Name of the preset; None for 400 frames in the conditions of `field`.
         settings_file: JSON file with changed settings.
 
     Raises:

@@ -1,4 +1,4 @@
-"""``perceptree tables``: reproduce the paper's tables 2 and 3 at a chosen scale."""
+"""`perceptree tables`: reproduce the paper's tables 2 and 3 at a chosen scale."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``perceptree train``: train a detector on a dataset."""
+"""`perceptree train`: train a detector on a dataset."""
 
 from __future__ import annotations
 

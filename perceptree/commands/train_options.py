@@ -1,4 +1,4 @@
-"""The options of ``perceptree train``, in groups."""
+"""The options of `perceptree train`, in groups."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class DataOptions:
     ] = None
 
     def source(self, data: Path) -> DataSource:
-        """The dataset ``data`` with these options."""
+        """The dataset `data` with these options."""
         return DataSource(data, **given(self, DataSource))
 
     def check(self, data: Path, start: StartOptions) -> None:

@@ -62,7 +62,7 @@ class Skipped:
 
 
 class FrameCache:
-    """The cached frames of a split; create it with :func:`open_cache`."""
+    """The cached frames of a split; create it with `open_cache`."""
 
     def __init__(self, folder: Path) -> None:
         record = json.loads((folder / _RECORD).read_text("utf-8"))
@@ -90,7 +90,7 @@ class FrameCache:
         return len(self._boxes)
 
     def __getitem__(self, index: int) -> Sample:
-        """Return frame ``index``.
+        """Return frame `index`.
 
         Raises:
             DatasetError: If the frame's bytes do not match their checksum.
@@ -109,7 +109,7 @@ class FrameCache:
         return Sample(image, boxes, keypoints, masks, ignored)
 
     def image(self, index: int) -> UInt8:
-        """Return the image of frame ``index``, (H, W) or (H, W, 3), without checking it."""
+        """Return the image of frame `index`, (H, W) or (H, W, 3), without checking it."""
         return np.array(self._images[index])
 
     def _unpack(self, rows: slice, packed: UInt8, shape: tuple[int, ...]) -> Bool:
@@ -142,7 +142,7 @@ def open_cache(
         spec: Model whose input size and modality the frames are prepared for.
         folder: Folder of the cache.
         skip_broken: Leave out frames whose files are missing or broken and list them in
-            ``skipped``, instead of raising an error.
+            `skipped`, instead of raising an error.
         progress: Called with the number of frames done and the total while building.
 
     Raises:
@@ -207,7 +207,7 @@ def _build(
     skip_broken: bool,
     progress: Progress,
 ) -> None:
-    """Write to a temporary folder next to ``folder``, then rename it."""
+    """Write to a temporary folder next to `folder`, then rename it."""
     folder.parent.mkdir(parents=True, exist_ok=True)
     with replacing_folder(folder) as partial_folder:
         writer = _Writer(partial_folder, spec)

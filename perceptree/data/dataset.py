@@ -60,8 +60,8 @@ def read_dataset(
 
     Raises:
         DatasetError: If a file is missing or not COCO, a label is invalid, or no tree has the
-            distance that ``certain_m`` needs.
-        SettingsError: If ``certain_m`` is not over 0.
+            distance that `certain_m` needs.
+        SettingsError: If `certain_m` is not over 0.
     """
     return read_labels(find_labels(Path(directory), split, fold, entire_tree), certain_m=certain_m)
 
@@ -84,8 +84,8 @@ def read_labels(
 
     Raises:
         DatasetError: If the file is not readable COCO, an entry is invalid, or no tree has the
-            distance that ``certain_m`` needs.
-        SettingsError: If ``certain_m`` is not over 0.
+            distance that `certain_m` needs.
+        SettingsError: If `certain_m` is not over 0.
     """
     try:
         # A large file creates millions of objects: garbage collection would double the time.

@@ -68,7 +68,7 @@ def flag(annotation: Entry, field: str) -> bool:
 
 
 def numbers(annotation: Entry, field: str, count: int) -> list[float]:
-    """Return a field's list of ``count`` finite numbers; raises EntryError for anything else."""
+    """Return a field's list of `count` finite numbers; raises EntryError for anything else."""
     values = annotation.get(field)
     if not isinstance(values, list) or len(values) != count or not are_numbers(values):
         refuse(annotation, "annotation", field, f"{count} finite numbers")
@@ -85,7 +85,7 @@ def named_numbers(annotation: Entry, fields: Sequence[str]) -> dict[str, float]:
 
 
 def are_numbers(values: Any) -> bool:
-    """Return whether ``values`` is a list of finite numbers; bools do not count."""
+    """Return whether `values` is a list of finite numbers; bools do not count."""
     if not isinstance(values, list) or not _NUMBERS.issuperset(map(type, values)):
         return False
     try:

@@ -58,7 +58,7 @@ class FrameStore:
         return len(self.frames)
 
     def __getitem__(self, index: int) -> Sample:
-        """Return frame ``index``.
+        """Return frame `index`.
 
         Raises:
             DatasetError: If its files are missing or broken.
@@ -66,7 +66,7 @@ class FrameStore:
         return load_sample(self.frames[index], self.spec)
 
     def image(self, index: int) -> UInt8:
-        """Return the letterboxed image of frame ``index`` without its labels.
+        """Return the letterboxed image of frame `index` without its labels.
 
         Raises:
             DatasetError: If the file is missing or broken.
@@ -79,7 +79,7 @@ class FrameStore:
         return sum(not tree.ignored for frame in self.frames for tree in frame.trees)
 
     def letterbox(self, index: int) -> Letterbox:
-        """Return how frame ``index`` is fitted into the model's input."""
+        """Return how frame `index` is fitted into the model's input."""
         return _letterbox(self.frames[index], self.spec)
 
 
@@ -95,7 +95,7 @@ def _letterboxed_image(frame: FrameRecord, spec: ModelSpec) -> UInt8:
 def load_sample(frame: FrameRecord, spec: ModelSpec) -> Sample:
     """Decode a frame and letterbox it with its labels.
 
-    Ignored trees are boxes of ``ignored`` alone. ``masks`` is None if a tree has no segmentation.
+    Ignored trees are boxes of `ignored` alone. `masks` is None if a tree has no segmentation.
 
     Raises:
         DatasetError: If a file is missing or broken, or has another size or depth encoding.
@@ -138,7 +138,7 @@ def _check_encoding(frame: FrameRecord, spec: ModelSpec) -> None:
 
 
 def source_path(frame: FrameRecord, modality: str) -> Path:
-    """Return the image file that a model of ``modality`` ("rgb" or "depth") reads.
+    """Return the image file that a model of `modality` ("rgb" or "depth") reads.
 
     Raises:
         DatasetError: If the frame has no depth image.

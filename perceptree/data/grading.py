@@ -13,11 +13,11 @@ from perceptree.settings.training import CERTAIN
 
 
 def graded(frames: Sequence[FrameRecord], certain_m: float) -> list[FrameRecord]:
-    """Return frames whose trees beyond ``certain_m`` are ignored; trees without distance count.
+    """Return frames whose trees beyond `certain_m` are ignored; trees without distance count.
 
     Raises:
         DatasetError: If no tree has a distance.
-        SettingsError: If ``certain_m`` is not over 0.
+        SettingsError: If `certain_m` is not over 0.
     """
     check_value("certain distance", certain_m, CERTAIN)
     if not any("distance_m" in tree.truth for frame in frames for tree in frame.trees):

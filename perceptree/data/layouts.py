@@ -3,21 +3,21 @@
 Label files are recognised by their names, in a dataset's folder or one folder below:
 
 =============================================  =================================================
-``train_RGB.json``                             the simulator; SynthTree43k as published
-``train_RGB_entire_tree.json``                 SynthTree43k's labels of entire trees
-``annotations/trees_train.json``               common repackagings of SynthTree43k, CanaTree100
-``fold_01/train_RGB.json``, ``train_1.json``   folds, by folder or by number
-``annotations/instances_train2017.json``       COCO, CVAT
-``annotations/instances_default.json``         CVAT
-``train/_annotations.coco.json``               Roboflow, which calls val ``valid``
+`train_RGB.json`                             the simulator; SynthTree43k as published
+`train_RGB_entire_tree.json`                 SynthTree43k's labels of entire trees
+`annotations/trees_train.json`               common repackagings of SynthTree43k, CanaTree100
+`fold_01/train_RGB.json`, `train_1.json`   folds, by folder or by number
+`annotations/instances_train2017.json`       COCO, CVAT
+`annotations/instances_default.json`         CVAT
+`train/_annotations.coco.json`               Roboflow, which calls val `valid`
 =============================================  =================================================
 
-The README and ``train_synth_RGB.py`` of norlab-ulaval/PercepTreeV1 describe the published data.
-SynthTree43k is one folder of 1280x720 images named like ``image_00000_RGB.png`` with
-``train_RGB.json``, ``val_RGB.json`` and ``test_RGB.json``. Masks are compressed run lengths, the
-only category is ``tree``, and its keypoints are kpCP, kpL, kpR, AX1, AX2. The depth images (8-bit,
-one channel) and the three ``*_RGB_entire_tree.json`` files come as separate archives. CanaTree100
-has train, val and test for each of five folds; its models are named ``fold_01``.
+The README and `train_synth_RGB.py` of norlab-ulaval/PercepTreeV1 describe the published data.
+SynthTree43k is one folder of 1280x720 images named like `image_00000_RGB.png` with
+`train_RGB.json`, `val_RGB.json` and `test_RGB.json`. Masks are compressed run lengths, the
+only category is `tree`, and its keypoints are kpCP, kpL, kpR, AX1, AX2. The depth images (8-bit,
+one channel) and the three `*_RGB_entire_tree.json` files come as separate archives. CanaTree100
+has train, val and test for each of five folds; its models are named `fold_01`.
 
 The archives' own contents were not available, so file names are matched by the words in them rather
 than by one fixed pattern. Depth images are found by name: in a folder whose name contains "depth",

@@ -207,7 +207,7 @@ def _share_of_edges(tones: Tones, upright: bool) -> float:
 def _texture(tones: Tones, sigma_px: float) -> float:
     """Return the standard deviation of the detail between two blur scales, in grey levels.
 
-    A ``sigma_px`` of 0 means no blur on the finer scale.
+    A `sigma_px` of 0 means no blur on the finer scale.
     """
     finer = cv2.GaussianBlur(tones.grey, (0, 0), sigma_px) if sigma_px else tones.grey
     return float((finer - cv2.GaussianBlur(tones.grey, (0, 0), max(2 * sigma_px, 1.0))).std())

@@ -73,7 +73,7 @@ class _TreeEntry(NamedTuple):
 class Parser:
     """Reads the entries of one file.
 
-    Without ``on_error`` the first invalid entry is raised. With it, each invalid entry is passed to
+    Without `on_error` the first invalid entry is raised. With it, each invalid entry is passed to
     it and left out.
     """
 
@@ -88,10 +88,10 @@ class Parser:
     def parse(self, content: dict[str, Any]) -> Parsed:
         """Convert a file's content to frames.
 
-        Empties ``content`` as it goes, to save memory.
+        Empties `content` as it goes, to save memory.
 
         Raises:
-            DatasetError: If the content is not COCO or, without ``on_error``, an entry is invalid.
+            DatasetError: If the content is not COCO or, without `on_error`, an entry is invalid.
         """
         images, annotations = (rows(content, name) for name in ("images", "annotations"))
         if not images:
@@ -185,7 +185,7 @@ class Parser:
         return FrameRecord(image["id"], *paths, image["width"], image["height"], extra, trees)
 
     def _check_tree(self, annotation: Entry, image: Entry, found: list[_TreeEntry]) -> None:
-        """Add an annotation to ``found`` if it is a tree.
+        """Add an annotation to `found` if it is a tree.
 
         Raises:
             EntryError: If it is invalid.

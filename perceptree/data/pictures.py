@@ -87,7 +87,7 @@ class Pictures:
 
 @dataclass(frozen=True)
 class _PathRule:
-    """Converts an image's name to a path in ``folder``; ``flat`` drops folders in the name."""
+    """Converts an image's name to a path in `folder`; `flat` drops folders in the name."""
 
     folder: Path
     flat: bool = False

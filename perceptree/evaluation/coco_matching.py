@@ -1,6 +1,6 @@
 """A faster pycocotools evaluation that can ignore trees and reuse overlaps.
 
-The results equal those of ``pycocotools.cocoeval.COCOeval``.
+The results equal those of `pycocotools.cocoeval.COCOeval`.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ HALF, THREE_QUARTERS = 0, 5
 class Evaluation(COCOeval):  # type: ignore[misc]
     """A COCO evaluation of boxes, masks or keypoints.
 
-    Attributes are those of ``COCOeval``. OKS uses a sigma of 0.25 for every keypoint.
+    Attributes are those of `COCOeval`. OKS uses a sigma of 0.25 for every keypoint.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class Evaluation(COCOeval):  # type: ignore[misc]
             kind: "bbox", "segm" or "keypoints".
             sizes: Names and limits of the area ranges in px².
             ignored: Annotation ids that count neither as found nor as missed.
-            overlaps: Overlaps (``ious``) of an earlier evaluation of the same data.
+            overlaps: Overlaps (`ious`) of an earlier evaluation of the same data.
         """
         super().__init__(truth, found, kind)
         self.params.areaRng = [list(limits) for limits in sizes.values()]
@@ -122,7 +122,7 @@ class Evaluation(COCOeval):  # type: ignore[misc]
 
 
 def _near(table: Any, order: list[int], lowest: float) -> Near:
-    """Select the overlaps of at least ``lowest``; trees are renumbered by ``order``."""
+    """Select the overlaps of at least `lowest`; trees are renumbered by `order`."""
     if not len(table):
         return []
     values: Float64 = np.asarray(table)[:, order]

@@ -77,7 +77,7 @@ class PixelErrors:
     """Errors of P matched trees in px; NaN where a keypoint is not labelled.
 
     Attributes:
-        keypoints: (P, 5, 5) predicted minus true, by ``KEYPOINT_NAMES`` and ``DIRECTIONS``:
+        keypoints: (P, 5, 5) predicted minus true, by `KEYPOINT_NAMES` and `DIRECTIONS`:
             distance; across the trunk's axis, positive to the right of an upright tree; along the
             axis, positive towards the top; horizontal, positive to the right; vertical, positive
             downwards.
@@ -95,7 +95,7 @@ class PixelErrors:
         return np.asarray(self.found_width - self.true_width)
 
     def of(self, keypoint: int, direction: str) -> Float:
-        """Return the (P,) errors of a keypoint in one of ``DIRECTIONS``."""
+        """Return the (P,) errors of a keypoint in one of `DIRECTIONS`."""
         return np.asarray(self.keypoints[:, keypoint, DIRECTIONS.index(direction)])
 
 
@@ -147,7 +147,7 @@ def _axes(truth: Float) -> Float:
 
 
 def histogram(errors: Float, reach: float) -> dict[str, Any]:
-    """Return counts of errors from -``reach`` to ``reach`` px, and the number outside."""
+    """Return counts of errors from -`reach` to `reach` px, and the number outside."""
     values = errors[np.isfinite(errors)]
     edges = np.linspace(-reach, reach, _HISTOGRAM_BINS + 1)
     return {

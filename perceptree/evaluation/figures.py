@@ -40,8 +40,8 @@ class About:
     """What was evaluated.
 
     Attributes:
-        model: JSON-ready description of the model; the title uses ``name``, ``modality``,
-            ``precision`` and ``input_px``.
+        model: JSON-ready description of the model; the title uses `name`, `modality`,
+            `precision` and `input_px`.
         data: Folder of the dataset.
         split: "train", "val" or "test".
         notes: Messages about reading the data.
@@ -120,7 +120,7 @@ def _counts(matches: Matches) -> Figures:
 
 
 def _certain_figures(measured: Measured, certain_m: float | None) -> Figures | None:
-    """Return the counts with trees beyond ``certain_m`` ignored, and with all of them counted."""
+    """Return the counts with trees beyond `certain_m` ignored, and with all of them counted."""
     if certain_m is None:
         return None
     frames = ungraded(measured.store.frames)

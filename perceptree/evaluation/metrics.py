@@ -131,7 +131,7 @@ def evaluate(
 def measure(
     predict: Predict, store: FrameStore, batch: int = 1, progress: Progress = lambda frames: None
 ) -> Measured:
-    """Do as ``evaluate``, but return all intermediate results.
+    """Do as `evaluate`, but return all intermediate results.
 
     Raises:
         DatasetError: If no tree is labelled, or all are ignored.

@@ -132,7 +132,7 @@ def predict_images(
 
 
 def read_ahead(read: Callable[[_Item], _Result], items: Iterable[_Item]) -> Iterator[_Result]:
-    """Yield ``read(item)`` in order; a few threads read a few items ahead."""
+    """Yield `read(item)` in order; a few threads read a few items ahead."""
     rest = iter(items)
     with ThreadPoolExecutor(_READERS) as pool:
         pending: deque[Future[_Result]] = deque(

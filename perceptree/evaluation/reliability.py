@@ -68,8 +68,8 @@ def reliability(scored: Scored) -> dict[str, Any]:
     """The share of right detections by score, JSON-ready.
 
     Returns:
-        ``bins`` of equal width with the number of detections, their mean score and the share that
-        is right (both None if empty), and ``expected_error``: the mean difference of the two,
+        `bins` of equal width with the number of detections, their mean score and the share that
+        is right (both None if empty), and `expected_error`: the mean difference of the two,
         weighted by the number of detections (expected calibration error, Naeini et al. 2015); None
         without detections.
     """

@@ -1,4 +1,4 @@
-"""Write an evaluation to a folder: ``report.json`` and a self-contained HTML page."""
+"""Write an evaluation to a folder: `report.json` and a self-contained HTML page."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Report:
     measured: Measured
 
     def write(self, folder: Path) -> Path:
-        """Write both files into ``folder``.
+        """Write both files into `folder`.
 
         Returns:
             Path of the HTML page.

@@ -7,8 +7,6 @@ from typing import Any
 
 from basetree.page import parts
 
-__all__ = ["certain_table", "group_table", "keypoint_table", "precision_table"]
-
 Figures = dict[str, Any]
 
 FEW_TREES = 20

@@ -33,11 +33,11 @@ class DepthwiseConv(nn.Conv2d):
 
     On CPUs the bfloat16 gradient of a depthwise convolution takes up to ten times as long as the
     float32 one. On CPUs the gradient of the weights is computed by
-    :func:`perceptree.models.cpu_gradients.depthwise_conv`.
+    `perceptree.models.cpu_gradients.depthwise_conv`.
     """
 
     def forward(self, input: Tensor) -> Tensor:  # noqa: A002
-        """Map (B, C, H, W) to (B, C, H', W') as ``nn.Conv2d`` does."""
+        """Map (B, C, H, W) to (B, C, H', W') as `nn.Conv2d` does."""
         device = input.device.type
         if not torch.amp.is_autocast_available(device) or not torch.is_autocast_enabled(device):
             return self._convolve(input)
@@ -67,7 +67,7 @@ class FoldingConv(nn.Conv2d):
     """A convolution that includes the batch norm after it while that norm's statistics are fixed.
 
     The norm's scale and shift go into the convolution's weight and bias, which is faster than
-    scaling the map. The norm, a :class:`FoldedNorm`, then returns its input unchanged.
+    scaling the map. The norm, a `FoldedNorm`, then returns its input unchanged.
     """
 
     _norm: tuple[FoldedNorm]
@@ -85,7 +85,7 @@ class FoldingConv(nn.Conv2d):
 
 
 class FoldedNorm(nn.BatchNorm2d):
-    """The batch norm after a :class:`FoldingConv`."""
+    """The batch norm after a `FoldingConv`."""
 
     @property
     def folded(self) -> bool:
@@ -108,9 +108,9 @@ class Backbone(nn.Module):
     """An image classification network without its classifier, with random weights.
 
     Args:
-        name: A key of ``BACKBONES``.
+        name: A key of `BACKBONES`.
         in_channels: Channels of the input.
-        levels: Levels to return, 1 to 5; the map of level ``n`` has stride ``2**n``.
+        levels: Levels to return, 1 to 5; the map of level `n` has stride `2**n`.
         stride_in_1x1: Put the stride of a ResNet's bottleneck into its first 1x1 convolution, as
             in He et al. (2016) and in Detectron2's R50 and R101, not into the 3x3 one.
 
@@ -118,7 +118,7 @@ class Backbone(nn.Module):
         channels: Channels of the map of each level.
 
     Raises:
-        SpecError: If the backbone is unknown, or has no bottlenecks for ``stride_in_1x1``.
+        SpecError: If the backbone is unknown, or has no bottlenecks for `stride_in_1x1`.
     """
 
     def __init__(
@@ -151,7 +151,7 @@ class Backbone(nn.Module):
     def stages(self) -> list[tuple[int, nn.Module]]:
         """The network's parts in order, each with the level it belongs to.
 
-        The output of a part of level ``n`` has stride at most ``2**n``.
+        The output of a part of level `n` has stride at most `2**n`.
         """
         info: list[dict[str, Any]] = self.trunk.feature_info.info
         ends = {entry["module"]: entry["reduction"].bit_length() - 1 for entry in info}
@@ -170,12 +170,12 @@ def make_timm(name: str, stride_in_1x1: bool, **settings: Any) -> Any:
     """Create a network of the timm library, with random weights.
 
     Args:
-        name: A key of ``BACKBONES``.
-        stride_in_1x1: As for :class:`Backbone`.
-        **settings: Passed on to ``timm.create_model``.
+        name: A key of `BACKBONES`.
+        stride_in_1x1: As for `Backbone`.
+        **settings: Passed on to `timm.create_model`.
 
     Raises:
-        SpecError: If the backbone is unknown, or has no bottlenecks for ``stride_in_1x1``.
+        SpecError: If the backbone is unknown, or has no bottlenecks for `stride_in_1x1`.
     """
     if name not in BACKBONES:
         raise SpecError(f"backbone is {name!r}, expected one of: {', '.join(BACKBONES)}")
@@ -192,7 +192,7 @@ def make_timm(name: str, stride_in_1x1: bool, **settings: Any) -> Any:
 def _move_stride(block: nn.Module) -> bool:
     """Move the stride of a bottleneck from its 3x3 convolution to its first 1x1 convolution.
 
-    Returns whether ``block`` is a bottleneck.
+    Returns whether `block` is a bottleneck.
     """
     first, second = getattr(block, "conv1", None), getattr(block, "conv2", None)
     if not isinstance(first, nn.Conv2d) or not isinstance(second, nn.Conv2d):

@@ -35,7 +35,7 @@ def encode_boxes(boxes: Tensor, anchors: Tensor, weights: tuple[float, ...]) -> 
 def decode_boxes(deltas: Tensor, anchors: Tensor, weights: tuple[float, ...]) -> Tensor:
     """Decode offsets (..., 4) from anchors (..., 4) to boxes (..., 4) xyxy px.
 
-    The inverse of :func:`encode_boxes`. Size ratios are limited to 1000 / 16.
+    The inverse of `encode_boxes`. Size ratios are limited to 1000 / 16.
     """
     size, centre = _size_centre(anchors)
     scaled = deltas / deltas.new_tensor(weights)
@@ -45,7 +45,7 @@ def decode_boxes(deltas: Tensor, anchors: Tensor, weights: tuple[float, ...]) ->
 
 
 def clip_boxes(boxes: Tensor, height: int, width: int) -> Tensor:
-    """Clip boxes (..., 4) xyxy px to an image of ``height`` x ``width`` px."""
+    """Clip boxes (..., 4) xyxy px to an image of `height` x `width` px."""
     x = boxes[..., 0::2].clamp(0.0, float(width))
     y = boxes[..., 1::2].clamp(0.0, float(height))
     return torch.stack((x[..., 0], y[..., 0], x[..., 1], y[..., 1]), dim=-1)
@@ -106,7 +106,7 @@ def nms_keep_mask(boxes: Tensor, scores: Tensor, valid: Tensor, iou: float) -> T
 
 
 def joint_nms_keep_mask(boxes: Tensor, scores: Tensor, valid: Tensor, iou: float) -> Tensor:
-    """Do as :func:`nms_keep_mask` for the boxes of a batch, in one call for all images.
+    """Do as `nms_keep_mask` for the boxes of a batch, in one call for all images.
 
     On a GPU each call waits for its result; one call waits only once.
 
@@ -134,7 +134,7 @@ def nms_top_k(
     """Greedy non-maximum suppression of one image with a fixed number of results.
 
     Args:
-        boxes: As for :func:`nms_keep_mask`, and so are ``scores``, ``valid`` and ``iou``.
+        boxes: As for `nms_keep_mask`, and so are `scores`, `valid` and `iou`.
         scores: (N,).
         valid: (N,) bool.
         iou: Overlap above which a box is removed.

@@ -51,11 +51,11 @@ def load_checkpoint(path: str | Path) -> tuple[TreeRCNN, dict[str, Any]]:
     """Read a checkpoint of this project.
 
     Args:
-        path: A safetensors file that :func:`save_checkpoint` wrote.
+        path: A safetensors file that `save_checkpoint` wrote.
 
     Returns:
-        The model in eval mode, and the metadata: a dict with ``schema``, ``spec`` and
-        ``training``.
+        The model in eval mode, and the metadata: a dict with `schema`, `spec` and
+        `training`.
 
     Raises:
         CheckpointError: If the file is missing, unreadable or of another kind, if its tensors do
@@ -159,7 +159,7 @@ def check_values(path: Path | str, tensors: Mapping[str, torch.Tensor]) -> None:
         tensors: Tensors by name, here or in Detectron2.
 
     Raises:
-        CheckpointError: If a number is infinite, NaN or larger than ``LARGEST_WEIGHT`` (its square
+        CheckpointError: If a number is infinite, NaN or larger than `LARGEST_WEIGHT` (its square
             for a variance), or if a variance is negative. The message names the first such tensor.
     """
     for name, value in tensors.items():

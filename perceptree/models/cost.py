@@ -36,17 +36,17 @@ def parameters(module: nn.Module) -> int:
 
 
 def multiply_adds(model: TreeRCNN) -> int:
-    """Count the multiply-adds of ``detect`` for one frame with the maximum number of regions."""
+    """Count the multiply-adds of `detect` for one frame with the maximum number of regions."""
     return sum(multiply_adds_by_part(model).values())
 
 
 def multiply_adds_by_part(model: TreeRCNN) -> dict[str, int]:
-    """Count the multiply-adds of each part of a model, as :func:`multiply_adds` does.
+    """Count the multiply-adds of each part of a model, as `multiply_adds` does.
 
     Returns:
-        Multiply-adds by part, in the order of execution: ``backbone``, ``pyramid``,
-        ``proposals``, ``box_head`` and, where the model has them, ``mask_head`` and
-        ``keypoint_head``.
+        Multiply-adds by part, in the order of execution: `backbone`, `pyramid`,
+        `proposals`, `box_head` and, where the model has them, `mask_head` and
+        `keypoint_head`.
     """
     spec = model.spec
     height, width = (32 * cells for cells in spec.map_size(5))
@@ -71,8 +71,8 @@ def classifier_cost(backbone: str, stride_in_1x1: bool = False) -> ClassifierCos
     """Compute the size of a backbone as an image classifier, which publications state.
 
     Args:
-        backbone: A key of ``backbones.BACKBONES``.
-        stride_in_1x1: As for ``backbones.Backbone``.
+        backbone: A key of `backbones.BACKBONES`.
+        stride_in_1x1: As for `backbones.Backbone`.
 
     Raises:
         SpecError: If the backbone is unknown.

@@ -99,10 +99,10 @@ def _threads(count: int) -> ThreadPoolExecutor:
 
 
 def weighted_sums(rows: Tensor, indices: Tensor, starts: Tensor, weights: Tensor) -> Tensor:
-    """Weighted sums of groups of rows, as ``torch.nn.functional.embedding_bag`` computes them.
+    """Weighted sums of groups of rows, as `torch.nn.functional.embedding_bag` computes them.
 
-    Group ``b`` consists of the entries from ``starts[b]`` to the next start. The gradient is
-    computed for ``rows`` only.
+    Group `b` consists of the entries from `starts[b]` to the next start. The gradient is
+    computed for `rows` only.
 
     Args:
         rows: (P, C) float32.
@@ -111,7 +111,7 @@ def weighted_sums(rows: Tensor, indices: Tensor, starts: Tensor, weights: Tensor
         weights: (T,) float32, the weight of each entry.
 
     Returns:
-        (B, C) float32, the sum of ``rows[indices] * weights`` over each group.
+        (B, C) float32, the sum of `rows[indices] * weights` over each group.
     """
     if torch.is_grad_enabled() and rows.requires_grad:
         sums: Tensor = _WeightedSums.apply(rows, indices, starts, weights)

@@ -1,4 +1,4 @@
-"""Numba kernels of gradients, for the channels from ``start`` to ``stop``.
+"""Numba kernels of gradients, for the channels from `start` to `stop`.
 
 Calls for different channels may run in parallel: each writes only its own channels, and sums in
 the order of the rows. All arrays are stored with the channels last.
@@ -51,7 +51,7 @@ def depthwise_weight_gradient(x, gradient, stride, padding, out, start, stop):
 def weighted_sums_gradient(gradient, indices, starts, weights, out, start, stop):
     """Gradient of weighted sums of rows with respect to the rows.
 
-    Sum ``b`` adds the rows ``indices[starts[b]:starts[b + 1]]`` times their ``weights``.
+    Sum `b` adds the rows `indices[starts[b]:starts[b + 1]]` times their `weights`.
 
     Args:
         gradient: (B, C) float32, gradient of the sums.

@@ -28,7 +28,7 @@ def decode_keypoints(maps: Tensor, boxes: Tensor, grid: KeypointGrid, longest_px
     Args:
         maps: (R, K, S, S) logits, one heat map per region and keypoint.
         boxes: (R, 4) xyxy px, the area that a region's heat maps cover.
-        grid: Possible positions, as ``ModelSpec.keypoint_grid``.
+        grid: Possible positions, as `ModelSpec.keypoint_grid`.
         longest_px: Longest possible side of a box, px.
 
     Returns:
@@ -83,7 +83,7 @@ def subcell_peaks(maps: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _patches(maps: Tensor, top: Tensor, left: Tensor, side: int) -> Tensor:
-    """Cut (M, side, side) patches at ``top`` and ``left`` (M,) out of maps (N, S, S).
+    """Cut (M, side, side) patches at `top` and `left` (M,) out of maps (N, S, S).
 
     Borders are replicated. M is a multiple of N; the patches of a map follow each other.
     """
@@ -114,7 +114,7 @@ def pixel_peaks(maps: Tensor, sides: Tensor, longest_px: int) -> tuple[Tensor, T
     The surface is evaluated at the centres of the box's pixels, whose number is rounded up. The
     cells, the squares between four nodes, are searched in the order of an upper bound of the
     surface, until no other cell can have a higher pixel. An exported graph, whose amount of work
-    is fixed, searches the first ``CELLS_PER_ROUND`` cells.
+    is fixed, searches the first `CELLS_PER_ROUND` cells.
 
     Args:
         maps: (N, S, S) logits.
@@ -123,7 +123,7 @@ def pixel_peaks(maps: Tensor, sides: Tensor, longest_px: int) -> tuple[Tensor, T
         longest_px: Longest possible side of a box, px.
 
     Returns:
-        As :func:`subcell_peaks`. Which one of several equal pixels is returned is undefined.
+        As `subcell_peaks`. Which one of several equal pixels is returned is undefined.
     """
     count, size, _ = maps.shape
     most = longest_px // size + 1
@@ -196,7 +196,7 @@ def _highest_pixels(
 ) -> tuple[Tensor, Tensor]:
     """Find the highest pixel in some cells (N, C) of each map.
 
-    A cell has at most ``most`` pixels on each axis. Cells with a bound (N, C) of minus infinity
+    A cell has at most `most` pixels on each axis. Cells with a bound (N, C) of minus infinity
     have none. Returns pixel numbers (N, 2) in x and y, and the surface there (N,).
     """
     count, size, _ = maps.shape
@@ -225,7 +225,7 @@ def _pixel_range(node: Tensor, pixels: Tensor, size: int) -> tuple[Tensor, Tenso
 
 
 def _node_position(pixel: Tensor, pixels: Tensor, size: int) -> Tensor:
-    """Position of a pixel's centre on the axis of ``size`` nodes that ``pixels`` pixels cover."""
+    """Position of a pixel's centre on the axis of `size` nodes that `pixels` pixels cover."""
     return (pixel + 0.5) * (size / pixels) - 0.5
 
 

@@ -41,7 +41,7 @@ from perceptree.settings.sampling import SampleSettings
 class Detections(NamedTuple):
     """The detected trees of a batch: K rows per image by descending score, padded with zeros.
 
-    ``keypoints`` and ``masks`` are all zero if the model has no such head.
+    `keypoints` and `masks` are all zero if the model has no such head.
     """
 
     boxes: Tensor
@@ -139,7 +139,7 @@ class TreeRCNN(nn.Module):
         """Exclude parts of the backbone from training, in place of those excluded before.
 
         Args:
-            level: Freeze everything up to the maps of stride ``2**level``; 0 freezes nothing, 2
+            level: Freeze everything up to the maps of stride `2**level`; 0 freezes nothing, 2
                 is Detectron2's FREEZE_AT 2.
             norms: Freeze all batch norms of the backbone, as Detectron2 does.
         """
@@ -179,8 +179,8 @@ class TreeRCNN(nn.Module):
             mean_count: Mean of a count over the training processes.
 
         Returns:
-            float32 scalars: ``objectness``, ``proposal_shift``, ``score``, ``box_shift`` and, if
-            the model has these heads, ``mask`` and ``keypoint``.
+            float32 scalars: `objectness`, `proposal_shift`, `score`, `box_shift` and, if
+            the model has these heads, `mask` and `keypoint`.
 
         Raises:
             ValueError: If the images are not the spec's, or masks are missing.

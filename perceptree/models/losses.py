@@ -24,7 +24,7 @@ batch.
 
 
 def local_count(count: Tensor) -> Tensor:
-    """Return ``count``: the mean count of a single training process."""
+    """Return `count`: the mean count of a single training process."""
     return count
 
 
@@ -45,7 +45,7 @@ def proposal_losses(
         mean_count: Mean of a count over the training processes.
 
     Returns:
-        ``objectness`` (binary cross-entropy) and ``proposal_shift`` (L1 of the box offsets), each
+        `objectness` (binary cross-entropy) and `proposal_shift` (L1 of the box offsets), each
         divided by the number of sampled anchors.
     """
     logits = torch.cat(maps.logits, dim=1)
@@ -85,7 +85,7 @@ def box_losses(
         mean_count: Mean of a count over the training processes.
 
     Returns:
-        ``score`` (cross-entropy of the class) and ``box_shift``, each divided by the number of
+        `score` (cross-entropy of the class) and `box_shift`, each divided by the number of
         used regions.
     """
     count = mean_count(used.sum()).clamp(min=1)
@@ -118,7 +118,7 @@ def mask_targets(boxes: Tensor, masks: Tensor, tree: Tensor) -> Tensor:
 
 
 def mask_loss(logits: Tensor, wanted: Tensor, mean_count: CountReducer = local_count) -> Tensor:
-    """Mean binary cross-entropy of ``logits`` and ``wanted`` (R, 28, 28); 0 without regions."""
+    """Mean binary cross-entropy of `logits` and `wanted` (R, 28, 28); 0 without regions."""
     total = functional.binary_cross_entropy_with_logits(logits, wanted, reduction="sum")
     cells = torch.tensor(wanted.numel(), device=wanted.device)
     return total / mean_count(cells).clamp(min=1)

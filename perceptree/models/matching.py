@@ -53,9 +53,9 @@ def match_anchors(
 ) -> AnchorMatch:
     """Sample anchors for the objectness loss (Ren et al. 2015).
 
-    An anchor is positive if its overlap with a tree is at least ``anchor_positive_iou`` or the
+    An anchor is positive if its overlap with a tree is at least `anchor_positive_iou` or the
     highest of all anchors with that tree. Otherwise it is negative if its highest overlap is below
-    ``anchor_negative_iou`` and it is not on an ignored region.
+    `anchor_negative_iou` and it is not on an ignored region.
 
     Args:
         anchors: (A, 4) xyxy px.
@@ -123,14 +123,14 @@ def sample_regions(
 def _on_ignored(boxes: Tensor, ignored: Tensor, least_iou: float) -> Tensor:
     """Whether boxes (N, 4) or (B, N, 4) are on one of the (B, M, 4) ignored regions: (B, N).
 
-    They are if half of their area lies in it, or their overlap with it is at least ``least_iou``.
+    They are if half of their area lies in it, or their overlap with it is at least `least_iou`.
     """
     inside = pairwise_share_within(boxes, ignored) >= _IGNORED_SHARE
     return (inside | (pairwise_iou(boxes, ignored) >= least_iou)).any(-1)
 
 
 def _sample(candidates: Tensor, count: Tensor, most: int, draw: RandomDraw) -> Tensor:
-    """Choose at most ``count`` (B, 1), itself at most ``most``, of (B, N) candidates per row."""
+    """Choose at most `count` (B, 1), itself at most `most`, of (B, N) candidates per row."""
     shape = (candidates.shape[0], candidates.shape[1])
     keys = torch.where(candidates, draw(shape, candidates.device), -1.0)
     values, order = torch.topk(keys, min(most, keys.shape[1]), dim=1)

@@ -65,7 +65,7 @@ def read_packaged(spec: ModelSpec, path: Path) -> dict[str, Tensor]:
     """Read a package's weights under timm's names, for the input and the norms of a model.
 
     Args:
-        spec: The model, whose backbone is a key of ``PACKAGED_WEIGHTS``.
+        spec: The model, whose backbone is a key of `PACKAGED_WEIGHTS`.
         path: The weights file.
 
     Returns:

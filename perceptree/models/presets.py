@@ -90,11 +90,11 @@ def make_spec(
     """Make the spec of a preset.
 
     Args:
-        preset: A name of ``PRESETS``.
-        modality: ``rgb`` or ``depth``.
-        height: Input height, px; by default 480 for ``edge-s``, 384 for the other light models, 720
+        preset: A name of `PRESETS`.
+        modality: `rgb` or `depth`.
+        height: Input height, px; by default 480 for `edge-s`, 384 for the other light models, 720
             for the paper's.
-        width: Input width, px; by default 800 for ``edge-s``, 640 for the other light models, 1280
+        width: Input width, px; by default 800 for `edge-s`, 640 for the other light models, 1280
             for the paper's. The anchor sizes of light models are proportional to it.
         **changes: Fields of ModelSpec that override the preset.
 

@@ -57,10 +57,10 @@ def load_imagenet(model: TreeRCNN) -> None:
 
     The backbone's maps equal the classifier's on the same picture, with two exceptions. With one
     input channel (depth) the first convolution has the sum of the weights of the three colours.
-    With ``stride_in_1x1`` the maps differ, because the weights were trained with the stride in
+    With `stride_in_1x1` the maps differ, because the weights were trained with the stride in
     the 3x3 convolution.
 
-    Weights in an installed package of ``PACKAGED_WEIGHTS`` come first, then those that timm
+    Weights in an installed package of `PACKAGED_WEIGHTS` come first, then those that timm
     downloads or has in its cache.
 
     Args:
@@ -110,7 +110,7 @@ def load_coco(model: TreeRCNN) -> None:
 
     The class and box layers, the mask head and the last layer of the keypoint head are unchanged.
     The weights were trained with the stride in the 3x3 convolution, so a network with
-    ``stride_in_1x1`` gives other maps.
+    `stride_in_1x1` gives other maps.
 
     Args:
         model: The model to change.
@@ -157,7 +157,7 @@ def _fetch_or_raise(
 
 
 def _stem_for(spec: ModelSpec, stem: Tensor) -> Tensor:
-    """Convert a first convolution (C, 3, k, k) for normalised RGB to the input of ``spec``."""
+    """Convert a first convolution (C, 3, k, k) for normalised RGB to the input of `spec`."""
     if spec.channels == 1:
         return stem.sum(dim=1, keepdim=True)
     scale = torch.tensor(spec.std) / torch.tensor(IMAGENET_STD)

@@ -111,7 +111,7 @@ def _pack_levels(maps: list[Tensor]) -> tuple[Tensor, list[tuple[int, int]]]:
 
 
 def _pad_replicate(x: Tensor, axis: int, before: int, after: int) -> Tensor:
-    """Replicate the first row or column ``before`` times and the last one ``after`` times."""
+    """Replicate the first row or column `before` times and the last one `after` times."""
     return torch.cat(_replicated_parts(x, axis, before, after), dim=axis) if before or after else x
 
 
@@ -178,7 +178,7 @@ def _axis_taps(low: Tensor, high: Tensor, length: Tensor, cells: int, samples: i
 
     A region's cell is the mean of evenly spaced samples. Each sample interpolates its two
     neighbours linearly. Samples more than one cell outside the map are ignored; others outside
-    are moved to the border. With ``samples`` 0, regions of size zero have no samples.
+    are moved to the border. With `samples` 0, regions of size zero have no samples.
 
     Args:
         low: (R,) start of the regions, cells of their map.

@@ -46,7 +46,7 @@ class SpecError(InputError):
 class ModelSpec(Settings, error=SpecError):
     """Everything that is needed to build a network and to prepare its input.
 
-    Channels are in the order of the input, BGR. Pyramid level ``n`` has stride ``2**n``.
+    Channels are in the order of the input, BGR. Pyramid level `n` has stride `2**n`.
 
     Raises:
         SpecError: If a value is out of range or does not fit the others.
@@ -57,14 +57,14 @@ class ModelSpec(Settings, error=SpecError):
     name: str
     """Name of the model."""
     modality: Modality = field(metadata=names(_CHANNELS, "'rgb' or 'depth'"))
-    """Kind of input: ``rgb`` or ``depth``."""
+    """Kind of input: `rgb` or `depth`."""
     height: int
     """Input height, px; the network pads to a multiple of 32 itself."""
     width: int
     """Input width, px."""
     mean: tuple[float, ...]
-    """Mean of the input per channel, in 8-bit units: three values for ``rgb``, one or three for
-    ``depth``. With three the depth channel is repeated, for networks trained on colour."""
+    """Mean of the input per channel, in 8-bit units: three values for `rgb`, one or three for
+    `depth`. With three the depth channel is repeated, for networks trained on colour."""
     std: tuple[float, ...]
     """Standard deviation of the input per channel, in 8-bit units."""
     pad_value: int = field(metadata=limits(0, 255))
@@ -72,9 +72,9 @@ class ModelSpec(Settings, error=SpecError):
     anchor_sizes_px: tuple[tuple[float, ...], ...]
     """Square roots of the anchor areas, px: one or several per level."""
     depth_encoding: dict[str, float] | None = None
-    """Encoding of metres as 8 bits (``calib.DepthEncoding`` as a dict); None for ``rgb``."""
+    """Encoding of metres as 8 bits (`calib.DepthEncoding` as a dict); None for `rgb`."""
     backbone: str = "mobilenetv4_conv_small"
-    """A key of ``backbones.BACKBONES``."""
+    """A key of `backbones.BACKBONES`."""
     stride_in_1x1: bool = False
     """Whether a ResNet's bottlenecks have their stride in the first 1x1 convolution, not in the
     3x3 one."""
@@ -114,8 +114,8 @@ class ModelSpec(Settings, error=SpecError):
     keypoint_grid: KeypointGrid = field(
         default="subcell", metadata=names(get_args(KeypointGrid), "'subcell' or 'pixels'")
     )
-    """Possible keypoint positions: ``subcell`` is 1/8 heat map cell refined with a parabola,
-    ``pixels`` the centres of the box's pixels as in Detectron2."""
+    """Possible keypoint positions: `subcell` is 1/8 heat map cell refined with a parabola,
+    `pixels` the centres of the box's pixels as in Detectron2."""
     detections: int = field(default=20, metadata=limits(1, 10_000))
     """Rows of every output, the maximum number of trees per image."""
     score_threshold: float = field(default=0.01, metadata=_SCORE)
@@ -229,7 +229,7 @@ class ModelSpec(Settings, error=SpecError):
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> ModelSpec:
-        """Make a spec from the result of :meth:`to_dict`, possibly read from JSON.
+        """Make a spec from the result of `to_dict`, possibly read from JSON.
 
         Raises:
             SpecError: If fields are unknown, missing or out of range.

@@ -34,7 +34,7 @@ class GeometrySettings(Settings):
     shear_deg: float = field(default=0.0, metadata=limits(0, 15))
     """Maximum shear in either direction, along rows, about the centre."""
     perspective_share: float = field(default=1.0, metadata=_SHARE)
-    """Share of the frames to which ``perspective`` applies."""
+    """Share of the frames to which `perspective` applies."""
     perspective: float = field(default=0.0, metadata=limits(0, 0.15))
     """Each corner is moved inwards by up to this share of the sides; the area between the corners
     is stretched to fill the image."""
@@ -49,7 +49,7 @@ class ColourSettings(Settings):
     vignette: float = field(default=0.0, metadata=_SHARE)
     """Maximum darkening of the corners, as a share."""
     saturation_share: float = field(default=1.0, metadata=_SHARE)
-    """Share of the frames to which ``saturation`` applies."""
+    """Share of the frames to which `saturation` applies."""
     saturation: float = field(default=0.6, metadata=_SHARE)
     """Maximum loss of saturation, as a share; the maximum gain is half of it."""
     hue_deg: float = field(default=0.0, metadata=limits(0, 180))
@@ -59,7 +59,7 @@ class ColourSettings(Settings):
     channel_shuffle_share: float = field(default=0.0, metadata=_SHARE)
     """Share of the frames whose channels are permuted."""
     tone_share: float = field(default=1.0, metadata=_SHARE)
-    """Share of the frames to which ``brightness``, ``contrast``, ``gamma``, ``tint`` and ``curves``
+    """Share of the frames to which `brightness`, `contrast`, `gamma`, `tint` and `curves`
     apply."""
     brightness: float = field(default=0.35, metadata=_ANY)
     """Maximum log gain in either direction."""
@@ -73,7 +73,7 @@ class ColourSettings(Settings):
     """Maximum standard deviation of the log slope of each channel's tone curve; the curves are
     increasing."""
     blur_share: float = field(default=1.0, metadata=_SHARE)
-    """Share of the frames to which one of ``blur_px``, ``motion_blur_px`` and ``sharpening``
+    """Share of the frames to which one of `blur_px`, `motion_blur_px` and `sharpening`
     applies, drawn from those that are not 0."""
     blur_px: float = field(default=0.0, metadata=limits(0, 20))
     """Maximum standard deviation of a Gaussian blur."""
@@ -85,7 +85,7 @@ class ColourSettings(Settings):
     """Maximum number of single-coloured patches, like dirt on the lens; their sides are up to a
     tenth of the image's height. Labels do not change."""
     noise_share: float = field(default=1.0, metadata=_SHARE)
-    """Share of the frames to which ``noise`` and ``chroma_noise`` apply."""
+    """Share of the frames to which `noise` and `chroma_noise` apply."""
     noise: float = field(default=8.0, metadata=_LEVELS)
     """Maximum standard deviation of independent pixel noise, in levels of 255."""
     chroma_noise: float = field(default=0.0, metadata=_LEVELS)
@@ -162,8 +162,8 @@ PAPER_AUGMENT = AugmentSettings(
     depth_noise=0.0,
     holes=0,
 )
-"""The augmentation of the paper's training, after ``albumentations_mapper`` in
-``train_synth_RGB.py`` of github.com/norlab-ulaval/PercepTreeV1 and the paper's text.
+"""The augmentation of the paper's training, after `albumentations_mapper` in
+`train_synth_RGB.py` of github.com/norlab-ulaval/PercepTreeV1 and the paper's text.
 
 From the script, with the share of frames: horizontal flip (0.5), crops of 720x720 px of 1280x720
 (1.0), brightness and contrast (0.3), sensor noise and ISO noise (0.2 each), glass blur (0.1),

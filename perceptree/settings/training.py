@@ -1,7 +1,7 @@
 """Settings of a training.
 
-:class:`TrainSettings` determine the result and are stored in the checkpoint. :class:`DataSource`
-names the data, :class:`Engine` determines hardware and speed.
+`TrainSettings` determine the result and are stored in the checkpoint. `DataSource`
+names the data, `Engine` determines hardware and speed.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ EXTENDABLE_SETTINGS = ("steps", "minutes", "patience", "evaluate_every_steps")
 
 @dataclass(frozen=True)
 class TrainSettings(Settings):
-    """How a detector is trained; either ``steps`` or ``minutes`` is given."""
+    """How a detector is trained; either `steps` or `minutes` is given."""
 
     steps: int | None = field(default=None, metadata=_POSITIVE)
     """Stop after this many steps; a larger number extends a run."""
@@ -56,15 +56,15 @@ class TrainSettings(Settings):
     learning_rate: float = field(default=1.5e-3, metadata=_POSITIVE)
     """Peak learning rate, after the warm-up."""
     schedule: Schedule = field(default="constant", metadata=_SCHEDULES)
-    """Learning rate after the warm-up: ``steps`` multiplies it by ``rate_drop`` at each of
-    ``rate_steps``; ``cosine`` and ``decay`` lower it to ``final_rate_share`` of its value, along a
+    """Learning rate after the warm-up: `steps` multiplies it by `rate_drop` at each of
+    `rate_steps`; `cosine` and `decay` lower it to `final_rate_share` of its value, along a
     cosine and a line."""
     rate_steps: tuple[int, ...] = ()
-    """Steps at which the schedule ``steps`` lowers the rate, ascending."""
+    """Steps at which the schedule `steps` lowers the rate, ascending."""
     rate_drop: float = field(default=0.1, metadata=_SHARE)
     """Factor of the rate at these steps."""
     final_rate_share: float = field(default=0.01, metadata=_SHARE)
-    """Fraction of the rate at the end of ``cosine`` and ``decay``."""
+    """Fraction of the rate at the end of `cosine` and `decay`."""
     weight_decay: float = field(default=0.05, metadata=_AT_LEAST_0)
     """Weight decay of all parameters but norms and biases."""
     warmup_steps: int = field(default=150, metadata=_POSITIVE)
@@ -166,7 +166,7 @@ class Engine(Settings):
     precision: Literal["auto", "fp32", "bf16"] = field(
         default="auto", metadata=names(("auto", "fp32", "bf16"), "auto, fp32 or bf16")
     )
-    """Numbers of the network; ``auto`` chooses the faster ones on this machine."""
+    """Numbers of the network; `auto` chooses the faster ones on this machine."""
     workers: int | None = field(default=None, metadata=_AT_LEAST_0)
     """Processes that prepare batches, 0 for none; by default chosen by the number of cores."""
     compile: bool = False
@@ -188,7 +188,7 @@ class Engine(Settings):
         return f"{os.cpu_count()} CPU cores"
 
     def worker_count(self, processes: int) -> int:
-        """Number of processes that prepare batches for each of ``processes`` training ones."""
+        """Number of processes that prepare batches for each of `processes` training ones."""
         if self.workers is not None:
             return self.workers
         cores = os.cpu_count() or 1

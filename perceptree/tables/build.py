@@ -37,7 +37,7 @@ def build_table(
 ) -> Record:
     """Train and evaluate every run of a table.
 
-    ``tables.json`` and ``tables.md`` in ``out`` are updated after each run; they may hold both
+    `tables.json` and `tables.md` in `out` are updated after each run; they may hold both
     tables. Finished runs are reused. All models are trained for one seed before the next seed, so
     that a complete table is available early.
 
@@ -55,7 +55,7 @@ def build_table(
     Raises:
         DatasetError: If data are missing or incomplete.
         SettingsError: If a setting is invalid.
-        CheckpointError: If ``out`` holds other runs. Errors are raised before the first training
+        CheckpointError: If `out` holds other runs. Errors are raised before the first training
             where possible.
     """
     if int(os.environ.get("WORLD_SIZE", "1")) > 1:

@@ -70,7 +70,7 @@ class Claim:
         measure: Field of `perceptree.evaluation.Metrics`.
         model: The first model.
         other: The model it is compared with.
-        rises: Whether the claim is that ``model`` is higher.
+        rises: Whether the claim is that `model` is higher.
         paper_difference: Difference in the paper, if it gives both numbers.
     """
 

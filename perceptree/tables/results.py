@@ -1,4 +1,4 @@
-"""One run of a table: train, evaluate on the test frames, store as ``result.json``."""
+"""One run of a table: train, evaluate on the test frames, store as `result.json`."""
 
 from __future__ import annotations
 

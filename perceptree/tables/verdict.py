@@ -55,7 +55,7 @@ def judge(
     groups: Iterable[Sequence[float]],
     rises: bool = True,
 ) -> Verdict:
-    """Test whether ``scores`` are higher than ``others``.
+    """Test whether `scores` are higher than `others`.
 
     Args:
         scores: Scores of the first model, by seed.

@@ -16,7 +16,7 @@ from perceptree.training.starting import Init, describe_init
 _SETTINGS = "settings.json"
 
 Credits = dict[str, list[dict[str, Any]]]
-"""``pretrained`` (weights, sha256, licence) and ``photographs`` (kind, source, licence, names)."""
+"""`pretrained` (weights, sha256, licence) and `photographs` (kind, source, licence, names)."""
 
 
 def training_credits(
@@ -26,7 +26,7 @@ def training_credits(
 
     Args:
         init: Starting weights.
-        backbone: The model's backbone, which decides what ``imagenet`` stands for.
+        backbone: The model's backbone, which decides what `imagenet` stands for.
         checkpoints: Checkpoints that weights come from.
         folders: Folders of the datasets.
 

@@ -50,18 +50,18 @@ def train_while_simulating(
     engine: Engine | None = None,
     preparing: Preparing | None = None,
 ) -> TrainReport:
-    """Train on a dataset of ``perceptree synth`` while it is extended to ``frames`` frames.
+    """Train on a dataset of `perceptree synth` while it is extended to `frames` frames.
 
     The dataset doubles with every stage. Half of the cores simulate. A call with the same
     arguments resumes an interrupted training and its simulation.
 
     Args:
         spec: The model.
-        settings: The training. ``minutes`` limits the sum over all stages; the simulation ends
+        settings: The training. `minutes` limits the sum over all stages; the simulation ends
             with it.
         data: Folder of the dataset.
         frames: Final number of frames.
-        out: Folder of the stages ``stage-1``, ``stage-2`` and so on.
+        out: Folder of the stages `stage-1`, `stage-2` and so on.
         progress: Called with the status after every step.
         init: Starting weights; random if None.
         engine: Hardware and speed.
@@ -72,9 +72,9 @@ def train_while_simulating(
 
     Raises:
         SettingsError: If the settings have no time limit, a schedule that depends on the end, or
-            several processes; or as :func:`train` does.
+            several processes; or as `train` does.
         DatasetError: If the folder is no simulated dataset, or the simulation fails.
-        CheckpointError: As :func:`train` does.
+        CheckpointError: As `train` does.
     """
     engine = engine or Engine()
     preparing = preparing or Preparing()
@@ -165,7 +165,7 @@ def _last_line(simulation: subprocess.Popen[str]) -> str:
 
 @contextmanager
 def _simulating(data: Path, frames: int) -> Iterator[subprocess.Popen[str] | None]:
-    """Extend ``data`` to ``frames`` frames in another process; None if it has as many already."""
+    """Extend `data` to `frames` frames in another process; None if it has as many already."""
     if _frames_in(data) >= frames:
         yield None
         return

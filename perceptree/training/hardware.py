@@ -38,7 +38,7 @@ def keep_freed_memory() -> None:
 
 @cache
 def fastest_precision(device: torch.device) -> str:
-    """Return ``bf16`` or ``fp32``, whichever is faster on a device.
+    """Return `bf16` or `fp32`, whichever is faster on a device.
 
     CPUs without bfloat16 instructions emulate it, several times slower than float32. On a CPU a
     convolution with its gradient is therefore timed in both precisions, alternately; the shortest

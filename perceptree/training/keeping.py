@@ -53,7 +53,7 @@ class StartingBackbone:
         self._images, self._maps = inputs[0], maps
 
     def loss(self) -> dict[str, Tensor]:
-        """The loss ``features`` of the last forward pass; empty without it.
+        """The loss `features` of the last forward pass; empty without it.
 
         It is the mean over images and levels of the squared difference of an image's maps, divided
         by the variance of its starting map. So processes with parts of a batch have the loss of the

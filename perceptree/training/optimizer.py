@@ -82,7 +82,7 @@ def make_average(model: TreeRCNN, decay: float) -> AveragedModel:
             (1 + n) / (10 + n), so that the first steps are forgotten faster.
 
     Returns:
-        The average, in eval mode; its ``update_parameters(model)`` is called after each step.
+        The average, in eval mode; its `update_parameters(model)` is called after each step.
     """
 
     def update(averages: Sequence[Tensor], currents: Sequence[Tensor], updates: Any) -> None:

@@ -21,8 +21,8 @@ def simulated_scenes(frames: Sequence[FrameRecord]) -> list[dict[str, int]]:
         frames: Frames of train splits; those that are not simulated are left out.
 
     Returns:
-        For each seed ``seed``, ``scenes`` (all scenes of this seed have lower numbers) and
-        ``frames``.
+        For each seed `seed`, `scenes` (all scenes of this seed have lower numbers) and
+        `frames`.
     """
     numbers: dict[int, list[int]] = {}
     for frame in frames:

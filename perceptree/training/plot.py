@@ -150,7 +150,7 @@ def draw_runs(folders: Sequence[Path]) -> bytes:
 
 
 def _grid(rows: int, head_in: float) -> tuple[Figure, GridSpec]:
-    """A figure with a legend area of ``head_in`` inches and a grid of ``rows`` rows of panels."""
+    """A figure with a legend area of `head_in` inches and a grid of `rows` rows of panels."""
     from matplotlib.figure import Figure
 
     (wide, high), (beside, below) = _PANEL_IN, _GAP_IN

@@ -44,7 +44,7 @@ class Processes:
         return total / self.world
 
     def mean(self, values: Tensor) -> Tensor:
-        """Mean over all processes of ``values``; without gradient."""
+        """Mean over all processes of `values`; without gradient."""
         return self.mean_count(values)
 
     def broadcast_number(self, value: float) -> float:
@@ -76,7 +76,7 @@ def process_group(device: str) -> Iterator[Processes]:
     """Join the processes that torchrun started, by gloo or, on GPUs, by NCCL.
 
     Args:
-        device: ``cpu`` or ``cuda``.
+        device: `cpu` or `cuda`.
 
     Yields:
         The processes; a single one if torchrun did not start this process.
@@ -136,7 +136,7 @@ class _Sum(torch.autograd.Function):
 
 
 def _joint_mean(x: Tensor) -> Tensor:
-    """Mean over all processes of ``x``, with gradient."""
+    """Mean over all processes of `x`, with gradient."""
     total: Tensor = _Sum.apply(x)
     return total / dist.get_world_size()
 

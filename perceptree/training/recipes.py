@@ -37,11 +37,11 @@ RECIPES: dict[str, dict[str, Any]] = {
 }
 """Differences from the defaults of TrainSettings, by name.
 
-``scratch`` is for light networks with random weights. ``varied`` is the same with stronger changes
-of light, tone, colour and sharpness, for RGB models that will see real cameras. ``transfer`` adds
+`scratch` is for light networks with random weights. `varied` is the same with stronger changes
+of light, tone, colour and sharpness, for RGB models that will see real cameras. `transfer` adds
 what keeps a pretrained backbone from forgetting real pictures while it learns simulated ones: its
 first stages and norms are frozen, and its maps are held near those of the starting weights; the
-rate falls to nothing. ``paper`` follows
+rate falls to nothing. `paper` follows
 Grondin et al. (2022) and their published configurations, in which training takes 60,000 steps and
 starts from COCO or ImageNet weights with FREEZE_AT 2 and fixed batch norms.
 """
@@ -57,8 +57,8 @@ def recipe_settings(name: str, **changes: Any) -> TrainSettings:
     """Make the training settings of a recipe.
 
     Args:
-        name: A key of ``RECIPES``.
-        **changes: Fields of TrainSettings; one of ``steps`` and ``minutes`` is required.
+        name: A key of `RECIPES`.
+        **changes: Fields of TrainSettings; one of `steps` and `minutes` is required.
 
     Raises:
         SettingsError: If the recipe is unknown or a value is out of range.

@@ -20,7 +20,7 @@ _LARGEST = 127  # of a signed byte
 def rounded_weights(model: nn.Module, bits: int | None) -> Iterator[None]:
     """Round the weights of convolutions and linear layers inside the block; restore them after it.
 
-    ``edgetree export --precision int8`` rounds in the same way, so that rounded weights of
+    `edgetree export --precision int8` rounds in the same way, so that rounded weights of
     convolutions stay as they are.
 
     Args:
@@ -42,7 +42,7 @@ def rounded_weights(model: nn.Module, bits: int | None) -> Iterator[None]:
 
 
 def _rounded(weight: Tensor, levels: int) -> Tensor:
-    """Round to multiples of the largest weight of each output divided by ``levels``."""
+    """Round to multiples of the largest weight of each output divided by `levels`."""
     largest = weight.abs().amax(tuple(range(1, weight.ndim)), keepdim=True)
     scale = (largest / levels).clamp(min=torch.finfo(weight.dtype).tiny)
     return (weight / scale).round() * scale

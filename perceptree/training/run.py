@@ -40,7 +40,7 @@ def train(
 ) -> TrainReport:
     """Train a model on the train split of a dataset and evaluate it on the val split.
 
-    If ``out`` holds a ``state.pt`` with the same spec, settings, starting weights and data, the
+    If `out` holds a `state.pt` with the same spec, settings, starting weights and data, the
     training is resumed. Unless its learning rate schedule depends on the end, a resumed training
     may have another end than before. Processes started by torchrun train on a joint batch.
 
@@ -54,11 +54,11 @@ def train(
         engine: Hardware and speed.
         branch: Folder of another run whose state to start from, step count included.
         preparing: Called with the progress of the preparation.
-        heads: Checkpoint for all but the backbone, in place of ``init``'s.
+        heads: Checkpoint for all but the backbone, in place of `init`'s.
 
     Raises:
         DatasetError: If the data cannot be read.
-        CheckpointError: If ``out`` cannot be written, or a file is unreadable or does not match.
+        CheckpointError: If `out` cannot be written, or a file is unreadable or does not match.
         SettingsError: If the loss is not finite, memory is too small, there are no such starting
             weights, or the device is missing.
     """

@@ -1,4 +1,4 @@
-"""The log of a training run: ``log.jsonl`` and TensorBoard's event files."""
+"""The log of a training run: `log.jsonl` and TensorBoard's event files."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class RunLog:
         """Append an entry.
 
         Args:
-            entry: Numbers by name, possibly nested, with a ``step``.
+            entry: Numbers by name, possibly nested, with a `step`.
 
         Raises:
             CheckpointError: If the log cannot be written.

@@ -25,7 +25,7 @@ def average_checkpoints(
 
     Returns:
         The network with the input size of the first file, and the training record of that file with
-        all records under ``average_of``.
+        all records under `average_of`.
 
     Raises:
         CheckpointError: If a file cannot be read, or holds another network than the first.

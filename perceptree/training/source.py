@@ -41,8 +41,8 @@ class TrainingData:
         frames: Frames of the train split.
         val: Frames of the val split.
         mixed: Frames of the train split that is mixed in; None if there is none.
-        origin: What a checkpoint tells of the frames: ``scenes`` of the simulator and ``pictures``,
-            the usual ranges of their statistics, and ``certain_m`` if it has one.
+        origin: What a checkpoint tells of the frames: `scenes` of the simulator and `pictures`,
+            the usual ranges of their statistics, and `certain_m` if it has one.
         certain_m: Distance beyond which labelled trees are ignored, m; None for no limit.
     """
 
@@ -79,7 +79,7 @@ def open_data(
 
     Raises:
         DatasetError: If the data cannot be read, a split has no labelled tree that counts, or
-            labels for a head of the model or distances for ``certain_m`` are missing.
+            labels for a head of the model or distances for `certain_m` are missing.
     """
     certain_m = source.certain_m
     mixed = [] if source.mix is None else [DataSource(source.mix, certain_m=certain_m)]

@@ -28,11 +28,11 @@ def describe_init(init: Init | None, backbone: str = "") -> dict[str, str]:
 
     Args:
         init: The starting weights; None for random ones.
-        backbone: The model's backbone, which decides what ``imagenet`` stands for.
+        backbone: The model's backbone, which decides what `imagenet` stands for.
 
     Returns:
-        Their ``name``; for a file its ``sha256``; for weights that a package carries also their
-        ``weights`` and ``licence``.
+        Their `name`; for a file its `sha256`; for weights that a package carries also their
+        `weights` and `licence`.
 
     Raises:
         CheckpointError: If the file cannot be read.
@@ -91,7 +91,7 @@ def load_heads(model: TreeRCNN, path: Path) -> None:
     """Load all but the backbone from a checkpoint.
 
     The pyramid's first convolutions keep their weights where the checkpoint's backbone has maps of
-    another width. A mask or keypoint head is treated as by :func:`start_from`.
+    another width. A mask or keypoint head is treated as by `start_from`.
 
     Args:
         model: The model to change.

@@ -32,7 +32,7 @@ def write_state(path: Path, state: Mapping[str, Any], identity: Identity) -> Non
 
     Args:
         path: File to write.
-        state: Values that ``torch.save`` can store.
+        state: Values that `torch.save` can store.
         identity: What the training must have in common with the state to resume it.
 
     Raises:
@@ -55,7 +55,7 @@ def _reason(error: BaseException) -> str:
 
 
 def read_state(path: Path, identity: Identity, defaults: Identity | None = None) -> dict[str, Any]:
-    """Read what :func:`write_state` wrote.
+    """Read what `write_state` wrote.
 
     Args:
         path: File to read.
@@ -95,7 +95,7 @@ def _checked(state: Any) -> dict[str, dict[str, Any]]:
     """Check the types and ranges of a state's values, and return its identity.
 
     Raises:
-        ValueError: If a value is missing or none that :func:`write_state` writes.
+        ValueError: If a value is missing or none that `write_state` writes.
     """
     missing = [name for name in (*_KEYS, "identity") if name not in state]
     if missing:

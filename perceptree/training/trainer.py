@@ -62,7 +62,7 @@ class Trainer:
         data: Data to train on and to evaluate on.
         out: Folder of the run.
         processes: The processes that train together.
-        precision: ``fp32`` or ``bf16``.
+        precision: `fp32` or `bf16`.
         progress: Called with the status after every step.
 
     Attributes:

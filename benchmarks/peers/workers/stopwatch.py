@@ -39,8 +39,8 @@ def read_inputs(path: Path, layout: str) -> Arrays:
 
     Args:
         path: (N, H, W, 3) uint8 BGR, .npy.
-        layout: ``image`` for (N, H, W, 3) uint8 BGR, ``bytes`` for (N, 1, H, W, 3) uint8 BGR,
-            ``plane`` for (N, 3, H, W) float32 RGB in 0 to 1, ``planes`` for (N, 1, 3, H, W).
+        layout: `image` for (N, H, W, 3) uint8 BGR, `bytes` for (N, 1, H, W, 3) uint8 BGR,
+            `plane` for (N, 3, H, W) float32 RGB in 0 to 1, `planes` for (N, 1, 3, H, W).
     """
     frames: Arrays = np.load(path)
     if layout in ("plane", "planes"):
@@ -53,9 +53,9 @@ def measure(load: Callable[[], Run], inputs: Arrays, duration_s: float) -> dict[
     """Load a network, warm it up and time it on the inputs in turn.
 
     Args:
-        load: loads the network and returns the call to time.
-        inputs: one input per frame along the first axis, ready in memory.
-        duration_s: time to measure for; at least `LEAST_RUNS` runs are measured.
+        load: Loads the network and returns the call to time.
+        inputs: One input per frame along the first axis, ready in memory.
+        duration_s: Time to measure for; at least `LEAST_RUNS` runs are measured.
     """
     begin = time.perf_counter()
     run = load()

@@ -27,11 +27,11 @@ class Access:
     """Decides on requests.
 
     Args:
-        host: the address that the server listens on.
-        token: what a client must know; None makes a random one, or none on loopback.
+        host: The address that the server listens on.
+        token: What a client must know; None makes a random one, or none on loopback.
 
     Raises:
-        InputError: the token is too short or has other signs than letters, digits, - and _.
+        InputError: The token is too short or has other signs than letters, digits, - and _.
     """
 
     def __init__(self, host: str, token: str | None) -> None:

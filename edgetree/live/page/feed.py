@@ -25,9 +25,9 @@ class Shown:
     """A published result. Its record and its JPEG are made once, when a client first asks.
 
     Attributes:
-        serial: number of the result, from 1 on.
-        taken_s: when its frame arrived, s of `time.monotonic`.
-        rate_hz: results per second around it; None for the first.
+        serial: Number of the result, from 1 on.
+        taken_s: When its frame arrived, s of `time.monotonic`.
+        rate_hz: Results per second around it; None for the first.
     """
 
     def __init__(
@@ -67,8 +67,8 @@ class Feed:
     """Holds the newest result.
 
     Args:
-        stale_s: age from which a result is too old to be shown, s.
-        recorder: records what clients mark; None if recording is off.
+        stale_s: Age from which a result is too old to be shown, s.
+        recorder: Records what clients mark; None if recording is off.
     """
 
     def __init__(self, stale_s: float, recorder: FrameRecorder | None = None) -> None:

@@ -24,10 +24,10 @@ class PageHttpServer(ThreadingHTTPServer):
     """One thread for each connection, with limits.
 
     Attributes:
-        access: who may open the page.
-        feed: the newest result.
-        heartbeat_s: longest time between two events, s.
-        full_text: what a client is told that is one too many.
+        access: Who may open the page.
+        feed: The newest result.
+        heartbeat_s: Longest time between two events, s.
+        full_text: What a client is told that is one too many.
     """
 
     daemon_threads = True

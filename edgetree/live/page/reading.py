@@ -52,9 +52,9 @@ def read_body(begun: BufferedIOBase, connection: socket.socket, length: int) -> 
     """The body of a request; None if the client leaves before its end.
 
     Args:
-        begun: what has come of the body.
-        connection: where the rest comes from.
-        length: its length in bytes.
+        begun: What has come of the body.
+        connection: Where the rest comes from.
+        length: Its length in bytes.
     """
     body, end_s = begun.read(length), time.monotonic() + _LONGEST_S
     while len(body) < length:

@@ -36,16 +36,16 @@ class PageServer:
     clients, once per frame, and only if a client watches.
 
     Args:
-        host: address to listen on. Any other than loopback needs a token.
-        port: port; 0 for any free one.
-        token: what a client must know, 16 to 128 letters, digits, - or _. If None, a random one is
+        host: Address to listen on. Any other than loopback needs a token.
+        port: Port; 0 for any free one.
+        token: What a client must know, 16 to 128 letters, digits, - or _. If None, a random one is
             made, or none on loopback.
-        stale_s: age from which results are blanked, s.
-        max_clients: largest number of open pages.
-        recorder: records what clients mark; if None, they cannot.
+        stale_s: Age from which results are blanked, s.
+        max_clients: Largest number of open pages.
+        recorder: Records what clients mark; if None, they cannot.
 
     Attributes:
-        address: what to open in a browser, with the token. Known after `start`.
+        address: What to open in a browser, with the token. Known after `start`.
 
     Raises:
         InputError: a value cannot be used.
@@ -78,7 +78,7 @@ class PageServer:
         """Start to listen.
 
         Raises:
-            InputError: the port is taken, or the address is not one of this machine.
+            InputError: The port is taken, or the address is not one of this machine.
         """
         host, port = self._where
         try:
@@ -101,7 +101,7 @@ class PageServer:
         """Show a result. Takes microseconds, whatever the clients do.
 
         Args:
-            result: the result. It must not be changed afterwards.
+            result: The result. It must not be changed afterwards.
             picture: (H, W, 3) uint8 BGR to show, which must not be changed afterwards. If None, the
                 trees are drawn on the frame's image.
         """

@@ -18,8 +18,6 @@ from edgetree.measure import MeasureSettings
 from edgetree.sinks.bag import BagFolder
 from edgetree.sinks.ros_types import time_ns
 
-__all__ = ["RECORDING_SCHEMA", "RecordingFile", "new_folder", "run_record"]
-
 RECORDING_SCHEMA: Final = "edgetree.recording/1"
 _NS_PER_MESSAGE: Final = 1  # keeps the messages of a frame in order
 
@@ -28,11 +26,11 @@ class RecordingFile:
     """Writes frames into a folder that appears when it is complete.
 
     Args:
-        folder: the recording, a new folder.
-        messages: makes the messages.
+        folder: The recording, a new folder.
+        messages: Makes the messages.
 
     Raises:
-        InputError: the folder cannot be made.
+        InputError: The folder cannot be made.
     """
 
     def __init__(self, folder: Path, messages: RecordingMessages) -> None:
@@ -46,7 +44,7 @@ class RecordingFile:
         """Write a frame and its result.
 
         Raises:
-            InputError: it cannot be written.
+            InputError: It cannot be written.
         """
         self._log_ns = max(time_ns(result.frame.stamp_s), self._log_ns)
         for message in self._messages.of_result(result):
@@ -57,10 +55,10 @@ class RecordingFile:
         """Complete the recording.
 
         Args:
-            record: what it says about the run.
+            record: What it says about the run.
 
         Raises:
-            InputError: it cannot be written; then there is none.
+            InputError: It cannot be written; then there is none.
         """
         try:
             self._write(self._messages.text("/edgetree/recording", record))
@@ -98,14 +96,14 @@ def run_record(
     """What is needed beside the frames to reproduce a result, as a JSON object.
 
     Args:
-        model: the model file.
-        source: what the frames come from.
-        score_threshold: lowest score of trees.
-        rig: the cameras.
-        settings: settings of the measurement; the defaults if None.
+        model: The model file.
+        source: What the frames come from.
+        score_threshold: Lowest score of trees.
+        rig: The cameras.
+        settings: Settings of the measurement; the defaults if None.
 
     Raises:
-        OSError: the model file cannot be read.
+        OSError: The model file cannot be read.
     """
     with model.open("rb") as stream:
         digest = hashlib.file_digest(stream, "sha256").hexdigest()

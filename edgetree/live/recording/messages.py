@@ -16,8 +16,6 @@ from edgetree.results.json_records import live_record
 from edgetree.sinks.ros_types import RosTypes, time_ns
 from edgetree.sources.bags.exact import EXACT_TOPIC, exact_record
 
-__all__ = ["RecordedMessage", "RecordingMessages"]
-
 _CAMERA_FRAME: Final = "edgetree_camera"
 _FIXED_FRAME: Final = "odom"
 _MILLIMETRE_M: Final = 0.001

@@ -14,8 +14,6 @@ from typing import Any, Final, NamedTuple
 
 from edgetree.live.results import LiveResult
 
-__all__ = ["FrameQueue", "KeptFrame", "Window"]
-
 _log = logging.getLogger(__name__)
 
 _MIB: Final = 2**20
@@ -27,10 +25,10 @@ class Window:
     """The frames of one recording, and its marks.
 
     Attributes:
-        next_serial: number of the next frame to write.
-        until_s: time of the last frame, s, in the clock of the frames.
-        wait_until_s: when frames that do not come are given up, s of `time.monotonic`.
-        marks: time of each mark, s, in the clock of the frames, and what is recorded of it.
+        next_serial: Number of the next frame to write.
+        until_s: Time of the last frame, s, in the clock of the frames.
+        wait_until_s: When frames that do not come are given up, s of `time.monotonic`.
+        marks: Time of each mark, s, in the clock of the frames, and what is recorded of it.
     """
 
     next_serial: int
@@ -43,14 +41,14 @@ class FrameQueue:
     """Keeps the frames of the last seconds, and hands those around marks to the writer.
 
     Args:
-        before_s: time before a mark, s.
-        after_s: time after a mark, s.
-        everything: whether all frames are written.
-        max_mib: limit of the frames in memory, MiB.
-        waits: whether `put` waits for the writer instead of leaving out frames.
+        before_s: Time before a mark, s.
+        after_s: Time after a mark, s.
+        everything: Whether all frames are written.
+        max_mib: Limit of the frames in memory, MiB.
+        waits: Whether `put` waits for the writer instead of leaving out frames.
 
     Attributes:
-        left_out: frames that the writer was too slow for.
+        left_out: Frames that the writer was too slow for.
     """
 
     def __init__(
@@ -200,10 +198,10 @@ class KeptFrame(NamedTuple):
     """A result with its frame.
 
     Attributes:
-        serial: its number, from 0 on.
-        at_s: its time, s, in a clock that never goes back.
-        result: the result.
-        size_bytes: what its arrays take.
+        serial: Its number, from 0 on.
+        at_s: Its time, s, in a clock that never goes back.
+        result: The result.
+        size_bytes: What its arrays take.
     """
 
     serial: int
@@ -216,9 +214,9 @@ class _KeptFrames:
     """Keeps references to results.
 
     Attributes:
-        now_s: time of the newest frame, s: the sum of the steps of the time stamps, without those
+        now_s: Time of the newest frame, s: the sum of the steps of the time stamps, without those
             back, as of a camera that starts again.
-        size_bytes: what all arrays take.
+        size_bytes: What all arrays take.
     """
 
     def __init__(self) -> None:

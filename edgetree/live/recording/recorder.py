@@ -18,8 +18,6 @@ from edgetree.live.recording.queue import FrameQueue, Window
 from edgetree.live.results import LiveResult
 from edgetree.sinks.bag import check_rosbags
 
-__all__ = ["FrameRecorder", "RecorderStatus"]
-
 _log = logging.getLogger(__name__)
 
 _LONGEST_S: Final = 60.0  # of one recording; what is longer goes on in the next one
@@ -32,10 +30,10 @@ class RecorderStatus:
     """The state of a recorder.
 
     Attributes:
-        written: recordings that are complete.
-        failed: recordings that could not be written.
-        left_out: frames that are missing in recordings, as the disk was too slow.
-        is_recording: whether a recording is in progress.
+        written: Recordings that are complete.
+        failed: Recordings that could not be written.
+        left_out: Frames that are missing in recordings, as the disk was too slow.
+        is_recording: Whether a recording is in progress.
     """
 
     written: int = 0
@@ -61,18 +59,18 @@ class FrameRecorder:
     logged and nothing is left. Marks during a recording extend it. It is a sink of live results.
 
     Args:
-        folder: where recordings are made, `mark_DATE_TIME_N` each; made if it does not exist.
-        before_s: time before a mark, s.
-        after_s: time after a mark, s.
-        everything: whether all frames are written, in recordings `all_DATE_TIME_N` of a minute.
-        max_mib: limit of the frames in memory, MiB. Fewer seconds are kept if they do not fit.
-        waits: whether `write` waits for a slow disk, as for a source that is no camera. Otherwise
+        folder: Where recordings are made, `mark_DATE_TIME_N` each; made if it does not exist.
+        before_s: Time before a mark, s.
+        after_s: Time after a mark, s.
+        everything: Whether all frames are written, in recordings `all_DATE_TIME_N` of a minute.
+        max_mib: Limit of the frames in memory, MiB. Fewer seconds are kept if they do not fit.
+        waits: Whether `write` waits for a slow disk, as for a source that is no camera. Otherwise
             frames are left out.
-        about: what each recording says about the run, see `run_record`.
+        about: What each recording says about the run, see `run_record`.
 
     Raises:
         InputError: a time or the limit is out of range, or the folder is a file.
-        MissingPackage: rosbags is not installed.
+        MissingPackage: Rosbags is not installed.
     """
 
     def __init__(
@@ -114,7 +112,7 @@ class FrameRecorder:
         """Record the seconds around now. Returns at once; any thread and signal handler may call.
 
         Args:
-            text: what the recording says about the mark.
+            text: What the recording says about the mark.
 
         Returns:
             How much time before the mark is kept, s.

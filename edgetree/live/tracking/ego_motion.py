@@ -20,15 +20,15 @@ class EgoMotion:
     """Moves the camera on from frame to frame, before its stems correct its place.
 
     Args:
-        settings: assumptions about the motion.
-        odometry: finds the motion from depth images in frames without a pose; None to go by the
+        settings: Assumptions about the motion.
+        odometry: Finds the motion from depth images in frames without a pose; None to go by the
             speed alone.
 
     Attributes:
-        motion: place, heading and speed in the map.
-        vertical: the vertical of the latest frame.
-        in_pose_frame: whether the map is the frame of the poses.
-        is_measured: whether the latest motion was measured, and not predicted by the speed.
+        motion: Place, heading and speed in the map.
+        vertical: The vertical of the latest frame.
+        in_pose_frame: Whether the map is the frame of the poses.
+        is_measured: Whether the latest motion was measured, and not predicted by the speed.
     """
 
     def __init__(self, settings: TrackingSettings, odometry: DepthOdometry | None) -> None:
@@ -55,9 +55,9 @@ class EgoMotion:
         """Move on to a frame.
 
         Args:
-            frame: the frame.
-            measurements: its trees, for the vertical.
-            step_s: time since the last frame; None for the first one, and after a jump back.
+            frame: The frame.
+            measurements: Its trees, for the vertical.
+            step_s: Time since the last frame; None for the first one, and after a jump back.
         """
         before = self.vertical.level
         step = self._step(frame, step_s)

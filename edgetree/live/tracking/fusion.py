@@ -66,9 +66,9 @@ def add_views(
     Args:
         stems: (T,) of `FUSED`, changed in place.
         rows: (K,) different indices into `stems`.
-        seen: the K sightings, with lines and levels in the map, at the stems' height of reference.
+        seen: The K sightings, with lines and levels in the map, at the stems' height of reference.
         from_m: (2,) place of the camera in the map.
-        settings: what counts as a distinct view, and the shares of errors.
+        settings: What counts as a distinct view, and the shares of errors.
     """
     cells = _cells(stems, rows, seen, from_m, settings)
     fused, stds = stems["values"][rows], stems["stds"][rows]

@@ -69,11 +69,11 @@ def locate(motion: CameraMotion, stems: StemMap, seen: Sightings, lost: bool, ga
     """Correct the predicted place of the camera by the stems that it sees.
 
     Args:
-        motion: the prediction; corrected in place. With no match it stays.
-        stems: the followed stems.
-        seen: sightings in the level frame.
-        lost: whether the prediction is worthless.
-        gate: largest chi-square of a match.
+        motion: The prediction; corrected in place. With no match it stays.
+        stems: The followed stems.
+        seen: Sightings in the level frame.
+        lost: Whether the prediction is worthless.
+        gate: Largest chi-square of a match.
 
     Returns:
         False if the prediction is worthless and the stems do not tell the place.

@@ -28,12 +28,12 @@ class CameraMotion:
     A Kalman filter with constant velocity between the frames; the noise is a white acceleration.
 
     Attributes:
-        source: what the latest place is from: "start" for a new map, "pose", "stems", "depth" for
+        source: What the latest place is from: "start" for a new map, "pose", "stems", "depth" for
             registered depth images, or "prediction" by the speed.
         state: (6,) x m, y m, heading rad, and their rates per second.
         covariance: (6, 6) of its error.
-        height_m: height of the camera in the map.
-        height_variance: variance of its error, m².
+        height_m: Height of the camera in the map.
+        height_variance: Variance of its error, m².
     """
 
     def __init__(self, settings: TrackingSettings) -> None:
@@ -112,9 +112,9 @@ class CameraMotion:
         """Move on by a measured step.
 
         Args:
-            step: transform from the level frame now to the one before.
+            step: Transform from the level frame now to the one before.
             covariance: (4, 4) of the error of its shift in x, y and z, m, and of its turn, rad.
-            step_s: time that it took; None if that is not known.
+            step_s: Time that it took; None if that is not known.
         """
         turn = self.rotation()
         heading_rad = math.atan2(step.rotation[1, 0], step.rotation[0, 0])

@@ -43,7 +43,7 @@ class CameraStep:
     """How the camera moved between two frames.
 
     Attributes:
-        transform: from the camera's frame now to its frame before.
+        transform: From the camera's frame now to its frame before.
         covariance: (6, 6) of the error of turn (rad) and shift (m), in the camera's frame now.
     """
 
@@ -55,7 +55,7 @@ class CameraStep:
 
         Args:
             before: (3, 3) rotation from the camera's frame before to the level frame before.
-            now: the same for the frame now.
+            now: The same for the frame now.
 
         Returns:
             The transform from the level frame now to the one before, and the (4, 4) covariance of
@@ -74,11 +74,11 @@ class CameraStep:
         """The step from that between the level frames, the reverse of `in_level`.
 
         Args:
-            step: transform from the level frame now to the one before.
+            step: Transform from the level frame now to the one before.
             covariance: (4, 4) of the error of its shift in x, y and z, m, and of its turn, rad.
             before: (3, 3) rotation from the camera's frame before to the level frame before.
-            now: the same for the frame now.
-            step_s: time that it takes, for the error of roll and pitch.
+            now: The same for the frame now.
+            step_s: Time that it takes, for the error of roll and pitch.
         """
         transform = RigidTransform(before.T @ step.rotation @ now, before.T @ step.translation_m)
         turn = before @ transform.rotation
@@ -132,8 +132,8 @@ class DepthOdometry:
         next reference. It is so, too, when the camera has moved away from the last one.
 
         Args:
-            frame: the frame; its depth and camera are used.
-            guess: the expected step; None if nothing is known. One that differs by more than its
+            frame: The frame; its depth and camera are used.
+            guess: The expected step; None if nothing is known. One that differs by more than its
                 covariance explains is not believed.
 
         Returns:

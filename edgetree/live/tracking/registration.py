@@ -83,13 +83,13 @@ def find_place(
     makes likely.
 
     Args:
-        motion: the prediction.
+        motion: The prediction.
         followed: (T, 2) places of the stems in the map.
         followed_std_m: (T,) their standard deviations.
         seen: (M, 2) stems in the level frame.
         seen_std_m: (M,) their standard deviations.
         alike: (T, M) pairs whose diameters may be the same.
-        lost: whether the prediction is worthless.
+        lost: Whether the prediction is worthless.
 
     Returns:
         (3,) x m, y m and heading rad of the camera; None if no place is clearly the best.

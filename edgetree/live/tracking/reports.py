@@ -31,10 +31,10 @@ def report_tracks(
     """All followed stems.
 
     Args:
-        stems: the stems.
-        motion: place of the camera in the map.
+        stems: The stems.
+        motion: Place of the camera in the map.
         level: (3, 3) rotation from the camera's frame to the level frame.
-        settings: what counts as a help.
+        settings: What counts as a help.
         remark: a warning for all of them; empty if there is none.
     """
     rows = stems.rows

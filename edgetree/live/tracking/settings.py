@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from basetree.errors import InputError
 from basetree.settings import Settings, limits
 
-__all__ = ["ErrorShares", "TrackingSettings"]
-
 _POSITIVE = limits(over=0, expected="a positive number")
 
 

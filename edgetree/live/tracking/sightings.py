@@ -89,9 +89,9 @@ class Sightings:
         """Collect the measured stems of a frame.
 
         Args:
-            measurements: one per tree of the frame.
+            measurements: One per tree of the frame.
             level: (3, 3) rotation from the camera's frame to the level frame.
-            up_std_rad: standard deviation of the vertical behind it.
+            up_std_rad: Standard deviation of the vertical behind it.
             doubt: (N,) factors on the stated standard deviations of each tree; 1 by default.
         """
         measured = [

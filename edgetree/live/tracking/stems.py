@@ -38,7 +38,7 @@ class StemMap:
             (-1: none), frames that measured it, frames since it was last seen, frames that
             contradict its place (all, and in a row), the stem that it was split from (0: none), the
             height at which its line is kept, and when it was last seen.
-        reasons: why quantities could not be measured when the stem was last seen, for each stem.
+        reasons: Why quantities could not be measured when the stem was last seen, for each stem.
     """
 
     def __init__(self, settings: TrackingSettings) -> None:

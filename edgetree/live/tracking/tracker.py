@@ -47,12 +47,12 @@ class StemTracker:
     camera moved, a new map begins, and its stems say so in their warnings.
 
     Args:
-        settings: assumptions about errors, motion and time; the defaults if None.
-        odometry: finds the motion between frames without poses from their depth images; None to do
+        settings: Assumptions about errors, motion and time; the defaults if None.
+        odometry: Finds the motion between frames without poses from their depth images; None to do
             without.
 
     Attributes:
-        map_part: number of the map, from 1 on. Positions in different maps have nothing in common.
+        map_part: Number of the map, from 1 on. Positions in different maps have nothing in common.
     """
 
     def __init__(
@@ -85,15 +85,15 @@ class StemTracker:
         """Follow the stems into one more frame.
 
         Args:
-            frame: the frame. Its time stamp, vertical and pose are used.
-            trees: its trees.
-            measurements: one per tree, from `measure_trees` with the frame's vertical.
+            frame: The frame. Its time stamp, vertical and pose are used.
+            trees: Its trees.
+            measurements: One per tree, from `measure_trees` with the frame's vertical.
 
         Returns:
             All stems that are followed, seen in this frame or not.
 
         Raises:
-            InputError: there is not one measurement per tree.
+            InputError: There is not one measurement per tree.
         """
         if len(measurements) != len(trees):
             raise InputError(
@@ -215,10 +215,10 @@ class StemTracker:
         """Find the stems of sightings that contradict them, and split those that do so for long.
 
         Args:
-            seen: sightings in the map.
+            seen: Sightings in the map.
             chi_square: (T, M) of their places; infinite for what is matched already.
             free: (M,) sightings that may begin new stems; changed in place.
-            time_s: time stamp.
+            time_s: Time stamp.
         """
         stems = self._stems
         rows, columns = match_greedily(chi_square, self._may_contradict(seen, chi_square))

@@ -14,22 +14,22 @@ class TreeTrack:
     """A stem that is followed over time, with what all views of it say together.
 
     Attributes:
-        number: number of the stem, the same as long as it is followed.
-        tree: index of the stem among the trees of this frame; None if it is not seen in it.
+        number: Number of the stem, the same as long as it is followed.
+        tree: Index of the stem among the trees of this frame; None if it is not seen in it.
         state: "new" until enough views agree, then "confirmed".
-        position_m: where the stem's axis meets the ground or the cut, in the map (x and y level,
+        position_m: Where the stem's axis meets the ground or the cut, in the map (x and y level,
             z up). The map is the frame of the source's poses, or else the first camera's place.
         position_camera_m: (3,) the same point in the camera's frame.
-        diameter_m: diameter at the felling cut.
-        dbh_m: diameter at breast height.
-        cut_height_m: height of the felling cut above the ground.
-        inclination_deg: angle of the axis from the vertical.
-        frames: number of frames that the stem was measured in.
-        views: number of distinct views among them, which are what the intervals rest on.
-        arc_deg: angle around the stem between the outermost views.
-        more_views_help: whether another view would make the diameter's interval clearly narrower.
-        last_seen_s: time stamp of the last frame that shows it, s.
-        warnings: contradictions between the views.
+        diameter_m: Diameter at the felling cut.
+        dbh_m: Diameter at breast height.
+        cut_height_m: Height of the felling cut above the ground.
+        inclination_deg: Angle of the axis from the vertical.
+        frames: Number of frames that the stem was measured in.
+        views: Number of distinct views among them, which are what the intervals rest on.
+        arc_deg: Angle around the stem between the outermost views.
+        more_views_help: Whether another view would make the diameter's interval clearly narrower.
+        last_seen_s: Time stamp of the last frame that shows it, s.
+        warnings: Contradictions between the views.
     """
 
     number: int

@@ -21,7 +21,7 @@ class Vertical:
     Attributes:
         up: (3,) unit vector away from gravity in the camera's frame.
         level: (3, 3) rotation from the camera's frame to the level frame.
-        known: whether the latest frame told it, and not only its stems.
+        known: Whether the latest frame told it, and not only its stems.
     """
 
     def __init__(self, settings: TrackingSettings) -> None:
@@ -42,9 +42,9 @@ class Vertical:
         """Take the vertical of a frame.
 
         Args:
-            frame: the frame.
-            measurements: its trees, for their axes.
-            step: how the camera moved since the last frame, if that is known.
+            frame: The frame.
+            measurements: Its trees, for their axes.
+            step: How the camera moved since the last frame, if that is known.
         """
         self.known = True
         if frame.pose is not None:

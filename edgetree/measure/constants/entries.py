@@ -10,8 +10,6 @@ from typing import NamedTuple
 
 from edgetree.measure.constants import depth, ground, outlines, stems
 
-__all__ = ["TOPICS", "Entry", "entries"]
-
 TOPICS = {
     "Stems": stems,
     "Ground and vertical": ground,
@@ -27,11 +25,11 @@ class Entry(NamedTuple):
     """One constant.
 
     Attributes:
-        name: its name, which ends with its unit.
-        value: its value.
-        meaning: what it stands for.
-        source: where it comes from.
-        fit: name of the fit that determines it; None if none does.
+        name: Its name, which ends with its unit.
+        value: Its value.
+        meaning: What it stands for.
+        source: Where it comes from.
+        fit: Name of the fit that determines it; None if none does.
     """
 
     name: str

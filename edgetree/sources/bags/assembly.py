@@ -23,8 +23,6 @@ from edgetree.sources.bags.topics import Streams
 from edgetree.sources.bags.transforms import TransformTree, frame_name
 from edgetree.sources.gravity import GravityFilter
 
-__all__ = ["Assembly"]
-
 _log = logging.getLogger(__name__)
 
 _NS_PER_S: Final = 1_000_000_000
@@ -35,10 +33,10 @@ class Assembly:
     """The state that frames are made of: cameras, transforms and the direction of gravity.
 
     Args:
-        path: the recording.
-        streams: its topics.
-        depth_scale_m: metres per unit of the depth; None for the default of its type.
-        counts: where missing poses and unusable pictures are counted.
+        path: The recording.
+        streams: Its topics.
+        depth_scale_m: Metres per unit of the depth; None for the default of its type.
+        counts: Where missing poses and unusable pictures are counted.
     """
 
     def __init__(
@@ -103,7 +101,7 @@ class Assembly:
         """Decode a pair; None if a picture cannot be decoded.
 
         Raises:
-            InputError: floating-point depth is in millimetres.
+            InputError: Floating-point depth is in millimetres.
         """
         try:
             image = self._decoded(pair.colour, "colour")

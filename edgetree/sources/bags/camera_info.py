@@ -8,8 +8,6 @@ from typing import Any, Final
 import calib
 from calib.files import ros
 
-__all__ = ["CameraInfos", "camera_of_message"]
-
 _MATRIX: Final = 9
 
 
@@ -18,11 +16,11 @@ def camera_of_message(message: Any, *, is_rectified: bool = False) -> calib.Pinh
 
     Args:
         message: a CameraInfo message of ROS 1 or ROS 2.
-        is_rectified: whether the images are rectified. Their camera is in the matrix P, without
+        is_rectified: Whether the images are rectified. Their camera is in the matrix P, without
             distortion.
 
     Raises:
-        CameraError: the message is of an uncalibrated camera or of a lens that is not supported.
+        CameraError: The message is of an uncalibrated camera or of a lens that is not supported.
     """
     values = _values(message)
     if is_rectified and any(values["p"]):
@@ -51,7 +49,7 @@ class CameraInfos:
     """The cameras of one topic, which change if the camera changes its resolution.
 
     Args:
-        is_rectified: whether the images are rectified.
+        is_rectified: Whether the images are rectified.
     """
 
     def __init__(self, *, is_rectified: bool = False) -> None:

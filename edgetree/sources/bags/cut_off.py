@@ -13,8 +13,6 @@ from typing import Any, BinaryIO, Final
 
 from edgetree.sources.bags.ros1_index import ROS1_MAGIC, missing_index
 
-__all__ = ["readable_file"]
-
 _MCAP_MAGIC: Final = b"\x89MCAP0\r\n"
 _HEAD_BYTES: Final = 9  # of a record: its kind and the length of its content
 # What ends the records: zeros of a file that was not written to its end, a footer, or its data.

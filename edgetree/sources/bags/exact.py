@@ -19,8 +19,6 @@ from basetree.errors import InputError
 from calib import CameraError, PinholeCamera
 from edgetree.frames.frame import Frame
 
-__all__ = ["EXACT_TOPIC", "EXACT_TYPE", "ExactValues", "exact_record"]
-
 EXACT_TOPIC: Final = "/edgetree/frame"
 EXACT_TYPE: Final = "std_msgs/msg/String"
 _SCHEMA: Final = "edgetree.recording.frame/1"
@@ -34,8 +32,8 @@ def exact_record(
     """Camera and vertical of a frame as a JSON object.
 
     Args:
-        stamp_ns: time stamp of the frame in the recording, ns.
-        camera: its intrinsics; None if they are not known.
+        stamp_ns: Time stamp of the frame in the recording, ns.
+        camera: Its intrinsics; None if they are not known.
         up_camera: (3,) unit vector away from gravity in the camera's frame; None if unknown.
     """
     return {
@@ -61,7 +59,7 @@ class ExactValues:
         """Take a message.
 
         Raises:
-            InputError: it is none of these messages.
+            InputError: It is none of these messages.
         """
         try:
             values = json.loads(text)
@@ -89,8 +87,8 @@ class ExactValues:
         """A frame with its exact values, if they have come.
 
         Args:
-            frame: the frame.
-            stamp_ns: its time stamp in the recording, ns.
+            frame: The frame.
+            stamp_ns: Its time stamp in the recording, ns.
         """
         exact = self._waiting.pop(stamp_ns, None)
         pixels = frame.depth_m if frame.image is None else frame.image

@@ -15,8 +15,6 @@ from basetree.files.limits import current_limits
 from basetree.files.picture_size import picture_size
 from basetree.files.reading import decode_image
 
-__all__ = ["IMAGE_TYPES", "PictureKind", "decode_picture", "kind_of_picture", "stamp_ns"]
-
 IMAGE_TYPES: Final = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 
 _PNG: Final = b"\x89PNG\r\n\x1a\n"
@@ -51,7 +49,7 @@ class PictureKind:
 
     Attributes:
         role: "colour", "grey", "depth" or "other".
-        encoding: the encoding or format, for messages.
+        encoding: The encoding or format, for messages.
     """
 
     role: str
@@ -68,8 +66,8 @@ def kind_of_picture(message: Any, topic: str) -> PictureKind:
     """Tell colour from depth by the encoding, and by the topic's name where that is not enough.
 
     Args:
-        message: the first Image or CompressedImage of a topic.
-        topic: the topic's name.
+        message: The first Image or CompressedImage of a topic.
+        topic: The topic's name.
     """
     is_named_depth = "depth" in topic.lower()
     if not hasattr(message, "encoding"):
@@ -90,14 +88,14 @@ def decode_picture(message: Any, topic: str) -> NDArray[Any]:
     """Decode an Image or CompressedImage.
 
     Args:
-        message: the message.
-        topic: its topic, for messages.
+        message: The message.
+        topic: Its topic, for messages.
 
     Returns:
         (H, W, 3) uint8 BGR for colour, or (H, W) uint16 or float32 for depth, in its own unit.
 
     Raises:
-        InputError: the message cannot be decoded.
+        InputError: The message cannot be decoded.
     """
     try:
         picture = _decode_raw(message) if hasattr(message, "encoding") else _decode_packed(message)

@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from statistics import median
 from typing import Any, Final, NamedTuple
 
-__all__ = ["Pair", "Pairing", "Picture", "StampCheck"]
-
 _CLOCK_JUMP_NS: Final = 1_000_000_000
 _MAX_WAITING: Final = 30
 _INTERVALS: Final = 15  # the period is their median
@@ -20,9 +18,9 @@ class Picture:
     """An image message.
 
     Attributes:
-        stamp: its time stamp, ns.
-        log_ns: when it was recorded, ns.
-        message: the message, whose picture is not decoded yet.
+        stamp: Its time stamp, ns.
+        log_ns: When it was recorded, ns.
+        message: The message, whose picture is not decoded yet.
     """
 
     stamp: int
@@ -81,9 +79,9 @@ class Pairing:
     Pictures wait until a picture of the other topic shows whether a nearer one will come.
 
     Args:
-        stamps: checks of the stamps of "colour" and "depth", which know the periods.
-        period_ns: period of the faster topic, ns, until enough pictures tell it.
-        counts: where pictures that are left out are counted.
+        stamps: Checks of the stamps of "colour" and "depth", which know the periods.
+        period_ns: Period of the faster topic, ns, until enough pictures tell it.
+        counts: Where pictures that are left out are counted.
     """
 
     def __init__(
@@ -104,8 +102,8 @@ class Pairing:
 
         Args:
             role: "colour" or "depth".
-            picture: the picture.
-            is_jump: whether its clock has jumped back, so that nothing before it is paired.
+            picture: The picture.
+            is_jump: Whether its clock has jumped back, so that nothing before it is paired.
         """
         waiting = self._waiting[role]
         if is_jump:

@@ -19,14 +19,6 @@ from basetree.errors import EdgetreeError, InputError, MissingPackage, install_h
 from edgetree.sources.bags import BAG_SUFFIXES, storage_files
 from edgetree.sources.bags.cut_off import readable_file
 
-__all__ = [
-    "TF_TYPE",
-    "Bag",
-    "BrokenRecording",
-    "Message",
-    "Topic",
-]
-
 TF_TYPE: Final = "tf2_msgs/msg/TFMessage"
 _OLD_TF_TYPE: Final = "tf/msg/tfMessage"  # of ROS 1 before 2013, with the same content
 
@@ -40,10 +32,10 @@ class Topic:
     """A topic of a recording.
 
     Attributes:
-        name: its name, such as "/camera/color/image_raw".
-        message_type: its type, such as "sensor_msgs/msg/Image", also for ROS 1.
-        count: number of its messages.
-        connections: what rosbags knows it by.
+        name: Its name, such as "/camera/color/image_raw".
+        message_type: Its type, such as "sensor_msgs/msg/Image", also for ROS 1.
+        count: Number of its messages.
+        connections: What rosbags knows it by.
     """
 
     name: str
@@ -56,9 +48,9 @@ class Message(NamedTuple):
     """A message, not decoded.
 
     Attributes:
-        topic: its topic.
-        log_ns: when it was recorded, ns.
-        data: its bytes.
+        topic: Its topic.
+        log_ns: When it was recorded, ns.
+        data: Its bytes.
     """
 
     topic: Topic
@@ -74,13 +66,13 @@ class Bag:
             ROS 2 bag. Without its metadata.yaml, as after a power failure, the files are read.
 
     Attributes:
-        topics: the topics by name.
-        is_cut_off: whether the end of the file is missing, and what is there is read.
-        duration_ns: time from the first to the last message, ns.
+        topics: The topics by name.
+        is_cut_off: Whether the end of the file is missing, and what is there is read.
+        duration_ns: Time from the first to the last message, ns.
 
     Raises:
-        InputError: it does not exist or cannot be read.
-        MissingPackage: rosbags is not installed.
+        InputError: It does not exist or cannot be read.
+        MissingPackage: Rosbags is not installed.
     """
 
     def __init__(self, path: Path) -> None:
@@ -118,7 +110,7 @@ class Bag:
         """Yield the messages of topics in the order of recording.
 
         Raises:
-            BrokenRecording: the recording cannot be read any further.
+            BrokenRecording: The recording cannot be read any further.
         """
         topics = {id(c): self.topics[name] for name in names for c in self.topics[name].connections}
         parts = []

@@ -18,8 +18,6 @@ from edgetree.sources.bags.topics import Modality, Streams, choose_streams
 from edgetree.sources.playing import Looped, RisingClock
 from edgetree.sources.source import BaseSource, FrameSource
 
-__all__ = ["open_recording"]
-
 _log = logging.getLogger(__name__)
 
 _NS_PER_S: Final = 1_000_000_000
@@ -43,20 +41,20 @@ def open_recording(
 
     Args:
         path: a file (.bag, .mcap, .db3) or the folder of a ROS 2 bag.
-        topics: names of topics by role: "colour", "depth", "camera" and "depth_camera" (of type
+        topics: Names of topics by role: "colour", "depth", "camera" and "depth_camera" (of type
             CameraInfo), and "imu". The others are found by type, encoding and frame.
-        depth_scale_m: metres per unit of the depth. By default 0.001 for 16UC1 and 1 for 32FC1.
+        depth_scale_m: Metres per unit of the depth. By default 0.001 for 16UC1 and 1 for 32FC1.
         modality: "both" for all images there are, "rgb" for colour alone, "depth" for depth alone,
             which is then not registered to the colour.
-        loop: whether to start again at the end, for ever. Numbers and time stamps go on rising.
+        loop: Whether to start again at the end, for ever. Numbers and time stamps go on rising.
 
     Returns:
         The source. What it leaves out is in its `counts`; warnings are logged.
 
     Raises:
-        InputError: the recording cannot be read, has no such images, or it is not clear which
+        InputError: The recording cannot be read, has no such images, or it is not clear which
             topic is meant.
-        MissingPackage: rosbags is not installed.
+        MissingPackage: Rosbags is not installed.
     """
     recording = _Recording(path, topics or {}, depth_scale_m, modality)
     return Looped(recording) if loop else recording
@@ -140,13 +138,13 @@ class _Pass:
     """One pass through a recording.
 
     Args:
-        bag: the open recording.
-        streams: its topics.
-        scale_m: metres per unit of the depth; None for the default.
-        counts: where what is left out is counted.
+        bag: The open recording.
+        streams: Its topics.
+        scale_m: Metres per unit of the depth; None for the default.
+        counts: Where what is left out is counted.
 
     Attributes:
-        assembly: makes frames of the pairs.
+        assembly: Makes frames of the pairs.
     """
 
     def __init__(

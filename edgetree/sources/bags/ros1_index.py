@@ -11,8 +11,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import BinaryIO, Final, NamedTuple
 
-__all__ = ["ROS1_MAGIC", "Index", "missing_index"]
-
 ROS1_MAGIC: Final = b"#ROSBAG V2.0\n"
 _BAG, _INDEX, _CHUNK, _CHUNK_INFO, _CONNECTION = 3, 4, 5, 6, 7  # kinds of records
 _MAX_HEADER_BYTES: Final = 2**16
@@ -25,9 +23,9 @@ class Index(NamedTuple):
     """What a bag lacks.
 
     Attributes:
-        head: the first bytes of the bag, with the position of the index.
-        length: number of bytes of the file that are used.
-        tail: the index.
+        head: The first bytes of the bag, with the position of the index.
+        length: Number of bytes of the file that are used.
+        tail: The index.
     """
 
     head: bytes
@@ -59,8 +57,8 @@ def missing_index(file: BinaryIO, size: int) -> Index | None:
     """The index of a bag that has none, or not all of it; None for a complete bag.
 
     Args:
-        file: the bag, of version 2.0.
-        size: its length.
+        file: The bag, of version 2.0.
+        size: Its length.
     """
     first = _read(file, len(ROS1_MAGIC), size)
     if first is None or first.kind != _BAG or _has_index(file, first, size):

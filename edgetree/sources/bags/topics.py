@@ -14,8 +14,6 @@ from edgetree.sources.bags.messages import IMAGE_TYPES, PictureKind, kind_of_pic
 from edgetree.sources.bags.reader import TF_TYPE, Bag
 from edgetree.sources.bags.transforms import frame_name
 
-__all__ = ["ROLES", "Modality", "Streams", "choose_streams"]
-
 _log = logging.getLogger(__name__)
 
 Modality = Literal["both", "rgb", "depth"]
@@ -33,13 +31,13 @@ class Streams:
     """The names of the topics that are read. None means that there is no such topic.
 
     Attributes:
-        colour: colour images.
-        depth: depth images.
+        colour: Colour images.
+        depth: Depth images.
         camera: CameraInfo of the colour images.
         depth_camera: CameraInfo of the depth images.
         imu: IMU with an accelerometer.
-        transforms: topics of transforms.
-        exact: cameras and verticals to the last digit, of edgetree's own recordings.
+        transforms: Topics of transforms.
+        exact: Cameras and verticals to the last digit, of edgetree's own recordings.
     """
 
     colour: str | None
@@ -79,8 +77,8 @@ def choose_streams(bag: Bag, topics: Mapping[str, str], modality: Modality) -> S
     """Choose topics by their types, encodings and frames.
 
     Args:
-        bag: the recording.
-        topics: names of topics by role, one of `ROLES`. The others are found.
+        bag: The recording.
+        topics: Names of topics by role, one of `ROLES`. The others are found.
         modality: "both" for all there is, "rgb" for colour alone, "depth" for depth alone.
 
     Raises:

@@ -13,8 +13,6 @@ from basetree.errors import InputError
 from calib import RigidTransform
 from edgetree.sources.bags.messages import stamp_ns
 
-__all__ = ["TransformTree", "frame_name"]
-
 # Frames that stay in place, best first: odom drifts but never jumps.
 _FIXED: Final = ("odom", "map", "world")
 _MAX_GAP_NS: Final = 1_000_000_000  # between two readings that are interpolated
@@ -88,7 +86,7 @@ class TransformTree:
     """The transforms of a recording.
 
     Attributes:
-        unusable: number of transforms that were left out, as they are not finite or no rotation.
+        unusable: Number of transforms that were left out, as they are not finite or no rotation.
     """
 
     def __init__(self) -> None:

@@ -21,8 +21,6 @@ from edgetree.sources.arrays import frame_from_arrays
 from edgetree.sources.gravity import GravityFilter
 from edgetree.sources.source import BaseSource, SourceLost
 
-__all__ = ["Device", "load_sdk"]
-
 _log = logging.getLogger(__name__)
 
 _FRAME_TIMEOUT_S: Final = 5.0
@@ -32,13 +30,13 @@ def load_sdk(module: str, package: str, extra: str, cameras: str) -> Any:
     """Import the package of a maker.
 
     Args:
-        module: name of the module.
-        package: name of the package.
-        extra: the extra of this project that installs it.
-        cameras: the cameras that need it.
+        module: Name of the module.
+        package: Name of the package.
+        extra: The extra of this project that installs it.
+        cameras: The cameras that need it.
 
     Raises:
-        MissingPackage: it is not installed.
+        MissingPackage: It is not installed.
     """
     try:
         return importlib.import_module(module)
@@ -52,9 +50,9 @@ class Device(ABC, BaseSource):
     """A camera that streams until it is closed.
 
     Args:
-        name: what messages call it.
+        name: What messages call it.
         up_camera: (3,) direction away from gravity in the camera's frame, until an IMU gives it.
-        errors: what the maker's package raises if the camera fails.
+        errors: What the maker's package raises if the camera fails.
     """
 
     is_live = True
@@ -115,12 +113,12 @@ class Device(ABC, BaseSource):
         """A frame of the camera's arrays.
 
         Args:
-            number: number that the camera gives the frame.
-            time_s: time stamp, s.
+            number: Number that the camera gives the frame.
+            time_s: Time stamp, s.
             image: (H, W, 3) uint8 BGR.
             depth: (H, W) uint16, aligned with the image.
-            depth_scale_m: metres per unit of the depth.
-            intrinsics: finds the intrinsics of the image, once.
+            depth_scale_m: Metres per unit of the depth.
+            intrinsics: Finds the intrinsics of the image, once.
         """
         if self._first is None:
             self._first = number

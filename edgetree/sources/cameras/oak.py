@@ -19,8 +19,6 @@ from edgetree.frames.frame import Frame
 from edgetree.sources.cameras.device import Device, load_sdk
 from edgetree.sources.source import FrameSource
 
-__all__ = ["open_oak"]
-
 _log = logging.getLogger(__name__)
 
 _COLOUR_SIZE: Final = (1280, 720)
@@ -42,8 +40,8 @@ def open_oak(*, up_camera: ArrayLike | None = None) -> FrameSource:
         The source. Its time stamps are those of the exposure, s since 1970.
 
     Raises:
-        SourceLost: there is no such camera, or it does not start.
-        MissingPackage: depthai is not installed.
+        SourceLost: There is no such camera, or it does not start.
+        MissingPackage: Depthai is not installed.
     """
     return _Oak(load_sdk("depthai", "depthai", "oak", "OAK"), up_camera)
 

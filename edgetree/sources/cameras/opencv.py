@@ -20,8 +20,6 @@ from edgetree.frames.rig import unit_vector
 from edgetree.sources.arrays import bgr_image
 from edgetree.sources.source import BaseSource, FrameSource, SourceLost
 
-__all__ = ["open_camera"]
-
 _log = logging.getLogger(__name__)
 
 _OPEN_TIMEOUT_S: Final = 10.0
@@ -40,18 +38,18 @@ def open_camera(
     """Open a camera through OpenCV. One thread keeps the newest frame; older ones are replaced.
 
     Args:
-        address: number of a V4L2 device, an address such as rtsp://camera/1 or http://camera/video,
+        address: Number of a V4L2 device, an address such as rtsp://camera/1 or http://camera/video,
             or a GStreamer pipeline that ends in appsink, if OpenCV was built with GStreamer.
-        camera: intrinsics; devices are asked for pictures of its size.
+        camera: Intrinsics; devices are asked for pictures of its size.
         up_camera: (3,) direction away from gravity in the camera's frame.
 
     Returns:
         The source. Its time stamps are when a frame arrived, s since 1970, and never fall.
 
     Raises:
-        SourceLost: the camera does not answer.
-        InputError: the address is not of ASCII, or OpenCV was built without GStreamer.
-        CameraError: during iteration, if `camera` is for another aspect ratio.
+        SourceLost: The camera does not answer.
+        InputError: The address is not of ASCII, or OpenCV was built without GStreamer.
+        CameraError: During iteration, if `camera` is for another aspect ratio.
     """
     up = None if up_camera is None else unit_vector(up_camera)
     return _Camera(address, camera, up)

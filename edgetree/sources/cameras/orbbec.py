@@ -20,8 +20,6 @@ from edgetree.frames.frame import Frame
 from edgetree.sources.cameras.device import Device, load_sdk
 from edgetree.sources.source import FrameSource
 
-__all__ = ["open_orbbec"]
-
 _log = logging.getLogger(__name__)
 
 _US_PER_S: Final = 1_000_000
@@ -42,7 +40,7 @@ def open_orbbec(*, up_camera: ArrayLike | None = None) -> FrameSource:
         The source. Its time stamps are those of the computer at which frames arrived.
 
     Raises:
-        SourceLost: there is no such camera, or it does not start.
+        SourceLost: There is no such camera, or it does not start.
         MissingPackage: pyorbbecsdk2 is not installed.
     """
     return _Orbbec(load_sdk("pyorbbecsdk", "pyorbbecsdk2", "orbbec", "Orbbec"), up_camera)

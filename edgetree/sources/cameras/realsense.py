@@ -16,8 +16,6 @@ from edgetree.frames.frame import Frame
 from edgetree.sources.cameras.device import Device, load_sdk
 from edgetree.sources.source import FrameSource
 
-__all__ = ["open_realsense"]
-
 _MS_PER_S: Final = 1000
 _POLL_MS: Final = 200
 # Width, height and rate of both streams, best first; USB 2 carries only the last one.
@@ -28,7 +26,7 @@ def open_realsense(serial: str | None = None, *, up_camera: ArrayLike | None = N
     """Open a RealSense camera: colour, depth aligned with it, intrinsics and gravity.
 
     Args:
-        serial: serial number of the camera; None for any.
+        serial: Serial number of the camera; None for any.
         up_camera: (3,) direction away from gravity in the camera's frame, for cameras without an
             IMU. An IMU's direction takes its place.
 
@@ -36,7 +34,7 @@ def open_realsense(serial: str | None = None, *, up_camera: ArrayLike | None = N
         The source. Its time stamps are those of the camera's driver.
 
     Raises:
-        SourceLost: there is no such camera, or it has none of the known modes.
+        SourceLost: There is no such camera, or it has none of the known modes.
         MissingPackage: pyrealsense2 is not installed.
     """
     sdk = load_sdk("pyrealsense2", "pyrealsense2", "realsense", "RealSense")

@@ -1,8 +1,8 @@
 """Random changes of training frames and their labels.
 
-``frame`` applies all changes. ``settings`` holds their strengths, ``geometry`` and ``labels``
-transform image and labels together, ``colour`` and ``depth`` simulate variations of the sensor,
-``paste`` adds trees of another frame, ``randomness`` draws random numbers fast.
+`frame` applies all changes. `settings` holds their strengths, `geometry` and `labels`
+transform image and labels together, `colour` and `depth` simulate variations of the sensor,
+`paste` adds trees of another frame, `randomness` draws random numbers fast.
 """
 
 from perceptree.data.augment.frame import augment

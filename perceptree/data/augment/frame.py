@@ -27,7 +27,7 @@ def augment(
 ) -> Sample:
     """Augment a frame: paste trees of another frame, move everything, then change colours or depth.
 
-    Deterministic for a given state of ``rng``. The input is not changed; unchanged arrays are
+    Deterministic for a given state of `rng`. The input is not changed; unchanged arrays are
     shared with the result.
 
     Args:

@@ -1,7 +1,7 @@
 """Geometric augmentation: flip, crop, scale, shift, rotation, shear, perspective in one step.
 
 Coordinates are continuous px. OpenCV's warps have pixel centres at whole numbers;
-:func:`_to_opencv` converts a transform.
+`_to_opencv` converts a transform.
 """
 
 from __future__ import annotations
@@ -57,15 +57,15 @@ def _mirrored(masks: Bool) -> Bool:
 class Transform:
     """A geometric transform of an image to one of the same size.
 
-    First ``window`` is cut out and, if given, ``warp`` is applied. Then ``source`` is resized to
-    ``target``, and the result may be mirrored.
+    First `window` is cut out and, if given, `warp` is applied. Then `source` is resized to
+    `target`, and the result may be mirrored.
 
     Attributes:
         width: Image width in px.
         height: Image height in px.
         window: Part of the image to keep.
         source: Rectangle in the image.
-        target: Rectangle in the result that ``source`` fills.
+        target: Rectangle in the result that `source` fills.
         mirrored: Whether the result is mirrored horizontally.
         warp: (3, 3) rotation, shear and perspective in continuous px; None for none.
     """

@@ -28,9 +28,9 @@ class _Pasted:
 def paste_trees(
     rng: np.random.Generator, sample: Sample, other: Sample, encoding: DepthEncoding | None
 ) -> Sample:
-    """Paste one to three random trees of ``other`` at the same position.
+    """Paste one to three random trees of `other` at the same position.
 
-    With an ``encoding``, the images are depth: a pasted tree is visible only where it is nearer
+    With an `encoding`, the images are depth: a pasted tree is visible only where it is nearer
     than the frame. In colour images it occludes everything behind it. Occluded parts are removed
     from the masks, occluded keypoints get flag 1, and trees of which too little is visible are
     removed.
@@ -42,7 +42,7 @@ def paste_trees(
         encoding: Encoding of depth images; None for colour.
 
     Returns:
-        The frame with the pasted trees; ``sample`` itself if a frame has no masks or nothing fits.
+        The frame with the pasted trees; `sample` itself if a frame has no masks or nothing fits.
     """
     if sample.masks is None or other.masks is None or not len(other.masks):
         return sample
@@ -73,7 +73,7 @@ def _paste_one(
     keypoints: Float,
     encoding: DepthEncoding | None,
 ) -> _Pasted | None:
-    """Paste one tree into ``image`` in place; None if too little of it would be visible."""
+    """Paste one tree into `image` in place; None if too little of it would be visible."""
     pixels = cv2.countNonZero(mask.view(np.uint8))
     if pixels < MIN_PIXELS:
         return None
@@ -90,7 +90,7 @@ def _paste_one(
 
 
 def _blend(image: UInt8, other: UInt8, mask: Bool) -> None:
-    """Copy the pixels of a mask into ``image`` in place, blended at the mask's edge."""
+    """Copy the pixels of a mask into `image` in place, blended at the mask's edge."""
     x0, y0, x1, y1 = box_of(mask)
     rows, columns = slice(max(0, y0 - 1), y1 + 1), slice(max(0, x0 - 1), x1 + 1)
     sides = (_SOFT_EDGE_PX, _SOFT_EDGE_PX)

@@ -86,7 +86,7 @@ def _stacked(found: Sequence[tuple[FrameRecord, Signature]]) -> NDArray[np.uint6
 
 
 def _nearest(one: NDArray[np.uint64], other: NDArray[np.uint64]) -> Iterator[tuple[int, int]]:
-    """Yield (row of ``other``, nearest row of ``one``) where they differ by few bits."""
+    """Yield (row of `other`, nearest row of `one`) where they differ by few bits."""
     if not len(one):
         return
     step = max(1, _PAIRS_AT_ONCE // len(one))

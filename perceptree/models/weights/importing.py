@@ -42,8 +42,8 @@ class Imported:
     assumed: tuple[str, ...]
     """Properties that the file does not state, assumed from the published configurations."""
     training: dict[str, Any]
-    """The training record for ``save_checkpoint``: source of the weights, and the tensors that
-    keep their random initial values (``fresh``)."""
+    """The training record for `save_checkpoint`: source of the weights, and the tensors that
+    keep their random initial values (`fresh`)."""
 
 
 def import_checkpoint(
@@ -63,13 +63,13 @@ def import_checkpoint(
     """Import a Detectron2 Mask R-CNN with FPN and a ResNet-50, -101 or ResNeXt-101 backbone.
 
     Args:
-        path: A ``.pth`` or ``.pkl`` file.
-        modality: Input of the network, ``rgb`` or ``depth``.
+        path: A `.pth` or `.pkl` file.
+        modality: Input of the network, `rgb` or `depth`.
         height: Height of the frames, px; 720 by default.
         width: Width of the frames, px; 1280 by default.
-        stride_in: Convolution of the bottlenecks that has the stride; ``auto`` uses the published
+        stride_in: Convolution of the bottlenecks that has the stride; `auto` uses the published
             configuration of the backbone.
-        pixel_std: Standard deviation of the input, 1 or ImageNet's; ``auto`` uses the file's
+        pixel_std: Standard deviation of the input, 1 or ImageNet's; `auto` uses the file's
             value or the published configuration.
         as_init: Import starting weights from a network for another task, such as COCO's persons.
             The layers that depend on the task get reproducible random weights.

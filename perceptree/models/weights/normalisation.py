@@ -46,7 +46,7 @@ def normalisation(
         path: File that an error names.
         tensors: The file's tensors by Detectron2 name.
         stride_in: Option of the user.
-        pixel_std: Option of the user; other values than ``auto`` replace the file's.
+        pixel_std: Option of the user; other values than `auto` replace the file's.
         usual_1x1: Whether the published network has its strides in the 1x1 convolutions.
 
     Raises:

@@ -54,7 +54,7 @@ class _Mapping(dict[Any, Any]):
 
 
 class _Dtype:
-    """A recorded numpy dtype, such as ``f4``."""
+    """A recorded numpy dtype, such as `f4`."""
 
     def __init__(self, code: object, *_: object) -> None:
         self.code, self.order = code, "|"
@@ -147,7 +147,7 @@ SAFE_GLOBALS: tuple[tuple[type, str], ...] = tuple(
     for name, stand_in in _STAND_INS.items()
     if name[0].startswith("numpy")
 )
-"""The numpy stand-ins in the form that ``torch.serialization.safe_globals`` takes."""
+"""The numpy stand-ins in the form that `torch.serialization.safe_globals` takes."""
 
 
 class _Unpickler(pickle.Unpickler):
@@ -179,7 +179,7 @@ class _Unpickler(pickle.Unpickler):
 
 
 def read_pickle(file: BinaryIO) -> Any:
-    """Read a pickle's content, with an :class:`ArrayRecord` in place of each array.
+    """Read a pickle's content, with an `ArrayRecord` in place of each array.
 
     Raises:
         Exception: Any subclass that Python's unpickler raises for a broken file.
@@ -193,7 +193,7 @@ def read_pickle(file: BinaryIO) -> Any:
 def _check_claims(content: mmap.mmap) -> None:
     """Raise ValueError for stated lengths and indices that exceed the file.
 
-    Python's unpickler allocates memory for any stated size. ``pickletools.genops`` checks lengths
+    Python's unpickler allocates memory for any stated size. `pickletools.genops` checks lengths
     itself; the indices of memo entries are checked here.
     """
     for number, (code, argument, _) in enumerate(pickletools.genops(cast("IO[bytes]", content))):

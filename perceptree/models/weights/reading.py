@@ -34,7 +34,7 @@ _MOST_SHARED = 2  # times that the data of a file may be used, as by layers that
 
 
 def read_weights(path: Path) -> Tensors:
-    """Read the tensors of a ``.pth`` or ``.pkl`` file.
+    """Read the tensors of a `.pth` or `.pkl` file.
 
     The content decides the format: one of torch's two, or a plain pickle of numpy arrays.
 

@@ -58,7 +58,7 @@ class RecognisedNetwork:
 
 @dataclasses.dataclass(frozen=True)
 class ImportOptions:
-    """Options of the user, as for ``importing.import_checkpoint``."""
+    """Options of the user, as for `importing.import_checkpoint`."""
 
     modality: Modality = "rgb"
     height: int | None = None
@@ -188,7 +188,7 @@ def _has(tensors: Tensors, begin: str) -> bool:
 
 
 def _numbered(tensors: Tensors, begin: str, end: str, first: int) -> Iterator[Tensor]:
-    """The tensors named ``begin``, number and ``end``, for consecutive numbers from ``first``."""
+    """The tensors named `begin`, number and `end`, for consecutive numbers from `first`."""
     while f"{begin}{first}{end}" in tensors:
         yield tensors[f"{begin}{first}{end}"]
         first += 1

@@ -139,7 +139,7 @@ def _labelled_frame(
 ) -> LabelledFrame:
     """Apply the sensor models to a rendered view, and label it.
 
-    ``rngs`` are for the view's sensors, for camera faults and for camera traps.
+    `rngs` are for the view's sensors, for camera faults and for camera traps.
     """
     rng, fault_rng, trap_rng = rngs
     faults = draw_faults(fault_rng, settings.imaging)

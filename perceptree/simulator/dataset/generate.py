@@ -83,7 +83,7 @@ def generate_dataset(
         workers: Number of processes; by default one per core.
         progress: Called with the number of finished frames and their total.
         files: File formats.
-        photographs: Photographs that the scenes show besides, of ``open_photographs``.
+        photographs: Photographs that the scenes show besides, of `open_photographs`.
 
     Raises:
         SettingsError: If a number is out of range, there are too few frames for the splits, or a
@@ -118,7 +118,7 @@ def scene_jobs(
         store: Object store of the dataset; None for a folder.
 
     Raises:
-        SettingsError: If ``frames`` is out of range, or too few for the splits.
+        SettingsError: If `frames` is out of range, or too few for the splits.
     """
     check_number("frames", frames, 1, MAX_FRAMES)
     views = plan.settings.views_per_scene
@@ -136,7 +136,7 @@ def scene_jobs(
 
 
 def prepare(directory: Path, plan: DatasetPlan) -> None:
-    """Make a dataset's folders and its ``settings.json``.
+    """Make a dataset's folders and its `settings.json`.
 
     Raises:
         DatasetError: If the folder holds a dataset with other settings or another seed.

@@ -47,7 +47,7 @@ class DatasetPlan:
         return settings_sha256(self.settings, self.seed, self.files)
 
     def content(self) -> bytes:
-        """Make the content of ``settings.json``, with the credits of the photographs."""
+        """Make the content of `settings.json`, with the credits of the photographs."""
         record = _settings_record(self.settings, self.seed, self.files)
         content = {**record, "sha256": self.sha256}
         if self.photographs is not None:

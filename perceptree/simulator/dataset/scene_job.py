@@ -85,8 +85,8 @@ class SceneJob:
     def records(self) -> list[dict[str, Any]]:
         """Read the records of the scene's frames.
 
-        A record has the COCO ``image`` and ``annotations``, the size of each file (``bytes``) and
-        ``depth_valid_share``.
+        A record has the COCO `image` and `annotations`, the size of each file (`bytes`) and
+        `depth_valid_share`.
 
         Returns:
             One record per frame; none if the scene is not finished, or a file is missing or has
@@ -127,7 +127,7 @@ def draw_scene(job: SceneJob, assets: Assets) -> int:
 
 
 def draw_frames(job: SceneJob, assets: Assets) -> bytes:
-    """Do as ``draw_scene``, but return the content of the shard file instead of writing it."""
+    """Do as `draw_scene`, but return the content of the shard file instead of writing it."""
     if job.store is None:
         return json.dumps(_draw_here(job, assets)).encode()
     with tempfile.TemporaryDirectory() as folder:

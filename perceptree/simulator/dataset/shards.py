@@ -163,7 +163,7 @@ def _is_there(scene: SceneJob, finished: set[int]) -> bool:
 
 
 def merge_shards(store: Store) -> SynthReport:
-    """Complete the dataset in the store of all its shards; errors as for ``merge_dataset``."""
+    """Complete the dataset in the store of all its shards; errors as for `merge_dataset`."""
     return merge_dataset(read_manifests([store], (KIND,)), store)
 
 
@@ -177,7 +177,7 @@ def merge_dataset(parts: MergedParts, out: Store) -> SynthReport:
         out: Where to write the dataset.
 
     Raises:
-        DatasetError: If ``out`` holds a dataset with other settings, or cannot be written.
+        DatasetError: If `out` holds a dataset with other settings, or cannot be written.
         JobError: If files of a shard are missing.
         StoreError: If a store cannot be read or written.
     """

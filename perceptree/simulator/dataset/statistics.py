@@ -71,7 +71,7 @@ def conditions(figures: Figures) -> dict[str, dict[str, int]]:
     """Count the frames of each condition.
 
     Args:
-        figures: Result of :func:`dataset_statistics`.
+        figures: Result of `dataset_statistics`.
 
     Returns:
         Number of frames by kind of condition and value; values that do not occur are left out.

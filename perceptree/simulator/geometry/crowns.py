@@ -123,7 +123,7 @@ def _branches_and_twigs(
 ) -> list[Mesh]:
     """Make branches, their side branches, and twigs on all of them.
 
-    Branches are curves of ``knots`` points. With 2 knots (distant trees), wood that needles hide
+    Branches are curves of `knots` points. With 2 knots (distant trees), wood that needles hide
     is left out.
     """
     count = habit.branches

@@ -217,7 +217,7 @@ def _branch(rng: np.random.Generator, twigs: int, layer: int) -> Mesh:
 def _crooked(
     rng: np.random.Generator, start: Float, turn_rad: Float, length_m: Float, points: int
 ) -> Float:
-    """(n, points, 3) bent curves from ``start`` (n, 2), rising slightly above the ground, m."""
+    """(n, points, 3) bent curves from `start` (n, 2), rising slightly above the ground, m."""
     reach = length_m[:, None] * np.linspace(0, 1, points)
     level = np.stack([np.cos(turn_rad)[:, None] * reach, np.sin(turn_rad)[:, None] * reach], -1)
     bend = np.cumsum(rng.normal(0, 0.03, level.shape) * length_m[:, None, None] / 2, 1)
@@ -243,7 +243,7 @@ def _dry_needles(rng: np.random.Generator, wood: Mesh) -> Mesh:
 
 
 def _cap(rim: Float, outwards: Float, tint: float) -> Mesh:
-    """A cut face with centred growth rings inside a rim (n, 3), facing ``outwards`` (3,)."""
+    """A cut face with centred growth rings inside a rim (n, 3), facing `outwards` (3,)."""
     centre, count = rim.mean(0), len(rim)
     first = unit(rim[0] - centre)
     normal = unit(np.cross(first, rim[count // 4] - centre))

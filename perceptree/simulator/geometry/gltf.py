@@ -117,7 +117,7 @@ def write_gltf(path: Path, mesh: SceneMesh, nodes: Sequence[Node], textures: Tex
 
 
 def gltf_bytes(mesh: SceneMesh, nodes: Sequence[Node], textures: Textures) -> bytes:
-    """Make the content of the file that :func:`write_gltf` writes."""
+    """Make the content of the file that `write_gltf` writes."""
     layers = np.unique(np.concatenate([mesh.layer[node.faces] for node in nodes]))
     materials = {int(layer): number for number, layer in enumerate(layers)}
     buffer = _Buffer()

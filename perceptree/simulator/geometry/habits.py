@@ -1,6 +1,6 @@
 """Crown parameters of each species (the habit of a tree is its characteristic shape).
 
-They are in ``habits.json``, with those of dead twigs and branches.
+They are in `habits.json`, with those of dead twigs and branches.
 """
 
 from __future__ import annotations

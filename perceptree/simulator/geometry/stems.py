@@ -68,7 +68,7 @@ def _splinters(stem: Stem, height_m: float) -> Mesh:
 
 
 def _fork(stem: Stem, rings_at_m: tuple[float, ...], rings: int, sides: int) -> list[Mesh]:
-    """The second leader, if there is one; its faces below ``rings_at_m`` are labelled."""
+    """The second leader, if there is one; its faces below `rings_at_m` are labelled."""
     fork = stem.fork
     if fork is None:
         return []

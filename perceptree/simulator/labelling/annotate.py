@@ -31,8 +31,8 @@ def frame_record(frame: LabelledFrame, image_id: int, files: FileSettings) -> di
         files: File formats.
 
     Returns:
-        ``image``, a COCO image, and ``annotations``, COCO annotations without ``id``, which
-        :func:`coco_dataset` adds.
+        `image`, a COCO image, and `annotations`, COCO annotations without `id`, which
+        `coco_dataset` adds.
     """
     height, width = frame.depth_m.shape
     image = {

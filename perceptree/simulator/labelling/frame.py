@@ -64,13 +64,13 @@ class LabelledFrame:
     Attributes:
         image: (H, W, 3) uint8 BGR.
         depth_m: (H, W) measured depth along the optical axis, m; 0 where there is no reading.
-        exact_depth_m: Exact depth of every ``exact_stride_px``-th pixel and row, m; 0 beyond its
+        exact_depth_m: Exact depth of every `exact_stride_px`-th pixel and row, m; 0 beyond its
             range.
         labels: The labelled trees.
         view: The camera.
         scene: Properties of the scene.
         depth_sensor: Kind and parameters of the depth sensor.
-        exact_stride_px: Stride of ``exact_depth_m``, px.
+        exact_stride_px: Stride of `exact_depth_m`, px.
         realism: Additions beyond the paper's conditions in the frame, by name.
         motion: Camera motion at a frame of a drive, else None.
     """

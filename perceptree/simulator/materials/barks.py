@@ -1,6 +1,6 @@
 """Bark textures of every tree model, composed of plates, furrows and marks.
 
-The parameters, in ``barks.json``, were chosen by eye.
+The parameters, in `barks.json`, were chosen by eye.
 """
 
 from __future__ import annotations

@@ -20,12 +20,12 @@ def rgb(red: int, green: int, blue: int) -> Float:
 
 
 def mix(first: Float, second: Float, share: Float) -> Float:
-    """Blend colours: ``first`` where ``share`` (H, W) is 0, ``second`` where it is 1."""
+    """Blend colours: `first` where `share` (H, W) is 0, `second` where it is 1."""
     return np.asarray(first + (second - first) * share[..., None])
 
 
 def noise(rng: np.random.Generator, exponent: float, *stretch: float) -> Float:
-    """Periodic noise (SIZE, SIZE) with zero mean and unit deviation, as ``spectral_noise``."""
+    """Periodic noise (SIZE, SIZE) with zero mean and unit deviation, as `spectral_noise`."""
     rows, columns = stretch or (1.0, 1.0)
     return spectral_noise(rng, (SIZE_PX, SIZE_PX), exponent, (rows, columns))
 
@@ -50,7 +50,7 @@ def cutout(rng: np.random.Generator, draw: DrawFunction, background: tuple[int, 
 
 
 def ink(base: tuple[int, int, int], strength: float) -> tuple[float, float, float, float]:
-    """An opaque colour for OpenCV's drawing functions, times ``strength``."""
+    """An opaque colour for OpenCV's drawing functions, times `strength`."""
     red, green, blue = (channel * strength / 255 for channel in base)
     return red, green, blue, 1.0
 

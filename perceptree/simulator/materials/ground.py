@@ -1,4 +1,4 @@
-"""Ground textures: litter, moss, roots and mud; with rock and wood from ``wood_and_rock``.
+"""Ground textures: litter, moss, roots and mud; with rock and wood from `wood_and_rock`.
 
 One repeat shows 1.7 m of ground, 3.3 mm per pixel.
 """

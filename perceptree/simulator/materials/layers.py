@@ -10,9 +10,9 @@ PAINT_CELLS = 8  # plain colours along each side of the layer PAINT
 
 
 class Layer(enum.IntEnum):
-    """Texture layers. Those from ``FIR_TWIG`` to ``BILBERRY`` are cut out by their alpha.
+    """Texture layers. Those from `FIR_TWIG` to `BILBERRY` are cut out by their alpha.
 
-    ``PAINT`` contains a grid of plain colours for man-made objects.
+    `PAINT` contains a grid of plain colours for man-made objects.
     """
 
     FIR_GREY = 0

@@ -17,7 +17,7 @@ def spectral_noise(
     exponent: float,
     stretch: tuple[float, float] = (1.0, 1.0),
 ) -> Float32:
-    """Draw a periodic random field with power spectrum ``1 / f ** exponent``.
+    """Draw a periodic random field with power spectrum `1 / f ** exponent`.
 
     Args:
         rng: Source of random numbers.
@@ -78,6 +78,6 @@ def jittered_cells(
 
 
 def smoothstep(low: float, high: float, x: Float) -> Float32:
-    """Smooth step: 0 below ``low``, 1 above ``high``, a cubic in between."""
+    """Smooth step: 0 below `low`, 1 above `high`, a cubic in between."""
     t = np.clip((x - low) / (high - low), 0.0, 1.0)
     return np.asarray(t * t * (3.0 - 2.0 * t), np.float32)

@@ -36,7 +36,7 @@ class Photograph:
         kind: One of KINDS.
         source: Name of the source's folder.
         name: Name of the photograph.
-        files: Picture by its part: one of MAPS, one of CUBE_FACES, or ``color`` if there is only
+        files: Picture by its part: one of MAPS, one of CUBE_FACES, or `color` if there is only
             one.
     """
 
@@ -59,8 +59,8 @@ class PhotoFolder:
         root: The folder.
         photographs: All photographs, sorted by kind, source and name.
         sha256: Hash of the names and contents of all pictures and licences.
-        credits: Per source: ``kind``, ``source``, ``licence`` (first line of its LICENCE.txt that
-            names one) and ``names`` of the photographs.
+        credits: Per source: `kind`, `source`, `licence` (first line of its LICENCE.txt that
+            names one) and `names` of the photographs.
     """
 
     root: Path
@@ -127,10 +127,10 @@ def with_photographs(settings: SimulatorSettings, folder: PhotoFolder | None) ->
 
 
 def dataset_credits(settings_file: Path) -> list[dict[str, Any]]:
-    """Read whom a dataset's photographs are of, and their licences, from its ``settings.json``.
+    """Read whom a dataset's photographs are of, and their licences, from its `settings.json`.
 
     Returns:
-        As ``PhotoFolder.credits``; empty for a dataset without photographs.
+        As `PhotoFolder.credits`; empty for a dataset without photographs.
 
     Raises:
         DatasetError: If the file cannot be read.

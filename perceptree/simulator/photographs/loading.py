@@ -146,7 +146,7 @@ def _slope(photo: Photograph, colour: UInt8, size: tuple[int, int]) -> tuple[UIn
 
 
 def read_picture(path: Path, flags: int = cv2.IMREAD_UNCHANGED) -> NDArray[Any]:
-    """Read a picture as ``cv2.imread`` does.
+    """Read a picture as `cv2.imread` does.
 
     Raises:
         SettingsError: If it is unreadable, too small, too large or too narrow.
@@ -194,7 +194,7 @@ def _byte(values: Float) -> UInt8:
 
 
 def reduced(picture: UInt8, longest_px: int = LARGEST_PX) -> UInt8:
-    """Reduce a picture to a longer side of at most ``longest_px``."""
+    """Reduce a picture to a longer side of at most `longest_px`."""
     scale = longest_px / max(picture.shape[:2])
     if scale >= 1:
         return picture

@@ -142,7 +142,7 @@ def _wave(rng: np.random.Generator, time_s: Float, hertz: float) -> Float:
 
 
 def _smooth(values: Float, deviation_s: float) -> Float:
-    """Smooth values over time by a Gaussian with a standard deviation of ``deviation_s``."""
+    """Smooth values over time by a Gaussian with a standard deviation of `deviation_s`."""
     reach = round(3 * deviation_s * IMU_HZ)
     weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / (deviation_s * IMU_HZ)) ** 2)
     padded = np.pad(values, reach, "reflect", reflect_type="odd")

@@ -100,7 +100,7 @@ class SampleGrid:
 def sample_grid(view: View) -> SampleGrid:
     """Make the sample grid of a view.
 
-    Corner-based pixel coordinate x is at ``2 x - 0.5`` samples. An image with distortion is
+    Corner-based pixel coordinate x is at `2 x - 0.5` samples. An image with distortion is
     rendered into a pinhole buffer that covers all its rays, and then resampled.
     """
     camera = view.intrinsics

@@ -41,7 +41,7 @@ def cloud(x, y):
 
 @njit(inline="always", cache=True, error_model="numpy")
 def ramp(low, high, x):
-    """Smooth step: 0 below ``low``, 1 above ``high``, a cubic in between."""
+    """Smooth step: 0 below `low`, 1 above `high`, a cubic in between."""
     t = min(max((x - low) / (high - low), _f32(0)), _f32(1))
     return t * t * (_f32(3) - _f32(2) * t)
 
@@ -71,7 +71,7 @@ def is_cutout(texture):
 def face_texels(corners, u, i, j, k):
     """Twice the area of a face in texels of the finest mip level.
 
-    ``corners`` (V, n) holds the texture coordinates of the vertices in the columns u and u + 1.
+    `corners` (V, n) holds the texture coordinates of the vertices in the columns u and u + 1.
     """
     return _AREA * abs(
         (corners[j, u] - corners[i, u]) * (corners[k, u + 1] - corners[i, u + 1])
@@ -81,7 +81,7 @@ def face_texels(corners, u, i, j, k):
 
 @njit(inline="always", cache=True, error_model="numpy")
 def mip_level(texels, most, last):
-    """The first mip level with at most ``most`` texels in an area, or the last one."""
+    """The first mip level with at most `most` texels in an area, or the last one."""
     level = 0
     while texels > most and level < last:
         texels *= _f32(0.25)
@@ -125,7 +125,7 @@ def sample(table, offsets, texture, level, u, v, out):
 
 @njit(inline="always", cache=True, error_model="numpy")
 def nearest(table, offsets, texture, level, u, v, out):
-    """Sample the nearest texel of a repeating texture, with arguments as for ``sample``."""
+    """Sample the nearest texel of a repeating texture, with arguments as for `sample`."""
     size = SIZE_PX >> level
     mask = size - 1
     column, row = int(np.floor(u * size)) & mask, int(np.floor(v * size)) & mask

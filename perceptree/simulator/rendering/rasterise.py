@@ -51,7 +51,7 @@ def project_vertices(vertices, camera, screen):
 def project_parallel(vertices, rows, screen):
     """Project vertices (V, 3) in parallel by a (3, 4) matrix.
 
-    ``screen`` (V, 3) receives x px, y px and a nearness between 0 and 1.
+    `screen` (V, 3) receives x px, y px and a nearness between 0 and 1.
     """
     for i in prange(vertices.shape[0]):
         x, y, z = vertices[i, 0], vertices[i, 1], vertices[i, 2]
@@ -101,7 +101,7 @@ def _cutout(triangles, i, j, k, area, texture):
 
 @njit(cache=True, error_model="numpy")
 def _draw_face(face, top, bottom, triangles, depth_buffer, face_buffer):
-    """Draw one face into the rows ``top`` to ``bottom``."""
+    """Draw one face into the rows `top` to `bottom`."""
     faces, screen, uv = triangles.faces, triangles.screen, triangles.uv
     i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
     x0, y0, w0 = screen[i, 0], screen[i, 1], screen[i, 2]

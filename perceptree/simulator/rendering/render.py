@@ -186,7 +186,7 @@ def _sample_camera(view: View, grid: SampleGrid) -> SampleCamera:
 
 
 def _corners(mesh: SceneMesh) -> Float32:
-    """(V, 8) values of each vertex, as in ``kernel_types.Surface``."""
+    """(V, 8) values of each vertex, as in `kernel_types.Surface`."""
     corners = np.zeros((len(mesh.vertices), 8), np.float32)
     corners[:, :3], corners[:, 3:5] = mesh.normals, mesh.uv
     corners[:, 5], corners[:, 6] = mesh.tint, mesh.sky

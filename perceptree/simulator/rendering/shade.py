@@ -50,7 +50,7 @@ def _like_last_foliage(depth_buffer, face_buffer, x, y, layer, shared):
 
 @njit(cache=True, error_model="numpy")
 def _shade_sample(x, y, depth_buffer, face_buffer, surface, maps, camera, atmosphere, scratch):
-    """Compute the colour of one sample into ``scratch[0]``; the other arrays are work space.
+    """Compute the colour of one sample into `scratch[0]`; the other arrays are work space.
 
     The last one holds the values of the last shaded sample of the block: depth, sunlight and
     ambient openness, which samples of equal depth reuse, and its layer if it is foliage, else -1.

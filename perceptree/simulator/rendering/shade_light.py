@@ -150,7 +150,7 @@ def backdrop(colour, world, length, towards_sun, atmosphere):
 def illuminate(
     colour, normal, world, length, lit, ambient, gloss, towards_sun, path_m, foliage, atmosphere
 ):
-    """Turn the albedo ``colour`` (3,) into reflected light, and add haze along the path.
+    """Turn the albedo `colour` (3,) into reflected light, and add haze along the path.
 
     Light comes from the sun, the sky, the ground (bounced), and a lamp at the camera. Surfaces
     are Lambertian with an optional gloss; foliage also transmits light from behind. Haze follows

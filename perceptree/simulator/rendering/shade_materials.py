@@ -178,7 +178,7 @@ def _wet(colour, gloss, texture, wet):
 
 @njit(cache=True, error_model="numpy")
 def material(colour, normal, point, world, face, x, y, z, surface, maps, atmosphere, work, texel):
-    """Compute albedo ``colour`` and ``normal`` of a face at a sample.
+    """Compute albedo `colour` and `normal` of a face at a sample.
 
     Args:
         colour: (3,) receives the linear RGB albedo.

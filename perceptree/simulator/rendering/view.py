@@ -26,7 +26,7 @@ class Pose:
     """How the camera is carried.
 
     Attributes:
-        carrier: ``mast``, ``hand`` or ``drive``.
+        carrier: `mast`, `hand` or `drive`.
         height_m: Height above the ground, m.
         pitch_deg: Pitch, positive upwards.
         roll_deg: Roll, positive clockwise.
@@ -85,7 +85,7 @@ class View:
 
 
 def look_from(intrinsics: PinholeCamera, origin: Float, pose: Pose) -> View:
-    """Make the view of a camera at ``origin`` (3,) with the angles of ``pose``."""
+    """Make the view of a camera at `origin` (3,) with the angles of `pose`."""
     yaw, pitch, roll = np.radians([pose.yaw_deg, pose.pitch_deg, pose.roll_deg])
     flat = np.array([np.cos(yaw), np.sin(yaw), 0.0])
     up = np.array([0.0, 0.0, 1.0])

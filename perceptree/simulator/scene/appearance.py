@@ -63,7 +63,7 @@ def random_appearance(rng: np.random.Generator, settings: RandomisationSettings)
 
 
 def _random_gains(rng: np.random.Generator, most: float) -> Float:
-    """(3,) factors that shift a colour by up to ``most`` towards a random hue, with brightness."""
+    """(3,) factors that shift a colour by up to `most` towards a random hue, with brightness."""
     hue = rng.dirichlet(np.ones(3)) * 3
     pull = most * rng.random()
     return np.asarray((1 - pull + pull * hue) * np.exp(rng.normal(0, _BRIGHTNESS)))

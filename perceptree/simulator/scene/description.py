@@ -225,7 +225,7 @@ def _outside_circles(places_m: Float, circles: Float) -> Bool:
 
 
 def _with_visible_cut(tree: Tree, undergrowth: list[Placement]) -> Tree:
-    """Set the cut of a near tree by the rule in ``felling_cut``."""
+    """Set the cut of a near tree by the rule in `felling_cut`."""
     if not tree.near:
         return tree
     heights_m: list[float] = []

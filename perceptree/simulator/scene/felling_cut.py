@@ -1,6 +1,6 @@
 """Height of the felling cut: just above the root flare and above obstacles at the foot.
 
-This is ``cut_rule`` "visible". The cut is at the lowest height where the root collar widens the
+This is `cut_rule` "visible". The cut is at the lowest height where the root collar widens the
 stem by at most 8 % of its radius, and at least 3 cm above every stone or stump within 15 cm of the
 bark. It is limited to 5 to 50 cm above the ground on the uphill side. The diameter keypoints are
 10 cm above the cut.

@@ -40,8 +40,8 @@ class Placement:
 class _ScatterRule:
     """How a kind is scattered.
 
-    ``setting`` of UndergrowthSettings scales ``full_count`` objects within RADIUS_M; the higher
-    ``threshold``, the fewer and the more clustered; ``lying`` ones follow the ground's slope.
+    `setting` of UndergrowthSettings scales `full_count` objects within RADIUS_M; the higher
+    `threshold`, the fewer and the more clustered; `lying` ones follow the ground's slope.
     """
 
     setting: str

@@ -51,7 +51,7 @@ class Terrain:
         return np.asarray(np.where(right >= up, below_diagonal, above_diagonal))
 
     def local_slope_deg(self, x_m: ArrayLike, y_m: ArrayLike, step_m: float = 1.0) -> Float:
-        """Slope of the ground at (x, y), degrees, over ``step_m`` to each side."""
+        """Slope of the ground at (x, y), degrees, over `step_m` to each side."""
         x, y = np.asarray(x_m, np.float64), np.asarray(y_m, np.float64)
         rise_x = self.height_m(x + step_m, y) - self.height_m(x - step_m, y)
         rise_y = self.height_m(x, y + step_m) - self.height_m(x, y - step_m)

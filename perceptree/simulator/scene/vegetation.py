@@ -134,7 +134,7 @@ def _grass(
 
 
 def _in_patches(rng: np.random.Generator, cover: float, x: Float, y: Float) -> Bool:
-    """(n,) whether points are where grass stands: the share ``cover`` of the ground's area."""
+    """(n,) whether points are where grass stands: the share `cover` of the ground's area."""
     noise = spectral_noise(rng, (_PATCH_CELLS, _PATCH_CELLS), _PATCH_EXPONENT)
     column, row = (np.floor(axis / _PATCH_CELL_M).astype(int) % _PATCH_CELLS for axis in (x, y))
     return np.asarray(noise[row, column] < np.quantile(noise, cover))

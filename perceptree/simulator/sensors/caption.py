@@ -26,7 +26,7 @@ def draw_caption(rng: np.random.Generator, image: UInt8) -> UInt8:
         image: (H, W, 3) uint8 BGR.
 
     Returns:
-        A changed copy of ``image``.
+        A changed copy of `image`.
     """
     marked = image.copy()
     (_two_strips, _one_strip, _text_alone)[rng.choice(3, p=(0.4, 0.4, 0.2))](rng, marked)
@@ -78,7 +78,7 @@ def _text_alone(rng: np.random.Generator, image: UInt8) -> None:
 def _write(
     image: UInt8, text: str, start: float, top: int, thick: int, ink: _Colour = _WHITE
 ) -> None:
-    """Write a line from ``start``, a fraction of the width, into the rows of a strip."""
+    """Write a line from `start`, a fraction of the width, into the rows of a strip."""
     scale, stroke = 0.62 * thick / _CAP_PX, max(1, round(thick / 16))
     foot = (int(start * image.shape[1]), top + round(0.81 * thick))
     cv2.putText(image, text, foot, _FONT, scale, ink, stroke, cv2.LINE_AA)

@@ -38,7 +38,7 @@ class MeasuredDepth:
 
     Attributes:
         depth_m: (H, W) float32 depth along the optical axis, m; 0 where there is no reading.
-        kind: ``stereo`` or ``tof``.
+        kind: `stereo` or `tof`.
         baseline_m: Baseline of the stereo camera, m; 0 for time of flight.
         noise: Standard deviation of the disparity, px, for stereo; of the depth divided by its
             square, 1/m, for time of flight.
@@ -67,7 +67,7 @@ def measure_depth(
         depth_m: (H, W) float32 exact depth along the optical axis, m; 0 on sky. H and W must be
             even for a sensor with half the resolution.
         camera: Intrinsics of the image.
-        haze_per_m: Extinction of the air, 1/m; ignored unless ``settings.in_haze``.
+        haze_per_m: Extinction of the air, 1/m; ignored unless `settings.in_haze`.
     """
     kinds = [kind for kind, weight in settings.kinds.items() if weight > 0]
     weights = np.array([settings.kinds[kind] for kind in kinds])
@@ -95,7 +95,7 @@ def _stereo(
     """Disparity f b / z with a matcher's errors: noise, steps, holes and bleeding at edges.
 
     The image is the left one of the pair, so the right camera cannot see a strip to the left of
-    near objects and at the left border. In haze of extinction ``haze`` (1/m) contrast decreases to
+    near objects and at the left border. In haze of extinction `haze` (1/m) contrast decreases to
     exp(-haze z) (Koschmieder 1924). The noise is divided by the contrast, and pixels with too
     little contrast have no reading.
     """
@@ -126,7 +126,7 @@ def _match(rng: np.random.Generator, disparity: Float32, holes: float) -> tuple[
     """Simulate the errors of window matching: disparities (H, W) and where there is no reading.
 
     A window misses twigs thinner than half its size. Next to an edge it often returns the nearer
-    surface, which so extends by a pixel. ``holes`` scales the fraction of lost readings: at edges,
+    surface, which so extends by a pixel. `holes` scales the fraction of lost readings: at edges,
     where the right camera cannot see, and in patches without texture.
     """
     chance = smooth_noise(rng, disparity.shape, _CHANCE_SIGMA_PX)
@@ -153,7 +153,7 @@ def _time_of_flight(
 ) -> MeasuredDepth:
     """Depth with noise k z², mixed depths and holes at edges, lost weak returns, and 1 mm steps.
 
-    The noise is at least 1.5 mm, unless k is 0. Haze of extinction ``haze`` (1/m) absorbs light
+    The noise is at least 1.5 mm, unless k is 0. Haze of extinction `haze` (1/m) absorbs light
     on the way there and back; the noise grows with 1 over the square root of the remaining light.
     """
     noise = float(rng.uniform(*settings.tof_noise_per_m))

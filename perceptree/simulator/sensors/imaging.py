@@ -76,7 +76,7 @@ def apply_processing_faults(rng: np.random.Generator, faults: CameraFaults, imag
         image: (H, W, 3) uint8 BGR.
 
     Returns:
-        (H, W, 3) uint8 BGR; ``image`` itself if there is nothing to change.
+        (H, W, 3) uint8 BGR; `image` itself if there is nothing to change.
     """
     if faults.infrared:
         image = infrared(image)
@@ -91,7 +91,7 @@ def apply_processing_faults(rng: np.random.Generator, faults: CameraFaults, imag
 
 
 def saturated(image: UInt8, factor: float) -> UInt8:
-    """Scale the distance of colours from grey by ``factor``: (H, W, 3) uint8."""
+    """Scale the distance of colours from grey by `factor`: (H, W, 3) uint8."""
     grey = cv2.cvtColor(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR)
     return np.asarray(cv2.addWeighted(image, factor, grey, 1 - factor, 0), np.uint8)
 
@@ -147,7 +147,7 @@ def _fringes(rng: np.random.Generator, strength: float, toned: Float32) -> Float
 
 
 def _spots(rng: np.random.Generator, count: int, shape: tuple[int, ...], size: float) -> Float32:
-    """(H, W, 1) opacity of soft round spots with radii up to ``size`` times the image width."""
+    """(H, W, 1) opacity of soft round spots with radii up to `size` times the image width."""
     height, width = shape[:2]
     cover = np.zeros((height, width), np.float32)
     for _ in range(count):

@@ -97,7 +97,7 @@ def night_picture(rng: np.random.Generator, night: InfraredNight, image: UInt8) 
 
 
 def _grain(rng: np.random.Generator, shape: tuple[int, ...], size_px: float) -> Float32:
-    """Noise (H, W) of standard deviation 1 that is correlated over ``size_px``."""
+    """Noise (H, W) of standard deviation 1 that is correlated over `size_px`."""
     noise = rng.standard_normal(shape, np.float32)
     if size_px < 0.3:
         return noise

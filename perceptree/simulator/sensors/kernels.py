@@ -61,7 +61,7 @@ def develop(toned, levels, deviations, normals, grain, colour_grain, image):
         levels: (n,) grey level, tabulated over the square root of the toned value.
         deviations: (n,) standard deviation of the noise in grey levels, tabulated likewise.
         normals: (256,) quantiles of the normal distribution.
-        grain: (H + 1, W + 1) uint8, random indices of ``normals``.
+        grain: (H + 1, W + 1) uint8, random indices of `normals`.
         colour_grain: (H / 2 + 1, W / 2 + 1, 2) uint8, random indices for the colour noise.
         image: (H, W, 3) uint8, receives BGR.
     """

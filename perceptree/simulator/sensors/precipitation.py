@@ -146,7 +146,7 @@ def draw_precipitation(
         up: (3,) unit vector upwards in camera axes.
 
     Returns:
-        A changed copy of ``image``.
+        A changed copy of `image`.
     """
     drawn, upwards = image.copy(), np.asarray(up, np.float64)
     if rain > 0:

@@ -23,7 +23,7 @@ _NORMALS = np.array([NormalDist().inv_cdf((i + 0.5) / 256) for i in range(256)],
 
 
 def _filmic(light: Float) -> Float:
-    """Narkowicz's fit (2016) of the ACES film curve, as in the ``tone`` kernel."""
+    """Narkowicz's fit (2016) of the ACES film curve, as in the `tone` kernel."""
     curve = light * (2.51 * light + 0.03) / (light * (2.43 * light + 0.59) + 0.14)
     return np.minimum(curve, 1.0)
 
@@ -64,7 +64,7 @@ def _blur(rng: np.random.Generator, settings: RgbSettings, toned: Float32) -> Fl
 
 
 def _motion_kernel(length_px: float, angle_rad: float) -> Float32:
-    """(K, K) weights of a straight motion of ``length_px`` through the centre."""
+    """(K, K) weights of a straight motion of `length_px` through the centre."""
     half = int(np.ceil(length_px / 2)) + 1
     kernel = np.zeros((2 * half + 1, 2 * half + 1), np.float32)
     along = np.linspace(-length_px / 2, length_px / 2, 8 * half + 1)
@@ -93,7 +93,7 @@ def expose(
         settings: Ranges of the sensor's parameters.
         samples: (2H, 2W, 3) float32 linear RGB.
         log_luminance: Mean log luminance of the samples, which the exposure is metered on.
-        darkness: 0 (day) to 1 (dusk): the exposure decreases to ``dusk_exposure``, and the noise
+        darkness: 0 (day) to 1 (dusk): the exposure decreases to `dusk_exposure`, and the noise
             increases to three times its value.
         error: Factor of the exposure.
         lens: Applied to the picture (H, W, 3) after the tone curve and before noise.

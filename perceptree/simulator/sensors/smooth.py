@@ -17,7 +17,7 @@ def smooth_noise(rng: np.random.Generator, shape: tuple[int, ...], sigma_px: flo
         rng: Source of random numbers.
         shape: Rows and columns.
         sigma_px: Standard deviation of the blur, px. The autocorrelation is a Gaussian with a
-            standard deviation of sqrt(2) ``sigma_px``.
+            standard deviation of sqrt(2) `sigma_px`.
 
     Returns:
         (H, W) float32.

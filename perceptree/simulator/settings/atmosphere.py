@@ -19,9 +19,9 @@ class WeatherSettings(Settings):
         default_factory=lambda: dict.fromkeys(WEATHERS, 1.0) | {"clear": 4.0},
         metadata=weights(WEATHERS) | label("weather kinds"),
     )
-    """Weight of each of WEATHERS. ``snow`` is lying snow; ``snowfall`` is flakes in the air and
-    some lying snow; ``wet`` is surfaces after rain; ``rain`` is streaks in the air and wet
-    surfaces; ``fog`` is dense haze."""
+    """Weight of each of WEATHERS. `snow` is lying snow; `snowfall` is flakes in the air and
+    some lying snow; `wet` is surfaces after rain; `rain` is streaks in the air and wet
+    surfaces; `fog` is dense haze."""
     strength: Range = field(default=(0.2, 1.0), metadata=number(0, 1) | label("weather strength"))
     """Range of the strength, 0 (hardly) to 1 (severe)."""
 

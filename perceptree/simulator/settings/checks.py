@@ -9,7 +9,7 @@ Range = tuple[float, float]
 Shares = dict[str, float]
 
 OMIT_DEFAULT: Metadata = {"omit_default": True}
-"""Metadata of settings that older datasets lack: ``to_dict`` omits them at their default."""
+"""Metadata of settings that older datasets lack: `to_dict` omits them at their default."""
 
 
 def number(lowest: float, highest: float) -> Metadata:
@@ -18,7 +18,7 @@ def number(lowest: float, highest: float) -> Metadata:
 
 
 def check_number(name: str, value: float, lowest: float, highest: float) -> None:
-    """Check that ``value`` is in [lowest, highest].
+    """Check that `value` is in [lowest, highest].
 
     Raises:
         SettingsError: If it is not.

@@ -1,6 +1,6 @@
-"""The ``field`` settings: the paper's settings with groups of additions for real forests.
+"""The `field` settings: the paper's settings with groups of additions for real forests.
 
-Each group can be added alone, to measure its effect (``benchmarks/field.py``).
+Each group can be added alone, to measure its effect (`benchmarks/field.py`).
 """
 
 from __future__ import annotations

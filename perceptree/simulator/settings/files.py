@@ -14,4 +14,4 @@ class FileSettings(Settings):
     """File formats of a dataset."""
 
     image_format: str = field(default="jpg", metadata=names(IMAGE_FORMATS))
-    """Format of colour images: ``jpg``, with the quality in RgbSettings, or ``png``."""
+    """Format of colour images: `jpg`, with the quality in RgbSettings, or `png`."""

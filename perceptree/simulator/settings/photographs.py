@@ -16,7 +16,7 @@ class PhotographSettings(Settings):
     """Photographs of bark, ground, stones, leaves and far stands."""
 
     sha256: str = ""
-    """Hash of the folder's content, set by ``--textures``; empty without photographs."""
+    """Hash of the folder's content, set by `--textures`; empty without photographs."""
     share: float = field(default=0.7, metadata=number(0, 1) | label("photographs.share"))
     """Fraction of the materials that show a photograph in a scene, and of the scenes before a
     photographed far stand. The others stay procedural."""

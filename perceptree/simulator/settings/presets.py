@@ -73,7 +73,7 @@ def _field() -> SimulatorSettings:
 
 
 def _former_field() -> SimulatorSettings:
-    """The field mix as it was when ``field-test`` was frozen."""
+    """The field mix as it was when `field-test` was frozen."""
     return replace(former_field_settings(_paper()), splits=SplitSettings(val=0.05, test=0.05))
 
 

@@ -19,7 +19,7 @@ def read_settings(path: Path, start: SimulatorSettings) -> SimulatorSettings:
 
     Args:
         path: A JSON object of changed settings, such as
-            ``{"stand": {"stems_per_ha": [400, 500]}}``, or the ``settings.json`` of a dataset.
+            `{"stand": {"stems_per_ha": [400, 500]}}`, or the `settings.json` of a dataset.
         start: What the changes are applied to. The record of a dataset is complete and does not
             use it: what it leaves out was off.
 

@@ -66,7 +66,7 @@ class CameraSettings(Settings):
 
     @classmethod
     def of_size(cls, width: int, height: int, horizontal_fov_deg: float = 85.0) -> CameraSettings:
-        """Make the default camera with another image size, as :func:`ideal_camera`."""
+        """Make the default camera with another image size, as `ideal_camera`."""
         return cls(ideal_camera(width, height, horizontal_fov_deg))
 
 

@@ -38,8 +38,8 @@ class LabelSettings(Settings):
     reach_m: float = field(default=10.0, metadata=number(1, 40))
     """Maximum distance of a labelled tree from the camera, m."""
     stem_height_m: float = field(default=4.0, metadata=number(1, 12))
-    """Height of the labelled stem above the ground at its axis, m. The keypoint ``axis_top`` is at
-    half of it, ``axis_middle`` halfway between the cut and ``axis_top``."""
+    """Height of the labelled stem above the ground at its axis, m. The keypoint `axis_top` is at
+    half of it, `axis_middle` halfway between the cut and `axis_top`."""
     cut_height_m: float = 0.20
     """Height of the felling cut above the ground on the uphill side, m."""
     diameter_height_m: float = 0.30
@@ -49,8 +49,8 @@ class LabelSettings(Settings):
     min_visible_area: float = field(default=4e-4, metadata=number(0, 1))
     """Minimum visible area of the stem, as a fraction of the image."""
     cut_rule: str = field(default="fixed", metadata=names(CUT_RULES) | OMIT_DEFAULT)
-    """``fixed`` uses the two heights above; ``visible`` cuts above the root flare and obstacles, as
-    in ``scene.felling_cut``."""
+    """`fixed` uses the two heights above; `visible` cuts above the root flare and obstacles, as
+    in `scene.felling_cut`."""
 
     def _check_together(self) -> None:
         if not 0 < self.cut_height_m < self.diameter_height_m < self.stem_height_m / 4:

@@ -29,5 +29,5 @@ class VegetationSettings(Settings):
     hedge_height_m: Range = field(default=(0.6, 2.0), metadata=number(0.4, 3))
     """Height of a hedge, m."""
     snow_depth_m: Range = field(default=(0.0, 0.0), metadata=number(0, 0.6))
-    """Mean depth of the snow in scenes with the weather ``snow`` or ``snowfall``, m. Snow is a
+    """Mean depth of the snow in scenes with the weather `snow` or `snowfall`, m. Snow is a
     surface above the soil; at (0, 0) it is only a colour."""
