@@ -72,7 +72,12 @@ class MissingPackage(EdgetreeError):
 
 
 def install_hint(*extras: str) -> str:
-    """The pip command that installs these extras of the project, for error messages."""
+    """The pip command that installs these extras of the project, for error messages.
+
+    Example:
+        >>> install_hint("cpu", "train")
+        'pip install ".[cpu,train]" in the project\'s folder'
+    """
     return f"""pip install ".[{",".join(extras)}]" in the project's folder"""
 
 
@@ -80,6 +85,10 @@ def short_line(text: str) -> str:
     r"""Return a text on one line of at most 2000 characters that a terminal can show.
 
     Bytes of file names that are not UTF-8 are kept; streams print them as `\udcff`.
+
+    Example:
+        >>> short_line("a line\nand another")
+        'a line and another'
     """
     if len(text) > _LONGEST_MESSAGE:
         start = text[: _LONGEST_MESSAGE - _END_OF_MESSAGE - len(" ... ")]

@@ -45,6 +45,12 @@ class PinholeCamera:
         CameraError: If a value is out of range or not finite, or if no lens has these parameters:
             a field of view above 156 degrees (fisheye: 280) or below 0.1, a principal point more
             than half the image outside of it, or a distortion that folds the image over.
+
+    Example:
+        >>> from calib import PinholeCamera
+        >>> camera = PinholeCamera(1280, 720, fx=698.4, fy=698.4, cx=639.5, cy=359.5)
+        >>> camera.scaled(640, 360).fx
+        349.2
     """
 
     width: int

@@ -104,6 +104,15 @@ def fit_ground_plane(
 
     Raises:
         InputError: If `up` is not a direction.
+
+    Example:
+        >>> import numpy as np
+        >>> from calib import CAMERA_UP, fit_ground_plane
+        >>> grid = np.mgrid[-2:2:40j, 2:8:40j]
+        >>> points_m = np.stack([grid[0], np.full_like(grid[0], 1.8), grid[1]], axis=-1)
+        >>> plane = fit_ground_plane(points_m, CAMERA_UP)
+        >>> plane.height_m([0.0, 0.0, 5.0]).round(2)  # the camera hangs 1.8 m above it
+        np.float64(1.8)
     """
     points = np.asarray(points_m, np.float64).reshape(1, -1, 3)
     usable = np.asarray(np.isfinite(points).all(axis=2))

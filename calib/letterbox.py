@@ -25,6 +25,14 @@ class Letterbox:
         resized_height: Height of the resized image in px.
         width: Width of the padded image, the model's input, in px.
         height: Height of the padded image in px.
+
+    Example:
+        >>> from calib import Letterbox
+        >>> box = Letterbox.fit(1280, 720, 640, 384)  # a frame, and a model's input
+        >>> (box.resized_width, box.resized_height)
+        (640, 360)
+        >>> box.to_source([[320.0, 180.0]])
+        array([[640., 360.]])
     """
 
     source_width: int

@@ -85,6 +85,11 @@ def encode_rle(mask: Bool) -> CocoRle:
     as its difference from the run two before. The numbers are written in base 32, least significant
     digit first: 5 bits of value, 1 bit that says whether another digit follows, plus 48 to make a
     printable character.
+
+    Example:
+        >>> import numpy as np
+        >>> encode_rle(np.eye(3, dtype=bool))
+        {'size': [3, 3], 'counts': '013000'}
     """
     height, width = mask.shape
     columns = np.flatnonzero(mask.any(axis=0))
@@ -126,6 +131,13 @@ def mask_polygons(mask: Bool, tolerance_px: float = 1.0) -> list[list[float]]:
     Returns:
         Polygons [x, y, x, y, ...] in continuous px with corners on pixel edges, largest first;
         empty for an empty mask.
+
+    Example:
+        >>> import numpy as np
+        >>> mask = np.zeros((8, 8), bool)
+        >>> mask[2:6, 3:5] = True
+        >>> mask_polygons(mask)
+        [[3.0, 2.0, 3.0, 6.0, 5.0, 6.0, 5.0, 2.0]]
     """
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if not rows.size:

@@ -14,7 +14,12 @@ from basetree.arrays import Float
 
 
 def image_to_opencv(xy_px: ArrayLike) -> Float:
-    """Convert (..., 2) continuous px to OpenCV's px."""
+    """Convert (..., 2) continuous px to OpenCV's px.
+
+    Example:
+        >>> image_to_opencv([[0.5, 0.5]])  # the centre of the first pixel
+        array([[0., 0.]])
+    """
     return np.asarray(xy_px, np.float64) - 0.5
 
 

@@ -50,12 +50,25 @@ def pixels_to_points(camera: PinholeCamera, xy_px: ArrayLike, depth_m: ArrayLike
 
     Returns:
         (..., 3) camera points in metres.
+
+    Example:
+        >>> from calib import PinholeCamera, pixels_to_points
+        >>> camera = PinholeCamera(1280, 720, fx=700.0, fy=700.0, cx=639.5, cy=359.5)
+        >>> pixels_to_points(camera, [[990.0, 360.0]], [7.0])  # 7 m along the optical axis
+        array([[3.5, 0. , 7. ]])
     """
     return np.asarray(pixels_to_rays(camera, xy_px) * np.asarray(depth_m, np.float64)[..., None])
 
 
 def project_points(camera: PinholeCamera, points_m: ArrayLike) -> Float:
-    """Project (..., 3) camera points to (..., 2) continuous px; infinite where z <= 0."""
+    """Project (..., 3) camera points to (..., 2) continuous px; infinite where z <= 0.
+
+    Example:
+        >>> from calib import PinholeCamera, project_points
+        >>> camera = PinholeCamera(1280, 720, fx=700.0, fy=700.0, cx=639.5, cy=359.5)
+        >>> project_points(camera, [[3.5, 0.0, 7.0]])
+        array([[990., 360.]])
+    """
     points = np.asarray(points_m, np.float64)
     flat = points.reshape(-1, 3)
     pixels = np.empty((len(flat), 2))
@@ -118,6 +131,14 @@ def depth_to_points(camera: PinholeCamera, depth_m: Float) -> Float:
 
     Raises:
         CameraError: If the map does not have the camera's size.
+
+    Example:
+        >>> import numpy as np
+        >>> from calib import PinholeCamera, depth_to_points
+        >>> camera = PinholeCamera(64, 48, fx=60.0, fy=60.0, cx=31.5, cy=23.5)
+        >>> points_m = depth_to_points(camera, np.full((48, 64), 3.0, np.float32))
+        >>> points_m[24, 62].round(3)
+        array([1.525, 0.025, 3.   ])
     """
     check_size(camera, depth_m)
     x, y = image_rays(camera)

@@ -133,6 +133,11 @@ def default_model(name: str) -> Path:
     Raises:
         ModelFileError: No model has this name.
         InputError: a folder that EDGETREE_MODELS names does not exist.
+
+    Example:
+        >>> from edgetree import default_model
+        >>> default_model("depth").name
+        'edge-n-depth.onnx'
     """
     packaged = {path.stem: path for path in _PACKAGED.glob("*.onnx")}
     file = packaged.get(DEFAULTS.get(name, name))

@@ -89,7 +89,14 @@ class SampleFrame:
 
 
 def sample_frames() -> list[SampleFrame]:
-    """The sample frames in the package, sorted by name."""
+    """The sample frames in the package, sorted by name.
+
+    Example:
+        >>> from edgetree import sample_frames
+        >>> frame = sample_frames()[0]
+        >>> (frame.name, frame.image().shape, frame.depth_m().shape)
+        ('sample_0', (720, 1280, 3), (720, 1280))
+    """
     folder = Path(__file__).parent / "assets" / "samples"
     return [_read_sample(path) for path in sorted(folder.glob("sample_*.json"))]
 

@@ -29,6 +29,12 @@ class Limits:
 
     Raises:
         InputError: If a limit is not a whole number of at least 1.
+
+    Example:
+        >>> from dataclasses import replace
+        >>> from basetree.files import Limits
+        >>> replace(Limits(), image_pixels=400_000_000).image_pixels
+        400000000
     """
 
     text_file_bytes: int = 2 * 2**20

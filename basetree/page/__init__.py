@@ -3,3 +3,5 @@
 `parts` makes the page and what stands on it, `charts` the charts. Arguments named `*_html` are
 inserted as they are; all other text is escaped here.
 """
+
+__all__: list[str] = []

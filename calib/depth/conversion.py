@@ -28,6 +28,10 @@ def disparity_to_depth(disparity_px: ArrayLike, fx_px: float, baseline_m: float)
 
     Raises:
         DepthError: If `fx_px` or `baseline_m` is not above 0.
+
+    Example:
+        >>> disparity_to_depth([[42.0, 0.0]], fx_px=700.0, baseline_m=0.12)  # 0: no match
+        array([[2., 0.]], dtype=float32)
     """
     return _divide_valid(_focal_baseline(fx_px, baseline_m), disparity_px)
 
@@ -49,6 +53,14 @@ def range_to_depth(range_m: ArrayLike, camera: PinholeCamera) -> Float32:
 
     Raises:
         CameraError: If the map does not have the camera's size.
+
+    Example:
+        >>> import numpy as np
+        >>> from calib import PinholeCamera, range_to_depth
+        >>> camera = PinholeCamera(64, 48, fx=60.0, fy=60.0, cx=31.5, cy=23.5)
+        >>> depth_m = range_to_depth(np.full((48, 64), 5.0, np.float32), camera)
+        >>> round(float(depth_m[0, 0]), 2)  # at a corner, depth is less than range
+        4.18
     """
     ranges = np.asarray(range_m, np.float64)
     return np.asarray(ranges / _ray_lengths(camera, ranges), np.float32)

@@ -89,6 +89,12 @@ def encode_depth(depth_m: Float, encoding: DepthEncoding) -> UInt8:
 
     Returns:
         (H, W) uint8, `invalid_value` for missing readings.
+
+    Example:
+        >>> import numpy as np
+        >>> from calib import DepthEncoding, encode_depth
+        >>> encode_depth(np.array([[0.0, 2.0, 5.0, 10.0]], np.float32), DepthEncoding())
+        array([[255,  26,  64, 128]], dtype=uint8)
     """
     metres = np.ascontiguousarray(depth_m, np.float32)
     low, high = sorted((encoding.near_value, encoding.far_value))

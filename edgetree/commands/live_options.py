@@ -101,7 +101,7 @@ class LiveSourceOptions:
 
     def open(self, source: str, rig: Rig, takes_depth: bool) -> FrameSource:
         """Open the source for a model that takes depth, or colour."""
-        from edgetree.sources.bags import is_bag
+        from edgetree.sources.bags.names import is_bag
         from edgetree.sources.drive import is_drive
         from edgetree.sources.live import open_live_source
         from edgetree.sources.playing import PacedSource

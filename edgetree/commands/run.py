@@ -140,7 +140,7 @@ class _Outputs:
         from edgetree.sources.files import as_typed
 
         def map_sink(path: Path) -> FileSink[Any]:
-            from edgetree.live.results import PosedMapSink
+            from edgetree.live.posed_map import PosedMapSink
 
             return PosedMapSink(path)
 

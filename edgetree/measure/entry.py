@@ -65,6 +65,18 @@ def measure_trees(
     Raises:
         InputError: Depth, camera or masks are for another image size, the depth does not have a
             float dtype, or the vertical is not a valid direction.
+
+    Example:
+        >>> from edgetree import TreeDetector, default_model, sample_frames
+        >>> from edgetree.measure import measure_trees
+        >>> frame = sample_frames()[0]
+        >>> depth_m = frame.depth_m()
+        >>> trees = TreeDetector.load(default_model("depth")).detect(depth_m)
+        >>> stems = measure_trees(trees, depth_m, frame.camera, up_camera=frame.up_camera)
+        >>> len(stems) == len(trees)
+        True
+        >>> all(stem.diameter_m or stem.diameter_m.reason for stem in stems)
+        True
     """
     settings = (settings or MeasureSettings()).scaled(detections.error_factor)
     _check_sizes(detections, depth_m, camera)

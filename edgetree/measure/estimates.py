@@ -49,6 +49,14 @@ class Estimate(NamedTuple):
     """A measured value and its standard deviation, both finite and in the quantity's unit.
 
     Always true, even if the value is 0.
+
+    Example:
+        >>> from edgetree.measure import Estimate, Failure
+        >>> diameter_m = Estimate(0.314, 0.008)
+        >>> [round(end, 3) for end in diameter_m.interval95]
+        [0.298, 0.33]
+        >>> bool(Failure("no depth on the stem"))
+        False
     """
 
     value: float

@@ -40,6 +40,13 @@ class TreeDetector:
     Raises:
         ModelFileError: The model has no manifest of edgetree, or one that contradicts its graph.
         InputError: The threshold is outside [0, 1].
+
+    Example:
+        >>> from edgetree import TreeDetector, default_model, sample_frames
+        >>> detector = TreeDetector.load(default_model("depth"))
+        >>> trees = detector.detect(sample_frames()[0].depth_m())
+        >>> (trees.boxes_px.shape[1], trees.keypoints_px.shape[1:])
+        (4, (5, 3))
     """
 
     def __init__(

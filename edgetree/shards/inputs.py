@@ -16,7 +16,7 @@ from basetree.files.names import IMAGE_SUFFIXES, VIDEO_SUFFIXES
 from basetree.jobs import LocalStore, Store, fetch, open_store
 from edgetree.frames.frame import Frame
 from edgetree.frames.rig import Rig
-from edgetree.sources.bags import BAG_SUFFIXES
+from edgetree.sources.bags.names import BAG_SUFFIXES
 from edgetree.sources.files import depth_names, frame_names, open_image_files
 from edgetree.sources.opening import open_frames
 

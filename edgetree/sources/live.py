@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from edgetree.frames.rig import Rig
-from edgetree.sources.bags import is_bag
+from edgetree.sources.bags.names import is_bag
 from edgetree.sources.bags.recording import open_recording
 from edgetree.sources.bags.topics import Modality
 from edgetree.sources.cameras.oak import open_oak

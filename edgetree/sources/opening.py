@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 from basetree.errors import InputError
 from edgetree.frames.rig import Rig
-from edgetree.sources.bags import is_bag
+from edgetree.sources.bags.names import is_bag
 from edgetree.sources.drive import is_drive, open_drive
 from edgetree.sources.files import has_images, open_source
 from edgetree.sources.source import FrameSource

@@ -100,6 +100,12 @@ def make_spec(
 
     Raises:
         SpecError: If the preset is unknown, or a change is no field or out of range.
+
+    Example:
+        >>> from perceptree.models import make_spec
+        >>> spec = make_spec("edge-n", "depth")
+        >>> (spec.height, spec.width, spec.backbone)
+        (384, 640, 'mobilenetv4_conv_small')
     """
     if preset in PAPER_PRESETS:
         values = _PAPER | PAPER_PRESETS[preset]

@@ -62,6 +62,11 @@ def recipe_settings(name: str, **changes: Any) -> TrainSettings:
 
     Raises:
         SettingsError: If the recipe is unknown or a value is out of range.
+
+    Example:
+        >>> from perceptree.training import recipe_settings
+        >>> recipe_settings("scratch", steps=1000).batch
+        8
     """
     if name not in RECIPES:
         raise SettingsError(f"recipe is {name!r}: expected one of {', '.join(RECIPES)}")

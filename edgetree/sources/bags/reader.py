@@ -16,8 +16,8 @@ from types import TracebackType
 from typing import Any, Final, NamedTuple
 
 from basetree.errors import EdgetreeError, InputError, MissingPackage, install_hint, short_line
-from edgetree.sources.bags import BAG_SUFFIXES, storage_files
 from edgetree.sources.bags.cut_off import readable_file
+from edgetree.sources.bags.names import BAG_SUFFIXES, storage_files
 
 TF_TYPE: Final = "tf2_msgs/msg/TFMessage"
 _OLD_TF_TYPE: Final = "tf/msg/tfMessage"  # of ROS 1 before 2013, with the same content

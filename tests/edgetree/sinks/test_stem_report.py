@@ -24,7 +24,7 @@ def measured(result, *stds_m: float):
 def entries(page: str) -> list[tuple[str, int, str]]:
     """Frame, number and diameter of each row."""
     found = re.findall(
-        r'<tr><td data-name="frame"><a href="#[^"]+">([^<]+)</a></td>'
+        r'<tr[^>]*><td data-name="frame"><a href="#[^"]+">([^<]+)</a></td>'
         r'<td data-name="tree" data-value="(\d+)">\d+</td>'
         r'<td data-name="diameter"[^>]*>([^<]+)</td>',
         page,
