@@ -25,6 +25,7 @@ ABSENT = (
     "ray",
     "fsspec",
     "s3fs",
+    "jsonschema",
 )
 FEWEST_PASSED = 400
 

@@ -75,8 +75,8 @@ def install_hint(*extras: str) -> str:
     """The pip command that installs these extras of the project, for error messages.
 
     Example:
-        >>> install_hint("cpu", "train")
-        'pip install ".[cpu,train]" in the project\'s folder'
+        >>> print(install_hint("cpu", "train"))
+        pip install ".[cpu,train]" in the project's folder
     """
     return f"""pip install ".[{",".join(extras)}]" in the project's folder"""
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import base64
+import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from typing import Final, NamedTuple, TypeAlias
@@ -72,7 +74,7 @@ class Plot:
     def _axes(self) -> str:
         parts = [
             _text(self._x(value), self._bottom + 15, text, "middle")
-            for value, text in self._across.ticks
+            for value, text in self._spaced_ticks()
         ]
         for value, text in self._up.ticks:
             y = self._y(value)
@@ -84,6 +86,15 @@ class Plot:
             name = f"{self._across.name_html} →"
             parts.append(_text(self._right, self._height - 5, name, "end"))
         return "".join(parts)
+
+    def _spaced_ticks(self) -> Sequence[tuple[float, str]]:
+        """The ticks of the horizontal axis, or every second or third of them if they are crowded."""
+        ticks = self._across.ticks
+        if len(ticks) < 3:
+            return ticks
+        letters = max(len(re.sub(r"<[^>]*>", "", text)) for _, text in ticks)
+        step_px = abs(self._x(ticks[1][0]) - self._x(ticks[0][0]))
+        return ticks[:: math.ceil((letters + 1) * _LETTER_PX / step_px)]
 
     def _x(self, value: float) -> float:
         return _LEFT + self._across.place(value) * (self._right - _LEFT)

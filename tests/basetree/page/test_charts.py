@@ -100,3 +100,14 @@ def test_the_legend_has_the_colours_of_the_series() -> None:
     html = legend([(0, "a <"), (2, "c")])
     assert re.findall(r'class="key (\w+)"', html) == ["first", "third"]
     assert "a &lt;" in html
+
+
+def test_crowded_ticks_are_thinned_out_and_few_are_all_shown() -> None:
+    def shown(*texts: str) -> list[str]:
+        ticks = tuple((float(n), text) for n, text in enumerate(texts))
+        svg = Plot(Axis(0, len(texts) - 1, ticks), Axis(0, 1)).svg("errors")
+        return re.findall(r'text-anchor="middle"[^>]*>([^<]+)<', svg)
+
+    assert shown("0", "1", "2") == ["0", "1", "2"]
+    crowded = [f"+0.0{n}" for n in range(9)]
+    assert shown(*crowded) == crowded[::2]
