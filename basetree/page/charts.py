@@ -88,7 +88,7 @@ class Plot:
         return "".join(parts)
 
     def _spaced_ticks(self) -> Sequence[tuple[float, str]]:
-        """The ticks of the horizontal axis, or every second or third of them if they are crowded."""
+        """The horizontal axis's ticks, or every second or third if they are crowded."""
         ticks = self._across.ticks
         if len(ticks) < 3:
             return ticks
