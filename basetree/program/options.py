@@ -67,7 +67,7 @@ def option_of(settings: type, name: str, *, default: str = "") -> Any:
     notes = [metadata["expected"]] if "expected" in metadata else []
     default = default or _default(entry)
     notes += [f"default: {default}"] if default else []
-    words = field_words(settings).get(name, "")
+    words = field_words(settings).get(name, "").replace("`", "")
     help_text = f"{words} [{'; '.join(notes)}]" if notes else words
     return typer.Option(*names, metavar=metavar, help=help_text, show_default=False)
 

@@ -24,7 +24,7 @@ class Lamp(Settings):
     reach_m: float = field(default=5.0, metadata=limits(0.5, 40) | option("--reach"))
     """Distance that it lights, m."""
     kind: Literal["led", "gas"] = field(default="led", metadata=names(("led", "gas"), "led or gas"))
-    """``led`` or gas."""
+    """`led` or gas."""
     spare: bool = False
     """Whether there is another."""
     secret: int = field(default=3, metadata=NOT_AN_OPTION)
