@@ -1,31 +1,13 @@
 """The old name of `basetree.jobs`, which goes on for one version with a warning."""
 
+import basetree.jobs
 from basetree.deprecation import moved_names
 
 __all__: list[str] = []
 
-_JOBS = (
-    "Job",
-    "JobError",
-    "LocalStore",
-    "MergedParts",
-    "Progress",
-    "Shard",
-    "Start",
-    "Store",
-    "StoreError",
-    "Worker",
-    "copy_folder",
-    "fetch",
-    "is_url",
-    "open_store",
-    "read_manifests",
-    "run_shard",
-    "write_manifest",
-)
 __getattr__ = moved_names(
     __name__,
-    {name: f"basetree.jobs.{name}" for name in _JOBS}
+    {name: f"basetree.jobs.{name}" for name in basetree.jobs.__all__}
     | {
         "FleetError": "basetree.errors.InputError",
         "MissingEngine": "basetree.errors.MissingPackage",
