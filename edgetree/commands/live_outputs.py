@@ -98,10 +98,9 @@ class LiveOutputs:
     frames: _Frames = None
 
     @property
-    def paths(self) -> dict[str, Path | None]:
+    def paths(self) -> dict[str, Path]:
         """The files and folders by option."""
-        names = ("jsonl", "csv", "map", "report", "bag")
-        return {f"--{name}": getattr(self, name) for name in names}
+        return {f"--{name}": value for name, value in vars(self).items() if isinstance(value, Path)}
 
     def origin(self) -> MapOrigin | None:
         """The place of the map; None for local metres.

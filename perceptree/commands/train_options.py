@@ -207,8 +207,9 @@ class ScheduleOptions:
         str | None,
         typer.Option(
             help="Training recipe: scratch (small networks from random weights; the default),"
-            " varied (the same with stronger changes of light and colour, for RGB on real cameras)"
-            " or paper (the default for the paper's backbones)."
+            " varied (the same with stronger changes of light and colour, for RGB on real cameras),"
+            " transfer (varied, with a backbone that is kept near its starting weights) or paper"
+            " (the default for the paper's backbones)."
         ),
     ] = None
     minutes: float | None = None

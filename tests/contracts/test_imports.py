@@ -31,7 +31,6 @@ MAY_IMPORT = {
     | {"perceptree", "calib", "basetree", "numpy", "cv2", "typer", "matplotlib"},
 }
 EDGETREE_BASE_DEPENDENCIES = {"edgetree", "calib", "basetree", "numpy", "cv2", "typer"}
-# Imports that close a circle of modules and are about to go.
 EDGETREE_TRAINING_SIDE = ("edgetree.export", "edgetree.demo", "edgetree.evaluate")
 
 

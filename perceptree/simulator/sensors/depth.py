@@ -77,9 +77,8 @@ def measure_depth(
     inverse = np.empty((depth_m.shape[0] // side, depth_m.shape[1] // side), np.float32)
     invert_depth(depth_m, side, np.float32(_EDGE_RATIO), inverse)
     small = camera.scaled(inverse.shape[1], inverse.shape[0])
-    sensor = _stereo if kind == "stereo" else _time_of_flight
     haze = np.float32(haze_per_m if settings.in_haze else 0.0)
-    measured = sensor(rng, settings, inverse, small, holes, haze)
+    measured = _SENSORS[kind](rng, settings, inverse, small, holes, haze)
     full = np.repeat(np.repeat(measured.depth_m, side, 0), side, 1)
     return MeasuredDepth(full, kind, measured.baseline_m, measured.noise, measured.range_m)
 
@@ -208,3 +207,6 @@ def _returns(
         strength *= np.exp(-4 * haze * depth)
     weak = strength < (depth / np.float32(range_m)) ** 4
     return flying, gone | weak
+
+
+_SENSORS = {"stereo": _stereo, "tof": _time_of_flight}
