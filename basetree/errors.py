@@ -74,7 +74,7 @@ class MissingPackage(EdgetreeError):
 def install_hint(*extras: str) -> str:
     """The pip command that installs these extras of the project, for error messages.
 
-    Example:
+    Examples:
         >>> print(install_hint("cpu", "train"))
         pip install ".[cpu,train]" in the project's folder
     """
@@ -86,7 +86,7 @@ def short_line(text: str) -> str:
 
     Bytes of file names that are not UTF-8 are kept; streams print them as `\udcff`.
 
-    Example:
+    Examples:
         >>> short_line("a line\nand another")
         'a line and another'
     """

@@ -18,7 +18,7 @@ def box_iou(first_px: ArrayLike, second_px: ArrayLike) -> Float64:
     Returns:
         (N, M) in [0, 1]; 0 where both boxes of a pair are empty.
 
-    Example:
+    Examples:
         >>> box_iou([[0, 0, 10, 10]], [[5, 0, 15, 10], [20, 0, 30, 10]]).round(2)
         array([[0.33, 0.  ]])
     """

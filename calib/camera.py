@@ -46,7 +46,7 @@ class PinholeCamera:
             a field of view above 156 degrees (fisheye: 280) or below 0.1, a principal point more
             than half the image outside of it, or a distortion that folds the image over.
 
-    Example:
+    Examples:
         >>> from calib import PinholeCamera
         >>> camera = PinholeCamera(1280, 720, fx=698.4, fy=698.4, cx=639.5, cy=359.5)
         >>> camera.scaled(640, 360).fx

@@ -105,7 +105,7 @@ def fit_ground_plane(
     Raises:
         InputError: If `up` is not a direction.
 
-    Example:
+    Examples:
         >>> import numpy as np
         >>> from calib import CAMERA_UP, fit_ground_plane
         >>> grid = np.mgrid[-2:2:40j, 2:8:40j]

@@ -26,7 +26,7 @@ class Letterbox:
         width: Width of the padded image, the model's input, in px.
         height: Height of the padded image in px.
 
-    Example:
+    Examples:
         >>> from calib import Letterbox
         >>> box = Letterbox.fit(1280, 720, 640, 384)  # a frame, and a model's input
         >>> (box.resized_width, box.resized_height)

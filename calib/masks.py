@@ -86,7 +86,7 @@ def encode_rle(mask: Bool) -> CocoRle:
     digit first: 5 bits of value, 1 bit that says whether another digit follows, plus 48 to make a
     printable character.
 
-    Example:
+    Examples:
         >>> import numpy as np
         >>> encode_rle(np.eye(3, dtype=bool))
         {'size': [3, 3], 'counts': '013000'}
@@ -132,7 +132,7 @@ def mask_polygons(mask: Bool, tolerance_px: float = 1.0) -> list[list[float]]:
         Polygons [x, y, x, y, ...] in continuous px with corners on pixel edges, largest first;
         empty for an empty mask.
 
-    Example:
+    Examples:
         >>> import numpy as np
         >>> mask = np.zeros((8, 8), bool)
         >>> mask[2:6, 3:5] = True

@@ -16,7 +16,7 @@ from basetree.arrays import Float
 def image_to_opencv(xy_px: ArrayLike) -> Float:
     """Convert (..., 2) continuous px to OpenCV's px.
 
-    Example:
+    Examples:
         >>> image_to_opencv([[0.5, 0.5]])  # the centre of the first pixel
         array([[0., 0.]])
     """

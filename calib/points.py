@@ -51,7 +51,7 @@ def pixels_to_points(camera: PinholeCamera, xy_px: ArrayLike, depth_m: ArrayLike
     Returns:
         (..., 3) camera points in metres.
 
-    Example:
+    Examples:
         >>> from calib import PinholeCamera, pixels_to_points
         >>> camera = PinholeCamera(1280, 720, fx=700.0, fy=700.0, cx=639.5, cy=359.5)
         >>> pixels_to_points(camera, [[990.0, 360.0]], [7.0])  # 7 m along the optical axis
@@ -63,7 +63,7 @@ def pixels_to_points(camera: PinholeCamera, xy_px: ArrayLike, depth_m: ArrayLike
 def project_points(camera: PinholeCamera, points_m: ArrayLike) -> Float:
     """Project (..., 3) camera points to (..., 2) continuous px; infinite where z <= 0.
 
-    Example:
+    Examples:
         >>> from calib import PinholeCamera, project_points
         >>> camera = PinholeCamera(1280, 720, fx=700.0, fy=700.0, cx=639.5, cy=359.5)
         >>> project_points(camera, [[3.5, 0.0, 7.0]])
@@ -132,7 +132,7 @@ def depth_to_points(camera: PinholeCamera, depth_m: Float) -> Float:
     Raises:
         CameraError: If the map does not have the camera's size.
 
-    Example:
+    Examples:
         >>> import numpy as np
         >>> from calib import PinholeCamera, depth_to_points
         >>> camera = PinholeCamera(64, 48, fx=60.0, fy=60.0, cx=31.5, cy=23.5)

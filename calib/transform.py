@@ -29,7 +29,7 @@ class RigidTransform:
     Raises:
         InputError: If a value has the wrong shape, is not finite, or is not a rotation.
 
-    Example:
+    Examples:
         >>> from calib import RigidTransform
         >>> mounting = RigidTransform.mounting([1.5, 0.0, 2.2], 0.0, -10.0, 0.0)
         >>> mounting.apply([0.0, 0.0, 5.0]).round(2)  # ahead of the camera, in the machine's frame

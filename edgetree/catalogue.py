@@ -134,7 +134,7 @@ def default_model(name: str) -> Path:
         ModelFileError: No model has this name.
         InputError: a folder that EDGETREE_MODELS names does not exist.
 
-    Example:
+    Examples:
         >>> from edgetree import default_model
         >>> default_model("depth").name
         'edge-n-depth.onnx'

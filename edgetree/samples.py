@@ -91,7 +91,7 @@ class SampleFrame:
 def sample_frames() -> list[SampleFrame]:
     """The sample frames in the package, sorted by name.
 
-    Example:
+    Examples:
         >>> from edgetree import sample_frames
         >>> frame = sample_frames()[0]
         >>> (frame.name, frame.image().shape, frame.depth_m().shape)

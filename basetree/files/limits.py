@@ -30,7 +30,7 @@ class Limits:
     Raises:
         InputError: If a limit is not a whole number of at least 1.
 
-    Example:
+    Examples:
         >>> from dataclasses import replace
         >>> from basetree.files import Limits
         >>> replace(Limits(), image_pixels=400_000_000).image_pixels

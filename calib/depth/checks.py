@@ -51,7 +51,7 @@ def check_depth(depth_m: NDArray[Any], min_share: float = 0.05) -> DepthReport |
         A DepthReport, or a falsy DepthFailure if there are too few readings, if all are equal, if
         more than half are saturated at the largest value, or if the median suggests another unit.
 
-    Example:
+    Examples:
         >>> import numpy as np
         >>> check_depth(np.zeros((48, 64), np.float32)).reason
         '0.0% of the pixels have depth: expected 5.0%'

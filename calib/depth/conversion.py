@@ -29,7 +29,7 @@ def disparity_to_depth(disparity_px: ArrayLike, fx_px: float, baseline_m: float)
     Raises:
         DepthError: If `fx_px` or `baseline_m` is not above 0.
 
-    Example:
+    Examples:
         >>> disparity_to_depth([[42.0, 0.0]], fx_px=700.0, baseline_m=0.12)  # 0: no match
         array([[2., 0.]], dtype=float32)
     """
@@ -54,7 +54,7 @@ def range_to_depth(range_m: ArrayLike, camera: PinholeCamera) -> Float32:
     Raises:
         CameraError: If the map does not have the camera's size.
 
-    Example:
+    Examples:
         >>> import numpy as np
         >>> from calib import PinholeCamera, range_to_depth
         >>> camera = PinholeCamera(64, 48, fx=60.0, fy=60.0, cx=31.5, cy=23.5)

@@ -90,7 +90,7 @@ def encode_depth(depth_m: Float, encoding: DepthEncoding) -> UInt8:
     Returns:
         (H, W) uint8, `invalid_value` for missing readings.
 
-    Example:
+    Examples:
         >>> import numpy as np
         >>> from calib import DepthEncoding, encode_depth
         >>> encode_depth(np.array([[0.0, 2.0, 5.0, 10.0]], np.float32), DepthEncoding())

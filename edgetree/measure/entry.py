@@ -66,7 +66,7 @@ def measure_trees(
         InputError: Depth, camera or masks are for another image size, the depth does not have a
             float dtype, or the vertical is not a valid direction.
 
-    Example:
+    Examples:
         >>> from edgetree import TreeDetector, default_model, sample_frames
         >>> from edgetree.measure import measure_trees
         >>> frame = sample_frames()[0]

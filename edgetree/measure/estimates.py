@@ -50,7 +50,7 @@ class Estimate(NamedTuple):
 
     Always true, even if the value is 0.
 
-    Example:
+    Examples:
         >>> from edgetree.measure import Estimate, Failure
         >>> diameter_m = Estimate(0.314, 0.008)
         >>> [round(end, 3) for end in diameter_m.interval95]

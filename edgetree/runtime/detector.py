@@ -41,7 +41,7 @@ class TreeDetector:
         ModelFileError: The model has no manifest of edgetree, or one that contradicts its graph.
         InputError: The threshold is outside [0, 1].
 
-    Example:
+    Examples:
         >>> from edgetree import TreeDetector, default_model, sample_frames
         >>> detector = TreeDetector.load(default_model("depth"))
         >>> trees = detector.detect(sample_frames()[0].depth_m())

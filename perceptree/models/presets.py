@@ -101,7 +101,7 @@ def make_spec(
     Raises:
         SpecError: If the preset is unknown, or a change is no field or out of range.
 
-    Example:
+    Examples:
         >>> from perceptree.models import make_spec
         >>> spec = make_spec("edge-n", "depth")
         >>> (spec.height, spec.width, spec.backbone)

@@ -63,7 +63,7 @@ def recipe_settings(name: str, **changes: Any) -> TrainSettings:
     Raises:
         SettingsError: If the recipe is unknown or a value is out of range.
 
-    Example:
+    Examples:
         >>> from perceptree.training import recipe_settings
         >>> recipe_settings("scratch", steps=1000).batch
         8
