@@ -5,7 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from basetree.deprecation import moved_names
 from basetree.errors import InputError
+
+__getattr__ = moved_names(
+    __name__,
+    {
+        "CalibError": "basetree.errors.InputError",
+        "InputFileError": "basetree.errors.InputFileError",
+    },
+)
 
 
 class CameraError(InputError):

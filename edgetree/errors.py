@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from basetree.deprecation import moved_names
 from basetree.errors import InputError
 
 TRAINING_PACKAGES: Final = (
@@ -17,6 +18,16 @@ TRAINING_PACKAGES: Final = (
     "onnxscript",
 )
 """Packages of the extras train, export and sim that these need, by distribution and module."""
+
+__getattr__ = moved_names(
+    __name__,
+    {
+        "CheckFailed": "basetree.errors.CheckFailed",
+        "EdgetreeError": "basetree.errors.EdgetreeError",
+        "MissingDependency": "basetree.errors.MissingPackage",
+        "install_hint": "basetree.errors.install_hint",
+    },
+)
 
 
 class ModelFileError(InputError):

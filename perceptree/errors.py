@@ -2,7 +2,17 @@
 
 from __future__ import annotations
 
+from basetree.deprecation import moved_names
 from basetree.errors import InputError
+
+__getattr__ = moved_names(
+    __name__,
+    {
+        "PerceptreeError": "basetree.errors.InputError",
+        "SettingsError": "basetree.errors.SettingsError",
+        "MissingPackage": "basetree.errors.MissingPackage",
+    },
+)
 
 
 class DatasetError(InputError):

@@ -13,6 +13,9 @@ from basetree.deprecation import moved_names
 OLD_NAMES = {
     "calib.CalibError": basetree.errors.InputError,
     "calib.set_limits": basetree.files.set_limits,
+    "calib.errors.CalibError": basetree.errors.InputError,
+    "edgetree.errors.MissingDependency": basetree.errors.MissingPackage,
+    "perceptree.errors.PerceptreeError": basetree.errors.InputError,
     "edgetree.MissingDependency": basetree.errors.MissingPackage,
     "fleet.Job": basetree.jobs.Job,
     "fleet.FleetError": basetree.errors.InputError,
