@@ -34,7 +34,7 @@ _QUALITIES: Final = (82, 70, 58, 46)
 
 @contextmanager
 def report_file(
-    path: Path, source: str, trees_from: str, left_out: Sequence[str] = ()
+    path: Path, source: str, trees_from: str, left_out: Sequence[str] = (), *, whole: bool = True
 ) -> Iterator[Callable[[FrameResult], None]]:
     """Write a report at the end of the block; yields a function that adds a frame to it.
 
@@ -46,6 +46,8 @@ def report_file(
         source: What was measured, for the heading.
         trees_from: The model or the mask image that the trees come from, likewise.
         left_out: Why frames were left out, a line for each; read at the end of the block.
+        whole: Whether all frames of the source are added or left out; if not, the page counts
+            pictures and no frames.
 
     Raises:
         InputError: The file cannot be written.
@@ -56,7 +58,7 @@ def report_file(
             "w+", encoding="utf-8", errors="backslashreplace", dir=path.parent
         ) as figures,
     ):
-        totals = _Totals()
+        totals = _Totals(whole)
 
         def add(result: FrameResult) -> None:
             figures.write(totals.add(result))
@@ -77,7 +79,8 @@ def _asset(name: str) -> str:
 class _Totals:
     """What the report says about all frames."""
 
-    def __init__(self) -> None:
+    def __init__(self, whole: bool) -> None:
+        self._whole = whole
         self._frames = 0
         self._rows: list[str] = []
         self._diameters_m: list[float] = []
@@ -110,6 +113,7 @@ class _Totals:
     def summary(self, source: str, trees_from: str, left_out: Sequence[str]) -> str:
         """The page from its heading to the beginning of the pictures."""
         trees, measured = len(self._rows), len(self._diameters_m)
+        shown = "frame" if self._whole else "picture"
         middle_html = "–"
         if self._diameters_m:
             value_m = median(self._diameters_m)
@@ -121,13 +125,13 @@ class _Totals:
             f'<p class="lead">Found by {escape(trees_from)}.</p>{unit_buttons()}'
             + parts.tiles(
                 [
-                    (str(self._frames), "frame" if self._frames == 1 else "frames"),
+                    (str(self._frames), f"{shown}{'' if self._frames == 1 else 's'}"),
                     (str(trees), "tree found" if trees == 1 else "trees found"),
                     (f"{measured} of {trees}", "trees with a measured diameter"),
                     (middle_html, "median diameter at the felling cut"),
                 ]
             )
-            + _left_out(left_out)
+            + self._left_out(left_out)
             + self._classes()
             + reason_table(self._reasons)
             + parts.heading(
@@ -171,13 +175,13 @@ class _Totals:
             + '<footer class="note">Made by edgetree. Apache License 2.0.</footer>'
         )
 
-
-def _left_out(reasons: Sequence[str]) -> str:
-    """The frames that are not in the report, with the reasons."""
-    if not reasons:
-        return ""
-    lines = "".join(f"<li>{escape(reason)}</li>" for reason in reasons)
-    return parts.heading(f"{_count(len(reasons), 'frame')} left out") + f"<ul>{lines}</ul>"
+    def _left_out(self, reasons: Sequence[str]) -> str:
+        """What is not in the report, with the reasons."""
+        if not reasons:
+            return ""
+        count = f"{_count(len(reasons), 'frame')} left out" if self._whole else "Left out"
+        lines = "".join(f"<li>{escape(reason)}</li>" for reason in reasons)
+        return parts.heading(count) + f"<ul>{lines}</ul>"
 
 
 def _count(number: int, what: str) -> str:

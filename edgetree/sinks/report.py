@@ -107,7 +107,7 @@ class StemReportSink(FileSink["LiveResult"]):
     def _written(self, path: Path, source: str, model: str) -> Iterator[None]:
         words = f"the model {model}; each stem has what all views say, and its best picture"
         left_out: list[str] = []
-        with report_file(path, source, words, left_out) as add:
+        with report_file(path, source, words, left_out, whole=False) as add:
             yield
             self._keep_confirmed(frozenset())
             for view in self._views():

@@ -76,6 +76,9 @@ def test_the_newest_pictures_are_kept_and_older_stems_counted(
     page = written(tmp_path / "a.html", *results)
     assert [number for _, number, _ in entries(page)] == [12, 13]
     assert "2 older stem(s): this page has the 2 newest pictures" in page
+    assert "<b>2</b><span>pictures</span>" in page
+    assert "<h2>Left out</h2>" in page
+    assert "frames" not in page
 
 
 def test_pictures_are_kept_without_the_frames(tmp_path, live_result) -> None:
