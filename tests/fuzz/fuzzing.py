@@ -5,7 +5,7 @@
 Each case starts from a seed of one format: a small valid file, or a file of ``corpus``. A reader
 may return, or raise an error that is meant for the user. Anything else is a finding: another error,
 more than 5 s of processor time, or more than 1 GiB of memory. The file of a finding is written to
-``corpus``, whose files are read in every run. The formats are in ``formats.py``.
+``corpus``, whose files are read in every run. The formats are in ``formats``.
 """
 
 from __future__ import annotations

@@ -54,11 +54,10 @@ def test_the_seeds_are_valid(tmp_path: Path) -> None:
 
 def test_what_a_reader_does_wrong_is_found() -> None:
     readers = ", ".join(
-        f"{name!r}: formats.Format((b'a',), lambda path: {wrong})"
-        for name, wrong in _BAD_READERS.items()
+        f"{name!r}: Format((b'a',), lambda path: {wrong})" for name, wrong in _BAD_READERS.items()
     )
     change = (
-        "import formats\nfrom pathlib import Path\n"
+        "from formats.form import Format\nfrom pathlib import Path\n"
         f"fuzzing.FORMATS = {{{readers}}}\n"
         "fuzzing.CORPUS, fuzzing._LONGEST_S = Path('nowhere'), 0"
     )

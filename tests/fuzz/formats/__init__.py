@@ -1,0 +1,16 @@
+"""The formats that are read: small valid files of each, and the function that reads a path."""
+
+from __future__ import annotations
+
+from formats import cameras, datasets, models, page, pictures, recordings, signing, tables
+
+FORMATS = (
+    cameras.FORMATS
+    | datasets.FORMATS
+    | models.FORMATS
+    | page.FORMATS
+    | pictures.FORMATS
+    | recordings.FORMATS
+    | signing.FORMATS
+    | tables.FORMATS
+)
