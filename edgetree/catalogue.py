@@ -10,8 +10,6 @@ from pathlib import Path
 from typing import Any, Final
 
 from basetree.errors import InputError
-from basetree.files.json import read_json
-from basetree.files.reading import file_sha256
 from edgetree.errors import ModelFileError
 from edgetree.model_file.manifest import METADATA_KEY, Manifest
 from edgetree.model_file.safety_check import read_model_file
@@ -21,7 +19,6 @@ DEFAULTS: Final = {"rgb": "edge-s-rgb", "depth": "edge-n-depth"}
 MODALITIES: Final = tuple(DEFAULTS)
 FOLDERS_VARIABLE: Final = "EDGETREE_MODELS"
 """Environment variable with further folders of models, separated as in PATH."""
-CARD_SCHEMA: Final = "edgetree.card/1"
 
 _PACKAGED: Final = Path(__file__).parent / "assets" / "models"
 
@@ -60,10 +57,9 @@ class KnownModel:
         path = self.path.with_suffix(".json")
         if not path.is_file():
             return None
-        card = read_json(path, CARD_SCHEMA, "a card of a model")
-        if card.get("model_sha256") != file_sha256(self.path):
-            raise InputError(f"{path} is the card of another file than {self.path.name}")
-        return card
+        from edgetree.model_file.card import read_card
+
+        return read_card(path, self.path)
 
 
 def known_models() -> list[KnownModel]:

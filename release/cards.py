@@ -28,9 +28,9 @@ from benchmarks.measure_tables import tables
 from benchmarks.tools.program import command_line
 from edgetree import TreeDetector
 from edgetree.bench.speed import bench_detector
-from edgetree.catalogue import CARD_SCHEMA
 from edgetree.doctor.machine import examine_machine
 from edgetree.evaluate import frames_for, predict_with_file
+from edgetree.model_file.card import CARD_SCHEMA
 from edgetree.runtime.duplicates import distinct_trees
 from edgetree.samples import sample_frames
 from perceptree.data import read_dataset

@@ -14,7 +14,7 @@ from typing import Any
 
 from basetree.files.writing import write_text
 from benchmarks.tools.program import command_line
-from edgetree.catalogue import CARD_SCHEMA
+from edgetree.model_file.card import CARD_SCHEMA
 from perceptree.data import SPLITS
 
 USES = {"training": "training", "scale": "scale of the scores", "ranges": "ranges of INT8"}

@@ -8,7 +8,7 @@ OpenCV crashes on them.
 from __future__ import annotations
 
 import os
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 from typing import Final
 
 IMAGE_SUFFIXES: Final = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
@@ -28,3 +28,9 @@ def is_utf8(path: Path | str) -> bool:
 def printable(text: str) -> str:
     r"""Spell out bytes that are not UTF-8, as `\udcff` for the byte ff; other text is kept."""
     return text.encode("utf-8", "backslashreplace").decode()
+
+
+def is_inside(name: str) -> bool:
+    """Whether a path that a file names stays inside the folder that it is relative to."""
+    path = PureWindowsPath(name)  # takes both slashes and drives, on every system
+    return bool(path.parts) and not path.anchor and ".." not in path.parts and "\0" not in name

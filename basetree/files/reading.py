@@ -5,7 +5,9 @@ The only place that gives paths to OpenCV: it crashes on names that are not UTF-
 
 from __future__ import annotations
 
+import codecs
 import hashlib
+import re
 from pathlib import Path
 from typing import Any
 
@@ -18,18 +20,21 @@ from basetree.files.limits import current_limits
 from basetree.files.names import is_utf8
 from basetree.files.picture_size import check_picture_size
 
+_NOT_TEXT = re.compile(r"[\0-\x08\x0e-\x1a\x1c-\x1f]")
 
-def read_text(path: Path, expected: str) -> str:
-    """Read a small UTF-8 text file.
+
+def read_text(path: Path, expected: str, largest_bytes: int | None = None) -> str:
+    """Read a small text file: UTF-8, UTF-16 with a byte order mark, or else Windows-1252.
 
     Args:
         path: The file.
         expected: What the file should be, for messages.
+        largest_bytes: Size of the largest file; `Limits.text_file_bytes` if None.
 
     Raises:
         InputFileError: If the file is missing, unreadable, not text or too large.
     """
-    largest = current_limits().text_file_bytes
+    largest = largest_bytes or current_limits().text_file_bytes
     try:
         with path.open("rb") as file:
             data = file.read(largest + 1)
@@ -40,14 +45,30 @@ def read_text(path: Path, expected: str) -> str:
     except ValueError as error:  # a NUL in the path
         raise InputFileError(f"{path}: not a path ({error}), expected {expected}") from error
     if len(data) > largest:
-        raise InputFileError(
-            f"{path}: larger than {largest} bytes, the limit text_file_bytes, expected {expected}"
-        )
+        limit = "" if largest_bytes else ", the limit text_file_bytes"
+        raise InputFileError(f"{path}: larger than {largest} bytes{limit}, expected {expected}")
     try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
+        text = decode_text(data)
+    except UnicodeError as error:
         raise InputFileError(f"{path}: not a text file, expected {expected}") from error
     return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def decode_text(data: bytes) -> str:
+    """Decode UTF-8, UTF-16 with a byte order mark, or else Windows-1252.
+
+    Raises:
+        UnicodeError: If it is not text.
+    """
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return data.decode("utf-16")
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = data.decode("cp1252", errors="replace")
+        if _NOT_TEXT.search(text):
+            raise
+    return text
 
 
 def file_sha256(path: Path) -> str:

@@ -6,7 +6,14 @@ import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
+from typing import Annotated, Any
 
+from msgspec import Meta
+
+from basetree.errors import InputError
+from basetree.files.json import build, parse_json
+from basetree.files.names import is_inside
 from basetree.jobs.errors import JobError, StoreError
 from basetree.jobs.job import JOB_FILE, Job
 from basetree.jobs.shard import Shard
@@ -14,6 +21,7 @@ from basetree.jobs.stores import Store
 
 _SCHEMA = "edgetree.shard/1"
 _MOST_NAMED = 5
+_LARGEST_BYTES = 32 * 2**20  # a part takes about 80
 
 
 def write_manifest(job: Job, shard: Shard, digests: Mapping[int, str]) -> None:
@@ -98,10 +106,10 @@ def read_manifests(stores: Sequence[Store], kinds: Sequence[str]) -> MergedParts
     shards: list[Shard] = []
     parts: dict[int, tuple[Store, str]] = {}
     for store in stores:
-        for name in sorted(store.sizes("shards")):
+        for name, size in sorted(store.sizes("shards").items()):
             if name == JOB_FILE:
                 continue
-            job, shard, found = _read(store, name)
+            job, shard, found = _read(store, name, size)
             first = first or job
             if job.digest != first.digest:
                 raise JobError(
@@ -121,31 +129,64 @@ def read_manifests(stores: Sequence[Store], kinds: Sequence[str]) -> MergedParts
     return MergedParts(first, parts)
 
 
-def _read(store: Store, name: str) -> tuple[Job, Shard, dict[int, str]]:
+@dataclass(frozen=True)
+class _Manifest:
+    """The content of a shard's manifest."""
+
+    kind: str
+    identity: dict[str, Any]
+    frames: Annotated[int, Meta(ge=0)]
+    block: Annotated[int, Meta(ge=1)]
+    folder: str
+    shard: str
+    parts: dict[str, Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]]
+
+
+def _read(store: Store, name: str, size: int) -> tuple[Job, Shard, dict[int, str]]:
     try:
-        record = json.loads(store.read(name))
-        if record["schema"] != _SCHEMA:
-            raise ValueError(f"schema {record['schema']}")
-        fields = ("kind", "identity", "frames", "block", "folder")
-        job = Job(store, *(record[field] for field in fields))
-        parts = {int(unit): str(digest) for unit, digest in record["parts"].items()}
-        return job, Shard.parse(record["shard"]), parts
-    except (ValueError, TypeError, KeyError, AttributeError, JobError) as error:
+        if size > _LARGEST_BYTES:
+            raise ValueError(f"{size} bytes, at most {_LARGEST_BYTES}")
+        record = parse_json(store.read(name).decode())
+        found = record.get("schema") if isinstance(record, dict) else None
+        if found != _SCHEMA:
+            raise ValueError(f"schema {found!r:.60}")
+        content = build(_Manifest, record, "manifest")
+        if not is_inside(content.folder):
+            raise ValueError(f"folder {content.folder!r} is not inside the store")
+        shard = Shard.parse(content.shard)
+        job = Job(
+            store, content.kind, content.identity, content.frames, content.block, content.folder
+        )
+        units = shard.units(job.units)
+        if len(content.parts) != len(units) or {*map(str, units)} != content.parts.keys():
+            raise ValueError(
+                f"{len(content.parts)} parts, expected the {len(units)} of shard {shard} of"
+                f" {job.frames} frames"
+            )
+    except StoreError:
+        raise
+    except (ValueError, InputError) as error:
         raise StoreError(
             f"{store.where}/{name}: is not a manifest of a shard ({error}); expected {_SCHEMA}"
         ) from error
+    return job, shard, {unit: content.parts[str(unit)] for unit in units}
 
 
 def _check_all(job: Job, shards: list[Shard], parts: dict[int, tuple[Store, str]]) -> None:
     """Raise JobError if units are in no shard."""
-    missing = [unit for unit in range(job.units) if unit not in parts]
+    missing = job.units - len(parts)
     if not missing:
         return
     count = max(shard.count for shard in shards)
-    wanted = sorted({unit % count + 1 for unit in missing})
-    names = ", ".join(f"{number}/{count}" for number in wanted[:_MOST_NAMED])
-    more = "" if len(wanted) <= _MOST_NAMED else f" and {len(wanted) - _MOST_NAMED} more"
+    unfinished = (
+        number
+        for number in range(1, count + 1)
+        if not all(unit in parts for unit in Shard(number, count).units(job.units))
+    )
+    names = [f"{number}/{count}" for number in islice(unfinished, _MOST_NAMED)]
+    more = sum(1 for _ in unfinished)
     raise JobError(
-        f"{job.store.where}: {len(missing)} of {job.units} parts are missing; run the"
-        f" shard{'s' * (len(wanted) > 1)} {names}{more} to the end, and merge again"
+        f"{job.store.where}: {missing} of {job.units} parts are missing; run the"
+        f" shard{'s' * (len(names) > 1)} {', '.join(names)}{f' and {more} more' if more else ''} to"
+        " the end, and merge again"
     )

@@ -104,8 +104,11 @@ class LocalStore:
 
     def read(self, name: str) -> bytes:
         """Return the content of a file."""
-        with _named(self.folder / name, "read"):
-            return (self.folder / name).read_bytes()
+        path = self.folder / name
+        with _named(path, "read"):
+            if path.exists() and not path.is_file():
+                raise StoreError(f"{path}: is not a regular file; expected one")
+            return path.read_bytes()
 
     def remove(self, name: str) -> None:
         """Remove a file, if it exists."""

@@ -13,6 +13,7 @@ import numpy as np
 from basetree.arrays import Float, Float32, UInt8
 from calib.errors import DepthError
 
+_LARGEST = 1e6  # of any field
 _MIN_READING_M, _MAX_READING_M = float(np.finfo(np.float32).tiny), float(np.finfo(np.float32).max)
 
 
@@ -69,8 +70,13 @@ class DepthEncoding:
                 f"depth encoding has fields {sorted(values)}: expected {sorted(names)}"
             )
         for name, value in values.items():
-            if isinstance(value, bool) or not isinstance(value, int | float):
-                raise DepthError(f"depth encoding field {name} is {value!r}: expected a number")
+            if isinstance(value, bool) or not (
+                isinstance(value, int | float) and abs(value) <= _LARGEST
+            ):
+                raise DepthError(
+                    f"depth encoding field {name} is {value!r:.60}: expected a number"
+                    f" of at most {_LARGEST:g}"
+                )
         return cls(
             float(values["near_m"]),
             float(values["far_m"]),

@@ -18,17 +18,14 @@ from typing import Any, Final
 import numpy as np
 
 from basetree.errors import InputError
+from edgetree.bench.stored import StoredResult, StoredRow
 
 LEAST_SHARE: Final = 0.03
 """Smallest change of a time that counts, as a share of it."""
 LEAST_AP: Final = 0.1
 """Smallest loss of average precision that counts, in points."""
 
-_KEY: Final = ("name", "precision", "input_px", "provider", "threads", "batch")
 _AVERAGE_PRECISIONS: Final = ("box_ap", "mask_ap", "keypoint_ap")
-_MACHINE: Final = ("processor", "usable_cores")
-
-Record = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -113,53 +110,42 @@ class ResultChange:
             yield from (f"{name}: {text}" for name in names)
 
 
-def compare_results(old: Record, new: Record) -> ResultChange:
+def compare_results(old: StoredResult, new: StoredResult) -> ResultChange:
     """Compare two results of `edgetree bench`.
 
     Args:
-        old: The JSON object of the earlier result.
-        new: The JSON object of the later one.
+        old: The earlier result.
+        new: The later one.
 
     Raises:
         InputError: The results have no row in common.
     """
-    before = {_key(row): row for row in old["rows"]}
-    now = {_key(row): row for row in new["rows"]}
+    before = {row.key: row for row in old.rows}
+    now = {row.key: row for row in new.rows}
     common = [key for key in now if key in before]
     if not common:
         raise InputError(
             f"the results have no row in common ({', '.join(before)}; {', '.join(now)}): expected"
             " the same model, precision, size, provider, threads and batch in both"
         )
-    machines = tuple(_machine(result) for result in (old, new))
+    machines = str(old.environment), str(new.environment)
     return ResultChange(
         rows=tuple(_change(key, before[key], now[key]) for key in common),
         only_old=tuple(key for key in before if key not in now),
         only_new=tuple(key for key in now if key not in before),
-        machines=None if machines[0] == machines[1] else (machines[0], machines[1]),
+        machines=None if machines[0] == machines[1] else machines,
     )
 
 
-def _key(row: Record) -> str:
-    name, precision, (width, height), provider, threads, batch = (row[part] for part in _KEY)
-    return f"{name} {precision} {width}x{height} {provider}, {threads} thread(s), batch {batch}"
-
-
-def _machine(result: Record) -> str:
-    environment = result["environment"]
-    processor, cores = (environment[part] for part in _MACHINE)
-    return f"{processor}, {cores} cores"
-
-
-def _change(key: str, old: Record, new: Record) -> RowChange:
+def _change(key: str, old: StoredRow, new: StoredRow) -> RowChange:
     old_ms, new_ms = _round_times(old), _round_times(new)
     was, now = median(old_ms), median(new_ms)
     noise = max(LEAST_SHARE, _noise(old_ms) + _noise(new_ms))
     return RowChange(key, round(was, 3), round(now, 3), now / was, noise, _lost(old, new))
 
 
-def _round_times(row: Record) -> list[float]:
-    return [float(each["p50_ms"]) for each in row["rounds"]]
+def _round_times(row: StoredRow) -> list[float]:
+    return [each.p50_ms for each in row.rounds]
 
 
 def _noise(times_ms: Sequence[float]) -> float:
@@ -172,17 +158,16 @@ def _noise(times_ms: Sequence[float]) -> float:
     return 2.5 * float(high - low) / math.sqrt(len(times_ms)) / median(times_ms)
 
 
-def _lost(old: Record, new: Record) -> dict[str, float]:
+def _lost(old: StoredRow, new: StoredRow) -> dict[str, float]:
     """Points of average precision that were lost, where both were measured on the same frames."""
-    was, now = old.get("accuracy"), new.get("accuracy")
-    if not was or not now or was["frames"] != now["frames"]:
+    if old.accuracy is None or new.accuracy is None or old.accuracy.frames != new.accuracy.frames:
         return {}
-    falls = {
-        name: round(was[name] - now[name], 2)
-        for name in _AVERAGE_PRECISIONS
-        if was.get(name) is not None and now.get(name) is not None
-    }
-    return {name: fall for name, fall in falls.items() if fall > LEAST_AP}
+    found: dict[str, float] = {}
+    for name in _AVERAGE_PRECISIONS:
+        was, now = getattr(old.accuracy, name), getattr(new.accuracy, name)
+        if was is not None and now is not None and (fall := round(was - now, 2)) > LEAST_AP:
+            found[name] = fall
+    return found
 
 
 def _verdict(row: RowChange) -> str:

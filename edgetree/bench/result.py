@@ -5,10 +5,8 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any, Final
 
-from basetree.files.json import read_json
 from edgetree.bench.cells import number_text, share_text
 from edgetree.bench.paper_table import PAPER, PAPER_GPU
 
@@ -72,15 +70,6 @@ def make_result(
         "peak": measured["peak"],
         "rows": rows,
     }
-
-
-def read_result(path: Path) -> dict[str, Any]:
-    """Read a result of `edgetree bench --out`.
-
-    Raises:
-        InputError: The file cannot be read, is not JSON, or has another schema.
-    """
-    return read_json(path, SCHEMA, "a result of `edgetree bench --out`")
 
 
 def size_text(row: Record) -> str:

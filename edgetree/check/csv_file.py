@@ -5,13 +5,19 @@ from __future__ import annotations
 import csv
 import io
 import re
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Final
 
 from basetree.errors import InputError
+from basetree.files.reading import read_text
 
+_LARGEST_BYTES: Final = 32 * 2**20
+_MOST_CELLS: Final = 2_000_000
+_LARGEST_NUMBER: Final = 1e9  # of any unit
 _DELIMITERS: Final = (";", "\t", ",")
 _NUMBER: Final = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
 
@@ -44,8 +50,11 @@ class Row:
         if not text:
             return None
         value = float(text.replace(",", ".")) if _NUMBER.fullmatch(text) else float("inf")
-        if abs(value) == float("inf"):
-            raise InputError(f"{self.place}: {column} is {text!r}: expected a number, such as 31.4")
+        if abs(value) > _LARGEST_NUMBER:
+            raise InputError(
+                f"{self.place}: {column} is {text!r:.60}: expected a number, such as 31.4, of at"
+                f" most {_LARGEST_NUMBER:g}"
+            )
         return value
 
     def whole_number(self, column: str) -> int | None:
@@ -82,26 +91,28 @@ def read_csv(path: Path) -> CsvFile:
     """Read a CSV file.
 
     The columns are separated by semicolons, tabs or commas: the first of these in the header.
-    The encoding is UTF-8, or Windows-1252 if the file is not valid UTF-8. A byte order mark, CRLF
-    line ends and a first line such as "sep=;" are understood.
+    The encoding is UTF-8, UTF-16 with a byte order mark, or Windows-1252 if the file is not valid
+    UTF-8. CRLF line ends and a first line such as "sep=;" are understood.
 
     Raises:
-        InputError: The file cannot be read, has no header or no rows, or a row has more cells than
-            the header.
+        InputError: The file cannot be read, is too large, has no header or no rows, or a row has
+            more cells than the header.
     """
-    lines = list(io.StringIO(_text(path), newline=""))
-    skipped = 1 if lines and lines[0].lower().startswith("sep=") else 0
-    lines = lines[skipped:]
-    header = lines[0] if lines else ""
+    lines = io.StringIO(_text(path), newline="")
+    header = lines.readline()
+    skipped = 0
+    if header.lower().startswith("sep="):
+        header, skipped = lines.readline(), 1
     delimiter = next((each for each in _DELIMITERS if each in header), ",")
-    reader = csv.reader(lines, delimiter=delimiter)
+    reader = csv.reader(chain([header], lines), delimiter=delimiter)
+    rows: list[Row] = []
     try:
         columns = _columns(path, next(reader, []))
-        rows = [
-            _row(path, reader.line_num + skipped, columns, cells)
-            for cells in reader
-            if any(cell.strip() for cell in cells)
-        ]
+        for cells in reader:
+            if any(cell.strip() for cell in cells):
+                rows.append(_row(path, reader.line_num + skipped, columns, cells))
+            if len(rows) * len(columns) > _MOST_CELLS:
+                raise InputError(f"{path} has more than {_MOST_CELLS} cells: expected fewer")
     except csv.Error as error:
         raise InputError(
             f"{path}, line {reader.line_num + skipped}: {error}: expected a CSV table"
@@ -112,18 +123,10 @@ def read_csv(path: Path) -> CsvFile:
 
 
 def _text(path: Path) -> str:
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(
-            f"{path} cannot be read ({error.strerror}): expected a CSV file"
-        ) from error
-    if b"\0" in data:
+    text = read_text(path, "a CSV file", _LARGEST_BYTES)
+    if "\0" in text:
         raise InputError(f"{path} is not a text file: expected CSV, in UTF-8")
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return data.decode("cp1252", errors="replace")
+    return text
 
 
 def _columns(path: Path, cells: list[str]) -> list[str]:
@@ -133,8 +136,8 @@ def _columns(path: Path, cells: list[str]) -> list[str]:
             f"{path}: the first line has fewer than two columns: expected a header with names"
             " separated by semicolons, tabs or commas"
         )
-    for name in names:
-        if name and names.count(name) > 1:
+    for name, count in Counter(filter(None, names)).items():
+        if count > 1:
             raise InputError(f"{path}: the header has the column {name} twice: expected once")
     return names
 

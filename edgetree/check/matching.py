@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -11,6 +10,7 @@ from typing import Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
+from basetree.arrays import Float64
 from basetree.errors import InputError
 from basetree.matching import match_greedily
 from edgetree.check.stems import CaliperStem, CaliperTable, MeasuredStem, MeasuredTable
@@ -19,6 +19,8 @@ MatchedBy: TypeAlias = Literal["number", "machine position", "camera position"]
 
 # A match is ambiguous if another stem is within the limit and less than this many times as far.
 _CLEARLY_FARTHER: Final = 2.0
+_MOST_DISTANCES: Final = 20_000_000
+_MOST_NEAR: Final = 1_000_000
 # The vertical axis of each frame, which the caliper's table may leave out.
 _VERTICAL: Final = {"machine position": 2, "camera position": 1}
 
@@ -163,33 +165,45 @@ def _by_position(
     max_distance_m: float,
 ) -> tuple[list[Pair], list[Pair]]:
     """The clear and the ambiguous pairs, in the order of the caliper's table."""
+    if len(caliper.stems) * len(placed) > _MOST_DISTANCES:
+        raise InputError(
+            f"{caliper.source}: {len(caliper.stems)} positions for {len(placed)} measured stems:"
+            " expected fewer, or the column tree"
+        )
+    places: dict[str, list[int]] = {}
+    for column, (found, _) in enumerate(placed):
+        places.setdefault(found.frame, []).append(column)
+    points_m = np.array([point_m for _, point_m in placed])
     distance_m = np.full((len(caliper.stems), len(placed)), np.inf)
     for row, stem in enumerate(caliper.stems):
-        for column, (found, point_m) in enumerate(placed):
-            if frames[id(stem)] == found.frame:
-                distance_m[row, column] = _distance_m(caliper.source, stem, point_m, vertical)
+        columns = places.get(frames[id(stem)], [])
+        distance_m[row, columns] = _distances_m(caliper.source, stem, points_m[columns], vertical)
     distance_m[distance_m > max_distance_m] = np.inf
+    near = np.isfinite(distance_m)
+    if np.count_nonzero(near) > _MOST_NEAR:
+        raise InputError(
+            f"{caliper.source}: more than {_MOST_NEAR} pairs of stems are within"
+            f" {max_distance_m:g} m: expected a smaller --max-distance"
+        )
     clear: list[Pair] = []
     ambiguous: list[Pair] = []
-    for row, column in zip(*match_greedily(distance_m, np.isfinite(distance_m)), strict=True):
-        others = [*np.delete(distance_m[row], column), *np.delete(distance_m[:, column], row)]
-        doubtful = min(others, default=np.inf) < _CLEARLY_FARTHER * distance_m[row, column]
+    for row, column in zip(*match_greedily(distance_m, near), strict=True):
+        others = (np.delete(distance_m[row], column), np.delete(distance_m[:, column], row))
+        nearest = min(each.min(initial=np.inf) for each in others)
+        doubtful = nearest < _CLEARLY_FARTHER * distance_m[row, column]
         pair = Pair(placed[column][0], caliper.stems[row])
         (ambiguous if doubtful else clear).append(pair)
     return clear, ambiguous
 
 
-def _distance_m(
-    source: str, stem: CaliperStem, point_m: tuple[float, float, float], vertical: int
-) -> float:
-    """Distance of a stem from a point; without its vertical coordinate, the horizontal distance."""
-    squares = 0.0
-    for axis, (typed_m, found_m) in enumerate(zip(stem.point_m, point_m, strict=True)):
-        if typed_m is not None:
-            squares += (typed_m - found_m) ** 2
-        elif axis != vertical:
+def _distances_m(source: str, stem: CaliperStem, points_m: Float64, vertical: int) -> Float64:
+    """(N,) distances of a stem from (N, 3) points; horizontal without its vertical coordinate."""
+    known = [axis for axis, typed_m in enumerate(stem.point_m) if typed_m is not None]
+    for axis in range(3):
+        if axis not in known and axis != vertical:
             raise InputError(
                 f"{source}, line {stem.line}: the column {'xyz'[axis]}_m is missing: expected x_m,"
                 f" y_m and z_m; only the vertical one, {'xyz'[vertical]}_m, may be left out"
             )
-    return math.sqrt(squares)
+    typed_m = np.array([stem.point_m[axis] for axis in known], np.float64)
+    return np.asarray(np.linalg.norm(points_m[:, known] - typed_m, axis=1))

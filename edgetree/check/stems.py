@@ -20,6 +20,8 @@ Point: TypeAlias = tuple[float | None, float | None, float | None]
 _METRES_PER_UNIT: Final = {"cm": 0.01, "mm": 0.001, "m": 1.0, "in": 0.0254}
 # Readings outside of these limits are taken for errors of the unit.
 _LIMITS_M: Final = {"diameter_m": (0.01, 3.0), "dbh_m": (0.01, 3.0), "cut_height_m": (0.0, 3.0)}
+_SMALLEST_STD_M: Final = 1e-6
+_MOST_STEMS: Final = 20_000  # of a table that a person typed
 _ESCAPED: Final = re.compile(r"'(?=[=+\-@])")
 
 
@@ -138,9 +140,11 @@ def _measured_value(row: Row, quantity: str) -> Estimate | Failure:
     value, std = row.number(quantity), row.number(_std(quantity))
     if value is None:
         return Failure(row.text(f"{quantity.removesuffix('_m')}_failure") or "no value")
-    if std is None or std <= 0:
+    if std is None or std < _SMALLEST_STD_M:
         text = row.text(_std(quantity))
-        raise InputError(f"{row.place}: {_std(quantity)} is {text!r}: expected metres above 0")
+        raise InputError(
+            f"{row.place}: {_std(quantity)} is {text!r:.60}: expected {_SMALLEST_STD_M:g} m or more"
+        )
     return Estimate(value, std)
 
 
@@ -192,6 +196,8 @@ def read_caliper(path: Path) -> CaliperTable:
             stems.append(_caliper_stem(row, values, by_number, _point_columns(file)))
     if not stems:
         raise InputError(f"{path} has no reading: expected a diameter for at least one stem")
+    if len(stems) > _MOST_STEMS:
+        raise InputError(f"{path} has {len(stems)} stems: expected at most {_MOST_STEMS}")
     return CaliperTable(str(path), tuple(stems))
 
 

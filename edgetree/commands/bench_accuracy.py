@@ -34,27 +34,28 @@ def accuracy_of(path: Path, data: Path | None, split: str) -> dict[str, Any] | N
 
 def _of_card(path: Path) -> dict[str, Any] | None:
     from basetree.errors import InputError
+    from basetree.files.json import build
     from edgetree.catalogue import KnownModel
+    from edgetree.model_file.card import MeasuredCard
 
     try:
-        card = KnownModel(path.stem, path).card()
-    except InputError:  # the card of another file
+        values = KnownModel(path.stem, path).card()
+        card = None if values is None else build(MeasuredCard, values, "card")
+    except InputError:  # the card of another file, or without these figures
         return None
     if card is None:
         return None
-    test = card["test"]
-    ap, metres = test["average_precision"], test["metres"]["quantities"]["diameter_m"]
+    test = card.test
+    error_m = test.metres.quantities.diameter_m.median_abs
     return {
         "source": "the model's card",
-        "frames": f"{test['frames']} frames of the preset test, {card['date']}",
-        **{name: ap[kind] for name, kind in _AVERAGE_PRECISIONS.items()},
-        "diameter_error_mm": _card_error_mm(metres),
+        "frames": f"{test.frames} frames of the preset test, {card.date}",
+        **{
+            name: getattr(test.average_precision, kind)
+            for name, kind in _AVERAGE_PRECISIONS.items()
+        },
+        "diameter_error_mm": None if error_m is None else round(1000 * error_m, 1),
     }
-
-
-def _card_error_mm(metres: dict[str, Any]) -> float | None:
-    error = metres.get("median_abs")
-    return None if error is None else round(1000 * error, 1)
 
 
 def _of_data(path: Path, data: Path, split: str) -> dict[str, Any]:

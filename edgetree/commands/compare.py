@@ -26,7 +26,7 @@ def compare(old: _Old, new: _New, as_json: Json = False) -> None:
     """
     from basetree.errors import CheckFailed
     from edgetree.bench.compare import compare_results
-    from edgetree.bench.result import read_result
+    from edgetree.bench.stored import read_result
 
     found = compare_results(read_result(old), read_result(new))
     print_found(as_json, found.to_dict, found.lines)

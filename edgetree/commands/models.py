@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from basetree.errors import short_line
 from basetree.program.console import note, print_json
 from edgetree.commands.options import Json
 
@@ -36,10 +37,10 @@ def models(*, as_json: Json = False) -> None:
     widths = [max(len(row[column]) for row in rows) for column in range(len(_COLUMNS))]
     for row in rows:
         cells = (text.ljust(width) for text, width in zip(row, widths, strict=True))
-        typer.echo("  ".join(cells).rstrip())
+        typer.echo(short_line("  ".join(cells).rstrip()))
     for record in listed:
         if record["card"] is not None:
-            typer.echo(f"{record['name']}: {record['card']['for']}")
+            typer.echo(short_line(f"{record['name']}: {record['card']['for']}"))
     for modality, name in DEFAULTS.items():
         typer.echo(f"{modality}: {name}, the default for {_IMAGES[modality]}")
     typer.echo("boxes, masks, keypoints: average precision in percent on the frozen test frames")

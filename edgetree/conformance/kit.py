@@ -12,22 +12,27 @@ import dataclasses
 import hashlib
 import json
 import math
+import os
 import statistics
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
 from basetree.errors import InputError
 from basetree.files import writing
-from basetree.files.json import build, read_json
+from basetree.files.json import read_json, refuse_repeated
+from basetree.files.limits import current_limits
+from basetree.files.names import is_inside
 from basetree.files.writing import replacing, text_file
 from edgetree.conformance.frames import frames_for
 from edgetree.conformance.reference import Reference
 from edgetree.conformance.results import (
+    MOST_FRAMES,
     FrameTrees,
     Results,
     found_trees,
@@ -43,6 +48,8 @@ SCORE_THRESHOLD: Final = 0.15
 _MODEL, _EXPECTED, _FRAMES, _CONTENT = "model.onnx", "expected.json", "frames", "kit.json"
 _PIXELS: Final[dict[int, Any]] = {3: np.dtype("u1"), 1: np.dtype("<u2")}
 
+_Side = Annotated[int, Meta(ge=1, le=65_535)]
+
 
 @dataclass(frozen=True)
 class KitFrame:
@@ -54,13 +61,34 @@ class KitFrame:
         width: Width in pixels.
         height: Height in pixels.
         channels: 3 for blue, green and red bytes; 1 for 16-bit millimetres, 0 = no reading.
+
+    Raises:
+        InputError: A value is out of range, or the path leaves the kit.
     """
 
     name: str
     file: str
-    width: int
-    height: int
+    width: _Side
+    height: _Side
     channels: int
+
+    def __post_init__(self) -> None:
+        if self.channels not in _PIXELS or self.width * self.height > current_limits().image_pixels:
+            raise InputError(
+                f"frame {self.name!r} is {self.width}x{self.height} with {self.channels}"
+                f" channel(s), expected at most {current_limits().image_pixels} pixels, and 1 or 3"
+            )
+        _check_inside(f"frame {self.name!r}: file", self.file)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of its pixels: (H, W, 3) or (H, W)."""
+        return (self.height, self.width, self.channels)[: 3 if self.channels == 3 else 2]
+
+    @property
+    def size_bytes(self) -> int:
+        """Size of its file."""
+        return int(_PIXELS[self.channels].itemsize) * math.prod(self.shape)
 
 
 @dataclass(frozen=True)
@@ -85,13 +113,22 @@ class Kit:
     model_sha256: str
     name: str
     precision: str
-    input_width: int
-    input_height: int
-    score_threshold: float
-    frames: tuple[KitFrame, ...]
+    input_width: _Side
+    input_height: _Side
+    score_threshold: Annotated[float, Meta(ge=0, le=1)]
+    frames: Annotated[tuple[KitFrame, ...], Meta(max_length=MOST_FRAMES)]
     project_version: str
     weight_bits: int | None = None
     schema: str = KIT_SCHEMA
+
+    def __post_init__(self) -> None:
+        _check_inside("model", self.model)
+        refuse_repeated(frame.name for frame in self.frames)
+
+
+def _check_inside(what: str, name: str) -> None:
+    if not is_inside(name):
+        raise InputError(f"{what} is {name!r}, expected a path inside the kit")
 
 
 def make_kit(
@@ -170,14 +207,7 @@ def read_kit(folder: Path) -> Kit:
     expected = "a folder of `edgetree conformance make`"
     if not folder.is_dir():
         raise InputError(f"{folder} is not a folder: expected {expected}")
-    kit = build(Kit, read_json(path, KIT_SCHEMA, expected), str(path))
-    for frame in kit.frames:
-        if frame.channels not in _PIXELS or min(frame.width, frame.height) < 1:
-            raise InputError(
-                f"{path}: frame {frame.name!r} is {frame.width}x{frame.height} with"
-                f" {frame.channels} channel(s): expected a size of 1x1 or more, and 1 or 3"
-            )
-    return kit
+    return read_json(path, KIT_SCHEMA, Kit, expected)
 
 
 def read_expected(folder: Path) -> Results:
@@ -186,7 +216,16 @@ def read_expected(folder: Path) -> Results:
     Raises:
         InputError: As for `read_results`.
     """
-    return read_results(folder / _EXPECTED)
+    path = folder / _EXPECTED
+    results = read_results(path)
+    for frame in results.frames:
+        for each in frame.covered:
+            if each.by >= len(frame.trees):
+                raise InputError(
+                    f"{path}: frame {frame.name!r} has a tree that tree {each.by} covers, expected"
+                    f" one of its {len(frame.trees)}, from 0 on"
+                )
+    return results
 
 
 def read_frame(folder: Path, frame: KitFrame) -> NDArray[Any]:
@@ -195,16 +234,21 @@ def read_frame(folder: Path, frame: KitFrame) -> NDArray[Any]:
     Raises:
         InputError: The file is missing or has another size than kit.json says.
     """
-    path, dtype = folder / frame.file, _PIXELS[frame.channels]
-    shape = (frame.height, frame.width, frame.channels)[: 3 if frame.channels == 3 else 2]
-    size = dtype.itemsize * math.prod(shape)
+    path = folder / frame.file
     try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path} cannot be read ({error.strerror}): expected pixels") from error
-    if len(data) != size:
-        raise InputError(f"{path} has {len(data)} bytes: expected {size}, as in {_CONTENT}")
-    pixels: NDArray[Any] = np.frombuffer(data, dtype).reshape(shape)
+        if path.exists() and not path.is_file():
+            raise InputError(f"{path} is not a regular file: expected pixels")
+        with path.open("rb") as stream:
+            size = os.fstat(stream.fileno()).st_size
+            if size != frame.size_bytes:
+                raise InputError(
+                    f"{path} has {size} bytes: expected {frame.size_bytes}, as in {_CONTENT}"
+                )
+            data = stream.read(frame.size_bytes)
+    except (OSError, ValueError) as error:  # a name that is not of this system
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"{path} cannot be read ({reason}): expected pixels") from error
+    pixels: NDArray[Any] = np.frombuffer(data, _PIXELS[frame.channels]).reshape(frame.shape)
     return pixels
 
 
@@ -229,12 +273,13 @@ def run_kit(
         provider=provider,
         threads=threads,
     )
-    pixels = {frame.name: read_frame(folder, frame) for frame in kit.frames}
     found = [
-        FrameTrees(name, found_trees(reference.detect(image))) for name, image in pixels.items()
+        FrameTrees(frame.name, found_trees(reference.detect(read_frame(folder, frame))))
+        for frame in kit.frames
     ]
     times_ms = []
-    for image in list(pixels.values()) * rounds:
+    for frame in kit.frames * rounds:
+        image = read_frame(folder, frame)
         begin = time.perf_counter()
         reference.detect(image)
         times_ms.append((time.perf_counter() - begin) * 1e3)

@@ -6,19 +6,25 @@ import dataclasses
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, Final
+
+from msgspec import Meta
 
 from basetree.errors import InputError
-from basetree.files.json import build, read_json
+from basetree.files.json import read_json
 from basetree.files.writing import text_file
 from edgetree.detections import KEYPOINT_NAMES, MASK_SIZE, TreeDetections
 
 RESULTS_SCHEMA: Final = "edgetree.conformance-results/1"
 _DIGITS: Final = 4
 _CELLS: Final = MASK_SIZE * MASK_SIZE
+_LARGEST_BYTES: Final = 32 * 2**20  # a tree with its mask has about 6000
+MOST_FRAMES: Final = 200
+_MOST_TREES: Final = 500  # of a frame; networks find 100
 
-_Four = tuple[float, float, float, float]
-_Point = tuple[float, float, float]
+_Number = Annotated[float, Meta(ge=-1e6, le=1e6)]
+_Four = tuple[_Number, _Number, _Number, _Number]
+_Point = tuple[_Number, _Number, _Number]
 
 
 @dataclass(frozen=True)
@@ -33,10 +39,10 @@ class FoundTree:
         mask: Probabilities on the grid over the box, row by row; None if the model has no masks.
     """
 
-    score: float
+    score: _Number
     box_px: _Four
     keypoints_px: tuple[_Point, ...] | None = None
-    mask: tuple[float, ...] | None = None
+    mask: tuple[_Number, ...] | None = None
 
     def __post_init__(self) -> None:
         for name, expected in (("keypoints_px", len(KEYPOINT_NAMES)), ("mask", _CELLS)):
@@ -54,7 +60,7 @@ class CoveredTree:
         tree: The tree.
     """
 
-    by: int
+    by: Annotated[int, Meta(ge=0)]
     tree: FoundTree
 
 
@@ -69,8 +75,8 @@ class FrameTrees:
     """
 
     name: str
-    trees: tuple[FoundTree, ...]
-    covered: tuple[CoveredTree, ...] = ()
+    trees: Annotated[tuple[FoundTree, ...], Meta(max_length=_MOST_TREES)]
+    covered: Annotated[tuple[CoveredTree, ...], Meta(max_length=_MOST_TREES)] = ()
 
 
 @dataclass(frozen=True)
@@ -93,9 +99,9 @@ class Results:
     runtime: str
     runtime_version: str
     processor: str
-    frames: tuple[FrameTrees, ...]
+    frames: Annotated[tuple[FrameTrees, ...], Meta(max_length=MOST_FRAMES)]
     host: str = "a program"
-    median_ms: float | None = None
+    median_ms: _Number | None = None
     threads: int | None = None
     schema: str = RESULTS_SCHEMA
 
@@ -134,12 +140,8 @@ def read_results(path: Path) -> Results:
         InputError: The file is missing, has another schema, or a value is missing or of another
             type; the message names the value.
     """
-    data = read_json(path, RESULTS_SCHEMA, "what a program found in a kit")
-    try:
-        return build(Results, data, str(path))
-    except InputError as error:
-        text = str(error)
-        raise InputError(text if str(path) in text else f"{path}: {text}") from error
+    what = "what a program found in a kit"
+    return read_json(path, RESULTS_SCHEMA, Results, what, largest_bytes=_LARGEST_BYTES)
 
 
 def write_results(path: Path, results: Results) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
@@ -142,7 +143,8 @@ class UsualRange:
 
     def __post_init__(self) -> None:
         found = (self.low, self.high)
-        _require(self.low <= self.high, f"range of {self.statistic}", found, "low <= high")
+        is_range = -math.inf < self.low <= self.high < math.inf
+        _require(is_range, f"range of {self.statistic}", found, "low <= high")
 
 
 @dataclass(frozen=True)
@@ -270,7 +272,7 @@ class Manifest:
         """
         try:
             data = parse_json(text)
-        except (ValueError, RecursionError) as error:
+        except ValueError as error:
             raise ModelFileError(f"manifest: not JSON ({error})") from error
         schema = data.get("schema") if isinstance(data, dict) else None
         _require(schema == SCHEMA, "schema", schema, repr(SCHEMA))

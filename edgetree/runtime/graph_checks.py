@@ -57,10 +57,7 @@ def _read_manifest(session: InferenceSession) -> Manifest:
         raise ModelFileError(
             f"no manifest (metadata {METADATA_KEY!r}): expected a file made by `edgetree export`"
         )
-    try:
-        manifest = Manifest.from_json(text)
-    except RecursionError as error:
-        raise ModelFileError("manifest: not valid JSON (nested too deeply)") from error
+    manifest = Manifest.from_json(text)
     if manifest.depth_encoding is not None:
         calib.DepthEncoding.from_dict(dict(manifest.depth_encoding))
     expected = manifest.input.image_shape

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, TextIO
 
+from basetree.errors import InputError
+from basetree.files.json import build, parse_json
 from basetree.files.writing import text_file
 from basetree.jobs import JobError, MergedParts
 from edgetree.results.csv_table import PROFILES, TREES
@@ -71,25 +72,52 @@ def merge_frames(parts: MergedParts, outputs: Outputs, lines_to_stdout: bool) ->
         for name, table in _TABLES.items():
             if name in opened:
                 table.write_header(opened[name])
-        for content in parts:
-            _add(merged, _read(content), opened)
+        for unit, content in enumerate(parts):
+            _add(merged, _read(content, parts.job.part(unit)), opened)
     return merged
 
 
-def _read(content: bytes) -> dict[str, Any]:
-    part = json.loads(content)
-    if not isinstance(part, dict) or part.get("schema") != "edgetree.part/1":
-        raise JobError("a part is not of schema edgetree.part/1: expected shards of this version")
-    return part
+@dataclass(frozen=True)
+class _Frame:
+    """What is counted of a frame's record."""
+
+    trees: tuple[Any, ...]
 
 
-def _add(merged: MergedFrames, part: dict[str, Any], opened: dict[str, TextIO]) -> None:
-    for record in part["frames"]:
-        merged.frames += 1
-        merged.trees += len(record["trees"])
-        if "jsonl" in opened:
+@dataclass(frozen=True)
+class _Part:
+    """The content of a part."""
+
+    frames: tuple[dict[str, Any], ...]
+    csv: str
+    profiles: str
+    left_out: tuple[str, ...]
+
+
+def _read(content: bytes, name: str) -> tuple[_Part, int]:
+    """A part, and the number of trees in it."""
+    try:
+        record = parse_json(content.decode())
+        if not isinstance(record, dict) or record.get("schema") != "edgetree.part/1":
+            raise ValueError("it has another schema")
+        part = build(_Part, record, name)
+        trees = sum(len(build(_Frame, frame, name).trees) for frame in part.frames)
+    except (ValueError, InputError) as error:
+        raise JobError(
+            f"part {name} is not of schema edgetree.part/1 ({error}): expected shards of this"
+            " version"
+        ) from error
+    return part, trees
+
+
+def _add(merged: MergedFrames, found: tuple[_Part, int], opened: dict[str, TextIO]) -> None:
+    part, trees = found
+    merged.frames += len(part.frames)
+    merged.trees += trees
+    if "jsonl" in opened:
+        for record in part.frames:
             write_json_line(opened["jsonl"], record)
     for name in _TABLES:
         if name in opened:
-            opened[name].write(part[name])
-    merged.left_out += part["left_out"]
+            opened[name].write(getattr(part, name))
+    merged.left_out += part.left_out

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import logging
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,6 +12,7 @@ import numpy as np
 
 import calib
 from basetree.errors import InputError
+from basetree.files.json import decode
 from edgetree.frames.frame import Frame
 from edgetree.frames.images import read_image
 from edgetree.frames.rig import unit_vector
@@ -20,6 +21,47 @@ from edgetree.sources.source import BaseSource, FrameSource
 _log = logging.getLogger(__name__)
 
 _LABELS: Final = ("train_RGB.json", "val_RGB.json", "test_RGB.json")
+_LARGEST_LABELS_BYTES: Final = 2**28  # a frame with its trees has about 10,000
+
+_Three = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class _Pose:
+    """The camera in the world: its position, and its axes in the rows of the rotation."""
+
+    origin_m: _Three
+    rotation: tuple[_Three, _Three, _Three]
+
+
+@dataclass(frozen=True)
+class _Image:
+    """The label of one frame."""
+
+    file_name: str
+    depth_file: str
+    imu_file: str
+    time_s: float
+    camera: dict[str, Any]
+    up_camera: _Three
+    pose_world: _Pose
+
+    @property
+    def scene(self) -> int:
+        """Number of the drive, which its file of the IMU has as name."""
+        return int(Path(self.imu_file).stem)
+
+    def __post_init__(self) -> None:
+        name = Path(self.imu_file).stem
+        if not (name.isascii() and name.isdigit() and len(name) < 10):
+            raise ValueError(f"imu_file is {self.imu_file!r:.60}, expected a number as its name")
+
+
+@dataclass(frozen=True)
+class _Labels:
+    """The labels of a dataset, as far as drives need them."""
+
+    images: tuple[_Image, ...]
 
 
 def is_drive(folder: Path) -> bool:
@@ -59,7 +101,7 @@ class _Drive(BaseSource):
         if number not in drives:
             raise InputError(f"dataset {folder} has no scene {number}: expected one of {listed}")
         super().__init__(f"{folder}, scene {number}")
-        self._images = sorted(drives[number], key=lambda image: float(image["time_s"]))
+        self._images = sorted(drives[number], key=lambda image: image.time_s)
         self.count = len(self._images)
 
     def __iter__(self) -> Iterator[Frame]:
@@ -72,45 +114,49 @@ class _Drive(BaseSource):
                 self.counts["unreadable images"] += 1
                 _log.warning("%s", error)
 
-    def _frame(self, number: int, image: Mapping[str, Any]) -> Frame:
-        path, depth = self._folder / image["file_name"], self._folder / image["depth_file"]
+    def _frame(self, number: int, image: _Image) -> Frame:
+        path, depth = self._folder / image.file_name, self._folder / image.depth_file
         depth_m = calib.read_depth(depth)
         check = calib.check_depth(depth_m)
         fault = f"depth {depth}: {check.reason}" if isinstance(check, calib.DepthFailure) else None
-        pose = image["pose_world"]
+        pose = image.pose_world
         return Frame(
             path.stem,
             path,
             read_image(path),
             depth_m,
             fault,
-            float(image["time_s"]),
+            image.time_s,
             number,
-            calib.PinholeCamera.from_dict(image["camera"]),
-            unit_vector(image["up_camera"]),
+            calib.PinholeCamera.from_dict(image.camera),
+            unit_vector(image.up_camera),
             # The rows of the label's rotation are the camera's axes in the world.
-            calib.RigidTransform(np.transpose(pose["rotation"]), pose["origin_m"]),
+            calib.RigidTransform(np.transpose(pose.rotation), pose.origin_m),
         )
 
 
-def _drives(folder: Path) -> dict[int, list[Mapping[str, Any]]]:
+def _drives(folder: Path) -> dict[int, list[_Image]]:
     """The labels of the images by the number of their scene."""
-    drives: dict[int, list[Mapping[str, Any]]] = {}
+    drives: dict[int, list[_Image]] = {}
     for path in (folder / name for name in _LABELS if (folder / name).is_file()):
-        try:
-            for image in json.loads(path.read_text("utf-8"))["images"]:
-                pose = image["pose_world"]
-                _ = (image["depth_file"], image["file_name"], image["camera"], image["up_camera"])
-                _ = (float(image["time_s"]), pose["rotation"], pose["origin_m"])
-                drives.setdefault(int(Path(image["imu_file"]).stem), []).append(image)
-        except (ValueError, KeyError, TypeError, RecursionError) as error:
-            reason = f"{error} is missing" if isinstance(error, KeyError) else str(error)
-            raise InputError(
-                f"labels {path} cannot be read ({reason}): expected those of a drive, as"
-                " `perceptree synth --preset drive` writes them"
-            ) from error
+        for image in _read_labels(path).images:
+            drives.setdefault(image.scene, []).append(image)
     if not drives:
         raise InputError(
             f"folder {folder} has no images of a drive: expected a dataset of the preset drive"
         )
     return drives
+
+
+def _read_labels(path: Path) -> _Labels:
+    try:
+        with path.open("rb") as stream:
+            content = stream.read(_LARGEST_LABELS_BYTES + 1)
+        if len(content) > _LARGEST_LABELS_BYTES:
+            raise InputError(f"it has more than {_LARGEST_LABELS_BYTES} bytes")
+        return decode(_Labels, content, "its content")
+    except (OSError, InputError) as error:
+        raise InputError(
+            f"labels {path} cannot be read ({error}): expected those of a drive, as"
+            " `perceptree synth --preset drive` writes them"
+        ) from error

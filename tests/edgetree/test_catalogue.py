@@ -15,7 +15,6 @@ import pytest
 from basetree.errors import InputError
 from edgetree import TreeDetector
 from edgetree.catalogue import (
-    CARD_SCHEMA,
     DEFAULTS,
     FOLDERS_VARIABLE,
     MODALITIES,
@@ -28,6 +27,7 @@ from edgetree.catalogue import (
     suited_model,
 )
 from edgetree.errors import ModelFileError
+from edgetree.model_file.card import CARD_SCHEMA
 
 Cli = Callable[..., Any]
 

@@ -154,7 +154,7 @@ def test_circumferences_are_noticed(run_cli: Cli, folder: Path) -> None:
     ("arguments", "message"),
     [
         (("caliper.csv", "trees.csv"), "caliper.csv has no column diameter_m: expected the table"),
-        (("trees.csv", "none.csv"), "none.csv cannot be read"),
+        (("trees.csv", "none.csv"), "none.csv: no such file"),
         (("trees.csv", "caliper.csv", "--max-distance", 0), "--max-distance is 0.0: expected met"),
         (("trees.csv", "trees.csv"), "trees.csv is a machine's table: expected the readings"),
         (("trees.csv", "empty.csv"), "empty.csv: the first line has fewer than two columns"),

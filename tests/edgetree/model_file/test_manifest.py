@@ -169,16 +169,16 @@ def test_unknown_fields_are_ignored(rgb_manifest: Manifest) -> None:
     [
         (["schema"], "edgetree.manifest/9", r"schema is 'edgetree.manifest/9': expected"),
         (["modality"], "lidar", "modality is 'lidar': expected 'rgb' or 'depth'"),
-        (["input", "height"], "384", "input: height is '384': expected a whole number"),
-        (["input", "width"], True, "input: width is True: expected a whole number"),
+        (["input", "height"], "384", "input.height is '384', expected a whole number"),
+        (["input", "width"], True, "input.width is true, expected a whole number"),
         (["input", "height"], 8, "input size is '640x8': expected 32x32 or more"),
         (["input", "colour_order"], "RGB", "colour_order is 'RGB': expected 'BGR'"),
         (["input", "batch_sizes"], [0], "batch_sizes is .* expected at least one number"),
         (["resize", "rule"], "stretch", "resize rule is 'stretch': expected 'letterbox-top-left'"),
         (["mean"], [0.5], "mean is .* expected 3 number"),
-        (["mean"], [10**400, 0, 0], r"mean\[0\] is 1000.*: expected a finite number"),
+        (["mean"], [10**400, 0, 0], r"not JSON \(1000.* is not a number of 64 bits"),
         (["std"], [1, math.nan, 1], r"manifest: not JSON \(NaN is not a JSON number\)"),
-        (["mean"], "none", "mean is 'none': expected a list"),
+        (["mean"], "none", "mean is 'none', expected a list"),
         (["depth_encoding"], {"near_m": 0.0}, "depth_encoding is .* null for an rgb model"),
         (["keypoint_names"], ["top"], "keypoint_names is .*'top'.* expected .*felling_cut"),
         (["thresholds", "score"], 2, "threshold score is 2.0: expected 0 to 1"),
@@ -192,9 +192,9 @@ def test_unknown_fields_are_ignored(rgb_manifest: Manifest) -> None:
         (
             ["training_pictures"],
             {"lightness": [3, 9]},
-            "training_pictures is dict: expected a list",
+            "training_pictures is an object, expected a list",
         ),
-        (["keypoint_flip_pairs"], [[1, 2, 3]], "keypoint_flip_pairs.* has 3 items: expected 2"),
+        (["keypoint_flip_pairs"], [[1, 2, 3]], "is a list of 3 items, expected a list of 2 items"),
     ],
 )
 def test_a_wrong_value_is_named(

@@ -148,7 +148,7 @@ CHANGES: dict[str, tuple[Change, str]] = {
     "not yet valid": (set_clock(days=-2), "is valid from .* expected a correct clock"),
     "expired key": (expire_key, r"key [0-9a-f]{16} \(office\) was valid until 2026-01-01"),
     "empty": (write_signature(""), "is not JSON"),
-    "a list": (write_signature("[]"), "is list: expected an object"),
+    "a list": (write_signature("[]"), "is a list of 0 items, expected an object"),
     "nested": (write_signature("[" * 100_000), "is not JSON"),
     "huge": (write_signature(" " * 3_000_000), "larger than 2097152 bytes"),
     "huge number": (write_signature('{"payloadType": ' + "9" * 10_000 + "}"), "is not JSON"),
@@ -179,7 +179,7 @@ def test_what_is_refused(machine: Machine, model: Path, name: str) -> None:
         ("payloadType", "text/plain", "payloadType is 'text/plain'"),
         ("payload", "?", "not base64"),
         ("signatures", [], "has 0 signatures: expected one"),
-        ("signatures", [{"keyid": 1, "sig": ""}], "keyid is 1: expected text"),
+        ("signatures", [{"keyid": 1, "sig": ""}], "signatures[0].keyid is 1, expected text"),
     ],
 )
 def test_a_malformed_envelope_is_refused(
