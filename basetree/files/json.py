@@ -211,9 +211,8 @@ def _expected(words: re.Match[str]) -> str:
     """What msgspec expected, in the project's words."""
     expected = " or ".join(_WORDS.get(kind, kind) for kind in words["kinds"].split(" | "))
     if words["number"]:
-        expected += f" {_BOUNDS[words['bound']]} {words['number']}" + " items" * bool(
-            words["items"]
-        )
+        expected += f" {_BOUNDS[words['bound']]} {words['number'].removesuffix('.0')}"
+        expected += " items" * bool(words["items"])
     return expected + (words["more"] or "")
 
 

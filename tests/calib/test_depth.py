@@ -59,10 +59,12 @@ def test_an_encoding_dict_round_trips() -> None:
     ("change", "message"),
     [
         ({"near_m": 20.0}, "expected 0 <= near_m < far_m"),
-        ({"far_m": math.inf}, "expected 0 <= near_m < far_m"),
+        ({"far_m": math.inf}, "field far_m is inf: expected a number of at most 1e+06"),
         ({"far_value": 256}, "far_value is 256: expected 0 to 255"),
         ({"far_value": 0}, "near_value and far_value are both 0: expected different values"),
         ({"near_m": "0"}, "depth encoding field near_m is '0': expected a number"),
+        ({"far_m": 10**400}, "depth encoding field far_m is 10000"),
+        ({"far_m": 1e300}, "field far_m is 1e+300: expected a number of at most 1e+06"),
         ({"extra": 1}, "depth encoding has fields"),
     ],
 )

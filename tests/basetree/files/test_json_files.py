@@ -75,7 +75,7 @@ def test_a_file_becomes_its_dataclass_and_unknown_fields_are_ignored(tmp_path: P
         ({"block": "x"}, "kit.json: block is 'x', expected a whole number"),
         ({"block": {}}, "kit.json: block is an object, expected a whole number"),
         ({"block": "x" * 999}, "expected a whole number"),
-        ({"share": 1}, "kit.json: share is 1, expected a number below 1.0"),
+        ({"share": 1}, "kit.json: share is 1, expected a number below 1"),
         ({"share": "1"}, "kit.json: share is '1', expected a number or null"),
         ({"done": 1}, "kit.json: done is 1, expected true or false"),
         (

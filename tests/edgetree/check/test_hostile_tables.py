@@ -91,7 +91,7 @@ def test_many_columns_are_refused_at_once(tmp_path: Path) -> None:
     begin = time.process_time()
     for last in ("c7", "tree"):
         content = ";".join([*names, last]) + "\n1\n"
-        with pytest.raises(InputError, match="the column c7 twice|has the columns c0"):
+        with pytest.raises(InputError, match=r"the column c7 twice|has the columns c0"):
             read_caliper(caliper(tmp_path, content))
     assert time.process_time() - begin < 2
 

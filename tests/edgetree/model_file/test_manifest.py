@@ -177,6 +177,7 @@ def test_unknown_fields_are_ignored(rgb_manifest: Manifest) -> None:
         (["resize", "rule"], "stretch", "resize rule is 'stretch': expected 'letterbox-top-left'"),
         (["mean"], [0.5], "mean is .* expected 3 number"),
         (["mean"], [10**400, 0, 0], r"not JSON \(1000.* is not a number of 64 bits"),
+        (["depth_encoding"], {"far_m": 10**400}, r"not JSON \(1000.* is not a number of 64 bits"),
         (["std"], [1, math.nan, 1], r"manifest: not JSON \(NaN is not a JSON number\)"),
         (["mean"], "none", "mean is 'none', expected a list"),
         (["depth_encoding"], {"near_m": 0.0}, "depth_encoding is .* null for an rgb model"),
