@@ -24,8 +24,9 @@ class Limits:
         text_nesting: Levels of lists and maps in such a file, and in the records inside of model
             files, checkpoints and training states.
         image_pixels: Pixels of a picture or depth map, width times height.
-        model_memory_bytes: Memory that opening a model file on the CPU may take. Running it is not
-            limited. On Linux alone.
+        model_memory_bytes: Memory that opening a model file on the CPU may take, if it is less than
+            640 MiB, 16 times the size of the file and 144 MiB for each thread together. Running it
+            is not limited. On Linux alone.
 
     Raises:
         InputError: If a limit is not a whole number of at least 1.

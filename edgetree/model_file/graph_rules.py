@@ -13,9 +13,12 @@ from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
 MAX_ELEMENTS: Final = 2**28  # of one tensor
-_MAX_COMPUTED: Final = 2**30  # elements that are computed from constants, in sum
+_MAX_ENLARGED: Final = 2**26  # elements that constants are expanded to, in sum
+_MAX_COMPUTED: Final = 2  # elements that are computed from constants, for each in the file
 _MAX_EXPANDED: Final = 64
-_MAX_NODES: Final = 20_000
+# The time to open a file grows with the square of these; exports have 600 to 2,000.
+_MAX_NODES: Final = 5_000
+_MAX_CONSTANTS: Final = 10_000
 _MAX_ATTRIBUTE: Final = 1024
 _MAX_PADDING: Final = 1024
 _MAX_ENLARGEMENT: Final = 64.0
@@ -78,19 +81,23 @@ class GraphNode:
 
 
 def check_graph(
-    nodes: Iterable[GraphNode], inputs: Iterable[str], constants: Mapping[str, Constant]
+    nodes: Iterable[GraphNode],
+    inputs: Mapping[str, tuple[int | str, ...]],
+    constants: Mapping[str, Constant],
 ) -> None:
     """Check the nodes of a graph, in their order.
 
     Args:
         nodes: The nodes.
-        inputs: Names of the graph's inputs.
+        inputs: Shapes of the graph's inputs by name; dynamic sizes are given by their name.
         constants: The graph's constants by name.
 
     Raises:
         RuleBroken: The graph has an operator that exports do not have, computes something else from
             constants alone than exports do, or enlarges a tensor by more than exports would.
     """
+    if len(constants) > _MAX_CONSTANTS:
+        raise RuleBroken(f"has more than {_MAX_CONSTANTS} constants: expected fewer")
     checker = _Checker(inputs, constants)
     for index, node in enumerate(nodes):
         if index >= _MAX_NODES:
@@ -99,12 +106,16 @@ def check_graph(
 
 
 class _Checker:
-    def __init__(self, inputs: Iterable[str], constants: Mapping[str, Constant]) -> None:
+    def __init__(
+        self, inputs: Mapping[str, tuple[int | str, ...]], constants: Mapping[str, Constant]
+    ) -> None:
         self._constants = dict(constants)
         self._made = {"", *inputs, *constants}
-        self._shapes: set[str] = set()  # outputs of Shape
+        self._elements = {name: _known_elements(shape) for name, shape in inputs.items()}
+        self._shapes: dict[str, int] = {}  # outputs of Shape: elements that are known to be there
         self._expanded: set[str] = set()  # constants of the size of another tensor
-        self._computed = 0
+        self._most_computed = _MAX_COMPUTED * sum(each.elements for each in constants.values())
+        self._computed = self._enlarged = 0
 
     def check(self, node: GraphNode) -> None:
         """Check one node, and note which of its outputs are constant."""
@@ -124,7 +135,8 @@ class _Checker:
                 )
         self._check_growth(operator, node)
         if operator == "Shape":
-            self._shapes |= set(node.outputs)
+            known = max((self._elements.get(name, 1) for name in node.inputs), default=1)
+            self._shapes |= dict.fromkeys(node.outputs, known)
         elif all(self._is_constant(name) for name in node.inputs):
             self._compute(operator, node)
 
@@ -140,21 +152,33 @@ class _Checker:
             raise RuleBroken(
                 f"computes {operator} from constants alone: expected the result as a constant"
             )
-        if operator == "Expand" and self._shapes.intersection(node.inputs):
-            self._expanded |= set(node.outputs)
-            if len(self._expanded) > _MAX_EXPANDED:
-                raise RuleBroken(
-                    f"expands more than {_MAX_EXPANDED} constants: expected the results"
-                )
+        if operator == "Expand":
+            self._expand(source.elements, node)
             return
         elements = source.elements
-        if operator == "Expand":
-            elements *= math.prod(int(abs(size)) for size in self._values(operator, node, 1))
         self._computed += elements
-        self._limit(operator, self._computed, _MAX_COMPUTED)
+        if self._computed > self._most_computed:
+            raise RuleBroken(
+                f"computes {self._computed} numbers from constants: expected at most"
+                f" {self._most_computed}, {_MAX_COMPUTED} for each in the file"
+            )
         values = source.values if operator in _KEEPING_VALUES else None
         for name in node.outputs:
             self._constants[name] = Constant(elements, values)
+
+    def _expand(self, elements: int, node: GraphNode) -> None:
+        """Check and note a constant that is expanded."""
+        shapes = [self._shapes[name] for name in node.inputs if name in self._shapes]
+        sizes = shapes or [int(abs(size)) for size in self._values("Expand", node, 1)]
+        elements *= math.prod(sizes)
+        self._enlarged += elements
+        self._limit("Expand", self._enlarged, _MAX_ENLARGED)
+        if not shapes:
+            self._constants |= dict.fromkeys(node.outputs, Constant(elements, None))
+            return
+        self._expanded |= set(node.outputs)
+        if len(self._expanded) > _MAX_EXPANDED:
+            raise RuleBroken(f"expands more than {_MAX_EXPANDED} constants: expected the results")
 
     def _operator(self, node: GraphNode) -> str:
         """The operator of a node, if it is one of `OPERATORS`."""
@@ -173,6 +197,8 @@ class _Checker:
         if operator in ("Expand", "Reshape"):
             sizes = self._values(operator, node, 1)
             self._limit(operator, math.prod(abs(size) or 1 for size in sizes), MAX_ELEMENTS)
+            known = math.prod(max(int(size), 1) for size in sizes)
+            self._elements |= dict.fromkeys(node.outputs, known)
         elif operator == "Pad":
             padding = self._values(operator, node, 1)
             self._limit(operator, max(map(abs, padding), default=0), _MAX_PADDING)
@@ -199,3 +225,8 @@ class _Checker:
                 f"has an operator {operator} that enlarges its input to or by {found:g}:"
                 f" expected at most {largest:g}"
             )
+
+
+def _known_elements(shape: tuple[int | str, ...]) -> int:
+    """Number of elements of a shape, with 1 for the sizes that are not known."""
+    return math.prod(size for size in shape if isinstance(size, int))

@@ -31,6 +31,11 @@ from edgetree.runtime.providers import (
 
 _log = logging.getLogger(__name__)
 _STATM: Final = Path("/proc/self/statm")
+# Of address space, which opening real files takes less than half of. A thread reserves its stack
+# and a heap of its own.
+_MEMORY_BYTES: Final = 640 * 2**20
+_MEMORY_OF_A_BYTE: Final = 16
+_MEMORY_OF_A_THREAD: Final = 144 * 2**20
 _turn = threading.Lock()
 
 
@@ -99,8 +104,10 @@ def _start(
         asked += [(name, {}) for name in provider.helpers if name in listed]
         asked.append((PROVIDERS[CPU].ort_name, {}))
     # Providers with memory of their own reserve far more addresses than they use.
-    largest = current_limits().model_memory_bytes
-    limit = _memory_limit(largest) if provider.name == CPU else nullcontext()
+    size = path.stat().st_size if content is None else len(content)
+    most = _MEMORY_BYTES + _MEMORY_OF_A_BYTE * size + _MEMORY_OF_A_THREAD * threads
+    most = min(most, current_limits().model_memory_bytes)
+    limit = _memory_limit(most) if provider.name == CPU else nullcontext()
     model: str | bytes = str(path)
     if content is not None or not is_utf8(path):
         model = path.read_bytes() if content is None else content
