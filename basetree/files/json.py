@@ -156,6 +156,8 @@ def build(kind: type[_T], data: object, where: str) -> _T:
         return msgspec.convert(data, kind)
     except msgspec.ValidationError as error:
         raise InputError(_explained(str(error), data, where)) from error
+    except UnicodeEncodeError as error:
+        raise InputError(f"{where}: a field's name is not text ({error.reason})") from error
     except InputError as error:  # of the dataclass itself
         if where in str(error):
             raise

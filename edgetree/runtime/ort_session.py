@@ -36,6 +36,7 @@ _STATM: Final = Path("/proc/self/statm")
 _MEMORY_BYTES: Final = 640 * 2**20
 _MEMORY_OF_A_BYTE: Final = 16
 _MEMORY_OF_A_THREAD: Final = 144 * 2**20
+_LARGEST_COMPUTED_BYTES: Final = 128 * 2**20  # of a tensor that is computed while opening
 _turn = threading.Lock()
 
 
@@ -167,6 +168,7 @@ def _options(onnxruntime: Any, provider: Provider, settings: SessionSettings, th
     entries = {
         "session.intra_op.allow_spinning": str(int(settings.spinning)),
         "session.load_model_format": "ONNX",
+        "optimization.constant_folding_max_output_size_in_bytes": str(_LARGEST_COMPUTED_BYTES),
     }
     if provider.name != CPU:
         entries["session.record_ep_graph_assignment_info"] = "1"

@@ -103,6 +103,7 @@ def test_a_wrong_field_is_named(tmp_path: Path, fields: dict[str, Any], message:
         ("[" * 100_000, "nested too deeply"),
         ('{"a":' * 100_000, "nested too deeply"),
         ('{"a":' + "[" * 60 + "]" * 60 + "}", "nested more than 50 levels"),
+        (text_of(**{"\ud800": 1}), "kit.json: a field's name is not text"),
         ('{"block": 1, "block": 2}', "block is given twice"),
         ('{"share": NaN}', "NaN is not a JSON number"),
         ('{"share": -Infinity}', "-Infinity is not a JSON number"),

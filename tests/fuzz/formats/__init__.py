@@ -2,7 +2,17 @@
 
 from __future__ import annotations
 
-from formats import cameras, datasets, models, page, pictures, recordings, signing, tables
+from formats import (
+    cameras,
+    datasets,
+    models,
+    page,
+    pictures,
+    recordings,
+    records,
+    signing,
+    tables,
+)
 
 FORMATS = (
     cameras.FORMATS
@@ -11,6 +21,7 @@ FORMATS = (
     | page.FORMATS
     | pictures.FORMATS
     | recordings.FORMATS
+    | records.FORMATS
     | signing.FORMATS
     | tables.FORMATS
 )
