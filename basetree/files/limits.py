@@ -18,11 +18,11 @@ class Limits:
     """The largest inputs that are read. Larger ones are refused with an error.
 
     Attributes:
-        text_file_bytes: Size of a camera, transform or depth scale file. YAML aliases count as if
-            their text were written out.
+        text_file_bytes: Size of a camera, transform or depth scale file, a kit, a card, or a result
+            of `edgetree bench`. YAML aliases count as if their text were written out.
         text_values: Values in such a file: numbers, texts, lists and maps.
-        text_nesting: Levels of lists and maps in such a file, and in the records inside of model
-            files, checkpoints and training states.
+        text_nesting: Levels of lists and maps in such a file, in other JSON files of this project,
+            and in the records inside of model files, checkpoints and training states.
         image_pixels: Pixels of a picture or depth map, width times height.
         model_memory_bytes: Memory that opening a model file on the CPU may take, if it is less than
             640 MiB, 16 times the size of the file and 144 MiB for each thread together. Running it

@@ -131,7 +131,7 @@ class _Drive(BaseSource):
             calib.PinholeCamera.from_dict(image.camera),
             unit_vector(image.up_camera),
             # The rows of the label's rotation are the camera's axes in the world.
-            calib.RigidTransform(np.transpose(pose.rotation), pose.origin_m),
+            calib.RigidTransform(np.transpose(pose.rotation), np.array(pose.origin_m)),
         )
 
 
