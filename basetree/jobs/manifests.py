@@ -21,7 +21,7 @@ from basetree.jobs.stores import Store
 
 _SCHEMA = "edgetree.shard/1"
 _MOST_NAMED = 5
-_LARGEST_BYTES = 32 * 2**20  # a part takes about 80
+_LARGEST_BYTES = 16 * 2**20  # a part takes about 80
 
 
 def write_manifest(job: Job, shard: Shard, digests: Mapping[int, str]) -> None:

@@ -15,8 +15,8 @@ from typing import Final
 from basetree.errors import InputError
 from basetree.files.reading import read_text
 
-_LARGEST_BYTES: Final = 32 * 2**20
 _MOST_CELLS: Final = 2_000_000
+_FEWEST_COLUMNS: Final = 8  # that a row counts as, since it takes memory itself
 _LARGEST_NUMBER: Final = 1e9  # of any unit
 _DELIMITERS: Final = (";", "\t", ",")
 _NUMBER: Final = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
@@ -87,8 +87,12 @@ class CsvFile:
     rows: tuple[Row, ...]
 
 
-def read_csv(path: Path) -> CsvFile:
+def read_csv(path: Path, largest_bytes: int | None = None) -> CsvFile:
     """Read a CSV file.
+
+    Args:
+        path: The file.
+        largest_bytes: Size of the largest file; `Limits.text_file_bytes` if None.
 
     The columns are separated by semicolons, tabs or commas: the first of these in the header.
     The encoding is UTF-8, UTF-16 with a byte order mark, or Windows-1252 if the file is not valid
@@ -98,7 +102,7 @@ def read_csv(path: Path) -> CsvFile:
         InputError: The file cannot be read, is too large, has no header or no rows, or a row has
             more cells than the header.
     """
-    lines = io.StringIO(_text(path), newline="")
+    lines = io.StringIO(_text(path, largest_bytes), newline="")
     header = lines.readline()
     skipped = 0
     if header.lower().startswith("sep="):
@@ -108,10 +112,10 @@ def read_csv(path: Path) -> CsvFile:
     rows: list[Row] = []
     try:
         columns = _columns(path, next(reader, []))
-        for cells in reader:
+        for cells in filter(None, reader):
             if any(cell.strip() for cell in cells):
                 rows.append(_row(path, reader.line_num + skipped, columns, cells))
-            if len(rows) * len(columns) > _MOST_CELLS:
+            if len(rows) * max(len(columns), _FEWEST_COLUMNS) > _MOST_CELLS:
                 raise InputError(f"{path} has more than {_MOST_CELLS} cells: expected fewer")
     except csv.Error as error:
         raise InputError(
@@ -122,8 +126,8 @@ def read_csv(path: Path) -> CsvFile:
     return CsvFile(path, tuple(name for name in columns if name), tuple(rows))
 
 
-def _text(path: Path) -> str:
-    text = read_text(path, "a CSV file", _LARGEST_BYTES)
+def _text(path: Path, largest_bytes: int | None) -> str:
+    text = read_text(path, "a CSV file", largest_bytes)
     if "\0" in text:
         raise InputError(f"{path} is not a text file: expected CSV, in UTF-8")
     return text

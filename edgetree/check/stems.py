@@ -20,6 +20,7 @@ Point: TypeAlias = tuple[float | None, float | None, float | None]
 _METRES_PER_UNIT: Final = {"cm": 0.01, "mm": 0.001, "m": 1.0, "in": 0.0254}
 # Readings outside of these limits are taken for errors of the unit.
 _LIMITS_M: Final = {"diameter_m": (0.01, 3.0), "dbh_m": (0.01, 3.0), "cut_height_m": (0.0, 3.0)}
+_LARGEST_MEASURED_BYTES: Final = 16 * 2**20  # a tree has about 300
 _SMALLEST_STD_M: Final = 1e-6
 _MOST_STEMS: Final = 20_000  # of a table that a person typed
 _ESCAPED: Final = re.compile(r"'(?=[=+\-@])")
@@ -108,7 +109,7 @@ def read_measured(path: Path) -> MeasuredTable:
     Raises:
         InputError: The file cannot be read, a column is missing, or a value is not a number.
     """
-    file = read_csv(path)
+    file = read_csv(path, _LARGEST_MEASURED_BYTES)
     needed = ("frame", "tree", *(name for each in CHECKED for name in (each, _std(each))))
     for column in needed:
         if column not in file.columns:

@@ -18,9 +18,9 @@ from edgetree.detections import KEYPOINT_NAMES, MASK_SIZE, TreeDetections
 RESULTS_SCHEMA: Final = "edgetree.conformance-results/1"
 _DIGITS: Final = 4
 _CELLS: Final = MASK_SIZE * MASK_SIZE
-_LARGEST_BYTES: Final = 32 * 2**20  # a tree with its mask has about 6000
-MOST_FRAMES: Final = 200
-_MOST_TREES: Final = 500  # of a frame; networks find 100
+_LARGEST_BYTES: Final = 16 * 2**20  # a tree with its mask has about 6000
+MOST_FRAMES: Final = 50
+_MOST_TREES: Final = 200  # of a frame; networks find 100
 
 _Number = Annotated[float, Meta(ge=-1e6, le=1e6)]
 _Four = tuple[_Number, _Number, _Number, _Number]

@@ -85,7 +85,7 @@ def test_a_large_manifest_is_not_read(tmp_path: Path) -> None:
     store = store_with(tmp_path)
     with (tmp_path / Shard().file).open("wb") as stream:
         stream.truncate(2**40)
-    with pytest.raises(StoreError, match="1099511627776 bytes, at most 33554432"):
+    with pytest.raises(StoreError, match="1099511627776 bytes, at most 16777216"):
         read_manifests([store], ("test",))
 
 

@@ -97,12 +97,20 @@ def test_many_columns_are_refused_at_once(tmp_path: Path) -> None:
 
 
 def test_sizes_are_limited(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(reading, "_MOST_CELLS", 8)
-    with pytest.raises(InputError, match="has more than 8 cells: expected fewer"):
+    monkeypatch.setattr(reading, "_MOST_CELLS", 32)
+    with pytest.raises(InputError, match="has more than 32 cells: expected fewer"):
         read_caliper(caliper(tmp_path, "tree,diameter_cm\n" + "1,30\n" * 5))
-    monkeypatch.setattr(reading, "_LARGEST_BYTES", 100)
+    with pytest.raises(InputError, match="larger than 2097152 bytes, the limit text_file_bytes"):
+        read_caliper(caliper(tmp_path, "tree,diameter_cm\n" + "\n" * 2**21))
+    monkeypatch.setattr("edgetree.check.stems._LARGEST_MEASURED_BYTES", 100)
     with pytest.raises(InputError, match="larger than 100 bytes, expected a CSV file"):
-        read_caliper(caliper(tmp_path, "tree,diameter_cm\n" + "1,30\n" * 50))
+        read_measured(measured(tmp_path))
+
+
+def test_a_table_of_a_long_run_is_read(tmp_path: Path) -> None:
+    path = measured(tmp_path, value="0.300000000000" + "0" * 200, count=10_000)
+    assert path.stat().st_size > 2 * 2**20
+    assert len(read_measured(path).stems) == 10_000
 
 
 def test_a_campaign_of_many_positions_is_matched_in_time(tmp_path: Path) -> None:
