@@ -24,13 +24,15 @@ READS_BAGS = {
     "edgetree.sources.bags.ros1_index",
 }
 MAY_IMPORT = {
-    "basetree": {"basetree", "numpy", "cv2", "typer", "ray", "fsspec"},
+    "basetree": {"basetree", "numpy", "cv2", "typer", "msgspec", "ray", "fsspec"},
     "calib": {"calib", "basetree", "numpy", "cv2", "yaml"},
     "fleet": {"fleet", "basetree"},
     "perceptree": TRAINING_STACK
     | {"perceptree", "calib", "basetree", "numpy", "cv2", "typer", "matplotlib"},
 }
-EDGETREE_BASE_DEPENDENCIES = {"edgetree", "calib", "basetree", "numpy", "cv2", "typer"}
+EDGETREE_BASE_DEPENDENCIES = {
+    *("edgetree", "calib", "basetree", "numpy", "cv2", "typer", "msgspec"),
+}
 EDGETREE_TRAINING_SIDE = ("edgetree.export", "edgetree.demo", "edgetree.evaluate")
 
 
