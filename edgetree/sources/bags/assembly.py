@@ -19,6 +19,7 @@ from edgetree.sources.bags.camera_info import CameraInfos
 from edgetree.sources.bags.exact import ExactValues
 from edgetree.sources.bags.messages import decode_picture, stamp_ns
 from edgetree.sources.bags.pairing import Pair, Picture
+from edgetree.sources.bags.realsense_sdk import is_static
 from edgetree.sources.bags.topics import Streams
 from edgetree.sources.bags.transforms import TransformTree, frame_name
 from edgetree.sources.gravity import GravityFilter
@@ -67,7 +68,7 @@ class Assembly:
             if infos.error is not None:
                 self._say(f"topic {topic}: {infos.error}")
         elif topic in self._streams.transforms:
-            self._tree.add(message, is_static=topic.endswith("static"))
+            self._tree.add(message, is_static=is_static(topic))
             if self._tree.unusable:
                 self._counts["transforms that are no rotation"] = self._tree.unusable
         elif topic == self._streams.exact:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
+import zstandard
 
 import calib
 from edgetree.sources.bags.exact import EXACT_TOPIC, exact_record
@@ -17,6 +19,8 @@ from formats.form import Format
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "support"))
 import bag_files
+import mcap_files
+from mcap.writer import CompressionType
 
 
 def _recording(kind: str) -> bytes:
@@ -40,8 +44,27 @@ def _read_recording(path: Path) -> list[object]:
     return list(open_recording(path))
 
 
+def _packed(data: bytes) -> bytes:
+    return zstandard.ZstdCompressor().compress(data)
+
+
+def _foxglove(write: Callable[..., None]) -> bytes:
+    """A recording with a picture of Foxglove."""
+    with tempfile.TemporaryDirectory() as name:
+        path = Path(name, "a.mcap")
+        with mcap_files.McapOf(path, compression=CompressionType.NONE) as mcap:
+            png = cv2.imencode(".png", bag_files.small_frame().image)[1].tobytes()
+            common = {"format": "png", "data": png, "frame_id": "cam"}
+            write(mcap, "/image", "CompressedImage", bag_files.START_NS, **common)
+        return path.read_bytes()
+
+
+_FOXGLOVE = (_foxglove(mcap_files.foxglove_json), _foxglove(mcap_files.foxglove_protobuf))
+
 FORMATS = {
     "recording.bag": Format((_recording("ros1"),), _read_recording),
     "recording.mcap": Format((_recording("mcap"),), _read_recording),
     "recording.db3": Format((_recording("sqlite3"),), _read_recording),
+    "foxglove.mcap": Format(_FOXGLOVE, _read_recording),
+    "recording.mcap.zstd": Format((_packed(_recording("mcap")),), _read_recording),
 }
