@@ -18,21 +18,23 @@ import typer
 _FAILED = 1
 _BAD_INPUT = 2
 _INTERRUPTED = 128 + signal.SIGINT
-_TERMINATED = 128 + signal.SIGTERM
+_ENDING = tuple(
+    signal.Signals[name] for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)
+)  # SIGHUP comes when a connection drops or a terminal is closed; Windows has none
 _AGAIN_S, _MOST_DELAYS = 0.05, 200  # until an interrupt during an import comes again
 
 
 def run_command_line(name: str, run: Callable[[], object], resume: str = "") -> NoReturn:
     r"""Run a command line and exit.
 
-    SIGTERM ends it as Ctrl-C does, by `KeyboardInterrupt`; both wait for an import in progress. An
-    error with an attribute `exit_code` is meant for the user, and so are errors of the operating
-    system such as a full disk: they are printed as one line on stderr. Any other error is a bug and
-    shows its traceback. If the reader of stdout ends, as `head` does, the process ends too, without
-    a message. Bytes of file names that are not UTF-8 are printed as `\udcff`.
+    SIGTERM and SIGHUP end it as Ctrl-C does, by `KeyboardInterrupt`; all wait for an import in
+    progress. An error with an attribute `exit_code` is meant for the user, and so are errors of the
+    operating system such as a full disk: they are printed as one line on stderr. Any other error is
+    a bug and shows its traceback. If the reader of stdout ends, as `head` does, the process ends
+    too, without a message. Bytes of file names that are not UTF-8 are printed as `\udcff`.
 
     Exit codes: what `run` returns; 1 if nobody reads stdout, 2 if stdout is closed or cannot be
-    written, 130 for Ctrl-C, 143 for SIGTERM.
+    written, 130 for Ctrl-C, 143 for SIGTERM, 129 for SIGHUP.
 
     Args:
         name: Name of the program, for messages.
@@ -40,7 +42,7 @@ def run_command_line(name: str, run: Callable[[], object], resume: str = "") -> 
         resume: What an interrupted command tells the user to do.
     """
     stdout = _open_streams(name)
-    with _interruptible() as is_terminated:
+    with _interruptible() as ending_signal:
         try:
             code = run() or 0
         except (KeyboardInterrupt, typer.Abort):
@@ -51,7 +53,7 @@ def run_command_line(name: str, run: Callable[[], object], resume: str = "") -> 
             code = _report(name, error)
         if code == _INTERRUPTED:  # typer returns this code for Ctrl-C inside a command
             _tell(f"{name}: interrupted{resume}")
-            code = _TERMINATED if is_terminated() else code
+            code = 128 + (ending_signal() or signal.SIGINT)
         fault = _fault(stdout)
         if fault is not None and code == 0:
             code = _FAILED if isinstance(fault, BrokenPipeError) else _report(name, fault)
@@ -102,19 +104,21 @@ class _StandardOutput(io.FileIO):
 
 
 @contextmanager
-def _interruptible() -> Iterator[Callable[[], bool]]:
-    """Raise KeyboardInterrupt for Ctrl-C and SIGTERM in the block; yields whether SIGTERM came.
+def _interruptible() -> Iterator[Callable[[], int | None]]:
+    """Raise KeyboardInterrupt for Ctrl-C, SIGTERM and SIGHUP in the block.
+
+    Yields a function that returns the last of `_ENDING` that came; None if none did.
 
     Libraries turn a KeyboardInterrupt during their import into other errors, or let Python end
     itself by SIGINT in the end. An interrupt therefore comes again until no import is in progress,
     for some seconds.
     """
-    is_terminated = False
+    ending: int | None = None
     delays = 0
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        nonlocal is_terminated, delays
-        is_terminated |= number == signal.SIGTERM
+        nonlocal ending, delays
+        ending = number if number in _ENDING else ending
         if delays >= _MOST_DELAYS or not _is_importing(frame):
             raise KeyboardInterrupt
         delays += 1
@@ -124,7 +128,8 @@ def _interruptible() -> Iterator[Callable[[], bool]]:
 
     replaced = {}
     if threading.current_thread() is threading.main_thread():
-        usual = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
+        usual: dict[signal.Signals, Any] = {signal.SIGINT: signal.default_int_handler}
+        usual |= dict.fromkeys(_ENDING, signal.SIG_DFL)
         replaced = {
             number: handler
             for number, handler in usual.items()
@@ -133,7 +138,7 @@ def _interruptible() -> Iterator[Callable[[], bool]]:
     for number in replaced:
         signal.signal(number, interrupt)
     try:
-        yield lambda: is_terminated
+        yield lambda: ending
     finally:
         for number, handler in replaced.items():
             signal.signal(number, handler)

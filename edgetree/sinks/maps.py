@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from basetree.errors import InputError
+from basetree.files.growing import keep_older
 from basetree.files.writing import replacing
 from edgetree.measure.estimates import interval_keys
 from edgetree.results.json_records import TRACK_QUANTITIES, track_record
@@ -43,17 +44,21 @@ _ATTRIBUTES: Final = _types()
 class _MapSink(FileSink["LiveResult"]):
     """Keeps the last state of each confirmed stem, also after it is not followed any more."""
 
-    def __init__(self, path: Path, origin: MapOrigin | None = None) -> None:
+    def __init__(
+        self, path: Path, origin: MapOrigin | None = None, *, keeps_older: bool = False
+    ) -> None:
         super().__init__()
         self._origin = origin
         self._stems: dict[int, TreeTrack] = {}
-        self._files.enter_context(self._written(path))
+        self._files.enter_context(self._written(path, keeps_older))
 
     @contextmanager
-    def _written(self, path: Path) -> Iterator[None]:
+    def _written(self, path: Path, keeps_older: bool) -> Iterator[None]:
         with replacing(path) as stream:
             yield
             stream.write(self._content())
+            if keeps_older:
+                keep_older(path)
 
     def write(self, result: LiveResult) -> None:
         """Take the stems of one result."""
@@ -91,6 +96,7 @@ class GeoJsonSink(_MapSink):
         path: The file to write.
         origin: Where the map's origin is on the earth; None for local metres, which other programs
             must be told, because GeoJSON knows only WGS 84.
+        keeps_older: Whether a file at the path is kept, see `basetree.files.growing.keep_older`.
 
     Raises:
         InputError: The file cannot be written.
@@ -130,6 +136,7 @@ class GeoPackageSink(_MapSink):
         path: The file to write.
         origin: Where the map's origin is on the earth; None for local metres, an undefined
             Cartesian reference system.
+        keeps_older: Whether a file at the path is kept, see `basetree.files.growing.keep_older`.
 
     Raises:
         InputError: The file cannot be written.
@@ -139,14 +146,16 @@ class GeoPackageSink(_MapSink):
         return geopackage(self._all(), _ATTRIBUTES, is_local=self._origin is None)
 
 
-def open_map(path: Path, origin: MapOrigin | None = None) -> GeoJsonSink | GeoPackageSink:
+def open_map(
+    path: Path, origin: MapOrigin | None = None, *, keeps_older: bool = False
+) -> GeoJsonSink | GeoPackageSink:
     """Open a map by the suffix of its name: .geojson, .json or .gpkg.
 
     Raises:
         InputError: The name has another suffix, or the file cannot be written.
     """
     if path.suffix.lower() in (".geojson", ".json"):
-        return GeoJsonSink(path, origin)
+        return GeoJsonSink(path, origin, keeps_older=keeps_older)
     if path.suffix.lower() == ".gpkg":
-        return GeoPackageSink(path, origin)
+        return GeoPackageSink(path, origin, keeps_older=keeps_older)
     raise InputError(f"--map is {path}: expected a name in .geojson or .gpkg")
