@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import _thread
 import io
+import logging
 import os
 import signal
 import sys
 import threading
+import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import Any, NoReturn, TextIO
 
 import typer
+
+from basetree.errors import short_line
+from basetree.program.console import LogNotes, note
 
 _FAILED = 1
 _BAD_INPUT = 2
@@ -42,6 +47,8 @@ def run_command_line(name: str, run: Callable[[], object], resume: str = "") -> 
         resume: What an interrupted command tells the user to do.
     """
     stdout = _open_streams(name)
+    logging.lastResort = LogNotes(logging.WARNING)
+    sys.excepthook = _show_bug
     with _interruptible() as ending_signal:
         try:
             code = run() or 0
@@ -52,7 +59,7 @@ def run_command_line(name: str, run: Callable[[], object], resume: str = "") -> 
         except Exception as error:  # noqa: BLE001 raised again if it is a bug
             code = _report(name, error)
         if code == _INTERRUPTED:  # typer returns this code for Ctrl-C inside a command
-            _tell(f"{name}: interrupted{resume}")
+            note(f"{name}: interrupted{resume}")
             code = 128 + (ending_signal() or signal.SIGINT)
         fault = _fault(stdout)
         if fault is not None and code == 0:
@@ -67,7 +74,7 @@ def _open_streams(name: str) -> TextIO:
     if sys.stderr is None:
         sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
     if sys.stdout is None:
-        _tell(f"{name}: standard output is closed: expected a terminal, a file or {os.devnull}")
+        note(f"{name}: standard output is closed: expected a terminal, a file or {os.devnull}")
         sys.exit(_BAD_INPUT)
     is_own = sys.stdout is sys.__stdout__  # else another program captures the output
     if is_own:
@@ -165,27 +172,26 @@ def _report(name: str, error: Exception) -> int:
     """Print an error that is meant for the user and return its exit code; raise others."""
     code: int | None = getattr(error, "exit_code", None)
     if code is not None:
-        _tell(f"{name}: {_one_line(error)}")
+        note(f"{name}: {_one_line(error)}")
         return code
     if not isinstance(error, OSError) or error.errno is None:
         raise error
-    _tell(f"{name}: {error.filename or 'output'}: {error.strerror}")
+    note(f"{name}: {error.filename or 'output'}: {error.strerror}")
     return _BAD_INPUT
 
 
 def _one_line(error: Exception) -> str:
     """The error's message on one line; usage errors of typer also name the command's help."""
-    from basetree.errors import short_line
-
     message = error.format_message() if hasattr(error, "format_message") else str(error)
     context = getattr(error, "ctx", None)
     hint = f" (see `{context.command_path} --help`)" if context is not None else ""
     return short_line(" ".join(message.split())) + hint
 
 
-def _tell(line: str) -> None:
-    with suppress(OSError):
-        typer.echo(line, err=True)
+def _show_bug(*raised: Any) -> None:
+    """Print the traceback of an error."""
+    for line in "".join(traceback.format_exception(*raised)).splitlines():
+        note(line)
 
 
 def _fault(stream: TextIO) -> OSError | None:

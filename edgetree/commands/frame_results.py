@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from basetree.errors import CheckFailed, InputError, short_line
-from basetree.program.console import note, track
+from basetree.program.console import LogNotes, note, track
 from edgetree.detections import UnlikeTraining
 from edgetree.frames.frame import Frame
 from edgetree.frames.pipeline import FrameResult
@@ -139,12 +139,8 @@ def note_files(paths: Mapping[str, Path | None]) -> None:
 def warnings_shown() -> Iterator[None]:
     """Print what the packages log, from warnings on, as notes."""
 
-    class Notes(logging.Handler):
-        def emit(self, record: logging.LogRecord) -> None:
-            note(record.getMessage())
-
     logs = [logging.getLogger(name) for name in ("basetree", "calib", "edgetree")]
-    handler = Notes(logging.WARNING)
+    handler = LogNotes(logging.WARNING)
     for log in logs:
         log.addHandler(handler)
     try:
