@@ -27,7 +27,7 @@ _log = logging.getLogger(__name__)
 SYNC_EVERY_S: Final = 1.0
 """Time between two attempts to write a growing file to the disk, s."""
 
-_NEW: Final = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
+_NEW: Final = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | getattr(os, "O_BINARY", 0)
 
 
 class GrowingFile(io.TextIOBase):
@@ -36,7 +36,7 @@ class GrowingFile(io.TextIOBase):
     What was written since the last `flush` is written whole by the next one, or not at all. It
     survives the end of the process at once, and that of the machine after `SYNC_EVERY_S`. Line
     ends are not translated, and bytes of file names that are not UTF-8 are spelled out: `\udcff`
-    for the byte ff.
+    for the byte ff. A file that is removed, or whose disk is, is told by the `flush` after that.
 
     An older file at the path is kept, see `keep_older`, and a symbolic link counts as one. Pipes,
     devices and the likes of /dev/stdout are written to as they are.
@@ -54,8 +54,8 @@ class GrowingFile(io.TextIOBase):
     def __init__(self, path: Path) -> None:
         super().__init__()
         self.path = path
+        self._where = os.path.abspath(path)
         self._pending: list[str] = []
-        self._size_bytes = 0
         self._fault: OSError | None = None
         self._is_synced = True
         self._closing = threading.Event()
@@ -117,6 +117,7 @@ class GrowingFile(io.TextIOBase):
             super().close()
 
     def _write_whole(self, descriptor: int, data: bytes) -> None:
+        size_bytes = os.fstat(descriptor).st_size
         rest = memoryview(data)
         try:
             while rest:
@@ -124,10 +125,8 @@ class GrowingFile(io.TextIOBase):
         except OSError:
             if self._is_own:  # no part of a line stays
                 with suppress(OSError):
-                    os.ftruncate(descriptor, self._size_bytes)
-                    os.lseek(descriptor, self._size_bytes, os.SEEK_SET)
+                    os.ftruncate(descriptor, size_bytes)
             raise
-        self._size_bytes += len(data)
         self._is_synced = False
 
     def _sync(self) -> None:
@@ -138,6 +137,7 @@ class GrowingFile(io.TextIOBase):
             self._is_synced = True
             try:
                 os.fsync(self._descriptor)
+                _check_is_there(self._descriptor, self._where)
             except OSError as error:
                 self._fault = error
 
@@ -224,6 +224,17 @@ def _new_file(path: Path) -> int:
 
 def _stream(path: Path) -> int:
     return os.open(path, os.O_WRONLY | os.O_APPEND)
+
+
+def _check_is_there(descriptor: int, path: str) -> None:
+    """Raise an OSError if a file is gone from its path, or another disk is there."""
+    with suppress(PermissionError):
+        try:
+            is_there = os.lstat(path).st_dev == os.fstat(descriptor).st_dev
+        except (FileNotFoundError, NotADirectoryError):
+            is_there = False
+        if not is_there:
+            raise OSError(errno.ESTALE, "it was removed, or its disk was")
 
 
 @contextmanager

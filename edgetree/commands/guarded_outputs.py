@@ -33,6 +33,7 @@ class _Output:
         fault: Why it takes no results now; None if it does.
         reason: Why results are missing, in words; empty if none are.
         is_there: Whether it holds the other results.
+        next_try_s: When it may be opened again, s of `time.monotonic`.
     """
 
     name: str
@@ -109,6 +110,7 @@ class _Output:
         return f"{self.name} lacks {self.missing} of {results} frame(s) ({self.reason})"
 
     def _make(self) -> None:
+        self.next_try_s = time.monotonic() + _OPEN_AGAIN_S
         self.sink = self.make()
         self.goes_on = getattr(self.sink, "goes_on", False)
 
@@ -118,7 +120,7 @@ class _Output:
             return
         self.is_there = self.goes_on or not getattr(self.sink, "appears_whole", False)
         self.discard(type(error), error, error.__traceback__)
-        self.sink, self.next_try_s = None, time.monotonic() + _OPEN_AGAIN_S
+        self.sink = None
 
     def _say_again(self) -> None:
         if self.fault is not None:
@@ -129,8 +131,8 @@ class _Output:
 class GuardedOutputs:
     """Hands results to outputs. One that fails stops alone, with one line; the others go on.
 
-    An output that grows as it is written is tried again with each result, and opened again every
-    10 s if its disk is gone. What is missing is counted.
+    An output that grows as it is written is tried again with each result, and opened again, at most
+    every 10 s, if its disk is gone. What is missing is counted.
 
     As a context manager, it completes each output at the end of the block; if the block raises,
     files that appear whole do not appear.

@@ -25,10 +25,15 @@ if TYPE_CHECKING:
 
 _JsonLines: TypeAlias = Annotated[
     Path | None,
-    typer.Option(help="File for the JSON lines, instead of stdout (with --page: nowhere)."),
+    typer.Option(
+        help="File for the JSON lines, instead of stdout (with --page: nowhere). An older one is kept."
+    ),
 ]
 _CsvFile: TypeAlias = Annotated[
-    Path | None, typer.Option("--csv", help="CSV file to write, one row per stem and frame.")
+    Path | None,
+    typer.Option(
+        "--csv", help="CSV file to write, one row per stem and frame. An older one is kept."
+    ),
 ]
 _Map: TypeAlias = Annotated[
     Path | None,

@@ -195,8 +195,8 @@ def run(
     """Detect the trees of images, a video, a recording or a simulated drive.
 
     Prints one JSON line per frame: boxes, masks (COCO RLE) and keypoints in pixels, and with depth
-    and a camera the measurements of each tree in metres. Ctrl-C and SIGTERM keep the results so
-    far.
+    and a camera the measurements of each tree in metres. Ctrl-C, SIGTERM and SIGHUP keep the
+    results so far.
     """
     from edgetree.commands.frame_results import (
         LeftOut,
@@ -243,8 +243,8 @@ def run(
         is_interrupted = _write_all(frame_results(frames, measure, left_out, shown=shown), writes)
         left_out.check_some(totals.frames)
     if as_json:
-        paths = {"pictures": outputs.out, "jsonl": outputs.jsonl}
-        paths |= {"csv": outputs.csv, "profiles": outputs.profiles, "coco": outputs.coco}
+        named = {"pictures": "out"} | {each: each for each in ("jsonl", "csv", "profiles", "coco")}
+        paths = {each: outputs.path_if(guarded, name) for each, name in named.items()}
         print_json(
             {
                 "schema": "edgetree.run/1",

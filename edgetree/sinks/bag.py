@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -63,18 +64,21 @@ class BagFolder:
         folder: The bag, a new folder. It holds `FOLDER.mcap` and `metadata.yaml`.
         types: The type store of rosbags.
         compressed: Whether the messages are compressed, without loss (zstd).
+        syncs: Whether `write` waits for the disk now and then, for threads that may wait.
 
     Raises:
         InputError: The folder exists already or cannot be made.
         MissingPackage: Rosbags is not installed.
     """
 
-    def __init__(self, folder: Path, types: Any, *, compressed: bool = False) -> None:
+    def __init__(
+        self, folder: Path, types: Any, *, compressed: bool = False, syncs: bool = False
+    ) -> None:
         check_rosbags()
         from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
         self.folder = folder
-        self._types = types
+        self._types, self._syncs = types, syncs
         self._connections: dict[str, Any] = {}
         self._parts = _new_folder(folder)
         made = self._parts.unfinished / folder.name
@@ -120,6 +124,8 @@ class BagFolder:
         if storage.chunk.bio.tell():
             storage.close_chunk()
         storage.bio.flush()
+        if self._syncs:
+            os.fsync(storage.bio.fileno())
 
     def close(self) -> None:
         """Complete the bag.

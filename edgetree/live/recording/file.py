@@ -41,7 +41,7 @@ class RecordingFile:
         self.folder = folder
         self.frames = 0
         self._messages = messages
-        self._bag = BagFolder(folder, messages.store, compressed=True)
+        self._bag = BagFolder(folder, messages.store, compressed=True, syncs=True)
         self._log_ns = 0
 
     def add(self, result: LiveResult) -> None:

@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -211,6 +212,39 @@ def test_a_disk_that_did_not_keep_what_was_written_is_told(
             with pytest.raises(OSError, match=r"b\.csv"):
                 broken.close()
         file.write("another file\n")
+
+
+@posix
+@pytest.mark.parametrize("removed", ["file", "folder"])
+def test_a_file_that_is_removed_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, removed: str
+) -> None:
+    monkeypatch.setattr(growing, "SYNC_EVERY_S", 0.01)
+    (tmp_path / "disk").mkdir()
+    with GrowingFile(tmp_path / "disk" / "a.csv") as file:
+        (tmp_path / "disk" / "a.csv").unlink()
+        if removed == "folder":
+            (tmp_path / "disk").rmdir()
+
+        def write_on() -> None:
+            for _ in range(1000):
+                file.write("line\n")
+                file.flush()
+                time.sleep(0.01)
+
+        with pytest.raises(OSError, match=r"it was removed, or its disk was: .*a\.csv"):
+            write_on()
+
+
+@posix
+def test_a_file_that_is_emptied_by_a_log_rotation_goes_on_at_its_beginning(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    with GrowingFile(path) as file:
+        for line in ("before\n", "after\n"):
+            os.truncate(path, 0)
+            file.write(line)
+            file.flush()
+    assert path.read_text() == "after\n"
 
 
 def test_a_folder_has_its_name_when_it_is_complete(tmp_path: Path) -> None:

@@ -82,13 +82,13 @@ def test_a_disk_that_is_gone_is_opened_again_now_and_then(
     monkeypatch.setattr(guarded_outputs.time, "monotonic", lambda: now_s)
     gone, other = Output(), Output()
     guarded = opened(gone, other)
-    for result in range(30):
+    for result in range(50):
         now_s = float(result)
-        gone.fault = error_of(number) if 5 <= result < 12 else None
+        gone.fault = error_of(number) if 5 <= result < 12 or result == 40 else None
         guarded.write(result)
-    assert gone.got == [*range(5), *range(15, 30)]
-    assert gone.opened == 2
-    assert other.got == [*range(30)]
+    assert gone.got == [*range(5), *range(20, 40), *range(41, 50)]
+    assert gone.opened == 3
+    assert other.got == [*range(50)]
 
 
 def test_a_disk_that_fails_at_the_start_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -252,6 +252,21 @@ def test_a_camera_that_falls_silent_does_not_keep_a_recording_open(
     assert numbers(recordings()[0]) == [0]
 
 
+def test_recordings_of_one_second_by_two_processes_have_names_of_their_own(
+    record, recordings, result, monkeypatch
+) -> None:
+    monkeypatch.setattr(time, "strftime", lambda *_: "20261127_101530")
+    both = [record(after_s=60.0, waits=True) for _ in range(2)]
+    for number, one in enumerate(both):
+        one.write(result(number))
+        one.mark()
+        wait_until(lambda one=one: one.status.is_recording)
+    for one in both:
+        one.close()
+    assert [folder.name for folder in recordings()] == [f"mark_20261127_101530_{n}" for n in (1, 2)]
+    assert sorted(numbers(folder) for folder in recordings()) == [[0], [1]]
+
+
 def test_wrong_values_are_refused(tmp_path) -> None:
     (tmp_path / "file").write_text("")
     for settings, message in (
