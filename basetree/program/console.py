@@ -12,7 +12,7 @@ import logging
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, TextIO, TypeVar, cast
 
 import typer
 
@@ -71,7 +71,7 @@ class _BarStream(io.TextIOBase):
         return sys.stderr.fileno()
 
 
-BAR_STREAM = _BarStream()
+BAR_STREAM = cast("TextIO", _BarStream())
 """Where progress bars go."""
 
 

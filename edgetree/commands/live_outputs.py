@@ -26,13 +26,15 @@ if TYPE_CHECKING:
 _JsonLines: TypeAlias = Annotated[
     Path | None,
     typer.Option(
-        help="File for the JSON lines, instead of stdout (with --page: nowhere). An older one is kept."
+        help="File for the JSON lines, instead of stdout (with --page: nowhere). An older one is"
+        " kept beside it."
     ),
 ]
 _CsvFile: TypeAlias = Annotated[
     Path | None,
     typer.Option(
-        "--csv", help="CSV file to write, one row per stem and frame. An older one is kept."
+        "--csv",
+        help="CSV file to write, one row per stem and frame. An older one is kept beside it.",
     ),
 ]
 _Map: TypeAlias = Annotated[

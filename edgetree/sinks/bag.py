@@ -120,7 +120,7 @@ class BagFolder:
     def flush(self) -> None:
         """Hand the messages so far to the system."""
         self._chunk_s = time.monotonic()
-        storage = self._writer.storage
+        storage: Any = self._writer.storage
         if storage.chunk.bio.tell():
             storage.close_chunk()
         storage.bio.flush()

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
-from typing import Generic, Protocol, Self, TextIO, TypeVar
+from typing import Generic, Protocol, Self, TextIO, TypeVar, cast
 
 from basetree.files.growing import GrowingFile
 from basetree.files.writing import text_file
@@ -74,4 +74,6 @@ class FileSink(ABC, Generic[_Result]):
         """A text file, which grows as it is written or else appears whole; or an open stream."""
         if not isinstance(target, Path):
             return target
-        return self._files.enter_context(GrowingFile(target) if grows else text_file(target))
+        if grows:
+            return cast("TextIO", self._files.enter_context(GrowingFile(target)))
+        return self._files.enter_context(text_file(target))

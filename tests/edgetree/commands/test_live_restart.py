@@ -32,9 +32,9 @@ def source(images: Path, model: Path) -> tuple[object, ...]:
     return images, "--depth", depth, "--camera", camera, "--model", model
 
 
-def start(*arguments: object) -> subprocess.Popen[str]:
+def start(*arguments: object, main: str = MAIN) -> subprocess.Popen[str]:
     return subprocess.Popen(
-        [sys.executable, "-c", MAIN, "live", *map(str, arguments)],
+        [sys.executable, "-c", main, "live", *map(str, arguments)],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,
@@ -114,6 +114,30 @@ def test_a_map_a_report_and_a_bag_of_an_earlier_run_are_kept(
         done = run_cli("live", *source, *options)
         assert done.code == 0, done.err
         assert sorted(path.name for path in out.iterdir()) == sorted(names)
+
+
+def test_a_killed_run_leaves_the_map_so_far(
+    source: tuple[object, ...], run_cli: Cli, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    main = f"from edgetree.sinks import maps; maps._SO_FAR_S = 0.05; {MAIN}"
+    for name in ("a.geojson", "a.gpkg"):
+        process = start(*source, "--loop", "--map", out / name, main=main)
+        wait_until((out / f"unfinished_{name}").exists)
+        process.kill()
+        process.communicate()
+        content = (out / f"unfinished_{name}").read_bytes()
+        assert content.startswith(b"{" if name.endswith("json") else b"SQLite format 3")
+        assert run_cli("live", *source, "--map", out / name).code == 0
+        kept = out / f"unfinished_{name.replace('.', '.1.')}"
+        assert kept.read_bytes() == content
+    assert sorted(path.name for path in out.iterdir() if not path.name.startswith(".calib")) == [
+        "a.geojson",
+        "a.gpkg",
+        "unfinished_a.1.geojson",
+        "unfinished_a.1.gpkg",
+    ]
 
 
 def test_a_folder_that_is_no_bag_is_not_moved(
