@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from basetree.program.console import note
+from basetree.program.console import note, tell
 
 if TYPE_CHECKING:
     from edgetree.signing import TrustFile
@@ -61,7 +61,7 @@ def trust(
     if key is not None or remove is not None or require is not None:
         _change(key, valid_until, remove, require)
     for line in _listing():
-        typer.echo(line)
+        tell(line)
 
 
 def _change(
@@ -121,8 +121,8 @@ def _check_model(model: Path) -> None:
 
     check_is_file(model)
     accepted = check_signature(model, current_trust())
-    typer.echo(f"accepted   {model}")
+    tell(f"accepted   {model}")
     if accepted.key is not None and accepted.statement is not None:
-        typer.echo(f"key        {accepted.key.id}  {accepted.key.name}")
+        tell(f"key        {accepted.key.id}  {accepted.key.name}")
         for line in statement_lines(accepted.statement):
-            typer.echo(line)
+            tell(line)
