@@ -17,6 +17,7 @@ from typing import Any, Final, NamedTuple
 from basetree.errors import EdgetreeError, InputError, MissingPackage, install_hint, short_line
 from edgetree.sources.bags.cut_off import readable_file
 from edgetree.sources.bags.names import BAG_SUFFIXES, storage_files
+from edgetree.sources.bags.video_packets import DEFINITIONS
 
 TF_TYPE: Final = "tf2_msgs/msg/TFMessage"
 _OLD_TF_TYPE: Final = "tf/msg/tfMessage"  # of ROS 1 before 2013, with the same content
@@ -166,9 +167,11 @@ def _readers(path: Path) -> list[Any]:
 
 @cache
 def _typestore(*, is_ros1: bool) -> Any:
-    from rosbags.typesys import Stores, get_typestore
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     latest = get_typestore(Stores.LATEST)
+    for name, text in DEFINITIONS.items():
+        latest.register(get_types_from_msg(text, name))
     if not is_ros1:
         return latest
     store = get_typestore(Stores.ROS1_NOETIC)
