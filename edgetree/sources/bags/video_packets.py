@@ -107,9 +107,11 @@ class VideoDecoder:
             reason = getattr(error, "strerror", None) or str(error)
             return f"{reason}; expected a complete picture of {self._context.name}"
         self.has_started |= any(frame.key_frame for frame in frames)
+        frame = next((frame for frame in frames if frame.pts == packet.pts), None)
+        if frame is None and self._context.has_b_frames:
+            return "pictures are not in the order of their packets, expected video without B frames"
         if not self.has_started:
             return "it is before the first key frame, or no picture"
-        frame = next((frame for frame in frames if frame.pts == packet.pts), None)
         if frame is None:
-            return "its packet holds no picture, or pictures are not in the order of their packets"
+            return "its packet holds no picture"
         return "pictures before it are missing" if frame.is_corrupt else frame
