@@ -70,10 +70,30 @@ def test_code_that_does_not_fit_its_size(data: bytes) -> None:
     try:
         with pytest.raises(ValueError, match="RVL"):
             decode_rvl(data)
-        assert tracemalloc.get_traced_memory()[1] < 10**6
+        assert tracemalloc.get_traced_memory()[1] < 3 * 10**8  # an empty picture of the size
     finally:
         tracemalloc.stop()
     assert time.monotonic() - start < 2
+
+
+def test_large_code_takes_bounded_memory_and_time() -> None:
+    size = struct.pack("<ii", 4000, 4000)
+    start = time.monotonic()
+    tracemalloc.start()
+    try:
+        with pytest.raises(ValueError, match="RVL"):
+            decode_rvl(size + bytes(2 * 10**7))  # runs of no pixels
+        assert tracemalloc.get_traced_memory()[1] < 5 * 10**8
+    finally:
+        tracemalloc.stop()
+    assert time.monotonic() - start < 10
+
+
+def test_pictures_of_several_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    depth = with_holes(5, 0.3)
+    depth[20:30] = 1000  # a run of more than a block
+    monkeypatch.setattr("edgetree.sources.bags.rvl._BLOCK", 64)
+    np.testing.assert_array_equal(decode_rvl(rvl(depth)), depth)
 
 
 @pytest.mark.parametrize(
