@@ -127,7 +127,9 @@ class CameraInfos:
             self._cameras.pop((camera.width, camera.height), None)
             self._cameras[camera.width, camera.height] = camera  # the newest is the last
 
-    def _build(self, message: Any, size_px: tuple[int, int] = _NO_SIZE) -> Any:
+    def _build(
+        self, message: Any, size_px: tuple[int, int] = _NO_SIZE
+    ) -> calib.PinholeCamera | None:
         try:
             camera = camera_of_message(message, is_rectified=self._is_rectified, size_px=size_px)
         except calib.CameraError as error:

@@ -214,8 +214,8 @@ class PictureDecoder:
         if picture is None:
             raise InputError(
                 f"an image of topic {self._topic} cannot be decoded ({len(message.data)} bytes,"
-                f" {_encoding(message)!r}): expected a complete JPEG or PNG, RVL of depth, or H.264"
-                " or H.265"
+                f" {_encoding(message)!r}): expected a complete JPEG, PNG, TIFF, BMP or WebP, RVL of"
+                " depth, or H.264 or H.265"
             )
         if (picture.ndim == 3) != (self._role == "colour"):
             found = "colour" if picture.ndim == 3 else "depth"
@@ -240,8 +240,10 @@ def _decode_packed(message: Any, *, is_depth: bool) -> NDArray[Any] | None:
 
 
 def _decode_checked(data: bytes, flags: int) -> NDArray[Any] | None:
-    width, height = picture_size(data) or (1, 1)
-    largest = current_limits().image_pixels
+    size = picture_size(data)
+    if size is None:  # a format whose size cannot be checked before memory for it is taken
+        return None
+    (width, height), largest = size, current_limits().image_pixels
     if not 0 < width * height <= largest:
         raise ValueError(
             f"it is {width}x{height} px, expected 1 to {largest} pixels, the limit image_pixels"

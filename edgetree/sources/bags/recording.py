@@ -37,7 +37,7 @@ def open_recording(
 
     Colour and depth are paired by their header stamps within half a period. Frames have the camera
     of CameraInfo, the direction of gravity of an IMU, and the pose in odom, map or world of tf, as
-    far as these are there. Depth of another frame than the colour's is registered to it with tf.
+    far as these are there. Depth of another frame or lens than the colour's is registered to it.
 
     Args:
         path: a file (.bag, .mcap, .db3) or the folder of a ROS 2 bag.

@@ -79,7 +79,7 @@ def _joined(nibbles: NDArray[np.uint8], ends: NDArray[np.intp]) -> NDArray[np.ui
 
 def _runs(numbers: NDArray[np.uint32], pixels: int) -> Iterator[NDArray[np.int64]]:
     """Yield blocks of runs of readings: starts, counts, and where their changes are in the code."""
-    coded, size = memoryview(numbers), len(numbers)  # faster than the array, number by number
+    coded, size = numbers.data, len(numbers)  # faster than the array, number by number
     runs: list[tuple[int, int, int]] = []
     pixel = at = waiting = 0
     while pixel < pixels:

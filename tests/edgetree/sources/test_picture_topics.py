@@ -161,3 +161,21 @@ def test_16_bits_without_a_name_are_grey_if_there_is_no_colour(bags: Any, tmp_pa
     (frame,) = open_recording(bag.path)
     assert frame.image is not None
     np.testing.assert_array_equal(frame.image[..., 1], values >> 4)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"\0\0\0\x0cjP  \r\n\x87\n" + bytes(100),  # JPEG 2000
+        b"P6 60000 60000 255\n" + bytes(100),
+        b"GIF89a" + bytes(100),
+        b"#?RADIANCE\n\n-Y 60000 +X 60000\n",
+    ],
+)
+def test_formats_whose_size_cannot_be_checked_are_refused(
+    bags: Any, tmp_path: Path, data: bytes
+) -> None:
+    with bags.BagFile(tmp_path) as bag:
+        bag.packed(f"{bags.COLOUR}/compressed", data, "picture", bags.START_NS)
+    with pytest.raises(InputError, match=r"expected a complete JPEG, PNG, TIFF, BMP or WebP"):
+        list(open_recording(bag.path))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import builtins
 import os
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import pytest
 from packets import moving_pictures, video_packets
 
 from basetree.errors import InputError, MissingPackage
+from basetree.files import current_limits, set_limits
 from edgetree.sources.bags.recording import open_recording
 from edgetree.sources.bags.video_packets import (
     DEFINITIONS,
@@ -204,3 +206,15 @@ def test_the_missing_package_is_named(
         MissingPackage, match=r"PyAV is not installed, which video of h264.*video\]"
     ):
         list(source)
+
+
+def test_pictures_above_the_limit_are_refused(
+    bags: Any, tmp_path: Path, pictures: list[np.ndarray]
+) -> None:
+    source = open_recording(write(bags, tmp_path, video_packets(pictures)))
+    before = set_limits(replace(current_limits(), image_pixels=96 * 64 - 1))
+    try:
+        with pytest.raises(InputError, match="no picture could be decoded"):
+            list(source)
+    finally:
+        set_limits(before)
