@@ -7,7 +7,6 @@ changed.
 
 from __future__ import annotations
 
-from contextlib import suppress
 from functools import cache
 from typing import Any, Final
 
@@ -16,6 +15,7 @@ from basetree.files.json import parse_json
 from edgetree.sources.bags import foxglove
 from edgetree.sources.bags.bounded import ZSTD_MAGIC, Budget
 from edgetree.sources.bags.storage import Channel
+from edgetree.sources.bags.video_packets import DEFINITIONS as VIDEO_DEFINITIONS
 
 TF_TYPE: Final = "tf2_msgs/msg/TFMessage"
 _OLD_TF_TYPE: Final = "tf/msg/tfMessage"  # of ROS 1 before 2013, with the same content
@@ -102,7 +102,8 @@ def typestore(*, is_ros1: bool) -> Any:
     store = get_typestore(Stores.ROS1_NOETIC) if is_ros1 else latest
     if is_ros1 and TF_TYPE not in store.fielddefs:
         store.register({TF_TYPE: latest.fielddefs[TF_TYPE]})
-    for name, text in foxglove.DEFINITIONS.items():
-        with suppress(KeyError):
-            store.register(get_types_from_msg(text, f"foxglove_msgs/msg/{name}"))
+    texts = {f"foxglove_msgs/msg/{name}": text for name, text in foxglove.DEFINITIONS.items()}
+    for name, text in (texts | VIDEO_DEFINITIONS).items():
+        if name not in store.fielddefs:
+            store.register(get_types_from_msg(text, name))
     return store

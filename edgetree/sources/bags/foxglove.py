@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 # The ROS type of each schema.
 ROS_TYPES: Final = {
     "foxglove.CompressedImage": "sensor_msgs/msg/CompressedImage",
-    "foxglove.CompressedVideo": "sensor_msgs/msg/CompressedImage",
+    "foxglove.CompressedVideo": "foxglove_msgs/msg/CompressedVideo",
     "foxglove.RawImage": "sensor_msgs/msg/Image",
     "foxglove.CameraCalibration": "sensor_msgs/msg/CameraInfo",
     "foxglove.FrameTransform": "tf2_msgs/msg/TFMessage",
@@ -33,10 +33,9 @@ _LINK: Final = (
     + "string parent_frame_id\nstring child_frame_id\ngeometry_msgs/Vector3 translation\n"
     + "geometry_msgs/Quaternion rotation\n"
 )
-# The messages of foxglove_msgs.
+# The messages of foxglove_msgs; `video_packets` has the one with video.
 DEFINITIONS: Final = {
     "CompressedImage": _FRAME + "uint8[] data\nstring format\n",
-    "CompressedVideo": _FRAME + "uint8[] data\nstring format\n",
     "RawImage": _SIZE + "string encoding\nuint32 step\nuint8[] data\n",
     "CameraCalibration": _SIZE
     + "string distortion_model\nfloat64[] D\nfloat64[9] K\nfloat64[9] R\nfloat64[12] P\n",
@@ -83,6 +82,13 @@ def as_ros(schema: str, message: Any) -> Any:
     if schema == "foxglove.FrameTransform":
         return SimpleNamespace(transforms=[_link(message)])
     header = _header(message.timestamp, message.frame_id)
+    if schema == "foxglove.CompressedVideo":  # which ROS has no type for
+        return SimpleNamespace(
+            timestamp=header.stamp,
+            frame_id=header.frame_id,
+            format=str(message.format),
+            data=_bytes(message.data),
+        )
     if schema == "foxglove.CameraCalibration":
         return _camera_info(message, header)
     common = {"header": header, "data": _bytes(message.data)}

@@ -40,7 +40,7 @@ def open_recording(
 
     Colour and depth are paired by their header stamps within half a period. Frames have the camera
     of CameraInfo, the direction of gravity of an IMU, and the pose in odom, map or world of tf, as
-    far as these are there. Depth of another frame than the colour's is registered to it with tf.
+    far as these are there. Depth of another frame or lens than the colour's is registered to it.
 
     Args:
         path: a file (.bag, .bag.active, .mcap, .db3, .mcap.zstd, .db3.zstd), or a folder of such
@@ -77,6 +77,7 @@ class _Recording(BaseSource):
     ) -> None:
         super().__init__(str(path))
         self._path, self._scale_m = path, depth_scale_m
+        self._first_error = ""
         with Bag(path) as bag:
             self._streams = choose_streams(bag, topics, modality)
             if self._scale_m is None:
@@ -100,6 +101,7 @@ class _Recording(BaseSource):
     def _frames(self) -> Iterator[Frame]:
         clock = RisingClock()
         number = 0
+        self._first_error = ""
         try:
             with Bag(self._path) as bag:
                 one_pass = _Pass(bag, self._streams, self._scale_m, self.counts)
@@ -109,6 +111,7 @@ class _Recording(BaseSource):
                     time_s = clock.rising_s(pair.leading.stamp / _NS_PER_S)
                     frame = one_pass.assembly.frame(number, time_s, pair)
                     number += 1
+                    self._first_error = one_pass.assembly.first_error
                     if frame is not None:
                         yield frame
         except BrokenRecording as error:
@@ -120,6 +123,11 @@ class _Recording(BaseSource):
     def _nothing(self) -> str:
         """Why not one frame came."""
         streams = self._streams
+        if self._first_error:
+            return (
+                f"recording {self.name}: no picture could be decoded ({_told(self.counts)});"
+                f" {self._first_error}"
+            )
         if streams.colour and streams.depth:
             return (
                 f"recording {self.name}: no image of {streams.colour} and {streams.depth} have time"
@@ -202,6 +210,7 @@ class _Pass:
     def _pairs(self, message: Message, content: object) -> list[Pair]:
         """The pairs that an image completes."""
         role = self._roles[message.topic.name]
+        self.assembly.arrived(role, content)
         picture = Picture(stamp_ns(content) or message.log_ns, message.log_ns, content)
         state = self._stamps[role].see(picture.stamp)
         if state == "late":
