@@ -22,7 +22,12 @@ def moving_pictures(count: int) -> list[np.ndarray]:
 
 
 def video_packets(
-    pictures: list[np.ndarray], codec: str = "h264", *, key_every: int = 100, b_frames: int = 0
+    pictures: list[np.ndarray],
+    codec: str = "h264",
+    *,
+    key_every: int = 100,
+    b_frames: int = 0,
+    profile: str = "high",
 ) -> list[bytes]:
     """The packets of pictures, each of one picture, the first of a key frame."""
     import av
@@ -34,7 +39,12 @@ def video_packets(
     # libx265 takes its settings in one option, and writes to the terminal without it.
     private = f"keyint={key_every}:bframes={b_frames}:scenecut=0:log-level=none:repeat-headers=1"
     encoder.options = {
-        "h264": {"crf": "10", "bf": str(b_frames), "x264-params": "scenecut=0"},
+        "h264": {
+            "crf": "10",
+            "bf": str(b_frames),
+            "x264-params": "scenecut=0",
+            "profile": profile,
+        },
         "hevc": {"crf": "10", "x265-params": private},
     }[codec]
     packets = []

@@ -214,8 +214,8 @@ class PictureDecoder:
         if picture is None:
             raise InputError(
                 f"an image of topic {self._topic} cannot be decoded ({len(message.data)} bytes,"
-                f" {_encoding(message)!r}): expected a complete JPEG, PNG, TIFF, BMP or WebP,"
-                " RVL of depth, or H.264 or H.265"
+                f" {_encoding(message)!r}): expected a complete JPEG, PNG, TIFF, BMP or WebP, RVL"
+                " of depth, or H.264 or H.265"
             )
         if (picture.ndim == 3) != (self._role == "colour"):
             found = "colour" if picture.ndim == 3 else "depth"

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from basetree.errors import MissingPackage, install_hint
 from basetree.files.limits import current_limits
+from edgetree.sources.bags.h264_numbers import FrameNumbers
 
 FFMPEG_TYPE: Final = "ffmpeg_image_transport_msgs/msg/FFMPEGPacket"
 FOXGLOVE_TYPE: Final = "foxglove_msgs/msg/CompressedVideo"
@@ -70,6 +71,8 @@ class VideoDecoder:
         self._context.thread_count = 1  # each thread would delay the pictures by one
         self._waiting: deque[Any] = deque()
         self._number = 0
+        self._numbers = FrameNumbers() if codec == "h264" else None
+        self._has_gap = False
         self.has_started = False
 
     def add(self, message: Any) -> None:
@@ -101,12 +104,15 @@ class VideoDecoder:
         packet = self._av.Packet(data)
         packet.pts = packet.dts = self._number
         self._number += 1
+        is_after_gap = self._numbers is not None and self._numbers.is_gap(data)
         try:
             frames = self._context.decode(packet) if data else []
         except (self._av.error.FFmpegError, ValueError, MemoryError) as error:
             reason = getattr(error, "strerror", None) or str(error)
             return f"{reason}; expected a complete picture of {self._context.name}"
-        self.has_started |= any(frame.key_frame for frame in frames)
+        is_key = any(frame.key_frame for frame in frames)
+        self.has_started |= is_key
+        self._has_gap = not is_key and (self._has_gap or is_after_gap)
         frame = next((frame for frame in frames if frame.pts == packet.pts), None)
         if frame is None and self._context.has_b_frames:
             return "pictures are not in the order of their packets, expected video without B frames"
@@ -114,4 +120,6 @@ class VideoDecoder:
             return "it is before the first key frame, or no picture"
         if frame is None:
             return "its packet holds no picture"
-        return "pictures before it are missing" if frame.is_corrupt else frame
+        if frame.is_corrupt or self._has_gap:
+            return "packets before it are missing"
+        return frame

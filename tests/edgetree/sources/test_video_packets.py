@@ -15,6 +15,7 @@ from packets import moving_pictures, video_packets
 
 from basetree.errors import InputError, MissingPackage
 from basetree.files import current_limits, set_limits
+from edgetree.sources.bags.h264_numbers import FrameNumbers
 from edgetree.sources.bags.recording import open_recording
 from edgetree.sources.bags.video_packets import (
     DEFINITIONS,
@@ -146,13 +147,35 @@ def test_what_comes_before_the_first_key_frame_is_counted(
     assert [shown(frame.image) for frame in frames] == list(range(5, COUNT))
 
 
+@pytest.mark.parametrize("codec", ["h264", "hevc"])
+@pytest.mark.parametrize("lost", [1, 2, 3])
 def test_packets_that_are_lost_give_no_wrong_pictures(
-    bags: Any, tmp_path: Path, pictures: list[np.ndarray]
+    bags: Any, tmp_path: Path, pictures: list[np.ndarray], codec: str, lost: int
 ) -> None:
-    packets = video_packets(pictures, "hevc", key_every=6)
-    source = open_recording(write(bags, tmp_path, packets[:2] + packets[4:], form="hevc"))
+    packets = video_packets(pictures, codec, key_every=6)
+    source = open_recording(write(bags, tmp_path, packets[:2] + packets[2 + lost :], form=codec))
     assert [shown(frame.image) for frame in source] == [0, 1, 6, 7, 8, 9, 10, 11]
-    assert source.counts["unreadable images"] == 2
+    assert source.counts["unreadable images"] == 4 - lost
+
+
+@pytest.mark.parametrize("profile", ["baseline", "main", "high"])
+def test_whole_streams_of_all_profiles_have_no_gaps(profile: str) -> None:
+    numbers = FrameNumbers()
+    packets = video_packets(moving_pictures(40), profile=profile)  # numbers start again at 16
+    assert [numbers.is_gap(packet) for packet in packets] == [False] * 40
+    numbers = FrameNumbers()
+    found = [numbers.is_gap(packet) for packet in packets[:20] + packets[21:]]
+    assert found == [False] * 20 + [True] + [False] * 18
+
+
+@pytest.mark.parametrize(
+    "packet", [b"", b"\0\0\1", b"\0\0\1\x67", b"\0\0\1\x67" + bytes(80), b"\0\0\1\x41" * 9]
+)
+def test_numbers_of_broken_packets_do_no_harm(packet: bytes) -> None:
+    numbers = FrameNumbers()
+    numbers.is_gap(video_packets(moving_pictures(1))[0])
+    assert numbers.is_gap(packet) in (True, False)
+    assert numbers.is_gap(packet[:-1] + b"\xff" * 70) in (True, False)
 
 
 @pytest.mark.parametrize("codec", ["h264", "hevc"])
