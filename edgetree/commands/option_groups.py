@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from edgetree.commands.options import (
+    DepthKind,
+    DepthScale,
     Mounting,
     Provider,
     SpeciesName,
@@ -49,14 +51,8 @@ class RigOptions:
             " identity if not given."
         ),
     ] = None
-    depth_scale: Annotated[
-        str | None,
-        typer.Option(
-            metavar="M_PER_UNIT|FILE",
-            help="Metres per unit of the depth files, 0.001 if not given; or a depth scale file of"
-            " `edgetree calibrate --depth`.",
-        ),
-    ] = None
+    depth_scale: DepthScale = None
+    depth_kind: DepthKind = "depth"
     stump_height: StumpHeight = None
     species: SpeciesName = None
 
@@ -85,6 +81,7 @@ class RigOptions:
             mounting=None if mounting is None else load_transform(mounting),
             depth_camera=None if depth_camera is None else _load_camera(depth_camera),
             depth_extrinsics=None if extrinsics is None else load_transform(extrinsics),
+            depth_kind=self.depth_kind,  # type: ignore[arg-type]  # checked by Rig
         )
         return rig if self.depth_scale is None else _scaled(rig, self.depth_scale)
 
@@ -126,7 +123,7 @@ class RigOptions:
         return "".join(
             f" --{name.replace('_', '-')} {quoted(value)}"
             for name, value in given.items()
-            if value is not None
+            if value is not None and value != getattr(RigOptions, name, None)
         )
 
 
@@ -187,9 +184,10 @@ def _scaled(rig: Rig, text: str) -> Rig:
     from calib import load_depth_scale
 
     try:
-        return replace(rig, depth_scale_m=float(text))
+        scale_m = float(text)
     except ValueError:
         return replace(rig, depth_calibration=load_depth_scale(text))
+    return replace(rig, depth_scale_m=scale_m)
 
 
 def _direction(text: str) -> tuple[float, float, float]:

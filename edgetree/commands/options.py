@@ -60,8 +60,26 @@ Depth: TypeAlias = Annotated[
     Path | None,
     typer.Option(
         help="Depth image of an image, or folder with a depth image of the same stem for each"
-        " image: 16-bit PNG or TIFF in millimetres (or see --depth-scale), float TIFF or .npy in"
-        " metres; 0 = no reading. If not given, a depth model reads the image itself as depth."
+        " image: PNG, TIFF or .npy, integers in millimetres or floating point in metres (or see"
+        " --depth-scale); 0 = no reading. If not given, a depth model reads the image itself as"
+        " depth."
+    ),
+]
+DepthScale: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        metavar="M_PER_UNIT|FILE",
+        help="Metres per unit of the depth, of integers and of floating point; if not given, 0.001"
+        " for integers and 1 for floating point. Or a depth scale file of"
+        " `edgetree calibrate --depth`.",
+    ),
+]
+DepthKind: TypeAlias = Annotated[
+    str,
+    typer.Option(
+        metavar="depth|range",
+        help="Whether the depth is along the optical axis, or along the ray of each pixel as some"
+        " lidars and time-of-flight cameras give it, which needs the camera.",
     ),
 ]
 Camera: TypeAlias = Annotated[

@@ -88,11 +88,9 @@ class _Inputs:
     scene: Scene = None
     strict_frames: _StrictFrames = False
 
-    def open(
-        self, source: Path, rig: Rig, detector: TreeDetector, depth_scale: str | None
-    ) -> FrameSource:
-        """Open the frames; `depth_scale` is the value of --depth-scale."""
-        from edgetree.sources.opening import is_stream, open_frames
+    def open(self, source: Path, rig: Rig, detector: TreeDetector) -> FrameSource:
+        """Open the frames."""
+        from edgetree.sources.opening import open_frames
 
         return open_frames(
             source,
@@ -100,7 +98,6 @@ class _Inputs:
             rig=rig,
             detector=detector,
             topics=topics_by_role(self.topic),
-            depth_scale_m=_metres_per_unit(depth_scale) if is_stream(source) else None,
             scene=self.scene,
         )
 
@@ -208,7 +205,7 @@ def run(
     with ExitStack() as stack:
         if is_stream(source):
             stack.enter_context(warnings_shown())
-        frames = inputs.open(source, rig, detector, rig_options.depth_scale)
+        frames = inputs.open(source, rig, detector)
         writes: list[Callable[[FrameResult], object]] = [totals.add]
         if lines is not None:
             sink = stack.enter_context(JsonLinesSink(lines, record, grows=False))
@@ -320,15 +317,3 @@ def _check(
             f"source {source} has no poses: expected a recording or a drive with poses, as --map is"
             " given; `edgetree live` follows stems without them"
         )
-
-
-def _metres_per_unit(text: str | None) -> float | None:
-    """The value of --depth-scale for a recording."""
-    from basetree.errors import InputError
-
-    try:
-        return None if text is None else float(text)
-    except ValueError as error:
-        raise InputError(
-            f"--depth-scale is {text}: expected metres per unit, as the source is a recording"
-        ) from error

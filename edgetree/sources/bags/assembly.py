@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 import calib
 from basetree.errors import InputError
 from edgetree.frames.frame import Frame
-from edgetree.frames.rig import DepthReading
+from edgetree.frames.rig import DepthReading, Rig
 from edgetree.sources.arrays import metres_from_array
 from edgetree.sources.bags.camera_info import CameraInfos
 from edgetree.sources.bags.exact import ExactValues
@@ -35,14 +35,12 @@ class Assembly:
     Args:
         path: The recording.
         streams: Its topics.
-        depth_scale_m: Metres per unit of the depth; None for the default of its type.
+        rig: Unit, kind and correction of the depth, and the camera of a range that has none.
         counts: Where missing poses and unusable pictures are counted.
     """
 
-    def __init__(
-        self, path: Path, streams: Streams, depth_scale_m: float | None, counts: Counter[str]
-    ) -> None:
-        self._path, self._streams, self._scale_m = path, streams, depth_scale_m
+    def __init__(self, path: Path, streams: Streams, rig: Rig, counts: Counter[str]) -> None:
+        self._path, self._streams, self._rig = path, streams, rig
         self._counts = counts
         self._said: set[str] = set()
         self._tree = TransformTree()
@@ -116,7 +114,9 @@ class Assembly:
         camera = self._camera(own, width, height)
         reading = None
         if depth is not None:
-            reading = metres_from_array(depth, self._scale_m, f"depth of {self._streams.depth}")
+            name = f"depth of {self._streams.depth}"
+            own_camera = self._camera_of_range(depth, camera)
+            reading = metres_from_array(depth, self._rig.depth_convention, name, own_camera)
             if pair.colour is not None and pair.depth is not None:
                 camera = camera or self._shared_camera(pair, width, height)
                 reading = self._aligned(reading, pair.colour, pair.depth, (width, height), camera)
@@ -153,6 +153,18 @@ class Assembly:
         if camera is None:
             self._say(f"there is no camera for {width}x{height} px, so that nothing is measured")
         return camera
+
+    def _camera_of_range(
+        self, depth: NDArray[Any], camera: calib.PinholeCamera | None
+    ) -> calib.PinholeCamera | None:
+        """The camera of a range image: its own, or that of the colour, or that of the rig."""
+        if self._rig.depth_kind == "depth":
+            return None
+        height, width = depth.shape[:2]
+        infos = self._cameras.get(self._streams.depth_camera or "")
+        own = None if infos is None else infos.camera(width, height)
+        fits = camera is not None and (camera.width, camera.height) == (width, height)
+        return own or (camera if fits else None) or self._rig.camera_for(width, height)
 
     def _shared_camera(self, pair: Pair, width: int, height: int) -> calib.PinholeCamera | None:
         """The depth's camera, if it is the colour camera too."""
