@@ -13,7 +13,7 @@ from basetree.program.console import note, track
 from edgetree.detections import UnlikeTraining
 from edgetree.frames.frame import Frame
 from edgetree.frames.pipeline import FrameResult
-from edgetree.sources.source import REMARKS, FrameSource, readable
+from edgetree.sources.source import INCOMPLETE, REMARKS, FrameSource, readable
 
 
 def frame_results(
@@ -126,6 +126,12 @@ def source_remarks(source: FrameSource) -> Iterator[str]:
     for what, count in source.counts.items():
         if count:
             yield f"{count} {what}" if what in REMARKS else f"{count} left out: {what}"
+
+
+def check_complete(source: str, counts: Mapping[str, int]) -> None:
+    """Raise CheckFailed if a part of the source could not be read."""
+    if any(counts.get(name) for name in INCOMPLETE):
+        raise CheckFailed(f"{source} is not complete, see above: what can be read was used")
 
 
 def note_files(paths: Mapping[str, Path | None]) -> None:

@@ -69,7 +69,7 @@ def live(
     with everything written.
     """
     from basetree.files.writing import check_paths
-    from edgetree.commands.frame_results import warnings_shown
+    from edgetree.commands.frame_results import check_complete, warnings_shown
     from edgetree.live.pipeline import LivePipeline
     from edgetree.live.recording import run_record
 
@@ -119,6 +119,7 @@ def live(
         pipeline = LivePipeline(open_source, detector, rig=rig, settings=settings, tracker=tracker)
         _follow(pipeline, open_outputs, recorder, outputs.frames)
         note(model_words(detector, model_path))
+    check_complete(source, pipeline.status.remarks)
 
 
 def _follow(

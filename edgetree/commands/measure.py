@@ -70,10 +70,10 @@ class _Inputs:
     def check(self, image: Path, outputs: _Outputs) -> None:
         """Raise InputError if options contradict each other."""
         from basetree.errors import InputError
-        from basetree.files.names import VIDEO_SUFFIXES
         from edgetree.results.pictures import PICTURE_SUFFIXES
+        from edgetree.sources.videos import is_video
 
-        if image.is_dir() or image.suffix.lower() in VIDEO_SUFFIXES:
+        if image.is_dir() or is_video(image):
             raise InputError(
                 f"{image} is not an image: expected one; use `edgetree run` for several"
             )

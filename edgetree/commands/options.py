@@ -59,8 +59,8 @@ ScoreThreshold: TypeAlias = Annotated[
 Depth: TypeAlias = Annotated[
     Path | None,
     typer.Option(
-        help="Depth image of an image, or folder with a depth image of the same stem for each"
-        " image: PNG, TIFF or .npy, integers in millimetres or floating point in metres (or see"
+        help="Depth image of an image, or folder with the depth images of a folder of"
+        " images, by their names: PNG, TIFF or .npy, integers in millimetres or floating point in metres (or see"
         " --depth-scale); 0 = no reading. If not given, a depth model reads the image itself as"
         " depth."
     ),

@@ -179,6 +179,7 @@ def run(
     from edgetree.commands.frame_results import (
         LeftOut,
         Totals,
+        check_complete,
         frame_results,
         note_files,
         source_remarks,
@@ -203,8 +204,7 @@ def run(
     record = lru_cache(maxsize=1)(frame_record)  # for a line and for the object of --json
     lines = outputs.jsonl or (None if as_json else sys.stdout)
     with ExitStack() as stack:
-        if is_stream(source):
-            stack.enter_context(warnings_shown())
+        stack.enter_context(warnings_shown())
         frames = inputs.open(source, rig, detector)
         writes: list[Callable[[FrameResult], object]] = [totals.add]
         if lines is not None:
@@ -253,6 +253,7 @@ def run(
     if is_interrupted:
         raise KeyboardInterrupt
     left_out.check_none(totals.frames)
+    check_complete(str(source), frames.counts)
     if outputs.out is None:
         options = f"{rig_options.words(inputs.depth, inputs.camera)}{inputs.words()}"
         note(f"next: edgetree run {quoted(source)}{options} --model {quoted(model)} --out pictures")
@@ -291,10 +292,10 @@ def _check(
 ) -> None:
     """Raise InputError if outputs overwrite files or do not fit the source."""
     from basetree.errors import InputError
-    from basetree.files.names import VIDEO_SUFFIXES
     from basetree.files.writing import check_paths
     from edgetree.sources.drive import is_drive
     from edgetree.sources.opening import is_stream
+    from edgetree.sources.videos import is_video
 
     check_paths(
         {f"--{name}": path for name, path in vars(outputs).items()},
@@ -308,7 +309,7 @@ def _check(
     check_report(outputs.report)
     if shards.are_given and inputs.words():
         raise InputError(f"{inputs.words().split()[0]} given with --shards: expected one of them")
-    if outputs.coco and source.suffix.lower() in VIDEO_SUFFIXES and source.is_file():
+    if outputs.coco and is_video(source):
         raise InputError(f"source {source} is a video: expected images, as --coco is given")
     if outputs.coco and is_stream(source) and not is_drive(source):
         raise InputError(f"source {source} is a recording: expected images, as --coco is given")
