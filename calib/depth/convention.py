@@ -87,7 +87,7 @@ class DepthConvention:
         return metres if self.calibration is None else self.calibration.apply(metres)
 
 
-def check_scale(scale_m: float | None, name: str) -> None:
+def check_scale(scale_m: Any, name: str) -> None:
     """Raise DepthError if a number of metres per unit is not from 1e-6 to 1000."""
     if scale_m is None:
         return

@@ -18,6 +18,7 @@ from edgetree.commands.options import (
     DepthKind,
     DepthScale,
     Mounting,
+    Rotate,
     SpeciesName,
     StumpHeight,
     Up,
@@ -141,6 +142,7 @@ class LiveMetresOptions:
     mounting: Mounting = None
     depth_scale: DepthScale = None
     depth_kind: DepthKind = "depth"
+    rotate: Rotate = None
     stump_height: StumpHeight = None
     species: SpeciesName = None
     odometry: _Odometry = False
@@ -162,6 +164,7 @@ class LiveMetresOptions:
             mounting=self.mounting,
             depth_scale=self.depth_scale,
             depth_kind=self.depth_kind,
+            rotate=self.rotate,
             stump_height=self.stump_height,
             species=self.species,
         )

@@ -200,8 +200,8 @@ def measure(
             typer.echo(line)
     if detector is not None:
         note(model_words(detector, model_path))
-    if result.scaling is not None:
-        note(result.scaling)
+    for line in filter(None, (result.scaling, result.turning)):
+        note(line)
     if result.trees.unlike is not None:
         words = unlike_words(result.frame.name, result.trees.unlike)
         note(f"unlike the training pictures: {words}")

@@ -14,6 +14,7 @@ from edgetree.commands.options import (
     DepthScale,
     Mounting,
     Provider,
+    Rotate,
     SpeciesName,
     Strict,
     StumpHeight,
@@ -53,6 +54,7 @@ class RigOptions:
     ] = None
     depth_scale: DepthScale = None
     depth_kind: DepthKind = "depth"
+    rotate: Rotate = None
     stump_height: StumpHeight = None
     species: SpeciesName = None
 
@@ -77,10 +79,11 @@ class RigOptions:
         extrinsics = self.depth_extrinsics
         rig = Rig(
             camera=None if camera is None else _load_camera(camera),
-            up_camera=None if self.up is None else _direction(self.up),
+            up_camera=None if self.up is None else _direction(self.up, self.rotate),
             mounting=None if mounting is None else load_transform(mounting),
             depth_camera=None if depth_camera is None else _load_camera(depth_camera),
             depth_extrinsics=None if extrinsics is None else load_transform(extrinsics),
+            rotation_deg=self.rotate,
             depth_kind=self.depth_kind,  # type: ignore[arg-type]  # checked by Rig
         )
         return rig if self.depth_scale is None else _scaled(rig, self.depth_scale)
@@ -190,13 +193,14 @@ def _scaled(rig: Rig, text: str) -> Rig:
     return replace(rig, depth_scale_m=scale_m)
 
 
-def _direction(text: str) -> tuple[float, float, float]:
+def _direction(text: str, rotation_deg: int | None) -> tuple[float, float, float]:
     from basetree.errors import InputError
+    from edgetree.frames.turning import turn_of
     from edgetree.measure.entry import unit_up
 
     try:
         x, y, z = (float(part) for part in text.split(","))
     except ValueError as error:
         raise InputError(f"--up is {text!r}: expected three numbers, such as 0,-1,0") from error
-    unit_up((x, y, z))
+    unit_up(turn_of(rotation_deg, (x, y, z)).directions((x, y, z)))
     return x, y, z

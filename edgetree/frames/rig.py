@@ -13,6 +13,7 @@ import calib
 from basetree.errors import InputError
 from calib.depth.convention import check_kind, check_scale
 from edgetree.frames.frame import Frame
+from edgetree.frames.turning import Turn, check_rotation, turn_of
 
 
 class DepthReading(NamedTuple):
@@ -42,6 +43,9 @@ class Rig:
             is metres.
         depth_calibration: Correction of the depth; None for no correction.
         depth_kind: "depth" along the optical axis, or "range" along the ray of each pixel.
+        rotation_deg: Degrees, 90, 180 or 270, by which pictures must be turned clockwise to be
+            upright; None: a camera on its side is told by its vertical. All else is that of the
+            camera as it is mounted, and so are results.
 
     Raises:
         InputError: A value is out of its range, or needs another one that is missing.
@@ -55,16 +59,25 @@ class Rig:
     depth_scale_m: float | None = None
     depth_calibration: calib.DepthScale | None = None
     depth_kind: calib.DepthKind = "depth"
+    rotation_deg: int | None = None
 
     def __post_init__(self) -> None:
         check_scale(self.depth_scale_m, "--depth-scale")
         check_kind(self.depth_kind, "--depth-kind")
+        check_rotation(self.rotation_deg, "--rotate")
         if self.depth_camera is not None and self.camera is None:
             raise InputError(
                 "--depth-camera given without --camera: expected both, to align depth and image"
             )
         if self.depth_extrinsics is not None and self.depth_camera is None:
             raise InputError("--depth-extrinsics given without --depth-camera: expected both")
+
+    def turn(self, frame: Frame) -> Turn:
+        """The turn that makes a frame upright."""
+        up_camera = self.up_camera if frame.up_camera is None else frame.up_camera
+        if up_camera is None and self.mounting is not None:
+            up_camera = self.mounting.rotation[2]  # of a machine that stands level
+        return turn_of(self.rotation_deg, up_camera)
 
     @property
     def depth_convention(self) -> calib.DepthConvention:

@@ -69,7 +69,7 @@ def frame_from_arrays(
     if not math.isfinite(time_s):
         raise InputError(f"time_s of frame {number} is {time_s}: expected seconds")
     pixels = None if image is None else bgr_image(image, colour_order, f"image of frame {number}")
-    shape = np.shape(depth if pixels is None else pixels)[:2]
+    shape = np.asarray(depth if pixels is None else pixels).shape[:2]
     if camera is not None and len(shape) == 2 and (camera.height, camera.width) != shape:
         camera = camera.scaled(shape[1], shape[0])
     depth_m, fault = None, None

@@ -177,7 +177,7 @@ def _seconds(stem: str) -> float | None:
         return None
     if "." in stem:
         return float(stem)
-    return int(stem) / 10 ** (len(stem) - _SECONDS_DIGITS)
+    return float(int(stem) / 10 ** (len(stem) - _SECONDS_DIGITS))
 
 
 def _period_s(times_s: Sequence[float | None]) -> float:

@@ -6,7 +6,7 @@ import json
 import logging
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from pathlib import Path, PurePosixPath
+from pathlib import Path, PureWindowsPath
 from typing import Any, Final
 
 import numpy as np
@@ -100,8 +100,8 @@ class _Drive(BaseSource):
 
 def _check_inside(folder: Path, name: str) -> None:
     """Raise InputError if the labels name a file that is not in the dataset."""
-    parts = PurePosixPath(name.replace("\\", "/")).parts
-    if Path(name).is_absolute() or ".." in parts or parts[:1] in ((), ("/",)):
+    path = PureWindowsPath(name)  # which knows both kinds of slashes
+    if path.drive or path.root or ".." in path.parts or not path.parts or "\0" in name:
         raise InputError(
             f"labels of {folder} name the file {name!r}: expected a path inside the dataset"
         )

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 from basetree.errors import InputError
+from basetree.files.limits import current_limits
 from basetree.files.names import IMAGE_SUFFIXES, VIDEO_SUFFIXES
 from basetree.files.reading import is_image_file, open_video
 from edgetree.frames.frame import Frame
@@ -123,10 +124,22 @@ class _Capture:
                 f" image, a folder of images, or a video ({', '.join(VIDEO_SUFFIXES)}, or another"
                 " that OpenCV reads)"
             )
+        self._check_size(path)
         rate_hz = self.video.get(cv2.CAP_PROP_FPS)
         usual = _RATES_HZ[0] <= rate_hz <= _RATES_HZ[1]
         self.rate_hz = rate_hz if usual else _DEFAULT_RATE_HZ
         self.failures = 0
+
+    def _check_size(self, path: Path) -> None:
+        """Raise InputError if its pictures are larger than `Limits` allows."""
+        width = int(self.video.get(cv2.CAP_PROP_FRAME_WIDTH))
+        height = int(self.video.get(cv2.CAP_PROP_FRAME_HEIGHT))
+        largest = current_limits().image_pixels
+        if width * height > largest:
+            raise InputError(
+                f"video {path} is {width}x{height} px: expected at most {largest} pixels, the limit"
+                " image_pixels"
+            )
 
     def has_frame(self) -> bool:
         """Whether one of the first frames can be decoded."""
