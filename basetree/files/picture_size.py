@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import cv2
-
 from basetree.errors import InputFileError
 from basetree.files.headers import NotOffered, PictureHeader, picture_header
 from basetree.files.limits import current_limits
@@ -46,22 +44,19 @@ def picture_size(data: bytes) -> tuple[int, int] | None:
     return (header.width, header.height) if header and header.is_whole else None
 
 
-def checked_header(
-    data: bytes, name: str, flags: int = cv2.IMREAD_GRAYSCALE
-) -> PictureHeader | None:
-    """Read the header of a picture and compare it with the limits.
+def checked_header(data: bytes, name: str) -> PictureHeader | None:
+    """Read the header of a picture and compare its size with the limit.
 
     Args:
         data: The whole content of a picture file.
         name: Of the picture, for messages.
-        flags: Flags of `cv2.imread` with which it is to be decoded.
 
     Returns:
         The header; None if the content is no picture or is cut off.
 
     Raises:
-        InputFileError: If it has more pixels than `Limits.image_pixels`, or reading it would take
-            more than 5 bytes of memory for each of them, or it is of a format that is not read.
+        InputFileError: If it has more pixels than `Limits.image_pixels`, or is of a format that
+            is not read.
     """
     try:
         header = picture_header(data)
@@ -69,22 +64,34 @@ def checked_header(
         raise InputFileError(f"{name}: {error}") from error
     if header is None:
         return None
-    largest, most_bytes = current_limits().image_pixels, most_picture_bytes()
-    size = f"{name}: {header.width}x{header.height} px"
+    largest = current_limits().image_pixels
     if header.width * header.height > largest:
-        raise InputFileError(f"{size}, expected at most {largest} pixels, the limit image_pixels")
-    is_unchanged = flags == cv2.IMREAD_UNCHANGED
-    grey_or_colour = 3 if flags & (cv2.IMREAD_COLOR | cv2.IMREAD_ANYCOLOR) else 1
-    channels = header.channels if is_unchanged else grey_or_colour
-    keeps_depth = is_unchanged or bool(flags & cv2.IMREAD_ANYDEPTH)
-    reading_bytes = header.reading_bytes(channels, header.sample_bytes if keeps_depth else 1)
-    if reading_bytes > most_bytes:
         raise InputFileError(
-            f"{size} of {header.format_name} take {reading_bytes / 1e6:.3g} MB to read, expected at"
-            f" most {most_bytes / 1e6:.3g} MB, {_BYTES_PER_PX} bytes for each pixel of the limit"
-            " image_pixels"
+            f"{name}: {header.width}x{header.height} px, expected at most {largest} pixels, the"
+            " limit image_pixels"
         )
     return header if header.is_whole else None
+
+
+def check_memory(header: PictureHeader, name: str, channels: int, sample_bytes: int) -> None:
+    """Compare the memory that reading a picture takes with the limit.
+
+    Args:
+        header: Its header.
+        name: Its name, for messages.
+        channels: Channels of the decoded pixels.
+        sample_bytes: Bytes of a decoded value.
+
+    Raises:
+        InputFileError: If it is more than 5 bytes for each pixel of `Limits.image_pixels`.
+    """
+    taken, most = header.reading_bytes(channels, sample_bytes), most_picture_bytes()
+    if taken > most:
+        raise InputFileError(
+            f"{name}: {header.width}x{header.height} px of {header.format_name} take"
+            f" {taken / 1e6:.3g} MB to read, expected at most {most / 1e6:.3g} MB, {_BYTES_PER_PX}"
+            " bytes for each pixel of the limit image_pixels"
+        )
 
 
 def most_picture_bytes() -> int:

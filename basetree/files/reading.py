@@ -16,12 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from basetree.errors import InputFileError
-from basetree.files.headers import NotOffered, has_known_signature, picture_header
-from basetree.files.headers.exif import UPRIGHT, orientation_words, turned_upright
+from basetree.files.headers import (
+    NotOffered,
+    PictureHeader,
+    has_known_signature,
+    picture_header,
+)
+from basetree.files.headers.exif import UPRIGHT, orientation_words
 from basetree.files.headers.tiff import as_stored
 from basetree.files.limits import current_limits
 from basetree.files.names import is_utf8
-from basetree.files.picture_size import checked_header, most_picture_bytes
+from basetree.files.picture_size import check_memory, checked_header, most_picture_bytes
 from basetree.files.regular import open_regular, read_regular
 
 _SIGNATURE_BYTES = 16
@@ -80,7 +85,7 @@ class Picture:
         """The pixels turned as the orientation says, as viewers of pictures show them."""
         if self.orientation == UPRIGHT:
             return self.pixels
-        return turned_upright(self.pixels, self.orientation)
+        return _turned_upright(self.pixels, self.orientation)
 
 
 def read_picture(path: Path, flags: int = cv2.IMREAD_COLOR) -> Picture | None:
@@ -122,9 +127,10 @@ def decode_picture(
         InputFileError: As for `read_picture`.
     """
     content = data if isinstance(data, bytes) else data.tobytes()
-    header = checked_header(content, name, flags)
+    header = checked_header(content, name)
     if header is None:
         return None
+    check_memory(header, name, *_decoded_kind(header, flags))
     if flags != cv2.IMREAD_UNCHANGED:
         flags |= cv2.IMREAD_IGNORE_ORIENTATION
     if header.format_name == "TIFF" and header.orientation != UPRIGHT:
@@ -134,6 +140,25 @@ def decode_picture(
     except cv2.error:
         return None
     return None if pixels is None else Picture(pixels, header.orientation)
+
+
+def _decoded_kind(header: PictureHeader, flags: int) -> tuple[int, int]:
+    """Channels and bytes of a value that a picture has when it is decoded with these flags."""
+    if flags == cv2.IMREAD_UNCHANGED:
+        return header.channels, header.sample_bytes
+    channels = 3 if flags & (cv2.IMREAD_COLOR | cv2.IMREAD_ANYCOLOR) else 1
+    return channels, header.sample_bytes if flags & cv2.IMREAD_ANYDEPTH else 1
+
+
+def _turned_upright(pixels: NDArray[Any], orientation: int) -> NDArray[Any]:
+    """Turn stored pixels (H, W) or (H, W, channels) as an EXIF orientation says."""
+    if orientation in (5, 6, 7, 8):
+        pixels = pixels.swapaxes(0, 1)
+    if orientation in (3, 4, 7, 8):
+        pixels = pixels[::-1]
+    if orientation in (2, 3, 6, 7):
+        pixels = pixels[:, ::-1]
+    return np.ascontiguousarray(pixels)
 
 
 def read_image(path: Path, flags: int = cv2.IMREAD_COLOR) -> NDArray[Any] | None:

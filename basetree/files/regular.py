@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import errno
+import io
 import os
 import stat
 from pathlib import Path
-from typing import BinaryIO
 
 # A named pipe without a writer would wait while it is opened. Windows has none of these flags but
 # the last.
@@ -24,7 +24,7 @@ _KINDS = {
 }
 
 
-def open_regular(path: Path | str) -> BinaryIO:
+def open_regular(path: Path | str) -> io.BufferedReader:
     """Open a regular file for reading bytes.
 
     Pipes are not read, so that /dev/stdin and process substitution need a file in between.

@@ -74,8 +74,8 @@ def in_metres(steps: NDArray[Any], scale: float) -> Float32:
     """
     per_m = 1 / scale
     if abs(per_m - round(per_m)) < 1e-6 * per_m:
-        return np.divide(steps, np.float32(round(per_m)), dtype=np.float32)
-    return np.multiply(steps, np.float32(scale), dtype=np.float32)
+        return np.asarray(np.divide(steps, np.float32(round(per_m)), dtype=np.float32))
+    return np.asarray(np.multiply(steps, np.float32(scale), dtype=np.float32))
 
 
 def in_millimetres(depth_m: Float) -> NDArray[np.uint16]:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import struct
-from typing import Any, NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
+import sys
+from array import array
+from operator import add
+from typing import NamedTuple
 
 from basetree.files.headers.exif import UPRIGHT, known_orientation
 from basetree.files.headers.header import NotOffered, PictureHeader
@@ -25,7 +25,7 @@ _BYTES_OF = {
     **dict.fromkeys((4, 9, 11, 13), 4),
     **dict.fromkeys((5, 10, 12, 16, 17, 18), 8),
 }
-_WHOLE_NUMBERS = {1: "u1", 3: "u2", 4: "u4", 16: "u8"}
+_WHOLE_NUMBERS = {1: "B", 3: "H", 4: "I", 16: "Q"}
 
 
 class _Layout(NamedTuple):
@@ -34,7 +34,7 @@ class _Layout(NamedTuple):
     order: str
     start: str  # of the file: the offset of the first directory
     start_at: int
-    count: str
+    entries: str
     entry: str
     inline_bytes: int
 
@@ -47,26 +47,26 @@ class _Directory:
     """
 
     def __init__(self) -> None:
-        self._values: dict[int, NDArray[Any]] = {}
+        self._values: dict[int, array[int]] = {}
         self.places: dict[int, int] = {}
 
     def __contains__(self, tag: int) -> bool:
         return tag in self._values
 
-    def add(self, tag: int, values: NDArray[Any], place: int) -> bool:
+    def add(self, tag: int, values: array[int], place: int) -> bool:
         """Add an entry whose values are at a place; False if it is repeated."""
         is_new = tag not in self._values
         self._values[tag], self.places[tag] = values, place
         return is_new
 
-    def all(self, tag: int) -> NDArray[Any]:
+    def all(self, tag: int) -> array[int]:
         """All values of an entry, empty if it is missing."""
-        return self._values.get(tag, np.empty(0, np.uint8))
+        return self._values.get(tag, array("B"))
 
     def one(self, tag: int, otherwise: int) -> int:
         """The first value of an entry."""
         values = self.all(tag)
-        return int(values[0]) if values.size else otherwise
+        return values[0] if values else otherwise
 
 
 def read_header(data: bytes) -> PictureHeader | None:
@@ -95,7 +95,7 @@ def read_header(data: bytes) -> PictureHeader | None:
         return None
     orientation = known_orientation(directory.one(_ORIENTATION, UPRIGHT))
     channels, bits = directory.one(_SAMPLES, 1), directory.all(_BITS)
-    sample_bytes = (int(bits.max()) + 7) // 8 if bits.size else 1
+    sample_bytes = (max(bits, default=1) + 7) // 8
     block_bytes = block * (channels * sample_bytes + _RGBA_BYTES)
     return PictureHeader("TIFF", width, height, channels, sample_bytes, block_bytes, orientation)
 
@@ -103,9 +103,11 @@ def read_header(data: bytes) -> PictureHeader | None:
 def as_stored(data: bytes) -> bytes:
     """A TIFF that states no orientation: OpenCV turns its pixels whatever the flags say."""
     directory = _read_directory(data)
-    if directory is None or not directory.all(_ORIENTATION).size:
+    if directory is None or not directory.all(_ORIENTATION):
         return data
-    value = np.array(UPRIGHT, directory.all(_ORIENTATION).dtype).tobytes()
+    value = UPRIGHT.to_bytes(
+        directory.all(_ORIENTATION).itemsize, "little" if data[:2] == b"II" else "big"
+    )
     place = directory.places[_ORIENTATION]
     return data[:place] + value + data[place + len(value) :]
 
@@ -121,8 +123,8 @@ def _read_directory(data: bytes) -> _Directory | None:
     (position,) = struct.unpack_from(order + layout.start, data, layout.start_at)
     if position >= len(data):
         return None
-    (count,) = struct.unpack_from(order + layout.count, data, position)
-    position += struct.calcsize(order + layout.count)
+    (count,) = struct.unpack_from(order + layout.entries, data, position)
+    position += struct.calcsize(order + layout.entries)
     directory = _Directory()
     entry_bytes = struct.calcsize(order + layout.entry) + layout.inline_bytes
     if count > _MOST_ENTRIES or position + count * entry_bytes > len(data):
@@ -146,8 +148,10 @@ def _add_entry(directory: _Directory, data: bytes, layout: _Layout, at: int) -> 
         return False
     if kind not in _WHOLE_NUMBERS:
         return True
-    dtype = np.dtype(_WHOLE_NUMBERS[kind]).newbyteorder(layout.order)
-    return directory.add(tag, np.frombuffer(data, dtype, count, start), start)
+    values = array(_WHOLE_NUMBERS[kind], data[start : start + size])
+    if (layout.order == "<") != (sys.byteorder == "little"):
+        values.byteswap()
+    return directory.add(tag, values, start)
 
 
 def _block_pixels(directory: _Directory, width: int, height: int, size: int) -> int | None:
@@ -158,12 +162,11 @@ def _block_pixels(directory: _Directory, width: int, height: int, size: int) -> 
     else:
         sides = width, min(directory.one(_ROWS_PER_STRIP, height), height)
         starts, sizes = directory.all(_STRIP_STARTS), directory.all(_STRIP_BYTES)
-    if min(sides) < 1 or starts.size == 0 or starts.size != sizes.size:
+    if min(sides) < 1 or len(starts) == 0 or len(starts) != len(sizes):
         return None
     blocks = -(-width // sides[0]) * -(-height // sides[1])
     if directory.one(_PLANES, 1) == _SEPARATE:
         blocks *= directory.one(_SAMPLES, 1)
-    ends = starts.astype(np.float64) + sizes.astype(np.float64)
-    if starts.size != blocks or float(ends.max()) > size:
+    if len(starts) != blocks or max(map(add, starts, sizes)) > size:
         return None
     return sides[0] * sides[1]
