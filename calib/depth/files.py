@@ -26,6 +26,7 @@ _MAX_READING_M = float(np.finfo(np.float32).max)
 _METRE_BYTES = 4  # a float32
 _ZIP = b"PK\x03\x04"  # how .npz begins
 _NPY = b"\x93NUMPY"
+_MOST_AXES = 32  # of numpy
 _NPY_HEADERS = {
     (1, 0): np.lib.format.read_array_header_1_0,
     (2, 0): np.lib.format.read_array_header_2_0,
@@ -119,7 +120,8 @@ def _read_array(path: Path, file: BinaryIO) -> NDArray[Any]:
     except Exception as error:  # numpy parses the header as Python: many kinds of errors
         raise _not_an_array(path) from error
     count = math.prod(shape)
-    if dtype.hasobject or min(shape, default=0) < 0 or count * dtype.itemsize > there:
+    is_plain = dtype.itemsize > 0 and not dtype.hasobject and len(shape) <= _MOST_AXES
+    if not is_plain or min(shape, default=0) < 0 or count * dtype.itemsize > there:
         raise _not_an_array(path)
     largest = current_limits().image_pixels
     if count > largest:

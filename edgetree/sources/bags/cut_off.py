@@ -11,6 +11,7 @@ import struct
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
+from basetree.files.regular import open_regular
 from edgetree.sources.bags.ros1_index import ROS1_MAGIC, missing_index
 
 _MCAP_MAGIC: Final = b"\x89MCAP0\r\n"
@@ -45,7 +46,7 @@ class _Joined(io.RawIOBase):
     """The first bytes of a file, the beginning replaced by `head`, followed by `tail`."""
 
     def __init__(self, path: Path, head: bytes, length: int, tail: bytes) -> None:
-        self._file = path.open("rb")
+        self._file = open_regular(path)
         self._head, self._length, self._tail = head, length, tail
         self._position = 0
 
@@ -84,7 +85,7 @@ class _Joined(io.RawIOBase):
 
 def readable_file(path: Path) -> Any:
     """A file for rosbags' readers: the path, or what can be read of a file without its end."""
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         size = file.seek(0, io.SEEK_END)
         file.seek(0)
         start = file.read(len(ROS1_MAGIC))
