@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from basetree.errors import InputFileError
-from basetree.files.headers import NotOffered, PictureHeader, picture_header
+from basetree.files.headers.formats import picture_header
+from basetree.files.headers.header import NotOffered, PictureHeader
 from basetree.files.limits import current_limits
 from basetree.files.regular import read_regular
 

@@ -16,13 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from basetree.errors import InputFileError
-from basetree.files.headers import (
-    NotOffered,
-    PictureHeader,
-    has_known_signature,
-    picture_header,
-)
-from basetree.files.headers.exif import UPRIGHT, orientation_words
+from basetree.files.headers.exif import UPRIGHT, orientation_words, turned_upright
+from basetree.files.headers.formats import has_known_signature, picture_header
+from basetree.files.headers.header import NotOffered, PictureHeader
 from basetree.files.headers.tiff import as_stored
 from basetree.files.limits import current_limits
 from basetree.files.names import is_utf8
@@ -76,16 +72,18 @@ class Picture:
     Attributes:
         pixels: (H, W) or (H, W, channels) as stored: the pixels of the camera.
         orientation: EXIF orientation, 1 to 8, as the file states it; 1 if it states none.
+        format_name: Such as "JPEG", as the content says it.
     """
 
     pixels: NDArray[Any]
     orientation: int = 1
+    format_name: str = ""
 
     def upright(self) -> NDArray[Any]:
         """The pixels turned as the orientation says, as viewers of pictures show them."""
         if self.orientation == UPRIGHT:
             return self.pixels
-        return _turned_upright(self.pixels, self.orientation)
+        return turned_upright(self.pixels, self.orientation)
 
 
 def read_picture(path: Path, flags: int = cv2.IMREAD_COLOR) -> Picture | None:
@@ -139,7 +137,7 @@ def decode_picture(
         pixels = cv2.imdecode(np.frombuffer(content, np.uint8), flags)
     except cv2.error:
         return None
-    return None if pixels is None else Picture(pixels, header.orientation)
+    return None if pixels is None else Picture(pixels, header.orientation, header.format_name)
 
 
 def _decoded_kind(header: PictureHeader, flags: int) -> tuple[int, int]:
@@ -148,17 +146,6 @@ def _decoded_kind(header: PictureHeader, flags: int) -> tuple[int, int]:
         return header.channels, header.sample_bytes
     channels = 3 if flags & (cv2.IMREAD_COLOR | cv2.IMREAD_ANYCOLOR) else 1
     return channels, header.sample_bytes if flags & cv2.IMREAD_ANYDEPTH else 1
-
-
-def _turned_upright(pixels: NDArray[Any], orientation: int) -> NDArray[Any]:
-    """Turn stored pixels (H, W) or (H, W, channels) as an EXIF orientation says."""
-    if orientation in (5, 6, 7, 8):
-        pixels = pixels.swapaxes(0, 1)
-    if orientation in (3, 4, 7, 8):
-        pixels = pixels[::-1]
-    if orientation in (2, 3, 6, 7):
-        pixels = pixels[:, ::-1]
-    return np.ascontiguousarray(pixels)
 
 
 def read_image(path: Path, flags: int = cv2.IMREAD_COLOR) -> NDArray[Any] | None:

@@ -17,7 +17,7 @@ from basetree.files.regular import read_regular
 from edgetree.detections import TreeDetections
 from edgetree.frames.pipeline import FoundTrees
 
-_LOSSLESS: Final = (".png", ".tif", ".tiff", ".bmp", ".pgm")
+_LOSSLESS: Final = ("PNG", "TIFF", "BMP", "PNM")
 _MAX_TREES: Final = 100
 
 
@@ -102,9 +102,12 @@ def read_masks(path: Path, size_px: tuple[int, int]) -> FoundTrees:
 def _read_values(path: Path) -> NDArray[np.integer]:
     """(H, W) the values of a mask image."""
     expected = "expected one channel of 8 or 16 bits, 0 for background and a number for each tree"
-    if path.suffix.lower() not in _LOSSLESS:
-        raise InputError(f"mask {path} is not in a lossless format: expected a PNG")
-    values = _decoded(path, f"mask {path}", cv2.IMREAD_UNCHANGED, expected).pixels
+    picture = _decoded(path, f"mask {path}", cv2.IMREAD_UNCHANGED, expected)
+    if picture.format_name not in _LOSSLESS:
+        raise InputError(
+            f"mask {path} is {picture.format_name}, not in a lossless format: expected a PNG"
+        )
+    values = picture.pixels
     if values.ndim != 2 or values.dtype not in (np.uint8, np.uint16):
         channels = 1 if values.ndim == 2 else values.shape[2]
         raise InputError(f"mask {path} has {channels} channel(s) of {values.dtype}: {expected}")

@@ -99,7 +99,8 @@ def check_is_file(path: Path) -> None:
         ModelFileError: It does not, or is a folder or another special file.
     """
     if not path.is_file():
-        problem = "is a folder" if path.is_dir() else "does not exist"
+        special = "is a pipe, socket or device" if path.exists() else "does not exist"
+        problem = "is a folder" if path.is_dir() else special
         raise ModelFileError(f"model {path} {problem}: expected an .onnx file")
 
 

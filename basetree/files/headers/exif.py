@@ -1,8 +1,12 @@
-"""The orientation in EXIF metadata (CIPA DC-008, 4.6.4)."""
+"""The orientation in EXIF metadata (CIPA DC-008, 4.6.4), and pixels turned by it."""
 
 from __future__ import annotations
 
 import struct
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 UPRIGHT = 1
 _ORIENTATION, _SHORT = 274, 3
@@ -56,3 +60,14 @@ def orientation_words(orientation: int) -> str:
     """
     words = f", {_WORDS[orientation]}" if orientation in _WORDS else ""
     return f"EXIF orientation {orientation}{words}"
+
+
+def turned_upright(pixels: NDArray[Any], orientation: int) -> NDArray[Any]:
+    """Turn stored pixels (H, W) or (H, W, channels) as an EXIF orientation says."""
+    if orientation in (5, 6, 7, 8):
+        pixels = pixels.swapaxes(0, 1)
+    if orientation in (3, 4, 7, 8):
+        pixels = pixels[::-1]
+    if orientation in (2, 3, 6, 7):
+        pixels = pixels[:, ::-1]
+    return pixels.copy()

@@ -10,7 +10,7 @@ import warnings
 from collections.abc import Mapping
 from mmap import ACCESS_READ, mmap
 from pathlib import Path
-from typing import Any
+from typing import IO, Any, cast
 
 import torch
 from torch import Tensor
@@ -113,7 +113,7 @@ def _load(path: Path, head: bytes) -> Any:
             torch.serialization.safe_globals(list(SAFE_GLOBALS)),
             mmap(file.fileno(), 0, access=ACCESS_READ) as content,
         ):
-            source = path if head.startswith(_ZIP) else content
+            source = path if head.startswith(_ZIP) else cast("IO[bytes]", content)
             return torch.load(source, map_location="cpu", weights_only=True)
 
 

@@ -196,7 +196,10 @@ STATED = {
 
 
 @pytest.mark.parametrize("case", STATED)
-def test_what_a_header_states_must_be_there(case: str, tmp_path: Path) -> None:
+def test_what_a_header_states_must_be_there(
+    case: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("it was given to a decoder"))
     assert picture_size(STATED[case]) is None
     assert decode_image(STATED[case]) is None
     path = tmp_path / "picture.png"
