@@ -150,8 +150,8 @@ def in_metres(steps: NDArray[Any], scale_m: float) -> Float32:
     """
     per_m = 1 / scale_m
     if abs(per_m - round(per_m)) < 1e-6 * per_m:
-        return steps.astype(np.float32) / np.float32(round(per_m))
-    return steps.astype(np.float32) * np.float32(scale_m)
+        return np.asarray(np.divide(steps, np.float32(round(per_m)), dtype=np.float32))
+    return np.asarray(np.multiply(steps, np.float32(scale_m), dtype=np.float32))
 
 
 def _float_metres(values: NDArray[Any], scale_m: float | None, name: str) -> Float32:

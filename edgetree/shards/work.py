@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from basetree.errors import InputError
+from basetree.files.regular import read_regular
 from basetree.jobs import Job, JobError, Store
 from edgetree.frames.frame import Frame
 from edgetree.frames.pipeline import FrameResult, process
@@ -165,4 +166,4 @@ def model_files(model: Path) -> dict[str, bytes]:
     """
     signature = Path(f"{model}{_SIGNATURE}")
     paths = [model, *([signature] if signature.is_file() else [])]
-    return {path.name: path.read_bytes() for path in paths}
+    return {path.name: read_regular(path) for path in paths}

@@ -12,6 +12,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
+from basetree.files.regular import open_regular
 from edgetree.errors import SignatureError
 from edgetree.signing.envelope import Envelope, parse_envelope
 from edgetree.signing.json_files import read_small_text
@@ -203,7 +204,7 @@ def _read(path: Path, statement: Statement | None) -> bytes:
     """The content of a file; of a signed one, only if it is the content that was signed."""
     real = Path(os.path.realpath(path))
     try:
-        with real.open("rb") as stream:
+        with open_regular(real) as stream:
             content = stream.read() if statement is None else stream.read(statement.file_bytes + 1)
     except OSError as error:
         raise SignatureError(

@@ -11,11 +11,14 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from basetree.errors import InputError
 from basetree.files.names import DEPTH_SUFFIXES, IMAGE_SUFFIXES
 from calib import CameraError
 from edgetree.frames.frame import Frame
-from edgetree.frames.images import read_image
+from edgetree.frames.images import read_colour, taken_words
 from edgetree.frames.rig import Rig
 from edgetree.sources.depth_pairing import (
     COLOUR_FOLDERS,
@@ -33,9 +36,17 @@ _DEFAULT_RATE_HZ: Final = 15.0
 
 
 def open_source(
-    path: Path, depth: Path | None = None, *, depth_only: bool = False, rig: Rig | None = None
+    path: Path,
+    depth: Path | None = None,
+    *,
+    depth_only: bool = False,
+    rig: Rig | None = None,
+    upright: bool = True,
 ) -> FrameSource:
     """Open an image, a folder of images, or a video.
+
+    With depth or a camera the pixels are those that the camera stored. Without both, they are
+    turned as the EXIF orientation or the video says, as viewers show them. A warning tells which.
 
     Args:
         path: An image, a folder of images, or a video.
@@ -44,6 +55,8 @@ def open_source(
             depth image is missing raises `InputError`.
         depth_only: Whether `path` contains depth images instead of colour images.
         rig: Cameras and depth unit. By default, depth is in millimetres and aligned with the image.
+        upright: Whether pictures without depth and camera are turned. False to find a camera's
+            intrinsics, which are those of its stored pixels.
 
     Returns:
         The frames. Images are read during iteration, which may raise `InputError` for a frame and
@@ -53,8 +66,9 @@ def open_source(
         InputError: a file is missing or has another format.
     """
     rig = rig or Rig()
+    upright = upright and rig.camera is None
     if path.is_dir():
-        return _open_folder(path, depth, depth_only, rig)
+        return _open_folder(path, depth, depth_only, rig, upright)
     if not path.exists():
         raise InputError(
             f"source {as_typed(path)} does not exist: expected an image, a folder or a video"
@@ -62,12 +76,12 @@ def open_source(
     if is_picture(path):
         if depth is not None and not depth.is_file():
             raise InputError(f"depth {depth} is not a file: expected the depth image of {path}")
-        return _ImageFrames(str(path), [(path.stem, path, depth)], depth_only, rig)
+        return _ImageFrames(str(path), [(path.stem, path, depth)], depth_only, rig, upright)
     if depth is not None or depth_only:
         raise InputError(
             f"source {path} is not an image: expected an image or a folder, as depth is used"
         )
-    return VideoFrames(path)
+    return VideoFrames(path, upright)
 
 
 def open_image_files(
@@ -83,7 +97,7 @@ def open_image_files(
     Returns:
         The frames; iterating is as for `open_source`.
     """
-    return _ImageFrames(f"{len(files)} images", files, depth_only, rig)
+    return _ImageFrames(f"{len(files)} images", files, depth_only, rig, rig.camera is None)
 
 
 def open_files(
@@ -131,7 +145,9 @@ def _is_image(path: Path) -> bool:
     return path.suffix.lower() in IMAGE_SUFFIXES and not path.name.startswith(".")
 
 
-def _open_folder(folder: Path, depth: Path | None, depth_only: bool, rig: Rig) -> FrameSource:
+def _open_folder(
+    folder: Path, depth: Path | None, depth_only: bool, rig: Rig, upright: bool
+) -> FrameSource:
     """The images of a folder, sorted by name, with their depth images."""
     root, folder = folder, _with_files(folder, COLOUR_FOLDERS, IMAGE_SUFFIXES)
     if folder != root and depth is None:
@@ -155,7 +171,7 @@ def _open_folder(folder: Path, depth: Path | None, depth_only: bool, rig: Rig) -
             _log.warning("%s", paired.remark)
         depths = [depth / name for name in paired.names]
     files = list(zip(frame_names(paths), paths, depths, strict=True))
-    return _ImageFrames(str(root), files, depth_only and depth is None, rig)
+    return _ImageFrames(str(root), files, depth_only and depth is None, rig, upright)
 
 
 def _with_files(folder: Path, names: Sequence[str], suffixes: Sequence[str]) -> Path:
@@ -176,10 +192,12 @@ class _ImageFrames(BaseSource):
         files: Sequence[tuple[str, Path, Path | None]],
         depth_only: bool,
         rig: Rig,
+        upright: bool,
     ) -> None:
         super().__init__(name)
         self.count = len(files)
         self._files, self._depth_only, self._rig = files, depth_only, rig
+        self._upright, self._has_told = upright, False
 
     def __iter__(self) -> Iterator[Frame]:
         wanted = takewhile(lambda _: not self._is_closed.is_set(), self._files)
@@ -194,11 +212,19 @@ class _ImageFrames(BaseSource):
                 f"depth image {depth} does not exist, nor with {', '.join(DEPTH_SUFFIXES[1:])}:"
                 f" expected one for image {path}"
             )
-        image = read_image(path)
+        image = self._pixels(path, self._upright and depth is None)
         if depth is None:
             return Frame(name, path, image)
         size_px = (image.shape[1], image.shape[0])
         return Frame(name, path, image, *self._rig.read_depth(depth, path, size_px))
+
+    def _pixels(self, path: Path, upright: bool) -> NDArray[np.uint8]:
+        """Read an image; the first one that states an orientation is told."""
+        picture = read_colour(path)
+        if picture.orientation != 1 and not self._has_told:
+            self._has_told = True
+            _log.warning("%s: %s", path, taken_words(picture.orientation, upright))
+        return np.asarray(picture.upright() if upright else picture.pixels, np.uint8)
 
 
 class _Stream(BaseSource):

@@ -50,12 +50,19 @@ class VideoFrames(BaseSource):
 
     A video that ends before what it states, or whose frames cannot all be decoded, gives those
     that can be read; `counts` and a warning tell of the others.
+
+    Args:
+        path: The video.
+        upright: Whether the frames are turned as the file says; otherwise they are as stored.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, upright: bool = True) -> None:
         super().__init__(str(path))
-        self._path = path
-        with closing(_Capture(path)) as capture:
+        self._path, self._upright = path, upright
+        with closing(_Capture(path, upright)) as capture:
+            turn_deg = round(capture.video.get(cv2.CAP_PROP_ORIENTATION_META))
+            if turn_deg:
+                _log.warning("%s: %s", path, _turn_words(turn_deg, upright))
             stated = capture.video.get(cv2.CAP_PROP_FRAME_COUNT)
             if not capture.has_frame():
                 raise InputError(
@@ -65,7 +72,7 @@ class VideoFrames(BaseSource):
         self.count = int(stated) if 0 < stated < 2**31 else None
 
     def __iter__(self) -> Iterator[Frame]:
-        with closing(_Capture(self._path)) as capture:
+        with closing(_Capture(self._path, self._upright)) as capture:
             number, time_s = 0, -1.0
             for pixels in capture.frames():
                 if self._is_closed.is_set():
@@ -101,7 +108,7 @@ class VideoFrames(BaseSource):
     def _undecoded(self, read: int) -> int:
         """Number of frames that are in the file and could not be decoded."""
         assert self.count is not None
-        with closing(_Capture(self._path)) as capture:
+        with closing(_Capture(self._path, self._upright)) as capture:
             packets, before = capture.packets()
         # What an edit list cuts away has times below 0.
         return (self.count if is_mp4(self._path) else packets) - before - read
@@ -116,8 +123,8 @@ class _Capture:
         failures: Frames so far that could not be decoded, with others after them.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.video = open_video(path)
+    def __init__(self, path: Path, upright: bool) -> None:
+        self.video = open_video(path, upright=upright)
         if not is_video(path) or not self.video.isOpened():
             raise InputError(
                 f"source {path} cannot be read{_because(incomplete_words(path))}: expected an"
@@ -176,3 +183,10 @@ class _Capture:
 
 def _because(words: str | None) -> str:
     return "" if words is None else f", as {words}"
+
+
+def _turn_words(turn_deg: int, upright: bool) -> str:
+    taken = "turned upright, as no camera is given"
+    if not upright:
+        taken = "taken as stored, those of the camera"
+    return f"to be turned by {turn_deg} degrees: the frames are {taken}"

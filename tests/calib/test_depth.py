@@ -160,7 +160,16 @@ def test_unreadable_files_are_named(tmp_path: Path) -> None:
     (tmp_path / "text.png").write_text("no image")
     with pytest.raises(InputFileError, match=r"text\.png: not a readable image"):
         read_depth(tmp_path / "text.png")
-    for content in (b"no array", b"", b"\x93NUMPY\x01\x00"):
+    header = b"\x93NUMPY\x01\x00v\x00{'descr': %b, 'fortran_order': False, 'shape': %b}"
+    arrays = [
+        (header % claim).ljust(127) + b"\n" + bytes(64)
+        for claim in (
+            (b"'0f4'", b"(2, 2)"),
+            (b"'O'", b"(2, 2)"),
+            (b"'<f4'", b"(%b)" % (b"1," * 40)),
+        )
+    ]
+    for content in (b"no array", b"", b"\x93NUMPY\x01\x00", *arrays):
         (tmp_path / "text.npy").write_bytes(content)
         with pytest.raises(InputFileError, match=r"text\.npy: not a readable \.npy file"):
             read_depth(tmp_path / "text.npy")

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from basetree.errors import InputError
+from basetree.files.regular import open_regular
 from calib import RigidTransform
 from edgetree.frames.rig import Rig
 from edgetree.live.recording.messages import RecordedMessage, RecordingMessages
@@ -118,7 +119,7 @@ def run_record(
     Raises:
         OSError: The model file cannot be read.
     """
-    with model.open("rb") as stream:
+    with open_regular(model) as stream:
         digest = hashlib.file_digest(stream, "sha256").hexdigest()
     return {
         "schema": RECORDING_SCHEMA,

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, Final
 
 from basetree.files.limits import current_limits
+from basetree.files.regular import open_regular
 
 ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
 _PART_BYTES: Final = 2**20
@@ -130,7 +131,7 @@ class BoundedFile(io.BufferedReader):
 
 def open_bounded(path: Path) -> BoundedFile:
     """Open a file for reading."""
-    return BoundedFile(io.FileIO(path))
+    return BoundedFile(open_regular(path).detach())
 
 
 def is_crc_wrong(content: bytes, crc: int) -> bool:

@@ -9,6 +9,7 @@ import io
 from pathlib import Path
 from typing import NamedTuple
 
+from basetree.files.regular import open_regular
 from edgetree.sources.bags.bounded import BoundedFile, open_bounded
 from edgetree.sources.bags.ros1_index import missing_index
 
@@ -62,7 +63,7 @@ class _Joined(io.RawIOBase):
     """The first bytes of a file, the beginning replaced by `head`, followed by `tail`."""
 
     def __init__(self, path: Path, head: bytes, length: int, tail: bytes) -> None:
-        self._file = path.open("rb")
+        self._file = open_regular(path)
         self._head, self._length, self._tail = head, length, tail
         self._position = 0
 

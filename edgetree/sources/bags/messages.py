@@ -12,8 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from basetree.errors import InputError
-from basetree.files.limits import current_limits
-from basetree.files.picture_size import picture_size
 from basetree.files.reading import decode_image
 from edgetree.sources.bags.encodings import (
     COLOUR_NAMES,
@@ -207,7 +205,7 @@ class PictureDecoder:
                 picture = decode_depth_pixels(message)
             else:
                 picture = self._pixels.decode(message)
-        except (ValueError, cv2.error, struct.error) as error:
+        except (ValueError, InputError, cv2.error, struct.error) as error:
             raise InputError(
                 f"an image of topic {self._topic} cannot be decoded: {error}"
             ) from error
@@ -229,26 +227,14 @@ def _decode_packed(message: Any, *, is_depth: bool) -> NDArray[Any] | None:
         return _inverse_if_float(decode_rvl(_after_header(data, form)), data, form)
     if _is_compressed_depth(message):
         start = max(data.find(_PNG, 0, 64), 0)
-        values = _decode_checked(data[start:], cv2.IMREAD_UNCHANGED)
+        values = decode_image(data[start:], cv2.IMREAD_UNCHANGED)
         if values is None or values.ndim != 2 or values.dtype != np.uint16:
             return None
         return _inverse_if_float(values, data[:start], form)
-    values = _decode_checked(data, cv2.IMREAD_UNCHANGED if is_depth else cv2.IMREAD_COLOR)
+    values = decode_image(data, cv2.IMREAD_UNCHANGED if is_depth else cv2.IMREAD_COLOR)
     if is_depth and values is not None and values.ndim == 2 and values.dtype == np.uint8:
         raise ValueError("it has 8 bits, expected depth of 16 bits or floating point")
     return values
-
-
-def _decode_checked(data: bytes, flags: int) -> NDArray[Any] | None:
-    size = picture_size(data)
-    if size is None:  # a format whose size cannot be checked before memory for it is taken
-        return None
-    (width, height), largest = size, current_limits().image_pixels
-    if not 0 < width * height <= largest:
-        raise ValueError(
-            f"it is {width}x{height} px, expected 1 to {largest} pixels, the limit image_pixels"
-        )
-    return decode_image(data, flags)
 
 
 def _after_header(data: bytes, form: str) -> bytes:

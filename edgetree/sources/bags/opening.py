@@ -79,7 +79,7 @@ def open_storage(path: Path, shown: Path | None = None) -> Storage:
         MissingPackage: Rosbags is not installed.
         Exception: It is broken; the packages that read it have errors of many kinds.
     """
-    with path.open("rb") as file:
+    with open_bounded(path) as file:
         start = file.read(16)
     if start.startswith(ZSTD_MAGIC):
         return _Unpacked(path)
